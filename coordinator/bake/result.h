@@ -1,0 +1,31 @@
+/* What a bake has in its hands when light transport is done and files are to be written. */
+#ifndef KILN_COORDINATOR_BAKE_RESULT_H
+#define KILN_COORDINATOR_BAKE_RESULT_H
+
+#include <mpi.h>
+
+#include "worker/backend/backend.h"
+
+/* All arrays are this rank's share (surface->count points, in global order from surface->first) and in W/m2. */
+struct kiln_bake_result {
+    MPI_Comm communicator; /* one-sided calls are not used; every rank takes part in every output call */
+    const struct kiln_scene *scene;
+    const struct kiln_geometry *geometry;
+    const struct kiln_surface *surface;
+    const float *direct;   /* 3 a point, about the shading normal */
+    const float *indirect; /* 3 a point */
+    const float *error;    /* standard error of the luminance of direct + indirect, 1 a point */
+    const uint64_t *radiosity; /* all points: packed total radiosity (albedo x irradiance), for views and probes */
+};
+
+/* The irradiance volume: a regular grid of probes, this rank's share of them a contiguous range of z-major order
+ * (index = (z * size[1] + y) * size[0] + x). */
+struct kiln_volume_result {
+    uint64_t size[3];
+    double origin[3];  /* world, m: position of probe (0,0,0) */
+    double spacing[3]; /* m */
+    uint64_t first, count;
+    const struct kiln_probe_result *probes; /* own */
+};
+
+#endif

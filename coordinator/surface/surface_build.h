@@ -1,0 +1,49 @@
+/* From lightmap layouts to surface points, cells and a partition. */
+#ifndef KILN_COORDINATOR_SURFACE_SURFACE_BUILD_H
+#define KILN_COORDINATOR_SURFACE_SURFACE_BUILD_H
+
+#include <stdint.h>
+
+#include "worker/scene/surface.h"
+
+enum kiln_partition { KILN_PARTITION_CELLS = 0, KILN_PARTITION_OBJECTS = 1 };
+
+struct kiln_surface_params {
+    const struct kiln_scene *scene;       /* borrowed during the call */
+    const struct kiln_geometry *geometry; /* borrowed during the call */
+    double cell_size;                     /* m; 0: chosen from the scene alone, never from the number of ranks */
+    enum kiln_partition partition;
+    uint32_t rank, ranks;
+    uint32_t threads; /* 0: all */
+};
+
+/* What was found, the same on all ranks but for `own_*`. Shares are 0..1. */
+struct kiln_surface_report {
+    uint64_t points, texels;
+    uint64_t cells_occupied, cells_total;
+    double cell_size;           /* m */
+    uint64_t cells[3];          /* grid */
+    uint64_t fragments;
+    double area;                /* m2, sum of all points' areas */
+    double geometry_area;       /* m2, sum of all triangles' areas */
+    double worst_object_area_error; /* largest |sum of texel areas / surface area - 1| over objects with area */
+    uint32_t worst_object;
+    uint64_t shared_texels;     /* texels that pieces of more than one chart share */
+    double imbalance;           /* largest share / mean share - 1, in points */
+    uint64_t points_min, points_max; /* over ranks */
+};
+
+/* Builds the surface. Not collective: every rank computes the same global part from the scene, and its own share of the rest.
+ * Coverage is conservative: a texel that a triangle touches with non-zero area is a point even if its centre is not on one.
+ * Each triangle is clipped to each texel it touches (Sutherland-Hodgman), so that areas are exact; degenerate triangles
+ * have no points. `flags` has KILN_POINT_WHOLE set where it holds and KILN_POINT_VALID everywhere; `open` is all ones:
+ * the validity pass narrows both. Destroy with kiln_surface_destroy. */
+int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_params *params, struct kiln_surface_report *report,
+                       struct kiln_error *error);
+
+/* First own fragment and count of rank r without building: `fragment_points` in global order, cut so that each rank's number
+ * of points is near the mean, at cell (or object) borders where that keeps the largest share within 10 % of the mean,
+ * else between fragments. Writes ranks + 1 cuts. Pure. */
+void kiln_partition_cut(const uint64_t *unit_points, size_t unit_count, uint32_t ranks, uint64_t *cuts);
+
+#endif

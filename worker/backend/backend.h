@@ -1,0 +1,144 @@
+/* What a backend is: one struct of functions. The bounce loop knows no Embree and no Vulkan; a backend knows no MPI.
+ *
+ * A backend holds the scene, the surface and the radiosity of all surface points, and traces batches: ranges of this rank's
+ * own fragments. The neutral functions below (kiln_backend_*) check their arguments once and call the backend.
+ *
+ * Estimators (DESIGN section 3), for a point x with geometric normal n and shading normal s, whose samples lie at positions
+ * uniform over the covered, unburied part of its texel:
+ *   direct   E = sum over lights of the mean of L V cos / p
+ *   gather   E = mean over cosine-distributed directions about n of B(hit); the lightmap's value, about the shading
+ *            normal, is the same mean weighted by max(0, s.w) / (n.w)
+ * Rays that meet the back of a single-sided surface bring nothing and count as blocked; rays that meet nothing as escaped.
+ *
+ * Determinism: results are functions of (seed, object, texel, stream, sample) and the scene alone: any batch, thread count or
+ * rank gives the same bits. */
+#ifndef KILN_WORKER_BACKEND_BACKEND_H
+#define KILN_WORKER_BACKEND_BACKEND_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "worker/base/status.h"
+#include "worker/scene/scene.h"
+#include "worker/scene/geometry.h"
+#include "worker/scene/surface.h"
+
+struct kiln_lights;
+
+/* Zero means default in every field. Borrowed pointers must outlive the backend. */
+struct kiln_backend_params {
+    const struct kiln_scene *scene;
+    const struct kiln_geometry *geometry;
+    const struct kiln_lights *lights;
+    uint32_t threads;            /* 0: all of the machine's cores that this process may use */
+    const char *instruction_set; /* Embree's name ("avx2", ...); NULL: the best there is */
+    uint64_t seed;
+};
+
+/* Three floats a point; see kiln_radiosity_pack for how radiosity is kept. */
+struct kiln_point_result {
+    float irradiance[3]; /* about the shading normal, W/m2: the lightmap's quantity */
+    float incident[3];   /* about the geometric normal, W/m2: what is absorbed or reflected */
+    float error;         /* standard error of the luminance of `irradiance` (an upper estimate: from the spread of 4 sub-nets) */
+    float escaped;       /* share of gather rays that met nothing (0 in the direct pass) */
+    float blocked;       /* share of gather rays that met a back face (0 in the direct pass) */
+};
+
+/* A range of own fragments. `results` has one entry for each point of the range, in order. */
+struct kiln_batch {
+    size_t fragment_first, fragment_count;
+    struct kiln_point_result *results;
+};
+
+struct kiln_hit {
+    uint32_t triangle; /* world triangle, KILN_NONE: nothing */
+    float u, v;
+    float distance;
+    bool back; /* met from behind */
+};
+
+/* One probe's answer: SH coefficients of incident radiance, bands 0..2, order (l,m) = 00, 1-1, 10, 11, 2-2, 2-1, 20, 21, 22,
+ * real orthonormal basis as in Ramamoorthi and Hanrahan 2001, RGB for each. */
+struct kiln_probe_result {
+    float radiance[9][3];
+    float irradiance_axes[6][3]; /* irradiance on faces looking along +x -x +y -y +z -z, estimated directly */
+    float mean_distance;         /* m, harmonic-free plain mean of hit distances; the scene's diagonal stands in for escapes */
+    float back_share;            /* share of rays that met a back face: near 1 inside geometry */
+};
+
+/* Where light that leaves the lights goes: traced from the lights, independent of the direct pass. Watts, RGB. */
+struct kiln_emission_result {
+    double emitted[3], received[3], blocked[3], escaped[3], ranged[3]; /* ranged: cut off by a light's range */
+    double error[3]; /* standard error of `received` */
+};
+
+struct kiln_backend_info {
+    char name[32];     /* "embree" */
+    char device[128];  /* "Embree 3.13.5, avx2, 2 threads" */
+    size_t memory;     /* bytes held by the backend itself (its BVH and copies) */
+    double build_seconds;
+};
+
+struct kiln_backend;
+
+struct kiln_backend_api {
+    const char *name;
+    int (*create)(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error);
+    void (*destroy)(struct kiln_backend **backend);
+    void (*info)(const struct kiln_backend *backend, struct kiln_backend_info *info);
+    int (*set_surface)(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error);
+    int (*set_radiosity)(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error);
+    int (*validity)(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *open, uint8_t *flags,
+                    struct kiln_error *error);
+    int (*direct)(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
+                  struct kiln_error *error);
+    int (*gather)(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, uint64_t *rays,
+                  struct kiln_error *error);
+    int (*probes)(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first,
+                  uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error);
+    int (*emission)(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result, struct kiln_error *error);
+    int (*intersect)(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions, size_t count,
+                     struct kiln_hit *hits, struct kiln_error *error);
+};
+
+struct kiln_backend {
+    const struct kiln_backend_api *api; /* first member of each backend's own struct */
+};
+
+extern const struct kiln_backend_api kiln_backend_embree;
+
+/* None of these is collective. A backend is used by one thread at a time and runs its own threads inside a call. */
+
+/* Creates the backend called `name` ("auto", "embree"). KILN_NO_DEVICE when there is none of that name here. */
+int kiln_backend_create(struct kiln_backend **backend, const char *name, const struct kiln_backend_params *params,
+                        struct kiln_error *error);
+void kiln_backend_destroy(struct kiln_backend **backend);
+
+/* Hands over the surface (borrowed). Must come before validity, direct and gather. */
+int kiln_backend_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error);
+/* Hands over the radiosity of all points, packed, surface->point_count values (borrowed until the next call). */
+int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error);
+/* For each own point of the range writes which of the texel's 4 x 4 sub-squares are open and KILN_POINT_VALID or not into
+ * the arrays given (indexed as surface->open and surface->flags, whole arrays of the share). */
+int kiln_backend_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *open, uint8_t *flags,
+                          struct kiln_error *error);
+int kiln_backend_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
+                        struct kiln_error *error);
+/* `stream` tells the bounces apart in the random numbers: 1, 2, ... for bounces, 0xffff for the final gather. */
+int kiln_backend_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
+                        uint64_t *rays, struct kiln_error *error);
+/* `positions` are relative to the scene's centre; `index_first` is the first one's index among all probes. */
+int kiln_backend_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first,
+                        uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error);
+int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result,
+                          struct kiln_error *error);
+/* Closest hits of any rays (origins relative to the centre, directions of unit length): views, checks and benches. */
+int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
+                           size_t count, struct kiln_hit *hits, struct kiln_error *error);
+static inline void kiln_backend_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
+{
+    backend->api->info(backend, info);
+}
+
+#endif

@@ -1,0 +1,37 @@
+/* Status codes and the sentence that goes with them.
+ *
+ * A function that can fail returns int: 0 (KILN_OK) or one of the codes below, which are also the program's exit codes
+ * (sysexits.h, extended). Its last argument is a struct kiln_error that receives one sentence: which file, which place in
+ * it, which value is wrong, and what to do. On success the struct is left alone. Invariants of our own are asserted instead. */
+#ifndef KILN_WORKER_BASE_STATUS_H
+#define KILN_WORKER_BASE_STATUS_H
+
+enum kiln_status {
+    KILN_OK = 0,
+    KILN_USAGE = 64,         /* wrong command line */
+    KILN_BAD_INPUT = 65,     /* scene or job is broken */
+    KILN_NO_INPUT = 66,      /* input missing */
+    KILN_NO_DEVICE = 69,     /* no such device, or it was lost */
+    KILN_BUG = 70,           /* ours */
+    KILN_SYSTEM = 71,        /* operating system or memory */
+    KILN_CANNOT_CREATE = 73, /* output cannot be created */
+    KILN_IO = 74,            /* input/output error */
+    KILN_STOPPED = 75,       /* stopped on purpose with a checkpoint; run again */
+    KILN_RANK_LOST = 76,     /* a rank or node was lost; run again */
+    KILN_PERMISSION = 77,    /* permission denied */
+    KILN_SITE = 78           /* the site's set-up */
+};
+
+struct kiln_error {
+    char message[2048]; /* UTF-8, no newline at the end; empty when nothing failed */
+};
+
+/* Writes the sentence and returns `status`, so that a failing function can say `return kiln_fail(error, KILN_IO, ...)`.
+ * `error` may be NULL (the sentence is dropped). Not formatted text from outside goes in as an argument, never as format. */
+int kiln_fail(struct kiln_error *error, int status, const char *format, ...) __attribute__((format(printf, 3, 4)));
+
+/* As kiln_fail, with ": " and the text of errno at the end. Chooses KILN_PERMISSION for EACCES/EPERM, KILN_NO_INPUT for
+ * ENOENT and KILN_SYSTEM for ENOMEM when `status` is 0; else uses `status`. */
+int kiln_fail_errno(struct kiln_error *error, int status, const char *format, ...) __attribute__((format(printf, 3, 4)));
+
+#endif

@@ -1,0 +1,199 @@
+/* The scene: kiln's own flat file, mapped read-only, and the view of it that everything else reads.
+ *
+ * The file is written once by the importer (coordinator/import) and mapped by every rank. It is one header followed by
+ * sections; a section is an array of one of the structs below, 64-byte aligned, little-endian, no pointers. The header
+ * carries a version, the file's size, each section's offset, element size and count, and XXH3-128 of all bytes after the
+ * header; kiln_scene_open checks all of these and every index in the file before it returns, so readers need no checks.
+ *
+ * Units: metres, linear RGB, right-handed, y up, as glTF. Matrices are row-major 3 x 4: p' = M[0..2] p + M[3]. */
+#ifndef KILN_WORKER_SCENE_SCENE_H
+#define KILN_WORKER_SCENE_SCENE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "worker/base/status.h"
+#include "worker/base/vector.h"
+
+#define KILN_SCENE_MAGIC 0x4e434b4cu /* "LKCN" */
+#define KILN_SCENE_VERSION 1u
+#define KILN_NONE 0xffffffffu /* "no texture", "no material", ... */
+
+enum kiln_alpha_mode { KILN_ALPHA_OPAQUE = 0, KILN_ALPHA_MASK = 1, KILN_ALPHA_BLEND = 2 };
+enum kiln_wrap { KILN_WRAP_REPEAT = 0, KILN_WRAP_CLAMP = 1, KILN_WRAP_MIRROR = 2 };
+enum kiln_light_kind { KILN_LIGHT_POINT = 0, KILN_LIGHT_SPOT = 1, KILN_LIGHT_DIRECTIONAL = 2 };
+enum kiln_environment_kind { KILN_ENVIRONMENT_NONE = 0, KILN_ENVIRONMENT_CONSTANT = 1, KILN_ENVIRONMENT_LATLONG = 2 };
+
+/* A material as far as diffuse transport needs it. Diffuse albedo = base_color x texture x (1 - metallic). */
+struct kiln_material {
+    uint32_t name;                 /* offset into `strings` */
+    float base_color[4];           /* linear, 0..1; [3] is alpha */
+    float emission[3];             /* radiance: factor x strength, W m-2 sr-1, >= 0 */
+    uint32_t base_color_texture;   /* KILN_NONE: none */
+    uint32_t emission_texture;     /* KILN_NONE: none; multiplies `emission` */
+    uint32_t alpha_mode;           /* enum kiln_alpha_mode */
+    float alpha_cutoff;            /* for KILN_ALPHA_MASK */
+    uint32_t double_sided;         /* 0 or 1: emits and reflects on both faces */
+    float metallic;                /* factor, 0..1; metal has no diffuse part */
+    float roughness;
+    uint32_t reserved[2];
+};
+
+/* An image, 8 bits a channel RGBA. Texel (0,0) is the top left, at texture coordinate (0,0) as in glTF. */
+struct kiln_texture {
+    uint64_t first; /* first byte in `texels` */
+    uint32_t width, height;
+    uint32_t srgb;           /* 1: RGB are sRGB-coded (alpha never is) */
+    uint32_t wrap_u, wrap_v; /* enum kiln_wrap */
+    uint32_t nearest;        /* 1: nearest filter, 0: bilinear */
+    uint32_t reserved[2];
+};
+
+/* A mesh: a run of vertices and of triangles. Triangle corners are indices relative to vertex_first. */
+struct kiln_mesh {
+    uint32_t name;
+    uint32_t flags; /* KILN_MESH_* */
+    uint64_t vertex_first, vertex_count;
+    uint64_t triangle_first, triangle_count;
+    double surface_area; /* m2 before any transform */
+    double uv_area;      /* area of the lightmap layout, share of the unit square */
+};
+enum {
+    KILN_MESH_SMOOTH = 1,        /* shading normals differ from geometric ones somewhere */
+    KILN_MESH_UNWRAPPED = 2,     /* the lightmap layout is kiln's own */
+    KILN_MESH_HAS_EMISSION_UV = 4 /* texcoord_emission differs from texcoord_base somewhere */
+};
+
+/* An object: one placed instance of a mesh, with a lightmap of its own. */
+struct kiln_object {
+    uint32_t name; /* the node's name, made unique and safe as a file name: [A-Za-z0-9._-], never starting with '.' */
+    uint32_t mesh;
+    double transform[12]; /* mesh to world, row-major 3 x 4 */
+    uint32_t lightmap_width, lightmap_height; /* texels, >= 1 */
+    uint32_t flipped;                         /* 1: the transform mirrors; front faces are then clockwise */
+    uint32_t original_name;                   /* the node's name as it stood in the file */
+};
+
+/* A punctual light in world space (KHR_lights_punctual). */
+struct kiln_light {
+    uint32_t name;
+    uint32_t kind;       /* enum kiln_light_kind */
+    double position[3];  /* m, world (not relative to the centre) */
+    float direction[3];  /* unit, the way the light travels */
+    float intensity[3];  /* point, spot: W/sr; directional: W/m2 on a facing surface */
+    float range;         /* m; 0: no limit */
+    float cos_inner, cos_outer;
+    uint32_t reserved;
+};
+
+struct kiln_camera {
+    uint32_t name;
+    uint32_t orthographic; /* 1: `extent_y` holds half the height in metres */
+    double position[3];
+    float forward[3], up[3], right[3]; /* unit */
+    float extent_y;                    /* perspective: vertical angle of view, radians */
+    float aspect;                      /* width / height; 0: the image decides */
+    uint32_t reserved;
+};
+
+/* Light from outside. For a lat-long image, direction d has u = 0.5 + atan2(d.x, -d.z)/(2 pi), v = acos(d.y)/pi; texels are
+ * RGB floats, top row first. */
+struct kiln_environment {
+    uint32_t kind; /* enum kiln_environment_kind */
+    float radiance[3];  /* constant: the radiance; lat-long: a factor on the image */
+    float rotation;     /* radians about +y, added to the azimuth */
+    uint32_t width, height;
+    uint32_t reserved;
+};
+
+enum kiln_scene_section {
+    KILN_SECTION_STRINGS,            /* char, NUL-terminated UTF-8 */
+    KILN_SECTION_MATERIALS,          /* struct kiln_material, at least 1 */
+    KILN_SECTION_TEXTURES,           /* struct kiln_texture */
+    KILN_SECTION_TEXELS,             /* uint8_t */
+    KILN_SECTION_MESHES,             /* struct kiln_mesh */
+    KILN_SECTION_OBJECTS,            /* struct kiln_object */
+    KILN_SECTION_LIGHTS,             /* struct kiln_light */
+    KILN_SECTION_CAMERAS,            /* struct kiln_camera */
+    KILN_SECTION_ENVIRONMENT,        /* struct kiln_environment, exactly 1 */
+    KILN_SECTION_ENVIRONMENT_TEXELS, /* float RGB, width x height */
+    KILN_SECTION_POSITIONS,          /* struct kiln_vec3 a vertex, mesh space */
+    KILN_SECTION_NORMALS,            /* struct kiln_vec3 a vertex, unit, mesh space */
+    KILN_SECTION_TEXCOORD_BASE,      /* struct kiln_vec2 a vertex: base-colour coordinate, texture transform applied */
+    KILN_SECTION_TEXCOORD_EMISSION,  /* struct kiln_vec2 a vertex: emission coordinate, texture transform applied */
+    KILN_SECTION_TEXCOORD_LIGHTMAP,  /* struct kiln_vec2 a vertex: the layout, inside 0..1, no overlap */
+    KILN_SECTION_COLORS,             /* uint8_t RGBA a vertex: COLOR_0, linear, multiplies base colour; white without */
+    KILN_SECTION_TRIANGLES,          /* uint32_t[3], relative to the mesh's vertex_first, front = counter-clockwise */
+    KILN_SECTION_TRIANGLE_MATERIALS, /* uint32_t a triangle */
+    KILN_SECTION_SOURCES,            /* struct kiln_source: the files the scene was made from */
+    KILN_SECTION_NOTES,              /* struct kiln_note: what the importer saw, changed or left out */
+    KILN_SECTION_COUNT
+};
+
+struct kiln_source {
+    uint32_t path; /* relative to the scene's folder */
+    uint32_t reserved;
+    uint64_t size;
+    uint64_t hash[2]; /* XXH3-128 of the file's bytes */
+};
+
+struct kiln_note {
+    uint32_t severity; /* 0 information, 1 warning */
+    uint32_t text;
+};
+
+struct kiln_scene_header {
+    uint32_t magic, version;
+    uint64_t size;                     /* of the file, bytes */
+    uint64_t content_hash[2];          /* XXH3-128 of bytes [sizeof header, size) */
+    uint64_t import_hash[2];           /* XXH3-128 of sources and import settings: the key of the cache */
+    double centre[3];                  /* world; traced positions are relative to it */
+    double bounds_min[3], bounds_max[3]; /* world, of all objects */
+    float texels_per_metre;            /* the density the lightmaps were sized for; 0 when sized otherwise */
+    uint32_t reserved;
+    struct {
+        uint64_t offset, count;
+    } sections[KILN_SECTION_COUNT];
+};
+
+/* The mapped file. All pointers live as long as the scene. */
+struct kiln_scene {
+    const struct kiln_scene_header *header;
+    const char *strings;
+    const struct kiln_material *materials;
+    const struct kiln_texture *textures;
+    const uint8_t *texels;
+    const struct kiln_mesh *meshes;
+    const struct kiln_object *objects;
+    const struct kiln_light *lights;
+    const struct kiln_camera *cameras;
+    const struct kiln_environment *environment;
+    const float *environment_texels;
+    const struct kiln_vec3 *positions;
+    const struct kiln_vec3 *normals;
+    const struct kiln_vec2 *texcoord_base;
+    const struct kiln_vec2 *texcoord_emission;
+    const struct kiln_vec2 *texcoord_lightmap;
+    const uint8_t *colors;
+    const uint32_t *triangles;
+    const uint32_t *triangle_materials;
+    const struct kiln_source *sources;
+    const struct kiln_note *notes;
+    size_t material_count, texture_count, mesh_count, object_count, light_count, camera_count;
+    size_t vertex_count, triangle_count; /* stored; instances not expanded */
+    size_t source_count, note_count;
+    size_t mapped_bytes;
+    int descriptor; /* private */
+};
+
+/* Element size of a section in bytes. */
+size_t kiln_scene_element_size(enum kiln_scene_section section);
+
+/* Maps `path` and checks it whole: header, hash, bounds of every section, every index, every number finite. Not collective.
+ * KILN_NO_INPUT, KILN_BAD_INPUT (not a scene file, damaged, other version), KILN_SYSTEM. Destroy with kiln_scene_close. */
+int kiln_scene_open(struct kiln_scene **scene, const char *path, struct kiln_error *error);
+void kiln_scene_close(struct kiln_scene **scene);
+
+static inline const char *kiln_scene_string(const struct kiln_scene *scene, uint32_t offset) { return scene->strings + offset; }
+
+#endif

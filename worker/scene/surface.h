@@ -1,0 +1,106 @@
+/* Surface points: the texels of all lightmaps that lie on geometry, and how to find them from a hit.
+ *
+ * Every object's lightmap is cut into tiles of 8 x 8 texels. In a tile, texel (x, y), 0 <= x, y < 8, has the bit
+ * kiln_morton8(x, y). Surface points have a global index: by cell along a Morton curve, then by object, then by tile in
+ * Morton order, then by bit (with partition by objects: by object, then by tile, then by bit). The points of one tile that
+ * lie in one cell are a *fragment*: contiguous, at most 64, the smallest unit of work. A tile that lies in several cells has
+ * several fragments. A rank owns a contiguous range of fragments, so a contiguous range of points.
+ *
+ * Tiles, splits and radiosity are the same on all ranks; fragments, pieces and per-point data are a rank's own share. */
+#ifndef KILN_WORKER_SCENE_SURFACE_H
+#define KILN_WORKER_SCENE_SURFACE_H
+
+#include <stdint.h>
+
+#include "worker/scene/geometry.h"
+
+enum { KILN_TILE_SIDE = 8, KILN_TILE_TEXELS = 64 };
+
+#define KILN_TILE_SPLIT (1ull << 63)
+#define KILN_NO_POINT UINT64_MAX
+
+struct kiln_tile {
+    uint64_t mask;  /* covered texels */
+    uint64_t first; /* global index of its first point; or KILN_TILE_SPLIT | index of its first entry in `splits` */
+};
+/* A split tile's entries stand one after the other; together their masks are the tile's. */
+struct kiln_tile_part {
+    uint64_t mask;
+    uint64_t first;
+};
+
+struct kiln_lightmap {
+    uint64_t tile_first;
+    uint32_t width, height;
+    uint32_t tiles_x, tiles_y;
+};
+
+/* The points of one tile in one cell. */
+struct kiln_fragment {
+    uint64_t first; /* global index of its first point */
+    uint64_t mask;
+    uint32_t object;
+    uint32_t tile; /* y * tiles_x + x within the object */
+    uint32_t cell; /* index among the occupied cells */
+    uint32_t count;
+};
+
+enum kiln_point_flags {
+    KILN_POINT_VALID = 1, /* light can be gathered here; others are filled from valid neighbours at the end */
+    KILN_POINT_WHOLE = 2  /* the one piece covers the texel's square wholly */
+};
+
+struct kiln_surface {
+    /* the same on all ranks */
+    uint64_t point_count;
+    uint64_t tile_count, split_count;
+    struct kiln_tile *tiles;
+    struct kiln_tile_part *splits;
+    struct kiln_lightmap *lightmaps; /* one an object */
+    uint64_t cell_count;             /* occupied cells */
+    uint64_t *cell_first;            /* cell_count + 1: global index of each cell's first point (cells partition only; else NULL) */
+    /* this rank's share */
+    uint64_t first, count;           /* global range of own points */
+    size_t fragment_count;
+    struct kiln_fragment *fragments;
+    /* Which triangles cover a point: its *pieces*, world triangles. Points of a fragment stand in order, so a reader walks a
+     * fragment from piece_base[f] (and share_base[f]) on, adding each point's piece_count; a point with more than one piece
+     * also has as many shares: cumulative parts of its area, ending at exactly 1. */
+    uint64_t *piece_base;  /* fragment_count + 1 */
+    uint64_t *share_base;  /* fragment_count + 1 */
+    uint16_t *piece_count; /* own point: >= 1 */
+    uint32_t *pieces;
+    float *shares;
+    uint16_t *albedo;                /* own point: 3 values, 65535 = 1 */
+    float *area;                     /* own point: m2 of surface covered */
+    uint8_t *flags;                  /* own point: enum kiln_point_flags */
+    uint16_t *open;                  /* own point: 4 x 4 sub-squares of the texel (bit 4 y + x) that are not buried */
+};
+
+/* Bit of texel (x, y) of a tile: x and y interleaved, x lowest. */
+static inline uint32_t kiln_morton8(uint32_t x, uint32_t y)
+{
+    return (x & 1u) | (y & 1u) << 1 | (x & 2u) << 1 | (y & 2u) << 2 | (x & 4u) << 2 | (y & 4u) << 3;
+}
+static inline uint32_t kiln_morton8_x(uint32_t bit) { return (bit & 1u) | (bit >> 1 & 2u) | (bit >> 2 & 4u); }
+static inline uint32_t kiln_morton8_y(uint32_t bit) { return (bit >> 1 & 1u) | (bit >> 2 & 2u) | (bit >> 3 & 4u); }
+
+/* Global index of the point at texel (x, y) of `object`, or KILN_NO_POINT. (x, y) must lie inside the lightmap. */
+static inline uint64_t kiln_surface_find(const struct kiln_surface *s, uint32_t object, uint32_t x, uint32_t y)
+{
+    const struct kiln_lightmap *map = &s->lightmaps[object];
+    const struct kiln_tile *tile = &s->tiles[map->tile_first + (uint64_t)(y / 8) * map->tiles_x + x / 8];
+    const uint64_t bit = 1ull << kiln_morton8(x % 8, y % 8);
+    if ((tile->mask & bit) == 0)
+        return KILN_NO_POINT;
+    if ((tile->first & KILN_TILE_SPLIT) == 0)
+        return tile->first + (uint64_t)__builtin_popcountll(tile->mask & (bit - 1));
+    const struct kiln_tile_part *part = s->splits + (tile->first & ~KILN_TILE_SPLIT);
+    while ((part->mask & bit) == 0)
+        part++;
+    return part->first + (uint64_t)__builtin_popcountll(part->mask & (bit - 1));
+}
+
+void kiln_surface_destroy(struct kiln_surface **surface);
+
+#endif
