@@ -1,0 +1,25 @@
+/* The commands. Each gets the parsed job, writes results to stdout and progress to stderr, and returns an exit status with a
+ * sentence in `error` when it is not 0; kiln_main prints that sentence once, on rank 0. Commands marked (MPI) run between
+ * MPI_Init and MPI_Finalize and are collective; the others never start MPI and run in one process. */
+#ifndef KILN_COORDINATOR_CLI_COMMANDS_H
+#define KILN_COORDINATOR_CLI_COMMANDS_H
+
+#include "coordinator/cli/job.h"
+
+int kiln_main(int argc, char **argv);
+
+int kiln_command_bake(struct kiln_job *job, struct kiln_error *error); /* (MPI) */
+int kiln_command_plan(struct kiln_job *job, struct kiln_error *error);
+int kiln_command_info(struct kiln_job *job, struct kiln_error *error);
+int kiln_command_check(struct kiln_job *job, struct kiln_error *error);
+int kiln_command_view(struct kiln_job *job, struct kiln_error *error);
+int kiln_command_compare(struct kiln_job *job, struct kiln_error *error);
+int kiln_command_probe(struct kiln_job *job, struct kiln_error *error);
+int kiln_command_generate(struct kiln_job *job, struct kiln_error *error);
+int kiln_command_report(struct kiln_job *job, struct kiln_error *error);
+int kiln_command_bench(struct kiln_job *job, struct kiln_error *error);
+
+/* Not a command for users: the confined child that reads a scene (coordinator/import/child.c). argv as it was spawned. */
+int kiln_import_child(int argc, char **argv);
+
+#endif

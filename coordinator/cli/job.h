@@ -1,0 +1,88 @@
+/* Every setting kiln knows, filled from defaults, then `--quality`, then the job file, then the command line (later wins).
+ * The one table in coordinator/cli/options.c names each option, its unit, default, range, the commands it belongs to and its
+ * place in this struct; `--help`, the job file reader and the command line all read that table and nothing else. */
+#ifndef KILN_COORDINATOR_CLI_JOB_H
+#define KILN_COORDINATOR_CLI_JOB_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "worker/base/status.h"
+
+enum kiln_schedule {
+    KILN_SCHEDULE_LEAN = 0, /* cheap bounces, a tail, one final gather */
+    KILN_SCHEDULE_EQUAL = 1 /* the same rays in every bounce, nothing else: the reference mode */
+};
+
+/* Strings are owned by the job (or static); NULL means not given. */
+struct kiln_job {
+    /* what the command is given besides options */
+    const char *command;
+    char **arguments;
+    size_t argument_count;
+
+    /* scene and output */
+    char *scene;  /* the first argument of bake, plan, info, check; `scene:` of a job file, relative to the job file's folder */
+    char *output; /* DIR; default: the scene's name without extension + "-bake" */
+    char *environment;          /* "none", "R,G,B" (radiance), or an .hdr or .exr lat-long image; NULL: what the scene says */
+    double environment_scale;   /* factor; default 1 */
+    double environment_rotation; /* degrees about +y */
+
+    /* where it runs */
+    char *backend; /* auto | embree */
+    uint32_t threads; /* a rank; 0: the cores this process may use, divided by the ranks of the node */
+    char *instruction_set; /* NULL: the best that all ranks have */
+
+    /* transport */
+    char *method; /* cells */
+    int64_t bounces; /* indirect bounces; -1: as many as there is energy for, and a tail */
+    bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
+    enum kiln_schedule schedule;
+    uint32_t samples_direct, samples_bounce, samples_indirect;
+    uint64_t seed;
+
+    /* texels, cells, partition */
+    double texels_per_metre;
+    uint32_t lightmap_size; /* 0: by density */
+    uint32_t lightmap_max;  /* texels a side */
+    double cell_size;       /* m; 0: chosen */
+    bool partition_objects;
+
+    /* volume */
+    double probe_spacing;   /* m; 0: chosen */
+    uint32_t samples_probe; /* 0: no volume */
+
+    /* results */
+    bool half;      /* lightmaps in half float where nothing overflows */
+    bool stitch;    /* smooth seams between charts; default true */
+    bool error_map; /* standard error of each texel as a layer */
+    bool preview;   /* write preview.png; default true */
+
+    /* talking */
+    bool json, quiet, verbose, force;
+
+    /* view, compare, probe, generate, bench, plan: see the option table */
+    char *camera;         /* name of a camera in the scene */
+    uint32_t width, height;
+    double exposure;      /* stops */
+    char *from, *to;      /* "x,y,z": eye and target of a view */
+    double field_of_view; /* degrees, vertical */
+    uint32_t ranks;       /* plan */
+    double node_memory;   /* GiB; plan */
+    uint64_t triangles;   /* generate: about how many */
+    uint32_t columns, rows; /* generate rooms: N x M */
+    double albedo;        /* generate furnace */
+    double node_bandwidth, node_latency; /* plan: network, GB/s and microseconds */
+    uint32_t repeats;     /* bench */
+
+    void *strings; /* private: what the job owns */
+};
+
+/* Reads the command line (argv[1] is the command) and, where the argument is a .yaml or .yml file, the job file. Not
+ * collective: every rank reads the same. KILN_USAGE for an unknown command, option or bad value on the command line, naming
+ * the nearest known one; KILN_BAD_INPUT for the same in a job file, with file and line. Release with kiln_job_destroy. */
+int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_error *error);
+void kiln_job_destroy(struct kiln_job **job);
+
+#endif

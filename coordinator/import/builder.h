@@ -1,0 +1,38 @@
+/* The scene while it is being put together: growing arrays with the element types of worker/scene/scene.h. Readers (gltf.c,
+ * obj.c) append, coordinator/layout adds lightmap layouts and sizes, kiln_builder_write checks and writes the scene file. */
+#ifndef KILN_COORDINATOR_IMPORT_BUILDER_H
+#define KILN_COORDINATOR_IMPORT_BUILDER_H
+
+#include <stdbool.h>
+
+#include "worker/scene/scene.h"
+
+struct kiln_builder {
+    struct {
+        void *data;
+        size_t count, capacity; /* elements of kiln_scene_element_size(section) bytes */
+    } sections[KILN_SECTION_COUNT];
+    /* What a mesh's file said of its second UV set: 1 present, 0 absent; one a mesh, grown with the meshes. Where it is absent
+     * the TEXCOORD_LIGHTMAP of its vertices is zero until the layout is made. */
+    uint8_t *mesh_has_lightmap_uv;
+    size_t mesh_capacity;
+    uint64_t import_hash[2];
+    float texels_per_metre;
+};
+
+#define KILN_BUILDER_DATA(builder, type, section) ((type *)(builder)->sections[section].data)
+
+int kiln_builder_create(struct kiln_builder **builder, struct kiln_error *error);
+void kiln_builder_destroy(struct kiln_builder **builder);
+/* Appends `count` elements (copied from `data`, zeroed when data is NULL) and gives the index of the first. */
+int kiln_builder_append(struct kiln_builder *builder, enum kiln_scene_section section, const void *data, size_t count,
+                        size_t *first, struct kiln_error *error);
+/* Adds a string (at most `length` bytes) and gives its offset. */
+int kiln_builder_string(struct kiln_builder *builder, const char *text, size_t length, uint32_t *offset, struct kiln_error *error);
+/* Adds a note (severity 0 information, 1 warning). */
+int kiln_builder_note(struct kiln_builder *builder, uint32_t severity, struct kiln_error *error, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
+/* Computes centre, bounds and hashes and writes the file to `path` (new, synced; the caller renames). */
+int kiln_builder_write(struct kiln_builder *builder, const char *path, struct kiln_error *error);
+
+#endif

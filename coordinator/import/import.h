@@ -1,0 +1,35 @@
+/* From a scene file somebody else wrote (glTF 2.0 .gltf/.glb, OBJ and what Assimp reads) to kiln's own scene file.
+ *
+ * The reading happens in a child process of this same program ("kiln import-child ..."), with limits on memory, CPU time,
+ * open files and file size, which may open files only beneath the scene's own folder. A crash there, a limit reached or a
+ * refusal becomes one sentence here and KILN_BAD_INPUT. The result is cached: when `output` exists and its import_hash is
+ * that of the same source files and settings, nothing is read again. */
+#ifndef KILN_COORDINATOR_IMPORT_IMPORT_H
+#define KILN_COORDINATOR_IMPORT_IMPORT_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "worker/base/status.h"
+
+/* Zero means default in every field. */
+struct kiln_import_params {
+    const char *path;   /* scene file; a kiln scene file (.kscene) is taken as it is */
+    const char *output; /* where to put the scene file */
+    double texels_per_metre;
+    uint32_t lightmap_size, lightmap_max;
+    const char *environment; /* as in struct kiln_job; an image named by the user may lie anywhere */
+    double environment_scale, environment_rotation_degrees;
+    uint64_t memory_limit; /* bytes; 0: 4 GiB + 64 x the size of the scene's files, at most 3/4 of the machine's memory */
+    uint32_t time_limit;   /* seconds of CPU; 0: 60 + 1 a 10 MB */
+};
+
+struct kiln_import_report {
+    bool cached; /* nothing was read */
+    double seconds;
+};
+
+/* Not collective; call it on one rank and tell the others. The file at `output` is written aside, synced and renamed. */
+int kiln_import(const struct kiln_import_params *params, struct kiln_import_report *report, struct kiln_error *error);
+
+#endif

@@ -1,0 +1,39 @@
+/* Everything a bake leaves in its folder. All functions here that take a kiln_bake_result are collective over its
+ * communicator; an error on one rank is an error on all, with the first failing rank's sentence.
+ *
+ * Files are written under a temporary name in the same folder, re-read and checked, synced, and renamed when complete: a
+ * reader never sees half a file, and a published file is never opened for writing again. */
+#ifndef KILN_COORDINATOR_OUTPUT_OUTPUT_H
+#define KILN_COORDINATOR_OUTPUT_OUTPUT_H
+
+#include "coordinator/bake/result.h"
+
+struct kiln_output_params {
+    const char *directory;
+    bool half, stitch, error_map;
+    const char *provenance_json; /* what ran, as one JSON object: kept as an attribute of the HDF5 files; no time stamps */
+};
+
+/* What kiln_write_lightmaps reports for run.json, one an object, on rank 0 (others: zero counts). */
+struct kiln_lightmap_report {
+    uint32_t object;
+    uint64_t valid, filled, dilated; /* texels: gathered here, filled from valid neighbours, margin */
+    double seam_difference_before, seam_difference_after; /* root mean square over seam samples, relative to the mean */
+};
+
+/* DIR/lightmaps/OBJECT.exr for every object. Channels R G B = direct + indirect; layers direct.R.. and indirect.R.., and
+ * error.Y when error_map is set. Invalid points are filled, chart seams of an object smoothed, margins dilated over the whole
+ * image. Which rank writes an object does not change a byte. `reports` has scene->object_count entries or is NULL. */
+int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,
+                         struct kiln_lightmap_report *reports, struct kiln_error *error);
+
+/* DIR/kiln.h5 through parallel HDF5: /points (position, normal, object, texel, area, albedo, valid, cell), /irradiance
+ * (direct, indirect, total, error), /objects, /cells, provenance as attributes; `units` and `description` on every dataset. */
+int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params, struct kiln_error *error);
+
+/* DIR/volume.hdf, VTKHDF ImageData: PointData irradiance_sh (27 components, the nine coefficients of irradiance divided by
+ * nothing: E(n) = sum_i c_i Y_i(n)), irradiance_posx ... irradiance_negz, validity, mean_distance. */
+int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_volume_result *volume,
+                      const struct kiln_output_params *params, struct kiln_error *error);
+
+#endif
