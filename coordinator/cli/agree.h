@@ -1,0 +1,15 @@
+/* One answer for all ranks: no rank goes on, or waits for ever, when another has failed. */
+#ifndef KILN_COORDINATOR_CLI_AGREE_H
+#define KILN_COORDINATOR_CLI_AGREE_H
+
+#include <mpi.h>
+
+#include "worker/base/status.h"
+
+/* Collective over `communicator`. Each rank brings its own status and, when that is not 0, its sentence. Every rank returns
+ * the worst (largest) status and holds the sentence of the first rank that failed with it; 0 leaves `error` alone. Call it
+ * after any step that may fail on some ranks only, before the next collective call. `error` may be NULL on any rank. A failing
+ * MPI call inside gives KILN_RANK_LOST where the communicator returns errors instead of aborting. */
+int kiln_agree(MPI_Comm communicator, int status, struct kiln_error *error);
+
+#endif
