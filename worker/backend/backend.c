@@ -1,0 +1,83 @@
+#include "worker/backend/backend.h"
+
+#include <assert.h>
+#include <string.h>
+
+static const struct kiln_backend_api *const backends[] = {&kiln_backend_embree};
+
+int kiln_backend_create(struct kiln_backend **backend, const char *name, const struct kiln_backend_params *params,
+                        struct kiln_error *error)
+{
+    *backend = NULL;
+    for (size_t i = 0; i < sizeof backends / sizeof *backends; i++)
+        if (strcmp(name, "auto") == 0 || strcmp(name, backends[i]->name) == 0)
+            return backends[i]->create(backend, params, error);
+    return kiln_fail(error, KILN_NO_DEVICE, "no backend is called '%s' here; known: auto, embree", name);
+}
+
+void kiln_backend_destroy(struct kiln_backend **backend)
+{
+    if (*backend != NULL)
+        (*backend)->api->destroy(backend);
+}
+
+int kiln_backend_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
+{
+    assert(surface != NULL);
+    return backend->api->set_surface(backend, surface, error);
+}
+
+int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
+{
+    return backend->api->set_radiosity(backend, radiosity, error);
+}
+
+int kiln_backend_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *open, uint8_t *flags,
+                          struct kiln_error *error)
+{
+    if (fragment_count == 0)
+        return KILN_OK;
+    return backend->api->validity(backend, fragment_first, fragment_count, open, flags, error);
+}
+
+int kiln_backend_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
+                        struct kiln_error *error)
+{
+    assert(samples > 0);
+    if (batch->fragment_count == 0)
+        return KILN_OK;
+    return backend->api->direct(backend, batch, samples, rays, error);
+}
+
+int kiln_backend_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
+                        uint64_t *rays, struct kiln_error *error)
+{
+    assert(samples > 0);
+    if (batch->fragment_count == 0)
+        return KILN_OK;
+    return backend->api->gather(backend, batch, samples, stream, rays, error);
+}
+
+int kiln_backend_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first,
+                        uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
+{
+    assert(samples > 0);
+    if (count == 0)
+        return KILN_OK;
+    return backend->api->probes(backend, positions, count, index_first, samples, results, rays, error);
+}
+
+int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result,
+                          struct kiln_error *error)
+{
+    assert(samples > 0);
+    return backend->api->emission(backend, samples, result, error);
+}
+
+int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
+                           size_t count, struct kiln_hit *hits, struct kiln_error *error)
+{
+    if (count == 0)
+        return KILN_OK;
+    return backend->api->intersect(backend, origins, directions, count, hits, error);
+}

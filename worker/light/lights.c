@@ -1,0 +1,432 @@
+#include "worker/light/lights.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "worker/base/memory.h"
+#include "worker/light/environment.h"
+#include "worker/light/tree.h"
+#include "worker/sampling/sequence.h"
+#include "worker/scene/texture.h"
+
+static struct kiln_dvec3 unit(struct kiln_dvec3 a)
+{
+    const double length = dvec3_length(a);
+    return length > 0.0 ? dvec3_scale(a, 1.0 / length) : a;
+}
+
+/* Which mesh a world triangle belongs to. */
+static const struct kiln_mesh *mesh_of(const struct kiln_scene *scene, const struct kiln_geometry *geometry, uint32_t triangle)
+{
+    return &scene->meshes[scene->objects[geometry->records[triangle].object].mesh];
+}
+
+static bool make_area_light(const struct kiln_scene *scene, const struct kiln_geometry *geometry, uint32_t triangle,
+                            struct kiln_area_light *light)
+{
+    const uint32_t material = geometry->records[triangle].material & KILN_RECORD_MATERIAL;
+    const struct kiln_material *m = &scene->materials[material];
+    struct kiln_vec3 corner[3];
+    kiln_geometry_corners(geometry, triangle, corner);
+    *light = (struct kiln_area_light){.p0 = dvec3_of(corner[0]), .triangle = triangle};
+    light->e1 = dvec3_sub(dvec3_of(corner[1]), light->p0);
+    light->e2 = dvec3_sub(dvec3_of(corner[2]), light->p0);
+    const struct kiln_dvec3 cross = dvec3_cross(light->e1, light->e2);
+    light->area = 0.5 * dvec3_length(cross);
+    light->normal = unit(cross);
+    light->two_sided = m->double_sided != 0;
+    light->textured = m->emission_texture != KILN_NONE;
+    kiln_triangle_mean_emission(scene, mesh_of(scene, geometry, triangle), geometry->stored_triangle[triangle], light->radiance);
+    return light->area > 0.0 && kiln_luminance(light->radiance) > 0.0;
+}
+
+static int gather_area_lights(struct kiln_lights *lights, struct kiln_error *error)
+{
+    size_t capacity = 0;
+    for (size_t t = 0; t < lights->geometry->triangle_count; t++) {
+        if ((lights->geometry->records[t].material & KILN_RECORD_EMITS) == 0)
+            continue;
+        struct kiln_area_light light;
+        if (!make_area_light(lights->scene, lights->geometry, (uint32_t)t, &light))
+            continue;
+        const int status = kiln_grow(&lights->areas, &capacity, lights->area_count + 1, sizeof light, "the emissive triangles", error);
+        if (status != KILN_OK)
+            return status;
+        lights->areas[lights->area_count++] = light;
+    }
+    return KILN_OK;
+}
+
+static int gather_punctual_lights(struct kiln_lights *lights, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = lights->scene;
+    int status = kiln_allocate(&lights->points, scene->light_count, sizeof *lights->points, "the point lights", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&lights->directionals, scene->light_count, sizeof *lights->directionals, "the directional lights", error);
+    if (status != KILN_OK)
+        return status;
+    const double *centre = scene->header->centre;
+    for (size_t i = 0; i < scene->light_count; i++) {
+        const struct kiln_light *l = &scene->lights[i];
+        const struct kiln_dvec3 direction = unit(dvec3((double)l->direction[0], (double)l->direction[1], (double)l->direction[2]));
+        if (kiln_luminance(l->intensity) <= 0.0)
+            continue;
+        if (l->kind == KILN_LIGHT_DIRECTIONAL) {
+            struct kiln_directional_light *d = &lights->directionals[lights->directional_count++];
+            d->towards = dvec3_scale(direction, -1.0);
+            memcpy(d->irradiance, l->intensity, sizeof d->irradiance);
+        } else {
+            struct kiln_point_light *p = &lights->points[lights->point_count++];
+            p->position = dvec3(l->position[0] - centre[0], l->position[1] - centre[1], l->position[2] - centre[2]);
+            p->direction = direction;
+            memcpy(p->intensity, l->intensity, sizeof p->intensity);
+            p->range = (double)l->range;
+            p->spot = l->kind == KILN_LIGHT_SPOT;
+            p->cos_inner = (double)l->cos_inner;
+            p->cos_outer = (double)l->cos_outer;
+        }
+    }
+    return KILN_OK;
+}
+
+int kiln_lights_create(struct kiln_lights **lights, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
+                       struct kiln_error *error)
+{
+    *lights = NULL;
+    struct kiln_lights *l = NULL;
+    int status = kiln_allocate(&l, 1, sizeof *l, "the lights", error);
+    if (status != KILN_OK)
+        return status;
+    l->scene = scene;
+    l->geometry = geometry;
+    status = gather_area_lights(l, error);
+    if (status == KILN_OK)
+        status = gather_punctual_lights(l, error);
+    if (status == KILN_OK && l->area_count + l->point_count > UINT32_MAX / 2)
+        status = kiln_fail(error, KILN_BAD_INPUT, "the scene has %zu emissive triangles and lights; kiln takes at most %u",
+                           l->area_count + l->point_count, UINT32_MAX / 2);
+    if (status == KILN_OK)
+        status = kiln_light_tree_build(l, error);
+    if (status == KILN_OK)
+        status = kiln_environment_build(l, error);
+    if (status != KILN_OK) {
+        kiln_lights_destroy(&l);
+        return status;
+    }
+    *lights = l;
+    return KILN_OK;
+}
+
+void kiln_lights_destroy(struct kiln_lights **lights)
+{
+    struct kiln_lights *l = *lights;
+    if (l == NULL)
+        return;
+    kiln_free(&l->areas);
+    kiln_free(&l->points);
+    kiln_free(&l->directionals);
+    kiln_free(&l->nodes);
+    kiln_free(&l->marginal);
+    kiln_free(&l->conditional);
+    kiln_free(lights);
+}
+
+/* Splits the most important inner cluster until there is room for no more or only single lights are left. */
+static size_t cut_tree(const struct kiln_lights *lights, struct kiln_dvec3 p, struct kiln_dvec3 n, size_t limit,
+                       struct kiln_light_choice *choices)
+{
+    if (lights->node_count == 0)
+        return 0;
+    double importance = kiln_light_node_importance(&lights->nodes[0], p, n);
+    if (importance <= 0.0)
+        return 0;
+    size_t count = 1;
+    choices[0] = (struct kiln_light_choice){KILN_CHOICE_NODE, 0, 0, importance};
+    while (count < limit) {
+        size_t best = count;
+        for (size_t i = 0; i < count; i++)
+            if (lights->nodes[choices[i].index].left != KILN_NONE && (best == count || choices[i].importance > choices[best].importance))
+                best = i;
+        if (best == count)
+            break;
+        const struct kiln_light_node *node = &lights->nodes[choices[best].index];
+        const uint32_t child[2] = {node->left, node->right};
+        size_t kept = 0;
+        for (int c = 0; c < 2; c++) {
+            importance = kiln_light_node_importance(&lights->nodes[child[c]], p, n);
+            if (importance <= 0.0)
+                continue;
+            choices[kept == 0 ? best : count] = (struct kiln_light_choice){KILN_CHOICE_NODE, child[c], 0, importance};
+            count += kept;
+            kept++;
+        }
+        if (kept == 0) { /* the parent's bound was loose: the cluster is behind the point's horizon after all */
+            choices[best] = choices[--count];
+            if (count == 0)
+                break;
+        }
+    }
+    return count;
+}
+
+size_t kiln_lights_choices(const struct kiln_lights *lights, struct kiln_dvec3 p, struct kiln_dvec3 n, size_t node_limit,
+                           struct kiln_light_choice *choices)
+{
+    const bool probe = n.x == 0.0 && n.y == 0.0 && n.z == 0.0;
+    size_t count = cut_tree(lights, p, n, node_limit, choices);
+    for (size_t i = 0; i < lights->directional_count; i++) {
+        const double cosine = probe ? 1.0 : dvec3_dot(n, lights->directionals[i].towards);
+        if (cosine > 0.0)
+            choices[count++] = (struct kiln_light_choice){KILN_CHOICE_DIRECTIONAL, (uint32_t)i, 0,
+                                                          kiln_luminance(lights->directionals[i].irradiance) * cosine};
+    }
+    if (lights->environment)
+        choices[count++] = (struct kiln_light_choice){KILN_CHOICE_ENVIRONMENT, 0, 0, KILN_PI * kiln_luminance(lights->environment_mean)};
+    return count;
+}
+
+uint32_t kiln_lights_allot(struct kiln_light_choice *choices, size_t count, uint32_t samples)
+{
+    double total = 0.0;
+    for (size_t i = 0; i < count; i++)
+        total += choices[i].importance;
+    uint32_t given = 0;
+    for (size_t i = 0; i < count; i++) {
+        const double part = total > 0.0 ? choices[i].importance / total : 1.0 / (double)count;
+        choices[i].samples = (uint32_t)(part * (double)samples + 0.5);
+        if (choices[i].samples == 0)
+            choices[i].samples = 1;
+        given += choices[i].samples;
+    }
+    return given;
+}
+
+double kiln_point_light_cone(const struct kiln_point_light *light, struct kiln_dvec3 direction)
+{
+    if (!light->spot)
+        return 1.0;
+    const double cosine = dvec3_dot(light->direction, direction);
+    const double t = fmax(0.0, fmin(1.0, (cosine - light->cos_outer) / fmax(1e-9, light->cos_inner - light->cos_outer)));
+    return t * t;
+}
+
+double kiln_point_light_range(const struct kiln_point_light *light, double distance)
+{
+    if (light->range <= 0.0)
+        return 1.0;
+    const double q = distance / light->range;
+    return fmax(0.0, fmin(1.0, 1.0 - q * q * q * q));
+}
+
+static bool sample_point_light(const struct kiln_point_light *light, struct kiln_dvec3 p, double weight, struct kiln_light_sample *s)
+{
+    const struct kiln_dvec3 to = dvec3_sub(light->position, p);
+    const double distance = dvec3_length(to);
+    if (!(distance > 0.0))
+        return false;
+    s->direction = dvec3_scale(to, 1.0 / distance);
+    s->distance = distance;
+    s->backoff = 0.0;
+    const double factor = weight * kiln_point_light_cone(light, dvec3_scale(s->direction, -1.0)) *
+                          kiln_point_light_range(light, distance) / (distance * distance);
+    for (int c = 0; c < 3; c++)
+        s->value[c] = (double)light->intensity[c] * factor;
+    return factor > 0.0;
+}
+
+/* Solid angle of triangle a b c (unit vectors from the point): Van Oosterom and Strackee 1983. */
+static double solid_angle(struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 c)
+{
+    const double numerator = fabs(dvec3_dot(a, dvec3_cross(b, c)));
+    const double denominator = 1.0 + dvec3_dot(a, b) + dvec3_dot(b, c) + dvec3_dot(c, a);
+    return 2.0 * atan2(numerator, denominator);
+}
+
+/* Uniform in solid angle: Arvo, "Stratified Sampling of Spherical Triangles", 1995. False where the triangle is too thin for it. */
+static bool spherical_direction(struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 c, double u, double v,
+                                struct kiln_dvec3 *direction)
+{
+    const struct kiln_dvec3 ab = unit(dvec3_cross(a, b)), bc = unit(dvec3_cross(b, c)), ca = unit(dvec3_cross(c, a));
+    const double cos_alpha = fmax(-1.0, fmin(1.0, -dvec3_dot(ab, ca)));
+    const double alpha = acos(cos_alpha), sin_alpha = sin(alpha);
+    const double beta = acos(fmax(-1.0, fmin(1.0, -dvec3_dot(ab, bc)))), gamma = acos(fmax(-1.0, fmin(1.0, -dvec3_dot(bc, ca))));
+    const double area = alpha + beta + gamma - KILN_PI;
+    if (!(area > 0.0) || sin_alpha < 1e-9)
+        return false;
+    const double part = u * area - alpha;
+    const double s = sin(part), t = cos(part);
+    const double x = t - cos_alpha, y = s + sin_alpha * dvec3_dot(a, b);
+    const double below = (y * s + x * t) * sin_alpha;
+    if (fabs(below) < 1e-14)
+        return false;
+    const double q = fmax(-1.0, fmin(1.0, ((y * t - x * s) * cos_alpha - y) / below));
+    const struct kiln_dvec3 across = unit(dvec3_sub(c, dvec3_scale(a, dvec3_dot(c, a))));
+    const struct kiln_dvec3 c2 = dvec3_add(dvec3_scale(a, q), dvec3_scale(across, sqrt(fmax(0.0, 1.0 - q * q))));
+    const double z = 1.0 - v * (1.0 - dvec3_dot(c2, b));
+    const struct kiln_dvec3 up = unit(dvec3_sub(c2, dvec3_scale(b, dvec3_dot(c2, b))));
+    *direction = unit(dvec3_add(dvec3_scale(b, z), dvec3_scale(up, sqrt(fmax(0.0, 1.0 - z * z)))));
+    return true;
+}
+
+/* Radiance at barycentric (b1, b2) of an emissive triangle, world corner order. */
+static void emission_at(const struct kiln_lights *lights, const struct kiln_area_light *light, double b1, double b2, float rgb[3])
+{
+    memcpy(rgb, light->radiance, 3 * sizeof *rgb);
+    if (!light->textured)
+        return;
+    const uint32_t object = lights->geometry->records[light->triangle].object;
+    if (lights->scene->objects[object].flipped) { /* stored corners 1 and 2 stand the other way round */
+        const double t = b1;
+        b1 = b2;
+        b2 = t;
+    }
+    kiln_surface_emission(lights->scene, mesh_of(lights->scene, lights->geometry, light->triangle),
+                          lights->geometry->stored_triangle[light->triangle], (float)b1, (float)b2, rgb);
+}
+
+/* Above this solid angle a triangle is sampled by solid angle, below by area (whose density varies little there and whose
+ * arithmetic does not cancel). */
+static const double SPHERICAL_FROM = 0.02;
+
+static bool sample_area_light(const struct kiln_lights *lights, const struct kiln_area_light *light, struct kiln_dvec3 p, double weight,
+                              double u, double v, struct kiln_light_sample *s)
+{
+    const struct kiln_dvec3 to0 = dvec3_sub(light->p0, p);
+    const double height = -dvec3_dot(to0, light->normal); /* of p above the front face */
+    if (light->two_sided ? height == 0.0 : height <= 0.0)
+        return false;
+    const struct kiln_dvec3 to1 = dvec3_add(to0, light->e1), to2 = dvec3_add(to0, light->e2);
+    const struct kiln_dvec3 a = unit(to0), b = unit(to1), c = unit(to2);
+    const double omega = solid_angle(a, b, c);
+    double b1, b2, density;
+    struct kiln_dvec3 direction;
+    if (omega > SPHERICAL_FROM && spherical_direction(a, b, c, u, v, &direction)) {
+        /* meet the plane; barycentrics by Cramer's rule */
+        const struct kiln_dvec3 h = dvec3_cross(direction, light->e2);
+        const double determinant = dvec3_dot(light->e1, h);
+        if (determinant == 0.0)
+            return false;
+        const struct kiln_dvec3 from = dvec3_scale(to0, -1.0);
+        b1 = fmax(0.0, fmin(1.0, dvec3_dot(from, h) / determinant));
+        b2 = fmax(0.0, fmin(1.0 - b1, dvec3_dot(direction, dvec3_cross(from, light->e1)) / determinant));
+        density = 1.0 / omega;
+        s->distance = fabs(height / dvec3_dot(direction, light->normal));
+    } else {
+        const double root = sqrt(u);
+        b1 = root * (1.0 - v);
+        b2 = root * v;
+        const struct kiln_dvec3 to = dvec3_add(to0, dvec3_add(dvec3_scale(light->e1, b1), dvec3_scale(light->e2, b2)));
+        s->distance = dvec3_length(to);
+        direction = dvec3_scale(to, 1.0 / s->distance);
+        const double cosine = fabs(height) / s->distance;
+        if (!(cosine > 0.0))
+            return false;
+        density = s->distance * s->distance / (cosine * light->area);
+    }
+    if (!(s->distance > 0.0) || !isfinite(s->distance))
+        return false;
+    float rgb[3];
+    emission_at(lights, light, b1, b2, rgb);
+    s->direction = direction;
+    /* The light's vertices are floats: the shadow ray stops short of it by their rounding, seen along the ray. */
+    const double cosine = fmax(1e-6, fabs(height) / s->distance);
+    s->backoff = fmin(0.5 * s->distance, 8.0 * (double)lights->geometry->extent * 0x1p-24 / cosine);
+    for (int i = 0; i < 3; i++)
+        s->value[i] = (double)rgb[i] * weight / density;
+    return true;
+}
+
+/* Walks from a cluster down to one light, each child by its importance for p; gives 1 / probability. */
+static bool pick_light(const struct kiln_lights *lights, uint32_t node, struct kiln_dvec3 p, struct kiln_dvec3 n, double pick,
+                       uint32_t *light, double *weight)
+{
+    *weight = 1.0;
+    while (lights->nodes[node].left != KILN_NONE) {
+        const uint32_t left = lights->nodes[node].left, right = lights->nodes[node].right;
+        const double a = kiln_light_node_importance(&lights->nodes[left], p, n);
+        const double b = kiln_light_node_importance(&lights->nodes[right], p, n);
+        if (a + b <= 0.0)
+            return false;
+        const double chance = a / (a + b);
+        if (pick < chance) {
+            pick /= chance;
+            *weight /= chance;
+            node = left;
+        } else {
+            pick = (pick - chance) / (1.0 - chance);
+            *weight /= 1.0 - chance;
+            node = right;
+        }
+        pick = fmin(pick, 1.0 - 0x1p-53);
+    }
+    *light = lights->nodes[node].right;
+    return true;
+}
+
+/* An image is sampled in turn by its own luminance and by the cosine, weighted by the balance heuristic; a constant sky, or a
+ * lone sample, by the cosine only (a probe: by the sky only). */
+uint32_t kiln_lights_strategies(const struct kiln_lights *lights, const struct kiln_light_choice *choice, struct kiln_dvec3 n)
+{
+    const bool probe = n.x == 0.0 && n.y == 0.0 && n.z == 0.0;
+    return choice->kind == KILN_CHOICE_ENVIRONMENT && lights->conditional != NULL && choice->samples >= 2 && !probe ? 2 : 1;
+}
+
+static bool sample_environment(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index,
+                               struct kiln_dvec3 n, double u, double v, struct kiln_light_sample *s)
+{
+    const bool probe = n.x == 0.0 && n.y == 0.0 && n.z == 0.0;
+    const bool both = kiln_lights_strategies(lights, choice, n) == 2;
+    const uint32_t pairs = choice->samples / 2;
+    const bool by_sky = probe || (both && (index & 1u) == 1u);
+    double density;
+    if (by_sky) {
+        s->direction = kiln_environment_sample(lights, u, v, &density);
+    } else {
+        const struct kiln_dvec3 local = kiln_cosine_direction(u, v);
+        struct kiln_vec3 t, b;
+        kiln_basis(vec3_of(n), &t, &b);
+        s->direction = unit(dvec3_add(dvec3_add(dvec3_scale(dvec3_of(t), local.x), dvec3_scale(dvec3_of(b), local.y)), dvec3_scale(n, local.z)));
+    }
+    s->distance = (double)INFINITY;
+    s->backoff = 0.0;
+    const double cosine = probe ? 1.0 : dvec3_dot(n, s->direction);
+    if (!(cosine > 0.0))
+        return false;
+    if (!probe) {
+        const double cosine_density = cosine / KILN_PI;
+        if (both) {
+            const double sky_share = (double)pairs / (double)choice->samples;
+            density = sky_share * kiln_environment_density(lights, s->direction) + (1.0 - sky_share) * cosine_density;
+        } else {
+            density = cosine_density;
+        }
+    }
+    float rgb[3];
+    kiln_environment_radiance(lights, s->direction, rgb);
+    for (int c = 0; c < 3; c++)
+        s->value[c] = (double)rgb[c] / density;
+    return true;
+}
+
+bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index, struct kiln_dvec3 p,
+                        struct kiln_dvec3 n, double pick, double u, double v, struct kiln_light_sample *sample)
+{
+    if (choice->kind == KILN_CHOICE_ENVIRONMENT)
+        return sample_environment(lights, choice, index, n, u, v, sample);
+    if (choice->kind == KILN_CHOICE_DIRECTIONAL) {
+        const struct kiln_directional_light *d = &lights->directionals[choice->index];
+        sample->direction = d->towards;
+        sample->distance = (double)INFINITY;
+        sample->backoff = 0.0;
+        for (int c = 0; c < 3; c++)
+            sample->value[c] = (double)d->irradiance[c];
+        return true;
+    }
+    uint32_t light;
+    double weight;
+    if (!pick_light(lights, choice->index, p, n, pick, &light, &weight))
+        return false;
+    if (light < lights->area_count)
+        return sample_area_light(lights, &lights->areas[light], p, weight, u, v, sample);
+    return sample_point_light(&lights->points[light - lights->area_count], p, weight, sample);
+}

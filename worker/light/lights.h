@@ -1,0 +1,130 @@
+/* All light sources of a scene, and choosing among them.
+ *
+ * Emissive triangles, point and spot lights hang in a light tree (Conty Estevez and Kulla, "Importance Sampling of Many
+ * Lights with Adaptive Tree Splitting", 2018; bounds as in pbrt-v4 section 12.6). For a shaded point the tree is cut into at
+ * most KILN_CUT_MAX clusters by splitting the most important one again and again; directional lights and the environment are
+ * choices of their own. Each choice then gets a fixed number of samples, in proportion to its importance, so that a lone
+ * light has no choice noise at all. Importance is zero only where the contribution is.
+ *
+ * Lights are built once and only read afterwards: safe to share between threads. Positions are relative to the scene's
+ * centre. Radiance in W m-2 sr-1, intensity in W/sr, directional lights in W/m2. */
+#ifndef KILN_WORKER_LIGHT_LIGHTS_H
+#define KILN_WORKER_LIGHT_LIGHTS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "worker/scene/geometry.h"
+
+enum { KILN_CUT_MAX = 24 };
+
+/* An emissive triangle. */
+struct kiln_area_light {
+    struct kiln_dvec3 p0, e1, e2; /* corner 0 and the edges to corners 1 and 2, in the world triangle's corner order */
+    struct kiln_dvec3 normal;     /* unit, front face */
+    double area;                  /* m2 */
+    float radiance[3];            /* mean over the triangle */
+    uint32_t triangle;            /* world triangle */
+    bool two_sided, textured;
+};
+
+struct kiln_point_light {
+    struct kiln_dvec3 position;
+    struct kiln_dvec3 direction; /* spot: the way it points */
+    float intensity[3];
+    double range; /* m, 0: none */
+    double cos_inner, cos_outer;
+    bool spot;
+};
+
+struct kiln_directional_light {
+    struct kiln_dvec3 towards; /* unit, towards the light */
+    float irradiance[3];
+};
+
+/* Bounds of a cluster: where it is, which way it shines, how much. */
+struct kiln_light_node {
+    struct kiln_dvec3 minimum, maximum;
+    struct kiln_dvec3 axis;  /* unit */
+    double cos_o, cos_e;     /* spread of normals about the axis; emission beyond it */
+    double power;            /* luminance of flux / pi: radiance x area, or intensity x 4 */
+    uint32_t left, right;    /* children; a leaf has left == KILN_NONE and right = index of the light (areas first, then points) */
+    bool two_sided;
+};
+
+struct kiln_lights {
+    const struct kiln_scene *scene;
+    const struct kiln_geometry *geometry;
+    size_t area_count, point_count, directional_count;
+    struct kiln_area_light *areas;
+    struct kiln_point_light *points;
+    struct kiln_directional_light *directionals;
+    size_t node_count;
+    struct kiln_light_node *nodes; /* [0] is the root */
+    /* environment */
+    bool environment;
+    float environment_mean[3];  /* mean radiance over the sphere */
+    float *marginal, *conditional; /* lat-long: cumulative luminance x sin by row, and within rows; else NULL */
+};
+
+/* Borrows scene and geometry. Not collective. Destroy with kiln_lights_destroy. */
+int kiln_lights_create(struct kiln_lights **lights, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
+                       struct kiln_error *error);
+void kiln_lights_destroy(struct kiln_lights **lights);
+static inline bool kiln_lights_none(const struct kiln_lights *l)
+{
+    return l->area_count + l->point_count + l->directional_count == 0 && !l->environment;
+}
+
+enum kiln_choice_kind { KILN_CHOICE_NODE, KILN_CHOICE_DIRECTIONAL, KILN_CHOICE_ENVIRONMENT };
+
+struct kiln_light_choice {
+    enum kiln_choice_kind kind;
+    uint32_t index;    /* node or directional light */
+    uint32_t samples;  /* set by kiln_lights_allot */
+    double importance; /* about the irradiance it may bring, W/m2 */
+};
+
+/* Choices for a point at p with unit normal n (n = 0: a probe, every direction counts), in a fixed order. Directional lights
+ * beyond the cut's room are all kept: `choices` must hold KILN_CUT_MAX + directional_count + 1. Returns how many. */
+size_t kiln_lights_choices(const struct kiln_lights *lights, struct kiln_dvec3 p, struct kiln_dvec3 n, size_t node_limit,
+                           struct kiln_light_choice *choices);
+/* Shares out `samples` by importance, at least one each; returns the total given (at most samples + count). */
+uint32_t kiln_lights_allot(struct kiln_light_choice *choices, size_t count, uint32_t samples);
+
+/* One sample of a choice. The contribution to irradiance is value x max(0, n . direction) if nothing lies between p and
+ * p + distance x direction. */
+struct kiln_light_sample {
+    struct kiln_dvec3 direction; /* unit */
+    double distance;             /* m; INFINITY for light from outside */
+    double value[3];             /* radiance / density of the direction */
+    double backoff;              /* m: stop the shadow ray this much before the light (rounding of the light's own position) */
+};
+
+/* Number of sampling strategies a choice alternates between: its `index`-th sample is number index / strategies of strategy
+ * index % strategies. Each strategy needs a sequence of random points of its own: the parity of a Sobol' index is a digit of
+ * the point, so one sequence dealt out in turn would give each strategy half of the square. */
+uint32_t kiln_lights_strategies(const struct kiln_lights *lights, const struct kiln_light_choice *choice, struct kiln_dvec3 n);
+
+/* Draws the choice's `index`-th sample with random numbers in (0,1): `pick` goes down the tree, u and v over the light.
+ * False when it brings nothing. n as above. */
+bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index, struct kiln_dvec3 p,
+                        struct kiln_dvec3 n, double pick, double u, double v, struct kiln_light_sample *sample);
+
+/* Radiance arriving from outside along `direction` (pointing outwards). Zero without an environment. */
+void kiln_environment_radiance(const struct kiln_lights *lights, struct kiln_dvec3 direction, float rgb[3]);
+/* A direction (outwards) by luminance, and its density per steradian; lat-long and constant alike. */
+struct kiln_dvec3 kiln_environment_sample(const struct kiln_lights *lights, double u, double v, double *density);
+double kiln_environment_density(const struct kiln_lights *lights, struct kiln_dvec3 direction);
+
+/* KHR_lights_punctual: intensity towards unit `direction` from the light, and the factor of the range at a distance. */
+double kiln_point_light_cone(const struct kiln_point_light *light, struct kiln_dvec3 direction);
+double kiln_point_light_range(const struct kiln_point_light *light, double distance);
+
+static inline double kiln_luminance(const float rgb[3])
+{
+    return 0.2126 * (double)rgb[0] + 0.7152 * (double)rgb[1] + 0.0722 * (double)rgb[2];
+}
+
+#endif

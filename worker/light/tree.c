@@ -1,0 +1,191 @@
+#include "worker/light/tree.h"
+
+#include <assert.h>
+#include <float.h>
+#include <stdlib.h>
+
+#include "worker/base/memory.h"
+
+static struct kiln_dvec3 dmin(struct kiln_dvec3 a, struct kiln_dvec3 b) { return dvec3(fmin(a.x, b.x), fmin(a.y, b.y), fmin(a.z, b.z)); }
+static struct kiln_dvec3 dmax(struct kiln_dvec3 a, struct kiln_dvec3 b) { return dvec3(fmax(a.x, b.x), fmax(a.y, b.y), fmax(a.z, b.z)); }
+static double component(struct kiln_dvec3 a, int axis) { return axis == 0 ? a.x : axis == 1 ? a.y : a.z; }
+static struct kiln_dvec3 centre_of(const struct kiln_light_node *n) { return dvec3_scale(dvec3_add(n->minimum, n->maximum), 0.5); }
+
+static struct kiln_light_node leaf_of(const struct kiln_lights *lights, uint32_t index)
+{
+    struct kiln_light_node node = {.left = KILN_NONE, .right = index};
+    if (index < lights->area_count) {
+        const struct kiln_area_light *a = &lights->areas[index];
+        const struct kiln_dvec3 p1 = dvec3_add(a->p0, a->e1), p2 = dvec3_add(a->p0, a->e2);
+        node.minimum = dmin(a->p0, dmin(p1, p2));
+        node.maximum = dmax(a->p0, dmax(p1, p2));
+        node.axis = a->normal;
+        node.cos_o = 1.0;
+        node.cos_e = 0.0;
+        node.two_sided = a->two_sided;
+        node.power = kiln_luminance(a->radiance) * a->area;
+    } else {
+        const struct kiln_point_light *l = &lights->points[index - lights->area_count];
+        node.minimum = node.maximum = l->position;
+        node.axis = l->spot ? l->direction : dvec3(0, 0, 1);
+        node.cos_o = l->spot ? 1.0 : -1.0;
+        node.cos_e = l->spot ? l->cos_outer : 0.0;
+        node.power = kiln_luminance(l->intensity);
+    }
+    return node;
+}
+
+/* Smallest cone about both (pbrt-v4 section 3.8.4: Union of DirectionCones). */
+static void merge_cones(const struct kiln_light_node *a, const struct kiln_light_node *b, struct kiln_light_node *out)
+{
+    out->cos_e = fmin(a->cos_e, b->cos_e);
+    const double theta_a = acos(fmax(-1.0, fmin(1.0, a->cos_o))), theta_b = acos(fmax(-1.0, fmin(1.0, b->cos_o)));
+    const double between = acos(fmax(-1.0, fmin(1.0, dvec3_dot(a->axis, b->axis))));
+    if (fmin(between + theta_b, KILN_PI) <= theta_a) {
+        out->axis = a->axis;
+        out->cos_o = a->cos_o;
+        return;
+    }
+    if (fmin(between + theta_a, KILN_PI) <= theta_b) {
+        out->axis = b->axis;
+        out->cos_o = b->cos_o;
+        return;
+    }
+    const double theta = 0.5 * (theta_a + theta_b + between);
+    const struct kiln_dvec3 around = dvec3_cross(a->axis, b->axis);
+    const double length = dvec3_length(around);
+    if (theta >= KILN_PI || length < 1e-12) {
+        out->axis = a->axis;
+        out->cos_o = -1.0;
+        return;
+    }
+    /* turn a's axis towards b's by theta - theta_a: Rodrigues with a perpendicular axis */
+    const double turn = theta - theta_a;
+    const struct kiln_dvec3 k = dvec3_scale(around, 1.0 / length);
+    out->axis = dvec3_add(dvec3_scale(a->axis, cos(turn)), dvec3_scale(dvec3_cross(k, a->axis), sin(turn)));
+    out->cos_o = cos(theta);
+}
+
+static struct kiln_light_node merge(const struct kiln_light_node *a, const struct kiln_light_node *b)
+{
+    struct kiln_light_node out = {0};
+    out.minimum = dmin(a->minimum, b->minimum);
+    out.maximum = dmax(a->maximum, b->maximum);
+    out.power = a->power + b->power;
+    out.two_sided = a->two_sided || b->two_sided;
+    merge_cones(a, b, &out);
+    return out;
+}
+
+struct sort_key {
+    double key;
+    uint32_t leaf;
+};
+
+static int by_key(const void *a, const void *b)
+{
+    const struct sort_key *x = a, *y = b;
+    if (x->key != y->key)
+        return x->key < y->key ? -1 : 1;
+    return x->leaf < y->leaf ? -1 : x->leaf > y->leaf;
+}
+
+struct tree_builder {
+    struct kiln_light_node *leaves;
+    struct kiln_light_node *nodes;
+    size_t node_count;
+    struct sort_key *keys;
+};
+
+/* Cuts along the longest side of the centres' box at the median of power x count: balanced, so depth stays near log2. */
+static uint32_t build_range(struct tree_builder *b, size_t first, size_t count)
+{
+    const uint32_t index = (uint32_t)b->node_count++;
+    if (count == 1) {
+        b->nodes[index] = b->leaves[b->keys[first].leaf];
+        return index;
+    }
+    struct kiln_dvec3 low = dvec3(DBL_MAX, DBL_MAX, DBL_MAX), high = dvec3(-DBL_MAX, -DBL_MAX, -DBL_MAX);
+    for (size_t i = first; i < first + count; i++) {
+        const struct kiln_dvec3 c = centre_of(&b->leaves[b->keys[i].leaf]);
+        low = dmin(low, c);
+        high = dmax(high, c);
+    }
+    const struct kiln_dvec3 size = dvec3_sub(high, low);
+    const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
+    for (size_t i = first; i < first + count; i++)
+        b->keys[i].key = component(centre_of(&b->leaves[b->keys[i].leaf]), axis);
+    qsort(b->keys + first, count, sizeof *b->keys, by_key);
+    const size_t half = count / 2;
+    const uint32_t left = build_range(b, first, half);
+    const uint32_t right = build_range(b, first + half, count - half);
+    b->nodes[index] = merge(&b->nodes[left], &b->nodes[right]);
+    b->nodes[index].left = left;
+    b->nodes[index].right = right;
+    return index;
+}
+
+int kiln_light_tree_build(struct kiln_lights *lights, struct kiln_error *error)
+{
+    const size_t count = lights->area_count + lights->point_count;
+    if (count == 0)
+        return KILN_OK;
+    struct tree_builder b = {0};
+    int status = kiln_allocate(&b.leaves, count, sizeof *b.leaves, "the light tree's leaves", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&b.keys, count, sizeof *b.keys, "the light tree's order", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&lights->nodes, 2 * count - 1, sizeof *lights->nodes, "the light tree", error);
+    if (status == KILN_OK) {
+        for (uint32_t i = 0; i < count; i++) {
+            b.leaves[i] = leaf_of(lights, i);
+            b.keys[i].leaf = i;
+        }
+        b.nodes = lights->nodes;
+        (void)build_range(&b, 0, count);
+        lights->node_count = b.node_count;
+    }
+    kiln_free(&b.leaves);
+    kiln_free(&b.keys);
+    return status;
+}
+
+/* cos(max(0, a - b)) and sin of it from cosines and sines. */
+static double cos_less(double sin_a, double cos_a, double sin_b, double cos_b) { return cos_a > cos_b ? 1.0 : cos_a * cos_b + sin_a * sin_b; }
+static double sin_less(double sin_a, double cos_a, double sin_b, double cos_b) { return cos_a > cos_b ? 0.0 : sin_a * cos_b - cos_a * sin_b; }
+static double sin_of(double c) { return sqrt(fmax(0.0, 1.0 - c * c)); }
+
+double kiln_light_node_importance(const struct kiln_light_node *node, struct kiln_dvec3 p, struct kiln_dvec3 n)
+{
+    const struct kiln_dvec3 centre = centre_of(node);
+    const struct kiln_dvec3 half = dvec3_scale(dvec3_sub(node->maximum, node->minimum), 0.5);
+    const double radius2 = dvec3_dot(half, half);
+    const struct kiln_dvec3 away = dvec3_sub(p, centre); /* from the cluster to the point */
+    const double d2 = dvec3_dot(away, away);
+    const bool inside = d2 <= radius2;
+    const double cos_b = inside ? -1.0 : sqrt(fmax(0.0, 1.0 - radius2 / d2));
+    const double sin_b = inside ? 0.0 : sin_of(cos_b);
+    const double inverse = d2 > 0.0 ? 1.0 / sqrt(d2) : 0.0;
+    const struct kiln_dvec3 w = dvec3_scale(away, inverse);
+    double emission = 1.0, reception = 1.0;
+    if (!inside && d2 > 0.0) {
+        double cos_w = dvec3_dot(node->axis, w);
+        if (node->two_sided)
+            cos_w = fabs(cos_w);
+        const double sin_w = sin_of(cos_w), sin_o = sin_of(node->cos_o);
+        const double cos_x = cos_less(sin_w, cos_w, sin_o, node->cos_o), sin_x = sin_less(sin_w, cos_w, sin_o, node->cos_o);
+        emission = cos_less(sin_x, cos_x, sin_b, cos_b);
+        if (emission <= node->cos_e)
+            return 0.0;
+        if (n.x != 0.0 || n.y != 0.0 || n.z != 0.0) {
+            const double cos_i = -dvec3_dot(n, w);
+            reception = cos_less(sin_of(cos_i), cos_i, sin_b, cos_b);
+            if (reception <= 0.0)
+                return 0.0;
+        }
+    }
+    /* Beyond the cluster's own size the inverse square holds; within it the light cannot fill more than a hemisphere. */
+    const double floor2 = 0.25 * radius2;
+    const double importance = node->power * fmax(emission, 1e-3) * fmax(reception, 1e-3) / fmax(d2, floor2);
+    return importance > 0.0 && isfinite(importance) ? importance : node->power > 0.0 ? DBL_MIN : 0.0;
+}
