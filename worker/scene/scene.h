@@ -145,7 +145,7 @@ struct kiln_note {
 struct kiln_scene_header {
     uint32_t magic, version;
     uint64_t size;                     /* of the file, bytes */
-    uint64_t content_hash[2];          /* XXH3-128 of bytes [sizeof header, size) */
+    uint64_t content_hash[2];          /* XXH3-128 of all `size` bytes with this field zero: kiln_scene_content_hash */
     uint64_t import_hash[2];           /* XXH3-128 of sources and import settings: the key of the cache */
     double centre[3];                  /* world; traced positions are relative to it */
     double bounds_min[3], bounds_max[3]; /* world, of all objects */
@@ -186,8 +186,12 @@ struct kiln_scene {
     int descriptor; /* private */
 };
 
-/* Element size of a section in bytes. */
+/* Element size of a section in bytes, and its name for messages. */
 size_t kiln_scene_element_size(enum kiln_scene_section section);
+const char *kiln_scene_section_name(enum kiln_scene_section section);
+
+/* The content hash of a file whose header is `header` and whose other bytes, [sizeof header, header->size), are `rest`. */
+void kiln_scene_content_hash(const struct kiln_scene_header *header, const void *rest, uint64_t hash[2]);
 
 /* Maps `path` and checks it whole: header, hash, bounds of every section, every index, every number finite. Not collective.
  * KILN_NO_INPUT, KILN_BAD_INPUT (not a scene file, damaged, other version), KILN_SYSTEM. Destroy with kiln_scene_close. */

@@ -1,0 +1,450 @@
+#include "worker/scene/scene.h"
+
+#include <assert.h>
+#include <fcntl.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+#include "worker/base/memory.h"
+
+enum { SECTION_ALIGNMENT = 64 };
+
+/* The layout of these structs is the file format. */
+_Static_assert(sizeof(struct kiln_material) == 68, "format");
+_Static_assert(sizeof(struct kiln_texture) == 40, "format");
+_Static_assert(sizeof(struct kiln_mesh) == 56, "format");
+_Static_assert(sizeof(struct kiln_object) == 120, "format");
+_Static_assert(sizeof(struct kiln_light) == 72, "format");
+_Static_assert(sizeof(struct kiln_camera) == 80, "format");
+_Static_assert(sizeof(struct kiln_environment) == 32, "format");
+_Static_assert(sizeof(struct kiln_source) == 32, "format");
+_Static_assert(sizeof(struct kiln_note) == 8, "format");
+_Static_assert(sizeof(struct kiln_scene_header) == 128 + 16 * KILN_SECTION_COUNT, "format");
+
+static const struct {
+    size_t size;
+    const char *name;
+} section_kinds[KILN_SECTION_COUNT] = {
+    [KILN_SECTION_STRINGS] = {1, "strings"},
+    [KILN_SECTION_MATERIALS] = {sizeof(struct kiln_material), "materials"},
+    [KILN_SECTION_TEXTURES] = {sizeof(struct kiln_texture), "textures"},
+    [KILN_SECTION_TEXELS] = {1, "texels"},
+    [KILN_SECTION_MESHES] = {sizeof(struct kiln_mesh), "meshes"},
+    [KILN_SECTION_OBJECTS] = {sizeof(struct kiln_object), "objects"},
+    [KILN_SECTION_LIGHTS] = {sizeof(struct kiln_light), "lights"},
+    [KILN_SECTION_CAMERAS] = {sizeof(struct kiln_camera), "cameras"},
+    [KILN_SECTION_ENVIRONMENT] = {sizeof(struct kiln_environment), "environment"},
+    [KILN_SECTION_ENVIRONMENT_TEXELS] = {sizeof(float), "environment texels"},
+    [KILN_SECTION_POSITIONS] = {sizeof(struct kiln_vec3), "positions"},
+    [KILN_SECTION_NORMALS] = {sizeof(struct kiln_vec3), "normals"},
+    [KILN_SECTION_TEXCOORD_BASE] = {sizeof(struct kiln_vec2), "base texture coordinates"},
+    [KILN_SECTION_TEXCOORD_EMISSION] = {sizeof(struct kiln_vec2), "emission texture coordinates"},
+    [KILN_SECTION_TEXCOORD_LIGHTMAP] = {sizeof(struct kiln_vec2), "lightmap coordinates"},
+    [KILN_SECTION_COLORS] = {4, "vertex colours"},
+    [KILN_SECTION_TRIANGLES] = {3 * sizeof(uint32_t), "triangles"},
+    [KILN_SECTION_TRIANGLE_MATERIALS] = {sizeof(uint32_t), "triangle materials"},
+    [KILN_SECTION_SOURCES] = {sizeof(struct kiln_source), "sources"},
+    [KILN_SECTION_NOTES] = {sizeof(struct kiln_note), "notes"},
+};
+
+size_t kiln_scene_element_size(enum kiln_scene_section section)
+{
+    assert((unsigned)section < KILN_SECTION_COUNT);
+    return section_kinds[section].size;
+}
+
+const char *kiln_scene_section_name(enum kiln_scene_section section)
+{
+    assert((unsigned)section < KILN_SECTION_COUNT);
+    return section_kinds[section].name;
+}
+
+void kiln_scene_content_hash(const struct kiln_scene_header *header, const void *rest, uint64_t hash[2])
+{
+    /* The header is hashed first and its hash seeds that of the rest: no state that grows, no copy of the file. */
+    struct kiln_scene_header blank = *header;
+    memset(blank.content_hash, 0, sizeof blank.content_hash);
+    const XXH64_hash_t seed = XXH3_64bits(&blank, sizeof blank);
+    const XXH128_hash_t value = XXH3_128bits_withSeed(rest, (size_t)(header->size - sizeof blank), seed);
+    hash[0] = value.low64;
+    hash[1] = value.high64;
+}
+
+/* What the checks need to say where the fault is. */
+struct check {
+    struct kiln_scene *scene;
+    const char *path;
+    struct kiln_error *error;
+};
+
+__attribute__((format(printf, 2, 3))) static int damaged(const struct check *check, const char *format, ...)
+{
+    char text[512];
+    va_list arguments;
+    va_start(arguments, format);
+    (void)vsnprintf(text, sizeof text, format, arguments);
+    va_end(arguments);
+    return kiln_fail(check->error, KILN_BAD_INPUT, "%s: %s; the scene file is damaged, import the scene again", check->path, text);
+}
+
+static int check_header(const struct check *check, const struct kiln_scene_header *header, uint64_t size)
+{
+    if (header->magic != KILN_SCENE_MAGIC)
+        return kiln_fail(check->error, KILN_BAD_INPUT, "%s: not a kiln scene file (its first bytes are not those of one)", check->path);
+    if (header->version != KILN_SCENE_VERSION)
+        return kiln_fail(check->error, KILN_BAD_INPUT, "%s: scene file version %u, this kiln reads version %u; import the scene again",
+                         check->path, header->version, KILN_SCENE_VERSION);
+    if (header->size != size)
+        return damaged(check, "the header says %llu bytes, the file has %llu", (unsigned long long)header->size,
+                       (unsigned long long)size);
+    uint64_t end = sizeof *header;
+    for (unsigned s = 0; s < KILN_SECTION_COUNT; s++) {
+        const uint64_t offset = header->sections[s].offset, count = header->sections[s].count;
+        if (offset % SECTION_ALIGNMENT != 0 || offset < end || offset > size)
+            return damaged(check, "section '%s' starts at byte %llu of %llu", section_kinds[s].name, (unsigned long long)offset,
+                           (unsigned long long)size);
+        if (count > (size - offset) / section_kinds[s].size)
+            return damaged(check, "section '%s' has %llu elements, more than the file has room for", section_kinds[s].name,
+                           (unsigned long long)count);
+        end = offset + count * section_kinds[s].size;
+    }
+    return KILN_OK;
+}
+
+static bool all_finite(const float *values, size_t count)
+{
+    /* A finite value times zero is zero; anything else is NaN and stays NaN in the sum. One pass that vectorises. */
+    float sum = 0.0f;
+    for (size_t i = 0; i < count; i++)
+        sum += values[i] * 0.0f;
+    return sum == 0.0f;
+}
+
+static bool all_finite_double(const double *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (!isfinite(values[i]))
+            return false;
+    return true;
+}
+
+static bool within(const float *values, size_t count, float low, float high)
+{
+    for (size_t i = 0; i < count; i++)
+        if (!(values[i] >= low && values[i] <= high))
+            return false;
+    return true;
+}
+
+static bool is_string(const struct check *check, uint32_t offset)
+{
+    return offset < check->scene->header->sections[KILN_SECTION_STRINGS].count;
+}
+
+static bool is_texture(const struct check *check, uint32_t index)
+{
+    return index == KILN_NONE || index < check->scene->texture_count;
+}
+
+static int check_materials(const struct check *check)
+{
+    const struct kiln_scene *scene = check->scene;
+    if (scene->material_count == 0)
+        return damaged(check, "there is no material");
+    for (size_t i = 0; i < scene->material_count; i++) {
+        const struct kiln_material *m = &scene->materials[i];
+        if (!is_string(check, m->name) || !is_texture(check, m->base_color_texture) || !is_texture(check, m->emission_texture))
+            return damaged(check, "material %zu names a string or texture that is not there", i);
+        if (!within(m->base_color, 4, 0.0f, 1.0f) || !within(m->emission, 3, 0.0f, HUGE_VALF) || !all_finite(m->emission, 3) ||
+            !within(&m->alpha_cutoff, 1, 0.0f, HUGE_VALF) || !within(&m->metallic, 1, 0.0f, 1.0f) ||
+            !within(&m->roughness, 1, 0.0f, 1.0f) || m->alpha_mode > KILN_ALPHA_BLEND || m->double_sided > 1)
+            return damaged(check, "material %zu has a value outside its range", i);
+    }
+    const uint64_t bytes = scene->header->sections[KILN_SECTION_TEXELS].count;
+    for (size_t i = 0; i < scene->texture_count; i++) {
+        const struct kiln_texture *t = &scene->textures[i];
+        const uint64_t pixels = (uint64_t)t->width * t->height;
+        if (pixels == 0 || t->first > bytes || pixels > (bytes - t->first) / 4)
+            return damaged(check, "texture %zu, %u x %u texels from byte %llu, does not fit into the %llu bytes of texels", i, t->width,
+                           t->height, (unsigned long long)t->first, (unsigned long long)bytes);
+        if (t->srgb > 1 || t->nearest > 1 || t->wrap_u > KILN_WRAP_MIRROR || t->wrap_v > KILN_WRAP_MIRROR)
+            return damaged(check, "texture %zu has an unknown mode", i);
+    }
+    return KILN_OK;
+}
+
+static int check_mesh(const struct check *check, size_t index)
+{
+    const struct kiln_scene *scene = check->scene;
+    const struct kiln_mesh *m = &scene->meshes[index];
+    if (!is_string(check, m->name))
+        return damaged(check, "mesh %zu names a string that is not there", index);
+    if (m->vertex_first > scene->vertex_count || m->vertex_count > scene->vertex_count - m->vertex_first ||
+        m->triangle_first > scene->triangle_count || m->triangle_count > scene->triangle_count - m->triangle_first)
+        return damaged(check, "mesh %zu has vertices or triangles that are not there", index);
+    if (!isfinite(m->surface_area) || !isfinite(m->uv_area) || m->surface_area < 0.0 || m->uv_area < 0.0)
+        return damaged(check, "mesh %zu has an area that is not a number", index);
+    const uint32_t *corners = scene->triangles + 3 * m->triangle_first;
+    for (size_t i = 0; i < 3 * m->triangle_count; i++)
+        if (corners[i] >= m->vertex_count)
+            return damaged(check, "mesh %zu, triangle %zu: corner %u of %llu vertices", index, i / 3, corners[i],
+                           (unsigned long long)m->vertex_count);
+    const uint32_t *materials = scene->triangle_materials + m->triangle_first;
+    for (size_t i = 0; i < m->triangle_count; i++)
+        if (materials[i] >= scene->material_count)
+            return damaged(check, "mesh %zu, triangle %zu: material %u of %zu", index, i, materials[i], scene->material_count);
+    return KILN_OK;
+}
+
+static int check_vertices(const struct check *check)
+{
+    const struct kiln_scene *scene = check->scene;
+    const size_t n = scene->vertex_count;
+    if (!all_finite(&scene->positions[0].x, 3 * n))
+        return damaged(check, "a position is not a number");
+    if (!all_finite(&scene->texcoord_base[0].x, 2 * n) || !all_finite(&scene->texcoord_emission[0].x, 2 * n))
+        return damaged(check, "a texture coordinate is not a number");
+    if (!within(&scene->texcoord_lightmap[0].x, 2 * n, 0.0f, 1.0f))
+        return damaged(check, "a lightmap coordinate is outside 0..1");
+    for (size_t i = 0; i < n; i++) {
+        const float squared = vec3_dot(scene->normals[i], scene->normals[i]);
+        if (!(squared > 0.99f && squared < 1.01f))
+            return damaged(check, "the normal of vertex %zu is not a unit vector", i);
+    }
+    return KILN_OK;
+}
+
+static bool is_file_name(const char *name)
+{
+    if (name[0] == '\0' || name[0] == '.')
+        return false;
+    return strspn(name, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-") == strlen(name);
+}
+
+static int compare_names(const void *a, const void *b)
+{
+    return strcmp(*(const char *const *)a, *(const char *const *)b);
+}
+
+/* Names become file names: two objects of one name would overwrite each other's lightmap. */
+static int check_names(const struct check *check)
+{
+    const struct kiln_scene *scene = check->scene;
+    const char **names = NULL;
+    int status = kiln_allocate(&names, scene->object_count, sizeof *names, "the names of objects", check->error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < scene->object_count; i++)
+        names[i] = kiln_scene_string(scene, scene->objects[i].name);
+    qsort(names, scene->object_count, sizeof *names, compare_names);
+    for (size_t i = 1; i < scene->object_count && status == KILN_OK; i++)
+        if (strcmp(names[i - 1], names[i]) == 0)
+            status = damaged(check, "two objects have the name '%s'", names[i]);
+    kiln_free(&names);
+    return status;
+}
+
+static int check_objects(const struct check *check)
+{
+    const struct kiln_scene *scene = check->scene;
+    for (size_t i = 0; i < scene->object_count; i++) {
+        const struct kiln_object *o = &scene->objects[i];
+        if (!is_string(check, o->name) || !is_string(check, o->original_name) || o->mesh >= scene->mesh_count)
+            return damaged(check, "object %zu names a string or mesh that is not there", i);
+        if (!is_file_name(kiln_scene_string(scene, o->name)))
+            return damaged(check, "the name of object %zu cannot be a file name", i);
+        if (!all_finite_double(o->transform, 12) || o->flipped > 1)
+            return damaged(check, "object %zu has a transform that is not a number", i);
+        if (o->lightmap_width == 0 || o->lightmap_height == 0 || o->lightmap_width > 65536 || o->lightmap_height > 65536)
+            return damaged(check, "object %zu has a lightmap of %u x %u texels", i, o->lightmap_width, o->lightmap_height);
+    }
+    return check_names(check);
+}
+
+static int check_lights(const struct check *check)
+{
+    const struct kiln_scene *scene = check->scene;
+    for (size_t i = 0; i < scene->light_count; i++) {
+        const struct kiln_light *l = &scene->lights[i];
+        const float length = sqrtf(l->direction[0] * l->direction[0] + l->direction[1] * l->direction[1] + l->direction[2] * l->direction[2]);
+        if (!is_string(check, l->name) || l->kind > KILN_LIGHT_DIRECTIONAL || !all_finite_double(l->position, 3) ||
+            !(fabsf(length - 1.0f) < 0.01f) || !all_finite(l->intensity, 3) || !within(l->intensity, 3, 0.0f, HUGE_VALF) ||
+            !isfinite(l->range) || l->range < 0.0f || !within(&l->cos_inner, 1, -1.0f, 1.0f) || !within(&l->cos_outer, 1, -1.0f, 1.0f))
+            return damaged(check, "light %zu has a value outside its range", i);
+    }
+    for (size_t i = 0; i < scene->camera_count; i++) {
+        const struct kiln_camera *c = &scene->cameras[i];
+        if (!is_string(check, c->name) || c->orthographic > 1 || !all_finite_double(c->position, 3) || !all_finite(c->forward, 3) ||
+            !all_finite(c->up, 3) || !all_finite(c->right, 3) || !isfinite(c->extent_y) || !(c->extent_y > 0.0f) ||
+            !isfinite(c->aspect) || c->aspect < 0.0f)
+            return damaged(check, "camera %zu has a value outside its range", i);
+    }
+    const struct kiln_environment *e = scene->environment;
+    const uint64_t values = scene->header->sections[KILN_SECTION_ENVIRONMENT_TEXELS].count;
+    if (e->kind > KILN_ENVIRONMENT_LATLONG || !all_finite(e->radiance, 3) || !within(e->radiance, 3, 0.0f, HUGE_VALF) ||
+        !isfinite(e->rotation))
+        return damaged(check, "the environment has a value outside its range");
+    if (e->kind == KILN_ENVIRONMENT_LATLONG
+            ? e->width == 0 || e->height == 0 || e->width > 65536 || e->height > 65536 || values != 3 * (uint64_t)e->width * e->height
+            : values != 0)
+        return damaged(check, "the environment of %u x %u texels has %llu values", e->width, e->height, (unsigned long long)values);
+    if (!all_finite(scene->environment_texels, values) || !within(scene->environment_texels, values, 0.0f, HUGE_VALF))
+        return damaged(check, "the environment has a texel that is negative or not a number");
+    return KILN_OK;
+}
+
+static int check_texts(const struct check *check)
+{
+    const struct kiln_scene *scene = check->scene;
+    const uint64_t bytes = scene->header->sections[KILN_SECTION_STRINGS].count;
+    if (bytes == 0 || bytes > UINT32_MAX || scene->strings[bytes - 1] != '\0')
+        return damaged(check, "the strings do not end in NUL");
+    for (size_t i = 0; i < scene->source_count; i++)
+        if (!is_string(check, scene->sources[i].path))
+            return damaged(check, "source %zu names a string that is not there", i);
+    for (size_t i = 0; i < scene->note_count; i++)
+        if (!is_string(check, scene->notes[i].text) || scene->notes[i].severity > 1)
+            return damaged(check, "note %zu names a string that is not there", i);
+    return KILN_OK;
+}
+
+static int check_contents(const struct check *check)
+{
+    const struct kiln_scene *scene = check->scene;
+    const struct kiln_scene_header *header = scene->header;
+    static const enum kiln_scene_section per_vertex[] = {KILN_SECTION_NORMALS, KILN_SECTION_TEXCOORD_BASE,
+                                                         KILN_SECTION_TEXCOORD_EMISSION, KILN_SECTION_TEXCOORD_LIGHTMAP,
+                                                         KILN_SECTION_COLORS};
+    for (size_t i = 0; i < sizeof per_vertex / sizeof per_vertex[0]; i++)
+        if (header->sections[per_vertex[i]].count != scene->vertex_count)
+            return damaged(check, "%llu %s for %zu vertices", (unsigned long long)header->sections[per_vertex[i]].count,
+                           section_kinds[per_vertex[i]].name, scene->vertex_count);
+    if (header->sections[KILN_SECTION_TRIANGLE_MATERIALS].count != scene->triangle_count ||
+        header->sections[KILN_SECTION_ENVIRONMENT].count != 1)
+        return damaged(check, "it has %llu materials for %zu triangles and %llu environments",
+                       (unsigned long long)header->sections[KILN_SECTION_TRIANGLE_MATERIALS].count, scene->triangle_count,
+                       (unsigned long long)header->sections[KILN_SECTION_ENVIRONMENT].count);
+    if (!all_finite_double(header->centre, 3) || !all_finite_double(header->bounds_min, 3) ||
+        !all_finite_double(header->bounds_max, 3) || !isfinite(header->texels_per_metre) || header->texels_per_metre < 0.0f)
+        return damaged(check, "the header has a value that is not a number");
+    int status = check_texts(check);
+    if (status == KILN_OK)
+        status = check_materials(check);
+    for (size_t i = 0; i < scene->mesh_count && status == KILN_OK; i++)
+        status = check_mesh(check, i);
+    if (status == KILN_OK)
+        status = check_vertices(check);
+    if (status == KILN_OK)
+        status = check_objects(check);
+    return status == KILN_OK ? check_lights(check) : status;
+}
+
+static void set_pointers(struct kiln_scene *scene, const unsigned char *base)
+{
+    const struct kiln_scene_header *header = (const struct kiln_scene_header *)(const void *)base;
+    scene->header = header;
+#define SECTION(name) ((const void *)(base + header->sections[name].offset))
+    scene->strings = SECTION(KILN_SECTION_STRINGS);
+    scene->materials = SECTION(KILN_SECTION_MATERIALS);
+    scene->textures = SECTION(KILN_SECTION_TEXTURES);
+    scene->texels = SECTION(KILN_SECTION_TEXELS);
+    scene->meshes = SECTION(KILN_SECTION_MESHES);
+    scene->objects = SECTION(KILN_SECTION_OBJECTS);
+    scene->lights = SECTION(KILN_SECTION_LIGHTS);
+    scene->cameras = SECTION(KILN_SECTION_CAMERAS);
+    scene->environment = SECTION(KILN_SECTION_ENVIRONMENT);
+    scene->environment_texels = SECTION(KILN_SECTION_ENVIRONMENT_TEXELS);
+    scene->positions = SECTION(KILN_SECTION_POSITIONS);
+    scene->normals = SECTION(KILN_SECTION_NORMALS);
+    scene->texcoord_base = SECTION(KILN_SECTION_TEXCOORD_BASE);
+    scene->texcoord_emission = SECTION(KILN_SECTION_TEXCOORD_EMISSION);
+    scene->texcoord_lightmap = SECTION(KILN_SECTION_TEXCOORD_LIGHTMAP);
+    scene->colors = SECTION(KILN_SECTION_COLORS);
+    scene->triangles = SECTION(KILN_SECTION_TRIANGLES);
+    scene->triangle_materials = SECTION(KILN_SECTION_TRIANGLE_MATERIALS);
+    scene->sources = SECTION(KILN_SECTION_SOURCES);
+    scene->notes = SECTION(KILN_SECTION_NOTES);
+#undef SECTION
+    scene->material_count = (size_t)header->sections[KILN_SECTION_MATERIALS].count;
+    scene->texture_count = (size_t)header->sections[KILN_SECTION_TEXTURES].count;
+    scene->mesh_count = (size_t)header->sections[KILN_SECTION_MESHES].count;
+    scene->object_count = (size_t)header->sections[KILN_SECTION_OBJECTS].count;
+    scene->light_count = (size_t)header->sections[KILN_SECTION_LIGHTS].count;
+    scene->camera_count = (size_t)header->sections[KILN_SECTION_CAMERAS].count;
+    scene->vertex_count = (size_t)header->sections[KILN_SECTION_POSITIONS].count;
+    scene->triangle_count = (size_t)header->sections[KILN_SECTION_TRIANGLES].count;
+    scene->source_count = (size_t)header->sections[KILN_SECTION_SOURCES].count;
+    scene->note_count = (size_t)header->sections[KILN_SECTION_NOTES].count;
+}
+
+static int map_file(struct kiln_scene *scene, const char *path, void **base, struct kiln_error *error)
+{
+    /* Without O_NONBLOCK a FIFO of that name would hold the program for ever. */
+    scene->descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (scene->descriptor < 0)
+        return kiln_fail_errno(error, 0, "%s: the scene file cannot be opened", path);
+    struct stat status;
+    if (fstat(scene->descriptor, &status) != 0)
+        return kiln_fail_errno(error, 0, "%s: the scene file cannot be examined", path);
+    if (!S_ISREG(status.st_mode))
+        return kiln_fail(error, KILN_BAD_INPUT, "%s: not a regular file", path);
+    if ((uint64_t)status.st_size < sizeof(struct kiln_scene_header))
+        return kiln_fail(error, KILN_BAD_INPUT, "%s: not a kiln scene file: %lld bytes are less than a header", path,
+                         (long long)status.st_size);
+    *base = mmap(NULL, (size_t)status.st_size, PROT_READ, MAP_SHARED, scene->descriptor, 0);
+    if (*base == MAP_FAILED)
+        return kiln_fail_errno(error, KILN_SYSTEM, "%s: the scene file of %lld bytes cannot be mapped", path, (long long)status.st_size);
+    scene->mapped_bytes = (size_t)status.st_size;
+    scene->header = *base;
+    return KILN_OK;
+}
+
+int kiln_scene_open(struct kiln_scene **result, const char *path, struct kiln_error *error)
+{
+    struct kiln_scene *scene = NULL;
+    int status = kiln_allocate(&scene, 1, sizeof *scene, "the scene", error);
+    if (status != KILN_OK)
+        return status;
+    scene->descriptor = -1;
+    void *base = NULL;
+    status = map_file(scene, path, &base, error);
+    if (status != KILN_OK)
+        goto done;
+    const struct check check = {scene, path, error};
+    status = check_header(&check, scene->header, scene->mapped_bytes);
+    if (status != KILN_OK)
+        goto done;
+    uint64_t hash[2];
+    kiln_scene_content_hash(scene->header, scene->header + 1, hash);
+    if (memcmp(hash, scene->header->content_hash, sizeof hash) != 0) {
+        status = damaged(&check, "its bytes do not match its hash");
+        goto done;
+    }
+    set_pointers(scene, base);
+    status = check_contents(&check);
+done:
+    if (status != KILN_OK)
+        kiln_scene_close(&scene);
+    *result = scene;
+    return status;
+}
+
+void kiln_scene_close(struct kiln_scene **pointer)
+{
+    struct kiln_scene *scene = *pointer;
+    if (scene == NULL)
+        return;
+    if (scene->header != NULL)
+        (void)munmap((void *)(uintptr_t)scene->header, scene->mapped_bytes);
+    if (scene->descriptor >= 0)
+        (void)close(scene->descriptor);
+    kiln_free(pointer);
+}
