@@ -35,6 +35,7 @@ struct kiln_job {
     char *instruction_set; /* NULL: the best that all ranks have */
 
     /* transport */
+    char *quality; /* draft | preview | production | reference: what the sample counts start from */
     char *method; /* cells */
     int64_t bounces; /* indirect bounces; -1: as many as there is energy for, and a tail */
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */

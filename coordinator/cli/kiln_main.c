@@ -1,0 +1,173 @@
+/* From the command line to a command and back to an exit code. */
+#include <errno.h>
+#include <jansson.h>
+#include <mpi.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "coordinator/cli/agree.h"
+#include "coordinator/cli/options.h"
+
+/* What the launcher says before MPI is started: Open MPI's mpirun, PMIx (srun --mpi=pmix), Slurm. Alone: rank 0 of 1. */
+static long launcher(const char *open_mpi, const char *pmix, const char *slurm, long fallback)
+{
+    const char *const names[] = {open_mpi, pmix, slurm};
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        const char *text = names[i] != NULL ? getenv(names[i]) : NULL;
+        char *end = NULL;
+        const long value = text != NULL ? strtol(text, &end, 10) : 0;
+        if (text != NULL && end != text && *end == '\0' && value >= 0)
+            return value;
+    }
+    return fallback;
+}
+
+static bool has_argument(int argc, char **argv, const char *text)
+{
+    for (int i = 1; i < argc && strcmp(argv[i], "--") != 0; i++)
+        if (strcmp(argv[i], text) == 0)
+            return true;
+    return false;
+}
+
+static void print_error(int status, const struct kiln_error *error, bool json)
+{
+    const char *sentence = error->message[0] != '\0' ? error->message : "failed without saying why; this is a bug of kiln";
+    (void)fprintf(stderr, "kiln: error: %s\n", sentence);
+    if (!json)
+        return;
+    json_t *message = json_string(sentence);
+    if (message == NULL) /* a name in it is not UTF-8 */
+        message = json_string("the sentence on stderr is not UTF-8");
+    json_t *object = json_pack("{s:s, s:i, s:o}", "status", "error", "code", status, "message", message);
+    if (object != NULL && json_dumpf(object, stdout, JSON_COMPACT) == 0)
+        (void)fputc('\n', stdout);
+    json_decref(object);
+}
+
+/* Looked at before anything is started, so that a misspelt path is answered at once. The reader looks again. */
+static int check_scene(const struct kiln_job *job, struct kiln_error *error)
+{
+    struct stat status;
+    if (job->scene == NULL)
+        return KILN_OK;
+    if (stat(job->scene, &status) != 0)
+        return kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "cannot read scene %.500s", job->scene);
+    if (S_ISDIR(status.st_mode))
+        return kiln_fail(error, KILN_BAD_INPUT, "scene %.500s is a folder; name the .glb, .gltf or .obj file in it", job->scene);
+    if (!S_ISREG(status.st_mode))
+        return kiln_fail(error, KILN_BAD_INPUT, "scene %.500s is not a regular file", job->scene);
+    if (access(job->scene, R_OK) != 0)
+        return kiln_fail_errno(error, 0, "cannot read scene %.500s", job->scene);
+    return KILN_OK;
+}
+
+static int prepare(struct kiln_job **job, int argc, char **argv, struct kiln_error *error)
+{
+    const int status = kiln_job_parse(job, argc, argv, error);
+    return status != KILN_OK ? status : check_scene(*job, error);
+}
+
+/* Output that could not be written is a failure, however well the command went. */
+static int flush_output(int status, struct kiln_error *error)
+{
+    if (fflush(stdout) == 0 && ferror(stdout) == 0)
+        return status;
+    return status != KILN_OK ? status : kiln_fail_errno(error, KILN_IO, "cannot write to stdout");
+}
+
+static int run_alone(int argc, char **argv, const struct kiln_command *command, struct kiln_error *error)
+{
+    struct kiln_job *job = NULL;
+    int status = prepare(&job, argc, argv, error);
+    if (status == KILN_OK)
+        status = flush_output(command->run(job, error), error);
+    kiln_job_destroy(&job);
+    return status;
+}
+
+/* Under a launcher MPI starts before the job is read, so that ranks of different minds can tell each other. Alone a wrong
+ * command line is answered without it. */
+static int run_with_mpi(int argc, char **argv, const struct kiln_command *command, bool many, int *rank, struct kiln_error *error)
+{
+    struct kiln_job *job = NULL;
+    int status = many ? KILN_OK : prepare(&job, argc, argv, error), provided = MPI_THREAD_SINGLE;
+    if (status != KILN_OK)
+        goto end;
+    if (MPI_Init_thread(NULL, NULL, MPI_THREAD_FUNNELED, &provided) != MPI_SUCCESS) {
+        status = kiln_fail(error, KILN_SITE, "MPI does not start; check the installation of Open MPI");
+        goto end;
+    }
+    (void)MPI_Comm_rank(MPI_COMM_WORLD, rank);
+    if (provided < MPI_THREAD_FUNNELED)
+        status = kiln_fail(error, KILN_SITE, "this MPI library does not work beside threads (MPI_THREAD_FUNNELED is needed)");
+    else if (many)
+        status = prepare(&job, argc, argv, error);
+    status = kiln_agree(MPI_COMM_WORLD, status, error);
+    if (status == KILN_OK)
+        status = kiln_agree(MPI_COMM_WORLD, flush_output(command->run(job, error), error), error);
+    (void)MPI_Finalize();
+end:
+    kiln_job_destroy(&job);
+    return status;
+}
+
+/* Help and version need no job. Returns false when the command line asks for neither. */
+static bool answer_help(int argc, char **argv, int rank, int *status, struct kiln_error *error)
+{
+    const bool help = argc < 2 || strcmp(argv[1], "help") == 0 || has_argument(argc, argv, "--help") || has_argument(argc, argv, "-h");
+    const bool version = !help && has_argument(argc, argv, "--version");
+    if (!help && !version)
+        return false;
+    *status = KILN_OK;
+    if (rank != 0)
+        return true;
+    if (version) {
+        (void)printf("kiln %s\n", KILN_VERSION);
+        *status = flush_output(KILN_OK, error);
+        return true;
+    }
+    const char *name = NULL;
+    for (int i = 1; i < argc && name == NULL; i++)
+        if (argv[i][0] != '-' && (i > 1 || strcmp(argv[i], "help") != 0))
+            name = argv[i];
+    const struct kiln_command *command = name != NULL ? kiln_command_find(name) : NULL;
+    if (name != NULL && command == NULL) {
+        *status = kiln_fail(error, KILN_USAGE, "unknown command '%.200s'; the nearest one is '%s' (kiln --help lists all)", name,
+                            kiln_command_nearest(name));
+        return true;
+    }
+    /* Without any argument the screen is shown too, but nothing was done. */
+    kiln_help(argc < 2 ? stderr : stdout, command);
+    *status = argc < 2 ? kiln_fail(error, KILN_USAGE, "no command given") : flush_output(KILN_OK, error);
+    return true;
+}
+
+int kiln_main(int argc, char **argv)
+{
+    if (argc > 1 && strcmp(argv[1], "import-child") == 0)
+        return kiln_import_child(argc, argv);
+    struct kiln_error error = {{0}};
+    int status = KILN_OK;
+    const bool many = launcher("OMPI_COMM_WORLD_SIZE", NULL, "SLURM_NTASKS", 1) > 1;
+    int rank = (int)launcher("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "SLURM_PROCID", 0);
+    if (!answer_help(argc, argv, rank, &status, &error)) {
+        const struct kiln_command *command = kiln_command_find(argv[1]);
+        if (command != NULL && command->mpi)
+            status = run_with_mpi(argc, argv, command, many, &rank, &error);
+        else if (rank != 0)
+            status = KILN_OK; /* one process does it */
+        else if (command == NULL)
+            status = kiln_fail(&error, KILN_USAGE, "unknown command '%.200s'; the nearest one is '%s' (kiln --help lists all)", argv[1],
+                               kiln_command_nearest(argv[1]));
+        else
+            status = run_alone(argc, argv, command, &error);
+    }
+    if (status != KILN_OK && rank == 0) {
+        print_error(status, &error, has_argument(argc, argv, "--json"));
+        (void)fflush(stdout);
+    }
+    return status;
+}

@@ -1,0 +1,268 @@
+#include "coordinator/cli/options.h"
+
+#include <string.h>
+
+#define ARRAY_COUNT(array) (sizeof(array) / sizeof(array)[0])
+#define AT(member) offsetof(struct kiln_job, member)
+
+static const char *const backends[] = {"auto", "embree", NULL};
+static const char *const methods[] = {"cells", NULL};
+static const char *const schedules[] = {"lean", "equal", NULL}; /* in the order of enum kiln_schedule */
+static const char *const partitions[] = {"cells", "objects", NULL};
+static const char *const qualities[] = {"draft", "preview", "production", "reference", NULL};
+static const char *const instruction_sets[] = {"sse2", "sse4.2", "avx", "avx2", "avx512", NULL};
+
+enum {
+    READS_SCENE = KILN_FOR_BAKE | KILN_FOR_PLAN | KILN_FOR_INFO | KILN_FOR_CHECK | KILN_FOR_BENCH,
+    TRACES = KILN_FOR_BAKE | KILN_FOR_BENCH,
+    TRACES_OR_PLANS = TRACES | KILN_FOR_PLAN
+};
+
+#define MOST_SAMPLES 1048576.0
+
+const struct kiln_option kiln_options[] = {
+    {.name = "output", .group = "Files", .kind = KILN_OPTION_PATH, .value = "PATH",
+     .help = "where the result goes, also -o; bake: a folder, by default SCENE-bake; others: a file",
+     .commands = KILN_FOR_BAKE | KILN_FOR_VIEW | KILN_FOR_GENERATE | KILN_FOR_REPORT | KILN_FOR_BENCH, .offset = AT(output)},
+    {.name = "force", .group = "Files", .kind = KILN_OPTION_FLAG, .fallback = "false",
+     .help = "replace what is there already", .commands = KILN_FOR_BAKE, .offset = AT(force)},
+    {.name = "environment", .group = "Light", .kind = KILN_OPTION_ENVIRONMENT, .value = "none|R,G,B|IMAGE",
+     .shown = "the scene's own", .help = "light from outside: constant radiance, or a lat-long .hdr or .exr",
+     .commands = READS_SCENE, .offset = AT(environment)},
+    {.name = "environment-scale", .group = "Light", .kind = KILN_OPTION_DOUBLE, .value = "FACTOR", .fallback = "1", .minimum = 0,
+     .maximum = 1e12, .help = "multiplies the environment's radiance", .commands = READS_SCENE, .offset = AT(environment_scale)},
+    {.name = "environment-rotation", .group = "Light", .kind = KILN_OPTION_DOUBLE, .value = "DEGREES", .fallback = "0",
+     .minimum = -3600, .maximum = 3600, .help = "turns the environment about the upward axis", .commands = READS_SCENE,
+     .offset = AT(environment_rotation)},
+
+    {.name = "backend", .group = "Where it runs", .kind = KILN_OPTION_CHOICE, .fallback = "auto", .choices = backends,
+     .refusal = KILN_NO_DEVICE, .help = "what traces the rays", .commands = TRACES | KILN_FOR_VIEW, .offset = AT(backend)},
+    {.name = "threads", .group = "Where it runs", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "auto", .word = "auto",
+     .minimum = 1, .maximum = 4096, .help = "threads a rank; auto: the cores it may use, shared with the node's ranks",
+     .commands = TRACES | KILN_FOR_VIEW, .offset = AT(threads)},
+    {.name = "instruction-set", .group = "Where it runs", .kind = KILN_OPTION_CHOICE, .shown = "the best all ranks have",
+     .choices = instruction_sets, .refusal = KILN_NO_DEVICE, .help = "holds Embree to one; the same one gives the same bits",
+     .commands = TRACES | KILN_FOR_VIEW, .offset = AT(instruction_set)},
+
+    {.name = "quality", .group = "Light transport", .kind = KILN_OPTION_CHOICE, .fallback = "preview", .choices = qualities,
+     .help = "sets the sample counts, before any that are given one by one", .commands = TRACES_OR_PLANS, .offset = AT(quality)},
+    {.name = "method", .group = "Light transport", .kind = KILN_OPTION_CHOICE, .fallback = "cells", .choices = methods,
+     .help = "radiance cells: all surface points gather, bounce by bounce", .commands = TRACES_OR_PLANS, .offset = AT(method)},
+    {.name = "bounces", .group = "Light transport", .kind = KILN_OPTION_INT64, .value = "N", .fallback = "all", .word = "all",
+     .word_value = -1, .minimum = 0, .maximum = 10000, .help = "indirect bounces; all: while they carry energy, then a tail",
+     .commands = TRACES_OR_PLANS, .offset = AT(bounces)},
+    {.name = "tail", .group = "Light transport", .kind = KILN_OPTION_FLAG, .fallback = "false", .shown = "with --bounces all",
+     .help = "add what later bounces would bring, as a geometric series", .commands = TRACES_OR_PLANS, .offset = AT(tail)},
+    {.name = "schedule", .group = "Light transport", .kind = KILN_OPTION_CHOICE_ENUM, .fallback = "lean", .choices = schedules,
+     .help = "lean: cheap bounces, one final gather; equal: samples-indirect in each bounce", .commands = TRACES_OR_PLANS,
+     .offset = AT(schedule)},
+    {.name = "samples-direct", .group = "Light transport", .kind = KILN_OPTION_UINT32, .value = "N", .shown = "by --quality",
+     .minimum = 1, .maximum = MOST_SAMPLES, .help = "rays to lights a texel", .commands = TRACES_OR_PLANS,
+     .offset = AT(samples_direct)},
+    {.name = "samples-bounce", .group = "Light transport", .kind = KILN_OPTION_UINT32, .value = "N", .shown = "by --quality",
+     .minimum = 1, .maximum = MOST_SAMPLES, .help = "gather rays a texel in each bounce", .commands = TRACES_OR_PLANS,
+     .offset = AT(samples_bounce)},
+    {.name = "samples-indirect", .group = "Light transport", .kind = KILN_OPTION_UINT32, .value = "N", .shown = "by --quality",
+     .minimum = 1, .maximum = MOST_SAMPLES, .help = "gather rays a texel in the final gather", .commands = TRACES_OR_PLANS,
+     .offset = AT(samples_indirect)},
+    {.name = "seed", .group = "Light transport", .kind = KILN_OPTION_UINT64, .value = "N", .fallback = "0", .maximum = 0x1p64,
+     .help = "of the random numbers", .commands = TRACES | KILN_FOR_PLAN | KILN_FOR_GENERATE, .offset = AT(seed)},
+
+    {.name = "texels-per-metre", .group = "Lightmaps", .kind = KILN_OPTION_DOUBLE, .value = "X", .fallback = "auto", .word = "auto",
+     .minimum = 1e-12, .maximum = 1e12, .help = "density; auto: about 2^18 texels in the scene", .commands = READS_SCENE,
+     .offset = AT(texels_per_metre)},
+    {.name = "lightmap-size", .group = "Lightmaps", .kind = KILN_OPTION_UINT32, .value = "TEXELS", .fallback = "auto", .word = "auto",
+     .minimum = 1, .maximum = 32768, .help = "every lightmap N x N; auto: by density", .commands = READS_SCENE,
+     .offset = AT(lightmap_size)},
+    {.name = "lightmap-max", .group = "Lightmaps", .kind = KILN_OPTION_UINT32, .value = "TEXELS", .fallback = "4096", .minimum = 1,
+     .maximum = 32768, .help = "the longest side a lightmap may have", .commands = READS_SCENE, .offset = AT(lightmap_max)},
+    {.name = "half", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "false",
+     .help = "half floats, where nothing overflows", .commands = KILN_FOR_BAKE, .offset = AT(half)},
+    {.name = "stitch", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "true",
+     .help = "smooth the seams between charts of an object", .commands = KILN_FOR_BAKE, .offset = AT(stitch)},
+    {.name = "error-map", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "false",
+     .help = "keep each texel's standard error as a layer", .commands = KILN_FOR_BAKE, .offset = AT(error_map)},
+    {.name = "preview", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "true", .help = "write preview.png",
+     .commands = KILN_FOR_BAKE, .offset = AT(preview)},
+
+    {.name = "cell-size", .group = "Cells and probes", .kind = KILN_OPTION_DOUBLE, .value = "METRES", .fallback = "auto", .word = "auto",
+     .minimum = 1e-12, .maximum = 1e12, .help = "side of a radiance cell", .commands = TRACES_OR_PLANS, .offset = AT(cell_size)},
+    {.name = "partition", .group = "Cells and probes", .kind = KILN_OPTION_CHOICE_FLAG, .fallback = "cells", .choices = partitions,
+     .help = "what is dealt out to the ranks as a whole", .commands = TRACES_OR_PLANS, .offset = AT(partition_objects)},
+    {.name = "probe-spacing", .group = "Cells and probes", .kind = KILN_OPTION_DOUBLE, .value = "METRES", .fallback = "auto",
+     .word = "auto", .minimum = 1e-12, .maximum = 1e12, .help = "between probes of the irradiance volume",
+     .commands = TRACES_OR_PLANS, .offset = AT(probe_spacing)},
+    {.name = "samples-probe", .group = "Cells and probes", .kind = KILN_OPTION_UINT32, .value = "N", .shown = "by --quality",
+     .minimum = 0, .maximum = MOST_SAMPLES, .help = "rays a probe; 0: no volume", .commands = TRACES_OR_PLANS,
+     .offset = AT(samples_probe)},
+
+    {.name = "camera", .group = "View", .kind = KILN_OPTION_STRING, .value = "NAME", .shown = "the first",
+     .help = "a camera of the scene", .commands = KILN_FOR_VIEW, .offset = AT(camera)},
+    {.name = "from", .group = "View", .kind = KILN_OPTION_POINT, .value = "X,Y,Z", .shown = "the camera's",
+     .help = "where the eye is, metres", .commands = KILN_FOR_VIEW, .offset = AT(from)},
+    {.name = "to", .group = "View", .kind = KILN_OPTION_POINT, .value = "X,Y,Z", .shown = "the camera's",
+     .help = "what it looks at, metres", .commands = KILN_FOR_VIEW, .offset = AT(to)},
+    {.name = "field-of-view", .group = "View", .kind = KILN_OPTION_DOUBLE, .value = "DEGREES", .fallback = "auto", .word = "auto",
+     .minimum = 0.001, .maximum = 179, .help = "vertical angle; auto: the camera's, or 45", .commands = KILN_FOR_VIEW,
+     .offset = AT(field_of_view)},
+    {.name = "width", .group = "View", .kind = KILN_OPTION_UINT32, .value = "PIXELS", .fallback = "auto", .word = "auto", .minimum = 1,
+     .maximum = 32768, .help = "of the image", .commands = KILN_FOR_VIEW, .offset = AT(width)},
+    {.name = "height", .group = "View", .kind = KILN_OPTION_UINT32, .value = "PIXELS", .fallback = "auto", .word = "auto", .minimum = 1,
+     .maximum = 32768, .help = "of the image", .commands = KILN_FOR_VIEW, .offset = AT(height)},
+    {.name = "exposure", .group = "View", .kind = KILN_OPTION_DOUBLE, .value = "STOPS", .fallback = "0", .minimum = -100, .maximum = 100,
+     .help = "brighter by powers of two", .commands = KILN_FOR_VIEW | KILN_FOR_BAKE, .offset = AT(exposure)},
+
+    {.name = "ranks", .group = "Plan", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "1", .minimum = 1, .maximum = 1048576,
+     .help = "how many ranks to plan for", .commands = KILN_FOR_PLAN, .offset = AT(ranks)},
+    {.name = "node-memory", .group = "Plan", .kind = KILN_OPTION_DOUBLE, .value = "GIB", .fallback = "auto", .word = "auto",
+     .minimum = 1e-3, .maximum = 1e9, .help = "memory of a node; auto: this machine's", .commands = KILN_FOR_PLAN,
+     .offset = AT(node_memory)},
+    {.name = "node-bandwidth", .group = "Plan", .kind = KILN_OPTION_DOUBLE, .value = "GB/S", .fallback = "1.25", .minimum = 1e-6,
+     .maximum = 1e6, .help = "of the network between nodes", .commands = KILN_FOR_PLAN, .offset = AT(node_bandwidth)},
+    {.name = "node-latency", .group = "Plan", .kind = KILN_OPTION_DOUBLE, .value = "MICROSECONDS", .fallback = "30", .minimum = 0,
+     .maximum = 1e9, .help = "of the network between nodes", .commands = KILN_FOR_PLAN, .offset = AT(node_latency)},
+
+    {.name = "triangles", .group = "Generate", .kind = KILN_OPTION_UINT64, .value = "N", .fallback = "auto", .word = "auto",
+     .minimum = 1, .maximum = 1e9, .help = "about how many (city, cornell-statue)", .commands = KILN_FOR_GENERATE,
+     .offset = AT(triangles)},
+    {.name = "columns", .group = "Generate", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "auto", .word = "auto",
+     .minimum = 1, .maximum = 10000, .help = "rooms or lights along x (rooms, lights)", .commands = KILN_FOR_GENERATE,
+     .offset = AT(columns)},
+    {.name = "rows", .group = "Generate", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "auto", .word = "auto", .minimum = 1,
+     .maximum = 10000, .help = "rooms or lights along z (rooms, lights)", .commands = KILN_FOR_GENERATE, .offset = AT(rows)},
+    {.name = "albedo", .group = "Generate", .kind = KILN_OPTION_DOUBLE, .value = "SHARE", .fallback = "0.5", .minimum = 0,
+     .maximum = 0.999, .help = "of the furnace's walls", .commands = KILN_FOR_GENERATE, .offset = AT(albedo)},
+
+    {.name = "repeats", .group = "Bench", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "5", .minimum = 1, .maximum = 1000,
+     .help = "runs of each measurement; the median counts", .commands = KILN_FOR_BENCH, .offset = AT(repeats)},
+
+    {.name = "json", .group = "Talking", .kind = KILN_OPTION_FLAG, .fallback = "false",
+     .help = "one JSON object on stdout at the end", .commands = KILN_FOR_ALL, .offset = AT(json)},
+    {.name = "quiet", .group = "Talking", .kind = KILN_OPTION_FLAG, .fallback = "false", .help = "errors only, no progress",
+     .commands = KILN_FOR_ALL, .offset = AT(quiet)},
+    {.name = "verbose", .group = "Talking", .kind = KILN_OPTION_FLAG, .fallback = "false", .help = "more about each step",
+     .commands = KILN_FOR_ALL, .offset = AT(verbose)},
+};
+const size_t kiln_option_count = ARRAY_COUNT(kiln_options);
+
+const struct kiln_quality kiln_qualities[] = {
+    {"draft", 16, 4, 32, 16},
+    {"preview", 64, 8, 128, 64},
+    {"production", 256, 16, 512, 256},
+    {"reference", 1024, 64, 4096, 1024},
+};
+const size_t kiln_quality_count = ARRAY_COUNT(kiln_qualities);
+
+const struct kiln_command kiln_commands[] = {
+    {.name = "bake", .bit = KILN_FOR_BAKE, .arguments = "SCENE|JOB.yaml", .minimum = 1, .maximum = 1, .scene = true, .mpi = true,
+     .summary = "bake lightmaps and an irradiance volume", .run = kiln_command_bake,
+     .examples = {"kiln bake room.glb -o out", "kiln bake jobs/cornell.yaml --quality production",
+                  "kiln bake house.glb --texels-per-metre 20 --environment sky.hdr",
+                  "mpirun -n 4 --bind-to none kiln bake room.glb -o out"}},
+    {.name = "plan", .bit = KILN_FOR_PLAN, .arguments = "SCENE|JOB.yaml", .minimum = 1, .maximum = 1, .scene = true,
+     .summary = "cells, balance, memory and time, without baking", .run = kiln_command_plan,
+     .examples = {"kiln plan room.glb --ranks 16", "kiln plan jobs/cornell.yaml --ranks 4 --json"}},
+    {.name = "info", .bit = KILN_FOR_INFO, .arguments = "SCENE|JOB.yaml", .minimum = 1, .maximum = 1, .scene = true,
+     .summary = "what the importer sees in a scene", .run = kiln_command_info,
+     .examples = {"kiln info room.glb", "kiln info room.glb --lightmap-size 512 --json"}},
+    {.name = "check", .bit = KILN_FOR_CHECK, .arguments = "SCENE|JOB.yaml", .minimum = 1, .maximum = 1, .scene = true,
+     .summary = "every problem of a scene, with place and severity", .run = kiln_command_check,
+     .examples = {"kiln check room.glb", "kiln check room.glb --json"}},
+    {.name = "view", .bit = KILN_FOR_VIEW, .arguments = "DIR", .minimum = 1, .maximum = 1,
+     .summary = "render a picture from a bake", .run = kiln_command_view,
+     .examples = {"kiln view out -o view.png", "kiln view out --from 1,1.5,3 --to 0,1,0 --width 1280 --height 720",
+                  "kiln view out -o view.exr"}},
+    {.name = "compare", .bit = KILN_FOR_COMPARE, .arguments = "A B", .minimum = 2, .maximum = 2,
+     .summary = "how far one result is from another", .run = kiln_command_compare,
+     .examples = {"kiln compare out reference", "kiln compare a.exr b.exr --json"}},
+    {.name = "probe", .bit = KILN_FOR_PROBE, .arguments = "DIR X Y Z [NX NY NZ]", .minimum = 4, .maximum = 7,
+     .summary = "irradiance at a point, from the volume", .run = kiln_command_probe,
+     .examples = {"kiln probe out 0.2 1.5 -0.3", "kiln probe out 0.2 1.5 -0.3 0 1 0 --json"}},
+    {.name = "generate", .bit = KILN_FOR_GENERATE, .arguments = "NAME", .minimum = 0, .maximum = 1,
+     .summary = "make a scene: cornell, furnace, city, rooms, ...", .run = kiln_command_generate,
+     .examples = {"kiln generate", "kiln generate cornell -o cornell.glb", "kiln generate city -o city.glb --triangles 1000000",
+                  "kiln generate rooms -o rooms.glb --columns 3 --rows 2"}},
+    {.name = "report", .bit = KILN_FOR_REPORT, .arguments = "DIR", .minimum = 1, .maximum = 1,
+     .summary = "report.html from a bake", .run = kiln_command_report, .examples = {"kiln report out"}},
+    {.name = "bench", .bit = KILN_FOR_BENCH, .arguments = "NAME [SCENE]", .minimum = 1, .maximum = 2,
+     .summary = "measurements on this machine", .run = kiln_command_bench,
+     .examples = {"kiln bench rays room.glb", "kiln bench rays room.glb --repeats 9 --json"}},
+};
+const size_t kiln_command_count = ARRAY_COUNT(kiln_commands);
+
+const struct kiln_option *kiln_option_find(const char *name)
+{
+    for (size_t i = 0; i < kiln_option_count; i++)
+        if (strcmp(kiln_options[i].name, name) == 0)
+            return &kiln_options[i];
+    return NULL;
+}
+
+const struct kiln_command *kiln_command_find(const char *name)
+{
+    for (size_t i = 0; i < kiln_command_count; i++)
+        if (strcmp(kiln_commands[i].name, name) == 0)
+            return &kiln_commands[i];
+    return NULL;
+}
+
+const char *kiln_option_default(const struct kiln_option *option)
+{
+    if (option->shown != NULL)
+        return option->shown;
+    if (option->kind == KILN_OPTION_FLAG)
+        return strcmp(option->fallback, "true") == 0 ? "on" : "";
+    return option->fallback != NULL ? option->fallback : "";
+}
+
+/* Names longer than the table's are cut, which cannot bring a wrong one nearer. */
+size_t kiln_edit_distance(const char *a, const char *b)
+{
+    enum { LIMIT = 48 };
+    const size_t rows = strnlen(a, LIMIT), columns = strnlen(b, LIMIT);
+    size_t distance[LIMIT + 1][LIMIT + 1];
+    for (size_t i = 0; i <= rows; i++)
+        distance[i][0] = i;
+    for (size_t j = 0; j <= columns; j++)
+        distance[0][j] = j;
+    for (size_t i = 1; i <= rows; i++)
+        for (size_t j = 1; j <= columns; j++) {
+            size_t best = distance[i - 1][j - 1] + (a[i - 1] != b[j - 1]);
+            if (distance[i - 1][j] + 1 < best)
+                best = distance[i - 1][j] + 1;
+            if (distance[i][j - 1] + 1 < best)
+                best = distance[i][j - 1] + 1;
+            if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] && distance[i - 2][j - 2] + 1 < best)
+                best = distance[i - 2][j - 2] + 1;
+            distance[i][j] = best;
+        }
+    return distance[rows][columns];
+}
+
+const char *kiln_option_nearest(const char *name, uint32_t commands)
+{
+    const char *nearest = NULL;
+    size_t least = SIZE_MAX;
+    for (size_t i = 0; i < kiln_option_count; i++) {
+        const size_t distance = kiln_edit_distance(name, kiln_options[i].name);
+        if ((kiln_options[i].commands & commands) != 0 && distance < least) {
+            least = distance;
+            nearest = kiln_options[i].name;
+        }
+    }
+    return nearest;
+}
+
+const char *kiln_command_nearest(const char *name)
+{
+    const char *nearest = NULL;
+    size_t least = SIZE_MAX;
+    for (size_t i = 0; i < kiln_command_count; i++) {
+        const size_t distance = kiln_edit_distance(name, kiln_commands[i].name);
+        if (distance < least) {
+            least = distance;
+            nearest = kiln_commands[i].name;
+        }
+    }
+    return nearest;
+}

@@ -1,0 +1,109 @@
+/* The tables of options, quality presets and commands. The command line, the job file reader and `--help` read these and
+ * nothing else: an option that is not here does not exist, and a choice that is not listed here is refused. */
+#ifndef KILN_COORDINATOR_CLI_OPTIONS_H
+#define KILN_COORDINATOR_CLI_OPTIONS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+
+#include "coordinator/cli/commands.h"
+#include "coordinator/cli/job.h"
+
+enum kiln_option_kind {
+    KILN_OPTION_FLAG,        /* bool; --name, --no-name; true or false in a job file */
+    KILN_OPTION_UINT32,      /* whole number */
+    KILN_OPTION_UINT64,      /* whole number */
+    KILN_OPTION_INT64,       /* whole number */
+    KILN_OPTION_DOUBLE,      /* finite number */
+    KILN_OPTION_STRING,      /* any text */
+    KILN_OPTION_PATH,        /* a file or folder; in a job file relative to the job file's folder */
+    KILN_OPTION_ENVIRONMENT, /* none | R,G,B | a path ending in .hdr or .exr */
+    KILN_OPTION_POINT,       /* text "x,y,z" of three finite numbers, metres */
+    KILN_OPTION_CHOICE,      /* one of `choices`, kept as text */
+    KILN_OPTION_CHOICE_ENUM, /* one of `choices`, kept as its index in an enum (int) */
+    KILN_OPTION_CHOICE_FLAG  /* one of two `choices`, kept as bool: false for the first */
+};
+
+enum kiln_command_bit {
+    KILN_FOR_BAKE = 1,
+    KILN_FOR_PLAN = 2,
+    KILN_FOR_INFO = 4,
+    KILN_FOR_CHECK = 8,
+    KILN_FOR_VIEW = 16,
+    KILN_FOR_COMPARE = 32,
+    KILN_FOR_PROBE = 64,
+    KILN_FOR_GENERATE = 128,
+    KILN_FOR_REPORT = 256,
+    KILN_FOR_BENCH = 512,
+    KILN_FOR_ALL = 1023
+};
+
+struct kiln_option {
+    const char *name;  /* "samples-direct": the key of a job file; with "--" before it, the option */
+    const char *group; /* heading in --help */
+    enum kiln_option_kind kind;
+    const char *value;    /* placeholder that carries the unit: "METRES"; NULL for flags and choices */
+    const char *fallback; /* the default, as text that is parsed like a value given; NULL: zero */
+    const char *shown;    /* the default as --help shows it; NULL: `fallback` */
+    double minimum, maximum; /* numbers: both inclusive */
+    const char *word;     /* a word accepted in place of a number, NULL: none */
+    double word_value;    /* what that word stands for */
+    const char *const *choices; /* ends with NULL */
+    int refusal;          /* status for a choice that is not listed; 0: KILN_USAGE, or KILN_BAD_INPUT in a job file */
+    const char *help;     /* one line */
+    uint32_t commands;    /* enum kiln_command_bit, or-ed */
+    size_t offset;        /* in struct kiln_job */
+};
+
+extern const struct kiln_option kiln_options[];
+extern const size_t kiln_option_count;
+
+/* What each --quality sets. */
+struct kiln_quality {
+    const char *name;
+    uint32_t samples_direct, samples_bounce, samples_indirect, samples_probe;
+};
+extern const struct kiln_quality kiln_qualities[];
+extern const size_t kiln_quality_count;
+
+struct kiln_command {
+    const char *name;
+    uint32_t bit;
+    const char *arguments;   /* as shown in usage lines: "SCENE|JOB.yaml" */
+    size_t minimum, maximum; /* how many arguments */
+    bool scene;              /* the first argument is a scene or a job file */
+    bool mpi;                /* runs between MPI_Init and MPI_Finalize */
+    const char *summary;     /* one line */
+    const char *examples[5]; /* command lines, ends with NULL */
+    int (*run)(struct kiln_job *job, struct kiln_error *error);
+};
+extern const struct kiln_command kiln_commands[];
+extern const size_t kiln_command_count;
+
+/* NULL when there is none of that name. */
+const struct kiln_option *kiln_option_find(const char *name);
+const struct kiln_command *kiln_command_find(const char *name);
+
+/* Optimal string alignment distance: how many insertions, deletions, substitutions and swaps of neighbours lie between. */
+size_t kiln_edit_distance(const char *a, const char *b);
+
+/* The known name with the least edit distance from `name`; the first in the table when several are as near. For options only
+ * those with a bit of `commands` count. Never NULL. */
+const char *kiln_option_nearest(const char *name, uint32_t commands);
+const char *kiln_command_nearest(const char *name);
+
+/* How messages and --help call the default of an option; "" where there is none worth naming. */
+const char *kiln_option_default(const struct kiln_option *option);
+
+/* Parses `text` strictly (no trailing characters, no NaN, range checked) and stores it in the job. `where` names the place in
+ * messages ("--threads", "job.yaml:3: threads"); `status` is the code for a value that is refused. Strings are copied and
+ * owned by the job. `folder` (or NULL) is put before relative paths. */
+int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where, int status,
+                    const char *folder, struct kiln_error *error);
+
+/* The screens of `kiln help` (command NULL) and `kiln COMMAND --help`. */
+void kiln_help(FILE *stream, const struct kiln_command *command);
+
+#endif

@@ -1,0 +1,39 @@
+/* What a person at the terminal sees while kiln works: phases, a bar with the time left, and a closing table.
+ *
+ * On a terminal the present phase is one line that is redrawn at most ten times a second and becomes "NAME  TIME" when the phase
+ * ends. Anywhere else a line is printed at most every ten seconds, without control characters. Only rank 0 shows anything.
+ * Not collective; used by one thread. */
+#ifndef KILN_COORDINATOR_CLI_PROGRESS_H
+#define KILN_COORDINATOR_CLI_PROGRESS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+
+struct kiln_progress;
+
+/* NULL, which every function here accepts and which shows nothing, when `quiet` is set, when rank is not 0, or when there is
+ * no memory for it: progress is never a reason to fail. Writes to stderr. */
+struct kiln_progress *kiln_progress_create(bool quiet, int rank);
+
+/* The same with everything given: for tests. `clock` returns seconds. */
+struct kiln_progress *kiln_progress_create_on(FILE *stream, bool terminal, int columns, double (*clock)(void *), void *clock_data);
+
+/* Ends the phase before and begins one of `total` units (0: unknown, no bar and no time left). `name` is copied. */
+void kiln_progress_phase(struct kiln_progress *progress, const char *name, uint64_t total);
+/* `done` units of the present phase are finished, counted from its begin. Cheap: looks at the clock, seldom prints. */
+void kiln_progress_advance(struct kiln_progress *progress, uint64_t done);
+/* Ends the last phase. */
+void kiln_progress_finish(struct kiln_progress *progress);
+/* Takes the unfinished line off the terminal, so that a message can follow. Accepts a NULL inside; sets NULL. */
+void kiln_progress_destroy(struct kiln_progress **progress);
+
+/* Prints `rows` rows of `columns` cells (row by row; NULL is empty) in aligned columns, two blanks between, no blanks at line
+ * ends. Bit i of `right` aligns column i to the right. Width is counted in UTF-8 characters. */
+void kiln_table_print(FILE *stream, const char *const *cells, size_t rows, size_t columns, uint32_t right);
+
+/* Writes seconds for people: "0.35 s", "12.3 s", "3 min 05 s", "2 h 07 min". Returns `text`. */
+char *kiln_duration_text(double seconds, char *text, size_t size);
+
+#endif
