@@ -1,0 +1,329 @@
+#include "worker/scene/geometry.h"
+
+#include <float.h>
+#include <stdbool.h>
+
+#include "worker/base/memory.h"
+
+enum { CHUNK = 1 << 16 }; /* triangles or vertices one thread takes at a time, so that one large mesh keeps all threads busy */
+
+/* Scratch of kiln_geometry_create. */
+struct expansion {
+    const struct kiln_scene *scene;
+    struct kiln_geometry *geometry;
+    float *alpha_floor;    /* material: the least alpha its factor and texture can give */
+    float *alpha_limit;    /* material: a triangle whose alpha may be at or below it (MASK) or below it (BLEND) is no opaque one */
+    uint64_t *mesh_chunk;  /* mesh: its first chunk of triangles; one more at the end */
+    uint64_t *chunk_alpha; /* chunk: alpha triangles of the mesh before it */
+    uint64_t *mesh_alpha;  /* mesh: its alpha triangles */
+    uint64_t *object_triangle_chunk, *object_vertex_chunk; /* object: its first work item; one more at the end */
+    uint64_t *object_vertex;                               /* object: its first world vertex; one more at the end */
+};
+
+static uint64_t chunks_of(uint64_t count) { return (count + CHUNK - 1) / CHUNK; }
+
+/* The last index whose `first` is at most `item`: with equal entries (empty runs) that is the run that holds the item. */
+static size_t run_of(const uint64_t *first, size_t count, uint64_t item)
+{
+    size_t low = 0, high = count;
+    while (high - low > 1) {
+        const size_t middle = low + (high - low) / 2;
+        if (first[middle] <= item)
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+static uint8_t lowest_texture_alpha(const struct kiln_scene *scene, uint32_t index)
+{
+    const struct kiln_texture *texture = &scene->textures[index];
+    const uint8_t *texel = scene->texels + texture->first;
+    const uint64_t count = (uint64_t)texture->width * texture->height;
+    uint8_t lowest = 255;
+    for (uint64_t i = 0; i < count && lowest > 0; i++)
+        lowest = texel[4 * i + 3] < lowest ? texel[4 * i + 3] : lowest;
+    return lowest;
+}
+
+static void find_alpha_limits(struct expansion *e)
+{
+    const struct kiln_scene *scene = e->scene;
+#pragma omp parallel for schedule(dynamic)
+    for (size_t m = 0; m < scene->material_count; m++) {
+        const struct kiln_material *material = &scene->materials[m];
+        e->alpha_limit[m] = -1.0f;
+        e->alpha_floor[m] = 1.0f;
+        if (material->alpha_mode == KILN_ALPHA_OPAQUE)
+            continue;
+        e->alpha_limit[m] = material->alpha_mode == KILN_ALPHA_MASK ? material->alpha_cutoff : nextafterf(1.0f, 0.0f);
+        e->alpha_floor[m] = material->base_color[3];
+        if (material->base_color_texture != KILN_NONE)
+            e->alpha_floor[m] *= (float)lowest_texture_alpha(scene, material->base_color_texture) / 255.0f;
+    }
+}
+
+static bool is_alpha(const struct expansion *e, const struct kiln_mesh *mesh, uint64_t triangle)
+{
+    const uint32_t material = e->scene->triangle_materials[triangle];
+    const float limit = e->alpha_limit[material];
+    if (limit < 0.0f)
+        return false;
+    uint8_t lowest = 255;
+    for (int c = 0; c < 3; c++) {
+        const uint64_t vertex = mesh->vertex_first + e->scene->triangles[3 * triangle + (uint64_t)c];
+        const uint8_t alpha = e->scene->colors[4 * vertex + 3];
+        lowest = alpha < lowest ? alpha : lowest;
+    }
+    return e->alpha_floor[material] * ((float)lowest / 255.0f) <= limit;
+}
+
+/* Counts the alpha triangles of each mesh and of its chunks, so that chunks can be expanded independently. */
+static void count_alpha(struct expansion *e)
+{
+    const struct kiln_scene *scene = e->scene;
+    const uint64_t chunk_count = e->mesh_chunk[scene->mesh_count];
+#pragma omp parallel for schedule(dynamic)
+    for (uint64_t chunk = 0; chunk < chunk_count; chunk++) {
+        const size_t m = run_of(e->mesh_chunk, scene->mesh_count, chunk);
+        const struct kiln_mesh *mesh = &scene->meshes[m];
+        const uint64_t first = (chunk - e->mesh_chunk[m]) * CHUNK;
+        const uint64_t last = first + CHUNK < mesh->triangle_count ? first + CHUNK : mesh->triangle_count;
+        uint64_t count = 0;
+        for (uint64_t t = first; t < last; t++)
+            count += is_alpha(e, mesh, mesh->triangle_first + t) ? 1 : 0;
+        e->chunk_alpha[chunk] = count;
+    }
+    for (size_t m = 0; m < scene->mesh_count; m++) {
+        uint64_t before = 0;
+        for (uint64_t chunk = e->mesh_chunk[m]; chunk < e->mesh_chunk[m + 1]; chunk++) {
+            const uint64_t count = e->chunk_alpha[chunk];
+            e->chunk_alpha[chunk] = before;
+            before += count;
+        }
+        e->mesh_alpha[m] = before;
+    }
+}
+
+static int plan(struct expansion *e, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = e->scene;
+    struct kiln_geometry *g = e->geometry;
+    uint64_t triangles = 0, vertices = 0, opaque = 0, alpha = 0;
+    for (size_t o = 0; o < scene->object_count; o++) {
+        const uint32_t m = scene->objects[o].mesh;
+        const struct kiln_mesh *mesh = &scene->meshes[m];
+        e->object_triangle_chunk[o + 1] = e->object_triangle_chunk[o] + chunks_of(mesh->triangle_count);
+        e->object_vertex_chunk[o + 1] = e->object_vertex_chunk[o] + chunks_of(mesh->vertex_count);
+        e->object_vertex[o] = vertices;
+        triangles += mesh->triangle_count;
+        vertices += mesh->vertex_count;
+        g->ranges[o].opaque_first = opaque;
+        g->ranges[o].opaque_count = mesh->triangle_count - e->mesh_alpha[m];
+        g->ranges[o].alpha_first = alpha;
+        g->ranges[o].alpha_count = e->mesh_alpha[m];
+        opaque += g->ranges[o].opaque_count;
+        alpha += g->ranges[o].alpha_count;
+        if (triangles >= UINT32_MAX || vertices >= UINT32_MAX || scene->triangle_count >= UINT32_MAX)
+            return kiln_fail(error, KILN_BAD_INPUT,
+                             "the scene has more than %u triangles or vertices once its instances are expanded (object %zu of %zu, "
+                             "'%s', brings them to %llu and %llu): leave out objects or bake it in parts",
+                             UINT32_MAX - 1, o + 1, scene->object_count, kiln_scene_string(scene, scene->objects[o].name),
+                             (unsigned long long)triangles, (unsigned long long)vertices);
+    }
+    e->object_vertex[scene->object_count] = vertices;
+    for (size_t o = 0; o < scene->object_count; o++)
+        g->ranges[o].alpha_first += opaque;
+    g->vertex_count = vertices;
+    g->triangle_count = triangles;
+    g->opaque_count = opaque;
+    return KILN_OK;
+}
+
+/* World positions in double, then relative to the centre, then float: one rounding, of the smaller number. */
+static int place_vertices(struct expansion *e, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = e->scene;
+    const double *centre = scene->header->centre;
+    const uint64_t items = e->object_vertex_chunk[scene->object_count];
+    uint64_t first_bad = UINT64_MAX;
+#pragma omp parallel for schedule(dynamic) reduction(min : first_bad)
+    for (uint64_t item = 0; item < items; item++) {
+        const size_t o = run_of(e->object_vertex_chunk, scene->object_count, item);
+        const double *m = scene->objects[o].transform;
+        const struct kiln_mesh *mesh = &scene->meshes[scene->objects[o].mesh];
+        const uint64_t first = (item - e->object_vertex_chunk[o]) * CHUNK;
+        const uint64_t last = first + CHUNK < mesh->vertex_count ? first + CHUNK : mesh->vertex_count;
+        for (uint64_t v = first; v < last; v++) {
+            const struct kiln_dvec3 p = dvec3_of(scene->positions[mesh->vertex_first + v]);
+            float *out = e->geometry->vertices + 3 * (e->object_vertex[o] + v);
+            for (int row = 0; row < 3; row++) {
+                const double *r = m + 4 * row;
+                out[row] = (float)(r[0] * p.x + r[1] * p.y + r[2] * p.z + (r[3] - centre[row]));
+                if (!(fabsf(out[row]) <= 1e18f) && e->object_vertex[o] + v < first_bad)
+                    first_bad = e->object_vertex[o] + v;
+            }
+        }
+    }
+    if (first_bad == UINT64_MAX)
+        return KILN_OK;
+    const size_t o = run_of(e->object_vertex, scene->object_count, first_bad);
+    return kiln_fail(error, KILN_BAD_INPUT,
+                     "object '%s': vertex %llu of its mesh lies more than 1e18 m from the scene's centre, or nowhere: check the "
+                     "object's transform",
+                     kiln_scene_string(scene, scene->objects[o].name), (unsigned long long)(first_bad - e->object_vertex[o]));
+}
+
+static void expand_triangle(const struct expansion *e, size_t o, uint64_t stored, uint64_t world)
+{
+    const struct kiln_scene *scene = e->scene;
+    const struct kiln_object *object = &scene->objects[o];
+    struct kiln_geometry *g = e->geometry;
+    const uint32_t *corner = scene->triangles + 3 * stored;
+    const uint32_t order[3] = {corner[0], corner[object->flipped ? 2 : 1], corner[object->flipped ? 1 : 2]};
+    struct kiln_hit_record *record = &g->records[world];
+    record->object = (uint32_t)o;
+    const uint32_t m = scene->triangle_materials[stored];
+    const struct kiln_material *material = &scene->materials[m];
+    const bool emits = material->emission[0] > 0.0f || material->emission[1] > 0.0f || material->emission[2] > 0.0f;
+    record->material = m | (material->double_sided ? KILN_RECORD_DOUBLE_SIDED : 0u) | (emits ? KILN_RECORD_EMITS : 0u);
+    g->stored_triangle[world] = (uint32_t)stored;
+    for (uint64_t c = 0; c < 3; c++)
+        g->indices[3 * world + c] = (uint32_t)e->object_vertex[o] + order[c];
+    double texel[3][2];
+    kiln_geometry_texel_corners(scene, g, world, texel);
+    for (int axis = 0; axis < 2; axis++) {
+        record->texel[axis] = (float)texel[0][axis];
+        record->texel[2 + axis] = (float)(texel[1][axis] - texel[0][axis]);
+        record->texel[4 + axis] = (float)(texel[2][axis] - texel[0][axis]);
+    }
+}
+
+static void expand_triangles(struct expansion *e)
+{
+    const struct kiln_scene *scene = e->scene;
+    struct kiln_geometry *g = e->geometry;
+    const uint64_t items = e->object_triangle_chunk[scene->object_count];
+#pragma omp parallel for schedule(dynamic)
+    for (uint64_t item = 0; item < items; item++) {
+        const size_t o = run_of(e->object_triangle_chunk, scene->object_count, item);
+        const uint32_t m = scene->objects[o].mesh;
+        const struct kiln_mesh *mesh = &scene->meshes[m];
+        const uint64_t chunk = item - e->object_triangle_chunk[o];
+        const uint64_t first = chunk * CHUNK;
+        const uint64_t last = first + CHUNK < mesh->triangle_count ? first + CHUNK : mesh->triangle_count;
+        uint64_t alpha = g->ranges[o].alpha_first + e->chunk_alpha[e->mesh_chunk[m] + chunk];
+        uint64_t opaque = g->ranges[o].opaque_first + first - e->chunk_alpha[e->mesh_chunk[m] + chunk];
+        for (uint64_t t = first; t < last; t++) {
+            const uint64_t stored = mesh->triangle_first + t;
+            expand_triangle(e, o, stored, is_alpha(e, mesh, stored) ? alpha++ : opaque++);
+        }
+    }
+}
+
+static void find_bounds(struct kiln_geometry *g)
+{
+    if (g->triangle_count == 0)
+        return;
+    float x0 = FLT_MAX, y0 = FLT_MAX, z0 = FLT_MAX, x1 = -FLT_MAX, y1 = -FLT_MAX, z1 = -FLT_MAX;
+    const size_t count = 3 * g->triangle_count; /* corners, not vertices: a vertex that no triangle uses is not in the scene */
+#pragma omp parallel for reduction(min : x0, y0, z0) reduction(max : x1, y1, z1)
+    for (size_t i = 0; i < count; i++) {
+        const float *p = g->vertices + 3 * (size_t)g->indices[i];
+        x0 = fminf(x0, p[0]), y0 = fminf(y0, p[1]), z0 = fminf(z0, p[2]);
+        x1 = fmaxf(x1, p[0]), y1 = fmaxf(y1, p[1]), z1 = fmaxf(z1, p[2]);
+    }
+    g->bounds_min = vec3(x0, y0, z0);
+    g->bounds_max = vec3(x1, y1, z1);
+    const float x = fmaxf(fabsf(x0), fabsf(x1)), y = fmaxf(fabsf(y0), fabsf(y1)), z = fmaxf(fabsf(z0), fabsf(z1));
+    g->extent = fmaxf(x, fmaxf(y, z));
+}
+
+static int allocate_plan(struct expansion *e, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = e->scene;
+    const char *what = "the expansion of the scene's objects";
+    int status = kiln_allocate(&e->alpha_floor, scene->material_count, sizeof *e->alpha_floor, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&e->alpha_limit, scene->material_count, sizeof *e->alpha_limit, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&e->mesh_chunk, scene->mesh_count + 1, sizeof *e->mesh_chunk, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&e->mesh_alpha, scene->mesh_count, sizeof *e->mesh_alpha, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&e->object_triangle_chunk, scene->object_count + 1, sizeof *e->object_triangle_chunk, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&e->object_vertex_chunk, scene->object_count + 1, sizeof *e->object_vertex_chunk, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&e->object_vertex, scene->object_count + 1, sizeof *e->object_vertex, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&e->geometry->ranges, scene->object_count, sizeof *e->geometry->ranges, what, error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t m = 0; m < scene->mesh_count; m++)
+        e->mesh_chunk[m + 1] = e->mesh_chunk[m] + chunks_of(scene->meshes[m].triangle_count);
+    return kiln_allocate(&e->chunk_alpha, e->mesh_chunk[scene->mesh_count], sizeof *e->chunk_alpha, what, error);
+}
+
+static int allocate_world(struct kiln_geometry *g, struct kiln_error *error)
+{
+    int status = kiln_allocate(&g->vertices, 3 * g->vertex_count + 4, sizeof *g->vertices, "the world's vertices", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&g->indices, 3 * g->triangle_count, sizeof *g->indices, "the world's triangles", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&g->records, g->triangle_count, sizeof *g->records, "the world's hit records", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&g->stored_triangle, g->triangle_count, sizeof *g->stored_triangle, "the world's triangles", error);
+    return status;
+}
+
+int kiln_geometry_create(struct kiln_geometry **geometry, const struct kiln_scene *scene, struct kiln_error *error)
+{
+    struct expansion e = {.scene = scene};
+    *geometry = NULL;
+    int status = kiln_allocate(&e.geometry, 1, sizeof *e.geometry, "the world's geometry", error);
+    if (status == KILN_OK && scene->material_count > (size_t)KILN_RECORD_MATERIAL + 1)
+        status = kiln_fail(error, KILN_BAD_INPUT, "the scene has %zu materials and at most %u are possible: merge equal ones",
+                           scene->material_count, KILN_RECORD_MATERIAL + 1);
+    if (status == KILN_OK)
+        status = allocate_plan(&e, error);
+    if (status == KILN_OK) {
+        find_alpha_limits(&e);
+        count_alpha(&e);
+        status = plan(&e, error);
+    }
+    if (status == KILN_OK)
+        status = allocate_world(e.geometry, error);
+    if (status == KILN_OK)
+        status = place_vertices(&e, error);
+    if (status == KILN_OK) {
+        expand_triangles(&e);
+        find_bounds(e.geometry);
+        *geometry = e.geometry;
+        e.geometry = NULL;
+    }
+    kiln_geometry_destroy(&e.geometry);
+    kiln_free(&e.alpha_floor);
+    kiln_free(&e.alpha_limit);
+    kiln_free(&e.mesh_chunk);
+    kiln_free(&e.chunk_alpha);
+    kiln_free(&e.mesh_alpha);
+    kiln_free(&e.object_triangle_chunk);
+    kiln_free(&e.object_vertex_chunk);
+    kiln_free(&e.object_vertex);
+    return status;
+}
+
+void kiln_geometry_destroy(struct kiln_geometry **geometry)
+{
+    struct kiln_geometry *g = *geometry;
+    if (g == NULL)
+        return;
+    kiln_free(&g->vertices);
+    kiln_free(&g->indices);
+    kiln_free(&g->records);
+    kiln_free(&g->ranges);
+    kiln_free(&g->stored_triangle);
+    kiln_free(geometry);
+}

@@ -1,0 +1,25 @@
+#include "worker/scene/surface.h"
+
+#include "worker/base/memory.h"
+
+void kiln_surface_destroy(struct kiln_surface **surface)
+{
+    struct kiln_surface *s = *surface;
+    if (s == NULL)
+        return;
+    kiln_free(&s->tiles);
+    kiln_free(&s->splits);
+    kiln_free(&s->lightmaps);
+    kiln_free(&s->cell_first);
+    kiln_free(&s->fragments);
+    kiln_free(&s->piece_base);
+    kiln_free(&s->share_base);
+    kiln_free(&s->piece_count);
+    kiln_free(&s->pieces);
+    kiln_free(&s->shares);
+    kiln_free(&s->albedo);
+    kiln_free(&s->area);
+    kiln_free(&s->flags);
+    kiln_free(&s->open);
+    kiln_free(surface);
+}
