@@ -1,0 +1,181 @@
+/* OpenEXR files: what is written is what is read, also at half precision and odd sizes; damaged files are refused. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "coordinator/output/exr.h"
+#include "coordinator/output/publish.h"
+#include "worker/base/memory.h"
+
+static char folder[64];
+
+static int make_folder(void **state)
+{
+    (void)state;
+    (void)snprintf(folder, sizeof folder, "/tmp/kiln-exr-XXXXXX");
+    return mkdtemp(folder) == NULL;
+}
+
+static int remove_folder(void **state)
+{
+    (void)state;
+    return rmdir(folder); /* fails where a temporary file was left */
+}
+
+static struct kiln_image *gradient(uint32_t width, uint32_t height)
+{
+    const char *const names[] = {"R", "G", "B", "direct.R", "error.Y"};
+    struct kiln_image *image = NULL;
+    assert_int_equal(kiln_image_create(&image, width, height, names, 5, NULL), 0);
+    for (size_t c = 0; c < 5; c++)
+        for (size_t i = 0; i < (size_t)width * height; i++)
+            image->channels[c].values[i] = (float)(c + 1) * ldexpf(1.0f + (float)(i % 97) / 97.0f, (int)(i % 21) - 10);
+    return image;
+}
+
+static void check_round_trip(uint32_t width, uint32_t height)
+{
+    char path[128];
+    (void)snprintf(path, sizeof path, "%s/a.exr", folder);
+    struct kiln_image *image = gradient(width, height), *found = NULL;
+    kiln_image_find(image, "error.Y")->half = true;
+    const struct kiln_exr_attribute attributes[] = {{.name = "kiln:units", .kind = KILN_EXR_STRING, .text = "W m-2"},
+                                                    {.name = "kiln:seed", .kind = KILN_EXR_INTEGER, .integer = 7}};
+    struct kiln_error error = {{0}};
+    assert_int_equal(kiln_exr_write(path, image, attributes, 2, &error), 0);
+    assert_int_equal(kiln_exr_read(path, NULL, 0, &found, &error), 0);
+    assert_int_equal(found->width, width);
+    assert_int_equal(found->height, height);
+    assert_int_equal(found->channel_count, 5);
+    for (size_t c = 0; c < 5; c++) {
+        const struct kiln_image_channel *channel = kiln_image_find(found, image->channels[c].name);
+        assert_non_null(channel);
+        assert_int_equal(channel->half, image->channels[c].half);
+        for (size_t i = 0; i < (size_t)width * height; i++) {
+            const float expected = image->channels[c].values[i], tolerance = channel->half ? expected * 0x1p-11f : 0.0f;
+            assert_true(fabsf(channel->values[i] - expected) <= tolerance);
+        }
+    }
+    kiln_image_destroy(&found);
+    const char *const wanted[] = {"G", "nothing"};
+    assert_int_equal(kiln_exr_read(path, wanted, 2, &found, &error), 0);
+    assert_int_equal(found->channel_count, 1);
+    assert_memory_equal(found->channels[0].values, kiln_image_find(image, "G")->values, sizeof(float) * width * height);
+    kiln_image_destroy(&found);
+    kiln_image_destroy(&image);
+    assert_int_equal(unlink(path), 0);
+}
+
+static void test_round_trip(void **state)
+{
+    (void)state;
+    check_round_trip(1, 1);
+    check_round_trip(3, 16);
+    check_round_trip(64, 17);
+    check_round_trip(129, 65);
+}
+
+static void test_half_overflow_is_refused(void **state)
+{
+    (void)state;
+    char path[128];
+    (void)snprintf(path, sizeof path, "%s/half.exr", folder);
+    struct kiln_image *image = gradient(4, 4);
+    struct kiln_image_channel *red = kiln_image_find(image, "R");
+    red->half = true;
+    struct kiln_error error = {{0}};
+    red->values[5] = 65520.0f;
+    assert_int_equal(kiln_exr_write(path, image, NULL, 0, &error), KILN_BUG);
+    assert_non_null(strstr(error.message, "half"));
+    assert_int_equal(access(path, F_OK), -1);
+    red->values[5] = 65519.0f;
+    assert_int_equal(kiln_exr_write(path, image, NULL, 0, &error), 0);
+    kiln_image_destroy(&image);
+    assert_int_equal(unlink(path), 0);
+}
+
+/* Every cut and a sample of flipped bytes: an error or an image, never a crash; a cut is always noticed. */
+static void test_damaged_files(void **state)
+{
+    (void)state;
+    char path[128], broken[128];
+    (void)snprintf(path, sizeof path, "%s/a.exr", folder);
+    (void)snprintf(broken, sizeof broken, "%s/b.exr", folder);
+    struct kiln_image *image = gradient(31, 33), *found = NULL;
+    assert_int_equal(kiln_exr_write(path, image, NULL, 0, NULL), 0);
+    char *bytes = NULL;
+    size_t size = 0;
+    assert_int_equal(kiln_read_file(path, 1 << 20, &bytes, &size, NULL), 0);
+    for (size_t cut = 0; cut < size; cut += 1 + size / 40) {
+        struct kiln_error error = {{0}};
+        assert_int_equal(kiln_publish_bytes(broken, bytes, cut, NULL), 0);
+        assert_int_equal(kiln_exr_read(broken, NULL, 0, &found, &error), KILN_BAD_INPUT);
+        assert_non_null(strstr(error.message, "b.exr"));
+        assert_null(found);
+    }
+    for (size_t at = 0; at < size; at += 1 + size / 200) {
+        bytes[at] = (char)(bytes[at] ^ 0x41);
+        assert_int_equal(kiln_publish_bytes(broken, bytes, size, NULL), 0);
+        if (kiln_exr_read(broken, NULL, 0, &found, NULL) == 0)
+            kiln_image_destroy(&found);
+        bytes[at] = (char)(bytes[at] ^ 0x41);
+    }
+    kiln_free(&bytes);
+    kiln_image_destroy(&image);
+    assert_int_equal(unlink(path), 0);
+    assert_int_equal(unlink(broken), 0);
+    assert_int_equal(kiln_exr_read(path, NULL, 0, &found, NULL), KILN_NO_INPUT);
+}
+
+static void test_publish_does_not_follow_links(void **state)
+{
+    (void)state;
+    char target[128], planted[128], temporary[KILN_PATH_SIZE];
+    (void)snprintf(target, sizeof target, "%s/victim", folder);
+    (void)snprintf(planted, sizeof planted, "%s/out", folder);
+    assert_int_equal(kiln_publish_bytes(target, "precious", 8, NULL), 0);
+    assert_int_equal(symlink(target, planted), 0);
+    assert_int_equal(kiln_publish_bytes(planted, "new", 3, NULL), 0);
+    char *bytes = NULL;
+    size_t size = 0;
+    assert_int_equal(kiln_read_file(target, 100, &bytes, &size, NULL), 0);
+    assert_string_equal(bytes, "precious");
+    kiln_free(&bytes);
+    /* at the temporary name: a link planted there is replaced, not written through */
+    (void)snprintf(temporary, sizeof temporary, "%s/.out.part", folder);
+    assert_int_equal(symlink(target, temporary), 0);
+    assert_int_equal(kiln_publish_bytes(planted, "newer", 5, NULL), 0);
+    assert_int_equal(kiln_read_file(target, 100, &bytes, &size, NULL), 0);
+    assert_string_equal(bytes, "precious");
+    kiln_free(&bytes);
+    assert_int_equal(kiln_read_file(planted, 100, &bytes, &size, NULL), 0);
+    assert_string_equal(bytes, "newer");
+    kiln_free(&bytes);
+    assert_int_equal(unlink(target), 0);
+    assert_int_equal(unlink(planted), 0);
+}
+
+static void test_missing_folder_is_told(void **state)
+{
+    (void)state;
+    struct kiln_error error = {{0}};
+    assert_int_equal(kiln_publish_bytes("/nonexistent-folder/x", "a", 1, &error), KILN_CANNOT_CREATE);
+    assert_non_null(strstr(error.message, "/nonexistent-folder/"));
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_round_trip), cmocka_unit_test(test_half_overflow_is_refused),
+                                       cmocka_unit_test(test_damaged_files), cmocka_unit_test(test_publish_does_not_follow_links),
+                                       cmocka_unit_test(test_missing_folder_is_told)};
+    return cmocka_run_group_tests(tests, make_folder, remove_folder);
+}
