@@ -73,7 +73,7 @@ struct kiln_job {
     double node_memory;   /* GiB; plan */
     uint64_t triangles;   /* generate: about how many */
     uint32_t columns, rows; /* generate rooms: N x M */
-    double albedo;        /* generate furnace */
+    double albedo;        /* generate furnace; -1: not given */
     double node_bandwidth, node_latency; /* plan: network, GB/s and microseconds */
     uint32_t repeats;     /* bench */
 

@@ -130,8 +130,8 @@ const struct kiln_option kiln_options[] = {
      .offset = AT(columns)},
     {.name = "rows", .group = "Generate", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "auto", .word = "auto", .minimum = 1,
      .maximum = 10000, .help = "rooms or lights along z (rooms, lights)", .commands = KILN_FOR_GENERATE, .offset = AT(rows)},
-    {.name = "albedo", .group = "Generate", .kind = KILN_OPTION_DOUBLE, .value = "SHARE", .fallback = "0.5", .minimum = 0,
-     .maximum = 0.999, .help = "of the furnace's walls", .commands = KILN_FOR_GENERATE, .offset = AT(albedo)},
+    {.name = "albedo", .group = "Generate", .kind = KILN_OPTION_DOUBLE, .value = "SHARE", .fallback = "auto",
+     .word = "auto", .word_value = -1, .minimum = 0, .maximum = 0.999, .help = "of the furnace's walls; auto: 0.5", .commands = KILN_FOR_GENERATE, .offset = AT(albedo)},
 
     {.name = "repeats", .group = "Bench", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "5", .minimum = 1, .maximum = 1000,
      .help = "runs of each measurement; the median counts", .commands = KILN_FOR_BENCH, .offset = AT(repeats)},

@@ -1,0 +1,121 @@
+/* kiln generate: makes a scene file. */
+#include <inttypes.h>
+#include <jansson.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "coordinator/cli/commands.h"
+#include "coordinator/cli/options.h"
+#include "coordinator/generate/scenes.h"
+
+static void list(void)
+{
+    (void)printf("Scenes that kiln generate NAME -o FILE.glb makes\n");
+    for (size_t i = 0; i < kiln_generator_count; i++)
+        (void)printf("  %-16s%s\n", kiln_generators[i].name, kiln_generators[i].description);
+}
+
+static int list_json(struct kiln_error *error)
+{
+    json_t *names = json_array();
+    for (size_t i = 0; i < kiln_generator_count; i++)
+        (void)json_array_append_new(names, json_pack("{s:s, s:s}", "name", kiln_generators[i].name, "description",
+                                                     kiln_generators[i].description));
+    json_t *object = json_pack("{s:s, s:o}", "status", "ok", "scenes", names);
+    const int failed = object == NULL || json_dumpf(object, stdout, JSON_COMPACT) != 0;
+    (void)fputc('\n', stdout);
+    json_decref(object);
+    return failed ? kiln_fail(error, KILN_IO, "cannot write the list of scenes to stdout") : KILN_OK;
+}
+
+static int find(const char *name, const struct kiln_generator **found, struct kiln_error *error)
+{
+    char names[512] = "";
+    const char *nearest = NULL;
+    size_t least = SIZE_MAX;
+    for (size_t i = 0; i < kiln_generator_count; i++) {
+        if (strcmp(kiln_generators[i].name, name) == 0) {
+            *found = &kiln_generators[i];
+            return KILN_OK;
+        }
+        const size_t used = strlen(names), distance = kiln_edit_distance(name, kiln_generators[i].name);
+        (void)snprintf(names + used, sizeof names - used, "%s%s", i == 0 ? "" : ", ", kiln_generators[i].name);
+        if (distance < least) {
+            least = distance;
+            nearest = kiln_generators[i].name;
+        }
+    }
+    return kiln_fail(error, KILN_USAGE, "no scene is called '%.100s'; the nearest one is '%s' (there are: %s)", name, nearest, names);
+}
+
+/* An option that the scene does not look at would be dropped without a word. */
+static int check_options(const struct kiln_job *job, const struct kiln_generator *generator, struct kiln_error *error)
+{
+    const char *unused = NULL;
+    if (job->triangles != 0 && (generator->takes & KILN_TAKES_TRIANGLES) == 0)
+        unused = "--triangles";
+    if ((job->columns != 0 || job->rows != 0) && (generator->takes & KILN_TAKES_GRID) == 0)
+        unused = "--columns or --rows";
+    if (job->albedo >= 0 && (generator->takes & KILN_TAKES_ALBEDO) == 0)
+        unused = "--albedo";
+    if (unused != NULL)
+        return kiln_fail(error, KILN_USAGE, "the scene %s takes no %s; it is %s", generator->name, unused, generator->description);
+    return KILN_OK;
+}
+
+static int report(const struct kiln_job *job, const struct kiln_generator *generator, const struct kiln_glb *glb, struct kiln_error *error)
+{
+    struct kiln_glb_totals totals;
+    kiln_glb_totals(glb, &totals);
+    if (!job->json) {
+        if (!job->quiet)
+            (void)printf("%s: %s, %" PRIu64 " triangles (%" PRIu64 " with instances) in %" PRIu64 " meshes, %" PRIu64
+                         " nodes, %.2f MB\n",
+                         job->output, generator->name, totals.triangles, totals.triangles_placed, totals.meshes, totals.nodes,
+                         (double)totals.bytes * 1e-6);
+        return KILN_OK;
+    }
+    json_t *object = json_pack("{s:s, s:s, s:s, s:I, s:I, s:I, s:I, s:I}", "status", "ok", "scene", generator->name, "file", job->output,
+                               "triangles", (json_int_t)totals.triangles, "triangles_with_instances", (json_int_t)totals.triangles_placed,
+                               "meshes", (json_int_t)totals.meshes, "nodes", (json_int_t)totals.nodes, "bytes", (json_int_t)totals.bytes);
+    const int failed = object == NULL || json_dumpf(object, stdout, JSON_COMPACT) != 0;
+    (void)fputc('\n', stdout);
+    json_decref(object);
+    return failed ? kiln_fail(error, KILN_IO, "cannot write to stdout") : KILN_OK;
+}
+
+int kiln_command_generate(struct kiln_job *job, struct kiln_error *error)
+{
+    const struct kiln_generator *generator = NULL;
+    struct kiln_glb *glb = NULL;
+    if (job->argument_count == 0 && job->output == NULL) {
+        if (job->json)
+            return list_json(error);
+        list();
+        return KILN_OK;
+    }
+    if (job->argument_count == 0)
+        return kiln_fail(error, KILN_USAGE, "name the scene to generate; kiln generate lists them");
+    int status = find(job->arguments[0], &generator, error);
+    if (status == KILN_OK)
+        status = check_options(job, generator, error);
+    if (status == KILN_OK && job->output == NULL)
+        status = kiln_fail(error, KILN_USAGE, "say where the scene goes: kiln generate %s -o %s.glb", generator->name, generator->name);
+    if (status == KILN_OK && (strlen(job->output) < 5 || strcmp(job->output + strlen(job->output) - 4, ".glb") != 0))
+        status = kiln_fail(error, KILN_USAGE, "-o %.200s: the file's name must end in .glb", job->output);
+    if (status == KILN_OK)
+        status = kiln_glb_create(&glb, error);
+    const struct kiln_generate_params params = {.triangles = job->triangles,
+                                                .columns = job->columns,
+                                                .rows = job->rows,
+                                                .albedo = job->albedo >= 0 ? job->albedo : 0.5,
+                                                .seed = job->seed};
+    if (status == KILN_OK)
+        status = generator->build(glb, generator, &params, error);
+    if (status == KILN_OK)
+        status = kiln_glb_write(glb, job->output, error);
+    if (status == KILN_OK)
+        status = report(job, generator, glb, error);
+    kiln_glb_destroy(&glb);
+    return status;
+}

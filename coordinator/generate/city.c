@@ -1,0 +1,196 @@
+/* A city: a square of blocks with one house each, twelve kinds of house, every house an instance with its own turn and height.
+ * A facade is one grid of wall and window pieces, so that no edge meets the middle of another; some windows are lit. How finely the
+ * facades are divided, and how many houses there are, follows from the number of triangles asked for. */
+#include <stdio.h>
+
+#include "coordinator/generate/scenes.h"
+
+enum { WALLS = 5, WINDOW = WALLS, WINDOW_LIT, GROUND, MATERIALS, KINDS = 12, LARGEST_SIDE = 250 };
+
+static const double PITCH = 24; /* from house to house, m */
+
+struct kind {
+    double width, depth, height;
+    uint32_t wall;
+    uint32_t across[2], floors; /* windows along x and z, and upwards */
+};
+
+struct city {
+    struct kind kinds[KINDS];
+    uint32_t side; /* houses a side */
+};
+
+/* Triangles of a house: four facades of (2 n + 1) x (2 f + 1) pieces, and a roof. */
+static uint64_t kind_triangles(const struct kind *kind)
+{
+    return 4ull * (2 * kind->floors + 1) * (2 * kind->across[0] + 1 + 2 * kind->across[1] + 1) + 2;
+}
+
+/* Divides the facades as finely as `detail`, the length of a window's place in metres, says. */
+static void divide(struct city *city, double detail)
+{
+    for (int i = 0; i < KINDS; i++) {
+        struct kind *kind = &city->kinds[i];
+        kind->across[0] = (uint32_t)fmax(1, floor(kind->width / detail));
+        kind->across[1] = (uint32_t)fmax(1, floor(kind->depth / detail));
+        kind->floors = (uint32_t)fmax(1, floor(kind->height / detail));
+    }
+}
+
+static uint32_t kind_of_house(uint64_t seed, uint64_t house)
+{
+    uint64_t state = seed ^ (house + 1) * 0x9e3779b97f4a7c15u;
+    return (uint32_t)(kiln_shape_random(&state) * KINDS);
+}
+
+static void count_kinds(const struct city *city, uint64_t seed, uint64_t count[KINDS])
+{
+    for (uint64_t house = 0; house < (uint64_t)city->side * city->side; house++)
+        count[kind_of_house(seed, house)]++;
+}
+
+static uint64_t total_triangles(const struct city *city, const uint64_t count[KINDS])
+{
+    uint64_t total = 2;
+    for (int i = 0; i < KINDS; i++)
+        total += count[i] * kind_triangles(&city->kinds[i]);
+    return total;
+}
+
+static void plan(struct city *city, uint64_t triangles, uint64_t seed)
+{
+    uint64_t state = seed ^ 0x63697479u;
+    for (int i = 0; i < KINDS; i++) {
+        struct kind *kind = &city->kinds[i];
+        kind->width = 8 + floor(8 * kiln_shape_random(&state));
+        kind->depth = 8 + floor(8 * kiln_shape_random(&state));
+        const double tall = kiln_shape_random(&state);
+        kind->height = 3 * floor(3 + 14 * tall * tall);
+        kind->wall = (uint32_t)(kiln_shape_random(&state) * WALLS);
+    }
+    /* About four thousand triangles a house, more when that would make too many houses. */
+    const double side = floor(sqrt((double)triangles / 4000) + 0.5);
+    city->side = (uint32_t)fmin(LARGEST_SIDE, fmax(2, side));
+    uint64_t count[KINDS] = {0};
+    count_kinds(city, seed, count);
+    double fine = 1e-3, coarse = 100;
+    for (int i = 0; i < 40; i++) {
+        const double detail = sqrt(fine * coarse);
+        divide(city, detail);
+        *(total_triangles(city, count) > triangles ? &fine : &coarse) = detail;
+    }
+    divide(city, coarse);
+}
+
+/* `corner` lower left as seen from outside. Windows take the odd places of the grid. */
+static void facade(struct kiln_shape *shape, const struct kind *kind, struct kiln_dvec3 corner, struct kiln_dvec3 along, uint32_t across,
+                   uint64_t *state)
+{
+    const uint32_t columns = 2 * across + 1, rows = 2 * kind->floors + 1;
+    kiln_shape_chart(shape, along, dvec3(0, 1, 0));
+    for (uint32_t row = 0; row < rows; row++)
+        for (uint32_t column = 0; column < columns; column++) {
+            uint32_t material = kind->wall;
+            if (row % 2 == 1 && column % 2 == 1)
+                material = kiln_shape_random(state) < 0.2 ? WINDOW_LIT : WINDOW;
+            const double u0 = (double)column / columns, u1 = (double)(column + 1) / columns;
+            const double y0 = kind->height * row / rows, y1 = kind->height * (row + 1) / rows;
+            const struct kiln_dvec3 left = dvec3_add(corner, dvec3_scale(along, u0)), right = dvec3_add(corner, dvec3_scale(along, u1));
+            kiln_shape_quad(shape, material, dvec3(left.x, y0, left.z), dvec3(right.x, y0, right.z), dvec3(right.x, y1, right.z),
+                            dvec3(left.x, y1, left.z));
+        }
+}
+
+static int add_kind(struct kiln_glb *glb, const struct kind *kind, int number, const uint32_t *materials, uint64_t seed, uint32_t *mesh,
+                    struct kiln_error *error)
+{
+    struct kiln_shape shape = {0};
+    uint64_t state = seed ^ (uint64_t)(number + 1) * 0xd1342543de82ef95u;
+    const double x = 0.5 * kind->width, z = 0.5 * kind->depth, h = kind->height;
+    facade(&shape, kind, dvec3(-x, 0, z), dvec3(2 * x, 0, 0), kind->across[0], &state);
+    facade(&shape, kind, dvec3(x, 0, z), dvec3(0, 0, -2 * z), kind->across[1], &state);
+    facade(&shape, kind, dvec3(x, 0, -z), dvec3(-2 * x, 0, 0), kind->across[0], &state);
+    facade(&shape, kind, dvec3(-x, 0, -z), dvec3(0, 0, 2 * z), kind->across[1], &state);
+    kiln_shape_face(&shape, kind->wall, dvec3(-x, h, z), dvec3(x, h, z), dvec3(x, h, -z), dvec3(-x, h, -z));
+    char name[32];
+    (void)snprintf(name, sizeof name, "house_%d", number);
+    const int status = kiln_shape_add(&shape, glb, name, materials, mesh, error);
+    kiln_shape_clear(&shape);
+    return status;
+}
+
+static int add_materials(struct kiln_glb *glb, uint32_t *materials, struct kiln_error *error)
+{
+    static const float colors[MATERIALS][3] = {{0.6f, 0.55f, 0.5f},   {0.5f, 0.3f, 0.25f}, {0.7f, 0.65f, 0.5f}, {0.45f, 0.45f, 0.48f},
+                                               {0.65f, 0.62f, 0.6f},  {0.05f, 0.07f, 0.1f}, {0.1f, 0.1f, 0.1f}, {0.15f, 0.15f, 0.16f}};
+    static const char *const names[MATERIALS] = {"stone", "brick", "sand", "concrete", "plaster", "window", "window_lit", "ground"};
+    static const float emission[3] = {6, 4.5f, 2.5f};
+    int status = KILN_OK;
+    for (uint32_t i = 0; i < MATERIALS && status == KILN_OK; i++)
+        status = kiln_generate_diffuse(glb, names[i], colors[i], i == WINDOW_LIT ? emission : NULL, &materials[i], error);
+    return status;
+}
+
+static int add_ground(struct kiln_glb *glb, double half, const uint32_t *materials, struct kiln_error *error)
+{
+    struct kiln_shape shape = {0};
+    uint32_t mesh = 0;
+    kiln_shape_face(&shape, GROUND, dvec3(-half, 0, half), dvec3(half, 0, half), dvec3(half, 0, -half), dvec3(-half, 0, -half));
+    int status = kiln_shape_add(&shape, glb, "ground", materials, &mesh, error);
+    if (status == KILN_OK)
+        status = kiln_glb_add_node(glb, "ground", mesh, NULL, error);
+    kiln_shape_clear(&shape);
+    return status;
+}
+
+static int add_houses(struct kiln_glb *glb, const struct city *city, uint64_t seed, const uint32_t *meshes, struct kiln_error *error)
+{
+    uint64_t state = seed ^ 0x686f75736573u;
+    int status = KILN_OK;
+    for (uint32_t i = 0; i < city->side * city->side && status == KILN_OK; i++) {
+        const double angle = floor(4 * kiln_shape_random(&state)) * 0.5 * KILN_PI;
+        const double height = floor(100 * (0.8 + 0.5 * kiln_shape_random(&state)) + 0.5) / 100;
+        const struct kiln_glb_placement placement = {
+            .translation = {(i % city->side + 0.5 - 0.5 * city->side) * PITCH, 0, (i / city->side + 0.5 - 0.5 * city->side) * PITCH},
+            .rotation = {0, sin(0.5 * angle), 0, cos(0.5 * angle)},
+            .scale = {1, height, 1}};
+        char name[32];
+        (void)snprintf(name, sizeof name, "house_%u_%u", i % city->side, i / city->side);
+        status = kiln_glb_add_node(glb, name, meshes[kind_of_house(seed, i)], &placement, error);
+    }
+    return status;
+}
+
+int kiln_generate_city(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
+                       struct kiln_error *error)
+{
+    const uint64_t triangles = params->triangles > 0 ? params->triangles : 100000;
+    struct city city = {0};
+    uint32_t materials[MATERIALS], meshes[KINDS] = {0};
+    if (triangles < 1000 || triangles > 1000000000)
+        return kiln_fail(error, KILN_USAGE, "--triangles %llu is out of range; a city has from 1000 to 1000000000",
+                         (unsigned long long)triangles);
+    plan(&city, triangles, params->seed);
+    uint64_t count[KINDS] = {0};
+    count_kinds(&city, params->seed, count);
+    const double half = 0.5 * city.side * PITCH + 6;
+    int status = add_materials(glb, materials, error);
+    for (int i = 0; i < KINDS && status == KILN_OK; i++)
+        if (count[i] > 0)
+            status = add_kind(glb, &city.kinds[i], i, materials, params->seed, &meshes[i], error);
+    if (status == KILN_OK)
+        status = add_ground(glb, half, materials, error);
+    if (status == KILN_OK)
+        status = add_houses(glb, &city, params->seed, meshes, error);
+    struct kiln_glb_placement sun = {.translation = {0, 0, 0}};
+    kiln_generate_look(dvec3(-0.5, -1, -0.3), sun.rotation);
+    if (status == KILN_OK)
+        status = kiln_glb_add_sun(glb, "sun", (const double[3]){1, 0.95, 0.88}, 4, &sun, error);
+    if (status == KILN_OK)
+        status = kiln_glb_set_environment(glb, (const double[3]){0.3, 0.4, 0.6}, error);
+    if (status == KILN_OK)
+        status = kiln_generate_camera(glb, dvec3(half * 0.9, 40 + half * 0.3, half * 1.3), dvec3(0, 5, 0), 0.66, 4.0 / 3, error);
+    if (status == KILN_OK)
+        status = kiln_glb_set_note(glb, self->description, error);
+    return status;
+}

@@ -1,0 +1,233 @@
+/* The Cornell box and what is put into it. Geometry: Cornell University Program of Computer Graphics, "Cornell Box Data", in
+ * metres of a hundredth of the published millimetres; colours are an RGB fit of the measured spectra. The light is set flush in
+ * a hole of the ceiling. */
+#include <string.h>
+
+#include "coordinator/generate/scenes.h"
+
+enum { WHITE, GREEN, RED, LIGHT, SOLID, ORANGE, BLUE, MIRROR, GLASS, MATERIALS };
+
+struct box {
+    struct kiln_glb *glb;
+    uint32_t materials[MATERIALS]; /* all ones until something wears it */
+    float emission[3];             /* of the light */
+    double scale;
+    struct kiln_dvec3 offset;
+    int status; /* the first failure ends the work */
+    struct kiln_error *error;
+};
+
+static const double HEIGHT = 5.488, DEPTH = 5.592, WIDTH = 5.56;
+
+static const struct {
+    const char *name;
+    float color[3];
+    float metallic, roughness;
+    bool transmissive;
+} table[MATERIALS] = {
+    [WHITE] = {"white", {0.725f, 0.71f, 0.68f}, 0, 1, false}, [GREEN] = {"green", {0.14f, 0.45f, 0.091f}, 0, 1, false},
+    [RED] = {"red", {0.63f, 0.065f, 0.05f}, 0, 1, false},     [LIGHT] = {"light", {0.78f, 0.78f, 0.78f}, 0, 1, false},
+    [SOLID] = {"solid", {0.7f, 0.7f, 0.7f}, 0, 1, false},     [ORANGE] = {"orange", {0.8f, 0.5f, 0.2f}, 0, 1, false},
+    [BLUE] = {"blue", {0.2f, 0.4f, 0.8f}, 0, 1, false},       [MIRROR] = {"mirror", {0.95f, 0.95f, 0.95f}, 1, 0, false},
+    [GLASS] = {"glass", {1, 1, 1}, 0, 0, true},
+};
+
+static void need_material(struct box *box, uint32_t index)
+{
+    if (box->materials[index] != UINT32_MAX || box->status != KILN_OK)
+        return;
+    struct kiln_glb_material material = {.name = table[index].name,
+                                         .metallic = table[index].metallic,
+                                         .roughness = table[index].roughness,
+                                         .transmissive = table[index].transmissive};
+    memcpy(material.base_color, table[index].color, sizeof material.base_color);
+    if (index == LIGHT)
+        memcpy(material.emission, box->emission, sizeof material.emission);
+    box->status = kiln_glb_add_material(box->glb, &material, &box->materials[index], box->error);
+}
+
+static void finish(struct box *box, struct kiln_shape *shape, const char *name)
+{
+    uint32_t mesh = 0;
+    if (box->scale != 1 || dvec3_length(box->offset) > 0)
+        kiln_shape_transform(shape, box->scale, box->offset);
+    for (uint32_t i = 0; i < MATERIALS; i++)
+        if (shape->parts[i].count > 0)
+            need_material(box, i);
+    if (box->status == KILN_OK)
+        box->status = kiln_shape_add(shape, box->glb, name, box->materials, &mesh, box->error);
+    if (box->status == KILN_OK)
+        box->status = kiln_glb_add_node(box->glb, name, mesh, NULL, box->error);
+    kiln_shape_clear(shape);
+}
+
+static void face(struct box *box, const char *name, uint32_t material, const double corners[4][3])
+{
+    struct kiln_shape shape = {0};
+    struct kiln_dvec3 p[4];
+    for (int i = 0; i < 4; i++)
+        p[i] = dvec3(corners[i][0], corners[i][1], corners[i][2]);
+    kiln_shape_face(&shape, material, p[0], p[1], p[2], p[3]);
+    finish(box, &shape, name);
+}
+
+static void ceiling_and_light(struct box *box, double x_low, double x_high, double z_low, double z_high)
+{
+    struct kiln_shape shape = {0};
+    const double hole_u[2] = {x_low / WIDTH, x_high / WIDTH}, hole_v[2] = {z_low / DEPTH, z_high / DEPTH};
+    kiln_shape_face_with_hole(&shape, WHITE, dvec3(0, HEIGHT, 0), dvec3(WIDTH, 0, 0), dvec3(0, 0, DEPTH), hole_u, hole_v);
+    finish(box, &shape, "ceiling");
+    /* The corners of the hole as they were computed there, so that nothing shines through a gap. */
+    const double x0 = WIDTH * hole_u[0], x1 = WIDTH * hole_u[1], z0 = DEPTH * hole_v[0], z1 = DEPTH * hole_v[1];
+    const double light[4][3] = {{x1, HEIGHT, z0}, {x1, HEIGHT, z1}, {x0, HEIGHT, z1}, {x0, HEIGHT, z0}};
+    face(box, "light", LIGHT, light);
+}
+
+static void walls(struct box *box)
+{
+    static const double floor[4][3] = {{5.528, 0, 0}, {0, 0, 0}, {0, 0, 5.592}, {5.496, 0, 5.592}};
+    static const double back[4][3] = {{5.496, 0, 5.592}, {0, 0, 5.592}, {0, 5.488, 5.592}, {5.56, 5.488, 5.592}};
+    static const double right[4][3] = {{0, 0, 5.592}, {0, 0, 0}, {0, 5.488, 0}, {0, 5.488, 5.592}};
+    static const double left[4][3] = {{5.528, 0, 0}, {5.496, 0, 5.592}, {5.56, 5.488, 5.592}, {5.56, 5.488, 0}};
+    face(box, "floor", WHITE, floor);
+    face(box, "back", WHITE, back);
+    face(box, "right_green", GREEN, right);
+    face(box, "left_red", RED, left);
+}
+
+/* A block of four sides and a top; `outline` counter-clockwise from above. */
+static void block(struct box *box, const char *name, const double outline[4][2], double height)
+{
+    struct kiln_shape shape = {0};
+    struct kiln_dvec3 low[4], high[4];
+    for (int i = 0; i < 4; i++) {
+        low[i] = dvec3(outline[i][0], 0, outline[i][1]);
+        high[i] = dvec3(outline[i][0], height, outline[i][1]);
+    }
+    kiln_shape_face(&shape, WHITE, high[0], high[1], high[2], high[3]);
+    for (int i = 0; i < 4; i++)
+        kiln_shape_face(&shape, WHITE, low[i], low[(i + 1) % 4], high[(i + 1) % 4], high[i]);
+    finish(box, &shape, name);
+}
+
+static void blocks(struct box *box)
+{
+    static const double small[4][2] = {{1.30, 0.65}, {0.82, 2.25}, {2.40, 2.72}, {2.90, 1.14}};
+    static const double tall[4][2] = {{4.23, 2.47}, {2.65, 2.96}, {3.14, 4.56}, {4.72, 4.06}};
+    block(box, "short_block", small, 1.65);
+    block(box, "tall_block", tall, 3.30);
+}
+
+/* Two shelves, a little off the walls. */
+static void shelves(struct box *box)
+{
+    struct kiln_shape shape = {0};
+    kiln_shape_box(&shape, SOLID, dvec3(0.01, 2.9, 0.01), dvec3(4.2, 3.1, 5.5), 0, false);
+    finish(box, &shape, "upper_shelf");
+    kiln_shape_box(&shape, SOLID, dvec3(1.4, 1.3, 0.01), dvec3(5.48, 1.5, 5.5), 0, false);
+    finish(box, &shape, "lower_shelf");
+}
+
+static void round_solid(struct box *box, const char *name, uint32_t material, const struct kiln_shape_surface *surface)
+{
+    struct kiln_shape shape = {0};
+    kiln_shape_surface(&shape, material, surface);
+    finish(box, &shape, name);
+}
+
+static void ellipsoid(struct box *box, const char *name, uint32_t material, struct kiln_dvec3 centre, struct kiln_dvec3 radius,
+                      uint32_t columns)
+{
+    const struct kiln_shape_ellipsoid data = {centre, radius};
+    round_solid(box, name, material,
+                &(struct kiln_shape_surface){kiln_shape_ellipsoid_point, &data, .columns = columns, .rows = columns / 2, .poles = true});
+}
+
+static void solids(struct box *box)
+{
+    struct kiln_shape shape = {0};
+    kiln_shape_box(&shape, SOLID, dvec3(0.5, 0, 0.6), dvec3(2.0, 1.5, 2.1), 0.4, false);
+    finish(box, &shape, "cube");
+    ellipsoid(box, "ball", SOLID, dvec3(4.0, 0.81, 1.5), dvec3(0.8, 0.8, 0.8), 48);
+    const struct kiln_shape_torus torus = {dvec3(2.6, 0.31, 3.0), 0.9, 0.3};
+    round_solid(box, "torus", ORANGE, &(struct kiln_shape_surface){kiln_shape_torus_point, &torus, .columns = 48, .rows = 24});
+    ellipsoid(box, "ellipsoid", BLUE, dvec3(4.3, 1.51, 4.1), dvec3(0.5, 1.5, 0.5), 48);
+    kiln_shape_box(&shape, SOLID, dvec3(0.3, 0, 3.9), dvec3(2.0, 2.6, 4.1), 0, false);
+    finish(box, &shape, "slab");
+}
+
+static void balls(struct box *box)
+{
+    ellipsoid(box, "mirror_ball", MIRROR, dvec3(1.6, 1.01, 3.6), dvec3(1, 1, 1), 96);
+    ellipsoid(box, "glass_ball", GLASS, dvec3(3.8, 1.01, 1.9), dvec3(1, 1, 1), 96);
+}
+
+/* A figure that a lathe and a chisel might leave: a turned outline, flutes that wind around it, and fine grain. */
+static struct kiln_dvec3 statue_point(const void *unused, double s, double t)
+{
+    (void)unused;
+    const double around = 2 * KILN_PI * s, rise = KILN_PI * t;
+    const double outline = 0.62 + 0.22 * sin(3.1 * rise + 0.4) + 0.12 * sin(6.7 * rise + 1.9);
+    const double flutes = 1 + 0.09 * sin(9 * around + 5 * rise) * sin(rise) + 0.035 * sin(31 * around - 17 * rise) * sin(rise);
+    const double grain = 1 + 0.008 * sin(113 * around + 71 * rise) * sin(97 * rise - 40 * around) * sin(rise);
+    const double r = t <= 0 || t >= 1 ? 0 : sin(rise) * outline * flutes * grain;
+    return dvec3(2.78 + r * cos(around), 0.605 + 1.5 - 1.5 * cos(rise), 2.8 - r * sin(around));
+}
+
+static void statue(struct box *box, uint64_t triangles)
+{
+    struct kiln_shape shape = {0};
+    kiln_shape_box(&shape, WHITE, dvec3(1.98, 0, 2.0), dvec3(3.58, 0.6, 3.6), 0, false);
+    finish(box, &shape, "pedestal");
+    /* Twice as many columns as rows: 2 c (c/2 - 1) triangles. */
+    const double columns = 1 + sqrt(1 + (double)triangles);
+    const uint32_t even = (uint32_t)fmax(4, 2 * floor(0.5 * columns + 0.5));
+    /* 32 bytes a vertex, 12 a triangle: known before anything is made. */
+    const double bytes = 0.5 * even * even * 32 + even * (even - 2.0) * 12;
+    if (box->status == KILN_OK && bytes > KILN_GLB_LARGEST * 0.999)
+        box->status = kiln_fail(box->error, KILN_USAGE,
+                                "--triangles %llu needs %.2f GB in one mesh and a .glb ends at 4.29 GB; at most about 150000000 fit",
+                                (unsigned long long)triangles, bytes * 1e-9);
+    if (box->status == KILN_OK)
+        round_solid(box, "statue", SOLID, &(struct kiln_shape_surface){statue_point, NULL, .columns = even, .rows = even / 2, .poles = true});
+}
+
+int kiln_generate_cornell(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
+                          struct kiln_error *error)
+{
+    /* The measured lamp as radiance: strength 18.387 of this colour. */
+    struct box box = {.glb = glb, .emission = {18.387f, 13.987300f, 6.753570f}, .scale = 1, .offset = {0, 0, 0}, .error = error};
+    const char *variant = self->name + strlen("cornell");
+    const bool narrow = strcmp(variant, "-shapes") == 0;
+    memset(box.materials, 0xff, sizeof box.materials);
+    if (strcmp(variant, "-offset") == 0)
+        box.offset = dvec3(1e5, 0, 0);
+    else if (strcmp(variant, "-tiny") == 0)
+        box.scale = 1e-6;
+    else if (strcmp(variant, "-huge") == 0)
+        box.scale = 1e6;
+    if (narrow)
+        memcpy(box.emission, (const float[3]){60, 55, 45}, sizeof box.emission);
+    walls(&box);
+    if (narrow)
+        ceiling_and_light(&box, 2.7, 2.86, 1.0, 4.6);
+    else
+        ceiling_and_light(&box, 2.13, 3.43, 2.27, 3.32);
+    if (strcmp(variant, "-layers") == 0)
+        shelves(&box);
+    else if (narrow)
+        solids(&box);
+    else if (strcmp(variant, "-spheres") == 0)
+        balls(&box);
+    else if (strcmp(variant, "-statue") == 0)
+        statue(&box, params->triangles > 0 ? params->triangles : 20000);
+    else
+        blocks(&box);
+    /* Focal length 35 mm, film 25 mm. */
+    const struct kiln_dvec3 eye = dvec3_add(dvec3_scale(dvec3(2.78, 2.73, -8), box.scale), box.offset);
+    if (box.status == KILN_OK)
+        box.status = kiln_generate_camera(glb, eye, dvec3_add(eye, dvec3(0, 0, 8 * box.scale)), 2 * atan(0.0125 / 0.035), 1, error);
+    if (box.status == KILN_OK)
+        box.status = kiln_glb_set_note(glb, self->description, error);
+    return box.status;
+}

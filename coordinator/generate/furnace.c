@@ -1,0 +1,23 @@
+/* The furnace: a closed convex box whose inner walls emit the same radiance L everywhere and reflect a share R. What arrives is
+ * E = pi L / (1 - R) at every point: pi L from the walls' own light, R of E again from each bounce. */
+#include "coordinator/generate/scenes.h"
+
+int kiln_generate_furnace(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
+                          struct kiln_error *error)
+{
+    const float albedo = (float)params->albedo, color[3] = {albedo, albedo, albedo}, emission[3] = {1, 1, 1};
+    struct kiln_shape shape = {0};
+    uint32_t material = 0, mesh = 0;
+    kiln_shape_box(&shape, 0, dvec3(0, 0, 0), dvec3(1, 1, 1), 0, true);
+    int status = kiln_generate_diffuse(glb, "wall", color, emission, &material, error);
+    if (status == KILN_OK)
+        status = kiln_shape_add(&shape, glb, "furnace", &material, &mesh, error);
+    if (status == KILN_OK)
+        status = kiln_glb_add_node(glb, "furnace", mesh, NULL, error);
+    if (status == KILN_OK)
+        status = kiln_generate_camera(glb, dvec3(0.9, 0.6, 0.9), dvec3(0.2, 0.4, 0.2), 1.0, 1, error);
+    if (status == KILN_OK)
+        status = kiln_glb_set_note(glb, self->description, error);
+    kiln_shape_clear(&shape);
+    return status;
+}

@@ -1,0 +1,51 @@
+/* The scenes that `kiln generate` makes. All are the project's own; the same parameters give the same bytes. */
+#ifndef KILN_COORDINATOR_GENERATE_SCENES_H
+#define KILN_COORDINATOR_GENERATE_SCENES_H
+
+#include "coordinator/generate/glb.h"
+#include "coordinator/generate/shape.h"
+
+/* Which parameters a scene takes. */
+enum { KILN_TAKES_TRIANGLES = 1, KILN_TAKES_GRID = 2, KILN_TAKES_ALBEDO = 4 };
+
+/* Zero means default, and the scene's description says what that is; except albedo, always given. */
+struct kiln_generate_params {
+    uint64_t triangles;
+    uint32_t columns, rows;
+    double albedo;
+    uint64_t seed;
+};
+
+struct kiln_generator {
+    const char *name;
+    const char *description; /* one line */
+    uint32_t takes;
+    int (*build)(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
+                 struct kiln_error *error);
+};
+
+extern const struct kiln_generator kiln_generators[];
+extern const size_t kiln_generator_count;
+
+/* One build function may serve several names and looks at self->name. */
+int kiln_generate_cornell(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
+                          struct kiln_error *error);
+int kiln_generate_furnace(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
+                          struct kiln_error *error);
+int kiln_generate_city(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
+                       struct kiln_error *error);
+int kiln_generate_rooms(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
+                        struct kiln_error *error);
+int kiln_generate_lights(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
+                         struct kiln_error *error);
+
+/* A camera at `eye` that looks at `target`, upright. */
+int kiln_generate_camera(struct kiln_glb *glb, struct kiln_dvec3 eye, struct kiln_dvec3 target, double angle, double aspect,
+                         struct kiln_error *error);
+/* The placement's rotation turns -z into `direction`. */
+void kiln_generate_look(struct kiln_dvec3 direction, double rotation[4]);
+/* A diffuse material. `emission` NULL: none. */
+int kiln_generate_diffuse(struct kiln_glb *glb, const char *name, const float color[3], const float *emission, uint32_t *index,
+                          struct kiln_error *error);
+
+#endif
