@@ -21,9 +21,12 @@ struct kiln_lightmap_report {
     double seam_difference_before, seam_difference_after; /* root mean square over seam samples, relative to the mean */
 };
 
-/* DIR/lightmaps/OBJECT.exr for every object. Channels R G B = direct + indirect; layers direct.R.. and indirect.R.., and
- * error.Y when error_map is set. Invalid points are filled, chart seams of an object smoothed, margins dilated over the whole
- * image. Which rank writes an object does not change a byte. `reports` has scene->object_count entries or is NULL. */
+/* DIR/lightmaps/OBJECT.exr for every object. Channels R G B = direct + indirect; layers direct.R.. and indirect.R.., error.Y when
+ * error_map is set, coverage.Y (share of the texel's square that the layout covers; half) and validity.Y (1 gathered, 0.5 on a
+ * surface but filled from neighbours, 0 margin; half). Invalid points are filled, chart seams of an object smoothed, margins
+ * dilated over the whole image. Which rank writes an object does not change a byte. With `half` a file whose values would leave
+ * half precision is written as float, and its attribute kiln:precision says why. `reports` has scene->object_count entries or is
+ * NULL; if it is given on one rank it is given on all. */
 int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                          struct kiln_lightmap_report *reports, struct kiln_error *error);
 

@@ -1,0 +1,334 @@
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include <jansson.h>
+
+#include "coordinator/cli/agree.h"
+#include "coordinator/output/exchange.h"
+#include "coordinator/output/exr.h"
+#include "coordinator/output/map.h"
+#include "coordinator/output/output.h"
+#include "coordinator/output/publish.h"
+#include "coordinator/output/seams.h"
+#include "coordinator/output/chart_graph.h"
+#include "worker/base/memory.h"
+
+/* About 85 bytes a texel while an object is processed: some 180 MB a rank at a time, unless one lightmap is larger. */
+static const uint64_t texel_budget = 1ull << 21;
+
+struct writer {
+    const struct kiln_bake_result *result;
+    const struct kiln_output_params *params;
+    struct kiln_lightmap_report *reports; /* own objects' are filled in */
+    struct kiln_map **maps;               /* one an object; those of this rank and round exist */
+    const char *folder;
+    json_int_t seed;
+    bool has_seed;
+};
+
+/* ---- one object's file ---- */
+
+/* Why colours are not stored as halves, or "half" when they can be. */
+static const char *choose_precision(const struct kiln_output_params *params, const struct kiln_image *image)
+{
+    if (!params->half)
+        return "float";
+    const size_t count = (size_t)image->width * image->height;
+    float most = 0.0f;
+    for (size_t c = 0; c < image->channel_count; c++)
+        for (size_t i = 0; !image->channels[c].half && i < count; i++)
+            most = fmaxf(most, fabsf(image->channels[c].values[i]));
+    if (most > KILN_HALF_MAX)
+        return "float: a value exceeds 65504, the largest half";
+    /* below 2^-14 a half loses digits: keep eight octaves under the brightest texel */
+    if (most > 0.0f && most < 0x1p-6f)
+        return "float: values are too small for half";
+    return "half";
+}
+
+/* Moves the map's planes into an image with the file's channels. */
+static int make_image(struct kiln_map *map, bool error_map, struct kiln_image **image, struct kiln_error *error)
+{
+    static const char *const names[] = {"R", "G", "B", "coverage.Y", "validity.Y", "direct.R", "direct.G", "direct.B",
+                                        "indirect.R", "indirect.G", "indirect.B", "error.Y"};
+    const int status = kiln_image_create(image, map->width, map->height, names, error_map ? 12 : 11, error);
+    if (status != KILN_OK)
+        return status;
+    const size_t count = kiln_map_texels(map);
+    for (int p = 0; p < (error_map ? KILN_MAP_PLANES : KILN_MAP_ERROR); p++) {
+        struct kiln_image_channel *channel = kiln_image_find(*image, names[5 + p]);
+        float *swap = channel->values;
+        channel->values = map->planes[p];
+        map->planes[p] = swap;
+    }
+    for (int c = 0; c < 3; c++) {
+        const float *direct = kiln_image_find(*image, names[5 + c])->values, *indirect = kiln_image_find(*image, names[8 + c])->values;
+        float *total = kiln_image_find(*image, names[c])->values;
+        for (size_t i = 0; i < count; i++)
+            total[i] = direct[i] + indirect[i];
+    }
+    struct kiln_image_channel *coverage = kiln_image_find(*image, "coverage.Y"), *validity = kiln_image_find(*image, "validity.Y");
+    coverage->half = validity->half = true;
+    memcpy(coverage->values, map->coverage, count * sizeof(float));
+    for (size_t i = 0; i < count; i++)
+        validity->values[i] = 0.5f * (float)map->state[i];
+    return KILN_OK;
+}
+
+/* Texels a metre that the object really got: the root of covered texels over area. */
+static double density_of(const struct kiln_map *map)
+{
+    double texels = 0.0, area = 0.0;
+    for (size_t i = 0; i < kiln_map_texels(map); i++) {
+        texels += (double)map->coverage[i];
+        area += (double)map->area[i];
+    }
+    return area > 0.0 ? sqrt(texels / area) : 0.0;
+}
+
+static int write_image(const struct writer *w, uint32_t object, struct kiln_image *image, double density, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = w->result->scene;
+    const struct kiln_object *o = &scene->objects[object];
+    const struct kiln_mesh *mesh = &scene->meshes[o->mesh];
+    const char *precision = choose_precision(w->params, image);
+    for (size_t c = 0; strcmp(precision, "half") == 0 && c < image->channel_count; c++)
+        image->channels[c].half = true;
+    const struct kiln_lightmap_report *report = &w->reports[object];
+    const double asked = (double)scene->header->texels_per_metre;
+    char seed[32] = "";
+    if (w->has_seed)
+        (void)snprintf(seed, sizeof seed, "%lld", (long long)w->seed);
+    const struct kiln_exr_attribute attributes[] = {
+        {.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
+        {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = "irradiance about the shading normal; R G B = direct + indirect"},
+        {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = "W m-2"},
+        {.name = "kiln:object", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, o->name)},
+        {.name = "kiln:originalName", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, o->original_name)},
+        {.name = "kiln:mesh", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, mesh->name)},
+        {.name = "kiln:uvSet", .kind = KILN_EXR_STRING,
+         .text = (mesh->flags & KILN_MESH_UNWRAPPED) != 0 ? "kiln's own layout; top row is v = 0" : "the mesh's second UV set; top row is v = 0"},
+        {.name = "kiln:precision", .kind = KILN_EXR_STRING, .text = precision},
+        {.name = "kiln:texelsPerMetre", .kind = KILN_EXR_FLOAT, .number = (float)density},
+        {.name = "kiln:capped", .kind = KILN_EXR_INTEGER, .integer = asked > 0.0 && density > 0.0 && density < 0.9 * asked},
+        {.name = "kiln:validTexels", .kind = KILN_EXR_INTEGER, .integer = (int32_t)(report->valid > INT32_MAX ? INT32_MAX : report->valid)},
+        {.name = "kiln:filledTexels", .kind = KILN_EXR_INTEGER, .integer = (int32_t)(report->filled > INT32_MAX ? INT32_MAX : report->filled)},
+        {.name = "kiln:seams", .kind = KILN_EXR_STRING, .text = w->params->stitch ? "smoothed" : "as gathered"},
+        {.name = "kiln:seed", .kind = KILN_EXR_STRING, .text = seed}, /* last: left out when it is not known */
+    };
+    char name[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
+    const int length = snprintf(name, sizeof name, "%s.exr", kiln_scene_string(scene, o->name));
+    int status = length > 0 && length < KILN_PATH_SIZE
+                     ? KILN_OK
+                     : kiln_fail(error, KILN_CANNOT_CREATE, "object %u has too long a name for a file", object);
+    if (status == KILN_OK)
+        status = kiln_path_join(path, w->folder, name, error);
+    if (status == KILN_OK)
+        status = kiln_exr_write(path, image, attributes, sizeof attributes / sizeof *attributes - !w->has_seed, error);
+    return status;
+}
+
+static void chart_texels(struct kiln_map *map, const struct kiln_chart_graph *graph)
+{
+    for (size_t i = 0; i < kiln_map_texels(map); i++)
+        if (map->chart[i] != KILN_NONE)
+            map->chart[i] = graph->chart[map->chart[i]]; /* was: the triangle */
+}
+
+static uint64_t count_covered(const struct kiln_surface *surface, uint32_t object)
+{
+    const struct kiln_lightmap *lightmap = &surface->lightmaps[object];
+    uint64_t covered = 0;
+    for (uint64_t t = 0; t < (uint64_t)lightmap->tiles_x * lightmap->tiles_y; t++)
+        covered += (uint64_t)__builtin_popcountll(surface->tiles[lightmap->tile_first + t].mask);
+    return covered;
+}
+
+/* From gathered points to a map without holes. */
+static int complete_map(const struct writer *w, uint32_t object, struct kiln_error *error)
+{
+    struct kiln_map *map = w->maps[object];
+    struct kiln_lightmap_report *report = &w->reports[object];
+    struct kiln_chart_graph *graph = NULL;
+    struct kiln_seam_report seams = {0};
+    uint32_t *nearest = NULL;
+    report->object = object;
+    for (size_t i = 0; i < kiln_map_texels(map); i++) {
+        report->valid += map->state[i] == KILN_TEXEL_VALID;
+        report->filled += map->state[i] == KILN_TEXEL_FILLED;
+    }
+    const uint64_t covered = count_covered(w->result->surface, object);
+    if (report->valid + report->filled != covered)
+        return kiln_fail(error, KILN_BUG, "object %u: %llu of its %llu points arrived where its lightmap is written", object,
+                         (unsigned long long)(report->valid + report->filled), (unsigned long long)covered);
+    int status = kiln_chart_graph_create(&graph, w->result->scene, w->result->scene->objects[object].mesh, map->width, map->height, error);
+    if (status == KILN_OK) {
+        chart_texels(map, graph);
+        status = kiln_map_fill(map, error);
+    }
+    if (status == KILN_OK)
+        status = kiln_allocate(&nearest, kiln_map_texels(map), sizeof *nearest, "nearest texels", error);
+    if (status == KILN_OK)
+        status = kiln_nearest_texels(map->state, KILN_TEXEL_FILLED, map->width, map->height, nearest, error);
+    if (status == KILN_OK)
+        status = kiln_seams_smooth(map, graph, nearest, w->params->stitch, &seams, error);
+    if (status == KILN_OK) {
+        report->seam_difference_before = seams.difference_before;
+        report->seam_difference_after = seams.difference_after;
+        report->dilated = kiln_map_dilate(map, nearest);
+    }
+    kiln_free(&nearest);
+    kiln_chart_graph_destroy(&graph);
+    return status;
+}
+
+static int write_object(const struct writer *w, uint32_t object, struct kiln_error *error)
+{
+    struct kiln_image *image = NULL;
+    int status = complete_map(w, object, error);
+    const double density = density_of(w->maps[object]);
+    if (status == KILN_OK)
+        status = make_image(w->maps[object], w->params->error_map, &image, error);
+    kiln_map_destroy(&w->maps[object]);
+    if (status == KILN_OK)
+        status = write_image(w, object, image, density, error);
+    kiln_image_destroy(&image);
+    return status;
+}
+
+/* ---- rounds ---- */
+
+static void put_point(void *context, const struct kiln_texel_record *record)
+{
+    const struct writer *w = context;
+    struct kiln_map *map = w->maps[record->object];
+    const size_t texel = (size_t)record->y * map->width + record->x;
+    const struct kiln_mesh *mesh = &w->result->scene->meshes[w->result->scene->objects[record->object].mesh];
+    map->state[texel] = record->valid != 0 ? KILN_TEXEL_VALID : KILN_TEXEL_FILLED;
+    map->area[texel] = record->area;
+    map->coverage[texel] = record->coverage;
+    map->chart[texel] = (uint32_t)(w->result->geometry->stored_triangle[record->triangle] - mesh->triangle_first);
+    for (int p = 0; record->valid != 0 && p < KILN_MAP_PLANES; p++)
+        map->planes[p][texel] = record->values[p];
+}
+
+/* Own objects of the round into `own`; makes their maps. */
+static int open_round(const struct writer *w, const struct kiln_deal *deal, uint32_t rank, uint32_t round, uint32_t *own, size_t *count,
+                      struct kiln_error *error)
+{
+    *count = 0;
+    for (size_t i = 0; i < deal->object_count; i++) {
+        if (deal->owner[i] != rank || deal->round[i] != round)
+            continue;
+        const struct kiln_lightmap *lightmap = &w->result->surface->lightmaps[i];
+        const int status = kiln_map_create(&w->maps[i], lightmap->width, lightmap->height, error);
+        if (status != KILN_OK)
+            return status;
+        own[(*count)++] = (uint32_t)i;
+    }
+    return KILN_OK;
+}
+
+/* Objects are independent of each other, so threads take one each. The first failing object's sentence is kept. */
+static int write_round(const struct writer *w, const uint32_t *own, size_t count, struct kiln_error *error)
+{
+    size_t first_failed = SIZE_MAX;
+    int status = KILN_OK;
+#pragma omp parallel for schedule(dynamic, 1)
+    for (size_t i = 0; i < count; i++) {
+        struct kiln_error mine = {{0}};
+        const int result = write_object(w, own[i], &mine);
+        if (result == KILN_OK)
+            continue;
+#pragma omp critical(kiln_write_round)
+        if (i < first_failed) {
+            first_failed = i;
+            status = kiln_fail(error, result, "%s", mine.message);
+        }
+    }
+    return status;
+}
+
+static int write_rounds(struct writer *w, const struct kiln_deal *deal, uint32_t rank, struct kiln_error *error)
+{
+    const MPI_Comm comm = w->result->communicator;
+    struct kiln_exchange *exchange = NULL;
+    uint32_t *own = NULL;
+    int status = kiln_exchange_create(&exchange, w->result, deal, 0, error); /* collective */
+    if (status != KILN_OK)
+        return status;
+    status = kiln_agree(comm, kiln_allocate(&own, deal->object_count, sizeof *own, "objects to write", error), error);
+    for (uint32_t round = 0; status == KILN_OK && round < deal->rounds; round++) {
+        size_t count = 0;
+        status = kiln_agree(comm, open_round(w, deal, rank, round, own, &count, error), error);
+        if (status == KILN_OK)
+            status = kiln_exchange_round(exchange, round, put_point, w, error);
+        if (status == KILN_OK)
+            status = kiln_agree(comm, write_round(w, own, count, error), error);
+    }
+    kiln_free(&own);
+    kiln_exchange_destroy(&exchange);
+    return status;
+}
+
+/* Every report is made on one rank and zero on the others, so joining the bits is exact. */
+static int gather_reports(const struct kiln_bake_result *result, const struct kiln_lightmap_report *own, int rank,
+                          struct kiln_lightmap_report *reports, struct kiln_error *error)
+{
+    enum { AT_ONCE = 1 << 16 };
+    for (size_t first = 0; first < result->scene->object_count; first += AT_ONCE) {
+        const size_t left = result->scene->object_count - first;
+        const int count = (int)(left < AT_ONCE ? left : AT_ONCE);
+        /* the struct is one 32-bit number, three 64-bit ones and two doubles: joined as bytes, since the others' are all zero */
+        if (MPI_Reduce(own + first, rank == 0 ? reports + first : NULL, count * (int)sizeof *own, MPI_BYTE, MPI_BOR, 0,
+                       result->communicator) != MPI_SUCCESS)
+            return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the ranks' reports on lightmaps were gathered");
+    }
+    for (size_t i = 0; rank != 0 && i < result->scene->object_count; i++)
+        reports[i] = (struct kiln_lightmap_report){.object = (uint32_t)i};
+    return KILN_OK;
+}
+
+static void read_seed(struct writer *w)
+{
+    json_t *provenance = w->params->provenance_json == NULL ? NULL : json_loads(w->params->provenance_json, 0, NULL);
+    const json_t *seed = json_object_get(provenance, "seed");
+    w->has_seed = json_is_integer(seed);
+    w->seed = json_integer_value(seed);
+    json_decref(provenance);
+}
+
+int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,
+                         struct kiln_lightmap_report *reports, struct kiln_error *error)
+{
+    const size_t objects = result->scene->object_count;
+    struct writer w = {.result = result, .params = params};
+    struct kiln_deal *deal = NULL;
+    char folder[KILN_PATH_SIZE];
+    int rank = 0, ranks = 1;
+    if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS || MPI_Comm_size(result->communicator, &ranks) != MPI_SUCCESS)
+        return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
+    w.folder = folder;
+    read_seed(&w);
+    int status = kiln_path_join(folder, params->directory, "lightmaps", error);
+    if (status == KILN_OK && rank == 0)
+        status = kiln_make_directory(folder, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&w.reports, objects, sizeof *w.reports, "reports on lightmaps", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&w.maps, objects, sizeof(struct kiln_map *), "lightmaps", error);
+    if (status == KILN_OK)
+        status = kiln_deal_create(&deal, result->surface->lightmaps, objects, (uint32_t)ranks, texel_budget, error);
+    status = kiln_agree(result->communicator, status, error);
+    if (status == KILN_OK)
+        status = write_rounds(&w, deal, (uint32_t)rank, error);
+    if (status == KILN_OK && reports != NULL)
+        status = kiln_agree(result->communicator, gather_reports(result, w.reports, rank, reports, error), error);
+    for (size_t i = 0; w.maps != NULL && i < objects; i++)
+        kiln_map_destroy(&w.maps[i]);
+    kiln_free(&w.maps);
+    kiln_free(&w.reports);
+    kiln_deal_destroy(&deal);
+    return status;
+}

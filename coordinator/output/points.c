@@ -1,0 +1,122 @@
+#include "coordinator/output/points.h"
+
+#include "worker/scene/clip.h"
+
+struct triangle_view {
+    const struct kiln_object *object;
+    uint64_t vertex[3]; /* of the scene */
+};
+
+static struct triangle_view view_triangle(const struct kiln_bake_result *result, uint32_t object, uint32_t triangle)
+{
+    const struct kiln_scene *scene = result->scene;
+    struct triangle_view view = {.object = &scene->objects[object]};
+    const struct kiln_mesh *mesh = &scene->meshes[view.object->mesh];
+    const uint32_t *corner = scene->triangles + 3 * (size_t)result->geometry->stored_triangle[triangle];
+    for (int c = 0; c < 3; c++)
+        view.vertex[c] = mesh->vertex_first + corner[c];
+    return view;
+}
+
+/* Weights of corners 1 and 2 at the centroid of the triangle's part in the texel, and that part's area in texels. */
+static double piece_centroid(const struct kiln_scene *scene, const struct triangle_view *view, uint32_t x, uint32_t y, double *b1,
+                             double *b2)
+{
+    double corner[3][2];
+    for (int c = 0; c < 3; c++) {
+        const struct kiln_vec2 uv = scene->texcoord_lightmap[view->vertex[c]];
+        corner[c][0] = (double)uv.x * view->object->lightmap_width - x;
+        corner[c][1] = (double)uv.y * view->object->lightmap_height - y;
+    }
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid = {0.5, 0.5, 1.0 / 3.0, 1.0 / 3.0};
+    const uint32_t count = kiln_clip_triangle(corner, 0.0, 0.0, 1.0, 1.0, polygon);
+    const double area = count < 3 ? 0.0 : kiln_clip_area(polygon, count, &centroid);
+    *b1 = centroid.b1;
+    *b2 = centroid.b2;
+    return area;
+}
+
+static double weigh(double a, double b, double c, double b1, double b2) { return a + b1 * (b - a) + b2 * (c - a); }
+
+static void add_position(const struct kiln_scene *scene, const struct triangle_view *view, double b1, double b2, double share,
+                         double position[3])
+{
+    const struct kiln_vec3 *p[3];
+    for (int c = 0; c < 3; c++)
+        p[c] = &scene->positions[view->vertex[c]];
+    const double local[3] = {weigh((double)p[0]->x, (double)p[1]->x, (double)p[2]->x, b1, b2),
+                             weigh((double)p[0]->y, (double)p[1]->y, (double)p[2]->y, b1, b2),
+                             weigh((double)p[0]->z, (double)p[1]->z, (double)p[2]->z, b1, b2)};
+    const double *m = view->object->transform;
+    for (int i = 0; i < 3; i++)
+        position[i] += share * (m[4 * i] * local[0] + m[4 * i + 1] * local[1] + m[4 * i + 2] * local[2] + m[4 * i + 3]);
+}
+
+/* Normals go with the inverse transpose, which is the cofactor matrix over the determinant: only its sign matters here. */
+static struct kiln_dvec3 transform_normal(const double m[12], struct kiln_dvec3 n)
+{
+    const struct kiln_dvec3 r0 = dvec3(m[0], m[1], m[2]), r1 = dvec3(m[4], m[5], m[6]), r2 = dvec3(m[8], m[9], m[10]);
+    const struct kiln_dvec3 c0 = dvec3_cross(r1, r2), c1 = dvec3_cross(r2, r0), c2 = dvec3_cross(r0, r1);
+    const double sign = dvec3_dot(r0, c0) < 0.0 ? -1.0 : 1.0;
+    const struct kiln_dvec3 out = dvec3(dvec3_dot(c0, n), dvec3_dot(c1, n), dvec3_dot(c2, n));
+    const double length = dvec3_length(out);
+    return length > 0.0 ? dvec3_scale(out, sign / length) : out;
+}
+
+static void add_normal(const struct kiln_scene *scene, const struct triangle_view *view, double b1, double b2, double share,
+                       struct kiln_dvec3 *normal)
+{
+    const struct kiln_vec3 *n[3];
+    for (int c = 0; c < 3; c++)
+        n[c] = &scene->normals[view->vertex[c]];
+    const struct kiln_dvec3 local = dvec3(weigh((double)n[0]->x, (double)n[1]->x, (double)n[2]->x, b1, b2),
+                                          weigh((double)n[0]->y, (double)n[1]->y, (double)n[2]->y, b1, b2),
+                                          weigh((double)n[0]->z, (double)n[1]->z, (double)n[2]->z, b1, b2));
+    *normal = dvec3_add(*normal, dvec3_scale(transform_normal(view->object->transform, local), share));
+}
+
+static void describe(const struct kiln_bake_result *result, uint32_t object, const uint32_t *pieces, const float *shares,
+                     uint32_t piece_count, struct kiln_point_detail *detail)
+{
+    struct kiln_dvec3 normal = dvec3(0.0, 0.0, 0.0);
+    double coverage = 0.0, before = 0.0;
+    for (uint32_t i = 0; i < piece_count; i++) {
+        const double until = shares == NULL ? 1.0 : (double)shares[i];
+        const struct triangle_view view = view_triangle(result, object, pieces[i]);
+        double b1, b2;
+        coverage += piece_centroid(result->scene, &view, detail->x, detail->y, &b1, &b2);
+        add_position(result->scene, &view, b1, b2, until - before, detail->position);
+        add_normal(result->scene, &view, b1, b2, until - before, &normal);
+        before = until;
+    }
+    const double length = dvec3_length(normal);
+    const struct kiln_vec3 unit = vec3_of(length > 0.0 ? dvec3_scale(normal, 1.0 / length) : normal);
+    detail->normal[0] = unit.x;
+    detail->normal[1] = unit.y;
+    detail->normal[2] = unit.z;
+    detail->coverage = (float)(coverage < 1.0 ? coverage : 1.0);
+}
+
+uint32_t kiln_fragment_details(const struct kiln_bake_result *result, size_t fragment, struct kiln_point_detail *details)
+{
+    const struct kiln_surface *s = result->surface;
+    const struct kiln_fragment *f = &s->fragments[fragment];
+    const uint32_t tiles_x = s->lightmaps[f->object].tiles_x;
+    const uint64_t offset = kiln_fragment_offset(s, fragment);
+    const uint32_t *piece = s->pieces + s->piece_base[fragment];
+    const float *share = s->shares + s->share_base[fragment];
+    uint64_t mask = f->mask;
+    for (uint32_t i = 0; i < f->count; i++, mask &= mask - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(mask), count = s->piece_count[offset + i];
+        struct kiln_point_detail *detail = &details[i];
+        *detail = (struct kiln_point_detail){.x = f->tile % tiles_x * KILN_TILE_SIDE + kiln_morton8_x(bit),
+                                             .y = f->tile / tiles_x * KILN_TILE_SIDE + kiln_morton8_y(bit),
+                                             .triangle = piece[0]};
+        describe(result, f->object, piece, count > 1 ? share : NULL, count, detail);
+        if ((s->flags[offset + i] & KILN_POINT_WHOLE) != 0)
+            detail->coverage = 1.0f;
+        piece += count;
+        share += count > 1 ? count : 0;
+    }
+    return f->count;
+}
