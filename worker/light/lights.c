@@ -132,12 +132,12 @@ void kiln_lights_destroy(struct kiln_lights **lights)
 }
 
 /* Splits the most important inner cluster until there is room for no more or only single lights are left. */
-static size_t cut_tree(const struct kiln_lights *lights, struct kiln_dvec3 p, struct kiln_dvec3 n, size_t limit,
+static size_t cut_tree(const struct kiln_lights *lights, struct kiln_dvec3 p, double spread, struct kiln_dvec3 n, size_t limit,
                        struct kiln_light_choice *choices)
 {
     if (lights->node_count == 0)
         return 0;
-    double importance = kiln_light_node_importance(&lights->nodes[0], p, n);
+    double importance = kiln_light_node_importance(&lights->nodes[0], p, spread, n);
     if (importance <= 0.0)
         return 0;
     size_t count = 1;
@@ -153,7 +153,7 @@ static size_t cut_tree(const struct kiln_lights *lights, struct kiln_dvec3 p, st
         const uint32_t child[2] = {node->left, node->right};
         size_t kept = 0;
         for (int c = 0; c < 2; c++) {
-            importance = kiln_light_node_importance(&lights->nodes[child[c]], p, n);
+            importance = kiln_light_node_importance(&lights->nodes[child[c]], p, spread, n);
             if (importance <= 0.0)
                 continue;
             choices[kept == 0 ? best : count] = (struct kiln_light_choice){KILN_CHOICE_NODE, child[c], 0, importance};
@@ -169,11 +169,11 @@ static size_t cut_tree(const struct kiln_lights *lights, struct kiln_dvec3 p, st
     return count;
 }
 
-size_t kiln_lights_choices(const struct kiln_lights *lights, struct kiln_dvec3 p, struct kiln_dvec3 n, size_t node_limit,
-                           struct kiln_light_choice *choices)
+size_t kiln_lights_choices(const struct kiln_lights *lights, struct kiln_dvec3 p, double spread, struct kiln_dvec3 n,
+                           size_t node_limit, struct kiln_light_choice *choices)
 {
     const bool probe = n.x == 0.0 && n.y == 0.0 && n.z == 0.0;
-    size_t count = cut_tree(lights, p, n, node_limit, choices);
+    size_t count = cut_tree(lights, p, spread, n, node_limit, choices);
     for (size_t i = 0; i < lights->directional_count; i++) {
         const double cosine = probe ? 1.0 : dvec3_dot(n, lights->directionals[i].towards);
         if (cosine > 0.0)
@@ -343,8 +343,8 @@ static bool pick_light(const struct kiln_lights *lights, uint32_t node, struct k
     *weight = 1.0;
     while (lights->nodes[node].left != KILN_NONE) {
         const uint32_t left = lights->nodes[node].left, right = lights->nodes[node].right;
-        const double a = kiln_light_node_importance(&lights->nodes[left], p, n);
-        const double b = kiln_light_node_importance(&lights->nodes[right], p, n);
+        const double a = kiln_light_node_importance(&lights->nodes[left], p, 0.0, n);
+        const double b = kiln_light_node_importance(&lights->nodes[right], p, 0.0, n);
         if (a + b <= 0.0)
             return false;
         const double chance = a / (a + b);

@@ -86,10 +86,11 @@ struct kiln_light_choice {
     double importance; /* about the irradiance it may bring, W/m2 */
 };
 
-/* Choices for a point at p with unit normal n (n = 0: a probe, every direction counts), in a fixed order. Directional lights
+/* Choices for points within `spread` metres of p with unit normal n (n = 0: every direction counts, as for a probe or a texel
+ * with several normals), in a fixed order. Directional lights
  * beyond the cut's room are all kept: `choices` must hold KILN_CUT_MAX + directional_count + 1. Returns how many. */
-size_t kiln_lights_choices(const struct kiln_lights *lights, struct kiln_dvec3 p, struct kiln_dvec3 n, size_t node_limit,
-                           struct kiln_light_choice *choices);
+size_t kiln_lights_choices(const struct kiln_lights *lights, struct kiln_dvec3 p, double spread, struct kiln_dvec3 n,
+                           size_t node_limit, struct kiln_light_choice *choices);
 /* Shares out `samples` by importance, at least one each; returns the total given (at most samples + count). */
 uint32_t kiln_lights_allot(struct kiln_light_choice *choices, size_t count, uint32_t samples);
 

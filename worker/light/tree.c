@@ -155,11 +155,11 @@ static double cos_less(double sin_a, double cos_a, double sin_b, double cos_b) {
 static double sin_less(double sin_a, double cos_a, double sin_b, double cos_b) { return cos_a > cos_b ? 0.0 : sin_a * cos_b - cos_a * sin_b; }
 static double sin_of(double c) { return sqrt(fmax(0.0, 1.0 - c * c)); }
 
-double kiln_light_node_importance(const struct kiln_light_node *node, struct kiln_dvec3 p, struct kiln_dvec3 n)
+double kiln_light_node_importance(const struct kiln_light_node *node, struct kiln_dvec3 p, double spread, struct kiln_dvec3 n)
 {
     const struct kiln_dvec3 centre = centre_of(node);
     const struct kiln_dvec3 half = dvec3_scale(dvec3_sub(node->maximum, node->minimum), 0.5);
-    const double radius2 = dvec3_dot(half, half);
+    const double radius = dvec3_length(half) + spread, radius2 = radius * radius;
     const struct kiln_dvec3 away = dvec3_sub(p, centre); /* from the cluster to the point */
     const double d2 = dvec3_dot(away, away);
     const bool inside = d2 <= radius2;
@@ -185,7 +185,7 @@ double kiln_light_node_importance(const struct kiln_light_node *node, struct kil
         }
     }
     /* Beyond the cluster's own size the inverse square holds; within it the light cannot fill more than a hemisphere. */
-    const double floor2 = 0.25 * radius2;
+    const double floor2 = 0.25 * dvec3_dot(half, half);
     const double importance = node->power * fmax(emission, 1e-3) * fmax(reception, 1e-3) / fmax(d2, floor2);
     return importance > 0.0 && isfinite(importance) ? importance : node->power > 0.0 ? DBL_MIN : 0.0;
 }

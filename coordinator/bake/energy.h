@@ -1,0 +1,48 @@
+/* The energy ledger: where the lights' power went, in watts, by channel.
+ *
+ *   emitted = absorbed + escaped + blocked + ranged + left over, within the estimated error.
+ *
+ * Emission is traced from the lights (kiln_backend_emission), the direct pass gathers from the points' side, and a gather pass
+ * knows both what it found (sum of area x incident) and, from the very same rays, what share of the radiosity each point
+ * sends to nothing or to back faces (by reciprocity). So the two sides of the sum come from different estimators, and a
+ * residual beyond the error means that something is wrong.
+ *
+ * Sums over points are made in 128-bit fixed point, so that they do not depend on the order, the cells or the ranks. */
+#ifndef KILN_COORDINATOR_BAKE_ENERGY_H
+#define KILN_COORDINATOR_BAKE_ENERGY_H
+
+#include <mpi.h>
+#include <stdbool.h>
+
+#include "worker/backend/backend.h"
+
+/* A sum of doubles that does not depend on their order. */
+struct kiln_exact_sum {
+    __int128 value;
+};
+
+/* `unit`: the value of one step of the fixed point, a power of two: see kiln_exact_unit. */
+static inline void kiln_exact_add(struct kiln_exact_sum *sum, double value, double unit) { sum->value += (__int128)(value / unit); }
+static inline double kiln_exact_value(const struct kiln_exact_sum *sum, double unit) { return (double)sum->value * unit; }
+/* A step so small that rounding 2^40 terms is below 1e-12 of `scale`, with room for sums up to 2^40 x `scale`. */
+double kiln_exact_unit(double scale);
+/* Collective: adds up `count` sums over all ranks; every rank gets the same bits. */
+int kiln_exact_reduce(MPI_Comm communicator, struct kiln_exact_sum *sums, size_t count, struct kiln_error *error);
+
+/* What one pass over all points adds up to, W. */
+struct kiln_pass_energy {
+    double incident[3];  /* sum of area x incident irradiance */
+    double reflected[3]; /* sum of area x albedo x incident */
+    double sent[3];      /* gather only: sum of area x radiosity gathered from */
+    double escaped[3], blocked[3]; /* gather only: parts of `sent` that met nothing, or back faces */
+    double variance;     /* of the luminance of incident (+ escaped + blocked) */
+};
+
+struct kiln_energy {
+    double emitted[3], absorbed[3], escaped[3], blocked[3], ranged[3], left_over[3];
+    double residual;       /* luminance of emitted - all the rest */
+    double error;          /* its standard error, luminance */
+    double relative;       /* |residual| / luminance of emitted; 0 without lights */
+};
+
+#endif

@@ -1,0 +1,28 @@
+/* How long each phase of a run takes on each rank. */
+#ifndef KILN_COORDINATOR_BAKE_PHASES_H
+#define KILN_COORDINATOR_BAKE_PHASES_H
+
+#include <jansson.h>
+#include <mpi.h>
+#include <stddef.h>
+
+enum { KILN_PHASES_MAX = 24 };
+
+struct kiln_phases {
+    const char *name[KILN_PHASES_MAX]; /* static strings */
+    double seconds[KILN_PHASES_MAX];
+    size_t count;
+    double since; /* when the present phase began; 0: none */
+    double begin; /* of the run */
+};
+
+/* Ends the present phase and begins (or goes on with) the one called `name`; NULL begins none. The ranks must begin the same
+ * phases for the first time in the same order. Not collective. */
+void kiln_phase(struct kiln_phases *phases, const char *name);
+/* Adds time that was measured elsewhere. */
+void kiln_phase_add(struct kiln_phases *phases, const char *name, double seconds);
+
+/* Collective. On rank 0 an array of {name, seconds: {min, avg, max}, imbalance, per_rank: []}, elsewhere NULL. */
+json_t *kiln_phases_json(const struct kiln_phases *phases, MPI_Comm communicator);
+
+#endif

@@ -1,0 +1,186 @@
+#include "coordinator/bake/prepare.h"
+
+#include <sched.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "coordinator/cli/agree.h"
+#include "worker/base/memory.h"
+
+enum { BATCH_FRAGMENTS = 4096 };
+
+static const char *const instruction_sets[] = {"sse2", "sse4.2", "avx", "avx2", "avx512"};
+enum { SETS = 5 };
+
+/* The best of the list that this processor has. */
+static int own_instruction_set(void)
+{
+#if defined(__x86_64__)
+    __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw") &&
+        __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512cd"))
+        return 4;
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+        return 3;
+    if (__builtin_cpu_supports("avx"))
+        return 2;
+    if (__builtin_cpu_supports("sse4.2"))
+        return 1;
+#endif
+    return 0;
+}
+
+/* Embree finds the same hits for any number of threads but not on any instruction set: all ranks take the lowest of theirs. */
+static int agree_on_instruction_set(struct kiln_prepared *p, const char *wanted, struct kiln_error *error)
+{
+    const int own = own_instruction_set();
+    int common = own, chosen = -1;
+    (void)MPI_Allreduce(MPI_IN_PLACE, &common, 1, MPI_INT, MPI_MIN, p->communicator);
+    for (int i = 0; i < SETS && wanted != NULL; i++)
+        if (strcmp(wanted, instruction_sets[i]) == 0)
+            chosen = i;
+    if (chosen > common)
+        return kiln_fail(error, KILN_NO_DEVICE, "instruction set %s is not available on every rank; all have %s", wanted, instruction_sets[common]);
+    (void)snprintf(p->instruction_set, sizeof p->instruction_set, "%s", instruction_sets[chosen >= 0 ? chosen : common]);
+    return KILN_OK;
+}
+
+/* Cores this rank may use: when it is not bound to some of the machine's, it shares them with the ranks of its node. */
+static uint32_t choose_threads(const struct kiln_prepared *p, uint32_t wanted)
+{
+    if (wanted != 0)
+        return wanted;
+    cpu_set_t set;
+    CPU_ZERO(&set);
+    const long online = sysconf(_SC_NPROCESSORS_ONLN);
+    long own = sched_getaffinity(0, sizeof set, &set) == 0 ? CPU_COUNT(&set) : online;
+    if (own >= online)
+        own = online / p->node_ranks;
+    return own < 1 ? 1 : (uint32_t)own;
+}
+
+static void learn_about_ranks(struct kiln_prepared *p, const struct kiln_job *job)
+{
+    MPI_Comm node;
+    (void)MPI_Comm_rank(p->communicator, &p->rank);
+    (void)MPI_Comm_size(p->communicator, &p->ranks);
+    (void)MPI_Comm_split_type(p->communicator, MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, &node);
+    (void)MPI_Comm_size(node, &p->node_ranks);
+    (void)MPI_Comm_free(&node);
+    p->threads = choose_threads(p, job->threads);
+}
+
+static int import_scene(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    if (p->rank == 0) {
+        const struct kiln_import_params params = {
+            .path = job->scene,
+            .output = scene_file,
+            .texels_per_metre = job->texels_per_metre,
+            .lightmap_size = job->lightmap_size,
+            .lightmap_max = job->lightmap_max,
+            .environment = job->environment,
+            .environment_scale = job->environment_scale,
+            .environment_rotation_degrees = job->environment_rotation,
+        };
+        status = kiln_import(&params, &p->import, error);
+    }
+    return kiln_agree(p->communicator, status, error);
+}
+
+static int build_world(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file, struct kiln_error *error)
+{
+    int status = agree_on_instruction_set(p, job->instruction_set, error);
+    if (status == KILN_OK)
+        status = kiln_scene_open(&p->scene, scene_file, error);
+    if (status == KILN_OK)
+        status = kiln_geometry_create(&p->geometry, p->scene, error);
+    if (status == KILN_OK)
+        status = kiln_lights_create(&p->lights, p->scene, p->geometry, error);
+    if (status == KILN_OK) {
+        const struct kiln_backend_params params = {.scene = p->scene,
+                                                   .geometry = p->geometry,
+                                                   .lights = p->lights,
+                                                   .threads = p->threads,
+                                                   .instruction_set = p->instruction_set,
+                                                   .seed = job->seed};
+        status = kiln_backend_create(&p->backend, job->backend != NULL ? job->backend : "auto", &params, error);
+    }
+    return kiln_agree(p->communicator, status, error);
+}
+
+static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, struct kiln_error *error)
+{
+    const struct kiln_surface_params params = {.scene = p->scene,
+                                               .geometry = p->geometry,
+                                               .cell_size = job->cell_size,
+                                               .partition = job->partition_objects ? KILN_PARTITION_OBJECTS : KILN_PARTITION_CELLS,
+                                               .rank = (uint32_t)p->rank,
+                                               .ranks = (uint32_t)p->ranks,
+                                               .threads = p->threads};
+    int status = kiln_surface_build(&p->surface, &params, &p->surface_report, error);
+    if (status == KILN_OK)
+        status = kiln_backend_set_surface(p->backend, p->surface, error);
+    return kiln_agree(p->communicator, status, error);
+}
+
+static int find_valid_points(struct kiln_prepared *p, struct kiln_progress *progress, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    const size_t count = p->surface->fragment_count;
+    for (size_t first = 0; first < count && status == KILN_OK; first += BATCH_FRAGMENTS) {
+        const size_t batch = count - first < BATCH_FRAGMENTS ? count - first : BATCH_FRAGMENTS;
+        status = kiln_backend_validity(p->backend, first, batch, p->surface->open, p->surface->flags, error);
+        kiln_progress_advance(progress, first + batch);
+    }
+    return kiln_agree(p->communicator, status, error);
+}
+
+int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job, const char *scene_file,
+                 struct kiln_phases *phases, struct kiln_progress *progress, struct kiln_error *error)
+{
+    struct kiln_prepared *p = NULL;
+    int status = kiln_agree(communicator, kiln_allocate(&p, 1, sizeof *p, "the run", error), error);
+    if (status == KILN_OK) {
+        p->communicator = communicator;
+        learn_about_ranks(p, job);
+        kiln_phase(phases, "import");
+        kiln_progress_phase(progress, "import", 0);
+        status = import_scene(p, job, scene_file, error);
+    }
+    if (status == KILN_OK) {
+        kiln_phase(phases, "scene and BVH");
+        kiln_progress_phase(progress, "scene and BVH", 0);
+        status = build_world(p, job, scene_file, error);
+    }
+    if (status == KILN_OK) {
+        kiln_phase(phases, "surface points");
+        kiln_progress_phase(progress, "surface points", 0);
+        status = build_surface(p, job, error);
+    }
+    if (status == KILN_OK) {
+        kiln_phase(phases, "validity");
+        kiln_progress_phase(progress, "validity", p->surface->fragment_count);
+        status = find_valid_points(p, progress, error);
+    }
+    kiln_phase(phases, NULL);
+    if (status != KILN_OK)
+        kiln_prepared_destroy(&p);
+    *prepared = p;
+    return status;
+}
+
+void kiln_prepared_destroy(struct kiln_prepared **prepared)
+{
+    struct kiln_prepared *p = *prepared;
+    if (p == NULL)
+        return;
+    kiln_backend_destroy(&p->backend);
+    kiln_surface_destroy(&p->surface);
+    kiln_lights_destroy(&p->lights);
+    kiln_geometry_destroy(&p->geometry);
+    kiln_scene_close(&p->scene);
+    kiln_free(prepared);
+}

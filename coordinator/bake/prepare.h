@@ -1,0 +1,35 @@
+/* From a job to everything that light transport needs: scene file, geometry, lights, backend, surface points. */
+#ifndef KILN_COORDINATOR_BAKE_PREPARE_H
+#define KILN_COORDINATOR_BAKE_PREPARE_H
+
+#include <mpi.h>
+
+#include "coordinator/bake/phases.h"
+#include "coordinator/cli/job.h"
+#include "coordinator/cli/progress.h"
+#include "coordinator/import/import.h"
+#include "coordinator/surface/surface_build.h"
+#include "worker/backend/backend.h"
+#include "worker/light/lights.h"
+
+struct kiln_prepared {
+    MPI_Comm communicator;
+    int rank, ranks, node_ranks;
+    uint32_t threads;
+    char instruction_set[16];
+    struct kiln_import_report import; /* rank 0 */
+    struct kiln_scene *scene;
+    struct kiln_geometry *geometry;
+    struct kiln_lights *lights;
+    struct kiln_backend *backend;
+    struct kiln_surface *surface;
+    struct kiln_surface_report surface_report;
+};
+
+/* Collective. Rank 0 imports the job's scene to `scene_file`, all map it; every rank builds the rest; the validity pass runs.
+ * Phases "import", "scene and BVH", "surface points", "validity" are begun. Destroy with kiln_prepared_destroy. */
+int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job, const char *scene_file,
+                 struct kiln_phases *phases, struct kiln_progress *progress, struct kiln_error *error);
+void kiln_prepared_destroy(struct kiln_prepared **prepared);
+
+#endif

@@ -1,0 +1,287 @@
+#include "coordinator/bake/run_report.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include "worker/base/memory.h"
+
+/* Numbers of one rank that rank 0 wants. */
+enum { RANK_POINTS, RANK_INVALID, RANK_RSS, RANK_DIRECT, RANK_BOUNCES, RANK_FINAL, RANK_PROBES, RANK_VALUES };
+
+static double luminance(const double rgb[3]) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
+
+static json_t *rgb_json(const double rgb[3]) { return json_pack("[f,f,f]", rgb[0], rgb[1], rgb[2]); }
+
+static json_t *hash_json(const uint64_t hash[2])
+{
+    char text[40];
+    (void)snprintf(text, sizeof text, "%016llx%016llx", (unsigned long long)hash[1], (unsigned long long)hash[0]);
+    return json_string(text);
+}
+
+/* Settings that change the result. */
+static json_t *settings_json(const struct kiln_job *job)
+{
+    return json_pack("{s:s, s:I, s:b, s:s, s:i, s:i, s:i, s:i, s:I}", "method", job->method != NULL ? job->method : "cells", "bounces",
+                     (json_int_t)job->bounces, "tail", job->tail || job->bounces < 0, "schedule",
+                     job->schedule == KILN_SCHEDULE_LEAN ? "lean" : "equal", "samples_direct", (int)job->samples_direct, "samples_bounce",
+                     (int)job->samples_bounce, "samples_indirect", (int)job->samples_indirect, "samples_probe", (int)job->samples_probe,
+                     "seed", (json_int_t)job->seed);
+}
+
+static json_t *scene_json(const struct kiln_prepared *p)
+{
+    const struct kiln_scene *s = p->scene;
+    json_t *sources = json_array();
+    for (size_t i = 0; i < s->source_count; i++)
+        json_array_append_new(sources, json_pack("{s:s, s:I, s:o}", "path", kiln_scene_string(s, s->sources[i].path), "bytes",
+                                                 (json_int_t)s->sources[i].size, "xxh3_128", hash_json(s->sources[i].hash)));
+    return json_pack("{s:o, s:o, s:I, s:I, s:I, s:I, s:f}", "content_xxh3_128", hash_json(s->header->content_hash), "sources", sources,
+                     "objects", (json_int_t)s->object_count, "triangles", (json_int_t)p->geometry->triangle_count, "emissive_triangles",
+                     (json_int_t)p->lights->area_count, "punctual_lights", (json_int_t)s->light_count, "texels_per_metre",
+                     (double)s->header->texels_per_metre);
+}
+
+char *kiln_provenance(const struct kiln_job *job, const struct kiln_prepared *prepared)
+{
+    json_t *scene = scene_json(prepared);
+    json_t *all = json_pack("{s:s, s:s, s:s, s:o, s:o}", "kiln", KILN_VERSION, "backend", prepared->backend->api->name, "instruction_set",
+                            prepared->instruction_set, "settings", settings_json(job), "scene", scene);
+    char *text = json_dumps(all, JSON_COMPACT | JSON_SORT_KEYS);
+    json_decref(all);
+    return text;
+}
+
+static uint64_t count_invalid(const struct kiln_surface *surface)
+{
+    uint64_t invalid = 0;
+    for (uint64_t i = 0; i < surface->count; i++)
+        invalid += (surface->flags[i] & KILN_POINT_VALID) == 0;
+    return invalid;
+}
+
+static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
+{
+    struct rusage usage;
+    (void)getrusage(RUSAGE_SELF, &usage);
+    const struct kiln_transport_report *t = &run->transport->report;
+    values[RANK_POINTS] = run->prepared->surface->count;
+    values[RANK_INVALID] = count_invalid(run->prepared->surface);
+    values[RANK_RSS] = (uint64_t)usage.ru_maxrss * 1024u;
+    values[RANK_PROBES] = run->probe_rays;
+    for (size_t i = 0; i < t->pass_count; i++)
+        values[t->passes[i].kind == KILN_PASS_DIRECT ? RANK_DIRECT : t->passes[i].kind == KILN_PASS_BOUNCE ? RANK_BOUNCES : RANK_FINAL] +=
+            t->passes[i].rays;
+}
+
+static json_t *passes_json(const struct kiln_transport_report *t)
+{
+    static const char *const kinds[] = {"direct", "bounce", "final"};
+    json_t *array = json_array();
+    for (size_t i = 0; i < t->pass_count; i++) {
+        const struct kiln_pass_report *p = &t->passes[i];
+        json_array_append_new(array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:o, s:o}", "kind", kinds[p->kind], "bounce", (int)p->bounce,
+                                               "samples", (int)p->samples, "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
+                                               "energy", luminance(p->energy.incident), "incident", rgb_json(p->energy.incident), "reflected",
+                                               rgb_json(p->energy.reflected)));
+    }
+    return array;
+}
+
+static json_t *energy_json(const struct kiln_energy *e)
+{
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", "W", "emitted", rgb_json(e->emitted), "absorbed",
+                     rgb_json(e->absorbed), "escaped", rgb_json(e->escaped), "blocked", rgb_json(e->blocked), "ranged", rgb_json(e->ranged),
+                     "left_over", rgb_json(e->left_over), "residual", e->residual, "error", e->error, "relative_residual", e->relative);
+}
+
+/* Mean over points of the standard error, and of the irradiance, luminance. Collective. */
+static json_t *error_json(const struct kiln_run *run)
+{
+    const struct kiln_surface *s = run->prepared->surface;
+    double sums[3] = {0}; /* error squared, irradiance, points */
+    for (uint64_t i = 0; i < s->count; i++) {
+        if ((s->flags[i] & KILN_POINT_VALID) == 0)
+            continue;
+        double e[3];
+        for (uint64_t c = 0; c < 3; c++)
+            e[c] = (double)run->transport->direct[3 * i + c] + (double)run->transport->indirect[3 * i + c];
+        sums[0] += (double)run->transport->error[i] * (double)run->transport->error[i];
+        sums[1] += luminance(e);
+        sums[2] += 1.0;
+    }
+    (void)MPI_Allreduce(MPI_IN_PLACE, sums, 3, MPI_DOUBLE, MPI_SUM, run->prepared->communicator);
+    const double mean = sums[2] > 0.0 ? sums[1] / sums[2] : 0.0, rms = sums[2] > 0.0 ? sqrt(sums[0] / sums[2]) : 0.0;
+    return json_pack("{s:f, s:f, s:f}", "mean_irradiance", mean, "rms_standard_error", rms, "mean_relative", mean > 0.0 ? rms / mean : 0.0);
+}
+
+static json_t *objects_json(const struct kiln_run *run)
+{
+    const struct kiln_scene *scene = run->prepared->scene;
+    json_t *array = json_array();
+    for (size_t i = 0; i < scene->object_count; i++) {
+        const char *name = kiln_scene_string(scene, scene->objects[i].name);
+        const struct kiln_lightmap_report *r = &run->lightmaps[i];
+        char path[512];
+        (void)snprintf(path, sizeof path, "lightmaps/%s.exr", name);
+        json_array_append_new(array, json_pack("{s:s, s:s, s:s, s:i, s:i, s:I, s:I, s:I, s:f, s:f}", "name",
+                                               kiln_scene_string(scene, scene->objects[i].original_name), "file_name", name, "lightmap", path,
+                                               "width", (int)scene->objects[i].lightmap_width, "height", (int)scene->objects[i].lightmap_height,
+                                               "valid", (json_int_t)r->valid, "filled", (json_int_t)r->filled, "dilated", (json_int_t)r->dilated,
+                                               "seam_before", r->seam_difference_before, "seam_after", r->seam_difference_after));
+    }
+    return array;
+}
+
+static json_t *balance_json(const struct kiln_run *run, const uint64_t *values)
+{
+    const struct kiln_surface_report *s = &run->prepared->surface_report;
+    json_t *per_rank = json_array();
+    for (int r = 0; r < run->prepared->ranks; r++)
+        json_array_append_new(per_rank, json_integer((json_int_t)values[(size_t)r * RANK_VALUES + RANK_POINTS]));
+    return json_pack("{s:s, s:f, s:I, s:I, s:f, s:o}", "partition", run->job->partition_objects ? "objects" : "cells", "point_imbalance",
+                     s->imbalance, "cells_occupied", (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total, "cell_size",
+                     s->cell_size, "points_per_rank", per_rank);
+}
+
+static json_t *memory_json(const struct kiln_run *run, const uint64_t *values)
+{
+    uint64_t most = 0;
+    json_t *per_rank = json_array();
+    for (int r = 0; r < run->prepared->ranks; r++) {
+        const uint64_t rss = values[(size_t)r * RANK_VALUES + RANK_RSS];
+        most = rss > most ? rss : most;
+        json_array_append_new(per_rank, json_integer((json_int_t)rss));
+    }
+    return json_pack("{s:s, s:I, s:o}", "units", "bytes", "peak_rank", (json_int_t)most, "peak_per_rank", per_rank);
+}
+
+static json_t *rays_json(const uint64_t *values, int ranks, double *total)
+{
+    uint64_t sum[4] = {0};
+    for (int r = 0; r < ranks; r++)
+        for (int k = 0; k < 4; k++)
+            sum[k] += values[(size_t)r * RANK_VALUES + RANK_DIRECT + (size_t)k];
+    *total = (double)sum[0] + (double)sum[1] + (double)sum[2] + (double)sum[3];
+    return json_pack("{s:I, s:I, s:I, s:I}", "direct", (json_int_t)sum[0], "bounces", (json_int_t)sum[1], "final", (json_int_t)sum[2], "probes",
+                     (json_int_t)sum[3]);
+}
+
+/* Seconds that the slowest rank spent tracing. */
+static double tracing_seconds(const json_t *phases)
+{
+    static const char *const traced[] = {"direct light", "bounces", "final gather", "probes"};
+    double sum = 0.0;
+    size_t index;
+    json_t *phase;
+    json_array_foreach(phases, index, phase)
+        for (size_t k = 0; k < sizeof traced / sizeof *traced; k++)
+            if (strcmp(json_string_value(json_object_get(phase, "name")), traced[k]) == 0)
+                sum += json_real_value(json_object_get(json_object_get(phase, "seconds"), "max"));
+    return sum;
+}
+
+static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t *error_reached, const uint64_t *values)
+{
+    const struct kiln_prepared *p = run->prepared;
+    const struct kiln_transport_report *t = &run->transport->report;
+    uint64_t invalid = 0;
+    for (int r = 0; r < p->ranks; r++)
+        invalid += values[(size_t)r * RANK_VALUES + RANK_INVALID];
+    double total_rays;
+    struct kiln_backend_info info;
+    kiln_backend_info(p->backend, &info);
+    json_t *rays = rays_json(values, p->ranks, &total_rays);
+    const double traced = tracing_seconds(phases);
+    json_t *scene = scene_json(p);
+    json_object_set_new(scene, "file", json_string(run->job->scene));
+    json_t *root = json_object();
+    json_object_set_new(root, "status", json_string("done"));
+    json_object_set_new(root, "kiln", json_string(KILN_VERSION));
+    json_object_set_new(root, "output", json_string(run->directory));
+    json_object_set_new(root, "scene", scene);
+    json_object_set_new(root, "job", settings_json(run->job));
+    json_object_set_new(root, "backend", json_pack("{s:s, s:s, s:s}", "name", info.name, "device", info.device, "instruction_set", p->instruction_set));
+    json_object_set_new(root, "ranks", json_integer(p->ranks));
+    json_object_set_new(root, "threads", json_integer((json_int_t)p->threads));
+    json_object_set_new(root, "seconds", json_real(MPI_Wtime() - run->phases->begin));
+    json_object_set_new(root, "phases", phases);
+    json_object_set_new(root, "rays", rays);
+    json_object_set_new(root, "mrays_per_second", json_real(traced > 0.0 ? total_rays / traced * 1e-6 : 0.0));
+    json_object_set_new(root, "bounces", passes_json(t));
+    json_object_set_new(root, "indirect_bounces", json_integer((json_int_t)t->bounces));
+    json_object_set_new(root, "tail", json_pack("{s:b, s:o, s:f}", "added", t->tail, "ratio", rgb_json(t->tail_ratio), "share", t->tail_share));
+    json_object_set_new(root, "energy", energy_json(&t->energy));
+    json_object_set_new(root, "error", error_reached);
+    json_object_set_new(root, "points", json_pack("{s:I, s:I, s:I, s:I, s:f, s:f, s:f}", "count", (json_int_t)p->surface_report.points, "texels",
+                                                  (json_int_t)p->surface_report.texels, "invalid", (json_int_t)invalid, "shared",
+                                                  (json_int_t)p->surface_report.shared_texels, "area", p->surface_report.area, "geometry_area",
+                                                  p->surface_report.geometry_area, "worst_object_area_error",
+                                                  p->surface_report.worst_object_area_error));
+    json_object_set_new(root, "balance", balance_json(run, values));
+    json_object_set_new(root, "memory", memory_json(run, values));
+    if (run->volume->size[0] != 0)
+        json_object_set_new(root, "volume", json_pack("{s:[I,I,I], s:[f,f,f], s:[f,f,f]}", "size", (json_int_t)run->volume->size[0],
+                                                      (json_int_t)run->volume->size[1], (json_int_t)run->volume->size[2], "origin",
+                                                      run->volume->origin[0], run->volume->origin[1], run->volume->origin[2], "spacing",
+                                                      run->volume->spacing[0], run->volume->spacing[1], run->volume->spacing[2]));
+    json_object_set_new(root, "objects", objects_json(run));
+    return root;
+}
+
+json_t *kiln_run_report(const struct kiln_run *run)
+{
+    const struct kiln_prepared *p = run->prepared;
+    uint64_t own[RANK_VALUES] = {0};
+    own_values(run, own);
+    uint64_t *values = p->rank == 0 ? calloc((size_t)p->ranks * RANK_VALUES, sizeof *values) : NULL;
+    if (p->rank == 0 && values == NULL)
+        MPI_Abort(p->communicator, KILN_SYSTEM);
+    (void)MPI_Gather(own, RANK_VALUES, MPI_UINT64_T, values, RANK_VALUES, MPI_UINT64_T, 0, p->communicator);
+    json_t *phases = kiln_phases_json(run->phases, p->communicator);
+    json_t *error_reached = error_json(run);
+    if (p->rank != 0) {
+        json_decref(error_reached);
+        return NULL;
+    }
+    json_t *root = report_on_root(run, phases, error_reached, values);
+    free(values);
+    return root;
+}
+
+enum { TABLE_ROWS = KILN_PHASES_MAX + 1, TABLE_COLUMNS = 4, CELL = 32 };
+
+void kiln_run_table(FILE *stream, const json_t *report)
+{
+    char text[TABLE_ROWS][TABLE_COLUMNS][CELL];
+    const char *cells[TABLE_ROWS * TABLE_COLUMNS] = {"phase", "mean s", "slowest s", "imbalance"};
+    const json_t *phases = json_object_get(report, "phases");
+    size_t rows = 1, index;
+    json_t *phase;
+    json_array_foreach(phases, index, phase) {
+        if (rows == TABLE_ROWS)
+            break;
+        const json_t *seconds = json_object_get(phase, "seconds");
+        (void)snprintf(text[rows][0], CELL, "%s", json_string_value(json_object_get(phase, "name")));
+        (void)snprintf(text[rows][1], CELL, "%.3f", json_real_value(json_object_get(seconds, "avg")));
+        (void)snprintf(text[rows][2], CELL, "%.3f", json_real_value(json_object_get(seconds, "max")));
+        (void)snprintf(text[rows][3], CELL, "%.1f %%", 100.0 * json_real_value(json_object_get(phase, "imbalance")));
+        for (size_t c = 0; c < TABLE_COLUMNS; c++)
+            cells[rows * TABLE_COLUMNS + c] = text[rows][c];
+        rows++;
+    }
+    (void)fputc('\n', stream);
+    kiln_table_print(stream, cells, rows, TABLE_COLUMNS, 0xe);
+    const json_t *points = json_object_get(report, "points"), *energy = json_object_get(report, "energy"), *error = json_object_get(report, "error");
+    const json_int_t count = json_integer_value(json_object_get(points, "count")), invalid = json_integer_value(json_object_get(points, "invalid"));
+    (void)fprintf(stream, "\n%lld surface points, %.2f %% of them buried; %.2f Mrays/s; peak memory of a rank %.1f MiB\n", (long long)count,
+                  count > 0 ? 100.0 * (double)invalid / (double)count : 0.0, json_real_value(json_object_get(report, "mrays_per_second")),
+                  (double)json_integer_value(json_object_get(json_object_get(report, "memory"), "peak_rank")) / 1048576.0);
+    (void)fprintf(stream, "standard error %.3f %% of the mean; energy balanced to %.3f %% of what was emitted\n",
+                  100.0 * json_real_value(json_object_get(error, "mean_relative")),
+                  100.0 * json_real_value(json_object_get(energy, "relative_residual")));
+    (void)fprintf(stream, "results in %s\n", json_string_value(json_object_get(report, "output")));
+}

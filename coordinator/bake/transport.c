@@ -1,0 +1,398 @@
+#include "coordinator/bake/transport.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "coordinator/bake/exchange.h"
+#include "coordinator/cli/agree.h"
+#include "shaders/random.h"
+#include "worker/base/memory.h"
+#include "worker/scene/radiosity.h"
+
+enum { BATCH_POINTS = 1 << 16, FINAL_STREAM = 0xffff };
+
+/* Sums that a pass makes over its points; by channel, then one for the variance. */
+enum { SUM_INCIDENT = 0, SUM_REFLECTED = 3, SUM_SENT = 6, SUM_ESCAPED = 9, SUM_BLOCKED = 12, SUM_COUNT = 15 };
+
+struct transport_state {
+    const struct kiln_transport_params *params;
+    struct kiln_transport *out;
+    float *sum;      /* own: radiosity of all bounces so far, 3 a point; becomes out->indirect */
+    uint64_t *next;  /* own: packed radiosity of the present bounce */
+    struct kiln_point_result *results; /* of a batch */
+    double unit;     /* of the exact sums */
+};
+
+static double luminance(const double rgb[3]) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
+
+static uint32_t pack_hash(uint64_t point, uint32_t stream) { return kiln_hash2(kiln_hash2((uint32_t)point, (uint32_t)(point >> 32)), stream); }
+
+size_t kiln_transport_bytes(uint64_t own, uint64_t total)
+{
+    const size_t batch = (BATCH_POINTS + KILN_TILE_TEXELS) * sizeof(struct kiln_point_result);
+    return (size_t)total * sizeof(uint64_t) + (size_t)own * (sizeof(uint64_t) + 7 * sizeof(float)) + batch;
+}
+
+/* What a pass does with a point's answer: gives the radiosity it has now. */
+typedef void (*take_point)(struct transport_state *s, uint64_t own, const struct kiln_point_result *result, float radiosity[3]);
+
+static void albedo_of(const struct kiln_surface *surface, uint64_t own, float albedo[3])
+{
+    for (int c = 0; c < 3; c++)
+        albedo[c] = (float)surface->albedo[3 * own + (uint64_t)c] * (1.0f / 65535.0f);
+}
+
+static void take_direct(struct transport_state *s, uint64_t own, const struct kiln_point_result *r, float radiosity[3])
+{
+    for (uint64_t c = 0; c < 3; c++) {
+        s->out->direct[3 * own + c] = r->irradiance[c];
+        s->sum[3 * own + c] = radiosity[c];
+    }
+    s->out->error[own] = r->error;
+}
+
+static void take_bounce(struct transport_state *s, uint64_t own, const struct kiln_point_result *r, float radiosity[3])
+{
+    (void)r;
+    for (uint64_t c = 0; c < 3; c++)
+        s->sum[3 * own + c] += radiosity[c];
+}
+
+/* The final gather's answer replaces the sum it was gathered from (which everybody has packed by now). */
+static void take_final(struct transport_state *s, uint64_t own, const struct kiln_point_result *r, float radiosity[3])
+{
+    (void)radiosity;
+    for (uint64_t c = 0; c < 3; c++)
+        s->sum[3 * own + c] = r->irradiance[c];
+    s->out->error[own] = sqrtf(s->out->error[own] * s->out->error[own] + r->error * r->error);
+}
+
+/* Equal schedule: every bounce's irradiance counts as it is. */
+static void take_equal(struct transport_state *s, uint64_t own, const struct kiln_point_result *r, float radiosity[3])
+{
+    (void)radiosity;
+    for (uint64_t c = 0; c < 3; c++)
+        s->sum[3 * own + c] += r->irradiance[c];
+    s->out->error[own] = sqrtf(s->out->error[own] * s->out->error[own] + r->error * r->error);
+}
+
+static void add_energy(const struct transport_state *s, uint64_t own, const struct kiln_point_result *r, uint32_t samples, bool gather,
+                       struct kiln_exact_sum sums[SUM_COUNT], double *variance)
+{
+    const struct kiln_surface *surface = s->params->surface;
+    if ((surface->flags[own] & KILN_POINT_VALID) == 0)
+        return;
+    const double area = (double)surface->area[own] * kiln_open_share(surface->open[own]);
+    float albedo[3], sent[3] = {0};
+    albedo_of(surface, own, albedo);
+    if (gather)
+        kiln_radiosity_unpack(s->out->radiosity[surface->first + own], sent);
+    double power[3];
+    for (int c = 0; c < 3; c++) {
+        const double incident = area * (double)r->incident[c];
+        power[c] = area * (double)sent[c];
+        kiln_exact_add(&sums[SUM_INCIDENT + c], incident, s->unit);
+        kiln_exact_add(&sums[SUM_REFLECTED + c], incident * (double)albedo[c], s->unit);
+        kiln_exact_add(&sums[SUM_SENT + c], power[c], s->unit);
+        kiln_exact_add(&sums[SUM_ESCAPED + c], power[c] * (double)r->escaped, s->unit);
+        kiln_exact_add(&sums[SUM_BLOCKED + c], power[c] * (double)r->blocked, s->unit);
+    }
+    const double lost = (double)r->escaped + (double)r->blocked, spread = luminance(power);
+    *variance += area * area * (double)r->error * (double)r->error + (gather ? spread * spread * lost * (1.0 - lost) / samples : 0.0);
+}
+
+/* One pass over all own points in batches; `pass` gets this rank's time and the energies of all ranks. */
+static int run_pass(struct transport_state *s, struct kiln_pass_report *pass, uint32_t stream, take_point take, struct kiln_error *error)
+{
+    const struct kiln_transport_params *p = s->params;
+    const struct kiln_surface *surface = p->surface;
+    const bool gather = pass->kind != KILN_PASS_DIRECT;
+    struct kiln_exact_sum sums[SUM_COUNT] = {0};
+    double variance = 0.0;
+    int status = gather ? kiln_backend_set_radiosity(p->backend, s->out->radiosity, error) : KILN_OK;
+    const double start = MPI_Wtime();
+    for (size_t fragment = 0; fragment < surface->fragment_count && status == KILN_OK;) {
+        size_t end = fragment, points = 0;
+        while (end < surface->fragment_count && points < BATCH_POINTS)
+            points += surface->fragments[end++].count;
+        const struct kiln_batch batch = {fragment, end - fragment, s->results};
+        status = gather ? kiln_backend_gather(p->backend, &batch, pass->samples, stream, &pass->rays, error)
+                        : kiln_backend_direct(p->backend, &batch, pass->samples, &pass->rays, error);
+        const uint64_t first = surface->fragments[fragment].first - surface->first;
+        for (uint64_t i = 0; i < points && status == KILN_OK; i++) {
+            float albedo[3], radiosity[3];
+            albedo_of(surface, first + i, albedo);
+            for (int c = 0; c < 3; c++)
+                radiosity[c] = albedo[c] * s->results[i].incident[c];
+            add_energy(s, first + i, &s->results[i], pass->samples, gather, sums, &variance);
+            take(s, first + i, &s->results[i], radiosity);
+            s->next[first + i] = kiln_radiosity_pack(radiosity, pack_hash(surface->first + first + i, stream));
+        }
+        fragment = end;
+        kiln_progress_advance(p->progress, first + points);
+        if (status == KILN_OK && *p->stop != 0)
+            status = kiln_fail(error, KILN_STOPPED, "stopped by a signal; no result was written");
+    }
+    pass->seconds = MPI_Wtime() - start;
+    status = kiln_agree(p->communicator, status, error);
+    if (status == KILN_OK)
+        status = kiln_exact_reduce(p->communicator, sums, SUM_COUNT, error);
+    (void)MPI_Allreduce(MPI_IN_PLACE, &variance, 1, MPI_DOUBLE, MPI_SUM, p->communicator);
+    for (int c = 0; c < 3; c++) {
+        pass->energy.incident[c] = kiln_exact_value(&sums[SUM_INCIDENT + c], s->unit);
+        pass->energy.reflected[c] = kiln_exact_value(&sums[SUM_REFLECTED + c], s->unit);
+        pass->energy.sent[c] = kiln_exact_value(&sums[SUM_SENT + c], s->unit);
+        pass->energy.escaped[c] = kiln_exact_value(&sums[SUM_ESCAPED + c], s->unit);
+        pass->energy.blocked[c] = kiln_exact_value(&sums[SUM_BLOCKED + c], s->unit);
+    }
+    pass->energy.variance = variance;
+    return status;
+}
+
+static int exchange(struct transport_state *s, struct kiln_pass_report *pass, struct kiln_error *error)
+{
+    const struct kiln_surface *surface = s->params->surface;
+    const double start = MPI_Wtime();
+    memcpy(s->out->radiosity + surface->first, s->next, surface->count * sizeof *s->next);
+    const int status = kiln_exchange(s->params->communicator, s->out->radiosity, surface->point_count, surface->first, surface->count, error);
+    pass->exchange_seconds += MPI_Wtime() - start;
+    return status;
+}
+
+static struct kiln_pass_report *new_pass(struct transport_state *s, enum kiln_pass_kind kind, uint32_t bounce, uint32_t samples)
+{
+    struct kiln_transport_report *report = &s->out->report;
+    struct kiln_pass_report *pass = &report->passes[report->pass_count++];
+    *pass = (struct kiln_pass_report){.kind = kind, .bounce = bounce, .samples = samples};
+    char name[64];
+    if (kind == KILN_PASS_BOUNCE)
+        (void)snprintf(name, sizeof name, "bounce %u", bounce);
+    kiln_progress_phase(s->params->progress, kind == KILN_PASS_DIRECT ? "direct light" : kind == KILN_PASS_FINAL ? "final gather" : name,
+                        s->params->surface->count);
+    return pass;
+}
+
+/* Reflected power of the passes so far (direct and bounces), and the ratio of the last two, luminance. */
+static double ratio_of(const struct kiln_transport_report *r, size_t pass)
+{
+    const double before = luminance(r->passes[pass - 1].energy.reflected);
+    return before > 0.0 ? luminance(r->passes[pass].energy.reflected) / before : 0.0;
+}
+
+/* Whether a geometric series from the last pass on is good: what the last change of ratio would still do to the sum is below
+ * 1/4000 of all reflected power. `bounces` passes after the direct one are done. */
+static bool settled(const struct kiln_transport_report *r, size_t bounces)
+{
+    double total = 0.0;
+    for (size_t i = 0; i <= bounces; i++)
+        total += luminance(r->passes[i].energy.reflected);
+    const double last = luminance(r->passes[bounces].energy.reflected);
+    if (!(last > 1e-7 * total))
+        return true;
+    if (bounces < 4)
+        return false;
+    const double ratio = ratio_of(r, bounces), before = ratio_of(r, bounces - 1);
+    if (ratio >= 0.9999)
+        return false;
+    const double tail = last * ratio / (1.0 - ratio);
+    return tail * fabs(ratio - before) / (1.0 - ratio) <= 2.5e-4 * (total + tail);
+}
+
+/* Adds the tail to the sum: the last bounce's radiosity times q + q^2 + ... for each channel's own ratio q. */
+static void add_tail(struct transport_state *s, size_t bounces)
+{
+    struct kiln_transport_report *r = &s->out->report;
+    float factor[3] = {0};
+    double tail[3], total[3] = {0};
+    for (int c = 0; c < 3; c++) {
+        const double last = r->passes[bounces].energy.reflected[c], before = bounces > 0 ? r->passes[bounces - 1].energy.reflected[c] : 0.0;
+        const double ratio = before > 0.0 ? fmin(last / before, 0.9999) : 0.0;
+        r->tail_ratio[c] = ratio;
+        factor[c] = (float)(ratio / (1.0 - ratio));
+        tail[c] = last * ratio / (1.0 - ratio);
+        for (size_t i = 0; i <= bounces; i++)
+            total[c] += r->passes[i].energy.reflected[c];
+        total[c] += tail[c];
+    }
+    r->tail = true;
+    r->tail_share = luminance(total) > 0.0 ? luminance(tail) / luminance(total) : 0.0;
+    for (uint64_t i = 0; i < s->params->surface->count; i++) {
+        float last[3];
+        kiln_radiosity_unpack(s->next[i], last);
+        for (uint64_t c = 0; c < 3; c++)
+            s->sum[3 * i + c] += factor[c] * last[c];
+    }
+}
+
+/* How many bounces come before the final gather: bounces - 1 when their number is given. */
+static bool more_bounces(const struct transport_state *s, size_t done)
+{
+    const int64_t wanted = s->params->job->bounces;
+    if (wanted >= 0)
+        return (int64_t)done + 1 < wanted;
+    return done < KILN_BOUNCES_MAX - 2 && !settled(&s->out->report, done);
+}
+
+static int run_lean(struct transport_state *s, struct kiln_error *error)
+{
+    const struct kiln_job *job = s->params->job;
+    struct kiln_transport_report *report = &s->out->report;
+    int status = KILN_OK;
+    uint32_t done = 0;
+    while (status == KILN_OK && more_bounces(s, done)) {
+        status = exchange(s, &report->passes[done], error);
+        if (status != KILN_OK)
+            return status;
+        struct kiln_pass_report *pass = new_pass(s, KILN_PASS_BOUNCE, ++done, job->samples_bounce);
+        status = run_pass(s, pass, done, take_bounce, error);
+    }
+    if (status != KILN_OK || job->bounces == 0)
+        return status;
+    if (job->tail || job->bounces < 0)
+        add_tail(s, done);
+    const struct kiln_surface *surface = s->params->surface;
+    for (uint64_t i = 0; i < surface->count; i++)
+        s->next[i] = kiln_radiosity_pack(&s->sum[3 * i], pack_hash(surface->first + i, FINAL_STREAM));
+    status = exchange(s, &report->passes[done], error);
+    report->bounces = done + 1;
+    if (status == KILN_OK)
+        status = run_pass(s, new_pass(s, KILN_PASS_FINAL, done + 1, job->samples_indirect), FINAL_STREAM, take_final, error);
+    return status;
+}
+
+static int run_equal(struct transport_state *s, struct kiln_error *error)
+{
+    const struct kiln_job *job = s->params->job;
+    struct kiln_transport_report *report = &s->out->report;
+    const int64_t most = job->bounces >= 0 && job->bounces < KILN_BOUNCES_MAX - 1 ? job->bounces : KILN_BOUNCES_MAX - 2;
+    int status = KILN_OK;
+    memset(s->sum, 0, 3 * s->params->surface->count * sizeof *s->sum);
+    for (uint32_t b = 1; b <= most && status == KILN_OK; b++) {
+        if (job->bounces < 0 && b > 1) { /* without a tail: until what is left is below 1e-5 of all */
+            double total = 0.0;
+            for (uint32_t i = 0; i < b; i++)
+                total += luminance(report->passes[i].energy.reflected);
+            if (luminance(report->passes[b - 1].energy.reflected) <= 1e-5 * total)
+                break;
+        }
+        status = exchange(s, &report->passes[b - 1], error);
+        if (status == KILN_OK)
+            status = run_pass(s, new_pass(s, KILN_PASS_BOUNCE, b, job->samples_indirect), b, take_equal, error);
+        report->bounces = b;
+    }
+    return status;
+}
+
+/* Closes the ledger: see energy.h. In the lean schedule only the final gather counts, in the equal one every bounce. */
+static void close_ledger(struct transport_state *s)
+{
+    const struct kiln_transport_report *r = &s->out->report;
+    const struct kiln_emission_result *light = s->params->emission;
+    struct kiln_energy *e = &s->out->report.energy;
+    double variance = r->passes[0].energy.variance, emission_error[3];
+    for (int c = 0; c < 3; c++) {
+        e->emitted[c] = light->emitted[c];
+        e->escaped[c] = light->escaped[c];
+        e->blocked[c] = light->blocked[c];
+        e->ranged[c] = light->ranged[c];
+        e->absorbed[c] = r->passes[0].energy.incident[c] - r->passes[0].energy.reflected[c];
+        e->left_over[c] = r->passes[0].energy.reflected[c];
+        emission_error[c] = light->error[c];
+    }
+    for (size_t i = 1; i < r->pass_count; i++) {
+        const struct kiln_pass_report *p = &r->passes[i];
+        if (s->params->job->schedule == KILN_SCHEDULE_LEAN && p->kind != KILN_PASS_FINAL)
+            continue;
+        for (int c = 0; c < 3; c++) {
+            e->absorbed[c] += p->energy.incident[c] - p->energy.reflected[c];
+            e->escaped[c] += p->energy.escaped[c];
+            e->blocked[c] += p->energy.blocked[c];
+            e->left_over[c] += p->energy.reflected[c] - p->energy.sent[c];
+        }
+        variance += p->energy.variance;
+    }
+    double residual[3];
+    for (int c = 0; c < 3; c++)
+        residual[c] = e->emitted[c] - e->absorbed[c] - e->escaped[c] - e->blocked[c] - e->ranged[c] - e->left_over[c];
+    e->residual = luminance(residual);
+    e->error = sqrt(variance + luminance(emission_error) * luminance(emission_error));
+    const double emitted = luminance(e->emitted);
+    e->relative = emitted > 0.0 ? fabs(e->residual) / emitted : 0.0;
+}
+
+/* Total radiosity of all points, for probes and views. */
+static int publish_radiosity(struct transport_state *s, struct kiln_error *error)
+{
+    const struct kiln_surface *surface = s->params->surface;
+    for (uint64_t i = 0; i < surface->count; i++) {
+        float albedo[3], total[3];
+        albedo_of(surface, i, albedo);
+        for (uint64_t c = 0; c < 3; c++)
+            total[c] = albedo[c] * (s->out->direct[3 * i + c] + s->out->indirect[3 * i + c]);
+        s->next[i] = kiln_radiosity_pack(total, pack_hash(surface->first + i, FINAL_STREAM + 1));
+    }
+    struct kiln_transport_report *r = &s->out->report;
+    return exchange(s, &r->passes[r->pass_count - 1], error);
+}
+
+static int allocate(struct transport_state *s, struct kiln_error *error)
+{
+    const struct kiln_surface *surface = s->params->surface;
+    struct kiln_transport *t = s->out;
+    int status = kiln_allocate(&t->direct, 3 * surface->count, sizeof(float), "direct irradiance", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&t->indirect, 3 * surface->count, sizeof(float), "indirect irradiance", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&t->error, surface->count, sizeof(float), "standard errors", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&t->radiosity, surface->point_count, sizeof(uint64_t), "the radiosity of all points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->next, surface->count, sizeof(uint64_t), "the radiosity of a bounce", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->results, BATCH_POINTS + KILN_TILE_TEXELS, sizeof *s->results, "a batch's results", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&t->report.passes, KILN_BOUNCES_MAX + 2, sizeof *t->report.passes, "the passes' report", error);
+    s->sum = t->indirect;
+    return status;
+}
+
+int kiln_transport_run(struct kiln_transport **transport, const struct kiln_transport_params *params, struct kiln_error *error)
+{
+    struct transport_state s = {.params = params};
+    *transport = NULL;
+    int status = kiln_allocate(&s.out, 1, sizeof *s.out, "the transport", error);
+    if (status == KILN_OK)
+        status = allocate(&s, error);
+    s.unit = kiln_exact_unit(luminance(params->emission->emitted));
+    status = kiln_agree(params->communicator, status, error);
+    if (status == KILN_OK)
+        status = run_pass(&s, new_pass(&s, KILN_PASS_DIRECT, 0, params->job->samples_direct), 0, take_direct, error);
+    if (status == KILN_OK)
+        status = params->job->schedule == KILN_SCHEDULE_EQUAL ? run_equal(&s, error) : run_lean(&s, error);
+    if (status == KILN_OK && params->job->bounces == 0)
+        memset(s.out->indirect, 0, 3 * params->surface->count * sizeof *s.out->indirect);
+    if (status == KILN_OK)
+        status = publish_radiosity(&s, error);
+    if (status == KILN_OK)
+        close_ledger(&s);
+    kiln_free(&s.next);
+    kiln_free(&s.results);
+    *transport = s.out;
+    if (status != KILN_OK)
+        kiln_transport_destroy(transport);
+    return status;
+}
+
+void kiln_transport_destroy(struct kiln_transport **transport)
+{
+    struct kiln_transport *t = *transport;
+    if (t == NULL)
+        return;
+    kiln_free(&t->direct);
+    kiln_free(&t->indirect);
+    kiln_free(&t->error);
+    kiln_free(&t->radiosity);
+    kiln_free(&t->report.passes);
+    kiln_free(transport);
+}

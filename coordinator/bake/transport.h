@@ -1,0 +1,63 @@
+/* The bounce loop: direct light, bounces in lockstep with one exchange each, a tail, one final gather. */
+#ifndef KILN_COORDINATOR_BAKE_TRANSPORT_H
+#define KILN_COORDINATOR_BAKE_TRANSPORT_H
+
+#include <mpi.h>
+#include <signal.h>
+
+#include "coordinator/bake/energy.h"
+#include "coordinator/cli/job.h"
+#include "coordinator/cli/progress.h"
+
+enum { KILN_BOUNCES_MAX = 256 };
+
+enum kiln_pass_kind { KILN_PASS_DIRECT, KILN_PASS_BOUNCE, KILN_PASS_FINAL };
+
+/* One pass, as it went; energies are the same on all ranks. */
+struct kiln_pass_report {
+    enum kiln_pass_kind kind;
+    uint32_t bounce;          /* 0: direct; 1, 2, ...; the final gather has the number it stands for */
+    uint32_t samples;
+    uint64_t rays;            /* of this rank */
+    double seconds, exchange_seconds; /* of this rank: computing; waiting and exchanging */
+    struct kiln_pass_energy energy;
+};
+
+struct kiln_transport_report {
+    struct kiln_pass_report *passes; /* pass_count of them */
+    size_t pass_count;
+    uint32_t bounces;       /* indirect bounces gathered one by one or summed for the final gather */
+    bool tail;              /* a geometric tail was added */
+    double tail_ratio[3];   /* power of one bounce over that of the one before, at the end */
+    double tail_share;      /* of all reflected power, luminance */
+    struct kiln_energy energy;
+};
+
+/* This rank's share. Three floats a point in direct and indirect, W/m2 about the shading normal; see bake/result.h. */
+struct kiln_transport {
+    float *direct, *indirect, *error;
+    uint64_t *radiosity; /* all points: packed total radiosity */
+    struct kiln_transport_report report;
+};
+
+struct kiln_transport_params {
+    MPI_Comm communicator;
+    const struct kiln_job *job;
+    struct kiln_backend *backend;        /* has its surface */
+    const struct kiln_surface *surface;
+    const struct kiln_emission_result *emission;
+    struct kiln_progress *progress;      /* may be NULL */
+    const volatile sig_atomic_t *stop;   /* not 0: a signal asks to stop */
+};
+
+/* Collective. KILN_STOPPED when a rank was asked to stop. Destroy with kiln_transport_destroy. */
+int kiln_transport_run(struct kiln_transport **transport, const struct kiln_transport_params *params, struct kiln_error *error);
+void kiln_transport_destroy(struct kiln_transport **transport);
+
+/* Bytes that kiln_transport_run allocates for `own` of `total` surface points: what `plan` predicts with. */
+size_t kiln_transport_bytes(uint64_t own, uint64_t total);
+
+/* Part of a point's area that is not buried, 0..1. */
+static inline double kiln_open_share(uint16_t open) { return (double)__builtin_popcount(open) / 16.0; }
+
+#endif

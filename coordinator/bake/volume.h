@@ -1,0 +1,27 @@
+/* The irradiance volume's grid and its probes. */
+#ifndef KILN_COORDINATOR_BAKE_VOLUME_H
+#define KILN_COORDINATOR_BAKE_VOLUME_H
+
+#include "coordinator/bake/result.h"
+#include "coordinator/cli/progress.h"
+
+struct kiln_volume_params {
+    MPI_Comm communicator;
+    struct kiln_backend *backend; /* has its surface */
+    const struct kiln_scene *scene;
+    const uint64_t *radiosity;    /* all points */
+    double spacing;               /* m; 0: chosen */
+    uint32_t samples;
+    struct kiln_progress *progress;
+};
+
+/* The grid alone: probes stand in the middle of the boxes that `spacing` cuts the scene's bounds into, so that none lies in a
+ * wall that is part of the bounds; an axis thinner than the spacing gets one on either side. A chosen spacing is 1/16 of the
+ * longest side, adjusted on each axis. KILN_USAGE when there would be more than 2^28 probes. Pure. */
+int kiln_volume_grid(struct kiln_volume_result *volume, const struct kiln_scene *scene, double spacing, struct kiln_error *error);
+
+/* Collective. Fills the grid and this rank's range of probes; `rays` is added to. Destroy with kiln_volume_destroy. */
+int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_params *params, uint64_t *rays, struct kiln_error *error);
+void kiln_volume_destroy(struct kiln_volume_result *volume);
+
+#endif

@@ -1,0 +1,242 @@
+/* kiln bake: the whole path from scene to files. */
+#include <errno.h>
+#include <math.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "coordinator/bake/run_report.h"
+#include "coordinator/bake/volume.h"
+#include "coordinator/cli/agree.h"
+#include "coordinator/cli/commands.h"
+#include "coordinator/output/publish.h"
+#include "coordinator/output/view.h"
+#include "worker/base/memory.h"
+
+enum { EMISSION_SAMPLES = 1 << 18 };
+
+static volatile sig_atomic_t stop_signal; /* the one thing a signal handler can write to */
+
+static void note_signal(int number) { stop_signal = number; }
+
+static void catch_signals(bool on)
+{
+    struct sigaction action = {.sa_handler = on ? note_signal : SIG_DFL, .sa_flags = SA_RESETHAND};
+    (void)sigaction(SIGINT, &action, NULL);
+    (void)sigaction(SIGTERM, &action, NULL);
+}
+
+struct bake {
+    struct kiln_job *job;
+    MPI_Comm communicator;
+    int rank;
+    char directory[KILN_PATH_SIZE], scene_file[KILN_PATH_SIZE];
+    struct kiln_phases phases;
+    struct kiln_progress *progress;
+    struct kiln_prepared *prepared;
+    struct kiln_emission_result emission;
+    struct kiln_transport *transport;
+    struct kiln_volume_result volume;
+    struct kiln_lightmap_report *lightmaps;
+    uint64_t probe_rays;
+};
+
+/* A run.json of an earlier bake would vouch for results that are about to be replaced one by one: it goes first. */
+static int make_folders(struct bake *b, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    int status = kiln_path_join(b->scene_file, b->job->output, "scene.kscene", error);
+    if (status == KILN_OK && b->rank == 0) {
+        status = kiln_make_directory(b->job->output, error);
+        if (status == KILN_OK)
+            status = kiln_path_join(path, b->job->output, "lightmaps", error);
+        if (status == KILN_OK)
+            status = kiln_make_directory(path, error);
+    }
+    return kiln_agree(b->communicator, status, error);
+}
+
+static int forget_old_report(struct bake *b, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    int status = KILN_OK;
+    if (b->rank == 0) {
+        status = kiln_path_join(path, b->job->output, "run.json", error);
+        if (status == KILN_OK && remove(path) != 0 && errno != ENOENT)
+            status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
+    }
+    return kiln_agree(b->communicator, status, error);
+}
+
+static int transport_light(struct bake *b, struct kiln_error *error)
+{
+    kiln_phase(&b->phases, "emission");
+    kiln_progress_phase(b->progress, "emission", 0);
+    int status = kiln_backend_emission(b->prepared->backend, EMISSION_SAMPLES, &b->emission, error);
+    kiln_phase(&b->phases, NULL);
+    status = kiln_agree(b->communicator, status, error);
+    if (status != KILN_OK)
+        return status;
+    const struct kiln_transport_params params = {.communicator = b->communicator,
+                                                 .job = b->job,
+                                                 .backend = b->prepared->backend,
+                                                 .surface = b->prepared->surface,
+                                                 .emission = &b->emission,
+                                                 .progress = b->progress,
+                                                 .stop = &stop_signal};
+    status = kiln_transport_run(&b->transport, &params, error);
+    if (status != KILN_OK)
+        return status;
+    static const char *const names[] = {"direct light", "bounces", "final gather"}; /* in the order of enum kiln_pass_kind */
+    for (int kind = KILN_PASS_DIRECT; kind <= KILN_PASS_FINAL; kind++)
+        kiln_phase_add(&b->phases, names[kind], 0.0);
+    kiln_phase_add(&b->phases, "exchange", 0.0);
+    for (size_t i = 0; i < b->transport->report.pass_count; i++) {
+        const struct kiln_pass_report *pass = &b->transport->report.passes[i];
+        kiln_phase_add(&b->phases, names[pass->kind], pass->seconds);
+        kiln_phase_add(&b->phases, "exchange", pass->exchange_seconds);
+    }
+    return KILN_OK;
+}
+
+static int gather_volume(struct bake *b, struct kiln_error *error)
+{
+    if (b->job->samples_probe == 0)
+        return KILN_OK;
+    kiln_phase(&b->phases, "probes");
+    const struct kiln_volume_params params = {.communicator = b->communicator,
+                                              .backend = b->prepared->backend,
+                                              .scene = b->prepared->scene,
+                                              .radiosity = b->transport->radiosity,
+                                              .spacing = b->job->probe_spacing,
+                                              .samples = b->job->samples_probe,
+                                              .progress = b->progress};
+    const int status = kiln_volume_run(&b->volume, &params, &b->probe_rays, error);
+    kiln_phase(&b->phases, NULL);
+    return status;
+}
+
+static int write_results(struct bake *b, const char *provenance, struct kiln_error *error)
+{
+    const struct kiln_bake_result result = {.communicator = b->communicator,
+                                            .scene = b->prepared->scene,
+                                            .geometry = b->prepared->geometry,
+                                            .surface = b->prepared->surface,
+                                            .direct = b->transport->direct,
+                                            .indirect = b->transport->indirect,
+                                            .error = b->transport->error,
+                                            .radiosity = b->transport->radiosity};
+    const struct kiln_output_params params = {.directory = b->job->output,
+                                              .half = b->job->half,
+                                              .stitch = b->job->stitch,
+                                              .error_map = b->job->error_map,
+                                              .provenance_json = provenance};
+    kiln_phase(&b->phases, "lightmaps");
+    kiln_progress_phase(b->progress, "lightmaps", 0);
+    int status = kiln_allocate(&b->lightmaps, b->prepared->scene->object_count, sizeof *b->lightmaps, "the lightmaps' report", error);
+    status = kiln_agree(b->communicator, status, error);
+    if (status == KILN_OK)
+        status = kiln_write_lightmaps(&result, &params, b->lightmaps, error);
+    if (status == KILN_OK) {
+        kiln_phase(&b->phases, "kiln.h5");
+        kiln_progress_phase(b->progress, "kiln.h5", 0);
+        status = kiln_write_h5(&result, &params, error);
+    }
+    if (status == KILN_OK && b->job->samples_probe != 0) {
+        kiln_phase(&b->phases, "volume.hdf");
+        kiln_progress_phase(b->progress, "volume.hdf", 0);
+        status = kiln_write_volume(&result, &b->volume, &params, error);
+    }
+    kiln_phase(&b->phases, NULL);
+    return status;
+}
+
+static int draw_preview(struct bake *b, struct kiln_error *error)
+{
+    if (!b->job->preview)
+        return KILN_OK;
+    kiln_phase(&b->phases, "preview");
+    kiln_progress_phase(b->progress, "preview", 0);
+    int status = KILN_OK;
+    if (b->rank == 0)
+        status = kiln_view_preview(b->job->output, b->prepared->scene, b->prepared->geometry, b->prepared->lights, b->prepared->backend,
+                                   b->job->exposure, error);
+    kiln_phase(&b->phases, NULL);
+    return kiln_agree(b->communicator, status, error);
+}
+
+/* Last of all: run.json says that everything it names is there. */
+static int report(struct bake *b, struct kiln_error *error)
+{
+    const struct kiln_run run = {.job = b->job,
+                                 .prepared = b->prepared,
+                                 .transport = b->transport,
+                                 .volume = &b->volume,
+                                 .lightmaps = b->lightmaps,
+                                 .phases = &b->phases,
+                                 .probe_rays = b->probe_rays,
+                                 .directory = b->job->output};
+    json_t *root = kiln_run_report(&run);
+    int status = KILN_OK;
+    if (b->rank == 0) {
+        char path[KILN_PATH_SIZE];
+        char *text = json_dumps(root, JSON_INDENT(2));
+        status = text == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: run.json")
+                              : kiln_path_join(path, b->job->output, "run.json", error);
+        if (status == KILN_OK)
+            status = kiln_publish_bytes(path, text, strlen(text), error);
+        free(text);
+        kiln_progress_finish(b->progress);
+        if (status == KILN_OK && b->job->json && json_dumpf(root, stdout, JSON_COMPACT) == 0)
+            (void)fputc('\n', stdout);
+        if (status == KILN_OK && !b->job->quiet && !b->job->json)
+            kiln_run_table(stdout, root);
+        json_decref(root);
+    }
+    return kiln_agree(b->communicator, status, error);
+}
+
+static int run(struct bake *b, struct kiln_error *error)
+{
+    int status = make_folders(b, error);
+    if (status == KILN_OK)
+        status = kiln_prepare(&b->prepared, b->communicator, b->job, b->scene_file, &b->phases, b->progress, error);
+    if (status == KILN_OK)
+        status = transport_light(b, error);
+    if (status == KILN_OK)
+        status = gather_volume(b, error);
+    if (status == KILN_OK)
+        status = forget_old_report(b, error);
+    if (status != KILN_OK)
+        return status;
+    char *provenance = kiln_provenance(b->job, b->prepared);
+    status = kiln_agree(b->communicator, provenance != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: provenance"), error);
+    if (status == KILN_OK)
+        status = write_results(b, provenance, error);
+    free(provenance);
+    if (status == KILN_OK)
+        status = draw_preview(b, error);
+    if (status == KILN_OK)
+        status = report(b, error);
+    return status;
+}
+
+int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
+{
+    struct bake b = {.job = job, .communicator = MPI_COMM_WORLD};
+    (void)MPI_Comm_rank(b.communicator, &b.rank);
+    b.progress = kiln_progress_create(job->quiet, b.rank);
+    kiln_phase(&b.phases, NULL);
+    catch_signals(true);
+    const int status = run(&b, error);
+    const int stopped = stop_signal;
+    catch_signals(false);
+    kiln_progress_destroy(&b.progress);
+    kiln_free(&b.lightmaps);
+    kiln_volume_destroy(&b.volume);
+    kiln_transport_destroy(&b.transport);
+    kiln_prepared_destroy(&b.prepared);
+    if (status == KILN_STOPPED && stopped != 0)
+        (void)raise(stopped); /* the shell and the queue see the signal that ended the run */
+    return status;
+}

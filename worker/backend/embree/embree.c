@@ -1,0 +1,237 @@
+#include "worker/backend/embree/embree.h"
+
+#include <omp.h>
+#include <stdio.h>
+#include <string.h>
+#include <time.h>
+#ifdef __SSE__
+#include <xmmintrin.h>
+#endif
+
+#include "shaders/random.h"
+#include "worker/base/memory.h"
+#include "worker/scene/texture.h"
+
+unsigned embree_enter(void)
+{
+#ifdef __SSE__
+    const unsigned saved = _mm_getcsr();
+    _mm_setcsr(saved | 0x8040u); /* flush to zero, denormals are zero */
+    return saved;
+#else
+    return 0;
+#endif
+}
+
+void embree_leave(unsigned saved)
+{
+#ifdef __SSE__
+    _mm_setcsr(saved);
+#else
+    (void)saved;
+#endif
+}
+
+void embree_context(const struct embree_backend *b, struct RTCIntersectContext *context)
+{
+    rtcInitIntersectContext(context);
+    context->flags = b->coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+}
+
+/* A masked surface lets the ray through where alpha is below the cutoff; a blended one with chance 1 - alpha, by a hash of the
+ * ray's own direction, so that the same ray always decides alike. */
+static bool lets_through(const struct embree_backend *b, uint32_t triangle, float u, float v, const float direction[3])
+{
+    const struct kiln_geometry *g = b->params.geometry;
+    const struct kiln_scene *scene = b->params.scene;
+    const struct kiln_hit_record *record = &g->records[triangle];
+    const struct kiln_object *object = &scene->objects[record->object];
+    const struct kiln_material *material = &scene->materials[record->material & KILN_RECORD_MATERIAL];
+    float rgba[4];
+    kiln_surface_color(scene, &scene->meshes[object->mesh], g->stored_triangle[triangle], object->flipped ? v : u,
+                       object->flipped ? u : v, rgba);
+    if (material->alpha_mode == KILN_ALPHA_MASK)
+        return rgba[3] < material->alpha_cutoff;
+    uint32_t bits[3];
+    memcpy(bits, direction, sizeof bits);
+    const uint32_t hash = kiln_hash2(kiln_hash2(bits[0], bits[1]), kiln_hash2(bits[2], triangle));
+    return (float)(hash >> 8) * 0x1p-24f >= rgba[3];
+}
+
+/* Embree's accessors for RTCRayN and RTCHitN exist in C++ only; both are N values of each field in turn (rtcore_ray.h). */
+enum { RAY_DIRECTION_X = 4, HIT_U = 3, HIT_V = 4, HIT_PRIMITIVE = 5 };
+
+static void alpha_filter(const struct RTCFilterFunctionNArguments *arguments)
+{
+    const struct embree_backend *b = arguments->geometryUserPtr;
+    const unsigned n = arguments->N;
+    const float *rays = (const float *)arguments->ray, *hits = (const float *)arguments->hit;
+    const uint32_t *identities = (const uint32_t *)arguments->hit;
+    for (unsigned i = 0; i < n; i++) {
+        if (arguments->valid[i] != -1)
+            continue;
+        const float *d = rays + (size_t)RAY_DIRECTION_X * n + i;
+        const float direction[3] = {d[0], d[n], d[2 * (size_t)n]};
+        const uint32_t triangle = embree_triangle(b, 1, identities[(size_t)HIT_PRIMITIVE * n + i]);
+        if (lets_through(b, triangle, hits[(size_t)HIT_U * n + i], hits[(size_t)HIT_V * n + i], direction))
+            arguments->valid[i] = 0;
+    }
+}
+
+static int embree_failure(RTCDevice device, const char *what, struct kiln_error *error)
+{
+    const enum RTCError code = rtcGetDeviceError(device);
+    if (code == RTC_ERROR_NONE)
+        return KILN_OK;
+    const char *const names[] = {"", "unknown error", "invalid argument", "invalid operation", "out of memory", "unsupported CPU", "cancelled"};
+    return kiln_fail(error, code == RTC_ERROR_UNSUPPORTED_CPU ? KILN_NO_DEVICE : KILN_SYSTEM, "Embree, %s: %s", what,
+                     code > 0 && (size_t)code < sizeof names / sizeof *names ? names[code] : "error");
+}
+
+static void attach(struct embree_backend *b, unsigned id, size_t first, size_t count)
+{
+    const struct kiln_geometry *g = b->params.geometry;
+    if (count == 0)
+        return;
+    RTCGeometry geometry = rtcNewGeometry(b->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, g->vertices, 0, 3 * sizeof(float), g->vertex_count);
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, g->indices, first * 3 * sizeof(uint32_t),
+                               3 * sizeof(uint32_t), count);
+    rtcSetGeometryMask(geometry, ~0u);
+    if (id == 1) {
+        rtcSetGeometryUserData(geometry, b);
+        rtcSetGeometryIntersectFilterFunction(geometry, alpha_filter);
+        rtcSetGeometryOccludedFilterFunction(geometry, alpha_filter);
+    }
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometryByID(b->scene, geometry, id);
+    rtcReleaseGeometry(geometry);
+}
+
+static void embree_destroy(struct kiln_backend **backend)
+{
+    struct embree_backend *b = (struct embree_backend *)*backend;
+    if (b == NULL)
+        return;
+    if (b->scene != NULL)
+        rtcReleaseScene(b->scene);
+    if (b->device != NULL)
+        rtcReleaseDevice(b->device);
+    kiln_free(backend);
+}
+
+static double seconds_now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static int embree_create(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error)
+{
+    struct embree_backend *b = NULL;
+    *backend = NULL;
+    int status = kiln_allocate(&b, 1, sizeof *b, "the Embree backend", error);
+    if (status != KILN_OK)
+        return status;
+    b->base.api = &kiln_backend_embree;
+    b->params = *params;
+    b->threads = params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs();
+    b->coherent = params->geometry->triangle_count < 1024;
+    const char *isa = params->instruction_set;
+    char config[128];
+    (void)snprintf(config, sizeof config, "threads=%u%s%s", b->threads, isa != NULL ? ",isa=" : "", isa != NULL ? isa : "");
+    const double start = seconds_now();
+    b->device = rtcNewDevice(config);
+    if (b->device == NULL) {
+        status = embree_failure(NULL, "creating the device", error);
+        if (status == KILN_OK)
+            status = kiln_fail(error, KILN_NO_DEVICE, "Embree could not create its device with '%s'", config);
+    }
+    if (status == KILN_OK) {
+        b->scene = rtcNewScene(b->device);
+        /* robust: rays cannot slip through the edge that two triangles share; a sealed room stays exactly black */
+        rtcSetSceneFlags(b->scene, RTC_SCENE_FLAG_ROBUST);
+        rtcSetSceneBuildQuality(b->scene, RTC_BUILD_QUALITY_MEDIUM);
+        attach(b, 0, 0, params->geometry->opaque_count);
+        attach(b, 1, params->geometry->opaque_count, params->geometry->triangle_count - params->geometry->opaque_count);
+        rtcCommitScene(b->scene);
+        status = embree_failure(b->device, "building the BVH", error);
+        b->build_seconds = seconds_now() - start;
+        (void)snprintf(b->device_text, sizeof b->device_text, "Embree %ld.%ld.%ld, %s, %u thread%s",
+                       rtcGetDeviceProperty(b->device, RTC_DEVICE_PROPERTY_VERSION_MAJOR),
+                       rtcGetDeviceProperty(b->device, RTC_DEVICE_PROPERTY_VERSION_MINOR),
+                       rtcGetDeviceProperty(b->device, RTC_DEVICE_PROPERTY_VERSION_PATCH), isa != NULL ? isa : "best instruction set",
+                       b->threads, b->threads == 1 ? "" : "s");
+    }
+    *backend = &b->base;
+    if (status != KILN_OK)
+        embree_destroy(backend);
+    return status;
+}
+
+static void embree_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
+{
+    const struct embree_backend *b = (const struct embree_backend *)backend;
+    *info = (struct kiln_backend_info){.name = "embree", .build_seconds = b->build_seconds};
+    memcpy(info->device, b->device_text, sizeof info->device);
+}
+
+static int embree_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
+{
+    (void)error;
+    ((struct embree_backend *)backend)->surface = surface;
+    return KILN_OK;
+}
+
+static int embree_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
+{
+    (void)error;
+    ((struct embree_backend *)backend)->radiosity = radiosity;
+    return KILN_OK;
+}
+
+static int embree_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
+                            size_t count, struct kiln_hit *hits, struct kiln_error *error)
+{
+    (void)error;
+    struct embree_backend *b = (struct embree_backend *)backend;
+#pragma omp parallel num_threads((int)b->threads)
+    {
+        const unsigned saved = embree_enter();
+        struct RTCIntersectContext context;
+        rtcInitIntersectContext(&context);
+#pragma omp for schedule(dynamic, 4096)
+        for (size_t i = 0; i < count; i++) {
+            struct RTCRayHit r = {.ray = {.org_x = origins[i].x, .org_y = origins[i].y, .org_z = origins[i].z, .dir_x = directions[i].x,
+                                          .dir_y = directions[i].y, .dir_z = directions[i].z, .tfar = INFINITY, .mask = ~0u},
+                                  .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
+            rtcIntersect1(b->scene, &context, &r);
+            hits[i] = (struct kiln_hit){.triangle = KILN_NONE};
+            if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID)
+                continue;
+            hits[i].triangle = embree_triangle(b, r.hit.geomID, r.hit.primID);
+            hits[i].u = r.hit.u;
+            hits[i].v = r.hit.v;
+            hits[i].distance = r.ray.tfar;
+            hits[i].back = r.hit.Ng_x * r.ray.dir_x + r.hit.Ng_y * r.ray.dir_y + r.hit.Ng_z * r.ray.dir_z > 0.0f;
+        }
+        embree_leave(saved);
+    }
+    return KILN_OK;
+}
+
+const struct kiln_backend_api kiln_backend_embree = {
+    .name = "embree",
+    .create = embree_create,
+    .destroy = embree_destroy,
+    .info = embree_info,
+    .set_surface = embree_set_surface,
+    .set_radiosity = embree_set_radiosity,
+    .validity = embree_validity,
+    .direct = embree_direct,
+    .gather = embree_gather,
+    .probes = embree_probes,
+    .emission = embree_emission,
+    .intersect = embree_intersect,
+};

@@ -1,0 +1,33 @@
+/* One fragment's points made ready for sampling: where their samples may lie and which way they face. */
+#ifndef KILN_WORKER_BACKEND_EMBREE_FRAME_H
+#define KILN_WORKER_BACKEND_EMBREE_FRAME_H
+
+#include "worker/backend/embree/embree.h"
+#include "worker/scene/footprint.h"
+
+/* Of the fragment's points only the valid ones, in order. Positions already carry the offset off their surface that keeps
+ * rays from meeting it again (see worker/scene/footprint.h). About 40 KiB: keep one a thread. */
+struct fragment_frame {
+    uint32_t count;     /* valid points */
+    uint32_t tile_key;  /* hash of (seed, object, tile) */
+    bool smooth;        /* some shading normal differs from the geometric one */
+    uint32_t place[KILN_TILE_TEXELS]; /* of point j among the fragment's points */
+    uint32_t key[KILN_TILE_TEXELS];   /* hash of (seed, object, texel) */
+    bool whole[KILN_TILE_TEXELS];     /* position = origin + s edge_s + t edge_t, one normal; else use frame_position */
+    float origin[3][KILN_TILE_TEXELS], edge_s[3][KILN_TILE_TEXELS], edge_t[3][KILN_TILE_TEXELS];
+    float normal[3][KILN_TILE_TEXELS];  /* geometric, unit; of a point that is not whole: its first piece's */
+    float shading[3][KILN_TILE_TEXELS]; /* unit */
+    struct kiln_vec3 centre[KILN_TILE_TEXELS]; /* somewhere in the middle of the covered part */
+    float spread[KILN_TILE_TEXELS];     /* m: no part of the point is farther from `centre` */
+    bool one_normal[KILN_TILE_TEXELS];  /* all its pieces lie in parallel planes */
+    struct kiln_footprint footprint[KILN_TILE_TEXELS];
+};
+
+/* `every` takes the invalid points too and ignores which sub-squares are open (for the validity pass itself). */
+void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, bool every);
+
+/* Position (offset included) and geometric normal of a sample of point j; s and t in (0,1), uniform over its area. */
+void frame_position(const struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
+                    struct kiln_vec3 *position, struct kiln_vec3 *normal);
+
+#endif

@@ -1,0 +1,22 @@
+/* Radiosity at a hit. */
+#ifndef KILN_WORKER_BACKEND_EMBREE_LOOKUP_H
+#define KILN_WORKER_BACKEND_EMBREE_LOOKUP_H
+
+#include "worker/backend/embree/embree.h"
+#include "worker/scene/radiosity.h"
+
+/* Barycentrics -> texel -> surface point -> packed value. A hit beside every point (a sliver without texels) finds nothing. */
+static inline uint64_t embree_radiosity(const struct embree_backend *b, uint32_t triangle, float u, float v)
+{
+    const struct kiln_hit_record *record = &b->params.geometry->records[triangle];
+    const struct kiln_lightmap *map = &b->surface->lightmaps[record->object];
+    const float x = record->texel[0] + u * record->texel[2] + v * record->texel[4];
+    const float y = record->texel[1] + u * record->texel[3] + v * record->texel[5];
+    const int32_t ix = (int32_t)x, iy = (int32_t)y;
+    const uint32_t cx = ix < 0 ? 0u : (uint32_t)ix >= map->width ? map->width - 1 : (uint32_t)ix;
+    const uint32_t cy = iy < 0 ? 0u : (uint32_t)iy >= map->height ? map->height - 1 : (uint32_t)iy;
+    const uint64_t point = kiln_surface_find(b->surface, record->object, cx, cy);
+    return point == KILN_NO_POINT ? 0 : b->radiosity[point];
+}
+
+#endif

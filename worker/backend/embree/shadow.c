@@ -1,0 +1,67 @@
+#include "worker/backend/embree/shadow.h"
+
+#include <math.h>
+
+void shadow_begin(struct shadow_packet *packet, struct shadow_sums *sums)
+{
+    packet->count = 0;
+    packet->sums = sums;
+}
+
+static void flush(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context)
+{
+    int valid[PACKET] __attribute__((aligned(32)));
+    for (uint32_t i = 0; i < PACKET; i++)
+        valid[i] = i < packet->count ? -1 : 0;
+    rtcOccluded8(valid, b->scene, context, &packet->rays);
+    for (uint32_t i = 0; i < packet->count; i++) {
+        if (packet->rays.tfar[i] < 0.0f) /* -inf: something is in between */
+            continue;
+        for (int c = 0; c < 3; c++) {
+            packet->sums->incident[c] += packet->incident[i][c];
+            packet->sums->irradiance[c] += packet->irradiance[i][c];
+        }
+        const double *e = packet->irradiance[i];
+        const double luminance = 0.2126 * e[0] + 0.7152 * e[1] + 0.0722 * e[2];
+        packet->sums->square += luminance * luminance;
+    }
+    packet->count = 0;
+}
+
+void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context, struct kiln_vec3 p,
+                const struct kiln_light_sample *sample, double cosine, double shading_cosine)
+{
+    const uint32_t i = packet->count++;
+    packet->rays.org_x[i] = p.x;
+    packet->rays.org_y[i] = p.y;
+    packet->rays.org_z[i] = p.z;
+    packet->rays.dir_x[i] = (float)sample->direction.x;
+    packet->rays.dir_y[i] = (float)sample->direction.y;
+    packet->rays.dir_z[i] = (float)sample->direction.z;
+    packet->rays.tnear[i] = 0.0f;
+    packet->rays.tfar[i] = isfinite(sample->distance) ? (float)((sample->distance - sample->backoff) * (1.0 - 0x1p-20)) : INFINITY;
+    packet->rays.time[i] = 0.0f;
+    packet->rays.mask[i] = ~0u;
+    packet->rays.flags[i] = 0;
+    for (int c = 0; c < 3; c++) {
+        packet->incident[i][c] = sample->value[c] * cosine;
+        packet->irradiance[i][c] = sample->value[c] * shading_cosine;
+    }
+    if (packet->count == PACKET)
+        flush(packet, b, context);
+}
+
+void shadow_end(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context)
+{
+    if (packet->count != 0)
+        flush(packet, b, context);
+}
+
+double shadow_variance(const struct shadow_sums *sums, uint32_t samples)
+{
+    const double *e = sums->irradiance;
+    const double mean = (0.2126 * e[0] + 0.7152 * e[1] + 0.0722 * e[2]) / samples;
+    if (samples < 2)
+        return mean * mean;
+    return fmax(0.0, sums->square / samples - mean * mean) / (samples - 1.0);
+}

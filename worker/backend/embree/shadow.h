@@ -1,0 +1,30 @@
+/* Shadow rays in packets of 8, whose answers are summed in the order in which the rays came. */
+#ifndef KILN_WORKER_BACKEND_EMBREE_SHADOW_H
+#define KILN_WORKER_BACKEND_EMBREE_SHADOW_H
+
+#include "worker/backend/embree/embree.h"
+
+/* What the samples of one choice of light bring: plain sums, to be divided by the number of samples. */
+struct shadow_sums {
+    double incident[3], irradiance[3];
+    double square; /* sum of squared luminances */
+};
+
+struct shadow_packet {
+    struct RTCRay8 rays __attribute__((aligned(32)));
+    double incident[PACKET][3], irradiance[PACKET][3];
+    uint32_t count;
+    struct shadow_sums *sums;
+};
+
+/* Starts a choice, whose answers go to `sums`. */
+void shadow_begin(struct shadow_packet *packet, struct shadow_sums *sums);
+/* A ray from p; the cosines are those of the geometric and the shading normal. */
+void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context, struct kiln_vec3 p,
+                const struct kiln_light_sample *sample, double cosine, double shading_cosine);
+void shadow_end(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context);
+
+/* Variance of the mean of the luminance, as if samples were independent (an upper estimate for stratified ones). */
+double shadow_variance(const struct shadow_sums *sums, uint32_t samples);
+
+#endif
