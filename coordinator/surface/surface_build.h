@@ -34,16 +34,32 @@ struct kiln_surface_report {
 };
 
 /* Builds the surface. Not collective: every rank computes the same global part from the scene, and its own share of the rest.
+ *
  * Coverage is conservative: a texel that a triangle touches with non-zero area is a point even if its centre is not on one.
- * Each triangle is clipped to each texel it touches (Sutherland-Hodgman), so that areas are exact; degenerate triangles
- * have no points. `flags` has KILN_POINT_WHOLE set where it holds and KILN_POINT_VALID everywhere; `open` is all ones:
- * the validity pass narrows both. Destroy with kiln_surface_destroy. */
+ * Each triangle is clipped to each texel it touches (worker/scene/clip.h), so that areas are exact; triangles without area, in
+ * the world or in the lightmap, have no points. A texel that triangles of several charts touch keeps all their pieces. Pieces
+ * stand in order of world triangle number; of more than 65535 in one texel the 65535 largest are kept, and their shares made
+ * to end at 1 (the point's area stays that of all).
+ *
+ * A point lies in the cell that holds the centroid of its covered part. With KILN_PARTITION_OBJECTS a tile is one fragment
+ * whatever cells it lies in, and the fragment's `cell` is that of its first point.
+ *
+ * `albedo` is the area-weighted mean over the covered part: at the centroid of each piece, or where the base colour is
+ * textured at 16 or more stratified positions; of a surface with an alpha mask or blending only what is there counts (weight
+ * alpha). `flags` has KILN_POINT_WHOLE set where it holds and KILN_POINT_VALID everywhere; `open` is all ones: the validity
+ * pass narrows both.
+ *
+ * Ranks share out whole cells (objects) where that keeps the largest share within 10 % of the mean, else fragments; ranks
+ * beyond the number of fragments get an empty share.
+ *
+ * KILN_BAD_INPUT for a cell size that fits no grid, an object with 2^32 tiles or more; KILN_USAGE for ranks = 0 or rank >=
+ * ranks; KILN_SYSTEM. Destroy with kiln_surface_destroy. */
 int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_params *params, struct kiln_surface_report *report,
                        struct kiln_error *error);
 
-/* First own fragment and count of rank r without building: `fragment_points` in global order, cut so that each rank's number
- * of points is near the mean, at cell (or object) borders where that keeps the largest share within 10 % of the mean,
- * else between fragments. Writes ranks + 1 cuts. Pure. */
+/* Cuts a row of units (cells, objects or fragments in global order, with so many points each) into `ranks` contiguous shares of
+ * nearly equal points: the border before share r is the unit border nearest to r / ranks of all points. Share r is units
+ * cuts[r] .. cuts[r + 1] - 1; writes ranks + 1 cuts, ranks >= 1. Pure. */
 void kiln_partition_cut(const uint64_t *unit_points, size_t unit_count, uint32_t ranks, uint64_t *cuts);
 
 #endif

@@ -60,6 +60,15 @@ static inline void kiln_geometry_corners(const struct kiln_geometry *g, uint64_t
     }
 }
 
+/* Area of a world triangle as it is traced, m2. */
+static inline double kiln_geometry_triangle_area(const struct kiln_geometry *g, uint64_t triangle)
+{
+    struct kiln_vec3 corner[3];
+    kiln_geometry_corners(g, triangle, corner);
+    const struct kiln_dvec3 o = dvec3_of(corner[0]);
+    return 0.5 * dvec3_length(dvec3_cross(dvec3_sub(dvec3_of(corner[1]), o), dvec3_sub(dvec3_of(corner[2]), o)));
+}
+
 /* Indices into the scene's vertex arrays of a world triangle's corners, in the world triangle's corner order. */
 static inline void kiln_geometry_stored_vertices(const struct kiln_scene *scene, const struct kiln_geometry *g, uint64_t triangle,
                                                  uint64_t vertex[3])

@@ -1,0 +1,209 @@
+#include "coordinator/surface/coverage.h"
+
+#include <stdlib.h>
+
+#include "worker/base/memory.h"
+
+static uint64_t world_triangle(const struct kiln_object_range *range, uint64_t k)
+{
+    return k < range->opaque_count ? range->opaque_first + k : range->alpha_first + (k - range->opaque_count);
+}
+
+/* Where the triangle reaches in x between two heights; widened by more than rounding, as clipping has the last word. */
+static bool band(const double c[3][2], double y0, double y1, double *low, double *high)
+{
+    double x0 = INFINITY, x1 = -INFINITY;
+    for (int i = 0; i < 3; i++) {
+        const double *a = c[i], *b = c[i == 2 ? 0 : i + 1];
+        if (a[1] >= y0 && a[1] <= y1) {
+            x0 = fmin(x0, a[0]);
+            x1 = fmax(x1, a[0]);
+        }
+        for (int side = 0; side < 2; side++) {
+            const double y = side == 0 ? y0 : y1;
+            if ((a[1] < y) != (b[1] < y)) {
+                const double x = a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
+                x0 = fmin(x0, x);
+                x1 = fmax(x1, x);
+            }
+        }
+    }
+    *low = x0 - 1e-9 * (1.0 + fabs(x0));
+    *high = x1 + 1e-9 * (1.0 + fabs(x1));
+    return x0 <= x1;
+}
+
+/* The index of the cell of `size` that `x` lies in, held to 0 .. count - 1. */
+static uint32_t held(double x, double size, uint32_t count)
+{
+    return (uint32_t)fmin(fmax(floor(x / size), 0.0), (double)count - 1.0);
+}
+
+static void vertical_reach(const double c[3][2], double *low, double *high)
+{
+    *low = fmin(c[0][1], fmin(c[1][1], c[2][1]));
+    *high = fmax(c[0][1], fmax(c[1][1], c[2][1]));
+}
+
+/* Visits the tiles a triangle touches. Without `out` counts it in place[tile + 1], else enters it and moves place[tile] on. */
+static void bin(const struct kiln_coverage *c, uint32_t triangle, uint64_t *place, uint32_t *out)
+{
+    double corner[3][2];
+    kiln_geometry_texel_corners(c->scene, c->geometry, triangle, corner);
+    if (!(fabs(kiln_clip_twice_area(corner)) > 0.0) || !(kiln_geometry_triangle_area(c->geometry, triangle) > 0.0))
+        return;
+    double bottom, top;
+    vertical_reach(corner, &bottom, &top);
+    const uint32_t ty1 = held(top, KILN_TILE_SIDE, c->tiles_y);
+    for (uint32_t ty = held(bottom, KILN_TILE_SIDE, c->tiles_y); ty <= ty1; ty++) {
+        double low, high;
+        if (!band(corner, (double)ty * KILN_TILE_SIDE, ((double)ty + 1.0) * KILN_TILE_SIDE, &low, &high))
+            continue;
+        const uint32_t tx1 = held(high, KILN_TILE_SIDE, c->tiles_x);
+        for (uint32_t tx = held(low, KILN_TILE_SIDE, c->tiles_x); tx <= tx1; tx++) {
+            const uint64_t tile = (uint64_t)ty * c->tiles_x + tx;
+            uint64_t at;
+            uint64_t *counter = &place[out == NULL ? tile + 1 : tile];
+#pragma omp atomic capture
+            at = (*counter)++;
+            if (out != NULL)
+                out[at] = triangle;
+        }
+    }
+}
+
+static int ascending(const void *a, const void *b)
+{
+    const uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+    return x < y ? -1 : x > y ? 1 : 0;
+}
+
+static void sort_tile(uint32_t *triangles, uint64_t count)
+{
+    for (uint64_t i = 1; i < count; i++) {
+        if (triangles[i - 1] > triangles[i]) {
+            qsort(triangles, count, sizeof *triangles, ascending);
+            return;
+        }
+    }
+}
+
+int kiln_coverage_create(struct kiln_coverage *coverage, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
+                         uint32_t object, uint32_t threads, struct kiln_error *error)
+{
+    const uint32_t width = scene->objects[object].lightmap_width, height = scene->objects[object].lightmap_height;
+    *coverage = (struct kiln_coverage){.scene = scene,
+                                       .geometry = geometry,
+                                       .object = object,
+                                       .width = width,
+                                       .height = height,
+                                       .tiles_x = (width - 1) / KILN_TILE_SIDE + 1,
+                                       .tiles_y = (height - 1) / KILN_TILE_SIDE + 1};
+    struct kiln_coverage *c = coverage;
+    const struct kiln_object_range *range = &geometry->ranges[object];
+    const uint64_t tiles = (uint64_t)c->tiles_x * c->tiles_y, count = range->opaque_count + range->alpha_count;
+    const int team = (int)threads;
+    int status = kiln_allocate(&c->tile_first, tiles + 2, sizeof *c->tile_first, "an object's tiles", error);
+    if (status != KILN_OK)
+        goto end;
+    /* Counts stand one place on, so that filling, which moves each tile's place to its end, leaves the firsts behind. */
+    uint64_t *place = c->tile_first + 1;
+#pragma omp parallel for schedule(dynamic, 1024) num_threads(team)
+    for (uint64_t k = 0; k < count; k++)
+        bin(c, (uint32_t)world_triangle(range, k), place, NULL);
+    for (uint64_t tile = 0; tile < tiles; tile++)
+        place[tile + 1] += place[tile];
+    status = kiln_allocate(&c->triangles, place[tiles], sizeof *c->triangles, "the triangles of an object's tiles", error);
+    if (status != KILN_OK)
+        goto end;
+#pragma omp parallel for schedule(dynamic, 1024) num_threads(team)
+    for (uint64_t k = 0; k < count; k++)
+        bin(c, (uint32_t)world_triangle(range, k), place, c->triangles);
+#pragma omp parallel for schedule(dynamic, 256) num_threads(team)
+    for (uint64_t tile = 0; tile < tiles; tile++)
+        sort_tile(c->triangles + c->tile_first[tile], c->tile_first[tile + 1] - c->tile_first[tile]);
+end:
+    if (status != KILN_OK)
+        kiln_coverage_destroy(coverage);
+    return status;
+}
+
+void kiln_coverage_destroy(struct kiln_coverage *coverage)
+{
+    kiln_free(&coverage->tile_first);
+    kiln_free(&coverage->triangles);
+}
+
+void kiln_coverage_scratch_destroy(struct kiln_coverage_scratch *scratch)
+{
+    kiln_free(&scratch->pieces);
+    *scratch = (struct kiln_coverage_scratch){0};
+}
+
+struct tile_window {
+    uint32_t x, y;          /* first texel */
+    uint32_t width, height; /* texels of the tile that lie in the lightmap */
+};
+
+static void add_piece(struct kiln_coverage_scratch *scratch, uint32_t triangle, uint32_t x, uint32_t y, bool whole, double area,
+                      double b1, double b2)
+{
+    scratch->pieces[scratch->count++] =
+        (struct kiln_coverage_piece){area, b1, b2, triangle, (uint8_t)kiln_morton8(x, y), whole};
+}
+
+/* One triangle in one tile. There is room for 64 more pieces. */
+static void cover(const struct kiln_coverage *c, const struct tile_window *window, uint32_t triangle,
+                  struct kiln_coverage_scratch *scratch)
+{
+    double corner[3][2], local[3][2];
+    kiln_geometry_texel_corners(c->scene, c->geometry, triangle, corner);
+    const double texels = 0.5 * fabs(kiln_clip_twice_area(corner));
+    const double scale = kiln_geometry_triangle_area(c->geometry, triangle) / texels;
+    const double smallest = kiln_clip_smallest(texels);
+    const double x0 = window->x, y0 = window->y;
+    double bottom, top;
+    vertical_reach(corner, &bottom, &top);
+    const uint32_t row_last = held(top - y0, 1.0, window->height);
+    for (uint32_t y = held(bottom - y0, 1.0, window->height); y <= row_last; y++) {
+        double low, high;
+        if (!band(corner, y0 + y, y0 + y + 1.0, &low, &high))
+            continue;
+        const uint32_t x_last = held(high - x0, 1.0, window->width);
+        for (uint32_t x = held(low - x0, 1.0, window->width); x <= x_last; x++) {
+            kiln_clip_local(corner, x0 + x, y0 + y, local);
+            const enum kiln_clip_class class = kiln_clip_classify(local, 0.0, 0.0, 1.0, 1.0);
+            if (class == KILN_CLIP_OUTSIDE)
+                continue;
+            if (class == KILN_CLIP_INSIDE) {
+                const struct kiln_clip_weights w = kiln_clip_weights(local);
+                add_piece(scratch, triangle, x, y, true, scale, w.b1[0] + 0.5 * (w.b1[1] + w.b1[2]),
+                          w.b2[0] + 0.5 * (w.b2[1] + w.b2[2]));
+                continue;
+            }
+            struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
+            const uint32_t count = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
+            const double area = kiln_clip_area(polygon, count, &centroid);
+            if (area > smallest)
+                add_piece(scratch, triangle, x, y, false, area * scale, centroid.b1, centroid.b2);
+        }
+    }
+}
+
+int kiln_coverage_tile(const struct kiln_coverage *coverage, uint32_t tile, struct kiln_coverage_scratch *scratch,
+                       struct kiln_error *error)
+{
+    const struct kiln_coverage *c = coverage;
+    struct tile_window window = {.x = tile % c->tiles_x * KILN_TILE_SIDE, .y = tile / c->tiles_x * KILN_TILE_SIDE};
+    window.width = c->width - window.x < KILN_TILE_SIDE ? c->width - window.x : KILN_TILE_SIDE;
+    window.height = c->height - window.y < KILN_TILE_SIDE ? c->height - window.y : KILN_TILE_SIDE;
+    scratch->count = 0;
+    for (uint64_t i = c->tile_first[tile]; i < c->tile_first[tile + 1]; i++) {
+        const int status = kiln_grow(&scratch->pieces, &scratch->capacity, scratch->count + KILN_TILE_TEXELS,
+                                     sizeof *scratch->pieces, "the pieces of a lightmap tile", error);
+        if (status != KILN_OK)
+            return status;
+        cover(c, &window, c->triangles[i], scratch);
+    }
+    return KILN_OK;
+}

@@ -1,0 +1,299 @@
+#include <string.h>
+
+#include "coordinator/surface/build.h"
+#include "coordinator/surface/charts.h"
+#include "worker/base/memory.h"
+
+/* An object with more tiles or triangles than these is worked on by all threads together. */
+enum { LARGE_TILES = 4096, LARGE_TRIANGLES = 65536 };
+
+void kiln_build_fail(struct kiln_build *build, int status, const struct kiln_error *error)
+{
+#pragma omp critical(kiln_build_failure)
+    if (build->status == KILN_OK) {
+        if (build->error != NULL)
+            *build->error = *error;
+        __atomic_store_n(&build->status, status, __ATOMIC_RELAXED);
+    }
+}
+
+bool kiln_build_failed(struct kiln_build *build)
+{
+    return __atomic_load_n(&build->status, __ATOMIC_RELAXED) != KILN_OK;
+}
+
+static uint64_t triangles_of(const struct kiln_build *build, size_t object)
+{
+    const struct kiln_object_range *range = &build->geometry->ranges[object];
+    return range->opaque_count + range->alpha_count;
+}
+
+static uint64_t tiles_of(const struct kiln_build *build, size_t object)
+{
+    const struct kiln_lightmap *map = &build->surface->lightmaps[object];
+    return (uint64_t)map->tiles_x * map->tiles_y;
+}
+
+static bool is_large(const struct kiln_build *build, size_t object)
+{
+    return tiles_of(build, object) > LARGE_TILES || triangles_of(build, object) > LARGE_TRIANGLES;
+}
+
+void kiln_build_for_objects(struct kiln_build *build, const uint8_t *wanted,
+                            void (*work)(struct kiln_build *build, uint32_t object, uint32_t threads, const void *context),
+                            const void *context)
+{
+    const size_t count = build->scene->object_count;
+    const int team = (int)build->threads;
+#pragma omp parallel for schedule(dynamic) num_threads(team)
+    for (size_t o = 0; o < count; o++) {
+        if ((wanted == NULL || wanted[o]) && !is_large(build, o) && !kiln_build_failed(build))
+            work(build, (uint32_t)o, 1, context);
+    }
+    for (size_t o = 0; o < count; o++) {
+        if ((wanted == NULL || wanted[o]) && is_large(build, o) && !kiln_build_failed(build))
+            work(build, (uint32_t)o, build->threads, context);
+    }
+}
+
+static int place_lightmaps(struct kiln_build *build)
+{
+    const struct kiln_scene *scene = build->scene;
+    struct kiln_surface *surface = build->surface;
+    int status = kiln_allocate(&surface->lightmaps, scene->object_count, sizeof *surface->lightmaps, "the lightmaps", build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&build->object_block, scene->object_count + 1, sizeof *build->object_block, "the lightmaps", build->error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t o = 0; o < scene->object_count; o++) {
+        const struct kiln_object *object = &scene->objects[o];
+        struct kiln_lightmap *map = &surface->lightmaps[o];
+        map->width = object->lightmap_width;
+        map->height = object->lightmap_height;
+        map->tiles_x = (map->width - 1) / KILN_TILE_SIDE + 1;
+        map->tiles_y = (map->height - 1) / KILN_TILE_SIDE + 1;
+        map->tile_first = surface->tile_count;
+        if (tiles_of(build, o) >= UINT32_MAX)
+            return kiln_fail(build->error, KILN_BAD_INPUT,
+                             "object '%s': a lightmap of %u x %u texels is larger than kiln can hold: lower --texels-per-metre or set "
+                             "--lightmap-max",
+                             kiln_scene_string(scene, object->name), map->width, map->height);
+        surface->tile_count += tiles_of(build, o);
+        build->object_block[o + 1] = build->object_block[o] + (tiles_of(build, o) - 1) / KILN_BLOCK_TILES + 1;
+        build->report->texels += (uint64_t)map->width * map->height;
+    }
+    return KILN_OK;
+}
+
+int kiln_build_measure(struct kiln_build *build)
+{
+    const struct kiln_scene *scene = build->scene;
+    int status = place_lightmaps(build);
+    double *texels = NULL;
+    if (status == KILN_OK)
+        status = kiln_allocate(&build->object_area, scene->object_count, sizeof *build->object_area, "the objects' areas", build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&texels, scene->object_count, sizeof *texels, "the objects' areas", build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&build->blocks, build->object_block[scene->object_count], sizeof *build->blocks,
+                               "the blocks of lightmap tiles", build->error);
+    if (status != KILN_OK)
+        goto end;
+    const int team = (int)build->threads;
+#pragma omp parallel for schedule(dynamic) num_threads(team)
+    for (size_t o = 0; o < scene->object_count; o++) {
+        const struct kiln_object_range *range = &build->geometry->ranges[o];
+        const uint64_t count = range->opaque_count + range->alpha_count;
+        for (uint64_t k = 0; k < count; k++) {
+            const uint64_t t = k < range->opaque_count ? range->opaque_first + k : range->alpha_first + k - range->opaque_count;
+            double corner[3][2];
+            kiln_geometry_texel_corners(scene, build->geometry, t, corner);
+            build->object_area[o] += kiln_geometry_triangle_area(build->geometry, t);
+            texels[o] += 0.5 * fabs(kiln_clip_twice_area(corner));
+        }
+        for (uint64_t b = build->object_block[o]; b < build->object_block[o + 1]; b++)
+            build->blocks[b].object = (uint32_t)o;
+    }
+    double points = 0.0;
+    for (size_t o = 0; o < scene->object_count; o++) {
+        build->report->geometry_area += build->object_area[o];
+        points += texels[o];
+    }
+    status = kiln_grid_choose(&build->grid, build->geometry, build->params->cell_size, build->report->geometry_area, points,
+                              build->error);
+end:
+    kiln_free(&texels);
+    return status;
+}
+
+/* Tiles of a lightmap in Morton order, by descending a quadtree and leaving out what lies outside. */
+static uint32_t *order_tiles(uint32_t *out, const struct kiln_lightmap *map, uint32_t x, uint32_t y, uint32_t side)
+{
+    if (x >= map->tiles_x || y >= map->tiles_y)
+        return out;
+    if (side == 1) {
+        *out = y * map->tiles_x + x;
+        return out + 1;
+    }
+    const uint32_t half = side / 2;
+    out = order_tiles(out, map, x, y, half);
+    out = order_tiles(out, map, x + half, y, half);
+    out = order_tiles(out, map, x, y + half, half);
+    return order_tiles(out, map, x + half, y + half, half);
+}
+
+/* What is gathered of one texel while its tile is covered. */
+struct texel_sum {
+    double area;
+    struct kiln_dvec3 moment; /* area x position */
+    uint32_t pieces, chart;
+    bool shared;
+};
+
+static void add_to_texel(const struct kiln_build *build, struct texel_sum *sum, const struct kiln_coverage_piece *piece)
+{
+    const struct kiln_geometry *g = build->geometry;
+    struct kiln_vec3 corner[3];
+    uint64_t vertex[3];
+    kiln_geometry_corners(g, piece->triangle, corner);
+    kiln_geometry_stored_vertices(build->scene, g, piece->triangle, vertex);
+    const uint32_t chart = build->vertex_chart[vertex[0]];
+    if (sum->pieces == 0)
+        sum->chart = chart;
+    else if (sum->chart != chart)
+        sum->shared = true;
+    const struct kiln_dvec3 position =
+        dvec3_add(dvec3_scale(dvec3_of(corner[0]), 1.0 - piece->b1 - piece->b2),
+                  dvec3_add(dvec3_scale(dvec3_of(corner[1]), piece->b1), dvec3_scale(dvec3_of(corner[2]), piece->b2)));
+    sum->moment = dvec3_add(sum->moment, dvec3_scale(position, piece->area));
+    sum->area += piece->area;
+    sum->pieces++;
+}
+
+static int cover_tile(const struct kiln_build *build, const struct kiln_coverage *coverage, uint32_t tile,
+                      struct kiln_coverage_scratch *scratch, struct kiln_block *block, struct kiln_error *error)
+{
+    int status = kiln_coverage_tile(coverage, tile, scratch, error);
+    if (status == KILN_OK)
+        status = kiln_grow(&block->parts, &block->capacity, block->count + KILN_TILE_TEXELS, sizeof *block->parts,
+                           "the parts of lightmap tiles", error);
+    if (status != KILN_OK || scratch->count == 0)
+        return status;
+    struct texel_sum sums[KILN_TILE_TEXELS] = {0};
+    for (size_t i = 0; i < scratch->count; i++)
+        add_to_texel(build, &sums[scratch->pieces[i].bit], &scratch->pieces[i]);
+    const size_t first = block->count;
+    for (uint32_t bit = 0; bit < KILN_TILE_TEXELS; bit++) {
+        const struct texel_sum *sum = &sums[bit];
+        if (sum->pieces == 0)
+            continue;
+        const uint64_t code = kiln_grid_code(&build->grid, dvec3_scale(sum->moment, 1.0 / sum->area));
+        size_t at = first;
+        while (at < block->count && block->parts[at].code != code)
+            at++;
+        struct kiln_part *part = &block->parts[at];
+        if (at == block->count) {
+            *part = (struct kiln_part){.code = code, .tile = tile};
+            block->count++;
+        }
+        const uint32_t kept = sum->pieces < KILN_PIECES_MOST ? sum->pieces : KILN_PIECES_MOST;
+        part->mask |= 1ull << bit;
+        part->pieces += kept;
+        part->shares += kept > 1 ? kept : 0;
+        block->area += sum->area;
+        block->shared_texels += sum->shared ? 1 : 0;
+    }
+    return KILN_OK;
+}
+
+/* Gives back what a block's array grew beyond its use: there may be very many small objects. */
+static int trim_block(struct kiln_block *block, struct kiln_error *error)
+{
+    struct kiln_part *exact = NULL;
+    if (block->capacity == block->count)
+        return KILN_OK;
+    const int status = kiln_allocate(&exact, block->count, sizeof *exact, "the parts of lightmap tiles", error);
+    if (status != KILN_OK)
+        return status;
+    if (block->count > 0)
+        memcpy(exact, block->parts, block->count * sizeof *exact);
+    kiln_free(&block->parts);
+    block->parts = exact;
+    block->capacity = block->count;
+    return KILN_OK;
+}
+
+static void cover_object(struct kiln_build *build, uint32_t object, uint32_t threads, const void *context)
+{
+    (void)context;
+    const struct kiln_lightmap *map = &build->surface->lightmaps[object];
+    const uint64_t tiles = tiles_of(build, object), block_first = build->object_block[object];
+    const uint64_t block_count = build->object_block[object + 1] - block_first;
+    struct kiln_error error;
+    struct kiln_coverage coverage = {0};
+    uint32_t *order = NULL;
+    uint32_t side = 1;
+    const int team = (int)threads;
+    if (triangles_of(build, object) == 0)
+        return;
+    int status = kiln_allocate(&order, tiles, sizeof *order, "the order of an object's tiles", &error);
+    if (status == KILN_OK)
+        status = kiln_coverage_create(&coverage, build->scene, build->geometry, object, threads, &error);
+    if (status != KILN_OK) {
+        kiln_build_fail(build, status, &error);
+        goto end;
+    }
+    while (side < map->tiles_x || side < map->tiles_y)
+        side *= 2;
+    order_tiles(order, map, 0, 0, side);
+#pragma omp parallel num_threads(team)
+    {
+        struct kiln_coverage_scratch scratch = {0};
+        struct kiln_error own;
+#pragma omp for schedule(dynamic)
+        for (uint64_t b = 0; b < block_count; b++) {
+            struct kiln_block *block = &build->blocks[block_first + b];
+            const uint64_t last = (b + 1) * KILN_BLOCK_TILES < tiles ? (b + 1) * KILN_BLOCK_TILES : tiles;
+            for (uint64_t i = b * KILN_BLOCK_TILES; i < last && !kiln_build_failed(build); i++) {
+                const int failed = cover_tile(build, &coverage, order[i], &scratch, block, &own);
+                if (failed != KILN_OK)
+                    kiln_build_fail(build, failed, &own);
+            }
+            const int failed = trim_block(block, &own);
+            if (failed != KILN_OK)
+                kiln_build_fail(build, failed, &own);
+        }
+        kiln_coverage_scratch_destroy(&scratch);
+    }
+end:
+    kiln_coverage_destroy(&coverage);
+    kiln_free(&order);
+}
+
+int kiln_build_cover(struct kiln_build *build)
+{
+    const int status = kiln_charts_find(&build->vertex_chart, build->scene, build->threads, build->error);
+    if (status != KILN_OK)
+        return status;
+    kiln_build_for_objects(build, NULL, cover_object, NULL);
+    kiln_free(&build->vertex_chart);
+    if (build->status != KILN_OK)
+        return build->status;
+    struct kiln_surface_report *report = build->report;
+    for (size_t o = 0; o < build->scene->object_count; o++) {
+        double area = 0.0;
+        for (uint64_t b = build->object_block[o]; b < build->object_block[o + 1]; b++) {
+            area += build->blocks[b].area;
+            report->shared_texels += build->blocks[b].shared_texels;
+        }
+        report->area += area;
+        if (!(build->object_area[o] > 0.0))
+            continue;
+        const double wrong = fabs(area / build->object_area[o] - 1.0);
+        if (wrong > report->worst_object_area_error) {
+            report->worst_object_area_error = wrong;
+            report->worst_object = (uint32_t)o;
+        }
+    }
+    return KILN_OK;
+}

@@ -1,0 +1,320 @@
+#include <assert.h>
+#include <stdlib.h>
+
+#include "coordinator/surface/build.h"
+#include "worker/base/memory.h"
+#include "worker/scene/texture.h"
+
+enum { COLOR_SAMPLES = 16 }; /* of a textured texel's covered part */
+
+/* One thread's working space. */
+struct share_scratch {
+    struct kiln_coverage_scratch coverage;
+    uint32_t *order; /* indices of the tile's pieces, by texel, then by triangle */
+    size_t order_capacity;
+    double *areas; /* for a texel with too many pieces */
+    size_t areas_capacity;
+};
+
+struct color_sum {
+    double there[3], weight; /* weighted with how much of the surface is there */
+    double all[3], area;     /* weighted with area alone: for a texel of which nothing is there */
+};
+
+static void sample_color(const struct kiln_build *build, uint32_t triangle, double b1, double b2, double area, struct color_sum *sum)
+{
+    const struct kiln_geometry *g = build->geometry;
+    const struct kiln_scene *scene = build->scene;
+    const struct kiln_hit_record *record = &g->records[triangle];
+    float s1, s2, rgba[4];
+    kiln_geometry_stored_barycentrics(scene, g, triangle, (float)b1, (float)b2, &s1, &s2);
+    kiln_surface_color(scene, &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle], s1, s2, rgba);
+    double weight = area;
+    if (triangle >= g->opaque_count) {
+        const struct kiln_material *material = &scene->materials[record->material & KILN_RECORD_MATERIAL];
+        weight *= material->alpha_mode == KILN_ALPHA_MASK ? (rgba[3] >= material->alpha_cutoff ? 1.0 : 0.0) : (double)rgba[3];
+    }
+    for (int c = 0; c < 3; c++) {
+        sum->there[c] += weight * (double)rgba[c];
+        sum->all[c] += area * (double)rgba[c];
+    }
+    sum->weight += weight;
+    sum->area += area;
+}
+
+/* A whole texel: the centres of 4 x 4 sub-squares. */
+static void sample_square(const struct kiln_build *build, uint32_t triangle, const double local[3][2], double area,
+                          struct color_sum *sum)
+{
+    const struct kiln_clip_weights w = kiln_clip_weights(local);
+    for (int i = 0; i < COLOR_SAMPLES; i++) {
+        const double x = (i % 4 + 0.5) / 4.0, y = (i / 4 + 0.5) / 4.0;
+        sample_color(build, triangle, w.b1[0] + w.b1[1] * x + w.b1[2] * y, w.b2[0] + w.b2[1] * x + w.b2[2] * y,
+                     area / COLOR_SAMPLES, sum);
+    }
+}
+
+static double base_two_inverse(uint32_t i)
+{
+    double value = 0.0, digit = 0.5;
+    for (; i > 0; i >>= 1, digit *= 0.5)
+        value += (i & 1u) != 0 ? digit : 0.0;
+    return value;
+}
+
+/* Part of a texel: a Hammersley set over the fan of the polygon's triangles, as many samples as its share of the texel asks. */
+static void sample_polygon(const struct kiln_build *build, uint32_t triangle, const double local[3][2], double area, double share,
+                           struct color_sum *sum)
+{
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
+    const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
+    double until[KILN_CLIP_CORNERS] = {0.0}; /* area of the fan up to its triangle (0, i - 1, i) */
+    for (uint32_t i = 2; i < corners; i++) {
+        const struct kiln_clip_corner part[3] = {polygon[0], polygon[i - 1], polygon[i]};
+        until[i] = until[i - 1] + kiln_clip_area(part, 3, &centroid);
+    }
+    const uint32_t samples = (uint32_t)ceil(share * COLOR_SAMPLES);
+    for (uint32_t s = 0; s < samples; s++) {
+        double u = (s + 0.5) / samples * until[corners - 1];
+        uint32_t i = 2;
+        while (i + 1 < corners && u >= until[i])
+            i++;
+        const double width = until[i] - until[i - 1];
+        u = width > 0.0 ? fmin(fmax((u - until[i - 1]) / width, 0.0), 1.0) : 0.5;
+        const double root = sqrt(u), v = base_two_inverse(s) + 0.5 / samples;
+        const struct kiln_clip_corner *a = &polygon[0], *b = &polygon[i - 1], *c = &polygon[i];
+        const double wa = 1.0 - root, wc = root * fmin(v, 1.0), wb = root - wc;
+        sample_color(build, triangle, wa * a->b1 + wb * b->b1 + wc * c->b1, wa * a->b2 + wb * b->b2 + wc * c->b2, area / samples,
+                     sum);
+    }
+}
+
+static void add_piece_color(const struct kiln_build *build, const struct kiln_coverage_piece *piece, uint32_t x, uint32_t y,
+                            double total, struct color_sum *sum)
+{
+    const struct kiln_hit_record *record = &build->geometry->records[piece->triangle];
+    if (build->scene->materials[record->material & KILN_RECORD_MATERIAL].base_color_texture == KILN_NONE) {
+        sample_color(build, piece->triangle, piece->b1, piece->b2, piece->area, sum);
+        return;
+    }
+    double corner[3][2], local[3][2];
+    kiln_geometry_texel_corners(build->scene, build->geometry, piece->triangle, corner);
+    kiln_clip_local(corner, x, y, local);
+    if (piece->whole)
+        sample_square(build, piece->triangle, local, piece->area, sum);
+    else
+        sample_polygon(build, piece->triangle, local, piece->area, piece->area / total, sum);
+}
+
+static uint16_t albedo_of(const struct color_sum *sum, int channel)
+{
+    const double value = sum->weight > 0.0 ? sum->there[channel] / sum->weight : sum->all[channel] / sum->area;
+    return value > 0.0 ? (uint16_t)lrint(fmin(value, 1.0) * 65535.0) : 0;
+}
+
+static int descending(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return x > y ? -1 : x < y ? 1 : 0;
+}
+
+/* Of more than KILN_PIECES_MOST pieces keeps the largest; of equal ones those with lower numbers. Gives the new count. */
+static int keep_largest(struct share_scratch *scratch, uint32_t *order, uint32_t *count, struct kiln_error *error)
+{
+    const int status = kiln_grow(&scratch->areas, &scratch->areas_capacity, *count, sizeof *scratch->areas, "a texel's pieces", error);
+    if (status != KILN_OK)
+        return status;
+    for (uint32_t i = 0; i < *count; i++)
+        scratch->areas[i] = scratch->coverage.pieces[order[i]].area;
+    qsort(scratch->areas, *count, sizeof *scratch->areas, descending);
+    const double limit = scratch->areas[KILN_PIECES_MOST - 1];
+    uint32_t larger = 0, kept = 0;
+    while (scratch->areas[larger] > limit)
+        larger++;
+    uint32_t equal = KILN_PIECES_MOST - larger; /* how many of just this size find room */
+    for (uint32_t i = 0; i < *count; i++) {
+        const double area = scratch->coverage.pieces[order[i]].area;
+        if (area < limit || (!(area > limit) && equal == 0))
+            continue;
+        equal -= area > limit ? 0 : 1;
+        order[kept++] = order[i];
+    }
+    *count = kept;
+    return KILN_OK;
+}
+
+struct point_place {
+    uint64_t point, piece, share; /* where the next point's data go */
+    uint32_t x, y;                /* its texel */
+};
+
+static int fill_point(struct kiln_build *build, struct share_scratch *scratch, uint32_t *order, uint32_t count,
+                      struct point_place *place, struct kiln_error *error)
+{
+    struct kiln_surface *s = build->surface;
+    const struct kiln_coverage_piece *pieces = scratch->coverage.pieces;
+    double total = 0.0, kept = 0.0, sum = 0.0;
+    for (uint32_t i = 0; i < count; i++)
+        total += pieces[order[i]].area;
+    if (count > KILN_PIECES_MOST) {
+        const int status = keep_largest(scratch, order, &count, error);
+        if (status != KILN_OK)
+            return status;
+    }
+    for (uint32_t i = 0; i < count; i++)
+        kept += pieces[order[i]].area;
+    struct color_sum color = {0};
+    for (uint32_t i = 0; i < count; i++) {
+        const struct kiln_coverage_piece *piece = &pieces[order[i]];
+        add_piece_color(build, piece, place->x, place->y, kept, &color);
+        s->pieces[place->piece++] = piece->triangle;
+        sum += piece->area;
+        if (count > 1)
+            s->shares[place->share++] = i + 1 == count ? 1.0f : (float)fmin(sum / kept, 1.0);
+    }
+    const uint64_t p = place->point++;
+    s->piece_count[p] = (uint16_t)count;
+    s->area[p] = fmaxf((float)total, 0x1p-126f); /* never 0, however small the scene */
+    s->flags[p] = (uint8_t)(KILN_POINT_VALID | (count == 1 && pieces[order[0]].whole ? KILN_POINT_WHOLE : 0));
+    s->open[p] = 0xffff;
+    for (int c = 0; c < 3; c++)
+        s->albedo[3 * p + (uint64_t)c] = albedo_of(&color, c);
+    return KILN_OK;
+}
+
+/* Counting sort of a tile's pieces by texel; first[bit] .. first[bit + 1] - 1 are that texel's. */
+static int sort_pieces(struct share_scratch *scratch, size_t first[KILN_TILE_TEXELS + 1], struct kiln_error *error)
+{
+    const size_t count = scratch->coverage.count;
+    const int status = kiln_grow(&scratch->order, &scratch->order_capacity, count, sizeof *scratch->order, "a tile's pieces", error);
+    if (status != KILN_OK)
+        return status;
+    size_t place[KILN_TILE_TEXELS];
+    for (int bit = 0; bit <= KILN_TILE_TEXELS; bit++)
+        first[bit] = 0;
+    for (size_t i = 0; i < count; i++)
+        first[scratch->coverage.pieces[i].bit + 1]++;
+    for (int bit = 0; bit < KILN_TILE_TEXELS; bit++) {
+        place[bit] = first[bit];
+        first[bit + 1] += first[bit];
+    }
+    for (size_t i = 0; i < count; i++)
+        scratch->order[place[scratch->coverage.pieces[i].bit]++] = (uint32_t)i;
+    return KILN_OK;
+}
+
+static int fill_fragment(struct kiln_build *build, const struct kiln_coverage *coverage, size_t f, struct share_scratch *scratch,
+                         struct kiln_error *error)
+{
+    struct kiln_surface *s = build->surface;
+    const struct kiln_fragment *fragment = &s->fragments[f];
+    size_t first[KILN_TILE_TEXELS + 1];
+    int status = kiln_coverage_tile(coverage, fragment->tile, &scratch->coverage, error);
+    if (status == KILN_OK)
+        status = sort_pieces(scratch, first, error);
+    struct point_place place = {fragment->first - s->first, s->piece_base[f], s->share_base[f], 0, 0};
+    for (uint64_t rest = fragment->mask; rest != 0 && status == KILN_OK; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        place.x = fragment->tile % coverage->tiles_x * KILN_TILE_SIDE + kiln_morton8_x(bit);
+        place.y = fragment->tile / coverage->tiles_x * KILN_TILE_SIDE + kiln_morton8_y(bit);
+        status = fill_point(build, scratch, scratch->order + first[bit], (uint32_t)(first[bit + 1] - first[bit]), &place, error);
+    }
+    assert(status != KILN_OK || (place.piece == s->piece_base[f + 1] && place.share == s->share_base[f + 1]));
+    return status;
+}
+
+struct own_objects {
+    uint64_t *first;     /* object: its first entry of `fragments`; one more at the end */
+    uint64_t *fragments; /* own fragments, by object */
+    uint8_t *wanted;     /* object: has own fragments */
+};
+
+static void fill_object(struct kiln_build *build, uint32_t object, uint32_t threads, const void *context)
+{
+    const struct own_objects *objects = context;
+    struct kiln_error error;
+    struct kiln_coverage coverage = {0};
+    const int status = kiln_coverage_create(&coverage, build->scene, build->geometry, object, threads, &error);
+    if (status != KILN_OK) {
+        kiln_build_fail(build, status, &error);
+        return;
+    }
+    const int team = (int)threads;
+    const uint64_t *fragments = objects->fragments + objects->first[object];
+    const uint64_t count = objects->first[object + 1] - objects->first[object];
+#pragma omp parallel num_threads(team)
+    {
+        struct share_scratch scratch = {0};
+        struct kiln_error own;
+#pragma omp for schedule(dynamic, 64)
+        for (uint64_t i = 0; i < count; i++) {
+            if (kiln_build_failed(build))
+                continue;
+            const int failed = fill_fragment(build, &coverage, fragments[i], &scratch, &own);
+            if (failed != KILN_OK)
+                kiln_build_fail(build, failed, &own);
+        }
+        kiln_coverage_scratch_destroy(&scratch.coverage);
+        kiln_free(&scratch.order);
+        kiln_free(&scratch.areas);
+    }
+    kiln_coverage_destroy(&coverage);
+}
+
+static int group_by_object(struct kiln_build *build, struct own_objects *own)
+{
+    const struct kiln_surface *s = build->surface;
+    const size_t objects = build->scene->object_count;
+    const char *what = "the own fragments of each object";
+    uint64_t *place = NULL;
+    int status = kiln_allocate(&own->first, objects + 1, sizeof *own->first, what, build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&own->fragments, s->fragment_count, sizeof *own->fragments, what, build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&own->wanted, objects, sizeof *own->wanted, what, build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&place, objects, sizeof *place, what, build->error);
+    if (status != KILN_OK)
+        goto end;
+    for (size_t f = 0; f < s->fragment_count; f++)
+        own->first[s->fragments[f].object + 1]++;
+    for (size_t o = 0; o < objects; o++) {
+        own->wanted[o] = own->first[o + 1] > 0;
+        place[o] = own->first[o];
+        own->first[o + 1] += own->first[o];
+    }
+    for (size_t f = 0; f < s->fragment_count; f++)
+        own->fragments[place[s->fragments[f].object]++] = f;
+end:
+    kiln_free(&place);
+    return status;
+}
+
+int kiln_build_share(struct kiln_build *build)
+{
+    struct kiln_surface *s = build->surface;
+    struct own_objects own = {0};
+    int status = kiln_allocate(&s->piece_count, s->count, sizeof *s->piece_count, "the surface points", build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->pieces, s->piece_base[s->fragment_count], sizeof *s->pieces, "the pieces", build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->shares, s->share_base[s->fragment_count], sizeof *s->shares, "the pieces", build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->albedo, 3 * s->count, sizeof *s->albedo, "the surface points", build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->area, s->count, sizeof *s->area, "the surface points", build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->flags, s->count, sizeof *s->flags, "the surface points", build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->open, s->count, sizeof *s->open, "the surface points", build->error);
+    if (status == KILN_OK)
+        status = group_by_object(build, &own);
+    if (status == KILN_OK) {
+        kiln_build_for_objects(build, own.wanted, fill_object, &own);
+        status = build->status;
+    }
+    kiln_free(&own.first);
+    kiln_free(&own.fragments);
+    kiln_free(&own.wanted);
+    return status;
+}

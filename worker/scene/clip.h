@@ -1,0 +1,87 @@
+/* The part of a triangle that lies in an axis-aligned rectangle of its lightmap: what "covers a texel" means everywhere.
+ *
+ * Sutherland and Hodgman 1974, in double, with barycentric weights carried along the edges, so that a needle's corners stay on
+ * it. Coordinates are best taken relative to the texel. Pure functions. */
+#ifndef KILN_WORKER_SCENE_CLIP_H
+#define KILN_WORKER_SCENE_CLIP_H
+
+#include <stdint.h>
+
+/* A triangle cut by a rectangle has at most 7 corners. Where rounding makes a needle's outline wind, each of the four cuts can
+ * add half as many corners as there were: 3, 4, 6, 9, 13. */
+enum { KILN_CLIP_CORNERS = 13 };
+
+/* A part of a texel smaller than this, in texels (or relative to the triangle's own area, where that is below 1), is rounding
+ * and does not cover it. Corners at 2^14 texels are good to 2e-12. */
+#define KILN_CLIP_SMALLEST 1e-11
+
+struct kiln_clip_corner {
+    double x, y;   /* in the lightmap */
+    double b1, b2; /* weights of the triangle's corners 1 and 2 */
+};
+
+/* Cuts `corner` to [x0, x1] x [y0, y1]; gives the number of corners of `polygon`, less than 3 where nothing is left. The
+ * winding is the triangle's. */
+uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, double x1, double y1,
+                            struct kiln_clip_corner polygon[KILN_CLIP_CORNERS]);
+
+/* Area (>= 0, in the lightmap) and centroid of a convex polygon. `centroid` is untouched when the area is 0. */
+double kiln_clip_area(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid);
+
+/* The triangle's corners relative to texel (x, y), whose square is then 0..1 in both axes. Whoever clips to a texel starts from
+ * this, so that all find the same parts to the last bit. */
+static inline void kiln_clip_local(const double corner[3][2], double x, double y, double local[3][2])
+{
+    for (int c = 0; c < 3; c++) {
+        local[c][0] = corner[c][0] - x;
+        local[c][1] = corner[c][1] - y;
+    }
+}
+
+/* Weights of corners 1 and 2 as linear functions of the position: b = at[0] + at[1] x + at[2] y. The triangle must have area. */
+struct kiln_clip_weights {
+    double b1[3], b2[3];
+};
+static inline struct kiln_clip_weights kiln_clip_weights(const double c[3][2])
+{
+    const double ax = c[1][0] - c[0][0], ay = c[1][1] - c[0][1], bx = c[2][0] - c[0][0], by = c[2][1] - c[0][1];
+    const double inverse = 1.0 / (ax * by - bx * ay);
+    struct kiln_clip_weights w = {{0.0, by * inverse, -bx * inverse}, {0.0, -ay * inverse, ax * inverse}};
+    w.b1[0] = -(w.b1[1] * c[0][0] + w.b1[2] * c[0][1]);
+    w.b2[0] = -(w.b2[1] * c[0][0] + w.b2[2] * c[0][1]);
+    return w;
+}
+
+/* Twice the signed area of a triangle in the lightmap. */
+static inline double kiln_clip_twice_area(const double c[3][2])
+{
+    return (c[1][0] - c[0][0]) * (c[2][1] - c[0][1]) - (c[2][0] - c[0][0]) * (c[1][1] - c[0][1]);
+}
+
+/* The smallest part of a triangle with this area (texels) that covers a texel. */
+static inline double kiln_clip_smallest(double triangle_area)
+{
+    return KILN_CLIP_SMALLEST * (triangle_area < 1.0 ? triangle_area : 1.0);
+}
+
+/* Whether the triangle holds the whole rectangle, edges included, and whether it surely misses its inside. */
+enum kiln_clip_class { KILN_CLIP_OUTSIDE = 0, KILN_CLIP_PARTLY = 1, KILN_CLIP_INSIDE = 2 };
+static inline enum kiln_clip_class kiln_clip_classify(const double c[3][2], double x0, double y0, double x1, double y1)
+{
+    const double sign = kiln_clip_twice_area(c) < 0.0 ? -1.0 : 1.0;
+    enum kiln_clip_class result = KILN_CLIP_INSIDE;
+    for (int i = 0; i < 3; i++) {
+        const double *a = c[i], *b = c[i == 2 ? 0 : i + 1];
+        const double ex = sign * (b[0] - a[0]), ey = sign * (b[1] - a[1]);
+        /* the edge's function ex (y - ay) - ey (x - ax) is largest and smallest at opposite corners */
+        const double most = ex * ((ex > 0.0 ? y1 : y0) - a[1]) - ey * ((ey > 0.0 ? x0 : x1) - a[0]);
+        const double least = ex * ((ex > 0.0 ? y0 : y1) - a[1]) - ey * ((ey > 0.0 ? x1 : x0) - a[0]);
+        if (most <= 0.0)
+            return KILN_CLIP_OUTSIDE;
+        if (least < 0.0)
+            result = KILN_CLIP_PARTLY;
+    }
+    return result;
+}
+
+#endif
