@@ -184,7 +184,7 @@ const struct kiln_command kiln_commands[] = {
                   "kiln generate rooms -o rooms.glb --columns 3 --rows 2"}},
     {.name = "report", .bit = KILN_FOR_REPORT, .arguments = "DIR", .minimum = 1, .maximum = 1,
      .summary = "report.html from a bake", .run = kiln_command_report, .examples = {"kiln report out"}},
-    {.name = "bench", .bit = KILN_FOR_BENCH, .arguments = "NAME [SCENE]", .minimum = 1, .maximum = 2,
+    {.name = "bench", .bit = KILN_FOR_BENCH, .arguments = "NAME SCENE", .minimum = 2, .maximum = 2, .mpi = true,
      .summary = "measurements on this machine", .run = kiln_command_bench,
      .examples = {"kiln bench rays room.glb", "kiln bench rays room.glb --repeats 9 --json"}},
 };

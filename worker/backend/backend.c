@@ -81,3 +81,12 @@ int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 
         return KILN_OK;
     return backend->api->intersect(backend, origins, directions, count, hits, error);
 }
+
+int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
+                         uint64_t *rays, struct kiln_error *error)
+{
+    assert(samples > 0);
+    if (batch->fragment_count == 0)
+        return KILN_OK;
+    return backend->api->ceiling(backend, batch, samples, stream, seconds, rays, error);
+}

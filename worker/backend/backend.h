@@ -100,6 +100,8 @@ struct kiln_backend_api {
     int (*emission)(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result, struct kiln_error *error);
     int (*intersect)(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions, size_t count,
                      struct kiln_hit *hits, struct kiln_error *error);
+    int (*ceiling)(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
+                   uint64_t *rays, struct kiln_error *error);
 };
 
 struct kiln_backend {
@@ -136,6 +138,10 @@ int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct
 /* Closest hits of any rays (origins relative to the centre, directions of unit length): views, checks and benches. */
 int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
                            size_t count, struct kiln_hit *hits, struct kiln_error *error);
+/* For benches: the gather pass's own rays over a batch, in the same packets and order, traced by the tracer alone; adds the
+ * seconds that its calls took and the number of rays. One thread. Results are not written. */
+int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
+                         uint64_t *rays, struct kiln_error *error);
 static inline void kiln_backend_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     backend->api->info(backend, info);

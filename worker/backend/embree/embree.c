@@ -234,4 +234,5 @@ const struct kiln_backend_api kiln_backend_embree = {
     .probes = embree_probes,
     .emission = embree_emission,
     .intersect = embree_intersect,
+    .ceiling = embree_ceiling,
 };

@@ -52,8 +52,6 @@ int embree_probes(struct kiln_backend *backend, const struct kiln_vec3 *position
                   uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error);
 int embree_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result, struct kiln_error *error);
 
-/* For `kiln bench rays`: the gather pass's own rays over a batch, packets in the same order, traced by Embree alone. Writes
- * the seconds spent in Embree's calls and the number of rays, summed over threads. */
 int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
                    uint64_t *rays, struct kiln_error *error);
 

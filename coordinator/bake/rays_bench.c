@@ -1,0 +1,85 @@
+#include "coordinator/bake/rays_bench.h"
+
+#include <stdlib.h>
+
+#include "worker/base/memory.h"
+#include "worker/scene/radiosity.h"
+
+enum { RAYS_WANTED = 6000000, FRAGMENTS_AT_ONCE = 64 };
+
+static int by_value(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return x < y ? -1 : x > y;
+}
+
+/* Runs of fragments, spread evenly over the share, that make about RAYS_WANTED rays. */
+static int one_run(const struct kiln_prepared *p, uint32_t samples, struct kiln_point_result *results, bool ceiling, double *seconds,
+                   uint64_t *rays, struct kiln_error *error)
+{
+    const size_t count = p->surface->fragment_count;
+    const uint64_t points = RAYS_WANTED / samples + 1;
+    const size_t runs_there = (count + FRAGMENTS_AT_ONCE - 1) / FRAGMENTS_AT_ONCE;
+    size_t runs = (size_t)(points * runs_there / p->surface->count);
+    runs = runs < 1 ? 1 : runs > runs_there ? runs_there : runs;
+    int status = KILN_OK;
+    for (size_t r = 0; r < runs && status == KILN_OK; r++) {
+        const size_t first = r * runs_there / runs * FRAGMENTS_AT_ONCE;
+        const struct kiln_batch batch = {first, count - first < FRAGMENTS_AT_ONCE ? count - first : FRAGMENTS_AT_ONCE, results};
+        if (ceiling) {
+            status = kiln_backend_ceiling(p->backend, &batch, samples, 1, seconds, rays, error);
+        } else {
+            const double start = MPI_Wtime();
+            status = kiln_backend_gather(p->backend, &batch, samples, 1, rays, error);
+            *seconds += MPI_Wtime() - start;
+        }
+    }
+    return status;
+}
+
+int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint32_t repeats, struct kiln_rays_bench *result,
+                    struct kiln_error *error)
+{
+    const struct kiln_surface *surface = prepared->surface;
+    if (surface->count == 0)
+        return kiln_fail(error, KILN_USAGE, "the scene has no surface points to trace rays from");
+    uint64_t *radiosity = NULL;
+    struct kiln_point_result *results = NULL;
+    double *figures = NULL;
+    int status = kiln_allocate(&radiosity, surface->point_count, sizeof *radiosity, "radiosity", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&results, FRAGMENTS_AT_ONCE * KILN_TILE_TEXELS, sizeof *results, "results", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&figures, 3 * (size_t)repeats, sizeof *figures, "figures", error);
+    for (uint64_t i = 0; status == KILN_OK && i < surface->point_count; i++)
+        radiosity[i] = kiln_radiosity_pack((const float[3]){1.0f, (float)(i % 7), (float)(i % 3)}, 0);
+    if (status == KILN_OK)
+        status = kiln_backend_set_radiosity(prepared->backend, radiosity, error);
+    double *share = figures, *pass = figures + repeats, *ceiling = figures + 2 * repeats;
+    for (uint32_t i = 0; i <= repeats && status == KILN_OK; i++) { /* the first one warms up and does not count */
+        double seconds[2] = {0};
+        uint64_t rays[2] = {0};
+        status = one_run(prepared, samples, results, false, &seconds[0], &rays[0], error);
+        if (status == KILN_OK)
+            status = one_run(prepared, samples, results, true, &seconds[1], &rays[1], error);
+        if (i == 0 || status != KILN_OK)
+            continue;
+        pass[i - 1] = (double)rays[0] / seconds[0];
+        ceiling[i - 1] = (double)rays[1] / seconds[1];
+        share[i - 1] = pass[i - 1] / ceiling[i - 1];
+        result->rays = rays[0];
+    }
+    if (status == KILN_OK) {
+        for (int k = 0; k < 3; k++)
+            qsort(figures + (size_t)k * repeats, repeats, sizeof *figures, by_value);
+        result->share = share[repeats / 2];
+        result->share_low = share[0];
+        result->share_high = share[repeats - 1];
+        result->pass_rate = pass[repeats / 2];
+        result->ceiling_rate = ceiling[repeats / 2];
+    }
+    kiln_free(&radiosity);
+    kiln_free(&results);
+    kiln_free(&figures);
+    return status;
+}

@@ -1,0 +1,58 @@
+/* kiln bench NAME SCENE: measurements that print ratios from one run. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "coordinator/bake/rays_bench.h"
+#include "coordinator/cli/agree.h"
+#include "coordinator/cli/commands.h"
+#include "coordinator/output/publish.h"
+
+static int bench_rays(struct kiln_job *job, const char *scene_file, struct kiln_error *error)
+{
+    struct kiln_prepared *prepared = NULL;
+    struct kiln_phases phases = {0};
+    struct kiln_rays_bench result = {0};
+    job->threads = 1;
+    int status = kiln_prepare(&prepared, MPI_COMM_SELF, job, scene_file, &phases, NULL, error);
+    if (status == KILN_OK)
+        status = kiln_rays_bench(prepared, job->samples_indirect, job->repeats, &result, error);
+    if (status == KILN_OK && job->json)
+        (void)printf("{\"rays\":%llu,\"triangles\":%zu,\"pass_mrays_per_second\":%.4f,\"embree_mrays_per_second\":%.4f,\"share\":%.4f,"
+                     "\"share_least\":%.4f,\"share_most\":%.4f}\n",
+                     (unsigned long long)result.rays, prepared->geometry->triangle_count, result.pass_rate * 1e-6,
+                     result.ceiling_rate * 1e-6, result.share, result.share_low, result.share_high);
+    else if (status == KILN_OK)
+        (void)printf("%zu triangles, %llu rays a run, %u runs, one thread, %s\nbounce pass  %8.3f Mrays/s\nEmbree alone %8.3f Mrays/s\n"
+                     "share        %8.3f (%.3f to %.3f)\n",
+                     prepared->geometry->triangle_count, (unsigned long long)result.rays, job->repeats, prepared->instruction_set,
+                     result.pass_rate * 1e-6, result.ceiling_rate * 1e-6, result.share, result.share_low, result.share_high);
+    kiln_prepared_destroy(&prepared);
+    return status;
+}
+
+int kiln_command_bench(struct kiln_job *job, struct kiln_error *error)
+{
+    if (strcmp(job->arguments[0], "rays") != 0)
+        return kiln_fail(error, KILN_USAGE, "no bench is called '%.100s'; there is: rays", job->arguments[0]);
+    int rank;
+    (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+    int status = KILN_OK;
+    if (rank == 0) { /* one process measures */
+        char folder[KILN_PATH_SIZE], scene_file[KILN_PATH_SIZE];
+        const char *temporary = getenv("TMPDIR");
+        job->scene = job->arguments[1];
+        status = kiln_path_join(folder, temporary != NULL ? temporary : "/tmp", "kiln-bench-XXXXXX", error);
+        if (status == KILN_OK && mkdtemp(folder) == NULL)
+            status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot create a folder like %.500s", folder);
+        if (status == KILN_OK) {
+            status = kiln_path_join(scene_file, folder, "scene.kscene", error);
+            if (status == KILN_OK)
+                status = bench_rays(job, scene_file, error);
+            (void)unlink(scene_file);
+            (void)rmdir(folder);
+        }
+    }
+    return kiln_agree(MPI_COMM_WORLD, status, error);
+}
