@@ -1,0 +1,367 @@
+#include "worker/scene/footprint.h"
+
+#include <stdbool.h>
+
+#include "worker/scene/clip.h"
+
+static void local_corners(const struct kiln_footprint *f, uint32_t triangle, double local[3][2])
+{
+    double corner[3][2];
+    kiln_geometry_texel_corners(f->scene, f->geometry, triangle, corner);
+    kiln_clip_local(corner, f->x, f->y, local);
+}
+
+/* Square metres a texel's square has on the triangle. */
+static double texel_scale(const struct kiln_footprint *f, uint32_t triangle, const double local[3][2])
+{
+    return kiln_geometry_triangle_area(f->geometry, triangle) / (0.5 * fabs(kiln_clip_twice_area(local)));
+}
+
+static void prepare_whole(struct kiln_footprint *f)
+{
+    double local[3][2];
+    local_corners(f, f->pieces[0], local);
+    const struct kiln_clip_weights w = kiln_clip_weights(local);
+    struct kiln_vec3 c[3];
+    kiln_geometry_corners(f->geometry, f->pieces[0], c);
+    const struct kiln_dvec3 c0 = dvec3_of(c[0]);
+    const struct kiln_dvec3 e1 = dvec3_sub(dvec3_of(c[1]), c0), e2 = dvec3_sub(dvec3_of(c[2]), c0);
+    struct kiln_dvec3 at[3];
+    for (int i = 0; i < 3; i++)
+        at[i] = dvec3_add(dvec3_scale(e1, w.b1[i]), dvec3_scale(e2, w.b2[i]));
+    f->whole.origin = vec3_of(dvec3_add(c0, at[0]));
+    f->whole.du = vec3_of(at[1]);
+    f->whole.dv = vec3_of(at[2]);
+    f->whole.b[0] = (float)w.b1[0];
+    f->whole.b[1] = (float)w.b2[0];
+    f->whole.b_du[0] = (float)w.b1[1];
+    f->whole.b_du[1] = (float)w.b2[1];
+    f->whole.b_dv[0] = (float)w.b1[2];
+    f->whole.b_dv[1] = (float)w.b2[2];
+}
+
+/* Cumulative areas of a polygon's fan, as shares: until[i] belongs to triangle (0, i + 1, i + 2). */
+static void fan_areas(const struct kiln_clip_corner *polygon, uint32_t corners, double *until)
+{
+    struct kiln_clip_corner centroid;
+    double sum = 0.0;
+    for (uint32_t i = 0; i + 2 < corners; i++) {
+        const struct kiln_clip_corner part[3] = {polygon[0], polygon[i + 1], polygon[i + 2]};
+        sum += kiln_clip_area(part, 3, &centroid);
+        until[i] = sum;
+    }
+    for (uint32_t i = 0; i + 2 < corners; i++)
+        until[i] = sum > 0.0 ? until[i] / sum : 1.0;
+}
+
+static bool prepare_few(struct kiln_footprint *f)
+{
+    for (uint32_t i = 0; i < f->piece_count; i++) {
+        struct kiln_footprint_polygon *out = &f->few[i];
+        struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
+        double local[3][2], until[KILN_CLIP_CORNERS];
+        local_corners(f, f->pieces[i], local);
+        out->corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
+        if (out->corners < 3 || out->corners > KILN_FOOTPRINT_CORNERS)
+            return false;
+        fan_areas(polygon, out->corners, until);
+        for (uint32_t k = 0; k < out->corners; k++) {
+            out->b1[k] = (float)polygon[k].b1;
+            out->b2[k] = (float)polygon[k].b2;
+            if (k + 2 < out->corners)
+                out->until[k] = (float)until[k];
+        }
+    }
+    return true;
+}
+
+/* The part of a piece in one of the 4 x 4 sub-squares; gives its area in texels. */
+static double clip_sub_square(const double local[3][2], uint32_t bit, struct kiln_clip_corner polygon[KILN_CLIP_CORNERS],
+                              uint32_t *corners)
+{
+    const double x = 0.25 * (bit & 3u), y = 0.25 * (bit >> 2);
+    struct kiln_clip_corner centroid;
+    *corners = 0;
+    if (kiln_clip_classify(local, x, y, x + 0.25, y + 0.25) == KILN_CLIP_OUTSIDE)
+        return 0.0;
+    *corners = kiln_clip_triangle(local, x, y, x + 0.25, y + 0.25, polygon);
+    return kiln_clip_area(polygon, *corners, &centroid);
+}
+
+/* Covered area of all sub-squares that are open. False where there is none. */
+static bool prepare_open(struct kiln_footprint *f)
+{
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
+    double area[16] = {0.0}, local[3][2], total = 0.0;
+    uint32_t corners;
+    for (uint32_t i = 0; i < f->piece_count; i++) {
+        local_corners(f, f->pieces[i], local);
+        const double scale = texel_scale(f, f->pieces[i], local);
+        for (uint32_t rest = f->open; rest != 0; rest &= rest - 1) {
+            const uint32_t bit = (uint32_t)__builtin_ctz(rest);
+            area[bit] += clip_sub_square(local, bit, polygon, &corners) * scale;
+        }
+    }
+    uint32_t last = 0;
+    for (uint32_t bit = 0; bit < 16; bit++) {
+        total += area[bit];
+        last = area[bit] > 0.0 ? bit : last;
+    }
+    double sum = 0.0;
+    for (uint32_t bit = 0; bit < 16; bit++) {
+        sum += area[bit];
+        f->open_until[bit] = bit >= last ? 1.0f : (float)(sum / total);
+    }
+    return total > 0.0;
+}
+
+void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
+                            const struct kiln_surface *surface, const struct kiln_point_cursor *at, uint16_t open)
+{
+    struct kiln_footprint *f = footprint;
+    f->scene = scene;
+    f->geometry = geometry;
+    f->pieces = surface->pieces + at->piece;
+    f->piece_count = surface->piece_count[at->point];
+    f->shares = f->piece_count > 1 ? surface->shares + at->share : NULL;
+    f->x = at->x;
+    f->y = at->y;
+    f->open = open == 0 ? 0xffff : open;
+    if (surface->flags[at->point] & KILN_POINT_WHOLE) {
+        f->kind = KILN_FOOTPRINT_WHOLE;
+        prepare_whole(f);
+        return;
+    }
+    f->kind = KILN_FOOTPRINT_OPEN;
+    if (f->open != 0xffff && prepare_open(f))
+        return;
+    f->open = 0xffff;
+    f->kind = f->piece_count <= KILN_FOOTPRINT_PIECES && prepare_few(f) ? KILN_FOOTPRINT_FEW : KILN_FOOTPRINT_MANY;
+}
+
+/* Index of the first entry above u (the last where none is); u becomes the place between it and the one before, 0..1. */
+static uint32_t choose(const float *until, uint32_t count, double *u)
+{
+    uint32_t low = 0, high = count - 1;
+    while (low < high) {
+        const uint32_t middle = low + (high - low) / 2;
+        if ((double)until[middle] > *u)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    const double before = low > 0 ? (double)until[low - 1] : 0.0, width = (double)until[low] - before;
+    *u = width > 0.0 ? fmin(fmax((*u - before) / width, 0.0), 1.0) : 0.5;
+    return low;
+}
+
+/* Uniform on the triangle of three weight pairs. */
+static void sample_corners(const double b1[3], const double b2[3], double u1, double u2, float *out1, float *out2)
+{
+    const double root = sqrt(u1), w0 = 1.0 - root, w2 = root * u2, w1 = root - w2;
+    const double s1 = fmax(w0 * b1[0] + w1 * b1[1] + w2 * b1[2], 0.0), s2 = fmax(w0 * b2[0] + w1 * b2[1] + w2 * b2[2], 0.0);
+    *out1 = fminf((float)s1, 1.0f);
+    *out2 = fminf((float)s2, 1.0f - *out1); /* clipping and rounding may leave the triangle by the last bit */
+}
+
+static void sample_polygon(const struct kiln_clip_corner *polygon, uint32_t corners, double u1, double u2, float *b1, float *b2)
+{
+    double until[KILN_CLIP_CORNERS];
+    float shares[KILN_CLIP_CORNERS];
+    fan_areas(polygon, corners, until);
+    for (uint32_t i = 0; i + 2 < corners; i++)
+        shares[i] = (float)until[i];
+    const uint32_t i = choose(shares, corners - 2, &u1);
+    const struct kiln_clip_corner *a = &polygon[0], *b = &polygon[i + 1], *c = &polygon[i + 2];
+    sample_corners((const double[3]){a->b1, b->b1, c->b1}, (const double[3]){a->b2, b->b2, c->b2}, u1, u2, b1, b2);
+}
+
+static void sample_few(const struct kiln_footprint_polygon *polygon, double u1, double u2, float *b1, float *b2)
+{
+    const uint32_t i = choose(polygon->until, polygon->corners - 2, &u1);
+    const double w1[3] = {(double)polygon->b1[0], (double)polygon->b1[i + 1], (double)polygon->b1[i + 2]};
+    const double w2[3] = {(double)polygon->b2[0], (double)polygon->b2[i + 1], (double)polygon->b2[i + 2]};
+    sample_corners(w1, w2, u1, u2, b1, b2);
+}
+
+static void sample_many(const struct kiln_footprint *f, uint32_t triangle, double u1, double u2, float *b1, float *b2)
+{
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
+    double local[3][2];
+    local_corners(f, triangle, local);
+    const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
+    sample_polygon(polygon, corners, u1, u2, b1, b2);
+}
+
+/* Chooses an open sub-square by its covered area, then goes through the pieces in it until the area asked for is reached. */
+static uint32_t sample_open(const struct kiln_footprint *f, double u1, double u2, float *b1, float *b2)
+{
+    const uint32_t bit = choose(f->open_until, 16, &u1);
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
+    double local[3][2], total = 0.0, before = 0.0, last_before = 0.0, last_area = 0.0;
+    uint32_t corners, last = 0;
+    for (uint32_t i = 0; i < f->piece_count && f->piece_count > 1; i++) {
+        local_corners(f, f->pieces[i], local);
+        total += clip_sub_square(local, bit, polygon, &corners) * texel_scale(f, f->pieces[i], local);
+    }
+    for (uint32_t i = 0; i < f->piece_count && f->piece_count > 1; i++) {
+        local_corners(f, f->pieces[i], local);
+        const double area = clip_sub_square(local, bit, polygon, &corners) * texel_scale(f, f->pieces[i], local);
+        if (area <= 0.0)
+            continue;
+        last = i;
+        last_before = before;
+        last_area = area;
+        before += area;
+        if (before > u1 * total)
+            break;
+    }
+    if (f->piece_count > 1)
+        u1 = fmin(fmax((u1 * total - last_before) / last_area, 0.0), 1.0);
+    local_corners(f, f->pieces[last], local);
+    clip_sub_square(local, bit, polygon, &corners);
+    sample_polygon(polygon, corners, u1, u2, b1, b2);
+    return f->pieces[last];
+}
+
+void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, float u2, uint32_t *triangle, float *b1, float *b2)
+{
+    const struct kiln_footprint *f = footprint;
+    double u = (double)u1;
+    if (f->kind == KILN_FOOTPRINT_WHOLE) {
+        float s, t;
+        kiln_footprint_square(f->open, u1, u2, &s, &t);
+        *triangle = f->pieces[0];
+        *b1 = fminf(fmaxf(f->whole.b[0] + s * f->whole.b_du[0] + t * f->whole.b_dv[0], 0.0f), 1.0f);
+        *b2 = fminf(fmaxf(f->whole.b[1] + s * f->whole.b_du[1] + t * f->whole.b_dv[1], 0.0f), 1.0f - *b1);
+        return;
+    }
+    if (f->kind == KILN_FOOTPRINT_OPEN) {
+        *triangle = sample_open(f, u, (double)u2, b1, b2);
+        return;
+    }
+    const uint32_t piece = f->piece_count > 1 ? choose(f->shares, f->piece_count, &u) : 0;
+    *triangle = f->pieces[piece];
+    if (f->kind == KILN_FOOTPRINT_FEW)
+        sample_few(&f->few[piece], u, (double)u2, b1, b2);
+    else
+        sample_many(f, f->pieces[piece], u, (double)u2, b1, b2);
+}
+
+static struct kiln_dvec3 unit(struct kiln_dvec3 v)
+{
+    const double length = dvec3_length(v);
+    return length > 0.0 ? dvec3_scale(v, 1.0 / length) : v;
+}
+
+static struct kiln_dvec3 triangle_normal(const struct kiln_geometry *g, uint32_t triangle)
+{
+    struct kiln_vec3 c[3];
+    kiln_geometry_corners(g, triangle, c);
+    const struct kiln_dvec3 o = dvec3_of(c[0]);
+    return unit(dvec3_cross(dvec3_sub(dvec3_of(c[1]), o), dvec3_sub(dvec3_of(c[2]), o)));
+}
+
+struct kiln_vec3 kiln_triangle_normal(const struct kiln_geometry *geometry, uint32_t triangle)
+{
+    return vec3_of(triangle_normal(geometry, triangle));
+}
+
+static struct kiln_dvec3 row(const double *m, int r) { return dvec3(m[4 * r], m[4 * r + 1], m[4 * r + 2]); }
+
+/* Normals go with the cofactors of the transform: the inverse transpose times the determinant, whose sign is taken out. */
+static struct kiln_dvec3 to_world(const struct kiln_object *object, struct kiln_dvec3 n)
+{
+    const struct kiln_dvec3 x = row(object->transform, 0), y = row(object->transform, 1), z = row(object->transform, 2);
+    const struct kiln_dvec3 world =
+        dvec3(dvec3_dot(dvec3_cross(y, z), n), dvec3_dot(dvec3_cross(z, x), n), dvec3_dot(dvec3_cross(x, y), n));
+    return unit(object->flipped ? dvec3_scale(world, -1.0) : world);
+}
+
+static struct kiln_dvec3 shading_normal(const struct kiln_scene *scene, const struct kiln_geometry *g, uint32_t triangle, double b1,
+                                        double b2)
+{
+    const struct kiln_object *object = &scene->objects[g->records[triangle].object];
+    const struct kiln_dvec3 geometric = triangle_normal(g, triangle);
+    if ((scene->meshes[object->mesh].flags & KILN_MESH_SMOOTH) == 0)
+        return geometric;
+    uint64_t vertex[3];
+    kiln_geometry_stored_vertices(scene, g, triangle, vertex);
+    const struct kiln_dvec3 mesh = dvec3_add(
+        dvec3_scale(dvec3_of(scene->normals[vertex[0]]), 1.0 - b1 - b2),
+        dvec3_add(dvec3_scale(dvec3_of(scene->normals[vertex[1]]), b1), dvec3_scale(dvec3_of(scene->normals[vertex[2]]), b2)));
+    const struct kiln_dvec3 shading = to_world(object, mesh);
+    return dvec3_dot(shading, geometric) > 0.0 ? shading : geometric;
+}
+
+struct kiln_vec3 kiln_triangle_shading_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry, uint32_t triangle,
+                                              float b1, float b2)
+{
+    return vec3_of(shading_normal(scene, geometry, triangle, (double)b1, (double)b2));
+}
+
+/* Shading normal at the centroid of the piece's part of the texel. */
+static struct kiln_dvec3 piece_normal(const struct kiln_footprint *f, uint32_t triangle)
+{
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid = {0.0, 0.0, 1.0 / 3.0, 1.0 / 3.0};
+    double local[3][2];
+    local_corners(f, triangle, local);
+    const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
+    kiln_clip_area(polygon, corners, &centroid);
+    return shading_normal(f->scene, f->geometry, triangle, centroid.b1, centroid.b2);
+}
+
+void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_vec3 *geometric, struct kiln_vec3 *shading)
+{
+    const struct kiln_footprint *f = footprint;
+    const struct kiln_object *object = &f->scene->objects[f->geometry->records[f->pieces[0]].object];
+    const bool smooth = (f->scene->meshes[object->mesh].flags & KILN_MESH_SMOOTH) != 0;
+    struct kiln_dvec3 flat = {0.0, 0.0, 0.0}, soft = {0.0, 0.0, 0.0};
+    double before = 0.0, most = 0.0;
+    uint32_t largest = f->pieces[0];
+    for (uint32_t i = 0; i < f->piece_count; i++) {
+        const double until = f->shares != NULL ? (double)f->shares[i] : 1.0, share = until - before;
+        flat = dvec3_add(flat, dvec3_scale(triangle_normal(f->geometry, f->pieces[i]), share));
+        if (smooth)
+            soft = dvec3_add(soft, dvec3_scale(piece_normal(f, f->pieces[i]), share));
+        largest = share > most ? f->pieces[i] : largest;
+        most = fmax(most, share);
+        before = until;
+    }
+    if (dvec3_length(flat) < 1e-3) {
+        flat = triangle_normal(f->geometry, largest);
+        if (smooth)
+            soft = piece_normal(f, largest);
+    }
+    flat = unit(flat);
+    *geometric = vec3_of(flat);
+    *shading = smooth && dvec3_length(soft) >= 1e-3 && dvec3_dot(soft, flat) > 0.0 ? vec3_of(unit(soft)) : *geometric;
+}
+
+float kiln_offset_distance(const struct kiln_geometry *geometry, uint32_t triangle, struct kiln_vec3 n)
+{
+    static const double u = 0x1p-24;
+    struct kiln_vec3 corner[3];
+    double c[3][3];
+    kiln_geometry_corners(geometry, triangle, corner);
+    for (int i = 0; i < 3; i++) {
+        c[i][0] = (double)corner[i].x;
+        c[i][1] = (double)corner[i].y;
+        c[i][2] = (double)corner[i].z;
+    }
+    const double normal[3] = {fabs((double)n.x), fabs((double)n.y), fabs((double)n.z)};
+    double along = 0.0, tilt = 0.0, most = 0.0, square = 0.0;
+    for (int k = 0; k < 3; k++) {
+        const double size = fmax(fabs(c[1][k] - c[0][k]), fmax(fabs(c[2][k] - c[0][k]), fabs(c[2][k] - c[1][k])));
+        const double magnitude = fmax(fabs(c[0][k]), fmax(fabs(c[1][k]), fabs(c[2][k])));
+        along += normal[k] * u * (5.0 * magnitude + 9.0 * size);
+        const int i = (k + 1) % 3, j = (k + 2) % 3;
+        const double a = (c[1][i] - c[0][i]) * (c[2][j] - c[0][j]), b = (c[1][j] - c[0][j]) * (c[2][i] - c[0][i]);
+        tilt += 6.0 * u * (fabs(a) + fabs(b)) * size;
+        square += (a - b) * (a - b);
+        most = fmax(most, size);
+    }
+    const double limit = 0x1p-10 * most;
+    tilt = square > 0.0 ? fmin(tilt / sqrt(square), limit) : 0.0;
+    return (float)(1.25 * (along + tilt));
+}
