@@ -103,6 +103,12 @@ static void bounds_add(struct bounds *bounds, const double transform[12], struct
     bounds->high = dvec3(fmax(bounds->high.x, world[0]), fmax(bounds->high.y, world[1]), fmax(bounds->high.z, world[2]));
 }
 
+static bool in_range(const struct bounds *b)
+{
+    const double limit = (double)KILN_COORDINATE_MAX;
+    return b->low.x >= -limit && b->low.y >= -limit && b->low.z >= -limit && b->high.x <= limit && b->high.y <= limit && b->high.z <= limit;
+}
+
 /* The eight corners of a mesh's own box. */
 static void mesh_corners(const struct kiln_vec3 *positions, uint64_t count, struct kiln_vec3 corner[8])
 {
@@ -123,12 +129,13 @@ static int world_bounds(const struct kiln_builder *builder, struct kiln_scene_he
     const size_t mesh_count = builder->sections[KILN_SECTION_MESHES].count;
     const size_t object_count = builder->sections[KILN_SECTION_OBJECTS].count;
     struct bounds bounds = {dvec3(INFINITY, INFINITY, INFINITY), dvec3(-INFINITY, -INFINITY, -INFINITY)};
+    int status = KILN_OK;
     uint64_t work = 0;
     for (size_t i = 0; i < object_count; i++)
         work += meshes[objects[i].mesh].vertex_count;
     struct kiln_vec3(*corners)[8] = NULL;
     if (work > exact_bounds_vertices) {
-        const int status = kiln_allocate(&corners, mesh_count, sizeof *corners, "the boxes of meshes", error);
+        status = kiln_allocate(&corners, mesh_count, sizeof *corners, "the boxes of meshes", error);
         if (status != KILN_OK)
             return status;
         for (size_t m = 0; m < mesh_count; m++)
@@ -142,8 +149,16 @@ static int world_bounds(const struct kiln_builder *builder, struct kiln_scene_he
         else
             for (uint64_t v = 0; v < mesh->vertex_count; v++)
                 bounds_add(&bounds, objects[i].transform, positions[mesh->vertex_first + v]);
+        if (mesh->vertex_count > 0 && !in_range(&bounds)) {
+            status = kiln_fail(error, KILN_BAD_INPUT, "object '%s' reaches beyond +-%g m; scale or move the scene",
+                               KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS) + objects[i].original_name,
+                               (double)KILN_COORDINATE_MAX);
+            break;
+        }
     }
     kiln_free(&corners);
+    if (status != KILN_OK)
+        return status;
     if (!(bounds.low.x <= bounds.high.x)) /* nothing there */
         bounds.low = bounds.high = dvec3(0.0, 0.0, 0.0);
     memcpy(header->bounds_min, &bounds.low, sizeof bounds.low);

@@ -20,6 +20,9 @@ struct kiln_builder {
     float texels_per_metre;
 };
 
+/* Largest size of a coordinate, m, in a mesh and in the world: products of three stay within float. */
+#define KILN_COORDINATE_MAX 1e12f
+
 #define KILN_BUILDER_DATA(builder, type, section) ((type *)(builder)->sections[section].data)
 
 int kiln_builder_create(struct kiln_builder **builder, struct kiln_error *error);
@@ -32,7 +35,8 @@ int kiln_builder_string(struct kiln_builder *builder, const char *text, size_t l
 /* Adds a note (severity 0 information, 1 warning). */
 int kiln_builder_note(struct kiln_builder *builder, uint32_t severity, struct kiln_error *error, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
-/* Computes centre, bounds and hashes and writes the file to `path` (new, synced; the caller renames). */
+/* Computes centre, bounds and hashes and writes the file to `path` (new, synced; the caller renames).
+ * KILN_BAD_INPUT when an object reaches beyond KILN_COORDINATE_MAX. */
 int kiln_builder_write(struct kiln_builder *builder, const char *path, struct kiln_error *error);
 
 #endif

@@ -3,7 +3,10 @@
  * The reading happens in a child process of this same program ("kiln import-child ..."), with limits on memory, CPU time,
  * open files and file size, which may open files only beneath the scene's own folder. A crash there, a limit reached or a
  * refusal becomes one sentence here and KILN_BAD_INPUT. The result is cached: when `output` exists and its import_hash is
- * that of the same source files and settings, nothing is read again. */
+ * that of the same source files, settings and program, nothing is read again.
+ *
+ * A kiln scene file as input is checked and copied; it has its lightmap sizes and its environment already, so settings that
+ * ask for others are KILN_USAGE. */
 #ifndef KILN_COORDINATOR_IMPORT_IMPORT_H
 #define KILN_COORDINATOR_IMPORT_IMPORT_H
 
@@ -21,7 +24,8 @@ struct kiln_import_params {
     const char *environment; /* as in struct kiln_job; an image named by the user may lie anywhere */
     double environment_scale, environment_rotation_degrees;
     uint64_t memory_limit; /* bytes; 0: 4 GiB + 64 x the size of the scene's files, at most 3/4 of the machine's memory */
-    uint32_t time_limit;   /* seconds of CPU; 0: 60 + 1 a 10 MB */
+    uint32_t time_limit;   /* seconds of CPU; 0: 60 + 1 a 10 MB, and for the layout 60 + 1 a 2,000 triangles */
+    const char *program;   /* the kiln program that is to read; NULL: the one that runs */
 };
 
 struct kiln_import_report {

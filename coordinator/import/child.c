@@ -1,0 +1,225 @@
+#include "coordinator/import/child.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <linux/landlock.h>
+#include <signal.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include "coordinator/cli/commands.h"
+#include "coordinator/import/read.h"
+#include "coordinator/layout/layout.h"
+#include "worker/base/memory.h"
+
+#if defined(__SANITIZE_ADDRESS__)
+#define ADDRESS_SANITIZER 1
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer)
+#define ADDRESS_SANITIZER 1
+#endif
+#endif
+#ifndef ADDRESS_SANITIZER
+#define ADDRESS_SANITIZER 0
+#endif
+
+struct child {
+    struct kiln_import_params params;
+    uint64_t program;
+};
+
+/* ---- limits: soft ones, which follow the bytes of the scene's files as they are opened ---- */
+
+static uint64_t machine_memory(void)
+{
+    const long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
+    return pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size : (uint64_t)1 << 34;
+}
+
+static void limit(int resource, uint64_t value)
+{
+    struct rlimit now;
+    if (getrlimit((__rlimit_resource_t)resource, &now) != 0)
+        return;
+    now.rlim_cur = now.rlim_max != RLIM_INFINITY && now.rlim_max < value ? now.rlim_max : (rlim_t)value;
+    (void)setrlimit((__rlimit_resource_t)resource, &now);
+}
+
+static void limit_memory(uint64_t bytes)
+{
+    /* AddressSanitizer reserves terabytes of addresses: no limit on them can be set there. */
+    if (!ADDRESS_SANITIZER)
+        limit(RLIMIT_AS, bytes);
+}
+
+static uint64_t default_memory(uint64_t file_bytes)
+{
+    const uint64_t wanted = ((uint64_t)4 << 30) + 64 * file_bytes, most = machine_memory() / 4 * 3;
+    return wanted < most ? wanted : most;
+}
+
+static uint64_t default_seconds(uint64_t file_bytes) { return 60 + file_bytes / 10000000; }
+
+static void follow_memory(const struct kiln_confine *confine) { limit_memory(default_memory(confine->total_bytes)); }
+static void follow_time(const struct kiln_confine *confine) { limit(RLIMIT_CPU, default_seconds(confine->total_bytes)); }
+static void follow_both(const struct kiln_confine *confine)
+{
+    follow_memory(confine);
+    follow_time(confine);
+}
+static void follow_nothing(const struct kiln_confine *confine) { (void)confine; }
+
+static void set_limits(const struct kiln_import_params *params)
+{
+    limit(RLIMIT_CORE, 0);
+    limit(RLIMIT_NOFILE, 64);
+    limit(RLIMIT_FSIZE, (uint64_t)1 << 40);
+    limit_memory(params->memory_limit != 0 ? params->memory_limit : default_memory(0));
+    limit(RLIMIT_CPU, params->time_limit != 0 ? params->time_limit : default_seconds(0));
+}
+
+static void (*follower(const struct kiln_import_params *params))(const struct kiln_confine *)
+{
+    if (params->memory_limit == 0)
+        return params->time_limit == 0 ? follow_both : follow_memory;
+    return params->time_limit == 0 ? follow_time : follow_nothing;
+}
+
+/* The layout works on triangles, not on bytes: it gets time of its own. */
+static void limit_layout_time(const struct kiln_import_params *params, const struct kiln_builder *builder)
+{
+    struct rusage used;
+    if (params->time_limit != 0 || getrusage(RUSAGE_SELF, &used) != 0)
+        return;
+    limit(RLIMIT_CPU, (uint64_t)used.ru_utime.tv_sec + (uint64_t)used.ru_stime.tv_sec + 60 + builder->sections[KILN_SECTION_TRIANGLES].count / 2000);
+}
+
+/* ---- Landlock: a second fence around files, where the kernel has it ---- */
+
+static int allow(int rules, const char *path, uint64_t access)
+{
+    struct landlock_path_beneath_attr rule = {.allowed_access = access, .parent_fd = open(path, O_PATH | O_CLOEXEC)};
+    if (rule.parent_fd < 0)
+        return -1;
+    const long result = syscall(SYS_landlock_add_rule, rules, LANDLOCK_RULE_PATH_BENEATH, &rule, 0);
+    (void)close(rule.parent_fd);
+    return (int)result;
+}
+
+static void cut_to_folder(char *path)
+{
+    char *slash = path == NULL ? NULL : strrchr(path, '/');
+    if (slash != NULL)
+        slash[slash == path ? 1 : 0] = '\0';
+    else if (path != NULL && path[0] != '\0')
+        (void)snprintf(path, 2, "."); /* a bare file name: here */
+}
+
+static void fence_files(const struct kiln_import_params *params)
+{
+    const uint64_t read = LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCESS_FS_READ_DIR;
+    const uint64_t write = LANDLOCK_ACCESS_FS_WRITE_FILE | LANDLOCK_ACCESS_FS_MAKE_REG | LANDLOCK_ACCESS_FS_REMOVE_FILE;
+    const uint64_t other = LANDLOCK_ACCESS_FS_EXECUTE | LANDLOCK_ACCESS_FS_REMOVE_DIR | LANDLOCK_ACCESS_FS_MAKE_CHAR | LANDLOCK_ACCESS_FS_MAKE_DIR |
+                           LANDLOCK_ACCESS_FS_MAKE_SOCK | LANDLOCK_ACCESS_FS_MAKE_FIFO | LANDLOCK_ACCESS_FS_MAKE_BLOCK | LANDLOCK_ACCESS_FS_MAKE_SYM;
+    const struct landlock_ruleset_attr attributes = {.handled_access_fs = read | write | other};
+    /* The sanitizer's own reports need /proc and its symbolizer. */
+    if (ADDRESS_SANITIZER)
+        return;
+    const int rules = (int)syscall(SYS_landlock_create_ruleset, &attributes, sizeof attributes, 0);
+    if (rules < 0)
+        return; /* an older kernel: openat2 stands alone */
+    char *folder = realpath(params->path, NULL), *target = strdup(params->output);
+    cut_to_folder(folder);
+    cut_to_folder(target);
+    const bool image = params->environment != NULL && access(params->environment, F_OK) == 0;
+    if (folder != NULL && target != NULL && allow(rules, folder, read) == 0 && allow(rules, target, read | write) == 0 &&
+        (!image || allow(rules, params->environment, LANDLOCK_ACCESS_FS_READ_FILE) == 0) && prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0)
+        (void)syscall(SYS_landlock_restrict_self, rules, 0);
+    free(folder);
+    free(target);
+    (void)close(rules);
+}
+
+/* ---- the work ---- */
+
+static int read_layout_write(const struct child *child, struct kiln_error *error)
+{
+    const struct kiln_import_params *params = &child->params;
+    const struct kiln_layout_params layout = {.texels_per_metre = params->texels_per_metre, .lightmap_size = params->lightmap_size,
+                                              .lightmap_max = params->lightmap_max};
+    struct kiln_builder *builder = NULL;
+    int status = kiln_builder_create(&builder, error);
+    if (status == KILN_OK)
+        status = kiln_import_read(params, follower(params), builder, error);
+    if (status == KILN_OK) {
+        limit_layout_time(params, builder);
+        status = kiln_layout(builder, &layout, error);
+    }
+    if (status == KILN_OK) {
+        kiln_import_key(params, child->program, KILN_BUILDER_DATA(builder, const struct kiln_source, KILN_SECTION_SOURCES),
+                        builder->sections[KILN_SECTION_SOURCES].count, KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS),
+                        builder->import_hash);
+        status = kiln_builder_write(builder, params->output, error);
+    }
+    kiln_builder_destroy(&builder);
+    if (status == KILN_SYSTEM && strncmp(error->message, "out of memory", 13) == 0) {
+        struct rlimit most = {0};
+        (void)getrlimit(RLIMIT_AS, &most);
+        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it takes more memory than the %llu MiB that its size warrants; simplify the scene",
+                           params->path, (unsigned long long)most.rlim_cur >> 20);
+    }
+    return status;
+}
+
+static bool parse_arguments(int argc, char **argv, struct child *child)
+{
+    if (argc != KILN_CHILD_ARGUMENTS)
+        return false;
+    child->params = (struct kiln_import_params){.path = argv[2],
+                                                .output = argv[3],
+                                                .texels_per_metre = strtod(argv[4], NULL),
+                                                .lightmap_size = (uint32_t)strtoul(argv[5], NULL, 10),
+                                                .lightmap_max = (uint32_t)strtoul(argv[6], NULL, 10),
+                                                .environment = argv[7][0] == '\0' ? NULL : argv[7],
+                                                .environment_scale = strtod(argv[8], NULL),
+                                                .environment_rotation_degrees = strtod(argv[9], NULL),
+                                                .memory_limit = strtoull(argv[10], NULL, 10),
+                                                .time_limit = (uint32_t)strtoul(argv[11], NULL, 10)};
+    child->program = strtoull(argv[12], NULL, 16);
+    return true;
+}
+
+static void answer(int status, const char *sentence)
+{
+    char text[sizeof(struct kiln_error) + 16];
+    const int length = snprintf(text, sizeof text, "%d\n%s", status, sentence);
+    for (ssize_t at = 0; at < length;) {
+        const ssize_t written = write(STDOUT_FILENO, text + at, (size_t)(length - at));
+        if (written < 0 && errno != EINTR)
+            return; /* nobody listens any more */
+        at += written > 0 ? written : 0;
+    }
+}
+
+int kiln_import_child(int argc, char **argv)
+{
+    struct child child;
+    struct kiln_error error = {""};
+    if (!parse_arguments(argc, argv, &child)) {
+        (void)fprintf(stderr, "import-child is a part of kiln that it starts itself\n");
+        return KILN_USAGE;
+    }
+    /* Whoever waited for the answer is gone: so is the reason to work. */
+    (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
+    set_limits(&child.params);
+    fence_files(&child.params);
+    const int status = read_layout_write(&child, &error);
+    answer(status, error.message);
+    return status;
+}

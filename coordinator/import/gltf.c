@@ -1,0 +1,125 @@
+#include "coordinator/import/gltf.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "coordinator/import/gltf_document.h"
+#include "worker/base/memory.h"
+
+/* Extensions a file may require: those kiln reads, and those that change nothing about diffuse light. */
+static const char *const supported[] = {
+    "KHR_materials_emissive_strength", "KHR_texture_transform", "KHR_lights_punctual", "EXT_mesh_gpu_instancing", "KHR_mesh_quantization",
+    "KHR_materials_ior", "KHR_materials_specular", "KHR_materials_sheen", "KHR_materials_clearcoat", "KHR_materials_transmission",
+    "KHR_materials_volume", "KHR_materials_unlit", "KHR_materials_iridescence", "KHR_materials_anisotropy", "KHR_materials_dispersion"};
+
+static const struct {
+    const char *name, *remedy;
+} remedies[] = {
+    {"KHR_draco_mesh_compression", "export again without Draco compression"},
+    {"EXT_meshopt_compression", "export again without meshopt compression"},
+    {"KHR_meshopt_compression", "export again without meshopt compression"},
+    {"EXT_texture_webp", "export again with PNG or JPEG textures instead of WebP"},
+    {"KHR_texture_basisu", "export again with PNG or JPEG textures instead of KTX2"},
+    {"EXT_texture_avif", "export again with PNG or JPEG textures instead of AVIF"},
+    {"MSFT_texture_dds", "export again with PNG or JPEG textures instead of DDS"},
+    {"KHR_materials_pbrSpecularGlossiness", "export again with metallic-roughness materials"},
+};
+
+static bool is_supported(const char *name)
+{
+    for (size_t i = 0; i < sizeof supported / sizeof supported[0]; i++)
+        if (strcmp(name, supported[i]) == 0)
+            return true;
+    return false;
+}
+
+static void check_extensions(struct gltf *g)
+{
+    const json_t *required = gltf_array(g, (struct gltf_place){0}, g->root, "extensionsRequired");
+    for (size_t i = 0; i < json_array_size(required) && g->status == KILN_OK; i++) {
+        const char *name = json_string_value(json_array_get(required, i));
+        if (name == NULL) {
+            gltf_fail(g, (struct gltf_place){"extensionsRequired", i, ""}, "", "is not a string");
+            return;
+        }
+        if (is_supported(name))
+            continue;
+        const char *remedy = "export again without it";
+        for (size_t k = 0; k < sizeof remedies / sizeof remedies[0]; k++)
+            if (strcmp(name, remedies[k].name) == 0)
+                remedy = remedies[k].remedy;
+        g->status = kiln_fail(g->error, KILN_BAD_INPUT, "%.512s: extensionsRequired[%zu] is '%.80s', which kiln cannot read; %s",
+                              g->confine->scene, i, name, remedy);
+    }
+}
+
+static void check_asset(struct gltf *g)
+{
+    const struct gltf_place place = {0};
+    const json_t *asset = gltf_object(g, place, g->root, "asset");
+    const char *version = gltf_string(g, place, asset, "version");
+    const char *least = gltf_string(g, place, asset, "minVersion");
+    if (g->status == KILN_OK && version == NULL)
+        gltf_fail(g, place, "asset.version", "is missing");
+    if (g->status == KILN_OK && strncmp(version, "2.", 2) != 0)
+        gltf_fail(g, place, "asset.version", "is '%.20s'; kiln reads glTF 2", version);
+    if (g->status == KILN_OK && least != NULL && strcmp(least, "2.0") != 0)
+        gltf_fail(g, place, "asset.minVersion", "is '%.20s'; kiln reads glTF 2.0", least);
+}
+
+/* One note a kind, with numbers: a scene with a million oddities gets no million notes. */
+static void write_notes(struct gltf *g)
+{
+    const struct {
+        uint64_t count;
+        uint32_t severity;
+        const char *text;
+    } notes[] = {
+        {g->assembly.without_area, 1, "triangles without area were left out"},
+        {g->assembly.turned_normals, 1, "triangles had normals against their winding; the winding decides, the normals were turned"},
+        {g->assembly.replaced_normals, 1, "corner normals were zero or behind their triangle; the geometric normal took their place"},
+        {g->points_and_lines, 0, "primitives of points or lines were left out"},
+        {g->without_material, 0, "primitives have no material: they are diffuse grey, 0.8"},
+        {g->missing_texcoords, 1, "primitives lack the texture coordinates their material asks for; the texture's corner colour is used"},
+        {g->clamped_colors, 1, "primitives had vertex colours outside 0..1; they were clamped"},
+        {g->without_area_objects, 1, "objects are scaled to nothing and were left out"},
+        {g->skipped_lights, 1, "lights are scaled to nothing and were left out"},
+        {g->skins, 1, "or more skinned nodes bake in their rest pose, where their node stands"},
+        {g->morphs, 1, "or more morph targets bake at rest"},
+    };
+    for (size_t i = 0; i < sizeof notes / sizeof notes[0]; i++)
+        if (notes[i].count > 0)
+            gltf_take(g, kiln_builder_note(g->builder, notes[i].severity, g->error, "%llu %s", (unsigned long long)notes[i].count, notes[i].text));
+}
+
+static void close_document(struct gltf *g)
+{
+    for (size_t i = 0; g->buffers != NULL && i < g->buffer_count; i++) {
+        kiln_file_unmap(&g->buffers[i].file);
+        kiln_free(&g->buffers[i].owned);
+    }
+    kiln_free(&g->buffers);
+    kiln_free(&g->views);
+    kiln_free(&g->accessors);
+    kiln_free(&g->materials);
+    kiln_free(&g->images);
+    kiln_free(&g->texture_of);
+    kiln_free(&g->mesh_of);
+    kiln_names_destroy(&g->names);
+    json_decref(g->root);
+    kiln_file_unmap(&g->file);
+}
+
+int kiln_gltf_read(struct kiln_confine *confine, struct kiln_builder *builder, struct kiln_error *error)
+{
+    static void (*const steps[])(struct gltf *) = {gltf_open, check_asset, check_extensions, gltf_read_buffers, gltf_read_accessors,
+                                                   gltf_read_materials, gltf_read_scene, write_notes};
+    struct gltf g = {.confine = confine, .builder = builder, .error = error};
+    for (size_t i = 0; i < sizeof steps / sizeof steps[0] && g.status == KILN_OK; i++)
+        steps[i](&g);
+    if (g.status == KILN_OK && builder->sections[KILN_SECTION_MATERIALS].count == 0)
+        (void)gltf_default_material(&g); /* a scene file has one at least */
+    close_document(&g);
+    return g.status;
+}

@@ -1,0 +1,145 @@
+/* Private to coordinator/import/gltf*.c: the parsed document, typed access to its JSON, and its accessors.
+ *
+ * Failure is sticky: the first fault of any getter is written to `error` and kept in `status`; later calls return harmless
+ * defaults and keep the first sentence. Callers look at `status` before they act on what they read. */
+#ifndef KILN_COORDINATOR_IMPORT_GLTF_DOCUMENT_H
+#define KILN_COORDINATOR_IMPORT_GLTF_DOCUMENT_H
+
+#include <jansson.h>
+
+#include "coordinator/import/assemble.h"
+#include "coordinator/import/confine.h"
+#include "coordinator/import/image.h"
+#include "coordinator/import/names.h"
+
+struct gltf_buffer {
+    const unsigned char *data; /* NULL: not there (a fallback nobody may use) */
+    size_t size;
+    struct kiln_file file; /* an external file, or */
+    unsigned char *owned;  /* a decoded data URI */
+};
+
+struct gltf_view {
+    const unsigned char *data;
+    size_t size;
+    size_t stride; /* 0: tightly packed */
+};
+
+struct gltf_accessor {
+    const unsigned char *data; /* NULL: zeros */
+    size_t stride;
+    size_t count;
+    unsigned component; /* 5120 .. 5126 */
+    unsigned components; /* 1 .. 16 */
+    bool normalized;
+    size_t sparse_count;
+    const unsigned char *sparse_indices, *sparse_values;
+    unsigned sparse_component;
+};
+
+/* A texture as a material uses it. */
+struct gltf_texture_use {
+    uint32_t texture; /* glTF's, or KILN_NONE */
+    uint32_t texcoord;
+    float transform[6]; /* u' = t[0] u + t[1] v + t[2], v' = t[3] u + t[4] v + t[5] */
+};
+
+struct gltf_material {
+    struct gltf_texture_use base, emission;
+};
+
+/* Each image is decoded once. */
+struct gltf_image {
+    uint64_t first;
+    uint32_t width, height;
+    bool decoded;
+};
+
+#define GLTF_UNREAD 0xfffffffeu /* a mesh nobody has asked for yet */
+
+struct gltf {
+    struct kiln_confine *confine;
+    struct kiln_builder *builder;
+    struct kiln_error *error;
+    int status;
+    json_t *root;
+    struct kiln_file file;
+    const unsigned char *binary; /* GLB chunk, or NULL */
+    size_t binary_size;
+    struct gltf_buffer *buffers;
+    struct gltf_view *views;
+    struct gltf_accessor *accessors;
+    struct gltf_material *materials; /* as many as the file has; builder materials have the same indices */
+    struct gltf_image *images;
+    uint32_t *texture_of;   /* glTF texture -> builder texture or KILN_NONE */
+    uint32_t *mesh_of;      /* glTF mesh -> builder mesh, KILN_NONE (nothing to see) or GLTF_UNREAD */
+    size_t buffer_count, view_count, accessor_count, material_count, image_count, texture_count, mesh_count;
+    uint32_t default_material; /* builder's, or KILN_NONE until needed */
+    struct kiln_image_budget image_budget;
+    struct kiln_assembly_counts assembly;
+    struct kiln_names names;
+    uint64_t triangles, sparse_elements, objects, expanded;
+    /* what notes are made of */
+    uint64_t points_and_lines, without_material, missing_texcoords, clamped_colors, without_area_objects, skipped_lights;
+    bool skins, morphs;
+};
+
+/* Where something stands: "meshes[3]" + ".primitives[1]" (below may be empty). */
+struct gltf_place {
+    const char *array;
+    size_t index;
+    const char *below;
+};
+
+/* Says "FILE: PLACE.KEY <text>; repair the file or export it again" (kind: KILN_BAD_INPUT) unless something failed before. */
+void gltf_fail(struct gltf *g, struct gltf_place place, const char *key, const char *format, ...) __attribute__((format(printf, 4, 5)));
+/* Takes the status of a call that has already written its sentence. */
+void gltf_take(struct gltf *g, int status);
+
+/* A member of the given type, or NULL when absent (or of another type, which is a failure). */
+json_t *gltf_object(struct gltf *g, struct gltf_place place, const json_t *object, const char *key);
+json_t *gltf_array(struct gltf *g, struct gltf_place place, const json_t *object, const char *key);
+const char *gltf_string(struct gltf *g, struct gltf_place place, const json_t *object, const char *key);
+bool gltf_bool(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, bool absent);
+/* A whole number in [low, high]; `absent` when it is not there. */
+uint64_t gltf_whole(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, uint64_t low, uint64_t high,
+                    uint64_t absent);
+/* The same, but it has to be there. */
+uint64_t gltf_needed(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, uint64_t low, uint64_t high);
+/* An index below `limit`, or KILN_NONE when absent. */
+uint32_t gltf_index(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, size_t limit);
+/* A number in [low, high] (both may be infinite; the number itself is finite). */
+double gltf_number(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low, double high, double absent);
+/* Exactly `count` numbers; false (and the values untouched) when absent or failed. */
+bool gltf_numbers(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low, double high, size_t count,
+                  double *values);
+/* object.extensions.NAME, or NULL. */
+json_t *gltf_extension(struct gltf *g, struct gltf_place place, const json_t *object, const char *name);
+/* Element `index` of a top-level array, checked to be an object; NULL on failure. */
+json_t *gltf_element(struct gltf *g, const char *array, size_t index);
+size_t gltf_length(struct gltf *g, const char *array);
+
+/* gltf_buffer.c: container, buffers, views. */
+void gltf_open(struct gltf *g);
+void gltf_read_buffers(struct gltf *g);
+/* Decodes a "data:" URI into *bytes (kiln_allocate'd). */
+void gltf_decode_data(struct gltf *g, struct gltf_place place, const char *uri, unsigned char **bytes, size_t *size);
+
+/* gltf_accessor.c */
+void gltf_read_accessors(struct gltf *g);
+/* Element `index` (below count) as floats, up to 4 components; missing ones are left alone. Integers are normalised when the
+ * accessor says so, else taken as they are. */
+void gltf_accessor_float(const struct gltf_accessor *accessor, size_t index, float *values);
+uint32_t gltf_accessor_index(const struct gltf_accessor *accessor, size_t index);
+
+/* gltf_material.c */
+void gltf_read_materials(struct gltf *g);
+uint32_t gltf_default_material(struct gltf *g);
+
+/* gltf_mesh.c: appends the mesh on first use; KILN_NONE when it has no triangle. */
+uint32_t gltf_mesh(struct gltf *g, uint32_t index);
+
+/* gltf_node.c: node tree, objects, lights, cameras, environment. */
+void gltf_read_scene(struct gltf *g);
+
+#endif

@@ -1,0 +1,319 @@
+/* Materials, textures, samplers, images. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "coordinator/import/gltf_document.h"
+#include "worker/base/memory.h"
+
+/* The bytes of an image, from wherever it is; released by image_close. */
+struct image_bytes {
+    const unsigned char *data;
+    size_t size;
+    struct kiln_file file;
+    unsigned char *owned;
+};
+
+static void image_close(struct image_bytes *bytes)
+{
+    kiln_file_unmap(&bytes->file);
+    kiln_free(&bytes->owned);
+}
+
+static void image_open(struct gltf *g, uint32_t index, struct image_bytes *bytes)
+{
+    const struct gltf_place place = {"images", index, ""};
+    const json_t *json = gltf_element(g, "images", index);
+    const char *uri = gltf_string(g, place, json, "uri");
+    const uint32_t view = gltf_index(g, place, json, "bufferView", g->view_count);
+    if (g->status != KILN_OK)
+        return;
+    if (view != KILN_NONE) {
+        bytes->data = g->views[view].data;
+        bytes->size = g->views[view].size;
+        if (bytes->data == NULL)
+            gltf_fail(g, place, "bufferView", "%u has no bytes of its own: it is compressed", view);
+    } else if (uri == NULL) {
+        gltf_fail(g, place, "uri", "is missing, and bufferView too");
+    } else if (strncmp(uri, "data:", 5) == 0) {
+        gltf_decode_data(g, place, uri, &bytes->owned, &bytes->size);
+        bytes->data = bytes->owned;
+    } else {
+        char path[1025], where[64];
+        (void)snprintf(where, sizeof where, "images[%u].uri", index);
+        gltf_take(g, kiln_confine_decode(g->confine, uri, where, path, g->error));
+        if (g->status == KILN_OK)
+            gltf_take(g, kiln_confine_map(g->confine, g->builder, path, where, &bytes->file, g->error));
+        bytes->data = bytes->file.data;
+        bytes->size = bytes->file.size;
+    }
+}
+
+static uint32_t source_image(struct gltf *g, uint32_t texture)
+{
+    const struct gltf_place place = {"textures", texture, ""};
+    const json_t *json = gltf_element(g, "textures", texture);
+    const uint32_t image = gltf_index(g, place, json, "source", g->image_count);
+    if (image == KILN_NONE)
+        gltf_fail(g, place, "source", "is missing; kiln reads PNG and JPEG images, no WebP or Basis Universal (convert them)");
+    return image;
+}
+
+static void image_place(const struct gltf *g, uint32_t image, char where[640])
+{
+    (void)snprintf(where, 640, "%.512s: images[%u]", g->confine->scene, image);
+}
+
+static void decode_image(struct gltf *g, uint32_t index)
+{
+    struct gltf_image *image = &g->images[index];
+    struct image_bytes bytes = {0};
+    char where[640];
+    if (image->decoded)
+        return;
+    image_open(g, index, &bytes);
+    image_place(g, index, where);
+    if (g->status == KILN_OK)
+        gltf_take(g, kiln_image_append(g->builder, &g->image_budget, bytes.data, bytes.size, false, where, &image->first, &image->width,
+                                       &image->height, g->error));
+    image_close(&bytes);
+    image->decoded = g->status == KILN_OK;
+}
+
+static uint32_t wrap_mode(struct gltf *g, struct gltf_place place, const json_t *json, const char *key)
+{
+    const uint64_t mode = gltf_whole(g, place, json, key, 0, 65535, 10497);
+    switch (mode) {
+    case 10497:
+        return KILN_WRAP_REPEAT;
+    case 33071:
+        return KILN_WRAP_CLAMP;
+    case 33648:
+        return KILN_WRAP_MIRROR;
+    default:
+        gltf_fail(g, place, key, "is %llu, not one of 10497, 33071, 33648", (unsigned long long)mode);
+        return KILN_WRAP_REPEAT;
+    }
+}
+
+/* The builder's texture for a glTF texture that holds colours, made on first use. */
+static uint32_t color_texture(struct gltf *g, uint32_t texture)
+{
+    if (texture == KILN_NONE || g->status != KILN_OK)
+        return KILN_NONE;
+    if (g->texture_of[texture] != KILN_NONE)
+        return g->texture_of[texture];
+    const struct gltf_place place = {"textures", texture, ""};
+    struct kiln_texture result = {.srgb = 1};
+    const uint32_t sampler = gltf_index(g, place, gltf_element(g, "textures", texture), "sampler", gltf_length(g, "samplers"));
+    if (sampler != KILN_NONE) {
+        const struct gltf_place at = {"samplers", sampler, ""};
+        const json_t *json = gltf_element(g, "samplers", sampler);
+        result.wrap_u = wrap_mode(g, at, json, "wrapS");
+        result.wrap_v = wrap_mode(g, at, json, "wrapT");
+        const uint64_t filter = gltf_whole(g, at, json, "magFilter", 0, 65535, 9729);
+        result.nearest = filter == 9728;
+        if (filter != 9728 && filter != 9729)
+            gltf_fail(g, at, "magFilter", "is %llu, not one of 9728, 9729", (unsigned long long)filter);
+    }
+    const uint32_t image = source_image(g, texture);
+    if (g->status == KILN_OK)
+        decode_image(g, image);
+    if (g->status != KILN_OK)
+        return KILN_NONE;
+    result.first = g->images[image].first;
+    result.width = g->images[image].width;
+    result.height = g->images[image].height;
+    size_t index = 0;
+    gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_TEXTURES, &result, 1, &index, g->error));
+    g->texture_of[texture] = (uint32_t)index;
+    return (uint32_t)index;
+}
+
+/* Reads a textureInfo; texture stays KILN_NONE when it is absent. */
+static void texture_info(struct gltf *g, struct gltf_place place, const json_t *parent, const char *key, struct gltf_texture_use *use)
+{
+    *use = (struct gltf_texture_use){.texture = KILN_NONE, .transform = {1.0f, 0.0f, 0.0f, 0.0f, 1.0f, 0.0f}};
+    const json_t *json = gltf_object(g, place, parent, key);
+    if (json == NULL)
+        return;
+    use->texture = gltf_index(g, place, json, "index", g->texture_count);
+    if (use->texture == KILN_NONE)
+        gltf_fail(g, place, key, "has no texture index");
+    use->texcoord = (uint32_t)gltf_whole(g, place, json, "texCoord", 0, 1000, 0);
+    const json_t *transform = gltf_extension(g, place, json, "KHR_texture_transform");
+    if (transform == NULL)
+        return;
+    double offset[2] = {0.0, 0.0}, scale[2] = {1.0, 1.0};
+    (void)gltf_numbers(g, place, transform, "offset", -1e6, 1e6, 2, offset);
+    (void)gltf_numbers(g, place, transform, "scale", -1e6, 1e6, 2, scale);
+    const double angle = gltf_number(g, place, transform, "rotation", -1e6, 1e6, 0.0);
+    use->texcoord = (uint32_t)gltf_whole(g, place, transform, "texCoord", 0, 1000, use->texcoord);
+    /* Counter-clockwise as seen on the image, whose v points down: the specification's example (offset 0 1, a quarter turn,
+     * scale 1/2 shows the lower left quarter) holds for this sign only. */
+    const double c = cos(angle), s = sin(angle);
+    const double matrix[6] = {c * scale[0], s * scale[1], offset[0], -s * scale[0], c * scale[1], offset[1]};
+    for (int i = 0; i < 6; i++)
+        use->transform[i] = (float)matrix[i];
+}
+
+static void read_metallic(struct gltf *g, struct gltf_place place, const json_t *pbr, struct kiln_material *material)
+{
+    struct gltf_texture_use use;
+    texture_info(g, place, pbr, "metallicRoughnessTexture", &use);
+    if (g->status != KILN_OK || use.texture == KILN_NONE || material->metallic == 0.0f)
+        return;
+    const uint32_t image = source_image(g, use.texture);
+    struct image_bytes bytes = {0};
+    double mean = 0.0;
+    char where[640];
+    if (g->status == KILN_OK)
+        image_open(g, image, &bytes);
+    image_place(g, image, where);
+    if (g->status == KILN_OK)
+        gltf_take(g, kiln_image_mean_blue(&g->image_budget, bytes.data, bytes.size, where, &mean, g->error));
+    image_close(&bytes);
+    if (g->status != KILN_OK)
+        return;
+    material->metallic = (float)fmin(1.0, (double)material->metallic * mean);
+    gltf_take(g, kiln_builder_note(g->builder, 0, g->error, "materials[%zu]: its metallic texture counts as its mean, %.3f", place.index,
+                                   (double)material->metallic));
+}
+
+static void read_emission(struct gltf *g, struct gltf_place place, const json_t *json, struct kiln_material *material)
+{
+    double factor[3] = {0.0, 0.0, 0.0};
+    (void)gltf_numbers(g, place, json, "emissiveFactor", 0.0, 1e30, 3, factor);
+    if (fmax(factor[0], fmax(factor[1], factor[2])) > 1.0)
+        gltf_take(g, kiln_builder_note(g->builder, 1, g->error, "materials[%zu].emissiveFactor is above 1, which glTF forbids; it is taken as it is",
+                                       place.index));
+    double strength = 1.0;
+    const json_t *extension = gltf_extension(g, place, json, "KHR_materials_emissive_strength");
+    if (extension != NULL)
+        strength = gltf_number(g, place, extension, "emissiveStrength", 0.0, 1e30, 1.0);
+    for (int c = 0; c < 3; c++) {
+        const double value = factor[c] * strength;
+        if (value > 1e30)
+            gltf_fail(g, place, "emissiveFactor", "times its strength is %g, more than 1e30", value);
+        material->emission[c] = (float)value;
+    }
+}
+
+static void read_alpha(struct gltf *g, struct gltf_place place, const json_t *json, struct kiln_material *material)
+{
+    const char *mode = gltf_string(g, place, json, "alphaMode");
+    material->alpha_cutoff = (float)gltf_number(g, place, json, "alphaCutoff", 0.0, 1e30, 0.5);
+    if (mode == NULL || strcmp(mode, "OPAQUE") == 0)
+        material->alpha_mode = KILN_ALPHA_OPAQUE;
+    else if (strcmp(mode, "MASK") == 0)
+        material->alpha_mode = KILN_ALPHA_MASK;
+    else if (strcmp(mode, "BLEND") == 0)
+        material->alpha_mode = KILN_ALPHA_BLEND;
+    else
+        gltf_fail(g, place, "alphaMode", "is '%.20s', not one of OPAQUE, MASK, BLEND", mode);
+}
+
+/* Says what of a material plays no part in diffuse light. */
+static void note_unused(struct gltf *g, struct gltf_place place, const json_t *json)
+{
+    static const struct {
+        const char *name, *what;
+    } known[] = {{"KHR_materials_transmission", "lets no light through"}, {"KHR_materials_unlit", "is lit like any other"},
+                 {"KHR_materials_diffuse_transmission", "lets no light through"}};
+    for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
+        if (gltf_extension(g, place, json, known[i].name) != NULL)
+            gltf_take(g, kiln_builder_note(g->builder, 0, g->error, "materials[%zu] (%s): bakes as a diffuse surface that %s", place.index,
+                                           known[i].name, known[i].what));
+}
+
+static void read_material(struct gltf *g, size_t index)
+{
+    const struct gltf_place place = {"materials", index, ""};
+    const json_t *json = gltf_element(g, "materials", index);
+    const json_t *pbr = gltf_object(g, place, json, "pbrMetallicRoughness");
+    const char *name = gltf_string(g, place, json, "name");
+    struct gltf_material *uses = &g->materials[index];
+    struct kiln_material material = {.base_color_texture = KILN_NONE, .emission_texture = KILN_NONE};
+    double color[4] = {1.0, 1.0, 1.0, 1.0};
+    (void)gltf_numbers(g, place, pbr, "baseColorFactor", 0.0, 1.0, 4, color);
+    for (int c = 0; c < 4; c++)
+        material.base_color[c] = (float)color[c];
+    material.metallic = (float)gltf_number(g, place, pbr, "metallicFactor", 0.0, 1.0, 1.0);
+    material.roughness = (float)gltf_number(g, place, pbr, "roughnessFactor", 0.0, 1.0, 1.0);
+    material.double_sided = gltf_bool(g, place, json, "doubleSided", false);
+    read_alpha(g, place, json, &material);
+    read_emission(g, place, json, &material);
+    read_metallic(g, place, pbr, &material);
+    texture_info(g, place, pbr, "baseColorTexture", &uses->base);
+    texture_info(g, place, json, "emissiveTexture", &uses->emission);
+    /* A black emitter needs no texture. */
+    if (material.emission[0] == 0.0f && material.emission[1] == 0.0f && material.emission[2] == 0.0f)
+        uses->emission.texture = KILN_NONE;
+    material.base_color_texture = color_texture(g, uses->base.texture);
+    material.emission_texture = color_texture(g, uses->emission.texture);
+    /* Not decoded, but a reference that leads nowhere is a fault all the same. */
+    struct gltf_texture_use unused;
+    texture_info(g, place, json, "normalTexture", &unused);
+    texture_info(g, place, json, "occlusionTexture", &unused);
+    note_unused(g, place, json);
+    if (g->status != KILN_OK)
+        return;
+    if (name == NULL)
+        name = "";
+    gltf_take(g, kiln_builder_string(g->builder, name, strlen(name), &material.name, g->error));
+    gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_MATERIALS, &material, 1, NULL, g->error));
+}
+
+/* References of images and textures nobody uses must still be sound, and no URI may point outside. */
+static void check_references(struct gltf *g)
+{
+    for (size_t i = 0; i < g->texture_count && g->status == KILN_OK; i++) {
+        const struct gltf_place place = {"textures", i, ""};
+        const json_t *json = gltf_element(g, "textures", i);
+        (void)gltf_index(g, place, json, "source", g->image_count);
+        (void)gltf_index(g, place, json, "sampler", gltf_length(g, "samplers"));
+    }
+    for (size_t i = 0; i < g->image_count && g->status == KILN_OK; i++) {
+        const struct gltf_place place = {"images", i, ""};
+        const json_t *json = gltf_element(g, "images", i);
+        const char *uri = gltf_string(g, place, json, "uri");
+        (void)gltf_index(g, place, json, "bufferView", g->view_count);
+        char path[1025], where[64];
+        (void)snprintf(where, sizeof where, "images[%zu].uri", i);
+        if (g->status == KILN_OK && uri != NULL && strncmp(uri, "data:", 5) != 0)
+            gltf_take(g, kiln_confine_decode(g->confine, uri, where, path, g->error));
+    }
+}
+
+void gltf_read_materials(struct gltf *g)
+{
+    g->material_count = gltf_length(g, "materials");
+    g->texture_count = gltf_length(g, "textures");
+    g->image_count = gltf_length(g, "images");
+    g->default_material = KILN_NONE;
+    if (g->status == KILN_OK)
+        gltf_take(g, kiln_allocate(&g->materials, g->material_count, sizeof *g->materials, "materials", g->error));
+    if (g->status == KILN_OK)
+        gltf_take(g, kiln_allocate(&g->images, g->image_count, sizeof *g->images, "images", g->error));
+    if (g->status == KILN_OK)
+        gltf_take(g, kiln_allocate(&g->texture_of, g->texture_count, sizeof *g->texture_of, "textures", g->error));
+    if (g->status != KILN_OK)
+        return;
+    memset(g->texture_of, 0xff, g->texture_count * sizeof *g->texture_of);
+    check_references(g);
+    for (size_t i = 0; i < g->material_count && g->status == KILN_OK; i++)
+        read_material(g, i);
+}
+
+uint32_t gltf_default_material(struct gltf *g)
+{
+    if (g->default_material != KILN_NONE || g->status != KILN_OK)
+        return g->default_material;
+    struct kiln_material material = {.base_color = {0.8f, 0.8f, 0.8f, 1.0f}, .base_color_texture = KILN_NONE,
+                                     .emission_texture = KILN_NONE, .alpha_cutoff = 0.5f, .roughness = 1.0f};
+    size_t index = 0;
+    gltf_take(g, kiln_builder_string(g->builder, "default", 7, &material.name, g->error));
+    gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_MATERIALS, &material, 1, &index, g->error));
+    g->default_material = (uint32_t)index;
+    return g->default_material;
+}

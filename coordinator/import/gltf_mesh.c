@@ -1,0 +1,219 @@
+/* Meshes: primitives to triangles. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "coordinator/import/gltf_document.h"
+
+enum { POINTS = 0, LINES_LAST = 3, TRIANGLES = 4, STRIP = 5, FAN = 6 };
+
+/* A primitive's accessors; NULL where absent. */
+struct primitive {
+    const struct gltf_accessor *indices, *position, *normal, *color, *base, *emission, *lightmap;
+    const struct gltf_material *material; /* NULL: the default one */
+    unsigned mode;
+    size_t corner_count;
+    bool clamped_color;
+};
+
+static const struct gltf_accessor *attribute(struct gltf *g, struct gltf_place place, const json_t *attributes, const char *name,
+                                             unsigned components_low, unsigned components_high, size_t count)
+{
+    const uint32_t index = gltf_index(g, place, attributes, name, g->accessor_count);
+    if (index == KILN_NONE)
+        return NULL;
+    const struct gltf_accessor *accessor = &g->accessors[index];
+    if (accessor->components < components_low || accessor->components > components_high)
+        gltf_fail(g, place, name, "is accessor %u, whose elements have %u components, not %u", index, accessor->components, components_low);
+    else if (count != 0 && accessor->count != count)
+        gltf_fail(g, place, name, "is accessor %u with %zu elements, but POSITION has %zu", index, accessor->count, count);
+    return accessor;
+}
+
+static const struct gltf_accessor *texcoord(struct gltf *g, struct gltf_place place, const json_t *attributes, uint32_t set, size_t count)
+{
+    char name[32];
+    (void)snprintf(name, sizeof name, "TEXCOORD_%u", set);
+    return attribute(g, place, attributes, name, 2, 2, count);
+}
+
+static uint32_t source_index(const struct primitive *p, size_t k)
+{
+    return p->indices == NULL ? (uint32_t)k : gltf_accessor_index(p->indices, k);
+}
+
+static void read_corners(void *context, size_t k, uint32_t corner[3])
+{
+    const struct primitive *p = context;
+    size_t at[3] = {3 * k, 3 * k + 1, 3 * k + 2};
+    if (p->mode == STRIP) /* every other triangle of a strip turns the other way */
+        at[0] = k, at[1] = k + 1 + k % 2, at[2] = k + 2 - k % 2;
+    else if (p->mode == FAN) /* the specification's order: (k + 1, k + 2, 0) */
+        at[0] = k + 1, at[1] = k + 2, at[2] = 0;
+    for (int c = 0; c < 3; c++)
+        corner[c] = source_index(p, at[c]);
+}
+
+static void read_geometry(void *context, uint32_t vertex, struct kiln_vec3 *position, struct kiln_vec3 *normal)
+{
+    const struct primitive *p = context;
+    gltf_accessor_float(p->position, vertex, &position->x);
+    if (p->normal != NULL)
+        gltf_accessor_float(p->normal, vertex, &normal->x);
+}
+
+static struct kiln_vec2 transformed(const struct gltf_accessor *accessor, const float t[6], uint32_t vertex)
+{
+    float uv[2] = {0.0f, 0.0f};
+    if (accessor != NULL)
+        gltf_accessor_float(accessor, vertex, uv);
+    return (struct kiln_vec2){t[0] * uv[0] + t[1] * uv[1] + t[2], t[3] * uv[0] + t[4] * uv[1] + t[5]};
+}
+
+static void read_attributes(void *context, uint32_t vertex, struct kiln_attributes *out)
+{
+    struct primitive *p = context;
+    const struct gltf_material *m = p->material;
+    const bool base = m != NULL && m->base.texture != KILN_NONE, emission = m != NULL && m->emission.texture != KILN_NONE;
+    /* The set that no texture uses repeats the other, so that a mesh has two only when it needs them. */
+    if (base)
+        out->base = transformed(p->base, m->base.transform, vertex);
+    out->emission = emission ? transformed(p->emission, m->emission.transform, vertex) : out->base;
+    if (!base)
+        out->base = out->emission;
+    if (p->lightmap != NULL)
+        gltf_accessor_float(p->lightmap, vertex, &out->lightmap.x);
+    if (p->color == NULL)
+        return;
+    float color[4] = {1.0f, 1.0f, 1.0f, 1.0f};
+    gltf_accessor_float(p->color, vertex, color);
+    for (int c = 0; c < 4; c++) {
+        p->clamped_color |= !(color[c] >= 0.0f && color[c] <= 1.0f);
+        out->color[c] = (uint8_t)(fminf(fmaxf(color[c], 0.0f), 1.0f) * 255.0f + 0.5f);
+    }
+}
+
+static void read_indices(struct gltf *g, struct gltf_place place, const json_t *json, struct primitive *p)
+{
+    const uint32_t index = gltf_index(g, place, json, "indices", g->accessor_count);
+    p->corner_count = p->position == NULL ? 0 : p->position->count;
+    if (index == KILN_NONE)
+        return;
+    p->indices = &g->accessors[index];
+    p->corner_count = p->indices->count;
+    const unsigned c = p->indices->component;
+    if (p->indices->components != 1 || p->indices->normalized || (c != 5121 && c != 5123 && c != 5125))
+        gltf_fail(g, place, "indices", "is accessor %u, which is not SCALAR of unsigned integers", index);
+}
+
+static void read_primitive(struct gltf *g, struct gltf_place place, const json_t *json, struct primitive *p, uint32_t *material)
+{
+    const json_t *attributes = gltf_object(g, place, json, "attributes");
+    if (g->status == KILN_OK && attributes == NULL)
+        gltf_fail(g, place, "attributes", "is missing");
+    p->mode = (unsigned)gltf_whole(g, place, json, "mode", POINTS, FAN, TRIANGLES);
+    p->position = attribute(g, place, attributes, "POSITION", 3, 3, 0);
+    if (g->status == KILN_OK && p->position == NULL)
+        gltf_fail(g, place, "attributes.POSITION", "is missing");
+    if (g->status != KILN_OK)
+        return;
+    const size_t count = p->position->count;
+    p->normal = attribute(g, place, attributes, "NORMAL", 3, 3, count);
+    p->color = attribute(g, place, attributes, "COLOR_0", 3, 4, count);
+    p->lightmap = texcoord(g, place, attributes, 1, count);
+    read_indices(g, place, json, p);
+    *material = gltf_index(g, place, json, "material", g->material_count);
+    g->morphs |= json_object_get(json, "targets") != NULL;
+    if (*material == KILN_NONE || g->status != KILN_OK)
+        return;
+    p->material = &g->materials[*material];
+    if (p->material->base.texture != KILN_NONE)
+        p->base = texcoord(g, place, attributes, p->material->base.texcoord, count);
+    if (p->material->emission.texture != KILN_NONE)
+        p->emission = texcoord(g, place, attributes, p->material->emission.texcoord, count);
+    g->missing_texcoords += (p->material->base.texture != KILN_NONE && p->base == NULL) ||
+                            (p->material->emission.texture != KILN_NONE && p->emission == NULL);
+}
+
+static size_t triangle_count(const struct primitive *p)
+{
+    if (p->mode == TRIANGLES)
+        return p->corner_count / 3;
+    return p->corner_count < 3 ? 0 : p->corner_count - 2;
+}
+
+/* Appends one primitive; tells whether it had a lightmap coordinate for its triangles. */
+static void add_primitive(struct gltf *g, struct gltf_place place, const json_t *json, uint32_t mesh, bool *lacks_lightmap_uv)
+{
+    struct primitive p = {0};
+    uint32_t material = KILN_NONE;
+    read_primitive(g, place, json, &p, &material);
+    if (g->status != KILN_OK)
+        return;
+    if (p.mode <= LINES_LAST) {
+        g->points_and_lines++;
+        return;
+    }
+    const size_t triangles = triangle_count(&p);
+    if (p.mode == TRIANGLES && p.corner_count % 3 != 0) {
+        gltf_fail(g, place, "indices", "has %zu corners, which is not a multiple of 3", p.corner_count);
+        return;
+    }
+    g->triangles += triangles;
+    if (g->triangles > 65536 + g->confine->total_bytes) {
+        gltf_fail(g, place, "", "brings the scene to %llu triangles, more than its bytes can hold", (unsigned long long)g->triangles);
+        return;
+    }
+    if (material == KILN_NONE) {
+        g->without_material++;
+        material = gltf_default_material(g);
+    }
+    char where[640];
+    (void)snprintf(where, sizeof where, "%.512s: %s[%zu]%s", g->confine->scene, place.array, place.index, place.below);
+    const struct kiln_primitive primitive = {.where = where, .context = &p, .vertex_count = p.position->count,
+                                             .triangle_count = triangles, .has_normals = p.normal != NULL, .material = material,
+                                             .corners = read_corners, .geometry = read_geometry, .attributes = read_attributes};
+    if (g->status == KILN_OK)
+        gltf_take(g, kiln_mesh_add(g->builder, mesh, &primitive, &g->assembly, g->error));
+    g->clamped_colors += p.clamped_color;
+    *lacks_lightmap_uv |= triangles > 0 && p.lightmap == NULL;
+}
+
+uint32_t gltf_mesh(struct gltf *g, uint32_t index)
+{
+    const struct gltf_place place = {"meshes", index, ""};
+    if (g->status != KILN_OK)
+        return KILN_NONE;
+    if (g->mesh_of[index] != GLTF_UNREAD)
+        return g->mesh_of[index];
+    const json_t *json = gltf_element(g, "meshes", index);
+    const json_t *primitives = gltf_array(g, place, json, "primitives");
+    const char *name = gltf_string(g, place, json, "name");
+    if (g->status == KILN_OK && json_array_size(primitives) == 0)
+        gltf_fail(g, place, "primitives", "is empty or missing");
+    if (g->status != KILN_OK)
+        return KILN_NONE;
+    uint32_t mesh = KILN_NONE;
+    bool lacks_lightmap_uv = false;
+    gltf_take(g, kiln_mesh_begin(g->builder, name == NULL ? "" : name, &mesh, g->error));
+    for (size_t i = 0; i < json_array_size(primitives) && g->status == KILN_OK; i++) {
+        char below[40];
+        (void)snprintf(below, sizeof below, ".primitives[%zu]", i);
+        const struct gltf_place at = {"meshes", index, below};
+        const json_t *primitive = json_array_get(primitives, i);
+        if (json_is_object(primitive))
+            add_primitive(g, at, primitive, mesh, &lacks_lightmap_uv);
+        else
+            gltf_fail(g, at, "", "is not an object");
+    }
+    if (g->status != KILN_OK)
+        return KILN_NONE;
+    if (KILN_BUILDER_DATA(g->builder, struct kiln_mesh, KILN_SECTION_MESHES)[mesh].triangle_count == 0) {
+        g->builder->sections[KILN_SECTION_MESHES].count--; /* nothing of it was stored */
+        mesh = KILN_NONE;
+    } else {
+        g->builder->mesh_has_lightmap_uv[mesh] = !lacks_lightmap_uv;
+    }
+    g->mesh_of[index] = mesh;
+    return mesh;
+}

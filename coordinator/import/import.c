@@ -1,0 +1,338 @@
+#include "coordinator/import/import.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <spawn.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+#include "coordinator/import/child.h"
+#include "coordinator/import/read.h"
+#include "worker/base/memory.h"
+
+extern char **environ;
+
+enum { PATH_SIZE = 4096 + 64, NUMBER_SIZE = 40 };
+
+static double now(void)
+{
+    struct timespec t;
+    (void)clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static const char *program_of(const struct kiln_import_params *params)
+{
+    return params->program != NULL ? params->program : "/proc/self/exe";
+}
+
+/* The hash of the program's own bytes: another build may read or lay out differently, so it makes another cache key. */
+static int hash_program(const struct kiln_import_params *params, uint64_t *hash, struct kiln_error *error)
+{
+    const int file = open(program_of(params), O_RDONLY | O_CLOEXEC);
+    struct stat status;
+    if (file < 0)
+        return kiln_fail_errno(error, KILN_SYSTEM, "%s: the program cannot be read", program_of(params));
+    void *map = fstat(file, &status) == 0 ? mmap(NULL, (size_t)status.st_size, PROT_READ, MAP_PRIVATE, file, 0) : MAP_FAILED;
+    (void)close(file);
+    if (map == MAP_FAILED)
+        return kiln_fail_errno(error, KILN_SYSTEM, "%s: the program cannot be read", program_of(params));
+    *hash = XXH3_64bits(map, (size_t)status.st_size);
+    (void)munmap(map, (size_t)status.st_size);
+    return KILN_OK;
+}
+
+/* ---- the cache ---- */
+
+static bool source_unchanged(struct kiln_confine *confine, const struct kiln_import_params *params, const struct kiln_source *source, const char *path)
+{
+    struct kiln_file file = {0};
+    bool same = false;
+    if (path[0] == '/') { /* only an environment image is recorded so; the key holds its name as the user gave it */
+        char *real = params->environment == NULL ? NULL : realpath(params->environment, NULL);
+        same = real != NULL && strcmp(real, path) == 0 && kiln_confine_map_named(confine, NULL, path, &file, NULL) == KILN_OK;
+        free(real);
+    } else {
+        same = kiln_confine_map(confine, NULL, path, "", &file, NULL) == KILN_OK;
+    }
+    if (same) {
+        const XXH128_hash_t hash = XXH3_128bits(file.data, file.size);
+        same = file.size == source->size && hash.low64 == source->hash[0] && hash.high64 == source->hash[1];
+        kiln_file_unmap(&file);
+    }
+    return same;
+}
+
+/* Whether the output is there, whole, and made from these very sources with these settings. */
+static bool is_fresh(const struct kiln_import_params *params, uint64_t program)
+{
+    struct kiln_scene *scene = NULL;
+    struct kiln_confine *confine = NULL;
+    bool fresh = kiln_scene_open(&scene, params->output, NULL) == KILN_OK && kiln_confine_create(&confine, params->path, NULL) == KILN_OK &&
+                 scene->source_count > 0;
+    if (fresh) {
+        uint64_t key[2];
+        kiln_import_key(params, program, scene->sources, scene->source_count, scene->strings, key);
+        fresh = memcmp(key, scene->header->import_hash, sizeof key) == 0 &&
+                strcmp(confine->name, kiln_scene_string(scene, scene->sources[0].path)) == 0;
+    }
+    for (size_t i = 0; fresh && i < scene->source_count; i++)
+        fresh = source_unchanged(confine, params, &scene->sources[i], kiln_scene_string(scene, scene->sources[i].path));
+    kiln_confine_destroy(&confine);
+    kiln_scene_close(&scene);
+    return fresh;
+}
+
+/* ---- the child ---- */
+
+static int spawn_child(const struct kiln_import_params *params, uint64_t program, const char *part, int pipe_write, pid_t *pid, struct kiln_error *error)
+{
+    char numbers[8][NUMBER_SIZE];
+    (void)snprintf(numbers[0], NUMBER_SIZE, "%.17g", params->texels_per_metre);
+    (void)snprintf(numbers[1], NUMBER_SIZE, "%u", params->lightmap_size);
+    (void)snprintf(numbers[2], NUMBER_SIZE, "%u", params->lightmap_max);
+    (void)snprintf(numbers[3], NUMBER_SIZE, "%.17g", params->environment_scale);
+    (void)snprintf(numbers[4], NUMBER_SIZE, "%.17g", params->environment_rotation_degrees);
+    (void)snprintf(numbers[5], NUMBER_SIZE, "%llu", (unsigned long long)params->memory_limit);
+    (void)snprintf(numbers[6], NUMBER_SIZE, "%u", params->time_limit);
+    (void)snprintf(numbers[7], NUMBER_SIZE, "%016llx", (unsigned long long)program);
+    const char *environment = params->environment == NULL ? "" : params->environment;
+    const char *arguments[KILN_CHILD_ARGUMENTS + 1] = {"kiln",     "import-child", params->path, part,       numbers[0], numbers[1], numbers[2],
+                                                       environment, numbers[3],     numbers[4],   numbers[5], numbers[6], numbers[7], NULL};
+    posix_spawn_file_actions_t actions;
+    posix_spawnattr_t attributes;
+    sigset_t none, all;
+    (void)sigemptyset(&none);
+    (void)sigfillset(&all);
+    if (posix_spawn_file_actions_init(&actions) != 0)
+        return kiln_fail(error, KILN_SYSTEM, "out of memory for a child process");
+    if (posix_spawnattr_init(&attributes) != 0) {
+        (void)posix_spawn_file_actions_destroy(&actions);
+        return kiln_fail(error, KILN_SYSTEM, "out of memory for a child process");
+    }
+    /* Nothing of ours goes along: no descriptor (MPI has sockets open), no signal mask or handler. */
+    errno = posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+    if (errno == 0)
+        errno = posix_spawn_file_actions_adddup2(&actions, pipe_write, STDOUT_FILENO);
+    if (errno == 0)
+        errno = posix_spawn_file_actions_addclosefrom_np(&actions, 3);
+    if (errno == 0)
+        errno = posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETSIGMASK);
+    if (errno == 0)
+        errno = posix_spawnattr_setsigdefault(&attributes, &all);
+    if (errno == 0)
+        errno = posix_spawnattr_setsigmask(&attributes, &none);
+    if (errno == 0)
+        errno = posix_spawn(pid, program_of(params), &actions, &attributes, (char *const *)(uintptr_t)arguments, environ);
+    const int status = errno == 0 ? KILN_OK : kiln_fail_errno(error, KILN_SYSTEM, "%s: the importer cannot be started", program_of(params));
+    (void)posix_spawn_file_actions_destroy(&actions);
+    (void)posix_spawnattr_destroy(&attributes);
+    return status;
+}
+
+/* Reads until the child closes the pipe; false when the wall clock ran out first. */
+static bool listen(int pipe_read, double deadline, char *text, size_t size)
+{
+    size_t length = 0;
+    for (;;) {
+        struct pollfd wait = {.fd = pipe_read, .events = POLLIN};
+        const double left = deadline - now();
+        if (left <= 0.0)
+            return false;
+        const int ready = poll(&wait, 1, left < 3600.0 ? (int)(left * 1000.0) + 1 : 3600000);
+        if (ready == 0 || (ready < 0 && errno == EINTR))
+            continue;
+        char block[1024];
+        const ssize_t count = read(pipe_read, block, sizeof block);
+        if (count < 0 && errno == EINTR)
+            continue;
+        if (count <= 0)
+            break;
+        const size_t kept = (size_t)count < size - 1 - length ? (size_t)count : size - 1 - length;
+        memcpy(text + length, block, kept);
+        length += kept;
+    }
+    text[length] = '\0';
+    return true;
+}
+
+static int wait_for(pid_t pid)
+{
+    int state = 0;
+    while (waitpid(pid, &state, 0) < 0)
+        if (errno != EINTR)
+            return -1;
+    return state;
+}
+
+/* What became of the child, as a status and a sentence. */
+static int judge(const struct kiln_import_params *params, int state, const char *text, struct kiln_error *error)
+{
+    char *rest;
+    const long status = strtol(text, &rest, 10);
+    if (rest != text && *rest == '\n' && status == KILN_OK && WIFEXITED(state) && WEXITSTATUS(state) == 0)
+        return KILN_OK;
+    if (rest != text && *rest == '\n' && status != KILN_OK)
+        return kiln_fail(error, (int)status, "%s", rest + 1);
+    if (WIFSIGNALED(state) && (WTERMSIG(state) == SIGXCPU))
+        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it took more CPU time than its size warrants; simplify the scene", params->path);
+    if (WIFSIGNALED(state))
+        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: importer died (signal %d: %s) on this file; repair it or export it again as glTF",
+                         params->path, WTERMSIG(state), strsignal(WTERMSIG(state)));
+    return kiln_fail(error, KILN_BAD_INPUT, "%.512s: importer died (exit status %d, no answer) on this file; repair it or export it again as glTF",
+                     params->path, WIFEXITED(state) ? WEXITSTATUS(state) : -1);
+}
+
+static double wall_limit(const struct kiln_import_params *params)
+{
+    struct stat status;
+    const double bytes = stat(params->path, &status) == 0 ? (double)status.st_size : 0.0;
+    return 600.0 + 10.0 * (params->time_limit != 0 ? (double)params->time_limit : bytes / 1e6);
+}
+
+static int run_child(const struct kiln_import_params *params, uint64_t program, const char *part, struct kiln_error *error)
+{
+    int ends[2];
+    pid_t pid = -1;
+    char text[sizeof(struct kiln_error) + 64];
+    const double seconds = wall_limit(params);
+    if (pipe2(ends, O_CLOEXEC) != 0)
+        return kiln_fail_errno(error, KILN_SYSTEM, "a pipe to the importer cannot be made");
+    int status = spawn_child(params, program, part, ends[1], &pid, error);
+    (void)close(ends[1]);
+    if (status == KILN_OK) {
+        const bool answered = listen(ends[0], now() + seconds, text, sizeof text);
+        if (!answered)
+            (void)kill(pid, SIGKILL);
+        const int state = wait_for(pid);
+        status = answered ? judge(params, state, text, error)
+                          : kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it took longer than %.0f s; simplify the scene", params->path, seconds);
+    }
+    (void)close(ends[0]);
+    return status;
+}
+
+/* ---- putting the result in place ---- */
+
+static int sync_folder(const char *path, struct kiln_error *error)
+{
+    char folder[PATH_SIZE];
+    const char *slash = strrchr(path, '/');
+    (void)snprintf(folder, sizeof folder, "%.*s", slash == NULL ? 1 : slash == path ? 1 : (int)(slash - path), slash == NULL ? "." : path);
+    const int descriptor = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (descriptor < 0)
+        return kiln_fail_errno(error, KILN_IO, "%s: the folder cannot be opened", folder);
+    /* Some file systems cannot sync a folder and say EINVAL; the rename is as safe there as it gets. */
+    const int failed = fsync(descriptor) != 0 && errno != EINVAL;
+    const int status = failed ? kiln_fail_errno(error, KILN_IO, "%s: the folder cannot be synced", folder) : KILN_OK;
+    (void)close(descriptor);
+    return status;
+}
+
+static int publish(const char *part, const char *output, struct kiln_error *error)
+{
+    struct kiln_scene *scene = NULL;
+    int status = kiln_scene_open(&scene, part, error); /* what readers will do, before they do */
+    kiln_scene_close(&scene);
+    if (status != KILN_OK)
+        return status == KILN_BAD_INPUT ? KILN_BUG : status;
+    if (rename(part, output) != 0)
+        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "%s: the scene file cannot be put in place", output);
+    return sync_folder(output, error);
+}
+
+/* ---- a scene file as input ---- */
+
+static int check_settings(const struct kiln_import_params *params, const struct kiln_scene *scene, struct kiln_error *error)
+{
+    bool fits = (params->environment == NULL || params->environment[0] == '\0') &&
+                (params->environment_scale == 0.0 || params->environment_scale == 1.0) && params->environment_rotation_degrees == 0.0 &&
+                (params->texels_per_metre == 0.0 || (float)params->texels_per_metre == scene->header->texels_per_metre);
+    for (size_t i = 0; i < scene->object_count && fits; i++) {
+        const struct kiln_object *o = &scene->objects[i];
+        const uint32_t larger = o->lightmap_width > o->lightmap_height ? o->lightmap_width : o->lightmap_height;
+        fits = (params->lightmap_size == 0 || (o->lightmap_width == params->lightmap_size && o->lightmap_height == params->lightmap_size)) &&
+               (params->lightmap_max == 0 || larger <= params->lightmap_max);
+    }
+    if (fits)
+        return KILN_OK;
+    return kiln_fail(error, KILN_USAGE, "%.512s: a kiln scene file has its lightmap sizes and environment already; give the original scene to change them",
+                     params->path);
+}
+
+static int copy_bytes(const char *from, const struct kiln_scene *scene, const char *to, struct kiln_error *error)
+{
+    const int file = open(to, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0666);
+    if (file < 0)
+        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "%s: the scene file cannot be created", to);
+    const char *bytes = (const char *)scene->header;
+    int status = KILN_OK;
+    for (size_t at = 0; at < scene->mapped_bytes && status == KILN_OK;) {
+        const ssize_t count = write(file, bytes + at, scene->mapped_bytes - at);
+        if (count < 0 && errno != EINTR)
+            status = kiln_fail_errno(error, KILN_IO, "%s: copying %s failed", to, from);
+        at += count > 0 ? (size_t)count : 0;
+    }
+    if (status == KILN_OK && fsync(file) != 0)
+        status = kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be synced", to);
+    (void)close(file);
+    return status;
+}
+
+static int take_scene_file(const struct kiln_import_params *params, const char *part, bool *same, struct kiln_error *error)
+{
+    struct kiln_scene *scene = NULL;
+    struct stat a, b;
+    int status = kiln_scene_open(&scene, params->path, error);
+    if (status == KILN_OK)
+        status = check_settings(params, scene, error);
+    *same = status == KILN_OK && stat(params->path, &a) == 0 && stat(params->output, &b) == 0 && a.st_dev == b.st_dev && a.st_ino == b.st_ino;
+    if (status == KILN_OK && !*same)
+        status = copy_bytes(params->path, scene, part, error);
+    kiln_scene_close(&scene);
+    return status;
+}
+
+static bool is_scene_file(const char *path)
+{
+    const size_t length = strlen(path);
+    return length >= 7 && strcmp(path + length - 7, ".kscene") == 0;
+}
+
+int kiln_import(const struct kiln_import_params *params, struct kiln_import_report *report, struct kiln_error *error)
+{
+    char part[PATH_SIZE];
+    uint64_t program = 0;
+    bool done = false;
+    const double start = now();
+    report->cached = false;
+    if (snprintf(part, sizeof part, "%s.%ld.part", params->output, (long)getpid()) >= (int)sizeof part)
+        return kiln_fail(error, KILN_CANNOT_CREATE, "the name of the scene file is longer than %d bytes", PATH_SIZE);
+    if (access(params->path, F_OK) != 0)
+        return kiln_fail_errno(error, errno == EACCES ? KILN_PERMISSION : KILN_NO_INPUT, "%.512s: the scene cannot be opened", params->path);
+    int status = KILN_OK;
+    if (is_scene_file(params->path)) {
+        status = take_scene_file(params, part, &done, error);
+    } else {
+        status = hash_program(params, &program, error);
+        if (status == KILN_OK && is_fresh(params, program))
+            done = report->cached = true;
+        else if (status == KILN_OK)
+            status = run_child(params, program, part, error);
+    }
+    if (status == KILN_OK && !done)
+        status = publish(part, params->output, error);
+    if (status != KILN_OK)
+        (void)unlink(part);
+    report->seconds = now() - start;
+    return status;
+}

@@ -1,0 +1,130 @@
+#include "coordinator/import/read.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <xxhash.h>
+
+#include "coordinator/import/gltf.h"
+#include "coordinator/import/image.h"
+#include "coordinator/import/obj.h"
+#include "worker/base/memory.h"
+
+enum reader { READER_NONE, READER_GLTF, READER_ASSIMP };
+
+static enum reader reader_of(const char *name)
+{
+    static const struct {
+        const char *extension;
+        enum reader reader;
+    } readers[] = {{".gltf", READER_GLTF}, {".glb", READER_GLTF},   {".obj", READER_ASSIMP}, {".ply", READER_ASSIMP},
+                   {".stl", READER_ASSIMP}, {".fbx", READER_ASSIMP}, {".dae", READER_ASSIMP}, {".3ds", READER_ASSIMP}};
+    const char *dot = strrchr(name, '.');
+    for (size_t i = 0; dot != NULL && i < sizeof readers / sizeof readers[0]; i++)
+        if (strcasecmp(dot, readers[i].extension) == 0)
+            return readers[i].reader;
+    return READER_NONE;
+}
+
+/* "R,G,B", three numbers from 0; false when it is something else. */
+static bool parse_radiance(const char *text, float rgb[3])
+{
+    for (int c = 0; c < 3; c++) {
+        char *rest;
+        const double value = strtod(text, &rest);
+        if (rest == text || *rest != (c < 2 ? ',' : '\0') || !(value >= 0.0 && value <= 1e30))
+            return false;
+        rgb[c] = (float)value;
+        text = rest + 1;
+    }
+    return true;
+}
+
+static int read_environment_image(const struct kiln_import_params *params, struct kiln_confine *confine, struct kiln_builder *builder,
+                                  struct kiln_environment *environment, struct kiln_error *error)
+{
+    struct kiln_file file;
+    char where[600];
+    (void)snprintf(where, sizeof where, "%.512s: the environment", params->environment);
+    int status = kiln_confine_map_named(confine, builder, params->environment, &file, error);
+    if (status != KILN_OK)
+        return status;
+    status = kiln_image_append_environment(builder, file.data, file.size, where, &environment->width, &environment->height, error);
+    kiln_file_unmap(&file);
+    environment->kind = KILN_ENVIRONMENT_LATLONG;
+    environment->radiance[0] = environment->radiance[1] = environment->radiance[2] = 1.0f;
+    return status;
+}
+
+/* The environment the user asks for, or the scene's own, scaled and turned. */
+static int set_environment(const struct kiln_import_params *params, struct kiln_confine *confine, struct kiln_builder *builder,
+                           struct kiln_error *error)
+{
+    struct kiln_environment environment = KILN_BUILDER_DATA(builder, const struct kiln_environment, KILN_SECTION_ENVIRONMENT)[0];
+    const char *asked = params->environment;
+    if (asked != NULL && asked[0] != '\0') {
+        environment = (struct kiln_environment){0};
+        if (parse_radiance(asked, environment.radiance)) {
+            environment.kind = KILN_ENVIRONMENT_CONSTANT;
+        } else if (strcmp(asked, "none") != 0) {
+            const int status = read_environment_image(params, confine, builder, &environment, error);
+            if (status != KILN_OK)
+                return status;
+        }
+    }
+    const double scale = params->environment_scale == 0.0 ? 1.0 : params->environment_scale;
+    for (int c = 0; c < 3; c++) {
+        const double value = (double)environment.radiance[c] * scale;
+        if (!(value >= 0.0 && value <= 1e30))
+            return kiln_fail(error, KILN_USAGE, "environment scale %g makes a radiance of %g; give a scale from 0 on", scale, value);
+        environment.radiance[c] = (float)value;
+    }
+    environment.rotation = (float)(fmod(params->environment_rotation_degrees, 360.0) * KILN_PI / 180.0);
+    KILN_BUILDER_DATA(builder, struct kiln_environment, KILN_SECTION_ENVIRONMENT)[0] = environment;
+    return KILN_OK;
+}
+
+int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(const struct kiln_confine *), struct kiln_builder *builder,
+                     struct kiln_error *error)
+{
+    struct kiln_confine *confine = NULL;
+    int status = kiln_confine_create(&confine, params->path, error);
+    if (status != KILN_OK)
+        return status;
+    confine->mapped = mapped;
+    switch (reader_of(confine->name)) {
+    case READER_GLTF:
+        status = kiln_gltf_read(confine, builder, error);
+        break;
+    case READER_ASSIMP:
+        status = kiln_obj_read(confine, builder, error);
+        break;
+    default:
+        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s: kiln does not read files of this name; give a .glb, .gltf, .obj, .ply, .stl or .kscene",
+                           params->path);
+    }
+    if (status == KILN_OK)
+        status = set_environment(params, confine, builder, error);
+    kiln_confine_destroy(&confine);
+    return status;
+}
+
+void kiln_import_key(const struct kiln_import_params *params, uint64_t program, const struct kiln_source *sources, size_t source_count,
+                     const char *strings, uint64_t key[2])
+{
+    char text[512];
+    const int length = snprintf(text, sizeof text, "%016llx %.17g %u %u %.17g %.17g ", (unsigned long long)program, params->texels_per_metre,
+                                params->lightmap_size, params->lightmap_max, params->environment_scale, params->environment_rotation_degrees);
+    const char *environment = params->environment == NULL ? "" : params->environment;
+    XXH128_hash_t hash = XXH3_128bits(text, (size_t)length);
+    hash = XXH3_128bits_withSeed(environment, strlen(environment), hash.low64 ^ hash.high64);
+    for (size_t i = 0; i < source_count; i++) {
+        const char *path = strings + sources[i].path;
+        const uint64_t numbers[5] = {hash.low64, hash.high64, sources[i].size, sources[i].hash[0], sources[i].hash[1]};
+        hash = XXH3_128bits_withSeed(path, strlen(path), XXH3_64bits(numbers, sizeof numbers));
+    }
+    key[0] = hash.low64;
+    key[1] = hash.high64;
+}
