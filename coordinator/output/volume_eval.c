@@ -1,0 +1,230 @@
+#include "coordinator/output/volume_eval.h"
+
+#include <hdf5.h>
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "worker/base/memory.h"
+#include "worker/sampling/harmonics.h"
+
+enum { ARRAYS = 9, VALUES = sizeof(struct kiln_volume_probe) / sizeof(float) };
+
+/* The arrays in the order of struct kiln_volume_probe. */
+static const struct {
+    const char *name;
+    int components;
+} arrays[ARRAYS] = {{"irradiance_sh", 27},  {"irradiance_posx", 3}, {"irradiance_negx", 3}, {"irradiance_posy", 3},
+                    {"irradiance_negy", 3}, {"irradiance_posz", 3}, {"irradiance_negz", 3}, {"validity", 1},
+                    {"mean_distance", 1}};
+
+struct kiln_volume {
+    char *path;
+    hid_t file, datasets[ARRAYS];
+    uint64_t size[3];
+    double origin[3], spacing[3];
+};
+
+static int not_a_volume(const char *path, const char *what, struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not an irradiance volume of kiln, or is damaged: %s", path, what);
+}
+
+static bool read_attribute(hid_t file, const char *name, hid_t type, hsize_t count, void *values)
+{
+    const hid_t attribute = H5Aopen_by_name(file, "/VTKHDF", name, H5P_DEFAULT, H5P_DEFAULT);
+    const hid_t space = attribute < 0 ? H5I_INVALID_HID : H5Aget_space(attribute);
+    const bool good = space >= 0 && H5Sget_simple_extent_npoints(space) == (hssize_t)count && H5Aread(attribute, type, values) >= 0;
+    if (space >= 0)
+        (void)H5Sclose(space);
+    if (attribute >= 0)
+        (void)H5Aclose(attribute);
+    return good;
+}
+
+static int read_grid(struct kiln_volume *v, struct kiln_error *error)
+{
+    int64_t extent[6];
+    if (!read_attribute(v->file, "WholeExtent", H5T_NATIVE_INT64, 6, extent) ||
+        !read_attribute(v->file, "Origin", H5T_NATIVE_DOUBLE, 3, v->origin) ||
+        !read_attribute(v->file, "Spacing", H5T_NATIVE_DOUBLE, 3, v->spacing))
+        return not_a_volume(v->path, "the grid's attributes are missing", error);
+    for (int i = 0; i < 3; i++) {
+        if (extent[2 * i] != 0 || extent[2 * i + 1] < 0 || extent[2 * i + 1] >= INT64_MAX || !(v->spacing[i] > 0.0) ||
+            !isfinite(v->spacing[i]) || !isfinite(v->origin[i]))
+            return not_a_volume(v->path, "the grid's extent makes no sense", error);
+        v->size[i] = (uint64_t)extent[2 * i + 1] + 1;
+    }
+    return KILN_OK;
+}
+
+static int open_array(struct kiln_volume *v, int array, struct kiln_error *error)
+{
+    char name[64] = "/VTKHDF/PointData/";
+    strcat(name, arrays[array].name);
+    v->datasets[array] = H5Dopen2(v->file, name, H5P_DEFAULT);
+    const hid_t space = v->datasets[array] < 0 ? H5I_INVALID_HID : H5Dget_space(v->datasets[array]);
+    hsize_t size[8] = {0};
+    const int rank = space < 0 || H5Sget_simple_extent_ndims(space) > 4 ? -1 : H5Sget_simple_extent_dims(space, size, NULL);
+    if (space >= 0)
+        (void)H5Sclose(space);
+    if (rank != (arrays[array].components > 1 ? 4 : 3) || size[0] != v->size[2] || size[1] != v->size[1] || size[2] != v->size[0] ||
+        (rank == 4 && size[3] != (hsize_t)arrays[array].components))
+        return not_a_volume(v->path, arrays[array].name, error);
+    return KILN_OK;
+}
+
+int kiln_volume_open(struct kiln_volume **volume, const char *path, struct kiln_error *error)
+{
+    *volume = NULL;
+    if (access(path, R_OK) != 0)
+        return kiln_fail_errno(error, 0, "'%s' cannot be opened", path);
+    int status = kiln_allocate(volume, 1, sizeof **volume, "an irradiance volume", error);
+    if (status != KILN_OK)
+        return status;
+    struct kiln_volume *v = *volume;
+    v->file = H5I_INVALID_HID;
+    for (int a = 0; a < ARRAYS; a++)
+        v->datasets[a] = H5I_INVALID_HID;
+    (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
+    if ((status = kiln_allocate(&v->path, strlen(path) + 1, 1, "a path", error)) == KILN_OK) {
+        memcpy(v->path, path, strlen(path) + 1);
+        v->file = H5Fopen(path, H5F_ACC_RDONLY, H5P_DEFAULT);
+        status = v->file < 0 ? not_a_volume(path, "HDF5 cannot open it", error) : read_grid(v, error);
+    }
+    for (int a = 0; status == KILN_OK && a < ARRAYS; a++)
+        status = open_array(v, a, error);
+    if (status != KILN_OK)
+        kiln_volume_close(volume);
+    return status;
+}
+
+void kiln_volume_close(struct kiln_volume **volume)
+{
+    struct kiln_volume *v = *volume;
+    if (v == NULL)
+        return;
+    for (int a = 0; a < ARRAYS; a++)
+        if (v->datasets[a] >= 0)
+            (void)H5Dclose(v->datasets[a]);
+    if (v->file >= 0)
+        (void)H5Fclose(v->file);
+    kiln_free(&v->path);
+    kiln_free(volume);
+}
+
+void kiln_volume_grid(const struct kiln_volume *v, uint64_t size[3], double origin[3], double spacing[3])
+{
+    memcpy(size, v->size, sizeof v->size);
+    memcpy(origin, v->origin, sizeof v->origin);
+    memcpy(spacing, v->spacing, sizeof v->spacing);
+}
+
+static bool read_values(hid_t dataset, const uint64_t at[3], int components, float *values)
+{
+    const hsize_t start[4] = {at[2], at[1], at[0], 0}, size[4] = {1, 1, 1, (hsize_t)components}, count = (hsize_t)components;
+    const hid_t space = H5Dget_space(dataset), memory = H5Screate_simple(1, &count, NULL);
+    const bool good = space >= 0 && memory >= 0 && H5Sselect_hyperslab(space, H5S_SELECT_SET, start, NULL, size, NULL) >= 0 &&
+                      H5Dread(dataset, H5T_NATIVE_FLOAT, memory, space, H5P_DEFAULT, values) >= 0;
+    if (space >= 0)
+        (void)H5Sclose(space);
+    if (memory >= 0)
+        (void)H5Sclose(memory);
+    return good;
+}
+
+_Static_assert(VALUES == 27 + 18 + 2, "the arrays fill struct kiln_volume_probe");
+
+int kiln_volume_read(const struct kiln_volume *v, const uint64_t at[3], struct kiln_volume_probe *probe, struct kiln_error *error)
+{
+    float values[VALUES], *next = values;
+    for (int a = 0; a < ARRAYS; a++) {
+        if (!read_values(v->datasets[a], at, arrays[a].components, next))
+            return kiln_fail(error, KILN_IO, "'%s': %s of probe (%llu, %llu, %llu) cannot be read", v->path, arrays[a].name,
+                             (unsigned long long)at[0], (unsigned long long)at[1], (unsigned long long)at[2]);
+        next += arrays[a].components;
+    }
+    memcpy(probe, values, sizeof values);
+    return KILN_OK;
+}
+
+float kiln_volume_trust(float validity)
+{
+    const float trust = 4.0f * (validity - 0.5f);
+    return trust < 0.0f ? 0.0f : trust > 1.0f ? 1.0f : trust;
+}
+
+int kiln_volume_corners(const uint64_t size[3], const double origin[3], const double spacing[3], const double position[3],
+                        uint64_t at[8][3], double weight[8], bool *outside)
+{
+    uint64_t low[3];
+    double part[3];
+    bool beyond = false;
+    for (int i = 0; i < 3; i++) {
+        const double place = (position[i] - origin[i]) / spacing[i], last = (double)(size[i] - 1);
+        const double slack = 1e-9 * (last + 1.0); /* a place on the border is inside, however it was rounded */
+        beyond = beyond || !(place >= -slack && place <= last + slack);
+        const double inside = !(place > 0.0) ? 0.0 : place > last ? last : place;
+        low[i] = (uint64_t)inside;
+        if (low[i] + 1 >= size[i])
+            low[i] = size[i] < 2 ? 0 : size[i] - 2;
+        part[i] = inside - (double)low[i];
+    }
+    int count = 0;
+    for (int k = 0; k < 8; k++) {
+        double w = 1.0;
+        for (int i = 0; i < 3; i++)
+            w *= (k >> i & 1) != 0 ? part[i] : 1.0 - part[i];
+        if (!(w > 0.0))
+            continue;
+        for (int i = 0; i < 3; i++)
+            at[count][i] = low[i] + (uint64_t)(k >> i & 1);
+        weight[count++] = w;
+    }
+    if (outside != NULL)
+        *outside = beyond;
+    return count;
+}
+
+int kiln_volume_light(const struct kiln_volume *v, const double position[3], struct kiln_volume_probe *light, bool *outside,
+                      struct kiln_error *error)
+{
+    uint64_t at[8][3];
+    double weight[8], sum[VALUES] = {0}, total = 0.0;
+    const int count = kiln_volume_corners(v->size, v->origin, v->spacing, position, at, weight, outside);
+    for (int k = 0; k < count; k++) {
+        struct kiln_volume_probe probe;
+        float values[VALUES];
+        const int status = kiln_volume_read(v, at[k], &probe, error);
+        if (status != KILN_OK)
+            return status;
+        memcpy(values, &probe, sizeof values);
+        const double w = weight[k] * (double)kiln_volume_trust(probe.validity);
+        total += w;
+        for (int i = 0; i < VALUES; i++)
+            sum[i] += w * (double)values[i];
+    }
+    if (!(total > 0.0))
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "'%s': no probe around (%g, %g, %g) can be trusted, they all lie inside or behind geometry: choose another place "
+                         "or bake with a smaller --probe-spacing",
+                         v->path, position[0], position[1], position[2]);
+    float values[VALUES];
+    for (int i = 0; i < VALUES; i++)
+        values[i] = (float)(sum[i] / total);
+    memcpy(light, values, sizeof values);
+    return KILN_OK;
+}
+
+void kiln_volume_irradiance(const struct kiln_volume_probe *light, const double normal[3], double irradiance[3])
+{
+    double y[KILN_HARMONICS];
+    kiln_harmonics(dvec3(normal[0], normal[1], normal[2]), y);
+    for (int c = 0; c < 3; c++) {
+        irradiance[c] = 0.0;
+        for (int i = 0; i < KILN_HARMONICS; i++)
+            irradiance[c] += (double)light->harmonics[i][c] * y[i];
+        irradiance[c] = fmax(irradiance[c], 0.0);
+    }
+}

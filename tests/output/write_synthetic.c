@@ -1,0 +1,67 @@
+/* Writes the three files of a bake from a made-up result: under mpirun, so that tests can compare any number of ranks.
+ * write_synthetic DIR [half] */
+#include <stdio.h>
+
+#include "coordinator/output/exr.h"
+#include "coordinator/output/output.h"
+#include "tests/common/synthetic.h"
+
+/* Radiance L(d) = 1 + d.y + 0.5 d.x d.z, in harmonics, brighter along x; probe 3 is inside geometry. */
+static void make_probe(struct kiln_probe_result *probe, const uint64_t at[3], uint64_t index)
+{
+    const float scale = 1.0f + (float)at[0];
+    for (int c = 0; c < 3; c++) {
+        probe->radiance[0][c] = scale / 0.28209479f;
+        probe->radiance[1][c] = scale / 0.48860251f;
+        probe->radiance[7][c] = 0.5f * scale / 1.09254843f * (float)c;
+        for (int a = 0; a < 6; a++)
+            probe->irradiance_axes[a][c] = scale * (float)(a + 1) + 0.125f * (float)c;
+    }
+    probe->mean_distance = 0.5f + (float)at[2];
+    probe->back_share = index == 3 ? 0.9f : 0.05f;
+}
+
+static int write_all(const char *directory, bool half, int rank, int ranks, struct kiln_error *error)
+{
+    static struct synthetic s;
+    int status = synthetic_create(&s, 75, 64, rank, ranks, error);
+    if (status != KILN_OK)
+        return status;
+    if (half && s.surface.first == 0 && s.surface.count > 100)
+        s.direct[0] = 70000.0f; /* must make the first object's file a float one */
+    const struct kiln_bake_result result = synthetic_result(&s, MPI_COMM_WORLD);
+    const struct kiln_output_params params = {.directory = directory, .half = half, .stitch = true, .error_map = true,
+                                              .provenance_json = "{\"seed\": 77, \"scene\": \"synthetic\"}"};
+    struct kiln_lightmap_report reports[2];
+    status = kiln_write_lightmaps(&result, &params, reports, error);
+    for (int i = 0; status == KILN_OK && rank == 0 && i < 2; i++)
+        printf("%u %llu %llu %llu %.9g %.9g\n", reports[i].object, (unsigned long long)reports[i].valid,
+               (unsigned long long)reports[i].filled, (unsigned long long)reports[i].dilated, reports[i].seam_difference_before,
+               reports[i].seam_difference_after);
+    if (status == KILN_OK)
+        status = kiln_write_h5(&result, &params, error);
+    struct kiln_volume_result volume = {.size = {5, 4, 3}, .origin = {-1, 0, 2}, .spacing = {0.5, 0.25, 1}};
+    volume.first = 60 * (uint64_t)rank / (uint64_t)ranks;
+    volume.count = 60 * (uint64_t)(rank + 1) / (uint64_t)ranks - volume.first;
+    struct kiln_probe_result probes[60] = {0};
+    for (uint64_t i = 0; i < volume.count; i++) {
+        const uint64_t index = volume.first + i, at[3] = {index % 5, index / 5 % 4, index / 20};
+        make_probe(&probes[i], at, index);
+    }
+    volume.probes = probes;
+    return status == KILN_OK ? kiln_write_volume(&result, &volume, &params, error) : status;
+}
+
+int main(int argc, char **argv)
+{
+    struct kiln_error error = {{0}};
+    int rank = 0, ranks = 1;
+    if (argc < 2 || MPI_Init(&argc, &argv) != MPI_SUCCESS || MPI_Comm_rank(MPI_COMM_WORLD, &rank) != MPI_SUCCESS ||
+        MPI_Comm_size(MPI_COMM_WORLD, &ranks) != MPI_SUCCESS)
+        return KILN_USAGE;
+    const int status = write_all(argv[1], argc > 2, rank, ranks, &error);
+    if (status != KILN_OK && rank == 0)
+        fprintf(stderr, "%s\n", error.message);
+    (void)MPI_Finalize();
+    return status;
+}
