@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "coordinator/cli/agree.h"
+#include "coordinator/cli/commands.h"
 #include "coordinator/cli/options.h"
 
 /* What the launcher says before MPI is started: Open MPI's mpirun, PMIx (srun --mpi=pmix), Slurm. Alone: rank 0 of 1. */
@@ -70,6 +71,35 @@ static int prepare(struct kiln_job **job, int argc, char **argv, struct kiln_err
     return status != KILN_OK ? status : check_scene(*job, error);
 }
 
+static int run(const struct kiln_command *command, struct kiln_job *job, struct kiln_error *error)
+{
+    switch ((enum kiln_command_bit)command->bit) {
+    case KILN_FOR_BAKE:
+        return kiln_command_bake(job, error);
+    case KILN_FOR_PLAN:
+        return kiln_command_plan(job, error);
+    case KILN_FOR_INFO:
+        return kiln_command_info(job, error);
+    case KILN_FOR_CHECK:
+        return kiln_command_check(job, error);
+    case KILN_FOR_VIEW:
+        return kiln_command_view(job, error);
+    case KILN_FOR_COMPARE:
+        return kiln_command_compare(job, error);
+    case KILN_FOR_PROBE:
+        return kiln_command_probe(job, error);
+    case KILN_FOR_GENERATE:
+        return kiln_command_generate(job, error);
+    case KILN_FOR_REPORT:
+        return kiln_command_report(job, error);
+    case KILN_FOR_BENCH:
+        return kiln_command_bench(job, error);
+    case KILN_FOR_ALL:
+        break;
+    }
+    return kiln_fail(error, KILN_BUG, "the command %s is in the table of commands and does nothing", command->name);
+}
+
 /* Output that could not be written is a failure, however well the command went. */
 static int flush_output(int status, struct kiln_error *error)
 {
@@ -83,7 +113,7 @@ static int run_alone(int argc, char **argv, const struct kiln_command *command, 
     struct kiln_job *job = NULL;
     int status = prepare(&job, argc, argv, error);
     if (status == KILN_OK)
-        status = flush_output(command->run(job, error), error);
+        status = flush_output(run(command, job, error), error);
     kiln_job_destroy(&job);
     return status;
 }
@@ -107,7 +137,7 @@ static int run_with_mpi(int argc, char **argv, const struct kiln_command *comman
         status = prepare(&job, argc, argv, error);
     status = kiln_agree(MPI_COMM_WORLD, status, error);
     if (status == KILN_OK)
-        status = kiln_agree(MPI_COMM_WORLD, flush_output(command->run(job, error), error), error);
+        status = kiln_agree(MPI_COMM_WORLD, flush_output(run(command, job, error), error), error);
     (void)MPI_Finalize();
 end:
     kiln_job_destroy(&job);

@@ -8,7 +8,6 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#include "coordinator/cli/commands.h"
 #include "coordinator/cli/job.h"
 
 enum kiln_option_kind {
@@ -77,7 +76,6 @@ struct kiln_command {
     bool mpi;                /* runs between MPI_Init and MPI_Finalize */
     const char *summary;     /* one line */
     const char *examples[5]; /* command lines, ends with NULL */
-    int (*run)(struct kiln_job *job, struct kiln_error *error);
 };
 extern const struct kiln_command kiln_commands[];
 extern const size_t kiln_command_count;

@@ -101,7 +101,7 @@ static void facade(struct kiln_shape *shape, const struct kind *kind, struct kil
         }
 }
 
-static int add_kind(struct kiln_glb *glb, const struct kind *kind, int number, const uint32_t *materials, uint64_t seed, uint32_t *mesh,
+static int add_kind(struct kiln_glb *glb, const struct kind *kind, int number, struct kiln_palette *palette, uint64_t seed, uint32_t *mesh,
                     struct kiln_error *error)
 {
     struct kiln_shape shape = {0};
@@ -114,29 +114,28 @@ static int add_kind(struct kiln_glb *glb, const struct kind *kind, int number, c
     kiln_shape_face(&shape, kind->wall, dvec3(-x, h, z), dvec3(x, h, z), dvec3(x, h, -z), dvec3(-x, h, -z));
     char name[32];
     (void)snprintf(name, sizeof name, "house_%d", number);
-    const int status = kiln_shape_add(&shape, glb, name, materials, mesh, error);
+    const int status = kiln_shape_add(&shape, glb, name, palette, mesh, error);
     kiln_shape_clear(&shape);
     return status;
 }
 
-static int add_materials(struct kiln_glb *glb, uint32_t *materials, struct kiln_error *error)
-{
-    static const float colors[MATERIALS][3] = {{0.6f, 0.55f, 0.5f},   {0.5f, 0.3f, 0.25f}, {0.7f, 0.65f, 0.5f}, {0.45f, 0.45f, 0.48f},
-                                               {0.65f, 0.62f, 0.6f},  {0.05f, 0.07f, 0.1f}, {0.1f, 0.1f, 0.1f}, {0.15f, 0.15f, 0.16f}};
-    static const char *const names[MATERIALS] = {"stone", "brick", "sand", "concrete", "plaster", "window", "window_lit", "ground"};
-    static const float emission[3] = {6, 4.5f, 2.5f};
-    int status = KILN_OK;
-    for (uint32_t i = 0; i < MATERIALS && status == KILN_OK; i++)
-        status = kiln_generate_diffuse(glb, names[i], colors[i], i == WINDOW_LIT ? emission : NULL, &materials[i], error);
-    return status;
-}
+static const struct kiln_glb_material table[MATERIALS] = {
+    {.name = "stone", .base_color = {0.6f, 0.55f, 0.5f}, .roughness = 1},
+    {.name = "brick", .base_color = {0.5f, 0.3f, 0.25f}, .roughness = 1},
+    {.name = "sand", .base_color = {0.7f, 0.65f, 0.5f}, .roughness = 1},
+    {.name = "concrete", .base_color = {0.45f, 0.45f, 0.48f}, .roughness = 1},
+    {.name = "plaster", .base_color = {0.65f, 0.62f, 0.6f}, .roughness = 1},
+    [WINDOW] = {.name = "window", .base_color = {0.05f, 0.07f, 0.1f}, .roughness = 0.1f},
+    [WINDOW_LIT] = {.name = "window_lit", .base_color = {0.1f, 0.1f, 0.1f}, .emission = {6, 4.5f, 2.5f}, .roughness = 1},
+    [GROUND] = {.name = "ground", .base_color = {0.15f, 0.15f, 0.16f}, .roughness = 1},
+};
 
-static int add_ground(struct kiln_glb *glb, double half, const uint32_t *materials, struct kiln_error *error)
+static int add_ground(struct kiln_glb *glb, double half, struct kiln_palette *palette, struct kiln_error *error)
 {
     struct kiln_shape shape = {0};
     uint32_t mesh = 0;
     kiln_shape_face(&shape, GROUND, dvec3(-half, 0, half), dvec3(half, 0, half), dvec3(half, 0, -half), dvec3(-half, 0, -half));
-    int status = kiln_shape_add(&shape, glb, "ground", materials, &mesh, error);
+    int status = kiln_shape_add(&shape, glb, "ground", palette, &mesh, error);
     if (status == KILN_OK)
         status = kiln_glb_add_node(glb, "ground", mesh, NULL, error);
     kiln_shape_clear(&shape);
@@ -166,7 +165,8 @@ int kiln_generate_city(struct kiln_glb *glb, const struct kiln_generator *self, 
 {
     const uint64_t triangles = params->triangles > 0 ? params->triangles : 100000;
     struct city city = {0};
-    uint32_t materials[MATERIALS], meshes[KINDS] = {0};
+    struct kiln_palette palette = {.table = table};
+    uint32_t meshes[KINDS] = {0};
     if (triangles < 1000 || triangles > 1000000000)
         return kiln_fail(error, KILN_USAGE, "--triangles %llu is out of range; a city has from 1000 to 1000000000",
                          (unsigned long long)triangles);
@@ -174,12 +174,12 @@ int kiln_generate_city(struct kiln_glb *glb, const struct kiln_generator *self, 
     uint64_t count[KINDS] = {0};
     count_kinds(&city, params->seed, count);
     const double half = 0.5 * city.side * PITCH + 6;
-    int status = add_materials(glb, materials, error);
+    int status = KILN_OK;
     for (int i = 0; i < KINDS && status == KILN_OK; i++)
         if (count[i] > 0)
-            status = add_kind(glb, &city.kinds[i], i, materials, params->seed, &meshes[i], error);
+            status = add_kind(glb, &city.kinds[i], i, &palette, params->seed, &meshes[i], error);
     if (status == KILN_OK)
-        status = add_ground(glb, half, materials, error);
+        status = add_ground(glb, half, &palette, error);
     if (status == KILN_OK)
         status = add_houses(glb, &city, params->seed, meshes, error);
     struct kiln_glb_placement sun = {.translation = {0, 0, 0}};

@@ -9,8 +9,7 @@ enum { WHITE, GREEN, RED, LIGHT, SOLID, ORANGE, BLUE, MIRROR, GLASS, MATERIALS }
 
 struct box {
     struct kiln_glb *glb;
-    uint32_t materials[MATERIALS]; /* all ones until something wears it */
-    float emission[3];             /* of the light */
+    struct kiln_palette palette;
     double scale;
     struct kiln_dvec3 offset;
     int status; /* the first failure ends the work */
@@ -19,43 +18,26 @@ struct box {
 
 static const double HEIGHT = 5.488, DEPTH = 5.592, WIDTH = 5.56;
 
-static const struct {
-    const char *name;
-    float color[3];
-    float metallic, roughness;
-    bool transmissive;
-} table[MATERIALS] = {
-    [WHITE] = {"white", {0.725f, 0.71f, 0.68f}, 0, 1, false}, [GREEN] = {"green", {0.14f, 0.45f, 0.091f}, 0, 1, false},
-    [RED] = {"red", {0.63f, 0.065f, 0.05f}, 0, 1, false},     [LIGHT] = {"light", {0.78f, 0.78f, 0.78f}, 0, 1, false},
-    [SOLID] = {"solid", {0.7f, 0.7f, 0.7f}, 0, 1, false},     [ORANGE] = {"orange", {0.8f, 0.5f, 0.2f}, 0, 1, false},
-    [BLUE] = {"blue", {0.2f, 0.4f, 0.8f}, 0, 1, false},       [MIRROR] = {"mirror", {0.95f, 0.95f, 0.95f}, 1, 0, false},
-    [GLASS] = {"glass", {1, 1, 1}, 0, 0, true},
+/* The light's emission is filled in by the variant. */
+static const struct kiln_glb_material table[MATERIALS] = {
+    [WHITE] = {.name = "white", .base_color = {0.725f, 0.71f, 0.68f}, .roughness = 1},
+    [GREEN] = {.name = "green", .base_color = {0.14f, 0.45f, 0.091f}, .roughness = 1},
+    [RED] = {.name = "red", .base_color = {0.63f, 0.065f, 0.05f}, .roughness = 1},
+    [LIGHT] = {.name = "light", .base_color = {0.78f, 0.78f, 0.78f}, .roughness = 1},
+    [SOLID] = {.name = "solid", .base_color = {0.7f, 0.7f, 0.7f}, .roughness = 1},
+    [ORANGE] = {.name = "orange", .base_color = {0.8f, 0.5f, 0.2f}, .roughness = 1},
+    [BLUE] = {.name = "blue", .base_color = {0.2f, 0.4f, 0.8f}, .roughness = 1},
+    [MIRROR] = {.name = "mirror", .base_color = {0.95f, 0.95f, 0.95f}, .metallic = 1},
+    [GLASS] = {.name = "glass", .base_color = {1, 1, 1}, .transmissive = true},
 };
-
-static void need_material(struct box *box, uint32_t index)
-{
-    if (box->materials[index] != UINT32_MAX || box->status != KILN_OK)
-        return;
-    struct kiln_glb_material material = {.name = table[index].name,
-                                         .metallic = table[index].metallic,
-                                         .roughness = table[index].roughness,
-                                         .transmissive = table[index].transmissive};
-    memcpy(material.base_color, table[index].color, sizeof material.base_color);
-    if (index == LIGHT)
-        memcpy(material.emission, box->emission, sizeof material.emission);
-    box->status = kiln_glb_add_material(box->glb, &material, &box->materials[index], box->error);
-}
 
 static void finish(struct box *box, struct kiln_shape *shape, const char *name)
 {
     uint32_t mesh = 0;
     if (box->scale != 1 || dvec3_length(box->offset) > 0)
         kiln_shape_transform(shape, box->scale, box->offset);
-    for (uint32_t i = 0; i < MATERIALS; i++)
-        if (shape->parts[i].count > 0)
-            need_material(box, i);
     if (box->status == KILN_OK)
-        box->status = kiln_shape_add(shape, box->glb, name, box->materials, &mesh, box->error);
+        box->status = kiln_shape_add(shape, box->glb, name, &box->palette, &mesh, box->error);
     if (box->status == KILN_OK)
         box->status = kiln_glb_add_node(box->glb, name, mesh, NULL, box->error);
     kiln_shape_clear(shape);
@@ -195,19 +177,20 @@ static void statue(struct box *box, uint64_t triangles)
 int kiln_generate_cornell(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
                           struct kiln_error *error)
 {
-    /* The measured lamp as radiance: strength 18.387 of this colour. */
-    struct box box = {.glb = glb, .emission = {18.387f, 13.987300f, 6.753570f}, .scale = 1, .offset = {0, 0, 0}, .error = error};
     const char *variant = self->name + strlen("cornell");
     const bool narrow = strcmp(variant, "-shapes") == 0;
-    memset(box.materials, 0xff, sizeof box.materials);
+    /* The measured lamp as radiance, and that of the narrow one. */
+    static const float measured[3] = {18.387f, 13.987300f, 6.753570f}, bright[3] = {60, 55, 45};
+    struct kiln_glb_material materials[MATERIALS];
+    memcpy(materials, table, sizeof materials);
+    memcpy(materials[LIGHT].emission, narrow ? bright : measured, sizeof measured);
+    struct box box = {.glb = glb, .palette = {.table = materials}, .scale = 1, .error = error};
     if (strcmp(variant, "-offset") == 0)
         box.offset = dvec3(1e5, 0, 0);
     else if (strcmp(variant, "-tiny") == 0)
         box.scale = 1e-6;
     else if (strcmp(variant, "-huge") == 0)
         box.scale = 1e6;
-    if (narrow)
-        memcpy(box.emission, (const float[3]){60, 55, 45}, sizeof box.emission);
     walls(&box);
     if (narrow)
         ceiling_and_light(&box, 2.7, 2.86, 1.0, 4.6);

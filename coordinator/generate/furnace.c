@@ -5,13 +5,13 @@
 int kiln_generate_furnace(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
                           struct kiln_error *error)
 {
-    const float albedo = (float)params->albedo, color[3] = {albedo, albedo, albedo}, emission[3] = {1, 1, 1};
+    const float albedo = (float)params->albedo;
+    const struct kiln_glb_material wall = {.name = "wall", .base_color = {albedo, albedo, albedo}, .emission = {1, 1, 1}, .roughness = 1};
+    struct kiln_palette palette = {.table = &wall};
     struct kiln_shape shape = {0};
-    uint32_t material = 0, mesh = 0;
+    uint32_t mesh = 0;
     kiln_shape_box(&shape, 0, dvec3(0, 0, 0), dvec3(1, 1, 1), 0, true);
-    int status = kiln_generate_diffuse(glb, "wall", color, emission, &material, error);
-    if (status == KILN_OK)
-        status = kiln_shape_add(&shape, glb, "furnace", &material, &mesh, error);
+    int status = kiln_shape_add(&shape, glb, "furnace", &palette, &mesh, error);
     if (status == KILN_OK)
         status = kiln_glb_add_node(glb, "furnace", mesh, NULL, error);
     if (status == KILN_OK)

@@ -5,8 +5,13 @@
 
 enum { WALL, LAMP, COLORS = 8 };
 
-static const float lamp_colors[COLORS][3] = {{1, 1, 1},       {1, 0.6f, 0.3f}, {0.4f, 0.6f, 1}, {1, 0.3f, 0.3f},
-                                             {0.4f, 1, 0.4f}, {1, 0.9f, 0.3f}, {0.8f, 0.4f, 1}, {0.3f, 1, 0.9f}};
+static const struct kiln_glb_material table[LAMP + COLORS] = {
+    {.name = "wall", .base_color = {0.6f, 0.6f, 0.6f}, .roughness = 1}, {.name = "lamp_white", .emission = {20, 20, 20}, .roughness = 1},
+    {.name = "lamp_orange", .emission = {20, 12, 6}, .roughness = 1},   {.name = "lamp_blue", .emission = {8, 12, 20}, .roughness = 1},
+    {.name = "lamp_red", .emission = {20, 6, 6}, .roughness = 1},       {.name = "lamp_green", .emission = {8, 20, 8}, .roughness = 1},
+    {.name = "lamp_yellow", .emission = {20, 18, 6}, .roughness = 1},   {.name = "lamp_violet", .emission = {16, 8, 20}, .roughness = 1},
+    {.name = "lamp_cyan", .emission = {6, 20, 18}, .roughness = 1},
+};
 
 /* The lamps together send out the same power however many there are: each is a third of its place in the field wide. */
 static void add_lamps(struct kiln_shape *shape, uint32_t columns, uint32_t rows, double width, double depth, double height,
@@ -23,41 +28,33 @@ static void add_lamps(struct kiln_shape *shape, uint32_t columns, uint32_t rows,
         }
 }
 
-static int add(struct kiln_glb *glb, struct kiln_shape *shape, const char *name, const uint32_t *materials, struct kiln_error *error)
+static int add(struct kiln_glb *glb, struct kiln_shape *shape, const char *name, struct kiln_palette *palette, struct kiln_error *error)
 {
     uint32_t mesh = 0;
-    const int status = kiln_shape_add(shape, glb, name, materials, &mesh, error);
+    const int status = kiln_shape_add(shape, glb, name, palette, &mesh, error);
     return status != KILN_OK ? status : kiln_glb_add_node(glb, name, mesh, NULL, error);
 }
 
 int kiln_generate_lights(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
                          struct kiln_error *error)
 {
-    static const float grey[3] = {0.6f, 0.6f, 0.6f}, black[3] = {0, 0, 0};
-    static const char *const names[COLORS] = {"lamp_0", "lamp_1", "lamp_2", "lamp_3", "lamp_4", "lamp_5", "lamp_6", "lamp_7"};
     const uint32_t columns = params->columns > 0 ? params->columns : 32, rows = params->rows > 0 ? params->rows : 16;
     const double width = 32, depth = 16, height = 6;
     struct kiln_shape shape = {0};
-    uint32_t materials[LAMP + COLORS] = {0}, pillar = 0;
+    struct kiln_palette palette = {.table = table};
+    uint32_t pillar = 0;
     if ((double)columns * rows > 1e6)
         return kiln_fail(error, KILN_USAGE, "--columns %u --rows %u makes %.0f lamps; at most 1000000 are made", columns, rows,
                          (double)columns * rows);
-    int status = kiln_generate_diffuse(glb, "wall", grey, NULL, &materials[WALL], error);
-    for (uint32_t i = 0; i < COLORS && status == KILN_OK; i++) {
-        const float emission[3] = {20 * lamp_colors[i][0], 20 * lamp_colors[i][1], 20 * lamp_colors[i][2]};
-        status = kiln_generate_diffuse(glb, names[i], black, emission, &materials[LAMP + i], error);
-    }
-    if (status != KILN_OK)
-        return status;
     kiln_shape_box(&shape, WALL, dvec3(0, 0, 0), dvec3(width, height, depth), 0, true);
-    status = add(glb, &shape, "hall", materials, error);
+    int status = add(glb, &shape, "hall", &palette, error);
     if (status == KILN_OK) {
         add_lamps(&shape, columns, rows, width, depth, height - 0.5, params->seed);
-        status = add(glb, &shape, "lamps", materials, error);
+        status = add(glb, &shape, "lamps", &palette, error);
     }
     if (status == KILN_OK) {
         kiln_shape_box(&shape, WALL, dvec3(-0.3, 0, -0.3), dvec3(0.3, 3.5, 0.3), 0, false);
-        status = kiln_shape_add(&shape, glb, "pillar", materials, &pillar, error);
+        status = kiln_shape_add(&shape, glb, "pillar", &palette, &pillar, error);
     }
     for (int i = 0; i < 14 && status == KILN_OK; i++) {
         const struct kiln_glb_placement placement = {.translation = {(i % 7 + 0.5) * width / 7, 0, (i / 7 + 0.5) * depth / 2}};

@@ -57,30 +57,29 @@ static void room(struct kiln_shape *shape, unsigned doors, uint32_t tint)
         passage(shape, dvec3(WIDE, 0, DEEP), dvec3_scale(east, -1), dvec3(0, 0, THICK));
 }
 
-static int add_materials(struct kiln_glb *glb, uint32_t *materials, struct kiln_error *error)
-{
-    static const float colors[MATERIALS][3] = {{0.75f, 0.73f, 0.7f},  {0.4f, 0.3f, 0.2f},  {0.5f, 0.5f, 0.5f}, {0.65f, 0.15f, 0.1f},
-                                               {0.15f, 0.45f, 0.15f}, {0.1f, 0.25f, 0.6f}, {0.7f, 0.6f, 0.15f}};
-    static const char *const names[MATERIALS] = {"wall", "floor", "lamp", "red", "green", "blue", "yellow"};
-    static const float emission[3] = {15, 12.5f, 9};
-    int status = KILN_OK;
-    for (uint32_t i = 0; i < MATERIALS && status == KILN_OK; i++)
-        status = kiln_generate_diffuse(glb, names[i], colors[i], i == LAMP ? emission : NULL, &materials[i], error);
-    return status;
-}
+static const struct kiln_glb_material table[MATERIALS] = {
+    [WALL] = {.name = "wall", .base_color = {0.75f, 0.73f, 0.7f}, .roughness = 1},
+    [FLOOR] = {.name = "floor", .base_color = {0.4f, 0.3f, 0.2f}, .roughness = 1},
+    [LAMP] = {.name = "lamp", .base_color = {0.5f, 0.5f, 0.5f}, .emission = {15, 12.5f, 9}, .roughness = 1},
+    [TINT] = {.name = "red", .base_color = {0.65f, 0.15f, 0.1f}, .roughness = 1},
+    [TINT + 1] = {.name = "green", .base_color = {0.15f, 0.45f, 0.15f}, .roughness = 1},
+    [TINT + 2] = {.name = "blue", .base_color = {0.1f, 0.25f, 0.6f}, .roughness = 1},
+    [TINT + 3] = {.name = "yellow", .base_color = {0.7f, 0.6f, 0.15f}, .roughness = 1},
+};
 
 int kiln_generate_rooms(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
                         struct kiln_error *error)
 {
     const uint32_t columns = params->columns > 0 ? params->columns : 3, rows = params->rows > 0 ? params->rows : 2;
-    uint32_t materials[MATERIALS], meshes[MASKS][TINTS];
+    struct kiln_palette palette = {.table = table};
+    uint32_t meshes[MASKS][TINTS];
     uint64_t state = params->seed ^ 0x726f6f6d73u;
     struct kiln_shape shape = {0};
     if ((double)columns * rows > 1e5)
         return kiln_fail(error, KILN_USAGE, "--columns %u --rows %u makes %.0f rooms; at most 100000 are made", columns, rows,
                          (double)columns * rows);
     memset(meshes, 0xff, sizeof meshes);
-    int status = add_materials(glb, materials, error);
+    int status = KILN_OK;
     for (uint32_t i = 0; i < columns * rows && status == KILN_OK; i++) {
         const uint32_t column = i % columns, row = i / columns;
         const unsigned doors = (column > 0 ? WEST : 0u) | (column + 1 < columns ? EAST : 0u) | (row > 0 ? NORTH : 0u) |
@@ -90,7 +89,7 @@ int kiln_generate_rooms(struct kiln_glb *glb, const struct kiln_generator *self,
         if (meshes[doors][tint] == UINT32_MAX) {
             room(&shape, doors, tint);
             (void)snprintf(name, sizeof name, "kind_%u_%u", doors, tint);
-            status = kiln_shape_add(&shape, glb, name, materials, &meshes[doors][tint], error);
+            status = kiln_shape_add(&shape, glb, name, &palette, &meshes[doors][tint], error);
         }
         const struct kiln_glb_placement placement = {.translation = {column * (WIDE + THICK), 0, row * (DEEP + THICK)}};
         (void)snprintf(name, sizeof name, "room_%u_%u", column, row);

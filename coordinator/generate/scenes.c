@@ -1,7 +1,5 @@
 #include "coordinator/generate/scenes.h"
 
-#include <string.h>
-
 const struct kiln_generator kiln_generators[] = {
     {"cornell", "the Cornell box as measured: two blocks, the light flush in the ceiling", 0, kiln_generate_cornell},
     {"cornell-layers", "the box behind shelves: most of its lower part sees no light directly", 0, kiln_generate_cornell},
@@ -61,14 +59,4 @@ int kiln_generate_camera(struct kiln_glb *glb, struct kiln_dvec3 eye, struct kil
     const struct kiln_dvec3 towards = dvec3_sub(target, eye);
     kiln_generate_look(towards, placement.rotation);
     return kiln_glb_add_camera(glb, "camera", angle, aspect, dvec3_length(towards) * 1e-3, &placement, error);
-}
-
-int kiln_generate_diffuse(struct kiln_glb *glb, const char *name, const float color[3], const float *emission, uint32_t *index,
-                          struct kiln_error *error)
-{
-    struct kiln_glb_material material = {.name = name, .roughness = 1};
-    memcpy(material.base_color, color, sizeof material.base_color);
-    if (emission != NULL)
-        memcpy(material.emission, emission, sizeof material.emission);
-    return kiln_glb_add_material(glb, &material, index, error);
 }

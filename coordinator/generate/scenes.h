@@ -44,8 +44,5 @@ int kiln_generate_camera(struct kiln_glb *glb, struct kiln_dvec3 eye, struct kil
                          struct kiln_error *error);
 /* The placement's rotation turns -z into `direction`. */
 void kiln_generate_look(struct kiln_dvec3 direction, double rotation[4]);
-/* A diffuse material. `emission` NULL: none. */
-int kiln_generate_diffuse(struct kiln_glb *glb, const char *name, const float color[3], const float *emission, uint32_t *index,
-                          struct kiln_error *error);
 
 #endif

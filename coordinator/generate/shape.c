@@ -274,7 +274,19 @@ static int lay_out(const struct kiln_shape *shape, struct kiln_vec2 **layout, st
     return status;
 }
 
-int kiln_shape_add(struct kiln_shape *shape, struct kiln_glb *glb, const char *name, const uint32_t *materials, uint32_t *mesh,
+static int add_materials(const struct kiln_shape *shape, struct kiln_glb *glb, struct kiln_palette *palette, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (uint32_t i = 0; i < KILN_SHAPE_MATERIALS && status == KILN_OK; i++) {
+        if (shape->parts[i].count == 0 || (palette->added >> i & 1) != 0)
+            continue;
+        status = kiln_glb_add_material(glb, &palette->table[i], &palette->index[i], error);
+        palette->added |= 1u << i;
+    }
+    return status;
+}
+
+int kiln_shape_add(struct kiln_shape *shape, struct kiln_glb *glb, const char *name, struct kiln_palette *palette, uint32_t *mesh,
                    struct kiln_error *error)
 {
     struct kiln_vec2 *layout = NULL;
@@ -284,6 +296,8 @@ int kiln_shape_add(struct kiln_shape *shape, struct kiln_glb *glb, const char *n
     int status = shape->status;
     if (status != KILN_OK && error != NULL)
         *error = shape->error;
+    if (status == KILN_OK)
+        status = add_materials(shape, glb, palette, error);
     for (size_t i = 0; i < KILN_SHAPE_MATERIALS; i++)
         index_count += shape->parts[i].count;
     if (status == KILN_OK && !shape->curved)
@@ -293,7 +307,7 @@ int kiln_shape_add(struct kiln_shape *shape, struct kiln_glb *glb, const char *n
     if (status == KILN_OK) {
         index_count = 0;
         for (size_t i = 0; i < KILN_SHAPE_MATERIALS; i++) {
-            parts[i] = (struct kiln_glb_part){shape->parts[i].count > 0 ? materials[i] : 0, index_count, shape->parts[i].count};
+            parts[i] = (struct kiln_glb_part){palette->index[i], index_count, shape->parts[i].count};
             if (shape->parts[i].count > 0)
                 memcpy(indices + index_count, shape->parts[i].indices, shape->parts[i].count * sizeof *indices);
             index_count += shape->parts[i].count;

@@ -33,6 +33,13 @@ struct kiln_shape {
     struct kiln_error error;
 };
 
+/* The materials that a scene's shapes may wear; one enters the file when the first mesh wears it. */
+struct kiln_palette {
+    const struct kiln_glb_material *table; /* at most KILN_SHAPE_MATERIALS, by material of the shapes */
+    uint32_t added;                        /* bit i: table[i] is in the file, as index[i]; start with 0 */
+    uint32_t index[KILN_SHAPE_MATERIALS];
+};
+
 /* Start with a zeroed struct; frees all and zeroes it again. */
 void kiln_shape_clear(struct kiln_shape *shape);
 
@@ -41,7 +48,7 @@ void kiln_shape_chart(struct kiln_shape *shape, struct kiln_dvec3 u, struct kiln
 void kiln_shape_chart_of(struct kiln_shape *shape, struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 d);
 
 /* A quad a b c d, counter-clockwise from its front, in the present chart; the normal is that of the triangle a b c. `material` is
- * an index below KILN_SHAPE_MATERIALS that kiln_shape_add translates. */
+ * an index into the palette's table. */
 void kiln_shape_quad(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 c,
                      struct kiln_dvec3 d);
 /* The same in a chart of its own. */
@@ -78,8 +85,8 @@ struct kiln_dvec3 kiln_shape_torus_point(const void *torus, double s, double t);
 /* Moves and scales every vertex: p -> p * scale + offset. */
 void kiln_shape_transform(struct kiln_shape *shape, double scale, struct kiln_dvec3 offset);
 
-/* Adds the mesh to the file, materials[i] standing for the shape's material i, and clears the shape in any case. */
-int kiln_shape_add(struct kiln_shape *shape, struct kiln_glb *glb, const char *name, const uint32_t *materials, uint32_t *mesh,
+/* Adds the mesh to the file, in the materials of the palette, and clears the shape in any case. */
+int kiln_shape_add(struct kiln_shape *shape, struct kiln_glb *glb, const char *name, struct kiln_palette *palette, uint32_t *mesh,
                    struct kiln_error *error);
 
 /* The next of a sequence of random numbers in [0,1): splitmix64 (Steele, Lea and Flood 2014), 53 bits. */

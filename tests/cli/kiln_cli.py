@@ -1,0 +1,36 @@
+"""What the command line tests share: running kiln and taking its answer apart."""
+import os
+import subprocess
+import time
+
+KILN = os.environ["KILN"]
+
+
+class Answer:
+    def __init__(self, completed, seconds):
+        self.code = completed.returncode
+        self.out = completed.stdout
+        self.err = completed.stderr
+        self.seconds = seconds
+
+    def sentence(self):
+        """The one line "kiln: error: ..." of stderr."""
+        lines = [line for line in self.err.splitlines() if line.startswith("kiln: error: ")]
+        assert len(lines) == 1, f"not exactly one error sentence in {self.err!r}"
+        return lines[0][len("kiln: error: "):]
+
+
+def kiln(*arguments, folder=None, stdout=subprocess.PIPE, prefix=(), timeout=60):
+    """Runs kiln in `folder` and waits. `prefix` goes before it on the command line, as for mpirun."""
+    begin = time.monotonic()
+    completed = subprocess.run([*prefix, KILN, *map(str, arguments)], cwd=folder, stdin=subprocess.DEVNULL, stdout=stdout,
+                               stderr=subprocess.PIPE, text=True, errors="surrogateescape", timeout=timeout)
+    return Answer(completed, time.monotonic() - begin)
+
+
+def quickest(*arguments, tries=3):
+    """The answer that took least time: the machine may be busy with other tests."""
+    return min((kiln(*arguments) for _ in range(tries)), key=lambda answer: answer.seconds)
+
+
+COMMANDS = ["bake", "plan", "info", "check", "view", "compare", "probe", "generate", "report", "bench"]

@@ -1,0 +1,161 @@
+"""kiln generate: every scene is sound glTF, the same every time, and of the size asked for."""
+import json
+import os
+import struct
+import tempfile
+import unittest
+
+import numpy
+
+from kiln_cli import kiln
+
+
+def read_glb(path):
+    with open(path, "rb") as file:
+        data = file.read()
+    magic, version, length, json_length, json_kind = struct.unpack("<4sIII4s", data[:20])
+    assert (magic, version, length, json_kind) == (b"glTF", 2, len(data), b"JSON")
+    binary_length, binary_kind = struct.unpack("<I4s", data[20 + json_length:28 + json_length])
+    assert binary_kind == b"BIN\0" and 28 + json_length + binary_length == length
+    return json.loads(data[20:20 + json_length]), data[28 + json_length:]
+
+
+def accessor(document, binary, index):
+    entry = document["accessors"][index]
+    view = document["bufferViews"][entry["bufferView"]]
+    width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}[entry["type"]]
+    kind = {5126: "<f4", 5125: "<u4"}[entry["componentType"]]
+    assert view["byteOffset"] % 4 == 0 and entry["count"] * width * 4 <= view["byteLength"]
+    assert view["byteOffset"] + view["byteLength"] <= document["buffers"][0]["byteLength"] <= len(binary)
+    return numpy.frombuffer(binary, kind, entry["count"] * width, view["byteOffset"] + entry["byteOffset"]).reshape(-1, width)
+
+
+def covered_twice(corners, size=256):
+    """Texel centres of a size x size raster that lie strictly inside more than one triangle."""
+    count = numpy.zeros((size, size), int)
+    for a, b, c in corners * size:
+        low = numpy.floor(numpy.minimum(numpy.minimum(a, b), c)).astype(int)
+        high = numpy.ceil(numpy.maximum(numpy.maximum(a, b), c)).astype(int)
+        x, y = numpy.meshgrid(numpy.arange(low[0], high[0]) + 0.5, numpy.arange(low[1], high[1]) + 0.5)
+        sides = [(q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]) for p, q in ((a, b), (b, c), (c, a))]
+        inside = numpy.all([s > 1e-6 for s in sides], 0) | numpy.all([s < -1e-6 for s in sides], 0)
+        count[low[1]:high[1], low[0]:high[0]] += inside
+    return int((count > 1).sum())
+
+
+class Generate(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.folder.cleanup)
+        self.names = [scene["name"] for scene in json.loads(kiln("generate", "--json").out)["scenes"]]
+
+    def make(self, name, *options, file="scene.glb"):
+        path = os.path.join(self.folder.name, file)
+        answer = kiln("generate", name, "-o", path, "--json", *options)
+        self.assertEqual(answer.code, 0, answer.err)
+        return path, json.loads(answer.out)
+
+    def check(self, path, name):
+        document, binary = read_glb(path)
+        materials_used = set()
+        for mesh in document["meshes"]:
+            attributes = mesh["primitives"][0]["attributes"]
+            positions = accessor(document, binary, attributes["POSITION"]).astype(float)
+            normals = accessor(document, binary, attributes["NORMAL"]).astype(float)
+            entry = document["accessors"][attributes["POSITION"]]
+            numpy.testing.assert_array_equal(numpy.float32(entry["min"]), numpy.float32(positions.min(0)))
+            numpy.testing.assert_array_equal(numpy.float32(entry["max"]), numpy.float32(positions.max(0)))
+            triangles = numpy.vstack([accessor(document, binary, part["indices"]).reshape(-1, 3) for part in mesh["primitives"]])
+            materials_used |= {part["material"] for part in mesh["primitives"]}
+            self.assertLess(triangles.max(), len(positions))
+            corners = positions[triangles]
+            cross = numpy.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            area = 0.5 * numpy.linalg.norm(cross, axis=1)
+            self.assertGreater(area.min(), 0, f"{name}: a triangle of no area in {mesh['name']}")
+            self.assertGreater((cross * normals[triangles].mean(1)).sum(1).min(), 0, f"{name}: a normal on the wrong side")
+            numpy.testing.assert_allclose(numpy.linalg.norm(normals, axis=1), 1, atol=1e-6)
+            if "TEXCOORD_1" in attributes:
+                layout = accessor(document, binary, attributes["TEXCOORD_1"]).astype(float)
+                self.assertTrue(0 <= layout.min() and layout.max() <= 1, f"{name}: layout outside the unit square")
+                uv = layout[triangles]
+                u, v = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+                density = numpy.sqrt(0.5 * abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / area)
+                self.assertLess(density.max() / density.min(), 1.02, f"{name}: uneven layout of {mesh['name']}")
+                if len(triangles) < 5000:
+                    self.assertEqual(covered_twice(uv), 0, f"{name}: overlap in the layout of {mesh['name']}")
+        self.assertEqual(materials_used, set(range(len(document["materials"]))), f"{name}: a material that nothing wears")
+        self.assertEqual({n["mesh"] for n in document["nodes"] if "mesh" in n}, set(range(len(document["meshes"]))))
+        return document
+
+    def test_every_scene_is_sound_and_repeatable(self):
+        for name in self.names:
+            path, report = self.make(name)
+            document = self.check(path, name)
+            self.assertEqual(report["bytes"], os.path.getsize(path))
+            self.assertEqual(report["meshes"], len(document["meshes"]))
+            again, _ = self.make(name, file="again.glb")
+            with open(path, "rb") as first, open(again, "rb") as second:
+                self.assertEqual(first.read(), second.read(), name)
+
+    def test_the_cornell_box_has_its_measures(self):
+        path, _ = self.make("cornell")
+        document, binary = read_glb(path)
+        meshes = {mesh["name"]: mesh["primitives"][0] for mesh in document["meshes"]}
+        light = accessor(document, binary, meshes["light"]["attributes"]["POSITION"])
+        numpy.testing.assert_allclose([light.min(0), light.max(0)], [[2.13, 5.488, 2.27], [3.43, 5.488, 3.32]], rtol=1e-6)
+        emission = document["materials"][meshes["light"]["material"]]
+        strength = emission["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"]
+        numpy.testing.assert_allclose(numpy.array(emission["emissiveFactor"]) * strength, [18.387, 13.9873, 6.75357], rtol=1e-5)
+        tall = accessor(document, binary, meshes["tall_block"]["attributes"]["POSITION"])
+        numpy.testing.assert_allclose([tall.min(0), tall.max(0)], [[2.65, 0, 2.47], [4.72, 3.3, 4.56]], rtol=1e-6)
+        base = {m["name"]: m["pbrMetallicRoughness"]["baseColorFactor"][:3] for m in document["materials"]}
+        self.assertEqual(base, {"white": [0.725, 0.71, 0.68], "green": [0.14, 0.45, 0.091], "red": [0.63, 0.065, 0.05],
+                                "light": [0.78, 0.78, 0.78]})
+        for name, factor in (("cornell-tiny", 1e-6), ("cornell-huge", 1e6)):
+            scaled, binary = read_glb(self.make(name)[0])
+            box = numpy.array([scaled["accessors"][m["primitives"][0]["attributes"]["POSITION"]]["max"] for m in scaled["meshes"]])
+            numpy.testing.assert_allclose(box.max(0), numpy.array([5.56, 5.488, 5.592]) * factor, rtol=1e-6)
+
+    def test_sizes(self):
+        for triangles in (1000, 30000, 1000000):
+            _, report = self.make("city", "--triangles", triangles)
+            self.assertLess(abs(report["triangles_with_instances"] / triangles - 1), 0.15)
+        _, report = self.make("cornell-statue", "--triangles", 100000)
+        self.assertLess(abs(report["triangles"] / 100000 - 1), 0.02)
+        path, report = self.make("lights", "--columns", 100, "--rows", 50)
+        document, binary = read_glb(path)
+        lamps = [part for mesh in document["meshes"] for part in mesh["primitives"]
+                 if "emissiveFactor" in document["materials"][part["material"]]]
+        self.assertEqual(sum(document["accessors"][part["indices"]]["count"] for part in lamps), 3 * 10000)
+        path, report = self.make("rooms", "--columns", 4, "--rows", 5)
+        self.assertEqual(sum("mesh" in node for node in read_glb(path)[0]["nodes"]), 20)
+        albedo = read_glb(self.make("furnace", "--albedo", 0.9)[0])[0]["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"]
+        self.assertEqual(albedo[:3], [0.9, 0.9, 0.9])
+
+    def test_the_seed_counts(self):
+        with open(self.make("city", "--seed", 1)[0], "rb") as file:
+            first = file.read()
+        with open(self.make("city", "--seed", 2)[0], "rb") as file:
+            self.assertNotEqual(first, file.read())
+
+    def test_refusals(self):
+        path = os.path.join(self.folder.name, "x.glb")
+        for code, pattern, arguments in (
+                (64, r"'corneel'; the nearest one is 'cornell' .*furnace, city", ["corneel", "-o", path]),
+                (64, r"say where the scene goes", ["cornell"]),
+                (64, r"must end in .glb", ["cornell", "-o", "x.obj"]),
+                (64, r"takes no --triangles", ["cornell", "-o", path, "--triangles", "5"]),
+                (64, r"takes no --albedo", ["rooms", "-o", path, "--albedo", "0.2"]),
+                (64, r"--albedo: 1 is out of range", ["furnace", "-o", path, "--albedo", "1"]),
+                (64, r"from 1000 to 1000000000", ["city", "-o", path, "--triangles", "10"]),
+                (64, r"28.00 GB .* 4.29 GB", ["cornell-statue", "-o", path, "--triangles", "1000000000"]),
+                (73, r"cannot create /proc/x.glb", ["cornell", "-o", "/proc/x.glb"]),
+                (73, r"cannot create .*missing/x.glb", ["cornell", "-o", os.path.join(self.folder.name, "missing/x.glb")])):
+            answer = kiln("generate", *arguments)
+            self.assertEqual(answer.code, code, answer.err)
+            self.assertRegex(answer.sentence(), pattern)
+            self.assertEqual(os.listdir(self.folder.name), [])
+
+
+if __name__ == "__main__":
+    unittest.main()

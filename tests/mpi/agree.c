@@ -1,0 +1,45 @@
+/* Run by mpirun on three ranks: whatever each rank brings, all leave with the worst status and its first rank's sentence. */
+#include <mpi.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "coordinator/cli/agree.h"
+
+static int wrong(int rank, int status, const char *message, int wanted, const char *sentence)
+{
+    if (status == wanted && strcmp(message, sentence) == 0)
+        return 0;
+    (void)fprintf(stderr, "rank %d: got %d \"%s\", not %d \"%s\"\n", rank, status, message, wanted, sentence);
+    return 1;
+}
+
+int main(int argc, char **argv)
+{
+    static const struct {
+        int brought[3], wanted, speaker;
+    } cases[] = {{{0, 0, 0}, 0, -1},   {{0, 0, KILN_IO}, KILN_IO, 2}, {{KILN_BAD_INPUT, KILN_IO, KILN_IO}, KILN_IO, 1},
+                 {{65, 65, 65}, 65, 0}, {{KILN_IO, 0, 0}, KILN_IO, 0}, {{0, KILN_STOPPED, KILN_USAGE}, KILN_STOPPED, 1}};
+    int rank = 0, size = 0, failures = 0, total = 0;
+    MPI_Init(&argc, &argv);
+    MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+    MPI_Comm_size(MPI_COMM_WORLD, &size);
+    if (size != 3) {
+        (void)fprintf(stderr, "this test wants three ranks, not %d\n", size);
+        MPI_Abort(MPI_COMM_WORLD, 1);
+    }
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct kiln_error error = {"nothing happened"};
+        char sentence[64] = "nothing happened";
+        if (cases[i].brought[rank] != 0)
+            (void)kiln_fail(&error, cases[i].brought[rank], "case %zu, rank %d", i, rank);
+        if (cases[i].speaker >= 0)
+            (void)snprintf(sentence, sizeof sentence, "case %zu, rank %d", i, cases[i].speaker);
+        const int status = kiln_agree(MPI_COMM_WORLD, cases[i].brought[rank], &error);
+        failures += wrong(rank, status, error.message, cases[i].wanted, sentence);
+        /* A rank that does not want the sentence takes part all the same. */
+        failures += kiln_agree(MPI_COMM_WORLD, cases[i].brought[rank], rank == 2 ? NULL : &error) != cases[i].wanted;
+    }
+    MPI_Allreduce(&failures, &total, 1, MPI_INT, MPI_SUM, MPI_COMM_WORLD);
+    MPI_Finalize();
+    return total != 0;
+}

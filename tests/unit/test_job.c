@@ -1,0 +1,217 @@
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "coordinator/cli/job_private.h"
+#include "coordinator/cli/options.h"
+
+static struct kiln_error error;
+
+static int parse(struct kiln_job **job, int count, ...)
+{
+    char *arguments[24] = {(char *)"kiln"};
+    va_list list;
+    va_start(list, count);
+    for (int i = 0; i < count; i++)
+        arguments[i + 1] = va_arg(list, char *);
+    va_end(list);
+    error.message[0] = '\0';
+    return kiln_job_parse(job, count + 1, arguments, &error);
+}
+
+/* Every option: named once, helped, placed inside the struct, its default within its own range. */
+static void test_table(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < kiln_option_count; i++) {
+        const struct kiln_option *option = &kiln_options[i];
+        assert_true(strlen(option->name) > 1 && strspn(option->name, "abcdefghijklmnopqrstuvwxyz-") == strlen(option->name));
+        assert_true(strlen(option->help) > 5 && strlen(option->help) < 100 && strchr(option->help, '\n') == NULL);
+        assert_ptr_equal(kiln_option_find(option->name), option);
+        assert_true(option->commands != 0 && option->offset < sizeof(struct kiln_job));
+        const bool number = option->kind >= KILN_OPTION_UINT32 && option->kind <= KILN_OPTION_DOUBLE;
+        assert_true(!number || (option->minimum < option->maximum && option->value != NULL));
+        assert_int_equal(option->choices != NULL, option->kind >= KILN_OPTION_CHOICE);
+        assert_true(strncmp(option->name, "no-", 3) != 0);
+        for (size_t j = 0; j < i; j++)
+            assert_true(kiln_options[j].offset != option->offset);
+    }
+    struct kiln_job *job = NULL;
+    for (size_t i = 0; i < kiln_command_count; i++) {
+        const char *const words[] = {"1", "2", "3", "4"};
+        char *arguments[8] = {(char *)"kiln", (char *)kiln_commands[i].name};
+        for (size_t j = 0; j < kiln_commands[i].minimum; j++)
+            arguments[2 + j] = (char *)words[j];
+        assert_int_equal(kiln_job_parse(&job, 2 + (int)kiln_commands[i].minimum, arguments, &error), KILN_OK); /* defaults parse */
+        kiln_job_destroy(&job);
+    }
+}
+
+static void test_defaults(void **state)
+{
+    (void)state;
+    struct kiln_job *job = NULL;
+    assert_int_equal(parse(&job, 2, "bake", "some/where/room.v2.glb"), KILN_OK);
+    assert_string_equal(job->command, "bake");
+    assert_string_equal(job->scene, "some/where/room.v2.glb");
+    assert_string_equal(job->output, "room.v2-bake");
+    assert_string_equal(job->backend, "auto");
+    assert_string_equal(job->method, "cells");
+    assert_string_equal(job->quality, "preview");
+    assert_null(job->environment);
+    assert_null(job->instruction_set);
+    assert_true(job->environment_scale == 1.0 && job->threads == 0 && job->bounces == -1 && job->tail);
+    assert_true(job->stitch && job->preview && !job->half && !job->error_map && !job->json && !job->force);
+    assert_true(job->samples_direct == 64 && job->samples_bounce == 8 && job->samples_indirect == 128 && job->samples_probe == 64);
+    assert_true(job->lightmap_max == 4096 && job->lightmap_size == 0 && job->texels_per_metre == 0 && job->cell_size == 0);
+    assert_int_equal(job->schedule, KILN_SCHEDULE_LEAN);
+    assert_false(job->partition_objects);
+    kiln_job_destroy(&job);
+    kiln_job_destroy(&job); /* NULL is accepted */
+    assert_null(job);
+}
+
+static void test_forms(void **state)
+{
+    (void)state;
+    struct kiln_job *job = NULL;
+    assert_int_equal(parse(&job, 20, "bake", "--threads=3", "a.glb", "--bounces", "4", "--no-stitch", "--half", "-o", "out", "--seed",
+                           "18446744073709551615", "--cell-size", "1.5e-3", "--partition", "objects", "--schedule=equal", "--error-map=true",
+                           "--preview=false", "--samples-direct", "1e3"),
+                     KILN_OK);
+    assert_true(job->threads == 3 && job->bounces == 4 && !job->stitch && job->half && job->seed == UINT64_MAX);
+    assert_true(job->cell_size == 1.5e-3 && job->partition_objects && job->schedule == KILN_SCHEDULE_EQUAL);
+    assert_true(job->error_map && !job->preview && job->samples_direct == 1000);
+    assert_false(job->tail); /* a number of bounces was given */
+    assert_string_equal(job->output, "out");
+    kiln_job_destroy(&job);
+    assert_int_equal(parse(&job, 6, "bake", "a.glb", "--bounces", "4", "--tail", "--threads=auto"), KILN_OK);
+    assert_true(job->tail && job->threads == 0);
+    kiln_job_destroy(&job);
+    assert_int_equal(parse(&job, 4, "bake", "a.glb", "--bounces", "all"), KILN_OK);
+    assert_true(job->tail && job->bounces == -1);
+    kiln_job_destroy(&job);
+    assert_int_equal(parse(&job, 5, "probe", "dir", "-1", "-.5", "2"), KILN_OK);
+    assert_int_equal(job->argument_count, 4);
+    assert_string_equal(job->arguments[2], "-.5");
+    kiln_job_destroy(&job);
+    assert_int_equal(parse(&job, 3, "info", "--", "--odd.glb"), KILN_OK);
+    assert_string_equal(job->scene, "--odd.glb");
+    kiln_job_destroy(&job);
+}
+
+static void test_quality_gives_way(void **state)
+{
+    (void)state;
+    struct kiln_job *job = NULL;
+    assert_int_equal(parse(&job, 6, "bake", "a.glb", "--samples-bounce", "5", "--quality", "reference"), KILN_OK);
+    assert_true(job->samples_direct == 1024 && job->samples_bounce == 5 && job->samples_indirect == 4096);
+    kiln_job_destroy(&job);
+}
+
+static void write_job(const char *path, const char *text)
+{
+    FILE *file = fopen(path, "w");
+    assert_non_null(file);
+    assert_true(fputs(text, file) >= 0);
+    assert_int_equal(fclose(file), 0);
+}
+
+/* Defaults, then --quality wherever it stands, then the job file, then the command line. */
+static void test_order(void **state)
+{
+    (void)state;
+    char folder[] = "/tmp/kiln_test_job_XXXXXX", path[64], expected[80];
+    assert_non_null(mkdtemp(folder));
+    (void)snprintf(path, sizeof path, "%s/job.yaml", folder);
+    write_job(path, "scene: sub/a.glb # relative\noutput: /absolute\nquality: draft\nsamples-direct: 5\nseed: 9\nenvironment: sky.hdr\n"
+                    "bounces: all\nstitch: false\n");
+    struct kiln_job *job = NULL;
+    assert_int_equal(parse(&job, 2, "bake", path), KILN_OK);
+    (void)snprintf(expected, sizeof expected, "%s/sub/a.glb", folder);
+    assert_string_equal(job->scene, expected);
+    (void)snprintf(expected, sizeof expected, "%s/sky.hdr", folder);
+    assert_string_equal(job->environment, expected);
+    assert_string_equal(job->output, "/absolute");
+    assert_true(job->samples_direct == 5 && job->samples_bounce == 4 && job->seed == 9 && !job->stitch && job->tail);
+    kiln_job_destroy(&job);
+    assert_int_equal(parse(&job, 9, "bake", path, "--quality", "production", "--seed", "1", "-o", "here", "--stitch"), KILN_OK);
+    assert_true(job->samples_direct == 5 && job->samples_bounce == 16 && job->samples_probe == 256 && job->seed == 1 && job->stitch);
+    assert_string_equal(job->output, "here");
+    assert_string_equal(job->quality, "production");
+    kiln_job_destroy(&job);
+    write_job(path, "scene: a.glb\nquality: high\n");
+    assert_int_equal(parse(&job, 2, "bake", path), KILN_BAD_INPUT);
+    assert_non_null(strstr(error.message, "job.yaml:2: quality: "));
+    assert_null(job);
+    assert_int_equal(unlink(path), 0);
+    assert_int_equal(rmdir(folder), 0);
+}
+
+static void test_refusals(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *first, *second, *sentence;
+        int status;
+    } cases[] = {
+        {"--threads", "4097", "--threads: 4097 is out of range; it must be a whole number from 1 to 4096, or auto", KILN_USAGE},
+        {"--threads", "99999999999999999999", "is out of range", KILN_USAGE},
+        {"--threads", "-1", "is out of range", KILN_USAGE},
+        {"--threads", " 1", "is not a whole number", KILN_USAGE},
+        {"--threads", "", "is not a whole number", KILN_USAGE},
+        {"--threads", "1e-1", "is not a whole number", KILN_USAGE},
+        {"--bounces", "10001", "from 0 to 10000, or all", KILN_USAGE},
+        {"--environment-scale", "infinity", "is not a number", KILN_USAGE},
+        {"--environment-scale", "1,5", "is not a number", KILN_USAGE},
+        {"--environment", "1,2,3,4", "neither none", KILN_USAGE},
+        {"--environment", "1,2,x", "neither none", KILN_USAGE},
+        {"--backend", "vulkan", "auto, embree", KILN_NO_DEVICE},
+        {"--instruction-set", "neon", "sse2, sse4.2", KILN_NO_DEVICE},
+        {"--method", "bdpt", "it has: cells", KILN_USAGE},
+        {"--qualtiy", "draft", "nearest one is --quality", KILN_USAGE},
+        {"--camera", "main", "it belongs to view", KILN_USAGE},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct kiln_job *job = NULL;
+        assert_int_equal(parse(&job, 4, "bake", "a.glb", cases[i].first, cases[i].second), cases[i].status);
+        if (strstr(error.message, cases[i].sentence) == NULL)
+            fail_msg("%s %s: %s", cases[i].first, cases[i].second, error.message);
+        assert_null(job);
+    }
+}
+
+static void test_edit_distance(void **state)
+{
+    (void)state;
+    assert_int_equal(kiln_edit_distance("", ""), 0);
+    assert_int_equal(kiln_edit_distance("abc", ""), 3);
+    assert_int_equal(kiln_edit_distance("kitten", "sitting"), 3);
+    assert_int_equal(kiln_edit_distance("abcd", "acbd"), 1); /* a swap */
+    assert_int_equal(kiln_edit_distance("sunday", "saturday"), 3);
+    char longer[5001];
+    memset(longer, 'x', 5000);
+    longer[5000] = '\0';
+    assert_true(kiln_edit_distance(longer, "bake") >= 4); /* no overflow */
+    assert_string_equal(kiln_command_nearest("bke"), "bake");
+    assert_string_equal(kiln_option_nearest("tile-size", KILN_FOR_BAKE), "cell-size");
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_table),    cmocka_unit_test(test_defaults), cmocka_unit_test(test_forms),
+        cmocka_unit_test(test_quality_gives_way), cmocka_unit_test(test_order),    cmocka_unit_test(test_refusals),
+        cmocka_unit_test(test_edit_distance),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

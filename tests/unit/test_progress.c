@@ -1,0 +1,184 @@
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "coordinator/cli/progress.h"
+
+static double now;
+
+static double read_clock(void *unused)
+{
+    (void)unused;
+    return now;
+}
+
+struct screen {
+    char *text;
+    size_t size;
+    FILE *stream;
+    struct kiln_progress *progress;
+};
+
+static void begin(struct screen *screen, bool terminal)
+{
+    now = 1000;
+    screen->stream = open_memstream(&screen->text, &screen->size);
+    assert_non_null(screen->stream);
+    screen->progress = kiln_progress_create_on(screen->stream, terminal, 80, read_clock, NULL);
+    assert_non_null(screen->progress);
+}
+
+static void end(struct screen *screen)
+{
+    kiln_progress_destroy(&screen->progress);
+    assert_null(screen->progress);
+    (void)fclose(screen->stream);
+    free(screen->text);
+}
+
+static size_t count(const char *text, const char *part)
+{
+    size_t found = 0;
+    for (const char *at = text; (at = strstr(at, part)) != NULL; at++)
+        found++;
+    return found;
+}
+
+/* Two minutes of work in a file: at most a line every ten seconds, no control characters. */
+static void test_lines(void **state)
+{
+    (void)state;
+    struct screen screen;
+    begin(&screen, false);
+    kiln_progress_phase(screen.progress, "direct light", 1200);
+    for (int i = 1; i <= 1200; i++) {
+        now = 1000 + 0.1 * i;
+        kiln_progress_advance(screen.progress, (uint64_t)i);
+    }
+    kiln_progress_phase(screen.progress, "bounce 1", 10);
+    kiln_progress_finish(screen.progress);
+    (void)fflush(screen.stream);
+    const size_t lines = count(screen.text, "\n");
+    assert_in_range(lines, 12, 14);
+    for (size_t i = 0; i < screen.size; i++)
+        assert_true(screen.text[i] == '\n' || screen.text[i] >= ' ');
+    assert_non_null(strstr(screen.text, "direct light: 50 %, 60.0 s left\n"));
+    end(&screen);
+}
+
+static void test_bar(void **state)
+{
+    (void)state;
+    struct screen screen;
+    begin(&screen, true);
+    kiln_progress_phase(screen.progress, "direct light", 100);
+    for (int i = 1; i <= 1000; i++) {
+        now = 1000 + 0.01 * i;
+        kiln_progress_advance(screen.progress, (uint64_t)i / 10);
+    }
+    (void)fflush(screen.stream);
+    assert_in_range(count(screen.text, "\r"), 50, 101); /* ten times a second for ten seconds */
+    assert_int_equal(count(screen.text, "\n"), 0);
+    assert_non_null(strstr(screen.text, "####"));
+    const char *half = strstr(screen.text, " 50 %, ");
+    assert_non_null(half);
+    assert_true(strtod(half + 7, NULL) > 4 && strtod(half + 7, NULL) < 6);
+    kiln_progress_finish(screen.progress);
+    (void)fflush(screen.stream);
+    const char *last = strrchr(screen.text, '\r');
+    assert_string_equal(last, "\r\033[Kdirect light             10.0 s\n");
+    /* Every redrawn line fits into 79 columns. */
+    for (const char *at = screen.text; (at = strchr(at, '\r')) != NULL; at++)
+        assert_true(strcspn(at + 4, "\r\n") < 80);
+    end(&screen);
+}
+
+/* The work becomes ten times slower half-way: the time left follows, and ends near the truth. */
+static void test_time_left_follows_a_change(void **state)
+{
+    (void)state;
+    struct screen screen;
+    begin(&screen, true);
+    kiln_progress_phase(screen.progress, "work", 1000);
+    for (int i = 1; i <= 500; i++) {
+        now += 0.02;
+        kiln_progress_advance(screen.progress, (uint64_t)i);
+    }
+    for (int i = 501; i <= 750; i++) {
+        now += 0.2;
+        kiln_progress_advance(screen.progress, (uint64_t)i);
+    }
+    (void)fflush(screen.stream);
+    const char *last = strrchr(screen.text, '%');
+    const double left = strtod(last + 2, NULL);
+    assert_true(left > 47 && left < 53); /* 250 units at 5 a second */
+    end(&screen);
+}
+
+static void test_unknown_total_and_nonsense(void **state)
+{
+    (void)state;
+    struct screen screen;
+    begin(&screen, true);
+    kiln_progress_advance(screen.progress, 5); /* before any phase */
+    kiln_progress_finish(screen.progress);
+    kiln_progress_phase(screen.progress, "reading a scene whose name is far too long for the line that is to show it", 0);
+    now += 3;
+    kiln_progress_advance(screen.progress, 77);
+    kiln_progress_phase(screen.progress, "too far", 10);
+    now += 3;
+    kiln_progress_advance(screen.progress, 11);
+    (void)fflush(screen.stream);
+    assert_non_null(strstr(screen.text, "100 %"));
+    assert_null(strstr(screen.text, "110 %"));
+    end(&screen);
+    struct kiln_progress *none = kiln_progress_create(true, 0);
+    assert_null(none);
+    assert_null(kiln_progress_create(false, 1));
+    kiln_progress_phase(none, "x", 1);
+    kiln_progress_advance(none, 1);
+    kiln_progress_finish(none);
+    kiln_progress_destroy(&none);
+}
+
+static void test_table(void **state)
+{
+    (void)state;
+    char *text = NULL;
+    size_t size = 0;
+    FILE *stream = open_memstream(&text, &size);
+    static const char *const cells[] = {"phase", "time", "note", "direct", "12.5 s", NULL, "Größe", "1 s", "x"};
+    kiln_table_print(stream, cells, 3, 3, 1u << 1);
+    (void)fclose(stream);
+    assert_string_equal(text, "phase     time  note\ndirect  12.5 s\nGröße      1 s  x\n");
+    free(text);
+}
+
+static void test_durations(void **state)
+{
+    (void)state;
+    static const struct {
+        double seconds;
+        const char *text;
+    } cases[] = {{0, "0.00 s"},        {-1, "0.00 s"},          {9.994, "9.99 s"},      {9.996, "10.0 s"},     {99.94, "99.9 s"},
+                 {99.96, "1 min 40 s"}, {3599.4, "59 min 59 s"}, {3599.6, "1 h 00 min"}, {7620, "2 h 07 min"}, {1e300, "more than 30 years"}};
+    char text[48];
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+        assert_string_equal(kiln_duration_text(cases[i].seconds, text, sizeof text), cases[i].text);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_lines), cmocka_unit_test(test_bar),       cmocka_unit_test(test_time_left_follows_a_change),
+        cmocka_unit_test(test_table), cmocka_unit_test(test_durations), cmocka_unit_test(test_unknown_total_and_nonsense),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
