@@ -1,6 +1,7 @@
 #include "coordinator/output/points.h"
 
 #include "worker/scene/clip.h"
+#include "worker/scene/footprint.h"
 
 struct triangle_view {
     const struct kiln_object *object;
@@ -100,23 +101,15 @@ static void describe(const struct kiln_bake_result *result, uint32_t object, con
 uint32_t kiln_fragment_details(const struct kiln_bake_result *result, size_t fragment, struct kiln_point_detail *details)
 {
     const struct kiln_surface *s = result->surface;
-    const struct kiln_fragment *f = &s->fragments[fragment];
-    const uint32_t tiles_x = s->lightmaps[f->object].tiles_x;
-    const uint64_t offset = kiln_fragment_offset(s, fragment);
-    const uint32_t *piece = s->pieces + s->piece_base[fragment];
-    const float *share = s->shares + s->share_base[fragment];
-    uint64_t mask = f->mask;
-    for (uint32_t i = 0; i < f->count; i++, mask &= mask - 1) {
-        const uint32_t bit = (uint32_t)__builtin_ctzll(mask), count = s->piece_count[offset + i];
-        struct kiln_point_detail *detail = &details[i];
-        *detail = (struct kiln_point_detail){.x = f->tile % tiles_x * KILN_TILE_SIDE + kiln_morton8_x(bit),
-                                             .y = f->tile / tiles_x * KILN_TILE_SIDE + kiln_morton8_y(bit),
-                                             .triangle = piece[0]};
-        describe(result, f->object, piece, count > 1 ? share : NULL, count, detail);
-        if ((s->flags[offset + i] & KILN_POINT_WHOLE) != 0)
-            detail->coverage = 1.0f;
-        piece += count;
-        share += count > 1 ? count : 0;
+    const uint32_t count = s->fragments[fragment].count;
+    struct kiln_point_cursor at = kiln_point_first(s, fragment);
+    for (uint32_t i = 0; i < count; i++, kiln_point_next(s, &at)) {
+        const uint32_t *pieces = s->pieces + at.piece;
+        const uint32_t piece_count = s->piece_count[at.point];
+        details[i] = (struct kiln_point_detail){.x = at.x, .y = at.y, .triangle = pieces[0]};
+        describe(result, at.object, pieces, piece_count > 1 ? s->shares + at.share : NULL, piece_count, &details[i]);
+        if ((s->flags[at.point] & KILN_POINT_WHOLE) != 0)
+            details[i].coverage = 1.0f;
     }
-    return f->count;
+    return count;
 }

@@ -114,7 +114,7 @@ void kiln_volume_close(struct kiln_volume **volume)
     kiln_free(volume);
 }
 
-void kiln_volume_grid(const struct kiln_volume *v, uint64_t size[3], double origin[3], double spacing[3])
+void kiln_volume_extent(const struct kiln_volume *v, uint64_t size[3], double origin[3], double spacing[3])
 {
     memcpy(size, v->size, sizeof v->size);
     memcpy(origin, v->origin, sizeof v->origin);

@@ -23,7 +23,7 @@ int kiln_volume_open(struct kiln_volume **volume, const char *path, struct kiln_
 void kiln_volume_close(struct kiln_volume **volume);
 
 /* Probes along each axis, position of the first and distance between them in metres. */
-void kiln_volume_grid(const struct kiln_volume *volume, uint64_t size[3], double origin[3], double spacing[3]);
+void kiln_volume_extent(const struct kiln_volume *volume, uint64_t size[3], double origin[3], double spacing[3]);
 
 /* One probe, by its place in the grid (x, y, z), which must be inside. */
 int kiln_volume_read(const struct kiln_volume *volume, const uint64_t at[3], struct kiln_volume_probe *probe, struct kiln_error *error);

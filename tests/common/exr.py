@@ -4,11 +4,13 @@ Independent of kiln and of the OpenEXR library, so that tests can tell what a fi
     channels, attributes = read(path)      channels: {"R": array[height, width] of float32, ...}
     write(path, {"R": array, ...}, half=("R",), compression="ZIP")
 """
+import collections
 import struct
 import zlib
 
 import numpy as np
 
+Image = collections.namedtuple("Image", "channels attributes")
 MAGIC = 20000630
 TYPES = {0: np.dtype("<u4"), 1: np.dtype("<f2"), 2: np.dtype("<f4")}
 LINES = {0: 1, 2: 1, 3: 16}
@@ -95,7 +97,7 @@ def read(path):
             for name, dtype in attributes["channels"]:
                 channels[name][row] = np.frombuffer(raw, dtype, width, place)
                 place += width * dtype.itemsize
-    return {n: c.astype(np.float32) if c.dtype.kind == "f" else c for n, c in channels.items()}, attributes
+    return Image({n: c.astype(np.float32) if c.dtype.kind == "f" else c for n, c in channels.items()}, attributes)
 
 
 def rgb(path, prefix=""):
