@@ -1,0 +1,373 @@
+#include "coordinator/layout/charts.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "coordinator/layout/raster.h"
+#include "coordinator/layout/segment.h"
+#include "worker/base/memory.h"
+
+enum { SAMPLES_MIN = 64, SAMPLES_MAX = 1024, HULL_DIRECTIONS = 256 };
+
+struct point {
+    double x, y;
+};
+
+struct maker {
+    const struct kiln_topology *topology;
+    struct kiln_charts *charts;
+    double texels_per_metre;
+    uint32_t *label;      /* a triangle: number of the part it is in; grows with every cut */
+    uint32_t label_count;
+    uint32_t *stamp;      /* a vertex: label that last gathered it */
+    struct point *points; /* a vertex each; twice as many, for the hull */
+    uint32_t *queue;      /* a triangle each */
+    uint32_t *side;       /* a triangle: which half, during a cut */
+    struct kiln_bitmap bitmap;
+};
+
+/* A part of `order` that is to become a chart, with the axis of a cone around its normals. */
+struct part {
+    uint32_t first, count;
+    struct kiln_dvec3 axis;
+};
+
+static int compare_points(const void *a, const void *b)
+{
+    const struct point *p = a, *q = b;
+    if (p->x != q->x)
+        return p->x < q->x ? -1 : 1;
+    return p->y < q->y ? -1 : p->y > q->y;
+}
+
+static double turn(const struct point *a, const struct point *b, const struct point *c)
+{
+    return (b->x - a->x) * (c->y - a->y) - (b->y - a->y) * (c->x - a->x);
+}
+
+/* Convex hull (Andrew's monotone chain), counter-clockwise, into hull[]; sorts the points. */
+static size_t convex_hull(struct point *points, size_t count, struct point *hull)
+{
+    qsort(points, count, sizeof *points, compare_points);
+    size_t n = 0;
+    for (size_t i = 0; i < count; i++) {
+        while (n >= 2 && turn(&hull[n - 2], &hull[n - 1], &points[i]) <= 0.0)
+            n--;
+        hull[n++] = points[i];
+    }
+    const size_t lower = n + 1;
+    for (size_t i = count - 1; i-- > 0;) {
+        while (n >= lower && turn(&hull[n - 2], &hull[n - 1], &points[i]) <= 0.0)
+            n--;
+        hull[n++] = points[i];
+    }
+    return n > 1 ? n - 1 : n;
+}
+
+/* Extent of the hull along (c, s) and across it. */
+static void hull_extent(const struct point *hull, size_t count, double c, double s, double low[2], double high[2])
+{
+    low[0] = low[1] = INFINITY;
+    high[0] = high[1] = -INFINITY;
+    for (size_t i = 0; i < count; i++) {
+        const double x = c * hull[i].x + s * hull[i].y, y = c * hull[i].y - s * hull[i].x;
+        low[0] = fmin(low[0], x);
+        low[1] = fmin(low[1], y);
+        high[0] = fmax(high[0], x);
+        high[1] = fmax(high[1], y);
+    }
+}
+
+/* Turns the chart so that its bounding box has the least area (one side then lies along an edge of the hull), longer side
+ * along u, and moves it to the origin. */
+static void align_chart(struct maker *m, struct kiln_chart *chart, size_t point_count)
+{
+    struct point *hull = m->points + m->topology->vertex_count;
+    const size_t count = convex_hull(m->points, point_count, hull);
+    const size_t step = count / HULL_DIRECTIONS + 1;
+    double best = INFINITY, best_c = 1.0, best_s = 0.0, low[2], high[2];
+    for (size_t i = 0; i < count; i += step) {
+        const struct point *a = &hull[i], *b = &hull[(i + 1) % count];
+        const double length = hypot(b->x - a->x, b->y - a->y);
+        if (!(length > 0.0))
+            continue;
+        const double c = (b->x - a->x) / length, s = (b->y - a->y) / length;
+        hull_extent(hull, count, c, s, low, high);
+        const double area = (high[0] - low[0]) * (high[1] - low[1]);
+        if (area < best * (1.0 - 1e-9)) {
+            best = area;
+            best_c = c;
+            best_s = s;
+        }
+    }
+    hull_extent(hull, count, best_c, best_s, low, high);
+    if (high[1] - low[1] > high[0] - low[0]) {
+        const double c = best_c;
+        best_c = -best_s;
+        best_s = c;
+        hull_extent(hull, count, best_c, best_s, low, high);
+    }
+    const struct kiln_dvec3 u = chart->u, v = chart->v;
+    chart->u = dvec3_add(dvec3_scale(u, best_c), dvec3_scale(v, best_s));
+    chart->v = dvec3_sub(dvec3_scale(v, best_c), dvec3_scale(u, best_s));
+    chart->offset[0] = -low[0];
+    chart->offset[1] = -low[1];
+    chart->width = high[0] - low[0];
+    chart->height = high[1] - low[1];
+}
+
+static struct kiln_dvec3 projection_axis(const struct maker *m, const struct part *part)
+{
+    const struct kiln_topology *t = m->topology;
+    const uint32_t *order = m->charts->order + part->first;
+    struct kiln_dvec3 sum = dvec3(0.0, 0.0, 0.0);
+    for (size_t i = 0; i < part->count; i++)
+        sum = dvec3_add(sum, dvec3_scale(t->normals[order[i]], t->areas[order[i]]));
+    const double length = dvec3_length(sum);
+    if (!(length > 0.0))
+        return part->axis;
+    const struct kiln_dvec3 mean = dvec3_scale(sum, 1.0 / length);
+    for (size_t i = 0; i < part->count; i++)
+        if (dvec3_dot(mean, t->normals[order[i]]) < cos(KILN_CHART_CONE))
+            return part->axis;
+    return mean;
+}
+
+static void plane_axes(struct kiln_dvec3 n, struct kiln_dvec3 *u, struct kiln_dvec3 *v)
+{
+    struct kiln_dvec3 along = dvec3(1.0, 0.0, 0.0);
+    if (fabs(n.y) <= fabs(n.x) && fabs(n.y) <= fabs(n.z))
+        along = dvec3(0.0, 1.0, 0.0);
+    else if (fabs(n.z) <= fabs(n.x))
+        along = dvec3(0.0, 0.0, 1.0);
+    const struct kiln_dvec3 side = dvec3_cross(along, n);
+    *u = dvec3_scale(side, 1.0 / dvec3_length(side));
+    *v = dvec3_cross(n, *u);
+}
+
+/* The plane, scale, turn and box of a part. */
+static void project_part(struct maker *m, const struct part *part, struct kiln_chart *chart)
+{
+    const struct kiln_topology *t = m->topology;
+    const uint32_t *order = m->charts->order + part->first;
+    const struct kiln_dvec3 normal = projection_axis(m, part);
+    *chart = (struct kiln_chart){.first = part->first, .count = part->count};
+    plane_axes(normal, &chart->u, &chart->v);
+    double flat = 0.0;
+    for (size_t i = 0; i < part->count; i++) {
+        chart->area += t->areas[order[i]];
+        flat += t->areas[order[i]] * dvec3_dot(t->normals[order[i]], normal);
+    }
+    const double scale = sqrt(chart->area / flat);
+    chart->u = dvec3_scale(chart->u, scale);
+    chart->v = dvec3_scale(chart->v, scale);
+    const uint32_t stamp = m->label[order[0]] + 1;
+    size_t count = 0;
+    for (size_t i = 0; i < 3 * (size_t)part->count; i++) {
+        const uint32_t vertex = t->triangles[3 * (size_t)order[i / 3] + i % 3];
+        if (m->stamp[vertex] == stamp)
+            continue;
+        m->stamp[vertex] = stamp;
+        double uv[2];
+        kiln_chart_project(chart, t->points[vertex], uv);
+        m->points[count++] = (struct point){uv[0], uv[1]};
+    }
+    align_chart(m, chart, count);
+    chart->rectangular = chart->area > 0.9999 * chart->width * chart->height;
+}
+
+/* Whether samples show the chart lying over itself. */
+static int chart_overlaps(struct maker *m, const struct kiln_chart *chart, bool *overlaps, struct kiln_error *error)
+{
+    const struct kiln_topology *t = m->topology;
+    const double side = fmax(chart->width, chart->height);
+    const double across = fmin(fmax(4.0 * m->texels_per_metre * side, SAMPLES_MIN), SAMPLES_MAX), scale = across / side;
+    const int status = kiln_bitmap_reset(&m->bitmap, (uint32_t)ceil(across) + 1, (uint32_t)ceil(chart->height * scale) + 1, error);
+    if (status != KILN_OK)
+        return status;
+    uint64_t covered = 0, again = 0;
+    for (size_t i = 0; i < chart->count && again == 0; i++) {
+        const uint32_t *c = t->triangles + 3 * (size_t)m->charts->order[chart->first + i];
+        double corner[3][2];
+        for (int k = 0; k < 3; k++) {
+            kiln_chart_project(chart, t->points[c[k]], corner[k]);
+            corner[k][0] *= scale;
+            corner[k][1] *= scale;
+        }
+        kiln_raster_samples(&m->bitmap, (const double(*)[2])corner, &covered, &again);
+    }
+    *overlaps = again > 0;
+    return KILN_OK;
+}
+
+/* Walks breadth first through the triangles of one label from the queue's first `filled`, marking `side`; gives how many were
+ * met. Triangles in the queue at the start are marked already. */
+static size_t walk(struct maker *m, uint32_t label, size_t filled, size_t limit)
+{
+    const struct kiln_topology *t = m->topology;
+    for (size_t i = 0; i < filled && filled < limit; i++) {
+        const uint32_t triangle = m->queue[i];
+        for (size_t k = 0; k < 3; k++) {
+            const uint32_t other = t->neighbours[3 * (size_t)triangle + k];
+            if (other == KILN_NONE || m->label[other] != label || m->side[other] != KILN_NONE)
+                continue;
+            m->side[other] = m->side[triangle];
+            m->queue[filled++] = other;
+        }
+    }
+    return filled;
+}
+
+static void clear_sides(struct maker *m, const uint32_t *order, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        m->side[order[i]] = KILN_NONE;
+}
+
+/* Cuts a part in two connected ones that grow in step from two triangles far from each other. */
+static void cut_part(struct maker *m, const struct part *part, struct part halves[2])
+{
+    uint32_t *order = m->charts->order + part->first;
+    const uint32_t label = m->label[order[0]];
+    uint32_t far[2] = {order[0], order[0]};
+    for (int end = 0; end < 2; end++) {
+        clear_sides(m, order, part->count);
+        m->queue[0] = end == 0 ? order[0] : far[0];
+        m->side[m->queue[0]] = 0;
+        far[end] = m->queue[walk(m, label, 1, part->count) - 1];
+    }
+    clear_sides(m, order, part->count);
+    for (uint32_t end = 0; end < 2; end++) {
+        m->queue[end] = far[end];
+        m->side[far[end]] = end;
+    }
+    walk(m, label, 2, part->count);
+    const uint32_t labels[2] = {m->label_count, m->label_count + 1};
+    m->label_count += 2;
+    uint32_t counts[2] = {0, 0};
+    for (size_t i = 0; i < part->count; i++)
+        if (m->side[order[i]] == 0)
+            m->queue[counts[0]++] = order[i];
+    for (size_t i = 0; i < part->count; i++)
+        if (m->side[order[i]] != 0)
+            m->queue[counts[0] + counts[1]++] = order[i];
+    memcpy(order, m->queue, part->count * sizeof *order);
+    for (size_t i = 0; i < part->count; i++)
+        m->label[order[i]] = labels[i >= counts[0]];
+    halves[0] = (struct part){part->first, counts[0], part->axis};
+    halves[1] = (struct part){part->first + counts[0], counts[1], part->axis};
+}
+
+/* Turns one part into charts, cutting it as often as must be. */
+static int make_charts(struct maker *m, struct part whole, struct kiln_error *error)
+{
+    struct part *stack = NULL;
+    size_t capacity = 0, depth = 0;
+    int status = kiln_grow(&stack, &capacity, 1, sizeof *stack, "charts", error);
+    if (status == KILN_OK)
+        stack[depth++] = whole;
+    while (depth > 0 && status == KILN_OK) {
+        const struct part part = stack[--depth];
+        struct kiln_chart chart;
+        bool overlaps = false;
+        project_part(m, &part, &chart);
+        if (part.count > 1)
+            status = chart_overlaps(m, &chart, &overlaps, error);
+        if (status == KILN_OK)
+            status = kiln_grow(&stack, &capacity, depth + 2, sizeof *stack, "charts", error);
+        if (status == KILN_OK)
+            status = kiln_grow(&m->charts->charts, &m->charts->capacity, m->charts->count + 1, sizeof *m->charts->charts, "charts",
+                               error);
+        if (status != KILN_OK)
+            break;
+        if (!overlaps) {
+            m->charts->charts[m->charts->count++] = chart;
+            continue;
+        }
+        struct part halves[2];
+        cut_part(m, &part, halves);
+        stack[depth++] = halves[1];
+        stack[depth++] = halves[0];
+    }
+    kiln_free(&stack);
+    return status;
+}
+
+/* Sorts triangles by segment and labels them; first[s] .. first[s + 1] is a segment's range. */
+static void order_triangles(struct maker *m, const struct kiln_segments *segments, uint32_t *first)
+{
+    const size_t count = m->topology->triangle_count;
+    for (size_t i = 0; i < count; i++)
+        if (segments->segment[i] != KILN_NONE)
+            first[segments->segment[i] + 1]++;
+    for (size_t s = 0; s < segments->count; s++)
+        first[s + 1] += first[s];
+    m->charts->order_count = first[segments->count];
+    memcpy(m->queue, first, segments->count * sizeof *first); /* there are no more segments than triangles */
+    for (size_t i = 0; i < count; i++) {
+        m->label[i] = segments->segment[i];
+        if (segments->segment[i] != KILN_NONE)
+            m->charts->order[m->queue[segments->segment[i]]++] = (uint32_t)i;
+    }
+    m->label_count = (uint32_t)segments->count;
+}
+
+static int maker_allocate(struct maker *m, struct kiln_error *error)
+{
+    const size_t triangles = m->topology->triangle_count, vertices = m->topology->vertex_count;
+    int status = kiln_allocate(&m->charts->order, triangles, sizeof *m->charts->order, "charts", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&m->label, triangles, sizeof *m->label, "charts", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&m->queue, triangles, sizeof *m->queue, "charts", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&m->side, triangles, sizeof *m->side, "charts", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&m->stamp, vertices, sizeof *m->stamp, "charts", error);
+    /* The hull of n points passes through at most 2 n on its way. */
+    if (status == KILN_OK)
+        status = kiln_allocate(&m->points, 3 * vertices + 2, sizeof *m->points, "charts", error);
+    return status;
+}
+
+int kiln_charts_create(struct kiln_charts **charts, const struct kiln_topology *topology, double texels_per_metre,
+                       struct kiln_error *error)
+{
+    struct maker m = {.topology = topology, .texels_per_metre = texels_per_metre};
+    struct kiln_segments *segments = NULL;
+    uint32_t *first = NULL;
+    *charts = NULL;
+    int status = kiln_allocate(&m.charts, 1, sizeof *m.charts, "charts", error);
+    if (status == KILN_OK)
+        status = maker_allocate(&m, error);
+    if (status == KILN_OK)
+        status = kiln_segments_create(&segments, topology, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&first, segments->count + 1, sizeof *first, "charts", error);
+    if (status == KILN_OK) {
+        order_triangles(&m, segments, first);
+        for (size_t s = 0; s < segments->count && status == KILN_OK; s++)
+            status = make_charts(&m, (struct part){first[s], first[s + 1] - first[s], segments->axes[s]}, error);
+    }
+    kiln_free(&first);
+    kiln_segments_destroy(&segments);
+    kiln_free(&m.bitmap.words);
+    kiln_free(&m.points);
+    kiln_free(&m.stamp);
+    kiln_free(&m.side);
+    kiln_free(&m.queue);
+    kiln_free(&m.label);
+    if (status != KILN_OK)
+        kiln_charts_destroy(&m.charts);
+    *charts = m.charts;
+    return status;
+}
+
+void kiln_charts_destroy(struct kiln_charts **charts)
+{
+    if (*charts == NULL)
+        return;
+    kiln_free(&(*charts)->order);
+    kiln_free(&(*charts)->charts);
+    kiln_free(charts);
+}

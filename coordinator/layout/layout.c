@@ -1,0 +1,500 @@
+#include "coordinator/layout/layout.h"
+
+#include <string.h>
+
+#include "coordinator/layout/unwrap.h"
+#include "coordinator/layout/uv_check.h"
+#include "worker/base/memory.h"
+
+enum { DEFAULT_MAX = 4096, DEFAULT_PADDING = 2, LARGEST_SIDE = 1 << 16, NOTES_MAX = 16 };
+static const double SCENE_TEXELS = 262144.0; /* 2^18: what the default density aims at */
+static const double EXPECTED_USE = 0.7;      /* share of a lightmap that our own layouts fill */
+
+/* An object as its lightmap sees it: area in the world, and metres a unit of u and of v (area-weighted means). */
+struct measure {
+    double area, along_u, along_v;
+};
+
+/* The measure of the last shape that a mesh was given. Turning an object changes nothing and scaling it evenly only scales the
+ * measure, so that a thousand copies are measured once. */
+struct shape {
+    bool known;
+    double metric[6]; /* of the transform, divided by its trace */
+    struct measure measure;
+};
+
+/* What was decided for a mesh. */
+struct mesh_plan {
+    bool unwrap;
+    size_t reference;         /* its object with the largest area; SIZE_MAX: none */
+    struct kiln_unwrapped *unwrapped;
+    struct measure measure;   /* of the reference object, in the new layout */
+    struct shape shape;
+};
+
+struct planner {
+    struct kiln_builder *builder;
+    struct kiln_layout_params params;
+    double texels_per_metre;
+    struct mesh_plan *plans;    /* a mesh */
+    struct measure *measures;   /* an object, in the file's layout */
+    uint64_t *source;           /* new vertices: which old one (index among all) */
+    struct kiln_vec2 *uv;
+    size_t vertex_count, source_capacity, uv_capacity;
+    size_t absent, refused, capped, shared; /* counts for notes */
+};
+
+static struct kiln_mesh *meshes(const struct planner *p) { return KILN_BUILDER_DATA(p->builder, struct kiln_mesh, KILN_SECTION_MESHES); }
+static size_t mesh_count(const struct planner *p) { return p->builder->sections[KILN_SECTION_MESHES].count; }
+static struct kiln_object *objects(const struct planner *p)
+{
+    return KILN_BUILDER_DATA(p->builder, struct kiln_object, KILN_SECTION_OBJECTS);
+}
+static size_t object_count(const struct planner *p) { return p->builder->sections[KILN_SECTION_OBJECTS].count; }
+static const struct kiln_vec3 *positions(const struct planner *p, const struct kiln_mesh *mesh)
+{
+    return KILN_BUILDER_DATA(p->builder, struct kiln_vec3, KILN_SECTION_POSITIONS) + mesh->vertex_first;
+}
+static struct kiln_vec2 *lightmap_uv(const struct planner *p, const struct kiln_mesh *mesh)
+{
+    return KILN_BUILDER_DATA(p->builder, struct kiln_vec2, KILN_SECTION_TEXCOORD_LIGHTMAP) + mesh->vertex_first;
+}
+static uint32_t *triangles(const struct planner *p, const struct kiln_mesh *mesh)
+{
+    return KILN_BUILDER_DATA(p->builder, uint32_t, KILN_SECTION_TRIANGLES) + 3 * mesh->triangle_first;
+}
+static const char *string(const struct planner *p, uint32_t offset)
+{
+    return KILN_BUILDER_DATA(p->builder, char, KILN_SECTION_STRINGS) + offset;
+}
+
+static void linear_part(const double transform[12], double linear[9])
+{
+    for (size_t row = 0; row < 3; row++)
+        for (size_t column = 0; column < 3; column++)
+            linear[3 * row + column] = transform[4 * row + column];
+}
+
+static struct kiln_dvec3 apply(const double m[9], struct kiln_dvec3 p)
+{
+    return dvec3(m[0] * p.x + m[1] * p.y + m[2] * p.z, m[3] * p.x + m[4] * p.y + m[5] * p.z, m[6] * p.x + m[7] * p.y + m[8] * p.z);
+}
+
+/* Area-weighted mean length of dP/du and dP/dv over the triangles that have an extent in the layout. `uv` may be NULL. */
+static struct measure measure_triangles(const struct kiln_vec3 *points, const struct kiln_vec2 *uv, const uint32_t *corners,
+                                        size_t count, const double linear[9])
+{
+    struct measure m = {0};
+    double weight = 0.0;
+    for (size_t i = 0; i < count; i++) {
+        const uint32_t *c = corners + 3 * i;
+        const struct kiln_dvec3 origin = dvec3_of(points[c[0]]);
+        const struct kiln_dvec3 a = apply(linear, dvec3_sub(dvec3_of(points[c[1]]), origin));
+        const struct kiln_dvec3 b = apply(linear, dvec3_sub(dvec3_of(points[c[2]]), origin));
+        const double area = 0.5 * dvec3_length(dvec3_cross(a, b));
+        m.area += area;
+        if (uv == NULL)
+            continue;
+        const double au = (double)uv[c[1]].x - (double)uv[c[0]].x, av = (double)uv[c[1]].y - (double)uv[c[0]].y;
+        const double bu = (double)uv[c[2]].x - (double)uv[c[0]].x, bv = (double)uv[c[2]].y - (double)uv[c[0]].y;
+        const double determinant = au * bv - av * bu;
+        if (determinant == 0.0)
+            continue;
+        weight += area;
+        m.along_u += area * dvec3_length(dvec3_sub(dvec3_scale(a, bv), dvec3_scale(b, av))) / fabs(determinant);
+        m.along_v += area * dvec3_length(dvec3_sub(dvec3_scale(b, au), dvec3_scale(a, bu))) / fabs(determinant);
+    }
+    if (weight > 0.0) {
+        m.along_u /= weight;
+        m.along_v /= weight;
+    }
+    return m;
+}
+
+/* The transform's metric divided by its trace; gives the root of the trace. */
+static double shape_metric(const double m[9], double metric[6])
+{
+    static const int pairs[6][2] = {{0, 0}, {1, 1}, {2, 2}, {0, 1}, {0, 2}, {1, 2}};
+    for (int i = 0; i < 6; i++) {
+        const int a = pairs[i][0], b = pairs[i][1];
+        metric[i] = m[a] * m[b] + m[3 + a] * m[3 + b] + m[6 + a] * m[6 + b];
+    }
+    const double trace = metric[0] + metric[1] + metric[2];
+    for (int i = 0; i < 6 && trace > 0.0; i++)
+        metric[i] /= trace;
+    return sqrt(trace);
+}
+
+static struct measure measure_shape(struct shape *shape, const struct kiln_vec3 *points, const struct kiln_vec2 *uv,
+                                    const uint32_t *corners, size_t count, const double transform[12])
+{
+    double linear[9], metric[6];
+    linear_part(transform, linear);
+    const double scale = shape_metric(linear, metric);
+    if (!(scale > 0.0) || !isfinite(scale))
+        return (struct measure){0};
+    bool same = shape->known;
+    for (int i = 0; i < 6; i++)
+        same = same && fabs(metric[i] - shape->metric[i]) <= 1e-9;
+    if (!same) {
+        for (int i = 0; i < 9; i++)
+            linear[i] /= scale;
+        shape->known = true;
+        memcpy(shape->metric, metric, sizeof metric);
+        shape->measure = measure_triangles(points, uv, corners, count, linear);
+    }
+    const struct measure m = shape->measure;
+    return (struct measure){m.area * scale * scale, m.along_u * scale, m.along_v * scale};
+}
+
+/* A note of a kind of which there may be very many: only the first few are written. */
+static bool note_wanted(size_t *count) { return (*count)++ < NOTES_MAX; }
+
+static int check_mesh(struct planner *p, size_t index, struct kiln_error *error)
+{
+    struct kiln_mesh *mesh = &meshes(p)[index];
+    struct mesh_plan *plan = &p->plans[index];
+    static const double identity[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
+    mesh->surface_area = measure_triangles(positions(p, mesh), NULL, triangles(p, mesh), mesh->triangle_count, identity).area;
+    mesh->uv_area = 0.0;
+    plan->reference = SIZE_MAX;
+    plan->unwrap = mesh->triangle_count > 0;
+    if (mesh->triangle_count == 0)
+        return KILN_OK;
+    if (index >= p->builder->mesh_capacity || p->builder->mesh_has_lightmap_uv[index] == 0) {
+        p->absent++;
+        return KILN_OK;
+    }
+    struct kiln_uv_verdict verdict;
+    int status = kiln_uv_check(&verdict, positions(p, mesh), lightmap_uv(p, mesh), triangles(p, mesh), mesh->triangle_count, error);
+    if (status != KILN_OK)
+        return status;
+    if (!verdict.valid)
+        return note_wanted(&p->refused) ? kiln_builder_note(p->builder, 1, error,
+                                                            "mesh \"%s\": its second UV set %s; it is unwrapped anew",
+                                                            string(p, mesh->name), verdict.reason)
+                                        : KILN_OK;
+    plan->unwrap = false;
+    mesh->uv_area = verdict.uv_area;
+    struct kiln_vec2 *uv = lightmap_uv(p, mesh);
+    for (size_t i = 0; i < mesh->vertex_count; i++) {
+        /* Vertices that no triangle uses may hold anything. */
+        uv[i].x = isfinite(uv[i].x) ? fminf(fmaxf(uv[i].x, 0.0f), 1.0f) : 0.0f;
+        uv[i].y = isfinite(uv[i].y) ? fminf(fmaxf(uv[i].y, 0.0f), 1.0f) : 0.0f;
+    }
+    return KILN_OK;
+}
+
+/* Measures the objects; finds each mesh's largest. */
+static void measure_objects(struct planner *p)
+{
+    for (size_t i = 0; i < object_count(p); i++) {
+        const struct kiln_object *object = &objects(p)[i];
+        const struct kiln_mesh *mesh = &meshes(p)[object->mesh];
+        struct mesh_plan *plan = &p->plans[object->mesh];
+        p->measures[i] = measure_shape(&plan->shape, positions(p, mesh), plan->unwrap ? NULL : lightmap_uv(p, mesh),
+                                       triangles(p, mesh), mesh->triangle_count, object->transform);
+        if (isfinite(p->measures[i].area) && p->measures[i].area > 0.0 &&
+            (plan->reference == SIZE_MAX || p->measures[i].area > p->measures[plan->reference].area))
+            plan->reference = i;
+    }
+}
+
+/* The nearest, by ratio, of a few round numbers a decade. */
+static double tidy(double value)
+{
+    static const double steps[] = {1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0};
+    const double decade = pow(10.0, floor(log10(value)));
+    double best = decade;
+    for (size_t i = 0; i < sizeof steps / sizeof *steps; i++)
+        if (fabs(log(steps[i] * decade / value)) < fabs(log(best / value)))
+            best = steps[i] * decade;
+    return best;
+}
+
+static double choose_density(const struct planner *p)
+{
+    if (p->params.texels_per_metre > 0.0)
+        return p->params.texels_per_metre;
+    double texels = 0.0; /* at one a metre */
+    for (size_t i = 0; i < object_count(p); i++) {
+        const struct measure *m = &p->measures[i];
+        const double own = p->plans[objects(p)[i].mesh].unwrap ? m->area / EXPECTED_USE : m->along_u * m->along_v;
+        if (isfinite(own))
+            texels += own;
+    }
+    return texels > 0.0 && isfinite(texels) ? tidy(sqrt(SCENE_TEXELS / texels)) : 1.0;
+}
+
+static int note_packing(struct planner *p, const struct kiln_mesh *mesh, const struct kiln_unwrapped *u, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    if (u->cells > 1 && note_wanted(&p->shared))
+        status = kiln_builder_note(p->builder, 1, error,
+                                   "mesh \"%s\": its %zu charts do not fit a lightmap of %u x %u with a texel each, so charts share texels; "
+                                   "allow larger lightmaps or split the mesh",
+                                   string(p, mesh->name), u->chart_count, u->width, u->height);
+    else if (p->params.lightmap_size == 0 && u->texels_per_metre < p->texels_per_metre * (1.0 - 1e-9) && note_wanted(&p->capped))
+        status = kiln_builder_note(p->builder, 1, error,
+                                   "mesh \"%s\": its lightmap would be larger than %u texels a side; it has %.3g texels a metre "
+                                   "instead of %.3g",
+                                   string(p, mesh->name), p->params.lightmap_max, u->texels_per_metre, p->texels_per_metre);
+    return status;
+}
+
+static int unwrap_mesh(struct planner *p, size_t index, struct kiln_error *error)
+{
+    struct kiln_mesh *mesh = &meshes(p)[index];
+    struct mesh_plan *plan = &p->plans[index];
+    struct kiln_unwrap_params params = {.linear = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0},
+                                        .texels_per_metre = p->texels_per_metre,
+                                        .padding = p->params.padding,
+                                        .size = p->params.lightmap_size,
+                                        .max = p->params.lightmap_max};
+    if (plan->reference != SIZE_MAX)
+        linear_part(objects(p)[plan->reference].transform, params.linear);
+    int status = kiln_unwrap(&plan->unwrapped, positions(p, mesh), mesh->vertex_count, triangles(p, mesh), mesh->triangle_count,
+                             &params, error);
+    if (status != KILN_OK)
+        return status;
+    const struct kiln_unwrapped *u = plan->unwrapped;
+    mesh->flags |= KILN_MESH_UNWRAPPED;
+    for (size_t i = 0; i < mesh->triangle_count; i++) {
+        const struct kiln_vec2 a = u->uv[u->triangles[3 * i]], b = u->uv[u->triangles[3 * i + 1]], c = u->uv[u->triangles[3 * i + 2]];
+        mesh->uv_area += 0.5 * fabs(((double)b.x - (double)a.x) * ((double)c.y - (double)a.y) -
+                                    ((double)b.y - (double)a.y) * ((double)c.x - (double)a.x));
+    }
+    return note_packing(p, mesh, u, error);
+}
+
+/* Measures an unwrapped mesh in its new layout, as all its objects show it: into `measures`. */
+static int measure_unwrapped(struct planner *p, size_t index, const size_t *members, size_t member_count, struct kiln_error *error)
+{
+    const struct kiln_mesh *mesh = &meshes(p)[index];
+    struct mesh_plan *plan = &p->plans[index];
+    const struct kiln_unwrapped *u = plan->unwrapped;
+    struct kiln_vec3 *points = NULL;
+    const int status = kiln_allocate(&points, u->vertex_count, sizeof *points, "unwrapped vertices", error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < u->vertex_count; i++)
+        points[i] = positions(p, mesh)[u->source[i]];
+    plan->shape.known = false;
+    for (size_t i = 0; i < member_count; i++)
+        p->measures[members[i]] = measure_shape(&plan->shape, points, u->uv, u->triangles, mesh->triangle_count,
+                                                objects(p)[members[i]].transform);
+    kiln_free(&points);
+    if (plan->reference != SIZE_MAX)
+        plan->measure = p->measures[plan->reference];
+    return KILN_OK;
+}
+
+/* Sorts the objects by mesh: first[m] .. first[m + 1] in `members`. */
+static void group_objects(const struct planner *p, size_t *first, size_t *members)
+{
+    for (size_t i = 0; i < object_count(p); i++)
+        first[objects(p)[i].mesh + 1]++;
+    for (size_t m = 0; m < mesh_count(p); m++)
+        first[m + 1] += first[m];
+    for (size_t i = object_count(p); i-- > 0;)
+        members[--first[objects(p)[i].mesh + 1]] = i;
+    /* Each entry has moved down to the start of its mesh's range: move the starts back into place. */
+    for (size_t m = 0; m < mesh_count(p); m++)
+        first[m] = first[m + 1];
+    first[mesh_count(p)] = object_count(p);
+}
+
+static int unwrap_meshes(struct planner *p, struct kiln_error *error)
+{
+    size_t *first = NULL, *members = NULL;
+    int status = kiln_allocate(&first, mesh_count(p) + 1, sizeof *first, "layouts", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&members, object_count(p), sizeof *members, "layouts", error);
+    if (status == KILN_OK)
+        group_objects(p, first, members);
+    for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++) {
+        if (!p->plans[i].unwrap)
+            continue;
+        status = unwrap_mesh(p, i, error);
+        if (status == KILN_OK)
+            status = measure_unwrapped(p, i, members + first[i], first[i + 1] - first[i], error);
+    }
+    kiln_free(&members);
+    kiln_free(&first);
+    return status;
+}
+
+/* Texels along one side, at least `least`, at most the cap; *capped is set where the cap bites. */
+static uint32_t side_of(const struct planner *p, double texels, uint32_t least, bool *capped)
+{
+    const double side = isfinite(texels) ? fmax(ceil(texels - 1e-3), least) : least;
+    *capped = *capped || side > p->params.lightmap_max;
+    return (uint32_t)fmin(fmax(side, 1.0), p->params.lightmap_max);
+}
+
+static int size_object(struct planner *p, size_t index, struct kiln_error *error)
+{
+    struct kiln_object *object = &objects(p)[index];
+    const struct mesh_plan *plan = &p->plans[object->mesh];
+    if (p->params.lightmap_size > 0) {
+        object->lightmap_width = object->lightmap_height = p->params.lightmap_size;
+        return KILN_OK;
+    }
+    bool capped = false;
+    if (!plan->unwrap || plan->reference == SIZE_MAX) {
+        object->lightmap_width = side_of(p, p->texels_per_metre * p->measures[index].along_u, 1, &capped);
+        object->lightmap_height = side_of(p, p->texels_per_metre * p->measures[index].along_v, 1, &capped);
+    } else {
+        const struct kiln_unwrapped *u = plan->unwrapped;
+        const struct measure m = p->measures[index];
+        /* Not so small that less than a texel is left of the padding. */
+        const uint32_t least_width = (u->width + p->params.padding - 1) / p->params.padding;
+        const uint32_t least_height = (u->height + p->params.padding - 1) / p->params.padding;
+        object->lightmap_width = side_of(p, u->width * (m.along_u / plan->measure.along_u), least_width, &capped);
+        object->lightmap_height = side_of(p, u->height * (m.along_v / plan->measure.along_v), least_height, &capped);
+    }
+    if (capped && note_wanted(&p->capped))
+        return kiln_builder_note(p->builder, 1, error,
+                                 "object \"%s\": its lightmap would be larger than %u texels a side and is capped there; it has fewer "
+                                 "than %.3g texels a metre",
+                                 string(p, object->name), p->params.lightmap_max, p->texels_per_metre);
+    return KILN_OK;
+}
+
+/* Appends the mesh's vertices, in its old or its new layout, to the new vertex list. */
+static int collect_mesh(struct planner *p, size_t index, struct kiln_error *error)
+{
+    struct kiln_mesh *mesh = &meshes(p)[index];
+    const struct kiln_unwrapped *u = p->plans[index].unwrapped;
+    const uint64_t old_first = mesh->vertex_first;
+    const size_t count = u != NULL ? u->vertex_count : mesh->vertex_count, first = p->vertex_count;
+    int status = kiln_grow(&p->source, &p->source_capacity, first + count, sizeof *p->source, "vertices of layouts", error);
+    if (status == KILN_OK)
+        status = kiln_grow(&p->uv, &p->uv_capacity, first + count, sizeof *p->uv, "vertices of layouts", error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < count; i++) {
+        p->source[first + i] = old_first + (u != NULL ? u->source[i] : i);
+        p->uv[first + i] = u != NULL ? u->uv[i] : lightmap_uv(p, mesh)[i];
+    }
+    if (u != NULL)
+        memcpy(triangles(p, mesh), u->triangles, 3 * mesh->triangle_count * sizeof *u->triangles);
+    mesh->vertex_first = first;
+    mesh->vertex_count = count;
+    p->vertex_count = first + count;
+    return KILN_OK;
+}
+
+/* Puts the vertices of one section into their new order. */
+static int gather_section(struct planner *p, enum kiln_scene_section section, struct kiln_error *error)
+{
+    const size_t size = kiln_scene_element_size(section);
+    unsigned char *data = NULL;
+    const unsigned char *old = p->builder->sections[section].data;
+    const int status = kiln_allocate(&data, p->vertex_count, size, "vertices of layouts", error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < p->vertex_count; i++)
+        memcpy(data + i * size, old + p->source[i] * size, size);
+    kiln_free(&p->builder->sections[section].data);
+    p->builder->sections[section].data = data;
+    p->builder->sections[section].count = p->builder->sections[section].capacity = p->vertex_count;
+    return KILN_OK;
+}
+
+static const enum kiln_scene_section VERTEX_SECTIONS[] = {KILN_SECTION_POSITIONS, KILN_SECTION_NORMALS, KILN_SECTION_TEXCOORD_BASE,
+                                                          KILN_SECTION_TEXCOORD_EMISSION, KILN_SECTION_TEXCOORD_LIGHTMAP,
+                                                          KILN_SECTION_COLORS};
+enum { VERTEX_SECTION_COUNT = sizeof VERTEX_SECTIONS / sizeof *VERTEX_SECTIONS };
+
+/* Rewrites all vertex sections so that every mesh has the vertices of its layout. */
+static int rebuild_vertices(struct planner *p, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; i < VERTEX_SECTION_COUNT; i++)
+        if (p->builder->sections[VERTEX_SECTIONS[i]].count != p->builder->sections[KILN_SECTION_POSITIONS].count)
+            return kiln_fail(error, KILN_BUG, "vertex section %d has %zu elements where there are %zu positions", (int)VERTEX_SECTIONS[i],
+                             p->builder->sections[VERTEX_SECTIONS[i]].count, p->builder->sections[KILN_SECTION_POSITIONS].count);
+    for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++)
+        status = collect_mesh(p, i, error);
+    for (size_t i = 0; i < VERTEX_SECTION_COUNT && status == KILN_OK; i++)
+        status = gather_section(p, VERTEX_SECTIONS[i], error);
+    if (status == KILN_OK && p->vertex_count > 0)
+        memcpy(p->builder->sections[KILN_SECTION_TEXCOORD_LIGHTMAP].data, p->uv, p->vertex_count * sizeof *p->uv);
+    return status;
+}
+
+static int write_totals(struct planner *p, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    if (p->absent > 0)
+        status = kiln_builder_note(p->builder, 0, error, "%zu of %zu meshes have no second UV set and are unwrapped", p->absent,
+                                   mesh_count(p));
+    if (status == KILN_OK && p->refused > NOTES_MAX)
+        status = kiln_builder_note(p->builder, 1, error, "%zu more second UV sets are refused", p->refused - NOTES_MAX);
+    if (status == KILN_OK && p->capped > NOTES_MAX)
+        status = kiln_builder_note(p->builder, 1, error, "%zu more lightmaps are capped at %u texels a side", p->capped - NOTES_MAX,
+                                   p->params.lightmap_max);
+    if (status == KILN_OK && p->shared > NOTES_MAX)
+        status = kiln_builder_note(p->builder, 1, error, "%zu more meshes have charts that share texels", p->shared - NOTES_MAX);
+    return status;
+}
+
+static int plan_layouts(struct planner *p, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    bool any = false;
+    for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++) {
+        status = check_mesh(p, i, error);
+        any = any || p->plans[i].unwrap;
+    }
+    if (status != KILN_OK)
+        return status;
+    measure_objects(p);
+    p->texels_per_metre = choose_density(p);
+    status = unwrap_meshes(p, error);
+    for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++)
+        status = size_object(p, i, error);
+    if (status == KILN_OK && any)
+        status = rebuild_vertices(p, error);
+    if (status == KILN_OK)
+        status = write_totals(p, error);
+    p->builder->texels_per_metre = p->params.lightmap_size > 0 ? 0.0f : (float)p->texels_per_metre;
+    return status;
+}
+
+static int check_params(struct kiln_layout_params *params, struct kiln_error *error)
+{
+    if (params->lightmap_max == 0)
+        params->lightmap_max = DEFAULT_MAX;
+    if (params->padding == 0)
+        params->padding = DEFAULT_PADDING;
+    if (params->lightmap_max > LARGEST_SIDE || params->lightmap_size > LARGEST_SIDE)
+        return kiln_fail(error, KILN_USAGE, "a lightmap of %u texels a side is asked for; the largest is %d",
+                         params->lightmap_size > params->lightmap_max ? params->lightmap_size : params->lightmap_max, LARGEST_SIDE);
+    if (!isfinite(params->texels_per_metre) || params->texels_per_metre < 0.0)
+        return kiln_fail(error, KILN_USAGE, "texels a metre is %g; it must be a number above 0", params->texels_per_metre);
+    if (params->padding > 64)
+        return kiln_fail(error, KILN_USAGE, "a padding of %u texels is asked for; the largest is 64", params->padding);
+    return KILN_OK;
+}
+
+int kiln_layout(struct kiln_builder *builder, const struct kiln_layout_params *params, struct kiln_error *error)
+{
+    struct planner p = {.builder = builder, .params = *params};
+    int status = check_params(&p.params, error);
+    if (status != KILN_OK)
+        return status;
+    status = kiln_allocate(&p.plans, mesh_count(&p), sizeof *p.plans, "layouts", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&p.measures, object_count(&p), sizeof *p.measures, "layouts", error);
+    if (status == KILN_OK)
+        status = plan_layouts(&p, error);
+    for (size_t i = 0; p.plans != NULL && i < mesh_count(&p); i++)
+        kiln_unwrapped_destroy(&p.plans[i].unwrapped);
+    kiln_free(&p.uv);
+    kiln_free(&p.source);
+    kiln_free(&p.measures);
+    kiln_free(&p.plans);
+    return status;
+}

@@ -1,0 +1,579 @@
+#include "coordinator/layout/pack.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "coordinator/layout/raster.h"
+#include "worker/base/memory.h"
+
+enum {
+    BORDER = 1,
+    MANY_CHARTS = 256,    /* from here on a search starts where the last one of like size ended */
+    TURN_CHARTS = 2000,   /* from here on only two of the four orientations are tried */
+    CLASSES = 64,
+    CANDIDATES_MAX = 10
+};
+static const double SNAP = 0.125;         /* largest stretch that puts a rectangle's sides on texel borders */
+static const double TOUCH_TOLERANCE = 1e-3; /* of a cell; a chart's own rounding is below 1e-9 */
+
+/* A chart's box in cells, and how its metres become cells. */
+struct box {
+    uint32_t chart;
+    uint32_t width, height;
+    double scale[2], inset[2];
+};
+
+struct run {
+    uint32_t row, first, end;
+};
+
+struct packer {
+    const struct kiln_charts *charts;
+    const struct kiln_topology *topology;
+    uint32_t padding;
+    struct box *boxes; /* largest first */
+    double (*maps)[6]; /* in cells of the whole grid, border included */
+    /* The attempt under way. `fine` has a bit a cell, set where no chart may be; `coarse` the same for blocks of `block` cells. */
+    uint32_t inner_width, height_limit;
+    uint32_t used_width, used_height;
+    struct kiln_bitmap fine, coarse;
+    uint32_t block;
+    uint32_t *longest_free; /* a row of the grid searched */
+    size_t longest_capacity;
+    uint32_t cursor[CLASSES][CLASSES];
+    /* The chart under way. */
+    struct kiln_bitmap mask, coarse_mask;
+    struct run *runs;
+    size_t run_count, run_capacity;
+    uint64_t *line, *blocked;
+    size_t line_capacity, blocked_capacity;
+};
+
+static struct box chart_box(const struct kiln_chart *chart, uint32_t index, double density)
+{
+    struct box box = {.chart = index};
+    const double size[2] = {chart->width * density, chart->height * density};
+    double side[2] = {fmax(round(size[0]), 1.0), fmax(round(size[1]), 1.0)};
+    const bool snap = chart->rectangular && fabs(side[0] - size[0]) <= SNAP * size[0] && fabs(side[1] - size[1]) <= SNAP * size[1];
+    for (int k = 0; k < 2; k++) {
+        if (!snap)
+            side[k] = fmax(ceil(size[k] - 1e-6), 1.0);
+        box.scale[k] = snap ? density * (side[k] / size[k]) : density;
+        box.inset[k] = snap ? 0.0 : 0.5 * (side[k] - size[k]);
+    }
+    box.width = (uint32_t)side[0];
+    box.height = (uint32_t)side[1];
+    return box;
+}
+
+static int compare_boxes(const void *a, const void *b)
+{
+    const struct box *p = a, *q = b;
+    const uint32_t p_long = p->width > p->height ? p->width : p->height, q_long = q->width > q->height ? q->width : q->height;
+    if (p_long != q_long)
+        return p_long > q_long ? -1 : 1;
+    const uint64_t p_area = (uint64_t)p->width * p->height, q_area = (uint64_t)q->width * q->height;
+    if (p_area != q_area)
+        return p_area > q_area ? -1 : 1;
+    return p->chart < q->chart ? -1 : p->chart > q->chart;
+}
+
+/* Metres of the chart to cells of its own box, turned by quarter turns. */
+static void box_map(const struct box *box, int turns, double m[6])
+{
+    const double w = box->width, h = box->height, sx = box->scale[0], sy = box->scale[1], ix = box->inset[0], iy = box->inset[1];
+    const double maps[4][6] = {{sx, 0.0, ix, 0.0, sy, iy},
+                               {0.0, -sy, h - iy, sx, 0.0, ix},
+                               {-sx, 0.0, w - ix, 0.0, -sy, h - iy},
+                               {0.0, sy, iy, -sx, 0.0, w - ix}};
+    memcpy(m, maps[turns], sizeof maps[0]);
+}
+
+static void map_point(const double m[6], const double ab[2], double xy[2])
+{
+    xy[0] = m[0] * ab[0] + m[1] * ab[1] + m[2];
+    xy[1] = m[3] * ab[0] + m[4] * ab[1] + m[5];
+}
+
+/* Cells of its box that the chart touches. */
+static int draw_mask(struct packer *p, const struct box *box, int turns, struct kiln_error *error)
+{
+    const struct kiln_chart *chart = &p->charts->charts[box->chart];
+    const uint32_t width = turns % 2 == 0 ? box->width : box->height, height = turns % 2 == 0 ? box->height : box->width;
+    const int status = kiln_bitmap_reset(&p->mask, width, height, error);
+    if (status != KILN_OK)
+        return status;
+    if (chart->rectangular || (width <= 2 && height <= 2)) {
+        for (uint32_t y = 0; y < height; y++)
+            kiln_bitmap_set_run(&p->mask, y, 0, width);
+        return KILN_OK;
+    }
+    double m[6];
+    box_map(box, turns, m);
+    for (size_t i = 0; i < chart->count; i++) {
+        const uint32_t *c = p->topology->triangles + 3 * (size_t)p->charts->order[chart->first + i];
+        double corner[3][2];
+        for (int k = 0; k < 3; k++) {
+            double ab[2];
+            kiln_chart_project(chart, p->topology->points[c[k]], ab);
+            map_point(m, ab, corner[k]);
+        }
+        kiln_raster_touch(&p->mask, (const double(*)[2])corner, TOUCH_TOLERANCE);
+    }
+    return KILN_OK;
+}
+
+/* First cell at or after `from` whose bit is `value`, or `end`. */
+static uint32_t next_bit(const uint64_t *row, uint32_t from, uint32_t end, bool value)
+{
+    while (from < end) {
+        const uint64_t word = (value ? row[from / 64] : ~row[from / 64]) >> (from % 64);
+        if (word != 0) {
+            const uint32_t found = from + (uint32_t)__builtin_ctzll(word);
+            return found < end ? found : end;
+        }
+        from = (from / 64 + 1) * 64;
+    }
+    return end;
+}
+
+static uint32_t longest_free_run(const uint64_t *row, uint32_t width)
+{
+    uint32_t longest = 0;
+    for (uint32_t x = next_bit(row, 0, width, false); x < width;) {
+        const uint32_t end = next_bit(row, x, width, true);
+        longest = end - x > longest ? end - x : longest;
+        x = next_bit(row, end, width, false);
+    }
+    return longest;
+}
+
+/* Row y of a bitmap at 1/block: a block is set where any of its cells is. */
+static void shrink_row(const struct kiln_bitmap *from, struct kiln_bitmap *to, uint32_t y, uint32_t block)
+{
+    uint64_t *row = to->words + (size_t)y * to->stride;
+    memset(row, 0, to->stride * sizeof *row);
+    for (uint32_t line = y * block; line < (y + 1) * block && line < from->height; line++) {
+        const uint64_t *source = from->words + (size_t)line * from->stride;
+        for (uint32_t x = next_bit(source, 0, from->width, true); x < from->width;) {
+            const uint32_t end = next_bit(source, x, from->width, false);
+            const uint32_t last = (end - 1) / block + 1;
+            kiln_bitmap_set_run(to, y, x / block, last < to->width ? last : to->width);
+            x = next_bit(source, end, from->width, true);
+        }
+    }
+}
+
+static struct kiln_bitmap *search_grid(struct packer *p) { return p->block == 1 ? &p->fine : &p->coarse; }
+
+/* Brings rows first .. end-1 of the searched grid up to date with the fine one. */
+static int refresh_rows(struct packer *p, uint32_t first, uint32_t end, struct kiln_error *error)
+{
+    struct kiln_bitmap *grid = search_grid(p);
+    int status = kiln_bitmap_extend(grid, end, error);
+    if (status == KILN_OK)
+        status = kiln_grow(&p->longest_free, &p->longest_capacity, end, sizeof *p->longest_free, "packing charts", error);
+    for (uint32_t y = first; y < end && status == KILN_OK; y++) {
+        if (p->block > 1)
+            shrink_row(&p->fine, &p->coarse, y, p->block);
+        p->longest_free[y] = longest_free_run(grid->words + (size_t)y * grid->stride, grid->width);
+    }
+    return status;
+}
+
+/* Changes the block size; searches of like size start anew. */
+static int change_block(struct packer *p, uint32_t block, struct kiln_error *error)
+{
+    p->block = block;
+    memset(p->cursor, 0, sizeof p->cursor);
+    if (block > 1) {
+        const int status = kiln_bitmap_reset(&p->coarse, (p->inner_width + block - 1) / block, 0, error);
+        if (status != KILN_OK)
+            return status;
+    }
+    return refresh_rows(p, 0, (p->fine.height + block - 1) / block, error);
+}
+
+/* The mask's rows as runs of blocks, the middle row first: it is likely to be the longest. */
+static int mask_runs(struct packer *p, uint32_t *width, uint32_t *height, struct kiln_error *error)
+{
+    const struct kiln_bitmap *mask = &p->mask;
+    *width = (p->mask.width + p->block - 1) / p->block;
+    *height = (p->mask.height + p->block - 1) / p->block;
+    if (p->block > 1) {
+        const int status = kiln_bitmap_reset(&p->coarse_mask, *width, *height, error);
+        if (status != KILN_OK)
+            return status;
+        for (uint32_t y = 0; y < *height; y++)
+            shrink_row(&p->mask, &p->coarse_mask, y, p->block);
+        mask = &p->coarse_mask;
+    }
+    p->run_count = 0;
+    for (uint32_t i = 0; i < *height; i++) {
+        const uint32_t y = (i + *height / 2) % *height;
+        const uint64_t *row = mask->words + (size_t)y * mask->stride;
+        for (uint32_t x = next_bit(row, 0, *width, true); x < *width;) {
+            const uint32_t end = next_bit(row, x, *width, false);
+            const int status = kiln_grow(&p->runs, &p->run_capacity, p->run_count + 1, sizeof *p->runs, "packing charts", error);
+            if (status != KILN_OK)
+                return status;
+            p->runs[p->run_count++] = (struct run){y, x, end};
+            x = next_bit(row, end, *width, true);
+        }
+    }
+    return KILN_OK;
+}
+
+/* to |= from >> shift, where `to` may be `from`. */
+static void or_shifted(uint64_t *to, const uint64_t *from, size_t words, uint32_t shift)
+{
+    const size_t skip = shift / 64;
+    const uint32_t bits = shift % 64;
+    for (size_t i = 0; i + skip < words; i++) {
+        uint64_t value = from[i + skip] >> bits;
+        if (bits != 0 && i + skip + 1 < words)
+            value |= from[i + skip + 1] << (64 - bits);
+        to[i] |= value;
+    }
+}
+
+/* Lowest x at which the mask is free in rows y .. of the searched grid, below `positions`, or KILN_NONE. Bit x of `blocked` says that
+ * some run of the mask meets a set cell when the mask stands at x. */
+static uint32_t free_position(struct packer *p, const struct kiln_bitmap *grid, uint32_t y, uint32_t positions)
+{
+    for (size_t i = 0; i < p->run_count; i++)
+        if (p->longest_free[y + p->runs[i].row] < p->runs[i].end - p->runs[i].first)
+            return KILN_NONE;
+    const size_t words = grid->stride;
+    memset(p->blocked, 0, words * sizeof *p->blocked);
+    for (size_t i = 0; i < p->run_count; i++) {
+        const struct run run = p->runs[i];
+        if (p->longest_free[y + run.row] == grid->width)
+            continue;
+        memcpy(p->line, grid->words + (size_t)(y + run.row) * words, words * sizeof *p->line);
+        for (uint32_t length = 1, target = run.end - run.first; length < target;) {
+            const uint32_t step = length < target - length ? length : target - length;
+            or_shifted(p->line, p->line, words, step);
+            length += step;
+        }
+        or_shifted(p->blocked, p->line, words, run.first);
+        if (next_bit(p->blocked, 0, positions, false) == positions)
+            return KILN_NONE;
+    }
+    const uint32_t x = next_bit(p->blocked, 0, positions, false);
+    return x < positions ? x : KILN_NONE;
+}
+
+static uint32_t size_class(uint32_t size)
+{
+    const uint32_t c = (uint32_t)(4.0 * log2(size));
+    return c < CLASSES ? c : CLASSES - 1;
+}
+
+struct position {
+    uint32_t x, y, top; /* cells; top: first free row above */
+    int turns;
+};
+
+/* Searches from below for the mask's first place whose top is below best->top. */
+static int search(struct packer *p, int turns, struct position *best, struct kiln_error *error)
+{
+    uint32_t width, height;
+    int status = mask_runs(p, &width, &height, error);
+    struct kiln_bitmap *grid = search_grid(p);
+    if (status != KILN_OK || p->mask.width > p->inner_width)
+        return status;
+    const uint32_t positions = (p->inner_width - p->mask.width) / p->block + 1;
+    uint32_t *cursor = &p->cursor[size_class(p->mask.width)][size_class(p->mask.height)];
+    for (uint32_t y = p->charts->count > MANY_CHARTS ? *cursor : 0;; y++) {
+        if ((uint64_t)y * p->block + p->mask.height >= best->top)
+            return KILN_OK;
+        if (y + height > grid->height) {
+            status = kiln_bitmap_extend(&p->fine, (y + height) * p->block, error);
+            if (status == KILN_OK)
+                status = refresh_rows(p, p->block > 1 ? grid->height : y, y + height, error);
+            if (status != KILN_OK)
+                return status;
+        }
+        const uint32_t x = free_position(p, grid, y, positions);
+        if (x == KILN_NONE)
+            continue;
+        *cursor = y;
+        *best = (struct position){x * p->block, y * p->block, y * p->block + p->mask.height, turns};
+        return KILN_OK;
+    }
+}
+
+/* Sets the mask and its padding in the fine grid. */
+static int stamp(struct packer *p, const struct position *at, struct kiln_error *error)
+{
+    const uint32_t top = at->y + p->mask.height + p->padding, bottom = at->y > p->padding ? at->y - p->padding : 0;
+    int status = kiln_bitmap_extend(&p->fine, (top + p->block - 1) / p->block * p->block, error);
+    if (status != KILN_OK)
+        return status;
+    for (uint32_t row = 0; row < p->mask.height; row++) {
+        const uint64_t *source = p->mask.words + (size_t)row * p->mask.stride;
+        const uint32_t y = at->y + row, low = y > p->padding ? y - p->padding : 0;
+        for (uint32_t x = next_bit(source, 0, p->mask.width, true); x < p->mask.width;) {
+            const uint32_t end = next_bit(source, x, p->mask.width, false);
+            const uint32_t left = at->x + x, right = at->x + end + p->padding;
+            for (uint32_t line = low; line <= y + p->padding; line++)
+                kiln_bitmap_set_run(&p->fine, line, left > p->padding ? left - p->padding : 0,
+                                    right < p->inner_width ? right : p->inner_width);
+            x = next_bit(source, end, p->mask.width, true);
+        }
+    }
+    return refresh_rows(p, bottom / p->block, (top + p->block - 1) / p->block, error);
+}
+
+/* Cells across a block, so that the largest charts are searched for in a coarse grid: less work, and less than 1/blocks lost. */
+static uint32_t box_block(const struct packer *p, const struct box *box)
+{
+    const size_t count = p->charts->count;
+    const uint32_t blocks = count < 100 ? 128 : count < 500 ? 64 : 32, side = box->width > box->height ? box->width : box->height;
+    uint32_t block = 1;
+    while (block * blocks < side)
+        block *= 2;
+    return block;
+}
+
+static int place(struct packer *p, const struct box *box, bool *fits, struct kiln_error *error)
+{
+    const bool rectangular = p->charts->charts[box->chart].rectangular, tiny = box->width <= 2 && box->height <= 2;
+    int turns_end = p->charts->count < TURN_CHARTS ? 4 : 2;
+    if (rectangular || tiny)
+        turns_end = box->width == box->height ? 1 : 2;
+    struct position best = {.top = p->height_limit + 1};
+    const struct position none = best;
+    int status = KILN_OK, drawn = -1;
+    for (int turns = 0; turns < turns_end && status == KILN_OK; turns++) {
+        status = draw_mask(p, box, turns, error);
+        drawn = turns;
+        if (status == KILN_OK)
+            status = search(p, turns, &best, error);
+    }
+    if (status != KILN_OK)
+        return status;
+    *fits = best.top != none.top;
+    if (!*fits)
+        return KILN_OK;
+    if (drawn != best.turns)
+        status = draw_mask(p, box, best.turns, error);
+    if (status == KILN_OK)
+        status = stamp(p, &best, error);
+    double *m = p->maps[box->chart];
+    box_map(box, best.turns, m);
+    m[2] += best.x + BORDER;
+    m[5] += best.y + BORDER;
+    p->used_width = best.x + p->mask.width > p->used_width ? best.x + p->mask.width : p->used_width;
+    p->used_height = best.top > p->used_height ? best.top : p->used_height;
+    return status;
+}
+
+/* One attempt: charts at `density` cells a metre in a grid width x (at most) height, border included. */
+static int attempt(struct packer *p, double density, uint32_t width, uint32_t height, bool *fits, struct kiln_error *error)
+{
+    *fits = false;
+    if (width <= 2 * BORDER || height <= 2 * BORDER)
+        return KILN_OK;
+    p->inner_width = width - 2 * BORDER;
+    p->height_limit = height - 2 * BORDER;
+    p->used_width = p->used_height = 0;
+    for (size_t i = 0; i < p->charts->count; i++) {
+        const struct kiln_chart *chart = &p->charts->charts[i];
+        const double longer = fmax(chart->width, chart->height) * density, limit = fmax(p->inner_width, p->height_limit);
+        if (longer > limit + 1.0)
+            return KILN_OK;
+        p->boxes[i] = chart_box(chart, (uint32_t)i, density);
+    }
+    qsort(p->boxes, p->charts->count, sizeof *p->boxes, compare_boxes);
+    int status = kiln_bitmap_reset(&p->fine, p->inner_width, 0, error);
+    if (status == KILN_OK)
+        status = kiln_grow(&p->line, &p->line_capacity, p->fine.stride, sizeof *p->line, "packing charts", error);
+    if (status == KILN_OK)
+        status = kiln_grow(&p->blocked, &p->blocked_capacity, p->fine.stride, sizeof *p->blocked, "packing charts", error);
+    p->block = 0;
+    *fits = true;
+    for (size_t i = 0; i < p->charts->count && *fits && status == KILN_OK; i++) {
+        const uint32_t block = box_block(p, &p->boxes[i]);
+        if (block != p->block)
+            status = change_block(p, block, error);
+        if (status == KILN_OK)
+            status = place(p, &p->boxes[i], fits, error);
+    }
+    p->used_width += 2 * BORDER;
+    p->used_height += 2 * BORDER;
+    return status;
+}
+
+/* Cells that the charts take up with their padding, reckoned from areas. */
+static double needed_cells(const struct packer *p, double density)
+{
+    double cells = 0.0;
+    for (size_t i = 0; i < p->charts->count; i++) {
+        const struct kiln_chart *c = &p->charts->charts[i];
+        const double w = c->width * density, h = c->height * density;
+        cells += c->area * density * density + (0.5 + p->padding) * (w + h) + (1.0 + p->padding) * (1.0 + p->padding);
+    }
+    return cells;
+}
+
+/* Widths worth trying for a lightmap of free proportions. */
+static size_t candidate_widths(const struct packer *p, double density, uint32_t limit, uint32_t widths[CANDIDATES_MAX])
+{
+    double longest = 1.0;
+    for (size_t i = 0; i < p->charts->count; i++)
+        longest = fmax(longest, ceil(fmax(p->charts->charts[i].width, p->charts->charts[i].height) * density));
+    const double side = sqrt(needed_cells(p, density)), least = fmin(longest + 2.0 * BORDER, limit);
+    static const double factors[CANDIDATES_MAX] = {1.05, 0.9, 1.2, 0.97, 1.12, 0.8, 1.35, 1.5, 0.7, 1.7};
+    const size_t count = p->charts->count, tries = count <= 64 ? CANDIDATES_MAX : count <= 500 ? 5 : count <= 2000 ? 3 : 1;
+    size_t found = 0;
+    for (size_t i = 0; i < tries; i++) {
+        const double width = fmin(fmax(ceil(side * factors[i]) + 2.0 * BORDER, least), limit);
+        bool known = false;
+        for (size_t k = 0; k < found; k++)
+            known = known || widths[k] == (uint32_t)width;
+        if (!known)
+            widths[found++] = (uint32_t)width;
+    }
+    return found;
+}
+
+struct best {
+    double (*maps)[6]; /* in 0..1 */
+    uint32_t width, height;
+    double density;
+};
+
+static void keep(const struct packer *p, struct best *best, uint32_t width, uint32_t height, double density)
+{
+    for (size_t i = 0; i < p->charts->count; i++)
+        for (int k = 0; k < 6; k++)
+            best->maps[i][k] = p->maps[i][k] / (k < 3 ? width : height);
+    best->width = width;
+    best->height = height;
+    best->density = density;
+}
+
+/* The smallest of a few lightmaps at the wanted density; *fits is false where all are larger than the limit. */
+static int pack_free(struct packer *p, struct best *best, const struct kiln_pack_params *params, bool *fits, struct kiln_error *error)
+{
+    uint32_t widths[CANDIDATES_MAX];
+    const double density = params->texels_per_metre;
+    *fits = false;
+    if (!(needed_cells(p, density) < 2.0 * params->limit * (double)params->limit))
+        return KILN_OK;
+    const size_t count = candidate_widths(p, density, params->limit, widths);
+    for (size_t i = 0; i < count; i++) {
+        bool fit;
+        const int status = attempt(p, density, widths[i], params->limit, &fit, error);
+        if (status != KILN_OK)
+            return status;
+        const uint64_t texels = (uint64_t)p->used_width * p->used_height;
+        if (fit && (!*fits || texels < (uint64_t)best->width * best->height))
+            keep(p, best, p->used_width, p->used_height, density);
+        *fits = *fits || fit;
+    }
+    return KILN_OK;
+}
+
+/* The highest density, at most `ceiling`, at which all fits a grid of side x side; by steps, then by halving the last step. */
+static int pack_largest(struct packer *p, struct best *best, const struct kiln_pack_params *params, uint32_t cells, bool *fits,
+                        struct kiln_error *error)
+{
+    const uint32_t side = params->limit * cells;
+    const double ceiling = params->texels_per_metre * cells, shrink = p->charts->count > TURN_CHARTS ? 0.8 : 0.93;
+    double low = 0.0, high = ceiling > 0.0 ? ceiling : INFINITY, area = 0.0;
+    for (size_t i = 0; i < p->charts->count; i++)
+        area += p->charts->charts[i].area;
+    double density = fmin(high, side / sqrt(area));
+    while (density > 1e-3 * side / sqrt(area) && needed_cells(p, density) > 0.95 * side * (double)side)
+        density *= 0.95;
+    const double least = 1e-3 * density;
+    int refinements = p->charts->count > TURN_CHARTS ? 1 : 4;
+    *fits = false;
+    for (;;) {
+        bool fit;
+        const int status = attempt(p, density, side, side, &fit, error);
+        if (status != KILN_OK)
+            return status;
+        if (fit) {
+            if (params->exact)
+                keep(p, best, side, side, density);
+            else
+                keep(p, best, (p->used_width + cells - 1) / cells * cells, (p->used_height + cells - 1) / cells * cells, density);
+            *fits = true;
+            low = density;
+            if (density >= ceiling && ceiling > 0.0)
+                return KILN_OK;
+        } else {
+            high = density;
+        }
+        if (!*fits)
+            density *= density < 0.1 * side / sqrt(area) ? 0.5 : shrink;
+        else if (!isfinite(high) || high >= 1.2 * low)
+            density = fmin(low * 1.1, high);
+        else if (refinements-- > 0)
+            density = sqrt(low * high);
+        else
+            return KILN_OK;
+        if (density < least)
+            return KILN_OK;
+    }
+}
+
+static int pack_into(struct packer *p, struct best *best, const struct kiln_pack_params *params, uint32_t *cells,
+                     struct kiln_error *error)
+{
+    bool fits = false;
+    int status = KILN_OK;
+    *cells = 1;
+    if (!params->exact)
+        status = pack_free(p, best, params, &fits, error);
+    const double room = (1.0 + p->padding) * (1.0 + p->padding) * (double)p->charts->count;
+    while (status == KILN_OK && !fits) {
+        const uint64_t side = (uint64_t)params->limit * *cells;
+        if (side > 1u << 20)
+            return kiln_fail(error, KILN_BAD_INPUT, "%zu charts do not fit a lightmap of %u x %u; allow a larger one or split the mesh",
+                             p->charts->count, params->limit, params->limit);
+        if (room < (double)side * (double)side)
+            status = pack_largest(p, best, params, *cells, &fits, error);
+        if (fits) {
+            best->width /= *cells;
+            best->height /= *cells;
+            best->density /= *cells;
+        } else {
+            *cells *= 2;
+        }
+    }
+    return status;
+}
+
+int kiln_pack(struct kiln_packing *packing, const struct kiln_charts *charts, const struct kiln_topology *topology,
+              const struct kiln_pack_params *params, struct kiln_error *error)
+{
+    struct packer p = {.charts = charts, .topology = topology, .padding = params->padding};
+    struct best best = {0};
+    uint32_t cells = 1;
+    int status = kiln_allocate(&p.boxes, charts->count, sizeof *p.boxes, "packing charts", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&p.maps, charts->count, sizeof *p.maps, "packing charts", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&best.maps, charts->count, sizeof *best.maps, "packing charts", error);
+    if (status == KILN_OK)
+        status = pack_into(&p, &best, params, &cells, error);
+    kiln_free(&p.blocked);
+    kiln_free(&p.line);
+    kiln_free(&p.runs);
+    kiln_free(&p.coarse_mask.words);
+    kiln_free(&p.mask.words);
+    kiln_free(&p.longest_free);
+    kiln_free(&p.coarse.words);
+    kiln_free(&p.fine.words);
+    kiln_free(&p.maps);
+    kiln_free(&p.boxes);
+    if (status != KILN_OK)
+        kiln_free(&best.maps);
+    *packing = (struct kiln_packing){best.width, best.height, best.density, cells, best.maps};
+    return status;
+}

@@ -1,0 +1,134 @@
+#include "coordinator/layout/unwrap.h"
+
+#include <string.h>
+
+#include "coordinator/layout/pack.h"
+#include "worker/base/memory.h"
+
+static int add_vertex(struct kiln_unwrapped *u, uint32_t source, struct kiln_vec2 uv, uint32_t *index, struct kiln_error *error)
+{
+    int status = kiln_grow(&u->source, &u->capacity, u->vertex_count + 1, sizeof *u->source, "unwrapped vertices", error);
+    if (status == KILN_OK)
+        status = kiln_grow(&u->uv, &u->uv_capacity, u->vertex_count + 1, sizeof *u->uv, "unwrapped vertices", error);
+    if (status != KILN_OK)
+        return status;
+    u->source[u->vertex_count] = source;
+    u->uv[u->vertex_count] = uv;
+    *index = (uint32_t)u->vertex_count++;
+    return KILN_OK;
+}
+
+static float unit(double value)
+{
+    return (float)fmin(fmax(value, 0.0), 1.0);
+}
+
+/* copy[v] is the last copy made of vertex v, made[v] the chart it was made for plus 1. */
+static int lay_charts(struct kiln_unwrapped *u, const struct kiln_topology *t, const struct kiln_charts *charts,
+                      const struct kiln_packing *packing, uint32_t *copy, uint32_t *made, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; i < charts->count; i++) {
+        const struct kiln_chart *chart = &charts->charts[i];
+        const double *m = packing->maps[i];
+        for (size_t k = 0; k < 3 * (size_t)chart->count && status == KILN_OK; k++) {
+            const size_t corner = 3 * (size_t)charts->order[chart->first + k / 3] + k % 3;
+            const uint32_t vertex = t->triangles[corner];
+            if (made[vertex] != i + 1) {
+                double ab[2];
+                kiln_chart_project(chart, t->points[vertex], ab);
+                const struct kiln_vec2 uv = {unit(m[0] * ab[0] + m[1] * ab[1] + m[2]), unit(m[3] * ab[0] + m[4] * ab[1] + m[5])};
+                status = add_vertex(u, vertex, uv, &copy[vertex], error);
+                made[vertex] = (uint32_t)i + 1;
+            }
+            u->triangles[corner] = copy[vertex];
+        }
+    }
+    return status;
+}
+
+/* Each gets one point: that of a corner which is on a chart, else that of the first vertex there is. */
+static int lay_degenerate(struct kiln_unwrapped *u, const struct kiln_topology *t, const uint32_t *copy, const uint32_t *made,
+                          struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; i < t->triangle_count && status == KILN_OK; i++) {
+        if (t->areas[i] > 0.0)
+            continue;
+        const uint32_t *c = t->triangles + 3 * i;
+        struct kiln_vec2 uv = u->vertex_count > 0 ? u->uv[0] : (struct kiln_vec2){0.5f, 0.5f};
+        for (int k = 2; k >= 0; k--)
+            if (made[c[k]] != 0)
+                uv = u->uv[copy[c[k]]];
+        for (size_t k = 0; k < 3 && status == KILN_OK; k++)
+            status = add_vertex(u, c[k], uv, &u->triangles[3 * i + k], error);
+    }
+    return status;
+}
+
+static int lay_vertices(struct kiln_unwrapped *u, const struct kiln_topology *t, const struct kiln_charts *charts,
+                        const struct kiln_packing *packing, struct kiln_error *error)
+{
+    uint32_t *copy = NULL, *made = NULL;
+    int status = kiln_allocate(&copy, t->vertex_count, sizeof *copy, "unwrapped vertices", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&made, t->vertex_count, sizeof *made, "unwrapped vertices", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&u->triangles, 3 * t->triangle_count, sizeof *u->triangles, "unwrapped triangles", error);
+    if (status == KILN_OK)
+        status = lay_charts(u, t, charts, packing, copy, made, error);
+    if (status == KILN_OK)
+        status = lay_degenerate(u, t, copy, made, error);
+    kiln_free(&made);
+    kiln_free(&copy);
+    return status;
+}
+
+int kiln_unwrap(struct kiln_unwrapped **unwrapped, const struct kiln_vec3 *positions, size_t vertex_count,
+                const uint32_t *triangles, size_t triangle_count, const struct kiln_unwrap_params *params, struct kiln_error *error)
+{
+    struct kiln_topology *topology = NULL;
+    struct kiln_charts *charts = NULL;
+    struct kiln_unwrapped *u = NULL;
+    const uint32_t side = params->size > 0 ? params->size : 1;
+    struct kiln_packing packing = {.width = side, .height = side, .cells = 1, .texels_per_metre = params->texels_per_metre};
+    const struct kiln_pack_params pack = {.texels_per_metre = params->size > 0 ? 0.0 : params->texels_per_metre,
+                                          .padding = params->padding,
+                                          .limit = params->size > 0 ? params->size : params->max,
+                                          .exact = params->size > 0};
+    *unwrapped = NULL;
+    int status = kiln_allocate(&u, 1, sizeof *u, "unwrapping a mesh", error);
+    if (status == KILN_OK)
+        status = kiln_topology_create(&topology, positions, vertex_count, triangles, triangle_count, params->linear, error);
+    if (status == KILN_OK)
+        status = kiln_charts_create(&charts, topology, params->texels_per_metre, error);
+    if (status == KILN_OK && charts->count > 0)
+        status = kiln_pack(&packing, charts, topology, &pack, error);
+    if (status == KILN_OK)
+        status = lay_vertices(u, topology, charts, &packing, error);
+    if (status == KILN_OK) {
+        u->chart_count = charts->count;
+        u->degenerate_count = topology->degenerate_count;
+        u->width = packing.width;
+        u->height = packing.height;
+        u->texels_per_metre = packing.texels_per_metre;
+        u->cells = packing.cells;
+        *unwrapped = u;
+    } else if (u != NULL) {
+        kiln_unwrapped_destroy(&u);
+    }
+    kiln_free(&packing.maps);
+    kiln_charts_destroy(&charts);
+    kiln_topology_destroy(&topology);
+    return status;
+}
+
+void kiln_unwrapped_destroy(struct kiln_unwrapped **unwrapped)
+{
+    if (*unwrapped == NULL)
+        return;
+    kiln_free(&(*unwrapped)->triangles);
+    kiln_free(&(*unwrapped)->uv);
+    kiln_free(&(*unwrapped)->source);
+    kiln_free(unwrapped);
+}
