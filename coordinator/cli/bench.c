@@ -1,13 +1,11 @@
 /* kiln bench NAME SCENE: measurements that print ratios from one run. */
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "coordinator/bake/rays_bench.h"
 #include "coordinator/cli/agree.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/cli/temporary.h"
 
 static int bench_rays(struct kiln_job *job, const char *scene_file, struct kiln_error *error)
 {
@@ -40,19 +38,12 @@ int kiln_command_bench(struct kiln_job *job, struct kiln_error *error)
     (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
     int status = KILN_OK;
     if (rank == 0) { /* one process measures */
-        char folder[KILN_PATH_SIZE], scene_file[KILN_PATH_SIZE];
-        const char *temporary = getenv("TMPDIR");
+        struct kiln_temporary temporary;
         job->scene = job->arguments[1];
-        status = kiln_path_join(folder, temporary != NULL ? temporary : "/tmp", "kiln-bench-XXXXXX", error);
-        if (status == KILN_OK && mkdtemp(folder) == NULL)
-            status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot create a folder like %.500s", folder);
-        if (status == KILN_OK) {
-            status = kiln_path_join(scene_file, folder, "scene.kscene", error);
-            if (status == KILN_OK)
-                status = bench_rays(job, scene_file, error);
-            (void)unlink(scene_file);
-            (void)rmdir(folder);
-        }
+        status = kiln_temporary_make(&temporary, error);
+        if (status == KILN_OK)
+            status = bench_rays(job, temporary.scene_file, error);
+        kiln_temporary_remove(&temporary);
     }
     return kiln_agree(MPI_COMM_WORLD, status, error);
 }

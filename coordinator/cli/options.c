@@ -159,7 +159,7 @@ const struct kiln_command kiln_commands[] = {
      .examples = {"kiln bake room.glb -o out", "kiln bake jobs/cornell.yaml --quality production",
                   "kiln bake house.glb --texels-per-metre 20 --environment sky.hdr",
                   "mpirun -n 4 --bind-to none kiln bake room.glb -o out"}},
-    {.name = "plan", .bit = KILN_FOR_PLAN, .arguments = "SCENE|JOB.yaml", .minimum = 1, .maximum = 1, .scene = true,
+    {.name = "plan", .bit = KILN_FOR_PLAN, .arguments = "SCENE|JOB.yaml", .minimum = 1, .maximum = 1, .scene = true, .mpi = true,
      .summary = "cells, balance, memory and time, without baking",
      .examples = {"kiln plan room.glb --ranks 16", "kiln plan jobs/cornell.yaml --ranks 4 --json"}},
     {.name = "info", .bit = KILN_FOR_INFO, .arguments = "SCENE|JOB.yaml", .minimum = 1, .maximum = 1, .scene = true,

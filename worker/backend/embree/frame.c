@@ -1,0 +1,105 @@
+#include "worker/backend/embree/frame.h"
+
+#include <math.h>
+
+#include "shaders/random.h"
+
+/* Positions on the whole square, offset once for all: rounding of s and t is part of the bound. */
+static void build_whole(struct fragment_frame *f, const struct embree_backend *b, uint32_t j, uint32_t triangle)
+{
+    const struct kiln_footprint *p = &f->footprint[j];
+    const struct kiln_vec3 normal = kiln_triangle_normal(b->params.geometry, triangle);
+    const struct kiln_vec3 origin = kiln_offset_origin(p->whole.origin, normal, b->params.geometry, triangle);
+    const struct kiln_vec3 du = p->whole.du, dv = p->whole.dv;
+    f->origin[0][j] = origin.x, f->origin[1][j] = origin.y, f->origin[2][j] = origin.z;
+    f->edge_s[0][j] = du.x, f->edge_s[1][j] = du.y, f->edge_s[2][j] = du.z;
+    f->edge_t[0][j] = dv.x, f->edge_t[1][j] = dv.y, f->edge_t[2][j] = dv.z;
+    f->centre[j] = vec3_madd(vec3_madd(origin, du, 0.5f), dv, 0.5f);
+    f->spread[j] = 0.5f * (vec3_length(du) + vec3_length(dv));
+    f->one_normal[j] = true;
+}
+
+/* A point of several pieces, or of part of a square: its box gives centre and spread. */
+static void build_partial(struct fragment_frame *f, const struct embree_backend *b, uint32_t j)
+{
+    const struct kiln_footprint *p = &f->footprint[j];
+    const struct kiln_vec3 normal = kiln_triangle_normal(b->params.geometry, p->pieces[0]);
+    struct kiln_vec3 low = vec3(INFINITY, INFINITY, INFINITY), high = vec3(-INFINITY, -INFINITY, -INFINITY);
+    f->one_normal[j] = true;
+    for (uint32_t i = 0; i < p->piece_count; i++)
+        if (vec3_dot(normal, kiln_triangle_normal(b->params.geometry, p->pieces[i])) < 0.99999f)
+            f->one_normal[j] = false;
+    enum { CORNERS = 4 };
+    static const float place[CORNERS] = {0.01f, 0.35f, 0.65f, 0.99f};
+    for (int s = 0; s < CORNERS; s++)
+        for (int t = 0; t < CORNERS; t++) {
+            struct kiln_vec3 q, n;
+            frame_position(f, b, j, place[s], place[t], &q, &n);
+            low = vec3(fminf(low.x, q.x), fminf(low.y, q.y), fminf(low.z, q.z));
+            high = vec3(fmaxf(high.x, q.x), fmaxf(high.y, q.y), fmaxf(high.z, q.z));
+        }
+    f->centre[j] = vec3_scale(vec3_add(low, high), 0.5f);
+    f->spread[j] = 1.5f * vec3_length(vec3_sub(high, low)); /* the sampled box is most of the point, not all */
+}
+
+void frame_position(const struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
+                    struct kiln_vec3 *position, struct kiln_vec3 *normal)
+{
+    if (frame->whole[j]) {
+        float p[3];
+        for (int c = 0; c < 3; c++)
+            p[c] = frame->origin[c][j] + s * frame->edge_s[c][j] + t * frame->edge_t[c][j];
+        *position = vec3(p[0], p[1], p[2]);
+        *normal = vec3(frame->normal[0][j], frame->normal[1][j], frame->normal[2][j]);
+        return;
+    }
+    uint32_t triangle;
+    float b1, b2;
+    kiln_footprint_sample(&frame->footprint[j], s, t, &triangle, &b1, &b2);
+    const struct kiln_geometry *g = backend->params.geometry;
+    *normal = kiln_triangle_normal(g, triangle);
+    *position = kiln_offset_origin(kiln_triangle_position(g, triangle, b1, b2), *normal, g, triangle);
+}
+
+static uint32_t seed_of(const struct embree_backend *b)
+{
+    return kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32));
+}
+
+static void build_point(struct fragment_frame *f, const struct embree_backend *b, const struct kiln_point_cursor *at, uint32_t j,
+                        uint16_t open)
+{
+    struct kiln_footprint *p = &f->footprint[j];
+    kiln_footprint_prepare(p, b->params.scene, b->params.geometry, b->surface, at, open);
+    struct kiln_vec3 mean, shading;
+    kiln_footprint_normals(p, &mean, &shading);
+    f->whole[j] = p->kind == KILN_FOOTPRINT_WHOLE && p->open == 0xffff;
+    const struct kiln_vec3 normal = kiln_triangle_normal(b->params.geometry, p->pieces[0]);
+    f->normal[0][j] = normal.x, f->normal[1][j] = normal.y, f->normal[2][j] = normal.z;
+    f->shading[0][j] = shading.x, f->shading[1][j] = shading.y, f->shading[2][j] = shading.z;
+    if (f->whole[j])
+        build_whole(f, b, j, p->pieces[0]);
+    else
+        build_partial(f, b, j);
+    const struct kiln_lightmap *map = &b->surface->lightmaps[at->object];
+    const uint64_t texel = (uint64_t)at->y * map->width + at->x;
+    f->key[j] = kiln_hash2(kiln_hash2(kiln_hash2(seed_of(b), at->object), (uint32_t)texel), (uint32_t)(texel >> 32) + 1u);
+}
+
+void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, bool every)
+{
+    const struct kiln_surface *s = backend->surface;
+    const struct kiln_fragment *f = &s->fragments[fragment];
+    const struct kiln_scene *scene = backend->params.scene;
+    frame->count = 0;
+    frame->smooth = (scene->meshes[scene->objects[f->object].mesh].flags & KILN_MESH_SMOOTH) != 0;
+    frame->tile_key = kiln_hash2(kiln_hash2(seed_of(backend) ^ 0x74696c65u, f->object), f->tile);
+    struct kiln_point_cursor at = kiln_point_first(s, fragment);
+    for (uint32_t k = 0; k < f->count; k++, kiln_point_next(s, &at)) {
+        if (!every && (s->flags[at.point] & KILN_POINT_VALID) == 0)
+            continue;
+        const uint32_t j = frame->count++;
+        frame->place[j] = k;
+        build_point(frame, backend, &at, j, every ? 0xffff : s->open[at.point]);
+    }
+}
