@@ -363,5 +363,5 @@ float kiln_offset_distance(const struct kiln_geometry *geometry, uint32_t triang
     }
     const double limit = 0x1p-10 * most;
     tilt = square > 0.0 ? fmin(tilt / sqrt(square), limit) : 0.0;
-    return (float)(1.25 * (along + tilt));
+    return (float)fmax(1.25 * (along + tilt), u * most);
 }

@@ -158,8 +158,8 @@ void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_
  *    round by 4 u |N_k| S_k; N itself, of rounded edges, by dN_k = 6 u (|e1_i e2_j| + |e1_j e2_i|), which tilts the plane by
  *    dN_k S_k / |N| at the far end: large for needles only, nothing for a plane along two axes.
  * The distance is sum_k |n_k| (E_k + 4 u S_k) + sum_k dN_k S_k / |N|, and a quarter more for the terms of second order and for
- * the rounding of this sum; at most 2^-10 of the triangle's size beyond the first part, so that a needle does not throw rays
- * off the scene. */
+ * the rounding of this sum. The second sum is held to 2^-10 of the triangle's size, so that a needle does not throw rays off
+ * the scene; the whole is at least u times that size, for planes whose every error is 0 (y = 0, say). */
 float kiln_offset_distance(const struct kiln_geometry *geometry, uint32_t triangle, struct kiln_vec3 n);
 
 /* p, a point on the triangle, moved off it to the side of `n`. */
