@@ -91,7 +91,7 @@ double kiln_auto_exposure(const struct kiln_image *image, const float *mask)
     double sum = 0.0;
     size_t used = 0;
     for (size_t i = 0; i < count; i++) {
-        const float luminance = kiln_luminance(rgb[0][i], rgb[1][i], rgb[2][i]);
+        const float luminance = kiln_rgb_luminance(rgb[0][i], rgb[1][i], rgb[2][i]);
         if ((mask != NULL && !(mask[i] > 0.0f)) || !isfinite(luminance) || !(luminance > 0.0f))
             continue;
         sum += log((double)luminance);
@@ -114,7 +114,7 @@ static void tone_map_pixel(const float rgb[3], double exposure, double white, ui
         out[1] = 0;
         return;
     }
-    const double luminance = exposure * (double)kiln_luminance(rgb[0], rgb[1], rgb[2]);
+    const double luminance = exposure * (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
     const double scale = luminance > 0.0 ? exposure * (1.0 + luminance / (white * white)) / (1.0 + luminance) : exposure;
     for (int c = 0; c < 3; c++)
         out[c] = srgb_byte(scale * (double)rgb[c]);

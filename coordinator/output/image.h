@@ -35,7 +35,7 @@ struct kiln_image_channel *kiln_image_find(const struct kiln_image *image, const
 bool kiln_image_rgb(const struct kiln_image *image, const char *prefix, float *planes[3]);
 
 /* Rec. 709 luminance of linear RGB. */
-static inline float kiln_luminance(float r, float g, float b) { return 0.2126f * r + 0.7152f * g + 0.0722f * b; }
+static inline float kiln_rgb_luminance(float r, float g, float b) { return 0.2126f * r + 0.7152f * g + 0.0722f * b; }
 
 /* What luminance is multiplied with so that the picture's logarithmic mean becomes 0.18 (Reinhard et al. 2002), over pixels
  * with finite luminance above 0 and, where `mask` is not NULL, mask > 0; 1 when there are none. Deterministic. */

@@ -2,12 +2,11 @@
 #include <stdio.h>
 #include <string.h>
 
-#include <jansson.h>
-
 #include "coordinator/cli/agree.h"
 #include "coordinator/output/h5.h"
 #include "coordinator/output/output.h"
 #include "coordinator/output/points.h"
+#include "coordinator/output/provenance.h"
 #include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
 
@@ -286,9 +285,8 @@ static int write_attributes(struct kiln_h5 *h5, const struct kiln_bake_result *r
 {
     const int32_t version = 1;
     const char *provenance = params->provenance_json == NULL ? "{}" : params->provenance_json;
-    json_t *parsed = json_loads(provenance, 0, NULL);
-    const json_t *seed = json_object_get(parsed, "seed");
-    const int64_t number = json_integer_value(seed);
+    int64_t seed;
+    const bool has_seed = kiln_provenance_seed(params->provenance_json, &seed);
     int status = kiln_h5_attribute_text(h5, "/", "format", "kiln bake", error);
     if (status == KILN_OK)
         status = kiln_h5_attribute(h5, "/", "format_version", H5T_NATIVE_INT32, &version, 1, error);
@@ -296,11 +294,10 @@ static int write_attributes(struct kiln_h5 *h5, const struct kiln_bake_result *r
         status = kiln_h5_attribute_text(h5, "/", "kiln_version", KILN_VERSION, error);
     if (status == KILN_OK)
         status = kiln_h5_attribute_text(h5, "/", "provenance", provenance, error);
-    if (status == KILN_OK && json_is_integer(seed))
-        status = kiln_h5_attribute(h5, "/", "seed", H5T_NATIVE_INT64, &number, 1, error);
+    if (status == KILN_OK && has_seed)
+        status = kiln_h5_attribute(h5, "/", "seed", H5T_NATIVE_INT64, &seed, 1, error);
     if (status == KILN_OK)
         status = kiln_h5_attribute(h5, "/", "centre", H5T_NATIVE_DOUBLE, result->scene->header->centre, 3, error);
-    json_decref(parsed);
     return kiln_agree(result->communicator, status, error);
 }
 

@@ -2,13 +2,12 @@
 #include <stdio.h>
 #include <string.h>
 
-#include <jansson.h>
-
 #include "coordinator/cli/agree.h"
 #include "coordinator/output/exchange.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/output/map.h"
 #include "coordinator/output/output.h"
+#include "coordinator/output/provenance.h"
 #include "coordinator/output/publish.h"
 #include "coordinator/output/seams.h"
 #include "coordinator/output/chart_graph.h"
@@ -23,7 +22,7 @@ struct writer {
     struct kiln_lightmap_report *reports; /* own objects' are filled in */
     struct kiln_map **maps;               /* one an object; those of this rank and round exist */
     const char *folder;
-    json_int_t seed;
+    int64_t seed;
     bool has_seed;
 };
 
@@ -290,15 +289,6 @@ static int gather_reports(const struct kiln_bake_result *result, const struct ki
     return KILN_OK;
 }
 
-static void read_seed(struct writer *w)
-{
-    json_t *provenance = w->params->provenance_json == NULL ? NULL : json_loads(w->params->provenance_json, 0, NULL);
-    const json_t *seed = json_object_get(provenance, "seed");
-    w->has_seed = json_is_integer(seed);
-    w->seed = json_integer_value(seed);
-    json_decref(provenance);
-}
-
 int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                          struct kiln_lightmap_report *reports, struct kiln_error *error)
 {
@@ -310,7 +300,7 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS || MPI_Comm_size(result->communicator, &ranks) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
     w.folder = folder;
-    read_seed(&w);
+    w.has_seed = kiln_provenance_seed(params->provenance_json, &w.seed);
     int status = kiln_path_join(folder, params->directory, "lightmaps", error);
     if (status == KILN_OK && rank == 0)
         status = kiln_make_directory(folder, error);

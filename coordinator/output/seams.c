@@ -31,7 +31,7 @@ static float luminance_at(const struct kiln_map *map, uint32_t texel)
     float rgb[3];
     for (int c = 0; c < 3; c++)
         rgb[c] = map->planes[KILN_MAP_DIRECT + c][texel] + map->planes[KILN_MAP_INDIRECT + c][texel];
-    return kiln_luminance(rgb[0], rgb[1], rgb[2]);
+    return kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
 }
 
 /* The bilinear footprint of texel coordinate (x, y), clamped at the image's edge as a sampler clamps. */

@@ -1,0 +1,122 @@
+/* kiln view: a picture of a finished bake. */
+#include "coordinator/output/view.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include <jansson.h>
+
+#include "coordinator/cli/commands.h"
+#include "coordinator/output/exr.h"
+#include "coordinator/output/publish.h"
+
+struct view {
+    struct kiln_scene *scene;
+    struct kiln_geometry *geometry;
+    struct kiln_lights *lights;
+    struct kiln_backend *backend;
+    struct kiln_image *image;
+};
+
+static int open_scene(struct view *v, const struct kiln_job *job, const char *directory, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    int status = kiln_path_join(path, directory, "scene.kscene", error);
+    if (status == KILN_OK)
+        status = kiln_scene_open(&v->scene, path, error);
+    if (status == KILN_OK)
+        status = kiln_geometry_create(&v->geometry, v->scene, error);
+    if (status == KILN_OK)
+        status = kiln_lights_create(&v->lights, v->scene, v->geometry, error);
+    if (status != KILN_OK)
+        return status;
+    const struct kiln_backend_params params = {.scene = v->scene, .geometry = v->geometry, .lights = v->lights, .threads = job->threads,
+                                               .instruction_set = job->instruction_set};
+    return kiln_backend_create(&v->backend, job->backend, &params, error);
+}
+
+static int read_point(const char *option, const char *text, double point[3], struct kiln_error *error)
+{
+    char after;
+    if (sscanf(text, "%lf,%lf,%lf%c", &point[0], &point[1], &point[2], &after) != 3)
+        return kiln_fail(error, KILN_USAGE, "--%s %s: three numbers with commas between are wanted, such as 1,1.5,3", option, text);
+    return KILN_OK;
+}
+
+static int render(struct view *v, const struct kiln_job *job, const char *directory, struct kiln_error *error)
+{
+    double from[3], to[3];
+    struct kiln_view_wish wish = {.camera = job->camera, .field_of_view = job->field_of_view, .width = job->width, .height = job->height};
+    struct kiln_view_params params = {.directory = directory, .scene = v->scene, .geometry = v->geometry, .lights = v->lights,
+                                      .backend = v->backend, .side = 4};
+    int status = KILN_OK;
+    if (job->from != NULL && (status = read_point("from", job->from, from, error)) == KILN_OK)
+        wish.from = from;
+    if (status == KILN_OK && job->to != NULL && (status = read_point("to", job->to, to, error)) == KILN_OK)
+        wish.to = to;
+    if (status == KILN_OK)
+        status = kiln_view_aim(v->scene, &wish, &params.camera, &params.width, &params.height, error);
+    return status == KILN_OK ? kiln_view_render(&params, &v->image, error) : status;
+}
+
+static int write_picture(const struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
+{
+    const char *dot = strrchr(path, '.');
+    if (dot != NULL && strcasecmp(dot, ".png") == 0)
+        return kiln_png_write(path, v->image, NULL, job->exposure, error);
+    const struct kiln_exr_attribute attributes[] = {{.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
+                                                    {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = "radiance"},
+                                                    {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = "W m-2 sr-1"}};
+    return kiln_exr_write(path, v->image, attributes, sizeof attributes / sizeof *attributes, error);
+}
+
+static int check_extension(const char *path, struct kiln_error *error)
+{
+    const char *dot = strrchr(path, '.');
+    if (dot != NULL && (strcasecmp(dot, ".png") == 0 || strcasecmp(dot, ".exr") == 0))
+        return KILN_OK;
+    return kiln_fail(error, KILN_USAGE, "--output %s: a view is written as .png (tone-mapped) or .exr (radiance)", path);
+}
+
+static void tell(const struct kiln_job *job, const struct view *v, const char *path)
+{
+    if (job->json) {
+        json_t *object = json_pack("{s:s, s:s, s:i, s:i}", "status", "done", "output", path, "width", (int)v->image->width, "height",
+                                   (int)v->image->height);
+        if (object != NULL && json_dumpf(object, stdout, JSON_COMPACT) == 0)
+            (void)fputc('\n', stdout);
+        json_decref(object);
+    } else if (!job->quiet) {
+        (void)printf("%s: %u x %u pixels\n", path, v->image->width, v->image->height);
+    }
+}
+
+int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
+{
+    struct view v = {0};
+    char fallback[KILN_PATH_SIZE];
+    const char *directory = job->arguments[0], *path = job->output;
+    int status = KILN_OK;
+    if (path == NULL) {
+        status = kiln_path_join(fallback, directory, "view.png", error);
+        path = fallback;
+    }
+    if (status == KILN_OK)
+        status = check_extension(path, error);
+    if (status == KILN_OK)
+        status = open_scene(&v, job, directory, error);
+    if (status == KILN_OK)
+        status = render(&v, job, directory, error);
+    if (status == KILN_OK)
+        status = write_picture(&v, job, path, error);
+    if (status == KILN_OK)
+        tell(job, &v, path);
+    kiln_image_destroy(&v.image);
+    kiln_backend_destroy(&v.backend);
+    kiln_lights_destroy(&v.lights);
+    kiln_geometry_destroy(&v.geometry);
+    kiln_scene_close(&v.scene);
+    return status;
+}
