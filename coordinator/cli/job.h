@@ -61,7 +61,7 @@ struct kiln_job {
     bool preview;   /* write preview.png; default true */
 
     /* talking */
-    bool json, quiet, verbose, force;
+    bool json, quiet, verbose;
 
     /* view, compare, probe, generate, bench, plan: see the option table */
     char *camera;         /* name of a camera in the scene */

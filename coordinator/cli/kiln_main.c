@@ -4,6 +4,7 @@
 #include <mpi.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -100,6 +101,20 @@ static int run(const struct kiln_command *command, struct kiln_job *job, struct 
     return kiln_fail(error, KILN_BUG, "the command %s is in the table of commands and does nothing", command->name);
 }
 
+/* One line a rank; a line is one write, so that the ranks' lines do not mix. */
+static void print_usage(int rank)
+{
+    struct rusage usage;
+    char line[160];
+    if (getrusage(RUSAGE_SELF, &usage) != 0)
+        return;
+    const double user = (double)usage.ru_utime.tv_sec + 1e-6 * (double)usage.ru_utime.tv_usec;
+    const double system = (double)usage.ru_stime.tv_sec + 1e-6 * (double)usage.ru_stime.tv_usec;
+    (void)snprintf(line, sizeof line, "kiln: rank %d: %.2f s of processor time, %.2f s of it in the system, %.1f MiB at most\n", rank,
+                   user + system, system, (double)usage.ru_maxrss / 1024);
+    (void)fputs(line, stderr);
+}
+
 /* Output that could not be written is a failure, however well the command went. */
 static int flush_output(int status, struct kiln_error *error)
 {
@@ -114,6 +129,8 @@ static int run_alone(int argc, char **argv, const struct kiln_command *command, 
     int status = prepare(&job, argc, argv, error);
     if (status == KILN_OK)
         status = flush_output(run(command, job, error), error);
+    if (job != NULL && job->verbose)
+        print_usage(0);
     kiln_job_destroy(&job);
     return status;
 }
@@ -138,6 +155,8 @@ static int run_with_mpi(int argc, char **argv, const struct kiln_command *comman
     status = kiln_agree(MPI_COMM_WORLD, status, error);
     if (status == KILN_OK)
         status = kiln_agree(MPI_COMM_WORLD, flush_output(run(command, job, error), error), error);
+    if (job != NULL && job->verbose)
+        print_usage(*rank);
     (void)MPI_Finalize();
 end:
     kiln_job_destroy(&job);

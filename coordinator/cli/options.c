@@ -24,8 +24,6 @@ const struct kiln_option kiln_options[] = {
     {.name = "output", .group = "Files", .kind = KILN_OPTION_PATH, .value = "PATH",
      .help = "where the result goes, also -o; bake: a folder, by default SCENE-bake; others: a file",
      .commands = KILN_FOR_BAKE | KILN_FOR_VIEW | KILN_FOR_GENERATE | KILN_FOR_REPORT | KILN_FOR_BENCH, .offset = AT(output)},
-    {.name = "force", .group = "Files", .kind = KILN_OPTION_FLAG, .fallback = "false",
-     .help = "replace what is there already", .commands = KILN_FOR_BAKE, .offset = AT(force)},
     {.name = "environment", .group = "Light", .kind = KILN_OPTION_ENVIRONMENT, .value = "none|R,G,B|IMAGE",
      .shown = "the scene's own", .help = "light from outside: constant radiance, or a lat-long .hdr or .exr",
      .commands = READS_SCENE, .offset = AT(environment)},
@@ -140,7 +138,7 @@ const struct kiln_option kiln_options[] = {
      .help = "one JSON object on stdout at the end", .commands = KILN_FOR_ALL, .offset = AT(json)},
     {.name = "quiet", .group = "Talking", .kind = KILN_OPTION_FLAG, .fallback = "false", .help = "errors only, no progress",
      .commands = KILN_FOR_ALL, .offset = AT(quiet)},
-    {.name = "verbose", .group = "Talking", .kind = KILN_OPTION_FLAG, .fallback = "false", .help = "more about each step",
+    {.name = "verbose", .group = "Talking", .kind = KILN_OPTION_FLAG, .fallback = "false", .help = "processor time and memory of each rank, on stderr at the end",
      .commands = KILN_FOR_ALL, .offset = AT(verbose)},
 };
 const size_t kiln_option_count = ARRAY_COUNT(kiln_options);

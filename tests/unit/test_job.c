@@ -70,7 +70,7 @@ static void test_defaults(void **state)
     assert_null(job->environment);
     assert_null(job->instruction_set);
     assert_true(job->environment_scale == 1.0 && job->threads == 0 && job->bounces == -1 && job->tail);
-    assert_true(job->stitch && job->preview && !job->half && !job->error_map && !job->json && !job->force);
+    assert_true(job->stitch && job->preview && !job->half && !job->error_map && !job->json);
     assert_true(job->samples_direct == 64 && job->samples_bounce == 8 && job->samples_indirect == 128 && job->samples_probe == 64);
     assert_true(job->lightmap_max == 4096 && job->lightmap_size == 0 && job->texels_per_metre == 0 && job->cell_size == 0);
     assert_int_equal(job->schedule, KILN_SCHEDULE_LEAN);
