@@ -44,6 +44,25 @@ static void first_two_dimensions_are_a_net(void **state)
     check_net(x, y);
 }
 
+/* The recurrence of Joe and Kuo, from their numbers for dimensions 2 to 5. */
+static void directions_follow_the_recurrence(void **state)
+{
+    (void)state;
+    static const struct {
+        uint32_t degree, coefficients, initial[3];
+    } polynomials[KILN_DIMENSIONS] = {{0, 0, {0}}, {1, 0, {1}}, {2, 1, {1, 3}}, {3, 1, {1, 3, 1}}, {3, 2, {1, 1, 1}}};
+    for (uint32_t d = 1; d < KILN_DIMENSIONS; d++) {
+        uint32_t v[32];
+        const uint32_t s = polynomials[d].degree;
+        for (uint32_t i = 0; i < 32; i++) {
+            v[i] = i < s ? polynomials[d].initial[i] << (31 - i) : v[i - s] ^ (v[i - s] >> s);
+            for (uint32_t k = 1; i >= s && k < s; k++)
+                v[i] ^= (polynomials[d].coefficients >> (s - 1 - k) & 1u) * v[i - k];
+            assert_int_equal(kiln_sobol(1u << i, d), v[i]);
+        }
+    }
+}
+
 /* What DESIGN asks of a block: the k-th samples of all texels lie in one stratum, and each texel visits all strata. */
 static void texels_share_strata(void **state)
 {
@@ -124,6 +143,7 @@ static void basis_is_orthonormal(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(directions_follow_the_recurrence),
         cmocka_unit_test(first_two_dimensions_are_a_net),       cmocka_unit_test(texels_share_strata),
         cmocka_unit_test(shared_digits_never_exceed_the_samples), cmocka_unit_test(cosine_direction_has_the_right_moments),
         cmocka_unit_test(harmonics_are_orthonormal),             cmocka_unit_test(basis_is_orthonormal),

@@ -58,7 +58,7 @@ static void draw(const struct direct_work *w, uint32_t tile_seed, uint32_t texel
 static void sample_choice(struct direct_work *w, const struct embree_backend *b, struct RTCIntersectContext *context, uint32_t j,
                           const struct kiln_light_choice *choice, struct shadow_sums *sums, uint64_t *rays)
 {
-    const struct fragment_frame *f = &w->frame;
+    struct fragment_frame *f = &w->frame;
     const struct kiln_dvec3 shading = dvec3((double)f->shading[0][j], (double)f->shading[1][j], (double)f->shading[2][j]);
     const uint32_t identity = kiln_hash2((uint32_t)choice->kind * 2u + 1u, choice->index);
     const struct kiln_dvec3 normal0 = dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j]);

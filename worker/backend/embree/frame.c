@@ -4,12 +4,22 @@
 
 #include "shaders/random.h"
 
+/* Normal of a triangle and how far rays start off it, kept for the next point of the same one. */
+static void know(struct fragment_frame *f, const struct embree_backend *b, uint32_t triangle)
+{
+    if (f->known_triangle == triangle)
+        return;
+    f->known_triangle = triangle;
+    f->known_normal = kiln_triangle_normal(b->params.geometry, triangle);
+    f->known_offset = kiln_offset_distance(b->params.geometry, triangle, f->known_normal);
+}
+
 /* Positions on the whole square, offset once for all: rounding of s and t is part of the bound. */
 static void build_whole(struct fragment_frame *f, const struct embree_backend *b, uint32_t j, uint32_t triangle)
 {
     const struct kiln_footprint *p = &f->footprint[j];
-    const struct kiln_vec3 normal = kiln_triangle_normal(b->params.geometry, triangle);
-    const struct kiln_vec3 origin = kiln_offset_origin(p->whole.origin, normal, b->params.geometry, triangle);
+    know(f, b, triangle);
+    const struct kiln_vec3 origin = vec3_madd(p->whole.origin, f->known_normal, f->known_offset);
     const struct kiln_vec3 du = p->whole.du, dv = p->whole.dv;
     f->origin[0][j] = origin.x, f->origin[1][j] = origin.y, f->origin[2][j] = origin.z;
     f->edge_s[0][j] = du.x, f->edge_s[1][j] = du.y, f->edge_s[2][j] = du.z;
@@ -42,7 +52,7 @@ static void build_partial(struct fragment_frame *f, const struct embree_backend 
     f->spread[j] = 1.5f * vec3_length(vec3_sub(high, low)); /* the sampled box is most of the point, not all */
 }
 
-void frame_position(const struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
+void frame_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
                     struct kiln_vec3 *position, struct kiln_vec3 *normal)
 {
     if (frame->whole[j]) {
@@ -57,8 +67,9 @@ void frame_position(const struct fragment_frame *frame, const struct embree_back
     float b1, b2;
     kiln_footprint_sample(&frame->footprint[j], s, t, &triangle, &b1, &b2);
     const struct kiln_geometry *g = backend->params.geometry;
-    *normal = kiln_triangle_normal(g, triangle);
-    *position = kiln_offset_origin(kiln_triangle_position(g, triangle, b1, b2), *normal, g, triangle);
+    know(frame, backend, triangle);
+    *normal = frame->known_normal;
+    *position = vec3_madd(kiln_triangle_position(g, triangle, b1, b2), frame->known_normal, frame->known_offset);
 }
 
 static uint32_t seed_of(const struct embree_backend *b)
@@ -71,12 +82,14 @@ static void build_point(struct fragment_frame *f, const struct embree_backend *b
 {
     struct kiln_footprint *p = &f->footprint[j];
     kiln_footprint_prepare(p, b->params.scene, b->params.geometry, b->surface, at, open);
-    struct kiln_vec3 mean, shading;
-    kiln_footprint_normals(p, &mean, &shading);
+    if (f->smooth) {
+        struct kiln_vec3 mean, shading;
+        kiln_footprint_normals(p, &mean, &shading);
+        f->shading[0][j] = shading.x, f->shading[1][j] = shading.y, f->shading[2][j] = shading.z;
+    }
     f->whole[j] = p->kind == KILN_FOOTPRINT_WHOLE && p->open == 0xffff;
-    const struct kiln_vec3 normal = kiln_triangle_normal(b->params.geometry, p->pieces[0]);
-    f->normal[0][j] = normal.x, f->normal[1][j] = normal.y, f->normal[2][j] = normal.z;
-    f->shading[0][j] = shading.x, f->shading[1][j] = shading.y, f->shading[2][j] = shading.z;
+    know(f, b, p->pieces[0]);
+    f->normal[0][j] = f->known_normal.x, f->normal[1][j] = f->known_normal.y, f->normal[2][j] = f->known_normal.z;
     if (f->whole[j])
         build_whole(f, b, j, p->pieces[0]);
     else
@@ -92,6 +105,7 @@ void frame_build(struct fragment_frame *frame, const struct embree_backend *back
     const struct kiln_fragment *f = &s->fragments[fragment];
     const struct kiln_scene *scene = backend->params.scene;
     frame->count = 0;
+    frame->known_triangle = KILN_NONE;
     frame->smooth = (scene->meshes[scene->objects[f->object].mesh].flags & KILN_MESH_SMOOTH) != 0;
     frame->tile_key = kiln_hash2(kiln_hash2(seed_of(backend) ^ 0x74696c65u, f->object), f->tile);
     struct kiln_point_cursor at = kiln_point_first(s, fragment);

@@ -16,18 +16,22 @@ struct fragment_frame {
     bool whole[KILN_TILE_TEXELS];     /* position = origin + s edge_s + t edge_t, one normal; else use frame_position */
     float origin[3][KILN_TILE_TEXELS], edge_s[3][KILN_TILE_TEXELS], edge_t[3][KILN_TILE_TEXELS];
     float normal[3][KILN_TILE_TEXELS];  /* geometric, unit; of a point that is not whole: its first piece's */
-    float shading[3][KILN_TILE_TEXELS]; /* unit */
+    float shading[3][KILN_TILE_TEXELS]; /* unit; set where `smooth` */
     struct kiln_vec3 centre[KILN_TILE_TEXELS]; /* somewhere in the middle of the covered part */
     float spread[KILN_TILE_TEXELS];     /* m: no part of the point is farther from `centre` */
     bool one_normal[KILN_TILE_TEXELS];  /* all its pieces lie in parallel planes */
     struct kiln_footprint footprint[KILN_TILE_TEXELS];
+    /* the triangle met last, which is mostly the next one too */
+    uint32_t known_triangle; /* KILN_NONE: none */
+    struct kiln_vec3 known_normal;
+    float known_offset;
 };
 
 /* `every` takes the invalid points too and ignores which sub-squares are open (for the validity pass itself). */
 void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, bool every);
 
 /* Position (offset included) and geometric normal of a sample of point j; s and t in (0,1), uniform over its area. */
-void frame_position(const struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
+void frame_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
                     struct kiln_vec3 *position, struct kiln_vec3 *normal);
 
 #endif
