@@ -67,7 +67,7 @@ int kiln_builder_string(struct kiln_builder *builder, const char *text, size_t l
     length = strnlen(text, length);
     if (builder->sections[KILN_SECTION_STRINGS].count + length >= UINT32_MAX)
         return kiln_fail(error, KILN_BAD_INPUT, "the names in the scene take more than 4 GiB");
-    size_t first;
+    size_t first = 0;
     int status = kiln_builder_append(builder, KILN_SECTION_STRINGS, text, length, &first, error);
     if (status == KILN_OK)
         status = kiln_builder_append(builder, KILN_SECTION_STRINGS, "", 1, NULL, error);

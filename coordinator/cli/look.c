@@ -1,0 +1,201 @@
+#include "coordinator/cli/look.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "worker/backend/backend.h"
+#include "worker/base/memory.h"
+#include "worker/light/lights.h"
+#include "worker/scene/texture.h"
+
+static int import_scene(struct kiln_look *look, const struct kiln_job *job, struct kiln_error *error)
+{
+    int status = kiln_temporary_make(&look->temporary, error);
+    if (status != KILN_OK)
+        return status;
+    const struct kiln_import_params params = {.path = job->scene,
+                                              .output = look->temporary.scene_file,
+                                              .texels_per_metre = job->texels_per_metre,
+                                              .lightmap_size = job->lightmap_size,
+                                              .lightmap_max = job->lightmap_max,
+                                              .environment = job->environment,
+                                              .environment_scale = job->environment_scale,
+                                              .environment_rotation_degrees = job->environment_rotation};
+    status = kiln_import(&params, &look->import, error);
+    return status != KILN_OK ? status : kiln_scene_open(&look->scene, look->temporary.scene_file, error);
+}
+
+static double world_area(const struct kiln_scene *scene, const struct kiln_object *object)
+{
+    const struct kiln_mesh *mesh = &scene->meshes[object->mesh];
+    const struct kiln_vec3 *positions = scene->positions + mesh->vertex_first;
+    const double *m = object->transform;
+    double area = 0.0;
+    for (uint64_t t = 0; t < mesh->triangle_count; t++) {
+        const uint32_t *corner = scene->triangles + 3 * (mesh->triangle_first + t);
+        const struct kiln_dvec3 p = dvec3_of(positions[corner[0]]);
+        struct kiln_dvec3 edge[2];
+        for (int e = 0; e < 2; e++) {
+            const struct kiln_dvec3 d = dvec3_sub(dvec3_of(positions[corner[e + 1]]), p);
+            edge[e] = dvec3(m[0] * d.x + m[1] * d.y + m[2] * d.z, m[4] * d.x + m[5] * d.y + m[6] * d.z, m[8] * d.x + m[9] * d.y + m[10] * d.z);
+        }
+        area += 0.5 * dvec3_length(dvec3_cross(edge[0], edge[1]));
+    }
+    return area;
+}
+
+static uint64_t emissive_triangles(const struct kiln_scene *scene, const struct kiln_mesh *mesh)
+{
+    uint64_t count = 0;
+    for (uint64_t t = mesh->triangle_first; t < mesh->triangle_first + mesh->triangle_count; t++) {
+        const struct kiln_material *m = &scene->materials[scene->triangle_materials[t]];
+        float mean[3];
+        if (m->emission[0] + m->emission[1] + m->emission[2] == 0.0f)
+            continue;
+        kiln_triangle_mean_emission(scene, mesh, t, mean);
+        count += mean[0] + mean[1] + mean[2] > 0.0f;
+    }
+    return count;
+}
+
+static int compare_doubles(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static int measure_objects(struct kiln_look *look, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = look->scene;
+    double *densities = NULL;
+    uint64_t *emissive = NULL;
+    size_t count = 0;
+    int status = kiln_allocate(&look->objects, scene->object_count, sizeof *look->objects, "objects", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&densities, scene->object_count, sizeof *densities, "densities", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&emissive, scene->mesh_count, sizeof *emissive, "meshes", error);
+    for (size_t m = 0; m < scene->mesh_count && status == KILN_OK; m++)
+        emissive[m] = emissive_triangles(scene, &scene->meshes[m]);
+    for (size_t i = 0; i < scene->object_count && status == KILN_OK; i++) {
+        const struct kiln_object *object = &scene->objects[i];
+        const struct kiln_mesh *mesh = &scene->meshes[object->mesh];
+        struct kiln_look_object *o = &look->objects[i];
+        const double texels = (double)object->lightmap_width * (double)object->lightmap_height;
+        look->expanded += mesh->triangle_count;
+        look->emissive_triangles += emissive[object->mesh];
+        look->texels += (uint64_t)object->lightmap_width * object->lightmap_height;
+        o->area = world_area(scene, object);
+        if (o->area > 0.0)
+            densities[count++] = o->density = sqrt(mesh->uv_area * texels / o->area);
+    }
+    if (count > 0) {
+        qsort(densities, count, sizeof *densities, compare_doubles);
+        look->density_min = densities[0];
+        look->density_median = densities[count / 2];
+        look->density_max = densities[count - 1];
+    }
+    kiln_free(&emissive);
+    kiln_free(&densities);
+    return status;
+}
+
+static void count_points(struct kiln_look *look, const struct kiln_surface *surface)
+{
+    size_t point = 0;
+    for (size_t f = 0; f < surface->fragment_count; f++) {
+        const struct kiln_fragment *fragment = &surface->fragments[f];
+        struct kiln_look_object *object = &look->objects[fragment->object];
+        object->points += fragment->count;
+        for (uint32_t k = 0; k < fragment->count; k++)
+            object->invalid += (surface->flags[point++] & KILN_POINT_VALID) == 0;
+    }
+    for (size_t i = 0; i < look->scene->object_count; i++)
+        look->invalid += look->objects[i].invalid;
+}
+
+/* All surface points of the scene, on this one process, and the backend's word on each. */
+static int find_points(struct kiln_look *look, const struct kiln_job *job, struct kiln_error *error)
+{
+    struct kiln_geometry *geometry = NULL;
+    struct kiln_lights *lights = NULL;
+    struct kiln_backend *backend = NULL;
+    struct kiln_surface *surface = NULL;
+    int status = kiln_geometry_create(&geometry, look->scene, error);
+    if (status == KILN_OK)
+        status = kiln_lights_create(&lights, look->scene, geometry, error);
+    if (status == KILN_OK) {
+        const struct kiln_backend_params params = {.scene = look->scene, .geometry = geometry, .lights = lights, .threads = job->threads,
+                                                   .instruction_set = job->instruction_set, .seed = job->seed};
+        status = kiln_backend_create(&backend, job->backend != NULL ? job->backend : "auto", &params, error);
+    }
+    if (status == KILN_OK) {
+        const struct kiln_surface_params params = {.scene = look->scene, .geometry = geometry, .cell_size = job->cell_size, .ranks = 1,
+                                                   .threads = job->threads};
+        status = kiln_surface_build(&surface, &params, &look->surface, error);
+    }
+    if (status == KILN_OK)
+        status = kiln_backend_set_surface(backend, surface, error);
+    if (status == KILN_OK)
+        status = kiln_backend_validity(backend, 0, surface->fragment_count, surface->open, surface->flags, error);
+    if (status == KILN_OK)
+        count_points(look, surface);
+    kiln_backend_destroy(&backend);
+    kiln_surface_destroy(&surface);
+    kiln_lights_destroy(&lights);
+    kiln_geometry_destroy(&geometry);
+    return status;
+}
+
+int kiln_look_create(struct kiln_look **result, const struct kiln_job *job, struct kiln_error *error)
+{
+    struct kiln_look *look = NULL;
+    int status = kiln_allocate(&look, 1, sizeof *look, "the scene's figures", error);
+    if (status == KILN_OK)
+        status = import_scene(look, job, error);
+    if (status == KILN_OK)
+        status = measure_objects(look, error);
+    if (status == KILN_OK && look->expanded > 0)
+        status = find_points(look, job, error);
+    if (status != KILN_OK)
+        kiln_look_destroy(&look);
+    *result = look;
+    return status;
+}
+
+void kiln_look_destroy(struct kiln_look **pointer)
+{
+    struct kiln_look *look = *pointer;
+    if (look == NULL)
+        return;
+    kiln_scene_close(&look->scene);
+    kiln_temporary_remove(&look->temporary);
+    kiln_free(&look->objects);
+    kiln_free(pointer);
+}
+
+json_t *kiln_look_string(const char *text)
+{
+    json_t *string = json_string(text);
+    if (string != NULL)
+        return string;
+    char plain[256];
+    size_t length = 0;
+    for (; text[length] != '\0' && length < sizeof plain - 1; length++)
+        plain[length] = (text[length] & 0x80) != 0 ? '?' : text[length];
+    plain[length] = '\0';
+    return json_string(plain);
+}
+
+int kiln_look_print(json_t *object, struct kiln_error *error)
+{
+    if (object == NULL)
+        return kiln_fail(error, KILN_SYSTEM, "out of memory for the report");
+    const int failed = json_dumpf(object, stdout, JSON_COMPACT);
+    json_decref(object);
+    if (failed != 0)
+        return kiln_fail(error, KILN_IO, "cannot write to stdout");
+    (void)fputc('\n', stdout);
+    return KILN_OK;
+}
