@@ -26,7 +26,23 @@ struct transport_state {
 
 static double luminance(const double rgb[3]) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
 
-static uint32_t pack_hash(uint64_t point, uint32_t stream) { return kiln_hash2(kiln_hash2((uint32_t)point, (uint32_t)(point >> 32)), stream); }
+/* Rounding of a texel's radiosity: by what the texel is, never by where it stands in the global order. */
+static uint32_t pack_hash(const struct kiln_fragment *f, uint32_t bit, uint32_t stream)
+{
+    return kiln_hash2(kiln_hash2(f->object, f->tile), stream * KILN_TILE_TEXELS + bit);
+}
+
+/* Packs three floats a point, `values`, of all own points into s->next. */
+static void pack_all(struct transport_state *s, const float *values, uint32_t stream)
+{
+    const struct kiln_surface *surface = s->params->surface;
+    for (size_t i = 0; i < surface->fragment_count; i++) {
+        const struct kiln_fragment *f = &surface->fragments[i];
+        uint64_t own = f->first - surface->first;
+        for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own++)
+            s->next[own] = kiln_radiosity_pack(&values[3 * own], pack_hash(f, (uint32_t)__builtin_ctzll(rest), stream));
+    }
+}
 
 size_t kiln_transport_bytes(uint64_t own, uint64_t total)
 {
@@ -102,6 +118,23 @@ static void add_energy(const struct transport_state *s, uint64_t own, const stru
     *variance += area * area * (double)r->error * (double)r->error + (gather ? spread * spread * lost * (1.0 - lost) / samples : 0.0);
 }
 
+/* Takes over the answers of one fragment of the batch whose first own point is `first`. */
+static void take_fragment(struct transport_state *s, const struct kiln_pass_report *pass, uint32_t stream, take_point take,
+                          const struct kiln_fragment *fragment, uint64_t first, struct kiln_exact_sum sums[SUM_COUNT], double *variance)
+{
+    uint64_t own = fragment->first - s->params->surface->first;
+    for (uint64_t rest = fragment->mask; rest != 0; rest &= rest - 1, own++) {
+        const struct kiln_point_result *result = &s->results[own - first];
+        float albedo[3], radiosity[3];
+        albedo_of(s->params->surface, own, albedo);
+        for (int c = 0; c < 3; c++)
+            radiosity[c] = albedo[c] * result->incident[c];
+        add_energy(s, own, result, pass->samples, pass->kind != KILN_PASS_DIRECT, sums, variance);
+        take(s, own, result, radiosity);
+        s->next[own] = kiln_radiosity_pack(radiosity, pack_hash(fragment, (uint32_t)__builtin_ctzll(rest), stream));
+    }
+}
+
 /* One pass over all own points in batches; `pass` gets this rank's time and the energies of all ranks. */
 static int run_pass(struct transport_state *s, struct kiln_pass_report *pass, uint32_t stream, take_point take, struct kiln_error *error)
 {
@@ -120,15 +153,8 @@ static int run_pass(struct transport_state *s, struct kiln_pass_report *pass, ui
         status = gather ? kiln_backend_gather(p->backend, &batch, pass->samples, stream, &pass->rays, error)
                         : kiln_backend_direct(p->backend, &batch, pass->samples, &pass->rays, error);
         const uint64_t first = surface->fragments[fragment].first - surface->first;
-        for (uint64_t i = 0; i < points && status == KILN_OK; i++) {
-            float albedo[3], radiosity[3];
-            albedo_of(surface, first + i, albedo);
-            for (int c = 0; c < 3; c++)
-                radiosity[c] = albedo[c] * s->results[i].incident[c];
-            add_energy(s, first + i, &s->results[i], pass->samples, gather, sums, &variance);
-            take(s, first + i, &s->results[i], radiosity);
-            s->next[first + i] = kiln_radiosity_pack(radiosity, pack_hash(surface->first + first + i, stream));
-        }
+        for (size_t f = fragment; f < end && status == KILN_OK; f++)
+            take_fragment(s, pass, stream, take, &surface->fragments[f], first, sums, &variance);
         fragment = end;
         kiln_progress_advance(p->progress, first + points);
         if (status == KILN_OK && *p->stop != 0)
@@ -251,9 +277,7 @@ static int run_lean(struct transport_state *s, struct kiln_error *error)
         return status;
     if (job->tail || job->bounces < 0)
         add_tail(s, done);
-    const struct kiln_surface *surface = s->params->surface;
-    for (uint64_t i = 0; i < surface->count; i++)
-        s->next[i] = kiln_radiosity_pack(&s->sum[3 * i], pack_hash(surface->first + i, FINAL_STREAM));
+    pack_all(s, s->sum, FINAL_STREAM);
     status = exchange(s, &report->passes[done], error);
     report->bounces = done + 1;
     if (status == KILN_OK)
@@ -325,12 +349,17 @@ static void close_ledger(struct transport_state *s)
 static int publish_radiosity(struct transport_state *s, struct kiln_error *error)
 {
     const struct kiln_surface *surface = s->params->surface;
-    for (uint64_t i = 0; i < surface->count; i++) {
-        float albedo[3], total[3];
-        albedo_of(surface, i, albedo);
-        for (uint64_t c = 0; c < 3; c++)
-            total[c] = albedo[c] * (s->out->direct[3 * i + c] + s->out->indirect[3 * i + c]);
-        s->next[i] = kiln_radiosity_pack(total, pack_hash(surface->first + i, FINAL_STREAM + 1));
+    const uint32_t stream = FINAL_STREAM + 1;
+    for (size_t i = 0; i < surface->fragment_count; i++) {
+        const struct kiln_fragment *f = &surface->fragments[i];
+        uint64_t own = f->first - surface->first;
+        for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own++) {
+            float albedo[3], total[3];
+            albedo_of(surface, own, albedo);
+            for (uint64_t c = 0; c < 3; c++)
+                total[c] = albedo[c] * (s->out->direct[3 * own + c] + s->out->indirect[3 * own + c]);
+            s->next[own] = kiln_radiosity_pack(total, pack_hash(f, (uint32_t)__builtin_ctzll(rest), stream));
+        }
     }
     struct kiln_transport_report *r = &s->out->report;
     return exchange(s, &r->passes[r->pass_count - 1], error);
