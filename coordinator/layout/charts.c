@@ -7,7 +7,7 @@
 #include "coordinator/layout/segment.h"
 #include "worker/base/memory.h"
 
-enum { SAMPLES_MIN = 64, SAMPLES_MAX = 1024, HULL_DIRECTIONS = 256 };
+enum { SAMPLES_A_TEXEL = 8, SAMPLES_MIN = 128, SAMPLES_MAX = 8192, HULL_DIRECTIONS = 256 };
 
 struct point {
     double x, y;
@@ -181,7 +181,7 @@ static int chart_overlaps(struct maker *m, const struct kiln_chart *chart, bool 
 {
     const struct kiln_topology *t = m->topology;
     const double side = fmax(chart->width, chart->height);
-    const double across = fmin(fmax(4.0 * m->texels_per_metre * side, SAMPLES_MIN), SAMPLES_MAX), scale = across / side;
+    const double across = fmin(fmax(SAMPLES_A_TEXEL * m->texels_per_metre * side, SAMPLES_MIN), SAMPLES_MAX), scale = across / side;
     const int status = kiln_bitmap_reset(&m->bitmap, (uint32_t)ceil(across) + 1, (uint32_t)ceil(chart->height * scale) + 1, error);
     if (status != KILN_OK)
         return status;

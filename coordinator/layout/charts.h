@@ -26,8 +26,8 @@ struct kiln_charts {
 };
 
 /* Projection is along the mean normal or, where that would be steeper than KILN_CHART_CONE somewhere, along the axis of the normals'
- * cone. A chart whose projection overlaps itself (tested by samples, 4 a texel of `texels_per_metre`, between 64 and
- * 1024 across the chart) is cut in two halves of near equal size until none does. Charts are turned so that their bounding box is as small as
+ * cone. A chart whose projection overlaps itself (tested by samples, 8 a texel of `texels_per_metre`
+ * each way, between 128 and 8192 across the chart) is cut in two halves of near equal size until none does. Charts are turned so that their bounding box is as small as
  * can be. Deterministic. Destroy with kiln_charts_destroy. */
 int kiln_charts_create(struct kiln_charts **charts, const struct kiln_topology *topology, double texels_per_metre,
                        struct kiln_error *error);

@@ -11,6 +11,7 @@ enum {
     MANY_CHARTS = 256,    /* from here on a search starts where the last one of like size ended */
     TURN_CHARTS = 2000,   /* from here on only two of the four orientations are tried */
     CLASSES = 64,
+    LEVELS = 12,
     CANDIDATES_MAX = 10
 };
 static const double SNAP = 0.125;         /* largest stretch that puts a rectangle's sides on texel borders */
@@ -27,20 +28,27 @@ struct run {
     uint32_t row, first, end;
 };
 
+/* The grid seen in blocks of 1 << index cells: a block is set where any of its cells is. Index 0 is the grid itself. Rows of cells
+ * first .. end-1 have changed since the level was last looked at. */
+struct level {
+    struct kiln_bitmap blocks; /* unused at index 0 */
+    uint32_t *longest_free;    /* a row: its longest run of free blocks */
+    size_t longest_capacity;
+    uint32_t changed_first, changed_end;
+};
+
 struct packer {
     const struct kiln_charts *charts;
     const struct kiln_topology *topology;
     uint32_t padding;
     struct box *boxes; /* largest first */
     double (*maps)[6]; /* in cells of the whole grid, border included */
-    /* The attempt under way. `fine` has a bit a cell, set where no chart may be; `coarse` the same for blocks of `block` cells. */
+    /* The attempt under way. `fine` has a bit a cell, set where no chart may be. */
     uint32_t inner_width, height_limit;
     uint32_t used_width, used_height;
-    struct kiln_bitmap fine, coarse;
-    uint32_t block;
-    uint32_t *longest_free; /* a row of the grid searched */
-    size_t longest_capacity;
-    uint32_t cursor[CLASSES][CLASSES];
+    struct kiln_bitmap fine;
+    struct level levels[LEVELS];
+    uint32_t cursor[CLASSES][CLASSES]; /* cells */
     /* The chart under way. */
     struct kiln_bitmap mask, coarse_mask;
     struct run *runs;
@@ -164,61 +172,73 @@ static void shrink_row(const struct kiln_bitmap *from, struct kiln_bitmap *to, u
     }
 }
 
-static struct kiln_bitmap *search_grid(struct packer *p) { return p->block == 1 ? &p->fine : &p->coarse; }
+static struct kiln_bitmap *level_grid(struct packer *p, uint32_t level) { return level == 0 ? &p->fine : &p->levels[level].blocks; }
 
-/* Brings rows first .. end-1 of the searched grid up to date with the fine one. */
-static int refresh_rows(struct packer *p, uint32_t first, uint32_t end, struct kiln_error *error)
+/* Brings a level up to date and makes it at least `height` blocks high. */
+static int refresh_level(struct packer *p, uint32_t level, uint32_t height, struct kiln_error *error)
 {
-    struct kiln_bitmap *grid = search_grid(p);
-    int status = kiln_bitmap_extend(grid, end, error);
-    if (status == KILN_OK)
-        status = kiln_grow(&p->longest_free, &p->longest_capacity, end, sizeof *p->longest_free, "packing charts", error);
-    for (uint32_t y = first; y < end && status == KILN_OK; y++) {
-        if (p->block > 1)
-            shrink_row(&p->fine, &p->coarse, y, p->block);
-        p->longest_free[y] = longest_free_run(grid->words + (size_t)y * grid->stride, grid->width);
+    struct level *l = &p->levels[level];
+    struct kiln_bitmap *grid = level_grid(p, level);
+    const uint32_t old_height = p->fine.height;
+    int status = kiln_bitmap_extend(&p->fine, height << level, error);
+    if (status != KILN_OK)
+        return status;
+    for (uint32_t i = 0; i < LEVELS && p->fine.height > old_height; i++) {
+        p->levels[i].changed_first = p->levels[i].changed_first < old_height ? p->levels[i].changed_first : old_height;
+        p->levels[i].changed_end = p->fine.height;
     }
+    const uint32_t first = l->changed_first >> level, end = (l->changed_end + (1u << level) - 1) >> level;
+    status = kiln_bitmap_extend(grid, end > height ? end : height, error);
+    if (status == KILN_OK)
+        status = kiln_grow(&l->longest_free, &l->longest_capacity, grid->height, sizeof *l->longest_free, "packing charts", error);
+    for (uint32_t y = first; y < end && status == KILN_OK; y++) {
+        if (level > 0)
+            shrink_row(&p->fine, grid, y, 1u << level);
+        l->longest_free[y] = longest_free_run(grid->words + (size_t)y * grid->stride, grid->width);
+    }
+    l->changed_first = UINT32_MAX;
+    l->changed_end = 0;
     return status;
 }
 
-/* Changes the block size; searches of like size start anew. */
-static int change_block(struct packer *p, uint32_t block, struct kiln_error *error)
+static int reset_levels(struct packer *p, struct kiln_error *error)
 {
-    p->block = block;
-    memset(p->cursor, 0, sizeof p->cursor);
-    if (block > 1) {
-        const int status = kiln_bitmap_reset(&p->coarse, (p->inner_width + block - 1) / block, 0, error);
-        if (status != KILN_OK)
-            return status;
+    int status = kiln_bitmap_reset(&p->fine, p->inner_width, 0, error);
+    for (uint32_t level = 0; level < LEVELS && status == KILN_OK; level++) {
+        p->levels[level].changed_first = UINT32_MAX;
+        p->levels[level].changed_end = 0;
+        if (level > 0)
+            status = kiln_bitmap_reset(&p->levels[level].blocks, (p->inner_width + (1u << level) - 1) >> level, 0, error);
     }
-    return refresh_rows(p, 0, (p->fine.height + block - 1) / block, error);
+    memset(p->cursor, 0, sizeof p->cursor);
+    return status;
 }
 
 /* The mask's rows as runs of blocks, the middle row first: it is likely to be the longest. */
-static int mask_runs(struct packer *p, uint32_t *width, uint32_t *height, struct kiln_error *error)
+static int mask_runs(struct packer *p, uint32_t level, uint32_t *height, struct kiln_error *error)
 {
     const struct kiln_bitmap *mask = &p->mask;
-    *width = (p->mask.width + p->block - 1) / p->block;
-    *height = (p->mask.height + p->block - 1) / p->block;
-    if (p->block > 1) {
-        const int status = kiln_bitmap_reset(&p->coarse_mask, *width, *height, error);
+    const uint32_t block = 1u << level, width = (p->mask.width + block - 1) / block;
+    *height = (p->mask.height + block - 1) / block;
+    if (level > 0) {
+        const int status = kiln_bitmap_reset(&p->coarse_mask, width, *height, error);
         if (status != KILN_OK)
             return status;
         for (uint32_t y = 0; y < *height; y++)
-            shrink_row(&p->mask, &p->coarse_mask, y, p->block);
+            shrink_row(&p->mask, &p->coarse_mask, y, block);
         mask = &p->coarse_mask;
     }
     p->run_count = 0;
     for (uint32_t i = 0; i < *height; i++) {
         const uint32_t y = (i + *height / 2) % *height;
         const uint64_t *row = mask->words + (size_t)y * mask->stride;
-        for (uint32_t x = next_bit(row, 0, *width, true); x < *width;) {
-            const uint32_t end = next_bit(row, x, *width, false);
+        for (uint32_t x = next_bit(row, 0, width, true); x < width;) {
+            const uint32_t end = next_bit(row, x, width, false);
             const int status = kiln_grow(&p->runs, &p->run_capacity, p->run_count + 1, sizeof *p->runs, "packing charts", error);
             if (status != KILN_OK)
                 return status;
             p->runs[p->run_count++] = (struct run){y, x, end};
-            x = next_bit(row, end, *width, true);
+            x = next_bit(row, end, width, true);
         }
     }
     return KILN_OK;
@@ -239,16 +259,18 @@ static void or_shifted(uint64_t *to, const uint64_t *from, size_t words, uint32_
 
 /* Lowest x at which the mask is free in rows y .. of the searched grid, below `positions`, or KILN_NONE. Bit x of `blocked` says that
  * some run of the mask meets a set cell when the mask stands at x. */
-static uint32_t free_position(struct packer *p, const struct kiln_bitmap *grid, uint32_t y, uint32_t positions)
+static uint32_t free_position(struct packer *p, uint32_t level, uint32_t y, uint32_t positions)
 {
+    const struct kiln_bitmap *grid = level_grid(p, level);
+    const uint32_t *longest_free = p->levels[level].longest_free;
     for (size_t i = 0; i < p->run_count; i++)
-        if (p->longest_free[y + p->runs[i].row] < p->runs[i].end - p->runs[i].first)
+        if (longest_free[y + p->runs[i].row] < p->runs[i].end - p->runs[i].first)
             return KILN_NONE;
     const size_t words = grid->stride;
     memset(p->blocked, 0, words * sizeof *p->blocked);
     for (size_t i = 0; i < p->run_count; i++) {
         const struct run run = p->runs[i];
-        if (p->longest_free[y + run.row] == grid->width)
+        if (longest_free[y + run.row] == grid->width)
             continue;
         memcpy(p->line, grid->words + (size_t)(y + run.row) * words, words * sizeof *p->line);
         for (uint32_t length = 1, target = run.end - run.first; length < target;) {
@@ -275,40 +297,38 @@ struct position {
     int turns;
 };
 
-/* Searches from below for the mask's first place whose top is below best->top. */
-static int search(struct packer *p, int turns, struct position *best, struct kiln_error *error)
+/* Searches from below, in steps of a block, for the mask's first place whose top is below best->top. */
+static int search(struct packer *p, uint32_t level, int turns, struct position *best, struct kiln_error *error)
 {
-    uint32_t width, height;
-    int status = mask_runs(p, &width, &height, error);
-    struct kiln_bitmap *grid = search_grid(p);
+    uint32_t height;
+    int status = mask_runs(p, level, &height, error);
+    if (status == KILN_OK)
+        status = refresh_level(p, level, height, error);
     if (status != KILN_OK || p->mask.width > p->inner_width)
         return status;
-    const uint32_t positions = (p->inner_width - p->mask.width) / p->block + 1;
+    const uint32_t positions = ((p->inner_width - p->mask.width) >> level) + 1;
     uint32_t *cursor = &p->cursor[size_class(p->mask.width)][size_class(p->mask.height)];
-    for (uint32_t y = p->charts->count > MANY_CHARTS ? *cursor : 0;; y++) {
-        if ((uint64_t)y * p->block + p->mask.height >= best->top)
-            return KILN_OK;
-        if (y + height > grid->height) {
-            status = kiln_bitmap_extend(&p->fine, (y + height) * p->block, error);
-            if (status == KILN_OK)
-                status = refresh_rows(p, p->block > 1 ? grid->height : y, y + height, error);
+    for (uint32_t y = p->charts->count > MANY_CHARTS ? *cursor >> level : 0; (y << level) + p->mask.height < best->top; y++) {
+        if (y + height > level_grid(p, level)->height) {
+            status = refresh_level(p, level, y + height, error);
             if (status != KILN_OK)
                 return status;
         }
-        const uint32_t x = free_position(p, grid, y, positions);
+        const uint32_t x = free_position(p, level, y, positions);
         if (x == KILN_NONE)
             continue;
-        *cursor = y;
-        *best = (struct position){x * p->block, y * p->block, y * p->block + p->mask.height, turns};
-        return KILN_OK;
+        *cursor = y << level;
+        *best = (struct position){x << level, y << level, (y << level) + p->mask.height, turns};
+        break;
     }
+    return KILN_OK;
 }
 
 /* Sets the mask and its padding in the fine grid. */
 static int stamp(struct packer *p, const struct position *at, struct kiln_error *error)
 {
     const uint32_t top = at->y + p->mask.height + p->padding, bottom = at->y > p->padding ? at->y - p->padding : 0;
-    int status = kiln_bitmap_extend(&p->fine, (top + p->block - 1) / p->block * p->block, error);
+    const int status = refresh_level(p, 0, top, error);
     if (status != KILN_OK)
         return status;
     for (uint32_t row = 0; row < p->mask.height; row++) {
@@ -323,18 +343,24 @@ static int stamp(struct packer *p, const struct position *at, struct kiln_error 
             x = next_bit(source, end, p->mask.width, true);
         }
     }
-    return refresh_rows(p, bottom / p->block, (top + p->block - 1) / p->block, error);
+    for (uint32_t level = 0; level < LEVELS; level++) {
+        struct level *l = &p->levels[level];
+        l->changed_first = l->changed_first < bottom ? l->changed_first : bottom;
+        l->changed_end = l->changed_end > top ? l->changed_end : top;
+    }
+    return KILN_OK;
 }
 
-/* Cells across a block, so that the largest charts are searched for in a coarse grid: less work, and less than 1/blocks lost. */
-static uint32_t box_block(const struct packer *p, const struct box *box)
+/* Large charts are looked for in steps of a block: less work, and no more lost than a small share of the chart's narrower side. */
+static uint32_t box_level(const struct packer *p, const struct box *box)
 {
     const size_t count = p->charts->count;
-    const uint32_t blocks = count < 100 ? 128 : count < 500 ? 64 : 32, side = box->width > box->height ? box->width : box->height;
-    uint32_t block = 1;
-    while (block * blocks < side)
-        block *= 2;
-    return block;
+    const uint32_t blocks = count < 100 ? 128 : count < 500 ? 64 : 32;
+    const uint32_t side = box->width > box->height ? box->width : box->height, narrow = box->width < box->height ? box->width : box->height;
+    uint32_t level = 0;
+    while (level + 1 < LEVELS && blocks << level < side && 16u << level < narrow)
+        level++;
+    return level;
 }
 
 static int place(struct packer *p, const struct box *box, bool *fits, struct kiln_error *error)
@@ -350,7 +376,7 @@ static int place(struct packer *p, const struct box *box, bool *fits, struct kil
         status = draw_mask(p, box, turns, error);
         drawn = turns;
         if (status == KILN_OK)
-            status = search(p, turns, &best, error);
+            status = search(p, box_level(p, box), turns, &best, error);
     }
     if (status != KILN_OK)
         return status;
@@ -387,20 +413,14 @@ static int attempt(struct packer *p, double density, uint32_t width, uint32_t he
         p->boxes[i] = chart_box(chart, (uint32_t)i, density);
     }
     qsort(p->boxes, p->charts->count, sizeof *p->boxes, compare_boxes);
-    int status = kiln_bitmap_reset(&p->fine, p->inner_width, 0, error);
+    int status = reset_levels(p, error);
     if (status == KILN_OK)
         status = kiln_grow(&p->line, &p->line_capacity, p->fine.stride, sizeof *p->line, "packing charts", error);
     if (status == KILN_OK)
         status = kiln_grow(&p->blocked, &p->blocked_capacity, p->fine.stride, sizeof *p->blocked, "packing charts", error);
-    p->block = 0;
     *fits = true;
-    for (size_t i = 0; i < p->charts->count && *fits && status == KILN_OK; i++) {
-        const uint32_t block = box_block(p, &p->boxes[i]);
-        if (block != p->block)
-            status = change_block(p, block, error);
-        if (status == KILN_OK)
-            status = place(p, &p->boxes[i], fits, error);
-    }
+    for (size_t i = 0; i < p->charts->count && *fits && status == KILN_OK; i++)
+        status = place(p, &p->boxes[i], fits, error);
     p->used_width += 2 * BORDER;
     p->used_height += 2 * BORDER;
     return status;
@@ -567,8 +587,10 @@ int kiln_pack(struct kiln_packing *packing, const struct kiln_charts *charts, co
     kiln_free(&p.runs);
     kiln_free(&p.coarse_mask.words);
     kiln_free(&p.mask.words);
-    kiln_free(&p.longest_free);
-    kiln_free(&p.coarse.words);
+    for (size_t i = 0; i < LEVELS; i++) {
+        kiln_free(&p.levels[i].longest_free);
+        kiln_free(&p.levels[i].blocks.words);
+    }
     kiln_free(&p.fine.words);
     kiln_free(&p.maps);
     kiln_free(&p.boxes);
