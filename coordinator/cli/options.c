@@ -23,7 +23,8 @@ enum {
 const struct kiln_option kiln_options[] = {
     {.name = "output", .group = "Files", .kind = KILN_OPTION_PATH, .value = "PATH",
      .help = "where the result goes, also -o; bake: a folder, by default SCENE-bake; others: a file",
-     .commands = KILN_FOR_BAKE | KILN_FOR_VIEW | KILN_FOR_GENERATE | KILN_FOR_REPORT | KILN_FOR_BENCH, .offset = AT(output)},
+     .commands = KILN_FOR_BAKE | KILN_FOR_VIEW | KILN_FOR_COMPARE | KILN_FOR_GENERATE | KILN_FOR_REPORT | KILN_FOR_BENCH,
+     .offset = AT(output)},
     {.name = "environment", .group = "Light", .kind = KILN_OPTION_ENVIRONMENT, .value = "none|R,G,B|IMAGE",
      .shown = "the scene's own", .help = "light from outside: constant radiance, or a lat-long .hdr or .exr",
      .commands = READS_SCENE, .offset = AT(environment)},

@@ -1,0 +1,127 @@
+/* kiln probe: irradiance at a place, from the volume of a bake. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include <jansson.h>
+
+#include "coordinator/cli/commands.h"
+#include "coordinator/output/publish.h"
+#include "coordinator/output/volume_eval.h"
+
+static const char *const axis_names[6] = {"+x", "-x", "+y", "-y", "+z", "-z"};
+
+struct question {
+    double position[3], normal[3];
+    bool has_normal;
+};
+
+struct answer {
+    struct kiln_volume_probe light;
+    double irradiance[3]; /* about the normal */
+    bool outside;
+};
+
+static int read_number(const char *text, const char *what, double *number, struct kiln_error *error)
+{
+    char *end;
+    *number = strtod(text, &end);
+    if (end == text || *end != '\0' || !isfinite(*number))
+        return kiln_fail(error, KILN_USAGE, "'%s' is not a number (%s of kiln probe DIR X Y Z [NX NY NZ])", text, what);
+    return KILN_OK;
+}
+
+static int read_question(const struct kiln_job *job, struct question *q, struct kiln_error *error)
+{
+    static const char *const names[6] = {"X", "Y", "Z", "NX", "NY", "NZ"};
+    double numbers[6] = {0};
+    if (job->argument_count != 4 && job->argument_count != 7)
+        return kiln_fail(error, KILN_USAGE, "kiln probe needs DIR X Y Z, or DIR X Y Z NX NY NZ; %zu arguments were given", job->argument_count);
+    for (size_t i = 1; i < job->argument_count; i++) {
+        const int status = read_number(job->arguments[i], names[i - 1], &numbers[i - 1], error);
+        if (status != KILN_OK)
+            return status;
+    }
+    q->has_normal = job->argument_count == 7;
+    const double length = hypot(hypot(numbers[3], numbers[4]), numbers[5]);
+    if (q->has_normal && !(length > 0.0))
+        return kiln_fail(error, KILN_USAGE, "the normal (%s, %s, %s) has no length", job->arguments[4], job->arguments[5], job->arguments[6]);
+    for (int i = 0; i < 3; i++) {
+        q->position[i] = numbers[i];
+        q->normal[i] = q->has_normal ? numbers[3 + i] / length : 0.0;
+    }
+    return KILN_OK;
+}
+
+static int find_answer(const char *directory, const struct question *q, struct answer *a, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    struct kiln_volume *volume = NULL;
+    int status = kiln_path_join(path, directory, "volume.hdf", error);
+    if (status == KILN_OK)
+        status = kiln_volume_open(&volume, path, error);
+    if (status == KILN_OK)
+        status = kiln_volume_light(volume, q->position, &a->light, &a->outside, error);
+    if (status == KILN_OK && q->has_normal)
+        kiln_volume_irradiance(&a->light, q->normal, a->irradiance);
+    kiln_volume_close(&volume);
+    return status;
+}
+
+static json_t *rgb_json(const float rgb[3]) { return json_pack("[f, f, f]", (double)rgb[0], (double)rgb[1], (double)rgb[2]); }
+
+static int print_json(const struct question *q, const struct answer *a, struct kiln_error *error)
+{
+    json_t *root = json_pack("{s:s, s:s, s:[f,f,f], s:b, s:f, s:f}", "status", "done", "units", "W m-2", "position", q->position[0],
+                             q->position[1], q->position[2], "outside", a->outside, "validity", (double)a->light.validity, "mean_distance",
+                             (double)a->light.mean_distance);
+    if (root != NULL && q->has_normal) {
+        json_object_set_new(root, "normal", json_pack("[f, f, f]", q->normal[0], q->normal[1], q->normal[2]));
+        json_object_set_new(root, "irradiance", json_pack("[f, f, f]", a->irradiance[0], a->irradiance[1], a->irradiance[2]));
+    }
+    json_t *axes = json_object(), *harmonics = json_array();
+    for (int i = 0; i < 6; i++)
+        json_object_set_new(axes, axis_names[i], rgb_json(a->light.axes[i]));
+    for (int i = 0; i < 9; i++)
+        json_array_append_new(harmonics, rgb_json(a->light.harmonics[i]));
+    json_object_set_new(root, "axes", axes);
+    json_object_set_new(root, "harmonics", harmonics);
+    const bool printed = root != NULL && json_dumpf(root, stdout, JSON_COMPACT) == 0 && fputc('\n', stdout) != EOF;
+    json_decref(root);
+    return printed ? KILN_OK : kiln_fail(error, KILN_IO, "the answer cannot be written to standard output");
+}
+
+static void print_text(const struct question *q, const struct answer *a)
+{
+    if (q->has_normal) {
+        (void)printf("irradiance %.6g %.6g %.6g W/m2\n", a->irradiance[0], a->irradiance[1], a->irradiance[2]);
+    } else {
+        (void)puts("irradiance on faces along the axes, W/m2 (R G B)");
+        for (int i = 0; i < 6; i++)
+            (void)printf("  %s  %-12.6g %-12.6g %.6g\n", axis_names[i], (double)a->light.axes[i][0], (double)a->light.axes[i][1],
+                         (double)a->light.axes[i][2]);
+        (void)puts("harmonics of irradiance, E(n) = sum of c Y(n), in the order 00, 1-1, 10, 11, 2-2, 2-1, 20, 21, 22");
+        for (int i = 0; i < 9; i++)
+            (void)printf("  %d   %-12.6g %-12.6g %.6g\n", i, (double)a->light.harmonics[i][0], (double)a->light.harmonics[i][1],
+                         (double)a->light.harmonics[i][2]);
+    }
+    (void)printf("validity %.3f, mean distance %.4g m\n", (double)a->light.validity, (double)a->light.mean_distance);
+    if (a->outside)
+        (void)puts("the place is outside the volume: this is the light at the nearest place inside");
+}
+
+int kiln_command_probe(struct kiln_job *job, struct kiln_error *error)
+{
+    struct question question = {{0}, {0}, false};
+    struct answer answer = {.outside = false};
+    int status = read_question(job, &question, error);
+    if (status == KILN_OK)
+        status = find_answer(job->arguments[0], &question, &answer, error);
+    if (status != KILN_OK)
+        return status;
+    if (job->json)
+        return print_json(&question, &answer, error);
+    if (!job->quiet)
+        print_text(&question, &answer);
+    return KILN_OK;
+}

@@ -1,0 +1,32 @@
+/* Text of a page as it grows, and the plots on it. Private to coordinator/output. Errors stick: after one fails, the rest do
+ * nothing, and page->status says what happened. */
+#ifndef KILN_COORDINATOR_OUTPUT_PAGE_H
+#define KILN_COORDINATOR_OUTPUT_PAGE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "worker/base/status.h"
+
+struct kiln_page {
+    char *text;
+    size_t size, capacity;
+    int status;
+    struct kiln_error *error;
+};
+
+/* Adds markup as printf does. Text from outside goes through kiln_page_text. */
+void kiln_page_add(struct kiln_page *page, const char *format, ...) __attribute__((format(printf, 2, 3)));
+/* Adds text, with what HTML would take for markup escaped. */
+void kiln_page_text(struct kiln_page *page, const char *text);
+/* Adds <img> with the bytes of a PNG file inside. */
+void kiln_page_png(struct kiln_page *page, const char *png, size_t size, const char *alternative);
+
+/* An SVG of upright bars, one a value, from 0 to the largest; `names` has one a bar, or is NULL: then numbers from `number_from` on.
+ * With `logarithmic` the height is by decades down to 1e-6 of the largest. */
+void kiln_page_bars(struct kiln_page *page, const char *unit, const double *values, const char *const *names, size_t count,
+                    int number_from, int logarithmic);
+/* An SVG of lying bars with their names and values at the side. */
+void kiln_page_rows(struct kiln_page *page, const char *unit, const double *values, const char *const *names, size_t count);
+
+#endif

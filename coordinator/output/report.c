@@ -1,0 +1,357 @@
+#include "coordinator/output/report.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <jansson.h>
+
+#include "coordinator/output/exr.h"
+#include "coordinator/output/page.h"
+#include "coordinator/output/publish.h"
+#include "worker/base/memory.h"
+
+enum { PICTURE_SIDE = 320, MOST_PICTURES = 200, MOST_BARS = 4096 };
+
+static const char style[] = "body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:70em;padding:0 1em;color:#222}"
+                            "h1,h2{font-weight:600}table{border-collapse:collapse;margin:.5em 0}"
+                            "td,th{padding:.15em .9em .15em 0;text-align:left;vertical-align:top}td.n,th.n{text-align:right}"
+                            "img{max-width:100%;image-rendering:pixelated;background:#eee}"
+                            "figure{display:inline-block;margin:0 1em 1em 0;vertical-align:top}figcaption{font-size:85%;max-width:20em;overflow-wrap:anywhere}"
+                            "svg{max-width:100%}svg text{font-size:12px;fill:#444}svg rect{fill:#b5532a}svg line{stroke:#888}";
+
+struct report {
+    const char *directory;
+    const json_t *run;
+    struct kiln_page page;
+};
+
+/* ---- values that may be missing ---- */
+
+static const json_t *field(const json_t *object, const char *name) { return json_object_get(object, name); }
+
+/* A number, or the luminance of three. NaN when it is neither. */
+static double number(const json_t *value)
+{
+    if (json_is_number(value))
+        return json_number_value(value);
+    if (json_is_array(value) && json_array_size(value) == 3)
+        return 0.2126 * number(json_array_get(value, 0)) + 0.7152 * number(json_array_get(value, 1)) + 0.0722 * number(json_array_get(value, 2));
+    return (double)NAN;
+}
+
+static void add_value(struct kiln_page *page, const json_t *value)
+{
+    if (json_is_string(value)) {
+        kiln_page_text(page, json_string_value(value));
+    } else if (json_is_integer(value)) {
+        kiln_page_add(page, "%lld", (long long)json_integer_value(value));
+    } else if (json_is_real(value)) {
+        kiln_page_add(page, "%.6g", json_real_value(value));
+    } else if (json_is_boolean(value)) {
+        kiln_page_add(page, "%s", json_is_true(value) ? "yes" : "no");
+    } else if (json_is_array(value)) {
+        for (size_t i = 0; i < json_array_size(value); i++) {
+            kiln_page_add(page, "%s", i == 0 ? "" : " ");
+            add_value(page, json_array_get(value, i));
+        }
+    }
+}
+
+/* A table of the scalar and short array fields of an object, names with blanks for underscores. */
+static void add_object(struct kiln_page *page, const json_t *object)
+{
+    const char *name;
+    json_t *value;
+    if (!json_is_object(object) || json_object_size(object) == 0)
+        return;
+    kiln_page_add(page, "<table>");
+    json_object_foreach((json_t *)(uintptr_t)object, name, value) {
+        const bool list = json_is_array(value) && (json_array_size(value) > 4 || json_is_object(json_array_get(value, 0)));
+        if (json_is_object(value) || json_is_null(value) || list)
+            continue;
+        kiln_page_add(page, "<tr><td>");
+        for (const char *c = name; *c != '\0'; c++)
+            kiln_page_text(page, (const char[]){*c == '_' ? ' ' : *c, '\0'});
+        kiln_page_add(page, "</td><td>");
+        add_value(page, value);
+        kiln_page_add(page, "</td></tr>\n");
+    }
+    kiln_page_add(page, "</table>\n");
+}
+
+/* ---- pictures ---- */
+
+/* Every n-th pixel, so that the longer side has at most PICTURE_SIDE. */
+static int shrink(const struct kiln_image *image, struct kiln_image **small, struct kiln_error *error)
+{
+    static const char *const names[] = {"R", "G", "B"};
+    const uint32_t longest = image->width > image->height ? image->width : image->height, every = (longest + PICTURE_SIDE - 1) / PICTURE_SIDE;
+    const uint32_t width = (image->width + every - 1) / every, height = (image->height + every - 1) / every;
+    float *from[3], *to[3];
+    const int status = kiln_image_create(small, width, height, names, 3, error);
+    if (status != KILN_OK)
+        return status;
+    if (!kiln_image_rgb(image, "", from))
+        return kiln_fail(error, KILN_BAD_INPUT, "a lightmap has no channels R, G and B");
+    (void)kiln_image_rgb(*small, "", to);
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < width; x++)
+            for (int c = 0; c < 3; c++)
+                to[c][(size_t)y * width + x] = from[c][(size_t)y * every * image->width + (size_t)x * every];
+    return KILN_OK;
+}
+
+static int add_lightmap(struct kiln_page *page, const char *path, const char *name, struct kiln_error *error)
+{
+    static const char *const wanted[] = {"R", "G", "B"};
+    struct kiln_image *image = NULL, *small = NULL;
+    uint8_t *bytes = NULL;
+    char *png = NULL;
+    size_t size = 0;
+    int status = kiln_exr_read(path, wanted, 3, &image, error);
+    if (status == KILN_OK)
+        status = shrink(image, &small, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&bytes, (size_t)small->width * small->height * 3, 1, "a picture", error);
+    if (status == KILN_OK)
+        status = kiln_tone_map(small, kiln_auto_exposure(small, NULL), INFINITY, bytes, error);
+    if (status == KILN_OK)
+        status = kiln_png_encode(bytes, small->width, small->height, &png, &size, error);
+    if (status == KILN_OK) {
+        kiln_page_add(page, "<figure>");
+        kiln_page_png(page, png, size, name);
+        kiln_page_add(page, "<figcaption>");
+        kiln_page_text(page, name);
+        kiln_page_add(page, "<br>%u x %u texels</figcaption></figure>\n", image->width, image->height);
+    }
+    kiln_free(&png);
+    kiln_free(&bytes);
+    kiln_image_destroy(&small);
+    kiln_image_destroy(&image);
+    return status;
+}
+
+/* A path in run.json may lead only below the folder itself. */
+static bool stays_inside(const char *path) { return path[0] != '/' && strstr(path, "..") == NULL; }
+
+static void add_lightmaps(struct report *r)
+{
+    const json_t *objects = field(r->run, "objects");
+    const size_t count = json_array_size(objects);
+    if (count == 0)
+        return;
+    kiln_page_add(&r->page, "<h2>Lightmaps</h2>\n");
+    if (count > MOST_PICTURES)
+        kiln_page_add(&r->page, "<p>The first %d of %zu.</p>\n", MOST_PICTURES, count);
+    for (size_t i = 0; i < count && i < MOST_PICTURES; i++) {
+        const json_t *object = json_array_get(objects, i);
+        const char *file = json_string_value(field(object, "lightmap")), *name = json_string_value(field(object, "name"));
+        char path[KILN_PATH_SIZE];
+        struct kiln_error why = {{0}};
+        if (file == NULL || !stays_inside(file))
+            continue;
+        int status = kiln_path_join(path, r->directory, file, &why);
+        if (status == KILN_OK)
+            status = add_lightmap(&r->page, path, name == NULL ? file : name, &why);
+        if (status != KILN_OK) { /* the page says what it cannot show */
+            kiln_page_add(&r->page, "<p>");
+            kiln_page_text(&r->page, why.message);
+            kiln_page_add(&r->page, "</p>\n");
+        }
+    }
+}
+
+static void add_preview(struct report *r)
+{
+    char path[KILN_PATH_SIZE], *png = NULL;
+    size_t size = 0;
+    if (kiln_path_join(path, r->directory, "preview.png", NULL) == KILN_OK && kiln_read_file(path, 64u << 20, &png, &size, NULL) == KILN_OK) {
+        kiln_page_add(&r->page, "<p>");
+        kiln_page_png(&r->page, png, size, "preview");
+        kiln_page_add(&r->page, "</p>\n");
+    }
+    kiln_free(&png);
+}
+
+/* ---- plots ---- */
+
+struct series {
+    double *values;
+    const char **names;
+    size_t count;
+};
+
+static bool open_series(struct report *r, struct series *s, size_t count)
+{
+    *s = (struct series){.count = count < MOST_BARS ? count : MOST_BARS};
+    if (r->page.status == KILN_OK)
+        r->page.status = kiln_allocate(&s->values, s->count, sizeof *s->values, "a plot", r->page.error);
+    if (r->page.status == KILN_OK)
+        r->page.status = kiln_allocate(&s->names, s->count, sizeof *s->names, "a plot", r->page.error);
+    return r->page.status == KILN_OK;
+}
+
+static void close_series(struct series *s)
+{
+    kiln_free(&s->values);
+    kiln_free(&s->names);
+}
+
+static void plot_phases(struct report *r)
+{
+    const json_t *phases = field(r->run, "phases");
+    struct series s;
+    if (json_array_size(phases) > 0 && open_series(r, &s, json_array_size(phases))) {
+        for (size_t i = 0; i < s.count; i++) {
+            const json_t *phase = json_array_get(phases, i), *seconds = field(phase, "seconds");
+            const char *name = json_string_value(field(phase, "name"));
+            s.names[i] = name == NULL ? "?" : name;
+            s.values[i] = number(json_is_object(seconds) ? field(seconds, "max") : seconds);
+        }
+        kiln_page_add(&r->page, "<h2>Time of each phase</h2>\n<p>Seconds on the slowest rank.</p>\n");
+        kiln_page_rows(&r->page, "s", s.values, s.names, s.count);
+        close_series(&s);
+    }
+}
+
+/* Seconds of every rank in all phases together, from their per_rank lists. */
+static void plot_ranks(struct report *r)
+{
+    const json_t *phases = field(r->run, "phases");
+    size_t ranks = 0;
+    struct series s;
+    for (size_t i = 0; i < json_array_size(phases); i++) {
+        const size_t here = json_array_size(field(json_array_get(phases, i), "per_rank"));
+        ranks = here > ranks ? here : ranks;
+    }
+    if (ranks == 0 || !open_series(r, &s, ranks))
+        return;
+    for (size_t i = 0; i < json_array_size(phases); i++)
+        for (size_t rank = 0; rank < s.count; rank++) {
+            const double seconds = number(json_array_get(field(json_array_get(phases, i), "per_rank"), rank));
+            s.values[rank] += isfinite(seconds) ? seconds : 0.0;
+        }
+    kiln_page_add(&r->page, "<h2>Balance of the ranks</h2>\n<p>Seconds of each rank in all phases.</p>\n");
+    kiln_page_bars(&r->page, "s", s.values, NULL, s.count, 0, 0);
+    close_series(&s);
+    const json_t *points = field(field(r->run, "balance"), "points_per_rank");
+    if (json_array_size(points) > 0 && open_series(r, &s, json_array_size(points))) {
+        for (size_t i = 0; i < s.count; i++)
+            s.values[i] = number(json_array_get(points, i));
+        kiln_page_add(&r->page, "<p>Surface points of each rank.</p>\n");
+        kiln_page_bars(&r->page, "points", s.values, NULL, s.count, 0, 0);
+        close_series(&s);
+    }
+    add_object(&r->page, field(r->run, "balance"));
+}
+
+static void plot_bounces(struct report *r)
+{
+    const json_t *bounces = field(r->run, "bounces");
+    struct series s;
+    if (json_array_size(bounces) == 0 || !open_series(r, &s, json_array_size(bounces)))
+        return;
+    bool named = true;
+    for (size_t i = 0; i < s.count; i++) {
+        const json_t *bounce = json_array_get(bounces, i);
+        s.values[i] = number(field(bounce, "energy"));
+        s.names[i] = json_string_value(field(bounce, "kind"));
+        named = named && s.names[i] != NULL;
+    }
+    kiln_page_add(&r->page, "<h2>Energy of each bounce</h2>\n<p>Power arriving at all surfaces, watts, luminance; logarithmic, six decades.</p>\n");
+    kiln_page_bars(&r->page, "W", s.values, named ? s.names : NULL, s.count, 0, 1);
+    close_series(&s);
+    add_object(&r->page, field(r->run, "energy"));
+}
+
+/* ---- the page ---- */
+
+static void add_section(struct report *r, const char *title, const char *name)
+{
+    const json_t *object = field(r->run, name);
+    if (!json_is_object(object) || json_object_size(object) == 0)
+        return;
+    kiln_page_add(&r->page, "<h2>%s</h2>\n", title);
+    add_object(&r->page, object);
+}
+
+static void add_objects_table(struct report *r)
+{
+    const json_t *objects = field(r->run, "objects");
+    static const char *const columns[] = {"width", "height", "valid", "filled", "seam_before", "seam_after"};
+    if (json_array_size(objects) == 0)
+        return;
+    kiln_page_add(&r->page, "<h2>Objects</h2>\n<p>Seams: root mean square of the difference across them, share of the mean.</p>\n<table><tr><th>name</th>"
+                            "<th class=n>width</th><th class=n>height</th><th class=n>gathered</th><th class=n>filled</th>"
+                            "<th class=n>seams before</th><th class=n>seams after</th></tr>\n");
+    for (size_t i = 0; i < json_array_size(objects); i++) {
+        const json_t *object = json_array_get(objects, i);
+        const char *name = json_string_value(field(object, "name"));
+        kiln_page_add(&r->page, "<tr><td>");
+        kiln_page_text(&r->page, name == NULL ? "" : name);
+        kiln_page_add(&r->page, "</td>");
+        for (size_t c = 0; c < sizeof columns / sizeof *columns; c++) {
+            kiln_page_add(&r->page, "<td class=n>");
+            add_value(&r->page, field(object, columns[c]));
+            kiln_page_add(&r->page, "</td>");
+        }
+        kiln_page_add(&r->page, "</tr>\n");
+    }
+    kiln_page_add(&r->page, "</table>\n");
+}
+
+static void write_page(struct report *r)
+{
+    const json_t *scene = field(r->run, "scene");
+    const char *title = json_string_value(json_is_object(scene) ? field(scene, "file") : scene);
+    kiln_page_add(&r->page, "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>kiln: ");
+    kiln_page_text(&r->page, title == NULL ? "bake" : title);
+    kiln_page_add(&r->page, "</title><style>%s</style></head><body>\n<h1>", style);
+    kiln_page_text(&r->page, title == NULL ? "bake" : title);
+    kiln_page_add(&r->page, "</h1>\n");
+    add_preview(r);
+    add_object(&r->page, r->run);
+    plot_phases(r);
+    plot_ranks(r);
+    plot_bounces(r);
+    add_section(r, "Error reached", "error");
+    add_section(r, "Rays", "rays");
+    add_section(r, "Surface points", "points");
+    add_section(r, "Memory", "memory");
+    add_section(r, "Device", "backend");
+    add_section(r, "Settings", "job");
+    add_section(r, "Scene", "scene");
+    add_objects_table(r);
+    add_lightmaps(r);
+    kiln_page_add(&r->page, "</body></html>\n");
+}
+
+int kiln_report_write(const char *directory, const char *path, struct kiln_error *error)
+{
+    char source[KILN_PATH_SIZE], *text = NULL;
+    size_t size = 0;
+    json_error_t place;
+    json_t *run = NULL;
+    int status = kiln_path_join(source, directory, "run.json", error);
+    if (status == KILN_OK)
+        status = kiln_read_file(source, 1u << 30, &text, &size, error);
+    if (status == KILN_OK) {
+        run = json_loadb(text, size, 0, &place);
+        if (!json_is_object(run))
+            status = kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a report of a bake: line %d: %s", source, place.line,
+                               run == NULL ? place.text : "not a JSON object");
+    }
+    struct report report = {.directory = directory, .run = run, .page = {.error = error}};
+    if (status == KILN_OK) {
+        write_page(&report);
+        status = report.page.status;
+    }
+    if (status == KILN_OK)
+        status = kiln_publish_bytes(path, report.page.text, report.page.size, error);
+    kiln_free(&report.page.text);
+    kiln_free(&text);
+    json_decref(run);
+    return status;
+}
