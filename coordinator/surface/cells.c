@@ -25,7 +25,7 @@ int kiln_grid_choose(struct kiln_grid *grid, const struct kiln_geometry *geometr
     if (cell_size == 0.0) {
         size = longest > 0.0 ? longest / CELLS_ALONG_LONGEST : 1.0;
         if (area > 0.0 && points > 0.0)
-            size = fmax(size, sqrt(POINTS_PER_CELL * (area / points)));
+            size = fmax(size, sqrt(1.5 * POINTS_PER_CELL * (area / points))); /* a plane of any direction cuts 1.5 A / s2 cells */
         while (cells_along(side.x, size) * cells_along(side.y, size) * cells_along(side.z, size) > most_chosen)
             size *= 1.25;
     }

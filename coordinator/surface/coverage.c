@@ -9,6 +9,10 @@ static uint64_t world_triangle(const struct kiln_object_range *range, uint64_t k
     return k < range->opaque_count ? range->opaque_first + k : range->alpha_first + (k - range->opaque_count);
 }
 
+/* Without the calls into the mathematics library that fmin and fmax become. */
+static inline double least(double a, double b) { return a < b ? a : b; }
+static inline double most(double a, double b) { return a > b ? a : b; }
+
 /* Where the triangle reaches in x between two heights; widened by more than rounding, as clipping has the last word. */
 static bool band(const double c[3][2], double y0, double y1, double *low, double *high)
 {
@@ -16,15 +20,15 @@ static bool band(const double c[3][2], double y0, double y1, double *low, double
     for (int i = 0; i < 3; i++) {
         const double *a = c[i], *b = c[i == 2 ? 0 : i + 1];
         if (a[1] >= y0 && a[1] <= y1) {
-            x0 = fmin(x0, a[0]);
-            x1 = fmax(x1, a[0]);
+            x0 = least(x0, a[0]);
+            x1 = most(x1, a[0]);
         }
         for (int side = 0; side < 2; side++) {
             const double y = side == 0 ? y0 : y1;
             if ((a[1] < y) != (b[1] < y)) {
                 const double x = a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
-                x0 = fmin(x0, x);
-                x1 = fmax(x1, x);
+                x0 = least(x0, x);
+                x1 = most(x1, x);
             }
         }
     }
@@ -36,13 +40,13 @@ static bool band(const double c[3][2], double y0, double y1, double *low, double
 /* The index of the cell of `size` that `x` lies in, held to 0 .. count - 1. */
 static uint32_t held(double x, double size, uint32_t count)
 {
-    return (uint32_t)fmin(fmax(floor(x / size), 0.0), (double)count - 1.0);
+    return (uint32_t)least(most(floor(x / size), 0.0), (double)count - 1.0);
 }
 
 static void vertical_reach(const double c[3][2], double *low, double *high)
 {
-    *low = fmin(c[0][1], fmin(c[1][1], c[2][1]));
-    *high = fmax(c[0][1], fmax(c[1][1], c[2][1]));
+    *low = least(c[0][1], least(c[1][1], c[2][1]));
+    *high = most(c[0][1], most(c[1][1], c[2][1]));
 }
 
 /* Visits the tiles a triangle touches. Without `out` counts it in place[tile + 1], else enters it and moves place[tile] on. */

@@ -1,27 +1,31 @@
 #include "worker/scene/clip.h"
 
 #include <math.h>
+#include <stdbool.h>
 
-/* One cut: keeps sign * (coordinate - bound) >= 0. `axis` 0 is x. */
-static uint32_t cut(const struct kiln_clip_corner *in, uint32_t count, int axis, double bound, double sign,
-                    struct kiln_clip_corner *out)
+/* One cut: keeps sign * (coordinate - bound) >= 0. `axis` 0 is x; axis and sign are constants where this is called. */
+static inline uint32_t cut(const struct kiln_clip_corner *in, uint32_t count, int axis, double bound, double sign,
+                           struct kiln_clip_corner *out)
 {
     uint32_t kept = 0;
+    const struct kiln_clip_corner *a = &in[count - 1];
+    double da = sign * ((axis == 0 ? a->x : a->y) - bound);
     for (uint32_t i = 0; i < count; i++) {
-        const struct kiln_clip_corner *a = &in[i], *b = &in[i + 1 == count ? 0 : i + 1];
-        const double da = sign * ((axis == 0 ? a->x : a->y) - bound), db = sign * ((axis == 0 ? b->x : b->y) - bound);
-        if (da >= 0.0)
-            out[kept++] = *a;
+        const struct kiln_clip_corner *b = &in[i];
+        const double db = sign * ((axis == 0 ? b->x : b->y) - bound);
         if ((da > 0.0 && db < 0.0) || (da < 0.0 && db > 0.0)) {
             const double t = da / (da - db);
-            struct kiln_clip_corner c = {a->x + t * (b->x - a->x), a->y + t * (b->y - a->y), a->b1 + t * (b->b1 - a->b1),
-                                         a->b2 + t * (b->b2 - a->b2)};
-            if (axis == 0)
-                c.x = bound; /* exactly on the line, so that the neighbour's part begins where this one ends */
-            else
-                c.y = bound;
-            out[kept++] = c;
+            struct kiln_clip_corner *c = &out[kept++];
+            /* exactly on the line, so that the neighbour's part begins where this one ends */
+            c->x = axis == 0 ? bound : a->x + t * (b->x - a->x);
+            c->y = axis == 0 ? a->y + t * (b->y - a->y) : bound;
+            c->b1 = a->b1 + t * (b->b1 - a->b1);
+            c->b2 = a->b2 + t * (b->b2 - a->b2);
         }
+        if (db >= 0.0)
+            out[kept++] = *b;
+        a = b;
+        da = db;
     }
     return kept;
 }
@@ -29,14 +33,42 @@ static uint32_t cut(const struct kiln_clip_corner *in, uint32_t count, int axis,
 uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, double x1, double y1,
                             struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
 {
-    struct kiln_clip_corner other[KILN_CLIP_CORNERS];
-    polygon[0] = (struct kiln_clip_corner){corner[0][0], corner[0][1], 0.0, 0.0};
-    polygon[1] = (struct kiln_clip_corner){corner[1][0], corner[1][1], 1.0, 0.0};
-    polygon[2] = (struct kiln_clip_corner){corner[2][0], corner[2][1], 0.0, 1.0};
-    uint32_t count = cut(polygon, 3, 0, x0, 1.0, other);
-    count = cut(other, count, 0, x1, -1.0, polygon);
-    count = cut(polygon, count, 1, y0, 1.0, other);
-    return cut(other, count, 1, y1, -1.0, polygon);
+    struct kiln_clip_corner other[KILN_CLIP_CORNERS], *from = other, *to = polygon, *swap;
+    bool outside[4] = {false, false, false, false}; /* does some corner lie beyond the left, right, top, bottom side? */
+    uint32_t cuts = 0, count = 3;
+    for (int c = 0; c < 3; c++) {
+        outside[0] |= corner[c][0] < x0;
+        outside[1] |= corner[c][0] > x1;
+        outside[2] |= corner[c][1] < y0;
+        outside[3] |= corner[c][1] > y1;
+    }
+    for (int side = 0; side < 4; side++)
+        cuts += outside[side] ? 1 : 0;
+    if (cuts % 2 == 0) { /* so that the last cut ends in `polygon` */
+        from = polygon;
+        to = other;
+    }
+    from[0] = (struct kiln_clip_corner){corner[0][0], corner[0][1], 0.0, 0.0};
+    from[1] = (struct kiln_clip_corner){corner[1][0], corner[1][1], 1.0, 0.0};
+    from[2] = (struct kiln_clip_corner){corner[2][0], corner[2][1], 0.0, 1.0};
+    for (int side = 0; side < 4; side++) {
+        if (!outside[side])
+            continue;
+        if (count > 0) {
+            if (side == 0)
+                count = cut(from, count, 0, x0, 1.0, to);
+            else if (side == 1)
+                count = cut(from, count, 0, x1, -1.0, to);
+            else if (side == 2)
+                count = cut(from, count, 1, y0, 1.0, to);
+            else
+                count = cut(from, count, 1, y1, -1.0, to);
+        }
+        swap = from;
+        from = to;
+        to = swap;
+    }
+    return count;
 }
 
 double kiln_clip_area(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid)
