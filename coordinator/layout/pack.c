@@ -12,7 +12,8 @@ enum {
     TURN_CHARTS = 2000,   /* from here on only two of the four orientations are tried */
     CLASSES = 64,
     LEVELS = 12,
-    CANDIDATES_MAX = 10
+    CANDIDATES_MAX = 10,
+    TRIES_TRIANGLES = 2000000 /* triangles drawn, over all widths tried */
 };
 static const double SNAP = 0.125;         /* largest stretch that puts a rectangle's sides on texel borders */
 static const double TOUCH_TOLERANCE = 1e-3; /* of a cell; a chart's own rounding is below 1e-9 */
@@ -50,7 +51,7 @@ struct packer {
     struct level levels[LEVELS];
     uint32_t cursor[CLASSES][CLASSES]; /* cells */
     /* The chart under way. */
-    struct kiln_bitmap mask, coarse_mask;
+    struct kiln_bitmap upright, mask, coarse_mask;
     struct run *runs;
     size_t run_count, run_capacity;
     uint64_t *line, *blocked;
@@ -103,34 +104,6 @@ static void map_point(const double m[6], const double ab[2], double xy[2])
     xy[1] = m[3] * ab[0] + m[4] * ab[1] + m[5];
 }
 
-/* Cells of its box that the chart touches. */
-static int draw_mask(struct packer *p, const struct box *box, int turns, struct kiln_error *error)
-{
-    const struct kiln_chart *chart = &p->charts->charts[box->chart];
-    const uint32_t width = turns % 2 == 0 ? box->width : box->height, height = turns % 2 == 0 ? box->height : box->width;
-    const int status = kiln_bitmap_reset(&p->mask, width, height, error);
-    if (status != KILN_OK)
-        return status;
-    if (chart->rectangular || (width <= 2 && height <= 2)) {
-        for (uint32_t y = 0; y < height; y++)
-            kiln_bitmap_set_run(&p->mask, y, 0, width);
-        return KILN_OK;
-    }
-    double m[6];
-    box_map(box, turns, m);
-    for (size_t i = 0; i < chart->count; i++) {
-        const uint32_t *c = p->topology->triangles + 3 * (size_t)p->charts->order[chart->first + i];
-        double corner[3][2];
-        for (int k = 0; k < 3; k++) {
-            double ab[2];
-            kiln_chart_project(chart, p->topology->points[c[k]], ab);
-            map_point(m, ab, corner[k]);
-        }
-        kiln_raster_touch(&p->mask, (const double(*)[2])corner, TOUCH_TOLERANCE);
-    }
-    return KILN_OK;
-}
-
 /* First cell at or after `from` whose bit is `value`, or `end`. */
 static uint32_t next_bit(const uint64_t *row, uint32_t from, uint32_t end, bool value)
 {
@@ -143,6 +116,54 @@ static uint32_t next_bit(const uint64_t *row, uint32_t from, uint32_t end, bool 
         from = (from / 64 + 1) * 64;
     }
     return end;
+}
+
+/* Cells of its box, not turned, that the chart touches. */
+static int draw_upright(struct packer *p, const struct box *box, struct kiln_error *error)
+{
+    const struct kiln_chart *chart = &p->charts->charts[box->chart];
+    const int status = kiln_bitmap_reset(&p->upright, box->width, box->height, error);
+    if (status != KILN_OK)
+        return status;
+    if (chart->rectangular || (box->width <= 2 && box->height <= 2)) {
+        for (uint32_t y = 0; y < box->height; y++)
+            kiln_bitmap_set_run(&p->upright, y, 0, box->width);
+        return KILN_OK;
+    }
+    double m[6];
+    box_map(box, 0, m);
+    for (size_t i = 0; i < chart->count; i++) {
+        const uint32_t *c = p->topology->triangles + 3 * (size_t)p->charts->order[chart->first + i];
+        double corner[3][2];
+        for (int k = 0; k < 3; k++) {
+            double ab[2];
+            kiln_chart_project(chart, p->topology->points[c[k]], ab);
+            map_point(m, ab, corner[k]);
+        }
+        kiln_raster_touch(&p->upright, (const double(*)[2])corner, TOUCH_TOLERANCE);
+    }
+    return KILN_OK;
+}
+
+/* The upright mask turned as box_map turns points. */
+static int turn_mask(struct packer *p, int turns, struct kiln_error *error)
+{
+    const struct kiln_bitmap *from = &p->upright;
+    const uint32_t w = from->width, h = from->height;
+    const int status = kiln_bitmap_reset(&p->mask, turns % 2 == 0 ? w : h, turns % 2 == 0 ? h : w, error);
+    if (status != KILN_OK)
+        return status;
+    if (turns == 0)
+        memcpy(p->mask.words, from->words, from->stride * h * sizeof *from->words);
+    for (uint32_t y = 0; y < h && turns != 0; y++) {
+        const uint64_t *row = from->words + (size_t)y * from->stride;
+        for (uint32_t x = next_bit(row, 0, w, true); x < w; x = next_bit(row, x + 1, w, true)) {
+            const uint32_t tx = turns == 1 ? h - 1 - y : turns == 2 ? w - 1 - x : y;
+            const uint32_t ty = turns == 1 ? x : turns == 2 ? h - 1 - y : w - 1 - x;
+            p->mask.words[(size_t)ty * p->mask.stride + tx / 64] |= 1ull << (tx % 64);
+        }
+    }
+    return KILN_OK;
 }
 
 static uint32_t longest_free_run(const uint64_t *row, uint32_t width)
@@ -371,9 +392,9 @@ static int place(struct packer *p, const struct box *box, bool *fits, struct kil
         turns_end = box->width == box->height ? 1 : 2;
     struct position best = {.top = p->height_limit + 1};
     const struct position none = best;
-    int status = KILN_OK, drawn = -1;
+    int status = draw_upright(p, box, error), drawn = -1;
     for (int turns = 0; turns < turns_end && status == KILN_OK; turns++) {
-        status = draw_mask(p, box, turns, error);
+        status = turn_mask(p, turns, error);
         drawn = turns;
         if (status == KILN_OK)
             status = search(p, box_level(p, box), turns, &best, error);
@@ -384,7 +405,7 @@ static int place(struct packer *p, const struct box *box, bool *fits, struct kil
     if (!*fits)
         return KILN_OK;
     if (drawn != best.turns)
-        status = draw_mask(p, box, best.turns, error);
+        status = turn_mask(p, best.turns, error);
     if (status == KILN_OK)
         status = stamp(p, &best, error);
     double *m = p->maps[box->chart];
@@ -446,7 +467,9 @@ static size_t candidate_widths(const struct packer *p, double density, uint32_t 
         longest = fmax(longest, ceil(fmax(p->charts->charts[i].width, p->charts->charts[i].height) * density));
     const double side = sqrt(needed_cells(p, density)), least = fmin(longest + 2.0 * BORDER, limit);
     static const double factors[CANDIDATES_MAX] = {1.05, 0.9, 1.2, 0.97, 1.12, 0.8, 1.35, 1.5, 0.7, 1.7};
-    const size_t count = p->charts->count, tries = count <= 64 ? CANDIDATES_MAX : count <= 500 ? 5 : count <= 2000 ? 3 : 1;
+    const size_t count = p->charts->count, affordable = TRIES_TRIANGLES / (p->topology->triangle_count + 1) + 1;
+    const size_t wanted = count <= 64 ? CANDIDATES_MAX : count <= 500 ? 5 : count <= 2000 ? 3 : 1;
+    const size_t tries = wanted < affordable ? wanted : affordable;
     size_t found = 0;
     for (size_t i = 0; i < tries; i++) {
         const double width = fmin(fmax(ceil(side * factors[i]) + 2.0 * BORDER, least), limit);
@@ -587,6 +610,7 @@ int kiln_pack(struct kiln_packing *packing, const struct kiln_charts *charts, co
     kiln_free(&p.runs);
     kiln_free(&p.coarse_mask.words);
     kiln_free(&p.mask.words);
+    kiln_free(&p.upright.words);
     for (size_t i = 0; i < LEVELS; i++) {
         kiln_free(&p.levels[i].longest_free);
         kiln_free(&p.levels[i].blocks.words);
