@@ -1,0 +1,303 @@
+/* The scene file: what is written comes back; what is damaged, in any bit or at any length, is refused with a sentence. */
+#include <setjmp.h> // IWYU pragma: keep
+#include <stdarg.h> // IWYU pragma: keep
+#include <stddef.h> // IWYU pragma: keep
+#include <stdint.h> // IWYU pragma: keep
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "coordinator/import/builder.h"
+
+struct fixture {
+    char folder[64], path[96], damaged[96];
+    unsigned char *bytes;
+    size_t size;
+};
+
+static uint32_t text(struct kiln_builder *b, const char *string)
+{
+    uint32_t offset = 0;
+    assert_int_equal(kiln_builder_string(b, string, strlen(string), &offset, NULL), KILN_OK);
+    return offset;
+}
+
+static void append(struct kiln_builder *b, enum kiln_scene_section section, const void *data, size_t count)
+{
+    assert_int_equal(kiln_builder_append(b, section, data, count, NULL, NULL), KILN_OK);
+}
+
+/* Two objects of one quad, a texture, a light, a camera, an environment image, a source, a note: something in every section. */
+static void build(const char *path)
+{
+    struct kiln_builder *b = NULL;
+    assert_int_equal(kiln_builder_create(&b, NULL), KILN_OK);
+    const struct kiln_vec3 positions[4] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}};
+    const struct kiln_vec3 normals[4] = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {0, 0, 1}};
+    const struct kiln_vec2 uv[4] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
+    const uint8_t colors[16] = {255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255};
+    const uint32_t triangles[6] = {0, 1, 2, 0, 2, 3}, materials[2] = {0, 0};
+    const uint8_t texels[16] = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16};
+    const float sky[6] = {1, 2, 3, 4, 5, 6};
+    const struct kiln_material material = {.name = text(b, "paint"), .base_color = {0.5f, 0.5f, 0.5f, 1}, .base_color_texture = 0, .emission_texture = KILN_NONE};
+    const struct kiln_texture texture = {.width = 2, .height = 2};
+    const struct kiln_mesh mesh = {.name = text(b, "quad"), .vertex_count = 4, .triangle_count = 2, .surface_area = 1, .uv_area = 1};
+    struct kiln_object object = {.name = text(b, "first"), .transform = {1, 0, 0, 10, 0, 1, 0, 20, 0, 0, 1, 30}, .lightmap_width = 8, .lightmap_height = 8};
+    object.original_name = text(b, "First of all");
+    append(b, KILN_SECTION_OBJECTS, &object, 1);
+    object.name = text(b, "second");
+    object.transform[3] = -10;
+    append(b, KILN_SECTION_OBJECTS, &object, 1);
+    const struct kiln_light light = {.name = object.name, .direction = {0, -1, 0}, .intensity = {1, 1, 1}};
+    const struct kiln_camera camera = {.name = object.name, .forward = {0, 0, -1}, .up = {0, 1, 0}, .right = {1, 0, 0}, .extent_y = 1};
+    const struct kiln_environment environment = {.kind = KILN_ENVIRONMENT_LATLONG, .radiance = {1, 1, 1}, .width = 2, .height = 1};
+    const struct kiln_source source = {.path = text(b, "scene.glb"), .size = 12, .hash = {1, 2}};
+    append(b, KILN_SECTION_POSITIONS, positions, 4);
+    append(b, KILN_SECTION_NORMALS, normals, 4);
+    append(b, KILN_SECTION_TEXCOORD_BASE, uv, 4);
+    append(b, KILN_SECTION_TEXCOORD_EMISSION, uv, 4);
+    append(b, KILN_SECTION_TEXCOORD_LIGHTMAP, uv, 4);
+    append(b, KILN_SECTION_COLORS, colors, 4);
+    append(b, KILN_SECTION_TRIANGLES, triangles, 2);
+    append(b, KILN_SECTION_TRIANGLE_MATERIALS, materials, 2);
+    append(b, KILN_SECTION_TEXELS, texels, 16);
+    append(b, KILN_SECTION_TEXTURES, &texture, 1);
+    append(b, KILN_SECTION_MATERIALS, &material, 1);
+    append(b, KILN_SECTION_MESHES, &mesh, 1);
+    append(b, KILN_SECTION_LIGHTS, &light, 1);
+    append(b, KILN_SECTION_CAMERAS, &camera, 1);
+    append(b, KILN_SECTION_ENVIRONMENT, &environment, 1);
+    append(b, KILN_SECTION_ENVIRONMENT_TEXELS, sky, 6);
+    append(b, KILN_SECTION_SOURCES, &source, 1);
+    assert_int_equal(kiln_builder_note(b, 1, NULL, "%d things", 7), KILN_OK);
+    assert_int_equal(kiln_builder_write(b, path, NULL), KILN_OK);
+    kiln_builder_destroy(&b);
+}
+
+static int set_up(void **state)
+{
+    struct fixture *f = calloc(1, sizeof *f);
+    (void)snprintf(f->folder, sizeof f->folder, "/tmp/kiln-test-XXXXXX");
+    assert_non_null(mkdtemp(f->folder));
+    (void)snprintf(f->path, sizeof f->path, "%s/a.kscene", f->folder);
+    (void)snprintf(f->damaged, sizeof f->damaged, "%s/b.kscene", f->folder);
+    build(f->path);
+    FILE *file = fopen(f->path, "rb");
+    assert_non_null(file);
+    f->bytes = malloc(1 << 16);
+    f->size = fread(f->bytes, 1, 1 << 16, file);
+    (void)fclose(file);
+    *state = f;
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    struct fixture *f = *state;
+    (void)unlink(f->path);
+    (void)unlink(f->damaged);
+    (void)rmdir(f->folder);
+    free(f->bytes);
+    free(f);
+    return 0;
+}
+
+static void put(const struct fixture *f, const unsigned char *bytes, size_t size)
+{
+    FILE *file = fopen(f->damaged, "wb");
+    assert_non_null(file);
+    assert_int_equal(fwrite(bytes, 1, size, file), size);
+    (void)fclose(file);
+}
+
+static int open_damaged(const struct fixture *f, struct kiln_error *error)
+{
+    struct kiln_scene *scene = NULL;
+    const int status = kiln_scene_open(&scene, f->damaged, error);
+    assert_true((status == KILN_OK) == (scene != NULL));
+    kiln_scene_close(&scene);
+    return status;
+}
+
+static void what_is_written_comes_back(void **state)
+{
+    const struct fixture *f = *state;
+    struct kiln_scene *s = NULL;
+    assert_int_equal(kiln_scene_open(&s, f->path, NULL), KILN_OK);
+    assert_int_equal(s->object_count, 2);
+    assert_int_equal(s->triangle_count, 2);
+    assert_string_equal(kiln_scene_string(s, s->objects[1].name), "second");
+    assert_string_equal(kiln_scene_string(s, s->objects[1].original_name), "First of all");
+    assert_string_equal(kiln_scene_string(s, s->notes[0].text), "7 things");
+    assert_int_equal(s->triangles[5], 3);
+    assert_true(s->environment_texels[5] == 6.0f);
+    assert_int_equal(s->texels[15], 16);
+    /* bounds of both objects: x from -10 to 11 */
+    assert_true(s->header->bounds_min[0] == -10.0 && s->header->bounds_max[0] == 11.0);
+    assert_true(s->header->centre[0] == 0.5 && s->header->centre[1] == 20.5 && s->header->centre[2] == 30.0);
+    for (int i = 0; i < KILN_SECTION_COUNT; i++)
+        assert_int_equal(s->header->sections[i].offset % 64, 0);
+    kiln_scene_close(&s);
+    assert_null(s);
+}
+
+static void writing_again_gives_the_same_bytes(void **state)
+{
+    const struct fixture *f = *state;
+    build(f->damaged);
+    unsigned char *again = malloc(f->size + 1);
+    FILE *file = fopen(f->damaged, "rb");
+    assert_non_null(file);
+    assert_int_equal(fread(again, 1, f->size + 1, file), f->size);
+    (void)fclose(file);
+    assert_memory_equal(again, f->bytes, f->size);
+    free(again);
+}
+
+static void any_flipped_bit_is_refused(void **state)
+{
+    const struct fixture *f = *state;
+    for (size_t byte = 0; byte < f->size; byte++) {
+        struct kiln_error error = {""};
+        const unsigned char bit = (unsigned char)(1u << (byte % 8));
+        f->bytes[byte] ^= bit;
+        put(f, f->bytes, f->size);
+        f->bytes[byte] ^= bit;
+        if (open_damaged(f, &error) != KILN_BAD_INPUT)
+            fail_msg("bit %zu of byte %zu flipped: accepted", byte % 8, byte);
+        assert_non_null(strstr(error.message, f->damaged));
+    }
+}
+
+static void any_truncation_is_refused(void **state)
+{
+    const struct fixture *f = *state;
+    for (size_t size = 0; size < f->size; size += size < 600 ? 1 : 37) {
+        struct kiln_error error = {""};
+        put(f, f->bytes, size);
+        if (open_damaged(f, &error) != KILN_BAD_INPUT)
+            fail_msg("cut to %zu bytes: accepted", size);
+    }
+    f->bytes[f->size] = 0;
+    put(f, f->bytes, f->size + 1);
+    assert_int_equal(open_damaged(f, NULL), KILN_BAD_INPUT);
+}
+
+/* Changes bytes of a section's element, makes the hash right again, and wants a refusal that says `word`. */
+static void forged(const struct fixture *f, enum kiln_scene_section section, size_t offset, const void *bytes, size_t size, const char *word)
+{
+    unsigned char *copy = malloc(f->size);
+    struct kiln_scene_header header;
+    struct kiln_error error = {""};
+    memcpy(copy, f->bytes, f->size);
+    memcpy(&header, copy, sizeof header);
+    memcpy(copy + header.sections[section].offset + offset, bytes, size);
+    kiln_scene_content_hash(&header, copy + sizeof header, header.content_hash);
+    memcpy(copy, &header, sizeof header);
+    put(f, copy, f->size);
+    free(copy);
+    assert_int_equal(open_damaged(f, &error), KILN_BAD_INPUT);
+    if (strstr(error.message, word) == NULL)
+        fail_msg("'%s' does not say '%s'", error.message, word);
+}
+
+static void a_right_hash_is_no_excuse(void **state)
+{
+    const struct fixture *f = *state;
+    const uint32_t big = 1000000, four = 4, three = 3, zero = 0;
+    const float nan_value = NAN, outside = 1.5f, negative = -1.0f;
+    const double infinite = INFINITY;
+    const uint64_t far = 1u << 30;
+    forged(f, KILN_SECTION_TRIANGLES, 8, &four, 4, "corner 4 of 4");
+    forged(f, KILN_SECTION_TRIANGLE_MATERIALS, 4, &big, 4, "material 1000000");
+    forged(f, KILN_SECTION_POSITIONS, 4, &nan_value, 4, "position");
+    forged(f, KILN_SECTION_NORMALS, 8, &outside, 4, "unit vector");
+    forged(f, KILN_SECTION_TEXCOORD_BASE, 0, &nan_value, 4, "texture coordinate");
+    forged(f, KILN_SECTION_TEXCOORD_LIGHTMAP, 4, &outside, 4, "lightmap coordinate");
+    forged(f, KILN_SECTION_MATERIALS, offsetof(struct kiln_material, base_color), &outside, 4, "material 0");
+    forged(f, KILN_SECTION_MATERIALS, offsetof(struct kiln_material, emission), &negative, 4, "material 0");
+    forged(f, KILN_SECTION_MATERIALS, offsetof(struct kiln_material, base_color_texture), &three, 4, "material 0");
+    forged(f, KILN_SECTION_TEXTURES, offsetof(struct kiln_texture, first), &far, 8, "texture 0");
+    forged(f, KILN_SECTION_TEXTURES, offsetof(struct kiln_texture, width), &big, 4, "texture 0");
+    forged(f, KILN_SECTION_TEXTURES, offsetof(struct kiln_texture, wrap_u), &three, 4, "unknown mode");
+    forged(f, KILN_SECTION_MESHES, offsetof(struct kiln_mesh, vertex_first), &far, 8, "mesh 0");
+    forged(f, KILN_SECTION_MESHES, offsetof(struct kiln_mesh, triangle_count), &far, 8, "mesh 0");
+    forged(f, KILN_SECTION_OBJECTS, offsetof(struct kiln_object, mesh), &three, 4, "object 0");
+    forged(f, KILN_SECTION_OBJECTS, offsetof(struct kiln_object, transform), &infinite, 8, "object 0");
+    forged(f, KILN_SECTION_OBJECTS, offsetof(struct kiln_object, lightmap_width), &zero, 4, "lightmap of 0");
+    forged(f, KILN_SECTION_OBJECTS, offsetof(struct kiln_object, name), &big, 4, "object 0");
+    forged(f, KILN_SECTION_LIGHTS, offsetof(struct kiln_light, intensity), &negative, 4, "light 0");
+    forged(f, KILN_SECTION_CAMERAS, offsetof(struct kiln_camera, extent_y), &zero, 4, "camera 0");
+    forged(f, KILN_SECTION_ENVIRONMENT, offsetof(struct kiln_environment, width), &big, 4, "environment");
+    forged(f, KILN_SECTION_ENVIRONMENT_TEXELS, 8, &negative, 4, "environment");
+    forged(f, KILN_SECTION_SOURCES, 0, &big, 4, "source 0");
+    forged(f, KILN_SECTION_NOTES, 4, &big, 4, "note 0");
+}
+
+static void names_that_are_no_file_names_are_refused(void **state)
+{
+    const struct fixture *f = *state;
+    struct kiln_scene_header header;
+    memcpy(&header, f->bytes, sizeof header);
+    const unsigned char *strings = f->bytes + header.sections[KILN_SECTION_STRINGS].offset;
+    size_t at = 0;
+    while (strcmp((const char *)strings + at, "first") != 0)
+        at++;
+    forged(f, KILN_SECTION_STRINGS, at, "../et", 5, "file name");
+    forged(f, KILN_SECTION_STRINGS, at, ".hide", 5, "file name");
+    forged(f, KILN_SECTION_STRINGS, header.sections[KILN_SECTION_STRINGS].count - 1, "x", 1, "NUL");
+    /* two objects of one name would write one lightmap */
+    uint32_t second;
+    memcpy(&second, f->bytes + header.sections[KILN_SECTION_OBJECTS].offset + sizeof(struct kiln_object), 4);
+    forged(f, KILN_SECTION_OBJECTS, 0, &second, 4, "'second'");
+}
+
+static void what_is_not_there_or_no_file_is_said(void **state)
+{
+    const struct fixture *f = *state;
+    struct kiln_scene *scene = NULL;
+    struct kiln_error error = {""};
+    assert_int_equal(kiln_scene_open(&scene, "/tmp/kiln-is-not-there.kscene", &error), KILN_NO_INPUT);
+    assert_non_null(strstr(error.message, "kiln-is-not-there"));
+    assert_int_equal(kiln_scene_open(&scene, f->folder, &error), KILN_BAD_INPUT);
+    assert_int_equal(kiln_scene_open(&scene, "/dev/zero", &error), KILN_BAD_INPUT);
+    assert_null(scene);
+}
+
+static void objects_out_of_range_are_not_written(void **state)
+{
+    const struct fixture *f = *state;
+    struct kiln_builder *b = NULL;
+    struct kiln_error error = {""};
+    const struct kiln_vec3 position = {1e11f, 0, 0};
+    const struct kiln_mesh mesh = {.vertex_count = 1};
+    struct kiln_object object = {.transform = {100, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+    assert_int_equal(kiln_builder_create(&b, NULL), KILN_OK);
+    object.original_name = text(b, "giant");
+    append(b, KILN_SECTION_POSITIONS, &position, 1);
+    append(b, KILN_SECTION_MESHES, &mesh, 1);
+    append(b, KILN_SECTION_OBJECTS, &object, 1);
+    assert_int_equal(kiln_builder_write(b, f->damaged, &error), KILN_BAD_INPUT);
+    assert_non_null(strstr(error.message, "giant"));
+    kiln_builder_destroy(&b);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(what_is_written_comes_back, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(writing_again_gives_the_same_bytes, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(any_flipped_bit_is_refused, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(any_truncation_is_refused, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_right_hash_is_no_excuse, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(names_that_are_no_file_names_are_refused, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(what_is_not_there_or_no_file_is_said, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(objects_out_of_range_are_not_written, set_up, tear_down),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
