@@ -97,6 +97,20 @@ class Generate(unittest.TestCase):
             with open(path, "rb") as first, open(again, "rb") as second:
                 self.assertEqual(first.read(), second.read(), name)
 
+    def test_the_importer_has_nothing_to_complain_of(self):
+        expected = {"cornell-shapes": ["3 of 11 meshes have no second UV set and are unwrapped"],
+                    "cornell-statue": ["1 of 8 meshes have no second UV set and are unwrapped"],
+                    "cornell-spheres": ["2 of 8 meshes have no second UV set and are unwrapped",
+                                        "materials[5] (KHR_materials_transmission): bakes as a diffuse surface that lets no light through"]}
+        for name in self.names:
+            path, report = self.make(name)
+            answer = kiln("info", path, "--json", "--lightmap-size", 16)
+            self.assertEqual(answer.code, 0, answer.err)
+            info = json.loads(answer.out)
+            self.assertEqual(sorted(note["text"] for note in info["notes"]), expected.get(name, []), name)
+            self.assertEqual(len(info["meshes"]), report["meshes"])
+            self.assertEqual(len(info["cameras"]), 1)
+
     def test_the_cornell_box_has_its_measures(self):
         path, _ = self.make("cornell")
         document, binary = read_glb(path)
