@@ -54,38 +54,29 @@ static void sample_square(const struct kiln_build *build, uint32_t triangle, con
     }
 }
 
-static double base_two_inverse(uint32_t i)
-{
-    double value = 0.0, digit = 0.5;
-    for (; i > 0; i >>= 1, digit *= 0.5)
-        value += (i & 1u) != 0 ? digit : 0.0;
-    return value;
-}
-
-/* Part of a texel: a Hammersley set over the fan of the polygon's triangles, as many samples as its share of the texel asks. */
+/* Part of a texel: its bounding box is cut into equal parts, as many as its share of the texel asks, each sampled at its
+ * covered part's centroid. The parts of all pieces together are at least about 8. */
 static void sample_polygon(const struct kiln_build *build, uint32_t triangle, const double local[3][2], double area, double share,
                            struct color_sum *sum)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
     const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
-    double until[KILN_CLIP_CORNERS] = {0.0}; /* area of the fan up to its triangle (0, i - 1, i) */
-    for (uint32_t i = 2; i < corners; i++) {
-        const struct kiln_clip_corner part[3] = {polygon[0], polygon[i - 1], polygon[i]};
-        until[i] = until[i - 1] + kiln_clip_area(part, 3, &centroid);
+    const double texels = kiln_clip_area(polygon, corners, &centroid);
+    double x0 = 1.0, y0 = 1.0, x1 = 0.0, y1 = 0.0;
+    for (uint32_t i = 0; i < corners; i++) {
+        x0 = fmin(x0, polygon[i].x), y0 = fmin(y0, polygon[i].y);
+        x1 = fmax(x1, polygon[i].x), y1 = fmax(y1, polygon[i].y);
     }
-    const uint32_t samples = (uint32_t)ceil(share * COLOR_SAMPLES);
-    for (uint32_t s = 0; s < samples; s++) {
-        double u = (s + 0.5) / samples * until[corners - 1];
-        uint32_t i = 2;
-        while (i + 1 < corners && u >= until[i])
-            i++;
-        const double width = until[i] - until[i - 1];
-        u = width > 0.0 ? fmin(fmax((u - until[i - 1]) / width, 0.0), 1.0) : 0.5;
-        const double root = sqrt(u), v = base_two_inverse(s) + 0.5 / samples;
-        const struct kiln_clip_corner *a = &polygon[0], *b = &polygon[i - 1], *c = &polygon[i];
-        const double wa = 1.0 - root, wc = root * fmin(v, 1.0), wb = root - wc;
-        sample_color(build, triangle, wa * a->b1 + wb * b->b1 + wc * c->b1, wa * a->b2 + wb * b->b2 + wc * c->b2, area / samples,
-                     sum);
+    const int side = (int)fmin(4.0, ceil(6.0 * sqrt(share)));
+    const double dx = (x1 - x0) / side, dy = (y1 - y0) / side;
+    for (int i = 0; i < side * side; i++) {
+        const double x = x0 + i % side * dx, y = y0 + i / side * dy;
+        if (kiln_clip_classify(local, x, y, x + dx, y + dy) == KILN_CLIP_OUTSIDE)
+            continue;
+        const uint32_t count = kiln_clip_triangle(local, x, y, x + dx, y + dy, polygon);
+        const double part = kiln_clip_area(polygon, count, &centroid);
+        if (part > 0.0)
+            sample_color(build, triangle, centroid.b1, centroid.b2, area * (part / texels), sum);
     }
 }
 
