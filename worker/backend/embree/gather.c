@@ -24,7 +24,6 @@ struct gather_work {
     uint32_t partial_lanes, partial_lane[LANES];
     /* what the current step's rays are made of */
     float origin[3][LANES], edge_s[3][LANES], edge_t[3][LANES], normal[3][LANES];
-    uint32_t u[LANES], v[LANES], s[LANES], t[LANES];
     float ray_origin[3][LANES], ray_direction[3][LANES], cosine[LANES];
     /* positions of points whose texel is not one square of one triangle: TABLE (or `samples`) of them, used in turn */
     float table_position[3][LANES][TABLE], table_normal[3][LANES][TABLE];
@@ -32,8 +31,14 @@ struct gather_work {
     /* sums a point */
     double incident[LANES][3], irradiance[LANES][3], sub_net[SUB_NETS][LANES];
     uint32_t escaped[LANES], blocked[LANES];
+    /* what the step's rays met, in the order of lanes */
+    const struct kiln_tile *hit_tile[LANES];
+    const struct kiln_tile_part *split_parts[LANES];
+    uint64_t hit_point[LANES]; /* surface point or KILN_NO_POINT */
+    uint8_t hit_bit[LANES], hit_lane[LANES], split_hit[LANES];
     /* Sobol' points of the pass, and scrambled for the tile: samples values each */
     uint32_t *sobol[4], *scrambled[4];
+    uint8_t *sub_net_of; /* of a sample */
 };
 
 static void work_destroy(struct gather_work **work)
@@ -44,12 +49,30 @@ static void work_destroy(struct gather_work **work)
         kiln_free(&(*work)->sobol[d]);
         kiln_free(&(*work)->scrambled[d]);
     }
+    kiln_free(&(*work)->sub_net_of);
     kiln_free(work);
+}
+
+/* What no trace changes; once a pass. */
+static void start_packets(struct gather_work *w)
+{
+    for (uint32_t p = 0; p < LANES / PACKET; p++)
+        for (int i = 0; i < PACKET; i++) {
+            w->packets[p].ray.tnear[i] = 0.0f;
+            w->packets[p].ray.time[i] = 0.0f;
+            w->packets[p].ray.mask[i] = ~0u;
+            w->packets[p].ray.flags[i] = 0;
+            w->packets[p].hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+        }
 }
 
 static int work_create(struct gather_work **work, uint32_t samples, struct kiln_error *error)
 {
     int status = kiln_allocate(work, 1, sizeof **work, "the gather pass", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&(*work)->sub_net_of, samples, sizeof(uint8_t), "the samples of a pass", error);
+    for (uint32_t k = 0; status == KILN_OK && k < samples; k++)
+        (*work)->sub_net_of[k] = (uint8_t)((uint64_t)k * SUB_NETS / samples);
     for (int d = 0; d < 4 && status == KILN_OK; d++) {
         status = kiln_allocate(&(*work)->sobol[d], samples, sizeof(uint32_t), "the samples of a pass", error);
         if (status == KILN_OK)
@@ -63,6 +86,7 @@ static int work_create(struct gather_work **work, uint32_t samples, struct kiln_
     }
     (*work)->samples = samples;
     (*work)->shared_digits = kiln_shared_digits(samples);
+    start_packets(*work);
     return KILN_OK;
 }
 
@@ -140,16 +164,25 @@ static inline float sine_turn(float x)
     return x * (6.28318525f + y * (-41.3416996f + y * (81.6018372f + y * (-76.5498123f + y * 39.5374527f))));
 }
 
-/* Turns the step's random numbers into rays: position in the texel, then a cosine-distributed direction about the normal. */
-KILN_CLONES static void make_rays(struct gather_work *restrict w)
+/* The scrambled random numbers of one sample, the same for all points. */
+struct sample_numbers {
+    uint32_t u, v, s, t;
+};
+
+/* Middle of the 2^-24 interval, as kiln_unit_float. */
+static inline float unit_of(uint32_t fraction) { return ((float)(int32_t)(fraction >> 8) + 0.5f) * 0x1p-24f; }
+
+/* Rays of lanes [begin, end), which take the same sample of their points: position in the texel, then a cosine-distributed
+ * direction about the normal. */
+KILN_CLONES static void make_rays(struct gather_work *restrict w, uint32_t begin, uint32_t end, struct sample_numbers k)
 {
-    for (uint32_t l = 0; l < LANES; l++) {
-        const float s = ((float)(int32_t)(w->s[l] >> 8) + 0.5f) * 0x1p-24f, t = ((float)(int32_t)(w->t[l] >> 8) + 0.5f) * 0x1p-24f;
+    for (uint32_t l = begin; l < end; l++) {
+        const float s = unit_of(k.s ^ w->shift_s[l]), t = unit_of(k.t ^ w->shift_t[l]);
         for (int c = 0; c < 3; c++)
             w->ray_origin[c][l] = w->origin[c][l] + s * w->edge_s[c][l] + t * w->edge_t[c][l];
     }
-    for (uint32_t l = 0; l < LANES; l++) {
-        const float u = ((float)(int32_t)(w->u[l] >> 8) + 0.5f) * 0x1p-24f, v = ((float)(int32_t)(w->v[l] >> 8) + 0.5f) * 0x1p-24f;
+    for (uint32_t l = begin; l < end; l++) {
+        const float u = unit_of(k.u ^ w->shift_u[l]), v = unit_of(k.v ^ w->shift_v[l]);
         const float radius = sqrtf(u), z = sqrtf(1.0f - u);
         const float turn = v - 0.5f, a = fabsf(turn);
         const float sine = copysignf(sine_turn(a < 0.5f - a ? a : 0.5f - a), turn);
@@ -163,21 +196,12 @@ KILN_CLONES static void make_rays(struct gather_work *restrict w)
     }
 }
 
-/* Random numbers of step `step`; lanes whose sample does not exist are not traced. Returns how many lanes are. */
-static uint32_t draw(struct gather_work *w, uint32_t step)
+/* Makes the rays of step `step`, also of points that take their positions from a table. Samples that do not exist have no
+ * lanes. Returns how many lanes there are. */
+static uint32_t prepare_step(struct gather_work *w, uint32_t step)
 {
     const uint32_t count = w->frame.count, first = step * w->copies;
     const uint32_t copies = w->samples - first < w->copies ? w->samples - first : w->copies;
-    for (uint32_t c = 0, l = 0; c < copies; c++) {
-        const uint32_t u = w->scrambled[0][first + c], v = w->scrambled[1][first + c];
-        const uint32_t s = w->scrambled[2][first + c], t = w->scrambled[3][first + c];
-        for (uint32_t j = 0; j < count; j++, l++) {
-            w->u[l] = u ^ w->shift_u[l];
-            w->v[l] = v ^ w->shift_v[l];
-            w->s[l] = s ^ w->shift_s[l];
-            w->t[l] = t ^ w->shift_t[l];
-        }
-    }
     const uint32_t size = w->samples < TABLE ? w->samples : TABLE;
     for (uint32_t i = 0; i < w->partial_lanes; i++) {
         const uint32_t l = w->partial_lane[i], j = w->point[l], entry = (first + w->copy[l]) % size;
@@ -186,15 +210,18 @@ static uint32_t draw(struct gather_work *w, uint32_t step)
             w->normal[c][l] = w->table_normal[c][j][entry];
         }
     }
+    for (uint32_t c = 0; c < copies; c++) {
+        const struct sample_numbers numbers = {w->scrambled[0][first + c], w->scrambled[1][first + c], w->scrambled[2][first + c],
+                                               w->scrambled[3][first + c]};
+        make_rays(w, c * count, (c + 1) * count, numbers);
+    }
     return copies * count;
 }
 
-static uint32_t fill_packets(struct gather_work *w, uint32_t lanes)
+static void fill_packets(struct gather_work *w, uint32_t lanes)
 {
-    const uint32_t packets = (lanes + PACKET - 1) / PACKET;
-    for (uint32_t p = 0; p < packets; p++) {
+    for (uint32_t p = 0, l = 0; l < lanes; p++, l += PACKET) {
         struct RTCRayHit8 *r = &w->packets[p];
-        const uint32_t l = p * PACKET;
         memcpy(r->ray.org_x, &w->ray_origin[0][l], sizeof r->ray.org_x);
         memcpy(r->ray.org_y, &w->ray_origin[1][l], sizeof r->ray.org_y);
         memcpy(r->ray.org_z, &w->ray_origin[2][l], sizeof r->ray.org_z);
@@ -202,16 +229,10 @@ static uint32_t fill_packets(struct gather_work *w, uint32_t lanes)
         memcpy(r->ray.dir_y, &w->ray_direction[1][l], sizeof r->ray.dir_y);
         memcpy(r->ray.dir_z, &w->ray_direction[2][l], sizeof r->ray.dir_z);
         for (int i = 0; i < PACKET; i++) {
-            r->ray.tnear[i] = 0.0f;
             r->ray.tfar[i] = INFINITY;
-            r->ray.time[i] = 0.0f;
-            r->ray.mask[i] = ~0u;
-            r->ray.flags[i] = 0;
             r->hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
-            r->hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
         }
     }
-    return packets;
 }
 
 static void trace_packets(const struct embree_backend *b, struct RTCIntersectContext *context, struct gather_work *w, uint32_t lanes)
@@ -228,10 +249,20 @@ static void trace_packets(const struct embree_backend *b, struct RTCIntersectCon
     }
 }
 
-/* Adds the step's answers, lane by lane: for each point in the order of its samples, whatever the number of lanes. */
-KILN_CLONES static void collect(const struct embree_backend *b, struct gather_work *w, uint32_t step, uint32_t lanes)
+/* Bit of a texel in its tile: kiln_morton8 of the low three bits of x and y, by y * 8 + x. */
+static const uint8_t morton_of[KILN_TILE_TEXELS] = {
+    0,  1,  4,  5,  16, 17, 20, 21, 2,  3,  6,  7,  18, 19, 22, 23, 8,  9,  12, 13, 24, 25, 28, 29, 10, 11, 14, 15, 26, 27, 30, 31,
+    32, 33, 36, 37, 48, 49, 52, 53, 34, 35, 38, 39, 50, 51, 54, 55, 40, 41, 44, 45, 56, 57, 60, 61, 42, 43, 46, 47, 58, 59, 62, 63,
+};
+
+/* From hits to surface points in three rounds, so that each load has been asked for a round before: the way to memory is as long
+ * as tracing a ray. First the tile of each hit; what missed or met a back face is counted and drops out. */
+KILN_CLONES static uint32_t find_tiles(const struct embree_backend *b, struct gather_work *w, uint32_t lanes)
 {
-    const uint32_t first = step * w->copies;
+    const struct kiln_hit_record *records = b->params.geometry->records;
+    const struct kiln_lightmap *lightmaps = b->surface->lightmaps;
+    const struct kiln_tile *tiles = b->surface->tiles;
+    uint32_t count = 0;
     for (uint32_t l = 0; l < lanes; l++) {
         const struct RTCRayHit8 *r = &w->packets[l / PACKET];
         const uint32_t i = l % PACKET, j = w->point[l];
@@ -240,14 +271,68 @@ KILN_CLONES static void collect(const struct embree_backend *b, struct gather_wo
             w->escaped[j]++;
             continue;
         }
-        const uint32_t triangle = embree_triangle(b, geometry, r->hit.primID[i]);
+        const struct kiln_hit_record *record = &records[embree_triangle(b, geometry, r->hit.primID[i])];
         const float facing = r->hit.Ng_x[i] * w->ray_direction[0][l] + r->hit.Ng_y[i] * w->ray_direction[1][l] + r->hit.Ng_z[i] * w->ray_direction[2][l];
-        if (facing > 0.0f && (b->params.geometry->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0) {
+        if (facing > 0.0f && (record->material & KILN_RECORD_DOUBLE_SIDED) == 0) {
             w->blocked[j]++;
             continue;
         }
+        const struct kiln_lightmap *map = &lightmaps[record->object];
+        const float u = r->hit.u[i], v = r->hit.v[i];
+        const int32_t right = (int32_t)map->width - 1, bottom = (int32_t)map->height - 1;
+        int32_t x = (int32_t)(record->texel[0] + u * record->texel[2] + v * record->texel[4]);
+        int32_t y = (int32_t)(record->texel[1] + u * record->texel[3] + v * record->texel[5]);
+        x = x < 0 ? 0 : x > right ? right : x;
+        y = y < 0 ? 0 : y > bottom ? bottom : y;
+        const struct kiln_tile *tile = &tiles[map->tile_first + (uint64_t)((uint32_t)y / 8u) * map->tiles_x + (uint32_t)x / 8u];
+        __builtin_prefetch(tile);
+        w->hit_tile[count] = tile;
+        w->hit_bit[count] = morton_of[((uint32_t)y & 7u) << 3 | ((uint32_t)x & 7u)];
+        w->hit_lane[count++] = (uint8_t)l;
+    }
+    return count;
+}
+
+/* Then the point in its tile; a tile that lies in several cells has parts, which are looked at in the end. */
+KILN_CLONES static void find_points(const struct embree_backend *b, struct gather_work *w, uint32_t count)
+{
+    uint32_t split_count = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        const struct kiln_tile *tile = w->hit_tile[i];
+        const uint64_t mask = tile->mask, first = tile->first, bit = 1ull << w->hit_bit[i];
+        if ((first & KILN_TILE_SPLIT) != 0) {
+            const struct kiln_tile_part *parts = b->surface->splits + (first & ~KILN_TILE_SPLIT);
+            __builtin_prefetch(parts);
+            w->split_parts[split_count] = parts;
+            w->split_hit[split_count++] = (uint8_t)i;
+        }
+        w->hit_point[i] = (mask & bit) != 0 ? first + (uint64_t)__builtin_popcountll(mask & (bit - 1)) : KILN_NO_POINT;
+        if ((first & KILN_TILE_SPLIT) == 0 && w->hit_point[i] != KILN_NO_POINT)
+            __builtin_prefetch(&b->radiosity[w->hit_point[i]]);
+    }
+    for (uint32_t k = 0; k < split_count; k++) {
+        const uint32_t i = w->split_hit[k];
+        if (w->hit_point[i] == KILN_NO_POINT)
+            continue;
+        const uint64_t bit = 1ull << w->hit_bit[i];
+        const struct kiln_tile_part *part = w->split_parts[k];
+        while ((part->mask & bit) == 0)
+            part++;
+        w->hit_point[i] = part->first + (uint64_t)__builtin_popcountll(part->mask & (bit - 1));
+        __builtin_prefetch(&b->radiosity[w->hit_point[i]]);
+    }
+}
+
+/* At last the radiosity is added, lane by lane: for each point in the order of its samples, whatever the number of lanes. */
+KILN_CLONES static void collect(const struct embree_backend *b, struct gather_work *w, uint32_t step, uint32_t count)
+{
+    const uint32_t first = step * w->copies;
+    for (uint32_t i = 0; i < count; i++) {
+        if (w->hit_point[i] == KILN_NO_POINT)
+            continue;
+        const uint32_t l = w->hit_lane[i], j = w->point[l];
         float rgb[3];
-        kiln_radiosity_unpack(embree_radiosity(b, triangle, r->hit.u[i], r->hit.v[i]), rgb);
+        kiln_radiosity_unpack(b->radiosity[w->hit_point[i]], rgb);
         float weight = 1.0f;
         if (w->frame.smooth) {
             const float cosine = w->frame.shading[0][j] * w->ray_direction[0][l] + w->frame.shading[1][j] * w->ray_direction[1][l] +
@@ -258,9 +343,7 @@ KILN_CLONES static void collect(const struct embree_backend *b, struct gather_wo
         }
         for (int c = 0; c < 3; c++)
             w->incident[j][c] += (double)rgb[c];
-        const uint32_t sample = first + w->copy[l];
-        const uint32_t sub_net = (uint32_t)((uint64_t)sample * SUB_NETS / w->samples);
-        w->sub_net[sub_net][j] += (double)(weight * (0.2126f * rgb[0] + 0.7152f * rgb[1] + 0.0722f * rgb[2]));
+        w->sub_net[w->sub_net_of[first + w->copy[l]]][j] += (double)(weight * (0.2126f * rgb[0] + 0.7152f * rgb[1] + 0.0722f * rgb[2]));
     }
 }
 
@@ -305,11 +388,12 @@ static void gather_fragment(const struct embree_backend *b, struct RTCIntersectC
         return;
     const uint32_t steps = steps_of(w);
     for (uint32_t step = 0; step < steps; step++) {
-        const uint32_t lanes = draw(w, step);
-        make_rays(w);
-        (void)fill_packets(w, lanes);
+        const uint32_t lanes = prepare_step(w, step);
+        fill_packets(w, lanes);
         trace_packets(b, context, w, lanes);
-        collect(b, w, step, lanes);
+        const uint32_t hits = find_tiles(b, w, lanes);
+        find_points(b, w, hits);
+        collect(b, w, step, hits);
         *rays += lanes;
     }
     store(w, results);
@@ -370,9 +454,8 @@ int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch,
         prepare(w, b, batch->fragment_first + i, stream);
         const uint32_t steps = w->frame.count == 0 ? 0 : steps_of(w);
         for (uint32_t step = 0; step < steps; step++) {
-            const uint32_t lanes = draw(w, step);
-            make_rays(w);
-            (void)fill_packets(w, lanes);
+            const uint32_t lanes = prepare_step(w, step);
+            fill_packets(w, lanes);
             const double start = seconds_now();
             trace_packets(b, &context, w, lanes);
             *seconds += seconds_now() - start;

@@ -5,8 +5,8 @@
 #include "worker/backend/embree/embree.h"
 #include "worker/scene/radiosity.h"
 
-/* Barycentrics -> texel -> surface point -> packed value. A hit beside every point (a sliver without texels) finds nothing. */
-static inline uint64_t embree_radiosity(const struct embree_backend *b, uint32_t triangle, float u, float v)
+/* Barycentrics -> texel -> surface point. KILN_NO_POINT for a hit beside every point (a sliver without texels). */
+static inline uint64_t embree_point(const struct embree_backend *b, uint32_t triangle, float u, float v)
 {
     const struct kiln_hit_record *record = &b->params.geometry->records[triangle];
     const struct kiln_lightmap *map = &b->surface->lightmaps[record->object];
@@ -15,7 +15,13 @@ static inline uint64_t embree_radiosity(const struct embree_backend *b, uint32_t
     const int32_t ix = (int32_t)x, iy = (int32_t)y;
     const uint32_t cx = ix < 0 ? 0u : (uint32_t)ix >= map->width ? map->width - 1 : (uint32_t)ix;
     const uint32_t cy = iy < 0 ? 0u : (uint32_t)iy >= map->height ? map->height - 1 : (uint32_t)iy;
-    const uint64_t point = kiln_surface_find(b->surface, record->object, cx, cy);
+    return kiln_surface_find(b->surface, record->object, cx, cy);
+}
+
+/* Packed radiosity there; 0 beside every point. */
+static inline uint64_t embree_radiosity(const struct embree_backend *b, uint32_t triangle, float u, float v)
+{
+    const uint64_t point = embree_point(b, triangle, u, v);
     return point == KILN_NO_POINT ? 0 : b->radiosity[point];
 }
 
