@@ -13,9 +13,10 @@ static int by_value(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* Runs of fragments, spread evenly over the share, that make about RAYS_WANTED rays. */
-static int one_run(const struct kiln_prepared *p, uint32_t samples, struct kiln_point_result *results, bool ceiling, double *seconds,
-                   uint64_t *rays, struct kiln_error *error)
+/* Runs of fragments, spread evenly over the share, that make about RAYS_WANTED rays; each run first by the pass ([0]), then by
+ * Embree alone ([1]), so that both meet the same noise of a shared machine. */
+static int one_run(const struct kiln_prepared *p, uint32_t samples, struct kiln_point_result *results, double seconds[2],
+                   uint64_t rays[2], struct kiln_error *error)
 {
     const size_t count = p->surface->fragment_count;
     const uint64_t points = RAYS_WANTED / samples + 1;
@@ -26,13 +27,11 @@ static int one_run(const struct kiln_prepared *p, uint32_t samples, struct kiln_
     for (size_t r = 0; r < runs && status == KILN_OK; r++) {
         const size_t first = r * runs_there / runs * FRAGMENTS_AT_ONCE;
         const struct kiln_batch batch = {first, count - first < FRAGMENTS_AT_ONCE ? count - first : FRAGMENTS_AT_ONCE, results};
-        if (ceiling) {
-            status = kiln_backend_ceiling(p->backend, &batch, samples, 1, seconds, rays, error);
-        } else {
-            const double start = MPI_Wtime();
-            status = kiln_backend_gather(p->backend, &batch, samples, 1, rays, error);
-            *seconds += MPI_Wtime() - start;
-        }
+        const double start = MPI_Wtime();
+        status = kiln_backend_gather(p->backend, &batch, samples, 1, &rays[0], error);
+        seconds[0] += MPI_Wtime() - start;
+        if (status == KILN_OK)
+            status = kiln_backend_ceiling(p->backend, &batch, samples, 1, &seconds[1], &rays[1], error);
     }
     return status;
 }
@@ -59,9 +58,7 @@ int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint
     for (uint32_t i = 0; i <= repeats && status == KILN_OK; i++) { /* the first one warms up and does not count */
         double seconds[2] = {0};
         uint64_t rays[2] = {0};
-        status = one_run(prepared, samples, results, false, &seconds[0], &rays[0], error);
-        if (status == KILN_OK)
-            status = one_run(prepared, samples, results, true, &seconds[1], &rays[1], error);
+        status = one_run(prepared, samples, results, seconds, rays, error);
         if (i == 0 || status != KILN_OK)
             continue;
         pass[i - 1] = (double)rays[0] / seconds[0];
