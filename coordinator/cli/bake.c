@@ -10,7 +10,7 @@
 #include "coordinator/cli/agree.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/output/publish.h"
-/* view */
+#include "coordinator/output/view.h"
 #include "worker/base/memory.h"
 
 enum { EMISSION_SAMPLES = 1 << 18 };
@@ -159,8 +159,8 @@ static int draw_preview(struct bake *b, struct kiln_error *error)
     kiln_progress_phase(b->progress, "preview", 0);
     int status = KILN_OK;
     if (b->rank == 0)
-        status = KILN_OK; /* kiln_view_preview(b->job->output, b->prepared->scene, b->prepared->geometry, b->prepared->lights, b->prepared->backend,
-                                   b->job->exposure, error); */
+        status = kiln_view_preview(b->job->output, b->prepared->scene, b->prepared->geometry, b->prepared->lights, b->prepared->backend,
+                                   b->job->exposure, error);
     kiln_phase(&b->phases, NULL);
     return kiln_agree(b->communicator, status, error);
 }
