@@ -41,7 +41,7 @@ struct planner {
     uint64_t *source;           /* new vertices: which old one (index among all) */
     struct kiln_vec2 *uv;
     size_t vertex_count, source_capacity, uv_capacity;
-    size_t absent, refused, capped, shared; /* counts for notes */
+    size_t absent, refused, unclean, capped, shared; /* counts for notes */
 };
 
 static struct kiln_mesh *meshes(const struct planner *p) { return KILN_BUILDER_DATA(p->builder, struct kiln_mesh, KILN_SECTION_MESHES); }
@@ -174,6 +174,9 @@ static int check_mesh(struct planner *p, size_t index, struct kiln_error *error)
                                                             "mesh \"%s\": its second UV set %s; it is unwrapped anew",
                                                             string(p, mesh->name), verdict.reason)
                                         : KILN_OK;
+    if (verdict.warning[0] != '\0' && note_wanted(&p->unclean))
+        status = kiln_builder_note(p->builder, 1, error, "mesh \"%s\": its second UV set %s; it is used as it is",
+                                   string(p, mesh->name), verdict.warning);
     plan->unwrap = false;
     mesh->uv_area = verdict.uv_area;
     struct kiln_vec2 *uv = lightmap_uv(p, mesh);
@@ -182,7 +185,7 @@ static int check_mesh(struct planner *p, size_t index, struct kiln_error *error)
         uv[i].x = isfinite(uv[i].x) ? fminf(fmaxf(uv[i].x, 0.0f), 1.0f) : 0.0f;
         uv[i].y = isfinite(uv[i].y) ? fminf(fmaxf(uv[i].y, 0.0f), 1.0f) : 0.0f;
     }
-    return KILN_OK;
+    return status;
 }
 
 /* Measures the objects; finds each mesh's largest. */
@@ -432,6 +435,8 @@ static int write_totals(struct planner *p, struct kiln_error *error)
                                    mesh_count(p));
     if (status == KILN_OK && p->refused > NOTES_MAX)
         status = kiln_builder_note(p->builder, 1, error, "%zu more second UV sets are refused", p->refused - NOTES_MAX);
+    if (status == KILN_OK && p->unclean > NOTES_MAX)
+        status = kiln_builder_note(p->builder, 1, error, "%zu more second UV sets are not quite clean", p->unclean - NOTES_MAX);
     if (status == KILN_OK && p->capped > NOTES_MAX)
         status = kiln_builder_note(p->builder, 1, error, "%zu more lightmaps are capped at %u texels a side", p->capped - NOTES_MAX,
                                    p->params.lightmap_max);

@@ -5,7 +5,8 @@
 #include "coordinator/layout/raster.h"
 #include "worker/base/memory.h"
 
-static const double OUTSIDE_TOLERANCE = 1e-4, COLLAPSED_DENSITY = 1e-4, COLLAPSED_SHARE = 1e-3, OVERLAP_SHARE = 5e-3;
+static const double OUTSIDE_TOLERANCE = 1e-4, COLLAPSED_DENSITY = 1e-4, COLLAPSED_SHARE = 5e-3, OVERLAP_SHARE = 0.03;
+static const double COLLAPSED_WARNING = 1e-3, OVERLAP_WARNING = 5e-3;
 static const double LEAST_USE = 1.0 / 256.0;
 enum { SIDE = 2048, SIDE_LARGE = 4096, LARGE_MESH = 20000 };
 
@@ -65,6 +66,8 @@ static bool area_holds(struct kiln_uv_verdict *verdict, const struct kiln_vec3 *
         snprintf(verdict->reason, sizeof verdict->reason, "is collapsed for %.3g %% of the surface", 100.0 * collapsed / area);
         return false;
     }
+    if (collapsed > COLLAPSED_WARNING * area)
+        snprintf(verdict->warning, sizeof verdict->warning, "is collapsed for %.3g %% of the surface", 100.0 * collapsed / area);
     if (verdict->uv_area < LEAST_USE && area > 0.0) {
         snprintf(verdict->reason, sizeof verdict->reason, "uses only %.3g %% of the unit square", 100.0 * verdict->uv_area);
         return false;
@@ -83,6 +86,8 @@ static bool overlap_holds(struct kiln_uv_verdict *verdict, struct kiln_bitmap *b
     }
     /* A sample claimed n times has been counted n times in covered, n - 1 times in again. */
     verdict->overlap = covered > again ? fmin((double)again / (double)(covered - again), 1.0) : 0.0;
+    if (verdict->overlap > OVERLAP_WARNING && verdict->overlap <= OVERLAP_SHARE)
+        snprintf(verdict->warning, sizeof verdict->warning, "overlaps itself in %.3g %% of what it covers", 100.0 * verdict->overlap);
     if (verdict->overlap <= OVERLAP_SHARE)
         return true;
     snprintf(verdict->reason, sizeof verdict->reason, "overlaps itself in %.3g %% of what it covers", 100.0 * verdict->overlap);
