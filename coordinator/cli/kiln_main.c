@@ -34,18 +34,20 @@ static bool has_argument(int argc, char **argv, const char *text)
     return false;
 }
 
+/* To be called on one rank, before MPI ends: the launcher kills all that still run when the first rank has left with a failure. */
 static void print_error(int status, const struct kiln_error *error, bool json)
 {
     const char *sentence = error->message[0] != '\0' ? error->message : "failed without saying why; this is a bug of kiln";
     (void)fprintf(stderr, "kiln: error: %s\n", sentence);
     if (!json)
-        return;
+        return; /* stderr is not buffered */
     json_t *message = json_string(sentence);
     if (message == NULL) /* a name in it is not UTF-8 */
         message = json_string("the sentence on stderr is not UTF-8");
     json_t *object = json_pack("{s:s, s:i, s:o}", "status", "error", "code", status, "message", message);
     if (object != NULL && json_dumpf(object, stdout, JSON_COMPACT) == 0)
         (void)fputc('\n', stdout);
+    (void)fflush(stdout);
     json_decref(object);
 }
 
@@ -137,17 +139,19 @@ static int run_alone(int argc, char **argv, const struct kiln_command *command, 
 
 /* Under a launcher MPI starts before the job is read, so that ranks of different minds can tell each other. Alone a wrong
  * command line is answered without it. */
-static int run_with_mpi(int argc, char **argv, const struct kiln_command *command, bool many, int *rank, struct kiln_error *error)
+static int run_with_mpi(int argc, char **argv, const struct kiln_command *command, bool many, int rank, struct kiln_error *error)
 {
     struct kiln_job *job = NULL;
     int status = many ? KILN_OK : prepare(&job, argc, argv, error), provided = MPI_THREAD_SINGLE;
+    bool started = false;
     if (status != KILN_OK)
         goto end;
     if (MPI_Init_thread(NULL, NULL, MPI_THREAD_FUNNELED, &provided) != MPI_SUCCESS) {
         status = kiln_fail(error, KILN_SITE, "MPI does not start; check the installation of Open MPI");
         goto end;
     }
-    (void)MPI_Comm_rank(MPI_COMM_WORLD, rank);
+    started = true;
+    (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
     if (provided < MPI_THREAD_FUNNELED)
         status = kiln_fail(error, KILN_SITE, "this MPI library does not work beside threads (MPI_THREAD_FUNNELED is needed)");
     else if (many)
@@ -155,10 +159,13 @@ static int run_with_mpi(int argc, char **argv, const struct kiln_command *comman
     status = kiln_agree(MPI_COMM_WORLD, status, error);
     if (status == KILN_OK)
         status = kiln_agree(MPI_COMM_WORLD, flush_output(run(command, job, error), error), error);
-    if (job != NULL && job->verbose)
-        print_usage(*rank);
-    (void)MPI_Finalize();
 end:
+    if (job != NULL && job->verbose)
+        print_usage(rank);
+    if (status != KILN_OK && rank == 0)
+        print_error(status, error, has_argument(argc, argv, "--json"));
+    if (started)
+        (void)MPI_Finalize();
     kiln_job_destroy(&job);
     return status;
 }
@@ -201,22 +208,20 @@ int kiln_main(int argc, char **argv)
     struct kiln_error error = {{0}};
     int status = KILN_OK;
     const bool many = launcher("OMPI_COMM_WORLD_SIZE", NULL, "SLURM_NTASKS", 1) > 1;
-    int rank = (int)launcher("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "SLURM_PROCID", 0);
+    const int rank = (int)launcher("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "SLURM_PROCID", 0);
     if (!answer_help(argc, argv, rank, &status, &error)) {
         const struct kiln_command *command = kiln_command_find(argv[1]);
         if (command != NULL && command->mpi)
-            status = run_with_mpi(argc, argv, command, many, &rank, &error);
-        else if (rank != 0)
-            status = KILN_OK; /* one process does it */
-        else if (command == NULL)
+            return run_with_mpi(argc, argv, command, many, rank, &error);
+        if (rank != 0)
+            return KILN_OK; /* one process does it */
+        if (command != NULL)
+            status = run_alone(argc, argv, command, &error);
+        else
             status = kiln_fail(&error, KILN_USAGE, "unknown command '%.200s'; the nearest one is '%s' (kiln --help lists all)", argv[1],
                                kiln_command_nearest(argv[1]));
-        else
-            status = run_alone(argc, argv, command, &error);
     }
-    if (status != KILN_OK && rank == 0) {
+    if (status != KILN_OK && rank == 0)
         print_error(status, &error, has_argument(argc, argv, "--json"));
-        (void)fflush(stdout);
-    }
     return status;
 }

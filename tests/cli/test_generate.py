@@ -104,7 +104,7 @@ class Generate(unittest.TestCase):
                                         "materials[5] (KHR_materials_transmission): bakes as a diffuse surface that lets no light through"]}
         for name in self.names:
             path, report = self.make(name)
-            answer = kiln("info", path, "--json", "--lightmap-size", 128)
+            answer = kiln("info", path, "--json", "--lightmap-size", 64)
             self.assertEqual(answer.code, 0, answer.err)
             info = json.loads(answer.out)
             self.assertEqual(sorted(note["text"] for note in info["notes"]), expected.get(name, []), name)
