@@ -4,7 +4,8 @@
  * kiln_morton8(x, y). Surface points have a global index: by cell along a Morton curve, then by object, then by tile in
  * Morton order, then by bit (with partition by objects: by object, then by tile, then by bit). The points of one tile that
  * lie in one cell are a *fragment*: contiguous, at most 64, the smallest unit of work. A tile that lies in several cells has
- * several fragments. A rank owns a contiguous range of fragments, so a contiguous range of points.
+ * several fragments (with partition by objects a tile is one fragment, its `cell` that of its first point). A rank owns a
+ * contiguous range of fragments, so a contiguous range of points.
  *
  * Tiles, splits and radiosity are the same on all ranks; fragments, pieces and per-point data are a rank's own share. */
 #ifndef KILN_WORKER_SCENE_SURFACE_H
