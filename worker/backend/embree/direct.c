@@ -10,6 +10,15 @@
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
 
+enum { SEQUENCES = 32 };
+
+/* The samples of one choice of light, scrambled for the present tile; made as far as somebody has asked. */
+struct sequence {
+    uint32_t identity, made;
+    bool used;
+    uint32_t *points[KILN_DIMENSIONS];
+};
+
 /* A thread's working set. */
 struct direct_work {
     struct fragment_frame frame;
@@ -17,6 +26,8 @@ struct direct_work {
     struct kiln_light_choice *choices;
     uint32_t *sobol[KILN_DIMENSIONS]; /* table_size points each */
     uint32_t table_size;
+    struct sequence sequences[SEQUENCES]; /* by identity, direct mapped; the points of all tiles of a fragment choose alike */
+    uint32_t *sequence_points;            /* what they are made of */
 };
 
 static void work_destroy(struct direct_work **work)
@@ -26,6 +37,7 @@ static void work_destroy(struct direct_work **work)
     for (int d = 0; d < KILN_DIMENSIONS; d++)
         kiln_free(&(*work)->sobol[d]);
     kiln_free(&(*work)->choices);
+    kiln_free(&(*work)->sequence_points);
     kiln_free(work);
 }
 
@@ -42,16 +54,36 @@ static int work_create(struct direct_work **work, const struct embree_backend *b
         for (uint32_t k = 0; status == KILN_OK && k < w->table_size; k++)
             w->sobol[d][k] = kiln_sobol(k, d);
     }
+    if (status == KILN_OK)
+        status = kiln_allocate(&w->sequence_points, (size_t)SEQUENCES * KILN_DIMENSIONS * w->table_size, sizeof(uint32_t), "the samples of a tile",
+                               error);
+    for (size_t i = 0; status == KILN_OK && i < SEQUENCES; i++)
+        for (size_t d = 0; d < KILN_DIMENSIONS; d++)
+            w->sequences[i].points[d] = w->sequence_points + (i * KILN_DIMENSIONS + d) * w->table_size;
     if (status != KILN_OK)
         work_destroy(work);
     return status;
 }
 
-/* The random numbers of one sample of one choice: Owen-scrambled for the tile, shifted for the texel. */
-static void draw(const struct direct_work *w, uint32_t tile_seed, uint32_t texel_seed, uint32_t index, double random[KILN_DIMENSIONS])
+/* The first `count` samples of the choice called `identity`. */
+static const struct sequence *find_sequence(struct direct_work *w, uint32_t identity, uint32_t count)
 {
-    for (uint32_t d = 0; d < KILN_DIMENSIONS; d++)
-        random[d] = kiln_unit_double(kiln_owen_scramble(w->sobol[d][index], kiln_hash2(tile_seed, d)) ^ kiln_hash2(texel_seed, d));
+    struct sequence *q = &w->sequences[identity % SEQUENCES];
+    if (!q->used || q->identity != identity) {
+        q->used = true;
+        q->identity = identity;
+        q->made = 0;
+    }
+    if (q->made < count) {
+        const uint32_t seed = kiln_hash2(w->frame.tile_key, identity);
+        for (uint32_t d = 0; d < KILN_DIMENSIONS; d++) {
+            const uint32_t scramble = kiln_hash2(seed, d);
+            for (uint32_t k = q->made; k < count; k++)
+                q->points[d][k] = kiln_owen_scramble(w->sobol[d][k], scramble);
+        }
+        q->made = count;
+    }
+    return q;
 }
 
 /* All samples of one choice at point j. */
@@ -63,11 +95,19 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
     const uint32_t identity = kiln_hash2((uint32_t)choice->kind * 2u + 1u, choice->index);
     const struct kiln_dvec3 normal0 = dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j]);
     const uint32_t strategies = kiln_lights_strategies(b->params.lights, choice, normal0);
+    const struct sequence *sequence[2];
+    uint32_t shift[2][KILN_DIMENSIONS];
+    for (uint32_t i = 0; i < strategies; i++) {
+        sequence[i] = find_sequence(w, identity + i, (choice->samples + strategies - 1) / strategies);
+        for (uint32_t d = 0; d < KILN_DIMENSIONS; d++)
+            shift[i][d] = kiln_hash2(kiln_hash2(f->key[j], identity + i), d);
+    }
     shadow_begin(&w->shadows, sums);
     for (uint32_t i = 0; i < choice->samples; i++) {
         const uint32_t strategy = i % strategies;
         double random[KILN_DIMENSIONS];
-        draw(w, kiln_hash2(f->tile_key, identity + strategy), kiln_hash2(f->key[j], identity + strategy), i / strategies, random);
+        for (uint32_t d = 0; d < KILN_DIMENSIONS; d++)
+            random[d] = kiln_unit_double(sequence[strategy]->points[d][i / strategies] ^ shift[strategy][d]);
         struct kiln_vec3 p, n;
         frame_position(f, b, j, (float)random[KILN_DIMENSION_S], (float)random[KILN_DIMENSION_T], &p, &n);
         struct kiln_light_sample s;
@@ -138,7 +178,9 @@ int embree_direct(struct kiln_backend *backend, const struct kiln_batch *batch, 
             const size_t fragment = batch->fragment_first + i;
             struct kiln_point_result *results = batch->results + (b->surface->fragments[fragment].first - base);
             memset(results, 0, b->surface->fragments[fragment].count * sizeof *results);
-            frame_build(&w->frame, b, fragment, false);
+            frame_build(&w->frame, b, fragment, FRAME_EXTENT);
+            for (int q = 0; q < SEQUENCES; q++)
+                w->sequences[q].used = false;
             for (uint32_t j = 0; j < w->frame.count; j++)
                 direct_point(w, b, &context, j, samples, &results[w->frame.place[j]], &traced);
         }

@@ -24,13 +24,19 @@ static void build_whole(struct fragment_frame *f, const struct embree_backend *b
     f->origin[0][j] = origin.x, f->origin[1][j] = origin.y, f->origin[2][j] = origin.z;
     f->edge_s[0][j] = du.x, f->edge_s[1][j] = du.y, f->edge_s[2][j] = du.z;
     f->edge_t[0][j] = dv.x, f->edge_t[1][j] = dv.y, f->edge_t[2][j] = dv.z;
+}
+
+static void extent_of_whole(struct fragment_frame *f, uint32_t j)
+{
+    const struct kiln_vec3 origin = vec3(f->origin[0][j], f->origin[1][j], f->origin[2][j]);
+    const struct kiln_vec3 du = f->footprint[j].whole.du, dv = f->footprint[j].whole.dv;
     f->centre[j] = vec3_madd(vec3_madd(origin, du, 0.5f), dv, 0.5f);
     f->spread[j] = 0.5f * (vec3_length(du) + vec3_length(dv));
     f->one_normal[j] = true;
 }
 
 /* A point of several pieces, or of part of a square: its box gives centre and spread. */
-static void build_partial(struct fragment_frame *f, const struct embree_backend *b, uint32_t j)
+static void extent_of_partial(struct fragment_frame *f, const struct embree_backend *b, uint32_t j)
 {
     const struct kiln_footprint *p = &f->footprint[j];
     const struct kiln_vec3 normal = kiln_triangle_normal(b->params.geometry, p->pieces[0]);
@@ -78,7 +84,7 @@ static uint32_t seed_of(const struct embree_backend *b)
 }
 
 static void build_point(struct fragment_frame *f, const struct embree_backend *b, const struct kiln_point_cursor *at, uint32_t j,
-                        uint16_t open)
+                        uint16_t open, unsigned wish)
 {
     struct kiln_footprint *p = &f->footprint[j];
     kiln_footprint_prepare(p, b->params.scene, b->params.geometry, b->surface, at, open);
@@ -92,14 +98,16 @@ static void build_point(struct fragment_frame *f, const struct embree_backend *b
     f->normal[0][j] = f->known_normal.x, f->normal[1][j] = f->known_normal.y, f->normal[2][j] = f->known_normal.z;
     if (f->whole[j])
         build_whole(f, b, j, p->pieces[0]);
-    else
-        build_partial(f, b, j);
+    if ((wish & FRAME_EXTENT) != 0 && f->whole[j])
+        extent_of_whole(f, j);
+    else if ((wish & FRAME_EXTENT) != 0)
+        extent_of_partial(f, b, j);
     const struct kiln_lightmap *map = &b->surface->lightmaps[at->object];
     const uint64_t texel = (uint64_t)at->y * map->width + at->x;
     f->key[j] = kiln_hash2(kiln_hash2(kiln_hash2(seed_of(b), at->object), (uint32_t)texel), (uint32_t)(texel >> 32) + 1u);
 }
 
-void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, bool every)
+void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, unsigned wish)
 {
     const struct kiln_surface *s = backend->surface;
     const struct kiln_fragment *f = &s->fragments[fragment];
@@ -110,10 +118,11 @@ void frame_build(struct fragment_frame *frame, const struct embree_backend *back
     frame->tile_key = kiln_hash2(kiln_hash2(seed_of(backend) ^ 0x74696c65u, f->object), f->tile);
     struct kiln_point_cursor at = kiln_point_first(s, fragment);
     for (uint32_t k = 0; k < f->count; k++, kiln_point_next(s, &at)) {
+        const bool every = (wish & FRAME_EVERY) != 0;
         if (!every && (s->flags[at.point] & KILN_POINT_VALID) == 0)
             continue;
         const uint32_t j = frame->count++;
         frame->place[j] = k;
-        build_point(frame, backend, &at, j, every ? 0xffff : s->open[at.point]);
+        build_point(frame, backend, &at, j, every ? 0xffff : s->open[at.point], wish);
     }
 }

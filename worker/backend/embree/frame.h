@@ -17,6 +17,7 @@ struct fragment_frame {
     float origin[3][KILN_TILE_TEXELS], edge_s[3][KILN_TILE_TEXELS], edge_t[3][KILN_TILE_TEXELS];
     float normal[3][KILN_TILE_TEXELS];  /* geometric, unit; of a point that is not whole: its first piece's */
     float shading[3][KILN_TILE_TEXELS]; /* unit; set where `smooth` */
+    /* with FRAME_EXTENT only */
     struct kiln_vec3 centre[KILN_TILE_TEXELS]; /* somewhere in the middle of the covered part */
     float spread[KILN_TILE_TEXELS];     /* m: no part of the point is farther from `centre` */
     bool one_normal[KILN_TILE_TEXELS];  /* all its pieces lie in parallel planes */
@@ -27,8 +28,11 @@ struct fragment_frame {
     float known_offset;
 };
 
-/* `every` takes the invalid points too and ignores which sub-squares are open (for the validity pass itself). */
-void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, bool every);
+enum frame_wish {
+    FRAME_EVERY = 1, /* the invalid points too, and all sub-squares as if open: for the validity pass itself */
+    FRAME_EXTENT = 2 /* centre, spread and one_normal too: for choosing lights */
+};
+void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, unsigned wish);
 
 /* Position (offset included) and geometric normal of a sample of point j; s and t in (0,1), uniform over its area. */
 void frame_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,

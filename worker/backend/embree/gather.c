@@ -115,7 +115,7 @@ static void fill_tables(struct gather_work *w, const struct embree_backend *b)
 
 static void prepare(struct gather_work *w, const struct embree_backend *b, size_t fragment, uint32_t stream)
 {
-    frame_build(&w->frame, b, fragment, false);
+    frame_build(&w->frame, b, fragment, 0);
     const uint32_t count = w->frame.count;
     if (count == 0)
         return;

@@ -107,7 +107,7 @@ int embree_validity(struct kiln_backend *backend, size_t fragment_first, size_t 
         for (size_t i = 0; i < fragment_count; i++) {
             const struct kiln_fragment *fragment = &b->surface->fragments[fragment_first + i];
             const uint64_t own = fragment->first - b->surface->first;
-            frame_build(f, b, fragment_first + i, true);
+            frame_build(f, b, fragment_first + i, FRAME_EVERY);
             for (uint32_t j = 0; j < f->count; j++)
                 judge(b, &context, f, j, &open[own + f->place[j]], &flags[own + f->place[j]]);
         }
