@@ -60,6 +60,7 @@ static struct kiln_map *make_map(const struct synthetic *s, float offset, uint32
                 map->planes[KILN_MAP_INDIRECT + c][i] = 1.0f + 0.3f * along;
             }
         }
+    kiln_free(nearest); /* of a map made before */
     assert_int_equal(kiln_allocate(nearest, WIDTH * HEIGHT, sizeof **nearest, "nearest", NULL), 0);
     assert_int_equal(kiln_nearest_texels(map->state, KILN_TEXEL_FILLED, WIDTH, HEIGHT, *nearest, NULL), 0);
     return map;
