@@ -12,11 +12,12 @@ struct kiln_grid {
     uint64_t count[3];
 };
 
-/* Chooses the grid over the geometry's bounds. `cell_size` in metres; 0: a 24th of the longest side, but so large that a cell
- * that a surface of `area` m2 passes through holds about 1024 of its `points`, and that there are at most 2^20 cells.
- * KILN_BAD_INPUT for a size that is not a positive number or gives more than 2^20 cells along a side. Pure. */
-int kiln_grid_choose(struct kiln_grid *grid, const struct kiln_geometry *geometry, double cell_size, double area, double points,
-                     struct kiln_error *error);
+/* Lays the grid over the geometry's bounds. `cell_size` in metres; 0: a 24th of the longest side, for kiln_grid_coarsen to
+ * enlarge. KILN_BAD_INPUT for a size that is not a positive number or gives more than 2^20 cells along a side. Pure. */
+int kiln_grid_choose(struct kiln_grid *grid, const struct kiln_geometry *geometry, double cell_size, struct kiln_error *error);
+
+/* Doubles the cells' size: a cell's code is then its old one shifted right by 3. */
+void kiln_grid_coarsen(struct kiln_grid *grid);
 
 static inline uint64_t kiln_spread3(uint64_t x) /* 21 bits to every third */
 {

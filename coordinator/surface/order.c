@@ -3,6 +3,8 @@
 #include "coordinator/surface/build.h"
 #include "worker/base/memory.h"
 
+enum { POINTS_PER_CELL = 1024 };
+
 static uint64_t points_in(const struct kiln_part *part) { return (uint64_t)__builtin_popcountll(part->mask); }
 
 static uint64_t block_count(const struct kiln_build *build) { return build->object_block[build->scene->object_count]; }
@@ -13,13 +15,28 @@ static int ascending(const void *a, const void *b)
     return x < y ? -1 : x > y ? 1 : 0;
 }
 
-/* Lists the occupied cells' codes in order and gives each part its cell's index. */
-static int rank_cells(struct kiln_build *build)
+/* Sorts codes and drops repeated ones; gives how many are left. */
+static size_t make_unique(uint64_t *codes, size_t count)
+{
+    size_t kept = 0;
+    if (count > 0)
+        qsort(codes, count, sizeof *codes, ascending);
+    for (size_t i = 0; i < count; i++) {
+        if (kept == 0 || codes[kept - 1] != codes[i])
+            codes[kept++] = codes[i];
+    }
+    return kept;
+}
+
+/* Lists the occupied cells' codes in order; gives the number of points too. */
+static int list_cells(struct kiln_build *build, size_t *cells, uint64_t *points)
 {
     size_t count = 0, capacity = 0;
+    *points = 0;
     for (uint64_t b = 0; b < block_count(build); b++) {
         const struct kiln_block *block = &build->blocks[b];
         for (size_t i = 0; i < block->count; i++) {
+            *points += points_in(&block->parts[i]);
             if (count > 0 && build->cell_codes[count - 1] == block->parts[i].code)
                 continue;
             const int status = kiln_grow(&build->cell_codes, &capacity, count + 1, sizeof *build->cell_codes, "the occupied cells",
@@ -29,47 +46,72 @@ static int rank_cells(struct kiln_build *build)
             build->cell_codes[count++] = block->parts[i].code;
         }
     }
-    if (count > 0)
-        qsort(build->cell_codes, count, sizeof *build->cell_codes, ascending);
-    size_t kept = 0;
-    for (size_t i = 0; i < count; i++) {
-        if (kept == 0 || build->cell_codes[kept - 1] != build->cell_codes[i])
-            build->cell_codes[kept++] = build->cell_codes[i];
+    *cells = make_unique(build->cell_codes, count);
+    return KILN_OK;
+}
+
+/* Joins the parts of each tile that now lie in one cell (`whole_tiles`: all of them, into the cell of the tile's first point).
+ * Parts stand by their first points, and so do the joined ones. */
+static void merge_parts(struct kiln_build *build, uint32_t shift, bool whole_tiles)
+{
+    const int team = (int)build->threads;
+#pragma omp parallel for schedule(dynamic, 16) num_threads(team)
+    for (uint64_t b = 0; b < block_count(build); b++) {
+        struct kiln_block *block = &build->blocks[b];
+        size_t kept = 0, tile_first = 0;
+        for (size_t i = 0; i < block->count; i++) {
+            struct kiln_part part = block->parts[i];
+            part.code >>= shift;
+            if (kept > 0 && block->parts[kept - 1].tile != part.tile)
+                tile_first = kept;
+            size_t at = tile_first;
+            while (at < kept && !whole_tiles && block->parts[at].code != part.code)
+                at++;
+            if (at == kept) {
+                block->parts[kept++] = part;
+                continue;
+            }
+            block->parts[at].mask |= part.mask;
+            block->parts[at].pieces += part.pieces;
+            block->parts[at].shares += part.shares;
+        }
+        block->count = kept;
     }
-    if (kept >= UINT32_MAX)
-        return kiln_fail(build->error, KILN_BAD_INPUT, "%zu cells are occupied and kiln can hold %u: give a larger --cell-size", kept,
-                         UINT32_MAX - 1);
-    build->surface->cell_count = kept;
+}
+
+/* Settles on the grid, lists its occupied cells in order and gives each part its cell's index. Where the size is ours to
+ * choose, cells are doubled until an occupied one holds enough points on the mean: below that, fragments get small. */
+static int rank_cells(struct kiln_build *build)
+{
+    size_t cells;
+    uint64_t points;
+    int status = list_cells(build, &cells, &points);
+    if (status != KILN_OK)
+        return status;
+    uint32_t shift = 0;
+    while (build->params->cell_size == 0.0 && cells > 1 && points / cells < POINTS_PER_CELL) {
+        for (size_t i = 0; i < cells; i++)
+            build->cell_codes[i] >>= 3;
+        cells = make_unique(build->cell_codes, cells);
+        kiln_grid_coarsen(&build->grid);
+        shift += 3;
+    }
+    if (cells >= UINT32_MAX)
+        return kiln_fail(build->error, KILN_BAD_INPUT, "%zu cells are occupied and kiln can hold %u: give a larger --cell-size",
+                         cells, UINT32_MAX - 1);
+    build->surface->cell_count = cells;
+    if (shift > 0)
+        merge_parts(build, shift, false);
     const int team = (int)build->threads;
 #pragma omp parallel for schedule(dynamic, 16) num_threads(team)
     for (uint64_t b = 0; b < block_count(build); b++) {
         for (size_t i = 0; i < build->blocks[b].count; i++) {
             struct kiln_part *part = &build->blocks[b].parts[i];
-            const uint64_t *at = bsearch(&part->code, build->cell_codes, kept, sizeof *at, ascending);
+            const uint64_t *at = bsearch(&part->code, build->cell_codes, cells, sizeof *at, ascending);
             part->cell = (uint32_t)(at - build->cell_codes);
         }
     }
     return KILN_OK;
-}
-
-/* Partition by objects: a tile is one part, with the cell of its first point. Parts stand by their first points. */
-static void merge_tiles(struct kiln_build *build)
-{
-    for (uint64_t b = 0; b < block_count(build); b++) {
-        struct kiln_block *block = &build->blocks[b];
-        size_t kept = 0;
-        for (size_t i = 0; i < block->count; i++) {
-            const struct kiln_part part = block->parts[i];
-            if (kept == 0 || block->parts[kept - 1].tile != part.tile) {
-                block->parts[kept++] = part;
-                continue;
-            }
-            block->parts[kept - 1].mask |= part.mask;
-            block->parts[kept - 1].pieces += part.pieces;
-            block->parts[kept - 1].shares += part.shares;
-        }
-        block->count = kept;
-    }
 }
 
 /* The unit that a rank should own whole: a cell or an object. */
@@ -296,7 +338,7 @@ int kiln_build_order(struct kiln_build *build)
     uint64_t fragment_first = 0, fragment_end = 0;
     int status = rank_cells(build);
     if (status == KILN_OK && build->params->partition == KILN_PARTITION_OBJECTS)
-        merge_tiles(build);
+        merge_parts(build, 0, true);
     if (status == KILN_OK)
         status = count_units(build, &units);
     if (status != KILN_OK)

@@ -89,16 +89,13 @@ int kiln_build_measure(struct kiln_build *build)
 {
     const struct kiln_scene *scene = build->scene;
     int status = place_lightmaps(build);
-    double *texels = NULL;
     if (status == KILN_OK)
         status = kiln_allocate(&build->object_area, scene->object_count, sizeof *build->object_area, "the objects' areas", build->error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&texels, scene->object_count, sizeof *texels, "the objects' areas", build->error);
     if (status == KILN_OK)
         status = kiln_allocate(&build->blocks, build->object_block[scene->object_count], sizeof *build->blocks,
                                "the blocks of lightmap tiles", build->error);
     if (status != KILN_OK)
-        goto end;
+        return status;
     const int team = (int)build->threads;
 #pragma omp parallel for schedule(dynamic) num_threads(team)
     for (size_t o = 0; o < scene->object_count; o++) {
@@ -106,24 +103,14 @@ int kiln_build_measure(struct kiln_build *build)
         const uint64_t count = range->opaque_count + range->alpha_count;
         for (uint64_t k = 0; k < count; k++) {
             const uint64_t t = k < range->opaque_count ? range->opaque_first + k : range->alpha_first + k - range->opaque_count;
-            double corner[3][2];
-            kiln_geometry_texel_corners(scene, build->geometry, t, corner);
             build->object_area[o] += kiln_geometry_triangle_area(build->geometry, t);
-            texels[o] += 0.5 * fabs(kiln_clip_twice_area(corner));
         }
         for (uint64_t b = build->object_block[o]; b < build->object_block[o + 1]; b++)
             build->blocks[b].object = (uint32_t)o;
     }
-    double points = 0.0;
-    for (size_t o = 0; o < scene->object_count; o++) {
+    for (size_t o = 0; o < scene->object_count; o++)
         build->report->geometry_area += build->object_area[o];
-        points += texels[o];
-    }
-    status = kiln_grid_choose(&build->grid, build->geometry, build->params->cell_size, build->report->geometry_area, points,
-                              build->error);
-end:
-    kiln_free(&texels);
-    return status;
+    return kiln_grid_choose(&build->grid, build->geometry, build->params->cell_size, build->error);
 }
 
 /* Tiles of a lightmap in Morton order, by descending a quadtree and leaving out what lies outside. */

@@ -11,7 +11,8 @@ enum kiln_partition { KILN_PARTITION_CELLS = 0, KILN_PARTITION_OBJECTS = 1 };
 struct kiln_surface_params {
     const struct kiln_scene *scene;       /* borrowed during the call */
     const struct kiln_geometry *geometry; /* borrowed during the call */
-    double cell_size;                     /* m; 0: chosen from the scene alone, never from the number of ranks */
+    double cell_size;                     /* m; 0: chosen from the scene alone, never from the number of ranks: a 24th of the
+                                           * longest side, doubled until an occupied cell holds 1024 points on the mean */
     enum kiln_partition partition;
     uint32_t rank, ranks;
     uint32_t threads; /* 0: all */
