@@ -14,7 +14,10 @@ enum { BAND_RAYS = 1 << 19, MOST_BACK_FACES = 64 };
 struct renderer {
     const struct kiln_view_params *params;
     uint32_t side;
-    struct kiln_image **lightmaps; /* one an object, NULL until needed */
+    struct lightmap {
+        struct kiln_image *image; /* NULL until needed */
+        float *planes[3];
+    } *lightmaps; /* one an object */
     struct kiln_vec3 *origins, *directions;
     struct kiln_hit *hits;
     uint32_t *active;              /* rays still under way: their place in the band */
@@ -70,16 +73,16 @@ static int load_lightmap(struct renderer *r, uint32_t object, struct kiln_error 
     static const char *const wanted[] = {"R", "G", "B"};
     const struct kiln_scene *scene = r->params->scene;
     const struct kiln_object *o = &scene->objects[object];
+    struct lightmap *lightmap = &r->lightmaps[object];
     char path[KILN_PATH_SIZE];
-    float *planes[3];
     const int length = snprintf(path, sizeof path, "%s/lightmaps/%s.exr", r->params->directory, kiln_scene_string(scene, o->name));
     if (length < 0 || length >= KILN_PATH_SIZE)
         return kiln_fail(error, KILN_NO_INPUT, "the path of the lightmap of object %u is too long", object);
-    const int status = kiln_exr_read(path, wanted, 3, &r->lightmaps[object], error);
+    const int status = kiln_exr_read(path, wanted, 3, &lightmap->image, error);
     if (status != KILN_OK)
         return status;
-    const struct kiln_image *map = r->lightmaps[object];
-    if (map->width != o->lightmap_width || map->height != o->lightmap_height || !kiln_image_rgb(map, "", planes))
+    const struct kiln_image *map = lightmap->image;
+    if (map->width != o->lightmap_width || map->height != o->lightmap_height || !kiln_image_rgb(map, "", lightmap->planes))
         return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not the lightmap of this scene's object: it has %u x %u texels, the scene says %u x %u",
                          path, map->width, map->height, o->lightmap_width, o->lightmap_height);
     return KILN_OK;
@@ -92,23 +95,22 @@ static int load_lightmaps(struct renderer *r, size_t count, struct kiln_error *e
         if (r->hits[i].triangle == KILN_NONE)
             continue;
         const uint32_t object = r->params->geometry->records[r->hits[i].triangle].object;
-        if (r->lightmaps[object] == NULL)
+        if (r->lightmaps[object].image == NULL)
             status = load_lightmap(r, object, error);
     }
     return status;
 }
 
 /* Irradiance at texel coordinate (x, y), as a sampler that clamps at the edge. */
-static void look_up(const struct kiln_image *map, float x, float y, float rgb[3])
+static void look_up(const struct lightmap *lightmap, float x, float y, float rgb[3])
 {
-    float *planes[3];
-    (void)kiln_image_rgb(map, "", planes);
+    const struct kiln_image *map = lightmap->image;
     const float fx = fminf(fmaxf(x - 0.5f, 0.0f), (float)(map->width - 1)), fy = fminf(fmaxf(y - 0.5f, 0.0f), (float)(map->height - 1));
     const uint32_t x0 = (uint32_t)fx, y0 = (uint32_t)fy;
     const uint32_t x1 = x0 + 1 < map->width ? x0 + 1 : x0, y1 = y0 + 1 < map->height ? y0 + 1 : y0;
     const float wx = fx - (float)x0, wy = fy - (float)y0;
     for (int c = 0; c < 3; c++) {
-        const float *row0 = planes[c] + (size_t)y0 * map->width, *row1 = planes[c] + (size_t)y1 * map->width;
+        const float *row0 = lightmap->planes[c] + (size_t)y0 * map->width, *row1 = lightmap->planes[c] + (size_t)y1 * map->width;
         rgb[c] = (1.0f - wy) * ((1.0f - wx) * row0[x0] + wx * row0[x1]) + wy * ((1.0f - wx) * row1[x0] + wx * row1[x1]);
     }
 }
@@ -130,7 +132,7 @@ static void shade(const struct renderer *r, const struct kiln_hit *hit, struct k
     float albedo[4], irradiance[3], emission[3];
     kiln_surface_color(p->scene, mesh, stored, hit->u, hit->v, albedo);
     kiln_surface_emission(p->scene, mesh, stored, hit->u, hit->v, emission);
-    look_up(r->lightmaps[record->object], x, y, irradiance);
+    look_up(&r->lightmaps[record->object], x, y, irradiance);
     for (int c = 0; c < 3; c++)
         rgb[c] = albedo[c] * irradiance[c] * (float)(1.0 / KILN_PI) + emission[c];
 }
@@ -164,7 +166,7 @@ static int render_band(struct renderer *r, uint32_t first, uint32_t rows, struct
 
 static int allocate_renderer(struct renderer *r, size_t rays, struct kiln_error *error)
 {
-    int status = kiln_allocate(&r->lightmaps, r->params->scene->object_count, sizeof(struct kiln_image *), "lightmaps in view", error);
+    int status = kiln_allocate(&r->lightmaps, r->params->scene->object_count, sizeof *r->lightmaps, "lightmaps in view", error);
     struct kiln_vec3 **vectors[] = {&r->origins, &r->directions, &r->active_origins, &r->active_directions};
     for (size_t i = 0; status == KILN_OK && i < sizeof vectors / sizeof *vectors; i++)
         status = kiln_allocate(vectors[i], rays, sizeof(struct kiln_vec3), "rays of a view", error);
@@ -180,7 +182,7 @@ static int allocate_renderer(struct renderer *r, size_t rays, struct kiln_error 
 static void destroy_renderer(struct renderer *r)
 {
     for (size_t i = 0; r->lightmaps != NULL && i < r->params->scene->object_count; i++)
-        kiln_image_destroy(&r->lightmaps[i]);
+        kiln_image_destroy(&r->lightmaps[i].image);
     kiln_free(&r->lightmaps);
     kiln_free(&r->origins);
     kiln_free(&r->directions);
@@ -214,7 +216,8 @@ int kiln_view_preview(const char *directory, const struct kiln_scene *scene, con
                       const struct kiln_lights *lights, struct kiln_backend *backend, double stops, struct kiln_error *error)
 {
     const struct kiln_view_wish wish = {0};
-    struct kiln_view_params params = {.directory = directory, .scene = scene, .geometry = geometry, .lights = lights, .backend = backend};
+    struct kiln_view_params params = {.directory = directory, .scene = scene, .geometry = geometry, .lights = lights, .backend = backend,
+                                      .side = 2};
     struct kiln_image *image = NULL;
     char path[KILN_PATH_SIZE];
     int status = kiln_path_join(path, directory, "preview.png", error);
