@@ -43,19 +43,39 @@ static uint32_t held(double x, double size, uint32_t count)
     return (uint32_t)least(most(floor(x / size), 0.0), (double)count - 1.0);
 }
 
+static double mean(const double c[3][2], int axis) { return (c[0][axis] + c[1][axis] + c[2][axis]) / 3.0; }
+
+static bool is_collapsed(const double c[3][2]) { return !(fabs(kiln_clip_twice_area(c)) > 0.0); }
+
 static void vertical_reach(const double c[3][2], double *low, double *high)
 {
     *low = least(c[0][1], least(c[1][1], c[2][1]));
     *high = most(c[0][1], most(c[1][1], c[2][1]));
 }
 
-/* Visits the tiles a triangle touches. Without `out` counts it in place[tile + 1], else enters it and moves place[tile] on. */
+/* Counts a triangle for a tile in place[tile + 1] or, with `out`, enters it there and moves place[tile] on. */
+static void bin_in(uint64_t tile, uint32_t triangle, uint64_t *place, uint32_t *out)
+{
+    uint64_t at;
+    uint64_t *counter = &place[out == NULL ? tile + 1 : tile];
+#pragma omp atomic capture
+    at = (*counter)++;
+    if (out != NULL)
+        out[at] = triangle;
+}
+
+/* Visits the tiles a triangle touches. */
 static void bin(const struct kiln_coverage *c, uint32_t triangle, uint64_t *place, uint32_t *out)
 {
     double corner[3][2];
     kiln_geometry_texel_corners(c->scene, c->geometry, triangle, corner);
-    if (!(fabs(kiln_clip_twice_area(corner)) > 0.0) || !(kiln_geometry_triangle_area(c->geometry, triangle) > 0.0))
+    if (!(kiln_geometry_triangle_area(c->geometry, triangle) > 0.0))
         return;
+    if (is_collapsed(corner)) {
+        const uint32_t x = held(mean(corner, 0), 1.0, c->width), y = held(mean(corner, 1), 1.0, c->height);
+        bin_in((uint64_t)(y / KILN_TILE_SIDE) * c->tiles_x + x / KILN_TILE_SIDE, triangle, place, out);
+        return;
+    }
     double bottom, top;
     vertical_reach(corner, &bottom, &top);
     const uint32_t ty1 = held(top, KILN_TILE_SIDE, c->tiles_y);
@@ -64,15 +84,8 @@ static void bin(const struct kiln_coverage *c, uint32_t triangle, uint64_t *plac
         if (!band(corner, (double)ty * KILN_TILE_SIDE, ((double)ty + 1.0) * KILN_TILE_SIDE, &low, &high))
             continue;
         const uint32_t tx1 = held(high, KILN_TILE_SIDE, c->tiles_x);
-        for (uint32_t tx = held(low, KILN_TILE_SIDE, c->tiles_x); tx <= tx1; tx++) {
-            const uint64_t tile = (uint64_t)ty * c->tiles_x + tx;
-            uint64_t at;
-            uint64_t *counter = &place[out == NULL ? tile + 1 : tile];
-#pragma omp atomic capture
-            at = (*counter)++;
-            if (out != NULL)
-                out[at] = triangle;
-        }
+        for (uint32_t tx = held(low, KILN_TILE_SIDE, c->tiles_x); tx <= tx1; tx++)
+            bin_in((uint64_t)ty * c->tiles_x + tx, triangle, place, out);
     }
 }
 
@@ -156,16 +169,44 @@ static void add_piece(struct kiln_coverage_scratch *scratch, uint32_t triangle, 
         (struct kiln_coverage_piece){area, b1, b2, triangle, (uint8_t)kiln_morton8(x, y), whole};
 }
 
+/* One triangle in one texel. */
+static void cover_texel(struct kiln_coverage_scratch *scratch, const struct tile_window *window, uint32_t triangle,
+                        const double corner[3][2], double area, double texels, uint32_t x, uint32_t y)
+{
+    double local[3][2];
+    kiln_clip_local(corner, (double)window->x + x, (double)window->y + y, local);
+    if (texels > 0.0) {
+        const enum kiln_clip_class class = kiln_clip_classify(local, 0.0, 0.0, 1.0, 1.0);
+        if (class == KILN_CLIP_OUTSIDE)
+            return;
+        if (class == KILN_CLIP_INSIDE) {
+            const struct kiln_clip_weights w = kiln_clip_weights(local);
+            add_piece(scratch, triangle, x, y, true, area / texels, w.b1[0] + 0.5 * (w.b1[1] + w.b1[2]),
+                      w.b2[0] + 0.5 * (w.b2[1] + w.b2[2]));
+            return;
+        }
+    }
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
+    const uint32_t count = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
+    const double share = kiln_clip_share(polygon, count, &centroid);
+    if (share > kiln_clip_smallest(texels))
+        add_piece(scratch, triangle, x, y, false, share * area, centroid.b1, centroid.b2);
+}
+
 /* One triangle in one tile. There is room for 64 more pieces. */
 static void cover(const struct kiln_coverage *c, const struct tile_window *window, uint32_t triangle,
                   struct kiln_coverage_scratch *scratch)
 {
-    double corner[3][2], local[3][2];
+    double corner[3][2];
     kiln_geometry_texel_corners(c->scene, c->geometry, triangle, corner);
     const double texels = 0.5 * fabs(kiln_clip_twice_area(corner));
-    const double scale = kiln_geometry_triangle_area(c->geometry, triangle) / texels;
-    const double smallest = kiln_clip_smallest(texels);
+    const double area = kiln_geometry_triangle_area(c->geometry, triangle);
     const double x0 = window->x, y0 = window->y;
+    if (is_collapsed(corner)) {
+        const uint32_t x = held(mean(corner, 0), 1.0, c->width), y = held(mean(corner, 1), 1.0, c->height);
+        cover_texel(scratch, window, triangle, corner, area, 0.0, x - window->x, y - window->y);
+        return;
+    }
     double bottom, top;
     vertical_reach(corner, &bottom, &top);
     const uint32_t row_last = held(top - y0, 1.0, window->height);
@@ -174,23 +215,8 @@ static void cover(const struct kiln_coverage *c, const struct tile_window *windo
         if (!band(corner, y0 + y, y0 + y + 1.0, &low, &high))
             continue;
         const uint32_t x_last = held(high - x0, 1.0, window->width);
-        for (uint32_t x = held(low - x0, 1.0, window->width); x <= x_last; x++) {
-            kiln_clip_local(corner, x0 + x, y0 + y, local);
-            const enum kiln_clip_class class = kiln_clip_classify(local, 0.0, 0.0, 1.0, 1.0);
-            if (class == KILN_CLIP_OUTSIDE)
-                continue;
-            if (class == KILN_CLIP_INSIDE) {
-                const struct kiln_clip_weights w = kiln_clip_weights(local);
-                add_piece(scratch, triangle, x, y, true, scale, w.b1[0] + 0.5 * (w.b1[1] + w.b1[2]),
-                          w.b2[0] + 0.5 * (w.b2[1] + w.b2[2]));
-                continue;
-            }
-            struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
-            const uint32_t count = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
-            const double area = kiln_clip_area(polygon, count, &centroid);
-            if (area > smallest)
-                add_piece(scratch, triangle, x, y, false, area * scale, centroid.b1, centroid.b2);
-        }
+        for (uint32_t x = held(low - x0, 1.0, window->width); x <= x_last; x++)
+            cover_texel(scratch, window, triangle, corner, area, texels, x, y);
     }
 }
 

@@ -37,7 +37,7 @@ int kiln_coverage_create(struct kiln_coverage *coverage, const struct kiln_scene
 void kiln_coverage_destroy(struct kiln_coverage *coverage);
 
 /* Puts the pieces of tile `tile` (y * tiles_x + x) into scratch->pieces: by triangle, ascending. Triangles without area in the
- * lightmap or in the world have none. Thread-safe with a scratch for each thread. */
+ * world have none; those without area in the lightmap have one, in the texel that holds their centroid there. Thread-safe with a scratch for each thread. */
 int kiln_coverage_tile(const struct kiln_coverage *coverage, uint32_t tile, struct kiln_coverage_scratch *scratch,
                        struct kiln_error *error);
 void kiln_coverage_scratch_destroy(struct kiln_coverage_scratch *scratch);

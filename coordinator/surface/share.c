@@ -61,11 +61,15 @@ static void sample_polygon(const struct kiln_build *build, uint32_t triangle, co
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
     const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
-    const double texels = kiln_clip_area(polygon, corners, &centroid);
+    const double whole = kiln_clip_share(polygon, corners, &centroid);
     double x0 = 1.0, y0 = 1.0, x1 = 0.0, y1 = 0.0;
     for (uint32_t i = 0; i < corners; i++) {
         x0 = fmin(x0, polygon[i].x), y0 = fmin(y0, polygon[i].y);
         x1 = fmax(x1, polygon[i].x), y1 = fmax(y1, polygon[i].y);
+    }
+    if (!(fabs(kiln_clip_twice_area(local)) > 0.0)) { /* not to be cut */
+        sample_color(build, triangle, centroid.b1, centroid.b2, area, sum);
+        return;
     }
     const int side = (int)fmin(4.0, ceil(6.0 * sqrt(share)));
     const double dx = (x1 - x0) / side, dy = (y1 - y0) / side;
@@ -74,9 +78,9 @@ static void sample_polygon(const struct kiln_build *build, uint32_t triangle, co
         if (kiln_clip_classify(local, x, y, x + dx, y + dy) == KILN_CLIP_OUTSIDE)
             continue;
         const uint32_t count = kiln_clip_triangle(local, x, y, x + dx, y + dy, polygon);
-        const double part = kiln_clip_area(polygon, count, &centroid);
+        const double part = kiln_clip_share(polygon, count, &centroid);
         if (part > 0.0)
-            sample_color(build, triangle, centroid.b1, centroid.b2, area * (part / texels), sum);
+            sample_color(build, triangle, centroid.b1, centroid.b2, area * (part / whole), sum);
     }
 }
 

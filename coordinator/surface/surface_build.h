@@ -37,8 +37,8 @@ struct kiln_surface_report {
 /* Builds the surface. Not collective: every rank computes the same global part from the scene, and its own share of the rest.
  *
  * Coverage is conservative: a texel that a triangle touches with non-zero area is a point even if its centre is not on one.
- * Each triangle is clipped to each texel it touches (worker/scene/clip.h), so that areas are exact; triangles without area, in
- * the world or in the lightmap, have no points. A texel that triangles of several charts touch keeps all their pieces. Pieces
+ * Each triangle is clipped to each texel it touches (worker/scene/clip.h), so that areas are exact. Triangles without
+ * area in the world have no points; one without area in the lightmap alone belongs wholly to the texel of its centroid there. A texel that triangles of several charts touch keeps all their pieces. Pieces
  * stand in order of world triangle number; of more than 65535 in one texel the 65535 largest are kept, and their shares made
  * to end at 1 (the point's area stays that of all).
  *

@@ -30,12 +30,28 @@ static inline uint32_t cut(const struct kiln_clip_corner *in, uint32_t count, in
     return kept;
 }
 
+/* A collapsed triangle: the whole of it or nothing. */
+static uint32_t place_collapsed(const double corner[3][2], double x0, double y0, double x1, double y1,
+                                struct kiln_clip_corner *polygon)
+{
+    static const double below_one = 0x1.fffffffffffffp-1;
+    const double x = (corner[0][0] + corner[1][0] + corner[2][0]) / 3.0, y = (corner[0][1] + corner[1][1] + corner[2][1]) / 3.0;
+    const double at_x = fmin(fmax(x, 0.0), below_one), at_y = fmin(fmax(y, 0.0), below_one);
+    if (at_x < x0 || at_x >= x1 || at_y < y0 || at_y >= y1)
+        return 0;
+    for (int c = 0; c < 3; c++)
+        polygon[c] = (struct kiln_clip_corner){corner[c][0], corner[c][1], c == 1 ? 1.0 : 0.0, c == 2 ? 1.0 : 0.0};
+    return 3;
+}
+
 uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, double x1, double y1,
                             struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
 {
     struct kiln_clip_corner other[KILN_CLIP_CORNERS], *from = other, *to = polygon, *swap;
     bool outside[4] = {false, false, false, false}; /* does some corner lie beyond the left, right, top, bottom side? */
     uint32_t cuts = 0, count = 3;
+    if (!(fabs(kiln_clip_twice_area(corner)) > 0.0))
+        return place_collapsed(corner, x0, y0, x1, y1, polygon);
     for (int c = 0; c < 3; c++) {
         outside[0] |= corner[c][0] < x0;
         outside[1] |= corner[c][0] > x1;
@@ -71,23 +87,49 @@ uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, dou
     return count;
 }
 
-double kiln_clip_area(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid)
+/* Sum of the fan's doubled areas, by the outline or by the weights, and of its centroids times those. */
+static double fan_sum(const struct kiln_clip_corner *polygon, uint32_t count, bool weights, struct kiln_clip_corner *sum)
 {
     double twice = 0.0;
-    struct kiln_clip_corner sum = {0.0, 0.0, 0.0, 0.0};
     const struct kiln_clip_corner *o = polygon;
+    *sum = (struct kiln_clip_corner){0.0, 0.0, 0.0, 0.0};
     for (uint32_t i = 2; i < count; i++) {
         const struct kiln_clip_corner *a = &polygon[i - 1], *b = &polygon[i];
-        const double w = (a->x - o->x) * (b->y - o->y) - (b->x - o->x) * (a->y - o->y);
+        const double w = weights ? (a->b1 - o->b1) * (b->b2 - o->b2) - (b->b1 - o->b1) * (a->b2 - o->b2)
+                                 : (a->x - o->x) * (b->y - o->y) - (b->x - o->x) * (a->y - o->y);
         twice += w;
-        sum.x += w * (a->x + b->x - 2.0 * o->x);
-        sum.y += w * (a->y + b->y - 2.0 * o->y);
-        sum.b1 += w * (a->b1 + b->b1 - 2.0 * o->b1);
-        sum.b2 += w * (a->b2 + b->b2 - 2.0 * o->b2);
+        sum->x += w * (a->x + b->x - 2.0 * o->x);
+        sum->y += w * (a->y + b->y - 2.0 * o->y);
+        sum->b1 += w * (a->b1 + b->b1 - 2.0 * o->b1);
+        sum->b2 += w * (a->b2 + b->b2 - 2.0 * o->b2);
     }
-    if (twice == 0.0)
-        return 0.0;
+    return twice;
+}
+
+static void finish_centroid(const struct kiln_clip_corner *o, const struct kiln_clip_corner *sum, double twice,
+                            struct kiln_clip_corner *centroid)
+{
     const double scale = 1.0 / (3.0 * twice);
-    *centroid = (struct kiln_clip_corner){o->x + sum.x * scale, o->y + sum.y * scale, o->b1 + sum.b1 * scale, o->b2 + sum.b2 * scale};
+    *centroid = (struct kiln_clip_corner){o->x + sum->x * scale, o->y + sum->y * scale, o->b1 + sum->b1 * scale,
+                                          o->b2 + sum->b2 * scale};
+}
+
+double kiln_clip_area(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid)
+{
+    struct kiln_clip_corner sum;
+    const double twice = fan_sum(polygon, count, false, &sum);
+    if (!(fabs(twice) > 0.0))
+        return 0.0;
+    finish_centroid(polygon, &sum, twice, centroid);
     return 0.5 * fabs(twice);
+}
+
+double kiln_clip_share(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid)
+{
+    struct kiln_clip_corner sum;
+    const double share = fan_sum(polygon, count, true, &sum); /* in weights a triangle has the area 1/2 */
+    if (!(share > 0.0))
+        return 0.0;
+    finish_centroid(polygon, &sum, share, centroid);
+    return share;
 }

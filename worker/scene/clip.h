@@ -20,13 +20,19 @@ struct kiln_clip_corner {
     double b1, b2; /* weights of the triangle's corners 1 and 2 */
 };
 
-/* Cuts `corner` to [x0, x1] x [y0, y1]; gives the number of corners of `polygon`, less than 3 where nothing is left. The
- * winding is the triangle's. */
+/* Cuts a triangle in texel-local coordinates (kiln_clip_local) to [x0, x1] x [y0, y1], a part of the square 0..1; gives the
+ * number of corners of `polygon`, less than 3 where nothing is left. The winding is the triangle's. A collapsed triangle, one
+ * without area in the lightmap, is not cut: it lies wholly in the part that holds its centroid (the parts' lower sides
+ * included; a centroid outside the square is moved into it), so that its surface is not lost. */
 uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, double x1, double y1,
                             struct kiln_clip_corner polygon[KILN_CLIP_CORNERS]);
 
 /* Area (>= 0, in the lightmap) and centroid of a convex polygon. `centroid` is untouched when the area is 0. */
 double kiln_clip_area(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid);
+
+/* What part of the triangle's area a convex polygon of it is, 0..1, measured by the weights, and its centroid. `centroid` is
+ * untouched when there is none. */
+double kiln_clip_share(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid);
 
 /* The triangle's corners relative to texel (x, y), whose square is then 0..1 in both axes. Whoever clips to a texel starts from
  * this, so that all find the same parts to the last bit. */
@@ -58,13 +64,13 @@ static inline double kiln_clip_twice_area(const double c[3][2])
     return (c[1][0] - c[0][0]) * (c[2][1] - c[0][1]) - (c[2][0] - c[0][0]) * (c[1][1] - c[0][1]);
 }
 
-/* The smallest part of a triangle with this area (texels) that covers a texel. */
+/* The smallest share of a triangle with this area (texels) that covers a texel. */
 static inline double kiln_clip_smallest(double triangle_area)
 {
-    return KILN_CLIP_SMALLEST * (triangle_area < 1.0 ? triangle_area : 1.0);
+    return KILN_CLIP_SMALLEST / (triangle_area > 1.0 ? triangle_area : 1.0);
 }
 
-/* Whether the triangle holds the whole rectangle, edges included, and whether it surely misses its inside. */
+/* Whether the triangle holds the whole rectangle, edges included, or surely misses its inside. Not for collapsed ones. */
 enum kiln_clip_class { KILN_CLIP_OUTSIDE = 0, KILN_CLIP_PARTLY = 1, KILN_CLIP_INSIDE = 2 };
 static inline enum kiln_clip_class kiln_clip_classify(const double c[3][2], double x0, double y0, double x1, double y1)
 {

@@ -11,12 +11,6 @@ static void local_corners(const struct kiln_footprint *f, uint32_t triangle, dou
     kiln_clip_local(corner, f->x, f->y, local);
 }
 
-/* Square metres a texel's square has on the triangle. */
-static double texel_scale(const struct kiln_footprint *f, uint32_t triangle, const double local[3][2])
-{
-    return kiln_geometry_triangle_area(f->geometry, triangle) / (0.5 * fabs(kiln_clip_twice_area(local)));
-}
-
 static void prepare_whole(struct kiln_footprint *f)
 {
     double local[3][2];
@@ -47,7 +41,7 @@ static void fan_areas(const struct kiln_clip_corner *polygon, uint32_t corners, 
     double sum = 0.0;
     for (uint32_t i = 0; i + 2 < corners; i++) {
         const struct kiln_clip_corner part[3] = {polygon[0], polygon[i + 1], polygon[i + 2]};
-        sum += kiln_clip_area(part, 3, &centroid);
+        sum += kiln_clip_share(part, 3, &centroid);
         until[i] = sum;
     }
     for (uint32_t i = 0; i + 2 < corners; i++)
@@ -75,17 +69,17 @@ static bool prepare_few(struct kiln_footprint *f)
     return true;
 }
 
-/* The part of a piece in one of the 4 x 4 sub-squares; gives its area in texels. */
+/* The part of a piece in one of the 4 x 4 sub-squares; gives its share of the triangle. */
 static double clip_sub_square(const double local[3][2], uint32_t bit, struct kiln_clip_corner polygon[KILN_CLIP_CORNERS],
                               uint32_t *corners)
 {
     const double x = 0.25 * (bit & 3u), y = 0.25 * (bit >> 2);
     struct kiln_clip_corner centroid;
     *corners = 0;
-    if (kiln_clip_classify(local, x, y, x + 0.25, y + 0.25) == KILN_CLIP_OUTSIDE)
+    if (fabs(kiln_clip_twice_area(local)) > 0.0 && kiln_clip_classify(local, x, y, x + 0.25, y + 0.25) == KILN_CLIP_OUTSIDE)
         return 0.0;
     *corners = kiln_clip_triangle(local, x, y, x + 0.25, y + 0.25, polygon);
-    return kiln_clip_area(polygon, *corners, &centroid);
+    return kiln_clip_share(polygon, *corners, &centroid);
 }
 
 /* Covered area of all sub-squares that are open. False where there is none. */
@@ -96,7 +90,7 @@ static bool prepare_open(struct kiln_footprint *f)
     uint32_t corners;
     for (uint32_t i = 0; i < f->piece_count; i++) {
         local_corners(f, f->pieces[i], local);
-        const double scale = texel_scale(f, f->pieces[i], local);
+        const double scale = kiln_geometry_triangle_area(f->geometry, f->pieces[i]);
         for (uint32_t rest = f->open; rest != 0; rest &= rest - 1) {
             const uint32_t bit = (uint32_t)__builtin_ctz(rest);
             area[bit] += clip_sub_square(local, bit, polygon, &corners) * scale;
@@ -202,11 +196,11 @@ static uint32_t sample_open(const struct kiln_footprint *f, double u1, double u2
     uint32_t corners, last = 0;
     for (uint32_t i = 0; i < f->piece_count && f->piece_count > 1; i++) {
         local_corners(f, f->pieces[i], local);
-        total += clip_sub_square(local, bit, polygon, &corners) * texel_scale(f, f->pieces[i], local);
+        total += clip_sub_square(local, bit, polygon, &corners) * kiln_geometry_triangle_area(f->geometry, f->pieces[i]);
     }
     for (uint32_t i = 0; i < f->piece_count && f->piece_count > 1; i++) {
         local_corners(f, f->pieces[i], local);
-        const double area = clip_sub_square(local, bit, polygon, &corners) * texel_scale(f, f->pieces[i], local);
+        const double area = clip_sub_square(local, bit, polygon, &corners) * kiln_geometry_triangle_area(f->geometry, f->pieces[i]);
         if (area <= 0.0)
             continue;
         last = i;
@@ -307,7 +301,7 @@ static struct kiln_dvec3 piece_normal(const struct kiln_footprint *f, uint32_t t
     double local[3][2];
     local_corners(f, triangle, local);
     const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
-    kiln_clip_area(polygon, corners, &centroid);
+    kiln_clip_share(polygon, corners, &centroid);
     return shading_normal(f->scene, f->geometry, triangle, centroid.b1, centroid.b2);
 }
 
