@@ -1,0 +1,123 @@
+"""The irradiance volume against the two closed forms for probes.
+
+A probe in empty space under one directional light: harmonics of bands 0 to 2 turn E0 max(0, cos t) into E0 (1/4 + cos t / 2 +
+5/16 P2(cos t)), negative beyond the terminator; the irradiance along the six axes is not from harmonics and must be exact. A probe
+under half a sky: pi L (1 + cos t) / 2, which harmonics hold exactly. The half sky is a black bowl whose rim is level with the probe.
+"""
+import json
+import math
+import os
+import sys
+
+import h5py
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
+import glb  # noqa: E402
+import harness  # noqa: E402
+
+SPACING = 2.0 / 3.0  # the scenes are cubes of 2 m: 3 x 3 x 3 probes, the middle one at the origin
+SAMPLES = 16384
+
+
+def speck(scene, name, at, material):
+    """A triangle too small to be seen from the origin: it only gives the scene its extent."""
+    x, y, z = at
+    scene.mesh(name, [(x, y, z), (x - math.copysign(1e-3, x), y, z), (x, y, z - math.copysign(1e-3, z))], [(0, 0), (1, 0), (0, 1)],
+               [(0, 1, 2)], material)
+
+
+def directional(path, strength):
+    scene = glb.Scene()
+    black = scene.material('black', double_sided=True)
+    speck(scene, 'low', (-1, -1, -1), black)
+    speck(scene, 'high', (1, 1, 1), black)
+    half = math.sqrt(0.5)
+    scene.light('sun', {'type': 'directional', 'intensity': strength, 'color': [1, 1, 1]}, rotation=[-half, 0, 0, half])
+    return scene.write(path)
+
+
+def bowl(path):
+    scene = glb.Scene()
+    black = scene.material('black', double_sided=True)
+    scene.quad('floor', [(-1, -1, 1), (1, -1, 1), (1, -1, -1), (-1, -1, -1)], black)
+    for i, (a, b) in enumerate((((-1, -1), (1, -1)), ((1, -1), (1, 1)), ((1, 1), (-1, 1)), ((-1, 1), (-1, -1)))):
+        scene.quad('wall%d' % i, [(a[0], -1, a[1]), (b[0], -1, b[1]), (b[0], 0, b[1]), (a[0], 0, a[1])], black)
+    speck(scene, 'high', (1, 1, 1), black)
+    return scene.write(path)
+
+
+def harmonics(n):
+    x, y, z = n
+    return np.array([0.282095, 0.488603 * y, 0.488603 * z, 0.488603 * x, 1.092548 * x * y, 1.092548 * y * z, 0.315392 * (3 * z * z - 1),
+                     1.092548 * x * z, 0.546274 * (x * x - y * y)])
+
+
+class Volume:
+    def __init__(self, path):
+        with h5py.File(path, 'r') as f:
+            group = f['VTKHDF']
+            self.origin, self.spacing = np.array(group.attrs['Origin']), np.array(group.attrs['Spacing'])
+            self.data = {name: item[...].astype(float) for name, item in group['PointData'].items()}
+
+    def at_origin(self, name):
+        i = np.rint(-self.origin / self.spacing).astype(int)
+        assert np.allclose(self.origin + i * self.spacing, 0, atol=1e-6), 'no probe stands at the origin'
+        return self.data[name][i[2], i[1], i[0]]
+
+
+def close(checks, what, got, want, allowed, process):
+    got = np.asarray(got, float)
+    good = checks.that(bool((np.abs(got - want) <= allowed).all()), '%s: got %s, want %.6f +- %.1e' % (what, got, want, allowed), process)
+    return float(np.abs(got - want).max()), good
+
+
+def compare(checks, table, kiln, bake, name, angles, axes, scale, tolerance):
+    """`angles`: {degrees from +y: irradiance of the harmonics}; `axes`: {axis: irradiance}."""
+    process = bake.process
+    volume = Volume(os.path.join(bake.directory, 'volume.hdf'))
+    coefficients = volume.at_origin('irradiance_sh').reshape(9, 3)
+    for angle, want in angles.items():
+        t = math.radians(angle)
+        for azimuth in (0.3, 2.0, 4.4):
+            n = (math.sin(t) * math.cos(azimuth), math.cos(t), math.sin(t) * math.sin(azimuth))
+            off, _ = close(checks, '%s, coefficients at %g degrees' % (name, angle), harmonics(n) @ coefficients, want, tolerance * scale, process)
+            asked = kiln.command('probe', bake.directory, 0, 0, 0, *['%.9g' % c for c in n], '--json')
+            if checks.that(asked.status == 0, '%s: kiln probe ended with %d' % (name, asked.status), asked):
+                off2, _ = close(checks, '%s, kiln probe at %g degrees' % (name, angle), asked.json()['irradiance'], max(want, 0.0),
+                                tolerance * scale, asked)
+        table.row(name, 'harmonics, %g degrees' % angle, '%.5f' % want, '%.1e' % (off / scale))
+    for axis, want in axes.items():
+        off, _ = close(checks, '%s, axis %s' % (name, axis), volume.at_origin('irradiance_' + axis), want, tolerance * scale, process)
+        table.row(name, 'axis ' + axis, '%.5f' % want, '%.1e' % (off / scale))
+
+
+def main():
+    _, kiln = harness.start(__doc__)
+    path = harness.own_scene('analytic', 'expected.json')
+    if path is None:
+        harness.skip('neither tests/data/analytic nor ../shared/scenes/own/analytic is here.')
+    with open(path) as f:
+        cases = {c['id']: c for c in json.load(f)['cases']}
+    checks = harness.Checks()
+    table = harness.Table(('case', 20), ('what', 26), ('closed form', 12), ('off / E0', 10))
+    options = ['--lightmap-size', 4, '--bounces', 0, '--samples-direct', 16, '--samples-probe', SAMPLES, '--probe-spacing', '%.9f' % SPACING]
+
+    strength = cases['probe_directional']['probe'][0]['exact']
+    bake = kiln.bake(directional(os.path.join(kiln.scratch, 'directional.glb'), strength), *options)
+    if checks.baked(bake):
+        angles = {p['angle_deg']: p['sh_l2'] for p in cases['probe_directional']['probe']}
+        axes = {'posy': strength, 'negy': 0.0, 'posx': 0.0, 'negx': 0.0, 'posz': 0.0, 'negz': 0.0}
+        compare(checks, table, kiln, bake, 'probe_directional', angles, axes, strength, 1e-4)
+
+    sky = {p['angle_deg']: p['exact_and_sh_l1'] for p in cases['probe_half_sky']['probe']}
+    radiance = sky[0] / math.pi
+    bake = kiln.bake(bowl(os.path.join(kiln.scratch, 'bowl.glb')), *options, '--environment', '%g,%g,%g' % ((radiance,) * 3))
+    if checks.baked(bake):
+        axes = {'posy': sky[0], 'negy': 0.0, 'posx': sky[90], 'negx': sky[90], 'posz': sky[90], 'negz': sky[90]}
+        compare(checks, table, kiln, bake, 'probe_half_sky', sky, axes, sky[0], 5e-3)
+    checks.end()
+
+
+if __name__ == '__main__':
+    main()

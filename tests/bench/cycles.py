@@ -1,0 +1,104 @@
+"""Cornell box, 4 bounces: kiln and Blender's Cycles bake the same texels on the same cores in turn; time of each to 1 % error.
+
+  /usr/bin/python3 tests/bench/cycles.py --kiln build/release/kiln [--full]
+
+The error is nrmse, the root mean square difference over the mean, over texels wholly inside charts, of each baker against its own
+converged result. Cycles bakes irradiance over pi into a float EXR (DIFFUSE without colour), its noise falls with the square root of
+the samples: without --full it is measured at fewer samples than it needs and the time scaled; with --full it runs all of them.
+Cycles' time is its bake operator alone; kiln's is the whole process with import and output, and its passes alone beside it. Needs
+Debian's package blender.
+"""
+import json
+import math
+import os
+import shutil
+import sys
+
+import numpy as np
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import cornell_atlas  # noqa: E402
+import measure  # noqa: E402
+import harness  # noqa: E402
+
+TARGET = 0.01
+LADDER = ((8, 2, 16), (16, 4, 32), (32, 4, 64), (64, 8, 128), (128, 8, 256), (256, 16, 512))  # direct, bounce, indirect
+CONVERGED = (4096, 256, 16384)
+
+
+def cycles(scene, folder, side, threads, runs):
+    """Bakes [(samples, seed), ...]; a list of (record, pixels in W/m2)."""
+    here = os.path.dirname(os.path.abspath(__file__))
+    p = harness.run(['blender', '--background', '-noaudio', '--factory-startup', '--python', os.path.join(here, 'cycles_bake.py'), '--', scene,
+                     folder, str(side), '4', str(threads)] + ['%d:%d' % r for r in runs], timeout=7200)
+    records = [json.loads(l[5:]) for l in p.stdout.splitlines() if l.startswith('BAKE ')]
+    if len(records) != len(runs):
+        sys.exit('blender made %d of %d bakes:\n%s' % (len(records), len(runs), (p.stdout + p.stderr)[-2000:]))
+    result = []
+    for record in records:
+        channels, _ = harness.read_exr(record['file'])
+        result.append((record, math.pi * np.stack([channels[c] for c in 'RGB'], -1).astype(float)))
+    return result
+
+
+def kiln_pixels(bake, masks):
+    return np.concatenate([bake.lightmap(name).irradiance[m] for name, m in masks.items()])
+
+
+def kiln_bake(kiln, scene, side, threads, samples, seed):
+    direct, bounce, indirect = samples
+    return measure.must(kiln.bake(scene, '--bounces', 4, '--lightmap-size', side, '--threads', threads, '--samples-direct', direct,
+                                  '--samples-bounce', bounce, '--samples-indirect', indirect, '--samples-probe', 0, '--seed', seed,
+                                  timeout=3600))
+
+
+def main():
+    arguments, kiln = harness.start(
+        __doc__, lambda p: p.add_argument('--full', action='store_true', help='run Cycles to 1 %%, not a part of the way'),
+        lambda p: p.add_argument('--side', type=int, default=256, help='of the atlas, texels (a multiple of 128)'),
+        lambda p: p.add_argument('--lamp-cuts', type=int, default=8, help='the lamp is N x N quads; large lamps bias Cycles'),
+        lambda p: p.add_argument('--cycles-samples', type=int, default=1024), lambda p: p.add_argument('--repeats', type=int, default=3))
+    if shutil.which('blender') is None:
+        harness.skip("blender is not installed (Debian's package blender)")
+    threads, side = len(os.sched_getaffinity(0)), arguments.side
+    scene = os.path.join(kiln.scratch, 'cornell_atlas.glb')
+    masks = cornell_atlas.mask(cornell_atlas.write(scene, arguments.lamp_cuts), side)
+    texels = sum(int(m.sum()) for m in masks.values())
+    print('%d texels, %d threads' % (texels, threads))
+
+    reference = kiln_pixels(kiln_bake(kiln, scene, side, threads, CONVERGED, 99), masks)
+    samples = 3550 if arguments.full else arguments.cycles_samples
+    own = cycles(scene, kiln.scratch, side, threads, [(2 * samples, 100), (2 * samples, 101)])
+    inside = np.any(list(masks.values()), axis=0)
+    halves = [pixels[inside] for _, pixels in own]
+    cycles_reference = (halves[0] + halves[1]) / 2
+    noise = measure.nrmse(halves[0], halves[1]) / 2  # of the mean of two
+
+    table = harness.Table(('baker', 8), ('samples', 16), ('nrmse', 10), ('process s', 10), ('bake s', 8), ('bake s at 1 %', 14))
+    kiln_seconds, kiln_passes, cycles_seconds = [], [], []
+    for repeat in range(arguments.repeats):
+        for k in LADDER:
+            bake = kiln_bake(kiln, scene, side, threads, k, repeat)
+            error, passes = measure.nrmse(kiln_pixels(bake, masks), reference), measure.tracing_seconds(bake)
+            table.row('kiln', '%d/%d/%d' % k, '%.3f %%' % (100 * error), '%.2f' % bake.process.seconds, '%.2f' % passes, '')
+            seconds = bake.process.seconds
+            bake.remove()
+            if error <= TARGET:
+                break
+        else:
+            sys.exit('kiln did not reach 1 %')
+        kiln_seconds.append(seconds)
+        kiln_passes.append(passes)
+        (record, pixels), = cycles(scene, kiln.scratch, side, threads, [(samples, repeat + 1)])
+        raw = measure.nrmse(pixels[inside], cycles_reference)
+        error = math.sqrt(max(raw ** 2 - noise ** 2, 0.0))
+        cycles_seconds.append(record['seconds'] * (error / TARGET) ** 2)
+        table.row('cycles', samples, '%.3f %%' % (100 * error), '', '%.1f' % record['seconds'], '%.1f' % cycles_seconds[-1])
+    a, b, c = (float(np.median(x)) for x in (cycles_seconds, kiln_seconds, kiln_passes))
+    print("means: kiln %.5f, Cycles %.5f W/m2 (ratio %.4f)" % (reference.mean(), cycles_reference.mean(), reference.mean() / cycles_reference.mean()))
+    print('to 1 %%: Cycles %.1f s, kiln %.2f s (passes alone %.2f s): %.0f times faster (passes alone %.0f); the aim is 30' % (
+        a, b, c, a / b, a / c))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,113 @@
+"""Writes small .glb scenes for tests: quads and triangles with a lightmap layout, diffuse materials, punctual lights."""
+import json
+import struct
+
+import numpy as np
+
+
+class Scene:
+    def __init__(self):
+        self.blob = bytearray()
+        self.document = {'asset': {'version': '2.0', 'generator': 'kiln tests'}, 'scene': 0, 'scenes': [{'nodes': []}], 'nodes': [],
+                         'meshes': [], 'materials': [], 'accessors': [], 'bufferViews': []}
+        self.used = set()
+
+    def load(self, path):
+        """Begins with what a .glb holds."""
+        with open(path, 'rb') as f:
+            data = f.read()
+        length = struct.unpack_from('<I', data, 12)[0]
+        self.document = json.loads(data[20:20 + length])
+        self.blob = bytearray(data[28 + length:28 + length + self.document['buffers'][0]['byteLength']])
+        self.used = set(self.document.get('extensionsUsed', []))
+
+    def environment(self, radiance):
+        self.document['scenes'][0]['extras'] = {'environment': {'type': 'constant', 'radiance': list(radiance)}}
+
+    def material(self, name, albedo=(0, 0, 0), radiance=(0, 0, 0), double_sided=False):
+        """Diffuse, and `radiance` (W/m2/sr) leaving its front. Returns its number."""
+        material = {'name': name, 'doubleSided': double_sided, 'pbrMetallicRoughness': {
+            'baseColorFactor': [*map(float, albedo), 1.0], 'metallicFactor': 0.0, 'roughnessFactor': 1.0}}
+        strongest = max(radiance)
+        if strongest > 0:
+            material['emissiveFactor'] = [float(c) / strongest for c in radiance]
+            material['extensions'] = {'KHR_materials_emissive_strength': {'emissiveStrength': float(strongest)}}
+            self.used.add('KHR_materials_emissive_strength')
+        self.document['materials'].append(material)
+        return len(self.document['materials']) - 1
+
+    def accessor(self, array, kind, component, target):
+        while len(self.blob) % 4:
+            self.blob.append(0)
+        raw = np.ascontiguousarray(array).tobytes()
+        self.document['bufferViews'].append({'buffer': 0, 'byteOffset': len(self.blob), 'byteLength': len(raw), 'target': target})
+        self.blob += raw
+        accessor = {'bufferView': len(self.document['bufferViews']) - 1, 'componentType': component, 'count': int(np.size(array) // {
+            'SCALAR': 1, 'VEC2': 2, 'VEC3': 3}[kind]), 'type': kind}
+        self.document['accessors'].append(accessor)
+        return len(self.document['accessors']) - 1
+
+    def mesh(self, name, positions, layout, triangles, material):
+        """One mesh and one node of the same name. `positions` (n, 3), `layout` (n, 2) in 0..1, `triangles` (m, 3)."""
+        positions = np.asarray(positions, np.float32)
+        triangles = np.asarray(triangles, np.uint32)
+        normals = np.zeros_like(positions, np.float64)
+        for a, b, c in triangles:
+            n = np.cross(positions[b].astype(float) - positions[a], positions[c].astype(float) - positions[a])
+            for corner in (a, b, c):
+                normals[corner] += n / np.linalg.norm(n)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        position = self.accessor(positions, 'VEC3', 5126, 34962)
+        self.document['accessors'][position]['min'] = [float(x) for x in positions.min(0)]
+        self.document['accessors'][position]['max'] = [float(x) for x in positions.max(0)]
+        layout = np.asarray(layout, np.float32)
+        attributes = {'POSITION': position, 'NORMAL': self.accessor(normals.astype(np.float32), 'VEC3', 5126, 34962),
+                      'TEXCOORD_0': self.accessor(layout, 'VEC2', 5126, 34962),
+                      'TEXCOORD_1': self.accessor(layout, 'VEC2', 5126, 34962)}
+        self.document['meshes'].append({'name': name, 'primitives': [{
+            'attributes': attributes, 'indices': self.accessor(triangles.ravel(), 'SCALAR', 5125, 34963), 'material': material,
+            'mode': 4}]})
+        self.node({'name': name, 'mesh': len(self.document['meshes']) - 1})
+
+    def quad(self, name, corners, material, layout=((0, 1), (1, 1), (1, 0), (0, 0)), cuts=1):
+        """A parallelogram, corners counter-clockwise seen from its front, cut `cuts` x `cuts`."""
+        corners, layout = np.asarray(corners, float), np.asarray(layout, float)
+        positions, uv, triangles = [], [], []
+        for j in range(cuts + 1):
+            for i in range(cuts + 1):
+                s, t = i / cuts, j / cuts
+                positions.append(corners[0] + s * (corners[1] - corners[0]) + t * (corners[3] - corners[0]))
+                uv.append(layout[0] + s * (layout[1] - layout[0]) + t * (layout[3] - layout[0]))
+        for j in range(cuts):
+            for i in range(cuts):
+                a = j * (cuts + 1) + i
+                triangles += [(a, a + 1, a + cuts + 2), (a, a + cuts + 2, a + cuts + 1)]
+        self.mesh(name, positions, uv, triangles, material)
+
+    def node(self, node):
+        self.document['nodes'].append(node)
+        self.document['scenes'][0]['nodes'].append(len(self.document['nodes']) - 1)
+
+    def light(self, name, light, **transform):
+        """A light of KHR_lights_punctual on a node of its own."""
+        self.used.add('KHR_lights_punctual')
+        lights = self.document.setdefault('extensions', {}).setdefault('KHR_lights_punctual', {'lights': []})['lights']
+        lights.append(light)
+        self.node({'name': name, 'extensions': {'KHR_lights_punctual': {'light': len(lights) - 1}}, **transform})
+
+    def write(self, path):
+        document = {k: v for k, v in self.document.items() if v != []}
+        if self.used:
+            document['extensionsUsed'] = sorted(self.used)
+        while len(self.blob) % 4:
+            self.blob.append(0)
+        if self.blob:
+            document['buffers'] = [{'byteLength': len(self.blob)}]
+        text = json.dumps(document, separators=(',', ':')).encode()
+        text += b' ' * (-len(text) % 4)
+        chunks = struct.pack('<II', len(text), 0x4E4F534A) + text
+        if self.blob:
+            chunks += struct.pack('<II', len(self.blob), 0x004E4942) + bytes(self.blob)
+        with open(path, 'wb') as f:
+            f.write(struct.pack('<III', 0x46546C67, 2, 12 + len(chunks)) + chunks)
+        return path

@@ -1,0 +1,166 @@
+"""The same bits from any number of ranks and threads and from either partition; the same lightmaps from any cell size.
+
+Lightmaps are compared byte by byte, whole files; volume.hdf dataset by dataset; kiln.h5 after sorting its points by object and
+texel, since its order follows the cells. Scenes that leave ranks or cells with nothing to do are among them.
+"""
+import hashlib
+import os
+import sys
+
+import h5py
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
+import glb  # noqa: E402
+import harness  # noqa: E402
+
+RANKS = (1, 2, 3, 5, 8)
+OPTIONS = ('--samples-direct', 8, '--samples-bounce', 4, '--samples-indirect', 16, '--samples-probe', 32)
+
+
+def datasets(path):
+    """{name: (shape, type, hash of the decoded values)} of an HDF5 file."""
+    found = {}
+
+    def visit(name, item):
+        if isinstance(item, h5py.Dataset):
+            values = np.ascontiguousarray(item[...])
+            found[name] = (values.shape, str(values.dtype), hashlib.sha256(values.tobytes()).hexdigest())
+    with h5py.File(path, 'r') as f:
+        f.visititems(visit)
+    return found
+
+
+def lightmaps(bake):
+    result = {}
+    for entry in bake.run['objects']:
+        with open(os.path.join(bake.directory, entry['lightmap']), 'rb') as f:
+            result[entry['name']] = hashlib.sha256(f.read()).hexdigest()
+    return result
+
+
+def pixels(bake):
+    """Decoded channels, for when whole files differ only in what they say about the run."""
+    result = {}
+    for entry in bake.run['objects']:
+        channels, _ = harness.read_exr(os.path.join(bake.directory, entry['lightmap']))
+        result[entry['name']] = {c: hashlib.sha256(np.ascontiguousarray(v).tobytes()).hexdigest() for c, v in channels.items()}
+    return result
+
+
+def points(bake):
+    p = bake.points
+    order = np.lexsort((p.x, p.y, p.object))
+    return [hashlib.sha256(np.ascontiguousarray(a[order]).tobytes()).hexdigest() for a in (
+        p.object, p.x, p.y, p.area, p.valid, p.direct, p.indirect, p.total, p.error)]
+
+
+class Result:
+    def __init__(self, bake, volume=True):
+        self.files, self.pixels, self.points = lightmaps(bake), pixels(bake), points(bake)
+        path = os.path.join(bake.directory, 'volume.hdf')
+        self.volume = datasets(path) if volume and os.path.exists(path) else None
+
+
+def differences(a, b):
+    """What of two results is not the same, as a list of sentences."""
+    found = []
+    if a.pixels != b.pixels:
+        found.append('pixels of ' + ', '.join(sorted(n for n in a.pixels if a.pixels[n] != b.pixels.get(n)))[:200])
+    elif a.files != b.files:
+        found.append('lightmap files differ though their pixels are the same')
+    if a.points != b.points:
+        found.append('kiln.h5')
+    if a.volume is not None and b.volume is not None and a.volume != b.volume:
+        found.append('volume.hdf: ' + ', '.join(sorted(n for n in a.volume if a.volume[n] != b.volume.get(n)))[:200])
+    return found
+
+
+def try_all(checks, kiln, table, name, scene, options, ranks, threads, partitions):
+    """Bakes with every combination and compares with the first."""
+    first = None
+    for partition in partitions:
+        for thread in threads:
+            for n in ranks:
+                what = '%d ranks, %d threads, by %s' % (n, thread, partition)
+                bake = kiln.bake(scene, *OPTIONS, *options, '--threads', thread, '--partition', partition, ranks=n, timeout=120)
+                if checks.baked(bake):
+                    text = checks.energy(bake, '%s, %s' % (name, what))
+                    result = Result(bake)
+                    if first is None:
+                        first = result
+                    found = differences(first, result)
+                    checks.that(not found, '%s, %s: not the same as before: %s' % (name, what, '; '.join(found)), bake.process)
+                    table.row(name, what, '%.1f' % bake.process.seconds, 'same' if not found else 'DIFFERENT', text)
+                bake.remove()
+    return first
+
+
+def try_cell_sizes(checks, kiln, table, name, scene, options, sizes):
+    first = None
+    for size in sizes:
+        bake = kiln.bake(scene, *OPTIONS, *options, '--cell-size', size, ranks=2, timeout=120)
+        if checks.baked(bake):
+            result = Result(bake, volume=False)
+            first = first or result
+            found = differences(first, result)
+            what = 'cells of %g m: %d' % (size, bake.run['balance']['cells_occupied'])
+            checks.that(not found, '%s, %s: not the same as before: %s' % (name, what, '; '.join(found)), bake.process)
+            table.row(name, what, '%.1f' % bake.process.seconds, 'same' if not found else 'DIFFERENT', '')
+        bake.remove()
+
+
+def plain(path, lights, objects=3, points=True):
+    """Small quads one above the other; with or without a lamp."""
+    scene = glb.Scene()
+    grey = scene.material('grey', (0.5, 0.4, 0.3))
+    for i in range(objects):
+        scene.quad('q%d' % i, [(0, i, 1), (1, i, 1), (1, i, 0), (0, i, 0)], grey)
+    if lights:
+        scene.light('lamp', {'type': 'point', 'intensity': 5.0, 'color': [1, 1, 1]}, translation=[0.5, objects + 0.5, 0.5])
+    return scene.write(path)
+
+
+def try_odd_scenes(checks, kiln, table):
+    here = lambda n: os.path.join(kiln.scratch, n)
+    result = try_all(checks, kiln, table, 'no lights', plain(here('dark.glb'), False), ['--lightmap-size', 16], (1, 3), (1,), ('cells',))
+    try_all(checks, kiln, table, 'one texel an object', plain(here('lit.glb'), True), ['--lightmap-size', 1], (1, 2, 5), (1, 2),
+            ('cells', 'objects'))
+    try_all(checks, kiln, table, 'more ranks than cells', here('lit.glb'), ['--lightmap-size', 16, '--cell-size', 100], (1, 3, 8), (1,),
+            ('cells', 'objects'))
+    dark = kiln.bake(here('dark.glb'), *OPTIONS, '--lightmap-size', 16, ranks=2)
+    if checks.baked(dark):
+        checks.that(not dark.points.total.any(), 'no lights: some irradiance is not 0', dark.process)
+    lit = kiln.bake(here('lit.glb'), *OPTIONS, '--lightmap-size', 1, ranks=2)
+    if checks.baked(lit):
+        checks.that(lit.points.count == 3 and (lit.points.total > 0).any(), 'one texel an object: %d points of 3, largest irradiance %g' % (
+            lit.points.count, lit.points.total.max(initial=0)), lit.process)
+    empty = glb.Scene().write(here('empty.glb'))
+    for n in (1, 3):
+        bake = kiln.bake(empty, *OPTIONS, ranks=n, timeout=60)
+        if checks.baked(bake):
+            checks.that(bake.run['objects'] == [], 'an empty scene has objects: %s' % bake.run['objects'], bake.process)
+            table.row('empty scene', '%d ranks' % n, '%.1f' % bake.process.seconds, 'baked', '')
+    return result
+
+
+def main():
+    _, kiln = harness.start(__doc__)
+    cornell, zoo = harness.own_scene('cornell_original.glb'), harness.own_scene('punctual_zoo.glb')
+    if cornell is None or zoo is None:
+        harness.skip('neither tests/data nor ../shared/scenes/own is here.')
+    checks = harness.Checks()
+    table = harness.Table(('scene', 22), ('how', 32), ('seconds', 8), ('result', 10), ('energy', 36))
+    first = try_all(checks, kiln, table, 'cornell_original', cornell, ['--lightmap-size', 32, '--cell-size', 1], RANKS, (1, 2), ('cells', 'objects'))
+    try_all(checks, kiln, table, 'punctual_zoo', zoo, ['--lightmap-size', 24], (1, 3, 8), (1, 2), ('cells', 'objects'))
+    try_cell_sizes(checks, kiln, table, 'cornell_original', cornell, ['--lightmap-size', 32], (0.3, 1, 2.7, 100))
+    try_cell_sizes(checks, kiln, table, 'punctual_zoo', zoo, ['--lightmap-size', 24], (0.5, 50))
+    try_odd_scenes(checks, kiln, table)
+    other = kiln.bake(cornell, *OPTIONS, '--lightmap-size', 32, '--seed', 1)
+    if checks.baked(other) and first is not None:
+        checks.that(len(differences(first, Result(other))) == 3, 'another seed gives the same result: the comparison sees nothing', other.process)
+    checks.end()
+
+
+if __name__ == '__main__':
+    main()

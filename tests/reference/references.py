@@ -1,0 +1,91 @@
+"""Bakes the scenes that have Monte-Carlo references and compares irradiance at their points.
+
+A point passes when it lies within 5 combined standard errors (reference and bake) or 2 % of the reference; 95 % must pass, and the
+ratio of the means must be 1 within 0.005. Where the reference gives the error of its red channel, each channel's is taken as the
+same share of its value.
+"""
+import json
+import math
+import os
+import sys
+
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
+import harness  # noqa: E402
+
+# Reference points lie at the centres of an n x n grid over the layout: a lightmap side that is an odd multiple of n puts them on
+# texel centres.
+SETTINGS = {
+    'cornell_original': (6 * 15, 256, 16, 512),
+    'cornell_layers': (6 * 15, 256, 16, 512),
+    'cornell_shapes_narrow': (4 * 25, 256, 16, 512),
+    'two_rooms': (6 * 15, 512, 32, 512),
+    'punctual_zoo': (6 * 11, 256, 32, 512),
+    'many_lights': (8 * 5, 256, 16, 256),
+}
+
+
+def compare(reference, bake):
+    """Arrays, a row a sample: irradiance got and wanted (n, 3), standard errors of both (n, 3)."""
+    got, want, errors, where = [], [], [], []
+    for sample in reference['samples']:
+        name = sample['node']
+        lightmap, (u, v) = bake.lightmap(name), sample['uv1']
+        e = lightmap.at(u, v)
+        own = bake.points.of(bake.index(name))
+        near = (np.abs(bake.points.x[own] + 0.5 - u * lightmap.width) <= 1.6) & (np.abs(bake.points.y[own] + 0.5 - v * lightmap.height) <= 1.6)
+        own_error = math.sqrt(float(np.mean(bake.points.error[own[near]] ** 2))) if near.any() else 0.0
+        luminance = float(e @ harness.LUMINANCE)
+        reference_e = np.array(sample['E'])
+        share = reference_e / reference_e[0] if reference_e[0] > 0 else np.zeros(3)
+        got.append(e)
+        want.append(reference_e)
+        errors.append(np.hypot(sample['stderr_r'] * share, own_error * e / luminance if luminance > 0 else 0.0))
+        where.append('%s %s' % (name, sample['uv1']))
+    return np.array(got), np.array(want), np.array(errors), where
+
+
+def agreeing(got, want, errors):
+    return ((np.abs(got - want) <= 5 * errors) | (np.abs(got - want) <= 0.02 * want)).all(1)
+
+
+def main():
+    arguments, kiln = harness.start(__doc__, lambda p: p.add_argument('--only', metavar='SCENE', action='append', help='these scenes'))
+    checks = harness.Checks()
+    missing = [s for s in SETTINGS if harness.own_scene(s + '.glb') is None or harness.own_scene('reference', s + '.json') is None]
+    if len(missing) == len(SETTINGS):
+        harness.skip('no reference scene is here.')
+    table = harness.Table(('scene', 24), ('points', 7), ('agree', 8), ('mean ratio', 11), ('median error', 13), ('seconds', 8),
+                          ('energy', 36))
+    for scene, (size, direct, bounce, indirect) in SETTINGS.items():
+        if scene in missing or (arguments.only and scene not in arguments.only):
+            continue
+        with open(harness.own_scene('reference', scene + '.json')) as f:
+            reference = json.load(f)
+        bake = kiln.bake(harness.own_scene(scene + '.glb'), '--lightmap-size', size, '--samples-direct', direct, '--samples-bounce',
+                         bounce, '--samples-indirect', indirect, '--samples-probe', 0)
+        if checks.baked(bake):
+            got, want, errors, where = compare(reference, bake)
+            good = agreeing(got, want, errors)
+            ratio = got.sum() / want.sum()
+            lit = want.max(1) > 0
+            median = float(np.median(np.abs(got - want)[lit].max(1) / want[lit].max(1)))
+            text = checks.energy(bake, scene)
+            table.row(scene, len(good), '%.1f %%' % (100 * good.mean()), '%.4f' % ratio, '%.2e' % median,
+                      '%.1f' % bake.process.seconds, text)
+            worst = np.argsort(-np.where(good, 0, np.abs(got - want).max(1)), kind='stable')[:5]
+            checks.that(good.mean() >= 0.95, '%s: %.1f %% of %d points agree; the worst:%s' % (
+                scene, 100 * good.mean(), len(good), ''.join('\n        %s: got %s, reference %s, error %s' % (
+                    where[i], got[i], want[i], errors[i]) for i in worst)), bake.process)
+            checks.that(abs(ratio - 1) <= 0.005, '%s: the mean is %.4f times the reference' % (scene, ratio), bake.process)
+            checks.that(agreeing(got * 1.05, want, errors)[lit].mean() < 0.95 or abs(ratio * 1.05 - 1) > 0.005,
+                        '%s: lightmaps 5 %% brighter would pass too' % scene)
+        bake.remove()
+    if missing:
+        print('not here: ' + ', '.join(missing))
+    checks.end()
+
+
+if __name__ == '__main__':
+    main()
