@@ -8,6 +8,8 @@ export OMPI_MCA_hwloc_base_binding_policy="${OMPI_MCA_hwloc_base_binding_policy:
 # More ranks than cores are allowed, and wait without burning them.
 export OMPI_MCA_rmaps_base_oversubscribe="${OMPI_MCA_rmaps_base_oversubscribe:-1}"
 export OMPI_MCA_mpi_yield_when_idle="${OMPI_MCA_mpi_yield_when_idle:-1}"
+# Threads that wait sleep, so that more of them than cores do not slow one another down.
+export OMP_WAIT_POLICY="${OMP_WAIT_POLICY:-passive}"
 # The same transports everywhere, whatever else is installed.
 export OMPI_MCA_pml="${OMPI_MCA_pml:-ob1}"
 export OMPI_MCA_btl="${OMPI_MCA_btl:-self,vader,tcp}"
