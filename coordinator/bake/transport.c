@@ -22,6 +22,11 @@ struct transport_state {
     uint64_t *next;  /* own: packed radiosity of the present bounce */
     struct kiln_point_result *results; /* of a batch */
     double unit;     /* of the exact sums */
+    /* reflected power, luminance, of groups of tiles: the present bounce's (all ranks' when the pass is over), the one's before,
+     * and the sum of all; group_count each */
+    size_t group_count;
+    struct kiln_exact_sum *group_now;
+    double *group_before, *group_total;
 };
 
 static double luminance(const double rgb[3]) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
@@ -48,6 +53,14 @@ size_t kiln_transport_bytes(uint64_t own, uint64_t total)
 {
     const size_t batch = (BATCH_POINTS + KILN_TILE_TEXELS) * sizeof(struct kiln_point_result);
     return (size_t)total * sizeof(uint64_t) + (size_t)own * (sizeof(uint64_t) + 7 * sizeof(float)) + batch;
+}
+
+/* Groups are made of tiles, not of cells: the cell size must not change a result. */
+enum { GROUP_TILES = 16 };
+
+static size_t group_of(const struct kiln_surface *surface, const struct kiln_fragment *f)
+{
+    return (size_t)((surface->lightmaps[f->object].tile_first + f->tile) / GROUP_TILES);
 }
 
 /* What a pass does with a point's answer: gives the radiosity it has now. */
@@ -93,8 +106,8 @@ static void take_equal(struct transport_state *s, uint64_t own, const struct kil
     s->out->error[own] = sqrtf(s->out->error[own] * s->out->error[own] + r->error * r->error);
 }
 
-static void add_energy(const struct transport_state *s, uint64_t own, const struct kiln_point_result *r, uint32_t samples, bool gather,
-                       struct kiln_exact_sum sums[SUM_COUNT], double *variance)
+static void add_energy(struct transport_state *s, size_t group, uint64_t own, const struct kiln_point_result *r, uint32_t samples,
+                       bool gather, struct kiln_exact_sum sums[SUM_COUNT], double *variance)
 {
     const struct kiln_surface *surface = s->params->surface;
     if ((surface->flags[own] & KILN_POINT_VALID) == 0)
@@ -104,16 +117,18 @@ static void add_energy(const struct transport_state *s, uint64_t own, const stru
     albedo_of(surface, own, albedo);
     if (gather)
         kiln_radiosity_unpack(s->out->radiosity[surface->first + own], sent);
-    double power[3];
+    double power[3], reflected[3];
     for (int c = 0; c < 3; c++) {
         const double incident = area * (double)r->incident[c];
         power[c] = area * (double)sent[c];
+        reflected[c] = incident * (double)albedo[c];
         kiln_exact_add(&sums[SUM_INCIDENT + c], incident, s->unit);
-        kiln_exact_add(&sums[SUM_REFLECTED + c], incident * (double)albedo[c], s->unit);
+        kiln_exact_add(&sums[SUM_REFLECTED + c], reflected[c], s->unit);
         kiln_exact_add(&sums[SUM_SENT + c], power[c], s->unit);
         kiln_exact_add(&sums[SUM_ESCAPED + c], power[c] * (double)r->escaped, s->unit);
         kiln_exact_add(&sums[SUM_BLOCKED + c], power[c] * (double)r->blocked, s->unit);
     }
+    kiln_exact_add(&s->group_now[group], luminance(reflected), s->unit);
     const double lost = (double)r->escaped + (double)r->blocked, spread = luminance(power);
     *variance += area * area * (double)r->error * (double)r->error + (gather ? spread * spread * lost * (1.0 - lost) / samples : 0.0);
 }
@@ -122,6 +137,7 @@ static void add_energy(const struct transport_state *s, uint64_t own, const stru
 static void take_fragment(struct transport_state *s, const struct kiln_pass_report *pass, uint32_t stream, take_point take,
                           const struct kiln_fragment *fragment, uint64_t first, struct kiln_exact_sum sums[SUM_COUNT], double *variance)
 {
+    const size_t group = group_of(s->params->surface, fragment);
     uint64_t own = fragment->first - s->params->surface->first;
     for (uint64_t rest = fragment->mask; rest != 0; rest &= rest - 1, own++) {
         const struct kiln_point_result *result = &s->results[own - first];
@@ -129,7 +145,7 @@ static void take_fragment(struct transport_state *s, const struct kiln_pass_repo
         albedo_of(s->params->surface, own, albedo);
         for (int c = 0; c < 3; c++)
             radiosity[c] = albedo[c] * result->incident[c];
-        add_energy(s, own, result, pass->samples, pass->kind != KILN_PASS_DIRECT, sums, variance);
+        add_energy(s, group, own, result, pass->samples, pass->kind != KILN_PASS_DIRECT, sums, variance);
         take(s, own, result, radiosity);
         s->next[own] = kiln_radiosity_pack(radiosity, pack_hash(fragment, (uint32_t)__builtin_ctzll(rest), stream));
     }
@@ -143,6 +159,7 @@ static int run_pass(struct transport_state *s, struct kiln_pass_report *pass, ui
     const bool gather = pass->kind != KILN_PASS_DIRECT;
     struct kiln_exact_sum sums[SUM_COUNT] = {0};
     double variance = 0.0;
+    memset(s->group_now, 0, s->group_count * sizeof *s->group_now);
     int status = gather ? kiln_backend_set_radiosity(p->backend, s->out->radiosity, error) : KILN_OK;
     const double start = MPI_Wtime();
     for (size_t fragment = 0; fragment < surface->fragment_count && status == KILN_OK;) {
@@ -206,23 +223,45 @@ static double ratio_of(const struct kiln_transport_report *r, size_t pass)
     return before > 0.0 ? luminance(r->passes[pass].energy.reflected) / before : 0.0;
 }
 
-/* Whether a geometric series from the last pass on is good: what the last change of ratio would still do to the sum is below
- * 1/4000 of all reflected power. `bounces` passes after the direct one are done. */
-static bool settled(const struct kiln_transport_report *r, size_t bounces)
+/* Adds up the groups' powers over ranks; `before` and `total` move on by one bounce. Gives the root mean square over groups of
+ * the error that a geometric series of ratio q would make from this bounce on, relative to what the group reflects in all: light
+ * that reaches a room through a door comes later than elsewhere, and only there the last two bounces show it. Groups much
+ * darker than the mean count for less. Collective. */
+static int tail_error(struct transport_state *s, double q, double *error_of_tail, struct kiln_error *error)
 {
-    double total = 0.0;
+    int status = kiln_exact_reduce(s->params->communicator, s->group_now, s->group_count, error);
+    double mean = 0.0, square = 0.0;
+    size_t lit = 0;
+    for (size_t i = 0; i < s->group_count; i++) {
+        s->group_total[i] += kiln_exact_value(&s->group_now[i], s->unit);
+        mean += s->group_total[i];
+        lit += s->group_total[i] > 0.0;
+    }
+    mean = lit > 0 ? mean / (double)lit : 0.0;
+    for (size_t i = 0; i < s->group_count; i++) {
+        const double now = kiln_exact_value(&s->group_now[i], s->unit);
+        const double off = fabs(now - q * s->group_before[i]) / (1.0 - q);
+        const double all = s->group_total[i] + now * q / (1.0 - q) + 1e-3 * mean;
+        if (s->group_total[i] > 0.0 && all > 0.0)
+            square += off / all * (off / all);
+        s->group_before[i] = now;
+    }
+    *error_of_tail = lit > 0 ? sqrt(square / (double)lit) : 0.0;
+    return status;
+}
+
+/* Whether a geometric series from the last pass on is good enough: two parts in a thousand. `bounces` passes after the direct one
+ * are done. Collective. */
+static int settled(struct transport_state *s, size_t bounces, bool *done, struct kiln_error *error)
+{
+    const struct kiln_transport_report *r = &s->out->report;
+    const double last = luminance(r->passes[bounces].energy.reflected), ratio = bounces > 0 ? ratio_of(r, bounces) : 1.0;
+    double total = 0.0, off = 0.0;
     for (size_t i = 0; i <= bounces; i++)
         total += luminance(r->passes[i].energy.reflected);
-    const double last = luminance(r->passes[bounces].energy.reflected);
-    if (!(last > 1e-7 * total))
-        return true;
-    if (bounces < 4)
-        return false;
-    const double ratio = ratio_of(r, bounces), before = ratio_of(r, bounces - 1);
-    if (ratio >= 0.9999)
-        return false;
-    const double tail = last * ratio / (1.0 - ratio);
-    return tail * fabs(ratio - before) / (1.0 - ratio) <= 2.5e-4 * (total + tail);
+    const int status = tail_error(s, fmin(ratio, 0.9999), &off, error);
+    *done = !(last > 1e-7 * total) || (bounces >= 3 && ratio < 0.9999 && off <= 2e-3);
+    return status;
 }
 
 /* Adds the tail to the sum: the last bounce's radiosity times q + q^2 + ... for each channel's own ratio q. */
@@ -251,27 +290,31 @@ static void add_tail(struct transport_state *s, size_t bounces)
     }
 }
 
-/* How many bounces come before the final gather: bounces - 1 when their number is given. */
-static bool more_bounces(const struct transport_state *s, size_t done)
+/* Whether another bounce comes before the final gather: bounces - 1 of them when their number is given. Collective. */
+static int more_bounces(struct transport_state *s, size_t done, bool *more, struct kiln_error *error)
 {
     const int64_t wanted = s->params->job->bounces;
-    if (wanted >= 0)
-        return (int64_t)done + 1 < wanted;
-    return done < KILN_BOUNCES_MAX - 2 && !settled(&s->out->report, done);
+    bool enough = false;
+    const int status = wanted < 0 ? settled(s, done, &enough, error) : KILN_OK;
+    *more = wanted >= 0 ? (int64_t)done + 1 < wanted : done < KILN_BOUNCES_MAX - 2 && !enough;
+    return status;
 }
 
 static int run_lean(struct transport_state *s, struct kiln_error *error)
 {
     const struct kiln_job *job = s->params->job;
     struct kiln_transport_report *report = &s->out->report;
-    int status = KILN_OK;
     uint32_t done = 0;
-    while (status == KILN_OK && more_bounces(s, done)) {
+    bool more = false;
+    int status = more_bounces(s, done, &more, error);
+    while (status == KILN_OK && more) {
         status = exchange(s, &report->passes[done], error);
         if (status != KILN_OK)
             return status;
         struct kiln_pass_report *pass = new_pass(s, KILN_PASS_BOUNCE, ++done, job->samples_bounce);
         status = run_pass(s, pass, done, take_bounce, error);
+        if (status == KILN_OK)
+            status = more_bounces(s, done, &more, error);
     }
     if (status != KILN_OK || job->bounces == 0)
         return status;
@@ -382,6 +425,13 @@ static int allocate(struct transport_state *s, struct kiln_error *error)
         status = kiln_allocate(&s->results, BATCH_POINTS + KILN_TILE_TEXELS, sizeof *s->results, "a batch's results", error);
     if (status == KILN_OK)
         status = kiln_allocate(&t->report.passes, KILN_BOUNCES_MAX + 2, sizeof *t->report.passes, "the passes' report", error);
+    s->group_count = (size_t)(surface->tile_count / GROUP_TILES) + 1;
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->group_now, s->group_count, sizeof *s->group_now, "the groups' powers", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->group_before, s->group_count, sizeof *s->group_before, "the groups' powers", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->group_total, s->group_count, sizeof *s->group_total, "the groups' powers", error);
     s->sum = t->indirect;
     return status;
 }
@@ -407,6 +457,9 @@ int kiln_transport_run(struct kiln_transport **transport, const struct kiln_tran
         close_ledger(&s);
     kiln_free(&s.next);
     kiln_free(&s.results);
+    kiln_free(&s.group_now);
+    kiln_free(&s.group_before);
+    kiln_free(&s.group_total);
     *transport = s.out;
     if (status != KILN_OK)
         kiln_transport_destroy(transport);
