@@ -1,6 +1,7 @@
 #include "coordinator/output/h5.h"
 
 #include <string.h>
+#include <unistd.h>
 
 #include "coordinator/cli/agree.h"
 
@@ -50,7 +51,7 @@ static hid_t collective_transfer(void)
 
 static int open_file(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, bool create, struct kiln_error *error)
 {
-    *h5 = (struct kiln_h5){.file = H5I_INVALID_HID, .transfer = H5I_INVALID_HID, .path = path, .communicator = communicator};
+    *h5 = (struct kiln_h5){.file = H5I_INVALID_HID, .transfer = H5I_INVALID_HID, .path = path, .communicator = communicator, .created = create};
     if (MPI_Comm_rank(communicator, &h5->rank) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
     (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL); /* our sentence instead of its trace */
@@ -68,8 +69,11 @@ static int open_file(struct kiln_h5 *h5, MPI_Comm communicator, const char *path
     }
     if (access >= 0)
         (void)H5Pclose(access);
-    if (status != KILN_OK)
-        (void)kiln_h5_close(h5, status, NULL);
+    if (status != KILN_OK) { /* open on some ranks only: no collective closing */
+        (void)release(h5->file, H5Fclose);
+        (void)release(h5->transfer, H5Pclose);
+        h5->file = h5->transfer = H5I_INVALID_HID;
+    }
     return status;
 }
 
@@ -85,11 +89,18 @@ int kiln_h5_open(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, st
 
 int kiln_h5_close(struct kiln_h5 *h5, int status, struct kiln_error *error)
 {
-    if (h5->transfer >= 0 && H5Pclose(h5->transfer) < 0 && status == KILN_OK)
+    if (release(h5->transfer, H5Pclose) && status == KILN_OK)
         status = kiln_h5_failed(h5, "release", "the transfer settings", error);
     if (h5->file >= 0) {
+        status = kiln_agree(h5->communicator, status, error);
         if (status == KILN_OK && H5Fflush(h5->file, H5F_SCOPE_GLOBAL) < 0)
             status = kiln_h5_failed(h5, "flush", "the file", error);
+        status = kiln_agree(h5->communicator, status, error);
+        if (status != KILN_OK && h5->created) {
+            if (h5->rank == 0)
+                (void)!truncate(h5->path, 0); /* it is of no use, whether this works or not */
+            (void)MPI_Barrier(h5->communicator);
+        }
         if (H5Fclose(h5->file) < 0 && status == KILN_OK)
             status = kiln_h5_failed(h5, "close", "the file", error);
     }

@@ -19,6 +19,7 @@ struct kiln_h5 {
     const char *path;
     MPI_Comm communicator;
     int rank;
+    bool created;
 };
 
 /* Collective. Makes the file new (latest format that HDF5 1.10 readers know, collective metadata). On failure nothing is open. */
@@ -27,7 +28,9 @@ int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, 
 /* Collective. Opens a complete file for checking. */
 int kiln_h5_open(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, struct kiln_error *error);
 
-/* Collective. Flushes and closes; closes also what failed before. Returns `status` when it is not 0. */
+/* Collective; the ranks agree on the worst `status`. Flushes and closes; closes also what failed before. Returns `status` when it is
+ * not 0. A new file that failed is emptied first: HDF5 1.10 cannot let go of a file whose last bytes do not fit the disk, and
+ * brings the process down in MPI_Finalize; emptied, there is room. */
 int kiln_h5_close(struct kiln_h5 *h5, int status, struct kiln_error *error);
 
 /* Collective; same arguments on all ranks. */

@@ -376,6 +376,17 @@ static int read_back(struct points_writer *w, const char *path, struct kiln_erro
     return kiln_h5_close(&w->h5, status, error);
 }
 
+/* What the file takes if nothing in it could be compressed. */
+static uint64_t largest_size(const struct kiln_bake_result *result)
+{
+    uint64_t row = 0;
+    for (int f = 0; f < FIELD_COUNT; f++)
+        row += fields[f].columns * value_size(&fields[f]);
+    const uint64_t rows = (result->surface->point_count + CHUNK_ROWS - 1) / CHUNK_ROWS * CHUNK_ROWS;
+    const uint64_t held = result->surface->point_count < CHUNK_ROWS ? result->surface->point_count : rows;
+    return held * row + result->scene->object_count * 300 + result->surface->cell_count * 16 + (1 << 17);
+}
+
 int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE], temporary[KILN_PATH_SIZE];
@@ -388,6 +399,8 @@ int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_outpu
     int status = kiln_path_join(path, params->directory, "kiln.h5", error);
     if (status == KILN_OK) /* every rank needs the name; removing a left-over twice does no harm before the agreement */
         status = kiln_publish_name(temporary, path, error);
+    if (status == KILN_OK && rank == 0)
+        status = kiln_require_space(params->directory, largest_size(result), error);
     status = kiln_agree(result->communicator, status, error);
     if (status != KILN_OK)
         return status;

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include "worker/base/memory.h"
@@ -35,6 +36,18 @@ int kiln_make_directory(const char *path, struct kiln_error *error)
         errno = ENOTDIR;
     }
     return cannot_create("the folder", path, error);
+}
+
+int kiln_require_space(const char *path, uint64_t bytes, struct kiln_error *error)
+{
+    struct statvfs found;
+    if (statvfs(path, &found) != 0)
+        return kiln_fail_errno(error, KILN_IO, "the free space of '%s' cannot be found out", path);
+    const double free_bytes = (double)found.f_bavail * (double)found.f_frsize, needed = 1.1 * (double)bytes;
+    if (needed > free_bytes)
+        return kiln_fail(error, KILN_IO, "the disk of '%s' has %.3f MB left and up to %.3f MB are to be written: make room or choose another folder",
+                         path, free_bytes * 1e-6, needed * 1e-6);
+    return KILN_OK;
 }
 
 static const char *base_name(const char *path)

@@ -7,6 +7,7 @@
 #define KILN_COORDINATOR_OUTPUT_PUBLISH_H
 
 #include <stddef.h>
+#include <stdint.h>
 
 #include "worker/base/status.h"
 
@@ -17,6 +18,11 @@ int kiln_path_join(char path[KILN_PATH_SIZE], const char *directory, const char 
 
 /* Makes a folder; one that is there already is fine. KILN_CANNOT_CREATE, KILN_PERMISSION. */
 int kiln_make_directory(const char *path, struct kiln_error *error);
+
+/* KILN_IO when the file system of the folder `path` has not `bytes` and a tenth more to give (to this user), with both numbers.
+ * For writers that cannot fail halfway: a rank whose part of a collective HDF5 call finds the disk full leaves the others
+ * waiting in it for ever. */
+int kiln_require_space(const char *path, uint64_t bytes, struct kiln_error *error);
 
 /* The name to write `path` under for now; removes what a killed process left there. */
 int kiln_publish_name(char temporary[KILN_PATH_SIZE], const char *path, struct kiln_error *error);

@@ -195,6 +195,17 @@ static int read_back(const struct volume_writer *w, const char *path, struct kil
     return status;
 }
 
+/* What the file takes if nothing in it could be compressed: chunks at the border are whole. */
+static uint64_t largest_size(const struct kiln_volume_result *volume)
+{
+    uint64_t probes = 1;
+    for (int i = 0; i < 3; i++) {
+        const uint64_t side = volume->size[i] < CHUNK_SIDE ? volume->size[i] : CHUNK_SIDE;
+        probes *= side == 0 ? 0 : (volume->size[i] + side - 1) / side * side;
+    }
+    return probes * (27 + 18 + 2) * sizeof(float) + (1 << 17);
+}
+
 int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_volume_result *volume,
                       const struct kiln_output_params *params, struct kiln_error *error)
 {
@@ -206,6 +217,8 @@ int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_v
     int status = kiln_path_join(path, params->directory, "volume.hdf", error);
     if (status == KILN_OK)
         status = kiln_publish_name(temporary, path, error);
+    if (status == KILN_OK && rank == 0)
+        status = kiln_require_space(params->directory, largest_size(volume), error);
     if (status == KILN_OK)
         status = kiln_allocate(&w.values, volume->count, 27 * sizeof(float), "the volume's values", error);
     status = kiln_agree(result->communicator, status, error);

@@ -158,6 +158,22 @@ def check_volume(folder):
     assert run.returncode == 64
 
 
+def check_full_disk(folder):
+    """On file systems too small for the lightmaps, and for the rest: exit 74 and a sentence, nothing half under its name."""
+    command = 'mount -t tmpfs -o size="$1" tmpfs "$2" || exit 99; "$3" -n 2 "$4" "$2"; code=$?; find "$2" -type f; exit $code'
+    os.makedirs(folder)
+    for size, published in (("60k", set()), ("400k", {"first.exr", "second.exr"})):
+        run = subprocess.run(["unshare", "--mount", "sh", "-c", command, "sh", size, folder, MPIEXEC, WRITER],
+                             capture_output=True, text=True, timeout=60)
+        if run.returncode in (1, 99, 127):
+            print("no file system may be mounted here: the full disk was not tried")
+            return
+        assert run.returncode == 74, run
+        assert "No space left" in run.stderr or "make room" in run.stderr, run.stderr
+        found = {os.path.basename(line) for line in run.stdout.splitlines() if line.startswith(folder)}
+        assert found - {"second.exr"} == published - {"second.exr"}, found
+
+
 with tempfile.TemporaryDirectory() as temporary:
     folders = [os.path.join(temporary, str(n)) for n in (1, 2, 3, 5)]
     all_reports = [write(folder, int(os.path.basename(folder))) for folder in folders]
@@ -171,4 +187,5 @@ with tempfile.TemporaryDirectory() as temporary:
     check_volume(folders[3])
     write(os.path.join(temporary, "half"), 2, "half")
     check_half(os.path.join(temporary, "half"))
+    check_full_disk(os.path.join(temporary, "full"))
 print("the same files on 1, 2, 3 and 5 ranks, and right")
