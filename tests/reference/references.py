@@ -1,7 +1,8 @@
 """Bakes the scenes that have Monte-Carlo references and compares irradiance at their points.
 
 A point passes when it lies within 5 combined standard errors (reference and bake) or 2 % of the reference; 95 % must pass, and the
-ratio of the means must be 1 within 0.005. Where the reference gives the error of its red channel, each channel's is taken as the
+ratio of the means must be 1 within 0.005. Points on texels that kiln finds buried in other geometry, and that are exactly 0 in the
+reference, are left out: kiln fills those from their neighbours. Where the reference gives the error of its red channel, each channel's is taken as the
 same share of its value.
 """
 import json
@@ -12,6 +13,7 @@ import sys
 import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
+import glb  # noqa: E402
 import harness  # noqa: E402
 
 # Reference points lie at the centres of an n x n grid over the layout: a lightmap side that is an odd multiple of n puts them on
@@ -26,6 +28,20 @@ SETTINGS = {
 }
 
 
+# The references are about facets' own normals, kiln's lightmaps about the shading normal: of scenes with smooth objects a copy
+# without normals is baked, which glTF defines as flat.
+SMOOTH = {'cornell_shapes_narrow'}
+
+
+def without_normals(path, copy):
+    scene = glb.Scene()
+    scene.load(path)
+    for mesh in scene.document['meshes']:
+        for primitive in mesh['primitives']:
+            primitive['attributes'].pop('NORMAL', None)
+    return scene.write(copy)
+
+
 def compare(reference, bake):
     """Arrays, a row a sample: irradiance got and wanted (n, 3), standard errors of both (n, 3)."""
     got, want, errors, where = [], [], [], []
@@ -34,6 +50,10 @@ def compare(reference, bake):
         lightmap, (u, v) = bake.lightmap(name), sample['uv1']
         e = lightmap.at(u, v)
         own = bake.points.of(bake.index(name))
+        texel = bake.points.valid[(bake.points.object == bake.index(name)) & (bake.points.x == int(u * lightmap.width)) &
+                                  (bake.points.y == int(v * lightmap.height))]
+        if not texel.any() and max(sample['E']) == 0:
+            continue
         near = (np.abs(bake.points.x[own] + 0.5 - u * lightmap.width) <= 1.6) & (np.abs(bake.points.y[own] + 0.5 - v * lightmap.height) <= 1.6)
         own_error = math.sqrt(float(np.mean(bake.points.error[own[near]] ** 2))) if near.any() else 0.0
         luminance = float(e @ harness.LUMINANCE)
@@ -63,7 +83,10 @@ def main():
             continue
         with open(harness.own_scene('reference', scene + '.json')) as f:
             reference = json.load(f)
-        bake = kiln.bake(harness.own_scene(scene + '.glb'), '--lightmap-size', size, '--samples-direct', direct, '--samples-bounce',
+        path = harness.own_scene(scene + '.glb')
+        if scene in SMOOTH:
+            path = without_normals(path, os.path.join(kiln.scratch, scene + '-flat.glb'))
+        bake = kiln.bake(path, '--lightmap-size', size, '--samples-direct', direct, '--samples-bounce',
                          bounce, '--samples-indirect', indirect, '--samples-probe', 0)
         if checks.baked(bake):
             got, want, errors, where = compare(reference, bake)

@@ -64,7 +64,7 @@ def check_outputs(checks, name, bake):
     with h5py.File(os.path.join(bake.directory, 'volume.hdf'), 'r') as f:
         for field, data in f['VTKHDF/PointData'].items():
             numbers_are_good(checks, '%s: volume.hdf %s' % (name, field), data[...], process, negative=field == 'irradiance_sh')
-    left = [f for f in os.listdir(bake.directory) if f not in ('run.json', 'kiln.h5', 'volume.hdf', 'lightmaps')]
+    left = [f for f in os.listdir(bake.directory) if f not in ('run.json', 'kiln.h5', 'volume.hdf', 'lightmaps', 'scene.kscene')]
     checks.that(not left, '%s: the folder also holds %s' % (name, left), process)
     return checks.energy(bake, name)
 
@@ -91,7 +91,8 @@ def bad(checks, kiln, table, path, what):
     checks.that(p.status == harness.BAD_INPUT, '%s (%s): exit %d instead of 65' % (name, what, p.status), p)
     checks.that(p.seconds < LONGEST_ANSWER, '%s (%s): answered after %.1f s' % (name, what, p.seconds), p)
     checks.that(name in p.stderr, '%s (%s): the answer does not name the file' % (name, what), p)
-    checks.that(not os.path.exists(bake.directory), '%s (%s): something was written' % (name, what), p)
+    written = os.listdir(bake.directory) if os.path.exists(bake.directory) else []
+    checks.that(not os.path.exists(bake.directory), '%s (%s): left behind %s/%s' % (name, what, bake.directory, written), p)
     bake.remove()
 
 
