@@ -34,6 +34,8 @@ static bool make_area_light(const struct kiln_scene *scene, const struct kiln_ge
     const struct kiln_dvec3 cross = dvec3_cross(light->e1, light->e2);
     light->area = 0.5 * dvec3_length(cross);
     light->normal = unit(cross);
+    for (int c = 0; c < 3; c++)
+        light->rounding = fmax(light->rounding, 8.0 * 0x1p-24 * (double)fmaxf(fabsf(corner[c].x), fmaxf(fabsf(corner[c].y), fabsf(corner[c].z))));
     light->two_sided = m->double_sided != 0;
     light->textured = m->emission_texture != KILN_NONE;
     kiln_triangle_mean_emission(scene, mesh_of(scene, geometry, triangle), geometry->stored_triangle[triangle], light->radiance);
@@ -330,7 +332,7 @@ static bool sample_area_light(const struct kiln_lights *lights, const struct kil
     s->direction = direction;
     /* The light's vertices are floats: the shadow ray stops short of it by their rounding, seen along the ray. */
     const double cosine = fmax(1e-6, fabs(height) / s->distance);
-    s->backoff = fmin(0.5 * s->distance, 8.0 * (double)lights->geometry->extent * 0x1p-24 / cosine);
+    s->backoff = fmin(0.5 * s->distance, light->rounding / cosine);
     for (int i = 0; i < 3; i++)
         s->value[i] = (double)rgb[i] * weight / density;
     return true;

@@ -24,6 +24,7 @@ struct kiln_area_light {
     struct kiln_dvec3 p0, e1, e2; /* corner 0 and the edges to corners 1 and 2, in the world triangle's corner order */
     struct kiln_dvec3 normal;     /* unit, front face */
     double area;                  /* m2 */
+    double rounding;              /* m: what the corners' floats may be off by */
     float radiance[3];            /* mean over the triangle */
     uint32_t triangle;            /* world triangle */
     bool two_sided, textured;

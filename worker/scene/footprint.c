@@ -263,6 +263,21 @@ struct kiln_vec3 kiln_triangle_normal(const struct kiln_geometry *geometry, uint
 
 static struct kiln_dvec3 row(const double *m, int r) { return dvec3(m[4 * r], m[4 * r + 1], m[4 * r + 2]); }
 
+struct kiln_vec3 kiln_triangle_exact_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry, uint32_t triangle)
+{
+    const double *m = scene->objects[geometry->records[triangle].object].transform;
+    uint64_t vertex[3];
+    kiln_geometry_stored_vertices(scene, geometry, triangle, vertex);
+    const struct kiln_dvec3 origin = dvec3_of(scene->positions[vertex[0]]);
+    struct kiln_dvec3 edge[2];
+    for (int i = 0; i < 2; i++) {
+        const struct kiln_dvec3 e = dvec3_sub(dvec3_of(scene->positions[vertex[i + 1]]), origin);
+        edge[i] = dvec3(dvec3_dot(row(m, 0), e), dvec3_dot(row(m, 1), e), dvec3_dot(row(m, 2), e));
+    }
+    const struct kiln_dvec3 normal = unit(dvec3_cross(edge[0], edge[1]));
+    return dvec3_dot(normal, normal) > 0.0 ? vec3_of(normal) : kiln_triangle_normal(geometry, triangle);
+}
+
 /* Normals go with the cofactors of the transform: the inverse transpose times the determinant, whose sign is taken out. */
 static struct kiln_dvec3 to_world(const struct kiln_object *object, struct kiln_dvec3 n)
 {

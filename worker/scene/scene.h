@@ -147,7 +147,7 @@ struct kiln_scene_header {
     uint64_t size;                     /* of the file, bytes */
     uint64_t content_hash[2];          /* XXH3-128 of all `size` bytes with this field zero: kiln_scene_content_hash */
     uint64_t import_hash[2];           /* XXH3-128 of sources and import settings: the key of the cache */
-    double centre[3];                  /* world; traced positions are relative to it */
+    double centre[3];                  /* world; traced positions are relative to it. Where the detail is, not the bounds' middle */
     double bounds_min[3], bounds_max[3]; /* world, of all objects */
     float texels_per_metre;            /* the density the lightmaps were sized for; 0 when sized otherwise */
     uint32_t reserved;

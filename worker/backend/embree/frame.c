@@ -10,7 +10,7 @@ static void know(struct fragment_frame *f, const struct embree_backend *b, uint3
     if (f->known_triangle == triangle)
         return;
     f->known_triangle = triangle;
-    f->known_normal = kiln_triangle_normal(b->params.geometry, triangle);
+    f->known_normal = kiln_triangle_exact_normal(b->params.scene, b->params.geometry, triangle);
     f->known_offset = kiln_offset_distance(b->params.geometry, triangle, f->known_normal);
 }
 
