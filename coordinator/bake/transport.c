@@ -112,7 +112,7 @@ static void add_energy(struct transport_state *s, size_t group, uint64_t own, co
     const struct kiln_surface *surface = s->params->surface;
     if ((surface->flags[own] & KILN_POINT_VALID) == 0)
         return;
-    const double area = (double)surface->area[own] * kiln_open_share(surface->open[own]);
+    const double area = (double)surface->area[own] * kiln_open_share(surface->open[own]) * (double)r->present;
     float albedo[3], sent[3] = {0};
     albedo_of(surface, own, albedo);
     if (gather)

@@ -43,6 +43,7 @@ struct kiln_point_result {
     float error;         /* standard error of the luminance of `irradiance` (an upper estimate: from the spread of 4 sub-nets) */
     float escaped;       /* share of gather rays that met nothing (0 in the direct pass) */
     float blocked;       /* share of gather rays that met a back face (0 in the direct pass) */
+    float present;       /* share of the point's area where an alpha mask (or blend) has something; 1 without */
 };
 
 /* A range of own fragments. `results` has one entry for each point of the range, in order. */

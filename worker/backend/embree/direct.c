@@ -149,6 +149,7 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
         result->irradiance[c] = (float)irradiance[c];
     }
     result->error = (float)sqrt(variance);
+    result->present = f->present[j];
 }
 
 int embree_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,

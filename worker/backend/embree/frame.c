@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "shaders/random.h"
+#include "worker/scene/texture.h"
 
 /* Normal of a triangle and how far rays start off it, kept for the next point of the same one. */
 static void know(struct fragment_frame *f, const struct embree_backend *b, uint32_t triangle)
@@ -83,6 +84,25 @@ static uint32_t seed_of(const struct embree_backend *b)
     return kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32));
 }
 
+/* Mean opacity over the point, at 4 x 4 places of its area. */
+static float opacity_of(const struct embree_backend *b, const struct kiln_footprint *p)
+{
+    enum { SIDE = 4 };
+    const struct kiln_geometry *g = b->params.geometry;
+    const struct kiln_scene *scene = b->params.scene;
+    float sum = 0.0f;
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        uint32_t triangle;
+        float u, v, b1, b2, rgba[4];
+        kiln_footprint_sample(p, ((float)(i % SIDE) + 0.5f) / SIDE, ((float)(i / SIDE) + 0.5f) / SIDE, &triangle, &u, &v);
+        const struct kiln_material *material = &scene->materials[g->records[triangle].material & KILN_RECORD_MATERIAL];
+        kiln_geometry_stored_barycentrics(scene, g, triangle, u, v, &b1, &b2);
+        kiln_surface_color(scene, &scene->meshes[scene->objects[g->records[triangle].object].mesh], g->stored_triangle[triangle], b1, b2, rgba);
+        sum += material->alpha_mode == KILN_ALPHA_BLEND ? rgba[3] : material->alpha_mode == KILN_ALPHA_MASK ? (float)(rgba[3] >= material->alpha_cutoff) : 1.0f;
+    }
+    return sum / (SIDE * SIDE);
+}
+
 static void build_point(struct fragment_frame *f, const struct embree_backend *b, const struct kiln_point_cursor *at, uint32_t j,
                         uint16_t open, unsigned wish)
 {
@@ -93,6 +113,7 @@ static void build_point(struct fragment_frame *f, const struct embree_backend *b
         kiln_footprint_normals(p, &mean, &shading);
         f->shading[0][j] = shading.x, f->shading[1][j] = shading.y, f->shading[2][j] = shading.z;
     }
+    f->present[j] = p->pieces[p->piece_count - 1] < b->params.geometry->opaque_count ? 1.0f : opacity_of(b, p); /* pieces ascend: alpha last */
     f->whole[j] = p->kind == KILN_FOOTPRINT_WHOLE && p->open == 0xffff;
     know(f, b, p->pieces[0]);
     f->normal[0][j] = f->known_normal.x, f->normal[1][j] = f->known_normal.y, f->normal[2][j] = f->known_normal.z;

@@ -17,6 +17,7 @@ struct fragment_frame {
     float origin[3][KILN_TILE_TEXELS], edge_s[3][KILN_TILE_TEXELS], edge_t[3][KILN_TILE_TEXELS];
     float normal[3][KILN_TILE_TEXELS];  /* geometric, unit; of a point that is not whole: its first piece's */
     float shading[3][KILN_TILE_TEXELS]; /* unit; set where `smooth` */
+    float present[KILN_TILE_TEXELS];  /* see struct kiln_point_result */
     /* with FRAME_EXTENT only */
     struct kiln_vec3 centre[KILN_TILE_TEXELS]; /* somewhere in the middle of the covered part */
     float spread[KILN_TILE_TEXELS];     /* m: no part of the point is farther from `centre` */

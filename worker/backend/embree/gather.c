@@ -372,6 +372,7 @@ static void store(const struct gather_work *w, struct kiln_point_result *results
             r->irradiance[c] = w->frame.smooth ? (float)(w->irradiance[j][c] * scale) : r->incident[c];
         }
         r->error = sub_net_error(w, j);
+        r->present = w->frame.present[j];
         r->escaped = (float)((double)w->escaped[j] * scale);
         r->blocked = (float)((double)w->blocked[j] * scale);
     }
