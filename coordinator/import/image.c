@@ -19,6 +19,44 @@ static bool starts(const unsigned char *bytes, size_t size, const char *magic, s
 static bool is_png(const unsigned char *b, size_t n) { return starts(b, n, "\x89PNG\r\n\x1a\n", 8); }
 static bool is_jpeg(const unsigned char *b, size_t n) { return starts(b, n, "\xff\xd8\xff", 3); }
 
+/* stb reads on in zeros when an image ends too early and calls the result a picture. Reading through callbacks shows it. */
+struct source {
+    const unsigned char *bytes;
+    size_t size, at;
+    bool overrun; /* something was asked for that is not there */
+};
+
+enum { STB_BUFFER = 128 }; /* stb's own look-ahead: only a request of another size has to be met in full */
+
+static int source_read(void *user, char *data, int size)
+{
+    struct source *source = user;
+    const size_t left = source->size - source->at, count = (size_t)size < left ? (size_t)size : left;
+    memcpy(data, source->bytes + source->at, count);
+    source->at += count;
+    source->overrun |= size > 0 && (count == 0 || (size != STB_BUFFER && count < (size_t)size));
+    return (int)count;
+}
+
+static void source_skip(void *user, int count)
+{
+    struct source *source = user;
+    if (count < 0) {
+        source->at -= (size_t)-count < source->at ? (size_t)-count : source->at;
+        return;
+    }
+    source->overrun |= (size_t)count > source->size - source->at;
+    source->at = (size_t)count < source->size - source->at ? source->at + (size_t)count : source->size;
+}
+
+static int source_ended(void *user)
+{
+    const struct source *source = user;
+    return source->at == source->size;
+}
+
+static const stbi_io_callbacks source_calls = {source_read, source_skip, source_ended};
+
 static const char *kind_of_stranger(const unsigned char *b, size_t n)
 {
     if (n >= 12 && starts(b, n, "RIFF", 4) && memcmp(b + 8, "WEBP", 4) == 0)
@@ -47,9 +85,13 @@ int kiln_image_append(struct kiln_builder *builder, struct kiln_image_budget *bu
     if (budget->texels > free_texels + texels_per_byte * budget->encoded_bytes)
         return kiln_fail(error, KILN_BAD_INPUT, "%s, %d x %d pixels in %zu bytes, makes more texels than kiln decodes from files of this size; make it smaller",
                          where, w, h, size);
-    unsigned char *pixels = stbi_load_from_memory(bytes, (int)size, &w, &h, &channels, 4);
-    if (pixels == NULL)
-        return kiln_fail(error, KILN_BAD_INPUT, "%s is a broken image (%s); export it again as PNG or JPEG", where, stbi_failure_reason());
+    struct source source = {bytes, size, 0, false};
+    unsigned char *pixels = stbi_load_from_callbacks(&source_calls, &source, &w, &h, &channels, 4);
+    if (pixels == NULL || source.overrun) {
+        stbi_image_free(pixels);
+        return kiln_fail(error, KILN_BAD_INPUT, "%s is a broken image (%s); export it again as PNG or JPEG", where,
+                         source.overrun ? "it is cut off" : stbi_failure_reason());
+    }
     size_t at = 0;
     const int status = kiln_builder_append(builder, KILN_SECTION_TEXELS, pixels, 4 * (size_t)w * (size_t)h, &at, error);
     stbi_image_free(pixels);
@@ -76,9 +118,13 @@ static int append_hdr(struct kiln_builder *builder, const unsigned char *bytes, 
     int status = judge_environment(w, h, where, error);
     if (status != KILN_OK)
         return status;
-    float *pixels = stbi_loadf_from_memory(bytes, (int)size, &w, &h, &channels, 3);
-    if (pixels == NULL)
-        return kiln_fail(error, KILN_BAD_INPUT, "%s is a broken image (%s)", where, stbi_failure_reason());
+    struct source source = {bytes, size, 0, false};
+    float *pixels = stbi_loadf_from_callbacks(&source_calls, &source, &w, &h, &channels, 3);
+    if (pixels == NULL || source.overrun) {
+        stbi_image_free(pixels);
+        return kiln_fail(error, KILN_BAD_INPUT, "%s is a broken image (%s); save it again", where,
+                         source.overrun ? "it is cut off" : stbi_failure_reason());
+    }
     status = kiln_builder_append(builder, KILN_SECTION_ENVIRONMENT_TEXELS, pixels, 3 * (size_t)w * (size_t)h, NULL, error);
     stbi_image_free(pixels);
     *width = (uint32_t)w;

@@ -115,6 +115,28 @@ class Killers(importing.Case):
             self.killed(importing.quad(images=[{"uri": uri}], textures=[{"source": 0}],
                                        materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]), "images[0]")
 
+    def test_pictures_cut_off(self):
+        folder = os.path.join(importing.SHARED, "own", "features")
+        if not os.path.isdir(folder):
+            self.skipTest("../shared/scenes/own is not here")
+        with open(os.path.join(folder, "image_formats.glb"), "rb") as file:
+            glb = file.read()
+        length = struct.unpack_from("<I", glb, 12)[0]
+        scene, binary = json.loads(glb[20:20 + length]), glb[20 + length + 8:]
+        self.assertGreater(len(scene["images"]), 5)
+        for image in scene["images"]:
+            view = scene["bufferViews"][image["bufferView"]]
+            data = binary[view.get("byteOffset", 0):][:view["byteLength"]]
+            for size in (len(data), len(data) * 9 // 10, len(data) // 2, 20, 8):
+                uri = "data:image/png;base64," + base64.b64encode(data[:size]).decode()
+                path = self.write(importing.quad(images=[{"uri": uri}], textures=[{"source": 0}], materials=[
+                    {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]))
+                with self.subTest(image=image.get("name"), size=size):
+                    if size == len(data):
+                        self.accepted(path)
+                    else:
+                        self.refused(path, ["images[0]"])
+
     def test_long_strings_and_names(self):
         report = self.survived(importing.quad(nodes=[{"mesh": 0, "name": "x/" * 500000}]))
         self.assertLessEqual(len(report["objects"][0]["name"]), 120)
