@@ -4,6 +4,7 @@
 
 #include <mpi.h>
 
+#include "coordinator/bake/packed_error.h"
 #include "worker/backend/backend.h"
 
 /* All arrays are this rank's share (surface->count points, in global order from surface->first) and in W/m2. */
@@ -14,7 +15,7 @@ struct kiln_bake_result {
     const struct kiln_surface *surface;
     const float *direct;   /* 3 a point, about the shading normal */
     const float *indirect; /* 3 a point */
-    const float *error;    /* standard error of the luminance of direct + indirect, 1 a point */
+    const uint16_t *error; /* standard error of the luminance of direct + indirect, 1 a point, kiln_error_pack */
     const uint64_t *radiosity; /* all points: packed total radiosity (albedo x irradiance), for views and probes */
 };
 

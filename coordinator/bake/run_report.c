@@ -59,7 +59,7 @@ static uint64_t count_invalid(const struct kiln_surface *surface)
 {
     uint64_t invalid = 0;
     for (uint64_t i = 0; i < surface->count; i++)
-        invalid += (surface->flags[i] & KILN_POINT_VALID) == 0;
+        invalid += !kiln_point_valid(surface, i);
     return invalid;
 }
 
@@ -104,12 +104,13 @@ static json_t *error_json(const struct kiln_run *run)
     const struct kiln_surface *s = run->prepared->surface;
     double sums[3] = {0}; /* error squared, irradiance, points */
     for (uint64_t i = 0; i < s->count; i++) {
-        if ((s->flags[i] & KILN_POINT_VALID) == 0)
+        if (!kiln_point_valid(s, i))
             continue;
         double e[3];
         for (uint64_t c = 0; c < 3; c++)
             e[c] = (double)run->transport->direct[3 * i + c] + (double)run->transport->indirect[3 * i + c];
-        sums[0] += (double)run->transport->error[i] * (double)run->transport->error[i];
+        const double error = (double)kiln_error_unpack(run->transport->error[i]);
+        sums[0] += error * error;
         sums[1] += luminance(e);
         sums[2] += 1.0;
     }

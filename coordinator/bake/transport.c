@@ -52,7 +52,7 @@ static void pack_all(struct transport_state *s, const float *values, uint32_t st
 size_t kiln_transport_bytes(uint64_t own, uint64_t total)
 {
     const size_t batch = (BATCH_POINTS + KILN_TILE_TEXELS) * sizeof(struct kiln_point_result);
-    return (size_t)total * sizeof(uint64_t) + (size_t)own * (sizeof(uint64_t) + 7 * sizeof(float)) + batch;
+    return (size_t)total * sizeof(uint64_t) + (size_t)own * (sizeof(uint64_t) + 6 * sizeof(float) + sizeof(uint16_t)) + batch;
 }
 
 /* Groups are made of tiles, not of cells: the cell size must not change a result. */
@@ -78,7 +78,7 @@ static void take_direct(struct transport_state *s, uint64_t own, const struct ki
         s->out->direct[3 * own + c] = r->irradiance[c];
         s->sum[3 * own + c] = radiosity[c];
     }
-    s->out->error[own] = r->error;
+    s->out->error[own] = kiln_error_pack(r->error);
 }
 
 static void take_bounce(struct transport_state *s, uint64_t own, const struct kiln_point_result *r, float radiosity[3])
@@ -88,13 +88,18 @@ static void take_bounce(struct transport_state *s, uint64_t own, const struct ki
         s->sum[3 * own + c] += radiosity[c];
 }
 
+static void add_error(struct transport_state *s, uint64_t own, float error)
+{
+    s->out->error[own] = kiln_error_pack(hypotf(kiln_error_unpack(s->out->error[own]), error));
+}
+
 /* The final gather's answer replaces the sum it was gathered from (which everybody has packed by now). */
 static void take_final(struct transport_state *s, uint64_t own, const struct kiln_point_result *r, float radiosity[3])
 {
     (void)radiosity;
     for (uint64_t c = 0; c < 3; c++)
         s->sum[3 * own + c] = r->irradiance[c];
-    s->out->error[own] = sqrtf(s->out->error[own] * s->out->error[own] + r->error * r->error);
+    add_error(s, own, r->error);
 }
 
 /* Equal schedule: every bounce's irradiance counts as it is. */
@@ -103,14 +108,14 @@ static void take_equal(struct transport_state *s, uint64_t own, const struct kil
     (void)radiosity;
     for (uint64_t c = 0; c < 3; c++)
         s->sum[3 * own + c] += r->irradiance[c];
-    s->out->error[own] = sqrtf(s->out->error[own] * s->out->error[own] + r->error * r->error);
+    add_error(s, own, r->error);
 }
 
 static void add_energy(struct transport_state *s, size_t group, uint64_t own, const struct kiln_point_result *r, uint32_t samples,
                        bool gather, struct kiln_exact_sum sums[SUM_COUNT], double *variance)
 {
     const struct kiln_surface *surface = s->params->surface;
-    if ((surface->flags[own] & KILN_POINT_VALID) == 0)
+    if (!kiln_point_valid(surface, own))
         return;
     const double area = (double)surface->area[own] * kiln_open_share(surface->open[own]) * (double)r->present;
     float albedo[3], sent[3] = {0};
@@ -416,7 +421,7 @@ static int allocate(struct transport_state *s, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_allocate(&t->indirect, 3 * surface->count, sizeof(float), "indirect irradiance", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&t->error, surface->count, sizeof(float), "standard errors", error);
+        status = kiln_allocate(&t->error, surface->count, sizeof *t->error, "standard errors", error);
     if (status == KILN_OK)
         status = kiln_allocate(&t->radiosity, surface->point_count, sizeof(uint64_t), "the radiosity of all points", error);
     if (status == KILN_OK)

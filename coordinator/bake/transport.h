@@ -6,6 +6,7 @@
 #include <signal.h>
 
 #include "coordinator/bake/energy.h"
+#include "coordinator/bake/packed_error.h"
 #include "coordinator/cli/job.h"
 #include "coordinator/cli/progress.h"
 
@@ -35,7 +36,8 @@ struct kiln_transport_report {
 
 /* This rank's share. Three floats a point in direct and indirect, W/m2 about the shading normal; see bake/result.h. */
 struct kiln_transport {
-    float *direct, *indirect, *error;
+    float *direct, *indirect;
+    uint16_t *error;     /* kiln_error_pack */
     uint64_t *radiosity; /* all points: packed total radiosity */
     struct kiln_transport_report report;
 };

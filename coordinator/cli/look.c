@@ -109,7 +109,7 @@ static void count_points(struct kiln_look *look, const struct kiln_surface *surf
         struct kiln_look_object *object = &look->objects[fragment->object];
         object->points += fragment->count;
         for (uint32_t k = 0; k < fragment->count; k++)
-            object->invalid += (surface->flags[point++] & KILN_POINT_VALID) == 0;
+            object->invalid += !kiln_point_valid(surface, point++);
     }
     for (size_t i = 0; i < look->scene->object_count; i++)
         look->invalid += look->objects[i].invalid;
@@ -138,7 +138,7 @@ static int find_points(struct kiln_look *look, const struct kiln_job *job, struc
     if (status == KILN_OK)
         status = kiln_backend_set_surface(backend, surface, error);
     if (status == KILN_OK)
-        status = kiln_backend_validity(backend, 0, surface->fragment_count, surface->open, surface->flags, error);
+        status = kiln_backend_validity(backend, 0, surface->fragment_count, surface->open, error);
     if (status == KILN_OK)
         count_points(look, surface);
     kiln_backend_destroy(&backend);

@@ -218,11 +218,11 @@ static int pack_fragment(const struct kiln_exchange *e, size_t fragment, struct 
         const uint64_t point = offset + i;
         struct kiln_texel_record *record = &out[i];
         *record = (struct kiln_texel_record){.object = object, .x = details[i].x, .y = details[i].y, .triangle = details[i].triangle,
-                                             .valid = (r->surface->flags[point] & KILN_POINT_VALID) != 0,
+                                             .valid = kiln_point_valid(r->surface, point),
                                              .area = r->surface->area[point], .coverage = details[i].coverage};
         memcpy(&record->values[KILN_MAP_DIRECT], r->direct + 3 * point, 3 * sizeof(float));
         memcpy(&record->values[KILN_MAP_INDIRECT], r->indirect + 3 * point, 3 * sizeof(float));
-        record->values[KILN_MAP_ERROR] = r->error[point];
+        record->values[KILN_MAP_ERROR] = kiln_error_unpack(r->error[point]);
         for (int p = 0; record->valid != 0 && p < KILN_MAP_PLANES; p++)
             if (!isfinite(record->values[p]))
                 return kiln_fail(error, KILN_BUG, "object '%s', texel (%u, %u): the light gathered there is not a finite number",

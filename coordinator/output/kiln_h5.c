@@ -90,7 +90,7 @@ static void put_point(struct points_writer *w, uint64_t row, uint64_t own, const
                       const struct kiln_point_detail *detail)
 {
     const struct kiln_surface *s = w->result->surface;
-    const bool valid = (s->flags[own] & KILN_POINT_VALID) != 0;
+    const bool valid = kiln_point_valid(s, own);
     float albedo[3], light[3][3] = {{0}}, error = 0.0f;
     for (uint64_t c = 0; c < 3; c++) {
         albedo[c] = (float)s->albedo[3 * own + c] / 65535.0f;
@@ -99,7 +99,7 @@ static void put_point(struct points_writer *w, uint64_t row, uint64_t own, const
         light[0][c] = w->result->direct[3 * own + c];
         light[1][c] = w->result->indirect[3 * own + c];
         light[2][c] = light[0][c] + light[1][c];
-        error = w->result->error[own];
+        error = kiln_error_unpack(w->result->error[own]);
     }
     memcpy((double *)w->block[FIELD_POSITION] + 3 * row, detail->position, sizeof detail->position);
     put_floats(w->block[FIELD_NORMAL], row, detail->normal, 3);
@@ -353,7 +353,7 @@ static int check_total(struct points_writer *w, struct kiln_error *error)
         status = kiln_h5_read_rows(&w->h5, dataset, name, H5T_NATIVE_FLOAT, first, last - first, found, error);
         bool same = true;
         for (uint64_t i = 3 * (first - s->first); status == KILN_OK && i < 3 * (last - s->first); i++, found++) {
-            const float expected = (s->flags[i / 3] & KILN_POINT_VALID) == 0 ? 0.0f : w->result->direct[i] + w->result->indirect[i];
+            const float expected = !kiln_point_valid(s, i / 3) ? 0.0f : w->result->direct[i] + w->result->indirect[i];
             same = same && (*found == expected || (isnan(expected) && isnan(*found)));
         }
         if (status == KILN_OK)

@@ -82,7 +82,7 @@ static void describe(const struct kiln_bake_result *result, uint32_t object, con
     struct kiln_dvec3 normal = dvec3(0.0, 0.0, 0.0);
     double coverage = 0.0, before = 0.0;
     for (uint32_t i = 0; i < piece_count; i++) {
-        const double until = shares == NULL ? 1.0 : (double)shares[i];
+        const double until = i + 1 < piece_count ? (double)shares[i] : 1.0;
         const struct triangle_view view = view_triangle(result, object, pieces[i]);
         double b1, b2;
         coverage += piece_centroid(result->scene, &view, detail->x, detail->y, &b1, &b2);
@@ -105,10 +105,10 @@ uint32_t kiln_fragment_details(const struct kiln_bake_result *result, size_t fra
     struct kiln_point_cursor at = kiln_point_first(s, fragment);
     for (uint32_t i = 0; i < count; i++, kiln_point_next(s, &at)) {
         const uint32_t *pieces = s->pieces + at.piece;
-        const uint32_t piece_count = s->piece_count[at.point];
+        const uint32_t piece_count = kiln_piece_count(s, at.point);
         details[i] = (struct kiln_point_detail){.x = at.x, .y = at.y, .triangle = pieces[0]};
-        describe(result, at.object, pieces, piece_count > 1 ? s->shares + at.share : NULL, piece_count, &details[i]);
-        if ((s->flags[at.point] & KILN_POINT_WHOLE) != 0)
+        describe(result, at.object, pieces, s->shares + at.share, piece_count, &details[i]);
+        if (kiln_point_whole(s, at.point))
             details[i].coverage = 1.0f;
     }
     return count;

@@ -12,10 +12,7 @@
 #include "coordinator/surface/coverage.h"
 #include "coordinator/surface/surface_build.h"
 
-enum {
-    KILN_BLOCK_TILES = 512, /* Morton-consecutive tiles of an object that one thread takes at a time */
-    KILN_PIECES_MOST = 65535
-};
+enum { KILN_BLOCK_TILES = 512 }; /* Morton-consecutive tiles of an object that one thread takes at a time */
 
 /* The points of a tile in one cell, before they have a place: what becomes a fragment. */
 struct kiln_part {

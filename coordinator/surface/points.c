@@ -186,7 +186,7 @@ static int cover_tile(const struct kiln_build *build, const struct kiln_coverage
         const uint32_t kept = sum->pieces < KILN_PIECES_MOST ? sum->pieces : KILN_PIECES_MOST;
         part->mask |= 1ull << bit;
         part->pieces += kept;
-        part->shares += kept > 1 ? kept : 0;
+        part->shares += kept - 1;
         block->area += sum->area;
         block->shared_texels += sum->shared ? 1 : 0;
     }

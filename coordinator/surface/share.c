@@ -164,13 +164,12 @@ static int fill_point(struct kiln_build *build, struct share_scratch *scratch, u
         add_piece_color(build, piece, place->x, place->y, kept, &color);
         s->pieces[place->piece++] = piece->triangle;
         sum += piece->area;
-        if (count > 1)
-            s->shares[place->share++] = i + 1 == count ? 1.0f : (float)fmin(sum / kept, 1.0);
+        if (i + 1 < count)
+            s->shares[place->share++] = (float)fmin(sum / kept, 1.0);
     }
     const uint64_t p = place->point++;
-    s->piece_count[p] = (uint16_t)count;
+    s->piece_count[p] = (uint16_t)(count | (count == 1 && pieces[order[0]].whole ? KILN_PIECES_WHOLE : 0u));
     s->area[p] = fmaxf((float)total, 0x1p-126f); /* never 0, however small the scene */
-    s->flags[p] = (uint8_t)(KILN_POINT_VALID | (count == 1 && pieces[order[0]].whole ? KILN_POINT_WHOLE : 0));
     s->open[p] = 0xffff;
     for (int c = 0; c < 3; c++)
         s->albedo[3 * p + (uint64_t)c] = albedo_of(&color, c);
@@ -298,8 +297,6 @@ int kiln_build_share(struct kiln_build *build)
         status = kiln_allocate(&s->albedo, 3 * s->count, sizeof *s->albedo, "the surface points", build->error);
     if (status == KILN_OK)
         status = kiln_allocate(&s->area, s->count, sizeof *s->area, "the surface points", build->error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->flags, s->count, sizeof *s->flags, "the surface points", build->error);
     if (status == KILN_OK)
         status = kiln_allocate(&s->open, s->count, sizeof *s->open, "the surface points", build->error);
     if (status == KILN_OK)

@@ -39,7 +39,7 @@ struct kiln_surface_report {
  * Coverage is conservative: a texel that a triangle touches with non-zero area is a point even if its centre is not on one.
  * Each triangle is clipped to each texel it touches (worker/scene/clip.h), so that areas are exact. Triangles without
  * area in the world have no points; one without area in the lightmap alone belongs wholly to the texel of its centroid there. A texel that triangles of several charts touch keeps all their pieces. Pieces
- * stand in order of world triangle number; of more than 65535 in one texel the 65535 largest are kept, and their shares made
+ * stand in order of world triangle number; of more than 32767 in one texel the 32767 largest are kept, and their shares made
  * to end at 1 (the point's area stays that of all).
  *
  * A point lies in the cell that holds the centroid of its covered part. With KILN_PARTITION_OBJECTS a tile is one fragment
@@ -47,8 +47,7 @@ struct kiln_surface_report {
  *
  * `albedo` is the area-weighted mean over the covered part: at the centroid of each piece, or where the base colour is
  * textured at 16 or more stratified positions; of a surface with an alpha mask or blending only what is there counts (weight
- * alpha). `flags` has KILN_POINT_WHOLE set where it holds and KILN_POINT_VALID everywhere; `open` is all ones: the validity
- * pass narrows both.
+ * alpha). `open` is all ones: the validity pass narrows it.
  *
  * Ranks share out whole cells (objects) where that keeps the largest share within 10 % of the mean, else fragments; ranks
  * beyond the number of fragments get an empty share.

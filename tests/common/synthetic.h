@@ -25,7 +25,8 @@ struct synthetic {
     struct kiln_scene scene;
     struct kiln_geometry *geometry;
     struct kiln_surface surface;
-    float *direct, *indirect, *error;
+    float *direct, *indirect;
+    uint16_t *error;
     uint64_t *radiosity;
 };
 
@@ -100,18 +101,15 @@ static inline void synthetic_point(struct synthetic *s, uint32_t o, uint32_t x, 
             continue;
         sum += area;
         f->pieces[*piece + count] = (uint32_t)s->geometry->ranges[o].opaque_first + t;
-        f->shares[*share + count] = (float)(sum / total);
+        f->shares[*share + count] = (float)(sum / total); /* the last is overwritten by the next point's */
         count++;
     }
     *piece += count;
-    if (count > 1) {
-        f->shares[*share + count - 1] = 1.0f;
-        *share += count;
-    }
-    f->piece_count[point] = count;
+    *share += count - 1u;
+    f->piece_count[point] = (uint16_t)(count | (count == 1 && total > 0.999999 ? KILN_PIECES_WHOLE : 0u));
     const double per_texel = 1.0 / (0.37 * s->objects[o].lightmap_width * 0.71 * s->objects[o].lightmap_height);
     f->area[point] = (float)(total * per_texel);
-    f->flags[point] = (uint8_t)(KILN_POINT_VALID | (count == 1 && total > 0.999999 ? KILN_POINT_WHOLE : 0));
+    f->open[point] = 0xffff;
     for (int c = 0; c < 3; c++)
         f->albedo[3 * point + (uint64_t)c] = 32768;
 }
@@ -131,7 +129,6 @@ static inline void synthetic_surface(struct synthetic *s)
     (void)kiln_allocate(&f->shares, 4 * ROOM, sizeof(float), "pieces", NULL);
     (void)kiln_allocate(&f->albedo, 3 * ROOM, sizeof(uint16_t), "albedo", NULL);
     (void)kiln_allocate(&f->area, ROOM, sizeof(float), "area", NULL);
-    (void)kiln_allocate(&f->flags, ROOM, 1, "flags", NULL);
     (void)kiln_allocate(&f->open, ROOM, sizeof(uint16_t), "open", NULL);
     (void)kiln_allocate(&f->cell_first, 3, sizeof(uint64_t), "cells", NULL);
     uint64_t piece = 0, share = 0;
@@ -178,15 +175,15 @@ static inline void synthetic_share(struct synthetic *s, int rank, int ranks)
     const uint64_t last = end < f->fragment_count ? f->fragments[end].first : f->point_count;
     (void)kiln_allocate(&s->direct, 3 * (last - first), sizeof(float), "light", NULL);
     (void)kiln_allocate(&s->indirect, 3 * (last - first), sizeof(float), "light", NULL);
-    (void)kiln_allocate(&s->error, last - first, sizeof(float), "light", NULL);
+    (void)kiln_allocate(&s->error, last - first, sizeof *s->error, "light", NULL);
     for (uint64_t p = first; p < last; p++) {
         for (uint64_t c = 0; c < 3; c++) {
             s->direct[3 * (p - first) + c] = 2.0f + sinf(0.01f * (float)(p * (c + 1)));
             s->indirect[3 * (p - first) + c] = 1.0f + 0.5f * cosf(0.02f * (float)(p + c));
         }
-        s->error[p - first] = 0.01f;
+        s->error[p - first] = kiln_error_pack(0.01f);
         if (p % 37 == 5) {
-            f->flags[p] = (uint8_t)(f->flags[p] & ~KILN_POINT_VALID);
+            f->open[p] = 0;
             s->direct[3 * (p - first)] = NAN; /* must never be looked at */
         }
     }
@@ -197,7 +194,6 @@ static inline void synthetic_share(struct synthetic *s, int rank, int ranks)
     f->piece_count += first;
     f->albedo += 3 * first;
     f->area += first;
-    f->flags += first;
     f->open += first;
     f->first = first;
     f->count = last - first;

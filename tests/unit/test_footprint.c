@@ -85,7 +85,7 @@ static struct distribution truth(const struct built *b, const struct kiln_point_
 {
     struct distribution d = {0};
     enum { FINE = 128 };
-    for (uint32_t i = 0; i < b->surface->piece_count[at->point]; i++) {
+    for (uint32_t i = 0; i < kiln_piece_count(b->surface, at->point); i++) {
         const uint32_t triangle = b->surface->pieces[at->piece + i];
         double c[3][2];
         kiln_geometry_texel_corners(&b->fixture->scene, b->geometry, triangle, c);
@@ -175,7 +175,7 @@ static void whole_texels_are_parallelograms(void **state)
     for (size_t i = 0; i < b.surface->fragment_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
         for (uint32_t k = 0; k < b.surface->fragments[i].count; k++, kiln_point_next(b.surface, &at)) {
-            if ((b.surface->flags[at.point] & KILN_POINT_WHOLE) == 0)
+            if (!kiln_point_whole(b.surface, at.point))
                 continue;
             struct kiln_footprint f;
             kiln_footprint_prepare(&f, &b.fixture->scene, b.geometry, b.surface, &at, 0xffff);

@@ -286,39 +286,12 @@ static void emission_at(const struct kiln_lights *lights, const struct kiln_area
                           lights->geometry->stored_triangle[light->triangle], (float)b1, (float)b2, rgb);
 }
 
-/* A triangle whose longest edge is below this part of its distance is sampled by area (whose density varies little there and
- * whose arithmetic does not cancel), a nearer or longer one by solid angle. */
-static const double NEAR_FROM = 0.25;
+/* Above this solid angle a triangle is sampled by solid angle, below by area (whose density varies little there and whose
+ * arithmetic does not cancel). */
+static const double SPHERICAL_FROM = 0.02;
 
-static bool is_near(const struct kiln_area_light *light, struct kiln_dvec3 to0, struct kiln_dvec3 to1, struct kiln_dvec3 to2)
-{
-    const struct kiln_dvec3 across = dvec3_sub(light->e2, light->e1);
-    const double longest2 = fmax(dvec3_dot(light->e1, light->e1), fmax(dvec3_dot(light->e2, light->e2), dvec3_dot(across, across)));
-    const struct kiln_dvec3 middle = dvec3_scale(dvec3_add(to0, dvec3_add(to1, to2)), 1.0 / 3.0);
-    const double nearest2 = fmin(fmin(dvec3_dot(to0, to0), dvec3_dot(middle, middle)), fmin(dvec3_dot(to1, to1), dvec3_dot(to2, to2)));
-    return longest2 > NEAR_FROM * NEAR_FROM * nearest2;
-}
-
-/* Inverts the cumulative of a density that goes linearly from a to b over 0..1. */
-static double sample_linear(double u, double a, double b)
-{
-    return fmin(u * (a + b) / (a + sqrt((1.0 - u) * a * a + u * b * b)), 1.0 - 1e-12);
-}
-
-/* Warps (u, v) by the bilinear function that has the receiver's cosine at the triangle's corners: v = 0 is corner b for all u,
- * v = 1 runs from a to c (Hart, Pharr et al., "Practical Product Sampling by Fitting and Composing Warps", 2020). Gives the
- * density in the square. */
-static double warp_by_cosine(struct kiln_dvec3 n, struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 c, double *u, double *v)
-{
-    const double at_a = fmax(0.01, dvec3_dot(n, a)), at_b = fmax(0.01, dvec3_dot(n, b)), at_c = fmax(0.01, dvec3_dot(n, c));
-    *v = sample_linear(*v, 2.0 * at_b, at_a + at_c);
-    const double left = at_b + *v * (at_a - at_b), right = at_b + *v * (at_c - at_b);
-    *u = sample_linear(*u, left, right);
-    return 4.0 * (left + *u * (right - left)) / (2.0 * at_b + at_a + at_c);
-}
-
-static bool sample_area_light(const struct kiln_lights *lights, const struct kiln_area_light *light, struct kiln_dvec3 p, struct kiln_dvec3 n,
-                              double weight, double u, double v, struct kiln_light_sample *s)
+static bool sample_area_light(const struct kiln_lights *lights, const struct kiln_area_light *light, struct kiln_dvec3 p, double weight,
+                              double u, double v, struct kiln_light_sample *s)
 {
     const struct kiln_dvec3 to0 = dvec3_sub(light->p0, p);
     const double height = -dvec3_dot(to0, light->normal); /* of p above the front face */
@@ -326,13 +299,10 @@ static bool sample_area_light(const struct kiln_lights *lights, const struct kil
         return false;
     const struct kiln_dvec3 to1 = dvec3_add(to0, light->e1), to2 = dvec3_add(to0, light->e2);
     const struct kiln_dvec3 a = unit(to0), b = unit(to1), c = unit(to2);
-    double b1, b2, density, warped_u = u, warped_v = v, warp = 1.0;
+    const double omega = solid_angle(a, b, c);
+    double b1, b2, density;
     struct kiln_dvec3 direction;
-    const bool near = is_near(light, to0, to1, to2);
-    const double omega = near ? solid_angle(a, b, c) : 0.0;
-    if (near && (n.x != 0.0 || n.y != 0.0 || n.z != 0.0))
-        warp = warp_by_cosine(n, a, b, c, &warped_u, &warped_v);
-    if (omega > 0.0 && spherical_direction(a, b, c, warped_u, warped_v, &direction)) {
+    if (omega > SPHERICAL_FROM && spherical_direction(a, b, c, u, v, &direction)) {
         /* meet the plane; barycentrics by Cramer's rule */
         const struct kiln_dvec3 h = dvec3_cross(direction, light->e2);
         const double determinant = dvec3_dot(light->e1, h);
@@ -341,7 +311,7 @@ static bool sample_area_light(const struct kiln_lights *lights, const struct kil
         const struct kiln_dvec3 from = dvec3_scale(to0, -1.0);
         b1 = fmax(0.0, fmin(1.0, dvec3_dot(from, h) / determinant));
         b2 = fmax(0.0, fmin(1.0 - b1, dvec3_dot(direction, dvec3_cross(from, light->e1)) / determinant));
-        density = warp / omega;
+        density = 1.0 / omega;
         s->distance = fabs(height / dvec3_dot(direction, light->normal));
     } else {
         const double root = sqrt(u);
@@ -459,6 +429,6 @@ bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_ligh
     if (!pick_light(lights, choice->index, p, n, pick, &light, &weight))
         return false;
     if (light < lights->area_count)
-        return sample_area_light(lights, &lights->areas[light], p, n, weight, u, v, sample);
+        return sample_area_light(lights, &lights->areas[light], p, weight, u, v, sample);
     return sample_point_light(&lights->points[light - lights->area_count], p, weight, sample);
 }

@@ -116,12 +116,12 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
     f->scene = scene;
     f->geometry = geometry;
     f->pieces = surface->pieces + at->piece;
-    f->piece_count = surface->piece_count[at->point];
-    f->shares = f->piece_count > 1 ? surface->shares + at->share : NULL;
+    f->piece_count = kiln_piece_count(surface, at->point);
+    f->shares = surface->shares + at->share;
     f->x = at->x;
     f->y = at->y;
     f->open = open == 0 ? 0xffff : open;
-    if (surface->flags[at->point] & KILN_POINT_WHOLE) {
+    if (kiln_point_whole(surface, at->point)) {
         f->kind = KILN_FOOTPRINT_WHOLE;
         prepare_whole(f);
         return;
@@ -133,7 +133,7 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
     f->kind = f->piece_count <= KILN_FOOTPRINT_PIECES && prepare_few(f) ? KILN_FOOTPRINT_FEW : KILN_FOOTPRINT_MANY;
 }
 
-/* Index of the first entry above u (the last where none is); u becomes the place between it and the one before, 0..1. */
+/* Index of the first of `count` entries above u (the last where none is; it is 1 and not read); u becomes the place between it and the one before, 0..1. */
 static uint32_t choose(const float *until, uint32_t count, double *u)
 {
     uint32_t low = 0, high = count - 1;
@@ -144,7 +144,7 @@ static uint32_t choose(const float *until, uint32_t count, double *u)
         else
             low = middle + 1;
     }
-    const double before = low > 0 ? (double)until[low - 1] : 0.0, width = (double)until[low] - before;
+    const double before = low > 0 ? (double)until[low - 1] : 0.0, width = (low + 1 < count ? (double)until[low] : 1.0) - before;
     *u = width > 0.0 ? fmin(fmax((*u - before) / width, 0.0), 1.0) : 0.5;
     return low;
 }
@@ -329,7 +329,7 @@ void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_
     double before = 0.0, most = 0.0;
     uint32_t largest = f->pieces[0];
     for (uint32_t i = 0; i < f->piece_count; i++) {
-        const double until = f->shares != NULL ? (double)f->shares[i] : 1.0, share = until - before;
+        const double until = i + 1 < f->piece_count ? (double)f->shares[i] : 1.0, share = until - before;
         flat = dvec3_add(flat, dvec3_scale(triangle_normal(f->geometry, f->pieces[i]), share));
         if (smooth)
             soft = dvec3_add(soft, dvec3_scale(piece_normal(f, f->pieces[i]), share));

@@ -50,10 +50,10 @@ static inline struct kiln_point_cursor kiln_point_first(const struct kiln_surfac
 
 static inline void kiln_point_next(const struct kiln_surface *s, struct kiln_point_cursor *at)
 {
-    const uint32_t pieces = s->piece_count[at->point];
+    const uint32_t pieces = kiln_piece_count(s, at->point);
     at->point++;
     at->piece += pieces;
-    at->share += pieces > 1 ? pieces : 0;
+    at->share += pieces - 1;
     at->rest &= at->rest - 1;
     kiln_point_locate(at);
 }
@@ -78,7 +78,7 @@ struct kiln_footprint {
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
     const uint32_t *pieces; /* world triangles */
-    const float *shares;    /* cumulative, piece_count of them; NULL: one piece */
+    const float *shares;    /* cumulative, piece_count - 1 of them: the last ends at 1 */
     uint32_t piece_count;
     uint32_t x, y;          /* the texel */
     uint16_t open;          /* the sub-squares sampled, bit 4 y + x; never 0 */

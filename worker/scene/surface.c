@@ -19,7 +19,6 @@ void kiln_surface_destroy(struct kiln_surface **surface)
     kiln_free(&s->shares);
     kiln_free(&s->albedo);
     kiln_free(&s->area);
-    kiln_free(&s->flags);
     kiln_free(&s->open);
     kiln_free(surface);
 }

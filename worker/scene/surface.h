@@ -11,6 +11,7 @@
 #ifndef KILN_WORKER_SCENE_SURFACE_H
 #define KILN_WORKER_SCENE_SURFACE_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "worker/scene/geometry.h"
@@ -46,10 +47,9 @@ struct kiln_fragment {
     uint32_t count;
 };
 
-enum kiln_point_flags {
-    KILN_POINT_VALID = 1, /* light can be gathered here; others are filled from valid neighbours at the end */
-    KILN_POINT_WHOLE = 2  /* the one piece covers the texel's square wholly */
-};
+/* A point's pieces: how many, and whether the one piece covers the texel's square wholly. */
+#define KILN_PIECES_WHOLE ((uint16_t)0x8000)
+enum { KILN_PIECES_MOST = 0x7fff };
 
 struct kiln_surface {
     /* the same on all ranks */
@@ -65,18 +65,24 @@ struct kiln_surface {
     size_t fragment_count;
     struct kiln_fragment *fragments;
     /* Which triangles cover a point: its *pieces*, world triangles. Points of a fragment stand in order, so a reader walks a
-     * fragment from piece_base[f] (and share_base[f]) on, adding each point's piece_count; a point with more than one piece
-     * also has as many shares: cumulative parts of its area, ending at exactly 1. */
+     * fragment from piece_base[f] (and share_base[f]) on, adding each point's kiln_piece_count; a point of n pieces also has
+     * n - 1 shares: cumulative parts of its area. The last, exactly 1, is not stored. */
     uint64_t *piece_base;  /* fragment_count + 1 */
     uint64_t *share_base;  /* fragment_count + 1 */
-    uint16_t *piece_count; /* own point: >= 1 */
+    uint16_t *piece_count; /* own point: 1 to KILN_PIECES_MOST, and perhaps KILN_PIECES_WHOLE: read with the functions below */
     uint32_t *pieces;
     float *shares;
     uint16_t *albedo;                /* own point: 3 values, 65535 = 1 */
     float *area;                     /* own point: m2 of surface covered */
-    uint8_t *flags;                  /* own point: enum kiln_point_flags */
-    uint16_t *open;                  /* own point: 4 x 4 sub-squares of the texel (bit 4 y + x) that are not buried */
+    uint16_t *open;                  /* own point: 4 x 4 sub-squares of the texel (bit 4 y + x) that are not buried; 0xffff
+                                      * before the validity pass */
 };
+
+static inline uint32_t kiln_piece_count(const struct kiln_surface *s, uint64_t own) { return s->piece_count[own] & KILN_PIECES_MOST; }
+static inline bool kiln_point_whole(const struct kiln_surface *s, uint64_t own) { return (s->piece_count[own] & KILN_PIECES_WHOLE) != 0; }
+
+/* Light can be gathered here; others are filled from valid neighbours at the end. */
+static inline bool kiln_point_valid(const struct kiln_surface *s, uint64_t own) { return s->open[own] != 0; }
 
 /* Bit of texel (x, y) of a tile: x and y interleaved, x lowest. */
 static inline uint32_t kiln_morton8(uint32_t x, uint32_t y)

@@ -65,10 +65,6 @@ static int work_create(struct direct_work **work, const struct embree_backend *b
     return status;
 }
 
-/* Positions in the texel are the same for all choices: where one triangle of a lamp ends another begins, and what the one
- * misses the other finds. */
-static bool is_position(uint32_t dimension) { return dimension == KILN_DIMENSION_S || dimension == KILN_DIMENSION_T; }
-
 /* The first `count` samples of the choice called `identity`. */
 static const struct sequence *find_sequence(struct direct_work *w, uint32_t identity, uint32_t count)
 {
@@ -79,8 +75,9 @@ static const struct sequence *find_sequence(struct direct_work *w, uint32_t iden
         q->made = 0;
     }
     if (q->made < count) {
+        const uint32_t seed = kiln_hash2(w->frame.tile_key, identity);
         for (uint32_t d = 0; d < KILN_DIMENSIONS; d++) {
-            const uint32_t scramble = kiln_hash2(is_position(d) ? w->frame.tile_key : kiln_hash2(w->frame.tile_key, identity), d);
+            const uint32_t scramble = kiln_hash2(seed, d);
             for (uint32_t k = q->made; k < count; k++)
                 q->points[d][k] = kiln_owen_scramble(w->sobol[d][k], scramble);
         }
@@ -103,7 +100,7 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
     for (uint32_t i = 0; i < strategies; i++) {
         sequence[i] = find_sequence(w, identity + i, (choice->samples + strategies - 1) / strategies);
         for (uint32_t d = 0; d < KILN_DIMENSIONS; d++)
-            shift[i][d] = kiln_hash2(is_position(d) ? f->key[j] : kiln_hash2(f->key[j], identity + i), d);
+            shift[i][d] = kiln_hash2(kiln_hash2(f->key[j], identity + i), d);
     }
     shadow_begin(&w->shadows, sums);
     for (uint32_t i = 0; i < choice->samples; i++) {

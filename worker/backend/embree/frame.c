@@ -140,7 +140,7 @@ void frame_build(struct fragment_frame *frame, const struct embree_backend *back
     struct kiln_point_cursor at = kiln_point_first(s, fragment);
     for (uint32_t k = 0; k < f->count; k++, kiln_point_next(s, &at)) {
         const bool every = (wish & FRAME_EVERY) != 0;
-        if (!every && (s->flags[at.point] & KILN_POINT_VALID) == 0)
+        if (!every && !kiln_point_valid(s, at.point))
             continue;
         const uint32_t j = frame->count++;
         frame->place[j] = k;

@@ -64,11 +64,10 @@ static void look(const struct embree_backend *b, struct RTCIntersectContext *con
 }
 
 static void judge(const struct embree_backend *b, struct RTCIntersectContext *context, const struct fragment_frame *f, uint32_t j,
-                  uint16_t *open, uint8_t *flags)
+                  uint16_t *open)
 {
     struct sub_squares found = {0};
     *open = 0xffff;
-    *flags |= KILN_POINT_VALID;
     look(b, context, f, j, FIRST_LOOK, 0x76616c31u, &found);
     if (found.back_all < SUSPECT)
         return;
@@ -83,13 +82,11 @@ static void judge(const struct embree_backend *b, struct RTCIntersectContext *co
         else
             some_open = true;
     }
-    if (!some_open) {
+    if (!some_open)
         *open = 0;
-        *flags = (uint8_t)(*flags & ~KILN_POINT_VALID);
-    }
 }
 
-int embree_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *open, uint8_t *flags,
+int embree_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *open,
                     struct kiln_error *error)
 {
     const struct embree_backend *b = (const struct embree_backend *)backend;
@@ -109,7 +106,7 @@ int embree_validity(struct kiln_backend *backend, size_t fragment_first, size_t 
             const uint64_t own = fragment->first - b->surface->first;
             frame_build(f, b, fragment_first + i, FRAME_EVERY);
             for (uint32_t j = 0; j < f->count; j++)
-                judge(b, &context, f, j, &open[own + f->place[j]], &flags[own + f->place[j]]);
+                judge(b, &context, f, j, &open[own + f->place[j]]);
         }
         embree_leave(saved);
     }
