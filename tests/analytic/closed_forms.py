@@ -41,7 +41,7 @@ SETTINGS = {
     'point_inverse_square': {'size': 9, 'direct': 64},
     'directional_cosine': {'size': 9, 'direct': 64},
     'sky_long_wall': {'size': 56},
-    'sky_roof_opening': {'size': 8, 'direct': 262144},
+    'sky_roof_opening': {'size': 24, 'direct': 131072},
     'furnace_cube_rho0': {'direct': 16384},
     'furnace_cube_rho0.5': {'direct': 16384, **ALL},
     'furnace_cube_rho0.9': {'direct': 16384, **ALL},
