@@ -19,7 +19,7 @@ static uint64_t share_bytes(const struct kiln_surface *s)
 {
     const uint64_t pieces = s->piece_base != NULL && s->fragment_count > 0 ? s->piece_base[s->fragment_count] : 0;
     const uint64_t shares = s->share_base != NULL && s->fragment_count > 0 ? s->share_base[s->fragment_count] : 0;
-    const uint64_t point = sizeof *s->piece_count + 3 * sizeof *s->albedo + sizeof *s->area + sizeof *s->open;
+    const uint64_t point = sizeof *s->piece_count + 3 * sizeof *s->albedo + sizeof *s->area + sizeof *s->visible;
     return s->count * point + pieces * sizeof *s->pieces + shares * sizeof *s->shares +
            s->fragment_count * (sizeof *s->fragments + sizeof *s->piece_base + sizeof *s->share_base);
 }

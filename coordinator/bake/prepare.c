@@ -132,7 +132,7 @@ static int find_valid_points(struct kiln_prepared *p, struct kiln_progress *prog
     const size_t count = p->surface->fragment_count;
     for (size_t first = 0; first < count && status == KILN_OK; first += BATCH_FRAGMENTS) {
         const size_t batch = count - first < BATCH_FRAGMENTS ? count - first : BATCH_FRAGMENTS;
-        status = kiln_backend_validity(p->backend, first, batch, p->surface->open, error);
+        status = kiln_backend_validity(p->backend, first, batch, p->surface->visible, error);
         kiln_progress_advance(progress, first + batch);
     }
     return kiln_agree(p->communicator, status, error);

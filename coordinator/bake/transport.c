@@ -117,7 +117,7 @@ static void add_energy(struct transport_state *s, size_t group, uint64_t own, co
     const struct kiln_surface *surface = s->params->surface;
     if (!kiln_point_valid(surface, own))
         return;
-    const double area = (double)surface->area[own] * kiln_open_share(surface->open[own]) * (double)r->present;
+    const double area = (double)surface->area[own] * ((double)surface->visible[own] / 65535.0) * (double)r->present;
     float albedo[3], sent[3] = {0};
     albedo_of(surface, own, albedo);
     if (gather)

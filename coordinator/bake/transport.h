@@ -59,7 +59,4 @@ void kiln_transport_destroy(struct kiln_transport **transport);
 /* Bytes that kiln_transport_run allocates for `own` of `total` surface points: what `plan` predicts with. */
 size_t kiln_transport_bytes(uint64_t own, uint64_t total);
 
-/* Part of a point's area that is not buried, 0..1. */
-static inline double kiln_open_share(uint16_t open) { return (double)__builtin_popcount(open) / 16.0; }
-
 #endif

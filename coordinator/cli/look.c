@@ -138,7 +138,7 @@ static int find_points(struct kiln_look *look, const struct kiln_job *job, struc
     if (status == KILN_OK)
         status = kiln_backend_set_surface(backend, surface, error);
     if (status == KILN_OK)
-        status = kiln_backend_validity(backend, 0, surface->fragment_count, surface->open, error);
+        status = kiln_backend_validity(backend, 0, surface->fragment_count, surface->visible, error);
     if (status == KILN_OK)
         count_points(look, surface);
     kiln_backend_destroy(&backend);

@@ -170,7 +170,7 @@ static int fill_point(struct kiln_build *build, struct share_scratch *scratch, u
     const uint64_t p = place->point++;
     s->piece_count[p] = (uint16_t)(count | (count == 1 && pieces[order[0]].whole ? KILN_PIECES_WHOLE : 0u));
     s->area[p] = fmaxf((float)total, 0x1p-126f); /* never 0, however small the scene */
-    s->open[p] = 0xffff;
+    s->visible[p] = 0xffff;
     for (int c = 0; c < 3; c++)
         s->albedo[3 * p + (uint64_t)c] = albedo_of(&color, c);
     return KILN_OK;
@@ -298,7 +298,7 @@ int kiln_build_share(struct kiln_build *build)
     if (status == KILN_OK)
         status = kiln_allocate(&s->area, s->count, sizeof *s->area, "the surface points", build->error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->open, s->count, sizeof *s->open, "the surface points", build->error);
+        status = kiln_allocate(&s->visible, s->count, sizeof *s->visible, "the surface points", build->error);
     if (status == KILN_OK)
         status = group_by_object(build, &own);
     if (status == KILN_OK) {

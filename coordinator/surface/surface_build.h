@@ -47,7 +47,7 @@ struct kiln_surface_report {
  *
  * `albedo` is the area-weighted mean over the covered part: at the centroid of each piece, or where the base colour is
  * textured at 16 or more stratified positions; of a surface with an alpha mask or blending only what is there counts (weight
- * alpha). `open` is all ones: the validity pass narrows it.
+ * alpha). `visible` is all ones: the validity pass lowers it.
  *
  * Ranks share out whole cells (objects) where that keeps the largest share within 10 % of the mean, else fragments; ranks
  * beyond the number of fragments get an empty share.

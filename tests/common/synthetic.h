@@ -109,7 +109,7 @@ static inline void synthetic_point(struct synthetic *s, uint32_t o, uint32_t x, 
     f->piece_count[point] = (uint16_t)(count | (count == 1 && total > 0.999999 ? KILN_PIECES_WHOLE : 0u));
     const double per_texel = 1.0 / (0.37 * s->objects[o].lightmap_width * 0.71 * s->objects[o].lightmap_height);
     f->area[point] = (float)(total * per_texel);
-    f->open[point] = 0xffff;
+    f->visible[point] = 0xffff;
     for (int c = 0; c < 3; c++)
         f->albedo[3 * point + (uint64_t)c] = 32768;
 }
@@ -129,7 +129,7 @@ static inline void synthetic_surface(struct synthetic *s)
     (void)kiln_allocate(&f->shares, 4 * ROOM, sizeof(float), "pieces", NULL);
     (void)kiln_allocate(&f->albedo, 3 * ROOM, sizeof(uint16_t), "albedo", NULL);
     (void)kiln_allocate(&f->area, ROOM, sizeof(float), "area", NULL);
-    (void)kiln_allocate(&f->open, ROOM, sizeof(uint16_t), "open", NULL);
+    (void)kiln_allocate(&f->visible, ROOM, sizeof(uint16_t), "visible", NULL);
     (void)kiln_allocate(&f->cell_first, 3, sizeof(uint64_t), "cells", NULL);
     uint64_t piece = 0, share = 0;
     for (uint32_t o = 0; o < 2; o++) {
@@ -183,7 +183,7 @@ static inline void synthetic_share(struct synthetic *s, int rank, int ranks)
         }
         s->error[p - first] = kiln_error_pack(0.01f);
         if (p % 37 == 5) {
-            f->open[p] = 0;
+            f->visible[p] = 0;
             s->direct[3 * (p - first)] = NAN; /* must never be looked at */
         }
     }
@@ -194,7 +194,7 @@ static inline void synthetic_share(struct synthetic *s, int rank, int ranks)
     f->piece_count += first;
     f->albedo += 3 * first;
     f->area += first;
-    f->open += first;
+    f->visible += first;
     f->first = first;
     f->count = last - first;
 }

@@ -81,7 +81,7 @@ static void enter(struct distribution *d, double s, double t, double weight)
 
 /* What is true, found with no clipping: the texel's square is walked on a fine raster, each raster point that lies in a piece
  * counts with that triangle's square metres a texel. */
-static struct distribution truth(const struct built *b, const struct kiln_point_cursor *at, uint16_t open)
+static struct distribution truth(const struct built *b, const struct kiln_point_cursor *at)
 {
     struct distribution d = {0};
     enum { FINE = 128 };
@@ -98,7 +98,7 @@ static struct distribution truth(const struct built *b, const struct kiln_point_
                 const double px = at->x + s - c[0][0], py = at->y + t - c[0][1];
                 const double b1 = (px * by - bx * py) / det, b2 = (ax * py - px * ay) / det;
                 const bool in = b1 >= 0.0 && b2 >= 0.0 && b1 + b2 <= 1.0;
-                if (in && (open >> ((int)(t * 4) * 4 + (int)(s * 4)) & 1))
+                if (in)
                     enter(&d, s, t, weight);
             }
         }
@@ -106,12 +106,12 @@ static struct distribution truth(const struct built *b, const struct kiln_point_
     return d;
 }
 
-static void check_point(const struct built *b, const struct kiln_point_cursor *at, uint16_t open, uint32_t kinds[4])
+static void check_point(const struct built *b, const struct kiln_point_cursor *at, uint32_t kinds[3])
 {
     struct kiln_footprint f;
-    kiln_footprint_prepare(&f, &b->fixture->scene, b->geometry, b->surface, at, open);
+    kiln_footprint_prepare(&f, &b->fixture->scene, b->geometry, b->surface, at);
     kinds[f.kind]++;
-    struct distribution d = {0}, expected = truth(b, at, f.open);
+    struct distribution d = {0}, expected = truth(b, at);
     if (expected.count < 300)
         return; /* too thin for the raster */
     enum { SAMPLES = 4096 }; /* a Hammersley set */
@@ -130,13 +130,6 @@ static void check_point(const struct built *b, const struct kiln_point_cursor *a
         assert_true(member);
         texel_of(b, triangle, (double)b1, (double)b2, at->x, at->y, &s, &t);
         assert_true(s > -1e-4 && s < 1.0001 && t > -1e-4 && t < 1.0001);
-        const double q[4] = {floor((s - 1e-4) * 4), floor((s + 1e-4) * 4), floor((t - 1e-4) * 4), floor((t + 1e-4) * 4)};
-        bool allowed = false; /* in an open sub-square, or within rounding of one */
-        for (int k = 0; k < 4; k++) {
-            const int x = (int)fmin(fmax(q[k % 2], 0), 3), y = (int)fmin(fmax(q[2 + k / 2], 0), 3);
-            allowed = allowed || (f.open >> (4 * y + x) & 1) != 0;
-        }
-        assert_true(allowed);
         enter(&d, s, t, 1.0);
     }
     for (int k = 0; k < 5; k++)
@@ -151,17 +144,16 @@ static void samples_are_uniform(void **state)
 {
     (void)state;
     struct built b = cubes();
-    static const uint16_t masks[] = {0xffff, 0x00ff, 0x8421, 0x3333, 0x0660, 0};
-    uint32_t kinds[4] = {0};
+    uint32_t kinds[3] = {0};
     uint64_t number = 0;
     for (size_t i = 0; i < b.surface->fragment_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
         for (uint32_t k = 0; k < b.surface->fragments[i].count; k++, kiln_point_next(b.surface, &at), number++) {
             if (number % 31 == 0 || (at.object == 2 && number % 3 == 0))
-                check_point(&b, &at, masks[number / 3 % 6], kinds);
+                check_point(&b, &at, kinds);
         }
     }
-    for (int kind = 0; kind < 4; kind++)
+    for (int kind = 0; kind < 3; kind++)
         assert_true(kinds[kind] >= 3);
     release(&b);
 }
@@ -178,7 +170,7 @@ static void whole_texels_are_parallelograms(void **state)
             if (!kiln_point_whole(b.surface, at.point))
                 continue;
             struct kiln_footprint f;
-            kiln_footprint_prepare(&f, &b.fixture->scene, b.geometry, b.surface, &at, 0xffff);
+            kiln_footprint_prepare(&f, &b.fixture->scene, b.geometry, b.surface, &at);
             assert_int_equal(f.kind, KILN_FOOTPRINT_WHOLE);
             uint32_t triangle;
             float b1, b2;
@@ -193,27 +185,6 @@ static void whole_texels_are_parallelograms(void **state)
     }
     assert_true(count > 500);
     release(&b);
-}
-
-static void open_squares_are_hit_alike(void **state)
-{
-    (void)state;
-    static const uint16_t masks[] = {0xffff, 0x8001, 0x0370, 0x7fff};
-    for (int m = 0; m < 4; m++) {
-        uint32_t hits[16] = {0};
-        const uint32_t open = (uint32_t)__builtin_popcount(masks[m]), side = 240;
-        for (uint32_t i = 0; i < side * side; i++) {
-            float s, t;
-            kiln_footprint_square(masks[m], ((float)(i % side) + 0.5f) / (float)side, ((float)(i / side) + 0.5f) / (float)side, &s, &t);
-            const uint32_t bit = (uint32_t)(t * 4.0f) * 4 + (uint32_t)(s * 4.0f);
-            assert_true(bit < 16);
-            hits[bit]++;
-        }
-        for (int bit = 0; bit < 16; bit++) {
-            const double expected = masks[m] >> bit & 1 ? (double)side * side / open : 0.0;
-            assert_true(fabs(hits[bit] - expected) <= 0.01 * expected);
-        }
-    }
 }
 
 /* A ball of unit normals, squeezed and mirrored: the world's shading normals are those of the ellipsoid. */
@@ -238,7 +209,7 @@ static void normals_follow_the_transform(void **state)
             struct kiln_vec3 geometric, shading;
             uint32_t triangle;
             float b1, b2;
-            kiln_footprint_prepare(&footprint, &f->scene, b.geometry, b.surface, &at, 0xffff);
+            kiln_footprint_prepare(&footprint, &f->scene, b.geometry, b.surface, &at);
             kiln_footprint_normals(&footprint, &geometric, &shading);
             kiln_footprint_sample(&footprint, 0.5f, 0.5f, &triangle, &b1, &b2);
             const struct kiln_vec3 p = kiln_triangle_position(b.geometry, triangle, b1, b2);
@@ -272,7 +243,7 @@ static void bad_normals_give_way(void **state)
         for (uint32_t k = 0; k < b.surface->fragments[i].count; k++, kiln_point_next(b.surface, &at)) {
             struct kiln_footprint footprint;
             struct kiln_vec3 geometric, shading;
-            kiln_footprint_prepare(&footprint, &f->scene, b.geometry, b.surface, &at, 0xffff);
+            kiln_footprint_prepare(&footprint, &f->scene, b.geometry, b.surface, &at);
             kiln_footprint_normals(&footprint, &geometric, &shading);
             assert_memory_equal(&geometric, &shading, sizeof geometric);
             struct kiln_vec3 c[3];
@@ -398,7 +369,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(samples_are_uniform),          cmocka_unit_test(whole_texels_are_parallelograms),
-        cmocka_unit_test(open_squares_are_hit_alike),   cmocka_unit_test(normals_follow_the_transform),
+        cmocka_unit_test(normals_follow_the_transform),
         cmocka_unit_test(bad_normals_give_way),         cmocka_unit_test(offset_rays_leave),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -32,12 +32,12 @@ int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *rad
     return backend->api->set_radiosity(backend, radiosity, error);
 }
 
-int kiln_backend_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *open,
+int kiln_backend_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible,
                           struct kiln_error *error)
 {
     if (fragment_count == 0)
         return KILN_OK;
-    return backend->api->validity(backend, fragment_first, fragment_count, open, error);
+    return backend->api->validity(backend, fragment_first, fragment_count, visible, error);
 }
 
 int kiln_backend_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,

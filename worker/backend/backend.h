@@ -90,7 +90,7 @@ struct kiln_backend_api {
     void (*info)(const struct kiln_backend *backend, struct kiln_backend_info *info);
     int (*set_surface)(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error);
     int (*set_radiosity)(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error);
-    int (*validity)(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *open,
+    int (*validity)(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible,
                     struct kiln_error *error);
     int (*direct)(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
                   struct kiln_error *error);
@@ -122,9 +122,9 @@ void kiln_backend_destroy(struct kiln_backend **backend);
 int kiln_backend_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error);
 /* Hands over the radiosity of all points, packed, surface->point_count values (borrowed until the next call). */
 int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error);
-/* For each own point of the range writes which of the texel's 4 x 4 sub-squares are open, none where no light can be gathered,
- * into the array given (indexed as surface->open, a whole array of the share). */
-int kiln_backend_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *open,
+/* For each own point of the range writes the share of it that is not buried (see surface->visible) into the array given, a whole
+ * array of the share. A place is buried when rays along its normal and around it all meet back faces of single-sided surfaces. */
+int kiln_backend_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible,
                           struct kiln_error *error);
 int kiln_backend_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
                         struct kiln_error *error);

@@ -69,48 +69,8 @@ static bool prepare_few(struct kiln_footprint *f)
     return true;
 }
 
-/* The part of a piece in one of the 4 x 4 sub-squares; gives its share of the triangle. */
-static double clip_sub_square(const double local[3][2], uint32_t bit, struct kiln_clip_corner polygon[KILN_CLIP_CORNERS],
-                              uint32_t *corners)
-{
-    const double x = 0.25 * (bit & 3u), y = 0.25 * (bit >> 2);
-    struct kiln_clip_corner centroid;
-    *corners = 0;
-    if (fabs(kiln_clip_twice_area(local)) > 0.0 && kiln_clip_classify(local, x, y, x + 0.25, y + 0.25) == KILN_CLIP_OUTSIDE)
-        return 0.0;
-    *corners = kiln_clip_triangle(local, x, y, x + 0.25, y + 0.25, polygon);
-    return kiln_clip_share(polygon, *corners, &centroid);
-}
-
-/* Covered area of all sub-squares that are open. False where there is none. */
-static bool prepare_open(struct kiln_footprint *f)
-{
-    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
-    double area[16] = {0.0}, local[3][2], total = 0.0;
-    uint32_t corners;
-    for (uint32_t i = 0; i < f->piece_count; i++) {
-        local_corners(f, f->pieces[i], local);
-        const double scale = kiln_geometry_triangle_area(f->geometry, f->pieces[i]);
-        for (uint32_t rest = f->open; rest != 0; rest &= rest - 1) {
-            const uint32_t bit = (uint32_t)__builtin_ctz(rest);
-            area[bit] += clip_sub_square(local, bit, polygon, &corners) * scale;
-        }
-    }
-    uint32_t last = 0;
-    for (uint32_t bit = 0; bit < 16; bit++) {
-        total += area[bit];
-        last = area[bit] > 0.0 ? bit : last;
-    }
-    double sum = 0.0;
-    for (uint32_t bit = 0; bit < 16; bit++) {
-        sum += area[bit];
-        f->open_until[bit] = bit >= last ? 1.0f : (float)(sum / total);
-    }
-    return total > 0.0;
-}
-
 void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
-                            const struct kiln_surface *surface, const struct kiln_point_cursor *at, uint16_t open)
+                            const struct kiln_surface *surface, const struct kiln_point_cursor *at)
 {
     struct kiln_footprint *f = footprint;
     f->scene = scene;
@@ -120,20 +80,16 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
     f->shares = surface->shares + at->share;
     f->x = at->x;
     f->y = at->y;
-    f->open = open == 0 ? 0xffff : open;
     if (kiln_point_whole(surface, at->point)) {
         f->kind = KILN_FOOTPRINT_WHOLE;
         prepare_whole(f);
         return;
     }
-    f->kind = KILN_FOOTPRINT_OPEN;
-    if (f->open != 0xffff && prepare_open(f))
-        return;
-    f->open = 0xffff;
     f->kind = f->piece_count <= KILN_FOOTPRINT_PIECES && prepare_few(f) ? KILN_FOOTPRINT_FEW : KILN_FOOTPRINT_MANY;
 }
 
-/* Index of the first of `count` entries above u (the last where none is; it is 1 and not read); u becomes the place between it and the one before, 0..1. */
+/* Index of the first of `count` entries above u (the last where none is; it is 1 and not read); u becomes the place between it and
+ * the one before, 0..1. */
 static uint32_t choose(const float *until, uint32_t count, double *u)
 {
     uint32_t low = 0, high = count - 1;
@@ -187,51 +143,14 @@ static void sample_many(const struct kiln_footprint *f, uint32_t triangle, doubl
     sample_polygon(polygon, corners, u1, u2, b1, b2);
 }
 
-/* Chooses an open sub-square by its covered area, then goes through the pieces in it until the area asked for is reached. */
-static uint32_t sample_open(const struct kiln_footprint *f, double u1, double u2, float *b1, float *b2)
-{
-    const uint32_t bit = choose(f->open_until, 16, &u1);
-    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
-    double local[3][2], total = 0.0, before = 0.0, last_before = 0.0, last_area = 0.0;
-    uint32_t corners, last = 0;
-    for (uint32_t i = 0; i < f->piece_count && f->piece_count > 1; i++) {
-        local_corners(f, f->pieces[i], local);
-        total += clip_sub_square(local, bit, polygon, &corners) * kiln_geometry_triangle_area(f->geometry, f->pieces[i]);
-    }
-    for (uint32_t i = 0; i < f->piece_count && f->piece_count > 1; i++) {
-        local_corners(f, f->pieces[i], local);
-        const double area = clip_sub_square(local, bit, polygon, &corners) * kiln_geometry_triangle_area(f->geometry, f->pieces[i]);
-        if (area <= 0.0)
-            continue;
-        last = i;
-        last_before = before;
-        last_area = area;
-        before += area;
-        if (before > u1 * total)
-            break;
-    }
-    if (f->piece_count > 1)
-        u1 = fmin(fmax((u1 * total - last_before) / last_area, 0.0), 1.0);
-    local_corners(f, f->pieces[last], local);
-    clip_sub_square(local, bit, polygon, &corners);
-    sample_polygon(polygon, corners, u1, u2, b1, b2);
-    return f->pieces[last];
-}
-
 void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, float u2, uint32_t *triangle, float *b1, float *b2)
 {
     const struct kiln_footprint *f = footprint;
     double u = (double)u1;
     if (f->kind == KILN_FOOTPRINT_WHOLE) {
-        float s, t;
-        kiln_footprint_square(f->open, u1, u2, &s, &t);
         *triangle = f->pieces[0];
-        *b1 = fminf(fmaxf(f->whole.b[0] + s * f->whole.b_du[0] + t * f->whole.b_dv[0], 0.0f), 1.0f);
-        *b2 = fminf(fmaxf(f->whole.b[1] + s * f->whole.b_du[1] + t * f->whole.b_dv[1], 0.0f), 1.0f - *b1);
-        return;
-    }
-    if (f->kind == KILN_FOOTPRINT_OPEN) {
-        *triangle = sample_open(f, u, (double)u2, b1, b2);
+        *b1 = fminf(fmaxf(f->whole.b[0] + u1 * f->whole.b_du[0] + u2 * f->whole.b_dv[0], 0.0f), 1.0f);
+        *b2 = fminf(fmaxf(f->whole.b[1] + u1 * f->whole.b_du[1] + u2 * f->whole.b_dv[1], 0.0f), 1.0f - *b1);
         return;
     }
     const uint32_t piece = f->piece_count > 1 ? choose(f->shares, f->piece_count, &u) : 0;

@@ -3,9 +3,8 @@
  * A footprint is plain data (about 500 bytes, no memory of its own) and borrows scene, geometry and surface. All functions are
  * pure and thread-safe; none fails.
  *
- * Sampling is uniform over the surface area of the covered part, or, where the validity pass has closed some of the texel's
- * 4 x 4 sub-squares, of what lies in the open ones. Positions are given as (world triangle, b1, b2) with b1, b2 >= 0 and
- * b1 + b2 <= 1 the weights of its corners 1 and 2. */
+ * Sampling is uniform over the surface area of the covered part. Positions are given as (world triangle, b1, b2) with b1, b2 >= 0
+ * and b1 + b2 <= 1 the weights of its corners 1 and 2. */
 #ifndef KILN_WORKER_SCENE_FOOTPRINT_H
 #define KILN_WORKER_SCENE_FOOTPRINT_H
 
@@ -61,8 +60,7 @@ static inline void kiln_point_next(const struct kiln_surface *s, struct kiln_poi
 enum kiln_footprint_kind {
     KILN_FOOTPRINT_WHOLE = 0, /* the whole square of the texel in one triangle: a parallelogram */
     KILN_FOOTPRINT_FEW = 1,   /* few pieces, kept as polygons */
-    KILN_FOOTPRINT_MANY = 2,  /* a piece is chosen by its share and clipped when it is sampled */
-    KILN_FOOTPRINT_OPEN = 3   /* not whole, some sub-squares closed: a sub-square is chosen, then its pieces are clipped */
+    KILN_FOOTPRINT_MANY = 2   /* a piece is chosen by its share and clipped when it is sampled */
 };
 
 enum { KILN_FOOTPRINT_PIECES = 4, KILN_FOOTPRINT_CORNERS = 7 };
@@ -81,46 +79,24 @@ struct kiln_footprint {
     const float *shares;    /* cumulative, piece_count - 1 of them: the last ends at 1 */
     uint32_t piece_count;
     uint32_t x, y;          /* the texel */
-    uint16_t open;          /* the sub-squares sampled, bit 4 y + x; never 0 */
     uint8_t kind;           /* enum kiln_footprint_kind */
     union {
         /* KILN_FOOTPRINT_WHOLE: the point at (s, t) in the texel's square, both 0..1, is origin + s du + t dv (relative to the
-         * scene's centre, on the surface), and its weights are b[0] + s b_du[0] + t b_dv[0] of corner 1, [1] of corner 2. A
-         * kernel that samples this itself takes s and t from kiln_footprint_square. */
+         * scene's centre, on the surface), and its weights are b[0] + s b_du[0] + t b_dv[0] of corner 1, [1] of corner 2. */
         struct {
             struct kiln_vec3 origin, du, dv;
             float b[2], b_du[2], b_dv[2];
         } whole;
         struct kiln_footprint_polygon few[KILN_FOOTPRINT_PIECES];
-        float open_until[16]; /* cumulative area of the sub-squares' covered parts, as shares, ending at 1 */
     };
 };
 
-/* Prepares the footprint of the cursor's point. `open` is surface->open[at->point], or 0xffff for all of it; 0, and a mask
- * whose open sub-squares are not covered, count as 0xffff (an invalid point has some place all the same). */
+/* Prepares the footprint of the cursor's point. */
 void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
-                            const struct kiln_surface *surface, const struct kiln_point_cursor *at, uint16_t open);
+                            const struct kiln_surface *surface, const struct kiln_point_cursor *at);
 
 /* Sample for u1, u2 in [0, 1); stratified (u1, u2) give stratified positions within each convex piece. */
 void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, float u2, uint32_t *triangle, float *b1, float *b2);
-
-/* Of a square with some sub-squares open: maps (u1, u2) in [0, 1)^2 to (s, t) uniform over the open ones. */
-static inline void kiln_footprint_square(uint16_t open, float u1, float u2, float *s, float *t)
-{
-    *s = u1;
-    *t = u2;
-    if (open == 0xffff)
-        return;
-    const uint32_t count = (uint32_t)__builtin_popcount(open);
-    const float scaled = u1 * (float)count;
-    const uint32_t chosen = (uint32_t)scaled < count ? (uint32_t)scaled : count - 1;
-    uint32_t rest = open;
-    for (uint32_t i = 0; i < chosen; i++)
-        rest &= rest - 1;
-    const uint32_t bit = (uint32_t)__builtin_ctz(rest);
-    *s = ((float)(bit & 3u) + fminf(scaled - (float)chosen, 1.0f)) * 0.25f;
-    *t = ((float)(bit >> 2) + u2) * 0.25f;
-}
 
 /* Position of a sample, relative to the scene's centre: c0 + b1 (c1 - c0) + b2 (c2 - c0). */
 static inline struct kiln_vec3 kiln_triangle_position(const struct kiln_geometry *g, uint32_t triangle, float b1, float b2)

@@ -19,6 +19,6 @@ void kiln_surface_destroy(struct kiln_surface **surface)
     kiln_free(&s->shares);
     kiln_free(&s->albedo);
     kiln_free(&s->area);
-    kiln_free(&s->open);
+    kiln_free(&s->visible);
     kiln_free(surface);
 }

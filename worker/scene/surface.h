@@ -74,15 +74,16 @@ struct kiln_surface {
     float *shares;
     uint16_t *albedo;                /* own point: 3 values, 65535 = 1 */
     float *area;                     /* own point: m2 of surface covered */
-    uint16_t *open;                  /* own point: 4 x 4 sub-squares of the texel (bit 4 y + x) that are not buried; 0xffff
-                                      * before the validity pass */
+    uint16_t *visible;               /* own point: 65535 x the share of its area that is not buried in other geometry; 0: no light
+                                        can be gathered here, it is filled from valid neighbours at the end. 65535 until the
+                                        validity pass */
 };
 
 static inline uint32_t kiln_piece_count(const struct kiln_surface *s, uint64_t own) { return s->piece_count[own] & KILN_PIECES_MOST; }
 static inline bool kiln_point_whole(const struct kiln_surface *s, uint64_t own) { return (s->piece_count[own] & KILN_PIECES_WHOLE) != 0; }
 
 /* Light can be gathered here; others are filled from valid neighbours at the end. */
-static inline bool kiln_point_valid(const struct kiln_surface *s, uint64_t own) { return s->open[own] != 0; }
+static inline bool kiln_point_valid(const struct kiln_surface *s, uint64_t own) { return s->visible[own] != 0; }
 
 /* Bit of texel (x, y) of a tile: x and y interleaved, x lowest. */
 static inline uint32_t kiln_morton8(uint32_t x, uint32_t y)

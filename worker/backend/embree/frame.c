@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "shaders/random.h"
+#include "worker/sampling/sequence.h"
 #include "worker/scene/texture.h"
 
 /* Normal of a triangle and how far rays start off it, kept for the next point of the same one. */
@@ -59,6 +60,45 @@ static void extent_of_partial(struct fragment_frame *f, const struct embree_back
     f->spread[j] = 1.5f * vec3_length(vec3_sub(high, low)); /* the sampled box is most of the point, not all */
 }
 
+static bool meets_back(const struct embree_backend *b, struct kiln_vec3 p, struct kiln_vec3 d)
+{
+    struct RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    struct RTCRayHit r = {.ray = {.org_x = p.x, .org_y = p.y, .org_z = p.z, .dir_x = d.x, .dir_y = d.y, .dir_z = d.z, .tfar = INFINITY,
+                                  .mask = ~0u},
+                          .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
+    rtcIntersect1(b->scene, &context, &r);
+    if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID || r.hit.Ng_x * d.x + r.hit.Ng_y * d.y + r.hit.Ng_z * d.z <= 0.0f)
+        return false;
+    const uint32_t triangle = embree_triangle(b, r.hit.geomID, r.hit.primID);
+    return (b->params.geometry->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0;
+}
+
+bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 position, struct kiln_vec3 normal)
+{
+    if (!meets_back(backend, position, normal))
+        return false;
+    static const float turn[3][2] = {{0.8f, 0.0f}, {-0.4f, 0.6928f}, {-0.4f, -0.6928f}}; /* 53 degrees off the normal */
+    struct kiln_vec3 t, s;
+    kiln_basis(normal, &t, &s);
+    for (int i = 0; i < 3; i++)
+        if (!meets_back(backend, position, vec3_madd(vec3_madd(vec3_scale(t, turn[i][0]), s, turn[i][1]), normal, 0.6f)))
+            return false;
+    return true;
+}
+
+static void draw_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
+                          struct kiln_vec3 *position, struct kiln_vec3 *normal)
+{
+    uint32_t triangle;
+    float b1, b2;
+    kiln_footprint_sample(&frame->footprint[j], s, t, &triangle, &b1, &b2);
+    const struct kiln_geometry *g = backend->params.geometry;
+    know(frame, backend, triangle);
+    *normal = frame->known_normal;
+    *position = vec3_madd(kiln_triangle_position(g, triangle, b1, b2), frame->known_normal, frame->known_offset);
+}
+
 void frame_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
                     struct kiln_vec3 *position, struct kiln_vec3 *normal)
 {
@@ -70,13 +110,12 @@ void frame_position(struct fragment_frame *frame, const struct embree_backend *b
         *normal = vec3(frame->normal[0][j], frame->normal[1][j], frame->normal[2][j]);
         return;
     }
-    uint32_t triangle;
-    float b1, b2;
-    kiln_footprint_sample(&frame->footprint[j], s, t, &triangle, &b1, &b2);
-    const struct kiln_geometry *g = backend->params.geometry;
-    know(frame, backend, triangle);
-    *normal = frame->known_normal;
-    *position = vec3_madd(kiln_triangle_position(g, triangle, b1, b2), frame->known_normal, frame->known_offset);
+    draw_position(frame, backend, j, s, t, position, normal);
+    enum { TRIES = 32 };
+    for (uint32_t i = 0; frame->partly_buried[j] && i < TRIES && frame_buried(backend, *position, *normal); i++) {
+        const uint32_t hash = kiln_hash2(kiln_hash2((uint32_t)(s * 0x1p24f), (uint32_t)(t * 0x1p24f)), frame->key[j] + i);
+        draw_position(frame, backend, j, kiln_unit_float(hash), kiln_unit_float(kiln_hash1(hash)), position, normal);
+    }
 }
 
 static uint32_t seed_of(const struct embree_backend *b)
@@ -104,17 +143,21 @@ static float opacity_of(const struct embree_backend *b, const struct kiln_footpr
 }
 
 static void build_point(struct fragment_frame *f, const struct embree_backend *b, const struct kiln_point_cursor *at, uint32_t j,
-                        uint16_t open, unsigned wish)
+                        bool partly_buried, unsigned wish)
 {
     struct kiln_footprint *p = &f->footprint[j];
-    kiln_footprint_prepare(p, b->params.scene, b->params.geometry, b->surface, at, open);
+    const struct kiln_lightmap *map = &b->surface->lightmaps[at->object];
+    const uint64_t texel = (uint64_t)at->y * map->width + at->x;
+    f->key[j] = kiln_hash2(kiln_hash2(kiln_hash2(seed_of(b), at->object), (uint32_t)texel), (uint32_t)(texel >> 32) + 1u);
+    kiln_footprint_prepare(p, b->params.scene, b->params.geometry, b->surface, at);
     if (f->smooth) {
         struct kiln_vec3 mean, shading;
         kiln_footprint_normals(p, &mean, &shading);
         f->shading[0][j] = shading.x, f->shading[1][j] = shading.y, f->shading[2][j] = shading.z;
     }
     f->present[j] = p->pieces[p->piece_count - 1] < b->params.geometry->opaque_count ? 1.0f : opacity_of(b, p); /* pieces ascend: alpha last */
-    f->whole[j] = p->kind == KILN_FOOTPRINT_WHOLE && p->open == 0xffff;
+    f->partly_buried[j] = partly_buried;
+    f->whole[j] = p->kind == KILN_FOOTPRINT_WHOLE && !partly_buried;
     know(f, b, p->pieces[0]);
     f->normal[0][j] = f->known_normal.x, f->normal[1][j] = f->known_normal.y, f->normal[2][j] = f->known_normal.z;
     if (f->whole[j])
@@ -123,9 +166,6 @@ static void build_point(struct fragment_frame *f, const struct embree_backend *b
         extent_of_whole(f, j);
     else if ((wish & FRAME_EXTENT) != 0)
         extent_of_partial(f, b, j);
-    const struct kiln_lightmap *map = &b->surface->lightmaps[at->object];
-    const uint64_t texel = (uint64_t)at->y * map->width + at->x;
-    f->key[j] = kiln_hash2(kiln_hash2(kiln_hash2(seed_of(b), at->object), (uint32_t)texel), (uint32_t)(texel >> 32) + 1u);
 }
 
 void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, unsigned wish)
@@ -144,6 +184,6 @@ void frame_build(struct fragment_frame *frame, const struct embree_backend *back
             continue;
         const uint32_t j = frame->count++;
         frame->place[j] = k;
-        build_point(frame, backend, &at, j, every ? 0xffff : s->open[at.point], wish);
+        build_point(frame, backend, &at, j, !every && s->visible[at.point] != 0xffff, wish);
     }
 }

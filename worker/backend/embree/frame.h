@@ -14,6 +14,7 @@ struct fragment_frame {
     uint32_t place[KILN_TILE_TEXELS]; /* of point j among the fragment's points */
     uint32_t key[KILN_TILE_TEXELS];   /* hash of (seed, object, texel) */
     bool whole[KILN_TILE_TEXELS];     /* position = origin + s edge_s + t edge_t, one normal; else use frame_position */
+    bool partly_buried[KILN_TILE_TEXELS]; /* frame_position draws again until a place is not buried; never `whole` */
     float origin[3][KILN_TILE_TEXELS], edge_s[3][KILN_TILE_TEXELS], edge_t[3][KILN_TILE_TEXELS];
     float normal[3][KILN_TILE_TEXELS];  /* geometric, unit; of a point that is not whole: its first piece's */
     float shading[3][KILN_TILE_TEXELS]; /* unit; set where `smooth` */
@@ -30,13 +31,18 @@ struct fragment_frame {
 };
 
 enum frame_wish {
-    FRAME_EVERY = 1, /* the invalid points too, and all sub-squares as if open: for the validity pass itself */
+    FRAME_EVERY = 1, /* the invalid points too, and all of them as if nothing was buried: for the validity pass itself */
     FRAME_EXTENT = 2 /* centre, spread and one_normal too: for choosing lights */
 };
 void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, unsigned wish);
 
-/* Position (offset included) and geometric normal of a sample of point j; s and t in (0,1), uniform over its area. */
+/* Position (offset included) and geometric normal of a sample of point j; s and t in (0,1), uniform over what of its area is not
+ * buried. */
 void frame_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
                     struct kiln_vec3 *position, struct kiln_vec3 *normal);
+
+/* Whether a place (offset included) with this normal is buried: a ray along the normal and three around it all meet back faces of
+ * single-sided surfaces. */
+bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 position, struct kiln_vec3 normal);
 
 #endif
