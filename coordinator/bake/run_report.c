@@ -1,9 +1,9 @@
 #include "coordinator/bake/run_report.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
 #include <unistd.h>
 
 #include "worker/base/memory.h"
@@ -63,14 +63,27 @@ static uint64_t count_invalid(const struct kiln_surface *surface)
     return invalid;
 }
 
+/* Most memory this process has had resident, bytes; 0 where the system does not say. (ru_maxrss would count what the process was
+ * before it became kiln.) */
+static uint64_t peak_memory(void)
+{
+    unsigned long long kibibytes = 0;
+    char line[256];
+    FILE *file = fopen("/proc/self/status", "re");
+    while (file != NULL && fgets(line, sizeof line, file) != NULL)
+        if (sscanf(line, "VmHWM: %llu kB", &kibibytes) == 1)
+            break;
+    if (file != NULL)
+        (void)fclose(file);
+    return (uint64_t)kibibytes * 1024u;
+}
+
 static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
 {
-    struct rusage usage;
-    (void)getrusage(RUSAGE_SELF, &usage);
     const struct kiln_transport_report *t = &run->transport->report;
     values[RANK_POINTS] = run->prepared->surface->count;
     values[RANK_INVALID] = count_invalid(run->prepared->surface);
-    values[RANK_RSS] = (uint64_t)usage.ru_maxrss * 1024u;
+    values[RANK_RSS] = peak_memory();
     values[RANK_PROBES] = run->probe_rays;
     for (size_t i = 0; i < t->pass_count; i++)
         values[t->passes[i].kind == KILN_PASS_DIRECT ? RANK_DIRECT : t->passes[i].kind == KILN_PASS_BOUNCE ? RANK_BOUNCES : RANK_FINAL] +=
@@ -93,7 +106,8 @@ static json_t *passes_json(const struct kiln_transport_report *t)
 
 static json_t *energy_json(const struct kiln_energy *e)
 {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", "W", "emitted", rgb_json(e->emitted), "absorbed",
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", "W", "emitted", rgb_json(e->emitted),
+                     "borrowed", rgb_json(e->borrowed), "behind", rgb_json(e->behind), "absorbed",
                      rgb_json(e->absorbed), "escaped", rgb_json(e->escaped), "blocked", rgb_json(e->blocked), "ranged", rgb_json(e->ranged),
                      "left_over", rgb_json(e->left_over), "residual", e->residual, "error", e->error, "relative_residual", e->relative);
 }

@@ -13,7 +13,7 @@
 enum { BATCH_POINTS = 1 << 16, FINAL_STREAM = 0xffff };
 
 /* Sums that a pass makes over its points; by channel, then one for the variance. */
-enum { SUM_INCIDENT = 0, SUM_REFLECTED = 3, SUM_SENT = 6, SUM_ESCAPED = 9, SUM_BLOCKED = 12, SUM_COUNT = 15 };
+enum { SUM_INCIDENT = 0, SUM_REFLECTED = 3, SUM_SENT = 6, SUM_ESCAPED = 9, SUM_BLOCKED = 12, SUM_BEHIND = 15, SUM_BORROWED = 18, SUM_COUNT = 21 };
 
 struct transport_state {
     const struct kiln_transport_params *params;
@@ -132,9 +132,11 @@ static void add_energy(struct transport_state *s, size_t group, uint64_t own, co
         kiln_exact_add(&sums[SUM_SENT + c], power[c], s->unit);
         kiln_exact_add(&sums[SUM_ESCAPED + c], power[c] * (double)r->escaped, s->unit);
         kiln_exact_add(&sums[SUM_BLOCKED + c], power[c] * (double)r->blocked, s->unit);
+        kiln_exact_add(&sums[SUM_BEHIND + c], power[c] * (double)r->behind, s->unit);
+        kiln_exact_add(&sums[SUM_BORROWED + c], area * (double)r->borrowed[c], s->unit);
     }
     kiln_exact_add(&s->group_now[group], luminance(reflected), s->unit);
-    const double lost = (double)r->escaped + (double)r->blocked, spread = luminance(power);
+    const double lost = fmin(1.0, (double)r->escaped + (double)r->blocked + (double)r->behind), spread = luminance(power);
     *variance += area * area * (double)r->error * (double)r->error + (gather ? spread * spread * lost * (1.0 - lost) / samples : 0.0);
 }
 
@@ -193,6 +195,8 @@ static int run_pass(struct transport_state *s, struct kiln_pass_report *pass, ui
         pass->energy.sent[c] = kiln_exact_value(&sums[SUM_SENT + c], s->unit);
         pass->energy.escaped[c] = kiln_exact_value(&sums[SUM_ESCAPED + c], s->unit);
         pass->energy.blocked[c] = kiln_exact_value(&sums[SUM_BLOCKED + c], s->unit);
+        pass->energy.behind[c] = kiln_exact_value(&sums[SUM_BEHIND + c], s->unit);
+        pass->energy.borrowed[c] = kiln_exact_value(&sums[SUM_BORROWED + c], s->unit);
     }
     pass->energy.variance = variance;
     return status;
@@ -367,6 +371,7 @@ static void close_ledger(struct transport_state *s)
         e->emitted[c] = light->emitted[c];
         e->escaped[c] = light->escaped[c];
         e->blocked[c] = light->blocked[c];
+        e->behind[c] = light->behind[c];
         e->ranged[c] = light->ranged[c];
         e->absorbed[c] = r->passes[0].energy.incident[c] - r->passes[0].energy.reflected[c];
         e->left_over[c] = r->passes[0].energy.reflected[c];
@@ -380,13 +385,16 @@ static void close_ledger(struct transport_state *s)
             e->absorbed[c] += p->energy.incident[c] - p->energy.reflected[c];
             e->escaped[c] += p->energy.escaped[c];
             e->blocked[c] += p->energy.blocked[c];
+            e->behind[c] += p->energy.behind[c];
+            e->borrowed[c] += p->energy.borrowed[c];
             e->left_over[c] += p->energy.reflected[c] - p->energy.sent[c];
         }
         variance += p->energy.variance;
     }
     double residual[3];
     for (int c = 0; c < 3; c++)
-        residual[c] = e->emitted[c] - e->absorbed[c] - e->escaped[c] - e->blocked[c] - e->ranged[c] - e->left_over[c];
+        residual[c] = e->emitted[c] + e->borrowed[c] - e->absorbed[c] - e->escaped[c] - e->blocked[c] - e->behind[c] - e->ranged[c] -
+                      e->left_over[c];
     e->residual = luminance(residual);
     e->error = sqrt(variance + luminance(emission_error) * luminance(emission_error));
     const double emitted = luminance(e->emitted);

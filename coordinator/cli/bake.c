@@ -4,6 +4,8 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "coordinator/bake/run_report.h"
 #include "coordinator/bake/volume.h"
@@ -30,7 +32,8 @@ struct bake {
     struct kiln_job *job;
     MPI_Comm communicator;
     int rank;
-    char directory[KILN_PATH_SIZE], scene_file[KILN_PATH_SIZE];
+    bool made_folder; /* rank 0: the output folder was not there before */
+    char scene_file[KILN_PATH_SIZE];
     struct kiln_phases phases;
     struct kiln_progress *progress;
     struct kiln_prepared *prepared;
@@ -41,21 +44,46 @@ struct bake {
     uint64_t probe_rays;
 };
 
-/* A run.json of an earlier bake would vouch for results that are about to be replaced one by one: it goes first. */
-static int make_folders(struct bake *b, struct kiln_error *error)
+/* The folder, and those it lies in. */
+static int make_folder(struct bake *b, struct kiln_error *error)
+{
+    int status = kiln_path_join(b->scene_file, b->job->output, "scene.kscene", error);
+    char path[KILN_PATH_SIZE];
+    if (status == KILN_OK && b->rank == 0) {
+        struct stat there;
+        b->made_folder = stat(b->job->output, &there) != 0;
+        (void)snprintf(path, sizeof path, "%s", b->job->output);
+        for (char *slash = strchr(path + 1, '/'); slash != NULL && status == KILN_OK; slash = strchr(slash + 1, '/')) {
+            *slash = '\0';
+            status = kiln_make_directory(path, error);
+            *slash = '/';
+        }
+        if (status == KILN_OK)
+            status = kiln_make_directory(b->job->output, error);
+    }
+    return kiln_agree(b->communicator, status, error);
+}
+
+/* A refused scene leaves nothing: a folder made for it goes again, if it is empty. */
+static void forget_folder(const struct bake *b)
+{
+    if (b->rank == 0 && b->made_folder)
+        (void)rmdir(b->job->output);
+}
+
+static int make_lightmap_folder(struct bake *b, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
-    int status = kiln_path_join(b->scene_file, b->job->output, "scene.kscene", error);
-    if (status == KILN_OK && b->rank == 0) {
-        status = kiln_make_directory(b->job->output, error);
-        if (status == KILN_OK)
-            status = kiln_path_join(path, b->job->output, "lightmaps", error);
+    int status = KILN_OK;
+    if (b->rank == 0) {
+        status = kiln_path_join(path, b->job->output, "lightmaps", error);
         if (status == KILN_OK)
             status = kiln_make_directory(path, error);
     }
     return kiln_agree(b->communicator, status, error);
 }
 
+/* A run.json of an earlier bake would vouch for results that are about to be replaced one by one: it goes first. */
 static int forget_old_report(struct bake *b, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
@@ -198,7 +226,7 @@ static int report(struct bake *b, struct kiln_error *error)
 
 static int run(struct bake *b, struct kiln_error *error)
 {
-    int status = make_folders(b, error);
+    int status = make_folder(b, error);
     if (status == KILN_OK)
         status = kiln_prepare(&b->prepared, b->communicator, b->job, b->scene_file, &b->phases, b->progress, error);
     if (status == KILN_OK)
@@ -207,6 +235,8 @@ static int run(struct bake *b, struct kiln_error *error)
         status = gather_volume(b, error);
     if (status == KILN_OK)
         status = forget_old_report(b, error);
+    if (status == KILN_OK)
+        status = make_lightmap_folder(b, error);
     if (status != KILN_OK)
         return status;
     char *provenance = kiln_provenance(b->job, b->prepared);
@@ -230,6 +260,8 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
     catch_signals(true);
     const int status = run(&b, error);
     const int stopped = stop_signal;
+    if (status != KILN_OK)
+        forget_folder(&b);
     catch_signals(false);
     kiln_progress_destroy(&b.progress);
     kiln_free(&b.lightmaps);

@@ -295,7 +295,8 @@ static bool sample_area_light(const struct kiln_lights *lights, const struct kil
 {
     const struct kiln_dvec3 to0 = dvec3_sub(light->p0, p);
     const double height = -dvec3_dot(to0, light->normal); /* of p above the front face */
-    if (light->two_sided ? height == 0.0 : height <= 0.0)
+    /* In the light's own plane, as far as floats tell, nothing of it is seen: a lamp laid flush on a ceiling does not light it. */
+    if ((light->two_sided ? fabs(height) : height) <= 2.0 * light->rounding)
         return false;
     const struct kiln_dvec3 to1 = dvec3_add(to0, light->e1), to2 = dvec3_add(to0, light->e2);
     const struct kiln_dvec3 a = unit(to0), b = unit(to1), c = unit(to2);

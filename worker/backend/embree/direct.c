@@ -86,6 +86,19 @@ static const struct sequence *find_sequence(struct direct_work *w, uint32_t iden
     return q;
 }
 
+/* The same point of the light, seen from where the ray starts. */
+static void aim_from(struct kiln_light_sample *s, struct kiln_dvec3 place, struct kiln_dvec3 start)
+{
+    if (!isfinite(s->distance))
+        return;
+    const struct kiln_dvec3 to = dvec3_sub(dvec3_add(place, dvec3_scale(s->direction, s->distance)), start);
+    const double distance = dvec3_length(to);
+    if (!(distance > 0.0))
+        return;
+    s->direction = dvec3_scale(to, 1.0 / distance);
+    s->distance = distance;
+}
+
 /* All samples of one choice at point j. */
 static void sample_choice(struct direct_work *w, const struct embree_backend *b, struct RTCIntersectContext *context, uint32_t j,
                           const struct kiln_light_choice *choice, struct shadow_sums *sums, uint64_t *rays)
@@ -102,23 +115,25 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
         for (uint32_t d = 0; d < KILN_DIMENSIONS; d++)
             shift[i][d] = kiln_hash2(kiln_hash2(f->key[j], identity + i), d);
     }
-    shadow_begin(&w->shadows, sums);
+    shadow_begin(&w->shadows, sums, choice->samples);
     for (uint32_t i = 0; i < choice->samples; i++) {
         const uint32_t strategy = i % strategies;
         double random[KILN_DIMENSIONS];
         for (uint32_t d = 0; d < KILN_DIMENSIONS; d++)
             random[d] = kiln_unit_double(sequence[strategy]->points[d][i / strategies] ^ shift[strategy][d]);
         struct kiln_vec3 p, n;
-        frame_position(f, b, j, (float)random[KILN_DIMENSION_S], (float)random[KILN_DIMENSION_T], &p, &n);
+        const float offset = frame_position(f, b, j, (float)random[KILN_DIMENSION_S], (float)random[KILN_DIMENSION_T], &p, &n);
         struct kiln_light_sample s;
-        const struct kiln_dvec3 normal = dvec3_of(n);
-        if (!kiln_lights_sample(b->params.lights, choice, i, dvec3_of(p), normal, random[KILN_DIMENSION_CHOICE],
+        const struct kiln_dvec3 normal = dvec3_of(n), place = dvec3_sub(dvec3_of(p), dvec3_scale(normal, (double)offset));
+        if (!kiln_lights_sample(b->params.lights, choice, i, place, normal, random[KILN_DIMENSION_CHOICE],
                                 random[KILN_DIMENSION_U], random[KILN_DIMENSION_V], &s))
             continue;
         const double cosine = dvec3_dot(normal, s.direction);
         if (!(cosine > 0.0))
             continue;
-        shadow_add(&w->shadows, b, context, p, &s, cosine, f->smooth ? fmax(0.0, dvec3_dot(shading, s.direction)) : cosine);
+        const double shading_cosine = f->smooth ? fmax(0.0, dvec3_dot(shading, s.direction)) : cosine;
+        aim_from(&s, place, dvec3_of(p));
+        shadow_add(&w->shadows, b, context, p, &s, i, cosine, shading_cosine);
         (*rays)++;
     }
     shadow_end(&w->shadows, b, context);

@@ -137,7 +137,8 @@ static void land(const struct emitters *e, struct RTCIntersectContext *context, 
     if (r.hit.geomID != RTC_INVALID_GEOMETRY_ID) {
         const uint32_t triangle = embree_triangle(b, r.hit.geomID, r.hit.primID);
         const bool back = r.hit.Ng_x * r.ray.dir_x + r.hit.Ng_y * r.ray.dir_y + r.hit.Ng_z * r.ray.dir_z > 0.0f;
-        target = back && (b->params.geometry->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0 ? out->blocked : out->received;
+        const bool double_sided = (b->params.geometry->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0;
+        target = !back ? out->received : double_sided ? out->behind : out->blocked;
         if (p->ranged != NULL)
             kept = kiln_point_light_range(p->ranged, (double)r.ray.tfar);
     }
@@ -205,6 +206,7 @@ int embree_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_
             result->emitted[c] += groups[i].emitted[c] / GROUPS;
             result->received[c] += groups[i].received[c] / GROUPS;
             result->blocked[c] += groups[i].blocked[c] / GROUPS;
+            result->behind[c] += groups[i].behind[c] / GROUPS;
             result->escaped[c] += groups[i].escaped[c] / GROUPS;
             result->ranged[c] += groups[i].ranged[c] / GROUPS;
         }

@@ -22,6 +22,7 @@ static void build_whole(struct fragment_frame *f, const struct embree_backend *b
     const struct kiln_footprint *p = &f->footprint[j];
     know(f, b, triangle);
     const struct kiln_vec3 origin = vec3_madd(p->whole.origin, f->known_normal, f->known_offset);
+    f->offset[j] = f->known_offset;
     const struct kiln_vec3 du = p->whole.du, dv = p->whole.dv;
     f->origin[0][j] = origin.x, f->origin[1][j] = origin.y, f->origin[2][j] = origin.z;
     f->edge_s[0][j] = du.x, f->edge_s[1][j] = du.y, f->edge_s[2][j] = du.z;
@@ -99,8 +100,8 @@ static void draw_position(struct fragment_frame *frame, const struct embree_back
     *position = vec3_madd(kiln_triangle_position(g, triangle, b1, b2), frame->known_normal, frame->known_offset);
 }
 
-void frame_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
-                    struct kiln_vec3 *position, struct kiln_vec3 *normal)
+float frame_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
+                     struct kiln_vec3 *position, struct kiln_vec3 *normal)
 {
     if (frame->whole[j]) {
         float p[3];
@@ -108,7 +109,7 @@ void frame_position(struct fragment_frame *frame, const struct embree_backend *b
             p[c] = frame->origin[c][j] + s * frame->edge_s[c][j] + t * frame->edge_t[c][j];
         *position = vec3(p[0], p[1], p[2]);
         *normal = vec3(frame->normal[0][j], frame->normal[1][j], frame->normal[2][j]);
-        return;
+        return frame->offset[j];
     }
     draw_position(frame, backend, j, s, t, position, normal);
     enum { TRIES = 32 };
@@ -116,6 +117,7 @@ void frame_position(struct fragment_frame *frame, const struct embree_backend *b
         const uint32_t hash = kiln_hash2(kiln_hash2((uint32_t)(s * 0x1p24f), (uint32_t)(t * 0x1p24f)), frame->key[j] + i);
         draw_position(frame, backend, j, kiln_unit_float(hash), kiln_unit_float(kiln_hash1(hash)), position, normal);
     }
+    return frame->known_offset;
 }
 
 static uint32_t seed_of(const struct embree_backend *b)

@@ -17,6 +17,7 @@ struct fragment_frame {
     bool partly_buried[KILN_TILE_TEXELS]; /* frame_position draws again until a place is not buried; never `whole` */
     float origin[3][KILN_TILE_TEXELS], edge_s[3][KILN_TILE_TEXELS], edge_t[3][KILN_TILE_TEXELS];
     float normal[3][KILN_TILE_TEXELS];  /* geometric, unit; of a point that is not whole: its first piece's */
+    float offset[KILN_TILE_TEXELS];     /* m along the normal that positions of a whole point carry */
     float shading[3][KILN_TILE_TEXELS]; /* unit; set where `smooth` */
     float present[KILN_TILE_TEXELS];  /* see struct kiln_point_result */
     /* with FRAME_EXTENT only */
@@ -37,9 +38,9 @@ enum frame_wish {
 void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, unsigned wish);
 
 /* Position (offset included) and geometric normal of a sample of point j; s and t in (0,1), uniform over what of its area is not
- * buried. */
-void frame_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
-                    struct kiln_vec3 *position, struct kiln_vec3 *normal);
+ * buried. Returns the offset, m along the normal: light is weighed where the surface is, only its ray starts off it. */
+float frame_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
+                     struct kiln_vec3 *position, struct kiln_vec3 *normal);
 
 /* Whether a place (offset included) with this normal is buried: a ray along the normal and three around it all meet back faces of
  * single-sided surfaces. */

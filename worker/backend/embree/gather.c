@@ -27,15 +27,18 @@ struct gather_work {
     float ray_origin[3][LANES], ray_direction[3][LANES], cosine[LANES];
     /* positions of points whose texel is not one square of one triangle: TABLE (or `samples`) of them, used in turn */
     float table_position[3][LANES][TABLE], table_normal[3][LANES][TABLE];
+    /* smooth meshes: `normal` is then the axis half-way between geometric and shading normal, and this the geometric one */
+    float facet[3][LANES], table_facet[3][LANES][TABLE];
     struct RTCRayHit8 packets[LANES / PACKET];
     /* sums a point */
-    double incident[LANES][3], irradiance[LANES][3], sub_net[SUB_NETS][LANES];
-    uint32_t escaped[LANES], blocked[LANES];
+    double incident[LANES][3], irradiance[LANES][3], borrowed[LANES][3], sub_net[SUB_NETS][LANES];
+    double escaped[LANES], blocked[LANES], behind[LANES];
     /* what the step's rays met, in the order of lanes */
     const struct kiln_tile *hit_tile[LANES];
     const struct kiln_tile_part *split_parts[LANES];
     uint64_t hit_point[LANES]; /* surface point or KILN_NO_POINT */
     uint8_t hit_bit[LANES], hit_lane[LANES], split_hit[LANES];
+    bool hit_behind[LANES]; /* the back of a double-sided surface */
     /* Sobol' points of the pass, and scrambled for the tile: samples values each */
     uint32_t *sobol[4], *scrambled[4];
     uint8_t *sub_net_of; /* of a sample */
@@ -96,6 +99,16 @@ KILN_CLONES static void scramble(uint32_t *restrict out, const uint32_t *restric
         out[k] = kiln_owen_scramble(in[k], seed);
 }
 
+/* Half-way between n and the shading normal of point j. Cosine-distributed about it, a direction has density (n.w + s.w) / |n + s|
+ * over pi: the irradiance about either normal is a mean with weights that stay below 2 wherever both cosines are positive, where
+ * sampling about n alone has s.w / n.w without bound. */
+static struct kiln_vec3 axis_of(const struct gather_work *w, uint32_t j, struct kiln_vec3 n)
+{
+    if (!w->frame.smooth)
+        return n;
+    return vec3_normalize(vec3_add(n, vec3(w->frame.shading[0][j], w->frame.shading[1][j], w->frame.shading[2][j])));
+}
+
 /* Positions of the points that are not whole squares. */
 static void fill_tables(struct gather_work *w, const struct embree_backend *b)
 {
@@ -108,7 +121,9 @@ static void fill_tables(struct gather_work *w, const struct embree_backend *b)
             frame_position(&w->frame, b, j, kiln_unit_float(w->scrambled[2][i] ^ w->shift_s[j]),
                            kiln_unit_float(w->scrambled[3][i] ^ w->shift_t[j]), &p, &n);
             w->table_position[0][j][i] = p.x, w->table_position[1][j][i] = p.y, w->table_position[2][j][i] = p.z;
-            w->table_normal[0][j][i] = n.x, w->table_normal[1][j][i] = n.y, w->table_normal[2][j][i] = n.z;
+            const struct kiln_vec3 axis = axis_of(w, j, n);
+            w->table_normal[0][j][i] = axis.x, w->table_normal[1][j][i] = axis.y, w->table_normal[2][j][i] = axis.z;
+            w->table_facet[0][j][i] = n.x, w->table_facet[1][j][i] = n.y, w->table_facet[2][j][i] = n.z;
         }
     }
 }
@@ -145,16 +160,20 @@ static void prepare(struct gather_work *w, const struct embree_backend *b, size_
             w->origin[c][l] = w->frame.origin[c][j];
             w->edge_s[c][l] = w->partial[l] ? 0.0f : w->frame.edge_s[c][j];
             w->edge_t[c][l] = w->partial[l] ? 0.0f : w->frame.edge_t[c][j];
-            w->normal[c][l] = w->frame.normal[c][j];
+            w->facet[c][l] = w->frame.normal[c][j];
         }
+        const struct kiln_vec3 axis = axis_of(w, j, vec3(w->facet[0][l], w->facet[1][l], w->facet[2][l]));
+        w->normal[0][l] = axis.x, w->normal[1][l] = axis.y, w->normal[2][l] = axis.z;
         if (w->partial[l])
             w->partial_lane[w->partial_lanes++] = l;
     }
     memset(w->incident, 0, sizeof w->incident);
     memset(w->irradiance, 0, sizeof w->irradiance);
     memset(w->sub_net, 0, sizeof w->sub_net);
+    memset(w->borrowed, 0, sizeof w->borrowed);
     memset(w->escaped, 0, sizeof w->escaped);
     memset(w->blocked, 0, sizeof w->blocked);
+    memset(w->behind, 0, sizeof w->behind);
 }
 
 /* sin(2 pi x) for |x| <= 1/4: odd polynomial, error below 3e-7. */
@@ -169,8 +188,8 @@ struct sample_numbers {
     uint32_t u, v, s, t;
 };
 
-/* Middle of the 2^-24 interval, as kiln_unit_float. */
-static inline float unit_of(uint32_t fraction) { return ((float)(int32_t)(fraction >> 8) + 0.5f) * 0x1p-24f; }
+/* As kiln_unit_float; through a signed number, which is converted eight at a time. */
+static inline float unit_of(uint32_t fraction) { return ((float)(int32_t)(fraction >> 9) + 0.5f) * 0x1p-23f; }
 
 /* Rays of lanes [begin, end), which take the same sample of their points: position in the texel, then a cosine-distributed
  * direction about the normal. */
@@ -208,6 +227,7 @@ static uint32_t prepare_step(struct gather_work *w, uint32_t step)
         for (int c = 0; c < 3; c++) {
             w->origin[c][l] = w->table_position[c][j][entry];
             w->normal[c][l] = w->table_normal[c][j][entry];
+            w->facet[c][l] = w->table_facet[c][j][entry];
         }
     }
     for (uint32_t c = 0; c < copies; c++) {
@@ -255,6 +275,18 @@ static const uint8_t morton_of[KILN_TILE_TEXELS] = {
     32, 33, 36, 37, 48, 49, 52, 53, 34, 35, 38, 39, 50, 51, 54, 55, 40, 41, 44, 45, 56, 57, 60, 61, 42, 43, 46, 47, 58, 59, 62, 63,
 };
 
+/* Weight of a lane's direction for what arrives about the geometric normal; 0: the direction lies below the surface. The wedge that
+ * lies above the surface but below the axis' horizon is not drawn; the factor 2 / (1 + cos tilt) makes up for its share, so that
+ * the weights' mean is 1 and no energy is lost. */
+static inline float facet_weight(const struct gather_work *w, uint32_t l)
+{
+    if (!w->frame.smooth)
+        return 1.0f;
+    const float cosine = w->facet[0][l] * w->ray_direction[0][l] + w->facet[1][l] * w->ray_direction[1][l] + w->facet[2][l] * w->ray_direction[2][l];
+    const float tilt = w->facet[0][l] * w->normal[0][l] + w->facet[1][l] * w->normal[1][l] + w->facet[2][l] * w->normal[2][l];
+    return cosine > 0.0f ? 2.0f / (1.0f + tilt) * cosine / w->cosine[l] : 0.0f;
+}
+
 /* From hits to surface points in three rounds, so that each load has been asked for a round before: the way to memory is as long
  * as tracing a ray. First the tile of each hit; what missed or met a back face is counted and drops out. */
 KILN_CLONES static uint32_t find_tiles(const struct embree_backend *b, struct gather_work *w, uint32_t lanes)
@@ -268,13 +300,13 @@ KILN_CLONES static uint32_t find_tiles(const struct embree_backend *b, struct ga
         const uint32_t i = l % PACKET, j = w->point[l];
         const unsigned geometry = r->hit.geomID[i];
         if (geometry == RTC_INVALID_GEOMETRY_ID) {
-            w->escaped[j]++;
+            w->escaped[j] += (double)facet_weight(w, l);
             continue;
         }
         const struct kiln_hit_record *record = &records[embree_triangle(b, geometry, r->hit.primID[i])];
         const float facing = r->hit.Ng_x[i] * w->ray_direction[0][l] + r->hit.Ng_y[i] * w->ray_direction[1][l] + r->hit.Ng_z[i] * w->ray_direction[2][l];
         if (facing > 0.0f && (record->material & KILN_RECORD_DOUBLE_SIDED) == 0) {
-            w->blocked[j]++;
+            w->blocked[j] += (double)facet_weight(w, l);
             continue;
         }
         const struct kiln_lightmap *map = &lightmaps[record->object];
@@ -288,6 +320,7 @@ KILN_CLONES static uint32_t find_tiles(const struct embree_backend *b, struct ga
         __builtin_prefetch(tile);
         w->hit_tile[count] = tile;
         w->hit_bit[count] = morton_of[((uint32_t)y & 7u) << 3 | ((uint32_t)x & 7u)];
+        w->hit_behind[count] = facing > 0.0f;
         w->hit_lane[count++] = (uint8_t)l;
     }
     return count;
@@ -328,12 +361,16 @@ KILN_CLONES static void collect(const struct embree_backend *b, struct gather_wo
 {
     const uint32_t first = step * w->copies;
     for (uint32_t i = 0; i < count; i++) {
-        if (w->hit_point[i] == KILN_NO_POINT)
-            continue;
         const uint32_t l = w->hit_lane[i], j = w->point[l];
-        float rgb[3];
-        kiln_radiosity_unpack(b->radiosity[w->hit_point[i]], rgb);
-        float weight = 1.0f;
+        const float facet = facet_weight(w, l);
+        float rgb[3] = {0.0f, 0.0f, 0.0f}, weight = facet;
+        if (w->hit_point[i] != KILN_NO_POINT && facet > 0.0f)
+            kiln_radiosity_unpack(b->radiosity[w->hit_point[i]], rgb);
+        if (w->hit_behind[i]) {
+            w->behind[j] += (double)facet;
+            for (int c = 0; c < 3; c++)
+                w->borrowed[j][c] += (double)(facet * rgb[c]);
+        }
         if (w->frame.smooth) {
             const float cosine = w->frame.shading[0][j] * w->ray_direction[0][l] + w->frame.shading[1][j] * w->ray_direction[1][l] +
                                  w->frame.shading[2][j] * w->ray_direction[2][l];
@@ -342,7 +379,7 @@ KILN_CLONES static void collect(const struct embree_backend *b, struct gather_wo
                 w->irradiance[j][c] += (double)(weight * rgb[c]);
         }
         for (int c = 0; c < 3; c++)
-            w->incident[j][c] += (double)rgb[c];
+            w->incident[j][c] += (double)(facet * rgb[c]);
         w->sub_net[w->sub_net_of[first + w->copy[l]]][j] += (double)(weight * (0.2126f * rgb[0] + 0.7152f * rgb[1] + 0.0722f * rgb[2]));
     }
 }
@@ -370,11 +407,13 @@ static void store(const struct gather_work *w, struct kiln_point_result *results
         for (int c = 0; c < 3; c++) {
             r->incident[c] = (float)(w->incident[j][c] * scale);
             r->irradiance[c] = w->frame.smooth ? (float)(w->irradiance[j][c] * scale) : r->incident[c];
+            r->borrowed[c] = (float)(w->borrowed[j][c] * scale);
         }
         r->error = sub_net_error(w, j);
         r->present = w->frame.present[j];
-        r->escaped = (float)((double)w->escaped[j] * scale);
-        r->blocked = (float)((double)w->blocked[j] * scale);
+        r->escaped = (float)(w->escaped[j] * scale);
+        r->blocked = (float)(w->blocked[j] * scale);
+        r->behind = (float)(w->behind[j] * scale);
     }
 }
 

@@ -7,24 +7,26 @@
 /* What the samples of one choice of light bring: plain sums, to be divided by the number of samples. */
 struct shadow_sums {
     double incident[3], irradiance[3];
+    double quarter[4]; /* luminance of irradiance, of each quarter of the samples */
     double square; /* sum of squared luminances */
 };
 
 struct shadow_packet {
     struct RTCRay8 rays __attribute__((aligned(32)));
     double incident[PACKET][3], irradiance[PACKET][3];
-    uint32_t count;
+    uint32_t count, samples, index[PACKET];
     struct shadow_sums *sums;
 };
 
-/* Starts a choice, whose answers go to `sums`. */
-void shadow_begin(struct shadow_packet *packet, struct shadow_sums *sums);
-/* A ray from p; the cosines are those of the geometric and the shading normal. */
+/* Starts a choice with `samples` samples, whose answers go to `sums`. */
+void shadow_begin(struct shadow_packet *packet, struct shadow_sums *sums, uint32_t samples);
+/* The ray of sample `index` from p; the cosines are those of the geometric and the shading normal. */
 void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context, struct kiln_vec3 p,
-                const struct kiln_light_sample *sample, double cosine, double shading_cosine);
+                const struct kiln_light_sample *sample, uint32_t index, double cosine, double shading_cosine);
 void shadow_end(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context);
 
-/* Variance of the mean of the luminance, as if samples were independent (an upper estimate for stratified ones). */
+/* Variance of the mean of the luminance, from the spread of its four quarters, each a net of its own: more than that of the whole
+ * net, whose parts balance one another. Below 8 samples as if they were independent. */
 double shadow_variance(const struct shadow_sums *sums, uint32_t samples);
 
 #endif
