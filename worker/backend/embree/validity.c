@@ -1,7 +1,8 @@
 /* Which share of each point is buried in other geometry.
  *
- * 16 places a point first, each with a ray along its normal (and three more where that meets a back face: frame_buried); where any
- * place is buried, 128 more give the share. A point of which less than 1/32 is left is invalid. */
+ * 16 places a point first, each with a ray along its normal (and three more where that meets a back face: frame_buried). A point
+ * with all of them buried is invalid; where some are, 64 more give the share, and a point of which less than 1/32 is left is
+ * invalid too. */
 #include <omp.h>
 
 #include "shaders/random.h"
@@ -10,7 +11,7 @@
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
 
-enum { FIRST_LOOK = 16, SECOND_LOOK = 128 };
+enum { FIRST_LOOK = 16, SECOND_LOOK = 64 };
 
 /* How many of `samples` places of point j are buried. */
 static uint32_t count_buried(struct fragment_frame *f, const struct embree_backend *b, uint32_t j, uint32_t samples, uint32_t stream)
@@ -27,8 +28,9 @@ static uint32_t count_buried(struct fragment_frame *f, const struct embree_backe
 
 static uint16_t visible_share(struct fragment_frame *f, const struct embree_backend *b, uint32_t j)
 {
-    if (count_buried(f, b, j, FIRST_LOOK, 0x76616c31u) == 0)
-        return 0xffff;
+    const uint32_t first = count_buried(f, b, j, FIRST_LOOK, 0x76616c31u);
+    if (first == 0 || first == FIRST_LOOK)
+        return first == 0 ? 0xffff : 0;
     const uint32_t left = SECOND_LOOK - count_buried(f, b, j, SECOND_LOOK, 0x76616c32u);
     if (left == SECOND_LOOK) /* the first look saw a corner that the second missed */
         return 0xffff - 0xffff / SECOND_LOOK;
