@@ -182,6 +182,15 @@ struct kiln_vec3 kiln_triangle_normal(const struct kiln_geometry *geometry, uint
 
 static struct kiln_dvec3 row(const double *m, int r) { return dvec3(m[4 * r], m[4 * r + 1], m[4 * r + 2]); }
 
+/* Normals go with the cofactors of the transform: the inverse transpose times the determinant, whose sign is taken out. */
+static struct kiln_dvec3 to_world(const struct kiln_object *object, struct kiln_dvec3 n)
+{
+    const struct kiln_dvec3 x = row(object->transform, 0), y = row(object->transform, 1), z = row(object->transform, 2);
+    const struct kiln_dvec3 world =
+        dvec3(dvec3_dot(dvec3_cross(y, z), n), dvec3_dot(dvec3_cross(z, x), n), dvec3_dot(dvec3_cross(x, y), n));
+    return unit(object->flipped ? dvec3_scale(world, -1.0) : world);
+}
+
 struct kiln_vec3 kiln_triangle_exact_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry, uint32_t triangle)
 {
     const double *m = scene->objects[geometry->records[triangle].object].transform;
@@ -194,16 +203,14 @@ struct kiln_vec3 kiln_triangle_exact_normal(const struct kiln_scene *scene, cons
         edge[i] = dvec3(dvec3_dot(row(m, 0), e), dvec3_dot(row(m, 1), e), dvec3_dot(row(m, 2), e));
     }
     const struct kiln_dvec3 normal = unit(dvec3_cross(edge[0], edge[1]));
-    return dvec3_dot(normal, normal) > 0.0 ? vec3_of(normal) : kiln_triangle_normal(geometry, triangle);
-}
-
-/* Normals go with the cofactors of the transform: the inverse transpose times the determinant, whose sign is taken out. */
-static struct kiln_dvec3 to_world(const struct kiln_object *object, struct kiln_dvec3 n)
-{
-    const struct kiln_dvec3 x = row(object->transform, 0), y = row(object->transform, 1), z = row(object->transform, 2);
-    const struct kiln_dvec3 world =
-        dvec3(dvec3_dot(dvec3_cross(y, z), n), dvec3_dot(dvec3_cross(z, x), n), dvec3_dot(dvec3_cross(x, y), n));
-    return unit(object->flipped ? dvec3_scale(world, -1.0) : world);
+    if (!(dvec3_dot(normal, normal) > 0.0))
+        return kiln_triangle_normal(geometry, triangle);
+    const struct kiln_object *object = &scene->objects[geometry->records[triangle].object];
+    if ((scene->meshes[object->mesh].flags & KILN_MESH_SMOOTH) != 0)
+        return vec3_of(normal);
+    const struct kiln_dvec3 stored = to_world(object, dvec3_add(dvec3_of(scene->normals[vertex[0]]),
+                                                                dvec3_add(dvec3_of(scene->normals[vertex[1]]), dvec3_of(scene->normals[vertex[2]]))));
+    return vec3_of(dvec3_dot(stored, normal) > 1.0 - 1e-6 ? stored : normal);
 }
 
 static struct kiln_dvec3 shading_normal(const struct kiln_scene *scene, const struct kiln_geometry *g, uint32_t triangle, double b1,

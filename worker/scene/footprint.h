@@ -111,8 +111,9 @@ static inline struct kiln_vec3 kiln_triangle_position(const struct kiln_geometry
  * without area. */
 struct kiln_vec3 kiln_triangle_normal(const struct kiln_geometry *geometry, uint32_t triangle);
 
-/* The same from the stored vertices and the transform in double, free of the rounding of world positions: what cosines are taken
- * with (at 89.9 degrees a normal that is off by 2e-6 costs a thousandth). */
+/* The same from the stored vertices and the transform in double, free of the rounding of world positions; on a flat mesh the stored
+ * normal where the two agree, which the rounding of the file's own positions has not touched. What cosines are taken with: at
+ * 89.9 degrees a normal that is off by 2e-6 costs a thousandth. */
 struct kiln_vec3 kiln_triangle_exact_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry, uint32_t triangle);
 
 /* Unit shading normal: the stored normals interpolated in the mesh and taken to the world by the inverse transpose. The
