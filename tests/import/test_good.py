@@ -69,17 +69,17 @@ class Good(importing.Case):
                 if name in REFUSED:
                     self.refused(path, [REFUSED[name], "export again"])
                 else:
-                    self.accepted(path)
+                    self.accepted(path, "--lightmap-max", 32)
 
     def test_twins_are_equal(self):
         """The quantized scene and its plain twin: the same triangles, areas within the quantization."""
-        plain = self.accepted(os.path.join(SCENES, "features", "uncompressed_twin_of_compressed.glb"))
-        quantized = self.accepted(os.path.join(SCENES, "features", "quantized_required.glb"))
+        plain = self.accepted(os.path.join(SCENES, "features", "uncompressed_twin_of_compressed.glb"), "--lightmap-max", 32)
+        quantized = self.accepted(os.path.join(SCENES, "features", "quantized_required.glb"), "--lightmap-max", 32)
         self.assertEqual(plain["counts"], quantized["counts"])
         self.assertAlmostEqual(plain["surface"]["area"], quantized["surface"]["area"], delta=2e-3 * plain["surface"]["area"])
 
     def test_index_types_agree(self):
-        reports = [self.accepted(os.path.join(SCENES, "features", f"indices_u{b}.glb")) for b in (8, 16, 32)]
+        reports = [self.accepted(os.path.join(SCENES, "features", f"indices_u{b}.glb"), "--lightmap-max", 32) for b in (8, 16, 32)]
         self.assertEqual(reports[0]["surface"], reports[1]["surface"])
         self.assertEqual(reports[0]["surface"], reports[2]["surface"])
 
@@ -96,7 +96,7 @@ class Good(importing.Case):
         self.assertIn("mesh 'inverted_winding'", [p["place"] for p in check["problems"] if "inward" in p["text"]])
 
     def test_emission_is_factor_times_strength(self):
-        lamps = [m for m in self.accepted(os.path.join(SCENES, "features", "base.glb"))["materials"] if max(m["emission"]) > 0]
+        lamps = [m for m in self.accepted(os.path.join(SCENES, "features", "base.glb"), "--lightmap-max", 8)["materials"] if max(m["emission"]) > 0]
         self.assertEqual(len(lamps), 1)
         for value, expected in zip(lamps[0]["emission"], (10.0, 9.0, 8.0)):
             self.assertAlmostEqual(value, expected, places=5)
