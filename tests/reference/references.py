@@ -21,7 +21,7 @@ import harness  # noqa: E402
 SETTINGS = {
     'cornell_original': (6 * 15, 256, 16, 512),
     'cornell_layers': (6 * 15, 256, 16, 512),
-    'cornell_shapes_narrow': (4 * 25, 256, 16, 512),
+    'cornell_shapes_narrow': (4 * 51, 256, 16, 384), # texels smaller than the facets they compare
     'two_rooms': (6 * 15, 512, 32, 512),
     'punctual_zoo': (6 * 11, 256, 32, 512),
     'many_lights': (8 * 5, 256, 16, 256),
