@@ -12,7 +12,7 @@
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
 
-enum { LANES = 64, TABLE = 32, SUB_NETS = 4 };
+enum { LANES = 64, TABLE = 64, SUB_NETS = 4 };
 
 /* A thread's working set. Lane l of step i takes sample i * copies + copy[l] of point `point[l]`. */
 struct gather_work {
@@ -25,7 +25,9 @@ struct gather_work {
     /* what the current step's rays are made of */
     float origin[3][LANES], edge_s[3][LANES], edge_t[3][LANES], normal[3][LANES];
     float ray_origin[3][LANES], ray_direction[3][LANES], cosine[LANES];
-    /* positions of points whose texel is not one square of one triangle: TABLE (or `samples`) of them, used in turn */
+    /* positions of points whose texel is not one square of one triangle: sample k takes the (k / reuse)-th, which stands at entry
+     * k / reuse % TABLE from when it is first wanted; positions_made of them so far */
+    uint32_t reuse, positions_made;
     float table_position[3][LANES][TABLE], table_normal[3][LANES][TABLE];
     /* smooth meshes: `normal` is then the axis half-way between geometric and shading normal, and this the geometric one */
     float facet[3][LANES], table_facet[3][LANES][TABLE];
@@ -89,6 +91,8 @@ static int work_create(struct gather_work **work, uint32_t samples, struct kiln_
     }
     (*work)->samples = samples;
     (*work)->shared_digits = kiln_shared_digits(samples);
+    /* A position costs as much as a ray: up to 64 each ray has its own, from 256 on four share one. */
+    (*work)->reuse = samples <= TABLE ? 1 : samples < 4 * TABLE ? (samples + TABLE - 1) / TABLE : 4;
     start_packets(*work);
     return KILN_OK;
 }
@@ -110,22 +114,22 @@ static struct kiln_vec3 axis_of(const struct gather_work *w, uint32_t j, struct 
 }
 
 /* Positions of the points that are not whole squares. */
-static void fill_tables(struct gather_work *w, const struct embree_backend *b)
+static void fill_tables(struct gather_work *w, const struct embree_backend *b, uint32_t wanted)
 {
-    const uint32_t size = w->samples < TABLE ? w->samples : TABLE;
-    for (uint32_t j = 0; j < w->frame.count; j++) {
-        if (w->frame.whole[j])
-            continue;
-        for (uint32_t i = 0; i < size; i++) {
+    for (uint32_t k = w->positions_made; k < wanted; k++)
+        for (uint32_t j = 0; j < w->frame.count; j++) {
+            if (w->frame.whole[j])
+                continue;
+            const uint32_t i = k % TABLE;
             struct kiln_vec3 p, n;
-            frame_position(&w->frame, b, j, kiln_unit_float(w->scrambled[2][i] ^ w->shift_s[j]),
-                           kiln_unit_float(w->scrambled[3][i] ^ w->shift_t[j]), &p, &n);
+            frame_position(&w->frame, b, j, kiln_unit_float(w->scrambled[2][k] ^ w->shift_s[j]), kiln_unit_float(w->scrambled[3][k] ^ w->shift_t[j]),
+                           &p, &n);
             w->table_position[0][j][i] = p.x, w->table_position[1][j][i] = p.y, w->table_position[2][j][i] = p.z;
             const struct kiln_vec3 axis = axis_of(w, j, n);
             w->table_normal[0][j][i] = axis.x, w->table_normal[1][j][i] = axis.y, w->table_normal[2][j][i] = axis.z;
             w->table_facet[0][j][i] = n.x, w->table_facet[1][j][i] = n.y, w->table_facet[2][j][i] = n.z;
         }
-    }
+    w->positions_made = wanted > w->positions_made ? wanted : w->positions_made;
 }
 
 static void prepare(struct gather_work *w, const struct embree_backend *b, size_t fragment, uint32_t stream)
@@ -143,7 +147,7 @@ static void prepare(struct gather_work *w, const struct embree_backend *b, size_
         w->shift_s[j] = kiln_hash1(key + 3u);
         w->shift_t[j] = kiln_hash1(key + 4u);
     }
-    fill_tables(w, b);
+    w->positions_made = 0;
     w->copies = LANES / count;
     if (w->copies > w->samples)
         w->copies = w->samples;
@@ -217,13 +221,14 @@ KILN_CLONES static void make_rays(struct gather_work *restrict w, uint32_t begin
 
 /* Makes the rays of step `step`, also of points that take their positions from a table. Samples that do not exist have no
  * lanes. Returns how many lanes there are. */
-static uint32_t prepare_step(struct gather_work *w, uint32_t step)
+static uint32_t prepare_step(struct gather_work *w, const struct embree_backend *b, uint32_t step)
 {
     const uint32_t count = w->frame.count, first = step * w->copies;
     const uint32_t copies = w->samples - first < w->copies ? w->samples - first : w->copies;
-    const uint32_t size = w->samples < TABLE ? w->samples : TABLE;
+    if (w->partial_lanes > 0)
+        fill_tables(w, b, (first + copies - 1) / w->reuse + 1);
     for (uint32_t i = 0; i < w->partial_lanes; i++) {
-        const uint32_t l = w->partial_lane[i], j = w->point[l], entry = (first + w->copy[l]) % size;
+        const uint32_t l = w->partial_lane[i], j = w->point[l], entry = (first + w->copy[l]) / w->reuse % TABLE;
         for (int c = 0; c < 3; c++) {
             w->origin[c][l] = w->table_position[c][j][entry];
             w->normal[c][l] = w->table_normal[c][j][entry];
@@ -428,7 +433,7 @@ static void gather_fragment(const struct embree_backend *b, struct RTCIntersectC
         return;
     const uint32_t steps = steps_of(w);
     for (uint32_t step = 0; step < steps; step++) {
-        const uint32_t lanes = prepare_step(w, step);
+        const uint32_t lanes = prepare_step(w, b, step);
         fill_packets(w, lanes);
         trace_packets(b, context, w, lanes);
         const uint32_t hits = find_tiles(b, w, lanes);
@@ -494,7 +499,7 @@ int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch,
         prepare(w, b, batch->fragment_first + i, stream);
         const uint32_t steps = w->frame.count == 0 ? 0 : steps_of(w);
         for (uint32_t step = 0; step < steps; step++) {
-            const uint32_t lanes = prepare_step(w, step);
+            const uint32_t lanes = prepare_step(w, b, step);
             fill_packets(w, lanes);
             const double start = seconds_now();
             trace_packets(b, &context, w, lanes);
