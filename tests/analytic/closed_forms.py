@@ -23,6 +23,8 @@ STANDARD_ERRORS = 4.0
 ROUNDING = 2e-6  # float32 positions and sums: of the strongest irradiance of a case
 RADIOSITY_ROUNDING = 2.0 ** -13  # of a hit's radiosity as it is kept between bounces
 
+UNIFORM_SHARE = 0.99
+
 # Lightmap side and samples of each case: enough for its tolerance, and quick.
 DEFAULT = {'size': 24, 'direct': 4096, 'indirect': 64, 'bounce': 4, 'bounces': 0}
 ALL = {'bounces': None, 'indirect': 4096, 'bounce': 64}  # all bounces
@@ -42,13 +44,14 @@ SETTINGS = {
     'directional_cosine': {'size': 9, 'direct': 64},
     'sky_long_wall': {'size': 56},
     'strip_light': {'size': 16, 'direct': 131072},
-    'sky_roof_opening': {'size': 16, 'direct': 262144},
+    'sky_roof_opening': {'size': 16, 'direct': 524288},
     'furnace_cube_rho0': {'direct': 16384},
     'furnace_cube_rho0.5': {'direct': 16384, **ALL},
     'furnace_cube_rho0.9': {'direct': 16384, **ALL},
     'furnace_cube_rho0.99': {'direct': 16384, **ALL},
-    'furnace_rgb_objects': {'direct': 16384, **ALL, 'indirect': 4096},
-    'furnace_two_albedos': {'size': 32, 'direct': 8192, **ALL, 'indirect': 4096},
+    'furnace_rgb_objects': {'direct': 131072, **ALL, 'indirect': 16384, 'bounce': 2048},
+    # a texel in an edge sees few texels of the other wall, whose own noise must be small then
+    'furnace_two_albedos': {'size': 24, 'direct': 32768, **ALL, 'bounce': 2048},
     'concentric_spheres': {'size': 64, 'direct': 2048, **ALL, 'indirect': 1024},
     'hollow_sphere_patch': {'size': 48, 'direct': 512, **ALL},
     # light is at one plane at a time, so a tail in proportion to the last bounce would be split wrongly: none is left
@@ -68,6 +71,10 @@ STANDING = {('furnace_rgb_objects', 'block')}
 UNDER = {('furnace_rgb_objects', 'room'): ((0.5, 0.0, 0.5), (1.5, 0.0, 1.5))}
 # Spheres (centre, radius) whose layout is too tight for the lightmap's side: some texels belong to two charts.
 SPHERES = {'concentric_spheres': {'inner': ((0, 0, 0), 0.5), 'outer': ((0, 0, 0), 1.5)}, 'furnace_rgb_objects': {'ball': ((2.5, 1.2, 3.0), 0.8)}}
+
+
+# Of a ball with shading normals a part of each hemisphere lies below the facet and stays dark: the closed form is about facets.
+FLAT = {'furnace_rgb_objects'}
 
 
 class Judgement:
@@ -237,7 +244,8 @@ def compare_means(case, bake, judgement):
 
 
 def compare_uniform(case, bake, judgement):
-    """Irradiance that is the same everywhere: 99.9 % of all points meet both criteria."""
+    """Irradiance that is the same everywhere: 99 % of all points meet both criteria (the standard error is pooled over the object,
+    whose noise is larger in contacts than elsewhere), and the mean over the points is within a third of the tolerance."""
     wanted = {}
     if 'uniform_E' in case:
         wanted = {name: np.broadcast_to(np.asarray(case['uniform_E'], float), 3) for name in bake.names()}
@@ -262,13 +270,16 @@ def compare_uniform(case, bake, judgement):
         errors = (np.maximum(np.abs(got - want) - rounding(case, bake, want, want.max()), 0) / error).max(1)
         good = (relative <= case['tol_rel']) & (errors <= STANDARD_ERRORS)
         judgement.points += len(own)
-        judgement.relative = max(judgement.relative, float(np.quantile(relative, 0.999)))
-        judgement.errors = max(judgement.errors, float(np.quantile(errors, 0.999)))
-        if len(own) == 0 or good.mean() < 0.999:
+        judgement.relative = max(judgement.relative, float(np.quantile(relative, UNIFORM_SHARE)))
+        judgement.errors = max(judgement.errors, float(np.quantile(errors, UNIFORM_SHARE)))
+        if len(own) == 0 or good.mean() < UNIFORM_SHARE:
             judgement.failures.append('%s: %.2f %% of %d points are within %.1e and 4 standard errors, mean ratio %s' % (
                 name, 100 * good.mean() if len(own) else 0, len(own), case['tol_rel'], got.mean(0) / want if len(own) else '-'))
+        off = float(np.abs(got.mean(0) / want - 1).max()) if len(own) else 1.0
+        if off > case['tol_rel'] / 3:
+            judgement.failures.append('%s: the mean over points is off by %.1e, a third of the tolerance is %.1e' % (name, off, case['tol_rel'] / 3))
         moved = want * (1 + max(0.01, 2.5 * case['tol_rel']))
-        if ((np.abs(got - moved) / moved).max(1) <= case['tol_rel']).mean() >= 0.999:
+        if ((np.abs(got - moved) / moved).max(1) <= case['tol_rel']).mean() >= UNIFORM_SHARE:
             judgement.failures.append('%s: an answer moved by 2.5 tolerances would pass too' % name)
 
 
@@ -378,6 +389,8 @@ def bake_patches(kiln, case):
 def bake_case(kiln, case):
     scene = harness.own_scene('analytic', case['file'])
     judgement = Judgement()
+    if case['id'] in FLAT:
+        scene = glb.without_normals(scene, os.path.join(kiln.scratch, case['id'] + '-flat.glb'))
     bake = kiln.bake(scene, *options(case))
     if bake.process.status != 0:
         return bake, judgement

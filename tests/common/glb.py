@@ -111,3 +111,13 @@ class Scene:
         with open(path, 'wb') as f:
             f.write(struct.pack('<III', 0x46546C67, 2, 12 + len(chunks)) + chunks)
         return path
+
+
+def without_normals(path, copy):
+    """Writes the scene without its normals, which glTF defines as flat: what closed forms of facets are about."""
+    scene = Scene()
+    scene.load(path)
+    for mesh in scene.document['meshes']:
+        for primitive in mesh['primitives']:
+            primitive['attributes'].pop('NORMAL', None)
+    return scene.write(copy)

@@ -33,15 +33,6 @@ SETTINGS = {
 SMOOTH = {'cornell_shapes_narrow'}
 
 
-def without_normals(path, copy):
-    scene = glb.Scene()
-    scene.load(path)
-    for mesh in scene.document['meshes']:
-        for primitive in mesh['primitives']:
-            primitive['attributes'].pop('NORMAL', None)
-    return scene.write(copy)
-
-
 def compare(reference, bake):
     """Arrays, a row a sample: irradiance got and wanted (n, 3), standard errors of both (n, 3)."""
     got, want, errors, where = [], [], [], []
@@ -85,7 +76,7 @@ def main():
             reference = json.load(f)
         path = harness.own_scene(scene + '.glb')
         if scene in SMOOTH:
-            path = without_normals(path, os.path.join(kiln.scratch, scene + '-flat.glb'))
+            path = glb.without_normals(path, os.path.join(kiln.scratch, scene + '-flat.glb'))
         bake = kiln.bake(path, '--lightmap-size', size, '--samples-direct', direct, '--samples-bounce',
                          bounce, '--samples-indirect', indirect, '--samples-probe', 0)
         if checks.baked(bake):
