@@ -24,12 +24,18 @@ static uint64_t share_bytes(const struct kiln_surface *s)
            s->fragment_count * (sizeof *s->fragments + sizeof *s->piece_base + sizeof *s->share_base);
 }
 
+static uint64_t section_bytes(const struct kiln_scene *scene, enum kiln_scene_section section)
+{
+    return scene->header->sections[section].count * kiln_scene_element_size(section);
+}
+
 static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_surface *share)
 {
     struct kiln_plan_memory *m = &plan->memory;
     const struct kiln_geometry *g = p->geometry;
     m->program = PROGRAM_BYTES;
-    m->scene = p->scene->mapped_bytes;
+    m->textures = section_bytes(p->scene, KILN_SECTION_TEXELS) + section_bytes(p->scene, KILN_SECTION_ENVIRONMENT_TEXELS);
+    m->scene = p->scene->mapped_bytes - m->textures;
     m->geometry = g->vertex_count * 3 * sizeof *g->vertices +
                   g->triangle_count * (3 * sizeof *g->indices + sizeof *g->records + sizeof *g->stored_triangle);
     m->bvh = (uint64_t)(BVH_BYTES * (double)g->triangle_count);
@@ -39,7 +45,7 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     m->surface_own = (uint64_t)(own * (double)plan->surface.points_max);
     m->transport = kiln_transport_bytes(plan->surface.points_max, plan->surface.points);
     m->volume = plan->probes * sizeof(struct kiln_probe_result);
-    m->total = m->program + m->scene + m->geometry + m->bvh + m->surface_all + m->surface_own + m->transport + m->volume;
+    m->total = m->program + m->scene + m->textures + m->geometry + m->bvh + m->surface_all + m->surface_own + m->transport + m->volume;
     if (plan->surface.points > 0)
         plan->bytes_per_point = own + (double)m->surface_all / (double)plan->surface.points +
                                 (double)(kiln_transport_bytes(plan->surface.points, plan->surface.points) - kiln_transport_bytes(0, 0)) /

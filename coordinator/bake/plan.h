@@ -7,7 +7,8 @@
 /* Bytes of the fullest rank, by purpose. */
 struct kiln_plan_memory {
     uint64_t program;     /* the process before it has a scene: code, libraries, MPI */
-    uint64_t scene;       /* the mapped scene file (shared by the ranks of a node) */
+    uint64_t scene;       /* the mapped scene file (shared by the ranks of a node) without its images */
+    uint64_t textures;    /* its images */
     uint64_t geometry;    /* world triangles */
     uint64_t bvh;         /* Embree's own, estimated by triangles */
     uint64_t surface_all; /* tiles and lightmaps: the same on every rank */
@@ -24,7 +25,7 @@ struct kiln_plan {
     uint64_t lightmap_bytes, h5_bytes, volume_bytes; /* of the results, uncompressed */
     uint64_t probes;
     double bytes_per_point;    /* fullest rank: surface and transport, for each of its own points when it has all */
-    double bytes_per_triangle; /* scene and geometry, Embree's BVH aside */
+    double bytes_per_triangle; /* scene and geometry; images and Embree's BVH aside */
     double exchange_bytes;     /* a rank receives in each bounce */
     uint32_t bounces;          /* assumed */
     double seconds_direct, seconds_bounces, seconds_final, seconds_probes, seconds_exchange; /* fullest rank */

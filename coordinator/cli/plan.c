@@ -21,7 +21,8 @@ static double node_memory(const struct kiln_job *job)
 static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
 {
     const struct kiln_plan_memory *m = &p->memory;
-    json_t *memory = json_pack("{s:s, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "units", "bytes", "program", (json_int_t)m->program, "scene",
+    json_t *memory = json_pack("{s:s, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "units", "bytes", "program", (json_int_t)m->program, "textures",
+                               (json_int_t)m->textures, "scene",
                                (json_int_t)m->scene, "geometry", (json_int_t)m->geometry, "bvh", (json_int_t)m->bvh, "surface_all",
                                (json_int_t)m->surface_all, "surface_own", (json_int_t)m->surface_own, "transport", (json_int_t)m->transport,
                                "volume", (json_int_t)m->volume, "total", (json_int_t)m->total);
@@ -51,13 +52,13 @@ static void print_plan(const struct kiln_plan *p, const struct kiln_job *job)
     const struct {
         const char *name;
         uint64_t bytes;
-    } rows[] = {{"program", m->program},           {"scene file, mapped", m->scene}, {"geometry", m->geometry},
+    } rows[] = {{"program", m->program},           {"scene file, mapped", m->scene}, {"its images", m->textures}, {"geometry", m->geometry},
                 {"BVH (estimated)", m->bvh},       {"tiles of all points", m->surface_all}, {"own surface points", m->surface_own},
                 {"light of own points", m->transport}, {"probes", m->volume},        {"a rank in all", m->total}};
     (void)printf("memory of the fullest rank, MiB\n");
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
         (void)printf("  %-22s %10.1f\n", rows[i].name, mebibytes(rows[i].bytes));
-    (void)printf("%.1f bytes a surface point, %.1f bytes a triangle (BVH aside)\n", p->bytes_per_point, p->bytes_per_triangle);
+    (void)printf("%.1f bytes a surface point, %.1f bytes a triangle (BVH and images aside)\n", p->bytes_per_point, p->bytes_per_triangle);
     const double fits = node_memory(job) * 0x1p30 / (double)m->total;
     (void)printf("a node with %.1f GiB holds %s%.0f such ranks\n\n", node_memory(job), fits < 1.0 ? "only " : "", fits < 1.0 ? 0.0 : fits);
     (void)printf("time of the fullest rank, from a sample traced here (%u bounces assumed)\n", p->bounces);
