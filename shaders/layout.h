@@ -1,0 +1,104 @@
+/* What C and GLSL both must know of the data on the device: every struct once, in scalar layout, which is C's. Included by GLSL
+ * and by C, which includes worker/base/vector.h before and checks sizes at compile time.
+ *
+ * Addresses are 64-bit device addresses (0: there is none). Positions are relative to the scene's centre, in metres. */
+#ifndef KILN_SHADERS_LAYOUT_H
+#define KILN_SHADERS_LAYOUT_H
+
+#ifdef GL_core_profile
+#define KILN_ADDRESS uint64_t
+#define KILN_WORD64 uint64_t
+#define KILN_WORD uint
+#define KILN_REAL32 float
+#define KILN_REAL64 double
+#define KILN_VECTOR vec3
+#define KILN_SIZE_IS(type, size)
+#else
+#include <stdint.h>
+#define KILN_ADDRESS uint64_t
+#define KILN_WORD64 uint64_t
+#define KILN_WORD uint32_t
+#define KILN_REAL32 float
+#define KILN_REAL64 double
+#define KILN_VECTOR struct kiln_vec3
+#define KILN_SIZE_IS(type, size) _Static_assert(sizeof(struct type) == (size), "shaders and C disagree on struct " #type)
+#endif
+
+#define KILN_GPU_NONE 0xffffffffu
+
+/* ---- the scene's surfaces: what a hit needs to know (worker/scene/geometry.h, surface.h) ---- */
+
+struct kiln_gpu_record { /* struct kiln_hit_record */
+    KILN_REAL32 texel[6];
+    KILN_WORD object, material;
+};
+KILN_SIZE_IS(kiln_gpu_record, 32);
+
+struct kiln_gpu_lightmap { /* struct kiln_lightmap */
+    KILN_WORD64 tile_first;
+    KILN_WORD width, height, tiles_x, tiles_y;
+};
+KILN_SIZE_IS(kiln_gpu_lightmap, 24);
+
+struct kiln_gpu_tile { /* struct kiln_tile, struct kiln_tile_part */
+    KILN_WORD64 mask, first;
+};
+KILN_SIZE_IS(kiln_gpu_tile, 16);
+
+/* ---- surface points made ready for sampling ---- */
+
+#define KILN_GPU_POINT_PARTIAL 1u /* edges unused: parts[first_part .. first_part + part_count) */
+#define KILN_GPU_POINT_BURIED 2u  /* positions are drawn again while they are buried */
+#define KILN_GPU_POINT_ONE_NORMAL 4u
+#define KILN_GPU_POINT_SMOOTH 8u  /* the shading normal differs from the geometric one */
+
+/* Position of a whole point = origin + s edge_s + t edge_t, the offset off the surface included. */
+struct kiln_gpu_point {
+    KILN_VECTOR origin, edge_s, edge_t;
+    KILN_VECTOR normal;   /* geometric, unit; of a partial point its first piece's */
+    KILN_VECTOR shading;  /* unit */
+    KILN_REAL32 offset;   /* m along the normal that positions carry (whole points) */
+    KILN_WORD key;        /* hash of (seed, object, texel) */
+    KILN_WORD tile_key;   /* hash of (seed, object, tile) */
+    KILN_WORD flags;
+    KILN_WORD first_part, part_count; /* partial points */
+    KILN_WORD place;      /* where its result goes, among the results of the batch */
+    KILN_REAL32 present;  /* see struct kiln_point_result */
+    KILN_VECTOR centre;   /* of the point, for choosing lights */
+    KILN_REAL32 spread;   /* m: no part of it is farther from `centre` */
+};
+KILN_SIZE_IS(kiln_gpu_point, 108);
+
+/* A triangle of a partial point; positions carry the offset: p + b1 e1 + b2 e2. */
+struct kiln_gpu_part {
+    KILN_VECTOR p, e1, e2, normal;
+    KILN_REAL32 until;  /* share of the point's area up to this part's end; the last is 1 */
+    KILN_REAL32 offset;
+};
+KILN_SIZE_IS(kiln_gpu_part, 56);
+
+/* ---- answers ---- */
+
+struct kiln_gpu_result { /* struct kiln_point_result */
+    KILN_REAL32 irradiance[3], incident[3];
+    KILN_REAL32 error, escaped, blocked, behind;
+    KILN_REAL32 borrowed[3];
+    KILN_REAL32 present;
+};
+KILN_SIZE_IS(kiln_gpu_result, 56);
+
+#include "shaders/layout_trace.h"
+#include "shaders/layout_material.h"
+#include "shaders/layout_light.h"
+
+/* ---- the root: one buffer, whose address every kernel gets ---- */
+
+struct kiln_gpu_scene {
+    struct kiln_gpu_trace trace;
+    struct kiln_gpu_materials materials;
+    struct kiln_gpu_lights lights;
+    KILN_ADDRESS records, lightmaps, tiles, splits, radiosity;
+    KILN_WORD triangle_count, opaque_count; /* world triangles; from opaque_count on they may let rays through */
+};
+
+#endif

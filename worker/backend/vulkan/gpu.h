@@ -1,0 +1,129 @@
+/* A Vulkan device for compute: finding one, memory, kernels, running them in slices of time. Knows nothing of light.
+ *
+ * Everything is reached by buffer device address: kernels have no descriptors, only push constants (at most 128 bytes), in
+ * which the addresses stand. A gpu is used by one thread at a time. None of these is collective. Status codes: KILN_NO_DEVICE
+ * when there is no fit device or it was lost, KILN_SYSTEM for what the host refuses; the sentence says what was asked for. */
+#ifndef KILN_WORKER_BACKEND_VULKAN_GPU_H
+#define KILN_WORKER_BACKEND_VULKAN_GPU_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "worker/base/status.h"
+
+struct gpu;
+struct gpu_kernel;
+
+/* One line of `kiln info --devices`. */
+struct gpu_description {
+    char name[128];   /* as the driver calls it */
+    char driver[128]; /* name and version */
+    uint8_t uuid[16];
+    uint32_t index;      /* --device */
+    uint32_t api_version; /* VK_MAKE_API_VERSION */
+    bool software;       /* a CPU that plays a GPU */
+    bool fit;            /* has what kiln needs; else `lacks` says what not */
+    char lacks[160];
+    bool ray_tracing;    /* VK_KHR_ray_tracing_pipeline and what it needs */
+    bool float64;
+    uint32_t subgroup;
+    uint64_t memory, budget; /* bytes: of the largest device-local heap; of it, free for this process */
+};
+
+/* Lists devices, at most `room`; writes how many there are to `count`. A machine without a loader or driver has none: no error. */
+int gpu_list(struct gpu_description *list, size_t room, size_t *count, struct kiln_error *error);
+
+struct gpu_choice {
+    int32_t device;      /* index in gpu_list; -1: the local_rank-th fit device, in turn (real ones before software ones) */
+    uint32_t local_rank, local_ranks;
+    double slice_seconds; /* what one dispatch may take; 0: 0.1 */
+    uint64_t memory_limit; /* bytes; 0: what the device's budget allows (VK_EXT_memory_budget, else 80 % of the heap) */
+    bool validation;     /* the validation layers, whose messages are counted and printed; gpu_messages tells */
+};
+
+int gpu_create(struct gpu **gpu, const struct gpu_choice *choice, struct kiln_error *error);
+void gpu_destroy(struct gpu **gpu);
+const struct gpu_description *gpu_about(const struct gpu *gpu);
+/* Warnings and errors that the validation layers have reported so far. */
+size_t gpu_messages(const struct gpu *gpu);
+/* Bytes that may still be allocated within the budget or limit, and that are allocated now. */
+uint64_t gpu_memory_left(const struct gpu *gpu);
+uint64_t gpu_memory_used(const struct gpu *gpu);
+
+/* A buffer. `mapped` is NULL for memory of the device. Buffers die with gpu_buffer_destroy, before their gpu. */
+enum gpu_memory {
+    GPU_DEVICE,  /* fast for kernels; filled and read by gpu_upload and gpu_download */
+    GPU_HOST     /* mapped, cached and coherent; kernels may write it too */
+};
+struct gpu_buffer {
+    uint64_t address; /* of the device; a multiple of 64 */
+    size_t size;
+    void *mapped;
+    struct gpu_buffer_memory *memory; /* private */
+};
+/* KILN_NO_DEVICE with the numbers when it does not fit. `what` names it in messages: "the BVH". Size 0 gives address 0. */
+int gpu_buffer_create(struct gpu *gpu, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory, const char *what,
+                      struct kiln_error *error);
+void gpu_buffer_destroy(struct gpu *gpu, struct gpu_buffer *buffer);
+/* Both wait until it is done; sizes beyond the staging buffer go in pieces. */
+int gpu_upload(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, const void *data, size_t size, struct kiln_error *error);
+int gpu_download(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, void *data, size_t size, struct kiln_error *error);
+/* gpu_buffer_create of GPU_DEVICE and gpu_upload of the whole in one. */
+int gpu_buffer_of(struct gpu *gpu, struct gpu_buffer *buffer, const void *data, size_t size, const char *what, struct kiln_error *error);
+
+/* A kernel: one shader's SPIR-V and the values of its specialisation constants 0 .. constant_count-1 (all 32 bits). Compute
+ * shaders have their workgroup size in the code (local_size_x = 64) and are started with a number of threads. */
+struct gpu_kernel_params {
+    const char *name; /* for messages and timings */
+    const uint32_t *code;
+    size_t code_bytes;
+    const uint32_t *constants;
+    size_t constant_count;
+    /* ray tracing: `code` is a ray generation shader; these are the others. NULL for compute. */
+    const struct gpu_hit_shaders *hit_shaders;
+};
+/* One hit group: closest hit, and any hit for geometry that is not opaque; a miss shader. Any may be NULL but the miss shader. */
+struct gpu_hit_shaders {
+    const uint32_t *closest_hit, *any_hit, *miss;
+    size_t closest_hit_bytes, any_hit_bytes, miss_bytes;
+};
+int gpu_kernel_create(struct gpu *gpu, struct gpu_kernel **kernel, const struct gpu_kernel_params *params, struct kiln_error *error);
+void gpu_kernel_destroy(struct gpu *gpu, struct gpu_kernel **kernel);
+
+/* One step of a submission: a kernel over threads (x, y), or a copy. Steps run one after the other, each sees what the ones
+ * before it wrote; the host sees everything once the submission is waited for. */
+struct gpu_step {
+    struct gpu_kernel *kernel; /* NULL: a copy */
+    uint32_t threads_x, threads_y; /* x in workgroups of 64 (rounded up; kernels check), y in single ones; any size: cut up inside */
+    const void *constants;         /* push constants, copied at once */
+    size_t constant_bytes;
+    const struct gpu_buffer *from, *to; /* copy: size bytes from from_offset to to_offset */
+    size_t from_offset, to_offset, size;
+};
+
+enum { GPU_SLOTS = 3 }; /* submissions that may be under way at once */
+
+/* Hands the steps to the device and returns at once. `slot` is free again after gpu_wait. */
+int gpu_submit(struct gpu *gpu, uint32_t slot, const struct gpu_step *steps, size_t count, struct kiln_error *error);
+/* Waits for a slot; `seconds` (or NULL) gets the time its steps took on the device, by the device's own clock. */
+int gpu_wait(struct gpu *gpu, uint32_t slot, double *seconds, struct kiln_error *error);
+/* Submit and wait. */
+int gpu_run(struct gpu *gpu, const struct gpu_step *steps, size_t count, double *seconds, struct kiln_error *error);
+
+/* Seconds that the device has been busy with submissions since it was created, and (for the idle share) since when any was first
+ * under way. */
+struct gpu_clock {
+    double busy, elapsed;
+};
+void gpu_clock_read(const struct gpu *gpu, struct gpu_clock *clock);
+
+/* How much work to put into one dispatch: starts small, follows what was measured, ends just under the slice. Work is counted in
+ * anything that time is about proportional to (points, rays). */
+struct gpu_pacer {
+    double slice_seconds, rate; /* rate: work per second; 0: not known yet */
+};
+uint64_t gpu_pacer_next(const struct gpu_pacer *pacer, uint64_t first_guess);
+void gpu_pacer_learn(struct gpu_pacer *pacer, uint64_t work, double seconds);
+
+#endif
