@@ -58,17 +58,14 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
 static int calibrate(const struct kiln_prepared *p, const struct kiln_job *job, double *direct, double *ray, struct kiln_error *error)
 {
     const size_t count = p->surface->fragment_count;
-    struct kiln_point_result *results = NULL;
     uint64_t *radiosity = NULL, rays = 0, unused = 0, points = 0;
     double seconds[2] = {0};
-    int status = kiln_allocate(&results, RUN_FRAGMENTS * KILN_TILE_TEXELS, sizeof *results, "a sample's results", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&radiosity, p->surface->point_count, sizeof *radiosity, "a sample's radiosity", error);
+    int status = kiln_allocate(&radiosity, p->surface->point_count, sizeof *radiosity, "a sample's radiosity", error);
     if (status == KILN_OK)
         status = kiln_backend_set_radiosity(p->backend, radiosity, error);
     for (size_t run = 0; run < SAMPLE_RUNS && status == KILN_OK && count > 0; run++) {
         const size_t first = run * count / SAMPLE_RUNS;
-        const struct kiln_batch batch = {first, count - first < RUN_FRAGMENTS ? count - first : RUN_FRAGMENTS, results};
+        const struct kiln_batch batch = {first, count - first < RUN_FRAGMENTS ? count - first : RUN_FRAGMENTS, NULL, NULL};
         for (size_t f = first; f < first + batch.fragment_count; f++)
             points += p->surface->fragments[f].count;
         double start = MPI_Wtime();
@@ -81,7 +78,6 @@ static int calibrate(const struct kiln_prepared *p, const struct kiln_job *job, 
     }
     *direct = points > 0 ? seconds[0] / (double)points : 0.0;
     *ray = rays > 0 ? seconds[1] / (double)rays : 0.0;
-    kiln_free(&results);
     kiln_free(&radiosity);
     return status;
 }

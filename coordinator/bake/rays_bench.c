@@ -15,8 +15,8 @@ static int by_value(const void *a, const void *b)
 
 /* Runs of fragments, spread evenly over the share, that make about RAYS_WANTED rays; each run first by the pass ([0]), then by
  * Embree alone ([1]), so that both meet the same noise of a shared machine. */
-static int one_run(const struct kiln_prepared *p, uint32_t samples, struct kiln_point_result *results, double seconds[2],
-                   uint64_t rays[2], struct kiln_error *error)
+static int one_run(const struct kiln_prepared *p, uint32_t samples, double seconds[2], uint64_t rays[2],
+                   struct kiln_error *error)
 {
     const size_t count = p->surface->fragment_count;
     const uint64_t points = RAYS_WANTED / samples + 1;
@@ -26,7 +26,7 @@ static int one_run(const struct kiln_prepared *p, uint32_t samples, struct kiln_
     int status = KILN_OK;
     for (size_t r = 0; r < runs && status == KILN_OK; r++) {
         const size_t first = r * runs_there / runs * FRAGMENTS_AT_ONCE;
-        const struct kiln_batch batch = {first, count - first < FRAGMENTS_AT_ONCE ? count - first : FRAGMENTS_AT_ONCE, results};
+        const struct kiln_batch batch = {first, count - first < FRAGMENTS_AT_ONCE ? count - first : FRAGMENTS_AT_ONCE, NULL, NULL};
         const double start = MPI_Wtime();
         status = kiln_backend_gather(p->backend, &batch, samples, 1, &rays[0], error);
         seconds[0] += MPI_Wtime() - start;
@@ -43,11 +43,8 @@ int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint
     if (surface->count == 0)
         return kiln_fail(error, KILN_USAGE, "the scene has no surface points to trace rays from");
     uint64_t *radiosity = NULL;
-    struct kiln_point_result *results = NULL;
     double *figures = NULL;
     int status = kiln_allocate(&radiosity, surface->point_count, sizeof *radiosity, "radiosity", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&results, FRAGMENTS_AT_ONCE * KILN_TILE_TEXELS, sizeof *results, "results", error);
     if (status == KILN_OK)
         status = kiln_allocate(&figures, 3 * (size_t)repeats, sizeof *figures, "figures", error);
     for (uint64_t i = 0; status == KILN_OK && i < surface->point_count; i++)
@@ -58,7 +55,7 @@ int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint
     for (uint32_t i = 0; i <= repeats && status == KILN_OK; i++) { /* the first one warms up and does not count */
         double seconds[2] = {0};
         uint64_t rays[2] = {0};
-        status = one_run(prepared, samples, results, seconds, rays, error);
+        status = one_run(prepared, samples, seconds, rays, error);
         if (i == 0 || status != KILN_OK)
             continue;
         pass[i - 1] = (double)rays[0] / seconds[0];
@@ -76,7 +73,6 @@ int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint
         result->ceiling_rate = ceiling[repeats / 2];
     }
     kiln_free(&radiosity);
-    kiln_free(&results);
     kiln_free(&figures);
     return status;
 }

@@ -10,7 +10,7 @@
 #include "worker/base/memory.h"
 #include "worker/scene/radiosity.h"
 
-enum { BATCH_POINTS = 1 << 16, FINAL_STREAM = 0xffff };
+enum { FINAL_STREAM = 0xffff };
 
 /* Sums that a pass makes over its points; by channel, then one for the variance. */
 enum { SUM_INCIDENT = 0, SUM_REFLECTED = 3, SUM_SENT = 6, SUM_ESCAPED = 9, SUM_BLOCKED = 12, SUM_BEHIND = 15, SUM_BORROWED = 18, SUM_COUNT = 21 };
@@ -20,7 +20,6 @@ struct transport_state {
     struct kiln_transport *out;
     float *sum;      /* own: radiosity of all bounces so far, 3 a point; becomes out->indirect */
     uint64_t *next;  /* own: packed radiosity of the present bounce */
-    struct kiln_point_result *results; /* of a batch */
     double unit;     /* of the exact sums */
     /* reflected power, luminance, of groups of tiles: the present bounce's (all ranks' when the pass is over), the one's before,
      * and the sum of all; group_count each */
@@ -51,8 +50,7 @@ static void pack_all(struct transport_state *s, const float *values, uint32_t st
 
 size_t kiln_transport_bytes(uint64_t own, uint64_t total)
 {
-    const size_t batch = (BATCH_POINTS + KILN_TILE_TEXELS) * sizeof(struct kiln_point_result);
-    return (size_t)total * sizeof(uint64_t) + (size_t)own * (sizeof(uint64_t) + 6 * sizeof(float) + sizeof(uint16_t)) + batch;
+    return (size_t)total * sizeof(uint64_t) + (size_t)own * (sizeof(uint64_t) + 6 * sizeof(float) + sizeof(uint16_t));
 }
 
 /* Groups are made of tiles, not of cells: the cell size must not change a result. */
@@ -111,10 +109,30 @@ static void take_equal(struct transport_state *s, uint64_t own, const struct kil
     add_error(s, own, r->error);
 }
 
-static void add_energy(struct transport_state *s, size_t group, uint64_t own, const struct kiln_point_result *r, uint32_t samples,
-                       bool gather, struct kiln_exact_sum sums[SUM_COUNT], double *variance)
+/* What one fragment adds, kept apart until all are done: threads share the fragments, but tiles of one group meet. */
+struct fragment_sum {
+    struct kiln_exact_sum reflected; /* luminance */
+    double variance;
+};
+
+/* A pass under way. */
+struct pass_work {
+    struct transport_state *state;
+    struct kiln_pass_report *pass;
+    uint32_t stream;
+    take_point take;
+    struct kiln_exact_sum sums[SUM_COUNT];
+    double variance;
+    struct fragment_sum *fragments; /* of the part being taken */
+    size_t fragment_room;
+};
+
+static void add_energy(const struct pass_work *w, uint64_t own, const struct kiln_point_result *r, struct kiln_exact_sum sums[SUM_COUNT],
+                       struct fragment_sum *fragment)
 {
+    const struct transport_state *s = w->state;
     const struct kiln_surface *surface = s->params->surface;
+    const bool gather = w->pass->kind != KILN_PASS_DIRECT;
     if (!kiln_point_valid(surface, own))
         return;
     const double area = (double)surface->area[own] * ((double)surface->visible[own] / 65535.0) * (double)r->present;
@@ -135,70 +153,87 @@ static void add_energy(struct transport_state *s, size_t group, uint64_t own, co
         kiln_exact_add(&sums[SUM_BEHIND + c], power[c] * (double)r->behind, s->unit);
         kiln_exact_add(&sums[SUM_BORROWED + c], area * (double)r->borrowed[c], s->unit);
     }
-    kiln_exact_add(&s->group_now[group], luminance(reflected), s->unit);
+    kiln_exact_add(&fragment->reflected, luminance(reflected), s->unit);
     const double lost = fmin(1.0, (double)r->escaped + (double)r->blocked + (double)r->behind), spread = luminance(power);
-    *variance += area * area * (double)r->error * (double)r->error + (gather ? spread * spread * lost * (1.0 - lost) / samples : 0.0);
+    fragment->variance += area * area * (double)r->error * (double)r->error +
+                          (gather ? spread * spread * lost * (1.0 - lost) / w->pass->samples : 0.0);
 }
 
-/* Takes over the answers of one fragment of the batch whose first own point is `first`. */
-static void take_fragment(struct transport_state *s, const struct kiln_pass_report *pass, uint32_t stream, take_point take,
-                          const struct kiln_fragment *fragment, uint64_t first, struct kiln_exact_sum sums[SUM_COUNT], double *variance)
+/* Takes over the answers of one fragment, `results` being those of its points. */
+static void take_fragment(const struct pass_work *w, const struct kiln_fragment *fragment, const struct kiln_point_result *results,
+                          struct kiln_exact_sum sums[SUM_COUNT], struct fragment_sum *sum)
 {
-    const size_t group = group_of(s->params->surface, fragment);
+    struct transport_state *s = w->state;
     uint64_t own = fragment->first - s->params->surface->first;
-    for (uint64_t rest = fragment->mask; rest != 0; rest &= rest - 1, own++) {
-        const struct kiln_point_result *result = &s->results[own - first];
+    *sum = (struct fragment_sum){0};
+    for (uint64_t rest = fragment->mask; rest != 0; rest &= rest - 1, own++, results++) {
         float albedo[3], radiosity[3];
         albedo_of(s->params->surface, own, albedo);
         for (int c = 0; c < 3; c++)
-            radiosity[c] = albedo[c] * result->incident[c];
-        add_energy(s, group, own, result, pass->samples, pass->kind != KILN_PASS_DIRECT, sums, variance);
-        take(s, own, result, radiosity);
-        s->next[own] = kiln_radiosity_pack(radiosity, pack_hash(fragment, (uint32_t)__builtin_ctzll(rest), stream));
+            radiosity[c] = albedo[c] * results->incident[c];
+        add_energy(w, own, results, sums, sum);
+        w->take(s, own, results, radiosity);
+        s->next[own] = kiln_radiosity_pack(radiosity, pack_hash(fragment, (uint32_t)__builtin_ctzll(rest), w->stream));
     }
 }
 
-/* One pass over all own points in batches; `pass` gets this rank's time and the energies of all ranks. */
+/* kiln_take_results of all passes. */
+static int take_part(void *context, size_t first, size_t count, const struct kiln_point_result *results, struct kiln_error *error)
+{
+    struct pass_work *w = context;
+    const struct kiln_transport_params *p = w->state->params;
+    const struct kiln_fragment *fragments = p->surface->fragments + first;
+    const int status = kiln_grow(&w->fragments, &w->fragment_room, count, sizeof *w->fragments, "a part's sums", error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel num_threads((int)p->threads)
+    {
+        struct kiln_exact_sum own[SUM_COUNT] = {0};
+#pragma omp for schedule(static)
+        for (size_t i = 0; i < count; i++)
+            take_fragment(w, &fragments[i], results + (fragments[i].first - fragments[0].first), own, &w->fragments[i]);
+#pragma omp critical(kiln_take_part)
+        for (int k = 0; k < SUM_COUNT; k++) /* exact: the order of threads does not matter */
+            w->sums[k].value += own[k].value;
+    }
+    for (size_t i = 0; i < count; i++) {
+        w->state->group_now[group_of(p->surface, &fragments[i])].value += w->fragments[i].reflected.value;
+        w->variance += w->fragments[i].variance;
+    }
+    const struct kiln_fragment *last = &fragments[count - 1];
+    kiln_progress_advance(p->progress, last->first + last->count - p->surface->first);
+    return *p->stop != 0 ? kiln_fail(error, KILN_STOPPED, "stopped by a signal; no result was written") : KILN_OK;
+}
+
+/* One pass over all own points; `pass` gets this rank's time and the energies of all ranks. */
 static int run_pass(struct transport_state *s, struct kiln_pass_report *pass, uint32_t stream, take_point take, struct kiln_error *error)
 {
     const struct kiln_transport_params *p = s->params;
-    const struct kiln_surface *surface = p->surface;
     const bool gather = pass->kind != KILN_PASS_DIRECT;
-    struct kiln_exact_sum sums[SUM_COUNT] = {0};
-    double variance = 0.0;
+    struct pass_work w = {.state = s, .pass = pass, .stream = stream, .take = take};
+    const struct kiln_batch batch = {0, p->surface->fragment_count, take_part, &w};
     memset(s->group_now, 0, s->group_count * sizeof *s->group_now);
-    int status = gather ? kiln_backend_set_radiosity(p->backend, s->out->radiosity, error) : KILN_OK;
     const double start = MPI_Wtime();
-    for (size_t fragment = 0; fragment < surface->fragment_count && status == KILN_OK;) {
-        size_t end = fragment, points = 0;
-        while (end < surface->fragment_count && points < BATCH_POINTS)
-            points += surface->fragments[end++].count;
-        const struct kiln_batch batch = {fragment, end - fragment, s->results};
+    int status = gather ? kiln_backend_set_radiosity(p->backend, s->out->radiosity, error) : KILN_OK;
+    if (status == KILN_OK)
         status = gather ? kiln_backend_gather(p->backend, &batch, pass->samples, stream, &pass->rays, error)
                         : kiln_backend_direct(p->backend, &batch, pass->samples, &pass->rays, error);
-        const uint64_t first = surface->fragments[fragment].first - surface->first;
-        for (size_t f = fragment; f < end && status == KILN_OK; f++)
-            take_fragment(s, pass, stream, take, &surface->fragments[f], first, sums, &variance);
-        fragment = end;
-        kiln_progress_advance(p->progress, first + points);
-        if (status == KILN_OK && *p->stop != 0)
-            status = kiln_fail(error, KILN_STOPPED, "stopped by a signal; no result was written");
-    }
+    kiln_free(&w.fragments);
     pass->seconds = MPI_Wtime() - start;
     status = kiln_agree(p->communicator, status, error);
     if (status == KILN_OK)
-        status = kiln_exact_reduce(p->communicator, sums, SUM_COUNT, error);
-    (void)MPI_Allreduce(MPI_IN_PLACE, &variance, 1, MPI_DOUBLE, MPI_SUM, p->communicator);
+        status = kiln_exact_reduce(p->communicator, w.sums, SUM_COUNT, error);
+    (void)MPI_Allreduce(MPI_IN_PLACE, &w.variance, 1, MPI_DOUBLE, MPI_SUM, p->communicator);
     for (int c = 0; c < 3; c++) {
-        pass->energy.incident[c] = kiln_exact_value(&sums[SUM_INCIDENT + c], s->unit);
-        pass->energy.reflected[c] = kiln_exact_value(&sums[SUM_REFLECTED + c], s->unit);
-        pass->energy.sent[c] = kiln_exact_value(&sums[SUM_SENT + c], s->unit);
-        pass->energy.escaped[c] = kiln_exact_value(&sums[SUM_ESCAPED + c], s->unit);
-        pass->energy.blocked[c] = kiln_exact_value(&sums[SUM_BLOCKED + c], s->unit);
-        pass->energy.behind[c] = kiln_exact_value(&sums[SUM_BEHIND + c], s->unit);
-        pass->energy.borrowed[c] = kiln_exact_value(&sums[SUM_BORROWED + c], s->unit);
+        pass->energy.incident[c] = kiln_exact_value(&w.sums[SUM_INCIDENT + c], s->unit);
+        pass->energy.reflected[c] = kiln_exact_value(&w.sums[SUM_REFLECTED + c], s->unit);
+        pass->energy.sent[c] = kiln_exact_value(&w.sums[SUM_SENT + c], s->unit);
+        pass->energy.escaped[c] = kiln_exact_value(&w.sums[SUM_ESCAPED + c], s->unit);
+        pass->energy.blocked[c] = kiln_exact_value(&w.sums[SUM_BLOCKED + c], s->unit);
+        pass->energy.behind[c] = kiln_exact_value(&w.sums[SUM_BEHIND + c], s->unit);
+        pass->energy.borrowed[c] = kiln_exact_value(&w.sums[SUM_BORROWED + c], s->unit);
     }
-    pass->energy.variance = variance;
+    pass->energy.variance = w.variance;
     return status;
 }
 
@@ -435,8 +470,6 @@ static int allocate(struct transport_state *s, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_allocate(&s->next, surface->count, sizeof(uint64_t), "the radiosity of a bounce", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->results, BATCH_POINTS + KILN_TILE_TEXELS, sizeof *s->results, "a batch's results", error);
-    if (status == KILN_OK)
         status = kiln_allocate(&t->report.passes, KILN_BOUNCES_MAX + 2, sizeof *t->report.passes, "the passes' report", error);
     s->group_count = (size_t)(surface->tile_count / GROUP_TILES) + 1;
     if (status == KILN_OK)
@@ -469,7 +502,6 @@ int kiln_transport_run(struct kiln_transport **transport, const struct kiln_tran
     if (status == KILN_OK)
         close_ledger(&s);
     kiln_free(&s.next);
-    kiln_free(&s.results);
     kiln_free(&s.group_now);
     kiln_free(&s.group_before);
     kiln_free(&s.group_total);

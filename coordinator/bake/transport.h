@@ -50,6 +50,7 @@ struct kiln_transport_params {
     const struct kiln_emission_result *emission;
     struct kiln_progress *progress;      /* may be NULL */
     const volatile sig_atomic_t *stop;   /* not 0: a signal asks to stop */
+    uint32_t threads;                    /* that take over the answers */
 };
 
 /* Collective. KILN_STOPPED when a rank was asked to stop. Destroy with kiln_transport_destroy. */

@@ -111,7 +111,8 @@ static int transport_light(struct bake *b, struct kiln_error *error)
                                                  .surface = b->prepared->surface,
                                                  .emission = &b->emission,
                                                  .progress = b->progress,
-                                                 .stop = &stop_signal};
+                                                 .stop = &stop_signal,
+                                                 .threads = b->prepared->threads};
     status = kiln_transport_run(&b->transport, &params, error);
     if (status != KILN_OK)
         return status;

@@ -48,10 +48,17 @@ struct kiln_point_result {
     float present;       /* share of the point's area where an alpha mask (or blend) has something; 1 without */
 };
 
-/* A range of own fragments. `results` has one entry for each point of the range, in order. */
+/* What is done with answers: called on the calling thread for consecutive parts of a batch, in order, while a device may already
+ * be busy with the next. `results` has one entry for each point of the fragments, in order, and is only lent. A status other
+ * than KILN_OK ends the pass with it. */
+typedef int (*kiln_take_results)(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results,
+                                 struct kiln_error *error);
+
+/* A range of own fragments. Any length: the backend cuts it up as suits its device. `take` NULL: answers are dropped. */
 struct kiln_batch {
     size_t fragment_first, fragment_count;
-    struct kiln_point_result *results;
+    kiln_take_results take;
+    void *context;
 };
 
 struct kiln_hit {

@@ -167,11 +167,11 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
     result->present = f->present[j];
 }
 
-int embree_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
-                  struct kiln_error *error)
+static int direct_part(struct embree_backend *b, size_t fragment_first, size_t fragment_count, uint32_t samples, uint32_t stream,
+                       struct kiln_point_result *batch_results, uint64_t *rays, struct kiln_error *error)
 {
-    struct embree_backend *b = (struct embree_backend *)backend;
-    const uint64_t base = b->surface->fragments[batch->fragment_first].first;
+    (void)stream;
+    const uint64_t base = b->surface->fragments[fragment_first].first;
     uint64_t traced = 0;
     int status = KILN_OK;
 #pragma omp parallel num_threads((int)b->threads) reduction(+ : traced)
@@ -188,11 +188,11 @@ int embree_direct(struct kiln_backend *backend, const struct kiln_batch *batch, 
         struct RTCIntersectContext context;
         embree_context(b, &context);
 #pragma omp for schedule(dynamic, 4)
-        for (size_t i = 0; i < batch->fragment_count; i++) {
+        for (size_t i = 0; i < fragment_count; i++) {
             if (status != KILN_OK)
                 continue;
-            const size_t fragment = batch->fragment_first + i;
-            struct kiln_point_result *results = batch->results + (b->surface->fragments[fragment].first - base);
+            const size_t fragment = fragment_first + i;
+            struct kiln_point_result *results = batch_results + (b->surface->fragments[fragment].first - base);
             memset(results, 0, b->surface->fragments[fragment].count * sizeof *results);
             frame_build(&w->frame, b, fragment, FRAME_EXTENT);
             for (int q = 0; q < SEQUENCES; q++)
@@ -205,4 +205,10 @@ int embree_direct(struct kiln_backend *backend, const struct kiln_batch *batch, 
     }
     *rays += traced;
     return status;
+}
+
+int embree_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
+                  struct kiln_error *error)
+{
+    return embree_in_parts((struct embree_backend *)backend, batch, samples, 0, direct_part, rays, error);
 }

@@ -191,6 +191,27 @@ static int embree_set_radiosity(struct kiln_backend *backend, const uint64_t *ra
     return KILN_OK;
 }
 
+int embree_in_parts(struct embree_backend *b, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, embree_trace_part trace,
+                    uint64_t *rays, struct kiln_error *error)
+{
+    enum { PART_POINTS = 1 << 16 };
+    const struct kiln_fragment *fragments = b->surface->fragments;
+    const size_t last = batch->fragment_first + batch->fragment_count;
+    struct kiln_point_result *results = NULL;
+    int status = kiln_allocate(&results, PART_POINTS + KILN_TILE_TEXELS, sizeof *results, "a batch's results", error);
+    for (size_t first = batch->fragment_first; first < last && status == KILN_OK;) {
+        size_t end = first;
+        for (uint64_t points = 0; end < last && points < PART_POINTS; end++)
+            points += fragments[end].count;
+        status = trace(b, first, end - first, samples, stream, results, rays, error);
+        if (status == KILN_OK && batch->take != NULL)
+            status = batch->take(batch->context, first, end - first, results, error);
+        first = end;
+    }
+    kiln_free(&results);
+    return status;
+}
+
 static int embree_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
                             size_t count, struct kiln_hit *hits, struct kiln_error *error)
 {

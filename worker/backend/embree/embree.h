@@ -39,6 +39,12 @@ static inline uint32_t embree_triangle(const struct embree_backend *b, unsigned 
 unsigned embree_enter(void);
 void embree_leave(unsigned saved);
 
+/* Hands a batch to `trace` in parts of some 65,536 points, and each part's answers to the batch's taker. */
+typedef int (*embree_trace_part)(struct embree_backend *b, size_t fragment_first, size_t fragment_count, uint32_t samples, uint32_t stream,
+                                 struct kiln_point_result *results, uint64_t *rays, struct kiln_error *error);
+int embree_in_parts(struct embree_backend *b, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, embree_trace_part trace,
+                    uint64_t *rays, struct kiln_error *error);
+
 /* Context for incoherent or (few triangles) coherent packets. */
 void embree_context(const struct embree_backend *b, struct RTCIntersectContext *context);
 

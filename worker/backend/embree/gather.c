@@ -444,11 +444,10 @@ static void gather_fragment(const struct embree_backend *b, struct RTCIntersectC
     store(w, results);
 }
 
-int embree_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, uint64_t *rays,
-                  struct kiln_error *error)
+static int gather_part(struct embree_backend *b, size_t fragment_first, size_t fragment_count, uint32_t samples, uint32_t stream,
+                       struct kiln_point_result *results, uint64_t *rays, struct kiln_error *error)
 {
-    struct embree_backend *b = (struct embree_backend *)backend;
-    const uint64_t base = b->surface->fragments[batch->fragment_first].first;
+    const uint64_t base = b->surface->fragments[fragment_first].first;
     uint64_t traced = 0;
     int status = KILN_OK;
 #pragma omp parallel num_threads((int)b->threads) reduction(+ : traced)
@@ -465,16 +464,22 @@ int embree_gather(struct kiln_backend *backend, const struct kiln_batch *batch, 
         struct RTCIntersectContext context;
         embree_context(b, &context);
 #pragma omp for schedule(dynamic, 4)
-        for (size_t i = 0; i < batch->fragment_count; i++) {
-            const size_t fragment = batch->fragment_first + i;
+        for (size_t i = 0; i < fragment_count; i++) {
+            const size_t fragment = fragment_first + i;
             if (status == KILN_OK)
-                gather_fragment(b, &context, w, fragment, stream, batch->results + (b->surface->fragments[fragment].first - base), &traced);
+                gather_fragment(b, &context, w, fragment, stream, results + (b->surface->fragments[fragment].first - base), &traced);
         }
         embree_leave(saved);
         work_destroy(&w);
     }
     *rays += traced;
     return status;
+}
+
+int embree_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, uint64_t *rays,
+                  struct kiln_error *error)
+{
+    return embree_in_parts((struct embree_backend *)backend, batch, samples, stream, gather_part, rays, error);
 }
 
 static double seconds_now(void)
