@@ -3,6 +3,7 @@
 #include <assert.h>
 #include <math.h>
 #include <stdbool.h>
+#include <string.h>
 
 /* Beyond this many filter cells in one triangle the mean is taken over a regular lattice of samples instead: a texture repeated
  * that often under one triangle averages out. */
@@ -44,6 +45,8 @@ static const float linear_of_srgb[256] = {
     0.871367097f, 0.8796224f, 0.887923121f, 0.896269381f, 0.904661179f, 0.913098633f, 0.921581864f, 0.930110872f,
     0.938685715f, 0.947306514f, 0.955973327f, 0.964686275f, 0.973445296f, 0.982250571f, 0.991102099f, 1.0f,
 };
+
+void kiln_texture_codes(float linear[256]) { memcpy(linear, linear_of_srgb, sizeof linear_of_srgb); }
 
 /* Texel column or row for any whole number, as the wrap mode says. `size` is at most 65536, `at` any value that fits. */
 static uint32_t wrapped(int64_t at, uint32_t size, uint32_t wrap)

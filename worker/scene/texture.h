@@ -7,6 +7,9 @@
 /* Linear RGBA of texture `index` at (u, v), filtered and wrapped as the texture says. */
 void kiln_texture_sample(const struct kiln_scene *scene, uint32_t index, float u, float v, float rgba[4]);
 
+/* The linear value of each 8-bit sRGB code. */
+void kiln_texture_codes(float linear[256]);
+
 /* `triangle` is an index into the scene's stored triangles and must belong to `mesh`; b1, b2 are the barycentric weights
  * of corners 1 and 2. */
 

@@ -1,0 +1,109 @@
+/* Base colour, alpha and emission of surfaces, by the formulas and filters of worker/scene/texture.c.
+ *
+ * For world triangles that have a coating (see layout_material.h): those that may let rays through, and those whose emission
+ * has a texture. (u, v) are the world triangle's barycentrics, as tracing gives them. */
+#ifndef KILN_SHADERS_MATERIAL_GLSL
+#define KILN_SHADERS_MATERIAL_GLSL
+
+KILN_ARRAY(MaterialArray, kiln_gpu_material, 4);
+KILN_ARRAY(TextureArray, kiln_gpu_texture, 8);
+KILN_ARRAY(CoatingArray, kiln_gpu_coating, 4);
+KILN_ARRAY(MaterialWords, uint, 4);
+KILN_ARRAY(MaterialFloats, float, 4);
+
+const uint kiln_texel_fraction = 45u; /* binary digits of a texel coordinate: 2 periods of 2^16 texels fit into 63 */
+
+/* Texel coordinate of a texture coordinate in fixed point: exact to 2^-45 of a period without doubles. Wrapping makes equal what
+ * differs by two periods, and taking those off is exact. */
+int64_t kiln_texel_coordinate(float u, uint size, uint wrap)
+{
+    const float near = wrap == KILN_GPU_WRAP_CLAMP ? clamp(u, -1.0, 2.0) : u - 2.0 * trunc(0.5 * u);
+    return int64_t(near * 35184372088832.0 /* 2^45 */) * int64_t(size);
+}
+
+uint kiln_wrapped(int at, uint size, uint wrap)
+{
+    const int n = int(size);
+    if (wrap == KILN_GPU_WRAP_CLAMP)
+        return uint(clamp(at, 0, n - 1));
+    const int period = wrap == KILN_GPU_WRAP_MIRROR ? 2 * n : n;
+    const int below = at - (at / period) * period, m = below < 0 ? below + period : below;
+    return uint(m < n ? m : period - 1 - m);
+}
+
+vec4 kiln_texel(kiln_gpu_texture t, int x, int y)
+{
+    const uint64_t place = uint64_t(kiln_wrapped(y, t.height, t.wrap_v)) * t.width + kiln_wrapped(x, t.width, t.wrap_u);
+    const uint code = MaterialWords(t.texels + 4ul * place).at[0];
+    const uvec4 channel = uvec4(code, code >> 8, code >> 16, code >> 24) & 255u;
+    if (t.srgb == 0u)
+        return vec4(channel) / 255.0;
+    MaterialFloats linear = MaterialFloats(SCENE.materials.linear_of_srgb);
+    return vec4(linear.at[channel.r], linear.at[channel.g], linear.at[channel.b], float(channel.a) / 255.0);
+}
+
+/* Linear RGBA, filtered and wrapped as the texture says. */
+vec4 kiln_texture_sample(uint index, vec2 at)
+{
+    const kiln_gpu_texture t = TextureArray(SCENE.materials.textures).at[index];
+    const int64_t shift = t.nearest != 0u ? 0l : 1l << (kiln_texel_fraction - 1u); /* a bilinear cell begins at a texel's centre */
+    const int64_t x = kiln_texel_coordinate(at.x, t.width, t.wrap_u) - shift, y = kiln_texel_coordinate(at.y, t.height, t.wrap_v) - shift;
+    const int left = int(x >> kiln_texel_fraction), top = int(y >> kiln_texel_fraction);
+    const vec4 first = kiln_texel(t, left, top);
+    if (t.nearest != 0u)
+        return first;
+    const float fx = float(uint(x >> (kiln_texel_fraction - 32u))) / 4294967296.0, fy = float(uint(y >> (kiln_texel_fraction - 32u))) / 4294967296.0;
+    const vec4 upper = first + fx * (kiln_texel(t, left + 1, top) - first);
+    const vec4 third = kiln_texel(t, left, top + 1), lower = third + fx * (kiln_texel(t, left + 1, top + 1) - third);
+    return upper + fy * (lower - upper);
+}
+
+/* The coating of a world triangle, and its barycentrics turned into those of the stored one. */
+kiln_gpu_coating kiln_coating_of(uint triangle, inout float u, inout float v)
+{
+    const uint slot = MaterialWords(SCENE.materials.slots + 4ul * (triangle - SCENE.materials.slot_first)).at[0];
+    if ((slot & KILN_GPU_FLIPPED) != 0u) {
+        const float other = u;
+        u = v;
+        v = other;
+    }
+    return CoatingArray(SCENE.materials.coatings + 64ul * (slot & ~KILN_GPU_FLIPPED)).at[0];
+}
+
+vec2 kiln_interpolated(float value[6], float b1, float b2)
+{
+    const vec2 a = vec2(value[0], value[1]), b = vec2(value[2], value[3]), c = vec2(value[4], value[5]);
+    return a + b1 * (b - a) + b2 * (c - a);
+}
+
+vec4 kiln_corner_color(uint code) { return vec4(uvec4(code, code >> 8, code >> 16, code >> 24) & 255u); }
+
+/* The material of any triangle, by the index that its record has (KILN_RECORD_MATERIAL). */
+kiln_gpu_material kiln_material_of(uint material) { return MaterialArray(SCENE.materials.materials).at[material]; }
+
+/* Diffuse albedo and, last, alpha. */
+vec4 kiln_surface_color(uint triangle, float u, float v)
+{
+    const kiln_gpu_coating coating = kiln_coating_of(triangle, u, v);
+    const kiln_gpu_material m = kiln_material_of(coating.material);
+    vec4 color = ((1.0 - u - v) * kiln_corner_color(coating.colors[0]) + u * kiln_corner_color(coating.colors[1]) +
+                  v * kiln_corner_color(coating.colors[2])) / 255.0;
+    color *= vec4(m.base_color[0], m.base_color[1], m.base_color[2], m.base_color[3]);
+    if (m.base_color_texture != KILN_GPU_NONE)
+        color *= kiln_texture_sample(m.base_color_texture, kiln_interpolated(coating.base, u, v));
+    color.rgb *= 1.0 - m.metallic;
+    return clamp(color, 0.0, 1.0);
+}
+
+/* Emitted radiance, W m-2 sr-1. */
+vec3 kiln_surface_emission(uint triangle, float u, float v)
+{
+    const kiln_gpu_coating coating = kiln_coating_of(triangle, u, v);
+    const kiln_gpu_material m = kiln_material_of(coating.material);
+    const vec3 emission = vec3(m.emission[0], m.emission[1], m.emission[2]);
+    if (m.emission_texture == KILN_GPU_NONE)
+        return emission;
+    return emission * kiln_texture_sample(m.emission_texture, kiln_interpolated(coating.emission, u, v)).rgb;
+}
+
+#endif

@@ -1,0 +1,260 @@
+#include "worker/backend/vulkan/materials.h"
+
+#include <string.h>
+
+#include "worker/base/memory.h"
+#include "worker/scene/texture.h"
+
+_Static_assert((int)KILN_GPU_ALPHA_MASK == (int)KILN_ALPHA_MASK && (int)KILN_GPU_WRAP_CLAMP == (int)KILN_WRAP_CLAMP &&
+                   (int)KILN_GPU_WRAP_MIRROR == (int)KILN_WRAP_MIRROR && KILN_GPU_NONE == KILN_NONE,
+               "shaders and C disagree on a constant");
+
+static const uint64_t texel_buffer_bytes = (uint64_t)1 << 30; /* every device allows as much in one allocation */
+
+/* What is made on the host before it is uploaded. */
+struct staging {
+    const struct kiln_backend_params *params;
+    struct gpu *gpu;
+    struct kiln_gpu_material *materials;
+    struct kiln_gpu_texture *textures;
+    struct kiln_gpu_coating *coatings;
+    uint32_t *slots;
+    uint32_t *coating_of; /* stored triangle -> its coating, KILN_NONE: none yet */
+    bool *wanted;         /* texture */
+    size_t slot_first, slot_count, coating_count;
+};
+
+bool vulkan_materials_holds(const struct kiln_backend_params *params, uint32_t triangle)
+{
+    const struct kiln_geometry *g = params->geometry;
+    const uint32_t word = g->records[triangle].material;
+    return triangle >= g->opaque_count ||
+           ((word & KILN_RECORD_EMITS) != 0 && params->scene->materials[word & KILN_RECORD_MATERIAL].emission_texture != KILN_NONE);
+}
+
+/* The shortest run of world triangles that has all that are wanted. */
+static void find_slots(struct staging *s)
+{
+    const struct kiln_geometry *g = s->params->geometry;
+    size_t end = g->triangle_count;
+    while (s->slot_first < end && !vulkan_materials_holds(s->params, (uint32_t)s->slot_first))
+        s->slot_first++;
+    while (end > s->slot_first && !vulkan_materials_holds(s->params, (uint32_t)(end - 1)))
+        end--;
+    s->slot_count = end - s->slot_first;
+}
+
+static void want_textures(struct staging *s, uint32_t triangle, const struct kiln_material *material)
+{
+    if (triangle >= s->params->geometry->opaque_count && material->base_color_texture != KILN_NONE)
+        s->wanted[material->base_color_texture] = true;
+    if ((s->params->geometry->records[triangle].material & KILN_RECORD_EMITS) != 0 && material->emission_texture != KILN_NONE)
+        s->wanted[material->emission_texture] = true;
+}
+
+static void fill_coating(struct kiln_gpu_coating *coating, const struct kiln_scene *scene, uint32_t mesh, uint32_t stored)
+{
+    const uint64_t first = scene->meshes[mesh].vertex_first;
+    for (size_t c = 0; c < 3; c++) {
+        const uint64_t vertex = first + scene->triangles[3 * (size_t)stored + c];
+        const struct kiln_vec2 base = scene->texcoord_base[vertex], emission = scene->texcoord_emission[vertex];
+        coating->base[2 * c] = base.x;
+        coating->base[2 * c + 1] = base.y;
+        coating->emission[2 * c] = emission.x;
+        coating->emission[2 * c + 1] = emission.y;
+        memcpy(&coating->colors[c], scene->colors + 4 * vertex, 4);
+    }
+    coating->material = scene->triangle_materials[stored];
+}
+
+/* Numbers the coatings in the order in which world triangles come upon them. */
+static void number_coatings(struct staging *s)
+{
+    const struct kiln_geometry *g = s->params->geometry;
+    const struct kiln_scene *scene = s->params->scene;
+    memset(s->coating_of, 0xff, scene->triangle_count * sizeof *s->coating_of);
+    for (size_t i = 0; i < s->slot_count; i++) {
+        const uint32_t triangle = (uint32_t)(s->slot_first + i), stored = g->stored_triangle[triangle];
+        s->slots[i] = KILN_GPU_NONE;
+        if (!vulkan_materials_holds(s->params, triangle))
+            continue;
+        if (s->coating_of[stored] == KILN_NONE)
+            s->coating_of[stored] = (uint32_t)s->coating_count++;
+        s->slots[i] = s->coating_of[stored] | (scene->objects[g->records[triangle].object].flipped ? KILN_GPU_FLIPPED : 0u);
+        want_textures(s, triangle, &scene->materials[g->records[triangle].material & KILN_RECORD_MATERIAL]);
+    }
+}
+
+static void fill_coatings(struct staging *s)
+{
+    const struct kiln_geometry *g = s->params->geometry;
+    const struct kiln_scene *scene = s->params->scene;
+    for (size_t i = 0; i < s->slot_count; i++)
+        if (s->slots[i] != KILN_GPU_NONE) {
+            const size_t triangle = s->slot_first + i;
+            fill_coating(&s->coatings[s->slots[i] & ~KILN_GPU_FLIPPED], scene, scene->objects[g->records[triangle].object].mesh,
+                         g->stored_triangle[triangle]);
+        }
+}
+
+static void fill_materials(struct staging *s)
+{
+    const struct kiln_scene *scene = s->params->scene;
+    for (size_t i = 0; i < scene->material_count; i++) {
+        const struct kiln_material *from = &scene->materials[i];
+        struct kiln_gpu_material *to = &s->materials[i];
+        memcpy(to->base_color, from->base_color, sizeof to->base_color);
+        memcpy(to->emission, from->emission, sizeof to->emission);
+        to->metallic = from->metallic;
+        to->alpha_cutoff = from->alpha_cutoff;
+        to->alpha_mode = from->alpha_mode;
+        to->base_color_texture = from->base_color_texture;
+        to->emission_texture = from->emission_texture;
+    }
+}
+
+static int make_staging(struct staging *s, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = s->params->scene;
+    int status = kiln_allocate(&s->slots, s->slot_count, sizeof *s->slots, "the coated triangles", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->coating_of, scene->triangle_count, sizeof *s->coating_of, "the coatings' numbers", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->materials, scene->material_count, sizeof *s->materials, "the device's materials", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->textures, scene->texture_count, sizeof *s->textures, "the device's textures", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->wanted, scene->texture_count, sizeof *s->wanted, "the list of textures", error);
+    if (status != KILN_OK)
+        return status;
+    number_coatings(s);
+    kiln_free(&s->coating_of);
+    if (s->coating_count > KILN_GPU_FLIPPED - 1)
+        return kiln_fail(error, KILN_NO_DEVICE, "%zu triangles with alpha or textured emission are more than the Vulkan backend's %u: bake with Embree",
+                         s->coating_count, KILN_GPU_FLIPPED - 1);
+    status = kiln_allocate(&s->coatings, s->coating_count, sizeof *s->coatings, "the coatings", error);
+    if (status != KILN_OK)
+        return status;
+    fill_coatings(s);
+    fill_materials(s);
+    return KILN_OK;
+}
+
+static void free_staging(struct staging *s)
+{
+    kiln_free(&s->slots);
+    kiln_free(&s->coating_of);
+    kiln_free(&s->materials);
+    kiln_free(&s->textures);
+    kiln_free(&s->wanted);
+    kiln_free(&s->coatings);
+}
+
+static uint64_t texture_bytes(const struct kiln_texture *t) { return 4 * (uint64_t)t->width * t->height; }
+
+/* How many textures from `first` on go into one buffer, and its size. */
+static size_t run_of_textures(const struct staging *s, size_t first, uint64_t *bytes)
+{
+    const struct kiln_scene *scene = s->params->scene;
+    size_t i = first;
+    *bytes = 0;
+    for (; i < scene->texture_count; i++) {
+        const uint64_t own = s->wanted[i] ? texture_bytes(&scene->textures[i]) : 0;
+        if (*bytes != 0 && own != 0 && *bytes + own > texel_buffer_bytes)
+            break;
+        *bytes += own;
+    }
+    return i - first;
+}
+
+static int upload_run(struct staging *s, struct gpu_buffer *buffer, size_t first, size_t count, uint64_t bytes, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = s->params->scene;
+    int status = gpu_buffer_create(s->gpu, buffer, bytes, GPU_DEVICE, "the textures", error);
+    uint64_t offset = 0;
+    for (size_t i = first; i < first + count && status == KILN_OK; i++) {
+        const struct kiln_texture *t = &scene->textures[i];
+        if (!s->wanted[i])
+            continue;
+        s->textures[i] = (struct kiln_gpu_texture){.texels = buffer->address + offset, .width = t->width, .height = t->height, .srgb = t->srgb,
+                                                   .nearest = t->nearest, .wrap_u = t->wrap_u, .wrap_v = t->wrap_v};
+        status = gpu_upload(s->gpu, buffer, offset, scene->texels + t->first, texture_bytes(t), error);
+        offset += texture_bytes(t);
+    }
+    return status;
+}
+
+static int upload_texels(struct staging *s, struct vulkan_materials *m, struct kiln_error *error)
+{
+    size_t room = 0;
+    int status = KILN_OK;
+    for (size_t first = 0, count; first < s->params->scene->texture_count && status == KILN_OK; first += count) {
+        uint64_t bytes;
+        count = run_of_textures(s, first, &bytes);
+        if (bytes == 0)
+            continue;
+        status = kiln_grow(&m->texels, &room, m->texel_buffers + 1, sizeof *m->texels, "the list of texel buffers", error);
+        if (status != KILN_OK)
+            break;
+        m->texels[m->texel_buffers] = (struct gpu_buffer){0};
+        status = upload_run(s, &m->texels[m->texel_buffers++], first, count, bytes, error);
+    }
+    return status;
+}
+
+static int upload_all(struct staging *s, struct vulkan_materials *m, struct kiln_gpu_materials *layout, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = s->params->scene;
+    float linear[256];
+    kiln_texture_codes(linear);
+    const struct {
+        const void *data;
+        size_t bytes;
+        const char *what;
+        uint64_t *address;
+    } parts[VULKAN_MATERIAL_BUFFERS] = {
+        {s->materials, scene->material_count * sizeof *s->materials, "the materials", &layout->materials},
+        {s->textures, scene->texture_count * sizeof *s->textures, "the list of textures", &layout->textures},
+        {s->coatings, s->coating_count * sizeof *s->coatings, "the coatings", &layout->coatings},
+        {s->slots, s->slot_count * sizeof *s->slots, "the coated triangles", &layout->slots},
+        {linear, sizeof linear, "the table of sRGB codes", &layout->linear_of_srgb},
+    };
+    int status = KILN_OK;
+    for (size_t i = 0; i < VULKAN_MATERIAL_BUFFERS && status == KILN_OK; i++) {
+        status = gpu_buffer_of(s->gpu, &m->buffers[i], parts[i].data, parts[i].bytes, parts[i].what, error);
+        *parts[i].address = m->buffers[i].address;
+    }
+    layout->slot_first = (uint32_t)s->slot_first;
+    layout->slot_count = (uint32_t)s->slot_count;
+    return status;
+}
+
+int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *params, struct vulkan_materials *materials,
+                            struct kiln_gpu_materials *layout, struct kiln_error *error)
+{
+    struct staging s = {.params = params, .gpu = gpu};
+    *materials = (struct vulkan_materials){0};
+    *layout = (struct kiln_gpu_materials){0};
+    find_slots(&s);
+    if (s.slot_count == 0)
+        return KILN_OK;
+    int status = make_staging(&s, error);
+    if (status == KILN_OK)
+        status = upload_texels(&s, materials, error);
+    if (status == KILN_OK)
+        status = upload_all(&s, materials, layout, error);
+    free_staging(&s);
+    if (status != KILN_OK)
+        vulkan_materials_destroy(gpu, materials);
+    return status;
+}
+
+void vulkan_materials_destroy(struct gpu *gpu, struct vulkan_materials *materials)
+{
+    for (size_t i = 0; i < VULKAN_MATERIAL_BUFFERS; i++)
+        gpu_buffer_destroy(gpu, &materials->buffers[i]);
+    for (size_t i = 0; i < materials->texel_buffers; i++)
+        gpu_buffer_destroy(gpu, &materials->texels[i]);
+    kiln_free(&materials->texels);
+    materials->texel_buffers = 0;
+}
