@@ -12,6 +12,7 @@
 #define KILN_REAL32 float
 #define KILN_REAL64 double
 #define KILN_VECTOR vec3
+#define KILN_STRUCT /* of a member whose type is a struct */
 #define KILN_SIZE_IS(type, size)
 #else
 #include <stdint.h>
@@ -21,6 +22,7 @@
 #define KILN_REAL32 float
 #define KILN_REAL64 double
 #define KILN_VECTOR struct kiln_vec3
+#define KILN_STRUCT struct
 #define KILN_SIZE_IS(type, size) _Static_assert(sizeof(struct type) == (size), "shaders and C disagree on struct " #type)
 #endif
 
@@ -48,9 +50,8 @@ KILN_SIZE_IS(kiln_gpu_tile, 16);
 /* ---- surface points made ready for sampling ---- */
 
 #define KILN_GPU_POINT_PARTIAL 1u /* edges unused: parts[first_part .. first_part + part_count) */
-#define KILN_GPU_POINT_BURIED 2u  /* positions are drawn again while they are buried */
-#define KILN_GPU_POINT_ONE_NORMAL 4u
-#define KILN_GPU_POINT_SMOOTH 8u  /* the shading normal differs from the geometric one */
+#define KILN_GPU_POINT_ONE_NORMAL 2u
+#define KILN_GPU_POINT_SMOOTH 4u  /* the shading normal may differ from the geometric one */
 
 /* Position of a whole point = origin + s edge_s + t edge_t, the offset off the surface included. */
 struct kiln_gpu_point {
@@ -61,13 +62,12 @@ struct kiln_gpu_point {
     KILN_WORD key;        /* hash of (seed, object, texel) */
     KILN_WORD tile_key;   /* hash of (seed, object, tile) */
     KILN_WORD flags;
-    KILN_WORD first_part, part_count; /* partial points */
-    KILN_WORD place;      /* where its result goes, among the results of the batch */
+    KILN_WORD first_part, part_count; /* partial points: also those that are partly buried */
     KILN_REAL32 present;  /* see struct kiln_point_result */
     KILN_VECTOR centre;   /* of the point, for choosing lights */
     KILN_REAL32 spread;   /* m: no part of it is farther from `centre` */
 };
-KILN_SIZE_IS(kiln_gpu_point, 108);
+KILN_SIZE_IS(kiln_gpu_point, 104);
 
 /* A triangle of a partial point; positions carry the offset: p + b1 e1 + b2 e2. */
 struct kiln_gpu_part {
@@ -76,6 +76,21 @@ struct kiln_gpu_part {
     KILN_REAL32 offset;
 };
 KILN_SIZE_IS(kiln_gpu_part, 56);
+
+/* What became of a point in the validity pass: a word each. */
+#define KILN_GPU_STATE_INVALID 0u
+#define KILN_GPU_STATE_VALID 1u
+#define KILN_GPU_STATE_BURIED 2u /* partly: positions are drawn again while they are buried */
+
+/* The points that a kernel works on: thread x has point `first + x`, or the point that `list` (of words, 0: none) names at
+ * first + x. Answers stand by x of the chunk: point index - origin. */
+struct kiln_gpu_chunk {
+    KILN_ADDRESS points, parts, states, list;
+    KILN_WORD first, count; /* threads */
+    KILN_WORD origin;       /* index of the chunk's first point */
+    KILN_WORD total;        /* points of the chunk, valid or not */
+};
+KILN_SIZE_IS(kiln_gpu_chunk, 48);
 
 /* ---- answers ---- */
 
@@ -94,9 +109,9 @@ KILN_SIZE_IS(kiln_gpu_result, 56);
 /* ---- the root: one buffer, whose address every kernel gets ---- */
 
 struct kiln_gpu_scene {
-    struct kiln_gpu_trace trace;
-    struct kiln_gpu_materials materials;
-    struct kiln_gpu_lights lights;
+    KILN_STRUCT kiln_gpu_trace trace;
+    KILN_STRUCT kiln_gpu_materials materials;
+    KILN_STRUCT kiln_gpu_lights lights;
     KILN_ADDRESS records, lightmaps, tiles, splits, radiosity;
     KILN_WORD triangle_count, opaque_count; /* world triangles; from opaque_count on they may let rays through */
 };
