@@ -1,6 +1,52 @@
 /* Lights on the device; part of shaders/layout.h. */
 
+#define KILN_LIGHT_AREA 1u /* bits of the specialisation constant LIGHT_KINDS */
+#define KILN_LIGHT_PUNCTUAL 2u
+#define KILN_LIGHT_SUN 4u
+#define KILN_LIGHT_SKY 8u
+#define KILN_LIGHT_IMAGE 16u
+#define KILN_LIGHT_TEXTURED 32u
+
+#define KILN_LIGHT_TWO_SIDED 1u /* flags of area lights and clusters */
+#define KILN_LIGHT_HAS_TEXTURE 2u
+#define KILN_LIGHT_IS_SPOT 1u /* flag of point lights */
+
+/* The arrays hold the structs of shaders/layout_light_real.h, in double where the device has it and else in float. */
 struct kiln_gpu_lights {
     KILN_ADDRESS nodes, areas, points, directionals;
+    KILN_ADDRESS marginal, conditional; /* float: as in struct kiln_lights */
+    KILN_ADDRESS cosines;               /* real: cos(pi y / height), y = 0 .. height */
+    KILN_ADDRESS texels;                /* float: the image, RGB, times its factor */
+    KILN_WORD node_count, area_count, point_count, directional_count;
+    KILN_WORD width, height;            /* of the image */
+    KILN_REAL32 rotation;               /* radians about +y */
+    KILN_REAL32 sky[3];                 /* radiance of a constant sky */
+    KILN_REAL32 mean[3];                /* mean radiance of the environment */
+    KILN_WORD environment;              /* 0 or 1: there is one that shines */
 };
-KILN_SIZE_IS(kiln_gpu_lights, 32);
+KILN_SIZE_IS(kiln_gpu_lights, 120);
+
+/* What choose.comp leaves for direct.comp, one a choice: kind in the two highest bits, index in the others. */
+#define KILN_GPU_CHOICE_KIND_SHIFT 30u
+struct kiln_gpu_choice {
+    KILN_WORD what, samples;
+};
+KILN_SIZE_IS(kiln_gpu_choice, 8);
+
+/* A direct pass over a chunk of points, in four parts a point: the quarters of the samples. `scratch` holds arrays strided by
+ * `room` >= the chunk's points, each beginning at a multiple of 8 bytes (shaders/direct.glsl reckons where):
+ *   struct kiln_gpu_direct_sums sums[4 * room]             part * room + point (see shaders/layout_light_real.h)
+ *   struct kiln_gpu_choice choices[slots * room]           i * room + point
+ *   float quarters[slots * 4 * room]                       (4 i + part) * room + point: luminance from a quarter of a choice's
+ *                                                          samples, of choices with 8 samples and more
+ *   word counts[room]                                      choices of a point
+ * with slots = limit + directional_count + 1. */
+#define KILN_GPU_DIRECT_PARTS 4u
+struct kiln_gpu_direct {
+    KILN_ADDRESS results; /* struct kiln_gpu_result, one a point of the chunk */
+    KILN_ADDRESS sobol;   /* KILN_DIMENSIONS arrays of table_size words: points 0, 1, ... of each dimension */
+    KILN_ADDRESS scratch;
+    KILN_ADDRESS rays;    /* 64-bit counter of shadow rays as two words, lower first */
+    KILN_WORD room, slots, samples, limit, table_size, reserved;
+};
+KILN_SIZE_IS(kiln_gpu_direct, 56);

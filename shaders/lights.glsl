@@ -1,0 +1,524 @@
+/* Choosing among lights and sampling them: worker/light/lights.c, tree.c and environment.c, branch by branch, so that the same
+ * random numbers give the same samples. Kinds of light that the scene lacks are compiled away (LIGHT_KINDS).
+ *
+ *   uint candidates = kiln_lights_choose(p, spread, n, limit, sky);     // limit <= KILN_CUT_MAX
+ *   for (uint i = 0u; i < candidates; i++)
+ *       if (kiln_lights_candidate(i, n, samples, choice))               // in kiln_lights_choices' order, with kiln_lights_allot's samples
+ *           for (uint k = 0u; k < choice.samples; k++)
+ *               if (kiln_lights_sample(choice, k, p, n, pick, u, v, s)) ...
+ *
+ * n is the geometric normal; the zero vector for a probe: every direction counts. `sky` false leaves the environment out. A
+ * thread has one set of candidates at a time. Needs shaders/kernel.glsl and the push constants before it. */
+#ifndef KILN_LIGHTS_GLSL
+#define KILN_LIGHTS_GLSL
+
+#include "shaders/real.glsl"
+#include "shaders/material.glsl"
+
+#define KILN_LIGHT_REAL real
+#define KILN_LIGHT_NAME(name) name
+#include "shaders/layout_light_real.h"
+
+const uint KILN_CUT_MAX = 24u;
+
+const uint KILN_CHOICE_NODE = 0u, KILN_CHOICE_DIRECTIONAL = 1u, KILN_CHOICE_ENVIRONMENT = 2u;
+
+struct kiln_light_choice {
+    uint kind, index, samples; /* index: node or directional light */
+};
+
+/* The contribution to irradiance is value x max(0, n . direction) if nothing lies between p and p + distance x direction. */
+struct kiln_light_sample {
+    real3 direction; /* unit */
+    real distance;   /* m; KILN_INFINITY for light from outside */
+    real3 value;     /* radiance / density of the direction */
+    real backoff;    /* m: stop the shadow ray this much before the light */
+};
+
+KILN_ARRAY(LightNodes, kiln_gpu_light_node, 8);
+KILN_ARRAY(AreaLights, kiln_gpu_area_light, 8);
+KILN_ARRAY(PointLights, kiln_gpu_point_light, 8);
+KILN_ARRAY(DirectionalLights, kiln_gpu_directional_light, 8);
+KILN_ARRAY(LightReals, real, 8);
+KILN_ARRAY(LightFloats, float, 4);
+
+bool light_kind(uint bits) { return (LIGHT_KINDS & bits) != 0u; }
+real3 real3_of(real a[3]) { return real3(a[0], a[1], a[2]); }
+vec3 vec3_of(float a[3]) { return vec3(a[0], a[1], a[2]); }
+bool is_probe(real3 n) { return n.x == 0 && n.y == 0 && n.z == 0; }
+
+/* ---- importance of a cluster (worker/light/tree.c) ---- */
+
+real cos_less(real sin_a, real cos_a, real sin_b, real cos_b) { return cos_a > cos_b ? real(1) : cos_a * cos_b + sin_a * sin_b; }
+real sin_less(real sin_a, real cos_a, real sin_b, real cos_b) { return cos_a > cos_b ? real(0) : sin_a * cos_b - cos_a * sin_b; }
+real sin_of(real c) { return sqrt(max(real(0), 1 - c * c)); }
+
+real light_importance(uint index, real3 p, real spread, real3 n)
+{
+    const kiln_gpu_light_node node = LightNodes(SCENE.lights.nodes).at[index];
+    const real radius = node.radius + spread, radius2 = radius * radius;
+    const real3 away = p - real3_of(node.centre); /* from the cluster to the point */
+    const real d2 = dot(away, away);
+    real emission = 1, reception = 1;
+    if (d2 > radius2) {
+        const real cos_b = sqrt(max(real(0), 1 - radius2 / d2)), sin_b = sin_of(cos_b);
+        const real3 w = away * (1 / sqrt(d2));
+        real cos_w = dot(real3_of(node.axis), w);
+        if ((node.flags & KILN_LIGHT_TWO_SIDED) != 0u)
+            cos_w = abs(cos_w);
+        const real sin_w = sin_of(cos_w);
+        const real cos_x = cos_less(sin_w, cos_w, node.sin_o, node.cos_o), sin_x = sin_less(sin_w, cos_w, node.sin_o, node.cos_o);
+        emission = cos_less(sin_x, cos_x, sin_b, cos_b);
+        if (emission <= node.cos_e)
+            return 0;
+        if (!is_probe(n)) {
+            const real cos_i = -dot(n, w);
+            reception = cos_less(sin_of(cos_i), cos_i, sin_b, cos_b);
+            if (reception <= 0)
+                return 0;
+        }
+    }
+    const real least = real(1e-3LF);
+    const real importance = node.power * max(emission, least) * max(reception, least) / max(d2, node.floor2);
+    return importance > 0 && !isinf(importance) ? importance : node.power > 0 ? KILN_REAL_TINY : real(0);
+}
+
+/* ---- candidates (cut_tree, kiln_lights_choices and kiln_lights_allot of worker/light/lights.c) ---- */
+
+uint cut_node[KILN_CUT_MAX];
+real cut_importance[KILN_CUT_MAX];
+uint cut_count, cut_leaves; /* cut_leaves: bit i is set where cut_node[i] is a single light */
+real cut_total;             /* importance of all candidates */
+
+void cut_set(uint i, uint node, real importance)
+{
+    cut_node[i] = node;
+    cut_importance[i] = importance;
+    const uint leaf = LightNodes(SCENE.lights.nodes).at[node].left == KILN_GPU_NONE ? 1u : 0u;
+    cut_leaves = (cut_leaves & ~(1u << i)) | leaf << i;
+}
+
+/* The most important cluster that can be split; cut_count if none can. */
+uint cut_best()
+{
+    uint best = cut_count;
+    real most = 0;
+    for (uint i = 0u; i < cut_count; i++)
+        if ((cut_leaves >> i & 1u) == 0u && (best == cut_count || cut_importance[i] > most)) {
+            best = i;
+            most = cut_importance[i];
+        }
+    return best;
+}
+
+void cut_split(uint best, real3 p, real spread, real3 n)
+{
+    const uint parent = cut_node[best];
+    bool kept = false;
+    for (uint c = 0u; c < 2u; c++) {
+        const uint child = c == 0u ? LightNodes(SCENE.lights.nodes).at[parent].left : LightNodes(SCENE.lights.nodes).at[parent].right;
+        const real importance = light_importance(child, p, spread, n);
+        if (importance <= 0)
+            continue;
+        cut_set(kept ? cut_count++ : best, child, importance);
+        kept = true;
+    }
+    if (!kept) { /* the parent's bound was loose: the cluster is behind the point's horizon after all */
+        cut_count--;
+        cut_set(best, cut_node[cut_count], cut_importance[cut_count]);
+    }
+}
+
+void cut_tree(real3 p, real spread, real3 n, uint limit)
+{
+    cut_count = 0u;
+    cut_leaves = 0u;
+    const real importance = light_importance(0u, p, spread, n);
+    if (importance <= 0)
+        return;
+    cut_set(0u, 0u, importance);
+    cut_count = 1u;
+    while (cut_count != 0u && cut_count < limit) {
+        const uint best = cut_best();
+        if (best == cut_count)
+            break;
+        cut_split(best, p, spread, n);
+    }
+}
+
+/* 0 for one that is behind the point. */
+real sun_importance(uint i, real3 n)
+{
+    const kiln_gpu_directional_light light = DirectionalLights(SCENE.lights.directionals).at[i];
+    const real cosine = is_probe(n) ? real(1) : dot(n, real3_of(light.towards));
+    return cosine > 0 ? real_luminance(real3(vec3_of(light.irradiance))) * cosine : real(0);
+}
+
+real sky_importance() { return KILN_REAL_PI * real_luminance(real3(vec3_of(SCENE.lights.mean))); }
+
+uint kiln_lights_choose(real3 p, real spread, real3 n, uint limit, bool sky)
+{
+    cut_count = 0u;
+    cut_total = 0;
+    if (light_kind(KILN_LIGHT_AREA | KILN_LIGHT_PUNCTUAL))
+        cut_tree(p, spread, n, limit);
+    for (uint i = 0u; i < cut_count; i++)
+        cut_total += cut_importance[i];
+    uint candidates = cut_count;
+    if (light_kind(KILN_LIGHT_SUN)) {
+        for (uint i = 0u; i < SCENE.lights.directional_count; i++)
+            cut_total += sun_importance(i, n);
+        candidates += SCENE.lights.directional_count;
+    }
+    if (light_kind(KILN_LIGHT_SKY | KILN_LIGHT_IMAGE) && sky && SCENE.lights.environment != 0u) {
+        cut_total += sky_importance();
+        candidates++;
+    }
+    return candidates;
+}
+
+bool kiln_lights_candidate(uint i, real3 n, uint samples, out kiln_light_choice choice)
+{
+    const uint suns = light_kind(KILN_LIGHT_SUN) ? SCENE.lights.directional_count : 0u;
+    real importance;
+    if (i < cut_count) {
+        choice.kind = KILN_CHOICE_NODE;
+        choice.index = cut_node[i];
+        importance = cut_importance[i];
+    } else if (i - cut_count < suns) {
+        choice.kind = KILN_CHOICE_DIRECTIONAL;
+        choice.index = i - cut_count;
+        importance = sun_importance(choice.index, n);
+    } else {
+        choice.kind = KILN_CHOICE_ENVIRONMENT;
+        choice.index = 0u;
+        importance = sky_importance();
+    }
+    choice.samples = max(1u, uint(importance / cut_total * real(samples) + real(0.5LF)));
+    return importance > 0;
+}
+
+/* ---- environment (worker/light/environment.c) ---- */
+
+uvec2 sky_texel(real3 d)
+{
+    real u = real(0.5LF) + (real_atan2(d.x, -d.z) + real(SCENE.lights.rotation)) / (2 * KILN_REAL_PI);
+    u -= floor(u);
+    const real v = real_acos(clamp(d.y, real(-1), real(1))) / KILN_REAL_PI;
+    const uint width = SCENE.lights.width, height = SCENE.lights.height;
+    return uvec2(min(real(width) - 1, u * real(width)), min(real(height) - 1, v * real(height)));
+}
+
+real step_width(LightFloats cumulative, uint first, uint index)
+{
+    return real(cumulative.at[first + index]) - (index == 0u ? real(0) : real(cumulative.at[first + index - 1u]));
+}
+
+/* First entry above u of a cumulative table; gives the place within it too. */
+uint find_step(LightFloats cumulative, uint first, uint count, real u, out real within)
+{
+    uint low = 0u, high = count - 1u;
+    while (low < high) {
+        const uint middle = low + (high - low) / 2u;
+        if (real(cumulative.at[first + middle]) > u)
+            high = middle;
+        else
+            low = middle + 1u;
+    }
+    const real begin = low == 0u ? real(0) : real(cumulative.at[first + low - 1u]), end = real(cumulative.at[first + low]);
+#ifdef KILN_FLOAT64
+    const real last = 1.0LF - 1e-12LF;
+#else
+    const real last = KILN_REAL_BELOW_ONE;
+#endif
+    within = end > begin ? min(last, max(real(0), (u - begin) / (end - begin))) : real(0.5LF);
+    return low;
+}
+
+real sky_texel_density(uvec2 at)
+{
+    const uint width = SCENE.lights.width;
+    LightReals cosines = LightReals(SCENE.lights.cosines);
+    const real chance = step_width(LightFloats(SCENE.lights.marginal), 0u, at.y) * step_width(LightFloats(SCENE.lights.conditional), at.y * width, at.x);
+    return chance / ((cosines.at[at.y] - cosines.at[at.y + 1u]) * 2 * KILN_REAL_PI / real(width));
+}
+
+/* Radiance arriving from outside along `direction` (pointing outwards). */
+vec3 kiln_environment_radiance(real3 direction)
+{
+    if (SCENE.lights.environment == 0u)
+        return vec3(0.0);
+    if (!light_kind(KILN_LIGHT_IMAGE))
+        return vec3_of(SCENE.lights.sky);
+    const uvec2 at = sky_texel(direction);
+    LightFloats texels = LightFloats(SCENE.lights.texels + 12ul * (uint64_t(at.y) * SCENE.lights.width + at.x));
+    return vec3(texels.at[0], texels.at[1], texels.at[2]);
+}
+
+/* Density per steradian of kiln_environment_sample. */
+real kiln_environment_density(real3 direction)
+{
+    return light_kind(KILN_LIGHT_IMAGE) ? sky_texel_density(sky_texel(direction)) : 1 / (4 * KILN_REAL_PI);
+}
+
+real3 kiln_sphere_direction(real u, real v)
+{
+    const real z = 1 - 2 * u, r = sqrt(max(real(0), 1 - z * z));
+    real sine, cosine;
+    real_sincos(2 * KILN_REAL_PI * v, sine, cosine);
+    return real3(r * cosine, r * sine, z);
+}
+
+real3 kiln_environment_sample(real u, real v, out real density)
+{
+    if (!light_kind(KILN_LIGHT_IMAGE)) {
+        density = 1 / (4 * KILN_REAL_PI);
+        return kiln_sphere_direction(u, v);
+    }
+    const uint width = SCENE.lights.width;
+    real fx, fy, sine, cosine;
+    const uint y = find_step(LightFloats(SCENE.lights.marginal), 0u, SCENE.lights.height, v, fy);
+    const uint x = find_step(LightFloats(SCENE.lights.conditional), y * width, width, u, fx);
+    density = sky_texel_density(uvec2(x, y));
+    LightReals cosines = LightReals(SCENE.lights.cosines);
+    const real top = cosines.at[y], bottom = cosines.at[y + 1u];
+    const real height = top + (bottom - top) * fy, r = sqrt(max(real(0), 1 - height * height));
+    real_sincos(((real(x) + fx) / real(width) - real(0.5LF)) * 2 * KILN_REAL_PI - real(SCENE.lights.rotation), sine, cosine);
+    return real3(r * sine, height, -r * cosine);
+}
+
+/* Cosine-distributed about n; tangents as kiln_basis has them (Duff et al. 2017), in float like there. */
+real3 cosine_direction(real3 n, real u, real v)
+{
+    const vec3 f = vec3(n);
+    const float side = (floatBitsToUint(f.z) >> 31) != 0u ? -1.0 : 1.0;
+    const float a = -1.0 / (side + f.z), c = f.x * f.y * a;
+    const real3 t = real3(vec3(1.0 + side * f.x * f.x * a, side * c, -side * f.x)), b = real3(vec3(c, side + f.y * f.y * a, -f.y));
+    const real r = sqrt(u);
+    real sine, cosine;
+    real_sincos(2 * KILN_REAL_PI * v, sine, cosine);
+    return real_unit_vector(t * (r * cosine) + b * (r * sine) + n * sqrt(max(real(0), 1 - u)));
+}
+
+/* See worker/light/lights.h. */
+uint kiln_lights_strategies(kiln_light_choice choice, real3 n)
+{
+    return light_kind(KILN_LIGHT_IMAGE) && choice.kind == KILN_CHOICE_ENVIRONMENT && choice.samples >= 2u && !is_probe(n) ? 2u : 1u;
+}
+
+bool sample_environment(kiln_light_choice choice, uint index, real3 n, real u, real v, inout kiln_light_sample s)
+{
+    const bool probe = is_probe(n), both = kiln_lights_strategies(choice, n) == 2u;
+    real density = 1;
+    if (probe || (both && (index & 1u) == 1u))
+        s.direction = kiln_environment_sample(u, v, density);
+    else
+        s.direction = cosine_direction(n, u, v);
+    const real cosine = probe ? real(1) : dot(n, s.direction);
+    if (!(cosine > 0))
+        return false;
+    if (!probe) {
+        density = cosine / KILN_REAL_PI;
+        if (both) {
+            const real sky_share = real(choice.samples / 2u) / real(choice.samples);
+            density = sky_share * kiln_environment_density(s.direction) + (1 - sky_share) * density;
+        }
+    }
+    s.value = real3(kiln_environment_radiance(s.direction)) / density;
+    return true;
+}
+
+/* ---- point, spot and area lights (worker/light/lights.c) ---- */
+
+/* KHR_lights_punctual: intensity towards unit `direction` from the light, and the factor of the range at a distance. */
+real point_light_cone(kiln_gpu_point_light light, real3 direction)
+{
+    if ((light.flags & KILN_LIGHT_IS_SPOT) == 0u)
+        return 1;
+    const real cosine = dot(real3_of(light.direction), direction);
+    const real t = clamp((cosine - light.cos_outer) / max(real(1e-9LF), light.cos_inner - light.cos_outer), real(0), real(1));
+    return t * t;
+}
+
+real point_light_range(kiln_gpu_point_light light, real distance)
+{
+    if (light.range <= 0)
+        return 1;
+    const real q = distance / light.range;
+    return clamp(1 - q * q * q * q, real(0), real(1));
+}
+
+bool sample_point_light(uint index, real3 p, real weight, inout kiln_light_sample s)
+{
+    const kiln_gpu_point_light light = PointLights(SCENE.lights.points).at[index];
+    const real3 to = real3_of(light.position) - p;
+    s.distance = length(to);
+    if (!(s.distance > 0))
+        return false;
+    s.direction = to * (1 / s.distance);
+    const real factor = weight * point_light_cone(light, -s.direction) * point_light_range(light, s.distance) / (s.distance * s.distance);
+    s.value = real3(vec3_of(light.intensity)) * factor;
+    return factor > 0;
+}
+
+/* Solid angle of triangle a b c (unit vectors from the point): Van Oosterom and Strackee 1983. */
+real solid_angle(real3 a, real3 b, real3 c)
+{
+    return 2 * real_atan2(abs(dot(a, cross(b, c))), 1 + dot(a, b) + dot(b, c) + dot(c, a));
+}
+
+/* Angle between the planes with unit normals m and n, seen from within the triangle. */
+real inner_angle(real3 m, real3 n)
+{
+#ifdef KILN_FLOAT64
+    return real_acos(clamp(-dot(m, n), real(-1), real(1)));
+#else /* an arc cosine loses half of a float's digits near 0 and pi */
+    return real_atan2(length(cross(m, n)), -dot(m, n));
+#endif
+}
+
+/* Uniform in solid angle: Arvo, "Stratified Sampling of Spherical Triangles", 1995. False where the triangle is too thin for it. */
+bool spherical_direction(real3 a, real3 b, real3 c, real omega, real u, real v, out real3 direction)
+{
+#ifdef KILN_FLOAT64
+    const real thin = 1e-9LF, none = 1e-14LF;
+#else
+    const real thin = 1e-4, none = 1e-9;
+#endif
+    direction = a;
+    const real3 ab = real_unit_vector(cross(a, b)), bc = real_unit_vector(cross(b, c)), ca = real_unit_vector(cross(c, a));
+    const real alpha = inner_angle(ab, ca);
+    real sin_alpha, cos_alpha;
+    real_sincos(alpha, sin_alpha, cos_alpha);
+#ifdef KILN_FLOAT64
+    cos_alpha = clamp(-dot(ab, ca), real(-1), real(1));
+    const real area = alpha + inner_angle(ab, bc) + inner_angle(bc, ca) - KILN_REAL_PI;
+#else
+    const real area = omega; /* without the cancellation */
+#endif
+    if (!(area > 0) || sin_alpha < thin)
+        return false;
+    real s, t;
+    real_sincos(u * area - alpha, s, t);
+    const real x = t - cos_alpha, y = s + sin_alpha * dot(a, b);
+    const real below = (y * s + x * t) * sin_alpha;
+    if (abs(below) < none)
+        return false;
+    const real q = clamp(((y * t - x * s) * cos_alpha - y) / below, real(-1), real(1));
+    const real3 across = real_unit_vector(c - a * dot(c, a));
+    const real3 c2 = a * q + across * sqrt(max(real(0), 1 - q * q));
+    const real z = 1 - v * (1 - dot(c2, b));
+    const real3 up = real_unit_vector(c2 - b * dot(c2, b));
+    direction = real_unit_vector(b * z + up * sqrt(max(real(0), 1 - z * z)));
+    return true;
+}
+
+/* By the area: (b1, b2), direction and distance; false where the triangle is seen edge-on. */
+bool sample_flat(kiln_gpu_area_light light, real3 to0, real height, real u, real v, out real b1, out real b2, out real density,
+                 inout kiln_light_sample s)
+{
+    const real root = sqrt(u);
+    b1 = root * (1 - v);
+    b2 = root * v;
+    const real3 to = to0 + (real3_of(light.e1) * b1 + real3_of(light.e2) * b2);
+    s.distance = length(to);
+    s.direction = to * (1 / s.distance);
+    const real cosine = abs(height) / s.distance;
+    density = s.distance * s.distance / (cosine * light.area);
+    return cosine > 0;
+}
+
+/* Where a direction meets the light's plane, by Cramer's rule. */
+bool meet_light(kiln_gpu_area_light light, real3 to0, real height, real3 direction, out real b1, out real b2, inout kiln_light_sample s)
+{
+    const real3 e1 = real3_of(light.e1), e2 = real3_of(light.e2), h = cross(direction, e2);
+    const real determinant = dot(e1, h);
+    b1 = max(real(0), min(real(1), dot(-to0, h) / determinant));
+    b2 = max(real(0), min(1 - b1, dot(direction, cross(-to0, e1)) / determinant));
+    s.direction = direction;
+    s.distance = abs(height / dot(direction, real3_of(light.normal)));
+    return determinant != 0;
+}
+
+const real SPHERICAL_FROM = real(0.02LF); /* sr; see lights.c */
+
+bool sample_area_light(uint index, real3 p, real weight, real u, real v, inout kiln_light_sample s)
+{
+    const kiln_gpu_area_light light = AreaLights(SCENE.lights.areas).at[index];
+    const real3 to0 = real3_of(light.p0) - p;
+    const real height = -dot(to0, real3_of(light.normal)); /* of p above the front face */
+    /* In the light's own plane, as far as floats tell, nothing of it is seen. */
+    if (((light.flags & KILN_LIGHT_TWO_SIDED) != 0u ? abs(height) : height) <= 2 * light.rounding)
+        return false;
+    const real3 a = real_unit_vector(to0), b = real_unit_vector(to0 + real3_of(light.e1)), c = real_unit_vector(to0 + real3_of(light.e2));
+    const real omega = solid_angle(a, b, c);
+    real b1, b2, density;
+    real3 direction;
+    if (omega > SPHERICAL_FROM && spherical_direction(a, b, c, omega, u, v, direction)) {
+        density = 1 / omega;
+        if (!meet_light(light, to0, height, direction, b1, b2, s))
+            return false;
+    } else if (!sample_flat(light, to0, height, u, v, b1, b2, density, s))
+        return false;
+    if (!(s.distance > 0) || isinf(s.distance))
+        return false;
+    vec3 rgb = vec3_of(light.radiance);
+    if (light_kind(KILN_LIGHT_TEXTURED) && (light.flags & KILN_LIGHT_HAS_TEXTURE) != 0u)
+        rgb = kiln_surface_emission(light.triangle, float(b1), float(b2));
+    /* The light's vertices are floats: the shadow ray stops short of it by their rounding, seen along the ray. */
+    s.backoff = min(real(0.5LF) * s.distance, light.rounding / max(real(1e-6LF), abs(height) / s.distance));
+    s.value = real3(rgb) * weight / density;
+    return true;
+}
+
+/* Walks from a cluster down to one light, each child by its importance for p; gives 1 / probability. */
+bool pick_light(uint node, real3 p, real3 n, real pick, out uint light, out real weight)
+{
+    LightNodes nodes = LightNodes(SCENE.lights.nodes);
+    weight = 1;
+    light = 0u;
+    for (uint left = nodes.at[node].left; left != KILN_GPU_NONE; left = nodes.at[node].left) {
+        const uint right = nodes.at[node].right;
+        const real a = light_importance(left, p, 0, n), b = light_importance(right, p, 0, n);
+        if (a + b <= 0)
+            return false;
+        const real chance = a / (a + b);
+        const bool goes_left = pick < chance;
+        pick = goes_left ? pick / chance : (pick - chance) / (1 - chance);
+        weight /= goes_left ? chance : 1 - chance;
+        node = goes_left ? left : right;
+        pick = min(pick, KILN_REAL_BELOW_ONE);
+    }
+    light = nodes.at[node].right;
+    return true;
+}
+
+/* Draws the choice's `index`-th sample with random numbers in (0,1): `pick` goes down the tree, u and v over the light. False
+ * when it brings nothing. */
+bool kiln_lights_sample(kiln_light_choice choice, uint index, real3 p, real3 n, real pick, real u, real v, out kiln_light_sample s)
+{
+    s.direction = real3(0);
+    s.value = real3(0);
+    s.distance = real(KILN_INFINITY);
+    s.backoff = 0;
+    if (light_kind(KILN_LIGHT_SKY | KILN_LIGHT_IMAGE) && choice.kind == KILN_CHOICE_ENVIRONMENT)
+        return sample_environment(choice, index, n, u, v, s);
+    if (light_kind(KILN_LIGHT_SUN) && choice.kind == KILN_CHOICE_DIRECTIONAL) {
+        const kiln_gpu_directional_light light = DirectionalLights(SCENE.lights.directionals).at[choice.index];
+        s.direction = real3_of(light.towards);
+        s.value = real3(vec3_of(light.irradiance));
+        return true;
+    }
+    if (!light_kind(KILN_LIGHT_AREA | KILN_LIGHT_PUNCTUAL))
+        return false;
+    uint light;
+    real weight;
+    if (!pick_light(choice.index, p, n, pick, light, weight))
+        return false;
+    const uint areas = SCENE.lights.area_count;
+    if (light_kind(KILN_LIGHT_AREA) && (!light_kind(KILN_LIGHT_PUNCTUAL) || light < areas))
+        return sample_area_light(light, p, weight, u, v, s);
+    return sample_point_light(light - areas, p, weight, s);
+}
+
+#endif
