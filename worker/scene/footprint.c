@@ -1,8 +1,9 @@
 #include "worker/scene/footprint.h"
 
-#include <stdbool.h>
+#include <math.h>
 
 #include "worker/scene/clip.h"
+#include "worker/scene/texture.h"
 
 static void local_corners(const struct kiln_footprint *f, uint32_t triangle, double local[3][2])
 {
@@ -159,6 +160,73 @@ void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, flo
         sample_few(&f->few[piece], u, (double)u2, b1, b2);
     else
         sample_many(f, f->pieces[piece], u, (double)u2, b1, b2);
+}
+
+uint32_t kiln_footprint_parts(const struct kiln_footprint *f, uint32_t piece, struct kiln_footprint_part *parts)
+{
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
+    double local[3][2], until[KILN_CLIP_CORNERS];
+    local_corners(f, f->pieces[piece], local);
+    const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
+    if (corners < 3)
+        return 0;
+    fan_areas(polygon, corners, until);
+    const double begin = piece > 0 ? (double)f->shares[piece - 1] : 0.0, end = piece + 1 < f->piece_count ? (double)f->shares[piece] : 1.0;
+    for (uint32_t i = 0; i + 2 < corners; i++) {
+        const struct kiln_clip_corner *corner[3] = {&polygon[0], &polygon[i + 1], &polygon[i + 2]};
+        parts[i] = (struct kiln_footprint_part){.triangle = f->pieces[piece], .until = begin + (end - begin) * (i + 3 < corners ? until[i] : 1.0)};
+        for (int c = 0; c < 3; c++) {
+            parts[i].b1[c] = corner[c]->b1;
+            parts[i].b2[c] = corner[c]->b2;
+        }
+    }
+    return corners - 2;
+}
+
+static struct kiln_vec3 lower(struct kiln_vec3 a, struct kiln_vec3 b) { return vec3(fminf(a.x, b.x), fminf(a.y, b.y), fminf(a.z, b.z)); }
+static struct kiln_vec3 upper(struct kiln_vec3 a, struct kiln_vec3 b) { return vec3(fmaxf(a.x, b.x), fmaxf(a.y, b.y), fmaxf(a.z, b.z)); }
+
+struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *f)
+{
+    if (f->kind == KILN_FOOTPRINT_WHOLE)
+        return (struct kiln_footprint_extent){vec3_madd(vec3_madd(f->whole.origin, f->whole.du, 0.5f), f->whole.dv, 0.5f),
+                                              0.5f * (vec3_length(f->whole.du) + vec3_length(f->whole.dv)), true};
+    const struct kiln_vec3 normal = kiln_triangle_normal(f->geometry, f->pieces[0]);
+    struct kiln_vec3 low = vec3(INFINITY, INFINITY, INFINITY), high = vec3(-INFINITY, -INFINITY, -INFINITY);
+    bool one_normal = true;
+    for (uint32_t i = 0; i < f->piece_count; i++) {
+        struct kiln_footprint_part parts[KILN_FOOTPRINT_PARTS];
+        const uint32_t count = kiln_footprint_parts(f, i, parts);
+        for (uint32_t k = 0; k < count; k++)
+            for (int c = 0; c < 3; c++) {
+                const struct kiln_vec3 p = kiln_triangle_position(f->geometry, parts[k].triangle, (float)parts[k].b1[c], (float)parts[k].b2[c]);
+                low = lower(low, p);
+                high = upper(high, p);
+            }
+        one_normal = one_normal && vec3_dot(normal, kiln_triangle_normal(f->geometry, f->pieces[i])) >= 0.99999f;
+    }
+    if (!(low.x <= high.x)) /* nothing of it is left after clipping: its first corner stands in */
+        low = high = kiln_triangle_position(f->geometry, f->pieces[0], 0.0f, 0.0f);
+    return (struct kiln_footprint_extent){vec3_scale(vec3_add(low, high), 0.5f), 0.5f * vec3_length(vec3_sub(high, low)), one_normal};
+}
+
+float kiln_footprint_opacity(const struct kiln_footprint *f)
+{
+    enum { SIDE = 4 };
+    const struct kiln_geometry *g = f->geometry;
+    if (f->pieces[f->piece_count - 1] < g->opaque_count) /* pieces ascend: those with alpha come last */
+        return 1.0f;
+    float sum = 0.0f;
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        uint32_t triangle;
+        float u, v, b1, b2, rgba[4];
+        kiln_footprint_sample(f, ((float)(i % SIDE) + 0.5f) / SIDE, ((float)(i / SIDE) + 0.5f) / SIDE, &triangle, &u, &v);
+        const struct kiln_material *material = &f->scene->materials[g->records[triangle].material & KILN_RECORD_MATERIAL];
+        kiln_geometry_stored_barycentrics(f->scene, g, triangle, u, v, &b1, &b2);
+        kiln_surface_color(f->scene, &f->scene->meshes[f->scene->objects[g->records[triangle].object].mesh], g->stored_triangle[triangle], b1, b2, rgba);
+        sum += material->alpha_mode == KILN_ALPHA_BLEND ? rgba[3] : material->alpha_mode == KILN_ALPHA_MASK ? (float)(rgba[3] >= material->alpha_cutoff) : 1.0f;
+    }
+    return sum / (SIDE * SIDE);
 }
 
 static struct kiln_dvec3 unit(struct kiln_dvec3 v)

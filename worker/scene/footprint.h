@@ -8,6 +8,8 @@
 #ifndef KILN_WORKER_SCENE_FOOTPRINT_H
 #define KILN_WORKER_SCENE_FOOTPRINT_H
 
+#include <stdbool.h>
+
 #include "worker/scene/surface.h"
 
 /* Walks the points of a fragment in order:
@@ -97,6 +99,29 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
 
 /* Sample for u1, u2 in [0, 1); stratified (u1, u2) give stratified positions within each convex piece. */
 void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, float u2, uint32_t *triangle, float *b1, float *b2);
+
+/* The covered part cut into triangles, by corners in weights of their piece's world triangle: sampling with u1 and u2 takes the first
+ * part whose `until` is above u1, stretches u1 over it, and the point (1 - r) a + r (1 - u2) b + r u2 c with r = sqrt(u1). What a device
+ * that cannot clip samples; the same positions as kiln_footprint_sample but for rounding. Not for KILN_FOOTPRINT_WHOLE. */
+struct kiln_footprint_part {
+    uint32_t triangle;
+    double b1[3], b2[3];
+    double until; /* share of the point's area up to this part's end; of the last 1 */
+};
+enum { KILN_FOOTPRINT_PARTS = 11 }; /* of one piece, at most: clipping leaves room for 13 corners */
+/* Writes the parts of piece `piece` (at most KILN_FOOTPRINT_PARTS) and returns how many. */
+uint32_t kiln_footprint_parts(const struct kiln_footprint *footprint, uint32_t piece, struct kiln_footprint_part *parts);
+
+/* Where the point is: the middle of a box about it and the greatest distance from there; whether its pieces lie in parallel planes. */
+struct kiln_footprint_extent {
+    struct kiln_vec3 centre;
+    float spread; /* m */
+    bool one_normal;
+};
+struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *footprint);
+
+/* Mean opacity over the point, at 4 x 4 places of its area; 1 where nothing lets light through. */
+float kiln_footprint_opacity(const struct kiln_footprint *footprint);
 
 /* Position of a sample, relative to the scene's centre: c0 + b1 (c1 - c0) + b2 (c2 - c0). */
 static inline struct kiln_vec3 kiln_triangle_position(const struct kiln_geometry *g, uint32_t triangle, float b1, float b2)

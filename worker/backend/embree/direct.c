@@ -143,10 +143,10 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
                          uint32_t samples, struct kiln_point_result *result, uint64_t *rays)
 {
     const struct fragment_frame *f = &w->frame;
-    const struct kiln_dvec3 normal = f->one_normal[j] ? dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j])
+    const struct kiln_dvec3 normal = f->extent[j].one_normal ? dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j])
                                                       : dvec3(0.0, 0.0, 0.0);
     const size_t limit = samples / 2 < 1 ? 1 : samples / 2 < KILN_CUT_MAX ? samples / 2 : KILN_CUT_MAX;
-    const size_t count = kiln_lights_choices(b->params.lights, dvec3_of(f->centre[j]), (double)f->spread[j], normal, limit, w->choices);
+    const size_t count = kiln_lights_choices(b->params.lights, dvec3_of(f->extent[j].centre), (double)f->extent[j].spread, normal, limit, w->choices);
     (void)kiln_lights_allot(w->choices, count, samples);
     double incident[3] = {0}, irradiance[3] = {0}, variance = 0.0;
     for (size_t i = 0; i < count; i++) {

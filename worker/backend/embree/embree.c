@@ -253,7 +253,6 @@ const struct kiln_backend_api kiln_backend_embree = {
     .direct = embree_direct,
     .gather = embree_gather,
     .probes = embree_probes,
-    .emission = embree_emission,
     .intersect = embree_intersect,
     .ceiling = embree_ceiling,
 };

@@ -56,7 +56,6 @@ int embree_gather(struct kiln_backend *backend, const struct kiln_batch *batch, 
                   struct kiln_error *error);
 int embree_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first,
                   uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error);
-int embree_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result, struct kiln_error *error);
 
 int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
                    uint64_t *rays, struct kiln_error *error);

@@ -3,8 +3,8 @@
 #include <math.h>
 
 #include "shaders/random.h"
+#include "worker/sampling/keys.h"
 #include "worker/sampling/sequence.h"
-#include "worker/scene/texture.h"
 
 /* Normal of a triangle and how far rays start off it, kept for the next point of the same one. */
 static void know(struct fragment_frame *f, const struct embree_backend *b, uint32_t triangle)
@@ -27,38 +27,6 @@ static void build_whole(struct fragment_frame *f, const struct embree_backend *b
     f->origin[0][j] = origin.x, f->origin[1][j] = origin.y, f->origin[2][j] = origin.z;
     f->edge_s[0][j] = du.x, f->edge_s[1][j] = du.y, f->edge_s[2][j] = du.z;
     f->edge_t[0][j] = dv.x, f->edge_t[1][j] = dv.y, f->edge_t[2][j] = dv.z;
-}
-
-static void extent_of_whole(struct fragment_frame *f, uint32_t j)
-{
-    const struct kiln_vec3 origin = vec3(f->origin[0][j], f->origin[1][j], f->origin[2][j]);
-    const struct kiln_vec3 du = f->footprint[j].whole.du, dv = f->footprint[j].whole.dv;
-    f->centre[j] = vec3_madd(vec3_madd(origin, du, 0.5f), dv, 0.5f);
-    f->spread[j] = 0.5f * (vec3_length(du) + vec3_length(dv));
-    f->one_normal[j] = true;
-}
-
-/* A point of several pieces, or of part of a square: its box gives centre and spread. */
-static void extent_of_partial(struct fragment_frame *f, const struct embree_backend *b, uint32_t j)
-{
-    const struct kiln_footprint *p = &f->footprint[j];
-    const struct kiln_vec3 normal = kiln_triangle_normal(b->params.geometry, p->pieces[0]);
-    struct kiln_vec3 low = vec3(INFINITY, INFINITY, INFINITY), high = vec3(-INFINITY, -INFINITY, -INFINITY);
-    f->one_normal[j] = true;
-    for (uint32_t i = 0; i < p->piece_count; i++)
-        if (vec3_dot(normal, kiln_triangle_normal(b->params.geometry, p->pieces[i])) < 0.99999f)
-            f->one_normal[j] = false;
-    enum { CORNERS = 4 };
-    static const float place[CORNERS] = {0.01f, 0.35f, 0.65f, 0.99f};
-    for (int s = 0; s < CORNERS; s++)
-        for (int t = 0; t < CORNERS; t++) {
-            struct kiln_vec3 q, n;
-            frame_position(f, b, j, place[s], place[t], &q, &n);
-            low = vec3(fminf(low.x, q.x), fminf(low.y, q.y), fminf(low.z, q.z));
-            high = vec3(fmaxf(high.x, q.x), fmaxf(high.y, q.y), fmaxf(high.z, q.z));
-        }
-    f->centre[j] = vec3_scale(vec3_add(low, high), 0.5f);
-    f->spread[j] = 1.5f * vec3_length(vec3_sub(high, low)); /* the sampled box is most of the point, not all */
 }
 
 static bool meets_back(const struct embree_backend *b, struct kiln_vec3 p, struct kiln_vec3 d)
@@ -120,54 +88,28 @@ float frame_position(struct fragment_frame *frame, const struct embree_backend *
     return frame->known_offset;
 }
 
-static uint32_t seed_of(const struct embree_backend *b)
-{
-    return kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32));
-}
-
-/* Mean opacity over the point, at 4 x 4 places of its area. */
-static float opacity_of(const struct embree_backend *b, const struct kiln_footprint *p)
-{
-    enum { SIDE = 4 };
-    const struct kiln_geometry *g = b->params.geometry;
-    const struct kiln_scene *scene = b->params.scene;
-    float sum = 0.0f;
-    for (int i = 0; i < SIDE * SIDE; i++) {
-        uint32_t triangle;
-        float u, v, b1, b2, rgba[4];
-        kiln_footprint_sample(p, ((float)(i % SIDE) + 0.5f) / SIDE, ((float)(i / SIDE) + 0.5f) / SIDE, &triangle, &u, &v);
-        const struct kiln_material *material = &scene->materials[g->records[triangle].material & KILN_RECORD_MATERIAL];
-        kiln_geometry_stored_barycentrics(scene, g, triangle, u, v, &b1, &b2);
-        kiln_surface_color(scene, &scene->meshes[scene->objects[g->records[triangle].object].mesh], g->stored_triangle[triangle], b1, b2, rgba);
-        sum += material->alpha_mode == KILN_ALPHA_BLEND ? rgba[3] : material->alpha_mode == KILN_ALPHA_MASK ? (float)(rgba[3] >= material->alpha_cutoff) : 1.0f;
-    }
-    return sum / (SIDE * SIDE);
-}
-
 static void build_point(struct fragment_frame *f, const struct embree_backend *b, const struct kiln_point_cursor *at, uint32_t j,
                         bool partly_buried, unsigned wish)
 {
     struct kiln_footprint *p = &f->footprint[j];
     const struct kiln_lightmap *map = &b->surface->lightmaps[at->object];
     const uint64_t texel = (uint64_t)at->y * map->width + at->x;
-    f->key[j] = kiln_hash2(kiln_hash2(kiln_hash2(seed_of(b), at->object), (uint32_t)texel), (uint32_t)(texel >> 32) + 1u);
+    f->key[j] = kiln_texel_key(kiln_seed_key(b->params.seed), at->object, texel);
     kiln_footprint_prepare(p, b->params.scene, b->params.geometry, b->surface, at);
     if (f->smooth) {
         struct kiln_vec3 mean, shading;
         kiln_footprint_normals(p, &mean, &shading);
         f->shading[0][j] = shading.x, f->shading[1][j] = shading.y, f->shading[2][j] = shading.z;
     }
-    f->present[j] = p->pieces[p->piece_count - 1] < b->params.geometry->opaque_count ? 1.0f : opacity_of(b, p); /* pieces ascend: alpha last */
+    f->present[j] = kiln_footprint_opacity(p);
     f->partly_buried[j] = partly_buried;
     f->whole[j] = p->kind == KILN_FOOTPRINT_WHOLE && !partly_buried;
     know(f, b, p->pieces[0]);
     f->normal[0][j] = f->known_normal.x, f->normal[1][j] = f->known_normal.y, f->normal[2][j] = f->known_normal.z;
     if (f->whole[j])
         build_whole(f, b, j, p->pieces[0]);
-    if ((wish & FRAME_EXTENT) != 0 && f->whole[j])
-        extent_of_whole(f, j);
-    else if ((wish & FRAME_EXTENT) != 0)
-        extent_of_partial(f, b, j);
+    if ((wish & FRAME_EXTENT) != 0)
+        f->extent[j] = kiln_footprint_extent(p);
 }
 
 void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, unsigned wish)
@@ -178,7 +120,7 @@ void frame_build(struct fragment_frame *frame, const struct embree_backend *back
     frame->count = 0;
     frame->known_triangle = KILN_NONE;
     frame->smooth = (scene->meshes[scene->objects[f->object].mesh].flags & KILN_MESH_SMOOTH) != 0;
-    frame->tile_key = kiln_hash2(kiln_hash2(seed_of(backend) ^ 0x74696c65u, f->object), f->tile);
+    frame->tile_key = kiln_tile_key(kiln_seed_key(backend->params.seed), f->object, f->tile);
     struct kiln_point_cursor at = kiln_point_first(s, fragment);
     for (uint32_t k = 0; k < f->count; k++, kiln_point_next(s, &at)) {
         const bool every = (wish & FRAME_EVERY) != 0;

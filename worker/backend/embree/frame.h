@@ -21,9 +21,7 @@ struct fragment_frame {
     float shading[3][KILN_TILE_TEXELS]; /* unit; set where `smooth` */
     float present[KILN_TILE_TEXELS];  /* see struct kiln_point_result */
     /* with FRAME_EXTENT only */
-    struct kiln_vec3 centre[KILN_TILE_TEXELS]; /* somewhere in the middle of the covered part */
-    float spread[KILN_TILE_TEXELS];     /* m: no part of the point is farther from `centre` */
-    bool one_normal[KILN_TILE_TEXELS];  /* all its pieces lie in parallel planes */
+    struct kiln_footprint_extent extent[KILN_TILE_TEXELS];
     struct kiln_footprint footprint[KILN_TILE_TEXELS];
     /* the triangle met last, which is mostly the next one too */
     uint32_t known_triangle; /* KILN_NONE: none */
@@ -33,7 +31,7 @@ struct fragment_frame {
 
 enum frame_wish {
     FRAME_EVERY = 1, /* the invalid points too, and all of them as if nothing was buried: for the validity pass itself */
-    FRAME_EXTENT = 2 /* centre, spread and one_normal too: for choosing lights */
+    FRAME_EXTENT = 2 /* `extent` too: for choosing lights */
 };
 void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, unsigned wish);
 

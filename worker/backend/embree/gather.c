@@ -10,6 +10,7 @@
 #include "worker/backend/embree/frame.h"
 #include "worker/backend/embree/lookup.h"
 #include "worker/base/memory.h"
+#include "worker/sampling/keys.h"
 #include "worker/sampling/sequence.h"
 
 enum { LANES = 64, TABLE = 64, SUB_NETS = 4 };
@@ -91,8 +92,7 @@ static int work_create(struct gather_work **work, uint32_t samples, struct kiln_
     }
     (*work)->samples = samples;
     (*work)->shared_digits = kiln_shared_digits(samples);
-    /* A position costs as much as a ray: up to 64 each ray has its own, from 256 on four share one. */
-    (*work)->reuse = samples <= TABLE ? 1 : samples < 4 * TABLE ? (samples + TABLE - 1) / TABLE : 4;
+    (*work)->reuse = kiln_position_reuse(samples);
     start_packets(*work);
     return KILN_OK;
 }

@@ -1,0 +1,143 @@
+/* The bounce pass: thread (x, y) takes slice y of the samples of point x, some 32 cosine-distributed rays, and adds up the radiosity
+ * that they find. The samples of a point fall into four quarters, each of `slices` slices: neighbouring threads take the same
+ * sample of neighbouring points, whose directions share a stratum (shaders/random.h). gather_reduce.comp adds up the slices. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "shaders/kernel.glsl"
+
+layout(push_constant, scalar) uniform Push
+{
+    KILN_ADDRESS scene;
+    kiln_gpu_chunk chunk;
+    KILN_ADDRESS sobol;  /* words: dimension d's samples from d * sobol_stride on */
+    KILN_ADDRESS slices; /* float: component c of slice y of point x at ((y * KILN_GPU_SLICE_FLOATS + c) * chunk.total + point - origin) */
+    KILN_WORD samples, stream, reuse, sobol_stride;
+    KILN_WORD per_quarter; /* slices a quarter */
+} push;
+
+#define KILN_TRACES
+#include "shaders/trace.glsl"
+#include "shaders/surface.glsl"
+#include "shaders/position.glsl"
+
+layout(constant_id = 5) const uint LOOKUP = 1u; /* 0: trace only, for benches */
+
+KILN_ARRAY(FloatArray, float, 4);
+
+/* sin(2 pi x) for |x| <= 1/4: odd polynomial, error below 3e-7. */
+float sine_turn(float x)
+{
+    const float y = x * x;
+    return x * (6.28318525 + y * (-41.3416996 + y * (81.6018372 + y * (-76.5498123 + y * 39.5374527))));
+}
+
+/* Cosine-distributed about unit n. `cosine`: with n. */
+vec3 cosine_direction(vec3 n, float u, float v, out float cosine)
+{
+    const float radius = sqrt(u), turn = v - 0.5, a = abs(turn);
+    const float sine = sine_turn(min(a, 0.5 - a));
+    vec3 t, b;
+    kiln_basis(n, t, b);
+    cosine = sqrt(1.0 - u);
+    return radius * sine_turn(0.25 - a) * t + radius * (turn < 0.0 ? -sine : sine) * b + cosine * n;
+}
+
+struct Sums {
+    vec3 incident, irradiance, borrowed;
+    float escaped, blocked, behind, luminance;
+};
+
+void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v)
+{
+    vec3 axis = normal;
+    float tilt = 1.0;
+    if (HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u) {
+        axis = normalize(normal + p.shading);
+        tilt = dot(normal, axis);
+    }
+    float cosine;
+    const vec3 direction = cosine_direction(axis, u, v, cosine);
+    const kiln_hit hit = kiln_trace(position, direction);
+    if (LOOKUP == 0u) {
+        sums.escaped += hit.triangle == KILN_GPU_NONE ? 1.0 : hit.u;
+        return;
+    }
+    float facet = 1.0, weight = 1.0;
+    if (HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u) {
+        const float above = dot(normal, direction), shading = dot(p.shading, direction);
+        facet = above > 0.0 ? 2.0 / (1.0 + tilt) * above / cosine : 0.0;
+        weight = shading > 0.0 ? shading / cosine : 0.0;
+    }
+    if (hit.triangle == KILN_GPU_NONE) {
+        sums.escaped += facet;
+        return;
+    }
+    const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v);
+    if (hit.back && (to.material & KILN_DOUBLE_SIDED) == 0u) {
+        sums.blocked += facet;
+        return;
+    }
+    const vec3 rgb = facet > 0.0 ? kiln_radiosity_at(to) : vec3(0.0);
+    if (hit.back) {
+        sums.behind += facet;
+        sums.borrowed += facet * rgb;
+    }
+    sums.incident += facet * rgb;
+    if (HAS_SMOOTH != 0u)
+        sums.irradiance += weight * rgb;
+    sums.luminance += weight * dot(rgb, vec3(0.2126, 0.7152, 0.0722));
+}
+
+void store(Sums sums, uint x, uint y)
+{
+    FloatArray slices = FloatArray(push.slices + uint64_t(y * KILN_GPU_SLICE_FLOATS) * push.chunk.total * 4ul);
+    const uint step = push.chunk.total;
+    for (uint c = 0u; c < 3u; c++) {
+        slices.at[c * step + x] = sums.incident[c];
+        slices.at[(3u + c) * step + x] = HAS_SMOOTH != 0u ? sums.irradiance[c] : sums.incident[c];
+        slices.at[(6u + c) * step + x] = sums.borrowed[c];
+    }
+    slices.at[9u * step + x] = sums.escaped;
+    slices.at[10u * step + x] = sums.blocked;
+    slices.at[11u * step + x] = sums.behind;
+    slices.at[12u * step + x] = sums.luminance;
+}
+
+void kiln_kernel(uint x, uint y)
+{
+    const uint index = kiln_point_of_thread(push.chunk, x);
+    if (index == KILN_GPU_NONE || y >= 4u * push.per_quarter)
+        return;
+    const kiln_gpu_point p = PointArray(push.chunk.points).at[index];
+    /* quarter q holds the samples k with k * 4 / samples == q */
+    const uint q = y / push.per_quarter, n = push.samples;
+    const uint begin = uint((uint64_t(q) * n + 3ul) / 4ul), end = uint((uint64_t(q + 1u) * n + 3ul) / 4ul);
+    const uint from = begin + (y % push.per_quarter) * KILN_GPU_SLICE_SAMPLES, to = min(end, from + KILN_GPU_SLICE_SAMPLES);
+    uint seed[4];
+    for (uint d = 0u; d < 4u; d++)
+        seed[d] = kiln_hash2(p.tile_key, push.stream * 8u + d);
+    const uint key = kiln_hash2(p.key, push.stream), shared_digits = kiln_shared_digits(n);
+    const uint shift_u = kiln_hash1(key + 1u) >> shared_digits, shift_v = kiln_hash1(key + 2u) >> shared_digits;
+    const uint shift_s = kiln_hash1(key + 3u), shift_t = kiln_hash1(key + 4u);
+    const bool shares = DRAW_AGAIN != 0u || (p.flags & KILN_GPU_POINT_PARTIAL) != 0u;
+    WordArray sobol = WordArray(push.sobol);
+    Sums sums = Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0, 0.0);
+    vec3 position, normal;
+    uint drawn = KILN_GPU_NONE;
+    for (uint k = from; k < to; k++) {
+        const uint place = shares ? k / push.reuse : k;
+        if (place != drawn) {
+            const float s = kiln_unit_float(kiln_owen_scramble(sobol.at[2u * push.sobol_stride + place], seed[2]) ^ shift_s);
+            const float t = kiln_unit_float(kiln_owen_scramble(sobol.at[3u * push.sobol_stride + place], seed[3]) ^ shift_t);
+            float offset;
+            kiln_position(p, push.chunk.parts, s, t, position, normal, offset);
+            drawn = place;
+        }
+        const float u = kiln_unit_float(kiln_owen_scramble(sobol.at[k], seed[0]) ^ shift_u);
+        const float v = kiln_unit_float(kiln_owen_scramble(sobol.at[push.sobol_stride + k], seed[1]) ^ shift_v);
+        add_ray(sums, p, position, normal, u, v);
+    }
+    store(sums, index - push.chunk.origin, y);
+}
+
+#include "shaders/main.glsl"

@@ -1,0 +1,78 @@
+/* Adds up what gather.comp found, slice after slice, and makes each point's answer of it; zeros for invalid points. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "shaders/kernel.glsl"
+
+layout(push_constant, scalar) uniform Push
+{
+    KILN_ADDRESS scene;
+    kiln_gpu_chunk chunk;
+    KILN_ADDRESS slices, results;
+    KILN_WORD samples, per_quarter;
+} push;
+
+KILN_ARRAY(PointArray, kiln_gpu_point, 8);
+KILN_ARRAY(WordArray, uint, 4);
+KILN_ARRAY(FloatArray, float, 4);
+KILN_ARRAY(ResultArray, kiln_gpu_result, 4);
+
+/* A sum of floats that is good to the last bits: two floats (Knuth's two-sum). */
+struct Sum {
+    float high, low;
+};
+void add(inout Sum sum, float value)
+{
+    precise const float s = sum.high + value;
+    precise const float b = s - sum.high;
+    precise const float e = (sum.high - (s - b)) + (value - b);
+    sum.low += e;
+    sum.high = s;
+}
+
+float mean(Sum sum, float count) { return (sum.high + sum.low) / count; }
+
+void kiln_kernel(uint x, uint y)
+{
+    if (x >= push.chunk.total)
+        return;
+    const uint index = push.chunk.origin + x;
+    kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
+    if (WordArray(push.chunk.states).at[index] != KILN_GPU_STATE_INVALID) {
+        const float n = float(push.samples);
+        Sum sums[12];
+        for (uint c = 0u; c < 12u; c++)
+            sums[c] = Sum(0.0, 0.0);
+        float quarters[4];
+        for (uint q = 0u; q < 4u; q++) {
+            Sum luminance = Sum(0.0, 0.0);
+            for (uint i = 0u; i < push.per_quarter; i++) {
+                const uint64_t row = uint64_t((q * push.per_quarter + i) * KILN_GPU_SLICE_FLOATS) * push.chunk.total * 4ul;
+                FloatArray slice = FloatArray(push.slices + row);
+                for (uint c = 0u; c < 12u; c++)
+                    add(sums[c], slice.at[c * push.chunk.total + x]);
+                add(luminance, slice.at[12u * push.chunk.total + x]);
+            }
+            quarters[q] = mean(luminance, 0.25 * n);
+        }
+        for (uint c = 0u; c < 3u; c++) {
+            r.incident[c] = mean(sums[c], n);
+            r.irradiance[c] = mean(sums[3u + c], n);
+            r.borrowed[c] = mean(sums[6u + c], n);
+        }
+        r.escaped = mean(sums[9], n);
+        r.blocked = mean(sums[10], n);
+        r.behind = mean(sums[11], n);
+        /* Standard error of the mean of four sub-nets: more than the error of the whole net, whose parts balance one another. */
+        if (push.samples >= 4u) {
+            const float middle = 0.25 * (quarters[0] + quarters[1] + quarters[2] + quarters[3]);
+            float square = 0.0;
+            for (uint q = 0u; q < 4u; q++)
+                square += (quarters[q] - middle) * (quarters[q] - middle);
+            r.error = sqrt(square / 12.0);
+        }
+        r.present = PointArray(push.chunk.points).at[index].present;
+    }
+    ResultArray(push.results).at[x] = r;
+}
+
+#include "shaders/main.glsl"

@@ -1,0 +1,71 @@
+/* Radiosity at a hit: barycentrics -> texel -> tile -> surface point, as worker/scene/surface.h says. */
+
+layout(buffer_reference, scalar, buffer_reference_align = 16) readonly buffer RecordHalves { vec4 at[]; };
+KILN_ARRAY(Lightmaps, kiln_gpu_lightmap, 8);
+KILN_ARRAY(TileWords, uvec4, 16);
+KILN_ARRAY(RadiosityWords, uvec2, 8);
+
+/* Bit of texel (x, y) of a tile: x and y interleaved, x lowest. */
+uint kiln_tile_bit(uint x, uint y)
+{
+    return (x & 1u) | (y & 1u) << 1 | (x & 2u) << 1 | (y & 2u) << 2 | (x & 4u) << 2 | (y & 4u) << 3;
+}
+
+/* Number of bits of `mask` below `bit`. */
+uint kiln_bits_below(uvec2 mask, uint bit)
+{
+    const uint inside = (1u << (bit & 31u)) - 1u;
+    return bit < 32u ? bitCount(mask.x & inside) : bitCount(mask.x) + bitCount(mask.y & inside);
+}
+
+bool kiln_bit_set(uvec2 mask, uint bit) { return ((bit < 32u ? mask.x >> bit : mask.y >> (bit - 32u)) & 1u) != 0u; }
+
+/* Three unsigned floats of 21 bits: worker/scene/radiosity.h. */
+vec3 kiln_radiosity_unpack(uvec2 packed)
+{
+    return vec3(uintBitsToFloat((packed.x & 0x1fffffu) << 10), uintBitsToFloat((packed.x >> 21 | (packed.y & 0x3ffu) << 11) << 10),
+                uintBitsToFloat((packed.y >> 10 & 0x1fffffu) << 10));
+}
+
+/* What a hit on world triangle `triangle` leads to. */
+struct kiln_landing {
+    uint object, material; /* material as in struct kiln_hit_record, flags included */
+    uint64_t tile;         /* address of the tile */
+    uint bit;              /* of the texel in the tile */
+};
+
+kiln_landing kiln_land(uint triangle, float u, float v)
+{
+    RecordHalves halves = RecordHalves(SCENE.records + uint64_t(triangle) * 32ul);
+    const vec4 a = halves.at[0], b = halves.at[1];
+    kiln_landing to;
+    to.object = floatBitsToUint(b.z);
+    to.material = floatBitsToUint(b.w);
+    const kiln_gpu_lightmap map = Lightmaps(SCENE.lightmaps).at[to.object];
+    const int x = clamp(int(a.x + u * a.z + v * b.x), 0, int(map.width) - 1), y = clamp(int(a.y + u * a.w + v * b.y), 0, int(map.height) - 1);
+    to.tile = SCENE.tiles + (map.tile_first + uint64_t(uint(y) >> 3) * map.tiles_x + (uint(x) >> 3)) * 16ul;
+    to.bit = kiln_tile_bit(uint(x) & 7u, uint(y) & 7u);
+    return to;
+}
+
+/* Radiosity there, W/m2; 0 beside every point. */
+vec3 kiln_radiosity_at(kiln_landing to)
+{
+    uvec4 tile = TileWords(to.tile).at[0];
+    if (!kiln_bit_set(tile.xy, to.bit))
+        return vec3(0.0);
+    if ((tile.w & 0x80000000u) != 0u) { /* the tile lies in several cells: look for the part */
+        uint64_t part = SCENE.splits + (uint64_t(tile.w & 0x7fffffffu) << 32 | tile.z) * 16ul;
+        tile = TileWords(part).at[0];
+        while (!kiln_bit_set(tile.xy, to.bit)) {
+            part += 16ul;
+            tile = TileWords(part).at[0];
+        }
+    }
+    const uint64_t point = (uint64_t(tile.w) << 32 | tile.z) + kiln_bits_below(tile.xy, to.bit);
+    return kiln_radiosity_unpack(RadiosityWords(SCENE.radiosity + point * 8ul).at[0]);
+}
+
+vec3 kiln_radiosity_of_hit(uint triangle, float u, float v) { return kiln_radiosity_at(kiln_land(triangle, u, v)); }
+
+const uint KILN_DOUBLE_SIDED = 0x80000000u; /* in kiln_landing.material */
