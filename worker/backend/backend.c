@@ -10,8 +10,12 @@ int kiln_backend_create(struct kiln_backend **backend, const char *name, const s
 {
     *backend = NULL;
     for (size_t i = 0; i < sizeof backends / sizeof *backends; i++)
-        if (strcmp(name, "auto") == 0 || strcmp(name, backends[i]->name) == 0)
-            return backends[i]->create(backend, params, error);
+        if (strcmp(name, "auto") == 0 || strcmp(name, backends[i]->name) == 0) {
+            const int status = backends[i]->create(backend, params, error);
+            if (status == KILN_OK)
+                (*backend)->params = *params;
+            return status;
+        }
     return kiln_fail(error, KILN_NO_DEVICE, "no backend is called '%s' here; known: auto, embree", name);
 }
 
@@ -65,13 +69,6 @@ int kiln_backend_probes(struct kiln_backend *backend, const struct kiln_vec3 *po
     if (count == 0)
         return KILN_OK;
     return backend->api->probes(backend, positions, count, index_first, samples, results, rays, error);
-}
-
-int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result,
-                          struct kiln_error *error)
-{
-    assert(samples > 0);
-    return backend->api->emission(backend, samples, result, error);
 }
 
 int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,

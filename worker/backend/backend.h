@@ -108,15 +108,16 @@ struct kiln_backend_api {
                   struct kiln_error *error);
     int (*probes)(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first,
                   uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error);
-    int (*emission)(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result, struct kiln_error *error);
     int (*intersect)(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions, size_t count,
                      struct kiln_hit *hits, struct kiln_error *error);
     int (*ceiling)(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
                    uint64_t *rays, struct kiln_error *error);
 };
 
+/* The first member of each backend's own struct. */
 struct kiln_backend {
-    const struct kiln_backend_api *api; /* first member of each backend's own struct */
+    const struct kiln_backend_api *api;
+    struct kiln_backend_params params; /* as kiln_backend_create filled them in */
 };
 
 extern const struct kiln_backend_api kiln_backend_embree;
@@ -144,6 +145,7 @@ int kiln_backend_gather(struct kiln_backend *backend, const struct kiln_batch *b
 /* `positions` are relative to the scene's centre; `index_first` is the first one's index among all probes. */
 int kiln_backend_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first,
                         uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error);
+/* Traces about `samples` particles from the lights: made on the host, in batches, in the same way for every backend (emission.c). */
 int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result,
                           struct kiln_error *error);
 /* Closest hits of any rays (origins relative to the centre, directions of unit length): views, checks and benches. */

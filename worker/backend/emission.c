@@ -1,0 +1,278 @@
+/* Light traced from the lights, for the energy ledger: what share of it meets front faces, back faces, nothing. It shares no
+ * code with the direct pass but the lights' description, so that agreement of the two means something. Particles are made here,
+ * on the host; every backend finds with its own tracer what they hit. */
+#include <assert.h>
+#include <math.h>
+#include <omp.h>
+#include <string.h>
+
+#include "shaders/random.h"
+#include "worker/backend/backend.h"
+#include "worker/base/memory.h"
+#include "worker/light/lights.h"
+#include "worker/sampling/sequence.h"
+#include "worker/scene/footprint.h"
+#include "worker/scene/texture.h"
+
+enum { GROUPS = 16 };     /* independent parts, whose spread gives the error */
+enum { BATCH = 1 << 16 }; /* particles traced at once */
+
+/* One particle: where it starts, where it goes, the flux it carries (W, RGB). */
+struct particle {
+    uint32_t light, index; /* the index-th particle of this light in its group */
+    double scale;          /* share of the light's flux that it stands for */
+    struct kiln_vec3 origin;
+    struct kiln_dvec3 direction;
+    double flux[3];
+    const struct kiln_point_light *ranged; /* its range cuts the flux down at the hit */
+};
+
+struct emission {
+    struct kiln_backend *backend;
+    const struct kiln_backend_params *params;
+    int threads;
+    double radius; /* of the sphere about the scene */
+    struct kiln_vec3 centre;
+    size_t light_count;
+    double total; /* flux_of all lights */
+    struct particle *particles; /* BATCH of each of these */
+    struct kiln_vec3 *origins, *directions;
+    struct kiln_hit *hits;
+};
+
+/* How far a group has come in dealing out its particles. The choice is systematic: a light gets those whose place on the line
+ * of fluxes is its own. */
+struct walk {
+    uint32_t base, samples, next; /* hash of the group; particles in all, dealt out */
+    double step, start;
+    size_t light;
+    uint32_t index;
+    double flux, reached; /* of this light; of all up to it */
+};
+
+static double area_flux(const struct kiln_area_light *a) { return KILN_PI * a->area * (a->two_sided ? 2.0 : 1.0); }
+static double solid_angle(const struct kiln_point_light *l) { return l->spot ? 2.0 * KILN_PI * (1.0 - l->cos_outer) : 4.0 * KILN_PI; }
+
+/* Luminance of the flux of light i (areas, points, directionals, environment), the one weight that all use. */
+static double flux_of(const struct emission *e, size_t i)
+{
+    const struct kiln_lights *l = e->params->lights;
+    if (i < l->area_count)
+        return area_flux(&l->areas[i]) * kiln_luminance(l->areas[i].radiance);
+    i -= l->area_count;
+    if (i < l->point_count)
+        return solid_angle(&l->points[i]) * kiln_luminance(l->points[i].intensity);
+    i -= l->point_count;
+    const double disk = KILN_PI * e->radius * e->radius;
+    if (i < l->directional_count)
+        return disk * kiln_luminance(l->directionals[i].irradiance);
+    return 4.0 * KILN_PI * disk * kiln_luminance(l->environment_mean);
+}
+
+static struct kiln_dvec3 turn(struct kiln_dvec3 local, struct kiln_dvec3 axis)
+{
+    struct kiln_vec3 t, b;
+    kiln_basis(vec3_of(axis), &t, &b);
+    return dvec3_add(dvec3_add(dvec3_scale(dvec3_of(t), local.x), dvec3_scale(dvec3_of(b), local.y)), dvec3_scale(axis, local.z));
+}
+
+static void from_area(const struct emission *e, const struct kiln_area_light *a, const double r[5], struct particle *p)
+{
+    const struct kiln_backend_params *params = e->params;
+    const double root = sqrt(r[0]), b1 = root * (1.0 - r[1]), b2 = root * r[1];
+    const double side = a->two_sided && r[4] < 0.5 ? -1.0 : 1.0;
+    const struct kiln_dvec3 normal = dvec3_scale(a->normal, side);
+    const struct kiln_dvec3 at = dvec3_add(a->p0, dvec3_add(dvec3_scale(a->e1, b1), dvec3_scale(a->e2, b2)));
+    p->origin = kiln_offset_origin(vec3_of(at), vec3_of(normal), params->geometry, a->triangle);
+    p->direction = turn(kiln_cosine_direction(r[2], r[3]), normal);
+    float rgb[3];
+    memcpy(rgb, a->radiance, sizeof rgb);
+    if (a->textured) {
+        const struct kiln_object *object = &params->scene->objects[params->geometry->records[a->triangle].object];
+        kiln_surface_emission(params->scene, &params->scene->meshes[object->mesh], params->geometry->stored_triangle[a->triangle],
+                              (float)(object->flipped ? b2 : b1), (float)(object->flipped ? b1 : b2), rgb);
+    }
+    for (int c = 0; c < 3; c++)
+        p->flux[c] = (double)rgb[c] * area_flux(a);
+}
+
+static void from_point(const struct kiln_point_light *l, const double r[5], struct particle *p)
+{
+    const double lowest = l->spot ? l->cos_outer : -1.0, z = 1.0 - r[2] * (1.0 - lowest), s = sqrt(fmax(0.0, 1.0 - z * z));
+    const double phi = 2.0 * KILN_PI * r[3];
+    p->direction = turn(dvec3(s * cos(phi), s * sin(phi), z), l->spot ? l->direction : dvec3(0.0, 0.0, 1.0));
+    p->origin = vec3_of(l->position);
+    const double factor = solid_angle(l) * kiln_point_light_cone(l, p->direction);
+    for (int c = 0; c < 3; c++)
+        p->flux[c] = (double)l->intensity[c] * factor;
+    p->ranged = l->range > 0.0 ? l : NULL;
+}
+
+/* From outside: a point of the disk that the sphere shows to the direction. */
+static void from_outside(const struct emission *e, struct kiln_dvec3 towards, const double r[5], struct particle *p)
+{
+    const double radius = e->radius * sqrt(r[0]), phi = 2.0 * KILN_PI * r[1];
+    const struct kiln_dvec3 disk = turn(dvec3(radius * cos(phi), radius * sin(phi), e->radius), towards);
+    p->origin = vec3_of(dvec3_add(dvec3_of(e->centre), disk));
+    p->direction = dvec3_scale(towards, -1.0);
+}
+
+static void make_particle(const struct emission *e, const double r[5], struct particle *p)
+{
+    const struct kiln_lights *l = e->params->lights;
+    size_t i = p->light;
+    if (i < l->area_count) {
+        from_area(e, &l->areas[i], r, p);
+        return;
+    }
+    i -= l->area_count;
+    if (i < l->point_count) {
+        from_point(&l->points[i], r, p);
+        return;
+    }
+    i -= l->point_count;
+    const double disk = KILN_PI * e->radius * e->radius;
+    if (i < l->directional_count) {
+        from_outside(e, l->directionals[i].towards, r, p);
+        for (int c = 0; c < 3; c++)
+            p->flux[c] = (double)l->directionals[i].irradiance[c] * disk;
+        return;
+    }
+    double density;
+    const struct kiln_dvec3 towards = kiln_environment_sample(l, r[2], r[3], &density);
+    from_outside(e, towards, r, p);
+    float rgb[3];
+    kiln_environment_radiance(l, towards, rgb);
+    for (int c = 0; c < 3; c++)
+        p->flux[c] = (double)rgb[c] * disk / density;
+}
+
+static void begin_group(const struct emission *e, struct walk *w, uint32_t group, uint32_t samples)
+{
+    const uint64_t seed = e->params->seed;
+    const uint32_t base = kiln_hash2(kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32)), 0x656d6974u + group);
+    *w = (struct walk){.base = base, .samples = samples, .step = e->total / samples, .flux = flux_of(e, 0)};
+    w->start = kiln_unit_double(kiln_hash1(base)) * w->step;
+    w->reached = w->flux;
+}
+
+/* Deals out the next particles, light after light, at most BATCH. */
+static size_t deal(const struct emission *e, struct walk *w)
+{
+    size_t count = 0;
+    while (count < BATCH && w->next < w->samples && w->light < e->light_count) {
+        if (w->start + w->next * w->step < w->reached) {
+            e->particles[count++] = (struct particle){.light = (uint32_t)w->light, .index = w->index++, .scale = w->step / w->flux};
+            w->next++;
+            continue;
+        }
+        w->index = 0;
+        w->flux = ++w->light < e->light_count ? flux_of(e, w->light) : 0.0;
+        w->reached += w->flux;
+    }
+    return count;
+}
+
+static void make_batch(const struct emission *e, uint32_t base, size_t count)
+{
+#pragma omp parallel for num_threads(e->threads) schedule(static)
+    for (size_t j = 0; j < count; j++) {
+        struct particle *p = &e->particles[j];
+        double r[KILN_DIMENSIONS];
+        for (uint32_t d = 0; d < KILN_DIMENSIONS; d++)
+            r[d] = kiln_unit_double(kiln_owen_scramble(kiln_sobol(p->index, d), kiln_hash2(kiln_hash2(base, p->light + 1u), d)));
+        make_particle(e, r, p);
+        e->origins[j] = p->origin;
+        e->directions[j] = vec3_of(p->direction);
+    }
+}
+
+static void land(const struct emission *e, const struct particle *p, const struct kiln_hit *hit, struct kiln_emission_result *out)
+{
+    double *target = out->escaped, kept = 1.0;
+    if (hit->triangle != KILN_NONE) {
+        const bool double_sided = (e->params->geometry->records[hit->triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0;
+        target = !hit->back ? out->received : double_sided ? out->behind : out->blocked;
+        if (p->ranged != NULL)
+            kept = kiln_point_light_range(p->ranged, (double)hit->distance);
+    }
+    for (int c = 0; c < 3; c++) {
+        const double flux = p->flux[c] * p->scale;
+        out->emitted[c] += flux;
+        target[c] += flux * kept;
+        out->ranged[c] += flux * (1.0 - kept);
+    }
+}
+
+/* Sums in the order of the particles, whatever the batches. */
+static int trace_group(const struct emission *e, uint32_t group, uint32_t samples, struct kiln_emission_result *out, struct kiln_error *error)
+{
+    struct walk w;
+    begin_group(e, &w, group, samples);
+    for (size_t count; (count = deal(e, &w)) > 0;) {
+        make_batch(e, w.base, count);
+        const int status = e->backend->api->intersect(e->backend, e->origins, e->directions, count, e->hits, error);
+        if (status != KILN_OK)
+            return status;
+        for (size_t j = 0; j < count; j++)
+            land(e, &e->particles[j], &e->hits[j], out);
+    }
+    return KILN_OK;
+}
+
+/* Means of the groups, and the standard error that their spread tells. */
+static void combine(const struct kiln_emission_result groups[GROUPS], struct kiln_emission_result *result)
+{
+    for (int c = 0; c < 3; c++) {
+        double square = 0.0;
+        for (int i = 0; i < GROUPS; i++) {
+            result->emitted[c] += groups[i].emitted[c] / GROUPS;
+            result->received[c] += groups[i].received[c] / GROUPS;
+            result->blocked[c] += groups[i].blocked[c] / GROUPS;
+            result->behind[c] += groups[i].behind[c] / GROUPS;
+            result->escaped[c] += groups[i].escaped[c] / GROUPS;
+            result->ranged[c] += groups[i].ranged[c] / GROUPS;
+        }
+        for (int i = 0; i < GROUPS; i++)
+            square += (groups[i].received[c] - result->received[c]) * (groups[i].received[c] - result->received[c]);
+        result->error[c] = sqrt(square / (GROUPS * (GROUPS - 1)));
+    }
+}
+
+static int make_room(struct emission *e, struct kiln_error *error)
+{
+    int status = kiln_allocate(&e->particles, BATCH, sizeof *e->particles, "the particles of the lights", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&e->origins, BATCH, sizeof *e->origins, "the particles' origins", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&e->directions, BATCH, sizeof *e->directions, "the particles' directions", error);
+    return status == KILN_OK ? kiln_allocate(&e->hits, BATCH, sizeof *e->hits, "the particles' hits", error) : status;
+}
+
+int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result, struct kiln_error *error)
+{
+    assert(samples > 0);
+    const struct kiln_lights *l = backend->params.lights;
+    const struct kiln_geometry *g = backend->params.geometry;
+    struct emission e = {.backend = backend, .params = &backend->params};
+    e.threads = e.params->threads != 0 ? (int)e.params->threads : omp_get_num_procs();
+    e.light_count = l->area_count + l->point_count + l->directional_count + (l->environment ? 1 : 0);
+    e.centre = vec3_scale(vec3_add(g->bounds_min, g->bounds_max), 0.5f);
+    e.radius = 0.5 * (double)vec3_length(vec3_sub(g->bounds_max, g->bounds_min)) * 1.0001;
+    *result = (struct kiln_emission_result){0};
+    for (size_t i = 0; i < e.light_count; i++)
+        e.total += flux_of(&e, i);
+    if (!(e.total > 0.0))
+        return KILN_OK;
+    struct kiln_emission_result groups[GROUPS] = {0};
+    int status = make_room(&e, error);
+    for (uint32_t i = 0; i < GROUPS && status == KILN_OK; i++)
+        status = trace_group(&e, i, samples / GROUPS < 1 ? 1 : samples / GROUPS, &groups[i], error);
+    if (status == KILN_OK)
+        combine(groups, result);
+    kiln_free(&e.particles);
+    kiln_free(&e.origins);
+    kiln_free(&e.directions);
+    kiln_free(&e.hits);
+    return status;
+}
