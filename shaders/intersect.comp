@@ -1,0 +1,31 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+/* Nearest hits of any rays: kiln_backend_intersect. */
+#include "shaders/kernel.glsl"
+
+layout(push_constant, scalar) uniform Push {
+    KILN_ADDRESS scene;
+    KILN_ADDRESS origins, directions; /* vec3 each */
+    KILN_ADDRESS hits;                /* struct kiln_gpu_hit */
+    uint count;
+} push;
+
+#include "shaders/trace.glsl"
+
+KILN_ARRAY(IntersectVectors, vec3, 4);
+KILN_ARRAY(IntersectHits, kiln_gpu_hit, 4);
+
+void kiln_kernel(uint x, uint y)
+{
+    if (x >= push.count)
+        return;
+    const vec3 direction = IntersectVectors(push.directions).at[x];
+    vec3 origin = IntersectVectors(push.origins).at[x];
+    /* Boxes are made for origins near the world (KILN_GPU_BOX_MARGIN): others are brought closer first. */
+    const float start = max(0.0, length(origin) - 1.75 * SCENE.trace.extent);
+    origin += start * direction;
+    const kiln_hit hit = kiln_trace(origin, direction);
+    IntersectHits(push.hits).at[x] = kiln_gpu_hit(hit.triangle, hit.u, hit.v, hit.distance + start, hit.back ? 1u : 0u);
+}
+
+#include "shaders/main.glsl"

@@ -1,0 +1,27 @@
+/* Tracing rays through the world.
+ *
+ *     kiln_hit kiln_trace(vec3 origin, vec3 direction);                     the nearest triangle
+ *     bool kiln_occluded(vec3 origin, vec3 direction, float limit);         is any triangle within `limit`?
+ *
+ * Directions are of unit length; a hit lies at a distance above 0. (u, v) are the weights of the triangle's corners 1 and 2.
+ * Triangles that may let rays through (worker/scene/geometry.h) are asked for their alpha when HAS_ALPHA is not 0.
+ *
+ * Kernels for compute walk the layout that TRAVERSAL tells; those compiled with KILN_PIPELINE call the device's own ray tracing.
+ * Macros to be compared by measuring (the default is the first):
+ *     KILN_SHARED_STACK 0 | n     so many first entries of a thread's stack are in shared memory (256 n bytes a workgroup) */
+#ifndef KILN_SHADERS_TRACE_GLSL
+#define KILN_SHADERS_TRACE_GLSL
+
+struct kiln_hit {
+    uint triangle; /* KILN_GPU_NONE: nothing */
+    float u, v, distance;
+    bool back; /* met from behind */
+};
+
+#ifdef KILN_PIPELINE
+#include "shaders/trace_pipeline.glsl"
+#else
+#include "shaders/trace_compute.glsl"
+#endif
+
+#endif

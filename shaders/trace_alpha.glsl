@@ -1,0 +1,20 @@
+/* Whether a surface with alpha lets a ray through: a masked one where alpha is below the cutoff; a blended one with chance
+ * 1 - alpha, by a hash of the ray's own direction, so that the same ray always decides alike. */
+#ifndef KILN_SHADERS_TRACE_ALPHA_GLSL
+#define KILN_SHADERS_TRACE_ALPHA_GLSL
+
+#include "shaders/material.glsl"
+
+bool kiln_lets_through(uint triangle, float u, float v, vec3 direction)
+{
+    const float alpha = kiln_surface_color(triangle, u, v).a;
+    float stored_u = u, stored_v = v;
+    const kiln_gpu_material m = kiln_material_of(kiln_coating_of(triangle, stored_u, stored_v).material);
+    if (m.alpha_mode == KILN_GPU_ALPHA_MASK)
+        return alpha < m.alpha_cutoff;
+    const uvec3 bits = floatBitsToUint(direction);
+    const uint hash = kiln_hash2(kiln_hash2(bits.x, bits.y), kiln_hash2(bits.z, triangle));
+    return float(hash >> 8) * 5.9604644775390625e-8 >= alpha;
+}
+
+#endif
