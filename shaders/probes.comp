@@ -1,0 +1,151 @@
+/* Radiance probes: thread (x, y) takes slice `slice_first` + y of the samples of probe x. A slice is a run of rays over the whole
+ * sphere for what surfaces send, and as long a run of shadow rays to the lights, whose samples are counted through choice after
+ * choice; the last slice has what is left of these. A constant sky is met by the rays over the sphere. Directions, random numbers
+ * and estimators are those of worker/backend/embree/probes.c; probes_reduce.comp adds up the slices. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "shaders/kernel.glsl"
+#include "shaders/layout_probe.h"
+
+layout(push_constant, scalar) uniform Push
+{
+    KILN_ADDRESS scene;
+    KILN_ADDRESS positions;
+    KILN_ADDRESS sobol;  /* words: dimension d's samples from d * sobol_stride on */
+    KILN_ADDRESS slices; /* float: component c of slice s of probe x at (s * KILN_GPU_PROBE_FLOATS + c) * count + x */
+    KILN_WORD64 index;   /* of the first probe among all */
+    KILN_WORD count, samples, slice_first, slice_count, sobol_stride, seed;
+    KILN_REAL32 far;     /* m: stands in for the distance of escapes */
+} push;
+
+#define KILN_TRACES
+#include "shaders/trace.glsl"
+#include "shaders/surface.glsl"
+#include "shaders/lights.glsl"
+
+KILN_ARRAY(PositionArray, vec3, 4);
+KILN_ARRAY(SobolArray, uint, 4);
+KILN_ARRAY(SliceArray, float, 4);
+
+const uint DIMENSION_U = 0u, DIMENSION_V = 1u, DIMENSION_CHOICE = 4u; /* enum kiln_dimension */
+
+struct ProbeSums {
+    vec3 radiance[9], axes[6];
+    float distance, back, rays;
+};
+
+real scrambled(uint k, uint dimension, uint seed)
+{
+    return real_unit(kiln_owen_scramble(SobolArray(push.sobol).at[dimension * push.sobol_stride + k], seed));
+}
+
+/* Adds radiance x solid angle `value` that arrives from direction d: worker/sampling/harmonics.h. */
+void add_direction(inout ProbeSums sums, vec3 d, vec3 value)
+{
+    sums.radiance[0] += 0.28209479177387814 * value;
+    sums.radiance[1] += 0.4886025119029199 * d.y * value;
+    sums.radiance[2] += 0.4886025119029199 * d.z * value;
+    sums.radiance[3] += 0.4886025119029199 * d.x * value;
+    sums.radiance[4] += 1.0925484305920792 * d.x * d.y * value;
+    sums.radiance[5] += 1.0925484305920792 * d.y * d.z * value;
+    sums.radiance[6] += 0.31539156525252005 * (3.0 * d.z * d.z - 1.0) * value;
+    sums.radiance[7] += 1.0925484305920792 * d.x * d.z * value;
+    sums.radiance[8] += 0.5462742152960396 * (d.x * d.x - d.y * d.y) * value;
+    const vec3 positive = max(d, 0.0), negative = max(-d, 0.0);
+    for (int a = 0; a < 3; a++) {
+        sums.axes[2 * a] += positive[a] * value;
+        sums.axes[2 * a + 1] += negative[a] * value;
+    }
+}
+
+void sphere_sample(inout ProbeSums sums, vec3 p, uint key, uint k)
+{
+    const real3 direction = kiln_sphere_direction(scrambled(k, DIMENSION_U, kiln_hash2(key, 0u)), scrambled(k, DIMENSION_V, kiln_hash2(key, 1u)));
+    const vec3 d = vec3(direction);
+    const kiln_hit hit = kiln_trace(p, d);
+    vec3 radiance = vec3(0.0);
+    if (hit.triangle == KILN_GPU_NONE) {
+        sums.distance += push.far;
+        if (light_kind(KILN_LIGHT_SKY))
+            radiance = kiln_environment_radiance(direction);
+    } else {
+        sums.distance += min(hit.distance, push.far);
+        const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v);
+        if (hit.back && (to.material & KILN_DOUBLE_SIDED) == 0u)
+            sums.back += 1.0;
+        else
+            radiance = kiln_radiosity_at(to) * 0.31830988618379067;
+    }
+    add_direction(sums, d, radiance * (12.566370614359172 / float(push.samples)));
+}
+
+void light_sample(inout ProbeSums sums, vec3 position, kiln_light_choice choice, uint identity, uint k)
+{
+    kiln_light_sample s;
+    const real u = scrambled(k, DIMENSION_U, kiln_hash2(identity, 0u)), v = scrambled(k, DIMENSION_V, kiln_hash2(identity, 1u));
+    const real pick = scrambled(k, DIMENSION_CHOICE, kiln_hash2(identity, 2u));
+    if (!kiln_lights_sample(choice, k, real3(position), real3(0), pick, u, v, s))
+        return;
+    sums.rays += 1.0;
+    const float limit = isinf(s.distance) ? KILN_INFINITY : float((s.distance - s.backoff) * real(0.99999904632568359375LF));
+    const vec3 d = vec3(s.direction);
+    if (!kiln_occluded(position, d, limit))
+        add_direction(sums, d, vec3(s.value / real(choice.samples)));
+}
+
+/* Samples from .. to - 1 of all that the lights get. */
+void light_samples(inout ProbeSums sums, vec3 position, uint key, uint from, uint to)
+{
+    uint before = 0u; /* samples of the choices so far */
+    const uint candidates = kiln_lights_choose(real3(position), 0, real3(0), KILN_CUT_MAX, light_kind(KILN_LIGHT_IMAGE));
+    for (uint i = 0u; i < candidates && before < to; i++) {
+        kiln_light_choice choice;
+        if (!kiln_lights_candidate(i, real3(0), push.samples, choice))
+            continue;
+        const uint identity = kiln_hash2(key, kiln_hash2(choice.kind * 2u + 1u, choice.index));
+        const uint begin = max(from, before) - before, end = min(to - before, choice.samples);
+        for (uint k = begin; k < end; k++)
+            light_sample(sums, position, choice, identity, k);
+        before += choice.samples;
+    }
+}
+
+void store(ProbeSums sums, uint x, uint slice)
+{
+    SliceArray floats = SliceArray(push.slices + uint64_t(slice * KILN_GPU_PROBE_FLOATS) * push.count * 4ul);
+    for (uint c = 0u; c < 3u; c++) {
+        for (uint i = 0u; i < 9u; i++)
+            floats.at[(3u * i + c) * push.count + x] = sums.radiance[i][c];
+        for (uint i = 0u; i < 6u; i++)
+            floats.at[(27u + 3u * i + c) * push.count + x] = sums.axes[i][c];
+    }
+    floats.at[45u * push.count + x] = sums.distance / float(push.samples);
+    floats.at[46u * push.count + x] = sums.back / float(push.samples);
+    floats.at[47u * push.count + x] = sums.rays;
+}
+
+void kiln_kernel(uint x, uint y)
+{
+    const uint slice = push.slice_first + y;
+    if (x >= push.count || slice >= push.slice_count)
+        return;
+    const vec3 position = PositionArray(push.positions).at[x];
+    const uint64_t index = push.index + x;
+    const uint key = kiln_hash2(kiln_hash2(push.seed, uint(index)), uint(index >> 32));
+    ProbeSums sums;
+    for (uint i = 0u; i < 9u; i++)
+        sums.radiance[i] = vec3(0.0);
+    for (uint i = 0u; i < 6u; i++)
+        sums.axes[i] = vec3(0.0);
+    sums.distance = 0.0;
+    sums.back = 0.0;
+    sums.rays = 0.0;
+    const uint from = slice * KILN_GPU_PROBE_SAMPLES, to = min(push.samples, from + KILN_GPU_PROBE_SAMPLES);
+    for (uint k = from; k < to; k++)
+        sphere_sample(sums, position, key, k);
+    if (LIGHT_KINDS != 0u && LIGHT_KINDS != KILN_LIGHT_SKY)
+        light_samples(sums, position, key, from, slice + 1u == push.slice_count ? 0xffffffffu : to);
+    store(sums, x, slice);
+}
+
+#include "shaders/main.glsl"

@@ -1,0 +1,27 @@
+/* Adds up the slices of probes.comp, in order: thread (x, y) makes float y of the answer of probe x. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "shaders/kernel.glsl"
+#include "shaders/layout_probe.h"
+#include "shaders/sum.glsl"
+
+layout(push_constant, scalar) uniform Push
+{
+    KILN_ADDRESS scene;
+    KILN_ADDRESS slices, results;
+    KILN_WORD count, slice_count;
+} push;
+
+KILN_ARRAY(FloatArray, float, 4);
+
+void kiln_kernel(uint x, uint y)
+{
+    if (x >= push.count || y >= KILN_GPU_PROBE_FLOATS)
+        return;
+    kiln_sum sum = kiln_sum(0.0, 0.0);
+    for (uint s = 0u; s < push.slice_count; s++)
+        kiln_add(sum, FloatArray(push.slices + uint64_t(s * KILN_GPU_PROBE_FLOATS + y) * push.count * 4ul).at[x]);
+    FloatArray(push.results).at[x * KILN_GPU_PROBE_FLOATS + y] = sum.high + sum.low;
+}
+
+#include "shaders/main.glsl"
