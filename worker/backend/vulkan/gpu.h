@@ -20,7 +20,7 @@ struct gpu_description {
     char name[128];   /* as the driver calls it */
     char driver[128]; /* name and version */
     uint8_t uuid[16];
-    uint32_t index;      /* --device */
+    uint32_t index;      /* --device: real devices before software ones, each kind by UUID, the same in every process of a node */
     uint32_t api_version; /* VK_MAKE_API_VERSION */
     bool software;       /* a CPU that plays a GPU */
     bool fit;            /* has what kiln needs; else `lacks` says what not */
@@ -34,17 +34,37 @@ struct gpu_description {
 /* Lists devices, at most `room`; writes how many there are to `count`. A machine without a loader or driver has none: no error. */
 int gpu_list(struct gpu_description *list, size_t room, size_t *count, struct kiln_error *error);
 
+/* Faults on purpose, for tests of what happens then. Every Vulkan call that can fail is counted; from KILN_GPU_FAULT
+ *   lost:K      the K-th returns VK_ERROR_DEVICE_LOST, and so does every one after it until the gpu is destroyed
+ *   memory:K    the K-th returns VK_ERROR_OUT_OF_DEVICE_MEMORY
+ *   KIND:K:N    and again every N calls after it
+ * The struct outlives the gpu, so that one created in its place goes on counting. */
+struct gpu_faults {
+    enum { GPU_FAULT_NONE, GPU_FAULT_LOST, GPU_FAULT_MEMORY } kind;
+    uint64_t at, every, calls; /* every 0: once */
+};
+/* Reads the environment variable KILN_GPU_FAULT; KILN_USAGE when it is not understood. */
+int gpu_faults_read(struct gpu_faults *faults, struct kiln_error *error);
+
 struct gpu_choice {
-    int32_t device;      /* index in gpu_list; -1: the local_rank-th fit device, in turn (real ones before software ones) */
-    uint32_t local_rank, local_ranks;
+    int32_t device;      /* index in gpu_list; -1: the local_rank-th fit device, in turn; software ones only when there is no real one */
+    uint32_t local_rank, local_ranks; /* of this node; 0, 0: alone. Ranks that share a device share its memory. */
     double slice_seconds; /* what one dispatch may take; 0: 0.1 */
     uint64_t memory_limit; /* bytes; 0: what the device's budget allows (VK_EXT_memory_budget, else 80 % of the heap) */
-    bool validation;     /* the validation layers, whose messages are counted and printed; gpu_messages tells */
+    /* The validation layer, whose warnings and errors are printed and counted (gpu_messages). The environment variable
+     * KILN_VULKAN_VALIDATION=1 turns it on too, =gpu also looks into shaders (GPU-assisted validation). */
+    bool validation;
+    struct gpu_faults *faults; /* borrowed; NULL: none */
 };
 
 int gpu_create(struct gpu **gpu, const struct gpu_choice *choice, struct kiln_error *error);
 void gpu_destroy(struct gpu **gpu);
 const struct gpu_description *gpu_about(const struct gpu *gpu);
+double gpu_slice(const struct gpu *gpu);
+/* After a failure: the device is gone, only gpu_buffer_destroy, gpu_kernel_destroy and gpu_destroy are of use, another gpu can be
+ * created. Or: the device had too little memory for it, and less may do. */
+bool gpu_lost(const struct gpu *gpu);
+bool gpu_short_of_memory(const struct gpu *gpu);
 /* Warnings and errors that the validation layers have reported so far. */
 size_t gpu_messages(const struct gpu *gpu);
 /* Bytes that may still be allocated within the budget or limit, and that are allocated now. */
@@ -58,7 +78,7 @@ enum gpu_memory {
 };
 struct gpu_buffer {
     uint64_t address; /* of the device; a multiple of 64 */
-    size_t size;
+    size_t size;      /* bytes */
     void *mapped;
     struct gpu_buffer_memory *memory; /* private */
 };
@@ -66,7 +86,7 @@ struct gpu_buffer {
 int gpu_buffer_create(struct gpu *gpu, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory, const char *what,
                       struct kiln_error *error);
 void gpu_buffer_destroy(struct gpu *gpu, struct gpu_buffer *buffer);
-/* Both wait until it is done; sizes beyond the staging buffer go in pieces. */
+/* Both come after all submissions before them and wait until it is done; sizes beyond the staging buffer go in pieces. */
 int gpu_upload(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, const void *data, size_t size, struct kiln_error *error);
 int gpu_download(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, void *data, size_t size, struct kiln_error *error);
 /* gpu_buffer_create of GPU_DEVICE and gpu_upload of the whole in one. */
@@ -91,11 +111,13 @@ struct gpu_hit_shaders {
 int gpu_kernel_create(struct gpu *gpu, struct gpu_kernel **kernel, const struct gpu_kernel_params *params, struct kiln_error *error);
 void gpu_kernel_destroy(struct gpu *gpu, struct gpu_kernel **kernel);
 
-/* One step of a submission: a kernel over threads (x, y), or a copy. Steps run one after the other, each sees what the ones
- * before it wrote; the host sees everything once the submission is waited for. */
+/* One step of a submission: a kernel over threads (x, y), or a copy. Steps run one after the other, submissions too, each sees
+ * what the ones before it wrote; the host sees everything once the submission is waited for. */
 struct gpu_step {
     struct gpu_kernel *kernel; /* NULL: a copy */
-    uint32_t threads_x, threads_y; /* x in workgroups of 64 (rounded up; kernels check), y in single ones; any size: cut up inside */
+    /* x is rounded up to workgroups of 64, more may start (kernels check); any size but for ray tracing, where a device has a
+     * limit (2^30 threads as a rule; KILN_BUG with the numbers beyond). 0 in one of them: nothing is done. */
+    uint32_t threads_x, threads_y;
     const void *constants;         /* push constants, copied at once */
     size_t constant_bytes;
     const struct gpu_buffer *from, *to; /* copy: size bytes from from_offset to to_offset */
@@ -104,15 +126,16 @@ struct gpu_step {
 
 enum { GPU_SLOTS = 3 }; /* submissions that may be under way at once */
 
-/* Hands the steps to the device and returns at once. `slot` is free again after gpu_wait. */
+/* Hands the steps to the device and returns at once. `slot` must be free: it is again after gpu_wait, also when that fails, and
+ * when gpu_submit fails. */
 int gpu_submit(struct gpu *gpu, uint32_t slot, const struct gpu_step *steps, size_t count, struct kiln_error *error);
-/* Waits for a slot; `seconds` (or NULL) gets the time its steps took on the device, by the device's own clock. */
+/* Waits for a slot (a free one: no time); `seconds` (or NULL) gets the time its steps took on the device, by the device's own clock. */
 int gpu_wait(struct gpu *gpu, uint32_t slot, double *seconds, struct kiln_error *error);
 /* Submit and wait. */
 int gpu_run(struct gpu *gpu, const struct gpu_step *steps, size_t count, double *seconds, struct kiln_error *error);
 
-/* Seconds that the device has been busy with submissions since it was created, and (for the idle share) since when any was first
- * under way. */
+/* Seconds that the device has been busy with submissions since it was created, and (for the idle share) how long ago the first of
+ * them was submitted. */
 struct gpu_clock {
     double busy, elapsed;
 };

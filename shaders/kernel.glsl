@@ -1,0 +1,40 @@
+/* What every kernel starts with. A kernel file reads
+ *
+ *     #version 460
+ *     #extension GL_GOOGLE_include_directive : require
+ *     #include "shaders/kernel.glsl"
+ *     layout(push_constant, scalar) uniform Push { KILN_ADDRESS scene; ... } push;
+ *     void kiln_kernel(uint x, uint y) { ... }
+ *     #include "shaders/main.glsl"
+ *
+ * Data is reached by address alone: KILN_ARRAY(Points, kiln_gpu_point, 4) makes a type, Points(push.points).at[i] an element.
+ * Indices reach 2^31 - 1; beyond, add to the address in 64 bits. */
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
+#ifdef KILN_PIPELINE
+#extension GL_EXT_ray_tracing : require
+#endif
+
+#include "shaders/layout.h"
+#include "shaders/random.h"
+
+#ifdef KILN_FLOAT64
+#define real double
+#else
+#define real float
+#endif
+
+/* The same numbers in every kernel; a kernel's own start at 5. */
+layout(constant_id = 0) const uint TRAVERSAL = 0u;
+layout(constant_id = 1) const uint HAS_ALPHA = 1u;
+layout(constant_id = 2) const uint HAS_SMOOTH = 1u;
+layout(constant_id = 3) const uint LIGHT_KINDS = 0xffffffffu;
+layout(constant_id = 4) const uint DRAW_AGAIN = 1u;
+
+/* `alignment` in bytes: 8 where the element has 64-bit members, else 4. */
+#define KILN_ARRAY(Name, type, alignment) \
+    layout(buffer_reference, scalar, buffer_reference_align = alignment) buffer Name { type at[]; }
+
+layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer SceneRef { kiln_gpu_scene value; };
+#define SCENE SceneRef(push.scene).value

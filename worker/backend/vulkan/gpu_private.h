@@ -1,0 +1,119 @@
+/* Inside of a gpu, for the files gpu_*.c and for what builds on Vulkan itself (acceleration.c).
+ *
+ * Every Vulkan call that can fail stands in GPU_TRY, which counts it, plays faults and notes what failed; gpu_failure then makes
+ * the sentence:
+ *
+ *     const VkResult result = GPU_TRY(gpu, vkCreateBuffer(gpu_vk_device(gpu), &info, NULL, &buffer));
+ *     if (result != VK_SUCCESS)
+ *         return gpu_failure(gpu, result, error, "cannot create a buffer of %zu bytes for %s", size, what);
+ */
+#ifndef KILN_WORKER_BACKEND_VULKAN_GPU_PRIVATE_H
+#define KILN_WORKER_BACKEND_VULKAN_GPU_PRIVATE_H
+
+#include <stdatomic.h>
+#include <vulkan/vulkan.h>
+
+#include "worker/backend/vulkan/gpu.h"
+
+enum {
+    GPU_STAGING_PIECES = 2,
+    GPU_STAGING_BYTES = 8 << 20, /* of one piece */
+    GPU_ALL_SLOTS = GPU_SLOTS + GPU_STAGING_PIECES,
+    GPU_PUSH_BYTES = 128
+};
+
+struct gpu_slot {
+    VkCommandPool pool;
+    VkCommandBuffer commands;
+    VkFence fence;
+    VkQueryPool queries; /* when it started and ended */
+    bool under_way;
+};
+
+/* Functions of extensions; NULL without ray tracing. */
+struct gpu_extensions {
+    PFN_vkCreateRayTracingPipelinesKHR create_pipelines;
+    PFN_vkGetRayTracingShaderGroupHandlesKHR group_handles;
+    PFN_vkCmdTraceRaysKHR trace_rays;
+    PFN_vkSetDebugUtilsObjectNameEXT set_name; /* NULL without validation */
+};
+
+struct gpu {
+    struct gpu_description about;
+    VkInstance instance;
+    VkDebugUtilsMessengerEXT messenger;
+    VkPhysicalDevice physical;
+    VkDevice device;
+    VkQueue queue;
+    uint32_t queue_family;
+    VkPhysicalDeviceLimits limits;
+    VkPhysicalDeviceRayTracingPipelinePropertiesKHR ray_tracing;
+    VkPhysicalDeviceMemoryProperties memory;
+    VkDeviceSize largest_allocation;
+    uint32_t heap; /* the device's own */
+    bool knows_budget;
+    uint32_t sharers; /* ranks on this device */
+    uint64_t memory_limit, memory_used;
+    double slice_seconds;
+    struct gpu_extensions extensions;
+    VkPipelineLayout compute_layout, tracing_layout;
+    struct gpu_slot slots[GPU_ALL_SLOTS]; /* the last ones are for staging */
+    struct gpu_buffer staging[GPU_STAGING_PIECES];
+    struct gpu_faults *faults;
+    VkResult refusal; /* what the call that was just played a fault returns */
+    bool lost, short_of_memory;
+    atomic_size_t messages;
+    double busy, first_submission; /* s; of the monotonic clock, 0: none yet */
+};
+
+/* ---- calls that can fail ---- */
+
+/* True when the next call is not to be made; gpu->refusal is its result. */
+bool gpu_refuses(struct gpu *gpu);
+VkResult gpu_outcome(struct gpu *gpu, VkResult result);
+#define GPU_TRY(gpu, call) gpu_outcome((gpu), gpu_refuses(gpu) ? (gpu)->refusal : (call))
+/* The format's sentence, then what the result means; returns the status code for it. */
+int gpu_failure(const struct gpu *gpu, VkResult result, struct kiln_error *error, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
+
+/* ---- for acceleration.c ---- */
+
+VkDevice gpu_vk_device(const struct gpu *gpu);
+VkBuffer gpu_vk_buffer(const struct gpu_buffer *buffer);
+/* Records commands by calling back, runs them after all submissions so far and waits. A full barrier stands before and after. */
+typedef void (*gpu_record)(VkCommandBuffer commands, void *context);
+int gpu_run_commands(struct gpu *gpu, gpu_record record, void *context, double *seconds, struct kiln_error *error);
+/* All writes so far are seen by all that comes after, on the device and on the host. */
+void gpu_barrier(VkCommandBuffer commands);
+/* A name in messages of the validation layer; nothing without. */
+void gpu_name(const struct gpu *gpu, VkObjectType type, uint64_t handle, const char *name);
+
+/* ---- between gpu_*.c ---- */
+
+/* gpu_instance.c: an instance with the validation layer if asked for; `*instance` stays VK_NULL_HANDLE when no driver is there. */
+int gpu_instance_create(struct gpu *gpu, bool validation, VkInstance *instance, struct kiln_error *error);
+/* gpu_list.c */
+struct gpu_found {
+    VkPhysicalDevice physical;
+    struct gpu_description about;
+};
+/* The machine's devices in the order of gpu_list; free with kiln_free. */
+int gpu_find(VkInstance instance, struct gpu_found **found, size_t *count, struct kiln_error *error);
+bool gpu_has_extension(VkPhysicalDevice physical, const char *name);
+/* gpu_submit.c */
+int gpu_slots_create(struct gpu *gpu, struct kiln_error *error);
+void gpu_slots_destroy(struct gpu *gpu);
+int gpu_slot_begin(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
+int gpu_slot_end(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
+int gpu_slot_wait(struct gpu *gpu, struct gpu_slot *slot, double *seconds, struct kiln_error *error);
+/* gpu_memory.c */
+int gpu_staging_create(struct gpu *gpu, struct kiln_error *error);
+void gpu_staging_destroy(struct gpu *gpu);
+/* gpu_kernel.c */
+int gpu_layouts_create(struct gpu *gpu, struct kiln_error *error);
+void gpu_layouts_destroy(struct gpu *gpu);
+void gpu_kernel_record(const struct gpu_kernel *kernel, VkCommandBuffer commands, const struct gpu_step *step, const struct gpu *gpu);
+/* KILN_BUG with the numbers when the device cannot start so many threads at once. */
+int gpu_kernel_fits(const struct gpu_kernel *kernel, const struct gpu_step *step, const struct gpu *gpu, struct kiln_error *error);
+
+#endif
