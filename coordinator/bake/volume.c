@@ -5,7 +5,7 @@
 #include "coordinator/cli/agree.h"
 #include "worker/base/memory.h"
 
-enum { PROBES_ALONG = 16, BATCH = 256 };
+enum { PROBES_ALONG = 16, BATCH_LEAST = 256, BATCH_MOST = 1 << 16, BATCH_RAYS = 1 << 24 };
 
 int kiln_volume_grid(struct kiln_volume_result *volume, const struct kiln_scene *scene, double spacing, struct kiln_error *error)
 {
@@ -43,6 +43,13 @@ static struct kiln_vec3 position_of(const struct kiln_volume_result *v, const do
     return vec3((float)p[0], (float)p[1], (float)p[2]);
 }
 
+/* Probes a call: enough to fill a GPU, few enough for the progress to be seen. */
+static uint64_t batch_size(uint32_t samples)
+{
+    const uint64_t count = BATCH_RAYS / (uint64_t)samples;
+    return count < BATCH_LEAST ? BATCH_LEAST : count > BATCH_MOST ? BATCH_MOST : count;
+}
+
 int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_params *params, uint64_t *rays, struct kiln_error *error)
 {
     int rank, ranks;
@@ -56,14 +63,15 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
     volume->count = total * ((uint64_t)rank + 1) / (uint64_t)ranks - volume->first;
     struct kiln_probe_result *probes = NULL;
     struct kiln_vec3 *positions = NULL;
+    const uint64_t batch = batch_size(params->samples);
     status = kiln_allocate(&probes, volume->count, sizeof *probes, "the probes", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&positions, BATCH, sizeof *positions, "probe positions", error);
+        status = kiln_allocate(&positions, batch, sizeof *positions, "probe positions", error);
     if (status == KILN_OK)
         status = kiln_backend_set_radiosity(params->backend, params->radiosity, error);
     kiln_progress_phase(params->progress, "probes", volume->count);
     for (uint64_t done = 0; done < volume->count && status == KILN_OK;) {
-        const uint64_t count = volume->count - done < BATCH ? volume->count - done : BATCH;
+        const uint64_t count = volume->count - done < batch ? volume->count - done : batch;
         for (uint64_t i = 0; i < count; i++)
             positions[i] = position_of(volume, params->scene->header->centre, volume->first + done + i);
         status = kiln_backend_probes(params->backend, positions, count, volume->first + done, params->samples, probes + done, rays, error);

@@ -5,8 +5,7 @@
 
 #include "worker/backend/backend.h"
 #include "worker/backend/vulkan/gpu.h"
-
-#include "shaders/layout.h"
+#include "worker/backend/vulkan/layout.h"
 
 enum { VULKAN_MATERIAL_BUFFERS = 5 };
 

@@ -1,0 +1,154 @@
+/* Radiance probes on the device: shaders/probes.comp takes slices of each probe's samples, probes_reduce.comp adds them up. A chunk of
+ * probes is as large as one slice of time and the room for partial sums allow; of few probes with many samples the slices
+ * come in portions. Neither changes what is added to what, so results do not depend on it. */
+#include <assert.h>
+#include <string.h>
+
+#include "shaders/layout_probe.h"
+#include "shaders/probes.h"
+#include "shaders/probes_float.h"
+#include "shaders/probes_pipeline.h"
+#include "shaders/probes_pipeline_float.h"
+#include "shaders/probes_reduce.h"
+#include "shaders/random.h"
+#include "worker/backend/vulkan/vulkan.h"
+
+static const struct vulkan_shader probes_shader = {.name = "probes",
+                                                   .compute = VULKAN_CODE(probes),
+                                                   .pipeline = VULKAN_CODE(probes_pipeline),
+                                                   .compute_float = VULKAN_CODE(probes_float),
+                                                   .pipeline_float = VULKAN_CODE(probes_pipeline_float)};
+static const struct vulkan_shader reduce_shader = {.name = "probes_reduce", .compute = VULKAN_CODE(probes_reduce)};
+
+enum { FIRST_GUESS = 1 << 14, SLICE_BYTES = KILN_GPU_PROBE_FLOATS * sizeof(float) };
+static const uint64_t most_scratch = (uint64_t)64 << 20; /* bytes of partial sums */
+
+_Static_assert(sizeof(struct kiln_probe_result) == SLICE_BYTES - sizeof(float), "a probe's answer on the device ends with the shadow rays");
+
+struct probes_push {
+    uint64_t scene, positions, sobol, slices, index;
+    uint32_t count, samples, slice_first, slice_count, sobol_stride, seed;
+    float far;
+};
+struct reduce_push {
+    uint64_t scene, slices, results;
+    uint32_t count, slice_count;
+};
+
+/* A call's working set. */
+struct probes_run {
+    struct vulkan_backend *b;
+    struct gpu_kernel *trace, *reduce;
+    struct gpu_buffer positions, slices, results;
+    uint32_t room; /* probes that the buffers hold */
+    struct probes_push push;
+};
+
+static int make_room(struct probes_run *r, size_t count, struct kiln_error *error)
+{
+    struct gpu *gpu = r->b->gpu;
+    const uint64_t a_probe = (uint64_t)r->push.slice_count * SLICE_BYTES;
+    const uint64_t fitting = most_scratch / a_probe < 1 ? 1 : most_scratch / a_probe;
+    r->room = (uint32_t)(count < fitting ? count : fitting);
+    int status = gpu_buffer_create(gpu, &r->slices, r->room * a_probe, GPU_DEVICE, "the probes' partial sums", error);
+    if (status == KILN_OK)
+        status = gpu_buffer_create(gpu, &r->positions, r->room * sizeof(struct kiln_vec3), GPU_HOST, "the probes' positions", error);
+    if (status == KILN_OK)
+        status = gpu_buffer_create(gpu, &r->results, (size_t)r->room * SLICE_BYTES, GPU_HOST, "the probes' answers", error);
+    return status;
+}
+
+static int prepare(struct probes_run *r, size_t count, uint32_t samples, struct kiln_error *error)
+{
+    struct vulkan_backend *b = r->b;
+    const struct kiln_geometry *g = b->params.geometry;
+    const uint64_t seed = b->params.seed;
+    int status = vulkan_kernel_of(b, &probes_shader, false, 0, &r->trace, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(b, &reduce_shader, false, 0, &r->reduce, error);
+    if (status == KILN_OK)
+        status = vulkan_sobol(b, samples + 1, error); /* a lone light gets all samples, rounded up at most */
+    r->push = (struct probes_push){.scene = b->scene.address, .sobol = b->sobol.address, .sobol_stride = b->sobol_count, .samples = samples,
+                                   .slice_count = (samples - 1) / KILN_GPU_PROBE_SAMPLES + 1,
+                                   .seed = kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32) ^ 0x70726f62u),
+                                   .far = vec3_length(vec3_sub(g->bounds_max, g->bounds_min))};
+    return status == KILN_OK ? make_room(r, count, error) : status;
+}
+
+static void finish(struct probes_run *r)
+{
+    gpu_buffer_destroy(r->b->gpu, &r->slices);
+    gpu_buffer_destroy(r->b->gpu, &r->positions);
+    gpu_buffer_destroy(r->b->gpu, &r->results);
+}
+
+/* Slices [push.slice_first, + rows) of push.count probes; the answers too when they are the last. */
+static int run_rows(struct probes_run *r, uint32_t rows, struct kiln_error *error)
+{
+    const struct probes_push *p = &r->push;
+    struct gpu_pacer *pacer = &r->b->pacers[VULKAN_PACE_PROBES];
+    const struct reduce_push reduce = {.scene = p->scene, .slices = p->slices, .results = r->results.address, .count = p->count, .slice_count = p->slice_count};
+    const struct gpu_step steps[] = {
+        {.kernel = r->trace, .threads_x = p->count, .threads_y = rows, .constants = p, .constant_bytes = sizeof *p},
+        {.kernel = r->reduce, .threads_x = p->count, .threads_y = KILN_GPU_PROBE_FLOATS, .constants = &reduce, .constant_bytes = sizeof reduce},
+    };
+    double seconds;
+    const int status = gpu_run(r->b->gpu, steps, p->slice_first + rows == p->slice_count ? 2 : 1, &seconds, error);
+    if (status == KILN_OK)
+        gpu_pacer_learn(pacer, (uint64_t)p->count * rows * KILN_GPU_PROBE_SAMPLES, seconds);
+    return status;
+}
+
+/* What of the probes a slice of time is enough for; of one probe, how many of its slices. */
+static void size_chunk(const struct probes_run *r, size_t left, uint32_t *probes, uint32_t *rows)
+{
+    const uint64_t slices = gpu_pacer_next(&r->b->pacers[VULKAN_PACE_PROBES], FIRST_GUESS) / KILN_GPU_PROBE_SAMPLES;
+    uint64_t some = slices / r->push.slice_count;
+    some = some < 64 ? 64 : some; /* a workgroup */
+    some = some < r->room ? some : r->room;
+    *probes = (uint32_t)(some < left ? some : left);
+    const uint64_t portion = slices / *probes < 1 ? 1 : slices / *probes;
+    *rows = (uint32_t)(portion < r->push.slice_count ? portion : r->push.slice_count);
+}
+
+static int run_chunk(struct probes_run *r, const struct kiln_vec3 *positions, uint32_t count, uint32_t rows, struct kiln_error *error)
+{
+    r->push.count = count;
+    r->push.positions = r->positions.address;
+    r->push.slices = r->slices.address;
+    memcpy(r->positions.mapped, positions, count * sizeof *positions);
+    int status = KILN_OK;
+    for (uint32_t first = 0; first < r->push.slice_count && status == KILN_OK; first += rows) {
+        r->push.slice_first = first;
+        status = run_rows(r, r->push.slice_count - first < rows ? r->push.slice_count - first : rows, error);
+    }
+    return status;
+}
+
+static void take_answers(const struct probes_run *r, uint32_t count, struct kiln_probe_result *results, uint64_t *rays)
+{
+    const float *answers = r->results.mapped;
+    for (size_t i = 0; i < count; i++, answers += KILN_GPU_PROBE_FLOATS) {
+        memcpy(&results[i], answers, sizeof *results);
+        *rays += r->push.samples + (uint64_t)answers[KILN_GPU_PROBE_FLOATS - 1];
+    }
+}
+
+int vulkan_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first, uint32_t samples,
+                  struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
+{
+    struct probes_run r = {.b = (struct vulkan_backend *)backend};
+    assert(r.b->radiosity != NULL);
+    int status = prepare(&r, count, samples, error);
+    for (size_t done = 0; done < count && status == KILN_OK;) {
+        uint32_t probes, rows;
+        size_chunk(&r, count - done, &probes, &rows);
+        r.push.index = index_first + done;
+        status = run_chunk(&r, positions + done, probes, rows, error);
+        if (status == KILN_OK)
+            take_answers(&r, probes, results + done, rays);
+        done += probes;
+    }
+    finish(&r);
+    return status;
+}
