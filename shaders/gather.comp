@@ -13,6 +13,7 @@ layout(push_constant, scalar) uniform Push
     KILN_ADDRESS slices; /* float: component c of slice y of point x at ((y * KILN_GPU_SLICE_FLOATS + c) * chunk.total + point - origin) */
     KILN_WORD samples, stream, reuse, sobol_stride;
     KILN_WORD per_quarter; /* slices a quarter */
+    KILN_WORD row_first;   /* slice of y = 0 */
 } push;
 
 #define KILN_TRACES
@@ -103,8 +104,9 @@ void store(Sums sums, uint x, uint y)
     slices.at[12u * step + x] = sums.luminance;
 }
 
-void kiln_kernel(uint x, uint y)
+void kiln_kernel(uint x, uint row)
 {
+    const uint y = push.row_first + row;
     const uint index = kiln_point_of_thread(push.chunk, x);
     if (index == KILN_GPU_NONE || y >= 4u * push.per_quarter)
         return;

@@ -1,5 +1,5 @@
-/* Which places of each point are buried: thread (x, y) looks at place y of point x and adds 1 to the point's count when it is. See
- * the validity pass of the Embree backend: 16 places first, 64 more where they disagree. */
+/* How many of some places of each point are buried, a thread a point. See the validity pass of the Embree backend: 16 places first,
+ * 64 more where they disagree. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -10,7 +10,7 @@ layout(push_constant, scalar) uniform Push
     kiln_gpu_chunk chunk; /* `list`: the points of the second look */
     KILN_ADDRESS sobol;
     KILN_ADDRESS counts; /* word of thread x */
-    KILN_WORD stream, sobol_stride;
+    KILN_WORD stream, sobol_stride, looks;
 } push;
 
 #define KILN_TRACES
@@ -25,13 +25,17 @@ void kiln_kernel(uint x, uint y)
     const uint index = push.chunk.list != 0ul ? WordArray(push.chunk.list).at[push.chunk.first + x] : push.chunk.first + x;
     const kiln_gpu_point p = PointArray(push.chunk.points).at[index];
     const uint key = kiln_hash2(p.key, push.stream);
-    const float s = kiln_unit_float(WordArray(push.sobol).at[y] ^ kiln_hash1(key));
-    const float t = kiln_unit_float(WordArray(push.sobol).at[push.sobol_stride + y] ^ kiln_hash1(key + 1u));
-    vec3 position, normal;
-    float offset;
-    kiln_place(p, push.chunk.parts, s, t, position, normal, offset);
-    if (kiln_buried(position, normal))
-        atomicAdd(WordArray(push.counts).at[x], 1u);
+    const uint shift_s = kiln_hash1(key), shift_t = kiln_hash1(key + 1u);
+    WordArray sobol = WordArray(push.sobol);
+    uint buried = 0u;
+    for (uint k = 0u; k < push.looks; k++) {
+        vec3 position, normal;
+        float offset;
+        kiln_place(p, push.chunk.parts, kiln_unit_float(sobol.at[k] ^ shift_s), kiln_unit_float(sobol.at[push.sobol_stride + k] ^ shift_t), position,
+                   normal, offset);
+        buried += kiln_buried(position, normal) ? 1u : 0u;
+    }
+    WordArray(push.counts).at[x] = buried;
 }
 
 #include "shaders/main.glsl"

@@ -26,6 +26,9 @@
 
 struct kiln_lights;
 
+/* How a device finds hits: by walking a BVH in a compute shader, or by its own ray-tracing pipeline. AUTO: what is faster here. */
+enum kiln_traversal { KILN_TRAVERSE_AUTO, KILN_TRAVERSE_COMPUTE, KILN_TRAVERSE_PIPELINE };
+
 /* Zero means default in every field. Borrowed pointers must outlive the backend. */
 struct kiln_backend_params {
     const struct kiln_scene *scene;
@@ -34,6 +37,12 @@ struct kiln_backend_params {
     uint32_t threads;            /* 0: all of the machine's cores that this process may use */
     const char *instruction_set; /* Embree's name ("avx2", ...); NULL: the best there is */
     uint64_t seed;
+    /* devices */
+    uint32_t device;             /* 1 + the number that `kiln info --devices` shows; 0: by local_rank */
+    uint32_t local_rank, local_ranks; /* among the ranks of this node */
+    enum kiln_traversal traversal;
+    double slice_seconds;        /* what one dispatch may take; 0: 0.1 */
+    uint64_t device_memory;      /* bytes; 0: what the device has */
 };
 
 /* Three floats a point; see kiln_radiosity_pack for how radiosity is kept. */
@@ -121,6 +130,7 @@ struct kiln_backend {
 };
 
 extern const struct kiln_backend_api kiln_backend_embree;
+extern const struct kiln_backend_api kiln_backend_vulkan;
 
 /* None of these is collective. A backend is used by one thread at a time and runs its own threads inside a call. */
 

@@ -1,0 +1,117 @@
+/* The bounce pass: shaders/gather.comp and gather_reduce.comp over the batch's points. */
+#include "worker/backend/vulkan/pass.h"
+#include "worker/sampling/keys.h"
+
+#include "shaders/gather.h"
+#include "shaders/gather_pipeline.h"
+#include "shaders/gather_reduce.h"
+
+static const struct vulkan_shader gather_shader = {.name = "gather", .compute = VULKAN_CODE(gather), .pipeline = VULKAN_CODE(gather_pipeline)};
+static const struct vulkan_shader reduce_shader = {.name = "gather: sums", .compute = VULKAN_CODE(gather_reduce)};
+
+/* Push constants, as the shaders have them. */
+struct gather_push {
+    uint64_t scene;
+    struct kiln_gpu_chunk chunk;
+    uint64_t sobol, slices;
+    uint32_t samples, stream, reuse, sobol_stride, per_quarter, row_first;
+};
+struct reduce_push {
+    uint64_t scene;
+    struct kiln_gpu_chunk chunk;
+    uint64_t slices, results;
+    uint32_t samples, per_quarter;
+};
+
+struct gather {
+    struct vulkan_backend *b;
+    const struct kiln_batch *batch;
+    struct gpu_kernel *whole, *buried, *reduce;
+    uint32_t samples, stream, per_quarter;
+    uint64_t rays;
+};
+
+static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording)
+{
+    const struct gather *g = context;
+    struct gather_push push = {.scene = g->b->scene.address,
+                               .chunk = chunk->all,
+                               .sobol = g->b->sobol.address,
+                               .slices = chunk->scratch,
+                               .samples = g->samples,
+                               .stream = g->stream,
+                               .reuse = kiln_position_reuse(g->samples),
+                               .sobol_stride = g->b->sobol_count,
+                               .per_quarter = g->per_quarter,
+                               .row_first = chunk->row_first};
+    vulkan_record(recording, g->whole, chunk->all.count, chunk->row_count, &push, sizeof push);
+    push.chunk = chunk->buried;
+    vulkan_record(recording, g->buried, chunk->buried.count, chunk->row_count, &push, sizeof push);
+    const struct reduce_push reduce = {.scene = g->b->scene.address,
+                                       .chunk = chunk->all,
+                                       .slices = chunk->scratch,
+                                       .results = chunk->results,
+                                       .samples = g->samples,
+                                       .per_quarter = g->per_quarter};
+    if (chunk->last)
+        vulkan_record(recording, g->reduce, chunk->all.total, 1, &reduce, sizeof reduce);
+    return KILN_OK;
+}
+
+static int take(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results, const uint32_t *words,
+                struct kiln_error *error)
+{
+    (void)words;
+    struct gather *g = context;
+    const struct kiln_surface *s = g->b->surface;
+    const struct kiln_fragment *fragments = s->fragments + fragment_first;
+    const uint64_t first = fragments[0].first - s->first, end = fragments[fragment_count - 1].first - s->first + fragments[fragment_count - 1].count;
+    for (uint64_t own = first; own < end; own++)
+        g->rays += kiln_point_valid(s, own) ? g->samples : 0;
+    return g->batch->take != NULL ? g->batch->take(g->batch->context, fragment_first, fragment_count, results, error) : KILN_OK;
+}
+
+/* `lookup` 0: rays are traced and that is all. */
+static int run(struct gather *g, uint32_t lookup, enum vulkan_pace pace, double *seconds, struct kiln_error *error)
+{
+    struct vulkan_backend *b = g->b;
+    const uint32_t quarter = (g->samples + 3) / 4;
+    g->per_quarter = (quarter + KILN_GPU_SLICE_SAMPLES - 1) / KILN_GPU_SLICE_SAMPLES;
+    int status = vulkan_sobol(b, g->samples, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(b, &gather_shader, false, lookup, &g->whole, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(b, &gather_shader, true, lookup, &g->buried, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(b, &reduce_shader, false, 0, &g->reduce, error);
+    const struct vulkan_pass pass = {.pace = pace,
+                                     .states = true,
+                                     .rows = 4 * g->per_quarter,
+                                     .work = (double)g->samples / (4.0 * g->per_quarter),
+                                     .first_guess = 1 << 19,
+                                     .scratch_bytes = (size_t)4 * g->per_quarter * KILN_GPU_SLICE_FLOATS * sizeof(float),
+                                     .record = record,
+                                     .take = take,
+                                     .context = g,
+                                     .seconds = seconds};
+    return status == KILN_OK ? vulkan_run_pass(b, &pass, g->batch->fragment_first, g->batch->fragment_count, error) : status;
+}
+
+int vulkan_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, uint64_t *rays,
+                  struct kiln_error *error)
+{
+    struct gather g = {.b = (struct vulkan_backend *)backend, .batch = batch, .samples = samples, .stream = stream};
+    const int status = run(&g, 1, VULKAN_PACE_GATHER, NULL, error);
+    *rays += g.rays;
+    return status;
+}
+
+int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
+                   uint64_t *rays, struct kiln_error *error)
+{
+    const struct kiln_batch nobody = {.fragment_first = batch->fragment_first, .fragment_count = batch->fragment_count};
+    struct gather g = {.b = (struct vulkan_backend *)backend, .batch = &nobody, .samples = samples, .stream = stream};
+    const int status = run(&g, 0, VULKAN_PACE_CEILING, seconds, error);
+    *rays += g.rays;
+    return status;
+}

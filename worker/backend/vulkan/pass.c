@@ -1,0 +1,250 @@
+#include "worker/backend/vulkan/pass.h"
+
+#include <string.h>
+
+#include "worker/base/memory.h"
+
+enum { LEAST_POINTS = 1 << 13, ANSWER_BYTES = sizeof(struct kiln_gpu_result) + sizeof(uint32_t) };
+static const uint64_t MOST_SCRATCH = 512ull << 20;
+
+void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y, const void *constants, size_t bytes)
+{
+    if (x == 0 || y == 0)
+        return;
+    struct gpu_step *step = &recording->steps[recording->count];
+    uint64_t *copy = recording->constants[recording->count++];
+    memcpy(copy, constants, bytes);
+    *step = (struct gpu_step){.kernel = kernel, .threads_x = x, .threads_y = y, .constants = copy, .constant_bytes = bytes};
+}
+
+/* A chunk under way in a slot. */
+struct flight {
+    bool under_way;
+    size_t fragment_first, fragment_count;
+    uint32_t total;
+    double work; /* of what was submitted last */
+};
+
+/* A pass that is being run. */
+struct run {
+    struct vulkan_backend *b;
+    const struct vulkan_pass *pass;
+    size_t next, end;       /* fragments not yet begun */
+    size_t taken;           /* first fragment not yet handed over */
+    uint32_t most_points;   /* that a slot holds */
+    struct flight flights[GPU_SLOTS];
+    uint32_t slot;          /* to be used next; the oldest flight too when all are under way */
+};
+
+static int grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory, const char *what,
+                       struct kiln_error *error)
+{
+    if (buffer->size >= size)
+        return KILN_OK;
+    gpu_buffer_destroy(b->gpu, buffer);
+    return gpu_buffer_create(b->gpu, buffer, size, memory, what, error);
+}
+
+/* How many points a chunk may have, by what the slots may hold; makes the slots that large. */
+static int make_slots(struct run *r, struct kiln_error *error)
+{
+    struct vulkan_backend *b = r->b;
+    const struct kiln_fragment *f = b->surface->fragments;
+    const uint64_t there = f[r->end - 1].first + f[r->end - 1].count - f[r->next].first;
+    uint64_t scratch = gpu_memory_left(b->gpu) / (2 * GPU_SLOTS);
+    scratch = scratch > MOST_SCRATCH ? MOST_SCRATCH : scratch;
+    if (scratch < b->slots[0].scratch.size)
+        scratch = b->slots[0].scratch.size;
+    const uint64_t a_point = r->pass->scratch_bytes + ANSWER_BYTES;
+    uint64_t points = scratch / a_point;
+    points = points > 1u << 20 ? 1u << 20 : points < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : points;
+    points = points > there ? there : points;
+    int status = KILN_OK;
+    for (int i = 0; i < GPU_SLOTS && status == KILN_OK; i++) {
+        struct vulkan_slot *s = &b->slots[i];
+        status = grow_buffer(b, &s->scratch, points * r->pass->scratch_bytes, GPU_DEVICE, "a pass's partial sums", error);
+        if (status == KILN_OK)
+            status = grow_buffer(b, &s->answers, points * ANSWER_BYTES, GPU_DEVICE, "a pass's answers", error);
+        if (status == KILN_OK)
+            status = grow_buffer(b, &s->host, points * ANSWER_BYTES, GPU_HOST, "a pass's answers for the host", error);
+    }
+    r->most_points = (uint32_t)points;
+    return status;
+}
+
+/* First of the ascending `list` that is not below `value`. */
+static uint32_t lower_bound(const uint32_t *list, uint32_t count, uint64_t value)
+{
+    uint32_t low = 0, high = count;
+    while (low < high) {
+        const uint32_t middle = low + (high - low) / 2;
+        if (list[middle] < value)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+/* Points and rows of the next chunk: full rows of as many points as fit into a slice; of a few points as many rows. */
+static void size_chunk(const struct run *r, uint64_t *points, uint32_t *rows)
+{
+    const struct vulkan_pass *pass = r->pass;
+    const double work = (double)gpu_pacer_next(&r->b->pacers[pass->pace], pass->first_guess);
+    const double a_point = pass->work * pass->rows;
+    const double wanted = work / a_point;
+    *points = wanted > (double)r->most_points ? r->most_points : (uint64_t)wanted;
+    *rows = pass->rows;
+    if (*points >= LEAST_POINTS || *points >= r->most_points)
+        return;
+    *points = LEAST_POINTS < r->most_points ? LEAST_POINTS : r->most_points;
+    const double some = work / (pass->work * (double)*points);
+    *rows = some < 1.0 ? 1 : some > (double)pass->rows ? pass->rows : (uint32_t)some;
+    if (some < 1.0) /* even one row is too much */
+        *points = wanted * pass->rows < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : (uint64_t)(wanted * pass->rows);
+}
+
+/* The next fragments of one block, at most so many points (but at least one fragment). */
+static void take_fragments(struct run *r, const struct vulkan_block *block, uint64_t points, struct flight *flight)
+{
+    const struct kiln_fragment *fragments = r->b->surface->fragments;
+    size_t end = block->fragment_first + block->fragment_count;
+    end = end > r->end ? r->end : end;
+    *flight = (struct flight){.fragment_first = r->next};
+    while (r->next < end && (flight->fragment_count == 0 || flight->total + fragments[r->next].count <= points)) {
+        flight->total += fragments[r->next++].count;
+        flight->fragment_count++;
+    }
+}
+
+static void describe(const struct run *r, const struct vulkan_block *block, const struct flight *flight, struct vulkan_chunk *chunk)
+{
+    const struct vulkan_slot *slot = &r->b->slots[r->slot];
+    const uint64_t first = r->b->surface->fragments[flight->fragment_first].first - r->b->surface->first - block->first;
+    *chunk = (struct vulkan_chunk){.scratch = slot->scratch.address,
+                                   .results = slot->answers.address,
+                                   .words = slot->answers.address + (uint64_t)flight->total * sizeof(struct kiln_gpu_result)};
+    chunk->all = (struct kiln_gpu_chunk){.points = block->points.address,
+                                         .parts = block->parts.address,
+                                         .states = block->states.address,
+                                         .first = (uint32_t)first,
+                                         .count = flight->total,
+                                         .origin = (uint32_t)first,
+                                         .total = flight->total};
+    chunk->buried = chunk->all;
+    chunk->buried.list = block->list.address;
+    chunk->buried.first = lower_bound(block->buried, r->pass->states ? block->buried_count : 0, first);
+    chunk->buried.count = lower_bound(block->buried, r->pass->states ? block->buried_count : 0, first + flight->total) - chunk->buried.first;
+}
+
+static int wait_slot(struct run *r, uint32_t slot, struct kiln_error *error)
+{
+    double seconds = 0.0;
+    const int status = gpu_wait(r->b->gpu, slot, &seconds, error);
+    if (status == KILN_OK)
+        gpu_pacer_learn(&r->b->pacers[r->pass->pace], (uint64_t)r->flights[slot].work, seconds);
+    if (r->pass->seconds != NULL)
+        *r->pass->seconds += seconds;
+    return status;
+}
+
+/* Waits for the flight in a slot and hands its answers over. */
+static int land(struct run *r, uint32_t slot, struct kiln_error *error)
+{
+    struct flight *flight = &r->flights[slot];
+    if (!flight->under_way)
+        return KILN_OK;
+    int status = wait_slot(r, slot, error);
+    flight->under_way = false;
+    const struct kiln_point_result *results = r->b->slots[slot].host.mapped;
+    if (status == KILN_OK) {
+        r->taken = flight->fragment_first + flight->fragment_count;
+        status = r->pass->take(r->pass->context, flight->fragment_first, flight->fragment_count, results,
+                               r->pass->wants_words ? (const uint32_t *)(results + flight->total) : NULL, error);
+    }
+    return status;
+}
+
+static int submit_portion(struct run *r, struct vulkan_chunk *chunk, struct flight *flight, struct kiln_error *error)
+{
+    struct vulkan_recording recording = {.count = 0};
+    const struct vulkan_slot *slot = &r->b->slots[r->slot];
+    int status = r->pass->record(r->pass->context, chunk, &recording);
+    if (status != KILN_OK)
+        return status;
+    if (chunk->last)
+        recording.steps[recording.count++] = (struct gpu_step){.from = &slot->answers, .to = &slot->host,
+                                                               .size = flight->total * (r->pass->wants_words ? (size_t)ANSWER_BYTES : sizeof(struct kiln_gpu_result))};
+    flight->work = r->pass->work * (double)flight->total * (double)chunk->row_count;
+    return gpu_submit(r->b->gpu, r->slot, recording.steps, recording.count, error);
+}
+
+/* The block of the next fragment. Where memory is short, what is under way has to land first. */
+static int find_block(struct run *r, struct vulkan_block **block, struct kiln_error *error)
+{
+    uint32_t in_use = 0;
+    for (int i = 0; i < GPU_SLOTS; i++)
+        in_use += r->flights[i].under_way;
+    int status = vulkan_points_block(r->b->points, r->next, r->pass->states, in_use, block, error);
+    if (status == KILN_OK || in_use == 0 || gpu_lost(r->b->gpu))
+        return status;
+    status = KILN_OK;
+    for (uint32_t i = 0; i < GPU_SLOTS && status == KILN_OK; i++)
+        status = land(r, (r->slot + i) % GPU_SLOTS, error);
+    return status == KILN_OK ? vulkan_points_block(r->b->points, r->next, r->pass->states, 0, block, error) : status;
+}
+
+/* Starts the next chunk in r->slot, which is free. */
+static int start(struct run *r, struct kiln_error *error)
+{
+    struct vulkan_block *block;
+    int status = find_block(r, &block, error);
+    if (status != KILN_OK)
+        return status;
+    uint64_t points;
+    uint32_t rows;
+    struct vulkan_chunk chunk;
+    struct flight *flight = &r->flights[r->slot];
+    size_chunk(r, &points, &rows);
+    take_fragments(r, block, points, flight);
+    describe(r, block, flight, &chunk);
+    for (uint32_t row = 0; row < r->pass->rows && status == KILN_OK; row += rows) {
+        if (row != 0)
+            status = wait_slot(r, r->slot, error);
+        chunk.row_first = row;
+        chunk.row_count = r->pass->rows - row < rows ? r->pass->rows - row : rows;
+        chunk.last = row + chunk.row_count == r->pass->rows;
+        if (status == KILN_OK)
+            status = submit_portion(r, &chunk, flight, error);
+    }
+    flight->under_way = status == KILN_OK;
+    return status;
+}
+
+static int run_chunks(struct run *r, struct kiln_error *error)
+{
+    int status = r->next < r->end ? make_slots(r, error) : KILN_OK;
+    while (r->next < r->end && status == KILN_OK) {
+        status = land(r, r->slot, error);
+        if (status == KILN_OK)
+            status = start(r, error);
+        r->slot = (r->slot + 1) % GPU_SLOTS;
+    }
+    for (uint32_t i = 0; i < GPU_SLOTS; i++) { /* the rest, oldest first; after a failure they are only waited for */
+        const uint32_t slot = (r->slot + i) % GPU_SLOTS;
+        struct kiln_error ignored;
+        if (status == KILN_OK)
+            status = land(r, slot, error);
+        else if (r->flights[slot].under_way)
+            (void)gpu_wait(r->b->gpu, slot, NULL, &ignored);
+        r->flights[slot].under_way = false;
+    }
+    return status;
+}
+
+int vulkan_run_pass(struct vulkan_backend *b, const struct vulkan_pass *pass, size_t fragment_first, size_t fragment_count,
+                    struct kiln_error *error)
+{
+    struct run r = {.b = b, .pass = pass, .next = fragment_first, .end = fragment_first + fragment_count, .taken = fragment_first};
+    return run_chunks(&r, error);
+}

@@ -1,0 +1,48 @@
+/* Running a pass over a range of fragments: chunks sized by time, several under way, answers handed over in order. */
+#ifndef KILN_WORKER_BACKEND_VULKAN_PASS_H
+#define KILN_WORKER_BACKEND_VULKAN_PASS_H
+
+#include "worker/backend/vulkan/vulkan.h"
+
+/* What a pass has to record steps for. A chunk's rows (slices of samples) may come in several portions, one after the other. */
+struct vulkan_chunk {
+    struct kiln_gpu_chunk all;    /* every point, thread by thread */
+    struct kiln_gpu_chunk buried; /* those that are partly buried; count 0: none */
+    uint64_t scratch;             /* address; lasts from the first to the last portion */
+    uint64_t results;             /* address: struct kiln_gpu_result of each point */
+    uint64_t words;               /* address: one word of each point */
+    uint32_t row_first, row_count;
+    bool last; /* the last portion: results and words must be complete after it */
+};
+
+enum { VULKAN_STEPS = 16, VULKAN_CONSTANT_BYTES = 128 };
+struct vulkan_recording {
+    struct gpu_step steps[VULKAN_STEPS];
+    uint64_t constants[VULKAN_STEPS][VULKAN_CONSTANT_BYTES / sizeof(uint64_t)];
+    size_t count;
+};
+/* Adds a kernel over (x, y) threads; the constants are copied. Nothing for x or y of 0. */
+void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y, const void *constants, size_t bytes);
+
+struct vulkan_pass {
+    enum vulkan_pace pace;
+    bool states;           /* points as the validity pass left them; else all */
+    uint32_t rows;         /* slices of samples */
+    double work;           /* of one row of a point: rays, about */
+    uint64_t first_guess;  /* work of the first chunk, when nothing is known yet */
+    size_t scratch_bytes;  /* a point */
+    bool wants_words;      /* else they are not copied back */
+    int (*record)(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording);
+    /* Answers of consecutive fragments; words is NULL unless wanted. */
+    int (*take)(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results, const uint32_t *words,
+                struct kiln_error *error);
+    void *context;
+    double *seconds; /* NULL, or what the device was busy is added here */
+};
+
+/* Over `fragment_count` fragments from `fragment_first` on. A device that was lost or has run out of memory is made anew and the pass
+ * goes on with what had not been handed over yet: see vulkan_recover. */
+int vulkan_run_pass(struct vulkan_backend *b, const struct vulkan_pass *pass, size_t fragment_first, size_t fragment_count,
+                    struct kiln_error *error);
+
+#endif

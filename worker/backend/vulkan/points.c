@@ -1,0 +1,358 @@
+#include "worker/backend/vulkan/points.h"
+
+#include <omp.h>
+#include <string.h>
+
+#include "worker/base/memory.h"
+#include "worker/sampling/keys.h"
+#include "worker/scene/footprint.h"
+
+enum { BLOCK_POINTS = 1 << 20, BLOCK_PIECES = 1 << 21 };
+
+static uint64_t pieces_of(const struct kiln_surface *s, size_t fragment) { return s->piece_base[fragment + 1] - s->piece_base[fragment]; }
+
+/* Cuts the fragments into blocks; with `blocks` NULL only counts them. */
+static size_t cut(const struct kiln_surface *s, struct vulkan_block *blocks)
+{
+    size_t count = 0;
+    for (size_t f = 0; f < s->fragment_count;) {
+        const size_t first = f;
+        uint64_t points = 0, pieces = 0;
+        while (f < s->fragment_count && (f == first || (points + s->fragments[f].count <= BLOCK_POINTS && pieces + pieces_of(s, f) <= BLOCK_PIECES))) {
+            points += s->fragments[f].count;
+            pieces += pieces_of(s, f++);
+        }
+        if (blocks != NULL)
+            blocks[count] = (struct vulkan_block){.fragment_first = first, .fragment_count = f - first, .first = s->fragments[first].first - s->first, .count = points};
+        count++;
+    }
+    return count;
+}
+
+int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const struct kiln_backend_params *params,
+                         const struct kiln_surface *surface, struct kiln_error *error)
+{
+    int status = kiln_allocate(points, 1, sizeof **points, "the device's points", error);
+    if (status != KILN_OK)
+        return status;
+    struct vulkan_points *p = *points;
+    p->gpu = gpu;
+    p->params = params;
+    p->surface = surface;
+    for (size_t i = 0; i < params->scene->mesh_count; i++)
+        p->smooth = p->smooth || (params->scene->meshes[i].flags & KILN_MESH_SMOOTH) != 0;
+    p->block_count = cut(surface, NULL);
+    status = kiln_allocate(&p->blocks, p->block_count, sizeof *p->blocks, "the device's blocks of points", error);
+    if (status == KILN_OK)
+        (void)cut(surface, p->blocks);
+    else
+        vulkan_points_destroy(points);
+    return status;
+}
+
+static void release(struct vulkan_points *p, struct vulkan_block *block)
+{
+    gpu_buffer_destroy(p->gpu, &block->points);
+    gpu_buffer_destroy(p->gpu, &block->parts);
+    gpu_buffer_destroy(p->gpu, &block->states);
+    gpu_buffer_destroy(p->gpu, &block->list);
+    kiln_free(&block->buried);
+    block->buried_count = 0;
+    block->resident = block->states_known = false;
+}
+
+void vulkan_points_destroy(struct vulkan_points **points)
+{
+    struct vulkan_points *p = *points;
+    if (p == NULL)
+        return;
+    for (size_t i = 0; p->blocks != NULL && i < p->block_count; i++)
+        release(p, &p->blocks[i]);
+    kiln_free(&p->blocks);
+    kiln_free(points);
+}
+
+void vulkan_points_forget_states(struct vulkan_points *points)
+{
+    for (size_t i = 0; i < points->block_count; i++)
+        points->blocks[i].states_known = false;
+}
+
+/* A thread's part of a block being made: the parts that it has made, in an array of its own. */
+struct part_list {
+    struct kiln_gpu_part *at;
+    size_t count, room;
+    size_t offset; /* where they come to stand in the block's array */
+};
+
+/* A block being made. */
+struct maker {
+    const struct vulkan_points *p;
+    const struct vulkan_block *block;
+    struct kiln_gpu_point *points;
+    struct kiln_gpu_part *parts;
+    size_t part_count;
+    struct part_list *lists;     /* one a thread */
+    uint32_t threads;
+    uint16_t *thread_of;         /* of a fragment */
+};
+
+/* What is known of a triangle, kept for the next point of the same one. */
+struct known {
+    uint32_t triangle;
+    struct kiln_vec3 normal;
+    float offset;
+};
+
+static void know(struct known *k, const struct maker *m, uint32_t triangle)
+{
+    if (k->triangle == triangle)
+        return;
+    k->triangle = triangle;
+    k->normal = kiln_triangle_exact_normal(m->p->params->scene, m->p->params->geometry, triangle);
+    k->offset = kiln_offset_distance(m->p->params->geometry, triangle, k->normal);
+}
+
+static struct kiln_gpu_part part_of(const struct maker *m, struct known *k, const struct kiln_footprint_part *from)
+{
+    struct kiln_vec3 corner[3];
+    kiln_geometry_corners(m->p->params->geometry, from->triangle, corner);
+    know(k, m, from->triangle);
+    const struct kiln_dvec3 c0 = dvec3_of(corner[0]), e1 = dvec3_sub(dvec3_of(corner[1]), c0), e2 = dvec3_sub(dvec3_of(corner[2]), c0);
+    struct kiln_dvec3 at[3];
+    for (int c = 0; c < 3; c++)
+        at[c] = dvec3_add(dvec3_scale(e1, from->b1[c]), dvec3_scale(e2, from->b2[c]));
+    const struct kiln_dvec3 off = dvec3_scale(dvec3_of(k->normal), (double)k->offset);
+    return (struct kiln_gpu_part){.p = vec3_of(dvec3_add(dvec3_add(c0, at[0]), off)),
+                                  .e1 = vec3_of(dvec3_sub(at[1], at[0])),
+                                  .e2 = vec3_of(dvec3_sub(at[2], at[0])),
+                                  .normal = k->normal,
+                                  .until = (float)from->until,
+                                  .offset = k->offset};
+}
+
+static int make_parts(struct maker *m, struct part_list *list, struct known *k, const struct kiln_footprint *f, struct kiln_gpu_point *point,
+                      struct kiln_error *error)
+{
+    point->flags |= KILN_GPU_POINT_PARTIAL;
+    point->first_part = (uint32_t)list->count;
+    for (uint32_t i = 0; i < f->piece_count; i++) {
+        struct kiln_footprint_part parts[KILN_FOOTPRINT_PARTS];
+        const uint32_t count = kiln_footprint_parts(f, i, parts);
+        const int status = kiln_grow(&list->at, &list->room, list->count + count, sizeof *list->at, "the parts of points", error);
+        if (status != KILN_OK)
+            return status;
+        for (uint32_t j = 0; j < count; j++)
+            list->at[list->count++] = part_of(m, k, &parts[j]);
+    }
+    if (list->count == point->first_part) { /* clipping left nothing of it: one place stands in */
+        const int status = kiln_grow(&list->at, &list->room, list->count + 1, sizeof *list->at, "the parts of points", error);
+        if (status != KILN_OK)
+            return status;
+        list->at[list->count++] = part_of(m, k, &(struct kiln_footprint_part){.triangle = f->pieces[0], .until = 1.0});
+    }
+    point->part_count = (uint32_t)(list->count - point->first_part);
+    return KILN_OK;
+}
+
+static int make_point(struct maker *m, struct part_list *list, struct known *k, const struct kiln_point_cursor *at, uint32_t tile_key,
+                      bool smooth, struct kiln_gpu_point *point, struct kiln_error *error)
+{
+    const struct kiln_surface *s = m->p->surface;
+    const struct kiln_backend_params *params = m->p->params;
+    struct kiln_footprint f;
+    kiln_footprint_prepare(&f, params->scene, params->geometry, s, at);
+    know(k, m, f.pieces[0]);
+    const struct kiln_footprint_extent extent = kiln_footprint_extent(&f);
+    *point = (struct kiln_gpu_point){.normal = k->normal,
+                                     .shading = k->normal,
+                                     .offset = k->offset,
+                                     .tile_key = tile_key,
+                                     .key = kiln_texel_key(kiln_seed_key(params->seed), at->object, (uint64_t)at->y * s->lightmaps[at->object].width + at->x),
+                                     .present = kiln_footprint_opacity(&f),
+                                     .centre = extent.centre,
+                                     .spread = extent.spread,
+                                     .flags = extent.one_normal ? KILN_GPU_POINT_ONE_NORMAL : 0};
+    if (smooth) {
+        struct kiln_vec3 mean;
+        kiln_footprint_normals(&f, &mean, &point->shading);
+        point->flags |= KILN_GPU_POINT_SMOOTH;
+    }
+    if (f.kind != KILN_FOOTPRINT_WHOLE)
+        return make_parts(m, list, k, &f, point, error);
+    point->origin = vec3_madd(f.whole.origin, k->normal, k->offset);
+    point->edge_s = f.whole.du;
+    point->edge_t = f.whole.dv;
+    return KILN_OK;
+}
+
+static int make_fragment(struct maker *m, struct part_list *list, struct known *k, size_t fragment, struct kiln_error *error)
+{
+    const struct kiln_surface *s = m->p->surface;
+    const struct kiln_scene *scene = m->p->params->scene;
+    const struct kiln_fragment *f = &s->fragments[fragment];
+    const bool smooth = (scene->meshes[scene->objects[f->object].mesh].flags & KILN_MESH_SMOOTH) != 0;
+    const uint32_t tile_key = kiln_tile_key(kiln_seed_key(m->p->params->seed), f->object, f->tile);
+    struct kiln_point_cursor at = kiln_point_first(s, fragment);
+    int status = KILN_OK;
+    for (uint32_t i = 0; i < f->count && status == KILN_OK; i++, kiln_point_next(s, &at))
+        status = make_point(m, list, k, &at, tile_key, smooth, &m->points[at.point - m->block->first], error);
+    return status;
+}
+
+/* Each thread's points and parts. */
+static int make_all(struct maker *m, struct kiln_error *error)
+{
+    const struct vulkan_block *block = m->block;
+    int status = KILN_OK;
+#pragma omp parallel num_threads((int)m->threads)
+    {
+        const int thread = omp_get_thread_num();
+        struct known k = {.triangle = KILN_NONE};
+        struct kiln_error own;
+        int mine = KILN_OK;
+#pragma omp for schedule(dynamic, 16)
+        for (size_t f = 0; f < block->fragment_count; f++) {
+            m->thread_of[f] = (uint16_t)thread;
+            if (mine == KILN_OK)
+                mine = make_fragment(m, &m->lists[thread], &k, block->fragment_first + f, &own);
+        }
+        if (mine != KILN_OK) {
+#pragma omp critical(kiln_make_points)
+            status = kiln_fail(error, mine, "%s", own.message);
+        }
+    }
+    return status;
+}
+
+/* The threads' parts come into one array, and the points learn where theirs stand. */
+static void join(struct maker *m)
+{
+    const struct vulkan_block *block = m->block;
+    const struct kiln_fragment *fragments = m->p->surface->fragments + block->fragment_first;
+#pragma omp parallel num_threads((int)m->threads)
+    {
+#pragma omp for schedule(static, 1)
+        for (uint32_t t = 0; t < m->threads; t++)
+            if (m->lists[t].count > 0)
+                memcpy(m->parts + m->lists[t].offset, m->lists[t].at, m->lists[t].count * sizeof *m->parts);
+#pragma omp for schedule(static)
+        for (size_t f = 0; f < block->fragment_count; f++) {
+            struct kiln_gpu_point *points = m->points + (fragments[f].first - fragments[0].first);
+            for (uint32_t i = 0; i < fragments[f].count; i++)
+                points[i].first_part += (uint32_t)m->lists[m->thread_of[f]].offset;
+        }
+    }
+}
+
+static int fill(struct maker *m, struct kiln_error *error)
+{
+    const struct vulkan_block *block = m->block;
+    m->threads = m->p->params->threads != 0 ? m->p->params->threads : (uint32_t)omp_get_num_procs();
+    int status = kiln_allocate(&m->points, block->count, sizeof *m->points, "a block of points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&m->lists, m->threads, sizeof *m->lists, "the parts of points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&m->thread_of, block->fragment_count, sizeof *m->thread_of, "a block's fragments", error);
+    if (status == KILN_OK)
+        status = make_all(m, error);
+    for (uint32_t t = 0; status == KILN_OK && t < m->threads; t++) {
+        m->lists[t].offset = m->part_count;
+        m->part_count += m->lists[t].count;
+    }
+    if (status == KILN_OK)
+        status = kiln_allocate(&m->parts, m->part_count, sizeof *m->parts, "the parts of a block of points", error);
+    if (status == KILN_OK)
+        join(m);
+    for (uint32_t t = 0; m->lists != NULL && t < m->threads; t++)
+        kiln_free(&m->lists[t].at);
+    kiln_free(&m->lists);
+    kiln_free(&m->thread_of);
+    return status;
+}
+
+/* Gives up the block that was used longest ago, before `since`; false when there is none. */
+static bool make_way(struct vulkan_points *p, uint64_t since)
+{
+    struct vulkan_block *oldest = NULL;
+    for (size_t i = 0; i < p->block_count; i++) {
+        struct vulkan_block *b = &p->blocks[i];
+        if (b->resident && b->last_used < since && (oldest == NULL || b->last_used < oldest->last_used))
+            oldest = b;
+    }
+    if (oldest != NULL)
+        release(p, oldest);
+    return oldest != NULL;
+}
+
+/* Whatever is left after these is for the passes' own buffers. */
+enum { RESERVE = 192 << 20 };
+
+static int bring(struct vulkan_points *p, struct vulkan_block *block, uint64_t since, struct kiln_error *error)
+{
+    struct maker m = {.p = p, .block = block};
+    int status = fill(&m, error);
+    const size_t points = block->count * sizeof *m.points, parts = m.part_count * sizeof *m.parts;
+    const uint64_t wanted = points + parts + 2 * sizeof(uint32_t) * block->count + RESERVE;
+    while (status == KILN_OK && gpu_memory_left(p->gpu) < wanted && make_way(p, since))
+        ;
+    if (status == KILN_OK)
+        status = gpu_buffer_of(p->gpu, &block->points, m.points, points, "a block of points", error);
+    if (status == KILN_OK)
+        status = gpu_buffer_of(p->gpu, &block->parts, m.parts, parts, "the parts of a block of points", error);
+    if (status == KILN_OK)
+        status = gpu_buffer_create(p->gpu, &block->states, block->count * sizeof(uint32_t), GPU_DEVICE, "the states of a block of points", error);
+    kiln_free(&m.points);
+    kiln_free(&m.parts);
+    block->resident = true; /* also when only a part of it is there: release takes it back */
+    if (status != KILN_OK)
+        release(p, block);
+    return status;
+}
+
+static int bring_states(struct vulkan_points *p, struct vulkan_block *block, struct kiln_error *error)
+{
+    const uint16_t *visible = p->surface->visible + block->first;
+    uint32_t *states = NULL;
+    gpu_buffer_destroy(p->gpu, &block->list);
+    kiln_free(&block->buried);
+    block->buried_count = 0;
+    for (uint64_t i = 0; i < block->count; i++)
+        block->buried_count += visible[i] != 0 && visible[i] != 0xffff;
+    int status = kiln_allocate(&states, block->count, sizeof *states, "the states of a block of points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&block->buried, block->buried_count, sizeof *block->buried, "the partly buried points", error);
+    for (uint32_t i = 0, n = 0; status == KILN_OK && i < block->count; i++) {
+        states[i] = visible[i] == 0 ? KILN_GPU_STATE_INVALID : visible[i] == 0xffff ? KILN_GPU_STATE_VALID : KILN_GPU_STATE_BURIED;
+        if (states[i] == KILN_GPU_STATE_BURIED)
+            block->buried[n++] = i;
+    }
+    if (status == KILN_OK)
+        status = gpu_upload(p->gpu, &block->states, 0, states, block->count * sizeof *states, error);
+    if (status == KILN_OK)
+        status = gpu_buffer_of(p->gpu, &block->list, block->buried, block->buried_count * sizeof *block->buried, "the partly buried points", error);
+    block->states_known = status == KILN_OK;
+    kiln_free(&states);
+    return status;
+}
+
+int vulkan_points_block(struct vulkan_points *points, size_t fragment, bool states, uint32_t in_use, struct vulkan_block **block,
+                        struct kiln_error *error)
+{
+    size_t low = 0, high = points->block_count - 1;
+    while (low < high) { /* the last block that begins at or before the fragment */
+        const size_t middle = high - (high - low) / 2;
+        if (points->blocks[middle].fragment_first <= fragment)
+            low = middle;
+        else
+            high = middle - 1;
+    }
+    struct vulkan_block *b = &points->blocks[low];
+    const uint64_t since = points->clock < in_use ? 0 : points->clock - in_use + 1;
+    b->last_used = ++points->clock;
+    int status = b->resident ? KILN_OK : bring(points, b, since, error);
+    if (status == KILN_OK && states && !b->states_known)
+        status = bring_states(points, b, error);
+    *block = b;
+    return status;
+}

@@ -1,0 +1,44 @@
+/* Surface points on the device, in blocks: ranges of own fragments whose points are made ready for sampling once and stay there while
+ * there is room. When there is not, the block that was used longest ago makes way. */
+#ifndef KILN_WORKER_BACKEND_VULKAN_POINTS_H
+#define KILN_WORKER_BACKEND_VULKAN_POINTS_H
+
+#include "worker/backend/backend.h"
+#include "worker/backend/vulkan/gpu.h"
+#include "worker/backend/vulkan/layout.h"
+
+struct vulkan_block {
+    size_t fragment_first, fragment_count;
+    uint64_t first, count; /* own points */
+    struct gpu_buffer points, parts, states, list;
+    uint32_t *buried;      /* partly buried points, index within the block, ascending; the device's `list` holds the same */
+    uint32_t buried_count;
+    uint64_t last_used;
+    bool resident, states_known;
+};
+
+struct vulkan_points {
+    struct gpu *gpu;
+    const struct kiln_backend_params *params;
+    const struct kiln_surface *surface;
+    size_t block_count;
+    struct vulkan_block *blocks;
+    uint64_t clock;
+    bool smooth; /* some object has shading normals of its own */
+};
+
+/* Borrows everything. Makes no block yet. */
+int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const struct kiln_backend_params *params,
+                         const struct kiln_surface *surface, struct kiln_error *error);
+void vulkan_points_destroy(struct vulkan_points **points);
+
+/* The block that holds `fragment`, on the device; `states`: with what surface->visible says now (else states are undefined). The
+ * `in_use` blocks asked for last are not given up for it: the device may be at work on them. KILN_NO_DEVICE when there is no
+ * room for it then. */
+int vulkan_points_block(struct vulkan_points *points, size_t fragment, bool states, uint32_t in_use, struct vulkan_block **block,
+                        struct kiln_error *error);
+
+/* surface->visible has changed. */
+void vulkan_points_forget_states(struct vulkan_points *points);
+
+#endif

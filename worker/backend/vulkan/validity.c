@@ -1,0 +1,146 @@
+/* Which share of each point is buried in other geometry: as the Embree backend's pass of that name. */
+#include "worker/backend/vulkan/pass.h"
+#include "worker/base/memory.h"
+
+#include "shaders/validity.h"
+#include "shaders/validity_pipeline.h"
+
+static const struct vulkan_shader shader = {.name = "validity", .compute = VULKAN_CODE(validity), .pipeline = VULKAN_CODE(validity_pipeline)};
+
+enum { FIRST_LOOK = 16, SECOND_LOOK = 64 };
+
+struct validity_push {
+    uint64_t scene;
+    struct kiln_gpu_chunk chunk;
+    uint64_t sobol, counts;
+    uint32_t stream, sobol_stride, looks;
+};
+
+struct validity {
+    struct vulkan_backend *b;
+    struct gpu_kernel *kernel;
+    uint16_t *visible;
+    uint64_t *open; /* own points (their places among the share) that the first look left open */
+    size_t open_count, open_room;
+};
+
+static struct validity_push push_of(const struct validity *v, struct kiln_gpu_chunk chunk, uint64_t counts, uint32_t stream, uint32_t looks)
+{
+    return (struct validity_push){.scene = v->b->scene.address,
+                                  .chunk = chunk,
+                                  .sobol = v->b->sobol.address,
+                                  .counts = counts,
+                                  .stream = stream,
+                                  .sobol_stride = v->b->sobol_count,
+                                  .looks = looks};
+}
+
+static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording)
+{
+    const struct validity *v = context;
+    const struct validity_push push = push_of(v, chunk->all, chunk->words, 0x76616c31u, FIRST_LOOK);
+    vulkan_record(recording, v->kernel, chunk->all.count, 1, &push, sizeof push);
+    return KILN_OK;
+}
+
+static int take(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results, const uint32_t *words,
+                struct kiln_error *error)
+{
+    (void)results;
+    struct validity *v = context;
+    const struct kiln_surface *s = v->b->surface;
+    const struct kiln_fragment *fragments = s->fragments + fragment_first;
+    const uint64_t first = fragments[0].first - s->first, end = fragments[fragment_count - 1].first - s->first + fragments[fragment_count - 1].count;
+    for (uint64_t own = first; own < end; own++) {
+        const uint32_t buried = words[own - first];
+        v->visible[own] = buried == 0 ? 0xffff : 0;
+        if (buried == 0 || buried == FIRST_LOOK)
+            continue;
+        const int status = kiln_grow(&v->open, &v->open_room, v->open_count + 1, sizeof *v->open, "points that are partly buried", error);
+        if (status != KILN_OK)
+            return status;
+        v->open[v->open_count++] = own;
+    }
+    return KILN_OK;
+}
+
+static uint16_t share(uint32_t buried)
+{
+    const uint32_t left = SECOND_LOOK - buried;
+    if (left == SECOND_LOOK) /* the first look saw a corner that the second missed */
+        return 0xffff - 0xffff / SECOND_LOOK;
+    return left < SECOND_LOOK / 32 ? 0 : (uint16_t)(left * 0xffffu / SECOND_LOOK);
+}
+
+/* The second look at `count` open points of one block, `open` being their own numbers. */
+static int look_again(struct validity *v, const struct vulkan_block *block, const uint64_t *open, uint32_t count, struct kiln_error *error)
+{
+    struct gpu *gpu = v->b->gpu;
+    struct gpu_buffer list = {0}, counts = {0};
+    uint32_t *numbers = NULL;
+    int status = kiln_allocate(&numbers, count, sizeof *numbers, "points that are partly buried", error);
+    for (uint32_t i = 0; status == KILN_OK && i < count; i++)
+        numbers[i] = (uint32_t)(open[i] - block->first);
+    if (status == KILN_OK)
+        status = gpu_buffer_of(gpu, &list, numbers, count * sizeof *numbers, "points that are partly buried", error);
+    if (status == KILN_OK)
+        status = gpu_buffer_create(gpu, &counts, count * sizeof *numbers, GPU_HOST, "what is buried of them", error);
+    struct gpu_pacer *pacer = &v->b->pacers[VULKAN_PACE_VALIDITY];
+    for (uint32_t first = 0; first < count && status == KILN_OK;) {
+        uint64_t at_once = gpu_pacer_next(pacer, 1 << 16) / SECOND_LOOK + 1;
+        at_once = at_once < count - first ? at_once : count - first;
+        const struct kiln_gpu_chunk chunk = {.points = block->points.address, .parts = block->parts.address, .states = block->states.address,
+                                             .list = list.address, .first = first, .count = (uint32_t)at_once};
+        const struct validity_push push = push_of(v, chunk, counts.address + first * sizeof *numbers, 0x76616c32u, SECOND_LOOK);
+        const struct gpu_step step = {.kernel = v->kernel, .threads_x = (uint32_t)at_once, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
+        double seconds;
+        status = gpu_run(gpu, &step, 1, &seconds, error);
+        if (status == KILN_OK)
+            gpu_pacer_learn(pacer, at_once * SECOND_LOOK, seconds);
+        first += (uint32_t)at_once;
+    }
+    for (uint32_t i = 0; status == KILN_OK && i < count; i++)
+        v->visible[open[i]] = share(((const uint32_t *)counts.mapped)[i]);
+    gpu_buffer_destroy(gpu, &list);
+    gpu_buffer_destroy(gpu, &counts);
+    kiln_free(&numbers);
+    return status;
+}
+
+/* Block by block: open points come in ascending order. */
+static int look_at_open(struct validity *v, size_t fragment_first, size_t fragment_count, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    size_t next = 0;
+    for (size_t f = fragment_first; f < fragment_first + fragment_count && status == KILN_OK && next < v->open_count;) {
+        struct vulkan_block *block;
+        status = vulkan_points_block(v->b->points, f, false, 0, &block, error);
+        size_t end = next;
+        while (status == KILN_OK && end < v->open_count && v->open[end] < block->first + block->count)
+            end++;
+        if (end > next)
+            status = look_again(v, block, v->open + next, (uint32_t)(end - next), error);
+        next = end;
+        f = status == KILN_OK ? block->fragment_first + block->fragment_count : f;
+    }
+    return status;
+}
+
+int vulkan_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible, struct kiln_error *error)
+{
+    struct vulkan_backend *b = (struct vulkan_backend *)backend;
+    struct validity v = {.b = b, .visible = visible};
+    const struct vulkan_pass pass = {.pace = VULKAN_PACE_VALIDITY, .rows = 1, .work = FIRST_LOOK, .first_guess = 1 << 18, .wants_words = true,
+                                     .record = record, .take = take, .context = &v};
+    int status = vulkan_sobol(b, SECOND_LOOK, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(b, &shader, false, 0, &v.kernel, error);
+    if (status == KILN_OK)
+        status = vulkan_run_pass(b, &pass, fragment_first, fragment_count, error);
+    if (status == KILN_OK)
+        status = look_at_open(&v, fragment_first, fragment_count, error);
+    if (visible == b->surface->visible)
+        vulkan_points_forget_states(b->points);
+    kiln_free(&v.open);
+    return status;
+}

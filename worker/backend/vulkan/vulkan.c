@@ -1,0 +1,353 @@
+#include "worker/backend/vulkan/vulkan.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <time.h>
+
+#include "worker/base/memory.h"
+#include "worker/sampling/sequence.h"
+
+#include "shaders/intersect.h"
+#include "shaders/intersect_pipeline.h"
+#include "shaders/trace_rahit.h"
+#include "shaders/trace_rchit.h"
+#include "shaders/trace_rmiss.h"
+
+static const struct vulkan_shader intersect_shader = {.name = "intersect", .compute = VULKAN_CODE(intersect), .pipeline = VULKAN_CODE(intersect_pipeline)};
+
+static double seconds_now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* ---- kernels ---- */
+
+static const struct gpu_hit_shaders hit_shaders = {.closest_hit = kiln_spirv_trace_rchit,
+                                                   .any_hit = kiln_spirv_trace_rahit,
+                                                   .miss = kiln_spirv_trace_rmiss,
+                                                   .closest_hit_bytes = sizeof kiln_spirv_trace_rchit,
+                                                   .any_hit_bytes = sizeof kiln_spirv_trace_rahit,
+                                                   .miss_bytes = sizeof kiln_spirv_trace_rmiss};
+
+static int make_kernel(struct vulkan_backend *b, struct vulkan_kernel *k, struct kiln_error *error)
+{
+    const struct vulkan_shader *s = k->shader;
+    const bool pipeline = b->acceleration != NULL && s->pipeline.words != NULL, plain = !b->float64 && s->compute_float.words != NULL;
+    const struct vulkan_code *code = pipeline ? (plain ? &s->pipeline_float : &s->pipeline) : plain ? &s->compute_float : &s->compute;
+    uint32_t constants[VULKAN_CONSTANTS];
+    memcpy(constants, b->constants, sizeof constants);
+    constants[VULKAN_DRAW_AGAIN] = k->draw_again;
+    constants[VULKAN_OWN] = k->own;
+    const struct gpu_kernel_params params = {.name = s->name,
+                                             .code = code->words,
+                                             .code_bytes = code->bytes,
+                                             .constants = constants,
+                                             .constant_count = VULKAN_CONSTANTS,
+                                             .hit_shaders = pipeline ? &hit_shaders : NULL};
+    return gpu_kernel_create(b->gpu, &k->kernel, &params, error);
+}
+
+int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own, struct gpu_kernel **kernel,
+                     struct kiln_error *error)
+{
+    for (size_t i = 0; i < b->kernel_count; i++)
+        if (b->kernels[i].shader == shader && b->kernels[i].draw_again == draw_again && b->kernels[i].own == own) {
+            *kernel = b->kernels[i].kernel;
+            return KILN_OK;
+        }
+    struct vulkan_kernel k = {.shader = shader, .draw_again = draw_again, .own = own};
+    int status = kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + 1, sizeof *b->kernels, "the device's kernels", error);
+    if (status == KILN_OK)
+        status = make_kernel(b, &k, error);
+    if (status == KILN_OK)
+        b->kernels[b->kernel_count++] = k;
+    *kernel = k.kernel;
+    return status;
+}
+
+static void forget_kernels(struct vulkan_backend *b)
+{
+    for (size_t i = 0; i < b->kernel_count; i++)
+        gpu_kernel_destroy(b->gpu, &b->kernels[i].kernel);
+    b->kernel_count = 0;
+}
+
+/* ---- the scene on the device ---- */
+
+static int upload_bvh(struct vulkan_backend *b, struct kiln_error *error)
+{
+    const struct bvh_params params = {.threads = b->params.threads};
+    struct bvh *bvh = NULL;
+    struct bvh_layout layout = {0};
+    uint32_t candidate = KILN_TRAVERSAL_BRUTE;
+    int status = bvh_create(&bvh, b->params.geometry, &params, error);
+    if (status == KILN_OK) {
+        (void)bvh_candidates(bvh, gpu_about(b->gpu)->software, &candidate, 1);
+        status = bvh_layout_create(&layout, bvh, candidate, error);
+    }
+    if (status == KILN_OK)
+        status = gpu_buffer_of(b->gpu, &b->nodes, layout.nodes, layout.node_count * layout.node_size, "the BVH", error);
+    if (status == KILN_OK)
+        status = gpu_buffer_of(b->gpu, &b->triangles, layout.triangles, layout.triangle_count * sizeof *layout.triangles, "the BVH's triangles", error);
+    b->constants[VULKAN_TRAVERSAL] = candidate;
+    b->layout.trace = (struct kiln_gpu_trace){.nodes = b->nodes.address,
+                                              .triangles = b->triangles.address,
+                                              .node_count = (uint32_t)layout.node_count,
+                                              .triangle_count = (uint32_t)layout.triangle_count,
+                                              .extent = b->params.geometry->extent};
+    bvh_layout_free(&layout);
+    bvh_destroy(&bvh);
+    return status;
+}
+
+static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
+{
+    const struct kiln_geometry *g = b->params.geometry;
+    const double start = seconds_now();
+    int status = upload_bvh(b, error);
+    b->build_seconds = seconds_now() - start;
+    if (status == KILN_OK)
+        status = gpu_buffer_of(b->gpu, &b->records, g->records, g->triangle_count * sizeof *g->records, "what rays need to know of triangles", error);
+    if (status == KILN_OK)
+        status = vulkan_materials_create(b->gpu, &b->params, &b->materials, &b->layout.materials, error);
+    if (status == KILN_OK && b->params.lights != NULL)
+        status = vulkan_lights_create(b->gpu, b->params.lights, b->float64, &b->lights, &b->layout.lights, error);
+    if (status == KILN_OK)
+        status = gpu_buffer_create(b->gpu, &b->scene, sizeof b->layout, GPU_DEVICE, "the scene", error);
+    b->layout.records = b->records.address;
+    b->layout.triangle_count = (uint32_t)g->triangle_count;
+    b->layout.opaque_count = (uint32_t)g->opaque_count;
+    b->constants[VULKAN_HAS_ALPHA] = g->opaque_count < g->triangle_count;
+    b->constants[VULKAN_LIGHT_KINDS] = b->lights.kinds;
+    for (size_t i = 0; i < b->params.scene->mesh_count; i++)
+        b->constants[VULKAN_HAS_SMOOTH] |= (b->params.scene->meshes[i].flags & KILN_MESH_SMOOTH) != 0;
+    return status;
+}
+
+/* The root of everything: after each change of an address. */
+static int upload_root(struct vulkan_backend *b, struct kiln_error *error) { return gpu_upload(b->gpu, &b->scene, 0, &b->layout, sizeof b->layout, error); }
+
+/* ---- life ---- */
+
+static void clear_surface(struct vulkan_backend *b)
+{
+    vulkan_points_destroy(&b->points);
+    gpu_buffer_destroy(b->gpu, &b->lightmaps);
+    gpu_buffer_destroy(b->gpu, &b->tiles);
+    gpu_buffer_destroy(b->gpu, &b->splits);
+    gpu_buffer_destroy(b->gpu, &b->radiosity_buffer);
+}
+
+/* Everything that lives on the device, and the device. */
+static void clear(struct vulkan_backend *b)
+{
+    if (b->gpu == NULL)
+        return;
+    forget_kernels(b);
+    clear_surface(b);
+    for (int i = 0; i < GPU_SLOTS; i++) {
+        gpu_buffer_destroy(b->gpu, &b->slots[i].scratch);
+        gpu_buffer_destroy(b->gpu, &b->slots[i].answers);
+        gpu_buffer_destroy(b->gpu, &b->slots[i].host);
+    }
+    gpu_buffer_destroy(b->gpu, &b->sobol);
+    b->sobol_count = 0;
+    gpu_buffer_destroy(b->gpu, &b->scene);
+    vulkan_lights_destroy(b->gpu, &b->lights);
+    vulkan_materials_destroy(b->gpu, &b->materials);
+    gpu_buffer_destroy(b->gpu, &b->records);
+    gpu_buffer_destroy(b->gpu, &b->triangles);
+    gpu_buffer_destroy(b->gpu, &b->nodes);
+    gpu_destroy(&b->gpu);
+}
+
+static void vulkan_destroy(struct kiln_backend **backend)
+{
+    struct vulkan_backend *b = (struct vulkan_backend *)*backend;
+    if (b == NULL)
+        return;
+    clear(b);
+    kiln_free(&b->kernels);
+    kiln_free(backend);
+}
+
+/* A device with the scene on it. */
+static int set_up(struct vulkan_backend *b, struct kiln_error *error)
+{
+    const struct gpu_choice choice = {.device = (int32_t)b->params.device - 1, .local_rank = b->params.local_rank, .local_ranks = b->params.local_ranks,
+                                      .slice_seconds = b->params.slice_seconds, .memory_limit = b->params.device_memory, .faults = &b->faults};
+    int status = gpu_create(&b->gpu, &choice, error);
+    if (status != KILN_OK)
+        return status;
+    b->float64 = gpu_about(b->gpu)->float64;
+    for (int i = 0; i < VULKAN_PACES; i++)
+        b->pacers[i].slice_seconds = gpu_slice(b->gpu);
+    status = upload_scene(b, error);
+    if (status == KILN_OK)
+        status = upload_root(b, error);
+    return status;
+}
+
+static int vulkan_create(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error)
+{
+    struct vulkan_backend *b = NULL;
+    *backend = NULL;
+    int status = kiln_allocate(&b, 1, sizeof *b, "the Vulkan backend", error);
+    if (status != KILN_OK)
+        return status;
+    b->base.api = &kiln_backend_vulkan;
+    b->params = *params;
+    status = gpu_faults_read(&b->faults, error);
+    if (status == KILN_OK)
+        status = set_up(b, error);
+    *backend = &b->base;
+    if (status != KILN_OK)
+        vulkan_destroy(backend);
+    return status;
+}
+
+static const char *traversal_name(const struct vulkan_backend *b)
+{
+    static const char *const names[] = {"all triangles tested", "binary BVH", "four-wide BVH", "compressed eight-wide BVH"};
+    return b->acceleration != NULL ? "ray-tracing pipeline" : names[b->constants[VULKAN_TRAVERSAL] & 3u];
+}
+
+static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
+{
+    const struct vulkan_backend *b = (const struct vulkan_backend *)backend;
+    const struct gpu_description *about = gpu_about(b->gpu);
+    *info = (struct kiln_backend_info){.name = "vulkan", .memory = gpu_memory_used(b->gpu), .build_seconds = b->build_seconds};
+    (void)snprintf(info->device, sizeof info->device, "%.60s, %s%s", about->name, traversal_name(b), b->float64 ? "" : ", no doubles");
+}
+
+/* ---- what changes ---- */
+
+static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
+{
+    const struct kiln_surface *s = b->surface;
+    const size_t maps = b->params.scene->object_count;
+    clear_surface(b);
+    int status = gpu_buffer_of(b->gpu, &b->lightmaps, s->lightmaps, maps * sizeof *s->lightmaps, "the lightmaps' sizes", error);
+    if (status == KILN_OK)
+        status = gpu_buffer_of(b->gpu, &b->tiles, s->tiles, s->tile_count * sizeof *s->tiles, "the tiles of the lightmaps", error);
+    if (status == KILN_OK)
+        status = gpu_buffer_of(b->gpu, &b->splits, s->splits, s->split_count * sizeof *s->splits, "the tiles of the lightmaps", error);
+    if (status == KILN_OK)
+        status = gpu_buffer_create(b->gpu, &b->radiosity_buffer, s->point_count * sizeof(uint64_t), GPU_DEVICE, "the radiosity of all points", error);
+    if (status == KILN_OK)
+        status = vulkan_points_create(&b->points, b->gpu, &b->params, s, error);
+    b->layout.lightmaps = b->lightmaps.address;
+    b->layout.tiles = b->tiles.address;
+    b->layout.splits = b->splits.address;
+    b->layout.radiosity = b->radiosity_buffer.address;
+    return status == KILN_OK ? upload_root(b, error) : status;
+}
+
+static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error)
+{
+    return gpu_upload(b->gpu, &b->radiosity_buffer, 0, b->radiosity, b->surface->point_count * sizeof *b->radiosity, error);
+}
+
+static int vulkan_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
+{
+    struct vulkan_backend *b = (struct vulkan_backend *)backend;
+    b->surface = surface;
+    b->radiosity = NULL;
+    return upload_surface(b, error);
+}
+
+static int vulkan_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
+{
+    struct vulkan_backend *b = (struct vulkan_backend *)backend;
+    b->radiosity = radiosity;
+    return upload_radiosity(b, error);
+}
+
+int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error)
+{
+    if (b->sobol_count >= count)
+        return KILN_OK;
+    const uint32_t room = count < 1024 ? 1024 : count;
+    uint32_t *table = NULL;
+    gpu_buffer_destroy(b->gpu, &b->sobol);
+    b->sobol_count = 0;
+    int status = kiln_allocate(&table, (size_t)room * KILN_DIMENSIONS, sizeof *table, "the samples of a pass", error);
+    for (uint32_t d = 0; status == KILN_OK && d < KILN_DIMENSIONS; d++)
+        for (uint32_t k = 0; k < room; k++)
+            table[(size_t)d * room + k] = kiln_sobol(k, d);
+    if (status == KILN_OK)
+        status = gpu_buffer_of(b->gpu, &b->sobol, table, (size_t)room * KILN_DIMENSIONS * sizeof *table, "the samples of a pass", error);
+    if (status == KILN_OK)
+        b->sobol_count = room;
+    kiln_free(&table);
+    return status;
+}
+
+/* ---- any rays ---- */
+
+struct intersect_push {
+    uint64_t scene, origins, directions, hits;
+    uint32_t count;
+};
+
+/* Some rays at once, through buffers that hold `room` of them. */
+static int intersect_some(struct vulkan_backend *b, struct gpu_kernel *kernel, const struct gpu_buffer *in, const struct gpu_buffer *out, size_t room,
+                          const struct kiln_vec3 *origins, const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits, struct kiln_error *error)
+{
+    memcpy(in->mapped, origins, count * sizeof *origins);
+    memcpy((struct kiln_vec3 *)in->mapped + room, directions, count * sizeof *directions);
+    const struct intersect_push push = {.scene = b->scene.address, .origins = in->address, .directions = in->address + room * sizeof *directions,
+                                        .hits = out->address, .count = (uint32_t)count};
+    const struct gpu_step step = {.kernel = kernel, .threads_x = (uint32_t)count, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
+    double seconds;
+    const int status = gpu_run(b->gpu, &step, 1, &seconds, error);
+    if (status != KILN_OK)
+        return status;
+    gpu_pacer_learn(&b->pacers[VULKAN_PACE_INTERSECT], count, seconds);
+    const struct kiln_gpu_hit *found = out->mapped;
+    for (size_t i = 0; i < count; i++)
+        hits[i] = (struct kiln_hit){.triangle = found[i].triangle, .u = found[i].u, .v = found[i].v, .distance = found[i].distance, .back = found[i].back != 0};
+    return KILN_OK;
+}
+
+int vulkan_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions, size_t count,
+                     struct kiln_hit *hits, struct kiln_error *error)
+{
+    enum { MOST = 1 << 20 };
+    struct vulkan_backend *b = (struct vulkan_backend *)backend;
+    const size_t room = count < MOST ? count : MOST;
+    struct gpu_buffer in = {0}, out = {0};
+    struct gpu_kernel *kernel;
+    int status = vulkan_kernel_of(b, &intersect_shader, false, 0, &kernel, error);
+    if (status == KILN_OK)
+        status = gpu_buffer_create(b->gpu, &in, 2 * room * sizeof *origins, GPU_HOST, "rays", error);
+    if (status == KILN_OK)
+        status = gpu_buffer_create(b->gpu, &out, room * sizeof(struct kiln_gpu_hit), GPU_HOST, "hits", error);
+    for (size_t done = 0; done < count && status == KILN_OK;) {
+        size_t some = gpu_pacer_next(&b->pacers[VULKAN_PACE_INTERSECT], 1 << 16);
+        some = some > room ? room : some < 64 ? 64 : some;
+        some = some > count - done ? count - done : some;
+        status = intersect_some(b, kernel, &in, &out, room, origins + done, directions + done, some, hits + done, error);
+        done += some;
+    }
+    gpu_buffer_destroy(b->gpu, &in);
+    gpu_buffer_destroy(b->gpu, &out);
+    return status;
+}
+
+const struct kiln_backend_api kiln_backend_vulkan = {
+    .name = "vulkan",
+    .create = vulkan_create,
+    .destroy = vulkan_destroy,
+    .info = vulkan_info,
+    .set_surface = vulkan_set_surface,
+    .set_radiosity = vulkan_set_radiosity,
+    .validity = vulkan_validity,
+    .direct = vulkan_direct,
+    .gather = vulkan_gather,
+    .probes = vulkan_probes,
+    .intersect = vulkan_intersect,
+    .ceiling = vulkan_ceiling,
+};

@@ -1,0 +1,95 @@
+/* The Vulkan backend: private declarations shared by its files, one file a pass (as every backend folder has them).
+ *
+ * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of all points,
+ * and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one slice of time
+ * (pass.h); two to three chunks are under way at once, so that the device does not wait while answers are taken over. */
+#ifndef KILN_WORKER_BACKEND_VULKAN_VULKAN_H
+#define KILN_WORKER_BACKEND_VULKAN_VULKAN_H
+
+#include "worker/backend/backend.h"
+#include "worker/backend/vulkan/acceleration.h"
+#include "worker/backend/vulkan/bvh.h"
+#include "worker/backend/vulkan/gpu.h"
+#include "worker/backend/vulkan/layout.h"
+#include "worker/backend/vulkan/lights.h"
+#include "worker/backend/vulkan/materials.h"
+#include "worker/backend/vulkan/points.h"
+#include "worker/light/lights.h"
+
+/* A shader and its variants; those that do not exist are NULL. Ray tracing kernels have a pipeline variant. */
+struct vulkan_code {
+    const uint32_t *words;
+    size_t bytes;
+};
+struct vulkan_shader {
+    const char *name;
+    struct vulkan_code compute, pipeline;             /* with doubles, where the kernel uses `real` */
+    struct vulkan_code compute_float, pipeline_float; /* without; NULL: it does not use `real` */
+};
+#define VULKAN_CODE(name) {kiln_spirv_##name, sizeof kiln_spirv_##name}
+
+/* The numbers of the specialisation constants that all kernels share (shaders/kernel.glsl); more are each kernel's own. */
+enum vulkan_constant { VULKAN_TRAVERSAL, VULKAN_HAS_ALPHA, VULKAN_HAS_SMOOTH, VULKAN_LIGHT_KINDS, VULKAN_DRAW_AGAIN, VULKAN_OWN, VULKAN_CONSTANTS };
+
+struct vulkan_kernel {
+    const struct vulkan_shader *shader;
+    uint32_t draw_again, own;
+    struct gpu_kernel *kernel;
+};
+
+/* Where a chunk under way keeps what it needs. */
+struct vulkan_slot {
+    struct gpu_buffer scratch, answers, host;
+};
+
+/* Passes whose speed is learned one by one. */
+enum vulkan_pace { VULKAN_PACE_VALIDITY, VULKAN_PACE_DIRECT, VULKAN_PACE_GATHER, VULKAN_PACE_CEILING, VULKAN_PACE_PROBES, VULKAN_PACE_INTERSECT, VULKAN_PACES };
+
+struct vulkan_backend {
+    struct kiln_backend base;
+    struct kiln_backend_params params;
+    const struct kiln_surface *surface; /* NULL: not given yet */
+    const uint64_t *radiosity;          /* NULL: not given yet */
+    struct gpu *gpu;
+    struct gpu_faults faults;
+    bool float64;
+    /* the scene on the device */
+    struct kiln_gpu_scene layout;
+    struct gpu_buffer scene, nodes, triangles, records;
+    struct acceleration *acceleration; /* NULL: rays are traced by compute */
+    struct vulkan_materials materials;
+    struct vulkan_lights lights;
+    /* the surface */
+    struct gpu_buffer lightmaps, tiles, splits, radiosity_buffer;
+    struct vulkan_points *points;
+    /* the passes */
+    uint32_t constants[VULKAN_CONSTANTS];
+    size_t kernel_count, kernel_room;
+    struct vulkan_kernel *kernels;
+    struct gpu_buffer sobol; /* KILN_DIMENSIONS times sobol_count words */
+    uint32_t sobol_count;
+    struct vulkan_slot slots[GPU_SLOTS];
+    struct gpu_pacer pacers[VULKAN_PACES];
+    double build_seconds;
+    char device_text[128];
+};
+
+/* The kernel of a shader; made when first asked for, destroyed with the backend. `own`: the kernel's own constant. */
+int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own, struct gpu_kernel **kernel,
+                     struct kiln_error *error);
+
+/* Sobol' points 0 .. count-1 of all dimensions on the device: dimension d from word d * b->sobol_count on. */
+int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error);
+
+int vulkan_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible, struct kiln_error *error);
+int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays, struct kiln_error *error);
+int vulkan_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, uint64_t *rays,
+                  struct kiln_error *error);
+int vulkan_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first, uint32_t samples,
+                  struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error);
+int vulkan_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions, size_t count,
+                     struct kiln_hit *hits, struct kiln_error *error);
+int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
+                   uint64_t *rays, struct kiln_error *error);
+
+#endif
