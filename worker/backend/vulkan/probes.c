@@ -2,6 +2,7 @@
  * probes is as large as one slice of time and the room for partial sums allow; of few probes with many samples the slices
  * come in portions. Neither changes what is added to what, so results do not depend on it. */
 #include <assert.h>
+#include <stdint.h> /* before the shaders */
 #include <string.h>
 
 #include "shaders/layout_probe.h"
