@@ -1,11 +1,13 @@
 #include "coordinator/bake/rays_bench.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #include "worker/base/memory.h"
 #include "worker/scene/radiosity.h"
 
 enum { RAYS_WANTED = 6000000, FRAGMENTS_AT_ONCE = 64 };
+static const uint64_t DEVICE_RAYS_WANTED = 4000000000u; /* about a second of a device */
 
 static int by_value(const void *a, const void *b)
 {
@@ -36,12 +38,26 @@ static int one_run(const struct kiln_prepared *p, uint32_t samples, double secon
     return status;
 }
 
+/* A device wants to be kept busy: all fragments in one batch, or as many, from the first on, as make DEVICE_RAYS_WANTED rays. */
+static int one_device_run(const struct kiln_prepared *p, uint32_t samples, double seconds[2], uint64_t rays[2], struct kiln_error *error)
+{
+    struct kiln_batch batch = {0};
+    uint64_t points = 0;
+    while (batch.fragment_count < p->surface->fragment_count && points * samples < DEVICE_RAYS_WANTED)
+        points += p->surface->fragments[batch.fragment_count++].count;
+    const double start = MPI_Wtime();
+    const int status = kiln_backend_gather(p->backend, &batch, samples, 1, &rays[0], error);
+    seconds[0] += MPI_Wtime() - start;
+    return status == KILN_OK ? kiln_backend_ceiling(p->backend, &batch, samples, 1, &seconds[1], &rays[1], error) : status;
+}
+
 int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint32_t repeats, struct kiln_rays_bench *result,
                     struct kiln_error *error)
 {
     const struct kiln_surface *surface = prepared->surface;
     if (surface->count == 0)
         return kiln_fail(error, KILN_USAGE, "the scene has no surface points to trace rays from");
+    kiln_backend_info(prepared->backend, &result->info);
     uint64_t *radiosity = NULL;
     double *figures = NULL;
     int status = kiln_allocate(&radiosity, surface->point_count, sizeof *radiosity, "radiosity", error);
@@ -55,7 +71,8 @@ int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint
     for (uint32_t i = 0; i <= repeats && status == KILN_OK; i++) { /* the first one warms up and does not count */
         double seconds[2] = {0};
         uint64_t rays[2] = {0};
-        status = one_run(prepared, samples, seconds, rays, error);
+        status = strcmp(result->info.name, "embree") == 0 ? one_run(prepared, samples, seconds, rays, error)
+                                                          : one_device_run(prepared, samples, seconds, rays, error);
         if (i == 0 || status != KILN_OK)
             continue;
         pass[i - 1] = (double)rays[0] / seconds[0];
