@@ -71,7 +71,8 @@ size_t gpu_messages(const struct gpu *gpu);
 uint64_t gpu_memory_left(const struct gpu *gpu);
 uint64_t gpu_memory_used(const struct gpu *gpu);
 
-/* A buffer. `mapped` is NULL for memory of the device. Buffers die with gpu_buffer_destroy, before their gpu. */
+/* A buffer. `mapped` is NULL for memory of the device. Buffers die with gpu_buffer_destroy, before their gpu; what is
+ * under way is waited for. */
 enum gpu_memory {
     GPU_DEVICE,  /* fast for kernels; filled and read by gpu_upload and gpu_download */
     GPU_HOST     /* mapped, cached and coherent; kernels may write it too */

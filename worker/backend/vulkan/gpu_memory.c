@@ -158,6 +158,7 @@ void gpu_buffer_destroy(struct gpu *gpu, struct gpu_buffer *buffer)
 {
     struct gpu_buffer_memory *m = buffer->memory;
     if (m != NULL) {
+        gpu_settle(gpu);
         vkDestroyBuffer(gpu->device, m->buffer, NULL);
         vkFreeMemory(gpu->device, m->memory, NULL);
         gpu->memory_used -= m->counted;

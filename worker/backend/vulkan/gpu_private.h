@@ -103,6 +103,8 @@ bool gpu_has_extension(VkPhysicalDevice physical, const char *name);
 /* gpu_submit.c */
 int gpu_slots_create(struct gpu *gpu, struct kiln_error *error);
 void gpu_slots_destroy(struct gpu *gpu);
+/* Before something is destroyed: waits if anything is under way, whose slots stay taken. */
+void gpu_settle(const struct gpu *gpu);
 int gpu_slot_begin(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
 int gpu_slot_end(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
 int gpu_slot_wait(struct gpu *gpu, struct gpu_slot *slot, double *seconds, struct kiln_error *error);

@@ -49,6 +49,15 @@ void gpu_slots_destroy(struct gpu *gpu)
     }
 }
 
+void gpu_settle(const struct gpu *gpu)
+{
+    for (int i = 0; i < GPU_ALL_SLOTS; i++)
+        if (gpu->slots[i].under_way) {
+            (void)vkDeviceWaitIdle(gpu->device);
+            return;
+        }
+}
+
 void gpu_barrier(VkCommandBuffer commands)
 {
     const VkMemoryBarrier barrier = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER, .srcAccessMask = VK_ACCESS_MEMORY_WRITE_BIT,
