@@ -25,6 +25,8 @@ SHARED = os.path.normpath(os.path.join(REPOSITORY, '..', 'shared', 'scenes'))
 SKIPPED = 77
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 BAD_INPUT = 65
+NO_DEVICE = 69
+VALIDATION = 'Vulkan validation'  # begins the lines in which kiln passes on what Vulkan's validation layer says
 
 # Open MPI as the tests need it: more ranks than cores, as root in a container, without the one-sided transport that crashes.
 MPI_ENVIRONMENT = {
@@ -192,20 +194,32 @@ class Bake:
 
 
 class Kiln:
-    def __init__(self, path, scratch):
-        self.path, self.scratch, self.number = os.path.abspath(path), scratch, 0
+    """The program under test. `backend` traces the bakes' rays; sample counts are to be divided by `thin` (see `samples`)."""
+
+    def __init__(self, path, scratch, backend='embree', thin=1):
+        self.path, self.scratch, self.number, self.backend, self.thin = os.path.abspath(path), scratch, 0, backend, thin
+        self.environment = dict(MPI_ENVIRONMENT)
+        if backend == 'vulkan':
+            self.environment['KILN_VULKAN_VALIDATION'] = '1'
+
+    def samples(self, count):
+        """What is left of a sample count: never below 16, where it was above."""
+        return min(count, max(16, count // self.thin))
 
     def command(self, *arguments, timeout=600):
-        return run([self.path, *map(str, arguments)], timeout, MPI_ENVIRONMENT)
+        return run([self.path, *map(str, arguments)], timeout, self.environment)
 
     def bake(self, scene, *options, ranks=0, timeout=600):
         """Bakes into a fresh folder: under mpirun when `ranks` is given. Look at .process.status before anything else."""
         self.number += 1
         directory = os.path.join(self.scratch, 'bake%d' % self.number)
-        command = [self.path, 'bake', scene, '-o', directory, '--quiet', '--no-preview', *map(str, options)]
+        command = [self.path, 'bake', scene, '-o', directory, '--quiet', '--no-preview', '--backend', self.backend, *map(str, options)]
         if ranks:
             command = ['mpirun', '--bind-to', 'none', '-n', str(ranks)] + command
-        return Bake(directory, run(command, timeout, MPI_ENVIRONMENT))
+        bake = Bake(directory, run(command, timeout, self.environment))
+        if bake.process.status == NO_DEVICE and self.number == 1:
+            skip(bake.process.sentence())
+        return bake
 
 
 def energy(report):
@@ -249,6 +263,8 @@ class Checks:
         p = bake.process
         if p.timed_out:
             return self.that(False, 'the bake did not end in %.0f s' % p.seconds, p)
+        if VALIDATION in p.stderr:
+            return self.that(False, 'the Vulkan validation layer complains', p)
         return self.that(p.status == 0, 'the bake ended with %d instead of 0' % p.status, p)
 
     def energy(self, bake, what):
@@ -274,11 +290,13 @@ class Table:
 
 
 def start(description, *more):
-    """Parses --kiln, --keep and what `more` adds (callables on the parser); returns (arguments, Kiln). The scratch folder goes
-    when the program ends, unless --keep."""
+    """Parses --kiln, --keep, --backend, --thin and what `more` adds (callables on the parser); returns (arguments, Kiln). The scratch
+    folder goes when the program ends, unless --keep."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument('--kiln', required=True, help='the program to test')
     parser.add_argument('--keep', metavar='DIR', help='bake into this folder and leave it there')
+    parser.add_argument('--backend', choices=('embree', 'vulkan'), default='embree', help='what traces the rays')
+    parser.add_argument('--thin', metavar='N', type=int, default=1, help='sample counts are divided by N: for slow devices')
     for add in more:
         add(parser)
     arguments = parser.parse_args()
@@ -291,4 +309,4 @@ def start(description, *more):
         scratch = tempfile.mkdtemp(prefix='kiln-test-')
         import atexit
         atexit.register(shutil.rmtree, scratch, ignore_errors=True)
-    return arguments, Kiln(arguments.kiln, scratch)
+    return arguments, Kiln(arguments.kiln, scratch, arguments.backend, arguments.thin)
