@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include "coordinator/cli/agree.h"
+#include "coordinator/cli/devices.h"
 #include "worker/base/memory.h"
 
 enum { BATCH_FRAGMENTS = 4096 };
@@ -31,6 +32,8 @@ static int own_instruction_set(void)
     return 0;
 }
 
+const char *kiln_own_instruction_set(void) { return instruction_sets[own_instruction_set()]; }
+
 /* Embree finds the same hits for any number of threads but not on any instruction set: all ranks take the lowest of theirs. */
 static int agree_on_instruction_set(struct kiln_prepared *p, const char *wanted, struct kiln_error *error)
 {
@@ -46,17 +49,14 @@ static int agree_on_instruction_set(struct kiln_prepared *p, const char *wanted,
     return KILN_OK;
 }
 
-/* Cores this rank may use: when it is not bound to some of the machine's, it shares them with the ranks of its node. */
-static uint32_t choose_threads(const struct kiln_prepared *p, uint32_t wanted)
+uint32_t kiln_own_cores(int node_ranks)
 {
-    if (wanted != 0)
-        return wanted;
     cpu_set_t set;
     CPU_ZERO(&set);
     const long online = sysconf(_SC_NPROCESSORS_ONLN);
     long own = sched_getaffinity(0, sizeof set, &set) == 0 ? CPU_COUNT(&set) : online;
     if (own >= online)
-        own = online / p->node_ranks;
+        own = online / node_ranks;
     return own < 1 ? 1 : (uint32_t)own;
 }
 
@@ -66,9 +66,10 @@ static void learn_about_ranks(struct kiln_prepared *p, const struct kiln_job *jo
     (void)MPI_Comm_rank(p->communicator, &p->rank);
     (void)MPI_Comm_size(p->communicator, &p->ranks);
     (void)MPI_Comm_split_type(p->communicator, MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, &node);
+    (void)MPI_Comm_rank(node, &p->node_rank);
     (void)MPI_Comm_size(node, &p->node_ranks);
     (void)MPI_Comm_free(&node);
-    p->threads = choose_threads(p, job->threads);
+    p->threads = job->threads != 0 ? job->threads : kiln_own_cores(p->node_ranks);
 }
 
 static int import_scene(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file, struct kiln_error *error)
@@ -100,12 +101,13 @@ static int build_world(struct kiln_prepared *p, const struct kiln_job *job, cons
     if (status == KILN_OK)
         status = kiln_lights_create(&p->lights, p->scene, p->geometry, error);
     if (status == KILN_OK) {
-        const struct kiln_backend_params params = {.scene = p->scene,
-                                                   .geometry = p->geometry,
-                                                   .lights = p->lights,
-                                                   .threads = p->threads,
-                                                   .instruction_set = p->instruction_set,
-                                                   .seed = job->seed};
+        struct kiln_backend_params params = {.scene = p->scene,
+                                             .geometry = p->geometry,
+                                             .lights = p->lights,
+                                             .threads = p->threads,
+                                             .instruction_set = p->instruction_set,
+                                             .seed = job->seed};
+        kiln_devices_choose(job, p->node_rank, p->node_ranks, &params);
         status = kiln_backend_create(&p->backend, job->backend != NULL ? job->backend : "auto", &params, error);
     }
     return kiln_agree(p->communicator, status, error);

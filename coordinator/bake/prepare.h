@@ -12,9 +12,14 @@
 #include "worker/backend/backend.h"
 #include "worker/light/lights.h"
 
+/* The best of Embree's instruction sets that this processor has, and the cores that this process may use as one of `node_ranks`
+ * on its node: when it is not bound to some of the machine's, it shares them. */
+const char *kiln_own_instruction_set(void);
+uint32_t kiln_own_cores(int node_ranks);
+
 struct kiln_prepared {
     MPI_Comm communicator;
-    int rank, ranks, node_ranks;
+    int rank, ranks, node_rank, node_ranks;
     uint32_t threads;
     char instruction_set[16];
     struct kiln_import_report import; /* rank 0 */

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/devices.h"
 #include "coordinator/cli/look.h"
 #include "coordinator/cli/progress.h"
 #include "worker/base/memory.h"
@@ -212,6 +213,8 @@ static void print_texts(const struct kiln_look *look)
 int kiln_command_info(struct kiln_job *job, struct kiln_error *error)
 {
     struct kiln_look *look = NULL;
+    if (job->devices)
+        return kiln_devices_list(job, error);
     int status = kiln_look_create(&look, job, error);
     if (status == KILN_OK && job->json) {
         status = kiln_look_print(info_json(look, job), error);

@@ -169,6 +169,8 @@ static int read_command_line(struct kiln_job *job, const struct kiln_command *co
 static int check_arguments(const struct kiln_job *job, const struct kiln_command *command, struct kiln_error *error)
 {
     const size_t count = job->argument_count;
+    if (job->devices)
+        return count == 0 ? KILN_OK : kiln_fail(error, KILN_USAGE, "kiln %s --devices takes no argument '%.200s'", command->name, job->arguments[0]);
     if (count > command->maximum)
         return kiln_fail(error, KILN_USAGE, "kiln %s takes no argument '%.200s'; usage: kiln %s %s", command->name,
                          job->arguments[command->maximum], command->name, command->arguments);
@@ -194,10 +196,13 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
 {
     int status = set_defaults(job, error);
     if (status == KILN_OK)
+        status = read_command_line(job, command, argc, argv, "devices", error);
+    if (status == KILN_OK)
         status = read_command_line(job, command, argc, argv, "quality", error);
     if (status == KILN_OK)
         status = check_arguments(job, command, error);
-    const char *file = status == KILN_OK && command->scene && is_job_file(job->arguments[0]) ? job->arguments[0] : NULL;
+    const bool scene = status == KILN_OK && command->scene && job->argument_count > 0;
+    const char *file = scene && is_job_file(job->arguments[0]) ? job->arguments[0] : NULL;
     if (file != NULL && !given(job, "quality"))
         status = kiln_job_file_read_quality(job, file, error);
     if (status != KILN_OK)
@@ -205,7 +210,7 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
     set_quality(job);
     if (file != NULL)
         status = kiln_job_file_read(job, file, error);
-    else if (command->scene)
+    else if (scene)
         status = kiln_job_keep(job, job->arguments[0], strlen(job->arguments[0]), &job->scene, error);
     if (status == KILN_OK)
         status = read_command_line(job, command, argc, argv, NULL, error);

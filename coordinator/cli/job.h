@@ -30,7 +30,13 @@ struct kiln_job {
     double environment_rotation; /* degrees about +y */
 
     /* where it runs */
-    char *backend; /* auto | embree */
+    char *backend; /* auto | embree | vulkan */
+    int64_t device; /* as `kiln info --devices` numbers them; -1: in turn, by the rank's place on its node */
+    int traversal;  /* enum kiln_traversal */
+    double verify_share;  /* of the fragments, traced again with Embree */
+    double dispatch_time; /* ms that one dispatch may take */
+    double device_memory; /* GiB; 0: what the device has free */
+    bool devices;         /* info: list devices, no scene */
     uint32_t threads; /* a rank; 0: the cores this process may use, divided by the ranks of the node */
     char *instruction_set; /* NULL: the best that all ranks have */
 

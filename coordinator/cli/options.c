@@ -5,7 +5,8 @@
 #define ARRAY_COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define AT(member) offsetof(struct kiln_job, member)
 
-static const char *const backends[] = {"auto", "embree", NULL};
+static const char *const backends[] = {"auto", "embree", "vulkan", NULL};
+static const char *const traversals[] = {"auto", "compute", "pipeline", NULL}; /* in the order of enum kiln_traversal */
 static const char *const methods[] = {"cells", NULL};
 static const char *const schedules[] = {"lean", "equal", NULL}; /* in the order of enum kiln_schedule */
 static const char *const partitions[] = {"cells", "objects", NULL};
@@ -35,7 +36,24 @@ const struct kiln_option kiln_options[] = {
      .offset = AT(environment_rotation)},
 
     {.name = "backend", .group = "Where it runs", .kind = KILN_OPTION_CHOICE, .fallback = "auto", .choices = backends,
-     .refusal = KILN_NO_DEVICE, .help = "what traces the rays", .commands = TRACES | KILN_FOR_VIEW, .offset = AT(backend)},
+     .refusal = KILN_NO_DEVICE, .help = "what traces the rays; auto: vulkan where there is a fit GPU, else embree",
+     .commands = TRACES | KILN_FOR_VIEW, .offset = AT(backend)},
+    {.name = "device", .group = "Where it runs", .kind = KILN_OPTION_INT64, .value = "N", .fallback = "auto", .word = "auto",
+     .word_value = -1, .minimum = 0, .maximum = 1023, .help = "GPU, as kiln info --devices numbers them; auto: the node's ranks take turns",
+     .commands = TRACES | KILN_FOR_VIEW, .offset = AT(device)},
+    {.name = "traversal", .group = "Where it runs", .kind = KILN_OPTION_CHOICE_ENUM, .fallback = "auto", .choices = traversals,
+     .refusal = KILN_NO_DEVICE, .help = "how a GPU finds hits: compute shaders or its ray-tracing pipeline; auto: the faster one",
+     .commands = TRACES | KILN_FOR_VIEW, .offset = AT(traversal)},
+    {.name = "dispatch-time", .group = "Where it runs", .kind = KILN_OPTION_DOUBLE, .value = "MILLISECONDS", .fallback = "100", .minimum = 1,
+     .maximum = 60000, .help = "how long a GPU may be kept busy at a stretch", .commands = TRACES | KILN_FOR_VIEW,
+     .offset = AT(dispatch_time)},
+    {.name = "device-memory", .group = "Where it runs", .kind = KILN_OPTION_DOUBLE, .value = "GIB", .fallback = "auto", .word = "auto",
+     .minimum = 1e-3, .maximum = 1e6, .help = "of a GPU, that a rank may use; auto: its share of what is free",
+     .commands = TRACES | KILN_FOR_VIEW, .offset = AT(device_memory)},
+    {.name = "verify-share", .group = "Where it runs", .kind = KILN_OPTION_DOUBLE, .value = "SHARE", .fallback = "0", .minimum = 0, .maximum = 1,
+     .help = "of the texels, traced again with Embree; the bake ends where they differ", .commands = TRACES, .offset = AT(verify_share)},
+    {.name = "devices", .group = "Where it runs", .kind = KILN_OPTION_FLAG, .fallback = "false",
+     .help = "lists what can trace here, and what is amiss with what cannot; takes no scene", .commands = KILN_FOR_INFO, .offset = AT(devices)},
     {.name = "threads", .group = "Where it runs", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "auto", .word = "auto",
      .minimum = 1, .maximum = 4096, .help = "threads a rank; auto: the cores it may use, shared with the node's ranks",
      .commands = TRACES | KILN_FOR_VIEW, .offset = AT(threads)},
@@ -163,7 +181,7 @@ const struct kiln_command kiln_commands[] = {
      .examples = {"kiln plan room.glb --ranks 16", "kiln plan jobs/cornell.yaml --ranks 4 --json"}},
     {.name = "info", .bit = KILN_FOR_INFO, .arguments = "SCENE|JOB.yaml", .minimum = 1, .maximum = 1, .scene = true,
      .summary = "what the importer sees in a scene",
-     .examples = {"kiln info room.glb", "kiln info room.glb --lightmap-size 512 --json"}},
+     .examples = {"kiln info room.glb", "kiln info room.glb --lightmap-size 512 --json", "kiln info --devices"}},
     {.name = "check", .bit = KILN_FOR_CHECK, .arguments = "SCENE|JOB.yaml", .minimum = 1, .maximum = 1, .scene = true,
      .summary = "every problem of a scene, with place and severity",
      .examples = {"kiln check room.glb", "kiln check room.glb --json"}},

@@ -9,6 +9,7 @@
 #include <jansson.h>
 
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/devices.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/output/publish.h"
 
@@ -32,8 +33,9 @@ static int open_scene(struct view *v, const struct kiln_job *job, const char *di
         status = kiln_lights_create(&v->lights, v->scene, v->geometry, error);
     if (status != KILN_OK)
         return status;
-    const struct kiln_backend_params params = {.scene = v->scene, .geometry = v->geometry, .lights = v->lights, .threads = job->threads,
-                                               .instruction_set = job->instruction_set};
+    struct kiln_backend_params params = {.scene = v->scene, .geometry = v->geometry, .lights = v->lights, .threads = job->threads,
+                                         .instruction_set = job->instruction_set};
+    kiln_devices_choose(job, 0, 1, &params);
     return kiln_backend_create(&v->backend, job->backend, &params, error);
 }
 

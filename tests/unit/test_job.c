@@ -69,6 +69,7 @@ static void test_defaults(void **state)
     assert_string_equal(job->quality, "preview");
     assert_null(job->environment);
     assert_null(job->instruction_set);
+    assert_true(job->device == -1 && job->traversal == 0 && job->dispatch_time == 100.0 && job->device_memory == 0 && job->verify_share == 0);
     assert_true(job->environment_scale == 1.0 && job->threads == 0 && job->bounces == -1 && job->tail);
     assert_true(job->stitch && job->preview && !job->half && !job->error_map && !job->json);
     assert_true(job->samples_direct == 64 && job->samples_bounce == 8 && job->samples_indirect == 128 && job->samples_probe == 64);
@@ -103,6 +104,15 @@ static void test_forms(void **state)
     assert_int_equal(parse(&job, 5, "probe", "dir", "-1", "-.5", "2"), KILN_OK);
     assert_int_equal(job->argument_count, 4);
     assert_string_equal(job->arguments[2], "-.5");
+    kiln_job_destroy(&job);
+    assert_int_equal(parse(&job, 2, "info", "--devices"), KILN_OK); /* the one command line without the scene */
+    assert_true(job->devices && job->scene == NULL && job->argument_count == 0);
+    kiln_job_destroy(&job);
+    assert_int_equal(parse(&job, 3, "info", "--devices", "a.glb"), KILN_USAGE);
+    assert_int_equal(parse(&job, 14, "bake", "a.glb", "--backend", "vulkan", "--device", "2", "--traversal", "pipeline", "--dispatch-time", "12.5",
+                           "--device-memory", "0.25", "--verify-share", "0.01"),
+                     KILN_OK);
+    assert_true(job->device == 2 && job->traversal == 2 && job->dispatch_time == 12.5 && job->device_memory == 0.25 && job->verify_share == 0.01);
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 3, "info", "--", "--odd.glb"), KILN_OK);
     assert_string_equal(job->scene, "--odd.glb");

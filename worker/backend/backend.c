@@ -3,20 +3,38 @@
 #include <assert.h>
 #include <string.h>
 
-static const struct kiln_backend_api *const backends[] = {&kiln_backend_embree};
+#include "worker/backend/vulkan/gpu.h"
+
+static const struct kiln_backend_api *const backends[] = {&kiln_backend_embree, &kiln_backend_vulkan};
+
+/* A driver that does not start counts as none. */
+static bool has_gpu(void)
+{
+    enum { MOST = 64 };
+    struct gpu_description list[MOST];
+    size_t count = 0;
+    if (gpu_list(list, MOST, &count, NULL) != KILN_OK)
+        return false;
+    for (size_t i = 0; i < count && i < MOST; i++)
+        if (list[i].fit && !list[i].software)
+            return true;
+    return false;
+}
 
 int kiln_backend_create(struct kiln_backend **backend, const char *name, const struct kiln_backend_params *params,
                         struct kiln_error *error)
 {
     *backend = NULL;
+    if (strcmp(name, "auto") == 0)
+        name = has_gpu() ? "vulkan" : "embree";
     for (size_t i = 0; i < sizeof backends / sizeof *backends; i++)
-        if (strcmp(name, "auto") == 0 || strcmp(name, backends[i]->name) == 0) {
+        if (strcmp(name, backends[i]->name) == 0) {
             const int status = backends[i]->create(backend, params, error);
             if (status == KILN_OK)
                 (*backend)->params = *params;
             return status;
         }
-    return kiln_fail(error, KILN_NO_DEVICE, "no backend is called '%s' here; known: auto, embree", name);
+    return kiln_fail(error, KILN_NO_DEVICE, "no backend is called '%s' here; known: auto, embree, vulkan", name);
 }
 
 void kiln_backend_destroy(struct kiln_backend **backend)

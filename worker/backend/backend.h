@@ -43,6 +43,7 @@ struct kiln_backend_params {
     enum kiln_traversal traversal;
     double slice_seconds;        /* what one dispatch may take; 0: 0.1 */
     uint64_t device_memory;      /* bytes; 0: what the device has */
+    double verify_share;         /* of the fragments, traced again with Embree (worker/backend/verify.h); 0: none */
 };
 
 /* Three floats a point; see kiln_radiosity_pack for how radiosity is kept. */
@@ -134,7 +135,8 @@ extern const struct kiln_backend_api kiln_backend_vulkan;
 
 /* None of these is collective. A backend is used by one thread at a time and runs its own threads inside a call. */
 
-/* Creates the backend called `name` ("auto", "embree"). KILN_NO_DEVICE when there is none of that name here. */
+/* Creates the backend called `name`: "embree", "vulkan", or "auto", which takes Vulkan where there is a fit device that is not
+ * software, else Embree. KILN_NO_DEVICE when there is none of that name here. */
 int kiln_backend_create(struct kiln_backend **backend, const char *name, const struct kiln_backend_params *params,
                         struct kiln_error *error);
 void kiln_backend_destroy(struct kiln_backend **backend);
@@ -165,6 +167,8 @@ int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 
  * seconds that its calls took and the number of rays. One thread. Results are not written. */
 int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
                          uint64_t *rays, struct kiln_error *error);
+/* One line: Embree's version as it is installed. */
+void kiln_backend_embree_version(char *text, size_t size);
 static inline void kiln_backend_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     backend->api->info(backend, info);

@@ -1,0 +1,84 @@
+#include "coordinator/cli/devices.h"
+
+#include <stdio.h>
+
+#include "coordinator/bake/prepare.h"
+#include "coordinator/cli/look.h"
+#include "worker/backend/vulkan/gpu.h"
+
+enum { MOST_DEVICES = 64, UUID_TEXT = 37 };
+
+void kiln_devices_choose(const struct kiln_job *job, int node_rank, int node_ranks, struct kiln_backend_params *params)
+{
+    params->device = (uint32_t)(job->device + 1);
+    params->local_rank = (uint32_t)node_rank;
+    params->local_ranks = (uint32_t)node_ranks;
+    params->traversal = (enum kiln_traversal)job->traversal;
+    params->slice_seconds = job->dispatch_time * 1e-3;
+    params->device_memory = (uint64_t)(job->device_memory * 0x1p30);
+    params->verify_share = job->verify_share;
+}
+
+static void uuid_text(const uint8_t uuid[16], char text[UUID_TEXT])
+{
+    size_t length = 0;
+    for (size_t i = 0; i < 16; i++)
+        length += (size_t)snprintf(text + length, UUID_TEXT - length, "%s%02x", i == 4 || i == 6 || i == 8 || i == 10 ? "-" : "", uuid[i]);
+}
+
+static json_t *device_json(const struct gpu_description *d)
+{
+    char uuid[UUID_TEXT], version[32];
+    uuid_text(d->uuid, uuid);
+    (void)snprintf(version, sizeof version, "%u.%u.%u", d->api_version >> 22 & 0x7f, d->api_version >> 12 & 0x3ff, d->api_version & 0xfff);
+    return json_pack("{s:i, s:o, s:o, s:s, s:s, s:b, s:b, s:s, s:b, s:b, s:i, s:I, s:I}", "device", (int)d->index, "name", kiln_look_string(d->name),
+                     "driver", kiln_look_string(d->driver), "uuid", uuid, "vulkan", version, "software", (int)d->software, "fit", (int)d->fit, "lacks",
+                     d->lacks, "ray_tracing", (int)d->ray_tracing, "float64", (int)d->float64, "subgroup", (int)d->subgroup, "memory_bytes",
+                     (json_int_t)d->memory, "free_bytes", (json_int_t)d->budget);
+}
+
+static json_t *list_json(const struct gpu_description *list, size_t count, const char *version)
+{
+    json_t *devices = json_array();
+    for (size_t i = 0; i < count; i++)
+        if (json_array_append_new(devices, device_json(&list[i])) != 0) {
+            json_decref(devices);
+            return NULL;
+        }
+    return json_pack("{s:{s:s, s:s, s:i}, s:o}", "embree", "version", version, "instruction_set", kiln_own_instruction_set(), "threads",
+                     (int)kiln_own_cores(1), "vulkan", devices);
+}
+
+static void print_device(const struct gpu_description *d)
+{
+    (void)printf("vulkan %u  %s%s\n", d->index, d->name, d->software ? " (software)" : "");
+    if (!d->fit)
+        (void)printf("          cannot be used: it lacks %s\n", d->lacks);
+    if (d->driver[0] != '\0')
+        (void)printf("          driver %s, Vulkan %u.%u.%u\n", d->driver, d->api_version >> 22 & 0x7f, d->api_version >> 12 & 0x3ff, d->api_version & 0xfff);
+    if (d->memory > 0)
+        (void)printf("          %.1f GiB, %.1f GiB of it free; subgroups of %u\n", (double)d->memory / 0x1p30, (double)d->budget / 0x1p30, d->subgroup);
+    if (d->fit)
+        (void)printf("          %s, %s\n", d->ray_tracing ? "ray-tracing pipeline" : "no ray-tracing pipeline: --traversal compute",
+                     d->float64 ? "doubles" : "no doubles: light is sampled in floats");
+}
+
+int kiln_devices_list(const struct kiln_job *job, struct kiln_error *error)
+{
+    struct gpu_description list[MOST_DEVICES];
+    size_t count = 0;
+    char version[64];
+    const int status = gpu_list(list, MOST_DEVICES, &count, error);
+    if (status != KILN_OK)
+        return status;
+    count = count < MOST_DEVICES ? count : MOST_DEVICES;
+    kiln_backend_embree_version(version, sizeof version);
+    if (job->json)
+        return kiln_look_print(list_json(list, count, version), error);
+    (void)printf("embree    %s, %s, %u thread%s\n", version, kiln_own_instruction_set(), kiln_own_cores(1), kiln_own_cores(1) == 1 ? "" : "s");
+    for (size_t i = 0; i < count; i++)
+        print_device(&list[i]);
+    if (count == 0)
+        (void)printf("vulkan    no device: no driver is installed, or none finds its hardware\n");
+    return KILN_OK;
+}
