@@ -49,7 +49,8 @@ static int make_room(struct probes_run *r, size_t count, struct kiln_error *erro
 {
     struct gpu *gpu = r->b->gpu;
     const uint64_t a_probe = (uint64_t)r->push.slice_count * SLICE_BYTES;
-    const uint64_t fitting = most_scratch / a_probe < 1 ? 1 : most_scratch / a_probe;
+    const uint64_t scratch = most_scratch < r->b->scratch_most ? most_scratch : r->b->scratch_most;
+    const uint64_t fitting = scratch / a_probe < 1 ? 1 : scratch / a_probe;
     r->room = (uint32_t)(count < fitting ? count : fitting);
     int status = gpu_buffer_create(gpu, &r->slices, r->room * a_probe, GPU_DEVICE, "the probes' partial sums", error);
     if (status == KILN_OK)
@@ -135,21 +136,45 @@ static void take_answers(const struct probes_run *r, uint32_t count, struct kiln
     }
 }
 
-int vulkan_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first, uint32_t samples,
-                  struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
+/* What a call asks for, and how much of it is done. */
+struct probes_call {
+    const struct kiln_vec3 *positions;
+    size_t count, done;
+    uint64_t index_first, *rays;
+    uint32_t samples;
+    struct kiln_probe_result *results;
+};
+
+static int run_call(struct vulkan_backend *b, struct probes_call *call, struct kiln_error *error)
 {
-    struct probes_run r = {.b = (struct vulkan_backend *)backend};
-    assert(r.b->radiosity != NULL);
-    int status = prepare(&r, count, samples, error);
-    for (size_t done = 0; done < count && status == KILN_OK;) {
+    struct probes_run r = {.b = b};
+    int status = prepare(&r, call->count - call->done, call->samples, error);
+    while (call->done < call->count && status == KILN_OK) {
         uint32_t probes, rows;
-        size_chunk(&r, count - done, &probes, &rows);
-        r.push.index = index_first + done;
-        status = run_chunk(&r, positions + done, probes, rows, error);
-        if (status == KILN_OK)
-            take_answers(&r, probes, results + done, rays);
-        done += probes;
+        size_chunk(&r, call->count - call->done, &probes, &rows);
+        r.push.index = call->index_first + call->done;
+        status = run_chunk(&r, call->positions + call->done, probes, rows, error);
+        if (status != KILN_OK)
+            break;
+        take_answers(&r, probes, call->results + call->done, call->rays);
+        call->done += probes;
     }
     finish(&r);
     return status;
+}
+
+int vulkan_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first, uint32_t samples,
+                  struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
+{
+    struct vulkan_backend *b = (struct vulkan_backend *)backend;
+    struct probes_call call = {.positions = positions, .count = count, .index_first = index_first, .rays = rays, .samples = samples, .results = results};
+    assert(b->radiosity != NULL);
+    for (;;) {
+        int status = run_call(b, &call, error);
+        if (status == KILN_OK || !vulkan_can_recover(b))
+            return status;
+        status = vulkan_recover(b, error);
+        if (status != KILN_OK)
+            return status;
+    }
 }
