@@ -28,6 +28,7 @@ struct gather {
     const struct kiln_batch *batch;
     struct gpu_kernel *whole, *buried, *reduce;
     uint32_t samples, stream, per_quarter;
+    uint32_t lookup; /* 0: rays are traced and that is all */
     uint64_t rays;
 };
 
@@ -71,37 +72,42 @@ static int take(void *context, size_t fragment_first, size_t fragment_count, con
     return g->batch->take != NULL ? g->batch->take(g->batch->context, fragment_first, fragment_count, results, error) : KILN_OK;
 }
 
-/* `lookup` 0: rays are traced and that is all. */
-static int run(struct gather *g, uint32_t lookup, enum vulkan_pace pace, double *seconds, struct kiln_error *error)
+static int prepare(void *context, struct kiln_error *error)
 {
-    struct vulkan_backend *b = g->b;
+    struct gather *g = context;
+    int status = vulkan_sobol(g->b, g->samples, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(g->b, &gather_shader, false, g->lookup, &g->whole, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(g->b, &gather_shader, true, g->lookup, &g->buried, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(g->b, &reduce_shader, false, 0, &g->reduce, error);
+    return status;
+}
+
+static int run(struct gather *g, enum vulkan_pace pace, double *seconds, struct kiln_error *error)
+{
     const uint32_t quarter = (g->samples + 3) / 4;
     g->per_quarter = (quarter + KILN_GPU_SLICE_SAMPLES - 1) / KILN_GPU_SLICE_SAMPLES;
-    int status = vulkan_sobol(b, g->samples, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(b, &gather_shader, false, lookup, &g->whole, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(b, &gather_shader, true, lookup, &g->buried, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(b, &reduce_shader, false, 0, &g->reduce, error);
     const struct vulkan_pass pass = {.pace = pace,
                                      .states = true,
                                      .rows = 4 * g->per_quarter,
                                      .work = (double)g->samples / (4.0 * g->per_quarter),
                                      .first_guess = 1 << 19,
                                      .scratch_bytes = (size_t)4 * g->per_quarter * KILN_GPU_SLICE_FLOATS * sizeof(float),
+                                     .prepare = prepare,
                                      .record = record,
                                      .take = take,
                                      .context = g,
                                      .seconds = seconds};
-    return status == KILN_OK ? vulkan_run_pass(b, &pass, g->batch->fragment_first, g->batch->fragment_count, error) : status;
+    return vulkan_run_pass(g->b, &pass, g->batch->fragment_first, g->batch->fragment_count, error);
 }
 
 int vulkan_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, uint64_t *rays,
                   struct kiln_error *error)
 {
-    struct gather g = {.b = (struct vulkan_backend *)backend, .batch = batch, .samples = samples, .stream = stream};
-    const int status = run(&g, 1, VULKAN_PACE_GATHER, NULL, error);
+    struct gather g = {.b = (struct vulkan_backend *)backend, .batch = batch, .samples = samples, .stream = stream, .lookup = 1};
+    const int status = run(&g, VULKAN_PACE_GATHER, NULL, error);
     *rays += g.rays;
     return status;
 }
@@ -111,7 +117,7 @@ int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch,
 {
     const struct kiln_batch nobody = {.fragment_first = batch->fragment_first, .fragment_count = batch->fragment_count};
     struct gather g = {.b = (struct vulkan_backend *)backend, .batch = &nobody, .samples = samples, .stream = stream};
-    const int status = run(&g, 0, VULKAN_PACE_CEILING, seconds, error);
+    const int status = run(&g, VULKAN_PACE_CEILING, seconds, error);
     *rays += g.rays;
     return status;
 }

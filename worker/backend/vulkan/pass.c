@@ -5,8 +5,6 @@
 #include "worker/base/memory.h"
 
 enum { LEAST_POINTS = 1 << 13, ANSWER_BYTES = sizeof(struct kiln_gpu_result) + sizeof(uint32_t) };
-static const uint64_t MOST_SCRATCH = 512ull << 20;
-
 void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y, const void *constants, size_t bytes)
 {
     if (x == 0 || y == 0)
@@ -52,9 +50,8 @@ static int make_slots(struct run *r, struct kiln_error *error)
     const struct kiln_fragment *f = b->surface->fragments;
     const uint64_t there = f[r->end - 1].first + f[r->end - 1].count - f[r->next].first;
     uint64_t scratch = gpu_memory_left(b->gpu) / (2 * GPU_SLOTS);
-    scratch = scratch > MOST_SCRATCH ? MOST_SCRATCH : scratch;
-    if (scratch < b->slots[0].scratch.size)
-        scratch = b->slots[0].scratch.size;
+    scratch = scratch < b->slots[0].scratch.size ? b->slots[0].scratch.size : scratch;
+    scratch = scratch > b->scratch_most ? b->scratch_most : scratch;
     const uint64_t a_point = r->pass->scratch_bytes + ANSWER_BYTES;
     uint64_t points = scratch / a_point;
     points = points > 1u << 20 ? 1u << 20 : points < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : points;
@@ -246,5 +243,15 @@ int vulkan_run_pass(struct vulkan_backend *b, const struct vulkan_pass *pass, si
                     struct kiln_error *error)
 {
     struct run r = {.b = b, .pass = pass, .next = fragment_first, .end = fragment_first + fragment_count, .taken = fragment_first};
-    return run_chunks(&r, error);
+    for (;;) {
+        int status = pass->prepare(pass->context, error);
+        if (status == KILN_OK)
+            status = run_chunks(&r, error);
+        if (status == KILN_OK || !vulkan_can_recover(b))
+            return status;
+        status = vulkan_recover(b, error);
+        if (status != KILN_OK)
+            return status;
+        r.next = r.taken; /* what was handed over is not done again */
+    }
 }

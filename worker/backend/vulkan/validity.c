@@ -126,17 +126,20 @@ static int look_at_open(struct validity *v, size_t fragment_first, size_t fragme
     return status;
 }
 
+static int prepare(void *context, struct kiln_error *error)
+{
+    struct validity *v = context;
+    const int status = vulkan_sobol(v->b, SECOND_LOOK, error);
+    return status == KILN_OK ? vulkan_kernel_of(v->b, &shader, false, 0, &v->kernel, error) : status;
+}
+
 int vulkan_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible, struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     struct validity v = {.b = b, .visible = visible};
     const struct vulkan_pass pass = {.pace = VULKAN_PACE_VALIDITY, .rows = 1, .work = FIRST_LOOK, .first_guess = 1 << 18, .wants_words = true,
-                                     .record = record, .take = take, .context = &v};
-    int status = vulkan_sobol(b, SECOND_LOOK, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(b, &shader, false, 0, &v.kernel, error);
-    if (status == KILN_OK)
-        status = vulkan_run_pass(b, &pass, fragment_first, fragment_count, error);
+                                     .prepare = prepare, .record = record, .take = take, .context = &v};
+    int status = vulkan_run_pass(b, &pass, fragment_first, fragment_count, error);
     if (status == KILN_OK)
         status = look_at_open(&v, fragment_first, fragment_count, error);
     if (visible == b->surface->visible)

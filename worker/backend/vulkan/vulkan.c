@@ -34,7 +34,7 @@ static const struct gpu_hit_shaders hit_shaders = {.closest_hit = kiln_spirv_tra
 static int make_kernel(struct vulkan_backend *b, struct vulkan_kernel *k, struct kiln_error *error)
 {
     const struct vulkan_shader *s = k->shader;
-    const bool pipeline = b->acceleration != NULL && s->pipeline.words != NULL, plain = !b->float64 && s->compute_float.words != NULL;
+    const bool pipeline = b->tracer.acceleration != NULL && s->pipeline.words != NULL, plain = !b->float64 && s->compute_float.words != NULL;
     const struct vulkan_code *code = pipeline ? (plain ? &s->pipeline_float : &s->pipeline) : plain ? &s->compute_float : &s->compute;
     uint32_t constants[VULKAN_CONSTANTS];
     memcpy(constants, b->constants, sizeof constants);
@@ -67,7 +67,7 @@ int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shade
     return status;
 }
 
-static void forget_kernels(struct vulkan_backend *b)
+void vulkan_forget_kernels(struct vulkan_backend *b)
 {
     for (size_t i = 0; i < b->kernel_count; i++)
         gpu_kernel_destroy(b->gpu, &b->kernels[i].kernel);
@@ -76,40 +76,10 @@ static void forget_kernels(struct vulkan_backend *b)
 
 /* ---- the scene on the device ---- */
 
-static int upload_bvh(struct vulkan_backend *b, struct kiln_error *error)
-{
-    const struct bvh_params params = {.threads = b->params.threads};
-    struct bvh *bvh = NULL;
-    struct bvh_layout layout = {0};
-    uint32_t candidate = KILN_TRAVERSAL_BRUTE;
-    int status = bvh_create(&bvh, b->params.geometry, &params, error);
-    if (status == KILN_OK) {
-        (void)bvh_candidates(bvh, gpu_about(b->gpu)->software, &candidate, 1);
-        status = bvh_layout_create(&layout, bvh, candidate, error);
-    }
-    if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &b->nodes, layout.nodes, layout.node_count * layout.node_size, "the BVH", error);
-    if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &b->triangles, layout.triangles, layout.triangle_count * sizeof *layout.triangles, "the BVH's triangles", error);
-    b->constants[VULKAN_TRAVERSAL] = candidate;
-    b->layout.trace = (struct kiln_gpu_trace){.nodes = b->nodes.address,
-                                              .triangles = b->triangles.address,
-                                              .node_count = (uint32_t)layout.node_count,
-                                              .triangle_count = (uint32_t)layout.triangle_count,
-                                              .extent = b->params.geometry->extent};
-    bvh_layout_free(&layout);
-    bvh_destroy(&bvh);
-    return status;
-}
-
 static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
 {
     const struct kiln_geometry *g = b->params.geometry;
-    const double start = seconds_now();
-    int status = upload_bvh(b, error);
-    b->build_seconds = seconds_now() - start;
-    if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &b->records, g->records, g->triangle_count * sizeof *g->records, "what rays need to know of triangles", error);
+    int status = gpu_buffer_of(b->gpu, &b->records, g->records, g->triangle_count * sizeof *g->records, "what rays need to know of triangles", error);
     if (status == KILN_OK)
         status = vulkan_materials_create(b->gpu, &b->params, &b->materials, &b->layout.materials, error);
     if (status == KILN_OK && b->params.lights != NULL)
@@ -127,7 +97,7 @@ static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
 }
 
 /* The root of everything: after each change of an address. */
-static int upload_root(struct vulkan_backend *b, struct kiln_error *error) { return gpu_upload(b->gpu, &b->scene, 0, &b->layout, sizeof b->layout, error); }
+int vulkan_upload_root(struct vulkan_backend *b, struct kiln_error *error) { return gpu_upload(b->gpu, &b->scene, 0, &b->layout, sizeof b->layout, error); }
 
 /* ---- life ---- */
 
@@ -145,7 +115,7 @@ static void clear(struct vulkan_backend *b)
 {
     if (b->gpu == NULL)
         return;
-    forget_kernels(b);
+    vulkan_forget_kernels(b);
     clear_surface(b);
     for (int i = 0; i < GPU_SLOTS; i++) {
         gpu_buffer_destroy(b->gpu, &b->slots[i].scratch);
@@ -158,8 +128,7 @@ static void clear(struct vulkan_backend *b)
     vulkan_lights_destroy(b->gpu, &b->lights);
     vulkan_materials_destroy(b->gpu, &b->materials);
     gpu_buffer_destroy(b->gpu, &b->records);
-    gpu_buffer_destroy(b->gpu, &b->triangles);
-    gpu_buffer_destroy(b->gpu, &b->nodes);
+    vulkan_tracer_destroy(b->gpu, &b->tracer);
     gpu_destroy(&b->gpu);
 }
 
@@ -185,9 +154,39 @@ static int set_up(struct vulkan_backend *b, struct kiln_error *error)
     for (int i = 0; i < VULKAN_PACES; i++)
         b->pacers[i].slice_seconds = gpu_slice(b->gpu);
     status = upload_scene(b, error);
+    const double start = seconds_now();
     if (status == KILN_OK)
-        status = upload_root(b, error);
+        status = vulkan_tracer_create(b, error);
+    b->build_seconds = seconds_now() - start;
     return status;
+}
+
+enum { MOST_RECOVERIES = 3 };
+static const uint64_t MOST_SCRATCH = 512ull << 20, LEAST_SCRATCH = 1ull << 20;
+
+bool vulkan_can_recover(const struct vulkan_backend *b) { return b->gpu != NULL && (gpu_lost(b->gpu) || gpu_short_of_memory(b->gpu)); }
+
+static int upload_surface(struct vulkan_backend *b, struct kiln_error *error);
+static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error);
+
+int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error)
+{
+    struct kiln_error why = *error;
+    if (!gpu_lost(b->gpu))
+        b->scratch_most /= 2;
+    int status = KILN_NO_DEVICE;
+    while (status != KILN_OK && b->recoveries < MOST_RECOVERIES && b->scratch_most >= LEAST_SCRATCH) {
+        b->recoveries++;
+        clear(b);
+        status = set_up(b, error);
+        if (status == KILN_OK && b->surface != NULL)
+            status = upload_surface(b, error);
+        if (status == KILN_OK && b->radiosity != NULL)
+            status = upload_radiosity(b, error);
+    }
+    if (status != KILN_OK)
+        return kiln_fail(error, KILN_NO_DEVICE, "%.300s; made anew %u times without success", why.message, b->recoveries);
+    return KILN_OK;
 }
 
 static int vulkan_create(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error)
@@ -199,19 +198,16 @@ static int vulkan_create(struct kiln_backend **backend, const struct kiln_backen
         return status;
     b->base.api = &kiln_backend_vulkan;
     b->params = *params;
+    b->scratch_most = MOST_SCRATCH;
     status = gpu_faults_read(&b->faults, error);
     if (status == KILN_OK)
         status = set_up(b, error);
+    if (status != KILN_OK && vulkan_can_recover(b))
+        status = vulkan_recover(b, error);
     *backend = &b->base;
     if (status != KILN_OK)
         vulkan_destroy(backend);
     return status;
-}
-
-static const char *traversal_name(const struct vulkan_backend *b)
-{
-    static const char *const names[] = {"all triangles tested", "binary BVH", "four-wide BVH", "compressed eight-wide BVH"};
-    return b->acceleration != NULL ? "ray-tracing pipeline" : names[b->constants[VULKAN_TRAVERSAL] & 3u];
 }
 
 static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
@@ -219,7 +215,7 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
     const struct vulkan_backend *b = (const struct vulkan_backend *)backend;
     const struct gpu_description *about = gpu_about(b->gpu);
     *info = (struct kiln_backend_info){.name = "vulkan", .memory = gpu_memory_used(b->gpu), .build_seconds = b->build_seconds};
-    (void)snprintf(info->device, sizeof info->device, "%.60s, %s%s", about->name, traversal_name(b), b->float64 ? "" : ", no doubles");
+    (void)snprintf(info->device, sizeof info->device, "%.60s, %s%s", about->name, vulkan_tracer_name(&b->tracer), b->float64 ? "" : ", no doubles");
 }
 
 /* ---- what changes ---- */
@@ -242,7 +238,7 @@ static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
     b->layout.tiles = b->tiles.address;
     b->layout.splits = b->splits.address;
     b->layout.radiosity = b->radiosity_buffer.address;
-    return status == KILN_OK ? upload_root(b, error) : status;
+    return status == KILN_OK ? vulkan_upload_root(b, error) : status;
 }
 
 static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error)
@@ -255,14 +251,16 @@ static int vulkan_set_surface(struct kiln_backend *backend, const struct kiln_su
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     b->surface = surface;
     b->radiosity = NULL;
-    return upload_surface(b, error);
+    const int status = upload_surface(b, error);
+    return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
 }
 
 static int vulkan_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     b->radiosity = radiosity;
-    return upload_radiosity(b, error);
+    const int status = upload_radiosity(b, error);
+    return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
 }
 
 int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error)
@@ -292,17 +290,26 @@ struct intersect_push {
     uint32_t count;
 };
 
+int vulkan_intersect_on_device(struct vulkan_backend *b, uint64_t origins, uint64_t directions, uint64_t hits, uint32_t count, double *seconds,
+                               struct kiln_error *error)
+{
+    struct gpu_kernel *kernel;
+    const int status = vulkan_kernel_of(b, &intersect_shader, false, 0, &kernel, error);
+    if (status != KILN_OK)
+        return status;
+    const struct intersect_push push = {.scene = b->scene.address, .origins = origins, .directions = directions, .hits = hits, .count = count};
+    const struct gpu_step step = {.kernel = kernel, .threads_x = count, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
+    return gpu_run(b->gpu, &step, 1, seconds, error);
+}
+
 /* Some rays at once, through buffers that hold `room` of them. */
-static int intersect_some(struct vulkan_backend *b, struct gpu_kernel *kernel, const struct gpu_buffer *in, const struct gpu_buffer *out, size_t room,
+static int intersect_some(struct vulkan_backend *b, const struct gpu_buffer *in, const struct gpu_buffer *out, size_t room,
                           const struct kiln_vec3 *origins, const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits, struct kiln_error *error)
 {
     memcpy(in->mapped, origins, count * sizeof *origins);
     memcpy((struct kiln_vec3 *)in->mapped + room, directions, count * sizeof *directions);
-    const struct intersect_push push = {.scene = b->scene.address, .origins = in->address, .directions = in->address + room * sizeof *directions,
-                                        .hits = out->address, .count = (uint32_t)count};
-    const struct gpu_step step = {.kernel = kernel, .threads_x = (uint32_t)count, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
     double seconds;
-    const int status = gpu_run(b->gpu, &step, 1, &seconds, error);
+    const int status = vulkan_intersect_on_device(b, in->address, in->address + room * sizeof *directions, out->address, (uint32_t)count, &seconds, error);
     if (status != KILN_OK)
         return status;
     gpu_pacer_learn(&b->pacers[VULKAN_PACE_INTERSECT], count, seconds);
@@ -319,21 +326,63 @@ int vulkan_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origi
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     const size_t room = count < MOST ? count : MOST;
     struct gpu_buffer in = {0}, out = {0};
-    struct gpu_kernel *kernel;
-    int status = vulkan_kernel_of(b, &intersect_shader, false, 0, &kernel, error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(b->gpu, &in, 2 * room * sizeof *origins, GPU_HOST, "rays", error);
+    int status = gpu_buffer_create(b->gpu, &in, 2 * room * sizeof *origins, GPU_HOST, "rays", error);
     if (status == KILN_OK)
         status = gpu_buffer_create(b->gpu, &out, room * sizeof(struct kiln_gpu_hit), GPU_HOST, "hits", error);
     for (size_t done = 0; done < count && status == KILN_OK;) {
         size_t some = gpu_pacer_next(&b->pacers[VULKAN_PACE_INTERSECT], 1 << 16);
         some = some > room ? room : some < 64 ? 64 : some;
         some = some > count - done ? count - done : some;
-        status = intersect_some(b, kernel, &in, &out, room, origins + done, directions + done, some, hits + done, error);
+        status = intersect_some(b, &in, &out, room, origins + done, directions + done, some, hits + done, error);
         done += some;
     }
     gpu_buffer_destroy(b->gpu, &in);
     gpu_buffer_destroy(b->gpu, &out);
+    return status;
+}
+
+/* Passes that start over after a recovery; the others go on where they were (vulkan_run_pass). */
+
+static int intersect_again(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions, size_t count,
+                           struct kiln_hit *hits, struct kiln_error *error)
+{
+    struct vulkan_backend *b = (struct vulkan_backend *)backend;
+    int status = vulkan_intersect(backend, origins, directions, count, hits, error);
+    while (status != KILN_OK && vulkan_can_recover(b)) {
+        status = vulkan_recover(b, error);
+        if (status != KILN_OK)
+            return status;
+        status = vulkan_intersect(backend, origins, directions, count, hits, error);
+    }
+    return status;
+}
+
+static int validity_again(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible, struct kiln_error *error)
+{
+    struct vulkan_backend *b = (struct vulkan_backend *)backend;
+    int status = vulkan_validity(backend, fragment_first, fragment_count, visible, error);
+    while (status != KILN_OK && vulkan_can_recover(b)) {
+        status = vulkan_recover(b, error);
+        if (status != KILN_OK)
+            return status;
+        status = vulkan_validity(backend, fragment_first, fragment_count, visible, error);
+    }
+    return status;
+}
+
+static int probes_again(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first, uint32_t samples,
+                        struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
+{
+    struct vulkan_backend *b = (struct vulkan_backend *)backend;
+    const uint64_t before = *rays;
+    int status = vulkan_probes(backend, positions, count, index_first, samples, results, rays, error);
+    while (status != KILN_OK && vulkan_can_recover(b)) {
+        status = vulkan_recover(b, error);
+        if (status != KILN_OK)
+            return status;
+        *rays = before;
+        status = vulkan_probes(backend, positions, count, index_first, samples, results, rays, error);
+    }
     return status;
 }
 
@@ -344,10 +393,10 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .info = vulkan_info,
     .set_surface = vulkan_set_surface,
     .set_radiosity = vulkan_set_radiosity,
-    .validity = vulkan_validity,
+    .validity = validity_again,
     .direct = vulkan_direct,
     .gather = vulkan_gather,
-    .probes = vulkan_probes,
-    .intersect = vulkan_intersect,
+    .probes = probes_again,
+    .intersect = intersect_again,
     .ceiling = vulkan_ceiling,
 };

@@ -7,13 +7,12 @@
 #define KILN_WORKER_BACKEND_VULKAN_VULKAN_H
 
 #include "worker/backend/backend.h"
-#include "worker/backend/vulkan/acceleration.h"
-#include "worker/backend/vulkan/bvh.h"
 #include "worker/backend/vulkan/gpu.h"
 #include "worker/backend/vulkan/layout.h"
 #include "worker/backend/vulkan/lights.h"
 #include "worker/backend/vulkan/materials.h"
 #include "worker/backend/vulkan/points.h"
+#include "worker/backend/vulkan/tracer.h"
 #include "worker/light/lights.h"
 
 /* A shader and its variants; those that do not exist are NULL. Ray tracing kernels have a pipeline variant. */
@@ -52,11 +51,13 @@ struct vulkan_backend {
     const uint64_t *radiosity;          /* NULL: not given yet */
     struct gpu *gpu;
     struct gpu_faults faults;
+    uint32_t recoveries;    /* so far */
+    uint64_t scratch_most;  /* bytes that a slot's partial sums may take */
     bool float64;
     /* the scene on the device */
     struct kiln_gpu_scene layout;
-    struct gpu_buffer scene, nodes, triangles, records;
-    struct acceleration *acceleration; /* NULL: rays are traced by compute */
+    struct gpu_buffer scene, records;
+    struct vulkan_tracer tracer;
     struct vulkan_materials materials;
     struct vulkan_lights lights;
     /* the surface */
@@ -77,6 +78,20 @@ struct vulkan_backend {
 /* The kernel of a shader; made when first asked for, destroyed with the backend. `own`: the kernel's own constant. */
 int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own, struct gpu_kernel **kernel,
                      struct kiln_error *error);
+
+/* What kernels were made of has changed. */
+void vulkan_forget_kernels(struct vulkan_backend *b);
+/* b->layout has changed. */
+int vulkan_upload_root(struct vulkan_backend *b, struct kiln_error *error);
+/* Rays that lie on the device: `count` origins, directions (struct kiln_vec3) and room for hits (struct kiln_gpu_hit). One dispatch. */
+int vulkan_intersect_on_device(struct vulkan_backend *b, uint64_t origins, uint64_t directions, uint64_t hits, uint32_t count, double *seconds,
+                               struct kiln_error *error);
+
+/* After a failure: whether trying again may help, for the device was lost or had too little memory, and not too often. */
+bool vulkan_can_recover(const struct vulkan_backend *b);
+/* Makes the device anew with all that was on it (but for buffers of passes); when memory was short, passes get half as much from now
+ * on. Pointers to kernels and addresses are no longer valid. KILN_NO_DEVICE when that fails too. */
+int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error);
 
 /* Sobol' points 0 .. count-1 of all dimensions on the device: dimension d from word d * b->sobol_count on. */
 int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error);

@@ -1,0 +1,80 @@
+"""The Vulkan backend against Embree: the same random numbers, so the same answers but for rounding and for which of two surfaces in
+one place a ray meets.
+
+A scene is baked by both. For 99.99 % of the surface points the luminance of the irradiance may differ by 5 standard errors of the point
+at most (and 1e-4 of itself, for points without noise), and the area-weighted mean by 0.001. Sample counts 64 and 4096; the
+second at a coarser lightmap, so that software devices come to an end.
+"""
+import os
+import sys
+
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
+import harness  # noqa: E402
+
+# Points that a bake is to have, by samples a point; --full has as many as the scene itself asks for.
+POINTS = {64: 12000, 4096: 600}
+OWN = ('cornell_original.glb', 'two_rooms.glb', 'punctual_zoo.glb', 'many_lights.glb', 'cornell_water.glb', 'cornell_layers.glb', 'cornell_shapes_narrow.glb',
+       'nasty_valid.glb', 'cornell_huge_1e6.glb', 'cornell_tiny_1e-6.glb', 'cornell_offset_1e5.glb', 'cornell_spheres.glb')
+
+
+def scenes(wanted):
+    found = [('cornell', os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb'))]
+    found += [(name, harness.own_scene(name)) for name in OWN]
+    found.append(('crytek_sponza.glb', os.path.join(harness.SHARED, 'third_party', 'crytek_sponza.glb')))
+    return [(n, p) for n, p in found if p and os.path.exists(p) and (not wanted or n in wanted)]
+
+
+def density(kiln, path, points):
+    """Texels per metre for about so many points: the scene's own density, scaled."""
+    p = kiln.command('info', path, '--json', '--quiet')
+    if p.status != 0:
+        return None
+    info = p.json()
+    return info['texels_per_metre']['median'] * (points / max(1, info['surface']['points'])) ** 0.5
+
+
+def compare(checks, name, samples, embree, vulkan, table):
+    a, b = embree.points, vulkan.points
+    if not checks.that(a.count == b.count and (a.valid == b.valid).mean() > 0.9999, '%s: other points are valid' % name, vulkan.process):
+        return
+    valid = a.valid & b.valid
+    x, y = (p.total[valid] @ harness.LUMINANCE for p in (a, b))
+    error = np.maximum(a.error, b.error)[valid]
+    off = np.abs(x - y) / np.maximum(5 * error + 1e-4 * np.maximum(x, y), 1e-30)
+    beyond = int((off > 1).sum())
+    means = [float((p.total @ harness.LUMINANCE * p.area)[valid].sum()) for p in (a, b)]
+    ratio = means[1] / means[0] if means[0] > 0 else 1.0
+    text = harness.energy(vulkan.run)[0]
+    table.row(name, samples, len(x), beyond, '%.2f' % off.max(initial=0), '%.6f' % ratio, '%.1f' % vulkan.process.seconds, '%.1f' % embree.process.seconds, text)
+    checks.that(beyond <= max(1e-4 * len(x), 0 if len(x) >= 10000 else 1), '%s, %d samples: %d of %d points differ by more than 5 standard errors' % (name, samples, beyond, len(x)), vulkan.process)
+    checks.that(abs(ratio - 1) <= 1e-3, '%s, %d samples: mean ratio %.6f' % (name, samples, ratio), vulkan.process)
+    checks.energy(vulkan, name)
+
+
+def main():
+    add = lambda p: (p.add_argument('scenes', nargs='*', help='only these'), p.add_argument('--full', action='store_true', help="the scenes' own density"),
+                     p.add_argument('--samples', type=int, nargs='*', default=[64, 4096]))
+    arguments, kiln = harness.start(__doc__, add)
+    checks = harness.Checks()
+    table = harness.Table(('scene', 26), ('samples', 7), ('points', 8), ('beyond', 6), ('worst/5s', 8), ('mean ratio', 10), ('vulkan s', 8), ('embree s', 8), ('energy of vulkan', 36))
+    for samples in arguments.samples:
+        for name, path in scenes(arguments.scenes):
+            options = ['--samples-direct', samples, '--samples-bounce', max(4, samples // 16), '--samples-indirect', samples, '--samples-probe', 0]
+            wanted = None if arguments.full else density(kiln, path, POINTS.get(samples, 1000))
+            if wanted:
+                options += ['--texels-per-metre', '%.9g' % wanted]
+            bakes = {}
+            for backend in ('vulkan', 'embree'):
+                kiln.backend = backend
+                bakes[backend] = kiln.bake(path, *options, timeout=1200)
+            if all([checks.baked(b) for b in bakes.values()]):
+                compare(checks, name, samples, bakes['embree'], bakes['vulkan'], table)
+            for b in bakes.values():
+                b.remove()
+    checks.end()
+
+
+if __name__ == '__main__':
+    main()
