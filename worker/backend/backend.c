@@ -3,6 +3,7 @@
 #include <assert.h>
 #include <string.h>
 
+#include "worker/backend/verify.h"
 #include "worker/backend/vulkan/gpu.h"
 
 static const struct kiln_backend_api *const backends[] = {&kiln_backend_embree, &kiln_backend_vulkan};
@@ -30,9 +31,11 @@ int kiln_backend_create(struct kiln_backend **backend, const char *name, const s
     for (size_t i = 0; i < sizeof backends / sizeof *backends; i++)
         if (strcmp(name, backends[i]->name) == 0) {
             const int status = backends[i]->create(backend, params, error);
-            if (status == KILN_OK)
-                (*backend)->params = *params;
-            return status;
+            if (status != KILN_OK)
+                return status;
+            (*backend)->params = *params;
+            const bool checks = params->verify_share > 0.0 && backends[i] != &kiln_backend_embree; /* Embree would check itself */
+            return checks ? kiln_verify_create(backend, params, error) : KILN_OK;
         }
     return kiln_fail(error, KILN_NO_DEVICE, "no backend is called '%s' here; known: auto, embree, vulkan", name);
 }
