@@ -1,5 +1,5 @@
-/* Probes on a Vulkan device against Embree's: the same rays and random numbers, so only rounding differs. And the same bits
- * however probes are dealt out to calls. Skipped (77) without a device. */
+/* Probes and emission on a Vulkan device against Embree's: the same rays and random numbers, so only rounding differs. And the
+ * same bits however probes are dealt out to calls. Skipped (77) without a device. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -203,6 +203,28 @@ static void everything_at_once(void **state)
     agree_in(AREA | PUNCTUAL | SUN | IMAGE | ALPHA | TEXTURE, "all lights, a mask, a textured light");
 }
 
+/* Particles are made on the host, by one code; only what they hit comes from the device. */
+static void emission_lands_alike(void **state)
+{
+    (void)state;
+    struct world w;
+    struct kiln_emission_result results[2];
+    build(&w, AREA | PUNCTUAL | SUN | IMAGE | ALPHA | TEXTURE);
+    for (int i = 0; i < 2; i++) {
+        struct kiln_backend *backend = open_backend(&w, i == 0 ? "embree" : "vulkan");
+        assert_int_equal(kiln_backend_emission(backend, 1 << 16, &results[i], NULL), KILN_OK);
+        kiln_backend_destroy(&backend);
+    }
+    for (int c = 0; c < 3; c++) {
+        assert_true(results[0].emitted[c] > 0.0 && results[0].emitted[c] == results[1].emitted[c]);
+        const double most = 1e-4 * results[0].emitted[c];
+        assert_true(fabs(results[0].received[c] - results[1].received[c]) <= most && fabs(results[0].blocked[c] - results[1].blocked[c]) <= most);
+        assert_true(fabs(results[0].behind[c] - results[1].behind[c]) <= most && fabs(results[0].escaped[c] - results[1].escaped[c]) <= most);
+        assert_true(fabs(results[0].ranged[c] - results[1].ranged[c]) <= most && results[0].behind[c] > 0.0 && results[0].ranged[c] > 0.0);
+    }
+    release(&w);
+}
+
 static void any_chunks_give_the_same_bits(void **state)
 {
     (void)state;
@@ -229,6 +251,7 @@ int main(void)
         cmocka_unit_test(surfaces_alone),
         cmocka_unit_test(each_kind_of_light),
         cmocka_unit_test(everything_at_once),
+        cmocka_unit_test(emission_lands_alike),
         cmocka_unit_test(any_chunks_give_the_same_bits),
     };
     size_t count = 0;
