@@ -102,7 +102,7 @@ static int recognise(const struct kiln_command *command, const char *argument, s
     }
     (void)snprintf(name, sizeof name, "%.*s", (int)(equals == NULL ? strlen(start) : (size_t)(equals - start)), start);
     word->value = equals == NULL ? NULL : equals + 1;
-    word->option = kiln_option_find(name);
+    word->option = kiln_option_find_for(name, command->bit);
     if (word->option == NULL && strncmp(name, "no-", 3) == 0) {
         word->option = kiln_option_find(name + 3);
         word->negated = true;

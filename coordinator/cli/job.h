@@ -83,6 +83,14 @@ struct kiln_job {
     double node_bandwidth, node_latency; /* plan: network, GB/s and microseconds */
     uint32_t repeats;     /* bench */
 
+    /* submit: what the batch job asks for */
+    uint32_t nodes, gpus, ranks_per_node; /* gpus: of a node; ranks_per_node 0: one a GPU, or one */
+    double memory;                        /* GiB of a node; 0: not said */
+    char *time_limit, *queue, *account;   /* in Slurm's words; --time, --partition, --account */
+    uint32_t warning;                     /* seconds before the time limit */
+    char *array, *setup;
+    bool dry_run;
+
     void *strings; /* private: what the job owns */
 };
 

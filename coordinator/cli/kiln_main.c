@@ -97,6 +97,8 @@ static int run(const struct kiln_command *command, struct kiln_job *job, struct 
         return kiln_command_report(job, error);
     case KILN_FOR_BENCH:
         return kiln_command_bench(job, error);
+    case KILN_FOR_SUBMIT:
+        return kiln_command_submit(job, error);
     case KILN_FOR_ALL:
         break;
     }

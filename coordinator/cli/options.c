@@ -24,7 +24,8 @@ enum {
 const struct kiln_option kiln_options[] = {
     {.name = "output", .group = "Files", .kind = KILN_OPTION_PATH, .value = "PATH",
      .help = "where the result goes, also -o; bake: a folder, by default SCENE-bake; others: a file",
-     .commands = KILN_FOR_BAKE | KILN_FOR_VIEW | KILN_FOR_COMPARE | KILN_FOR_GENERATE | KILN_FOR_REPORT | KILN_FOR_BENCH,
+     .commands = KILN_FOR_BAKE | KILN_FOR_VIEW | KILN_FOR_COMPARE | KILN_FOR_GENERATE | KILN_FOR_REPORT | KILN_FOR_BENCH |
+                 KILN_FOR_SUBMIT,
      .offset = AT(output)},
     {.name = "environment", .group = "Light", .kind = KILN_OPTION_ENVIRONMENT, .value = "none|R,G,B|IMAGE",
      .shown = "the scene's own", .help = "light from outside: constant radiance, or a lat-long .hdr or .exr",
@@ -56,7 +57,7 @@ const struct kiln_option kiln_options[] = {
      .help = "lists what can trace here, and what is amiss with what cannot; takes no scene", .commands = KILN_FOR_INFO, .offset = AT(devices)},
     {.name = "threads", .group = "Where it runs", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "auto", .word = "auto",
      .minimum = 1, .maximum = 4096, .help = "threads a rank; auto: the cores it may use, shared with the node's ranks",
-     .commands = TRACES | KILN_FOR_VIEW, .offset = AT(threads)},
+     .commands = TRACES | KILN_FOR_VIEW | KILN_FOR_SUBMIT, .offset = AT(threads)},
     {.name = "instruction-set", .group = "Where it runs", .kind = KILN_OPTION_CHOICE, .shown = "the best all ranks have",
      .choices = instruction_sets, .refusal = KILN_NO_DEVICE, .help = "holds Embree to one; the same one gives the same bits",
      .commands = TRACES | KILN_FOR_VIEW, .offset = AT(instruction_set)},
@@ -153,6 +154,30 @@ const struct kiln_option kiln_options[] = {
     {.name = "repeats", .group = "Bench", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "5", .minimum = 1, .maximum = 1000,
      .help = "runs of each measurement; the median counts", .commands = KILN_FOR_BENCH, .offset = AT(repeats)},
 
+    {.name = "nodes", .group = "Batch job", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "1", .minimum = 1, .maximum = 1048576,
+     .help = "how many nodes", .commands = KILN_FOR_SUBMIT, .offset = AT(nodes)},
+    {.name = "gpus", .group = "Batch job", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "0", .maximum = 1024,
+     .help = "GPUs of each node, one rank for each", .commands = KILN_FOR_SUBMIT, .offset = AT(gpus)},
+    {.name = "ranks-per-node", .group = "Batch job", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "auto", .word = "auto",
+     .minimum = 1, .maximum = 65536, .help = "auto: one a GPU, or one with all cores", .commands = KILN_FOR_SUBMIT, .offset = AT(ranks_per_node)},
+    {.name = "memory", .group = "Batch job", .kind = KILN_OPTION_DOUBLE, .value = "GIB", .fallback = "auto", .word = "auto",
+     .minimum = 1e-3, .maximum = 1e9, .help = "of each node; auto: all of it, or with --threads what the site gives", .commands = KILN_FOR_SUBMIT,
+     .offset = AT(memory)},
+    {.name = "time", .group = "Batch job", .kind = KILN_OPTION_STRING, .value = "[DAYS-]HH:MM:SS", .shown = "the partition's",
+     .help = "limit of one run; the bake goes on in the next", .commands = KILN_FOR_SUBMIT, .offset = AT(time_limit)},
+    {.name = "warning", .group = "Batch job", .kind = KILN_OPTION_UINT32, .value = "SECONDS", .fallback = "90", .minimum = 1,
+     .maximum = 65535, .help = "before the time limit, to stop and save in", .commands = KILN_FOR_SUBMIT, .offset = AT(warning)},
+    {.name = "partition", .group = "Batch job", .kind = KILN_OPTION_STRING, .value = "NAME", .shown = "the cluster's",
+     .help = "of Slurm", .commands = KILN_FOR_SUBMIT, .offset = AT(queue)},
+    {.name = "account", .group = "Batch job", .kind = KILN_OPTION_STRING, .value = "NAME", .shown = "yours",
+     .help = "that the job is charged to", .commands = KILN_FOR_SUBMIT, .offset = AT(account)},
+    {.name = "array", .group = "Batch job", .kind = KILN_OPTION_STRING, .value = "PATTERN",
+     .help = "a job array over the files that match, like 'jobs/*.yaml'", .commands = KILN_FOR_SUBMIT, .offset = AT(array)},
+    {.name = "setup", .group = "Batch job", .kind = KILN_OPTION_PATH, .value = "FILE",
+     .help = "shell script that the job reads first (module load ...)", .commands = KILN_FOR_SUBMIT, .offset = AT(setup)},
+    {.name = "dry-run", .group = "Batch job", .kind = KILN_OPTION_FLAG, .fallback = "false",
+     .help = "print the batch script, submit nothing", .commands = KILN_FOR_SUBMIT, .offset = AT(dry_run)},
+
     {.name = "json", .group = "Talking", .kind = KILN_OPTION_FLAG, .fallback = "false",
      .help = "one JSON object on stdout at the end", .commands = KILN_FOR_ALL, .offset = AT(json)},
     {.name = "quiet", .group = "Talking", .kind = KILN_OPTION_FLAG, .fallback = "false", .help = "errors only, no progress",
@@ -204,6 +229,10 @@ const struct kiln_command kiln_commands[] = {
     {.name = "bench", .bit = KILN_FOR_BENCH, .arguments = "NAME SCENE", .minimum = 2, .maximum = 2, .mpi = true,
      .summary = "measurements on this machine",
      .examples = {"kiln bench rays room.glb", "kiln bench rays room.glb --repeats 9 --json"}},
+    {.name = "submit", .bit = KILN_FOR_SUBMIT, .arguments = "JOB.yaml|SCENE...", .maximum = SIZE_MAX,
+     .summary = "queue a bake on a Slurm cluster",
+     .examples = {"kiln submit jobs/cornell.yaml --nodes 2 --time 1:00:00", "kiln submit room.glb --gpus 4 --dry-run",
+                  "kiln submit --array 'jobs/*.yaml' --threads 8 --memory 4"}},
 };
 const size_t kiln_command_count = ARRAY_COUNT(kiln_commands);
 
@@ -213,6 +242,14 @@ const struct kiln_option *kiln_option_find(const char *name)
         if (strcmp(kiln_options[i].name, name) == 0)
             return &kiln_options[i];
     return NULL;
+}
+
+const struct kiln_option *kiln_option_find_for(const char *name, uint32_t commands)
+{
+    for (size_t i = 0; i < kiln_option_count; i++)
+        if ((kiln_options[i].commands & commands) != 0 && strcmp(kiln_options[i].name, name) == 0)
+            return &kiln_options[i];
+    return kiln_option_find(name);
 }
 
 const struct kiln_command *kiln_command_find(const char *name)

@@ -36,7 +36,8 @@ enum kiln_command_bit {
     KILN_FOR_GENERATE = 128,
     KILN_FOR_REPORT = 256,
     KILN_FOR_BENCH = 512,
-    KILN_FOR_ALL = 1023
+    KILN_FOR_SUBMIT = 1024,
+    KILN_FOR_ALL = 2047
 };
 
 struct kiln_option {
@@ -82,6 +83,8 @@ extern const size_t kiln_command_count;
 
 /* NULL when there is none of that name. */
 const struct kiln_option *kiln_option_find(const char *name);
+/* The same, but of several with that name (partition) the one that belongs to one of `commands`. */
+const struct kiln_option *kiln_option_find_for(const char *name, uint32_t commands);
 const struct kiln_command *kiln_command_find(const char *name);
 
 /* Optimal string alignment distance: how many insertions, deletions, substitutions and swaps of neighbours lie between. */

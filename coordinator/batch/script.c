@@ -1,0 +1,215 @@
+#include <ctype.h>
+#include <math.h>
+#include <stdbool.h>
+#include <string.h>
+
+#include "coordinator/batch/batch.h"
+
+static bool is_plain(unsigned char c) { return isalnum(c) || strchr("%+,-./:=@_", c) != NULL; }
+
+void kiln_batch_quote(FILE *stream, const char *text)
+{
+    bool plain = text[0] != '\0', control = false;
+    for (const char *at = text; *at != '\0'; at++) {
+        plain = plain && is_plain((unsigned char)*at);
+        control = control || iscntrl((unsigned char)*at);
+    }
+    if (plain) {
+        (void)fputs(text, stream);
+        return;
+    }
+    (void)fputs(control ? "$'" : "'", stream);
+    for (const char *at = text; *at != '\0'; at++) {
+        if (control && iscntrl((unsigned char)*at))
+            (void)fprintf(stream, "\\%03o", (unsigned)(unsigned char)*at);
+        else if (control && (*at == '\'' || *at == '\\'))
+            (void)fprintf(stream, "\\%c", *at);
+        else if (*at == '\'')
+            (void)fputs("'\\''", stream);
+        else
+            (void)fputc(*at, stream);
+    }
+    (void)fputc('\'', stream);
+}
+
+static void assign(FILE *stream, const char *name, const char *text)
+{
+    (void)fprintf(stream, "%s=", name);
+    kiln_batch_quote(stream, text);
+    (void)fputc('\n', stream);
+}
+
+/* ---- what Slurm reads ---- */
+
+static int check_word(const char *text, const char *allowed, const char *option, const char *remedy, struct kiln_error *error)
+{
+    if (text == NULL)
+        return KILN_OK;
+    bool good = text[0] != '\0' && text[0] != '-';
+    for (const char *at = text; *at != '\0'; at++)
+        good = good && (isalnum((unsigned char)*at) || strchr(allowed, *at) != NULL);
+    return good ? KILN_OK : kiln_fail(error, KILN_USAGE, "--%s: '%.200s' is not one of Slurm's; %s", option, text, remedy);
+}
+
+static int check(const struct kiln_batch *batch, struct kiln_error *error)
+{
+    int status = check_word(batch->partition, "_-.,", "partition", "sinfo lists the partitions", error);
+    if (status == KILN_OK)
+        status = check_word(batch->account, "_-.", "account", "sacctmgr lists the accounts", error);
+    if (status == KILN_OK && batch->time != NULL && batch->time[strspn(batch->time, "0123456789:-")] != '\0')
+        status = kiln_fail(error, KILN_USAGE, "--time: '%.200s' is not a time of Slurm's; write MINUTES, HOURS:MINUTES:SECONDS or DAYS-HOURS", batch->time);
+    return status != KILN_OK ? status : check_word(batch->time, ":-", "time", "write MINUTES, HOURS:MINUTES:SECONDS or DAYS-HOURS", error);
+}
+
+/* The job's name in the queue: letters and digits of the first bake's. */
+static void write_name(FILE *stream, const struct kiln_batch *batch)
+{
+    const char *slash = strrchr(batch->items[0].job, '/');
+    const char *name = slash == NULL ? batch->items[0].job : slash + 1;
+    const char *dot = strrchr(name, '.');
+    const size_t length = dot == NULL || dot == name ? strlen(name) : (size_t)(dot - name);
+    (void)fputs("#SBATCH --job-name=kiln-", stream);
+    for (size_t i = 0; i < length && i < 40; i++)
+        (void)fputc(isalnum((unsigned char)name[i]) ? name[i] : '-', stream);
+    (void)fputc('\n', stream);
+}
+
+static void write_directives(FILE *stream, const struct kiln_batch *batch)
+{
+    (void)fputs("#!/bin/bash\n", stream);
+    write_name(stream, batch);
+    (void)fprintf(stream, "#SBATCH --nodes=%u\n#SBATCH --ntasks-per-node=%u\n", batch->nodes, batch->ranks_per_node);
+    if (batch->threads > 0)
+        (void)fprintf(stream, "#SBATCH --cpus-per-task=%u\n", batch->threads);
+    else
+        (void)fputs("#SBATCH --exclusive\n", stream);
+    if (batch->gpus > 0)
+        (void)fprintf(stream, "#SBATCH --gpus-per-node=%u\n", batch->gpus);
+    if (batch->memory > 0)
+        (void)fprintf(stream, "#SBATCH --mem=%.0fM\n", ceil(batch->memory * 1024));
+    else if (batch->threads == 0)
+        (void)fputs("#SBATCH --mem=0\n", stream); /* all of it */
+    if (batch->time != NULL)
+        (void)fprintf(stream, "#SBATCH --time=%s\n", batch->time);
+    if (batch->partition != NULL)
+        (void)fprintf(stream, "#SBATCH --partition=%s\n", batch->partition);
+    if (batch->account != NULL)
+        (void)fprintf(stream, "#SBATCH --account=%s\n", batch->account);
+    if (batch->item_count > 1)
+        (void)fprintf(stream, "#SBATCH --array=0-%zu\n", batch->item_count - 1);
+    (void)fprintf(stream, "#SBATCH --signal=B:USR1@%u\n#SBATCH --requeue\n#SBATCH --open-mode=append\n#SBATCH --output=kiln-%s.log\n",
+                  batch->warning, batch->item_count > 1 ? "%A_%a" : "%j");
+}
+
+/* ---- what the shell reads ---- */
+
+static void write_list(FILE *stream, const char *name, const struct kiln_batch *batch, size_t offset)
+{
+    (void)fprintf(stream, "%s=(\n", name);
+    for (size_t i = 0; i < batch->item_count; i++) {
+        (void)fputs("  ", stream);
+        kiln_batch_quote(stream, *(const char *const *)((const char *)&batch->items[i] + offset));
+        (void)fputc('\n', stream);
+    }
+    (void)fputs(")\n", stream);
+}
+
+static void write_names(FILE *stream, const struct kiln_batch *batch)
+{
+    (void)fprintf(stream, "\n# A bake by kiln " KILN_VERSION ". The same script can be submitted again: it goes on where the last run stopped.\n\n");
+    assign(stream, "folder", batch->folder);
+    assign(stream, "kiln", batch->program);
+    assign(stream, "mpirun", batch->mpirun);
+    write_list(stream, "jobs", batch, offsetof(struct kiln_batch_item, job));
+    write_list(stream, "outputs", batch, offsetof(struct kiln_batch_item, output));
+    (void)fprintf(stream, "job=${jobs[${SLURM_ARRAY_TASK_ID:-0}]}\noutput=${outputs[${SLURM_ARRAY_TASK_ID:-0}]}\n"
+                          "options=(--output \"$output\"");
+    if (batch->threads > 0)
+        (void)fprintf(stream, " --threads %u", batch->threads);
+    if (batch->backend != NULL) {
+        (void)fputs(" --backend ", stream);
+        kiln_batch_quote(stream, batch->backend);
+    }
+    (void)fputs(")\n\ncd -- \"$folder\" || exit 73\n", stream);
+    if (batch->setup != NULL) {
+        (void)fputs("# shellcheck disable=SC1090,SC1091\n. ", stream);
+        kiln_batch_quote(stream, batch->setup);
+        (void)fputs(" || exit 78\n", stream);
+    }
+}
+
+static const char settings[] =
+    "\n"
+    "# Ranks are not tied to one core each, and a lost node or link is noticed in 25 s instead of minutes. The ranks get 15 s instead\n"
+    "# of one to leave when mpirun ends them.\n"
+    "export OMPI_MCA_hwloc_base_binding_policy=none\n"
+    "export OMPI_MCA_oob_tcp_keepalive_time=10 OMPI_MCA_oob_tcp_keepalive_intvl=5 OMPI_MCA_oob_tcp_keepalive_probes=3\n"
+    "export OMPI_MCA_odls_base_sigkill_timeout=15\n"
+    "export OMP_WAIT_POLICY=passive\n";
+
+static const char work[] =
+    "\n"
+    "newest() { # the last checkpoint\n"
+    "  local all=(\"$output\"/checkpoint/gen-*/manifest)\n"
+    "  printf '%s\\n' \"${all[${#all[@]}-1]}\"\n"
+    "}\n"
+    "before=$(newest)\n"
+    "attempt=${SLURM_RESTART_COUNT:-0}\n"
+    "echo \"kiln: job $SLURM_JOB_ID, attempt $((attempt + 1)), on $SLURM_JOB_NODELIST\"\n"
+    "\n"
+    "# The time limit is near, or the job has to make room: the ranks are asked to save and leave.\n"
+    "told=no\n"
+    "# shellcheck disable=SC2317 # it is called by the trap\n"
+    "tell() {\n"
+    "  told=yes\n"
+    "  [ -z \"${bake:-}\" ] || kill -USR1 \"$bake\" 2>/dev/null\n"
+    "}\n"
+    "trap tell USR1 TERM\n";
+
+static const char wait_and_judge[] =
+    "bake=$!\n"
+    "wait \"$bake\"\n"
+    "status=$?\n"
+    "while kill -0 \"$bake\" 2>/dev/null; do # a signal ends `wait`, not the bake\n"
+    "  wait \"$bake\"\n"
+    "  status=$?\n"
+    "done\n"
+    "bake=\n"
+    "\n"
+    "again=no\n"
+    "case $status in\n"
+    "  0) ;;\n"
+    "  64 | 65 | 66 | 69 | 70 | 71 | 73 | 74 | 77 | 78)\n"
+    "    echo \"kiln: not put back into the queue: it would fail again (exit $status)\" ;;\n"
+    "  75) # stopped with a checkpoint\n"
+    "    if [ $told = yes ]; then\n"
+    "      again=yes\n"
+    "    else\n"
+    "      echo \"kiln: stopped on request; to go on: scontrol requeue $SLURM_JOB_ID\"\n"
+    "    fi ;;\n"
+    "  *) # a rank or a node was lost\n"
+    "    if [ \"$attempt\" -lt 3 ] || [ \"$(newest)\" != \"$before\" ]; then\n"
+    "      again=yes\n"
+    "    else\n"
+    "      echo \"kiln: not put back into the queue: attempt $((attempt + 1)) ended (exit $status) without a new checkpoint\"\n"
+    "    fi ;;\n"
+    "esac\n"
+    "if [ $again = yes ]; then\n"
+    "  echo \"kiln: back into the queue (exit $status)\"\n"
+    "  scontrol requeue \"$SLURM_JOB_ID\" || echo \"kiln: scontrol requeue failed; submit the script again to go on\"\n"
+    "fi\n"
+    "exit \"$status\"\n";
+
+int kiln_batch_write(FILE *stream, const struct kiln_batch *batch, struct kiln_error *error)
+{
+    const int status = check(batch, error);
+    if (status != KILN_OK)
+        return status;
+    write_directives(stream, batch);
+    write_names(stream, batch);
+    (void)fputs(settings, stream);
+    (void)fputs(work, stream);
+    (void)fprintf(stream, "\"$mpirun\" --map-by ppr:%u:node \"$kiln\" bake \"${options[@]}\" -- \"$job\" &\n", batch->ranks_per_node);
+    (void)fputs(wait_and_judge, stream);
+    return ferror(stream) == 0 ? KILN_OK : kiln_fail(error, KILN_IO, "cannot write the batch script");
+}
