@@ -8,6 +8,7 @@
 #include <cmocka.h>
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -245,6 +246,32 @@ static void any_chunks_give_the_same_bits(void **state)
     release(&w);
 }
 
+/* Wherever the device is lost, or says once that memory is short, the answers are the same in the end. */
+static void failing_devices_change_nothing(void **state)
+{
+    (void)state;
+    struct world w;
+    struct kiln_probe_result *whole = calloc(PROBES, sizeof *whole), *again = calloc(PROBES, sizeof *again);
+    build(&w, AREA);
+    struct kiln_backend *backend = open_backend(&w, "vulkan");
+    const uint64_t rays = probes(backend, &w, 0, PROBES, whole);
+    kiln_backend_destroy(&backend);
+    for (int call = 40; call <= 240; call += 25) {
+        char fault[32];
+        (void)snprintf(fault, sizeof fault, "%s:%d", call % 2 ? "lost" : "memory", call);
+        assert_int_equal(setenv("KILN_GPU_FAULT", fault, 1), 0);
+        memset(again, 0, PROBES * sizeof *again);
+        backend = open_backend(&w, "vulkan");
+        assert_true(probes(backend, &w, 0, PROBES, again) == rays);
+        assert_memory_equal(whole, again, PROBES * sizeof *whole);
+        kiln_backend_destroy(&backend);
+    }
+    assert_int_equal(unsetenv("KILN_GPU_FAULT"), 0);
+    free(whole);
+    free(again);
+    release(&w);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -253,6 +280,7 @@ int main(void)
         cmocka_unit_test(everything_at_once),
         cmocka_unit_test(emission_lands_alike),
         cmocka_unit_test(any_chunks_give_the_same_bits),
+        cmocka_unit_test(failing_devices_change_nothing),
     };
     size_t count = 0;
     if (gpu_list(NULL, 0, &count, NULL) != KILN_OK || count == 0) {
