@@ -251,7 +251,12 @@ static void every_call_may_fail(void **state)
     assert_int_equal(work(&none, &lost, &short_of_memory), KILN_OK);
     assert_int_equal(work(&count, &lost, &short_of_memory), KILN_OK);
     assert_true(count.calls > 50);
-    for (uint64_t at = 1; at <= count.calls; at++)
+#ifdef __SANITIZE_ADDRESS__
+    const uint64_t stride = 11; /* a driver under a sanitizer is slow to start */
+#else
+    const uint64_t stride = 1;
+#endif
+    for (uint64_t at = 1; at <= count.calls; at += stride)
         for (unsigned kind = GPU_FAULT_LOST; kind <= GPU_FAULT_MEMORY; kind++) {
             struct gpu_faults faults = {.kind = kind, .at = at};
             assert_int_equal(work(&faults, &lost, &short_of_memory), KILN_NO_DEVICE);

@@ -132,7 +132,7 @@ enum { GPU_SLOTS = 3 }; /* submissions that may be under way at once */
 int gpu_submit(struct gpu *gpu, uint32_t slot, const struct gpu_step *steps, size_t count, struct kiln_error *error);
 /* Waits for a slot (a free one: no time); `seconds` (or NULL) gets the time its steps took on the device, by the device's own clock. */
 int gpu_wait(struct gpu *gpu, uint32_t slot, double *seconds, struct kiln_error *error);
-/* Submit and wait. */
+/* Submit and wait, in a slot that is free. */
 int gpu_run(struct gpu *gpu, const struct gpu_step *steps, size_t count, double *seconds, struct kiln_error *error);
 
 /* Seconds that the device has been busy with submissions since it was created, and (for the idle share) how long ago the first of

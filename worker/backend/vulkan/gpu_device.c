@@ -194,14 +194,16 @@ void gpu_destroy(struct gpu **gpu)
     struct gpu *g = *gpu;
     if (g == NULL)
         return;
-    if (g->device != VK_NULL_HANDLE) {
+    if (g->device != VK_NULL_HANDLE && !g->hangs)
         (void)vkDeviceWaitIdle(g->device);
-        gpu_staging_destroy(g);
+    for (int i = 0; i < GPU_STAGING_PIECES; i++)
+        gpu_buffer_destroy(g, &g->staging[i]);
+    if (g->device != VK_NULL_HANDLE && !g->hangs) {
         gpu_slots_destroy(g);
         gpu_layouts_destroy(g);
         vkDestroyDevice(g->device, NULL);
     }
-    if (g->instance != VK_NULL_HANDLE)
+    if (g->instance != VK_NULL_HANDLE && !g->hangs)
         destroy_instance(g);
     kiln_free(gpu);
 }

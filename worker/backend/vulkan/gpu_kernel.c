@@ -181,9 +181,9 @@ void gpu_kernel_destroy(struct gpu *gpu, struct gpu_kernel **kernel)
 {
     if (*kernel == NULL)
         return;
-    gpu_settle(gpu);
     gpu_buffer_destroy(gpu, &(*kernel)->table);
-    vkDestroyPipeline(gpu->device, (*kernel)->pipeline, NULL);
+    if (gpu_settle(gpu))
+        vkDestroyPipeline(gpu->device, (*kernel)->pipeline, NULL);
     kiln_free(kernel);
 }
 

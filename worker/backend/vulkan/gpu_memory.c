@@ -158,9 +158,10 @@ void gpu_buffer_destroy(struct gpu *gpu, struct gpu_buffer *buffer)
 {
     struct gpu_buffer_memory *m = buffer->memory;
     if (m != NULL) {
-        gpu_settle(gpu);
-        vkDestroyBuffer(gpu->device, m->buffer, NULL);
-        vkFreeMemory(gpu->device, m->memory, NULL);
+        if (gpu_settle(gpu)) {
+            vkDestroyBuffer(gpu->device, m->buffer, NULL);
+            vkFreeMemory(gpu->device, m->memory, NULL);
+        }
         gpu->memory_used -= m->counted;
         kiln_free(&buffer->memory);
     }
@@ -180,12 +181,6 @@ int gpu_staging_create(struct gpu *gpu, struct kiln_error *error)
     for (int i = 0; i < GPU_STAGING_PIECES && status == KILN_OK; i++)
         status = gpu_buffer_create(gpu, &gpu->staging[i], GPU_STAGING_BYTES, GPU_HOST, "staging", error);
     return status;
-}
-
-void gpu_staging_destroy(struct gpu *gpu)
-{
-    for (int i = 0; i < GPU_STAGING_PIECES; i++)
-        gpu_buffer_destroy(gpu, &gpu->staging[i]);
 }
 
 static int submit_copy(struct gpu *gpu, struct gpu_slot *slot, VkBuffer from, size_t from_offset, VkBuffer to, size_t to_offset, size_t size,

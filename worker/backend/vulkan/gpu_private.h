@@ -62,6 +62,7 @@ struct gpu {
     struct gpu_faults *faults;
     VkResult refusal; /* what the call that was just played a fault returns */
     bool lost, short_of_memory;
+    bool hangs; /* lost, in that it did not answer in time */
     atomic_size_t messages;
     double busy, first_submission; /* s; of the monotonic clock, 0: none yet */
 };
@@ -103,14 +104,14 @@ bool gpu_has_extension(VkPhysicalDevice physical, const char *name);
 /* gpu_submit.c */
 int gpu_slots_create(struct gpu *gpu, struct kiln_error *error);
 void gpu_slots_destroy(struct gpu *gpu);
-/* Before something is destroyed: waits if anything is under way, whose slots stay taken. */
-void gpu_settle(const struct gpu *gpu);
+/* Before something is destroyed: waits if anything is under way, whose slots stay taken. False: the device hangs, so that waiting
+ * would have no end, and what is on it must be left alone. */
+bool gpu_settle(const struct gpu *gpu);
 int gpu_slot_begin(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
 int gpu_slot_end(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
 int gpu_slot_wait(struct gpu *gpu, struct gpu_slot *slot, double *seconds, struct kiln_error *error);
 /* gpu_memory.c */
 int gpu_staging_create(struct gpu *gpu, struct kiln_error *error);
-void gpu_staging_destroy(struct gpu *gpu);
 /* gpu_kernel.c */
 int gpu_layouts_create(struct gpu *gpu, struct kiln_error *error);
 void gpu_layouts_destroy(struct gpu *gpu);

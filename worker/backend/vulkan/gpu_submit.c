@@ -49,13 +49,14 @@ void gpu_slots_destroy(struct gpu *gpu)
     }
 }
 
-void gpu_settle(const struct gpu *gpu)
+bool gpu_settle(const struct gpu *gpu)
 {
+    bool under_way = false;
     for (int i = 0; i < GPU_ALL_SLOTS; i++)
-        if (gpu->slots[i].under_way) {
-            (void)vkDeviceWaitIdle(gpu->device);
-            return;
-        }
+        under_way |= gpu->slots[i].under_way;
+    if (under_way && !gpu->hangs)
+        (void)vkDeviceWaitIdle(gpu->device);
+    return !gpu->hangs;
 }
 
 void gpu_barrier(VkCommandBuffer commands)
@@ -121,7 +122,7 @@ int gpu_slot_wait(struct gpu *gpu, struct gpu_slot *slot, double *seconds, struc
         return KILN_OK;
     VkResult result = GPU_TRY(gpu, vkWaitForFences(gpu->device, 1, &slot->fence, VK_TRUE, PATIENCE_NANOSECONDS));
     if (result == VK_TIMEOUT)
-        gpu->lost = true;
+        gpu->lost = gpu->hangs = true;
     if (result != VK_SUCCESS && result != VK_TIMEOUT)
         (void)vkDeviceWaitIdle(gpu->device); /* nothing of it may be under way when the slot or its buffers are used again */
     if (result == VK_SUCCESS)
