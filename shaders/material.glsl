@@ -95,6 +95,41 @@ vec4 kiln_surface_color(uint triangle, float u, float v)
     return clamp(color, 0.0, 1.0);
 }
 
+float kiln_texel_alpha(kiln_gpu_texture t, uint row, uint column)
+{
+    return float(MaterialWords(t.texels + 4ul * (uint64_t(row) * t.width + column)).at[0] >> 24) / 255.0;
+}
+
+/* The last channel of kiln_texture_sample alone. */
+float kiln_texture_alpha(uint index, vec2 at)
+{
+    const kiln_gpu_texture t = TextureArray(SCENE.materials.textures).at[index];
+    const int64_t shift = t.nearest != 0u ? 0l : 1l << (kiln_texel_fraction - 1u);
+    const int64_t x = kiln_texel_coordinate(at.x, t.width, t.wrap_u) - shift, y = kiln_texel_coordinate(at.y, t.height, t.wrap_v) - shift;
+    const int left = int(x >> kiln_texel_fraction), top = int(y >> kiln_texel_fraction);
+    const uint x0 = kiln_wrapped(left, t.width, t.wrap_u), y0 = kiln_wrapped(top, t.height, t.wrap_v);
+    const float first = kiln_texel_alpha(t, y0, x0);
+    if (t.nearest != 0u)
+        return first;
+    const uint x1 = kiln_wrapped(left + 1, t.width, t.wrap_u), y1 = kiln_wrapped(top + 1, t.height, t.wrap_v);
+    const float fx = float(uint(x >> (kiln_texel_fraction - 32u))) / 4294967296.0, fy = float(uint(y >> (kiln_texel_fraction - 32u))) / 4294967296.0;
+    const float upper = first + fx * (kiln_texel_alpha(t, y0, x1) - first);
+    const float third = kiln_texel_alpha(t, y1, x0), lower = third + fx * (kiln_texel_alpha(t, y1, x1) - third);
+    return upper + fy * (lower - upper);
+}
+
+/* Alpha alone, and the cutoff of a mask (-1: blended). */
+vec2 kiln_surface_alpha(uint triangle, float u, float v)
+{
+    const kiln_gpu_coating coating = kiln_coating_of(triangle, u, v);
+    const kiln_gpu_material m = kiln_material_of(coating.material);
+    float alpha = ((1.0 - u - v) * float(coating.colors[0] >> 24) + u * float(coating.colors[1] >> 24) + v * float(coating.colors[2] >> 24)) / 255.0;
+    alpha *= m.base_color[3];
+    if (m.base_color_texture != KILN_GPU_NONE)
+        alpha *= kiln_texture_alpha(m.base_color_texture, kiln_interpolated(coating.base, u, v));
+    return vec2(clamp(alpha, 0.0, 1.0), m.alpha_mode == KILN_GPU_ALPHA_MASK ? m.alpha_cutoff : -1.0);
+}
+
 /* Emitted radiance, W m-2 sr-1. */
 vec3 kiln_surface_emission(uint triangle, float u, float v)
 {

@@ -7,14 +7,12 @@
 
 bool kiln_lets_through(uint triangle, float u, float v, vec3 direction)
 {
-    const float alpha = kiln_surface_color(triangle, u, v).a;
-    float stored_u = u, stored_v = v;
-    const kiln_gpu_material m = kiln_material_of(kiln_coating_of(triangle, stored_u, stored_v).material);
-    if (m.alpha_mode == KILN_GPU_ALPHA_MASK)
-        return alpha < m.alpha_cutoff;
+    const vec2 alpha_cutoff = kiln_surface_alpha(triangle, u, v);
+    if (alpha_cutoff.y >= 0.0)
+        return alpha_cutoff.x < alpha_cutoff.y;
     const uvec3 bits = floatBitsToUint(direction);
     const uint hash = kiln_hash2(kiln_hash2(bits.x, bits.y), kiln_hash2(bits.z, triangle));
-    return float(hash >> 8) * 5.9604644775390625e-8 >= alpha;
+    return float(hash >> 8) * 5.9604644775390625e-8 >= alpha_cutoff.x;
 }
 
 #endif

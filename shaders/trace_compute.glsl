@@ -18,6 +18,8 @@ layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Tr
 struct kiln_ray {
     vec3 origin, direction;
     vec3 across, up;     /* right-handed: across x up = direction */
+    float after;         /* what lies up to here was met before and let the ray through: */
+    uint after_number;   /* at this very distance, triangles up to this number */
 };
 
 /* The nearest triangle so far; `distance` begins as the ray's limit. */
@@ -35,7 +37,7 @@ kiln_ray kiln_ray_of(vec3 origin, vec3 direction)
     precise const float b = direction.x * direction.y * a;
     precise const vec3 across = vec3(1.0 + s * direction.x * direction.x * a, s * b, -s * direction.x);
     precise const vec3 up = vec3(b, s + direction.y * direction.y * a, -direction.y);
-    return kiln_ray(origin, direction, across, up);
+    return kiln_ray(origin, direction, across, up, 0.0, KILN_GPU_NONE);
 }
 
 /* For slabs, t = (plane - origin) / direction; finite also where the direction has a zero (margins of boxes hide the change). */
@@ -96,20 +98,21 @@ bool kiln_test(const kiln_ray ray, TraceQuads triangles, uint index, inout kiln_
     precise const float u = w.y * scale, v = w.z * scale;
     precise const float t = fma(w.x * scale, kiln_along(ray.direction, a), fma(u, kiln_along(ray.direction, b), v * kiln_along(ray.direction, c)));
     const uint number = first.w;
-    if (!(t > 0.0 && (t < found.distance || (t == found.distance && number < found.triangle))))
-        return false;
-    if (HAS_ALPHA != 0u && number >= SCENE.opaque_count && kiln_lets_through(number, u, v, ray.direction))
+    bool beyond = t > 0.0;
+    if (HAS_ALPHA != 0u)
+        beyond = t > ray.after || (t == ray.after && ray.after_number != KILN_GPU_NONE && number > ray.after_number);
+    if (!(beyond && (t < found.distance || (t == found.distance && number < found.triangle))))
         return false;
     found = kiln_found(t, u, v, number, area > 0.0);
     return true;
 }
 
-/* Tests a leaf's triangles; true when the search is over. */
+/* Tests a leaf's triangles; true when the search is over. One that may let rays through does not end it. */
 bool kiln_test_leaf(const kiln_ray ray, TraceQuads triangles, uint leaf, bool any, inout kiln_found found)
 {
     const uint first = leaf & KILN_GPU_LEAF_FIRST, end = first + (leaf >> KILN_GPU_LEAF_COUNT_SHIFT & 3u) + 1u;
     for (uint i = first; i < end; i++)
-        if (kiln_test(ray, triangles, i, found) && any)
+        if (kiln_test(ray, triangles, i, found) && any && (HAS_ALPHA == 0u || found.triangle < SCENE.opaque_count))
             return true;
     return false;
 }
@@ -137,13 +140,12 @@ void kiln_walk_brute(const kiln_ray ray, bool any, inout kiln_found found)
     TraceQuads triangles = TraceQuads(SCENE.trace.triangles);
     const uint count = SCENE.trace.triangle_count;
     for (uint i = 0u; i < count; i++)
-        if (kiln_test(ray, triangles, i, found) && any)
+        if (kiln_test(ray, triangles, i, found) && any && (HAS_ALPHA == 0u || found.triangle < SCENE.opaque_count))
             return;
 }
 
-kiln_found kiln_walk(vec3 origin, vec3 direction, float limit, bool any)
+kiln_found kiln_walk_once(const kiln_ray ray, float limit, bool any)
 {
-    const kiln_ray ray = kiln_ray_of(origin, direction);
     kiln_found found = kiln_found(limit, 0.0, 0.0, KILN_GPU_NONE, false);
     const uint layout_kind = TRAVERSAL & KILN_TRAVERSAL_LAYOUT;
     if (layout_kind == KILN_TRAVERSAL_BINARY)
@@ -154,6 +156,23 @@ kiln_found kiln_walk(vec3 origin, vec3 direction, float limit, bool any)
         kiln_walk_eight(ray, any, found);
     else
         kiln_walk_brute(ray, any, found);
+    return found;
+}
+
+/* Surfaces with alpha are asked outside of the walk, whose loops stay small, and the walk begins anew behind those that let the ray
+ * through: inside it the lookup made the whole kernel up to 400 times slower. */
+kiln_found kiln_walk(vec3 origin, vec3 direction, float limit, bool any)
+{
+    kiln_ray ray = kiln_ray_of(origin, direction);
+    kiln_found found = kiln_walk_once(ray, limit, any);
+    if (HAS_ALPHA != 0u) {
+        while (found.triangle != KILN_GPU_NONE && found.triangle >= SCENE.opaque_count &&
+               kiln_lets_through(found.triangle, found.u, found.v, direction)) {
+            ray.after = found.distance;
+            ray.after_number = found.triangle;
+            found = kiln_walk_once(ray, limit, any);
+        }
+    }
     return found;
 }
 
