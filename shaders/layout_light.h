@@ -40,13 +40,14 @@ KILN_SIZE_IS(kiln_gpu_choice, 8);
  *   float quarters[slots * 4 * room]                       (4 i + part) * room + point: luminance from a quarter of a choice's
  *                                                          samples, of choices with 8 samples and more
  *   word counts[room]                                      choices of a point
- * with slots = limit + directional_count + 1. */
+ * with slots >= clusters of the cut + directional_count + 1. */
 #define KILN_GPU_DIRECT_PARTS 4u
 struct kiln_gpu_direct {
     KILN_ADDRESS results; /* struct kiln_gpu_result, one a point of the chunk */
-    KILN_ADDRESS sobol;   /* KILN_DIMENSIONS arrays of table_size words: points 0, 1, ... of each dimension */
+    KILN_ADDRESS sobol;   /* words: dimension d's points from d * sobol_stride on */
     KILN_ADDRESS scratch;
-    KILN_ADDRESS rays;    /* 64-bit counter of shadow rays as two words, lower first */
-    KILN_WORD room, slots, samples, limit, table_size, reserved;
+    KILN_ADDRESS rays;    /* word: shadow rays of a point of the chunk */
+    KILN_WORD room, slots, samples, limit, sobol_stride;
+    KILN_WORD row_first;  /* thread (x, y) takes part row_first + y */
 };
 KILN_SIZE_IS(kiln_gpu_direct, 56);

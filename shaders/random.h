@@ -31,6 +31,9 @@ KILN_FUNCTION KILN_U32 kiln_hash1(KILN_U32 x)
 
 KILN_FUNCTION KILN_U32 kiln_hash2(KILN_U32 a, KILN_U32 b) { return kiln_hash1(a ^ (kiln_hash1(b) + 0x9e3779b9u + (a << 6) + (a >> 2))); }
 
+#ifdef GL_core_profile
+#define kiln_reverse_bits bitfieldReverse
+#else
 KILN_FUNCTION KILN_U32 kiln_reverse_bits(KILN_U32 x)
 {
     x = (x >> 1 & 0x55555555u) | (x & 0x55555555u) << 1;
@@ -39,6 +42,7 @@ KILN_FUNCTION KILN_U32 kiln_reverse_bits(KILN_U32 x)
     x = (x >> 8 & 0x00ff00ffu) | (x & 0x00ff00ffu) << 8;
     return x >> 16 | x << 16;
 }
+#endif
 
 /* Owen scramble of a fraction x / 2^32: each digit is flipped by a hash of the digits above it. */
 KILN_FUNCTION KILN_U32 kiln_owen_scramble(KILN_U32 x, KILN_U32 seed)

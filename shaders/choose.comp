@@ -1,0 +1,28 @@
+/* The direct pass, first: which lights each point samples, and how often. Thread x: point x of the chunk. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "shaders/kernel.glsl"
+#include "shaders/direct.glsl"
+
+KILN_ARRAY(PointArray, kiln_gpu_point, 8);
+
+void kiln_kernel(uint x, uint y)
+{
+    const uint index = push.chunk.origin + x;
+    if (x >= push.chunk.total || DirectWords(push.chunk.states).at[index] == KILN_GPU_STATE_INVALID)
+        return;
+    const kiln_gpu_point p = PointArray(push.chunk.points).at[index];
+    const real3 normal = (p.flags & KILN_GPU_POINT_ONE_NORMAL) != 0u ? real3(p.normal) : real3(0);
+    const uint candidates = kiln_lights_choose(real3(p.centre), real(p.spread), normal, push.pass.limit, true);
+    uint count = 0u;
+    for (uint i = 0u; i < candidates; i++) {
+        kiln_light_choice choice;
+        if (!kiln_lights_candidate(i, normal, push.pass.samples, choice))
+            continue;
+        direct_choice(count).at[x] = kiln_gpu_choice(choice.kind << KILN_GPU_CHOICE_KIND_SHIFT | choice.index, choice.samples);
+        count++;
+    }
+    direct_counts().at[x] = count;
+}
+
+#include "shaders/main.glsl"

@@ -1,0 +1,31 @@
+/* What the three kernels of the direct pass share: choose.comp, direct.comp, direct_reduce.comp. Their push constants are the same. */
+
+layout(push_constant, scalar) uniform Push
+{
+    KILN_ADDRESS scene;
+    kiln_gpu_chunk chunk;
+    kiln_gpu_direct pass;
+} push;
+
+#include "shaders/lights.glsl"
+
+KILN_ARRAY(DirectSums, kiln_gpu_direct_sums, 8);
+KILN_ARRAY(DirectChoices, kiln_gpu_choice, 4);
+KILN_ARRAY(DirectFloats, float, 4);
+KILN_ARRAY(DirectWords, uint, 4);
+
+#ifdef KILN_FLOAT64
+const uint64_t DIRECT_SUMS_BYTES = 64ul;
+#else
+const uint64_t DIRECT_SUMS_BYTES = 36ul;
+#endif
+const uint QUARTERS_FROM = 8u; /* samples: with fewer a choice is one part's alone */
+
+uint64_t direct_choices_at() { return push.pass.scratch + DIRECT_SUMS_BYTES * KILN_GPU_DIRECT_PARTS * push.pass.room; }
+uint64_t direct_quarters_at() { return direct_choices_at() + 8ul * push.pass.slots * push.pass.room; }
+uint64_t direct_counts_at() { return direct_quarters_at() + 16ul * push.pass.slots * push.pass.room; }
+
+DirectSums direct_sums(uint part) { return DirectSums(push.pass.scratch + DIRECT_SUMS_BYTES * part * push.pass.room); }
+DirectChoices direct_choice(uint i) { return DirectChoices(direct_choices_at() + 8ul * i * push.pass.room); }
+DirectFloats direct_quarter(uint i, uint part) { return DirectFloats(direct_quarters_at() + 4ul * (4u * i + part) * push.pass.room); }
+DirectWords direct_counts() { return DirectWords(direct_counts_at()); }

@@ -1,0 +1,59 @@
+/* The direct pass, last: each point's answer from its four parts, always in the same order; zeros for invalid points. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "shaders/kernel.glsl"
+#include "shaders/direct.glsl"
+
+KILN_ARRAY(PointArray, kiln_gpu_point, 8);
+KILN_ARRAY(ResultArray, kiln_gpu_result, 4);
+
+/* Variance of the mean of choice i's luminance from the spread of its four quarters (shadow_variance). */
+real quarters_variance(uint i, uint x, uint samples)
+{
+    real total = 0, spread = 0;
+    for (uint q = 0u; q < 4u; q++)
+        total += real(direct_quarter(i, q).at[x]);
+    const real mean = total / real(samples);
+    for (uint q = 0u; q < 4u; q++) { /* of a number that 4 does not divide, quarters differ by one sample */
+        const uint begin = uint((uint64_t(q) * samples + 3ul) / 4ul), end = uint((uint64_t(q + 1u) * samples + 3ul) / 4ul);
+        const real off = real(direct_quarter(i, q).at[x]) / real(end - begin) - mean;
+        spread += off * off;
+    }
+    return spread / 12;
+}
+
+void kiln_kernel(uint x, uint y)
+{
+    if (x >= push.chunk.total)
+        return;
+    const uint index = push.chunk.origin + x;
+    uint rays = 0u;
+    kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
+    if (DirectWords(push.chunk.states).at[index] != KILN_GPU_STATE_INVALID) {
+        real3 incident = real3(0), irradiance = real3(0);
+        real variance = 0;
+        for (uint part = 0u; part < KILN_GPU_DIRECT_PARTS; part++) {
+            const kiln_gpu_direct_sums sums = direct_sums(part).at[x];
+            incident += real3_of(sums.incident);
+            irradiance += real3_of(sums.irradiance);
+            variance += sums.variance;
+            rays += sums.rays;
+        }
+        const uint count = direct_counts().at[x];
+        for (uint i = 0u; i < count; i++) {
+            const uint samples = direct_choice(i).at[x].samples;
+            if (samples >= QUARTERS_FROM)
+                variance += quarters_variance(i, x, samples);
+        }
+        for (uint c = 0u; c < 3u; c++) {
+            r.incident[c] = float(incident[c]);
+            r.irradiance[c] = float(irradiance[c]);
+        }
+        r.error = float(sqrt(variance));
+        r.present = PointArray(push.chunk.points).at[index].present;
+    }
+    ResultArray(push.pass.results).at[x] = r;
+    DirectWords(push.pass.rays).at[x] = rays;
+}
+
+#include "shaders/main.glsl"

@@ -1,0 +1,116 @@
+/* The direct pass: shaders/choose.comp, direct.comp and direct_reduce.comp over the batch's points. */
+#include "worker/backend/vulkan/pass.h"
+
+#include "shaders/choose.h"
+#include "shaders/choose_float.h"
+#include "shaders/direct.h"
+#include "shaders/direct_float.h"
+#include "shaders/direct_pipeline.h"
+#include "shaders/direct_pipeline_float.h"
+#include "shaders/direct_reduce.h"
+#include "shaders/direct_reduce_float.h"
+
+static const struct vulkan_shader choose_shader = {.name = "direct: choices of lights", .compute = VULKAN_CODE(choose), .compute_float = VULKAN_CODE(choose_float)};
+static const struct vulkan_shader direct_shader = {.name = "direct",
+                                                   .compute = VULKAN_CODE(direct),
+                                                   .pipeline = VULKAN_CODE(direct_pipeline),
+                                                   .compute_float = VULKAN_CODE(direct_float),
+                                                   .pipeline_float = VULKAN_CODE(direct_pipeline_float)};
+static const struct vulkan_shader reduce_shader = {.name = "direct: sums", .compute = VULKAN_CODE(direct_reduce), .compute_float = VULKAN_CODE(direct_reduce_float)};
+
+/* Push constants of all three, as shaders/direct.glsl has them. */
+struct direct_push {
+    uint64_t scene;
+    struct kiln_gpu_chunk chunk;
+    struct kiln_gpu_direct pass;
+};
+
+struct direct {
+    struct vulkan_backend *b;
+    const struct kiln_batch *batch;
+    struct gpu_kernel *choose, *whole, *buried, *reduce;
+    uint32_t samples, limit, slots;
+    uint64_t rays;
+};
+
+static int prepare(void *context, struct kiln_error *error)
+{
+    struct direct *d = context;
+    int status = vulkan_sobol(d->b, d->samples + 1, error); /* a lone choice gets all samples, rounded up at most */
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(d->b, &choose_shader, false, 0, &d->choose, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(d->b, &direct_shader, false, 0, &d->whole, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(d->b, &direct_shader, true, 0, &d->buried, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(d->b, &reduce_shader, false, 0, &d->reduce, error);
+    return status;
+}
+
+static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording)
+{
+    const struct direct *d = context;
+    struct direct_push push = {.scene = d->b->scene.address,
+                               .chunk = chunk->all,
+                               .pass = {.results = chunk->results,
+                                        .sobol = d->b->sobol.address,
+                                        .scratch = chunk->scratch,
+                                        .rays = chunk->words,
+                                        .room = chunk->all.total,
+                                        .slots = d->slots,
+                                        .samples = d->samples,
+                                        .limit = d->limit,
+                                        .sobol_stride = d->b->sobol_count,
+                                        .row_first = chunk->row_first}};
+    if (chunk->row_first == 0)
+        vulkan_record(recording, d->choose, chunk->all.total, 1, &push, sizeof push);
+    vulkan_record(recording, d->whole, chunk->all.count, chunk->row_count, &push, sizeof push);
+    push.chunk = chunk->buried;
+    vulkan_record(recording, d->buried, chunk->buried.count, chunk->row_count, &push, sizeof push);
+    push.chunk = chunk->all;
+    if (chunk->last)
+        vulkan_record(recording, d->reduce, chunk->all.total, 1, &push, sizeof push);
+    return KILN_OK;
+}
+
+static int take(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results, const uint32_t *words,
+                struct kiln_error *error)
+{
+    struct direct *d = context;
+    const struct kiln_fragment *fragments = d->b->surface->fragments + fragment_first;
+    const uint64_t points = fragments[fragment_count - 1].first + fragments[fragment_count - 1].count - fragments[0].first;
+    for (uint64_t i = 0; i < points; i++)
+        d->rays += words[i];
+    return d->batch->take != NULL ? d->batch->take(d->batch->context, fragment_first, fragment_count, results, error) : KILN_OK;
+}
+
+/* Bytes of scratch a point, see struct kiln_gpu_direct. */
+static size_t scratch_bytes(const struct direct *d)
+{
+    const size_t choice = sizeof(struct kiln_gpu_choice) + KILN_GPU_DIRECT_PARTS * sizeof(float);
+    return KILN_GPU_DIRECT_PARTS * vulkan_lights_sums_bytes(d->b->float64) + d->slots * choice + sizeof(uint32_t);
+}
+
+int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays, struct kiln_error *error)
+{
+    struct direct d = {.b = (struct vulkan_backend *)backend, .batch = batch, .samples = samples};
+    const struct kiln_lights *lights = d.b->params.lights;
+    const size_t tree = lights->area_count + lights->point_count;
+    d.limit = samples / 2 < 1 ? 1 : samples / 2 < KILN_CUT_MAX ? samples / 2 : KILN_CUT_MAX;
+    d.slots = (uint32_t)((tree < d.limit ? tree : d.limit) + lights->directional_count + 1);
+    const struct vulkan_pass pass = {.pace = VULKAN_PACE_DIRECT,
+                                     .states = true,
+                                     .rows = KILN_GPU_DIRECT_PARTS,
+                                     .work = (double)samples / KILN_GPU_DIRECT_PARTS,
+                                     .first_guess = 1 << 18,
+                                     .scratch_bytes = scratch_bytes(&d),
+                                     .wants_words = true,
+                                     .prepare = prepare,
+                                     .record = record,
+                                     .take = take,
+                                     .context = &d};
+    const int status = vulkan_run_pass(d.b, &pass, batch->fragment_first, batch->fragment_count, error);
+    *rays += d.rays;
+    return status;
+}
