@@ -78,7 +78,7 @@ class Usage(unittest.TestCase):
         }.items():
             self.refused(64, pattern, "bake", self.scene, *arguments)
         self.refused(64, r"--from: '1,2' is not a point", "view", "out", "--from", "1,2")
-        self.refused(69, r"--backend: this build has no backend 'vulkan'; it has: auto, embree", "bake", self.scene, "--backend", "vulkan")
+        self.refused(69, r"--backend: this build has no backend 'optix'; it has: auto, embree, vulkan", "bake", self.scene, "--backend", "optix")
 
     def test_scenes_that_are_not_there(self):
         for command in ("bake", "plan", "info", "check"):

@@ -57,6 +57,7 @@ struct gpu_choice {
     struct gpu_faults *faults; /* borrowed; NULL: none */
 };
 
+/* A device that is lost or out of memory while it starts is tried three times. On success `error` is left alone. */
 int gpu_create(struct gpu **gpu, const struct gpu_choice *choice, struct kiln_error *error);
 void gpu_destroy(struct gpu **gpu);
 const struct gpu_description *gpu_about(const struct gpu *gpu);

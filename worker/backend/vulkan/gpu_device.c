@@ -147,7 +147,7 @@ static int create_device(struct gpu *gpu, struct kiln_error *error)
     return KILN_OK;
 }
 
-int gpu_create(struct gpu **gpu, const struct gpu_choice *choice, struct kiln_error *error)
+static int create_once(struct gpu **gpu, const struct gpu_choice *choice, struct kiln_error *error)
 {
     double bits = 0.0;
     *gpu = NULL;
@@ -162,7 +162,7 @@ int gpu_create(struct gpu **gpu, const struct gpu_choice *choice, struct kiln_er
     if (status == KILN_OK)
         status = choose(g, choice, error);
     if (status != KILN_OK)
-        goto end;
+        return status;
     choose_queue(g, &bits);
     learn_properties(g);
     if (bits == 0.0) /* the queue has no clock */
@@ -174,10 +174,22 @@ int gpu_create(struct gpu **gpu, const struct gpu_choice *choice, struct kiln_er
         status = gpu_slots_create(g, error);
     if (status == KILN_OK)
         status = gpu_staging_create(g, error);
-end:
-    if (status != KILN_OK)
-        gpu_destroy(gpu);
     return status;
+}
+
+int gpu_create(struct gpu **gpu, const struct gpu_choice *choice, struct kiln_error *error)
+{
+    enum { TRIES = 3 };
+    int status = KILN_NO_DEVICE;
+    bool again = true;
+    struct kiln_error why;
+    for (int i = 0; i < TRIES && again; i++) {
+        status = create_once(gpu, choice, &why);
+        again = status != KILN_OK && *gpu != NULL && ((*gpu)->lost || (*gpu)->short_of_memory);
+        if (status != KILN_OK)
+            gpu_destroy(gpu);
+    }
+    return status == KILN_OK ? KILN_OK : kiln_fail(error, status, "%s", why.message);
 }
 
 static void destroy_instance(struct gpu *g)
