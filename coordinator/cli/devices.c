@@ -16,6 +16,7 @@ void kiln_devices_choose(const struct kiln_job *job, int node_rank, int node_ran
     params->traversal = (enum kiln_traversal)job->traversal;
     params->slice_seconds = job->dispatch_time * 1e-3;
     params->device_memory = (uint64_t)(job->device_memory * 0x1p30);
+    params->goes_on = true;
     params->verify_share = job->verify_share;
 }
 

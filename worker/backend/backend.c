@@ -1,8 +1,10 @@
 #include "worker/backend/backend.h"
 
 #include <assert.h>
+#include <stdio.h>
 #include <string.h>
 
+#include "worker/backend/fallback.h"
 #include "worker/backend/verify.h"
 #include "worker/backend/vulkan/gpu.h"
 
@@ -22,21 +24,42 @@ static bool has_gpu(void)
     return false;
 }
 
+/* The backend itself, and around it what the parameters ask for: going on without the device, then checking it. */
+static int create(struct kiln_backend **backend, const struct kiln_backend_api *api, const struct kiln_backend_params *params,
+                  struct kiln_error *error)
+{
+    int status = api->create(backend, params, error);
+    if (status != KILN_OK)
+        return status;
+    (*backend)->params = *params;
+    if (api != &kiln_backend_embree && params->goes_on)
+        status = kiln_fallback_create(backend, params, error);
+    if (status == KILN_OK && api != &kiln_backend_embree && params->verify_share > 0.0)
+        status = kiln_verify_create(backend, params, error);
+    return status;
+}
+
+/* A GPU that does not work is no reason not to bake. */
+static int create_best(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error)
+{
+    struct kiln_error why;
+    if (has_gpu()) {
+        if (create(backend, &kiln_backend_vulkan, params, &why) == KILN_OK)
+            return KILN_OK;
+        (void)fprintf(stderr, "kiln: warning: %s; using Embree\n", why.message);
+    }
+    return create(backend, &kiln_backend_embree, params, error);
+}
+
 int kiln_backend_create(struct kiln_backend **backend, const char *name, const struct kiln_backend_params *params,
                         struct kiln_error *error)
 {
     *backend = NULL;
     if (strcmp(name, "auto") == 0)
-        name = has_gpu() ? "vulkan" : "embree";
+        return create_best(backend, params, error);
     for (size_t i = 0; i < sizeof backends / sizeof *backends; i++)
-        if (strcmp(name, backends[i]->name) == 0) {
-            const int status = backends[i]->create(backend, params, error);
-            if (status != KILN_OK)
-                return status;
-            (*backend)->params = *params;
-            const bool checks = params->verify_share > 0.0 && backends[i] != &kiln_backend_embree; /* Embree would check itself */
-            return checks ? kiln_verify_create(backend, params, error) : KILN_OK;
-        }
+        if (strcmp(name, backends[i]->name) == 0)
+            return create(backend, backends[i], params, error);
     return kiln_fail(error, KILN_NO_DEVICE, "no backend is called '%s' here; known: auto, embree, vulkan", name);
 }
 

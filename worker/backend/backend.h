@@ -54,6 +54,7 @@ struct kiln_backend_params {
     enum kiln_traversal traversal;
     double slice_seconds;        /* what one dispatch may take; 0: 0.1 */
     uint64_t device_memory;      /* bytes; 0: what the device has */
+    bool goes_on;                /* with Embree once the device has failed for good (worker/backend/fallback.h) */
     double verify_share;         /* of the fragments, traced again with Embree (worker/backend/verify.h); 0: none */
 };
 
@@ -147,7 +148,7 @@ extern const struct kiln_backend_api kiln_backend_vulkan;
 /* None of these is collective. A backend is used by one thread at a time and runs its own threads inside a call. */
 
 /* Creates the backend called `name`: "embree", "vulkan", or "auto", which takes Vulkan where there is a fit device that is not
- * software, else Embree. KILN_NO_DEVICE when there is none of that name here. */
+ * software and starts, else Embree. KILN_NO_DEVICE when there is none of that name here. */
 int kiln_backend_create(struct kiln_backend **backend, const char *name, const struct kiln_backend_params *params,
                         struct kiln_error *error);
 void kiln_backend_destroy(struct kiln_backend **backend);

@@ -1,0 +1,127 @@
+/* A device that fails for good in the midst of a pass: Embree takes over where it stopped, and the answers are as if it had done
+ * all. The device is Embree that gives up. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+#include <stdlib.h>
+
+#include "coordinator/surface/surface_build.h"
+#include "tests/unit/surface_scene.h"
+#include "worker/backend/fallback.h"
+#include "worker/light/lights.h"
+
+enum { LAST_GOOD = 9, OWN_FAILURE = KILN_IO };
+
+/* Does the first LAST_GOOD fragments, in parts of 4. */
+struct quitter {
+    struct kiln_backend base;
+    struct kiln_backend_api api;
+    struct kiln_backend *embree;
+};
+
+struct answers {
+    size_t next, stop; /* fragments; stop: where the caller itself fails */
+    const struct kiln_surface *surface;
+    struct kiln_point_result *results;
+};
+
+static int keep(void *context, size_t first, size_t count, const struct kiln_point_result *results, struct kiln_error *error)
+{
+    struct answers *a = context;
+    assert_int_equal(first, a->next); /* none twice, none left out */
+    a->next += count;
+    if (a->next > a->stop)
+        return kiln_fail(error, OWN_FAILURE, "the caller's own");
+    for (size_t i = first; i < first + count; i++) {
+        const struct kiln_fragment *f = &a->surface->fragments[i];
+        memcpy(a->results + f->first, results, f->count * sizeof *results);
+        results += f->count;
+    }
+    return KILN_OK;
+}
+
+static int quit_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays, struct kiln_error *error)
+{
+    for (size_t first = 0; first + 4 <= LAST_GOOD; first += 4) {
+        const struct kiln_batch part = {first, 4, batch->take, batch->context};
+        const int status = kiln_backend_direct(((struct quitter *)backend)->embree, &part, samples, rays, error);
+        if (status != KILN_OK)
+            return status;
+    }
+    return kiln_fail(error, KILN_NO_DEVICE, "the device is gone");
+}
+
+static int quit_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
+{
+    return kiln_backend_set_surface(((struct quitter *)backend)->embree, surface, error);
+}
+
+static void quit_destroy(struct kiln_backend **backend)
+{
+    kiln_backend_destroy(&((struct quitter *)*backend)->embree);
+    free(*backend);
+    *backend = NULL;
+}
+
+static void embree_goes_on(void **state)
+{
+    (void)state;
+    static const double uv[4] = {0.02, 0.98, 0.02, 0.98};
+    struct kiln_error error = {""};
+    struct fixture *f = fixture_create();
+    struct kiln_geometry *geometry = NULL;
+    struct kiln_lights *lights = NULL;
+    struct kiln_surface *surface = NULL;
+    struct kiln_backend *embree = NULL;
+    const uint32_t grey = fixture_material(f, 0.5f, 0.5f, 0.5f), floor = fixture_mesh(f);
+    fixture_sheet(f, dvec3(-4, 0, 4), dvec3(8, 0, 0), dvec3(0, 0, -8), 4, uv, 0.3, grey);
+    f->environment = (struct kiln_environment){.kind = KILN_ENVIRONMENT_CONSTANT, .radiance = {1.0f, 0.8f, 0.6f}};
+    (void)fixture_object(f, floor, NULL, 64, 64);
+    assert_int_equal(kiln_geometry_create(&geometry, &f->scene, &error), KILN_OK);
+    assert_int_equal(kiln_lights_create(&lights, &f->scene, geometry, &error), KILN_OK);
+    const struct kiln_surface_params surface_params = {.scene = &f->scene, .geometry = geometry, .ranks = 1, .threads = 1};
+    assert_int_equal(kiln_surface_build(&surface, &surface_params, &(struct kiln_surface_report){0}, &error), KILN_OK);
+    const struct kiln_backend_params params = {.scene = &f->scene, .geometry = geometry, .lights = lights, .threads = 1};
+    assert_int_equal(kiln_backend_create(&embree, "embree", &params, &error), KILN_OK);
+    assert_int_equal(kiln_backend_set_surface(embree, surface, &error), KILN_OK);
+    const size_t bytes = surface->count * sizeof(struct kiln_point_result);
+    struct answers expected = {.stop = SIZE_MAX, .surface = surface, .results = malloc(bytes)};
+    struct kiln_batch batch = {0, surface->fragment_count, keep, &expected};
+    uint64_t rays = 0;
+    assert_int_equal(kiln_backend_direct(embree, &batch, 4, &rays, &error), KILN_OK);
+    kiln_backend_destroy(&embree);
+
+    for (int own = 0; own < 2; own++) { /* 1: it is the caller who fails */
+        struct quitter *q = calloc(1, sizeof *q);
+        struct kiln_backend *backend = &q->base;
+        struct answers got = {.stop = own ? 5 : SIZE_MAX, .surface = surface, .results = malloc(bytes)};
+        q->api = (struct kiln_backend_api){.name = "quitter", .destroy = quit_destroy, .set_surface = quit_surface, .direct = quit_direct};
+        q->base.api = &q->api;
+        assert_int_equal(kiln_backend_create(&q->embree, "embree", &params, &error), KILN_OK);
+        assert_int_equal(kiln_fallback_create(&backend, &params, &error), KILN_OK);
+        assert_int_equal(kiln_backend_set_surface(backend, surface, &error), KILN_OK);
+        batch.context = &got;
+        for (int pass = 0; pass < 2 - own; pass++) { /* the second is Embree's from the start */
+            got.next = 0;
+            assert_int_equal(kiln_backend_direct(backend, &batch, 4, &rays, &error), own ? OWN_FAILURE : KILN_OK);
+            if (!own)
+                assert_memory_equal(got.results, expected.results, bytes);
+        }
+        free(got.results);
+        kiln_backend_destroy(&backend);
+    }
+    free(expected.results);
+    kiln_surface_destroy(&surface);
+    kiln_lights_destroy(&lights);
+    kiln_geometry_destroy(&geometry);
+    fixture_destroy(f);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(embree_goes_on)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
