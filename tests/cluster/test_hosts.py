@@ -1,0 +1,82 @@
+"""Three hosts, mpirun over ssh: the same bits as one host; a cut link and a lost host end the job with a sentence."""
+import os
+import re
+import subprocess
+import time
+import unittest
+
+from hosts import KILN, Cluster, bake_can, bits, require
+
+KEEPALIVE = ["--mca", "oob_tcp_keepalive_time", "3", "--mca", "oob_tcp_keepalive_intvl", "2", "--mca", "oob_tcp_keepalive_probes", "3"]
+
+
+class Hosts(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.cluster = cls.enterClassContext(Cluster("alder", "birch", "cedar"))
+        cls.folder = os.path.join(cls.cluster.folder, "work")
+        os.makedirs(cls.folder)
+        cls.scene = os.path.join(cls.folder, "cornell.glb")
+        subprocess.run([KILN, "generate", "cornell", "-o", cls.scene], check=True, stdout=subprocess.DEVNULL)
+
+    def bake_words(self, output, *options):
+        return ["mpirun", "--hostfile", self.cluster.hostfile, "--mca", "plm_rsh_agent", self.cluster.agent, *KEEPALIVE, "--map-by",
+                "ppr:1:node", "--display-map", KILN, "bake", self.scene, "-o", os.path.join(self.folder, output), "--threads", "1", *options]
+
+    def test_same_bits_as_one_host(self):
+        alone = subprocess.run([KILN, "bake", self.scene, "-o", os.path.join(self.folder, "alone"), "--quality", "draft", "--threads", "2"],
+                               capture_output=True, text=True)
+        self.assertEqual(alone.returncode, 0, alone.stderr)
+        three = self.cluster.hosts[0].run(*self.bake_words("three", "--quality", "draft"))
+        self.assertEqual(three.returncode, 0, three.stderr)
+        self.assertEqual(bits(os.path.join(self.folder, "three")), bits(os.path.join(self.folder, "alone")))
+        for host in self.cluster.hosts:
+            self.assertRegex(three.stdout, f"Data for node: {host.name}\\b", "every host had a rank")
+
+    def begin_long(self, output):
+        """A bake that has come to its bounces."""
+        bake = self.cluster.hosts[0].begin(*self.bake_words(output, "--quality", "production", "--texels-per-metre", "60", "--schedule", "equal"),
+                                           stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        time.sleep(8)
+        self.assertIsNone(bake.poll(), "the bake ended before anything happened to it")
+        return bake
+
+    def end_within(self, bake, seconds):
+        begin = time.monotonic()
+        try:
+            words = bake.communicate(timeout=seconds)[1]
+        except subprocess.TimeoutExpired:
+            bake.kill()
+            self.fail(f"the job hangs {seconds} s after the loss")
+        return words, time.monotonic() - begin
+
+    def test_cut_link_ends_the_job_with_a_sentence(self):
+        bake = self.begin_long("cut")
+        cut = self.cluster.hosts[2]
+        cut.cut()
+        try:
+            words, seconds = self.end_within(bake, 30)
+        finally:
+            cut.mend()
+        print(f"\ncut link: the job ended after {seconds:.1f} s")
+        self.assertNotEqual(bake.returncode, 0)
+        self.assertRegex(re.sub(r"\s+", " ", words), r"(?i)lost (communication|connection)|cedar")
+
+    def test_lost_host_ends_the_job_with_a_sentence(self):
+        bake = self.begin_long("lost")
+        lost = self.cluster.hosts[1]
+        lost.kill()
+        try:
+            words, seconds = self.end_within(bake, 30)
+        finally:
+            lost.start()
+        print(f"\nlost host: the job ended after {seconds:.1f} s")
+        self.assertNotEqual(bake.returncode, 0)
+        self.assertRegex(re.sub(r"\s+", " ", words), r"(?i)lost (communication|connection)|birch")
+        left = self.cluster.hosts[2].run("ps", "-e", "-o", "args=").stdout
+        self.assertNotIn("kiln bake", left, "a rank stayed behind")
+
+
+if __name__ == "__main__":
+    require()
+    unittest.main()
