@@ -34,6 +34,16 @@ static int own_instruction_set(void)
 
 const char *kiln_own_instruction_set(void) { return instruction_sets[own_instruction_set()]; }
 
+bool kiln_instruction_set_common(MPI_Comm communicator, const char *name)
+{
+    int common = own_instruction_set();
+    (void)MPI_Allreduce(MPI_IN_PLACE, &common, 1, MPI_INT, MPI_MIN, communicator);
+    for (int i = 0; i <= common; i++)
+        if (strcmp(name, instruction_sets[i]) == 0)
+            return true;
+    return false;
+}
+
 /* Embree finds the same hits for any number of threads but not on any instruction set: all ranks take the lowest of theirs. */
 static int agree_on_instruction_set(struct kiln_prepared *p, const char *wanted, struct kiln_error *error)
 {

@@ -31,6 +31,9 @@ struct kiln_prepared {
     struct kiln_surface_report surface_report;
 };
 
+/* Collective. Whether all ranks have the instruction set called `name`. */
+bool kiln_instruction_set_common(MPI_Comm communicator, const char *name);
+
 /* Collective. Rank 0 imports the job's scene to `scene_file`, all map it; every rank builds the rest; the validity pass runs.
  * Phases "import", "scene and BVH", "surface points", "validity" are begun. Destroy with kiln_prepared_destroy. */
 int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job, const char *scene_file,

@@ -3,8 +3,9 @@
 #define KILN_COORDINATOR_BAKE_TRANSPORT_H
 
 #include <mpi.h>
-#include <signal.h>
 
+#include "coordinator/bake/checkpoint.h"
+#include "coordinator/bake/control.h"
 #include "coordinator/bake/energy.h"
 #include "coordinator/bake/packed_error.h"
 #include "coordinator/cli/job.h"
@@ -19,8 +20,8 @@ struct kiln_pass_report {
     enum kiln_pass_kind kind;
     uint32_t bounce;          /* 0: direct; 1, 2, ...; the final gather has the number it stands for */
     uint32_t samples;
-    uint64_t rays;            /* of this rank */
-    double seconds, exchange_seconds; /* of this rank: computing; waiting and exchanging */
+    uint64_t rays;            /* of this rank, and of earlier runs' ranks whose work it took over */
+    double seconds, exchange_seconds; /* likewise: computing; waiting and exchanging */
     struct kiln_pass_energy energy;
 };
 
@@ -31,6 +32,8 @@ struct kiln_transport_report {
     bool tail;              /* a geometric tail was added */
     double tail_ratio[3];   /* power of one bounce over that of the one before, at the end */
     double tail_share;      /* of all reflected power, luminance */
+    uint32_t restarts;      /* how often the bake was gone on with from a checkpoint */
+    double seconds_before;  /* that the earlier runs of it took up to their last checkpoint */
     struct kiln_energy energy;
 };
 
@@ -44,16 +47,21 @@ struct kiln_transport {
 
 struct kiln_transport_params {
     MPI_Comm communicator;
+    int rank, ranks;
+    double begin;                        /* MPI_Wtime() when the run began */
     const struct kiln_job *job;
     struct kiln_backend *backend;        /* has its surface */
     const struct kiln_surface *surface;
     const struct kiln_emission_result *emission;
     struct kiln_progress *progress;      /* may be NULL */
-    const volatile sig_atomic_t *stop;   /* not 0: a signal asks to stop */
+    struct kiln_control *control;        /* what asks to save and to stop */
+    struct kiln_checkpoint *checkpoint;  /* an open generation is gone on from */
+    const json_t *identity;              /* of the bake, for the checkpoints it writes */
     uint32_t threads;                    /* that take over the answers */
 };
 
-/* Collective. KILN_STOPPED when a rank was asked to stop. Destroy with kiln_transport_destroy. */
+/* Collective. Goes on from the open generation of the checkpoint, whatever ranks wrote it. KILN_STOPPED, with a new generation
+ * written, when something asked to stop. Destroy with kiln_transport_destroy. */
 int kiln_transport_run(struct kiln_transport **transport, const struct kiln_transport_params *params, struct kiln_error *error);
 void kiln_transport_destroy(struct kiln_transport **transport);
 

@@ -5,8 +5,10 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 
+#include "coordinator/bake/identity.h"
 #include "coordinator/bake/run_report.h"
 #include "coordinator/bake/volume.h"
 #include "coordinator/cli/agree.h"
@@ -21,11 +23,15 @@ static volatile sig_atomic_t stop_signal; /* the one thing a signal handler can 
 
 static void note_signal(int number) { stop_signal = number; }
 
+/* The second SIGINT ends the process at once: files only get their names when they are complete. SIGTERM and SIGUSR1 may well come
+ * more than once from a queue, and mean the same each time. */
 static void catch_signals(bool on)
 {
-    struct sigaction action = {.sa_handler = on ? note_signal : SIG_DFL, .sa_flags = (int)SA_RESETHAND};
-    (void)sigaction(SIGINT, &action, NULL);
-    (void)sigaction(SIGTERM, &action, NULL);
+    const struct sigaction again = {.sa_handler = on ? note_signal : SIG_DFL, .sa_flags = SA_RESTART};
+    const struct sigaction once = {.sa_handler = on ? note_signal : SIG_DFL, .sa_flags = (int)SA_RESETHAND | SA_RESTART};
+    (void)sigaction(SIGINT, &once, NULL);
+    (void)sigaction(SIGTERM, &again, NULL);
+    (void)sigaction(SIGUSR1, &again, NULL);
 }
 
 struct bake {
@@ -34,7 +40,11 @@ struct bake {
     int rank;
     bool made_folder; /* rank 0: the output folder was not there before */
     char scene_file[KILN_PATH_SIZE];
+    double begin;
     struct kiln_phases phases;
+    struct kiln_control *control;
+    struct kiln_checkpoint *checkpoint;
+    json_t *identity;
     struct kiln_progress *progress;
     struct kiln_prepared *prepared;
     struct kiln_emission_result emission;
@@ -96,6 +106,56 @@ static int forget_old_report(struct bake *b, struct kiln_error *error)
     return kiln_agree(b->communicator, status, error);
 }
 
+/* Another bake in the folder is refused; a checkpoint is looked for, and settles the instruction set unless the job does. */
+static int take_charge(struct bake *b, struct kiln_error *error)
+{
+    const struct kiln_control_params params = {.communicator = b->communicator,
+                                               .directory = b->job->output,
+                                               .begin = b->begin,
+                                               .max_time = b->job->max_time,
+                                               .checkpoint_every = b->job->checkpoint_every,
+                                               .watchdog = b->job->watchdog,
+                                               .signal = &stop_signal};
+    int status = kiln_control_create(&b->control, &params, error);
+    if (status != KILN_OK)
+        return status;
+    kiln_control_follow(b->control, b->progress);
+    return kiln_checkpoint_open(&b->checkpoint, b->communicator, b->job->output, b->job->resume, error);
+}
+
+/* The bits of a bake that was begun on another machine are kept where this one can. */
+static int prepare(struct bake *b, struct kiln_error *error)
+{
+    const char *before = kiln_identity_instruction_set(kiln_checkpoint_identity(b->checkpoint));
+    const bool pin = b->job->instruction_set == NULL && before != NULL;
+    struct kiln_job job = *b->job;
+    if (pin && kiln_instruction_set_common(b->communicator, before))
+        job.instruction_set = (char *)(uintptr_t)before;
+    return kiln_prepare(&b->prepared, b->communicator, &job, b->scene_file, &b->phases, b->progress, error);
+}
+
+/* Says what the bake goes on from, when it does. */
+static int compare_with_checkpoint(struct bake *b, struct kiln_error *error)
+{
+    char note[400];
+    b->identity = kiln_identity_make(b->job, b->prepared);
+    int status = kiln_agree(b->communicator, b->identity != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the bake's identity"), error);
+    if (status == KILN_OK && !b->job->resume)
+        kiln_checkpoint_remove(b->checkpoint);
+    if (status != KILN_OK || kiln_checkpoint_generation(b->checkpoint) == 0)
+        return status;
+    status = kiln_identity_compare(kiln_checkpoint_identity(b->checkpoint), b->identity, b->job->output, note, sizeof note, error);
+    if (status != KILN_OK || b->rank != 0 || b->job->quiet)
+        return status;
+    char age[48];
+    const double written = kiln_checkpoint_written(b->checkpoint);
+    (void)fprintf(stderr, "kiln: going on from checkpoint %llu, written %s ago (--no-resume would start from the beginning)\n",
+                  (unsigned long long)kiln_checkpoint_generation(b->checkpoint), kiln_duration_text((double)time(NULL) - written, age, sizeof age));
+    if (note[0] != '\0')
+        (void)fprintf(stderr, "kiln: note: %s\n", note);
+    return status;
+}
+
 static int transport_light(struct bake *b, struct kiln_error *error)
 {
     kiln_phase(&b->phases, "emission");
@@ -105,13 +165,19 @@ static int transport_light(struct bake *b, struct kiln_error *error)
     status = kiln_agree(b->communicator, status, error);
     if (status != KILN_OK)
         return status;
+    kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0, kiln_checkpoint_written(b->checkpoint));
     const struct kiln_transport_params params = {.communicator = b->communicator,
+                                                 .rank = b->rank,
+                                                 .ranks = b->prepared->ranks,
+                                                 .begin = b->begin,
                                                  .job = b->job,
                                                  .backend = b->prepared->backend,
                                                  .surface = b->prepared->surface,
                                                  .emission = &b->emission,
                                                  .progress = b->progress,
-                                                 .stop = &stop_signal,
+                                                 .control = b->control,
+                                                 .checkpoint = b->checkpoint,
+                                                 .identity = b->identity,
                                                  .threads = b->prepared->threads};
     status = kiln_transport_run(&b->transport, &params, error);
     if (status != KILN_OK)
@@ -229,7 +295,11 @@ static int run(struct bake *b, struct kiln_error *error)
 {
     int status = make_folder(b, error);
     if (status == KILN_OK)
-        status = kiln_prepare(&b->prepared, b->communicator, b->job, b->scene_file, &b->phases, b->progress, error);
+        status = take_charge(b, error);
+    if (status == KILN_OK)
+        status = prepare(b, error);
+    if (status == KILN_OK)
+        status = compare_with_checkpoint(b, error);
     if (status == KILN_OK)
         status = transport_light(b, error);
     if (status == KILN_OK)
@@ -252,24 +322,38 @@ static int run(struct bake *b, struct kiln_error *error)
     return status;
 }
 
+/* The status file's last word: of interest while there is something to go on from. */
+static void conclude(struct bake *b, int status, const struct kiln_error *error)
+{
+    uint64_t generation;
+    const bool there = kiln_checkpoint_newest(b->job->output, &generation);
+    kiln_control_conclude(b->control, status, status == KILN_OK ? "" : error->message, status == KILN_OK || !there);
+}
+
 int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
 {
     struct bake b = {.job = job, .communicator = MPI_COMM_WORLD};
     (void)MPI_Comm_rank(b.communicator, &b.rank);
-    b.progress = kiln_progress_create(job->quiet, b.rank);
+    b.begin = MPI_Wtime();
+    b.progress = b.rank == 0 && job->quiet ? kiln_progress_create_silent() : kiln_progress_create(job->quiet, b.rank);
     kiln_phase(&b.phases, NULL);
     catch_signals(true);
     const int status = run(&b, error);
-    const int stopped = stop_signal;
+    if (b.checkpoint != NULL && status == KILN_OK)
+        kiln_checkpoint_remove(b.checkpoint); /* run.json says it now */
+    if (b.control != NULL)
+        conclude(&b, status, error);
     if (status != KILN_OK)
         forget_folder(&b);
     catch_signals(false);
+    kiln_progress_observe(b.progress, NULL, NULL);
+    kiln_control_destroy(&b.control);
+    kiln_checkpoint_close(&b.checkpoint);
+    json_decref(b.identity);
     kiln_progress_destroy(&b.progress);
     kiln_free(&b.lightmaps);
     kiln_volume_destroy(&b.volume);
     kiln_transport_destroy(&b.transport);
     kiln_prepared_destroy(&b.prepared);
-    if (status == KILN_STOPPED && stopped != 0)
-        (void)raise(stopped); /* the shell and the queue see the signal that ended the run */
     return status;
 }

@@ -20,6 +20,9 @@ int kiln_command_report(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_bench(struct kiln_job *job, struct kiln_error *error); /* (MPI) */
 int kiln_command_submit(struct kiln_job *job, struct kiln_error *error);
 
+int kiln_command_status(struct kiln_job *job, struct kiln_error *error);
+int kiln_command_stop(struct kiln_job *job, struct kiln_error *error);
+
 /* Not a command for users: the confined child that reads a scene (coordinator/import/child.c). argv as it was spawned. */
 int kiln_import_child(int argc, char **argv);
 

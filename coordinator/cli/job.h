@@ -66,6 +66,10 @@ struct kiln_job {
     bool error_map; /* standard error of each texel as a layer */
     bool preview;   /* write preview.png; default true */
 
+    /* checkpoints and limits, seconds; 0: none */
+    bool resume; /* go on from a checkpoint that is there; default true */
+    double checkpoint_every, max_time, watchdog;
+
     /* talking */
     bool json, quiet, verbose;
 

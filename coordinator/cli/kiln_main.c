@@ -99,6 +99,10 @@ static int run(const struct kiln_command *command, struct kiln_job *job, struct 
         return kiln_command_bench(job, error);
     case KILN_FOR_SUBMIT:
         return kiln_command_submit(job, error);
+    case KILN_FOR_STATUS:
+        return kiln_command_status(job, error);
+    case KILN_FOR_STOP:
+        return kiln_command_stop(job, error);
     case KILN_FOR_ALL:
         break;
     }

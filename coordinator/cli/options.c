@@ -114,6 +114,16 @@ const struct kiln_option kiln_options[] = {
      .minimum = 0, .maximum = MOST_SAMPLES, .help = "rays a probe; 0: no volume", .commands = TRACES_OR_PLANS,
      .offset = AT(samples_probe)},
 
+    {.name = "resume", .group = "Checkpoints and limits", .kind = KILN_OPTION_FLAG, .fallback = "true",
+     .help = "go on from the checkpoint in the output folder; --no-resume discards it", .commands = KILN_FOR_BAKE, .offset = AT(resume)},
+    {.name = "checkpoint-every", .group = "Checkpoints and limits", .kind = KILN_OPTION_DOUBLE, .value = "SECONDS", .fallback = "300",
+     .minimum = 0, .maximum = 1e9, .help = "and after bounces, while that costs less than 2 %; 0: only when stopped",
+     .commands = KILN_FOR_BAKE, .offset = AT(checkpoint_every)},
+    {.name = "max-time", .group = "Checkpoints and limits", .kind = KILN_OPTION_DOUBLE, .value = "SECONDS", .shown = "none", .minimum = 0,
+     .maximum = 1e9, .help = "save and end with 75 after so long; the same command goes on", .commands = KILN_FOR_BAKE, .offset = AT(max_time)},
+    {.name = "watchdog", .group = "Checkpoints and limits", .kind = KILN_OPTION_DOUBLE, .value = "SECONDS", .fallback = "60", .minimum = 0,
+     .maximum = 1e9, .help = "end with 76 when a rank gives no sign of life for so long; 0: never", .commands = KILN_FOR_BAKE, .offset = AT(watchdog)},
+
     {.name = "camera", .group = "View", .kind = KILN_OPTION_STRING, .value = "NAME", .shown = "the first",
      .help = "a camera of the scene", .commands = KILN_FOR_VIEW, .offset = AT(camera)},
     {.name = "from", .group = "View", .kind = KILN_OPTION_POINT, .value = "X,Y,Z", .shown = "the camera's",
@@ -233,6 +243,10 @@ const struct kiln_command kiln_commands[] = {
      .summary = "queue a bake on a Slurm cluster",
      .examples = {"kiln submit jobs/cornell.yaml --nodes 2 --time 1:00:00", "kiln submit room.glb --gpus 4 --dry-run",
                   "kiln submit --array 'jobs/*.yaml' --threads 8 --memory 4"}},
+    {.name = "status", .bit = KILN_FOR_STATUS, .arguments = "DIR", .minimum = 1, .maximum = 1,
+     .summary = "where a bake is, from any node", .examples = {"kiln status out", "kiln status out --json"}},
+    {.name = "stop", .bit = KILN_FOR_STOP, .arguments = "DIR", .minimum = 1, .maximum = 1,
+     .summary = "end a running bake politely: it saves first", .examples = {"kiln stop out"}},
 };
 const size_t kiln_command_count = ARRAY_COUNT(kiln_commands);
 

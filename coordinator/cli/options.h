@@ -37,7 +37,9 @@ enum kiln_command_bit {
     KILN_FOR_REPORT = 256,
     KILN_FOR_BENCH = 512,
     KILN_FOR_SUBMIT = 1024,
-    KILN_FOR_ALL = 2047
+    KILN_FOR_STATUS = 2048,
+    KILN_FOR_STOP = 4096,
+    KILN_FOR_ALL = 8191
 };
 
 struct kiln_option {

@@ -24,6 +24,8 @@ struct kiln_progress {
     double rate;       /* units a second, smoothed; 0: not known yet */
     double rate_time;
     uint64_t rate_done;
+    kiln_progress_watch watch;
+    void *watch_data;
 };
 
 static double monotonic(void *unused)
@@ -56,6 +58,24 @@ struct kiln_progress *kiln_progress_create(bool quiet, int rank)
     struct winsize size = {0};
     const bool known = terminal && ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
     return kiln_progress_create_on(stderr, terminal, known ? size.ws_col : 80, monotonic, NULL);
+}
+
+struct kiln_progress *kiln_progress_create_silent(void) { return kiln_progress_create_on(NULL, false, 80, monotonic, NULL); }
+
+void kiln_progress_observe(struct kiln_progress *progress, kiln_progress_watch watch, void *data)
+{
+    if (progress == NULL)
+        return;
+    progress->watch = watch;
+    progress->watch_data = data;
+}
+
+static void tell(const struct kiln_progress *progress)
+{
+    if (progress->watch == NULL)
+        return;
+    const double left = progress->total > 0 && progress->rate > 0 ? (double)(progress->total - progress->done) / progress->rate : -1.0;
+    progress->watch(progress->watch_data, progress->name, progress->done, progress->total, left);
 }
 
 char *kiln_duration_text(double seconds, char *text, size_t size)
@@ -114,7 +134,7 @@ static void draw_bar(const struct kiln_progress *progress, double now)
 
 static void show(struct kiln_progress *progress, double now)
 {
-    if (now - progress->last_shown < (progress->terminal ? REDRAW_SECONDS : LINE_SECONDS))
+    if (progress->stream == NULL || now - progress->last_shown < (progress->terminal ? REDRAW_SECONDS : LINE_SECONDS))
         return;
     progress->last_shown = now;
     if (progress->terminal) {
@@ -156,6 +176,7 @@ void kiln_progress_phase(struct kiln_progress *progress, const char *name, uint6
     progress->rate = 0;
     progress->running = true;
     progress->phase_start = progress->rate_time = progress->clock(progress->clock_data);
+    tell(progress);
     show(progress, progress->phase_start);
 }
 
@@ -182,6 +203,7 @@ void kiln_progress_advance(struct kiln_progress *progress, uint64_t done)
         progress->done = done;
     const double now = progress->clock(progress->clock_data);
     update_rate(progress, now);
+    tell(progress);
     show(progress, now);
 }
 

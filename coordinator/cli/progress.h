@@ -17,7 +17,14 @@ struct kiln_progress;
  * no memory for it: progress is never a reason to fail. Writes to stderr. */
 struct kiln_progress *kiln_progress_create(bool quiet, int rank);
 
-/* The same with everything given: for tests. `clock` returns seconds. */
+/* One that shows nothing and only lets others watch; NULL when there is no memory for it. */
+struct kiln_progress *kiln_progress_create_silent(void);
+
+/* Called after each change, on the thread that made it: seconds left of the phase are -1 while they are not known. */
+typedef void (*kiln_progress_watch)(void *data, const char *name, uint64_t done, uint64_t total, double seconds_left);
+void kiln_progress_observe(struct kiln_progress *progress, kiln_progress_watch watch, void *data);
+
+/* The same with everything given: for tests. `stream` NULL: nothing is shown. `clock` returns seconds. */
 struct kiln_progress *kiln_progress_create_on(FILE *stream, bool terminal, int columns, double (*clock)(void *), void *clock_data);
 
 /* Ends the phase before and begins one of `total` units (0: unknown, no bar and no time left). `name` is copied. */

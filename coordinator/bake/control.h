@@ -1,0 +1,84 @@
+/* How the ranks of a bake agree to stop, to save and to end a pass together while each of them computes on, and how one that has
+ * fallen silent is found.
+ *
+ * Between two batches of work (about a second apart) and while it waits for others, a rank calls kiln_control_poll. That
+ * drives a chain of non-blocking all-reduces, the rounds: each rank puts in whether it is done, whether it was asked to stop and whether it
+ * has failed; when a round is complete all ranks hold the same answer and do the same. Nobody waits in a round, and a pass
+ * ends with the first round in which all are done. A signal therefore need not reach all ranks, and reaching one twice does no harm.
+ *
+ * What asks to stop: SIGUSR1, SIGTERM, SIGINT on any rank; on rank 0 the file that `kiln stop` leaves, and --max-time.
+ *
+ * Watchdog: with its polls a rank sends a sign of life to rank 0 (rank 0 sends its own to the last rank) at least every second or eighth of
+ * the limit. A rank whose last one is older than --watchdog, and than four times its last batch, is named on stderr with host, phase
+ * and share, and the job is aborted with KILN_RANK_LOST. In the few blocking calls (kiln_control_blocking) a thread of each process,
+ * which only looks at shared state and calls no MPI, ends the process with the same status when that takes longer than twice the limit: it
+ * cannot know who is missing, but the job does not hang. A rank that died is noticed by mpirun, which names it and ends the others.
+ *
+ * The same thread of rank 0 writes the status file (status_file.h). */
+#ifndef KILN_COORDINATOR_BAKE_CONTROL_H
+#define KILN_COORDINATOR_BAKE_CONTROL_H
+
+#include <mpi.h>
+#include <signal.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "coordinator/cli/progress.h"
+#include "worker/base/status.h"
+
+struct kiln_control_params {
+    MPI_Comm communicator;
+    const char *directory;    /* of the bake; borrowed */
+    double begin;             /* MPI_Wtime() when the run began: --max-time counts from there */
+    double max_time;          /* s; 0: none */
+    double checkpoint_every;  /* s; 0: no checkpoints but when stopped */
+    double watchdog;          /* s; 0: none */
+    const volatile sig_atomic_t *signal; /* number of the last signal that asks to stop; 0: none */
+};
+
+enum kiln_event {
+    KILN_EVENT_NONE,  /* go on */
+    KILN_EVENT_SAVE,  /* all ranks: write a checkpoint, then go on */
+    KILN_EVENT_STOP,  /* all ranks: write a checkpoint, then end */
+    KILN_EVENT_FAIL,  /* a rank has failed: end */
+    KILN_EVENT_DONE   /* all ranks are done */
+};
+
+struct kiln_control;
+
+/* Collective. KILN_CANNOT_CREATE when another bake is at work in the folder. A request to stop that is still there from before is
+ * forgotten. Destroy with kiln_control_destroy. */
+int kiln_control_create(struct kiln_control **control, const struct kiln_control_params *params, struct kiln_error *error);
+/* Collective. */
+void kiln_control_destroy(struct kiln_control **control);
+
+/* Rank 0: lets the status file follow a progress line (which may be NULL; borrowed until destroyed). */
+void kiln_control_follow(struct kiln_control *control, struct kiln_progress *progress);
+
+/* Begins a pass called `phase` (copied). Not collective, but every rank does. */
+void kiln_control_begin(struct kiln_control *control, const char *phase);
+/* How long a batch should take: a second, or less where checkpoints or signs of life are wanted oftener. */
+double kiln_control_batch_seconds(const struct kiln_control *control);
+/* What to do now. `done`: this rank has nothing more to do in the pass. `share` of it is done, `batch` is the seconds that its last
+ * batch took. `failed`: its status. Returns at once; everybody gets the same events in the same order. */
+enum kiln_event kiln_control_poll(struct kiln_control *control, bool done, double share, double batch, int failed);
+/* The same for a rank that is done: waits for something to happen. Never KILN_EVENT_NONE. */
+enum kiln_event kiln_control_wait(struct kiln_control *control, int failed);
+
+/* Collective. Between passes: KILN_EVENT_NONE, _SAVE or _STOP. Saving `bytes` (of all ranks) is due when the time since the last checkpoint is
+ * --checkpoint-every, or fifty times what it will cost: so it happens after a bounce, and costs no more than two parts in a hundred. */
+enum kiln_event kiln_control_between(struct kiln_control *control, uint64_t bytes);
+
+/* A checkpoint was written (or, with generation, found): seconds it took. */
+void kiln_control_saved(struct kiln_control *control, uint64_t generation, double seconds, double written);
+
+/* Marks a blocking MPI call, or NULL its end; `seconds` over and above the watchdog's limit are granted. */
+void kiln_control_blocking(struct kiln_control *control, const char *what, double seconds);
+
+/* What asked to stop, for people: "SIGUSR1", "kiln stop", "--max-time". */
+const char *kiln_control_reason(const struct kiln_control *control);
+
+/* Rank 0: the last word in the status file; with `remove` the file goes instead. Call it before kiln_control_destroy. */
+void kiln_control_conclude(struct kiln_control *control, int status, const char *message, bool remove);
+
+#endif

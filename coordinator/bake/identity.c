@@ -1,0 +1,156 @@
+#include "coordinator/bake/identity.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "coordinator/cli/options.h"
+
+/* Options of bake whose values are part of a result, */
+static const char *const counting[] = {"environment", "environment-scale", "environment-rotation", "method", "bounces", "tail", "schedule",
+                                       "samples-direct", "samples-bounce", "samples-indirect", "seed", "texels-per-metre", "lightmap-size",
+                                       "lightmap-max", "half", "stitch", "error-map", "cell-size", "partition", "probe-spacing", "samples-probe"};
+/* and those that only say where, how fast, how long and with how many words. The quality is in the samples. */
+static const char *const other[] = {"output", "backend", "threads", "instruction-set", "quality", "preview", "exposure", "json", "quiet",
+                                    "verbose", "resume", "checkpoint-every", "max-time", "watchdog", "device", "devices", "traversal", "dispatch-time", "device-memory", "verify-share",
+                                    "trace"};
+
+static bool is_among(const char *name, const char *const *list, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (strcmp(list[i], name) == 0)
+            return true;
+    return false;
+}
+
+bool kiln_identity_counts(const char *name, bool *known)
+{
+    const bool counts = is_among(name, counting, sizeof counting / sizeof *counting);
+    *known = counts || is_among(name, other, sizeof other / sizeof *other);
+    return counts;
+}
+
+static json_t *number_json(const struct kiln_option *option, double value, const char *format)
+{
+    char text[64];
+    if (option->word != NULL && value == option->word_value)
+        return json_string(option->word);
+    (void)snprintf(text, sizeof text, format, value);
+    return json_string(text);
+}
+
+/* An option's value as text. */
+static json_t *value_json(const struct kiln_job *job, const struct kiln_option *option)
+{
+    const void *at = (const char *)job + option->offset;
+    char text[64];
+    switch (option->kind) {
+    case KILN_OPTION_FLAG:
+        return json_string(*(const bool *)at ? "on" : "off");
+    case KILN_OPTION_CHOICE_FLAG:
+        return json_string(option->choices[*(const bool *)at ? 1 : 0]);
+    case KILN_OPTION_CHOICE_ENUM:
+        return json_string(option->choices[*(const int *)at]);
+    case KILN_OPTION_UINT32:
+        return number_json(option, (double)*(const uint32_t *)at, "%.0f");
+    case KILN_OPTION_INT64:
+        return number_json(option, (double)*(const int64_t *)at, "%.0f");
+    case KILN_OPTION_UINT64:
+        (void)snprintf(text, sizeof text, "%llu", (unsigned long long)*(const uint64_t *)at);
+        return json_string(text);
+    case KILN_OPTION_DOUBLE:
+        return number_json(option, *(const double *)at, "%.17g");
+    case KILN_OPTION_STRING:
+    case KILN_OPTION_PATH:
+    case KILN_OPTION_ENVIRONMENT:
+    case KILN_OPTION_POINT:
+    case KILN_OPTION_CHOICE: {
+        const char *value = *(char *const *)at;
+        json_t *json = json_string(value != NULL ? value : "not given");
+        return json != NULL ? json : json_string("not UTF-8");
+    }
+    }
+    return NULL;
+}
+
+static json_t *hash_json(const uint64_t hash[2])
+{
+    char text[40];
+    (void)snprintf(text, sizeof text, "%016llx%016llx", (unsigned long long)hash[1], (unsigned long long)hash[0]);
+    return json_string(text);
+}
+
+json_t *kiln_identity_make(const struct kiln_job *job, const struct kiln_prepared *prepared)
+{
+    const struct kiln_scene *scene = prepared->scene;
+    json_t *fields = json_object(), *sources = json_object();
+    for (size_t i = 0; i < sizeof counting / sizeof *counting; i++) {
+        const struct kiln_option *option = kiln_option_find_for(counting[i], KILN_FOR_BAKE);
+        if (option != NULL)
+            (void)json_object_set_new(fields, counting[i], value_json(job, option));
+    }
+    for (size_t i = 0; i < scene->source_count; i++)
+        (void)json_object_set_new(sources, kiln_scene_string(scene, scene->sources[i].path), hash_json(scene->sources[i].hash));
+    (void)json_object_set_new(fields, "scene content", hash_json(scene->header->content_hash));
+    (void)json_object_set_new(fields, "kiln", json_string(KILN_VERSION));
+    return json_pack("{s:o, s:o, s:{s:s, s:s}}", "fields", fields, "sources", sources, "machine", "backend", prepared->backend->api->name,
+                     "instruction set", prepared->instruction_set);
+}
+
+const char *kiln_identity_instruction_set(const json_t *identity)
+{
+    return json_string_value(json_object_get(json_object_get(identity, "machine"), "instruction set"));
+}
+
+/* Rows of what is different, appended to a text. */
+struct rows {
+    char text[1400];
+    size_t count;
+};
+
+static const char *text_of(const json_t *json) { return json_is_string(json) ? json_string_value(json) : "-"; }
+
+static void add_row(struct rows *rows, const char *name, const char *then, const char *now)
+{
+    const size_t used = strlen(rows->text);
+    (void)snprintf(rows->text + used, sizeof rows->text - used, "\n  %-22.60s %-34.100s %.100s", name, then, now);
+    rows->count++;
+}
+
+/* What one of the objects has otherwise than the other, or alone. */
+static void compare_objects(struct rows *rows, const json_t *then, const json_t *now, const char *prefix)
+{
+    const char *key;
+    json_t *value;
+    char name[300];
+    json_object_foreach((json_t *)(uintptr_t)now, key, value) {
+        const json_t *old = json_object_get(then, key);
+        (void)snprintf(name, sizeof name, "%s%.250s", prefix, key);
+        if (old == NULL || json_equal(old, value) == 0)
+            add_row(rows, name, text_of(old), text_of(value));
+    }
+    json_object_foreach((json_t *)(uintptr_t)then, key, value) {
+        (void)snprintf(name, sizeof name, "%s%.250s", prefix, key);
+        if (json_object_get(now, key) == NULL)
+            add_row(rows, name, text_of(value), "-");
+    }
+}
+
+int kiln_identity_compare(const json_t *then, const json_t *now, const char *directory, char *note, size_t note_size, struct kiln_error *error)
+{
+    struct rows rows = {{0}, 0}, machine = {{0}, 0};
+    compare_objects(&rows, json_object_get(then, "fields"), json_object_get(now, "fields"), "");
+    if (rows.count > 0) { /* a source that changed without a trace in the scene is no reason to refuse */
+        compare_objects(&rows, json_object_get(then, "sources"), json_object_get(now, "sources"), "file ");
+        return kiln_fail(error, KILN_BAD_INPUT, "the checkpoint in %.300s/checkpoint is of another job; repeat the command that it was made with, "
+                         "or give --no-resume to discard it and start from the beginning\n  %-22s %-34s %s%s", directory, "field", "in the checkpoint",
+                         "now", rows.text);
+    }
+    compare_objects(&machine, json_object_get(then, "machine"), json_object_get(now, "machine"), "");
+    const json_t *old = json_object_get(then, "machine"), *new = json_object_get(now, "machine");
+    (void)snprintf(note, note_size, "%s", "");
+    if (machine.count > 0)
+        (void)snprintf(note, note_size, "the checkpoint was made by %s, %s, and this run has %s, %s: the same light within its error, not the same bits",
+                       text_of(json_object_get(old, "backend")), text_of(json_object_get(old, "instruction set")),
+                       text_of(json_object_get(new, "backend")), text_of(json_object_get(new, "instruction set")));
+    return KILN_OK;
+}

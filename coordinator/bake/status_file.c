@@ -1,0 +1,174 @@
+#include "coordinator/bake/status_file.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <jansson.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "coordinator/output/publish.h"
+#include "worker/base/memory.h"
+
+#define OLD_SECONDS 15.0 /* a file that has not changed for so long belongs to nobody */
+#define WATCH_SECONDS 3.0
+
+static double seconds_now(void)
+{
+    struct timespec now;
+    (void)clock_gettime(CLOCK_REALTIME, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+static int path_of(char path[KILN_PATH_SIZE], const char *directory, const char *name, struct kiln_error *error)
+{
+    char folder[KILN_PATH_SIZE];
+    const int status = kiln_path_join(folder, directory, "checkpoint", error);
+    return status == KILN_OK ? kiln_path_join(path, folder, name, error) : status;
+}
+
+/* Field 22 of /proc/PID/stat; the name before it may hold anything, but ends with the last bracket. 0: no such process. */
+static uint64_t start_of(int64_t process)
+{
+    char path[64], text[1024];
+    (void)snprintf(path, sizeof path, "/proc/%lld/stat", (long long)process);
+    FILE *file = fopen(path, "re");
+    if (file == NULL)
+        return 0;
+    const size_t size = fread(text, 1, sizeof text - 1, file);
+    (void)fclose(file);
+    text[size] = '\0';
+    const char *at = strrchr(text, ')');
+    if (at != NULL && (strncmp(at, ") Z", 3) == 0 || strncmp(at, ") X", 3) == 0))
+        return 0; /* dead, and nobody has asked how it died */
+    for (int field = 2; at != NULL && field < 22; field++)
+        at = strchr(at + 1, ' ');
+    return at != NULL ? strtoull(at, NULL, 10) : 0;
+}
+
+void kiln_bake_status_sign(struct kiln_bake_status *status)
+{
+    if (gethostname(status->host, sizeof status->host - 1) != 0)
+        (void)snprintf(status->host, sizeof status->host, "unknown");
+    status->process = getpid();
+    status->started = start_of(status->process);
+    status->updated = seconds_now();
+}
+
+void kiln_bake_status_write(const char *directory, const struct kiln_bake_status *s)
+{
+    char path[KILN_PATH_SIZE], aside[KILN_PATH_SIZE];
+    if (path_of(path, directory, "status.json", NULL) != KILN_OK || path_of(aside, directory, ".status.json.part", NULL) != KILN_OK)
+        return;
+    json_t *json = json_pack("{s:s, s:s, s:f, s:f, s:f, s:i, s:s, s:I, s:I, s:f, s:I, s:I, s:f, s:i, s:s}", "state", s->state, "phase", s->phase,
+                             "share", s->share, "left", s->left, "seconds", s->seconds, "ranks", (int)s->ranks, "host", s->host, "process",
+                             (json_int_t)s->process, "started", (json_int_t)s->started, "updated", s->updated, "beat", (json_int_t)s->beat,
+                             "generation", (json_int_t)s->generation, "saved", s->saved, "code", (int)s->code, "message", s->message);
+    char *text = json != NULL ? json_dumps(json, JSON_INDENT(1)) : NULL;
+    const int descriptor = text != NULL ? open(aside, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0666) : -1;
+    if (descriptor >= 0) { /* not synced: after a power cut it would say nothing that still holds */
+        const bool written = kiln_write_all(descriptor, text, strlen(text), 0, aside, NULL) == KILN_OK;
+        if (close(descriptor) == 0 && written)
+            (void)rename(aside, path);
+        else
+            (void)unlink(aside);
+    }
+    free(text);
+    json_decref(json);
+}
+
+static void take_text(const json_t *json, const char *key, char *text, size_t size)
+{
+    const char *value = json_string_value(json_object_get(json, key));
+    (void)snprintf(text, size, "%s", value != NULL ? value : "");
+}
+
+int kiln_bake_status_read(const char *directory, struct kiln_bake_status *s, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE], *text = NULL;
+    size_t size = 0;
+    int status = path_of(path, directory, "status.json", error);
+    if (status == KILN_OK)
+        status = kiln_read_file(path, 1 << 20, &text, &size, error);
+    if (status != KILN_OK)
+        return status;
+    json_t *json = json_loadb(text, size, 0, NULL);
+    kiln_free(&text);
+    *s = (struct kiln_bake_status){0};
+    take_text(json, "state", s->state, sizeof s->state);
+    take_text(json, "phase", s->phase, sizeof s->phase);
+    take_text(json, "host", s->host, sizeof s->host);
+    take_text(json, "message", s->message, sizeof s->message);
+    s->share = json_number_value(json_object_get(json, "share"));
+    s->left = json_number_value(json_object_get(json, "left"));
+    s->seconds = json_number_value(json_object_get(json, "seconds"));
+    s->updated = json_number_value(json_object_get(json, "updated"));
+    s->saved = json_number_value(json_object_get(json, "saved"));
+    s->ranks = (int32_t)json_integer_value(json_object_get(json, "ranks"));
+    s->code = (int32_t)json_integer_value(json_object_get(json, "code"));
+    s->process = json_integer_value(json_object_get(json, "process"));
+    s->started = (uint64_t)json_integer_value(json_object_get(json, "started"));
+    s->beat = (uint64_t)json_integer_value(json_object_get(json, "beat"));
+    s->generation = (uint64_t)json_integer_value(json_object_get(json, "generation"));
+    json_decref(json);
+    return s->state[0] != '\0' ? KILN_OK : kiln_fail(error, KILN_BAD_INPUT, "'%s' is not the status of a bake", path);
+}
+
+static void remove_file(const char *directory, const char *name)
+{
+    char path[KILN_PATH_SIZE];
+    if (path_of(path, directory, name, NULL) == KILN_OK)
+        (void)unlink(path);
+}
+
+void kiln_bake_status_remove(const char *directory)
+{
+    remove_file(directory, "status.json");
+    remove_file(directory, ".status.json.part");
+}
+
+bool kiln_bake_status_alive(const char *directory, const struct kiln_bake_status *s)
+{
+    struct kiln_bake_status here = {0}, later;
+    if (strcmp(s->state, "running") != 0)
+        return false;
+    kiln_bake_status_sign(&here);
+    if (strcmp(here.host, s->host) == 0 && start_of(s->process) == s->started)
+        return true;
+    if (strcmp(here.host, s->host) == 0 && start_of(s->process) != 0)
+        return false;
+    /* another host, or one that has the same name but processes of its own, as containers have */
+    if (here.updated - s->updated > OLD_SECONDS || (strcmp(here.host, s->host) == 0 && here.updated - s->updated > WATCH_SECONDS))
+        return false;
+    for (double waited = 0.0; waited < WATCH_SECONDS; waited += 0.1) {
+        const struct timespec step = {0, 100000000};
+        (void)nanosleep(&step, NULL);
+        if (kiln_bake_status_read(directory, &later, NULL) == KILN_OK && later.beat != s->beat)
+            return strcmp(later.state, "running") == 0;
+    }
+    return false;
+}
+
+int kiln_stop_request(const char *directory, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    int status = path_of(path, directory, "stop", error);
+    if (status != KILN_OK)
+        return status;
+    const int descriptor = open(path, O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
+    if (descriptor < 0)
+        return kiln_fail_errno(error, errno == EACCES || errno == EPERM ? KILN_PERMISSION : KILN_CANNOT_CREATE, "'%s' cannot be created", path);
+    (void)close(descriptor);
+    return KILN_OK;
+}
+
+bool kiln_stop_requested(const char *directory)
+{
+    char path[KILN_PATH_SIZE];
+    return path_of(path, directory, "stop", NULL) == KILN_OK && access(path, F_OK) == 0;
+}
+
+void kiln_stop_forget(const char *directory) { remove_file(directory, "stop"); }

@@ -1,0 +1,479 @@
+"""A bake that is interrupted, in every way there is, goes on to the same bits.
+
+    resume.py --kiln PATH kills       kill -9 a random rank at random moments (KILN_KILLS of them, KILN_SEED)
+    resume.py --kiln PATH layouts     go on with other numbers of ranks and threads
+    resume.py --kiln PATH signals     SIGUSR1, SIGTERM, SIGINT, kiln stop, --max-time: 75, and what kiln status says
+    resume.py --kiln PATH refusals    another scene or setting is refused, with a table
+    resume.py --kiln PATH damage      flipped bits, cut and missing files: noticed, the generation before is used
+    resume.py --kiln PATH disk        full disk 74, read-only folder 73 or 77, last generation whole
+    resume.py --kiln PATH watchdog    a rank that stands still is named, 76
+    resume.py --kiln PATH cost        what checkpoints cost (a measurement)
+"""
+import glob
+import hashlib
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import numpy as np
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path.insert(0, os.path.join(HERE, '..', 'common'))
+import harness  # noqa: E402
+
+STOPPED, LOST, BAD_INPUT, CANNOT_CREATE, IO, PERMISSION = 75, 76, 65, 73, 74, 77
+SCENE = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
+# A few seconds on two cores, in enough batches that there is something to interrupt.
+OPTIONS = ('--backend', 'embree', '--lightmap-size', '64', '--samples-direct', '64', '--samples-bounce', '32', '--samples-indirect', '256', '--bounces', '5',
+           '--samples-probe', '64', '--error-map')
+OFTEN = ('--checkpoint-every', '0.05')
+
+
+class Tool:
+    def __init__(self, kiln, scratch):
+        self.kiln, self.scratch, self.number = kiln, scratch, 0
+
+    def folder(self):
+        self.number += 1
+        return os.path.join(self.scratch, 'bake%d' % self.number)
+
+    def line(self, folder, *more, ranks=0, threads=1, scene=SCENE):
+        command = [self.kiln, 'bake', scene, '-o', folder, '--no-preview', '--threads', str(threads), *OPTIONS, *map(str, more)]
+        return (['mpirun', '--bind-to', 'none', '-n', str(ranks)] if ranks else []) + command
+
+    def start(self, folder, *more, **how):
+        """Runs in the background; what it prints goes to FOLDER.out and FOLDER.err."""
+        env = dict(os.environ)
+        env.update(harness.MPI_ENVIRONMENT)
+        with open(folder + '.out', 'wb') as out, open(folder + '.err', 'wb') as err:
+            return subprocess.Popen(self.line(folder, *more, **how), stdout=out, stderr=err, stdin=subprocess.DEVNULL, env=env, start_new_session=True)
+
+    def bake(self, folder, *more, timeout=120, **how):
+        return harness.run(self.line(folder, *more, **how), timeout, harness.MPI_ENVIRONMENT)
+
+    def run(self, *arguments):
+        return harness.run([self.kiln, *arguments], 60, harness.MPI_ENVIRONMENT)
+
+
+def finish(process, timeout=60):
+    try:
+        return process.wait(timeout)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        return None
+
+
+def text(folder, end='.err'):
+    with open(folder + end, errors='replace') as f:
+        return f.read()
+
+
+def ranks_of(process):
+    """Process numbers of the kiln ranks below a process, or itself."""
+    found = []
+    for path in glob.glob('/proc/[0-9]*/stat'):
+        try:
+            with open(path) as f:
+                fields = f.read().rsplit(')', 1)[1].split()
+            with open(path[:-4] + 'cmdline', 'rb') as f:
+                words = f.read().split(b'\0')
+        except OSError:
+            continue
+        pid = int(path.split('/')[2])
+        if (int(fields[1]) == process.pid or pid == process.pid) and words[0].endswith(b'kiln') and words[1:2] == [b'bake']:
+            found.append(pid)
+    return sorted(found)
+
+
+def digest(values):
+    return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
+
+
+def result(folder):
+    """{file or dataset: hash} of all that a bake leaves; what differs with the number of ranks is left out."""
+    found = {}
+    for path in sorted(glob.glob(os.path.join(folder, 'lightmaps', '*.exr'))):
+        with open(path, 'rb') as f:
+            found[os.path.basename(path)] = hashlib.sha256(f.read()).hexdigest()
+    for name in ('kiln.h5', 'volume.hdf'):
+        with h5py.File(os.path.join(folder, name), 'r') as f:
+            def visit(key, item, name=name):
+                if isinstance(item, h5py.Dataset) and not key.startswith(('timings', 'run')):
+                    found['%s %s' % (name, key)] = digest(item[...])
+            f.visititems(visit)
+    with open(os.path.join(folder, 'run.json')) as f:
+        run = json.load(f)
+    found['energy'] = json.dumps(run['energy'])
+    found['passes'] = json.dumps([[b['kind'], b['samples'], b['incident']] for b in run['bounces']])
+    found['rays'] = json.dumps(run['rays'])
+    return found
+
+
+def differences(a, b):
+    return ', '.join(sorted(k for k in set(a) | set(b) if a.get(k) != b.get(k)))[:300]
+
+
+def readable(folder):
+    """What in the folder cannot be read as what its name says, as sentences."""
+    bad = []
+    for path in glob.glob(os.path.join(folder, '**'), recursive=True):
+        name = os.path.basename(path)
+        try:
+            if name.endswith('.exr'):
+                harness.read_exr(path)
+            elif name.endswith(('.h5', '.hdf')):
+                with h5py.File(path, 'r') as f:
+                    f.visititems(lambda key, item: item[...] if isinstance(item, h5py.Dataset) else None)
+            elif name.endswith('.json'):
+                with open(path) as f:
+                    json.load(f)
+            elif name == 'manifest':
+                with open(path, 'rb') as f:
+                    head, _, last = f.read().rstrip(b'\n').rpartition(b'\n')
+                json.loads(head)
+                assert last.startswith(b'xxh3_128 ')
+        except FileNotFoundError:
+            pass  # it was replaced or removed meanwhile
+        except Exception as problem:  # noqa: BLE001 - whatever it is, the file is not readable
+            bad.append('%s: %s' % (path, problem))
+    return bad
+
+
+def generations(folder):
+    return sorted(glob.glob(os.path.join(folder, 'checkpoint', 'gen-*')))
+
+
+def wait_for(what, seconds=30):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if what():
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def same(checks, tool, reference, folder, process, what):
+    if checks.that(process.status == 0, '%s: going on ended with %s instead of 0' % (what, process.status), process):
+        different = differences(reference, result(folder))
+        checks.that(not different, '%s: not the same: %s' % (what, different), process)
+        checks.that(not os.path.exists(os.path.join(folder, 'checkpoint')), '%s: the checkpoint is still there' % what, process)
+
+
+def reference_of(checks, tool):
+    folder = tool.folder()
+    process = tool.bake(folder, '--checkpoint-every', 0, threads=2)
+    if not checks.that(process.status == 0, 'the reference ended with %d' % process.status, process):
+        checks.end()
+    return result(folder), process.seconds
+
+
+# ---- the parts ----
+
+def try_kills(checks, tool):
+    kills = int(os.environ.get('KILN_KILLS', '8'))
+    seed = int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
+    dice = random.Random(seed)
+    print('seed %d (KILN_SEED=%d repeats it), %d kills' % (seed, seed, kills))
+    reference, _ = reference_of(checks, tool)
+    start = time.monotonic()
+    tool.bake(tool.folder(), *OFTEN, ranks=2)
+    length = time.monotonic() - start
+    done = in_write = 0
+    while done < kills:
+        folder = tool.folder()
+        for attempt in range(1000):
+            process = tool.start(folder, *OFTEN, ranks=2)
+            moment = dice.uniform(0.2, 1.05 * length)
+            end = time.monotonic() + moment
+            while time.monotonic() < end and process.poll() is None:
+                time.sleep(0.005)
+            ranks = ranks_of(process)
+            if process.poll() is None and ranks and done < kills:
+                victim = dice.choice(ranks)
+                in_write += bool(glob.glob(os.path.join(folder, 'checkpoint', '.writing-*')))
+                os.kill(victim, signal.SIGKILL)
+                done += 1
+                began = time.monotonic()
+                status = finish(process)
+                what = 'kill %d, after %.2f s' % (done, moment)
+                checks.that(status not in (None, 0), '%s: the job ended with %s' % (what, status))
+                checks.that(time.monotonic() - began < 30, '%s: the job went on for %.0f s' % (what, time.monotonic() - began))
+                checks.that('exited on signal 9' in text(folder, '.out') + text(folder), '%s: nobody says which rank died' % what)
+                bad = readable(folder)
+                checks.that(not bad, '%s: %s' % (what, '; '.join(bad)))
+                continue
+            status = finish(process)
+            if checks.that(status == 0, 'the last run ended with %s: %s' % (status, text(folder)[-300:])):
+                different = differences(reference, result(folder))
+                checks.that(not different, 'after %d interruptions not the same: %s' % (attempt, different))
+            break
+        shutil.rmtree(folder, ignore_errors=True)
+    print('%d kills, %d of them while a checkpoint was being written' % (done, in_write))
+
+
+def interrupted(tool, checks, ranks=0, threads=1, after=2, more=()):
+    """A folder with a bake stopped in the middle, once it has written so many generations."""
+    folder = tool.folder()
+    process = tool.start(folder, *OFTEN, *more, ranks=ranks, threads=threads)
+    number = lambda: max([int(g[-6:]) for g in generations(folder)], default=0)
+    wait_for(lambda: number() >= after or process.poll() is not None)
+    for rank in ranks_of(process):
+        os.kill(rank, signal.SIGUSR1)
+        break
+    status = finish(process)
+    checks.that(status == STOPPED, 'stopped by SIGUSR1 on one rank it ended with %s, not 75: %s' % (status, text(folder)[-400:]))
+    return folder
+
+
+def try_layouts(checks, tool):
+    reference, _ = reference_of(checks, tool)
+    for i, (before, after, threads) in enumerate(((1, 2, 1), (2, 3, 2), (3, 1, 2), (5, 2, 1), (2, 5, 1))):
+        folder = interrupted(tool, checks, ranks=before, after=2 + 2 * i)
+        same(checks, tool, reference, folder, tool.bake(folder, ranks=after, threads=threads), '%d ranks, then %d' % (before, after))
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def try_signals(checks, tool):
+    reference, seconds = reference_of(checks, tool)
+    for number in (signal.SIGUSR1, signal.SIGTERM, signal.SIGINT):
+        folder = tool.folder()
+        process = tool.start(folder, *OFTEN)
+        wait_for(lambda: generations(folder) or process.poll() is not None)
+        began = time.monotonic()
+        process.send_signal(number)
+        if number == signal.SIGUSR1:
+            process.send_signal(number)  # may come twice
+        status = finish(process)
+        checks.that(status == STOPPED, '%s: ended with %s, not 75' % (number.name, status))
+        checks.that(time.monotonic() - began < 20, '%s: took %.0f s' % (number.name, time.monotonic() - began))
+        checks.that(number.name in text(folder) and 'same command' in text(folder), '%s: not named: %s' % (number.name, text(folder)[-300:]))
+        state = tool.run('status', folder, '--json')
+        checks.that(state.status == 0 and state.json()['state'] == 'stopped', '%s: status says %s' % (number.name, state.stdout), state)
+        again = tool.bake(folder)
+        checks.that('going on from checkpoint' in again.stderr, '%s: does not say that it goes on' % number.name, again)
+        same(checks, tool, reference, folder, again, number.name)
+
+    folder = tool.folder()  # two ranks, through mpirun
+    process = tool.start(folder, *OFTEN, ranks=2)
+    wait_for(lambda: generations(folder) or process.poll() is not None)
+    process.send_signal(signal.SIGUSR1)
+    status = finish(process)
+    checks.that(status == STOPPED, 'SIGUSR1 to mpirun: ended with %s, not 75: %s' % (status, text(folder)[-300:]))
+    same(checks, tool, reference, folder, tool.bake(folder, ranks=3), 'SIGUSR1 to mpirun')
+
+    folder = tool.folder()  # kiln stop, kiln status
+    process = tool.start(folder, *OFTEN, ranks=2)
+    wait_for(lambda: generations(folder) or process.poll() is not None)
+    state = tool.run('status', folder, '--json')
+    checks.that(state.status == 0 and state.json()['state'] == 'running' and state.json()['ranks'] == 2, 'status of a running bake: %s' % state.stdout, state)
+    other = tool.bake(folder)
+    checks.that(other.status == CANNOT_CREATE and 'another bake' in other.stderr, 'a second bake in the folder ended with %d' % other.status, other)
+    stop = tool.run('stop', folder)
+    checks.that(stop.status == 0, 'kiln stop ended with %d' % stop.status, stop)
+    status = finish(process)
+    checks.that(status == STOPPED and 'kiln stop' in text(folder), 'kiln stop: ended with %s, not 75: %s' % (status, text(folder)[-300:]))
+    stop = tool.run('stop', folder)
+    checks.that(stop.status == 66, 'kiln stop without a bake ended with %d' % stop.status, stop)
+    same(checks, tool, reference, folder, tool.bake(folder, ranks=2), 'kiln stop')
+    state = tool.run('status', folder, '--json')
+    checks.that(state.status == 0 and state.json()['state'] == 'done', 'status of a finished bake: %s' % state.stdout, state)
+
+    folder = tool.folder()  # as many short runs as it takes
+    runs = 0
+    while runs < 50:
+        process = tool.bake(folder, '--max-time', 0.35 * seconds, *OFTEN)
+        runs += 1
+        if process.status != STOPPED:
+            break
+        checks.that('--max-time' in process.stderr, '--max-time: not named', process)
+    checks.that(runs >= 3, '--max-time: only %d runs' % runs, process)
+    same(checks, tool, reference, folder, process, '--max-time, %d runs' % runs)
+
+    folder = tool.folder()  # the second SIGINT leaves at once
+    process = tool.start(folder, *OFTEN)
+    wait_for(lambda: generations(folder) or process.poll() is not None)
+    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGINT)
+    began = time.monotonic()
+    status = finish(process)
+    checks.that(status in (-signal.SIGINT, STOPPED) and time.monotonic() - began < 2, 'two SIGINT: ended with %s after %.1f s' % (
+        status, time.monotonic() - began))
+    checks.that(not readable(folder), 'two SIGINT: %s' % readable(folder))
+    same(checks, tool, reference, folder, tool.bake(folder), 'two SIGINT')
+
+
+def try_refusals(checks, tool):
+    reference, _ = reference_of(checks, tool)
+    folder = interrupted(tool, checks)
+    changes = [('seed', 1), ('samples-direct', 63), ('samples-bounce', 31), ('samples-indirect', 255), ('bounces', 4), ('samples-probe', 63), ('schedule', 'equal'),
+               ('lightmap-size', 63), ('cell-size', 0.7), ('partition', 'objects'), ('environment', '1,1,1'), ('environment-scale', 2),
+               ('environment-rotation', 3), ('probe-spacing', 0.3), ('texels-per-metre', 20), ('lightmap-max', 2048)]
+    for name, value in changes:
+        process = tool.bake(folder, '--' + name, value)
+        checks.that(process.status == BAD_INPUT and 'in the checkpoint' in process.stderr and name in process.stderr,
+                    '--%s %s was not refused with a table: %d' % (name, value, process.status), process)
+    for flag in ('--tail', '--half', '--no-stitch', '--no-error-map'):
+        process = tool.bake(folder, flag)
+        checks.that(process.status == BAD_INPUT, '%s was not refused: %d' % (flag, process.status), process)
+    other = os.path.join(tool.scratch, 'other.glb')
+    made = tool.run('generate', 'cornell', '-o', other)
+    checks.that(made.status == 0, 'kiln generate ended with %d' % made.status, made)
+    with open(SCENE, 'rb') as f:
+        data = f.read()
+    changed = os.path.join(tool.scratch, 'cornell.glb')
+    with open(changed, 'wb') as f:
+        f.write(data.replace(b'"intensity":', b'"intensity":1') if b'"intensity":' in data else data.replace(b'0.', b'0.1', 1))
+    process = tool.bake(folder, scene=os.path.join(harness.REPOSITORY, 'jobs', 'furnace.glb'))
+    checks.that(process.status == BAD_INPUT and 'scene content' in process.stderr, 'another scene was not refused: %d' % process.status, process)
+    checks.that(len(generations(folder)) == 2, 'after refusals %d generations' % len(generations(folder)))
+    same(checks, tool, reference, folder, tool.bake(folder, '--checkpoint-every', 100, '--watchdog', 9, '--quiet', threads=2), 'after refusals')
+    folder = interrupted(tool, checks)
+    process = tool.bake(folder, '--seed', 1, '--no-resume')
+    checks.that(process.status == 0 and not os.path.exists(os.path.join(folder, 'checkpoint')), '--no-resume ended with %d' % process.status, process)
+
+
+def try_damage(checks, tool):
+    seed = int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
+    dice, rounds = random.Random(seed), int(os.environ.get('KILN_FLIPS', '16'))
+    print('seed %d (KILN_SEED=%d repeats it)' % (seed, seed))
+    reference, _ = reference_of(checks, tool)
+    kept = interrupted(tool, checks, ranks=2, after=3)
+    folder, noticed, used = kept + '-damaged', 0, 0
+    for i in range(rounds):
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(kept, folder)
+        newest = generations(folder)[-1]
+        path = dice.choice(sorted(glob.glob(newest + '/*')))
+        how = ('flip', 'flip', 'flip', 'cut', 'remove')[i % 5]
+        with open(path, 'r+b') as f:
+            size = os.path.getsize(path)
+            if how == 'flip':
+                f.seek(dice.randrange(size))
+                byte = f.read(1)[0]
+                f.seek(-1, 1)
+                f.write(bytes([byte ^ 1 << dice.randrange(8)]))
+            elif how == 'cut':
+                f.truncate(dice.randrange(size))
+        if how == 'remove':
+            os.remove(path)
+        short = i >= 3  # to the end only a few times
+        process = tool.bake(folder, *(('--max-time', 0.01) if short else ()))
+        named = os.path.basename(path) in process.stderr and 'not whole' in process.stderr and 'passed over' in process.stderr
+        noticed += checks.that(named, '%s of %s was not noticed' % (how, os.path.basename(path)), process)
+        used += checks.that('going on from checkpoint %d' % int(generations(kept)[0][-6:]) in process.stderr, 'the generation before was not used', process)
+        if not short:
+            same(checks, tool, reference, folder, process, 'damaged')
+    print('%d of %d damages noticed, the generation before used %d times' % (noticed, rounds, used))
+
+
+def try_disk(checks, tool):
+    mount = os.path.join(tool.scratch, 'small')
+    os.mkdir(mount)
+    reference, _ = reference_of(checks, tool)
+    if subprocess.run(['mount', '-t', 'tmpfs', '-o', 'size=2m', 'none', mount], stderr=subprocess.DEVNULL).returncode != 0:
+        harness.skip('a small file system cannot be mounted here.')
+    try:
+        full_disk(checks, tool, reference, mount)
+        read_only(checks, tool, reference, mount)
+    finally:
+        subprocess.run(['umount', '-l', mount])
+
+
+def full_disk(checks, tool, reference, mount):
+    folder = os.path.join(mount, 'bake')
+    filler = os.path.join(mount, 'filler')
+    process = tool.bake(folder, *OFTEN, '--max-time', 1.2, ranks=2)
+    checks.that(process.status == STOPPED, 'on a small disk: %d' % process.status, process)
+    before = [os.path.basename(g) for g in generations(folder)][-1:]
+    with open(filler, 'wb') as f:
+        try:
+            while True:
+                f.write(b'x' * 4096)
+                f.flush()
+        except OSError:
+            pass
+    shutil.copy(os.path.join(folder, 'scene.kscene'), tool.scratch)
+    process = tool.bake(folder, *OFTEN, ranks=2)
+    checks.that(process.status == IO, 'on a full disk it ended with %d, not 74' % process.status, process)
+    checks.that([os.path.basename(g) for g in generations(folder)][-1:] == before, 'on a full disk the last generation went')
+    os.remove(filler)
+    moved = tool.folder()
+    shutil.copytree(folder, moved)
+    process = tool.bake(moved, ranks=2)
+    checks.that('going on from checkpoint' in process.stderr, 'the last generation was not gone on from', process)
+    same(checks, tool, reference, moved, process, 'after a full disk')
+
+
+def read_only(checks, tool, reference, mount):
+    shutil.rmtree(os.path.join(mount, 'bake'), ignore_errors=True)
+    folder = os.path.join(mount, 'other')
+    log = os.path.join(tool.scratch, 'other')
+    env = dict(os.environ)
+    env.update(harness.MPI_ENVIRONMENT)
+    with open(log + '.err', 'wb') as err:
+        process = subprocess.Popen(tool.line(folder, *OFTEN, ranks=2), stdout=subprocess.DEVNULL, stderr=err, env=env)
+    wait_for(lambda: generations(folder) or process.poll() is not None)
+    remounted = wait_for(lambda: subprocess.run(['mount', '-o', 'remount,ro', mount], stderr=subprocess.DEVNULL).returncode == 0, 5)
+    status = finish(process)
+    if remounted:
+        checks.that(status in (CANNOT_CREATE, IO), 'on a read-only disk it ended with %s, not 73 or 74: %s' % (status, text(log)[-300:]))
+        subprocess.run(['mount', '-o', 'remount,rw', mount])
+    moved = tool.folder()
+    shutil.copytree(folder, moved)
+    same(checks, tool, reference, moved, tool.bake(moved, ranks=2), 'after a read-only disk')
+
+
+def try_watchdog(checks, tool):
+    reference, _ = reference_of(checks, tool)
+    for stopped in (1, 0):
+        folder = tool.folder()
+        process = tool.start(folder, *OFTEN, '--watchdog', 2, ranks=3)
+        wait_for(lambda: generations(folder) or process.poll() is not None)
+        ranks = ranks_of(process)  # in the order in which they were started
+        os.kill(ranks[stopped], signal.SIGSTOP)
+        began = time.monotonic()
+        status = finish(process)
+        seconds = time.monotonic() - began
+        said = text(folder)
+        checks.that(status == LOST, 'rank %d stood still: ended with %s, not 76: %s' % (stopped, status, said[-400:]))
+        checks.that(seconds < 8, 'rank %d stood still: noticed after %.1f s' % (stopped, seconds))
+        checks.that('rank %d on ' % stopped in said and 'no sign of life' in said, 'rank %d stood still: not named: %s' % (stopped, said[-400:]))
+        checks.that(wait_for(lambda: not ranks_of(process), 5), 'rank %d stood still: processes are left' % stopped)
+        same(checks, tool, reference, folder, tool.bake(folder, ranks=2), 'after rank %d stood still' % stopped)
+
+
+def try_cost(checks, tool):
+    """Median seconds of the same bake with and without checkpoints, in turn."""
+    for ranks in (0, 2):
+        seconds = {'0': [], '300': [], '1': []}
+        for _ in range(5):
+            for every in seconds:
+                folder = tool.folder()
+                process = tool.bake(folder, '--checkpoint-every', every, '--samples-indirect', 1024, ranks=ranks, threads=1 if ranks else 2)
+                seconds[every].append(process.seconds)
+                shutil.rmtree(folder)
+        base = sorted(seconds['0'])[2]
+        for every, values in seconds.items():
+            print('%d ranks, --checkpoint-every %s: %.2f s, %+.1f %%' % (max(ranks, 1), every, sorted(values)[2], 100 * (sorted(values)[2] / base - 1)))
+
+
+PARTS = {'kills': try_kills, 'layouts': try_layouts, 'signals': try_signals, 'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk,
+         'watchdog': try_watchdog, 'cost': try_cost}
+
+
+def main():
+    arguments, kiln = harness.start(__doc__, lambda parser: parser.add_argument('part', choices=sorted(PARTS)))
+    checks = harness.Checks()
+    PARTS[arguments.part](checks, Tool(kiln.path, kiln.scratch))
+    checks.end()
+
+
+if __name__ == '__main__':
+    main()
