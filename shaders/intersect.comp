@@ -3,6 +3,9 @@
 /* Nearest hits of any rays: kiln_backend_intersect. */
 #include "shaders/kernel.glsl"
 
+/* 1: only whether anything is met within the distance that `hits` has already; the triangle is then 0. */
+layout(constant_id = 5) const uint OCCLUSION = 0u;
+
 layout(push_constant, scalar) uniform Push {
     KILN_ADDRESS scene;
     KILN_ADDRESS origins, directions; /* vec3 each */
@@ -24,6 +27,11 @@ void kiln_kernel(uint x, uint y)
     /* Boxes are made for origins near the world (KILN_GPU_BOX_MARGIN): others are brought closer first. */
     const float start = max(0.0, length(origin) - 1.75 * SCENE.trace.extent);
     origin += start * direction;
+    if (OCCLUSION != 0u) {
+        const bool occluded = kiln_occluded(origin, direction, IntersectHits(push.hits).at[x].distance - start);
+        IntersectHits(push.hits).at[x].triangle = occluded ? 0u : KILN_GPU_NONE;
+        return;
+    }
     const kiln_hit hit = kiln_trace(origin, direction);
     IntersectHits(push.hits).at[x] = kiln_gpu_hit(hit.triangle, hit.u, hit.v, hit.distance + start, hit.back ? 1u : 0u);
 }

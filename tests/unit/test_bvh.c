@@ -1,0 +1,371 @@
+/* Rays through every layout of the BVH on the device: the hits of Embree, the same in all layouts, and none that slips through. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "shaders/intersect.h"
+#include "worker/backend/backend.h"
+#include "worker/backend/vulkan/bvh.h"
+#include "worker/backend/vulkan/gpu.h"
+
+enum { RAYS = 16384, LAYOUTS = 6 };
+static const uint32_t layouts[LAYOUTS] = {KILN_TRAVERSAL_BRUTE, KILN_TRAVERSAL_BINARY, KILN_TRAVERSAL_FOUR, KILN_TRAVERSAL_EIGHT,
+                                          KILN_TRAVERSAL_BINARY | KILN_TRAVERSAL_POSTPONE, KILN_TRAVERSAL_FOUR | KILN_TRAVERSAL_POSTPONE};
+
+struct push {
+    uint64_t scene, origins, directions, hits;
+    uint32_t count;
+};
+
+static int open_device(void **state)
+{
+    static struct gpu *gpu;
+    struct kiln_error error = {""};
+    if (gpu_create(&gpu, &(struct gpu_choice){.device = -1}, &error) != KILN_OK) {
+        print_error("%s\n", error.message);
+        return -1;
+    }
+    *state = gpu;
+    return 0;
+}
+
+static int close_device(void **state)
+{
+    struct gpu *gpu = *state;
+    gpu_destroy(&gpu);
+    return 0;
+}
+
+/* ---- worlds ---- */
+
+struct world {
+    struct kiln_geometry g;
+    struct kiln_vec3 origins[RAYS], directions[RAYS];
+    uint64_t random;
+};
+
+static float chance(struct world *w)
+{
+    w->random = w->random * 6364136223846793005u + 1442695040888963407u;
+    return (float)(w->random >> 40) * 0x1p-24f;
+}
+
+static struct world *world_create(size_t vertices, size_t triangles)
+{
+    struct world *w = calloc(1, sizeof *w);
+    w->g.vertices = calloc(3 * vertices + 4, sizeof(float));
+    w->g.indices = calloc(3 * triangles + 1, sizeof(uint32_t));
+    w->random = 7;
+    return w;
+}
+
+static void world_destroy(struct world *w)
+{
+    free(w->g.vertices);
+    free(w->g.indices);
+    free(w);
+}
+
+static uint32_t add_vertex(struct world *w, float x, float y, float z)
+{
+    float *p = w->g.vertices + 3 * w->g.vertex_count;
+    p[0] = x;
+    p[1] = y;
+    p[2] = z;
+    w->g.extent = fmaxf(w->g.extent, fmaxf(fabsf(x), fmaxf(fabsf(y), fabsf(z))));
+    return (uint32_t)w->g.vertex_count++;
+}
+
+static void add_triangle(struct world *w, uint32_t a, uint32_t b, uint32_t c)
+{
+    uint32_t *t = w->g.indices + 3 * w->g.triangle_count++;
+    t[0] = a;
+    t[1] = b;
+    t[2] = c;
+    w->g.opaque_count = w->g.triangle_count;
+}
+
+static void world_finish(struct world *w)
+{
+    const float e = w->g.extent;
+    w->g.bounds_min = vec3(-e, -e, -e);
+    w->g.bounds_max = vec3(e, e, e);
+}
+
+/* A closed ball of n x 2n quads, uneven by `bumps`; poles are single vertices. */
+static void add_ball(struct world *w, struct kiln_vec3 centre, float radius, uint32_t n, float bumps)
+{
+    const uint32_t first = (uint32_t)w->g.vertex_count, around = 2 * n;
+    for (uint32_t i = 1; i < n; i++)
+        for (uint32_t j = 0; j < around; j++) {
+            const float a = (float)KILN_PI * (float)i / (float)n, b = (float)KILN_PI * (float)j / (float)n, r = radius * (1.0f + bumps * (chance(w) - 0.5f));
+            add_vertex(w, centre.x + r * sinf(a) * cosf(b), centre.y + r * sinf(a) * sinf(b), centre.z + r * cosf(a));
+        }
+    const uint32_t top = add_vertex(w, centre.x, centre.y, centre.z + radius), bottom = add_vertex(w, centre.x, centre.y, centre.z - radius);
+    for (uint32_t j = 0; j < around; j++) {
+        const uint32_t k = (j + 1) % around;
+        add_triangle(w, top, first + j, first + k);
+        for (uint32_t i = 0; i + 2 < n; i++) {
+            const uint32_t p = first + i * around;
+            add_triangle(w, p + j, p + around + j, p + around + k);
+            add_triangle(w, p + j, p + around + k, p + k);
+        }
+        add_triangle(w, bottom, first + (n - 2) * around + k, first + (n - 2) * around + j);
+    }
+}
+
+static void add_box(struct world *w, float half)
+{
+    static const uint8_t side[6][4] = {{0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 4, 6, 2}, {1, 3, 7, 5}};
+    const uint32_t first = (uint32_t)w->g.vertex_count;
+    for (uint32_t i = 0; i < 8; i++)
+        add_vertex(w, i & 1 ? half : -half, i & 2 ? half : -half, i & 4 ? half : -half);
+    for (int i = 0; i < 6; i++) {
+        add_triangle(w, first + side[i][0], first + side[i][1], first + side[i][2]);
+        add_triangle(w, first + side[i][0], first + side[i][2], first + side[i][3]);
+    }
+}
+
+static void add_soup(struct world *w, size_t count, float half, float size, float narrow)
+{
+    for (size_t i = 0; i < count; i++) {
+        const float x = half * (2.0f * chance(w) - 1.0f), y = half * (2.0f * chance(w) - 1.0f), z = half * (2.0f * chance(w) - 1.0f);
+        const uint32_t a = add_vertex(w, x, y, z);
+        add_vertex(w, x + size * (chance(w) - 0.5f), y + size * (chance(w) - 0.5f), z + size * (chance(w) - 0.5f));
+        add_vertex(w, x + narrow * (chance(w) - 0.5f), y + narrow * (chance(w) - 0.5f), z + narrow * (chance(w) - 0.5f));
+        add_triangle(w, a, a + 1, a + 2);
+    }
+}
+
+static struct kiln_vec3 any_direction(struct world *w)
+{
+    const float z = 2.0f * chance(w) - 1.0f, a = 2.0f * (float)KILN_PI * chance(w), r = sqrtf(fmaxf(0.0f, 1.0f - z * z));
+    return vec3(r * cosf(a), r * sinf(a), z);
+}
+
+/* From anywhere in the world to anywhere; some along the axes. */
+static void any_rays(struct world *w, float half)
+{
+    for (int i = 0; i < RAYS; i++) {
+        w->origins[i] = vec3(half * (2.0f * chance(w) - 1.0f), half * (2.0f * chance(w) - 1.0f), half * (2.0f * chance(w) - 1.0f));
+        w->directions[i] = any_direction(w);
+        if (i % 64 == 0)
+            w->directions[i] = i & 64 ? vec3(0.0f, i & 128 ? 1.0f : -1.0f, 0.0f) : vec3(i & 128 ? 1.0f : -1.0f, 0.0f, -0.0f);
+    }
+}
+
+/* From one place towards corners, and towards places on edges, of all triangles in turn. */
+static void rays_at_edges(struct world *w, float half)
+{
+    for (int i = 0; i < RAYS; i++) {
+        struct kiln_vec3 c[3];
+        kiln_geometry_corners(&w->g, (uint64_t)i * 7919u % w->g.triangle_count, c);
+        const struct kiln_vec3 to = i % 3 == 0 ? c[0] : vec3_madd(c[0], vec3_sub(c[1], c[0]), i % 3 == 1 ? 0.5f : chance(w));
+        w->origins[i] = i & 1 ? vec3(0.0f, 0.0f, 0.0f)
+                              : vec3(half * (chance(w) - 0.5f), half * (chance(w) - 0.5f), half * (chance(w) - 0.5f));
+        w->directions[i] = vec3_normalize(vec3_sub(to, w->origins[i]));
+    }
+}
+
+/* ---- tracing ---- */
+
+static void trace(struct gpu *gpu, const struct world *w, const struct bvh *bvh, uint32_t traversal, bool occlusion, struct kiln_gpu_hit *hits)
+{
+    struct bvh_layout layout;
+    struct kiln_error error = {""};
+    if (bvh_layout_create(&layout, bvh, traversal, &error) != KILN_OK)
+        fail_msg("%s", error.message);
+    struct gpu_buffer b[6] = {{.size = 0}};
+    assert_int_equal(gpu_buffer_of(gpu, &b[0], layout.nodes, layout.node_count * layout.node_size, "nodes", &error), KILN_OK);
+    assert_int_equal(gpu_buffer_of(gpu, &b[1], layout.triangles, layout.triangle_count * sizeof *layout.triangles, "triangles", &error), KILN_OK);
+    const struct kiln_gpu_scene scene = {.trace = {.nodes = b[0].address, .triangles = b[1].address, .node_count = (uint32_t)layout.node_count,
+                                                   .triangle_count = (uint32_t)layout.triangle_count, .extent = w->g.extent},
+                                         .triangle_count = (uint32_t)w->g.triangle_count, .opaque_count = (uint32_t)w->g.opaque_count};
+    assert_int_equal(gpu_buffer_of(gpu, &b[2], &scene, sizeof scene, "scene", &error), KILN_OK);
+    assert_int_equal(gpu_buffer_of(gpu, &b[3], w->origins, sizeof w->origins, "origins", &error), KILN_OK);
+    assert_int_equal(gpu_buffer_of(gpu, &b[4], w->directions, sizeof w->directions, "directions", &error), KILN_OK);
+    assert_int_equal(gpu_buffer_of(gpu, &b[5], hits, RAYS * sizeof *hits, "hits", &error), KILN_OK);
+    const uint32_t constants[6] = {traversal, 0, 0, 0, 0, occlusion};
+    struct gpu_kernel *kernel = NULL;
+    const struct gpu_kernel_params params = {.name = "intersect", .code = kiln_spirv_intersect, .code_bytes = sizeof kiln_spirv_intersect,
+                                             .constants = constants, .constant_count = 6};
+    assert_int_equal(gpu_kernel_create(gpu, &kernel, &params, &error), KILN_OK);
+    const struct push push = {b[2].address, b[3].address, b[4].address, b[5].address, RAYS};
+    const struct gpu_step step = {.kernel = kernel, .threads_x = RAYS, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
+    double seconds = 0.0;
+    assert_int_equal(gpu_run(gpu, &step, 1, &seconds, &error), KILN_OK);
+    assert_int_equal(gpu_download(gpu, &b[5], 0, hits, RAYS * sizeof *hits, &error), KILN_OK);
+    print_message("traversal %2u%s: %6.2f Mrays/s\n", traversal, occlusion ? " occlusion" : "", RAYS / seconds * 1e-6);
+    gpu_kernel_destroy(gpu, &kernel);
+    for (int i = 0; i < 6; i++)
+        gpu_buffer_destroy(gpu, &b[i]);
+    bvh_layout_free(&layout);
+}
+
+static void trace_embree(const struct world *w, struct kiln_hit *hits)
+{
+    struct kiln_backend *embree = NULL;
+    struct kiln_error error = {""};
+    assert_int_equal(kiln_backend_embree.create(&embree, &(struct kiln_backend_params){.geometry = &w->g}, &error), KILN_OK);
+    assert_int_equal(kiln_backend_embree.intersect(embree, w->origins, w->directions, RAYS, hits, &error), KILN_OK);
+    kiln_backend_embree.destroy(&embree);
+}
+
+/* Rays that neither meet the same triangle as Embree's nor one as far away. */
+static size_t unlike_embree(const struct kiln_gpu_hit *ours, const struct kiln_hit *theirs, float extent)
+{
+    size_t count = 0;
+    for (int i = 0; i < RAYS; i++) {
+        const bool near = fabsf(ours[i].distance - theirs[i].distance) <= 1e-5f * theirs[i].distance + 1e-6f * extent;
+        count += ours[i].triangle != theirs[i].triangle && (theirs[i].triangle == KILN_NONE || ours[i].triangle == KILN_GPU_NONE || !near);
+        if (ours[i].triangle == theirs[i].triangle && ours[i].triangle != KILN_GPU_NONE)
+            count += ours[i].back != theirs[i].back;
+    }
+    return count;
+}
+
+/* Limits just before and just behind what is met. */
+static void check_occlusion(struct gpu *gpu, const struct world *w, const struct bvh *bvh, uint32_t traversal, const struct kiln_gpu_hit *hits)
+{
+    static struct kiln_gpu_hit limits[RAYS];
+    size_t wrong = 0;
+    for (int i = 0; i < RAYS; i++)
+        limits[i].distance = hits[i].triangle == KILN_GPU_NONE ? INFINITY : hits[i].distance * (i & 1 ? 0.999f : 1.0f);
+    trace(gpu, w, bvh, traversal, true, limits);
+    for (int i = 0; i < RAYS; i++)
+        wrong += (limits[i].triangle == 0) != (hits[i].triangle != KILN_GPU_NONE && (i & 1) == 0);
+    assert_int_equal(wrong, 0);
+}
+
+/* All layouts against brute force, bit by bit, and against Embree but for `allowed` rays. */
+static void check_world(struct gpu *gpu, struct world *w, size_t allowed, bool closed, uint32_t depth_limit)
+{
+    static struct kiln_gpu_hit first[RAYS], hits[RAYS];
+    static struct kiln_hit embree[RAYS];
+    struct kiln_error error = {""};
+    struct bvh *bvh = NULL;
+    world_finish(w);
+    if (bvh_create(&bvh, &w->g, &(struct bvh_params){.depth_limit = depth_limit}, &error) != KILN_OK)
+        fail_msg("%s", error.message);
+    struct bvh_figures figures;
+    bvh_figures(bvh, &figures);
+    print_message("%zu triangles: %zu nodes, %zu leaves, depth %u, cost %.1f, %.3f s\n", w->g.triangle_count, figures.nodes, figures.leaves,
+                  figures.depth, figures.cost, figures.build_seconds);
+    const bool few = w->g.triangle_count < 2000;
+    for (int i = few ? 0 : 1; i < LAYOUTS; i++) {
+        struct kiln_gpu_hit *to = i == (few ? 0 : 1) ? first : hits;
+        trace(gpu, w, bvh, layouts[i], false, to);
+        if (to == hits)
+            assert_memory_equal(hits, first, sizeof hits);
+        check_occlusion(gpu, w, bvh, layouts[i], first);
+    }
+    trace_embree(w, embree);
+    const size_t unlike = unlike_embree(first, embree, w->g.extent);
+    print_message("%zu of %d rays unlike Embree's\n", unlike, RAYS);
+    assert_true(unlike <= allowed);
+    for (int i = 0; i < RAYS && closed; i++)
+        if (first[i].triangle == KILN_GPU_NONE)
+            fail_msg("ray %d slipped out", i);
+    bvh_destroy(&bvh);
+    world_destroy(w);
+}
+
+static void box_room(void **state)
+{
+    struct world *w = world_create(16, 24);
+    add_box(w, 1.0f);
+    add_box(w, 0.3f);
+    any_rays(w, 0.99f);
+    check_world(*state, w, 0, true, 0);
+}
+
+static void balls_in_a_room(void **state)
+{
+    struct world *w = world_create(120000, 220000);
+    add_box(w, 1.0f);
+    for (int i = 0; i < 8; i++)
+        add_ball(w, vec3(i & 1 ? 0.5f : -0.5f, i & 2 ? 0.5f : -0.5f, i & 4 ? 0.5f : -0.5f), 0.4f, 80, 0.01f);
+    any_rays(w, 0.98f);
+    check_world(*state, w, 4, true, 0);
+}
+
+static void edges_and_corners(void **state)
+{
+    static const float scales[] = {1e-6f, 1.0f, 1e6f};
+    for (size_t i = 0; i < 3; i++) {
+        struct world *w = world_create(20000, 20000);
+        add_ball(w, vec3(0.1f * scales[i], 0.0f, 0.0f), scales[i], 40, 0.3f);
+        rays_at_edges(w, 0.3f * scales[i]);
+        check_world(*state, w, RAYS, true, 0);
+    }
+}
+
+static void soup_and_needles(void **state)
+{
+    struct world *w = world_create(30000, 10000);
+    add_soup(w, 6000, 1.0f, 0.1f, 0.1f);
+    add_soup(w, 4000, 1.0f, 1.5f, 1e-4f);
+    any_rays(w, 1.5f);
+    check_world(*state, w, 16, false, 0);
+}
+
+static void poor_triangles(void **state)
+{
+    struct world *w = world_create(3000, 4000);
+    add_soup(w, 200, 1.0f, 0.5f, 0.5f);
+    for (uint32_t i = 0; i < 200; i++) {
+        add_triangle(w, 3 * i, 3 * i, 3 * i + 1);         /* a line */
+        add_triangle(w, 3 * i + 2, 3 * i + 2, 3 * i + 2); /* a point */
+        for (uint32_t j = 0; j < 5; j++)
+            add_triangle(w, 3 * i, 3 * i + 1, 3 * i + 2); /* the same again */
+    }
+    any_rays(w, 1.0f);
+    check_world(*state, w, 16, false, 0);
+}
+
+static void hardly_any(void **state)
+{
+    for (size_t count = 0; count < 5; count++) {
+        struct world *w = world_create(16, 8);
+        add_soup(w, count, 0.3f, 2.0f, 2.0f);
+        any_rays(w, 1.0f);
+        if (count > 0) {
+            check_world(*state, w, 0, false, 0);
+            continue;
+        }
+        struct bvh *bvh = NULL;
+        static struct kiln_gpu_hit hits[RAYS];
+        assert_int_equal(bvh_create(&bvh, &w->g, &(struct bvh_params){0}, NULL), KILN_OK);
+        for (int i = 0; i < LAYOUTS; i++) {
+            trace(*state, w, bvh, layouts[i], false, hits);
+            for (int j = 0; j < RAYS; j++)
+                assert_int_equal(hits[j].triangle, KILN_GPU_NONE);
+        }
+        bvh_destroy(&bvh);
+        world_destroy(w);
+    }
+}
+
+/* Below the depth limit the tree is cut evenly: other boxes, the same hits. */
+static void too_deep(void **state)
+{
+    struct world *w = world_create(12000, 4000);
+    add_soup(w, 3000, 1.0f, 0.2f, 0.2f);
+    any_rays(w, 1.0f);
+    check_world(*state, w, 16, false, 4);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(box_room),         cmocka_unit_test(balls_in_a_room), cmocka_unit_test(edges_and_corners),
+                                       cmocka_unit_test(soup_and_needles), cmocka_unit_test(poor_triangles),  cmocka_unit_test(hardly_any),
+                                       cmocka_unit_test(too_deep)};
+    return cmocka_run_group_tests(tests, open_device, close_device);
+}
