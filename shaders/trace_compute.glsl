@@ -74,6 +74,17 @@ float kiln_edge_remainder(vec2 p, vec2 q)
 
 bool kiln_same_sign(vec3 w) { return min(min(w.x, w.y), w.z) >= 0.0 || max(max(w.x, w.y), w.z) <= 0.0; }
 
+/* Where a ray from 0 meets the triangle's plane. From the plane's normal, not from the weights: those of a needle are good to no more
+ * than its length over its width, and along the axes the normal has no error at all. In no case nearer or farther than the corners. */
+float kiln_plane_distance(vec3 a, vec3 b, vec3 c, vec3 direction)
+{
+    precise const vec3 normal = cross(b - a, c - a);
+    precise const float steepness = dot(normal, direction), height = dot(normal, a);
+    const float at_a = kiln_along(direction, a), at_b = kiln_along(direction, b), at_c = kiln_along(direction, c);
+    const float nearest = min(min(at_a, at_b), at_c), farthest = max(max(at_a, at_b), at_c);
+    return steepness != 0.0 ? clamp(height / steepness, nearest, farthest) : nearest;
+}
+
 /* Tests a triangle; true when it is now the one found. */
 bool kiln_test(const kiln_ray ray, TraceQuads triangles, uint index, inout kiln_found found)
 {
@@ -96,7 +107,7 @@ bool kiln_test(const kiln_ray ray, TraceQuads triangles, uint index, inout kiln_
     }
     precise const float scale = 1.0 / area;
     precise const float u = w.y * scale, v = w.z * scale;
-    precise const float t = fma(w.x * scale, kiln_along(ray.direction, a), fma(u, kiln_along(ray.direction, b), v * kiln_along(ray.direction, c)));
+    const float t = kiln_plane_distance(a, b, c, ray.direction);
     const uint number = first.w;
     bool beyond = t > 0.0;
     if (HAS_ALPHA != 0u)
