@@ -79,48 +79,53 @@ real few_variance(Sums sums, real samples)
 }
 
 /* Samples begin .. end-1 of a choice. */
-Sums sample_choice(kiln_gpu_point p, kiln_light_choice choice, uint begin, uint end)
+Sums sample_choice(kiln_gpu_point p, kiln_light_choice choice, uint begin, uint end, inout uint stopped)
 {
     const uint identity = kiln_hash2(choice.kind * 2u + 1u, choice.index);
     const uint strategies = kiln_lights_strategies(choice, real3(p.normal));
     Sums sums = Sums(real3(0), real3(0), 0, 0, 0u);
-    for (uint i = begin; i < end; i++)
+    uint i = begin;
+    for (; i < end; i++)
         add_sample(sums, p, choice, sequence_of(p, identity + i % strategies), i, i / strategies);
+    stopped |= i < end ? 1u : 0u;
     return sums;
 }
 
 void kiln_kernel(uint x, uint y)
 {
-    const uint index = kiln_point_of_thread(push.chunk, x), part = push.pass.row_first + y;
-    if (index == KILN_GPU_NONE || part >= KILN_GPU_DIRECT_PARTS)
+    const uint index = kiln_point_of_thread(push.chunk, x), row = push.pass.row_first + y;
+    if (index == KILN_GPU_NONE || row >= direct_rows())
         return;
     const uint slot = index - push.chunk.origin, count = direct_counts().at[slot];
+    const uint quarter = row / push.pass.slices, slice = row % push.pass.slices;
     const kiln_gpu_point p = PointArray(push.chunk.points).at[index];
     real3 incident = real3(0), irradiance = real3(0);
     real variance = 0;
-    uint rays = 0u;
-    for (uint i = 0u; i < count; i++) {
+    uint rays = 0u, stopped = 0u, i = 0u;
+    for (; i < count; i++) {
         const kiln_gpu_choice packed = direct_choice(i).at[slot];
         const kiln_light_choice choice = kiln_light_choice(packed.what >> KILN_GPU_CHOICE_KIND_SHIFT,
                                                            packed.what & ((1u << KILN_GPU_CHOICE_KIND_SHIFT) - 1u), packed.samples);
         const bool quarters = choice.samples >= QUARTERS_FROM;
-        if (!quarters && i % KILN_GPU_DIRECT_PARTS != part)
+        if (!quarters && i % direct_rows() != row)
             continue;
         /* quarter q holds the samples k with k * 4 / samples == q */
-        const uint begin = quarters ? uint((uint64_t(part) * choice.samples + 3ul) / 4ul) : 0u;
-        const uint end = quarters ? uint((uint64_t(part + 1u) * choice.samples + 3ul) / 4ul) : choice.samples;
-        const Sums sums = sample_choice(p, choice, begin, end);
+        const uint first = uint((uint64_t(quarter) * choice.samples + 3ul) / 4ul), last = uint((uint64_t(quarter + 1u) * choice.samples + 3ul) / 4ul);
+        const uint begin = quarters ? first + uint(uint64_t(last - first) * slice / push.pass.slices) : 0u;
+        const uint end = quarters ? first + uint(uint64_t(last - first) * (slice + 1u) / push.pass.slices) : choice.samples;
+        const Sums sums = sample_choice(p, choice, begin, end, stopped);
         const real scale = 1 / real(choice.samples);
         incident += sums.incident * scale;
         irradiance += sums.irradiance * scale;
         rays += sums.rays;
         if (quarters)
-            direct_quarter(i, part).at[slot] = float(sums.luminance);
+            direct_luminance(i, row).at[slot] = float(sums.luminance);
         else
             variance += few_variance(sums, real(choice.samples));
     }
-    direct_sums(part).at[slot] = kiln_gpu_direct_sums(real[3](incident.x, incident.y, incident.z), real[3](irradiance.x, irradiance.y, irradiance.z),
-                                                   variance, rays, 0u);
+    stopped |= i < count ? 1u : 0u;
+    direct_sums(row).at[slot] = kiln_gpu_direct_sums(real[3](incident.x, incident.y, incident.z), real[3](irradiance.x, irradiance.y, irradiance.z),
+                                                     variance, rays, stopped);
 }
 
 #include "shaders/main.glsl"

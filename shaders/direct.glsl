@@ -19,13 +19,15 @@ const uint64_t DIRECT_SUMS_BYTES = 64ul;
 #else
 const uint64_t DIRECT_SUMS_BYTES = 36ul;
 #endif
-const uint QUARTERS_FROM = 8u; /* samples: with fewer a choice is one part's alone */
+const uint QUARTERS_FROM = 8u; /* samples: with fewer a choice is one row's alone */
 
-uint64_t direct_choices_at() { return push.pass.scratch + DIRECT_SUMS_BYTES * KILN_GPU_DIRECT_PARTS * push.pass.room; }
-uint64_t direct_quarters_at() { return direct_choices_at() + 8ul * push.pass.slots * push.pass.room; }
-uint64_t direct_counts_at() { return direct_quarters_at() + 16ul * push.pass.slots * push.pass.room; }
+uint direct_rows() { return 4u * push.pass.slices; }
 
-DirectSums direct_sums(uint part) { return DirectSums(push.pass.scratch + DIRECT_SUMS_BYTES * part * push.pass.room); }
+uint64_t direct_choices_at() { return push.pass.scratch + DIRECT_SUMS_BYTES * direct_rows() * push.pass.room; }
+uint64_t direct_luminances_at() { return direct_choices_at() + 8ul * push.pass.slots * push.pass.room; }
+uint64_t direct_counts_at() { return direct_luminances_at() + 4ul * push.pass.slots * direct_rows() * push.pass.room; }
+
+DirectSums direct_sums(uint row) { return DirectSums(push.pass.scratch + DIRECT_SUMS_BYTES * row * push.pass.room); }
 DirectChoices direct_choice(uint i) { return DirectChoices(direct_choices_at() + 8ul * i * push.pass.room); }
-DirectFloats direct_quarter(uint i, uint part) { return DirectFloats(direct_quarters_at() + 4ul * (4u * i + part) * push.pass.room); }
+DirectFloats direct_luminance(uint i, uint row) { return DirectFloats(direct_luminances_at() + 4ul * (uint64_t(direct_rows()) * i + row) * push.pass.room); }
 DirectWords direct_counts() { return DirectWords(direct_counts_at()); }

@@ -1,4 +1,4 @@
-/* The direct pass, last: each point's answer from its four parts, always in the same order; zeros for invalid points. */
+/* The direct pass, last: each point's answer from its rows, always in the same order; zeros for invalid points. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -7,16 +7,27 @@
 KILN_ARRAY(PointArray, kiln_gpu_point, 8);
 KILN_ARRAY(ResultArray, kiln_gpu_result, 4);
 
+/* Luminance of quarter q of choice i's samples. */
+real quarter_of(uint i, uint q, uint x)
+{
+    real sum = 0;
+    for (uint s = 0u; s < push.pass.slices; s++)
+        sum += real(direct_luminance(i, q * push.pass.slices + s).at[x]);
+    return sum;
+}
+
 /* Variance of the mean of choice i's luminance from the spread of its four quarters (shadow_variance). */
 real quarters_variance(uint i, uint x, uint samples)
 {
-    real total = 0, spread = 0;
-    for (uint q = 0u; q < 4u; q++)
-        total += real(direct_quarter(i, q).at[x]);
+    real quarter[4], total = 0, spread = 0;
+    for (uint q = 0u; q < 4u; q++) {
+        quarter[q] = quarter_of(i, q, x);
+        total += quarter[q];
+    }
     const real mean = total / real(samples);
     for (uint q = 0u; q < 4u; q++) { /* of a number that 4 does not divide, quarters differ by one sample */
         const uint begin = uint((uint64_t(q) * samples + 3ul) / 4ul), end = uint((uint64_t(q + 1u) * samples + 3ul) / 4ul);
-        const real off = real(direct_quarter(i, q).at[x]) / real(end - begin) - mean;
+        const real off = quarter[q] / real(end - begin) - mean;
         spread += off * off;
     }
     return spread / 12;
@@ -32,8 +43,10 @@ void kiln_kernel(uint x, uint y)
     if (DirectWords(push.chunk.states).at[index] != KILN_GPU_STATE_INVALID) {
         real3 incident = real3(0), irradiance = real3(0);
         real variance = 0;
-        for (uint part = 0u; part < KILN_GPU_DIRECT_PARTS; part++) {
-            const kiln_gpu_direct_sums sums = direct_sums(part).at[x];
+        uint stopped = 0u;
+        for (uint row = 0u; row < direct_rows(); row++) {
+            const kiln_gpu_direct_sums sums = direct_sums(row).at[x];
+            stopped |= sums.stopped;
             incident += real3_of(sums.incident);
             irradiance += real3_of(sums.irradiance);
             variance += sums.variance;
@@ -49,7 +62,7 @@ void kiln_kernel(uint x, uint y)
             r.incident[c] = float(incident[c]);
             r.irradiance[c] = float(irradiance[c]);
         }
-        r.error = float(sqrt(variance));
+        r.error = stopped != 0u ? -1.0 : float(sqrt(variance)); /* -1: the answer is not good */
         r.present = PointArray(push.chunk.points).at[index].present;
     }
     ResultArray(push.pass.results).at[x] = r;

@@ -126,7 +126,8 @@ void kiln_kernel(uint x, uint row)
     Sums sums = Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0, 0.0);
     vec3 position, normal;
     uint drawn = KILN_GPU_NONE;
-    for (uint k = from; k < to; k++) {
+    uint k = from;
+    for (; k < to; k++) {
         const uint place = shares ? k / push.reuse : k;
         if (place != drawn) {
             const float s = kiln_unit_float(kiln_owen_scramble(sobol.at[2u * push.sobol_stride + place], seed[2]) ^ shift_s);
@@ -139,6 +140,8 @@ void kiln_kernel(uint x, uint row)
         const float v = kiln_unit_float(kiln_owen_scramble(sobol.at[push.sobol_stride + k], seed[1]) ^ shift_v);
         add_ray(sums, p, position, normal, u, v);
     }
+    if (k < to) /* the device ended the loop early */
+        sums.escaped = -1.0e9;
     store(sums, index - push.chunk.origin, y);
 }
 

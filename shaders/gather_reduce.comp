@@ -70,6 +70,8 @@ void kiln_kernel(uint x, uint y)
                 square += (quarters[q] - middle) * (quarters[q] - middle);
             r.error = sqrt(square / 12.0);
         }
+        if (r.escaped < 0.0)
+            r.error = -1.0; /* the answer is not good */
         r.present = PointArray(push.chunk.points).at[index].present;
     }
     ResultArray(push.results).at[x] = r;

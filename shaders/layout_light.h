@@ -33,21 +33,25 @@ struct kiln_gpu_choice {
 };
 KILN_SIZE_IS(kiln_gpu_choice, 8);
 
-/* A direct pass over a chunk of points, in four parts a point: the quarters of the samples. `scratch` holds arrays strided by
- * `room` >= the chunk's points, each beginning at a multiple of 8 bytes (shaders/direct.glsl reckons where):
- *   struct kiln_gpu_direct_sums sums[4 * room]             part * room + point (see shaders/layout_light_real.h)
+/* A direct pass over a chunk of points, in `rows` = 4 `slices` rows a point: row q * slices + s takes slice s of quarter q of every
+ * choice's samples. Slices are small, for one thread makes one, and some devices do not stand long loops. `scratch` holds arrays
+ * strided by `room` >= the chunk's points, each beginning at a multiple of 8 bytes (shaders/direct.glsl reckons where):
+ *   struct kiln_gpu_direct_sums sums[rows * room]          row * room + point (see shaders/layout_light_real.h)
  *   struct kiln_gpu_choice choices[slots * room]           i * room + point
- *   float quarters[slots * 4 * room]                       (4 i + part) * room + point: luminance from a quarter of a choice's
- *                                                          samples, of choices with 8 samples and more
+ *   float luminances[slots * rows * room]                  (rows * i + row) * room + point: from the row's samples of a choice, of
+ *                                                          choices with 8 samples and more
  *   word counts[room]                                      choices of a point
  * with slots >= clusters of the cut + directional_count + 1. */
-#define KILN_GPU_DIRECT_PARTS 4u
+#define KILN_GPU_DIRECT_SLICE 16u  /* samples of a slice, about */
+#define KILN_GPU_DIRECT_SLICES 256u /* at most; beyond, slices grow */
 struct kiln_gpu_direct {
     KILN_ADDRESS results; /* struct kiln_gpu_result, one a point of the chunk */
     KILN_ADDRESS sobol;   /* words: dimension d's points from d * sobol_stride on */
     KILN_ADDRESS scratch;
     KILN_ADDRESS rays;    /* word: shadow rays of a point of the chunk */
     KILN_WORD room, slots, samples, limit, sobol_stride;
-    KILN_WORD row_first;  /* thread (x, y) takes part row_first + y */
+    KILN_WORD row_first;  /* thread (x, y) takes row row_first + y */
+    KILN_WORD slices;
+    KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_direct, 56);
+KILN_SIZE_IS(kiln_gpu_direct, 64);

@@ -31,8 +31,9 @@ struct KILN_LIGHT_NAME(kiln_gpu_directional_light) { /* struct kiln_directional_
     KILN_WORD reserved;
 };
 
-struct KILN_LIGHT_NAME(kiln_gpu_direct_sums) { /* of a quarter of a point's samples, written by the device alone */
+struct KILN_LIGHT_NAME(kiln_gpu_direct_sums) { /* of a row of a point's samples, written by the device alone */
     KILN_LIGHT_REAL incident[3], irradiance[3];
-    KILN_LIGHT_REAL variance; /* of the choices that are not in `quarters` */
-    KILN_WORD rays, reserved;
+    KILN_LIGHT_REAL variance; /* of the choices that are not in `luminances` */
+    KILN_WORD rays;
+    KILN_WORD stopped; /* 1: the device ended a loop early */
 };

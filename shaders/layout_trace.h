@@ -59,8 +59,8 @@ KILN_SIZE_IS(kiln_gpu_node8, 80);
 
 /* Entries of a thread's stack in each layout (one more for the end); bvh.c refuses a layout that needs more. */
 #define KILN_GPU_STACK2 64u
-#define KILN_GPU_STACK4 96u
-#define KILN_GPU_STACK8 32u
+#define KILN_GPU_STACK4 124u
+#define KILN_GPU_STACK8 44u
 
 /* Boxes are wider than what they hold by this share of the world's extent: more than the errors of the triangle test (14 units of
  * 2^-24 of a coordinate and the origin's together) and of the box test (5) for origins within 2.5 extents of the world's centre. */

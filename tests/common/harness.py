@@ -27,6 +27,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 BAD_INPUT = 65
 NO_DEVICE = 69
 VALIDATION = 'Vulkan validation'  # begins the lines in which kiln passes on what Vulkan's validation layer says
+FALLBACK = 'going on with Embree'  # ends the warning that a device has failed for good
 
 # Open MPI as the tests need it: more ranks than cores, as root in a container, without the one-sided transport that crashes.
 MPI_ENVIRONMENT = {
@@ -265,6 +266,8 @@ class Checks:
             return self.that(False, 'the bake did not end in %.0f s' % p.seconds, p)
         if VALIDATION in p.stderr:
             return self.that(False, 'the Vulkan validation layer complains', p)
+        if FALLBACK in p.stderr:
+            return self.that(False, 'the device gave up and Embree took its place', p)
         return self.that(p.status == 0, 'the bake ended with %d instead of 0' % p.status, p)
 
     def energy(self, bake, what):

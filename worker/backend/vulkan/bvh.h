@@ -49,7 +49,6 @@ struct bvh_layout {
 int bvh_layout_create(struct bvh_layout *layout, const struct bvh *bvh, uint32_t traversal, struct kiln_error *error);
 void bvh_layout_free(struct bvh_layout *layout);
 
-enum { BVH_BRUTE_MOST = 64 }; /* triangles below which testing all is as fast as any tree */
 
 /* Values of TRAVERSAL that are worth timing on a device, the likeliest first; at most `room`. The first is the default. Leaves out
  * the ray-tracing pipeline and layouts that would need too deep a stack. */

@@ -29,7 +29,7 @@ struct direct {
     struct vulkan_backend *b;
     const struct kiln_batch *batch;
     struct gpu_kernel *choose, *whole, *buried, *reduce;
-    uint32_t samples, limit, slots;
+    uint32_t samples, limit, slots, slices;
     uint64_t rays;
 };
 
@@ -62,7 +62,8 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
                                         .samples = d->samples,
                                         .limit = d->limit,
                                         .sobol_stride = d->b->sobol_count,
-                                        .row_first = chunk->row_first}};
+                                        .row_first = chunk->row_first,
+                                        .slices = d->slices}};
     if (chunk->row_first == 0)
         vulkan_record(recording, d->choose, chunk->all.total, 1, &push, sizeof push);
     vulkan_record(recording, d->whole, chunk->all.count, chunk->row_count, &push, sizeof push);
@@ -88,8 +89,8 @@ static int take(void *context, size_t fragment_first, size_t fragment_count, con
 /* Bytes of scratch a point, see struct kiln_gpu_direct. */
 static size_t scratch_bytes(const struct direct *d)
 {
-    const size_t choice = sizeof(struct kiln_gpu_choice) + KILN_GPU_DIRECT_PARTS * sizeof(float);
-    return KILN_GPU_DIRECT_PARTS * vulkan_lights_sums_bytes(d->b->float64) + d->slots * choice + sizeof(uint32_t);
+    const size_t rows = 4 * (size_t)d->slices, choice = sizeof(struct kiln_gpu_choice) + rows * sizeof(float);
+    return rows * vulkan_lights_sums_bytes(d->b->float64) + d->slots * choice + sizeof(uint32_t);
 }
 
 int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays, struct kiln_error *error)
@@ -99,10 +100,12 @@ int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, 
     const size_t tree = lights->area_count + lights->point_count;
     d.limit = samples / 2 < 1 ? 1 : samples / 2 < KILN_CUT_MAX ? samples / 2 : KILN_CUT_MAX;
     d.slots = (uint32_t)((tree < d.limit ? tree : d.limit) + lights->directional_count + 1);
+    const uint32_t slices = (samples / 4 + KILN_GPU_DIRECT_SLICE - 1) / KILN_GPU_DIRECT_SLICE;
+    d.slices = slices < 1 ? 1 : slices > KILN_GPU_DIRECT_SLICES ? KILN_GPU_DIRECT_SLICES : slices;
     const struct vulkan_pass pass = {.pace = VULKAN_PACE_DIRECT,
                                      .states = true,
-                                     .rows = KILN_GPU_DIRECT_PARTS,
-                                     .work = (double)samples / KILN_GPU_DIRECT_PARTS,
+                                     .rows = 4 * d.slices,
+                                     .work = (double)samples / (4.0 * d.slices),
                                      .first_guess = 1 << 18,
                                      .scratch_bytes = scratch_bytes(&d),
                                      .wants_words = true,

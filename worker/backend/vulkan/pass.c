@@ -145,6 +145,17 @@ static int wait_slot(struct run *r, uint32_t slot, struct kiln_error *error)
     return status;
 }
 
+/* Software devices end a kernel's loops after some ten thousands of rounds in all, without a word; kernels notice and say so by an
+ * error of -1. */
+static int check(const struct run *r, const struct flight *flight, const struct kiln_point_result *results, struct kiln_error *error)
+{
+    for (uint32_t i = 0; i < flight->total; i++)
+        if (results[i].error < 0.0f)
+            return kiln_fail(error, KILN_NO_DEVICE, "%s ends long loops early, and a surface point of object %u needs one; use another device or --backend embree",
+                             gpu_about(r->b->gpu)->name, r->b->surface->fragments[flight->fragment_first].object);
+    return KILN_OK;
+}
+
 /* Waits for the flight in a slot and hands its answers over. */
 static int land(struct run *r, uint32_t slot, struct kiln_error *error)
 {
@@ -154,6 +165,8 @@ static int land(struct run *r, uint32_t slot, struct kiln_error *error)
     int status = wait_slot(r, slot, error);
     flight->under_way = false;
     const struct kiln_point_result *results = r->b->slots[slot].host.mapped;
+    if (status == KILN_OK && r->pass->states)
+        status = check(r, flight, results, error);
     if (status == KILN_OK) {
         r->taken = flight->fragment_first + flight->fragment_count;
         status = r->pass->take(r->pass->context, flight->fragment_first, flight->fragment_count, results,

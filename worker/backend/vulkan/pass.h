@@ -26,7 +26,7 @@ void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel
 
 struct vulkan_pass {
     enum vulkan_pace pace;
-    bool states;           /* points as the validity pass left them; else all */
+    bool states;           /* points as the validity pass left them, and answers in results; else all points, and words only */
     uint32_t rows;         /* slices of samples */
     double work;           /* of one row of a point: rays, about */
     uint64_t first_guess;  /* work of the first chunk, when nothing is known yet */
