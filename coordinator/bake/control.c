@@ -162,7 +162,7 @@ static int claim_folder(const char *directory, struct kiln_error *error)
     struct kiln_bake_status before;
     int status = kiln_path_join(folder, directory, "checkpoint", error);
     bool busy = status == KILN_OK;
-    for (int look = 0; look < 20 && busy; look++) { /* a job that is being ended may take a moment */
+    for (int look = 0; look < 6 && busy; look++) { /* a job that is being ended may take a moment */
         const struct timespec pause = {0, look > 0 ? 100000000 : 0};
         (void)nanosleep(&pause, NULL);
         busy = kiln_bake_status_read(directory, &before, NULL) == KILN_OK && kiln_bake_status_alive(directory, &before);
@@ -457,7 +457,7 @@ void kiln_control_saved(struct kiln_control *c, uint64_t generation, double seco
     (void)pthread_mutex_unlock(&c->mutex);
 }
 
-const char *kiln_control_reason(const struct kiln_control *c)
+static const char *reason_text(const struct kiln_control *c)
 {
     switch (c->reason) {
     case REASON_FILE:
@@ -473,4 +473,9 @@ const char *kiln_control_reason(const struct kiln_control *c)
     default:
         return "a signal";
     }
+}
+
+int kiln_stopped(const struct kiln_control *c, struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_STOPPED, "stopped by %s; a checkpoint was written, and the same command goes on from it", reason_text(c));
 }

@@ -75,8 +75,8 @@ void kiln_control_saved(struct kiln_control *control, uint64_t generation, doubl
 /* Marks a blocking MPI call, or NULL its end; `seconds` over and above the watchdog's limit are granted. */
 void kiln_control_blocking(struct kiln_control *control, const char *what, double seconds);
 
-/* What asked to stop, for people: "SIGUSR1", "kiln stop", "--max-time". */
-const char *kiln_control_reason(const struct kiln_control *control);
+/* KILN_STOPPED with its sentence: what asked to stop ("SIGUSR1", "kiln stop", "--max-time"), once a checkpoint is written. */
+int kiln_stopped(const struct kiln_control *control, struct kiln_error *error);
 
 /* Rank 0: the last word in the status file; with `remove` the file goes instead. Call it before kiln_control_destroy. */
 void kiln_control_conclude(struct kiln_control *control, int status, const char *message, bool remove);

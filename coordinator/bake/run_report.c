@@ -223,6 +223,8 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "ranks", json_integer(p->ranks));
     json_object_set_new(root, "threads", json_integer((json_int_t)p->threads));
     json_object_set_new(root, "seconds", json_real(MPI_Wtime() - run->phases->begin));
+    json_object_set_new(root, "restarts", json_integer((json_int_t)t->restarts));
+    json_object_set_new(root, "seconds_before", json_real(t->seconds_before));
     json_object_set_new(root, "phases", phases);
     json_object_set_new(root, "rays", rays);
     json_object_set_new(root, "mrays_per_second", json_real(traced > 0.0 ? total_rays / traced * 1e-6 : 0.0));

@@ -65,6 +65,10 @@ struct kiln_transport_params {
 int kiln_transport_run(struct kiln_transport **transport, const struct kiln_transport_params *params, struct kiln_error *error);
 void kiln_transport_destroy(struct kiln_transport **transport);
 
+/* Collective. Writes a checkpoint of a transport that has ended, with more blocks of the caller's, so that what comes after it can go on too. */
+int kiln_transport_save(struct kiln_transport *transport, const struct kiln_transport_params *params, const struct kiln_block *more, size_t count,
+                        struct kiln_error *error);
+
 /* Bytes that kiln_transport_run allocates for `own` of `total` surface points: what `plan` predicts with. */
 size_t kiln_transport_bytes(uint64_t own, uint64_t total);
 

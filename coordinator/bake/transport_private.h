@@ -63,7 +63,8 @@ int transport_pass_begin(struct transport_state *s, struct kiln_error *error);
 /* Collective. Does what is to do in s->step, the report's last pass, which gets this rank's time and the energies of all ranks. */
 int transport_pass_run(struct transport_state *s, struct kiln_error *error);
 
-/* Collective (transport_save.c). Writes a checkpoint: at any time within s->step, or with `finished` after the last. */
+/* Collective (transport_save.c). Writes a checkpoint: at any time within s->step, or with `finished` after the last (when radiosities and
+ * groups are of no more use). */
 int transport_save(struct transport_state *s, bool finished, struct kiln_error *error);
 /* Collective. Saves and returns KILN_STOPPED with its sentence, or why it cannot. */
 int transport_stop(struct transport_state *s, bool finished, struct kiln_error *error);

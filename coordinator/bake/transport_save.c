@@ -1,3 +1,4 @@
+#include <assert.h>
 #include <string.h>
 #include <time.h>
 
@@ -136,6 +137,8 @@ static void list_blocks(const struct transport_state *s, struct save_work *w, bo
     if (s->params->rank == 0) {
         add_block(w, "state", 0, 1, sizeof w->state, &w->state);
         add_block(w, "passes", 0, r->pass_count, sizeof *r->passes, r->passes);
+    }
+    if (s->params->rank == 0 && !finished) {
         add_block(w, "group_before", 0, s->group_count, sizeof *s->group_before, s->group_before);
         add_block(w, "group_total", 0, s->group_count, sizeof *s->group_total, s->group_total);
     }
@@ -154,7 +157,7 @@ static void list_blocks(const struct transport_state *s, struct save_work *w, bo
         add_block(w, "source", first, count, sizeof *s->out->radiosity, s->out->radiosity + first);
 }
 
-int transport_save(struct transport_state *s, bool finished, struct kiln_error *error)
+static int save_with(struct transport_state *s, bool finished, const struct kiln_block *more, size_t more_count, struct kiln_error *error)
 {
     const struct kiln_transport_params *p = s->params;
     const double start = MPI_Wtime();
@@ -166,6 +169,9 @@ int transport_save(struct transport_state *s, bool finished, struct kiln_error *
     if (status == KILN_OK && !finished)
         status = collect_done(s, &w, error);
     list_blocks(s, &w, finished);
+    assert(w.block_count + more_count <= KILN_BLOCKS_MAX);
+    for (size_t i = 0; i < more_count; i++)
+        w.blocks[w.block_count++] = more[i];
     kiln_control_blocking(p->control, "writing a checkpoint", 60.0 + (double)transport_save_bytes(s) / WRITE_BYTES);
     status = kiln_agree(p->communicator, status, error);
     if (status == KILN_OK)
@@ -179,13 +185,19 @@ int transport_save(struct transport_state *s, bool finished, struct kiln_error *
     return status;
 }
 
+int transport_save(struct transport_state *s, bool finished, struct kiln_error *error) { return save_with(s, finished, NULL, 0, error); }
+
+int kiln_transport_save(struct kiln_transport *transport, const struct kiln_transport_params *params, const struct kiln_block *more, size_t count,
+                        struct kiln_error *error)
+{
+    struct transport_state s = {.params = params, .out = transport, .sum = transport->indirect};
+    return save_with(&s, true, more, count, error);
+}
+
 int transport_stop(struct transport_state *s, bool finished, struct kiln_error *error)
 {
     const int status = transport_save(s, finished, error);
-    if (status != KILN_OK)
-        return status;
-    return kiln_fail(error, KILN_STOPPED, "stopped by %s; a checkpoint was written, and the same command goes on from it",
-                     kiln_control_reason(s->params->control));
+    return status == KILN_OK ? kiln_stopped(s->params->control, error) : status;
 }
 
 /* ---- reading ---- */
@@ -208,6 +220,8 @@ static int restore_state(struct transport_state *s, bool *finished, struct kiln_
     s->unit = state.unit;
     s->unit_squared = state.unit_squared;
     transport_step_make(s, (enum kiln_pass_kind)state.kind, state.bounce, &s->step);
+    if (*finished)
+        return KILN_OK;
     status = kiln_checkpoint_read(c, "group_before", 0, s->group_count, sizeof *s->group_before, s->group_before, error);
     if (status == KILN_OK)
         status = kiln_checkpoint_read(c, "group_total", 0, s->group_count, sizeof *s->group_total, s->group_total, error);

@@ -1,11 +1,12 @@
 #include "coordinator/bake/volume.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "coordinator/cli/agree.h"
 #include "worker/base/memory.h"
 
-enum { PROBES_ALONG = 16, BATCH_LEAST = 256, BATCH_MOST = 1 << 16, BATCH_RAYS = 1 << 24 };
+enum { PROBES_ALONG = 16, BATCH_FIRST = 64, BATCH_LEAST = 256, BATCH_MOST = 1 << 16, BATCH_RAYS = 1 << 24 };
 
 int kiln_volume_grid(struct kiln_volume_result *volume, const struct kiln_scene *scene, double spacing, struct kiln_error *error)
 {
@@ -50,6 +51,103 @@ static uint64_t batch_size(uint32_t samples)
     return count < BATCH_LEAST ? BATCH_LEAST : count > BATCH_MOST ? BATCH_MOST : count;
 }
 
+/* The probes under way. */
+struct volume_work {
+    const struct kiln_volume_params *params;
+    struct kiln_volume_result *volume;
+    struct kiln_probe_result *probes; /* own */
+    uint8_t *done;                    /* own: 1 where a probe has its answer */
+    struct kiln_vec3 *positions;      /* of a batch */
+    uint64_t batch, batch_most, next, finished;
+    uint64_t *rays;
+};
+
+/* Earlier runs' probes; their rays are counted by whoever comes first. */
+static int restore(struct volume_work *w, int rank, int ranks, struct kiln_error *error)
+{
+    const struct kiln_checkpoint *c = w->params->checkpoint;
+    const uint64_t first = w->volume->first, count = w->volume->count;
+    if (kiln_checkpoint_generation(c) == 0 || !kiln_checkpoint_has(c, "probes"))
+        return KILN_OK;
+    int status = kiln_checkpoint_read(c, "probes", first, count, sizeof *w->probes, w->probes, error);
+    if (status == KILN_OK)
+        status = kiln_checkpoint_read(c, "probes_done", first, count, 1, w->done, error);
+    for (uint64_t i = 0; i < count; i++)
+        w->finished += w->done[i];
+    for (size_t part = (size_t)rank; status == KILN_OK && part < kiln_checkpoint_parts(c); part += (size_t)ranks) {
+        uint64_t *rays = NULL, one = 0;
+        status = kiln_checkpoint_read_part(c, part, "probe_rays", sizeof *rays, &rays, &one, error);
+        *w->rays += one > 0 ? *rays : 0;
+        kiln_free(&rays);
+    }
+    return status;
+}
+
+/* Collective. */
+static int save(const struct volume_work *w, bool stop, struct kiln_error *error)
+{
+    const uint64_t first = w->volume->first, count = w->volume->count;
+    const struct kiln_block blocks[] = {{"probes", first, count, sizeof *w->probes, w->probes},
+                                        {"probes_done", first, count, 1, w->done},
+                                        {"probe_rays", 0, 1, sizeof *w->rays, w->rays}};
+    return w->params->save(w->params->context, blocks, sizeof blocks / sizeof *blocks, stop, error);
+}
+
+static bool find_next(struct volume_work *w)
+{
+    while (w->next < w->volume->count && w->done[w->next] != 0)
+        w->next++;
+    return w->next < w->volume->count;
+}
+
+/* The next probes that have no answer yet. */
+static int gather_batch(struct volume_work *w, double *seconds, struct kiln_error *error)
+{
+    const struct kiln_volume_params *p = w->params;
+    const double start = MPI_Wtime();
+    const uint64_t first = w->next;
+    uint64_t count = 0;
+    for (; first + count < w->volume->count && count < w->batch && w->done[first + count] == 0; count++)
+        w->positions[count] = position_of(w->volume, p->scene->header->centre, w->volume->first + first + count);
+    const int status = kiln_backend_probes(p->backend, w->positions, count, w->volume->first + first, p->samples, w->probes + first, w->rays, error);
+    if (status == KILN_OK)
+        memset(w->done + first, 1, count);
+    w->next += count;
+    w->finished += count;
+    kiln_progress_advance(p->progress, w->finished);
+    *seconds = MPI_Wtime() - start;
+    const double wanted = kiln_control_batch_seconds(p->control);
+    if (*seconds < 0.5 * wanted)
+        w->batch = 2 * w->batch < w->batch_most ? 2 * w->batch : w->batch_most;
+    else if (*seconds > 2.0 * wanted && w->batch > 1)
+        w->batch /= 2;
+    return status;
+}
+
+/* Until all ranks are done, or one says otherwise. */
+static int gather_all(struct volume_work *w, struct kiln_error *error)
+{
+    const struct kiln_volume_params *p = w->params;
+    int status = kiln_backend_set_radiosity(p->backend, p->radiosity, error);
+    for (;;) {
+        enum kiln_event event;
+        if (status == KILN_OK && find_next(w)) {
+            double seconds = 0.0;
+            status = gather_batch(w, &seconds, error);
+            event = kiln_control_poll(p->control, !find_next(w), (double)w->finished / (double)w->volume->count, seconds, status);
+        } else {
+            event = kiln_control_wait(p->control, status);
+        }
+        if (event == KILN_EVENT_FAIL || event == KILN_EVENT_DONE)
+            return kiln_agree(p->communicator, status, error);
+        if (event == KILN_EVENT_SAVE || event == KILN_EVENT_STOP) {
+            const int saved = save(w, event == KILN_EVENT_STOP, error);
+            if (saved != KILN_OK)
+                return saved;
+        }
+    }
+}
+
 int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_params *params, uint64_t *rays, struct kiln_error *error)
 {
     int rank, ranks;
@@ -61,26 +159,24 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
     const uint64_t total = volume->size[0] * volume->size[1] * volume->size[2];
     volume->first = total * (uint64_t)rank / (uint64_t)ranks;
     volume->count = total * ((uint64_t)rank + 1) / (uint64_t)ranks - volume->first;
-    struct kiln_probe_result *probes = NULL;
-    struct kiln_vec3 *positions = NULL;
-    const uint64_t batch = batch_size(params->samples);
-    status = kiln_allocate(&probes, volume->count, sizeof *probes, "the probes", error);
+    struct volume_work w = {.params = params, .volume = volume, .batch_most = batch_size(params->samples), .rays = rays};
+    w.batch = w.batch_most < BATCH_FIRST ? w.batch_most : BATCH_FIRST;
+    status = kiln_allocate(&w.probes, volume->count, sizeof *w.probes, "the probes", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&positions, batch, sizeof *positions, "probe positions", error);
+        status = kiln_allocate(&w.done, volume->count, 1, "the probes", error);
     if (status == KILN_OK)
-        status = kiln_backend_set_radiosity(params->backend, params->radiosity, error);
+        status = kiln_allocate(&w.positions, w.batch_most, sizeof *w.positions, "probe positions", error);
+    volume->probes = w.probes;
+    if (status == KILN_OK)
+        status = restore(&w, rank, ranks, error);
+    status = kiln_agree(params->communicator, status, error);
     kiln_progress_phase(params->progress, "probes", volume->count);
-    for (uint64_t done = 0; done < volume->count && status == KILN_OK;) {
-        const uint64_t count = volume->count - done < batch ? volume->count - done : batch;
-        for (uint64_t i = 0; i < count; i++)
-            positions[i] = position_of(volume, params->scene->header->centre, volume->first + done + i);
-        status = kiln_backend_probes(params->backend, positions, count, volume->first + done, params->samples, probes + done, rays, error);
-        done += count;
-        kiln_progress_advance(params->progress, done);
-    }
-    kiln_free(&positions);
-    volume->probes = probes;
-    return kiln_agree(params->communicator, status, error);
+    kiln_control_begin(params->control, "probes");
+    if (status == KILN_OK)
+        status = gather_all(&w, error);
+    kiln_free(&w.positions);
+    kiln_free(&w.done);
+    return status;
 }
 
 void kiln_volume_destroy(struct kiln_volume_result *volume)

@@ -2,8 +2,13 @@
 #ifndef KILN_COORDINATOR_BAKE_VOLUME_H
 #define KILN_COORDINATOR_BAKE_VOLUME_H
 
+#include "coordinator/bake/checkpoint.h"
+#include "coordinator/bake/control.h"
 #include "coordinator/bake/result.h"
 #include "coordinator/cli/progress.h"
+
+/* Collective. Writes a checkpoint of all before the probes and these blocks of them; with `stop` returns KILN_STOPPED then. */
+typedef int (*kiln_volume_save)(void *context, const struct kiln_block *blocks, size_t count, bool stop, struct kiln_error *error);
 
 struct kiln_volume_params {
     MPI_Comm communicator;
@@ -13,6 +18,10 @@ struct kiln_volume_params {
     double spacing;               /* m; 0: chosen */
     uint32_t samples;
     struct kiln_progress *progress;
+    struct kiln_control *control;
+    const struct kiln_checkpoint *checkpoint; /* probes in its open generation are not gathered again */
+    kiln_volume_save save;
+    void *context;                            /* of save */
 };
 
 /* The grid alone: probes stand in the middle of the boxes that `spacing` cuts the scene's bounds into, so that none lies in a
@@ -20,7 +29,7 @@ struct kiln_volume_params {
  * longest side, adjusted on each axis. KILN_USAGE when there would be more than 2^28 probes. Pure. */
 int kiln_volume_grid(struct kiln_volume_result *volume, const struct kiln_scene *scene, double spacing, struct kiln_error *error);
 
-/* Collective. Fills the grid and this rank's range of probes; `rays` is added to. Destroy with kiln_volume_destroy. */
+/* Collective. KILN_STOPPED when something asked to stop. Fills the grid and this rank's range of probes; `rays` is added to. Destroy with kiln_volume_destroy. */
 int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_params *params, uint64_t *rays, struct kiln_error *error);
 void kiln_volume_destroy(struct kiln_volume_result *volume);
 

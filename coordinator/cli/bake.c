@@ -48,6 +48,7 @@ struct bake {
     struct kiln_progress *progress;
     struct kiln_prepared *prepared;
     struct kiln_emission_result emission;
+    struct kiln_transport_params transport_params;
     struct kiln_transport *transport;
     struct kiln_volume_result volume;
     struct kiln_lightmap_report *lightmaps;
@@ -166,20 +167,20 @@ static int transport_light(struct bake *b, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0, kiln_checkpoint_written(b->checkpoint));
-    const struct kiln_transport_params params = {.communicator = b->communicator,
-                                                 .rank = b->rank,
-                                                 .ranks = b->prepared->ranks,
-                                                 .begin = b->begin,
-                                                 .job = b->job,
-                                                 .backend = b->prepared->backend,
-                                                 .surface = b->prepared->surface,
-                                                 .emission = &b->emission,
-                                                 .progress = b->progress,
-                                                 .control = b->control,
-                                                 .checkpoint = b->checkpoint,
-                                                 .identity = b->identity,
-                                                 .threads = b->prepared->threads};
-    status = kiln_transport_run(&b->transport, &params, error);
+    b->transport_params = (struct kiln_transport_params){.communicator = b->communicator,
+                                                         .rank = b->rank,
+                                                         .ranks = b->prepared->ranks,
+                                                         .begin = b->begin,
+                                                         .job = b->job,
+                                                         .backend = b->prepared->backend,
+                                                         .surface = b->prepared->surface,
+                                                         .emission = &b->emission,
+                                                         .progress = b->progress,
+                                                         .control = b->control,
+                                                         .checkpoint = b->checkpoint,
+                                                         .identity = b->identity,
+                                                         .threads = b->prepared->threads};
+    status = kiln_transport_run(&b->transport, &b->transport_params, error);
     if (status != KILN_OK)
         return status;
     static const char *const names[] = {"direct light", "bounces", "final gather"}; /* in the order of enum kiln_pass_kind */
@@ -194,6 +195,14 @@ static int transport_light(struct bake *b, struct kiln_error *error)
     return KILN_OK;
 }
 
+/* kiln_volume_save */
+static int save_volume(void *context, const struct kiln_block *blocks, size_t count, bool stop, struct kiln_error *error)
+{
+    struct bake *b = context;
+    const int status = kiln_transport_save(b->transport, &b->transport_params, blocks, count, error);
+    return status == KILN_OK && stop ? kiln_stopped(b->control, error) : status;
+}
+
 static int gather_volume(struct bake *b, struct kiln_error *error)
 {
     if (b->job->samples_probe == 0)
@@ -205,7 +214,11 @@ static int gather_volume(struct bake *b, struct kiln_error *error)
                                               .radiosity = b->transport->radiosity,
                                               .spacing = b->job->probe_spacing,
                                               .samples = b->job->samples_probe,
-                                              .progress = b->progress};
+                                              .progress = b->progress,
+                                              .control = b->control,
+                                              .checkpoint = b->checkpoint,
+                                              .save = save_volume,
+                                              .context = b};
     const int status = kiln_volume_run(&b->volume, &params, &b->probe_rays, error);
     kiln_phase(&b->phases, NULL);
     return status;
@@ -291,6 +304,16 @@ static int report(struct bake *b, struct kiln_error *error)
     return kiln_agree(b->communicator, status, error);
 }
 
+/* For the report. */
+static void note_checkpoints(struct bake *b)
+{
+    uint64_t count, bytes;
+    double seconds;
+    kiln_checkpoint_spent(b->checkpoint, &count, &seconds, &bytes);
+    if (count > 0) /* on all ranks or on none */
+        kiln_phase_add(&b->phases, "checkpoints", seconds);
+}
+
 static int run(struct bake *b, struct kiln_error *error)
 {
     int status = make_folder(b, error);
@@ -304,6 +327,8 @@ static int run(struct bake *b, struct kiln_error *error)
         status = transport_light(b, error);
     if (status == KILN_OK)
         status = gather_volume(b, error);
+    if (status == KILN_OK)
+        note_checkpoints(b);
     if (status == KILN_OK)
         status = forget_old_report(b, error);
     if (status == KILN_OK)
