@@ -140,11 +140,9 @@ static void write_names(FILE *stream, const struct kiln_batch *batch)
 
 static const char settings[] =
     "\n"
-    "# Ranks are not tied to one core each, and a lost node or link is noticed in 25 s instead of minutes. The ranks get 15 s instead\n"
-    "# of one to leave when mpirun ends them.\n"
+    "# Ranks are not tied to one core each, and a lost node or link is noticed in 25 s instead of minutes.\n"
     "export OMPI_MCA_hwloc_base_binding_policy=none\n"
     "export OMPI_MCA_oob_tcp_keepalive_time=10 OMPI_MCA_oob_tcp_keepalive_intvl=5 OMPI_MCA_oob_tcp_keepalive_probes=3\n"
-    "export OMPI_MCA_odls_base_sigkill_timeout=15\n"
     "export OMP_WAIT_POLICY=passive\n";
 
 static const char work[] =

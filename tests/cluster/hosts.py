@@ -93,16 +93,17 @@ class Host:
                        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1\n")
         self.run(shutil.which("sshd"), "-f", config, "-E", os.path.join(self.folder, "sshd.log"), check=True)
 
-    def command(self, *words):
-        return ["nsenter", f"--target={self.process}", "--net", "--uts", "--ipc", "--mount", "--pid", *map(str, words)]
+    def command(self, *words, cwd=None):
+        return ["nsenter", f"--target={self.process}", "--net", "--uts", "--ipc", "--mount", "--pid", f"--wd={cwd or os.getcwd()}",
+                *map(str, words)]
 
     def environment(self, more=None):
         return dict(os.environ, TMPDIR=os.path.join(self.folder, "tmp"), **self.cluster.settings, **(more or {}))
 
-    def run(self, *words, check=False, timeout=120, environment=None, **more):
+    def run(self, *words, check=False, timeout=120, environment=None, cwd=None):
         """A command on this host, to its end."""
-        done = subprocess.run(self.command(*words), env=self.environment(environment), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                              stderr=subprocess.PIPE, text=True, errors="replace", timeout=timeout, **more)
+        done = subprocess.run(self.command(*words, cwd=cwd), env=self.environment(environment), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                              stderr=subprocess.PIPE, text=True, errors="replace", timeout=timeout)
         assert not check or done.returncode == 0, f"{words} on {self.name}: {done.returncode}\n{done.stdout}{done.stderr}"
         return done
 
