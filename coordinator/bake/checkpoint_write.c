@@ -43,7 +43,12 @@ static int make_room(const struct kiln_checkpoint *c, uint64_t bytes, struct kil
 /* Rank 0: the folder of the next generation, empty. */
 static int begin(const struct kiln_checkpoint *c, uint64_t bytes, uint64_t generation, char path[KILN_PATH_SIZE], struct kiln_error *error)
 {
+    char above[KILN_PATH_SIZE];
     int status = kiln_make_directory(c->folder, error);
+    if (status == KILN_OK && c->written == 0) /* the folder of all generations has an entry to be kept, too */
+        status = kiln_path_join(above, c->folder, "..", error);
+    if (status == KILN_OK && c->written == 0)
+        status = checkpoint_sync_folder(above, error);
     if (status == KILN_OK)
         status = make_room(c, bytes, error);
     if (status == KILN_OK) {

@@ -38,13 +38,14 @@ static bool has_argument(int argc, char **argv, const char *text)
 static void print_error(int status, const struct kiln_error *error, bool json)
 {
     const char *sentence = error->message[0] != '\0' ? error->message : "failed without saying why; this is a bug of kiln";
-    (void)fprintf(stderr, "kiln: error: %s\n", sentence);
+    const bool stopped = status == KILN_STOPPED; /* as it was asked to: no error */
+    (void)fprintf(stderr, "kiln: %s%s\n", stopped ? "" : "error: ", sentence);
     if (!json)
         return; /* stderr is not buffered */
     json_t *message = json_string(sentence);
     if (message == NULL) /* a name in it is not UTF-8 */
         message = json_string("the sentence on stderr is not UTF-8");
-    json_t *object = json_pack("{s:s, s:i, s:o}", "status", "error", "code", status, "message", message);
+    json_t *object = json_pack("{s:s, s:i, s:o}", "status", stopped ? "stopped" : "error", "code", status, "message", message);
     if (object != NULL && json_dumpf(object, stdout, JSON_COMPACT) == 0)
         (void)fputc('\n', stdout);
     (void)fflush(stdout);
