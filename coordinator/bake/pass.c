@@ -217,17 +217,21 @@ static void note_rate(struct transport_state *s, uint64_t points, double seconds
 /* Traces the next batch; what it did is no longer to do. */
 static int run_batch(struct pass_work *w, double *seconds, struct kiln_error *error)
 {
+    struct kiln_backend_info begin, end;
     struct transport_state *s = w->state;
     const struct kiln_transport_params *p = s->params;
     struct fragment_range *range = &s->todo[s->todo_first];
     const struct kiln_batch batch = {range->first, batch_of(s, range), take_part, w};
     const uint64_t before = s->points_done;
+    kiln_backend_info(p->backend, &begin);
     const double start = MPI_Wtime();
     const int status = s->step.kind == KILN_PASS_DIRECT
                            ? kiln_backend_direct(p->backend, &batch, s->step.samples, &w->pass->rays, error)
                            : kiln_backend_gather(p->backend, &batch, s->step.samples, s->step.stream, &w->pass->rays, error);
     *seconds = MPI_Wtime() - start;
+    kiln_backend_info(p->backend, &end);
     w->pass->seconds += *seconds;
+    w->pass->device_seconds += fmax(0.0, end.device_seconds - begin.device_seconds);
     note_rate(s, s->points_done - before, *seconds);
     range->first += batch.fragment_count;
     range->count -= batch.fragment_count;

@@ -96,9 +96,9 @@ static json_t *passes_json(const struct kiln_transport_report *t)
     json_t *array = json_array();
     for (size_t i = 0; i < t->pass_count; i++) {
         const struct kiln_pass_report *p = &t->passes[i];
-        json_array_append_new(array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:o, s:o}", "kind", kinds[p->kind], "bounce", (int)p->bounce,
+        json_array_append_new(array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o}", "kind", kinds[p->kind], "bounce", (int)p->bounce,
                                                "samples", (int)p->samples, "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
-                                               "energy", luminance(p->energy.incident), "incident", rgb_json(p->energy.incident), "reflected",
+                                               "device_seconds", p->device_seconds, "energy", luminance(p->energy.incident), "incident", rgb_json(p->energy.incident), "reflected",
                                                rgb_json(p->energy.reflected)));
     }
     return array;
@@ -219,7 +219,8 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "output", json_string(run->directory));
     json_object_set_new(root, "scene", scene);
     json_object_set_new(root, "job", settings_json(run->job));
-    json_object_set_new(root, "backend", json_pack("{s:s, s:s, s:s}", "name", info.name, "device", info.device, "instruction_set", p->instruction_set));
+    json_object_set_new(root, "backend", json_pack("{s:s, s:s, s:s, s:f, s:f, s:i}", "name", info.name, "device", info.device, "instruction_set", p->instruction_set, "build_seconds",
+                                                   info.build_seconds, "device_seconds", info.device_seconds, "recoveries", (int)info.recoveries));
     json_object_set_new(root, "ranks", json_integer(p->ranks));
     json_object_set_new(root, "threads", json_integer((json_int_t)p->threads));
     json_object_set_new(root, "seconds", json_real(MPI_Wtime() - run->phases->begin));

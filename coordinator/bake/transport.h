@@ -22,6 +22,7 @@ struct kiln_pass_report {
     uint32_t samples;
     uint64_t rays;            /* of this rank, and of earlier runs' ranks whose work it took over */
     double seconds, exchange_seconds; /* likewise: computing; waiting and exchanging */
+    double device_seconds; /* likewise: of `seconds`, what the device was busy; 0 without one */
     struct kiln_pass_energy energy;
 };
 

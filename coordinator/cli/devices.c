@@ -1,6 +1,7 @@
 #include "coordinator/cli/devices.h"
 
 #include <stdio.h>
+#include <string.h>
 
 #include "coordinator/bake/prepare.h"
 #include "coordinator/cli/look.h"
@@ -16,7 +17,7 @@ void kiln_devices_choose(const struct kiln_job *job, int node_rank, int node_ran
     params->traversal = (enum kiln_traversal)job->traversal;
     params->slice_seconds = job->dispatch_time * 1e-3;
     params->device_memory = (uint64_t)(job->device_memory * 0x1p30);
-    params->goes_on = true;
+    params->goes_on = job->backend == NULL || strcmp(job->backend, "auto") == 0; /* who asks for a device by name gets it, or an error */
     params->verify_share = job->verify_share;
 }
 

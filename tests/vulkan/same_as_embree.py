@@ -2,8 +2,9 @@
 one place a ray meets.
 
 A scene is baked by both. For 99.99 % of the surface points the luminance of the irradiance may differ by 5 standard errors of the point
-at most (and 1e-4 of itself, for points without noise), and the area-weighted mean by 0.001. Sample counts 64 and 4096; the
-second at a coarser lightmap, so that software devices come to an end.
+at most, and the area-weighted mean by 0.001. The standard error is the larger of kiln's own and of what one ray of the mean
+brightness brings: where all samples agree kiln's is 0, but one ray that meets the other of two touching surfaces shows. Sample counts 64
+and 4096; the second at a coarser lightmap, so that software devices come to an end.
 """
 import os
 import sys
@@ -41,20 +42,23 @@ def compare(checks, name, samples, embree, vulkan, table):
         return
     valid = a.valid & b.valid
     x, y = (p.total[valid] @ harness.LUMINANCE for p in (a, b))
-    error = np.maximum(a.error, b.error)[valid]
-    off = np.abs(x - y) / np.maximum(5 * error + 1e-4 * np.maximum(x, y), 1e-30)
+    one_ray = float((x * a.area[valid]).sum() / a.area[valid].sum()) / samples
+    error = np.maximum(np.maximum(a.error, b.error)[valid], one_ray)
+    off = np.abs(x - y) / np.maximum(5 * error, 1e-30)
     beyond = int((off > 1).sum())
     means = [float((p.total @ harness.LUMINANCE * p.area)[valid].sum()) for p in (a, b)]
     ratio = means[1] / means[0] if means[0] > 0 else 1.0
     text = harness.energy(vulkan.run)[0]
     table.row(name, samples, len(x), beyond, '%.2f' % off.max(initial=0), '%.6f' % ratio, '%.1f' % vulkan.process.seconds, '%.1f' % embree.process.seconds, text)
-    checks.that(beyond <= max(1e-4 * len(x), 0 if len(x) >= 10000 else 1), '%s, %d samples: %d of %d points differ by more than 5 standard errors' % (name, samples, beyond, len(x)), vulkan.process)
+    checks.that(beyond <= max(1e-4 * len(x), 1), '%s, %d samples: %d of %d points differ by more than 5 standard errors' % (name, samples, beyond, len(x)), vulkan.process)
     checks.that(abs(ratio - 1) <= 1e-3, '%s, %d samples: mean ratio %.6f' % (name, samples, ratio), vulkan.process)
     checks.energy(vulkan, name)
 
 
 def main():
     add = lambda p: (p.add_argument('scenes', nargs='*', help='only these'), p.add_argument('--full', action='store_true', help="the scenes' own density"),
+                     p.add_argument('--points', type=int, help='so many points instead'),
+                     p.add_argument('--traversal', default='auto', help='of the Vulkan backend'),
                      p.add_argument('--samples', type=int, nargs='*', default=[64, 4096]))
     arguments, kiln = harness.start(__doc__, add)
     checks = harness.Checks()
@@ -62,13 +66,13 @@ def main():
     for samples in arguments.samples:
         for name, path in scenes(arguments.scenes):
             options = ['--samples-direct', samples, '--samples-bounce', max(4, samples // 16), '--samples-indirect', samples, '--samples-probe', 0]
-            wanted = None if arguments.full else density(kiln, path, POINTS.get(samples, 1000))
+            wanted = None if arguments.full else density(kiln, path, arguments.points or POINTS.get(samples, 1000))
             if wanted:
                 options += ['--texels-per-metre', '%.9g' % wanted]
             bakes = {}
             for backend in ('vulkan', 'embree'):
                 kiln.backend = backend
-                bakes[backend] = kiln.bake(path, *options, timeout=1200)
+                bakes[backend] = kiln.bake(path, *options, '--traversal', arguments.traversal, timeout=1200)
             if all([checks.baked(b) for b in bakes.values()]):
                 compare(checks, name, samples, bakes['embree'], bakes['vulkan'], table)
             for b in bakes.values():

@@ -111,6 +111,8 @@ struct kiln_backend_info {
     char device[128];  /* "Embree 3.13.5, avx2, 2 threads" */
     size_t memory;     /* bytes held by the backend itself (its BVH and copies) */
     double build_seconds;
+    double device_seconds; /* that a device was busy with kernels and copies so far; 0: it has no clock of its own */
+    uint32_t recoveries;   /* how often it was lost or short of memory, and made anew */
 };
 
 struct kiln_backend;

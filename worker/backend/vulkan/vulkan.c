@@ -176,7 +176,10 @@ int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error)
         b->scratch_most /= 2;
     int status = KILN_NO_DEVICE;
     while (status != KILN_OK && b->recoveries < MOST_RECOVERIES && b->scratch_most >= LEAST_SCRATCH) {
+        struct gpu_clock clock;
         b->recoveries++;
+        gpu_clock_read(b->gpu, &clock);
+        b->busy_before += clock.busy;
         clear(b);
         status = set_up(b, error);
         if (status == KILN_OK && b->surface != NULL)
@@ -214,7 +217,10 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
 {
     const struct vulkan_backend *b = (const struct vulkan_backend *)backend;
     const struct gpu_description *about = gpu_about(b->gpu);
-    *info = (struct kiln_backend_info){.name = "vulkan", .memory = gpu_memory_used(b->gpu), .build_seconds = b->build_seconds};
+    struct gpu_clock clock;
+    gpu_clock_read(b->gpu, &clock);
+    *info = (struct kiln_backend_info){.name = "vulkan", .memory = gpu_memory_used(b->gpu), .build_seconds = b->build_seconds,
+                                       .device_seconds = b->busy_before + clock.busy, .recoveries = b->recoveries};
     (void)snprintf(info->device, sizeof info->device, "%.60s, %s%s", about->name, vulkan_tracer_name(&b->tracer), b->float64 ? "" : ", no doubles");
 }
 

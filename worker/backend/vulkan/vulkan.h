@@ -52,6 +52,7 @@ struct vulkan_backend {
     struct gpu *gpu;
     struct gpu_faults faults;
     uint32_t recoveries;    /* so far */
+    double busy_before;     /* s, of the devices before them */
     uint64_t scratch_most;  /* bytes that a slot's partial sums may take */
     bool float64;
     /* the scene on the device */
