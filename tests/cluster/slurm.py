@@ -82,4 +82,7 @@ class Slurm:
                 return None
             return self.job(number).get("Restarts") != before and self.job(number).get("JobState") in ("RUNNING", "COMPLETED")
         before = str(int(self.job(number).get("Restarts", "0")) - (self.job(number).get("JobState") == "PENDING"))
-        wait_for(running, 90, f"job {number} running again")
+        try:
+            wait_for(running, 90, f"job {number} running again")
+        except AssertionError as failure:
+            raise AssertionError(f"{failure}: {self.job(number)}, nodes {self.run('sinfo', '-N', '-o', '%N:%T').stdout.split()}") from None

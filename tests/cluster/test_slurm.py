@@ -3,12 +3,11 @@ Whatever happens on the way, the lightmaps have the same bits as those of one pr
 import json
 import os
 import pathlib
-import re
 import subprocess
 import time
 import unittest
 
-from hosts import KILN, NET, Cluster, bake_can, bits, require, wait_for
+from hosts import KILN, Cluster, bake_can, bits, require, wait_for
 from slurm import Slurm
 
 LONG = ["quality: production", "texels-per-metre: 32", "schedule: equal", "bounces: 6", "samples-indirect: 256", "preview: false"]
@@ -66,39 +65,33 @@ class Queue(unittest.TestCase):
         self.slurm.wait_state(job, ("FAILED",), 60)
         self.assertIn("would fail again (exit 65)", self.log(job))
 
-    def begin_long(self, *words):
-        """The long bake on two nodes, when it has begun to trace."""
-        subprocess.run(["rm", "-rf", os.path.join(self.folder, "long")], check=True)
-        job = self.submit("long.yaml", "--nodes", "2", "--threads", "2", *words)
+    def test_3_over_the_time_limit_and_through_the_loss_of_a_node(self):
+        # The warning comes at some moment of the first half minute.
+        job = self.submit("long.yaml", "--nodes", "2", "--threads", "2", "--time", "1", "--warning", "59")
         self.slurm.wait_state(job, ("RUNNING",), 60)
-        return job
-
-    def test_3_over_the_time_limit(self):
-        job = self.begin_long("--time", "1", "--warning", "48")
-        restarts = 0
-        while self.slurm.wait_state(job, ("PENDING", "COMPLETED", "FAILED", "TIMEOUT", "CANCELLED"), 120) == "PENDING":
-            self.slurm.start_now(job)
-            restarts += 1
-            self.assertLess(restarts, 8, self.log(job))
-        self.assertEqual(self.slurm.job(job)["JobState"], "COMPLETED", self.log(job))
-        self.assertGreater(restarts, 0, "the bake was over before the warning; this test shows nothing")
-        print(f"\ntime limit: finished after {restarts} restart(s)")
-        self.assertIn("attempt 2", self.log(job))
-        self.assertEqual(bits(os.path.join(self.folder, "long")), self.alone("long"))
-
-    def test_4_through_the_loss_of_a_node(self):
-        job = self.begin_long()
-        names = self.slurm.run("scontrol", "show", "hostnames", self.slurm.job(job)["NodeList"]).stdout.split()
-        time.sleep(8)
-        self.assertEqual(self.slurm.job(job)["JobState"], "RUNNING", "the bake ended before anything happened to it")
-        lost = next(node for node in self.slurm.nodes if node.name == names[1])
-        lost.kill()
+        self.slurm.wait_state(job, ("PENDING",), 60)
+        self.assertIn("back into the queue (exit 75)", self.log(job))
+        self.slurm.start_now(job)
+        lost = self.lose_a_node_of(job)
         begin = time.monotonic()
         self.slurm.start_now(job)
         print(f"\nlost node: running again after {time.monotonic() - begin:.0f} s")
+        self.slurm.run("scontrol", "update", f"JobId={job}", "TimeLimit=30")
         self.finish(job, 150)
-        self.assertNotIn(lost.name, self.slurm.run("scontrol", "show", "hostnames", self.slurm.job(job)["NodeList"]).stdout.split())
+        self.assertNotIn(lost.name, self.nodes_of(job))
+        self.assertGreaterEqual(int(self.slurm.job(job)["Restarts"]), 2)
         self.assertEqual(bits(os.path.join(self.folder, "long")), self.alone("long"))
+
+    def nodes_of(self, job):
+        return self.slurm.run("scontrol", "show", "hostnames", self.slurm.job(job)["NodeList"]).stdout.split()
+
+    def lose_a_node_of(self, job):
+        name = self.nodes_of(job)[1]
+        wait_for(lambda: self.log(job).count("import") > 1, 20, "the second attempt at work")
+        self.assertEqual(self.slurm.job(job)["JobState"], "RUNNING", self.log(job))
+        lost = next(node for node in self.slurm.nodes if node.name == name)
+        lost.kill()
+        return lost
 
 
 if __name__ == "__main__":
