@@ -100,9 +100,10 @@ static int find_program(struct submission *s, struct kiln_error *error)
     const char *launcher = getenv("KILN_LAUNCHER");
     const char *slash = launcher != NULL && launcher[0] == '/' && strlen(launcher) < KILN_PATH_SIZE ? strrchr(launcher, '/') : NULL;
     if (slash != NULL) {
+        char folder[KILN_PATH_SIZE];
         (void)snprintf(s->program, sizeof s->program, "%s", launcher);
-        (void)memcpy(s->mpirun, launcher, (size_t)(slash - launcher));
-        return kiln_path_join(s->mpirun, s->mpirun, "mpirun", error);
+        (void)snprintf(folder, sizeof folder, "%.*s", (int)(slash - launcher), launcher);
+        return kiln_path_join(s->mpirun, folder, "mpirun", error);
     }
     (void)snprintf(s->mpirun, sizeof s->mpirun, "mpirun");
     const ssize_t length = readlink("/proc/self/exe", s->program, sizeof s->program - 1);

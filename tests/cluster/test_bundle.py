@@ -85,6 +85,14 @@ class Bundle(unittest.TestCase):
         for lent in ("openmpi", "lib-missing", "lib-driver"):
             self.assertNotIn(f"{self.bundle}/{lent}/", loaded)
 
+    def test_batch_scripts_start_the_folders_programs(self):
+        done = subprocess.run([self.bundle / "kiln", "submit", "--dry-run", self.root / "tmp/cornell.glb"], env={"PATH": "/usr/bin:/bin"},
+                              capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        for name in ("kiln", "mpirun"):
+            quoted = str(self.bundle / name).replace("'", "'\\''")
+            self.assertIn(f"\n{name}='{quoted}'\n", done.stdout)
+
     def test_no_library_is_left_to_chance(self):
         """All that the folder's own libraries need is in the folder, of the C library, or lent."""
         inside = {path.name for path in self.bundle.rglob("*.so*")}
