@@ -10,7 +10,7 @@
 #include "worker/scene/footprint.h"
 
 enum { MOST_CANDIDATES = 8, TRIAL_RAYS = 1 << 20, MOST_TRIALS = 64 };
-static const double TRIAL_SECONDS = 0.05, PIPELINE_MARGIN = 1.25;
+static const double TRIAL_SECONDS = 0.05, LAYOUT_MARGIN = 1.1, PIPELINE_MARGIN = 1.25;
 
 const char *vulkan_tracer_name(const struct vulkan_tracer *tracer)
 {
@@ -120,7 +120,7 @@ static int try_all(struct vulkan_backend *b, const struct bvh *bvh, const uint32
             status = use(b, &t, error);
         if (status == KILN_OK)
             status = try_rays(b, &rays, &hits, &t.rate, error);
-        const bool better = status == KILN_OK && t.rate > best.rate * (t.acceleration != NULL ? PIPELINE_MARGIN : 1.0);
+        const bool better = status == KILN_OK && t.rate > best.rate * (t.acceleration != NULL ? PIPELINE_MARGIN : LAYOUT_MARGIN);
         b->tracer = (struct vulkan_tracer){0};
         vulkan_tracer_destroy(b->gpu, better ? &best : &t);
         best = better ? t : best;
