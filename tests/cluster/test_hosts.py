@@ -1,12 +1,15 @@
-"""Three hosts, mpirun over ssh: the same bits as one host; a cut link and a lost host end the job with a sentence."""
+"""Three hosts, mpirun over ssh: the same bits as one host; a cut link and a lost host end the job with a sentence, and one host alone
+brings the bake to its end, with the same bits again."""
 import os
+import pathlib
 import re
 import subprocess
 import time
 import unittest
 
-from hosts import KILN, Cluster, bake_can, bits, require
+from hosts import KILN, Cluster, bake_can, bits, require, wait_for
 
+LONG = ["--quality", "draft", "--schedule", "equal", "--bounces", "6", "--samples-indirect", "128", "--no-preview", "--checkpoint-every", "2"]
 KEEPALIVE = ["--mca", "oob_tcp_keepalive_time", "3", "--mca", "oob_tcp_keepalive_intvl", "2", "--mca", "oob_tcp_keepalive_probes", "3"]
 
 
@@ -35,11 +38,19 @@ class Hosts(unittest.TestCase):
 
     def begin_long(self, output):
         """A bake that has come to its bounces."""
-        bake = self.cluster.hosts[0].begin(*self.bake_words(output, "--quality", "production", "--texels-per-metre", "60", "--schedule", "equal"),
-                                           stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-        time.sleep(8)
+        bake = self.cluster.hosts[0].begin(*self.bake_words(output, *LONG), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        checkpoints = pathlib.Path(self.folder, output, "checkpoint")
+        wait_for(lambda: bake.poll() is not None or list(checkpoints.glob("gen-*")), 60, "the first checkpoint")
+        time.sleep(1)
         self.assertIsNone(bake.poll(), "the bake ended before anything happened to it")
         return bake
+
+    def here(self, output):
+        """The long bake by one process, from the beginning or from what is there."""
+        done = subprocess.run([KILN, "bake", self.scene, "-o", os.path.join(self.folder, output), *LONG, "--threads", "2"], capture_output=True,
+                              text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return done.stderr
 
     def end_within(self, bake, seconds):
         begin = time.monotonic()
@@ -50,6 +61,7 @@ class Hosts(unittest.TestCase):
             self.fail(f"the job hangs {seconds} s after the loss")
         return words, time.monotonic() - begin
 
+    @unittest.skipUnless(KILN and bake_can("resume"), "this kiln keeps no checkpoints")
     def test_cut_link_ends_the_job_with_a_sentence(self):
         bake = self.begin_long("cut")
         cut = self.cluster.hosts[2]
@@ -61,7 +73,11 @@ class Hosts(unittest.TestCase):
         print(f"\ncut link: the job ended after {seconds:.1f} s")
         self.assertNotEqual(bake.returncode, 0)
         self.assertRegex(re.sub(r"\s+", " ", words), r"(?i)lost (communication|connection)|cedar")
+        self.assertIn("going on from checkpoint", self.here("cut"))
+        self.here("whole")
+        self.assertEqual(bits(os.path.join(self.folder, "cut")), bits(os.path.join(self.folder, "whole")))
 
+    @unittest.skipUnless(KILN and bake_can("resume"), "this kiln keeps no checkpoints")
     def test_lost_host_ends_the_job_with_a_sentence(self):
         bake = self.begin_long("lost")
         lost = self.cluster.hosts[1]
