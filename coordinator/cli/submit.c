@@ -83,7 +83,7 @@ static int read_items(struct submission *s, struct kiln_error *error)
 {
     const size_t given = s->job->argument_count, found = s->globbed ? s->found.gl_pathc : 0;
     if (given + found == 0)
-        return kiln_fail(error, KILN_USAGE, "name a job file or a scene; for example: kiln submit jobs/cornell.yaml --nodes 2");
+        return kiln_fail(error, KILN_USAGE, "kiln submit needs a job file or a scene; for example: kiln submit jobs/cornell.yaml --nodes 2");
     int status = kiln_allocate(&s->items, given + found, sizeof *s->items, "the jobs", error);
     for (size_t i = 0; i < given + found && status == KILN_OK; i++)
         status = read_item(s, i < given ? s->job->arguments[i] : s->found.gl_pathv[i - given], &s->items[i], error);

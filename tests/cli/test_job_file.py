@@ -50,7 +50,7 @@ class JobFile(unittest.TestCase):
         }.items():
             self.refused(pattern, text)
         self.refused(r"^job.yaml:2: is not text in UTF-8", b"scene: a.glb\n# \xff\xfe\n")
-        self.refused(r"^job.yaml:2: backend: .*'vulkan'", "scene: a.glb\nbackend: vulkan\n", code=69)
+        self.refused(r"^job.yaml:2: backend: .*'cuda'", "scene: a.glb\nbackend: cuda\n", code=69)
 
     def test_bombs(self):
         laughs = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
