@@ -49,11 +49,12 @@ class Tool:
         command = [self.kiln, 'bake', scene, '-o', folder, '--no-preview', '--threads', str(threads), *OPTIONS, *map(str, more)]
         return (['mpirun', '--bind-to', 'none', '-n', str(ranks)] if ranks else []) + command
 
-    def start(self, folder, *more, **how):
-        """Runs in the background; what it prints goes to FOLDER.out and FOLDER.err."""
+    def start(self, folder, *more, log=None, **how):
+        """Runs in the background; what it prints goes to LOG.out and LOG.err (LOG: the folder's name)."""
+        log = log or folder
         env = dict(os.environ)
         env.update(harness.MPI_ENVIRONMENT)
-        with open(folder + '.out', 'wb') as out, open(folder + '.err', 'wb') as err:
+        with open(log + '.out', 'wb') as out, open(log + '.err', 'wb') as err:
             return subprocess.Popen(self.line(folder, *more, **how), stdout=out, stderr=err, stdin=subprocess.DEVNULL, env=env, start_new_session=True)
 
     def bake(self, folder, *more, timeout=120, **how):
@@ -413,8 +414,11 @@ def try_disk(checks, tool):
 def full_disk(checks, tool, reference, mount):
     folder = os.path.join(mount, 'bake')
     filler = os.path.join(mount, 'filler')
-    process = tool.bake(folder, *OFTEN, '--max-time', 1.2, ranks=2)
-    checks.that(process.status == STOPPED, 'on a small disk: %d' % process.status, process)
+    process = tool.start(folder, *OFTEN, ranks=2, log=os.path.join(tool.scratch, 'small-disk'))
+    wait_for(lambda: generations(folder) or process.poll() is not None)
+    process.send_signal(signal.SIGUSR1)
+    status = finish(process)
+    checks.that(status == STOPPED, 'on a small disk: %s' % status)
     before = [os.path.basename(g) for g in generations(folder)][-1:]
     with open(filler, 'wb', buffering=0) as f:
         try:
@@ -437,10 +441,7 @@ def read_only(checks, tool, reference, mount):
     shutil.rmtree(os.path.join(mount, 'bake'), ignore_errors=True)
     folder = os.path.join(mount, 'other')
     log = os.path.join(tool.scratch, 'other')
-    env = dict(os.environ)
-    env.update(harness.MPI_ENVIRONMENT)
-    with open(log + '.err', 'wb') as err:
-        process = subprocess.Popen(tool.line(folder, *OFTEN, ranks=2), stdout=subprocess.DEVNULL, stderr=err, env=env)
+    process = tool.start(folder, *OFTEN, ranks=2, log=log)
     wait_for(lambda: generations(folder) or process.poll() is not None)
     remounted = wait_for(lambda: subprocess.run(['mount', '-o', 'remount,ro', mount], stderr=subprocess.DEVNULL).returncode == 0, 5)
     status = finish(process)
