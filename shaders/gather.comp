@@ -1,4 +1,4 @@
-/* The bounce pass: thread (x, y) takes slice y of the samples of point x, some 32 cosine-distributed rays, and adds up the radiosity
+/* The bounce pass: thread (x, y) takes slice y of the samples of point x, a few cosine-distributed rays, and adds up the radiosity
  * that they find. The samples of a point fall into four quarters, each of `slices` slices: neighbouring threads take the same
  * sample of neighbouring points, whose directions share a stratum (shaders/random.h). gather_reduce.comp adds up the slices. */
 #version 460
@@ -14,6 +14,7 @@ layout(push_constant, scalar) uniform Push
     KILN_WORD samples, stream, reuse, sobol_stride;
     KILN_WORD per_quarter; /* slices a quarter */
     KILN_WORD row_first;   /* slice of y = 0 */
+    KILN_WORD slice;       /* samples of a slice */
 } push;
 
 #define KILN_TRACES
@@ -114,7 +115,7 @@ void kiln_kernel(uint x, uint row)
     /* quarter q holds the samples k with k * 4 / samples == q */
     const uint q = y / push.per_quarter, n = push.samples;
     const uint begin = uint((uint64_t(q) * n + 3ul) / 4ul), end = uint((uint64_t(q + 1u) * n + 3ul) / 4ul);
-    const uint from = begin + (y % push.per_quarter) * KILN_GPU_SLICE_SAMPLES, to = min(end, from + KILN_GPU_SLICE_SAMPLES);
+    const uint from = begin + (y % push.per_quarter) * push.slice, to = min(end, from + push.slice);
     uint seed[4];
     for (uint d = 0u; d < 4u; d++)
         seed[d] = kiln_hash2(p.tile_key, push.stream * 8u + d);

@@ -92,9 +92,8 @@ struct kiln_gpu_chunk {
 };
 KILN_SIZE_IS(kiln_gpu_chunk, 48);
 
-/* A gather pass sums up slices of at most so many samples (some devices do not stand long loops), of so many floats each: incident, irradiance, borrowed (3 each), escaped,
- * blocked, behind, luminance of irradiance. */
-#define KILN_GPU_SLICE_SAMPLES 16u
+/* A gather pass sums up slices of samples, of so many floats each: incident, irradiance, borrowed (3 each), escaped, blocked, behind,
+ * luminance of irradiance. */
 #define KILN_GPU_SLICE_FLOATS 13u
 
 /* ---- answers ---- */

@@ -42,8 +42,6 @@ KILN_SIZE_IS(kiln_gpu_choice, 8);
  *                                                          choices with 8 samples and more
  *   word counts[room]                                      choices of a point
  * with slots >= clusters of the cut + directional_count + 1. */
-#define KILN_GPU_DIRECT_SLICE 16u  /* samples of a slice, about */
-#define KILN_GPU_DIRECT_SLICES 256u /* at most; beyond, slices grow */
 struct kiln_gpu_direct {
     KILN_ADDRESS results; /* struct kiln_gpu_result, one a point of the chunk */
     KILN_ADDRESS sobol;   /* words: dimension d's points from d * sobol_stride on */

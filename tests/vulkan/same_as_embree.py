@@ -3,7 +3,8 @@ one place a ray meets. Scenes made of such surfaces (nasty_valid.glb has a floor
 
 A scene is baked by both. For 99.99 % of the surface points the luminance of the irradiance may differ by 5 standard errors of the point
 at most, and the area-weighted mean by 0.001. The standard error is the larger of kiln's own and of what one ray of the mean
-brightness brings: where all samples agree kiln's is 0, but one ray that meets the other of two touching surfaces shows. Sample counts 64
+brightness brings: where all samples agree kiln's is 0, but one ray that meets the other of two touching surfaces shows. Where more points
+differ, as many (or twice as many as) must do so when Embree changes its instruction set, which rounds otherwise too. Sample counts 64
 and 4096; the second at a coarser lightmap, so that software devices come to an end.
 """
 import os
@@ -36,21 +37,33 @@ def density(kiln, path, points):
     return info['texels_per_metre']['median'] * (points / max(1, info['surface']['points'])) ** 0.5
 
 
-def compare(checks, name, samples, embree, vulkan, table):
-    a, b = embree.points, vulkan.points
-    if not checks.that(a.count == b.count and (a.valid == b.valid).mean() >= 0.998, '%s: other points are valid' % name, vulkan.process):
-        return
+def beyond(a, b, samples):
+    """How many of the points that are valid in both differ by more than 5 standard errors, of how many, and the worst, in those."""
     valid = a.valid & b.valid
     x, y = (p.total[valid] @ harness.LUMINANCE for p in (a, b))
     one_ray = float((x * a.area[valid]).sum() / a.area[valid].sum()) / samples
     error = np.maximum(np.maximum(a.error, b.error)[valid], one_ray)
     off = np.abs(x - y) / np.maximum(5 * error, 1e-30)
-    beyond = int((off > 1).sum())
+    return int((off > 1).sum()), len(x), float(off.max(initial=0))
+
+
+def compare(checks, name, samples, embree, vulkan, again, table):
+    a, b = embree.points, vulkan.points
+    if not checks.that(a.count == b.count and (a.valid == b.valid).mean() >= 0.998, '%s: other points are valid' % name, vulkan.process):
+        return
+    count, points, worst = beyond(a, b, samples)
+    allowed, own = max(1e-4 * points, 1), '-'
+    if count > allowed:
+        other = again()
+        own = beyond(a, other.points, samples)[0]
+        allowed = max(allowed, 2 * own)
+        other.remove()
+    valid = a.valid & b.valid
     means = [float((p.total @ harness.LUMINANCE * p.area)[valid].sum()) for p in (a, b)]
     ratio = means[1] / means[0] if means[0] > 0 else 1.0
     text = harness.energy(vulkan.run)[0]
-    table.row(name, samples, len(x), beyond, '%.2f' % off.max(initial=0), '%.6f' % ratio, '%.1f' % vulkan.process.seconds, '%.1f' % embree.process.seconds, text)
-    checks.that(beyond <= max(1e-4 * len(x), 1), '%s, %d samples: %d of %d points differ by more than 5 standard errors' % (name, samples, beyond, len(x)), vulkan.process)
+    table.row(name, samples, points, count, own, '%.2f' % worst, '%.6f' % ratio, '%.1f' % vulkan.process.seconds, '%.1f' % embree.process.seconds, text)
+    checks.that(count <= allowed, '%s, %d samples: %d of %d points differ by more than 5 standard errors' % (name, samples, count, points), vulkan.process)
     checks.that(abs(ratio - 1) <= 1e-3, '%s, %d samples: mean ratio %.6f' % (name, samples, ratio), vulkan.process)
     checks.that(harness.energy(vulkan.run)[1] or not harness.energy(embree.run)[1], '%s: energy is not kept: %s' % (name, text), vulkan.process)
 
@@ -62,7 +75,7 @@ def main():
                      p.add_argument('--samples', type=int, nargs='*', default=[64, 4096]))
     arguments, kiln = harness.start(__doc__, add)
     checks = harness.Checks()
-    table = harness.Table(('scene', 26), ('samples', 7), ('points', 8), ('beyond', 6), ('worst/5s', 8), ('mean ratio', 10), ('vulkan s', 8), ('embree s', 8), ('energy of vulkan', 36))
+    table = harness.Table(('scene', 26), ('samples', 7), ('points', 8), ('beyond', 6), ('Embree', 6), ('worst/5s', 8), ('mean ratio', 10), ('vulkan s', 8), ('embree s', 8), ('energy of vulkan', 36))
     for samples in arguments.samples:
         for name, path in scenes(arguments.scenes):
             options = ['--samples-direct', samples, '--samples-bounce', max(4, samples // 16), '--samples-indirect', samples, '--samples-probe', 0]
@@ -74,7 +87,8 @@ def main():
                 kiln.backend = backend
                 bakes[backend] = kiln.bake(path, *options, '--traversal', arguments.traversal, timeout=1200)
             if all([checks.baked(b) for b in bakes.values()]):
-                compare(checks, name, samples, bakes['embree'], bakes['vulkan'], table)
+                again = lambda: kiln.bake(path, *options, '--instruction-set', 'sse2', timeout=1200)
+                compare(checks, name, samples, bakes['embree'], bakes['vulkan'], again, table)
             for b in bakes.values():
                 b.remove()
     checks.end()

@@ -100,8 +100,8 @@ int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, 
     const size_t tree = lights->area_count + lights->point_count;
     d.limit = samples / 2 < 1 ? 1 : samples / 2 < KILN_CUT_MAX ? samples / 2 : KILN_CUT_MAX;
     d.slots = (uint32_t)((tree < d.limit ? tree : d.limit) + lights->directional_count + 1);
-    const uint32_t slices = (samples / 4 + KILN_GPU_DIRECT_SLICE - 1) / KILN_GPU_DIRECT_SLICE;
-    d.slices = slices < 1 ? 1 : slices > KILN_GPU_DIRECT_SLICES ? KILN_GPU_DIRECT_SLICES : slices;
+    const uint32_t quarter = (samples + 3) / 4, slice = vulkan_slice(d.b, quarter);
+    d.slices = (quarter + slice - 1) / slice;
     const struct vulkan_pass pass = {.pace = VULKAN_PACE_DIRECT,
                                      .states = true,
                                      .rows = 4 * d.slices,

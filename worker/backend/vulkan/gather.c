@@ -14,7 +14,7 @@ struct gather_push {
     uint64_t scene;
     struct kiln_gpu_chunk chunk;
     uint64_t sobol, slices;
-    uint32_t samples, stream, reuse, sobol_stride, per_quarter, row_first;
+    uint32_t samples, stream, reuse, sobol_stride, per_quarter, row_first, slice;
 };
 struct reduce_push {
     uint64_t scene;
@@ -27,7 +27,7 @@ struct gather {
     struct vulkan_backend *b;
     const struct kiln_batch *batch;
     struct gpu_kernel *whole, *buried, *reduce;
-    uint32_t samples, stream, per_quarter;
+    uint32_t samples, stream, per_quarter, slice;
     uint32_t lookup; /* 0: rays are traced and that is all */
     uint64_t rays;
 };
@@ -44,7 +44,8 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
                                .reuse = kiln_position_reuse(g->samples),
                                .sobol_stride = g->b->sobol_count,
                                .per_quarter = g->per_quarter,
-                               .row_first = chunk->row_first};
+                               .row_first = chunk->row_first,
+                               .slice = g->slice};
     vulkan_record(recording, g->whole, chunk->all.count, chunk->row_count, &push, sizeof push);
     push.chunk = chunk->buried;
     vulkan_record(recording, g->buried, chunk->buried.count, chunk->row_count, &push, sizeof push);
@@ -88,7 +89,8 @@ static int prepare(void *context, struct kiln_error *error)
 static int run(struct gather *g, enum vulkan_pace pace, double *seconds, struct kiln_error *error)
 {
     const uint32_t quarter = (g->samples + 3) / 4;
-    g->per_quarter = (quarter + KILN_GPU_SLICE_SAMPLES - 1) / KILN_GPU_SLICE_SAMPLES;
+    g->slice = vulkan_slice(g->b, quarter);
+    g->per_quarter = (quarter + g->slice - 1) / g->slice;
     const struct vulkan_pass pass = {.pace = pace,
                                      .states = true,
                                      .rows = 4 * g->per_quarter,

@@ -97,6 +97,15 @@ int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error);
 /* Sobol' points 0 .. count-1 of all dimensions on the device: dimension d from word d * b->sobol_count on. */
 int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error);
 
+/* How many samples of a quarter of a point's samples one thread takes. A device is the busier the more threads there are; a software
+ * device ends a thread's loops after 65,535 rounds in all, which a point that is partly buried needs for a dozen samples. */
+static inline uint32_t vulkan_slice(const struct vulkan_backend *b, uint32_t quarter)
+{
+    enum { SLICES_MOST = 1024 };
+    const uint32_t few = gpu_about(b->gpu)->software ? 1 : 16, least = (quarter + SLICES_MOST - 1) / SLICES_MOST;
+    return least > few ? least : few;
+}
+
 int vulkan_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible, struct kiln_error *error);
 int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays, struct kiln_error *error);
 int vulkan_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, uint64_t *rays,
