@@ -25,7 +25,13 @@ struct kiln_exact_sum {
 };
 
 /* `unit`: the value of one step of the fixed point, a power of two: see kiln_exact_unit. */
-static inline void kiln_exact_add(struct kiln_exact_sum *sum, double value, double unit) { sum->value += (__int128)(value / unit); }
+static inline void kiln_exact_add(struct kiln_exact_sum *sum, double value, double unit)
+{
+    /* in two parts of 64 bits, which the processor converts itself: the same number as (__int128)(value / unit) */
+    const double steps = value / unit;
+    const int64_t high = (int64_t)(steps * 0x1p-40);
+    sum->value += ((__int128)high * ((int64_t)1 << 40)) + (int64_t)(steps - (double)high * 0x1p40);
+}
 static inline double kiln_exact_value(const struct kiln_exact_sum *sum, double unit) { return (double)sum->value * unit; }
 /* A step so small that rounding 2^40 terms is below 1e-12 of `scale`, with room for sums up to 2^40 x `scale`. */
 double kiln_exact_unit(double scale);

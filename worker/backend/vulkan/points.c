@@ -1,5 +1,6 @@
 #include "worker/backend/vulkan/points.h"
 
+#include <math.h>
 #include <omp.h>
 #include <string.h>
 
@@ -50,6 +51,8 @@ int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const s
     return status;
 }
 
+static void workspace_destroy(struct points_workspace **workspace);
+
 static void release(struct vulkan_points *p, struct vulkan_block *block)
 {
     gpu_buffer_destroy(p->gpu, &block->points);
@@ -69,6 +72,7 @@ void vulkan_points_destroy(struct vulkan_points **points)
     for (size_t i = 0; p->blocks != NULL && i < p->block_count; i++)
         release(p, &p->blocks[i]);
     kiln_free(&p->blocks);
+    workspace_destroy(&p->workspace);
     kiln_free(points);
 }
 
@@ -78,24 +82,40 @@ void vulkan_points_forget_states(struct vulkan_points *points)
         points->blocks[i].states_known = false;
 }
 
-/* A thread's part of a block being made: the parts that it has made, in an array of its own. */
+/* The parts that a thread has made, in an array of its own. */
 struct part_list {
     struct kiln_gpu_part *at;
     size_t count, room;
     size_t offset; /* where they come to stand in the block's array */
 };
 
+struct points_workspace {
+    struct kiln_gpu_point *points;
+    size_t point_room;
+    uint16_t *thread_of; /* of a fragment */
+    size_t fragment_room;
+    uint32_t threads;
+    struct part_list lists[]; /* one a thread */
+};
+
 /* A block being made. */
 struct maker {
     const struct vulkan_points *p;
     const struct vulkan_block *block;
-    struct kiln_gpu_point *points;
-    struct kiln_gpu_part *parts;
+    struct points_workspace *w;
     size_t part_count;
-    struct part_list *lists;     /* one a thread */
-    uint32_t threads;
-    uint16_t *thread_of;         /* of a fragment */
 };
+
+static void workspace_destroy(struct points_workspace **workspace)
+{
+    if (*workspace == NULL)
+        return;
+    for (uint32_t t = 0; t < (*workspace)->threads; t++)
+        kiln_free(&(*workspace)->lists[t].at);
+    kiln_free(&(*workspace)->points);
+    kiln_free(&(*workspace)->thread_of);
+    kiln_free(workspace);
+}
 
 /* What is known of a triangle, kept for the next point of the same one. */
 struct known {
@@ -131,28 +151,59 @@ static struct kiln_gpu_part part_of(const struct maker *m, struct known *k, cons
                                   .offset = k->offset};
 }
 
+/* The box about a point's parts. */
+struct box {
+    struct kiln_vec3 low, high;
+};
+
+static void box_add(struct box *box, struct kiln_vec3 p)
+{
+    box->low = vec3(fminf(box->low.x, p.x), fminf(box->low.y, p.y), fminf(box->low.z, p.z));
+    box->high = vec3(fmaxf(box->high.x, p.x), fmaxf(box->high.y, p.y), fmaxf(box->high.z, p.z));
+}
+
 static int make_parts(struct maker *m, struct part_list *list, struct known *k, const struct kiln_footprint *f, struct kiln_gpu_point *point,
                       struct kiln_error *error)
 {
+    struct box box = {vec3(INFINITY, INFINITY, INFINITY), vec3(-INFINITY, -INFINITY, -INFINITY)};
+    bool one_normal = true;
     point->flags |= KILN_GPU_POINT_PARTIAL;
     point->first_part = (uint32_t)list->count;
     for (uint32_t i = 0; i < f->piece_count; i++) {
         struct kiln_footprint_part parts[KILN_FOOTPRINT_PARTS];
-        const uint32_t count = kiln_footprint_parts(f, i, parts);
+        uint32_t count = kiln_footprint_parts(f, i, parts);
+        if (count == 0 && i + 1 == f->piece_count && list->count == point->first_part) { /* clipping left nothing of it: a place stands in */
+            parts[0] = (struct kiln_footprint_part){.triangle = f->pieces[0], .until = 1.0};
+            count = 1;
+        }
         const int status = kiln_grow(&list->at, &list->room, list->count + count, sizeof *list->at, "the parts of points", error);
         if (status != KILN_OK)
             return status;
-        for (uint32_t j = 0; j < count; j++)
-            list->at[list->count++] = part_of(m, k, &parts[j]);
-    }
-    if (list->count == point->first_part) { /* clipping left nothing of it: one place stands in */
-        const int status = kiln_grow(&list->at, &list->room, list->count + 1, sizeof *list->at, "the parts of points", error);
-        if (status != KILN_OK)
-            return status;
-        list->at[list->count++] = part_of(m, k, &(struct kiln_footprint_part){.triangle = f->pieces[0], .until = 1.0});
+        for (uint32_t j = 0; j < count; j++) {
+            const struct kiln_gpu_part part = part_of(m, k, &parts[j]);
+            box_add(&box, part.p);
+            box_add(&box, vec3_add(part.p, part.e1));
+            box_add(&box, vec3_add(part.p, part.e2));
+            one_normal = one_normal && vec3_dot(point->normal, part.normal) >= 0.99999f;
+            list->at[list->count++] = part;
+        }
     }
     point->part_count = (uint32_t)(list->count - point->first_part);
+    point->centre = vec3_scale(vec3_add(box.low, box.high), 0.5f);
+    point->spread = 0.5f * vec3_length(vec3_sub(box.high, box.low));
+    point->flags |= one_normal ? KILN_GPU_POINT_ONE_NORMAL : 0;
     return KILN_OK;
+}
+
+static void make_whole(const struct known *k, const struct kiln_footprint *f, struct kiln_gpu_point *point)
+{
+    const struct kiln_footprint_extent extent = kiln_footprint_extent(f);
+    point->centre = extent.centre;
+    point->spread = extent.spread;
+    point->flags |= KILN_GPU_POINT_ONE_NORMAL;
+    point->origin = vec3_madd(f->whole.origin, k->normal, k->offset);
+    point->edge_s = f->whole.du;
+    point->edge_t = f->whole.dv;
 }
 
 static int make_point(struct maker *m, struct part_list *list, struct known *k, const struct kiln_point_cursor *at, uint32_t tile_key,
@@ -163,16 +214,12 @@ static int make_point(struct maker *m, struct part_list *list, struct known *k, 
     struct kiln_footprint f;
     kiln_footprint_prepare(&f, params->scene, params->geometry, s, at);
     know(k, m, f.pieces[0]);
-    const struct kiln_footprint_extent extent = kiln_footprint_extent(&f);
     *point = (struct kiln_gpu_point){.normal = k->normal,
                                      .shading = k->normal,
                                      .offset = k->offset,
                                      .tile_key = tile_key,
                                      .key = kiln_texel_key(kiln_seed_key(params->seed), at->object, (uint64_t)at->y * s->lightmaps[at->object].width + at->x),
-                                     .present = kiln_footprint_opacity(&f),
-                                     .centre = extent.centre,
-                                     .spread = extent.spread,
-                                     .flags = extent.one_normal ? KILN_GPU_POINT_ONE_NORMAL : 0};
+                                     .present = kiln_footprint_opacity(&f)};
     if (smooth) {
         struct kiln_vec3 mean;
         kiln_footprint_normals(&f, &mean, &point->shading);
@@ -180,9 +227,7 @@ static int make_point(struct maker *m, struct part_list *list, struct known *k, 
     }
     if (f.kind != KILN_FOOTPRINT_WHOLE)
         return make_parts(m, list, k, &f, point, error);
-    point->origin = vec3_madd(f.whole.origin, k->normal, k->offset);
-    point->edge_s = f.whole.du;
-    point->edge_t = f.whole.dv;
+    make_whole(k, &f, point);
     return KILN_OK;
 }
 
@@ -196,7 +241,7 @@ static int make_fragment(struct maker *m, struct part_list *list, struct known *
     struct kiln_point_cursor at = kiln_point_first(s, fragment);
     int status = KILN_OK;
     for (uint32_t i = 0; i < f->count && status == KILN_OK; i++, kiln_point_next(s, &at))
-        status = make_point(m, list, k, &at, tile_key, smooth, &m->points[at.point - m->block->first], error);
+        status = make_point(m, list, k, &at, tile_key, smooth, &m->w->points[at.point - m->block->first], error);
     return status;
 }
 
@@ -205,7 +250,7 @@ static int make_all(struct maker *m, struct kiln_error *error)
 {
     const struct vulkan_block *block = m->block;
     int status = KILN_OK;
-#pragma omp parallel num_threads((int)m->threads)
+#pragma omp parallel num_threads((int)m->w->threads)
     {
         const int thread = omp_get_thread_num();
         struct known k = {.triangle = KILN_NONE};
@@ -213,9 +258,9 @@ static int make_all(struct maker *m, struct kiln_error *error)
         int mine = KILN_OK;
 #pragma omp for schedule(dynamic, 16)
         for (size_t f = 0; f < block->fragment_count; f++) {
-            m->thread_of[f] = (uint16_t)thread;
+            m->w->thread_of[f] = (uint16_t)thread;
             if (mine == KILN_OK)
-                mine = make_fragment(m, &m->lists[thread], &k, block->fragment_first + f, &own);
+                mine = make_fragment(m, &m->w->lists[thread], &k, block->fragment_first + f, &own);
         }
         if (mine != KILN_OK) {
 #pragma omp critical(kiln_make_points)
@@ -225,49 +270,47 @@ static int make_all(struct maker *m, struct kiln_error *error)
     return status;
 }
 
-/* The threads' parts come into one array, and the points learn where theirs stand. */
-static void join(struct maker *m)
+/* The points learn where their parts come to stand: thread after thread. */
+static void place_parts(struct maker *m)
 {
-    const struct vulkan_block *block = m->block;
-    const struct kiln_fragment *fragments = m->p->surface->fragments + block->fragment_first;
-#pragma omp parallel num_threads((int)m->threads)
-    {
-#pragma omp for schedule(static, 1)
-        for (uint32_t t = 0; t < m->threads; t++)
-            if (m->lists[t].count > 0)
-                memcpy(m->parts + m->lists[t].offset, m->lists[t].at, m->lists[t].count * sizeof *m->parts);
-#pragma omp for schedule(static)
-        for (size_t f = 0; f < block->fragment_count; f++) {
-            struct kiln_gpu_point *points = m->points + (fragments[f].first - fragments[0].first);
-            for (uint32_t i = 0; i < fragments[f].count; i++)
-                points[i].first_part += (uint32_t)m->lists[m->thread_of[f]].offset;
-        }
+    struct points_workspace *w = m->w;
+    const struct kiln_fragment *fragments = m->p->surface->fragments + m->block->fragment_first;
+    for (uint32_t t = 0; t < w->threads; t++) {
+        w->lists[t].offset = m->part_count;
+        m->part_count += w->lists[t].count;
     }
+#pragma omp parallel for num_threads((int)w->threads) schedule(static)
+    for (size_t f = 0; f < m->block->fragment_count; f++) {
+        struct kiln_gpu_point *points = w->points + (fragments[f].first - fragments[0].first);
+        for (uint32_t i = 0; i < fragments[f].count; i++)
+            points[i].first_part += (uint32_t)w->lists[w->thread_of[f]].offset;
+    }
+}
+
+static int make_workspace(struct vulkan_points *p, const struct vulkan_block *block, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    if (p->workspace == NULL) {
+        const uint32_t threads = p->params->threads != 0 ? p->params->threads : (uint32_t)omp_get_num_procs();
+        status = kiln_allocate(&p->workspace, 1, sizeof *p->workspace + threads * sizeof(struct part_list), "what points are made in", error);
+        if (status == KILN_OK)
+            p->workspace->threads = threads;
+    }
+    if (status == KILN_OK)
+        status = kiln_grow(&p->workspace->points, &p->workspace->point_room, block->count, sizeof *p->workspace->points, "a block of points", error);
+    if (status == KILN_OK)
+        status = kiln_grow(&p->workspace->thread_of, &p->workspace->fragment_room, block->fragment_count, sizeof *p->workspace->thread_of,
+                           "a block's fragments", error);
+    return status;
 }
 
 static int fill(struct maker *m, struct kiln_error *error)
 {
-    const struct vulkan_block *block = m->block;
-    m->threads = m->p->params->threads != 0 ? m->p->params->threads : (uint32_t)omp_get_num_procs();
-    int status = kiln_allocate(&m->points, block->count, sizeof *m->points, "a block of points", error);
+    for (uint32_t t = 0; t < m->w->threads; t++)
+        m->w->lists[t].count = 0;
+    const int status = make_all(m, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&m->lists, m->threads, sizeof *m->lists, "the parts of points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&m->thread_of, block->fragment_count, sizeof *m->thread_of, "a block's fragments", error);
-    if (status == KILN_OK)
-        status = make_all(m, error);
-    for (uint32_t t = 0; status == KILN_OK && t < m->threads; t++) {
-        m->lists[t].offset = m->part_count;
-        m->part_count += m->lists[t].count;
-    }
-    if (status == KILN_OK)
-        status = kiln_allocate(&m->parts, m->part_count, sizeof *m->parts, "the parts of a block of points", error);
-    if (status == KILN_OK)
-        join(m);
-    for (uint32_t t = 0; m->lists != NULL && t < m->threads; t++)
-        kiln_free(&m->lists[t].at);
-    kiln_free(&m->lists);
-    kiln_free(&m->thread_of);
+        place_parts(m);
     return status;
 }
 
@@ -288,22 +331,31 @@ static bool make_way(struct vulkan_points *p, uint64_t since)
 /* Whatever is left after these is for the passes' own buffers. */
 enum { RESERVE = 192 << 20 };
 
+static int upload(struct vulkan_points *p, struct vulkan_block *block, const struct maker *m, struct kiln_error *error)
+{
+    int status = gpu_buffer_of(p->gpu, &block->points, m->w->points, block->count * sizeof *m->w->points, "a block of points", error);
+    if (status == KILN_OK)
+        status = gpu_buffer_create(p->gpu, &block->parts, m->part_count * sizeof(struct kiln_gpu_part), GPU_DEVICE, "the parts of a block of points", error);
+    for (uint32_t t = 0; t < m->w->threads && status == KILN_OK; t++) {
+        const struct part_list *list = &m->w->lists[t];
+        status = gpu_upload(p->gpu, &block->parts, list->offset * sizeof *list->at, list->at, list->count * sizeof *list->at, error);
+    }
+    if (status == KILN_OK)
+        status = gpu_buffer_create(p->gpu, &block->states, block->count * sizeof(uint32_t), GPU_DEVICE, "the states of a block of points", error);
+    return status;
+}
+
 static int bring(struct vulkan_points *p, struct vulkan_block *block, uint64_t since, struct kiln_error *error)
 {
-    struct maker m = {.p = p, .block = block};
-    int status = fill(&m, error);
-    const size_t points = block->count * sizeof *m.points, parts = m.part_count * sizeof *m.parts;
-    const uint64_t wanted = points + parts + 2 * sizeof(uint32_t) * block->count + RESERVE;
+    int status = make_workspace(p, block, error);
+    struct maker m = {.p = p, .block = block, .w = p->workspace};
+    if (status == KILN_OK)
+        status = fill(&m, error);
+    const uint64_t wanted = block->count * (sizeof(struct kiln_gpu_point) + 2 * sizeof(uint32_t)) + m.part_count * sizeof(struct kiln_gpu_part) + RESERVE;
     while (status == KILN_OK && gpu_memory_left(p->gpu) < wanted && make_way(p, since))
         ;
     if (status == KILN_OK)
-        status = gpu_buffer_of(p->gpu, &block->points, m.points, points, "a block of points", error);
-    if (status == KILN_OK)
-        status = gpu_buffer_of(p->gpu, &block->parts, m.parts, parts, "the parts of a block of points", error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(p->gpu, &block->states, block->count * sizeof(uint32_t), GPU_DEVICE, "the states of a block of points", error);
-    kiln_free(&m.points);
-    kiln_free(&m.parts);
+        status = upload(p, block, &m, error);
     block->resident = true; /* also when only a part of it is there: release takes it back */
     if (status != KILN_OK)
         release(p, block);

@@ -24,6 +24,7 @@ struct vulkan_points {
     size_t block_count;
     struct vulkan_block *blocks;
     uint64_t clock;
+    struct points_workspace *workspace; /* private: what blocks are made in, kept from one to the next */
     bool smooth; /* some object has shading normals of its own */
 };
 
