@@ -7,6 +7,8 @@
 #include "worker/base/memory.h"
 #include "worker/scene/radiosity.h"
 
+static const char *const pass_names[] = {"direct light", "bounce", "final gather"}; /* in the order of enum kiln_pass_kind */
+
 #define RATE_START 1e6    /* rays a second and thread, to begin with */
 
 static void take_direct(struct transport_state *s, uint64_t own, const struct kiln_point_result *r, float radiosity[3])
@@ -122,6 +124,16 @@ static void add_energy(const struct pass_work *w, uint64_t own, const struct kil
                           (gather ? spread * spread * lost * (1.0 - lost) / w->pass->samples : 0.0);
 }
 
+/* A texel's radiosity as it goes to the next bounce. */
+static uint64_t packed(const struct transport_state *s, const float radiosity[3], uint32_t hash)
+{
+    if (!s->compact)
+        return kiln_radiosity_pack(radiosity, hash);
+    float rounded[3];
+    kiln_radiosity_expand(kiln_radiosity_compact(radiosity, s->scale, hash), s->scale, rounded);
+    return kiln_radiosity_pack(rounded, 0);
+}
+
 /* Takes over the answers of one fragment, `results` being those of its points. */
 static void take_fragment(const struct pass_work *w, const struct kiln_fragment *fragment, const struct kiln_point_result *results,
                           struct kiln_exact_sum sums[SUM_COUNT], struct fragment_sum *sum)
@@ -136,8 +148,16 @@ static void take_fragment(const struct pass_work *w, const struct kiln_fragment 
             radiosity[c] = albedo[c] * results->incident[c];
         add_energy(w, own, results, sums, sum);
         s->step.take(s, own, results, radiosity);
-        s->next[own] = kiln_radiosity_pack(radiosity, transport_pack_hash(fragment, (uint32_t)__builtin_ctzll(rest), s->step.stream));
+        s->next[own] = packed(s, radiosity, transport_pack_hash(fragment, (uint32_t)__builtin_ctzll(rest), s->step.stream));
     }
+}
+
+/* All own fragments before `end` are done: what of them is a whole group may leave. */
+static void send_done(struct transport_state *s, size_t end)
+{
+    const struct kiln_surface *surface = s->params->surface;
+    if (s->early && surface->fragment_count > 0)
+        kiln_spread_advance(s->out->spread, s->next, (end < surface->fragment_count ? surface->fragments[end].first - surface->first : surface->count));
 }
 
 /* kiln_take_results of all passes. */
@@ -166,6 +186,7 @@ static int take_part(void *context, size_t first, size_t count, const struct kil
         s->points_done += fragments[i].count;
     }
     kiln_progress_advance(p->progress, s->points_done);
+    send_done(s, first + count);
     return KILN_OK;
 }
 
@@ -231,6 +252,7 @@ static int run_batch(struct pass_work *w, double *seconds, struct kiln_error *er
     *seconds = MPI_Wtime() - start;
     kiln_backend_info(p->backend, &end);
     w->pass->seconds += *seconds;
+    kiln_trace_add(p->trace, KILN_TRACE_BATCH, "batch", start, start + *seconds, (int64_t)(s->points_done - before));
     w->pass->device_seconds += fmax(0.0, end.device_seconds - begin.device_seconds);
     note_rate(s, s->points_done - before, *seconds);
     range->first += batch.fragment_count;
@@ -246,6 +268,17 @@ static double share_done(const struct transport_state *s)
     return count > 0 ? (double)s->points_done / (double)count : 1.0;
 }
 
+static enum kiln_event wait_for_others(struct transport_state *s, int status)
+{
+    const double start = MPI_Wtime();
+    send_done(s, s->todo_first < s->todo_count ? s->todo[s->todo_first].first : s->params->surface->fragment_count);
+    const enum kiln_event event = kiln_control_wait(s->params->control, status);
+    const double end = MPI_Wtime();
+    s->out->report.waiting_seconds += end - start;
+    kiln_trace_add(s->params->trace, KILN_TRACE_WAIT, "for other ranks", start, end, -1);
+    return event;
+}
+
 /* Until all ranks are done, or one says otherwise. */
 static int run_batches(struct pass_work *w, struct kiln_error *error)
 {
@@ -259,7 +292,7 @@ static int run_batches(struct pass_work *w, struct kiln_error *error)
             status = run_batch(w, &seconds, error);
             event = kiln_control_poll(control, s->todo_first == s->todo_count, share_done(s), seconds, status);
         } else {
-            event = kiln_control_wait(control, status);
+            event = wait_for_others(s, status);
         }
         switch (event) {
         case KILN_EVENT_NONE:
@@ -305,7 +338,13 @@ int transport_pass_run(struct transport_state *s, struct kiln_error *error)
     if (!(s->rate > 0.0))
         s->rate = RATE_START * s->params->threads;
     show_pass(s);
+    transport_choose_form(s);
+    kiln_spread_begin(s->out->spread);
+    const double start = MPI_Wtime();
     int status = run_batches(&w, error);
+    if (status != KILN_OK)
+        kiln_spread_abandon(s->out->spread);
+    kiln_trace_add(s->params->trace, KILN_TRACE_PASS, pass_names[s->step.kind], start, MPI_Wtime(), (int64_t)s->params->surface->count);
     kiln_free(&w.fragments);
     kiln_control_blocking(s->params->control, "adding up a pass", 0.0);
     if (status == KILN_OK)

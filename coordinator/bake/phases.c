@@ -21,8 +21,10 @@ void kiln_phase(struct kiln_phases *phases, const char *name)
     const double now = MPI_Wtime();
     if (phases->begin == 0.0)
         phases->begin = now;
-    if (phases->since != 0.0)
+    if (phases->since != 0.0) {
         phases->seconds[phases->count - 1] += now - phases->since;
+        kiln_trace_add(phases->trace, KILN_TRACE_PHASE, phases->name[phases->count - 1], phases->since, now, -1);
+    }
     phases->since = 0.0;
     if (name == NULL)
         return;

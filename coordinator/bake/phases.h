@@ -6,6 +6,8 @@
 #include <mpi.h>
 #include <stddef.h>
 
+#include "coordinator/bake/trace.h"
+
 enum { KILN_PHASES_MAX = 24 };
 
 struct kiln_phases {
@@ -14,6 +16,7 @@ struct kiln_phases {
     size_t count;
     double since; /* when the present phase began; 0: none */
     double begin; /* of the run */
+    struct kiln_trace *trace; /* borrowed; NULL: none */
 };
 
 /* Ends the present phase and begins (or goes on with) the one called `name`; NULL begins none. The ranks must begin the same

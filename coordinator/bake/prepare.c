@@ -70,7 +70,7 @@ uint32_t kiln_own_cores(int node_ranks)
     return own < 1 ? 1 : (uint32_t)own;
 }
 
-static void learn_about_ranks(struct kiln_prepared *p, const struct kiln_job *job)
+static int learn_about_ranks(struct kiln_prepared *p, const struct kiln_job *job, struct kiln_error *error)
 {
     MPI_Comm node;
     (void)MPI_Comm_rank(p->communicator, &p->rank);
@@ -80,6 +80,7 @@ static void learn_about_ranks(struct kiln_prepared *p, const struct kiln_job *jo
     (void)MPI_Comm_size(node, &p->node_ranks);
     (void)MPI_Comm_free(&node);
     p->threads = job->threads != 0 ? job->threads : kiln_own_cores(p->node_ranks);
+    return kiln_node_create(&p->node, p->communicator, job->share_ranks, error);
 }
 
 static int import_scene(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file, struct kiln_error *error)
@@ -101,13 +102,35 @@ static int import_scene(struct kiln_prepared *p, const struct kiln_job *job, con
     return kiln_agree(p->communicator, status, error);
 }
 
+/* kiln_node_builder */
+static int build_geometry(void *context, const struct kiln_allocator *memory, struct kiln_error *error)
+{
+    struct kiln_prepared *p = context;
+    return kiln_geometry_create_in(&p->geometry, p->scene, memory, error);
+}
+
+/* One rank of the node makes it. Collective. */
+static int share_geometry(struct kiln_prepared *p, struct kiln_error *error)
+{
+    int status = kiln_node_build(p->node, build_geometry, p, error);
+    if (status != KILN_OK)
+        return kiln_node_full(p->node) ? kiln_geometry_create(&p->geometry, p->scene, error) : status;
+    struct kiln_geometry made = {0};
+    if (p->geometry != NULL)
+        made = *p->geometry;
+    kiln_node_broadcast(p->node, &made, sizeof made);
+    const struct kiln_allocator memory = kiln_node_allocator(p->node);
+    return p->geometry != NULL ? KILN_OK : kiln_geometry_attach(&p->geometry, &made, kiln_node_place, &memory, error);
+}
+
 static int build_world(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file, struct kiln_error *error)
 {
     int status = agree_on_instruction_set(p, job->instruction_set, error);
     if (status == KILN_OK)
         status = kiln_scene_open(&p->scene, scene_file, error);
+    status = kiln_agree(p->communicator, status, error);
     if (status == KILN_OK)
-        status = kiln_geometry_create(&p->geometry, p->scene, error);
+        status = kiln_agree(p->communicator, share_geometry(p, error), error);
     if (status == KILN_OK)
         status = kiln_lights_create(&p->lights, p->scene, p->geometry, error);
     if (status == KILN_OK) {
@@ -123,6 +146,39 @@ static int build_world(struct kiln_prepared *p, const struct kiln_job *job, cons
     return kiln_agree(p->communicator, status, error);
 }
 
+/* Moves an array that is the same on all ranks of a node to a block of theirs; where that has no room, it stays. Collective on the node. */
+static bool move(struct kiln_prepared *p, void *pointer, size_t count, size_t size, const char *what)
+{
+    void *own, *block;
+    memcpy(&own, pointer, sizeof own);
+    if (kiln_node_block(p->node, &block, count, size, what, NULL) != KILN_OK)
+        return false;
+    if (kiln_node_rank(p->node) == 0)
+        memcpy(block, own, count * size);
+    kiln_free(&own);
+    memcpy(pointer, &block, sizeof block);
+    return true;
+}
+
+/* The part of the surface that all ranks have alike. Collective. */
+static void share_map(struct kiln_prepared *p)
+{
+    struct kiln_surface *s = p->surface;
+    if (kiln_node_ranks(p->node) == 1 || kiln_node_full(p->node))
+        return;
+    struct kiln_tile *tiles = s->tiles;
+    if (!move(p, &tiles, s->tile_count, sizeof *s->tiles, "the lightmap tiles"))
+        return;
+    /* from here on all of the map is the node's: what finds no room is lost to the end of the process, and is small */
+    s->tiles = tiles;
+    s->map_is_lent = true;
+    (void)move(p, &s->splits, s->split_count, sizeof *s->splits, "the split lightmap tiles");
+    (void)move(p, &s->lightmaps, p->scene->object_count, sizeof *s->lightmaps, "the lightmaps");
+    if (s->cell_first != NULL)
+        (void)move(p, &s->cell_first, s->cell_count + 1, sizeof *s->cell_first, "the cells");
+    kiln_node_wait(p->node);
+}
+
 static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, struct kiln_error *error)
 {
     const struct kiln_surface_params params = {.scene = p->scene,
@@ -132,7 +188,9 @@ static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, st
                                                .rank = (uint32_t)p->rank,
                                                .ranks = (uint32_t)p->ranks,
                                                .threads = p->threads};
-    int status = kiln_surface_build(&p->surface, &params, &p->surface_report, error);
+    int status = kiln_agree(p->communicator, kiln_surface_build(&p->surface, &params, &p->surface_report, error), error);
+    if (status == KILN_OK)
+        share_map(p);
     if (status == KILN_OK)
         status = kiln_backend_set_surface(p->backend, p->surface, error);
     return kiln_agree(p->communicator, status, error);
@@ -157,7 +215,9 @@ int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const s
     int status = kiln_agree(communicator, kiln_allocate(&p, 1, sizeof *p, "the run", error), error);
     if (status == KILN_OK) {
         p->communicator = communicator;
-        learn_about_ranks(p, job);
+        status = learn_about_ranks(p, job, error);
+    }
+    if (status == KILN_OK) {
         kiln_phase(phases, "import");
         kiln_progress_phase(progress, "import", 0);
         status = import_scene(p, job, scene_file, error);
@@ -194,5 +254,6 @@ void kiln_prepared_destroy(struct kiln_prepared **prepared)
     kiln_lights_destroy(&p->lights);
     kiln_geometry_destroy(&p->geometry);
     kiln_scene_close(&p->scene);
+    kiln_node_destroy(&p->node);
     kiln_free(prepared);
 }

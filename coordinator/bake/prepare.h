@@ -4,6 +4,7 @@
 
 #include <mpi.h>
 
+#include "coordinator/bake/node_memory.h"
 #include "coordinator/bake/phases.h"
 #include "coordinator/cli/job.h"
 #include "coordinator/cli/progress.h"
@@ -20,6 +21,7 @@ uint32_t kiln_own_cores(int node_ranks);
 struct kiln_prepared {
     MPI_Comm communicator;
     int rank, ranks, node_rank, node_ranks;
+    struct kiln_node_memory *node; /* holds geometry and the map of the surface */
     uint32_t threads;
     char instruction_set[16];
     struct kiln_import_report import; /* rank 0 */
@@ -34,7 +36,9 @@ struct kiln_prepared {
 /* Collective. Whether all ranks have the instruction set called `name`. */
 bool kiln_instruction_set_common(MPI_Comm communicator, const char *name);
 
-/* Collective. Rank 0 imports the job's scene to `scene_file`, all map it; every rank builds the rest; the validity pass runs.
+/* Collective. Rank 0 imports the job's scene to `scene_file`, all map it; one rank of each node
+ * builds the geometry, which the others share, and so they share the map of the surface; every rank builds its BVH and its own points;
+ * the validity pass runs.
  * Phases "import", "scene and BVH", "surface points", "validity" are begun. Destroy with kiln_prepared_destroy. */
 int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job, const char *scene_file,
                  struct kiln_phases *phases, struct kiln_progress *progress, struct kiln_error *error);

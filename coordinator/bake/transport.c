@@ -4,7 +4,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/bake/exchange.h"
 #include "coordinator/bake/transport_private.h"
 #include "coordinator/cli/agree.h"
 #include "shaders/random.h"
@@ -44,23 +43,35 @@ size_t kiln_transport_bytes(uint64_t own, uint64_t total)
     return (size_t)total * sizeof(uint64_t) + (size_t)own * (sizeof(uint64_t) + 6 * sizeof(float) + sizeof(uint16_t));
 }
 
-/* Everybody's own part of out->radiosity to everybody else. Collective. */
-static int exchange_own(struct transport_state *s, struct kiln_pass_report *pass, struct kiln_error *error)
+void transport_choose_form(struct transport_state *s)
+{
+    const struct kiln_job *job = s->params->job;
+    const int64_t done = (int64_t)s->out->report.pass_count;
+    s->compact = job->schedule == KILN_SCHEDULE_LEAN && s->step.kind != KILN_PASS_FINAL && !job->exchange_full;
+    s->early = s->compact && (job->bounces < 0 || done < job->bounces);
+}
+
+enum exchange_form { EXCHANGE_OWN, EXCHANGE_FULL, EXCHANGE_COMPACT };
+
+/* Everybody gets everybody's radiosity: what is in place of this rank's in out->radiosity, or s->next, in 8 bytes or in 4. Collective. */
+static void exchange(struct transport_state *s, struct kiln_pass_report *pass, enum exchange_form form)
 {
     const struct kiln_surface *surface = s->params->surface;
     const double start = MPI_Wtime();
     kiln_control_blocking(s->params->control, "exchange", (double)surface->point_count * 8.0 / EXCHANGE_BYTES);
-    const int status = kiln_exchange(s->params->communicator, s->out->radiosity, surface->point_count, surface->first, surface->count, error);
+    if (form != EXCHANGE_COMPACT)
+        kiln_spread_abandon(s->out->spread);
+    if (form == EXCHANGE_FULL)
+        memcpy(s->out->radiosity + surface->first, s->next, surface->count * sizeof *s->next);
+    if (form == EXCHANGE_COMPACT)
+        kiln_spread_finish(s->out->spread, s->next);
+    else
+        kiln_spread_all(s->out->spread);
     kiln_control_blocking(s->params->control, NULL, 0.0);
-    pass->exchange_seconds += MPI_Wtime() - start;
-    return status;
-}
-
-static int exchange(struct transport_state *s, struct kiln_pass_report *pass, struct kiln_error *error)
-{
-    const struct kiln_surface *surface = s->params->surface;
-    memcpy(s->out->radiosity + surface->first, s->next, surface->count * sizeof *s->next);
-    return exchange_own(s, pass, error);
+    const double end = MPI_Wtime();
+    pass->exchange_seconds += end - start;
+    kiln_trace_add(s->params->trace, KILN_TRACE_EXCHANGE, form == EXCHANGE_COMPACT ? "end of exchange" : "exchange", start, end,
+                   (int64_t)surface->count);
 }
 
 /* Reflected power of the passes so far (direct and bounces), and the ratio of the last two, luminance. */
@@ -196,12 +207,12 @@ static int next_step(struct transport_state *s, bool *any, struct kiln_error *er
 }
 
 /* Everybody gets the radiosity that s->step gathers from. Collective. */
-static int hand_over(struct transport_state *s, struct kiln_error *error)
+static void hand_over(struct transport_state *s)
 {
     struct kiln_transport_report *report = &s->out->report;
     const struct kiln_job *job = s->params->job;
     if (s->step.kind == KILN_PASS_DIRECT)
-        return KILN_OK;
+        return;
     struct kiln_pass_report *before = &report->passes[report->pass_count - 1];
     if (job->schedule == KILN_SCHEDULE_EQUAL) {
         if (s->step.bounce == 1) /* the sum is of irradiance now, and of bounces only */
@@ -213,7 +224,7 @@ static int hand_over(struct transport_state *s, struct kiln_error *error)
         pack_all(s, s->sum, FINAL_STREAM);
         report->bounces = s->step.bounce;
     }
-    return exchange(s, before, error);
+    exchange(s, before, s->compact && s->step.kind == KILN_PASS_BOUNCE ? EXCHANGE_COMPACT : EXCHANGE_FULL);
 }
 
 /* At the begin of a pass, and after the last: a checkpoint when one is due, the end when that is asked for. Collective. */
@@ -238,17 +249,15 @@ static int run_passes(struct transport_state *s, bool restored, bool finished, s
     int status = KILN_OK;
     if (restored && !finished) {
         if (s->step.kind != KILN_PASS_DIRECT)
-            status = exchange_own(s, &s->out->report.passes[s->out->report.pass_count - 1], error);
-        if (status == KILN_OK)
-            status = transport_pass_run(s, error);
+            exchange(s, &s->out->report.passes[s->out->report.pass_count - 1], EXCHANGE_OWN);
+        status = transport_pass_run(s, error);
     }
     for (bool any = !finished; status == KILN_OK && any;) {
         status = next_step(s, &any, error);
         if (status != KILN_OK || !any)
             break;
-        status = hand_over(s, error);
-        if (status == KILN_OK)
-            status = transport_pass_begin(s, error);
+        hand_over(s);
+        status = transport_pass_begin(s, error);
         if (status == KILN_OK && s->step.kind != KILN_PASS_DIRECT)
             status = save_between(s, false, error);
         if (status == KILN_OK)
@@ -299,7 +308,7 @@ static void close_ledger(struct transport_state *s)
 }
 
 /* Total radiosity of all points, for probes and views. */
-static int publish_radiosity(struct transport_state *s, struct kiln_error *error)
+static void publish_radiosity(struct transport_state *s)
 {
     const struct kiln_surface *surface = s->params->surface;
     const uint32_t stream = FINAL_STREAM + 1;
@@ -315,7 +324,7 @@ static int publish_radiosity(struct transport_state *s, struct kiln_error *error
         }
     }
     struct kiln_transport_report *r = &s->out->report;
-    return exchange(s, &r->passes[r->pass_count - 1], error);
+    exchange(s, &r->passes[r->pass_count - 1], EXCHANGE_FULL);
 }
 
 static int allocate(struct transport_state *s, struct kiln_error *error)
@@ -328,8 +337,6 @@ static int allocate(struct transport_state *s, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_allocate(&t->error, surface->count, sizeof *t->error, "standard errors", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&t->radiosity, surface->point_count, sizeof(uint64_t), "the radiosity of all points", error);
-    if (status == KILN_OK)
         status = kiln_allocate(&s->next, surface->count, sizeof(uint64_t), "the radiosity of a bounce", error);
     if (status == KILN_OK)
         status = kiln_allocate(&t->report.passes, KILN_BOUNCES_MAX + 2, sizeof *t->report.passes, "the passes' report", error);
@@ -341,6 +348,30 @@ static int allocate(struct transport_state *s, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_allocate(&s->group_total, s->group_count, sizeof *s->group_total, "the groups' powers", error);
     s->sum = t->indirect;
+    return status;
+}
+
+/* The scale is settled by what was emitted, as it stands in the unit of the sums: that one is kept in checkpoints. */
+static void choose_scale(struct transport_state *s)
+{
+    const double power = ldexp(s->unit, 82), area = s->params->area > 0.0 ? s->params->area : 1.0;
+    s->scale = ldexp(1.0, ilogb(power / area));
+    kiln_spread_set_scale(s->out->spread, s->scale);
+}
+
+/* Collective. */
+static int make_spread(struct transport_state *s, struct kiln_error *error)
+{
+    const struct kiln_transport_params *p = s->params;
+    const struct kiln_spread_params params = {.communicator = p->communicator,
+                                              .node = p->node,
+                                              .total = p->surface->point_count,
+                                              .first = p->surface->first,
+                                              .count = p->surface->count,
+                                              .limit = p->job->exchange_limit};
+    const int status = kiln_spread_create(&s->out->spread, &params, error);
+    if (status == KILN_OK)
+        s->out->radiosity = kiln_spread_values(s->out->spread);
     return status;
 }
 
@@ -357,16 +388,21 @@ int kiln_transport_run(struct kiln_transport **transport, const struct kiln_tran
     s.unit = kiln_exact_unit(emitted);
     s.unit_squared = kiln_exact_unit(emitted * emitted);
     status = kiln_agree(params->communicator, status, error);
+    if (status == KILN_OK)
+        status = make_spread(&s, error);
     if (status == KILN_OK && restored)
         status = transport_restore(&s, &finished, error);
-    if (status == KILN_OK)
+    if (status == KILN_OK) {
+        choose_scale(&s);
         status = run_passes(&s, restored, finished, error);
+    }
     if (status == KILN_OK && params->job->bounces == 0)
         memset(s.out->indirect, 0, 3 * params->surface->count * sizeof *s.out->indirect);
-    if (status == KILN_OK)
-        status = publish_radiosity(&s, error);
-    if (status == KILN_OK)
+    if (status == KILN_OK) {
+        publish_radiosity(&s);
         close_ledger(&s);
+        s.out->report.received = kiln_spread_received(s.out->spread);
+    }
     kiln_free(&s.next);
     kiln_free(&s.group_now);
     kiln_free(&s.group_before);
@@ -386,7 +422,7 @@ void kiln_transport_destroy(struct kiln_transport **transport)
     kiln_free(&t->direct);
     kiln_free(&t->indirect);
     kiln_free(&t->error);
-    kiln_free(&t->radiosity);
+    kiln_spread_destroy(&t->spread);
     kiln_free(&t->report.passes);
     kiln_free(transport);
 }

@@ -8,6 +8,8 @@
 #include "coordinator/bake/control.h"
 #include "coordinator/bake/energy.h"
 #include "coordinator/bake/packed_error.h"
+#include "coordinator/bake/spread.h"
+#include "coordinator/bake/trace.h"
 #include "coordinator/cli/job.h"
 #include "coordinator/cli/progress.h"
 
@@ -35,6 +37,8 @@ struct kiln_transport_report {
     double tail_share;      /* of all reflected power, luminance */
     uint32_t restarts;      /* how often the bake was gone on with from a checkpoint */
     double seconds_before;  /* that the earlier runs of it took up to their last checkpoint */
+    double waiting_seconds; /* of this rank, at the ends of passes: for others to be done */
+    uint64_t received;      /* bytes of radiosity from other nodes */
     struct kiln_energy energy;
 };
 
@@ -42,7 +46,8 @@ struct kiln_transport_report {
 struct kiln_transport {
     float *direct, *indirect;
     uint16_t *error;     /* kiln_error_pack */
-    uint64_t *radiosity; /* all points: packed total radiosity */
+    uint64_t *radiosity; /* all points: packed total radiosity; belongs to the spread */
+    struct kiln_spread *spread;
     struct kiln_transport_report report;
 };
 
@@ -53,16 +58,19 @@ struct kiln_transport_params {
     const struct kiln_job *job;
     struct kiln_backend *backend;        /* has its surface */
     const struct kiln_surface *surface;
+    struct kiln_node_memory *node;       /* borrowed; must outlive the transport */
+    double area;                         /* m2, of the scene's triangles */
     const struct kiln_emission_result *emission;
     struct kiln_progress *progress;      /* may be NULL */
     struct kiln_control *control;        /* what asks to save and to stop */
     struct kiln_checkpoint *checkpoint;  /* an open generation is gone on from */
     const json_t *identity;              /* of the bake, for the checkpoints it writes */
+    struct kiln_trace *trace;            /* may be NULL */
     uint32_t threads;                    /* that take over the answers */
 };
 
 /* Collective. Goes on from the open generation of the checkpoint, whatever ranks wrote it. KILN_STOPPED, with a new generation
- * written, when something asked to stop. Destroy with kiln_transport_destroy. */
+ * written, when something asked to stop. Destroy, collectively, with kiln_transport_destroy. */
 int kiln_transport_run(struct kiln_transport **transport, const struct kiln_transport_params *params, struct kiln_error *error);
 void kiln_transport_destroy(struct kiln_transport **transport);
 
@@ -70,7 +78,7 @@ void kiln_transport_destroy(struct kiln_transport **transport);
 int kiln_transport_save(struct kiln_transport *transport, const struct kiln_transport_params *params, const struct kiln_block *more, size_t count,
                         struct kiln_error *error);
 
-/* Bytes that kiln_transport_run allocates for `own` of `total` surface points: what `plan` predicts with. */
+/* Bytes that kiln_transport_run allocates on a node's only rank for `own` of `total` surface points: what `plan` predicts with. */
 size_t kiln_transport_bytes(uint64_t own, uint64_t total);
 
 #endif

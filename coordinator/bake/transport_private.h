@@ -34,6 +34,9 @@ struct transport_state {
     struct kiln_transport *out;
     float *sum;      /* own: radiosity of all bounces so far, 3 a point; becomes out->indirect */
     uint64_t *next;  /* own: packed radiosity of the present bounce */
+    bool compact;    /* `next` holds values of the 4-byte form: see radiosity.h */
+    bool early;      /* and they leave while the pass goes on */
+    double scale;    /* of that form */
     double unit, unit_squared; /* of the exact sums: of power, of its variance */
     /* reflected power, luminance, of groups of tiles: the present bounce's (all ranks' when the pass is over), the one's before,
      * and the sum of all; group_count each */
@@ -70,6 +73,8 @@ int transport_save(struct transport_state *s, bool finished, struct kiln_error *
 int transport_stop(struct transport_state *s, bool finished, struct kiln_error *error);
 /* Collective. Takes over the open generation: everything but the radiosity of other ranks' points. */
 int transport_restore(struct transport_state *s, bool *finished, struct kiln_error *error);
+/* Whether s->step's radiosity goes on in 4 bytes, and whether it surely or probably goes on at all. */
+void transport_choose_form(struct transport_state *s);
 /* Bytes of a checkpoint, of all ranks. */
 uint64_t transport_save_bytes(const struct transport_state *s);
 

@@ -177,6 +177,7 @@ static int save_with(struct transport_state *s, bool finished, const struct kiln
     if (status == KILN_OK)
         status = kiln_checkpoint_write(p->checkpoint, p->identity, w.blocks, w.block_count, error);
     kiln_control_blocking(p->control, NULL, 0.0);
+    kiln_trace_add(p->trace, KILN_TRACE_CHECKPOINT, "checkpoint", start, MPI_Wtime(), (int64_t)p->surface->count);
     if (status == KILN_OK)
         kiln_control_saved(p->control, kiln_checkpoint_last(p->checkpoint), MPI_Wtime() - start, (double)time(NULL));
     kiln_free(&w.passes);

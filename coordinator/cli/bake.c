@@ -42,6 +42,7 @@ struct bake {
     char scene_file[KILN_PATH_SIZE];
     double begin;
     struct kiln_phases phases;
+    struct kiln_trace *trace; /* NULL: not wanted */
     struct kiln_control *control;
     struct kiln_checkpoint *checkpoint;
     json_t *identity;
@@ -174,6 +175,9 @@ static int transport_light(struct bake *b, struct kiln_error *error)
                                                          .job = b->job,
                                                          .backend = b->prepared->backend,
                                                          .surface = b->prepared->surface,
+                                                         .node = b->prepared->node,
+                                                         .area = b->prepared->surface_report.geometry_area,
+                                                         .trace = b->trace,
                                                          .emission = &b->emission,
                                                          .progress = b->progress,
                                                          .control = b->control,
@@ -187,6 +191,7 @@ static int transport_light(struct bake *b, struct kiln_error *error)
     for (int kind = KILN_PASS_DIRECT; kind <= KILN_PASS_FINAL; kind++)
         kiln_phase_add(&b->phases, names[kind], 0.0);
     kiln_phase_add(&b->phases, "exchange", 0.0);
+    kiln_phase_add(&b->phases, "waiting", b->transport->report.waiting_seconds);
     for (size_t i = 0; i < b->transport->report.pass_count; i++) {
         const struct kiln_pass_report *pass = &b->transport->report.passes[i];
         kiln_phase_add(&b->phases, names[pass->kind], pass->seconds);
@@ -355,6 +360,20 @@ static void conclude(struct bake *b, int status, const struct kiln_error *error)
     kiln_control_conclude(b->control, status, status == KILN_OK ? "" : error->message, status == KILN_OK || !there);
 }
 
+/* Of a bake that failed too; its own failure is then what is told. Collective. */
+static int write_trace(struct bake *b, int status, struct kiln_error *error)
+{
+    if (b->trace == NULL)
+        return status;
+    struct kiln_error own;
+    const int written = kiln_trace_write(b->trace, b->job->trace, &own);
+    kiln_trace_destroy(&b->trace);
+    b->phases.trace = NULL;
+    if (status == KILN_OK && written != KILN_OK)
+        *error = own;
+    return status == KILN_OK ? written : status;
+}
+
 int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
 {
     struct bake b = {.job = job, .communicator = MPI_COMM_WORLD};
@@ -363,7 +382,11 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
     b.progress = b.rank == 0 && job->quiet ? kiln_progress_create_silent() : kiln_progress_create(job->quiet, b.rank);
     kiln_phase(&b.phases, NULL);
     catch_signals(true);
-    const int status = run(&b, error);
+    int status = job->trace != NULL ? kiln_trace_create(&b.trace, b.communicator, error) : KILN_OK;
+    b.phases.trace = b.trace;
+    if (status == KILN_OK)
+        status = run(&b, error);
+    status = write_trace(&b, status, error);
     if (b.checkpoint != NULL && status == KILN_OK)
         kiln_checkpoint_remove(b.checkpoint); /* run.json says it now */
     if (b.control != NULL)

@@ -70,6 +70,12 @@ struct kiln_job {
     bool resume; /* go on from a checkpoint that is there; default true */
     double checkpoint_every, max_time, watchdog;
 
+    /* between ranks */
+    uint32_t share_ranks;    /* at most so many of a host share memory; 0: all, 1: none */
+    bool exchange_full;      /* 8 bytes a point between bounces too, not 4 */
+    uint64_t exchange_limit; /* elements in one call of MPI; 0: what it can count */
+    char *trace;             /* file for the timeline of all ranks */
+
     /* talking */
     bool json, quiet, verbose;
 

@@ -9,6 +9,7 @@ static const char *const backends[] = {"auto", "embree", "vulkan", NULL};
 static const char *const traversals[] = {"auto", "compute", "pipeline", "all", "binary", "binary-late", "four", "four-late", "eight", NULL}; /* enum kiln_traversal */
 static const char *const methods[] = {"cells", NULL};
 static const char *const schedules[] = {"lean", "equal", NULL}; /* in the order of enum kiln_schedule */
+static const char *const exchanges[] = {"compact", "full", NULL};
 static const char *const partitions[] = {"cells", "objects", NULL};
 static const char *const qualities[] = {"draft", "preview", "production", "reference", NULL};
 static const char *const instruction_sets[] = {"sse2", "sse4.2", "avx", "avx2", "avx512", NULL};
@@ -123,6 +124,15 @@ const struct kiln_option kiln_options[] = {
      .maximum = 1e9, .help = "save and end with 75 after so long; the same command goes on", .commands = KILN_FOR_BAKE, .offset = AT(max_time)},
     {.name = "watchdog", .group = "Checkpoints and limits", .kind = KILN_OPTION_DOUBLE, .value = "SECONDS", .fallback = "60", .minimum = 0,
      .maximum = 1e9, .help = "end with 76 when a rank gives no sign of life for so long; 0: never", .commands = KILN_FOR_BAKE, .offset = AT(watchdog)},
+
+    {.name = "share-ranks", .group = "Ranks", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "all", .word = "all", .minimum = 1,
+     .maximum = 1e6, .help = "of a host that hold geometry and radiosity together; 1: none do", .commands = KILN_FOR_BAKE, .offset = AT(share_ranks)},
+    {.name = "exchange", .group = "Ranks", .kind = KILN_OPTION_CHOICE_FLAG, .fallback = "compact", .choices = exchanges,
+     .help = "radiosity between bounces: 4 or 8 bytes a point", .commands = KILN_FOR_BAKE, .offset = AT(exchange_full)},
+    {.name = "exchange-limit", .group = "Ranks", .kind = KILN_OPTION_UINT64, .value = "N", .fallback = "auto", .word = "auto", .minimum = 1,
+     .maximum = 0x1p31, .help = "values in one message at most", .commands = KILN_FOR_BAKE, .offset = AT(exchange_limit)},
+    {.name = "trace", .group = "Ranks", .kind = KILN_OPTION_PATH, .value = "FILE.json", .shown = "none",
+     .help = "what each rank did when, for chrome://tracing and Perfetto", .commands = KILN_FOR_BAKE, .offset = AT(trace)},
 
     {.name = "camera", .group = "View", .kind = KILN_OPTION_STRING, .value = "NAME", .shown = "the first",
      .help = "a camera of the scene", .commands = KILN_FOR_VIEW, .offset = AT(camera)},

@@ -55,3 +55,17 @@ void kiln_free(void *pointer)
     block = NULL;
     memcpy(pointer, &block, sizeof block);
 }
+
+static int allocate_own(void *context, void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
+{
+    (void)context;
+    return kiln_allocate(pointer, count, size, what, error);
+}
+
+static void release_own(void *context, void *pointer)
+{
+    (void)context;
+    kiln_free(pointer);
+}
+
+const struct kiln_allocator kiln_own_memory = {.allocate = allocate_own, .release = release_own};

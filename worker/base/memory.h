@@ -18,4 +18,15 @@ int kiln_grow(void *pointer, size_t *capacity, size_t needed, size_t size, const
 /* Frees *pointer and sets it to NULL; accepts a NULL inside. */
 void kiln_free(void *pointer);
 
+/* Where a builder puts its large, lasting arrays: memory that several processes share, for instance. `allocate` and `release` promise
+ * what kiln_allocate and kiln_free do, but a release may come into effect later. Copied by who keeps it; the context is borrowed. */
+struct kiln_allocator {
+    int (*allocate)(void *context, void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error);
+    void (*release)(void *context, void *pointer);
+    void *context;
+};
+
+/* kiln_allocate and kiln_free. */
+extern const struct kiln_allocator kiln_own_memory;
+
 #endif

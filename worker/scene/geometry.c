@@ -240,6 +240,12 @@ static void find_bounds(struct kiln_geometry *g)
     g->extent = fmaxf(x, fmaxf(y, z));
 }
 
+/* An array of the geometry itself. */
+static int kept(struct kiln_geometry *g, void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
+{
+    return g->memory.allocate(g->memory.context, pointer, count, size, what, error);
+}
+
 static int allocate_plan(struct expansion *e, struct kiln_error *error)
 {
     const struct kiln_scene *scene = e->scene;
@@ -258,7 +264,7 @@ static int allocate_plan(struct expansion *e, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_allocate(&e->object_vertex, scene->object_count + 1, sizeof *e->object_vertex, what, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&e->geometry->ranges, scene->object_count, sizeof *e->geometry->ranges, what, error);
+        status = kept(e->geometry, &e->geometry->ranges, scene->object_count, sizeof *e->geometry->ranges, what, error);
     if (status != KILN_OK)
         return status;
     for (size_t m = 0; m < scene->mesh_count; m++)
@@ -268,21 +274,29 @@ static int allocate_plan(struct expansion *e, struct kiln_error *error)
 
 static int allocate_world(struct kiln_geometry *g, struct kiln_error *error)
 {
-    int status = kiln_allocate(&g->vertices, 3 * g->vertex_count + 4, sizeof *g->vertices, "the world's vertices", error);
+    int status = kept(g, &g->vertices, 3 * g->vertex_count + 4, sizeof *g->vertices, "the world's vertices", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&g->indices, 3 * g->triangle_count, sizeof *g->indices, "the world's triangles", error);
+        status = kept(g, &g->indices, 3 * g->triangle_count, sizeof *g->indices, "the world's triangles", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&g->records, g->triangle_count, sizeof *g->records, "the world's hit records", error);
+        status = kept(g, &g->records, g->triangle_count, sizeof *g->records, "the world's hit records", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&g->stored_triangle, g->triangle_count, sizeof *g->stored_triangle, "the world's triangles", error);
+        status = kept(g, &g->stored_triangle, g->triangle_count, sizeof *g->stored_triangle, "the world's triangles", error);
     return status;
 }
 
 int kiln_geometry_create(struct kiln_geometry **geometry, const struct kiln_scene *scene, struct kiln_error *error)
 {
+    return kiln_geometry_create_in(geometry, scene, &kiln_own_memory, error);
+}
+
+int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_scene *scene, const struct kiln_allocator *memory,
+                            struct kiln_error *error)
+{
     struct expansion e = {.scene = scene};
     *geometry = NULL;
     int status = kiln_allocate(&e.geometry, 1, sizeof *e.geometry, "the world's geometry", error);
+    if (status == KILN_OK)
+        e.geometry->memory = *memory;
     if (status == KILN_OK && scene->material_count > (size_t)KILN_RECORD_MATERIAL + 1)
         status = kiln_fail(error, KILN_BAD_INPUT, "the scene has %zu materials and at most %u are possible: merge equal ones",
                            scene->material_count, KILN_RECORD_MATERIAL + 1);
@@ -315,15 +329,30 @@ int kiln_geometry_create(struct kiln_geometry **geometry, const struct kiln_scen
     return status;
 }
 
+int kiln_geometry_attach(struct kiln_geometry **geometry, const struct kiln_geometry *made, void *(*place)(const void *context, const void *there),
+                         const struct kiln_allocator *memory, struct kiln_error *error)
+{
+    const int status = kiln_allocate(geometry, 1, sizeof **geometry, "the world's geometry", error);
+    if (status != KILN_OK)
+        return status;
+    struct kiln_geometry *g = *geometry;
+    *g = *made;
+    g->memory = *memory;
+    g->vertices = place(memory->context, made->vertices);
+    g->indices = place(memory->context, made->indices);
+    g->records = place(memory->context, made->records);
+    g->ranges = place(memory->context, made->ranges);
+    g->stored_triangle = place(memory->context, made->stored_triangle);
+    return KILN_OK;
+}
+
 void kiln_geometry_destroy(struct kiln_geometry **geometry)
 {
     struct kiln_geometry *g = *geometry;
     if (g == NULL)
         return;
-    kiln_free(&g->vertices);
-    kiln_free(&g->indices);
-    kiln_free(&g->records);
-    kiln_free(&g->ranges);
-    kiln_free(&g->stored_triangle);
+    void *const arrays[] = {&g->vertices, &g->indices, &g->records, &g->ranges, &g->stored_triangle};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays && g->memory.release != NULL; i++)
+        g->memory.release(g->memory.context, arrays[i]);
     kiln_free(geometry);
 }

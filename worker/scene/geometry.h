@@ -14,6 +14,7 @@
 #ifndef KILN_WORKER_SCENE_GEOMETRY_H
 #define KILN_WORKER_SCENE_GEOMETRY_H
 
+#include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
 /* What a ray needs to know of the triangle it hit, 32 bytes. Texel coordinates in the object's lightmap at hit (u, v):
@@ -43,12 +44,20 @@ struct kiln_geometry {
     uint32_t *stored_triangle;         /* world triangle -> index among the scene's stored triangles */
     struct kiln_vec3 bounds_min, bounds_max; /* relative to the centre; a point at 0 for an empty scene */
     float extent;                      /* largest absolute coordinate: what rounding errors are proportional to */
+    struct kiln_allocator memory;      /* of the arrays */
 };
 
 /* Not collective. The scene is borrowed and must outlive the geometry. Uses as many OpenMP threads as are set; the result does
  * not depend on it. KILN_BAD_INPUT if the world has 2^32 - 1 triangles or vertices or more, more than 2^30 materials, or a
  * position further than 1e18 m from the centre (what ray tracing in float can hold); KILN_SYSTEM. */
 int kiln_geometry_create(struct kiln_geometry **geometry, const struct kiln_scene *scene, struct kiln_error *error);
+/* The same with its arrays in `memory`. */
+int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_scene *scene, const struct kiln_allocator *memory,
+                            struct kiln_error *error);
+/* Of arrays that another process has made and this one sees elsewhere: `made` is a copy of that one's struct, and place(context, p)
+ * gives the address here of what p is there. `memory` is what releases them. */
+int kiln_geometry_attach(struct kiln_geometry **geometry, const struct kiln_geometry *made, void *(*place)(const void *context, const void *there),
+                         const struct kiln_allocator *memory, struct kiln_error *error);
 void kiln_geometry_destroy(struct kiln_geometry **geometry);
 
 /* The three corners of a world triangle, relative to the scene's centre. */

@@ -2,10 +2,16 @@
  *
  * Rounding is stochastic, driven by a hash the caller gives, so that the mean over many points is exact and a furnace with
  * albedo 0.99 does not drift; a value is off by at most 2^-13 of itself. Negative values and NaN become 0; values above
- * 3.4e38 become the largest finite one. One aligned load fetches all three channels. */
+ * 3.4e38 become the largest finite one. One aligned load fetches all three channels.
+ *
+ * Between bounces it travels in 4 bytes: a shared exponent of 6 bits, 9 bits for red and green, 8 for blue (the least of luminance), after
+ * Ward's RGBE (Graphics Gems II, 1991) and the RGB9_E5 of GPUs. Rounding is stochastic too. The scale is the scene's mean irradiance, so
+ * that 2^31 times that and, with full precision, 2^-32 times that fit whatever the units; a texel with all the scene's light is below the one, for there
+ * are fewer texels. The 8-byte form holds every value of the 4-byte one exactly, and packing such a value again gives that value. */
 #ifndef KILN_WORKER_SCENE_RADIOSITY_H
 #define KILN_WORKER_SCENE_RADIOSITY_H
 
+#include <math.h>
 #include <stdint.h>
 #include <string.h>
 
@@ -33,6 +39,40 @@ static inline void kiln_radiosity_unpack(uint64_t packed, float rgb[3])
         const uint32_t bits = (uint32_t)(packed >> (21 * c) & 0x1fffffu) << 10;
         memcpy(&rgb[c], &bits, sizeof bits);
     }
+}
+
+enum { KILN_COMPACT_BIAS = 41, KILN_COMPACT_EXPONENT = 63 };
+
+/* A channel over its quantum, rounded up or down by 10 random bits. Whole numbers stay what they are. */
+static inline uint32_t kiln_radiosity_compact_channel(float value, double quantum, uint32_t most, uint32_t random10)
+{
+    const double steps = value > 0.0f ? (double)value / quantum + ((double)(random10 & 1023u) + 0.5) / 1024.0 : 0.0;
+    return steps < (double)most ? (uint32_t)steps : most;
+}
+
+/* `scale`: a power of two, the scene's mean irradiance or so. `hash` as for kiln_radiosity_pack. */
+static inline uint32_t kiln_radiosity_compact(const float rgb[3], double scale, uint32_t hash)
+{
+    const double limit = fmax((double)fmaxf(rgb[0], rgb[1]) / 511.0, (double)rgb[2] / 510.0) / scale;
+    int exponent = 0;
+    if (limit > 0.0 && isfinite(limit)) { /* the least one whose largest mantissa is enough */
+        const double part = frexp(limit, &exponent);
+        exponent += KILN_COMPACT_BIAS - (part > 0.5 ? 0 : 1);
+    } else if (limit > 0.0) {
+        exponent = KILN_COMPACT_EXPONENT;
+    }
+    exponent = exponent < 0 ? 0 : exponent > KILN_COMPACT_EXPONENT ? KILN_COMPACT_EXPONENT : exponent;
+    const double quantum = ldexp(scale, exponent - KILN_COMPACT_BIAS);
+    return kiln_radiosity_compact_channel(rgb[0], quantum, 511, hash) | kiln_radiosity_compact_channel(rgb[1], quantum, 511, hash >> 10) << 9 |
+           kiln_radiosity_compact_channel(rgb[2], 2.0 * quantum, 255, hash >> 20) << 18 | (uint32_t)exponent << 26;
+}
+
+static inline void kiln_radiosity_expand(uint32_t compact, double scale, float rgb[3])
+{
+    const double quantum = ldexp(scale, (int)(compact >> 26) - KILN_COMPACT_BIAS);
+    rgb[0] = (float)((double)(compact & 511u) * quantum);
+    rgb[1] = (float)((double)(compact >> 9 & 511u) * quantum);
+    rgb[2] = (float)((double)(compact >> 18 & 255u) * 2.0 * quantum);
 }
 
 #endif

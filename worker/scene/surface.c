@@ -7,10 +7,12 @@ void kiln_surface_destroy(struct kiln_surface **surface)
     struct kiln_surface *s = *surface;
     if (s == NULL)
         return;
-    kiln_free(&s->tiles);
-    kiln_free(&s->splits);
-    kiln_free(&s->lightmaps);
-    kiln_free(&s->cell_first);
+    if (!s->map_is_lent) {
+        kiln_free(&s->tiles);
+        kiln_free(&s->splits);
+        kiln_free(&s->lightmaps);
+        kiln_free(&s->cell_first);
+    }
     kiln_free(&s->fragments);
     kiln_free(&s->piece_base);
     kiln_free(&s->share_base);

@@ -60,6 +60,7 @@ struct kiln_surface {
     struct kiln_lightmap *lightmaps; /* one an object */
     uint64_t cell_count;             /* occupied cells */
     uint64_t *cell_first;            /* cell_count + 1: global index of each cell's first point (cells partition only; else NULL) */
+    bool map_is_lent;                /* tiles, splits, lightmaps and cell_first are somebody else's to free */
     /* this rank's share */
     uint64_t first, count;           /* global range of own points */
     size_t fragment_count;

@@ -1,0 +1,49 @@
+/* Memory that the ranks of one node share: blocks that one of them, the leader, fills and all see (MPI-3 shared-memory windows).
+ *
+ * Blocks are made by all ranks of the node together, and live until the node memory is destroyed. When a node's shared memory is full
+ * (in a container /dev/shm may be 64 MiB) or MPI offers none, making a block fails on all ranks of the node alike and
+ * kiln_node_full says so from then on: what was to be shared is then made by every rank for itself. A rank alone on its node
+ * needs no windows: its blocks come from kiln_allocate.
+ *
+ * A block has the page placement of who touches it first, the leader. */
+#ifndef KILN_COORDINATOR_BAKE_NODE_MEMORY_H
+#define KILN_COORDINATOR_BAKE_NODE_MEMORY_H
+
+#include <mpi.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "worker/base/memory.h"
+
+struct kiln_node_memory;
+
+/* Collective. A node is a host's ranks or, with `most` not 0, at most so many of them: one socket's, or with 1 every rank alone. Destroy
+ * with kiln_node_destroy. */
+int kiln_node_create(struct kiln_node_memory **node, MPI_Comm communicator, uint32_t most, struct kiln_error *error);
+/* Collective. Frees all blocks. */
+void kiln_node_destroy(struct kiln_node_memory **node);
+
+int kiln_node_rank(const struct kiln_node_memory *node); /* 0: the leader */
+int kiln_node_ranks(const struct kiln_node_memory *node);
+MPI_Comm kiln_node_communicator(const struct kiln_node_memory *node);
+bool kiln_node_full(const struct kiln_node_memory *node);
+uint64_t kiln_node_bytes(const struct kiln_node_memory *node); /* of all blocks: once a node */
+
+/* Collective on the node. A zeroed block of count x size bytes at *pointer on each of its ranks. All get the same status. */
+int kiln_node_block(struct kiln_node_memory *node, void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error);
+
+/* Collective on the node. The leader runs build(context, memory, error), whose allocations from `memory` become blocks; the others
+ * wait, asleep most of the time, and take part in these. All get the leader's status and sentence. What the leader wrote is seen by all. */
+typedef int (*kiln_node_builder)(void *context, const struct kiln_allocator *memory, struct kiln_error *error);
+int kiln_node_build(struct kiln_node_memory *node, kiln_node_builder build, void *context, struct kiln_error *error);
+/* Whose blocks these are; releasing one does nothing but set the pointer to NULL. Its context is the node. */
+struct kiln_allocator kiln_node_allocator(struct kiln_node_memory *node);
+/* Where the block that begins at `there` on the leader begins here; NULL for another address. `node`: const struct kiln_node_memory. */
+void *kiln_node_place(const void *node, const void *there);
+
+/* Collective on the node. `size` bytes of the leader's at `data` to all. */
+void kiln_node_broadcast(const struct kiln_node_memory *node, void *data, size_t size);
+/* Collective on the node. What each rank wrote to blocks before is seen by all after. */
+void kiln_node_wait(const struct kiln_node_memory *node);
+
+#endif
