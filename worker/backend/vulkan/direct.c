@@ -28,7 +28,8 @@ struct direct_push {
 struct direct {
     struct vulkan_backend *b;
     const struct kiln_batch *batch;
-    struct gpu_kernel *choose, *whole, *buried, *reduce;
+    struct gpu_kernel *choose, *whole, *reduce;
+    struct gpu_kernel *buried; /* made when there is a point for it: it takes its time */
     uint32_t samples, limit, slots, slices;
     uint64_t rays;
 };
@@ -42,15 +43,16 @@ static int prepare(void *context, struct kiln_error *error)
     if (status == KILN_OK)
         status = vulkan_kernel_of(d->b, &direct_shader, false, 0, &d->whole, error);
     if (status == KILN_OK)
-        status = vulkan_kernel_of(d->b, &direct_shader, true, 0, &d->buried, error);
-    if (status == KILN_OK)
         status = vulkan_kernel_of(d->b, &reduce_shader, false, 0, &d->reduce, error);
     return status;
 }
 
-static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording)
+static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording, struct kiln_error *error)
 {
-    const struct direct *d = context;
+    struct direct *d = context;
+    const int status = chunk->buried.count > 0 ? vulkan_kernel_of(d->b, &direct_shader, true, 0, &d->buried, error) : KILN_OK;
+    if (status != KILN_OK)
+        return status;
     struct direct_push push = {.scene = d->b->scene.address,
                                .chunk = chunk->all,
                                .pass = {.results = chunk->results,

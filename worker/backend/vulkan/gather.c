@@ -26,15 +26,19 @@ struct reduce_push {
 struct gather {
     struct vulkan_backend *b;
     const struct kiln_batch *batch;
-    struct gpu_kernel *whole, *buried, *reduce;
+    struct gpu_kernel *whole, *reduce;
+    struct gpu_kernel *buried; /* made when there is a point for it: it takes its time */
     uint32_t samples, stream, per_quarter, slice;
     uint32_t lookup; /* 0: rays are traced and that is all */
     uint64_t rays;
 };
 
-static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording)
+static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording, struct kiln_error *error)
 {
-    const struct gather *g = context;
+    struct gather *g = context;
+    const int status = chunk->buried.count > 0 ? vulkan_kernel_of(g->b, &gather_shader, true, g->lookup, &g->buried, error) : KILN_OK;
+    if (status != KILN_OK)
+        return status;
     struct gather_push push = {.scene = g->b->scene.address,
                                .chunk = chunk->all,
                                .sobol = g->b->sobol.address,
@@ -79,8 +83,6 @@ static int prepare(void *context, struct kiln_error *error)
     int status = vulkan_sobol(g->b, g->samples, error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(g->b, &gather_shader, false, g->lookup, &g->whole, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(g->b, &gather_shader, true, g->lookup, &g->buried, error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(g->b, &reduce_shader, false, 0, &g->reduce, error);
     return status;

@@ -179,7 +179,7 @@ static int submit_portion(struct run *r, struct vulkan_chunk *chunk, struct flig
 {
     struct vulkan_recording recording = {.count = 0};
     const struct vulkan_slot *slot = &r->b->slots[r->slot];
-    int status = r->pass->record(r->pass->context, chunk, &recording);
+    int status = r->pass->record(r->pass->context, chunk, &recording, error);
     if (status != KILN_OK)
         return status;
     if (chunk->last)

@@ -33,7 +33,7 @@ struct vulkan_pass {
     size_t scratch_bytes;  /* a point */
     bool wants_words;      /* else they are not copied back */
     int (*prepare)(void *context, struct kiln_error *error); /* gets kernels and tables; again after each recovery */
-    int (*record)(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording);
+    int (*record)(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording, struct kiln_error *error);
     /* Answers of consecutive fragments; words is NULL unless wanted. */
     int (*take)(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results, const uint32_t *words,
                 struct kiln_error *error);

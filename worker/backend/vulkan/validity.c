@@ -35,8 +35,9 @@ static struct validity_push push_of(const struct validity *v, struct kiln_gpu_ch
                                   .looks = looks};
 }
 
-static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording)
+static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording, struct kiln_error *error)
 {
+    (void)error;
     const struct validity *v = context;
     const struct validity_push push = push_of(v, chunk->all, chunk->words, 0x76616c31u, FIRST_LOOK);
     vulkan_record(recording, v->kernel, chunk->all.count, 1, &push, sizeof push);
