@@ -201,7 +201,7 @@ class Kiln:
         self.path, self.scratch, self.number, self.backend, self.thin = os.path.abspath(path), scratch, 0, backend, thin
         self.environment = dict(MPI_ENVIRONMENT)
         if backend == 'vulkan':
-            self.environment['KILN_VULKAN_VALIDATION'] = '1'
+            self.environment['KILN_VULKAN_VALIDATION'] = os.environ.get('KILN_VULKAN_VALIDATION', '1')
 
     def samples(self, count):
         """What is left of a sample count: never below 16, where it was above."""

@@ -164,7 +164,10 @@ static int set_up(struct vulkan_backend *b, struct kiln_error *error)
 enum { MOST_RECOVERIES = 3 };
 static const uint64_t MOST_SCRATCH = 512ull << 20, LEAST_SCRATCH = 1ull << 20;
 
-bool vulkan_can_recover(const struct vulkan_backend *b) { return b->gpu != NULL && (gpu_lost(b->gpu) || gpu_short_of_memory(b->gpu)); }
+bool vulkan_can_recover(const struct vulkan_backend *b)
+{
+    return b->gpu != NULL && b->recoveries < MOST_RECOVERIES && (gpu_lost(b->gpu) || gpu_short_of_memory(b->gpu));
+}
 
 static int upload_surface(struct vulkan_backend *b, struct kiln_error *error);
 static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error);

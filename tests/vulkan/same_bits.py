@@ -1,0 +1,68 @@
+"""The Vulkan backend gives the same bits whatever the size of its dispatches, the memory it may use, the layout of the BVH and the
+number of ranks, on one kind of device; and after the device was lost or short of memory.
+"""
+import hashlib
+import os
+import sys
+
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
+import harness  # noqa: E402
+
+OPTIONS = ('--samples-direct', 16, '--samples-bounce', 4, '--samples-indirect', 24, '--samples-probe', 16)
+WAYS = (  # name, ranks, options, environment
+    ('dispatches of 1 ms', 0, ('--dispatch-time', 1), {}),
+    ('dispatches of 1 s', 0, ('--dispatch-time', 1000), {}),
+    ('little memory', 0, ('--device-memory', 0.26), {}),
+    ('binary BVH', 0, ('--traversal', 'binary'), {}),
+    ('four-wide BVH', 0, ('--traversal', 'four'), {}),
+    ('2 ranks', 2, (), {}),
+    ('3 ranks, dispatches of 2 ms', 3, ('--dispatch-time', 2), {}),
+    ('lost', 0, (), {'KILN_GPU_FAULT': 'lost:150:1500'}),
+    ('short of memory', 0, (), {'KILN_GPU_FAULT': 'memory:120'}),
+)
+
+
+def bits(bake):
+    """{what: hash} of all that is a result: points by object and texel, and lightmaps."""
+    p = bake.points
+    order = np.lexsort((p.x, p.y, p.object))
+    found = {n: hashlib.sha256(np.ascontiguousarray(getattr(p, n)[order]).tobytes()).hexdigest() for n in ('direct', 'indirect', 'total', 'error', 'valid')}
+    for name in bake.names():
+        found[name] = hashlib.sha256(np.ascontiguousarray(bake.lightmap(name).irradiance).tobytes()).hexdigest()
+    return found
+
+
+def main():
+    arguments, kiln = harness.start(__doc__)
+    kiln.backend = 'vulkan'
+    kiln.environment['KILN_VULKAN_VALIDATION'] = os.environ.get('KILN_VULKAN_VALIDATION', '1')
+    checks = harness.Checks()
+    cornell = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
+    some = ('dispatches of 1 ms', '3 ranks, dispatches of 2 ms', 'lost')
+    for scene, density, ways in ((cornell, 4, [w[0] for w in WAYS]), (harness.own_scene('punctual_zoo.glb'), 2, some)):
+        options = OPTIONS + ('--texels-per-metre', density)
+        first = kiln.bake(scene, *options)
+        if not checks.baked(first):
+            continue
+        wanted = bits(first)
+        for name, ranks, more, environment in (w for w in WAYS if w[0] in ways):
+            kiln.environment.update(environment)
+            bake = kiln.bake(scene, *options, *more, ranks=ranks)
+            for key in environment:
+                del kiln.environment[key]
+            if not checks.baked(bake):
+                continue
+            found = bits(bake)
+            other = [k for k in wanted if found.get(k) != wanted[k]]
+            checks.that(not other, '%s, %s: other bits in %s' % (os.path.basename(scene), name, ', '.join(other)), bake.process)
+            if 'KILN_GPU_FAULT' in environment:
+                checks.that(bake.run['backend']['recoveries'] > 0, '%s: nothing was recovered from' % name, bake.process)
+            print('%-18s %-28s %.1f s' % (os.path.basename(scene), name, bake.process.seconds), flush=True)
+            bake.remove()
+    checks.end()
+
+
+if __name__ == '__main__':
+    main()
