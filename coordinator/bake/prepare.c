@@ -1,5 +1,6 @@
 #include "coordinator/bake/prepare.h"
 
+#include <omp.h>
 #include <sched.h>
 #include <stdio.h>
 #include <string.h>
@@ -80,6 +81,7 @@ static int learn_about_ranks(struct kiln_prepared *p, const struct kiln_job *job
     (void)MPI_Comm_size(node, &p->node_ranks);
     (void)MPI_Comm_free(&node);
     p->threads = job->threads != 0 ? job->threads : kiln_own_cores(p->node_ranks);
+    omp_set_num_threads((int)p->threads); /* for loops that are not told */
     return kiln_node_create(&p->node, p->communicator, job->share_ranks, error);
 }
 

@@ -49,9 +49,9 @@ static hid_t collective_transfer(void)
     return transfer;
 }
 
-static int open_file(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, bool create, struct kiln_error *error)
+int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, struct kiln_error *error)
 {
-    *h5 = (struct kiln_h5){.file = H5I_INVALID_HID, .transfer = H5I_INVALID_HID, .path = path, .communicator = communicator, .created = create};
+    *h5 = (struct kiln_h5){.file = H5I_INVALID_HID, .transfer = H5I_INVALID_HID, .path = path, .communicator = communicator};
     if (MPI_Comm_rank(communicator, &h5->rank) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
     (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL); /* our sentence instead of its trace */
@@ -61,10 +61,10 @@ static int open_file(struct kiln_h5 *h5, MPI_Comm communicator, const char *path
                             error);
     if (status == KILN_OK) {
         const hid_t list = timeless(H5P_FILE_CREATE);
-        h5->file = create ? H5Fcreate(path, H5F_ACC_EXCL, list, access) : H5Fopen(path, H5F_ACC_RDONLY, access);
+        h5->file = H5Fcreate(path, H5F_ACC_EXCL, list, access);
         (void)release(list, H5Pclose);
         if (h5->file < 0)
-            status = kiln_fail(error, create ? KILN_CANNOT_CREATE : KILN_IO, "'%s' cannot be %s as HDF5", path, create ? "created" : "opened");
+            status = kiln_fail(error, KILN_CANNOT_CREATE, "'%s' cannot be created as HDF5", path);
         status = kiln_agree(communicator, status, error);
     }
     if (access >= 0)
@@ -77,16 +77,6 @@ static int open_file(struct kiln_h5 *h5, MPI_Comm communicator, const char *path
     return status;
 }
 
-int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, struct kiln_error *error)
-{
-    return open_file(h5, communicator, path, true, error);
-}
-
-int kiln_h5_open(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, struct kiln_error *error)
-{
-    return open_file(h5, communicator, path, false, error);
-}
-
 int kiln_h5_close(struct kiln_h5 *h5, int status, struct kiln_error *error)
 {
     if (release(h5->transfer, H5Pclose) && status == KILN_OK)
@@ -96,7 +86,7 @@ int kiln_h5_close(struct kiln_h5 *h5, int status, struct kiln_error *error)
         if (status == KILN_OK && H5Fflush(h5->file, H5F_SCOPE_GLOBAL) < 0)
             status = kiln_h5_failed(h5, "flush", "the file", error);
         status = kiln_agree(h5->communicator, status, error);
-        if (status != KILN_OK && h5->created) {
+        if (status != KILN_OK) {
             if (h5->rank == 0)
                 (void)!truncate(h5->path, 0); /* it is of no use, whether this works or not */
             (void)MPI_Barrier(h5->communicator);
@@ -196,54 +186,19 @@ int kiln_h5_make(struct kiln_h5 *h5, const struct kiln_h5_dataset *what, hid_t *
     return status;
 }
 
-/* Selects rows in the file's space and makes the matching space in memory. */
-static bool select_rows(hid_t space, uint64_t first, uint64_t count, hid_t *memory)
+/* Rank 0 writes all of it, the others nothing; the transfer waits for all. */
+static int write_whole(struct kiln_h5 *h5, hid_t dataset, const struct kiln_h5_dataset *what, const void *values, struct kiln_error *error)
 {
-    hsize_t size[KILN_H5_RANK_MAX], start[KILN_H5_RANK_MAX] = {first};
-    const int rank = H5Sget_simple_extent_dims(space, size, NULL);
-    if (rank < 1 || rank > KILN_H5_RANK_MAX)
-        return false;
-    size[0] = count > 0 ? count : 1;
-    *memory = H5Screate_simple(rank, size, NULL);
-    if (*memory < 0)
-        return false;
-    if (count == 0)
-        return H5Sselect_none(space) >= 0 && H5Sselect_none(*memory) >= 0;
-    return H5Sselect_hyperslab(space, H5S_SELECT_SET, start, NULL, size, NULL) >= 0;
-}
-
-/* `values` is written when `target` is NULL, else `target` is read. */
-static int move_rows(struct kiln_h5 *h5, hid_t dataset, const char *name, hid_t type, uint64_t first, uint64_t count, const void *values,
-                     void *target, struct kiln_error *error)
-{
-    static const char nothing[8];
-    char unused[8];
-    const hid_t space = H5Dget_space(dataset);
-    hid_t memory = H5I_INVALID_HID;
-    int status = space < 0 || !select_rows(space, first, count, &memory) ? kiln_h5_failed(h5, "select rows of", name, error) : KILN_OK;
-    status = kiln_agree(h5->communicator, status, error); /* the transfer itself waits for all */
+    const hid_t space = H5Screate_simple(what->rank, what->size, NULL);
+    const bool chosen = space >= 0 && (h5->rank == 0 || H5Sselect_none(space) >= 0);
+    int status = kiln_agree(h5->communicator, chosen ? KILN_OK : kiln_h5_failed(h5, "select a part of", what->name, error), error);
     if (status == KILN_OK) {
-        const herr_t done = target == NULL
-                                ? H5Dwrite(dataset, type, memory, space, h5->transfer, count > 0 ? values : nothing)
-                                : H5Dread(dataset, type, memory, space, h5->transfer, count > 0 ? target : unused);
-        status = kiln_agree(h5->communicator, done < 0 ? kiln_h5_failed(h5, target == NULL ? "write" : "read", name, error) : KILN_OK, error);
+        const herr_t done = H5Dwrite(dataset, what->type, space, space, h5->transfer, values);
+        status = kiln_agree(h5->communicator, done < 0 ? kiln_h5_failed(h5, "write", what->name, error) : KILN_OK, error);
     }
-    const bool kept_memory = release(memory, H5Sclose), kept_space = release(space, H5Sclose);
-    if ((kept_memory || kept_space) && status == KILN_OK)
-        status = kiln_h5_failed(h5, "release a selection of", name, error);
+    if (release(space, H5Sclose) && status == KILN_OK)
+        status = kiln_h5_failed(h5, "release a selection of", what->name, error);
     return status;
-}
-
-int kiln_h5_write_rows(struct kiln_h5 *h5, hid_t dataset, const char *name, hid_t type, uint64_t first, uint64_t count,
-                       const void *values, struct kiln_error *error)
-{
-    return move_rows(h5, dataset, name, type, first, count, values, NULL, error);
-}
-
-int kiln_h5_read_rows(struct kiln_h5 *h5, hid_t dataset, const char *name, hid_t type, uint64_t first, uint64_t count, void *values,
-                      struct kiln_error *error)
-{
-    return move_rows(h5, dataset, name, type, first, count, NULL, values, error);
 }
 
 int kiln_h5_small(struct kiln_h5 *h5, const struct kiln_h5_dataset *what, const void *values, struct kiln_error *error)
@@ -251,7 +206,7 @@ int kiln_h5_small(struct kiln_h5 *h5, const struct kiln_h5_dataset *what, const 
     hid_t dataset = H5I_INVALID_HID;
     int status = kiln_h5_make(h5, what, &dataset, error);
     if (status == KILN_OK && what->size[0] > 0)
-        status = kiln_h5_write_rows(h5, dataset, what->name, what->type, 0, h5->rank == 0 ? what->size[0] : 0, values, error);
+        status = write_whole(h5, dataset, what, values, error);
     if (dataset >= 0 && H5Dclose(dataset) < 0 && status == KILN_OK)
         status = kiln_h5_failed(h5, "close the dataset", what->name, error);
     return status;

@@ -19,14 +19,10 @@ struct kiln_h5 {
     const char *path;
     MPI_Comm communicator;
     int rank;
-    bool created;
 };
 
 /* Collective. Makes the file new (latest format that HDF5 1.10 readers know, collective metadata). On failure nothing is open. */
 int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, struct kiln_error *error);
-
-/* Collective. Opens a complete file for checking. */
-int kiln_h5_open(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, struct kiln_error *error);
 
 /* Collective; the ranks agree on the worst `status`. Flushes and closes; closes also what failed before. Returns `status` when it is
  * not 0. A new file that failed is emptied first: HDF5 1.10 cannot let go of a file whose last bytes do not fit the disk, and
@@ -55,12 +51,6 @@ struct kiln_h5_dataset {
 /* Collective. Makes the dataset (chunked ones with shuffle and deflate at a low level, fill values never written) and its two
  * attributes. Close *dataset with H5Dclose. */
 int kiln_h5_make(struct kiln_h5 *h5, const struct kiln_h5_dataset *what, hid_t *dataset, struct kiln_error *error);
-
-/* Collective. Writes (or reads) `count` rows of the slowest dimension from `first` on; 0 rows on a rank that has none. */
-int kiln_h5_write_rows(struct kiln_h5 *h5, hid_t dataset, const char *name, hid_t type, uint64_t first, uint64_t count,
-                       const void *values, struct kiln_error *error);
-int kiln_h5_read_rows(struct kiln_h5 *h5, hid_t dataset, const char *name, hid_t type, uint64_t first, uint64_t count, void *values,
-                      struct kiln_error *error);
 
 /* Collective. Makes a small contiguous dataset that rank 0 writes whole. */
 int kiln_h5_small(struct kiln_h5 *h5, const struct kiln_h5_dataset *what, const void *values, struct kiln_error *error);

@@ -30,8 +30,9 @@ struct kiln_lightmap_report {
 int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                          struct kiln_lightmap_report *reports, struct kiln_error *error);
 
-/* DIR/kiln.h5 through parallel HDF5: /points (position, normal, object, texel, area, albedo, valid, cell), /irradiance
- * (direct, indirect, total, error), /objects, /cells, provenance as attributes; `units` and `description` on every dataset. */
+/* DIR/kiln.h5, packed by all ranks and threads and written by rank 0: /points (position, normal, object, texel, area, albedo,
+ * valid, cell), /irradiance (direct, indirect, total, error), /objects, /cells, provenance as attributes; `units` and `description`
+ * on every dataset. */
 int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params, struct kiln_error *error);
 
 /* DIR/volume.hdf, VTKHDF ImageData: PointData irradiance_sh (27 components, the nine coefficients of irradiance divided by

@@ -1,0 +1,45 @@
+#include "coordinator/output/chunk.h"
+
+#include <string.h>
+#include <zlib.h>
+
+/* Level 1 packs shuffled floats within 1 % of level 9 at several times its speed. */
+enum { LEVEL = 1 };
+
+/* Byte 0 of all values, then byte 1 of all values, and so on. */
+static void shuffle(const uint8_t *values, size_t count, size_t size, uint8_t *planes)
+{
+    for (size_t b = 0; b < size; b++)
+        for (size_t i = 0; i < count; i++)
+            planes[b * count + i] = values[i * size + b];
+}
+
+static void unshuffle(const uint8_t *planes, size_t count, size_t size, uint8_t *values)
+{
+    for (size_t b = 0; b < size; b++)
+        for (size_t i = 0; i < count; i++)
+            values[i * size + b] = planes[b * count + i];
+}
+
+size_t kiln_chunk_bound(size_t bytes) { return compressBound((uLong)bytes); }
+
+int kiln_chunk_pack(const void *values, size_t count, size_t size, void *shuffled, void *packed, size_t *packed_bytes,
+                    struct kiln_error *error)
+{
+    uLongf length = compressBound((uLong)(count * size));
+    shuffle(values, count, size, shuffled);
+    if (compress2(packed, &length, shuffled, (uLong)(count * size), LEVEL) != Z_OK)
+        return kiln_fail(error, KILN_SYSTEM, "zlib cannot pack %zu bytes (out of memory?)", count * size);
+    *packed_bytes = length;
+    return KILN_OK;
+}
+
+int kiln_chunk_unpack(const void *packed, size_t packed_bytes, size_t count, size_t size, void *shuffled, void *values,
+                      struct kiln_error *error)
+{
+    uLongf length = (uLong)(count * size);
+    if (uncompress(shuffled, &length, packed, (uLong)packed_bytes) != Z_OK || length != count * size)
+        return kiln_fail(error, KILN_IO, "%zu packed bytes do not give the %zu bytes of a chunk", packed_bytes, count * size);
+    unshuffle(shuffled, count, size, values);
+    return KILN_OK;
+}

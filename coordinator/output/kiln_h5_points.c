@@ -1,0 +1,482 @@
+#include "coordinator/output/kiln_h5_points.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "coordinator/cli/agree.h"
+#include "coordinator/output/chunk.h"
+#include "worker/base/memory.h"
+
+/* Rows of a chunk, and chunks that a rank packs and hands over at a time: 28 MB before packing. */
+enum { CHUNK_ROWS = 1 << 14, BATCH = 16, PARTS = BATCH * KILN_COLUMNS, TAG_ROWS = 40, TAG_SIZES = 41, TAG_PACKED = 42 };
+
+/* Chunks with consecutive numbers, packed one after the other, column by column. */
+struct batch {
+    uint64_t first, count; /* chunks */
+    uint64_t bytes[PARTS];
+};
+
+struct kiln_points_writer {
+    const struct kiln_bake_result *result;
+    struct kiln_h5 *h5; /* rank 0 */
+    int rank, ranks;
+    uint64_t chunk_rows;
+    uint64_t *starts; /* ranks + 1: global points */
+    hid_t datasets[KILN_COLUMNS];
+    struct kiln_rows rows, tail; /* of the batch; of the last own chunk, from the ranks after this one */
+    uint8_t *shuffled, *packed;  /* both with one place a part */
+    struct batch batch;
+};
+
+static hid_t h5_type(int column)
+{
+    switch (kiln_columns[column].type) {
+    case KILN_DOUBLE:
+        return H5T_NATIVE_DOUBLE;
+    case KILN_FLOAT:
+        return H5T_NATIVE_FLOAT;
+    case KILN_UINT32:
+        return H5T_NATIVE_UINT32;
+    default:
+        return H5T_NATIVE_UINT8;
+    }
+}
+
+/* ---- which chunk is whose ---- */
+
+static uint64_t round_up(uint64_t point, uint64_t rows) { return (point + rows - 1) / rows; }
+
+static uint64_t first_chunk(const struct kiln_points_writer *w, int rank) { return round_up(w->starts[rank], w->chunk_rows); }
+
+static uint64_t minimum(uint64_t a, uint64_t b) { return a < b ? a : b; }
+
+/* Where the rank's points end that lie in an earlier rank's chunk. */
+static uint64_t head_end(const struct kiln_points_writer *w, int rank)
+{
+    return minimum(first_chunk(w, rank) * w->chunk_rows, w->starts[rank + 1]);
+}
+
+static void batch_of(const struct kiln_points_writer *w, int rank, uint64_t pass, uint64_t *first, uint64_t *count)
+{
+    const uint64_t end = first_chunk(w, rank + 1);
+    *first = minimum(first_chunk(w, rank) + pass * BATCH, end);
+    *count = minimum(end - *first, BATCH);
+}
+
+static uint64_t count_passes(const struct kiln_points_writer *w)
+{
+    uint64_t most = 0;
+    for (int r = 0; r < w->ranks; r++) {
+        const uint64_t chunks = first_chunk(w, r + 1) - first_chunk(w, r);
+        most = chunks > most ? chunks : most;
+    }
+    return round_up(most, BATCH);
+}
+
+/* The rank in whose range the chunk begins that holds `point`. */
+static int owner_of(const struct kiln_points_writer *w, uint64_t point)
+{
+    const uint64_t begin = point / w->chunk_rows * w->chunk_rows;
+    int rank = 0;
+    while (w->starts[rank + 1] <= begin)
+        rank++;
+    return rank;
+}
+
+static size_t row_bytes(void)
+{
+    size_t bytes = 0;
+    for (int c = 0; c < KILN_COLUMNS; c++)
+        bytes += kiln_column_row(c);
+    return bytes;
+}
+
+/* Bytes of a chunk's columns before `column` when each has room for the worst. */
+static size_t place_in_chunk(const struct kiln_points_writer *w, int column)
+{
+    size_t bytes = 0;
+    for (int c = 0; c < column; c++)
+        bytes += kiln_chunk_bound(w->chunk_rows * kiln_column_row(c));
+    return bytes;
+}
+
+static size_t place_of(const struct kiln_points_writer *w, size_t part)
+{
+    return part / KILN_COLUMNS * place_in_chunk(w, KILN_COLUMNS) + place_in_chunk(w, (int)(part % KILN_COLUMNS));
+}
+
+/* ---- rows at the border of ranks ---- */
+
+/* Between rows of columns and one message of `count` rows, column after column. */
+static void move_rows(const struct kiln_rows *rows, uint64_t at, uint64_t count, uint8_t *message, bool out)
+{
+    for (int c = 0; c < KILN_COLUMNS; c++) {
+        uint8_t *column = (uint8_t *)rows->column[c] + at * kiln_column_row(c);
+        const size_t bytes = count * kiln_column_row(c);
+        memcpy(out ? message : column, out ? column : message, bytes);
+        message += bytes;
+    }
+}
+
+static int mpi_failed(struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_RANK_LOST, "MPI failed while points were brought to the rank that writes 'kiln.h5'");
+}
+
+/* `w->packed` carries the message: it has room for more rows than a chunk has. */
+static int send_head(struct kiln_points_writer *w, struct kiln_error *error)
+{
+    const uint64_t first = w->starts[w->rank], last = head_end(w, w->rank);
+    if (first == last)
+        return KILN_OK;
+    kiln_rows_fill(&w->rows, w->result, first, last);
+    move_rows(&w->rows, 0, last - first, w->packed, true);
+    const int sent = MPI_Send(w->packed, (int)((last - first) * row_bytes()), MPI_BYTE, owner_of(w, first), TAG_ROWS, w->result->communicator);
+    return sent == MPI_SUCCESS ? KILN_OK : mpi_failed(error);
+}
+
+static int receive_tail(struct kiln_points_writer *w, struct kiln_error *error)
+{
+    for (int r = w->rank + 1; r < w->ranks; r++) {
+        const uint64_t first = w->starts[r], count = head_end(w, r) - first;
+        if (count == 0 || owner_of(w, first) != w->rank)
+            continue;
+        if (MPI_Recv(w->packed, (int)(count * row_bytes()), MPI_BYTE, r, TAG_ROWS, w->result->communicator, MPI_STATUS_IGNORE) != MPI_SUCCESS)
+            return mpi_failed(error);
+        move_rows(&w->tail, first % w->chunk_rows, count, w->packed, false);
+    }
+    return KILN_OK;
+}
+
+/* A rank that sends to an earlier one has sent before it receives from later ones, so nobody waits in a circle. */
+static int share_borders(struct kiln_points_writer *w, struct kiln_error *error)
+{
+    int status = send_head(w, error);
+    if (status == KILN_OK)
+        status = receive_tail(w, error);
+    return kiln_agree(w->result->communicator, status, error);
+}
+
+/* ---- packing ---- */
+
+/* Rows beyond the last point fill the file's last chunk. */
+static void fill_batch(struct kiln_points_writer *w)
+{
+    const uint64_t own_end = w->starts[w->rank + 1], first = w->batch.first * w->chunk_rows, last = first + w->batch.count * w->chunk_rows;
+    const uint64_t own = minimum(own_end, last) - first;
+    kiln_rows_fill(&w->rows, w->result, first, first + own);
+    for (int c = 0; c < KILN_COLUMNS && own_end < last; c++)
+        memcpy((uint8_t *)w->rows.column[c] + own * kiln_column_row(c),
+               (uint8_t *)w->tail.column[c] + own_end % w->chunk_rows * kiln_column_row(c), (last - own_end) * kiln_column_row(c));
+}
+
+static int pack_part(struct kiln_points_writer *w, size_t part, struct kiln_error *error)
+{
+    const int column = (int)(part % KILN_COLUMNS);
+    const size_t chunk = part / KILN_COLUMNS, place = place_of(w, part);
+    const uint8_t *values = (const uint8_t *)w->rows.column[column] + chunk * w->chunk_rows * kiln_column_row(column);
+    size_t bytes = 0;
+    const int status = kiln_chunk_pack(values, w->chunk_rows * kiln_columns[column].components, kiln_column_value(column),
+                                       w->shuffled + place, w->packed + place, &bytes, error);
+    w->batch.bytes[part] = bytes;
+    return status;
+}
+
+/* Brings what stands in its places together. Returns how much it is. */
+static size_t close_up(struct kiln_points_writer *w)
+{
+    size_t at = 0;
+    for (size_t part = 0; part < w->batch.count * KILN_COLUMNS; part++) {
+        memmove(w->packed + at, w->packed + place_of(w, part), w->batch.bytes[part]);
+        at += w->batch.bytes[part];
+    }
+    return at;
+}
+
+static int pack_batch(struct kiln_points_writer *w, uint64_t pass, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    batch_of(w, w->rank, pass, &w->batch.first, &w->batch.count);
+    if (w->batch.count == 0)
+        return KILN_OK;
+    fill_batch(w);
+#pragma omp parallel for schedule(dynamic, 1)
+    for (size_t part = 0; part < w->batch.count * KILN_COLUMNS; part++) {
+        struct kiln_error mine = {{0}};
+        const int result = pack_part(w, part, &mine);
+#pragma omp critical(kiln_pack_batch)
+        if (result != KILN_OK)
+            status = kiln_fail(error, result, "%s", mine.message);
+    }
+    return status;
+}
+
+/* ---- writing ---- */
+
+static int make_datasets(struct kiln_points_writer *w, struct kiln_error *error)
+{
+    const uint64_t points = w->result->surface->point_count;
+    int status = KILN_OK;
+    for (int c = 0; status == KILN_OK && c < KILN_COLUMNS; c++) {
+        const struct kiln_column_info *info = &kiln_columns[c];
+        const struct kiln_h5_dataset what = {.name = info->name, .type = h5_type(c), .rank = info->components > 1 ? 2 : 1,
+                                             .size = {points, info->components}, .units = info->units,
+                                             .chunk = {points == 0 ? 0 : w->chunk_rows, info->components},
+                                             .description = info->description};
+        status = kiln_h5_make(w->h5, &what, &w->datasets[c], error);
+    }
+    return status;
+}
+
+static int close_datasets(struct kiln_points_writer *w, int status, struct kiln_error *error)
+{
+    for (int c = 0; c < KILN_COLUMNS; c++) {
+        if (w->datasets[c] >= 0 && H5Dclose(w->datasets[c]) < 0 && status == KILN_OK)
+            status = kiln_h5_failed(w->h5, "close the dataset", kiln_columns[c].name, error);
+        w->datasets[c] = H5I_INVALID_HID;
+    }
+    return status;
+}
+
+static int write_batch(struct kiln_points_writer *w, struct kiln_error *error)
+{
+    const uint8_t *from = w->packed;
+    for (size_t part = 0; part < w->batch.count * KILN_COLUMNS; part++) {
+        const int column = (int)(part % KILN_COLUMNS);
+        const hsize_t offset[2] = {(w->batch.first + part / KILN_COLUMNS) * w->chunk_rows, 0};
+        if (H5Dwrite_chunk(w->datasets[column], H5P_DEFAULT, 0, offset, w->batch.bytes[part], from) < 0)
+            return kiln_h5_failed(w->h5, "write", kiln_columns[column].name, error);
+        from += w->batch.bytes[part];
+    }
+    return KILN_OK;
+}
+
+static int send_batch(struct kiln_points_writer *w, size_t bytes, struct kiln_error *error)
+{
+    const MPI_Comm comm = w->result->communicator;
+    if (w->batch.count > 0 && (MPI_Send(&w->batch, (int)sizeof w->batch, MPI_BYTE, 0, TAG_SIZES, comm) != MPI_SUCCESS ||
+                               MPI_Send(w->packed, (int)bytes, MPI_BYTE, 0, TAG_PACKED, comm) != MPI_SUCCESS))
+        return mpi_failed(error);
+    return KILN_OK;
+}
+
+/* Rank 0 takes all other ranks' batches of the pass, also when it can no longer write them: they are on their way. */
+static int write_pass(struct kiln_points_writer *w, uint64_t pass, struct kiln_error *error)
+{
+    const MPI_Comm comm = w->result->communicator;
+    int status = write_batch(w, error);
+    for (int r = 1; r < w->ranks; r++) {
+        uint64_t first, count, bytes = 0;
+        batch_of(w, r, pass, &first, &count);
+        if (count == 0)
+            continue;
+        if (MPI_Recv(&w->batch, (int)sizeof w->batch, MPI_BYTE, r, TAG_SIZES, comm, MPI_STATUS_IGNORE) != MPI_SUCCESS)
+            return mpi_failed(error);
+        for (size_t part = 0; part < count * KILN_COLUMNS; part++)
+            bytes += w->batch.bytes[part];
+        if (MPI_Recv(w->packed, (int)bytes, MPI_BYTE, r, TAG_PACKED, comm, MPI_STATUS_IGNORE) != MPI_SUCCESS)
+            return mpi_failed(error);
+        if (status == KILN_OK)
+            status = write_batch(w, error);
+    }
+    return status;
+}
+
+int kiln_points_write(struct kiln_points_writer *w, struct kiln_h5 *h5, struct kiln_error *error)
+{
+    const MPI_Comm comm = w->result->communicator;
+    const uint64_t passes = count_passes(w);
+    w->h5 = h5;
+    int status = share_borders(w, error);
+    if (status == KILN_OK)
+        status = kiln_agree(comm, w->rank == 0 ? make_datasets(w, error) : KILN_OK, error);
+    int own = KILN_OK; /* what rank 0 could not write is known to the others one pass later */
+    for (uint64_t pass = 0; status == KILN_OK && pass < passes; pass++) {
+        if (own == KILN_OK)
+            own = pack_batch(w, pass, error);
+        status = kiln_agree(comm, own, error);
+        if (status != KILN_OK)
+            break;
+        const size_t bytes = close_up(w);
+        own = w->rank == 0 ? write_pass(w, pass, error) : send_batch(w, bytes, error);
+    }
+    if (w->rank == 0)
+        own = close_datasets(w, own, error);
+    return status == KILN_OK ? kiln_agree(comm, own, error) : status;
+}
+
+/* ---- reading back ---- */
+
+static bool has_extent(hid_t dataset, int column, uint64_t points)
+{
+    const hid_t space = dataset < 0 ? H5I_INVALID_HID : H5Dget_space(dataset);
+    hsize_t size[KILN_H5_RANK_MAX] = {0};
+    const bool right = space >= 0 && H5Sget_simple_extent_dims(space, size, NULL) == (kiln_columns[column].components > 1 ? 2 : 1) &&
+                       size[0] == points;
+    if (space >= 0)
+        (void)H5Sclose(space);
+    return right;
+}
+
+static bool has_extents(hid_t file, uint64_t points)
+{
+    bool right = true;
+    for (int c = 0; right && c < KILN_COLUMNS; c++) {
+        const hid_t dataset = H5Dopen2(file, kiln_columns[c].name, H5P_DEFAULT);
+        right = has_extent(dataset, c, points);
+        if (dataset >= 0)
+            (void)H5Dclose(dataset);
+    }
+    return right;
+}
+
+/* The packed chunks of /irradiance/total in the batch, each into the place of its part. */
+static bool read_packed(struct kiln_points_writer *w, hid_t dataset)
+{
+    const size_t room = kiln_chunk_bound(w->chunk_rows * kiln_column_row(KILN_COLUMN_TOTAL));
+    bool good = true;
+    for (uint64_t chunk = 0; good && chunk < w->batch.count; chunk++) {
+        const size_t part = chunk * KILN_COLUMNS + KILN_COLUMN_TOTAL;
+        const hsize_t offset[2] = {(w->batch.first + chunk) * w->chunk_rows, 0};
+        hsize_t bytes = 0;
+        uint32_t skipped = 0;
+        good = H5Dget_chunk_storage_size(dataset, offset, &bytes) >= 0 && bytes <= room &&
+               H5Dread_chunk(dataset, H5P_DEFAULT, offset, &skipped, w->packed + place_of(w, part)) >= 0 && skipped == 0;
+        w->batch.bytes[part] = bytes;
+    }
+    return good;
+}
+
+static bool same_total(const struct kiln_points_writer *w, uint64_t point, const float found[3])
+{
+    const struct kiln_surface *s = w->result->surface;
+    bool same = true;
+    for (uint64_t c = 0; c < 3; c++) {
+        float expected = 0.0f;
+        if (point >= s->first + s->count)
+            expected = ((const float *)w->tail.column[KILN_COLUMN_TOTAL])[3 * (point % w->chunk_rows) + c];
+        else if (kiln_point_valid(s, point - s->first))
+            expected = w->result->direct[3 * (point - s->first) + c] + w->result->indirect[3 * (point - s->first) + c];
+        same = same && (found[c] == expected || (isnan(expected) && isnan(found[c])));
+    }
+    return same;
+}
+
+static bool same_chunk(struct kiln_points_writer *w, uint64_t chunk)
+{
+    const size_t part = chunk * KILN_COLUMNS + KILN_COLUMN_TOTAL, place = place_of(w, part);
+    const uint64_t first = (w->batch.first + chunk) * w->chunk_rows, last = minimum(first + w->chunk_rows, w->result->surface->point_count);
+    float *found = (float *)w->rows.column[KILN_COLUMN_TOTAL] + 3 * chunk * w->chunk_rows;
+    if (kiln_chunk_unpack(w->packed + place, w->batch.bytes[part], 3 * w->chunk_rows, sizeof(float), w->shuffled + place, found, NULL) != KILN_OK)
+        return false;
+    for (uint64_t point = first; point < last; point++)
+        if (!same_total(w, point, found + 3 * (point - first)))
+            return false;
+    return true;
+}
+
+static bool same_totals(struct kiln_points_writer *w, hid_t dataset)
+{
+    bool same = dataset >= 0;
+    for (uint64_t pass = 0; same; pass++) {
+        batch_of(w, w->rank, pass, &w->batch.first, &w->batch.count);
+        if (w->batch.count == 0)
+            return true;
+        same = read_packed(w, dataset);
+#pragma omp parallel for schedule(dynamic, 1) reduction(&& : same)
+        for (uint64_t chunk = 0; chunk < w->batch.count; chunk++)
+            same = same && same_chunk(w, chunk);
+    }
+    return false;
+}
+
+int kiln_points_check(struct kiln_points_writer *w, const char *path, struct kiln_error *error)
+{
+    (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
+    const hid_t file = H5Fopen(path, H5F_ACC_RDONLY, H5P_DEFAULT);
+    int status = file < 0 ? kiln_fail(error, KILN_IO, "'%s' cannot be opened as HDF5", path) : KILN_OK;
+    if (status == KILN_OK && !has_extents(file, w->result->surface->point_count))
+        status = kiln_fail(error, KILN_IO, "'%s': not all points are there", path);
+    const hid_t dataset = status == KILN_OK ? H5Dopen2(file, kiln_columns[KILN_COLUMN_TOTAL].name, H5P_DEFAULT) : H5I_INVALID_HID;
+    if (status == KILN_OK && !same_totals(w, dataset))
+        status = kiln_fail(error, KILN_IO, "'%s': %s does not read back as it was written", path, kiln_columns[KILN_COLUMN_TOTAL].name);
+    if (dataset >= 0)
+        (void)H5Dclose(dataset);
+    if (file >= 0)
+        (void)H5Fclose(file);
+    return kiln_agree(w->result->communicator, status, error);
+}
+
+uint64_t kiln_points_largest(uint64_t points)
+{
+    const uint64_t held = points < CHUNK_ROWS ? points : round_up(points, CHUNK_ROWS) * CHUNK_ROWS;
+    return held * (row_bytes() + 1) + (held / CHUNK_ROWS + 1) * KILN_COLUMNS * 256;
+}
+
+/* ---- the writer ---- */
+
+static int learn_starts(struct kiln_points_writer *w, struct kiln_error *error)
+{
+    const struct kiln_surface *s = w->result->surface;
+    int status = kiln_allocate(&w->starts, (size_t)w->ranks + 1, sizeof *w->starts, "the ranks' first points", error);
+    status = kiln_agree(w->result->communicator, status, error);
+    if (status != KILN_OK)
+        return status;
+    if (MPI_Allgather(&s->first, 1, MPI_UINT64_T, w->starts, 1, MPI_UINT64_T, w->result->communicator) != MPI_SUCCESS)
+        return mpi_failed(error);
+    w->starts[w->ranks] = s->point_count;
+    if (w->starts[w->rank + 1] != s->first + s->count)
+        status = kiln_fail(error, KILN_BUG, "rank %d: its %llu points from %llu on are not followed by those of the next rank", w->rank,
+                           (unsigned long long)s->count, (unsigned long long)s->first);
+    return kiln_agree(w->result->communicator, status, error);
+}
+
+static int allocate(struct kiln_points_writer *w, struct kiln_error *error)
+{
+    const uint64_t own = minimum(first_chunk(w, w->rank + 1) - first_chunk(w, w->rank), BATCH);
+    const uint64_t held = w->rank == 0 ? minimum(first_chunk(w, w->ranks), BATCH) : own;
+    const size_t chunks = own > 0 ? own : 1, places = place_in_chunk(w, KILN_COLUMNS); /* one for what goes to another rank's chunk */
+    int status = kiln_rows_allocate(&w->rows, chunks * w->chunk_rows, error);
+    if (status == KILN_OK)
+        status = kiln_rows_allocate(&w->tail, w->chunk_rows, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&w->shuffled, chunks * places, 1, "points to write", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&w->packed, (held > chunks ? held : chunks) * places, 1, "packed points", error);
+    return status;
+}
+
+int kiln_points_writer_create(struct kiln_points_writer **writer, const struct kiln_bake_result *result, struct kiln_error *error)
+{
+    int status = kiln_agree(result->communicator, kiln_allocate(writer, 1, sizeof **writer, "points to write", error), error);
+    if (status == KILN_OK) {
+        struct kiln_points_writer *w = *writer;
+        w->result = result;
+        w->chunk_rows = minimum(result->surface->point_count, CHUNK_ROWS);
+        w->chunk_rows = w->chunk_rows == 0 ? 1 : w->chunk_rows;
+        for (int c = 0; c < KILN_COLUMNS; c++)
+            w->datasets[c] = H5I_INVALID_HID;
+        if (MPI_Comm_rank(result->communicator, &w->rank) != MPI_SUCCESS || MPI_Comm_size(result->communicator, &w->ranks) != MPI_SUCCESS)
+            status = mpi_failed(error);
+        if (status == KILN_OK)
+            status = learn_starts(w, error);
+        if (status == KILN_OK)
+            status = kiln_agree(result->communicator, allocate(w, error), error);
+    }
+    if (status != KILN_OK)
+        kiln_points_writer_destroy(writer);
+    return status;
+}
+
+void kiln_points_writer_destroy(struct kiln_points_writer **writer)
+{
+    struct kiln_points_writer *w = *writer;
+    if (w == NULL)
+        return;
+    kiln_rows_free(&w->rows);
+    kiln_rows_free(&w->tail);
+    kiln_free(&w->starts);
+    kiln_free(&w->shuffled);
+    kiln_free(&w->packed);
+    kiln_free(writer);
+}
