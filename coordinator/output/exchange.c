@@ -111,6 +111,11 @@ void kiln_deal_destroy(struct kiln_deal **deal)
 
 /* ---- travelling ---- */
 
+/* Where a fragment's records stand in a pass. */
+struct place {
+    size_t fragment, at;
+};
+
 struct kiln_exchange {
     const struct kiln_bake_result *result;
     const struct kiln_deal *deal;
@@ -120,6 +125,7 @@ struct kiln_exchange {
     uint64_t *cursor;       /* per destination, during a round */
     size_t *order;          /* own fragments by (round, owner), else in their own order */
     struct kiln_texel_record *out, *in;
+    struct place *places;   /* of the pass at hand, one a fragment */
     size_t in_capacity;
     int *out_counts, *out_starts, *in_counts, *in_starts;
     MPI_Datatype type;
@@ -156,6 +162,8 @@ static int allocate_exchange(struct kiln_exchange *e, struct kiln_error *error)
         status = kiln_allocate(&e->order, e->result->surface->fragment_count, sizeof(size_t), "the exchange of points", error);
     if (status == KILN_OK)
         status = kiln_allocate(&e->out, e->limit * ranks, sizeof *e->out, "points to send", error);
+    if (status == KILN_OK) /* a fragment has a point at least */
+        status = kiln_allocate(&e->places, e->limit * ranks, sizeof *e->places, "points to send", error);
     for (size_t i = 0; status == KILN_OK && i < sizeof counts / sizeof *counts; i++)
         status = kiln_allocate(counts[i], ranks, sizeof(int), "the exchange of points", error);
     return status;
@@ -200,6 +208,7 @@ void kiln_exchange_destroy(struct kiln_exchange **exchange)
     kiln_free(&e->cursor);
     kiln_free(&e->order);
     kiln_free(&e->out);
+    kiln_free(&e->places);
     kiln_free(&e->in);
     kiln_free(&e->out_counts);
     kiln_free(&e->out_starts);
@@ -231,31 +240,43 @@ static int pack_fragment(const struct kiln_exchange *e, size_t fragment, struct 
     return KILN_OK;
 }
 
-/* Packs as many fragments for each rank as fit; `more` tells whether something is left. */
-static int pack_pass(struct kiln_exchange *e, uint32_t round, int *more, struct kiln_error *error)
+/* Finds places for as many fragments for each rank as fit; `more` tells whether something is left. Returns how many. */
+static size_t plan_pass(struct kiln_exchange *e, uint32_t round, int *more)
 {
-    int total = 0;
+    size_t total = 0, count = 0;
     *more = 0;
     for (int rank = 0; rank < e->ranks; rank++) {
         const uint64_t end = e->bucket_first[(size_t)round * (size_t)e->ranks + (size_t)rank + 1];
-        e->out_starts[rank] = total;
+        e->out_starts[rank] = (int)total;
         size_t packed = 0;
-        while (e->cursor[rank] < end) {
+        for (; e->cursor[rank] < end; e->cursor[rank]++) {
             const size_t fragment = e->order[e->cursor[rank]];
-            const uint32_t count = e->result->surface->fragments[fragment].count;
-            if (packed + count > e->limit)
+            if (packed + e->result->surface->fragments[fragment].count > e->limit)
                 break;
-            const int status = pack_fragment(e, fragment, e->out + total + packed, error);
-            if (status != KILN_OK)
-                return status;
-            packed += count;
-            e->cursor[rank]++;
+            e->places[count++] = (struct place){.fragment = fragment, .at = total + packed};
+            packed += e->result->surface->fragments[fragment].count;
         }
         *more = *more || e->cursor[rank] < end;
         e->out_counts[rank] = (int)packed;
-        total += (int)packed;
+        total += packed;
     }
-    return KILN_OK;
+    return count;
+}
+
+static int pack_pass(struct kiln_exchange *e, uint32_t round, int *more, struct kiln_error *error)
+{
+    const size_t count = plan_pass(e, round, more);
+    int status = KILN_OK;
+#pragma omp parallel for schedule(dynamic, 32)
+    for (size_t i = 0; i < count; i++) {
+        struct kiln_error mine = {{0}};
+        const int result = pack_fragment(e, e->places[i].fragment, e->out + e->places[i].at, &mine);
+        if (result == KILN_OK)
+            continue;
+#pragma omp critical(kiln_pack_pass)
+        status = kiln_fail(error, result, "%s", mine.message);
+    }
+    return status;
 }
 
 static int mpi_failed(const char *what, struct kiln_error *error)
@@ -294,6 +315,7 @@ int kiln_exchange_round(struct kiln_exchange *e, uint32_t round, void (*put)(voi
             status = travel(e, &received, error);
         if (status != KILN_OK)
             return status;
+#pragma omp parallel for schedule(static)
         for (int i = 0; i < received; i++)
             put(context, &e->in[i]);
         if (MPI_Allreduce(&mine, &more, 1, MPI_INT, MPI_MAX, comm) != MPI_SUCCESS)

@@ -35,7 +35,7 @@ int kiln_exchange_create(struct kiln_exchange **exchange, const struct kiln_bake
 void kiln_exchange_destroy(struct kiln_exchange **exchange);
 
 /* Collective. Sends the own points of all objects of the round and calls `put` for each point of this rank's objects, in an
- * order that depends on the partition; each point comes exactly once. KILN_BUG when a value is not finite. */
+ * order that depends on the partition and from several threads at once; each point comes exactly once. KILN_BUG when a value is not finite. */
 int kiln_exchange_round(struct kiln_exchange *exchange, uint32_t round,
                         void (*put)(void *context, const struct kiln_texel_record *record), void *context,
                         struct kiln_error *error);

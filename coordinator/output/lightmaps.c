@@ -1,4 +1,5 @@
 #include <math.h>
+#include <omp.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -229,14 +230,32 @@ static int open_round(const struct writer *w, const struct kiln_deal *deal, uint
     return KILN_OK;
 }
 
-/* Objects are independent of each other, so threads take one each. The first failing object's sentence is kept. */
+/* Threads for an object: its share of the round's texels. Small ones get one. */
+static int share_of_threads(const struct writer *w, uint32_t object, uint64_t texels, int of)
+{
+    const struct kiln_lightmap *lightmap = &w->result->surface->lightmaps[object];
+    const double share = (double)lightmap->width * lightmap->height / (double)texels;
+    const long threads = lround(share * of);
+    return threads < 1 ? 1 : (int)threads;
+}
+
+/* Objects are independent of each other, so threads take one each; a large one is worked on by several (the loops inside it are
+ * parallel, too). The first failing object's sentence is kept. */
 static int write_round(const struct writer *w, const uint32_t *own, size_t count, struct kiln_error *error)
 {
     size_t first_failed = SIZE_MAX;
     int status = KILN_OK;
-#pragma omp parallel for schedule(dynamic, 1)
+    uint64_t texels = 0;
+    for (size_t i = 0; i < count; i++)
+        texels += (uint64_t)w->result->surface->lightmaps[own[i]].width * w->result->surface->lightmaps[own[i]].height;
+    const int threads = omp_get_max_threads(), team = count < (size_t)threads ? (int)count : threads, levels = omp_get_max_active_levels();
+    if (count == 0)
+        return KILN_OK;
+    omp_set_max_active_levels(2);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(team)
     for (size_t i = 0; i < count; i++) {
         struct kiln_error mine = {{0}};
+        omp_set_num_threads(share_of_threads(w, own[i], texels, threads)); /* of the loops inside */
         const int result = write_object(w, own[i], &mine);
         if (result == KILN_OK)
             continue;
@@ -246,6 +265,7 @@ static int write_round(const struct writer *w, const uint32_t *own, size_t count
             status = kiln_fail(error, result, "%s", mine.message);
         }
     }
+    omp_set_max_active_levels(levels);
     return status;
 }
 

@@ -175,23 +175,20 @@ int kiln_map_fill(struct kiln_map *map, struct kiln_error *error)
 
 /* ---- nearest texels ---- */
 
-/* Column by column: the nearest row that has one, or KILN_NONE. */
-static void nearest_rows(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t *row)
+/* In the columns [first, last): the nearest row that has one, or KILN_NONE. Down, then up, so that memory is read along rows. */
+static void nearest_rows(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t first, uint32_t last, uint32_t *row)
 {
-    for (uint32_t x = 0; x < width; x++) {
-        uint32_t last = KILN_NONE;
-        for (uint32_t y = 0; y < height; y++) {
-            if (state[(size_t)y * width + x] >= least)
-                last = y;
-            row[(size_t)y * width + x] = last;
-        }
-        last = KILN_NONE;
-        for (uint32_t y = height; y-- > 0;) {
-            uint32_t *here = &row[(size_t)y * width + x];
-            if (*here == y)
-                last = y;
-            else if (last != KILN_NONE && (*here == KILN_NONE || last - y < y - *here))
-                *here = last;
+    for (uint32_t y = 0; y < height; y++) {
+        const size_t line = (size_t)y * width;
+        for (uint32_t x = first; x < last; x++)
+            row[line + x] = state[line + x] >= least ? y : y > 0 ? row[line - width + x] : KILN_NONE;
+    }
+    for (uint32_t y = height > 0 ? height - 1 : 0; y-- > 0;) {
+        const size_t line = (size_t)y * width;
+        for (uint32_t x = first; x < last; x++) { /* what stands below is the nearest from there, above or below */
+            const uint32_t below = row[line + width + x], here = row[line + x];
+            if (below != KILN_NONE && below > y && (here == KILN_NONE || below - y < y - here))
+                row[line + x] = below;
         }
     }
 }
@@ -230,42 +227,63 @@ static void row_envelope(struct envelope *e, const uint32_t *row, int64_t y, int
     }
 }
 
+static void nearest_in_row(struct envelope *e, uint32_t *row, uint32_t *out, uint32_t y, uint32_t width)
+{
+    memcpy(row, out, width * sizeof *row);
+    row_envelope(e, row, y, width);
+    int64_t at = e->count - 1;
+    for (int64_t x = (int64_t)width - 1; at >= 0 && x >= 0; x--) {
+        out[x] = row[e->site[at]] * width + (uint32_t)e->site[at];
+        if (x == e->from[at])
+            at--;
+    }
+}
+
+/* All rows, shared by the threads, each with its own scratch. */
+static int nearest_in_rows(uint32_t *nearest, uint32_t width, uint32_t height, struct kiln_error *error)
+{
+    int status = KILN_OK;
+#pragma omp parallel
+    {
+        struct kiln_error mine = {{0}};
+        struct envelope e = {0};
+        uint32_t *row = NULL;
+        int64_t *scratch = NULL;
+        int result = kiln_allocate(&scratch, 3 * (size_t)width, sizeof *scratch, "a distance transform", &mine);
+        if (result == KILN_OK)
+            result = kiln_allocate(&row, width, sizeof *row, "a distance transform", &mine);
+        if (result == KILN_OK)
+            e = (struct envelope){.site = scratch, .from = scratch + width, .height = scratch + 2 * (size_t)width};
+        else
+#pragma omp critical(kiln_nearest_in_rows)
+            status = kiln_fail(error, result, "%s", mine.message);
+#pragma omp barrier
+        const bool ready = status == KILN_OK;
+#pragma omp for schedule(static)
+        for (uint32_t y = 0; y < height; y++)
+            if (ready)
+                nearest_in_row(&e, row, nearest + (size_t)y * width, y, width);
+        kiln_free(&scratch);
+        kiln_free(&row);
+    }
+    return status;
+}
+
 int kiln_nearest_texels(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t *nearest,
                         struct kiln_error *error)
 {
-    struct envelope e = {0};
-    uint32_t *row = NULL;
-    int status = kiln_allocate(&e.site, width, sizeof(int64_t), "a distance transform", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e.from, width, sizeof(int64_t), "a distance transform", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e.height, width, sizeof(int64_t), "a distance transform", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&row, width, sizeof(uint32_t), "a distance transform", error);
-    if (status == KILN_OK)
-        nearest_rows(state, least, width, height, nearest);
-    for (uint32_t y = 0; status == KILN_OK && y < height; y++) {
-        uint32_t *out = nearest + (size_t)y * width;
-        memcpy(row, out, width * sizeof *row);
-        row_envelope(&e, row, y, width);
-        int64_t at = e.count - 1;
-        for (int64_t x = (int64_t)width - 1; at >= 0 && x >= 0; x--) {
-            out[x] = row[e.site[at]] * width + (uint32_t)e.site[at];
-            if (x == e.from[at])
-                at--;
-        }
-    }
-    kiln_free(&e.site);
-    kiln_free(&e.from);
-    kiln_free(&e.height);
-    kiln_free(&row);
-    return status;
+    const uint32_t at_once = 256, blocks = (width + at_once - 1) / at_once;
+#pragma omp parallel for schedule(static)
+    for (uint32_t b = 0; b < blocks; b++)
+        nearest_rows(state, least, width, height, b * at_once, (b + 1) * at_once < width ? (b + 1) * at_once : width, nearest);
+    return nearest_in_rows(nearest, width, height, error);
 }
 
 uint64_t kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest)
 {
     const size_t count = kiln_map_texels(map);
     uint64_t dilated = 0;
+#pragma omp parallel for schedule(static) reduction(+ : dilated)
     for (size_t i = 0; i < count; i++) {
         if (map->state[i] != KILN_TEXEL_MARGIN || nearest[i] == KILN_NONE)
             continue;
