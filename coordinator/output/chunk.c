@@ -23,15 +23,19 @@ static void unshuffle(const uint8_t *planes, size_t count, size_t size, uint8_t 
 
 size_t kiln_chunk_bound(size_t bytes) { return compressBound((uLong)bytes); }
 
-int kiln_chunk_pack(const void *values, size_t count, size_t size, void *shuffled, void *packed, size_t *packed_bytes,
+int kiln_chunk_pack(const void *values, size_t count, size_t size, bool noisy, void *shuffled, void *packed, size_t *packed_bytes,
                     struct kiln_error *error)
 {
-    uLongf length = compressBound((uLong)(count * size));
+    z_stream stream = {.next_in = shuffled, .avail_in = (uInt)(count * size), .next_out = packed,
+                       .avail_out = (uInt)kiln_chunk_bound(count * size)};
+    enum { WINDOW_BITS = 15, MEMORY_LEVEL = 8 }; /* as compress2 has them */
     shuffle(values, count, size, shuffled);
-    if (compress2(packed, &length, shuffled, (uLong)(count * size), LEVEL) != Z_OK)
-        return kiln_fail(error, KILN_SYSTEM, "zlib cannot pack %zu bytes (out of memory?)", count * size);
-    *packed_bytes = length;
-    return KILN_OK;
+    if (deflateInit2(&stream, LEVEL, Z_DEFLATED, WINDOW_BITS, MEMORY_LEVEL, noisy ? Z_RLE : Z_DEFAULT_STRATEGY) != Z_OK)
+        return kiln_fail(error, KILN_SYSTEM, "zlib cannot pack %zu bytes: out of memory", count * size);
+    const int done = deflate(&stream, Z_FINISH);
+    *packed_bytes = stream.total_out;
+    (void)deflateEnd(&stream);
+    return done == Z_STREAM_END ? KILN_OK : kiln_fail(error, KILN_BUG, "zlib packs %zu bytes into more than its bound", count * size);
 }
 
 int kiln_chunk_unpack(const void *packed, size_t packed_bytes, size_t count, size_t size, void *shuffled, void *values,

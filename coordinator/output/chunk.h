@@ -4,6 +4,7 @@
 #ifndef KILN_COORDINATOR_OUTPUT_CHUNK_H
 #define KILN_COORDINATOR_OUTPUT_CHUNK_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -12,9 +13,10 @@
 /* The most that kiln_chunk_pack makes of so many bytes. */
 size_t kiln_chunk_bound(size_t bytes);
 
-/* Packs `count` values of `size` bytes each. `shuffled` has room for count x size bytes, `packed` for their bound; *packed_bytes
+/* Packs `count` values of `size` bytes each. `noisy` leaves out the search for what stood before, which takes twice the time and finds
+ * little among the low bytes of measured numbers; only runs are packed then, and frequent bytes get short codes. `shuffled` has room for count x size bytes, `packed` for their bound; *packed_bytes
  * is what was made. KILN_SYSTEM without memory. */
-int kiln_chunk_pack(const void *values, size_t count, size_t size, void *shuffled, void *packed, size_t *packed_bytes,
+int kiln_chunk_pack(const void *values, size_t count, size_t size, bool noisy, void *shuffled, void *packed, size_t *packed_bytes,
                     struct kiln_error *error);
 
 /* The reverse; KILN_IO unless exactly count x size bytes come out. */

@@ -27,6 +27,7 @@ struct kiln_column_info {
     const char *name;
     enum { KILN_DOUBLE, KILN_FLOAT, KILN_UINT32, KILN_UINT8 } type;
     uint32_t components;
+    bool noisy; /* as kiln_chunk_pack has it */
     const char *units, *description;
 };
 

@@ -177,7 +177,7 @@ static int pack_part(struct kiln_points_writer *w, size_t part, struct kiln_erro
     const uint8_t *values = (const uint8_t *)w->rows.column[column] + chunk * w->chunk_rows * kiln_column_row(column);
     size_t bytes = 0;
     const int status = kiln_chunk_pack(values, w->chunk_rows * kiln_columns[column].components, kiln_column_value(column),
-                                       w->shuffled + place, w->packed + place, &bytes, error);
+                                       kiln_columns[column].noisy, w->shuffled + place, w->packed + place, &bytes, error);
     w->batch.bytes[part] = bytes;
     return status;
 }
