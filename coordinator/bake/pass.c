@@ -4,6 +4,7 @@
 
 #include "coordinator/bake/transport_private.h"
 #include "coordinator/cli/agree.h"
+#include "shaders/random.h"
 #include "worker/base/memory.h"
 #include "worker/scene/radiosity.h"
 
@@ -124,13 +125,24 @@ static void add_energy(const struct pass_work *w, uint64_t own, const struct kil
                           (gather ? spread * spread * lost * (1.0 - lost) / w->pass->samples : 0.0);
 }
 
+/* Random bits for the 4-byte form: those of the tile, moved on for each texel by its bit reversed, so that every aligned square of texels
+ * rounds up and down in turn, and its mean is kept much better than by chance (a rotated van der Corput sequence). */
+static uint32_t compact_hash(const struct transport_state *s, const struct kiln_fragment *f, uint32_t bit)
+{
+    const uint32_t tile = kiln_hash2(transport_pack_hash(f, 0, s->step.stream), (uint32_t)s->params->job->seed);
+    uint32_t reversed = 0;
+    for (uint32_t i = 0; i < 6; i++)
+        reversed |= (bit >> i & 1u) << (9 - i);
+    return ((tile + reversed) & 1023u) | (((tile >> 10) + reversed) & 1023u) << 10 | (((tile >> 20) + reversed) & 1023u) << 20;
+}
+
 /* A texel's radiosity as it goes to the next bounce. */
-static uint64_t packed(const struct transport_state *s, const float radiosity[3], uint32_t hash)
+static uint64_t packed(const struct transport_state *s, const struct kiln_fragment *f, uint32_t bit, const float radiosity[3])
 {
     if (!s->compact)
-        return kiln_radiosity_pack(radiosity, hash);
+        return kiln_radiosity_pack(radiosity, transport_pack_hash(f, bit, s->step.stream));
     float rounded[3];
-    kiln_radiosity_expand(kiln_radiosity_compact(radiosity, s->scale, hash), s->scale, rounded);
+    kiln_radiosity_expand(kiln_radiosity_compact(radiosity, s->scale, compact_hash(s, f, bit)), s->scale, rounded);
     return kiln_radiosity_pack(rounded, 0);
 }
 
@@ -148,7 +160,7 @@ static void take_fragment(const struct pass_work *w, const struct kiln_fragment 
             radiosity[c] = albedo[c] * results->incident[c];
         add_energy(w, own, results, sums, sum);
         s->step.take(s, own, results, radiosity);
-        s->next[own] = packed(s, radiosity, transport_pack_hash(fragment, (uint32_t)__builtin_ctzll(rest), s->step.stream));
+        s->next[own] = packed(s, fragment, (uint32_t)__builtin_ctzll(rest), radiosity);
     }
 }
 

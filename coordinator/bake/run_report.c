@@ -9,7 +9,7 @@
 #include "worker/base/memory.h"
 
 /* Numbers of one rank that rank 0 wants. */
-enum { RANK_POINTS, RANK_INVALID, RANK_RSS, RANK_DIRECT, RANK_BOUNCES, RANK_FINAL, RANK_PROBES, RANK_VALUES };
+enum { RANK_POINTS, RANK_INVALID, RANK_RSS, RANK_DIRECT, RANK_BOUNCES, RANK_FINAL, RANK_PROBES, RANK_PSS, RANK_SHARED, RANK_RECEIVED, RANK_VALUES };
 
 static double luminance(const double rgb[3]) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
 
@@ -25,11 +25,11 @@ static json_t *hash_json(const uint64_t hash[2])
 /* Settings that change the result. */
 static json_t *settings_json(const struct kiln_job *job)
 {
-    return json_pack("{s:s, s:I, s:b, s:s, s:i, s:i, s:i, s:i, s:I}", "method", job->method != NULL ? job->method : "cells", "bounces",
+    return json_pack("{s:s, s:I, s:b, s:s, s:i, s:i, s:i, s:i, s:I, s:s}", "method", job->method != NULL ? job->method : "cells", "bounces",
                      (json_int_t)job->bounces, "tail", job->tail || job->bounces < 0, "schedule",
                      job->schedule == KILN_SCHEDULE_LEAN ? "lean" : "equal", "samples_direct", (int)job->samples_direct, "samples_bounce",
                      (int)job->samples_bounce, "samples_indirect", (int)job->samples_indirect, "samples_probe", (int)job->samples_probe,
-                     "seed", (json_int_t)job->seed);
+                     "seed", (json_int_t)job->seed, "exchange", job->exchange_full ? "full" : "compact");
 }
 
 static json_t *scene_json(const struct kiln_prepared *p)
@@ -63,6 +63,20 @@ static uint64_t count_invalid(const struct kiln_surface *surface)
     return invalid;
 }
 
+/* This process's part of the memory it has now, where what n processes map counts a nth for each. 0 where the system does not say. */
+static uint64_t proportional_memory(void)
+{
+    unsigned long long kibibytes = 0;
+    char line[256];
+    FILE *file = fopen("/proc/self/smaps_rollup", "re");
+    while (file != NULL && fgets(line, sizeof line, file) != NULL)
+        if (sscanf(line, "Pss: %llu kB", &kibibytes) == 1)
+            break;
+    if (file != NULL)
+        (void)fclose(file);
+    return (uint64_t)kibibytes * 1024u;
+}
+
 /* Most memory this process has had resident, bytes; 0 where the system does not say. (ru_maxrss would count what the process was
  * before it became kiln.) */
 static uint64_t peak_memory(void)
@@ -85,6 +99,9 @@ static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
     values[RANK_INVALID] = count_invalid(run->prepared->surface);
     values[RANK_RSS] = peak_memory();
     values[RANK_PROBES] = run->probe_rays;
+    values[RANK_PSS] = proportional_memory();
+    values[RANK_SHARED] = kiln_node_rank(run->prepared->node) == 0 ? kiln_node_bytes(run->prepared->node) : 0;
+    values[RANK_RECEIVED] = t->received;
     for (size_t i = 0; i < t->pass_count; i++)
         values[t->passes[i].kind == KILN_PASS_DIRECT ? RANK_DIRECT : t->passes[i].kind == KILN_PASS_BOUNCE ? RANK_BOUNCES : RANK_FINAL] +=
             t->passes[i].rays;
@@ -164,14 +181,35 @@ static json_t *balance_json(const struct kiln_run *run, const uint64_t *values)
 
 static json_t *memory_json(const struct kiln_run *run, const uint64_t *values)
 {
-    uint64_t most = 0;
-    json_t *per_rank = json_array();
+    uint64_t most = 0, shared = 0;
+    json_t *per_rank = json_array(), *proportional = json_array();
     for (int r = 0; r < run->prepared->ranks; r++) {
-        const uint64_t rss = values[(size_t)r * RANK_VALUES + RANK_RSS];
-        most = rss > most ? rss : most;
-        json_array_append_new(per_rank, json_integer((json_int_t)rss));
+        const uint64_t *rank = values + (size_t)r * RANK_VALUES;
+        most = rank[RANK_RSS] > most ? rank[RANK_RSS] : most;
+        shared = rank[RANK_SHARED] > shared ? rank[RANK_SHARED] : shared;
+        json_array_append_new(per_rank, json_integer((json_int_t)rank[RANK_RSS]));
+        json_array_append_new(proportional, json_integer((json_int_t)rank[RANK_PSS]));
     }
-    return json_pack("{s:s, s:I, s:o}", "units", "bytes", "peak_rank", (json_int_t)most, "peak_per_rank", per_rank);
+    return json_pack("{s:s, s:I, s:o, s:I, s:o}", "units", "bytes", "peak_rank", (json_int_t)most, "peak_per_rank", per_rank, "shared_node",
+                     (json_int_t)shared, "proportional_per_rank", proportional);
+}
+
+/* What the ranks spent in exchanges and in waiting for each other, as a share of the run so far. Collective; rank 0 gets it. */
+static json_t *mpi_json(const struct kiln_run *run)
+{
+    const struct kiln_prepared *p = run->prepared;
+    const struct kiln_transport_report *t = &run->transport->report;
+    double spent = t->waiting_seconds;
+    for (size_t i = 0; i < t->pass_count; i++)
+        spent += t->passes[i].exchange_seconds;
+    const double all = MPI_Wtime() - run->phases->begin, share = all > 0.0 ? fmin(1.0, spent / all) : 0.0;
+    double low, high, sum;
+    (void)MPI_Reduce(&share, &low, 1, MPI_DOUBLE, MPI_MIN, 0, p->communicator);
+    (void)MPI_Reduce(&share, &high, 1, MPI_DOUBLE, MPI_MAX, 0, p->communicator);
+    (void)MPI_Reduce(&share, &sum, 1, MPI_DOUBLE, MPI_SUM, 0, p->communicator);
+    if (p->rank != 0)
+        return NULL;
+    return json_pack("{s:{s:f, s:f, s:f}}", "waiting_share", "min", low, "avg", sum / p->ranks, "max", high);
 }
 
 static json_t *rays_json(const uint64_t *values, int ranks, double *total)
@@ -199,7 +237,7 @@ static double tracing_seconds(const json_t *phases)
     return sum;
 }
 
-static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t *error_reached, const uint64_t *values)
+static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t *error_reached, json_t *mpi, const uint64_t *values)
 {
     const struct kiln_prepared *p = run->prepared;
     const struct kiln_transport_report *t = &run->transport->report;
@@ -241,6 +279,11 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
                                                   p->surface_report.worst_object_area_error));
     json_object_set_new(root, "balance", balance_json(run, values));
     json_object_set_new(root, "memory", memory_json(run, values));
+    uint64_t received = 0;
+    for (int r = 0; r < p->ranks; r++)
+        received += values[(size_t)r * RANK_VALUES + RANK_RECEIVED];
+    json_object_set_new(mpi, "received_between_nodes", json_integer((json_int_t)received));
+    json_object_set_new(root, "mpi", mpi);
     if (run->volume->size[0] != 0)
         json_object_set_new(root, "volume", json_pack("{s:[I,I,I], s:[f,f,f], s:[f,f,f]}", "size", (json_int_t)run->volume->size[0],
                                                       (json_int_t)run->volume->size[1], (json_int_t)run->volume->size[2], "origin",
@@ -260,12 +303,12 @@ json_t *kiln_run_report(const struct kiln_run *run)
         MPI_Abort(p->communicator, KILN_SYSTEM);
     (void)MPI_Gather(own, RANK_VALUES, MPI_UINT64_T, values, RANK_VALUES, MPI_UINT64_T, 0, p->communicator);
     json_t *phases = kiln_phases_json(run->phases, p->communicator);
-    json_t *error_reached = error_json(run);
+    json_t *error_reached = error_json(run), *mpi = mpi_json(run);
     if (p->rank != 0) {
         json_decref(error_reached);
         return NULL;
     }
-    json_t *root = report_on_root(run, phases, error_reached, values);
+    json_t *root = report_on_root(run, phases, error_reached, mpi, values);
     free(values);
     return root;
 }
