@@ -16,6 +16,8 @@ struct lane {
     uint64_t *ranges;   /* of each member: first, count; 0 values where it only receives */
     int *counts, *places;
     uint32_t started;   /* groups of this bounce */
+    double since;       /* when the last one was */
+    uint64_t bytes;     /* of it, to receive */
     MPI_Request *requests;
     size_t request_count, request_room;
 };
@@ -186,7 +188,9 @@ static void start_group(struct kiln_spread *x, struct lane *lane, void *all, siz
     for (int m = 0; m < lane->members; m++)
         sum += group_begin(lane->ranges[2 * m + 1], group + 1, groups) - group_begin(lane->ranges[2 * m + 1], group, groups);
     const uint64_t own = group_begin(x->params.count, group + 1, groups) - group_begin(x->params.count, group, groups);
-    x->received += (sum - (lane->own ? own : 0)) * size;
+    lane->since = MPI_Wtime();
+    lane->bytes = (sum - (lane->own ? own : 0)) * size;
+    x->received += lane->bytes;
     if (x->params.total > x->params.limit) {
         start_pieces(x, lane, all, size, type, group, groups);
         return;
@@ -201,13 +205,16 @@ static void start_group(struct kiln_spread *x, struct lane *lane, void *all, siz
 }
 
 /* Whether all that was started is over. Never waits. */
-static bool settled(struct lane *lane)
+static bool settled(const struct kiln_spread *x, struct lane *lane)
 {
     int complete = 1;
-    if (lane->request_count > 0)
-        (void)MPI_Testall((int)lane->request_count, lane->requests, &complete, MPI_STATUSES_IGNORE);
-    if (complete != 0)
+    if (lane->request_count == 0)
+        return true;
+    (void)MPI_Testall((int)lane->request_count, lane->requests, &complete, MPI_STATUSES_IGNORE);
+    if (complete != 0) {
+        kiln_trace_add(x->params.trace, KILN_TRACE_TRAVEL, "group of points", lane->since, MPI_Wtime(), (int64_t)lane->bytes);
         lane->request_count = 0;
+    }
     return complete != 0;
 }
 
@@ -252,7 +259,7 @@ static void compact(struct kiln_spread *x, const uint64_t *next, uint64_t begin,
 static void advance_lane(struct kiln_spread *x, struct lane *lane, const uint64_t *next, uint64_t done)
 {
     const uint32_t groups = x->params.groups;
-    while (settled(lane) && lane->started < groups) {
+    while (settled(x, lane) && lane->started < groups) {
         const uint32_t group = lane->started;
         const uint64_t begin = group_begin(x->params.count, group, groups), end = group_begin(x->params.count, group + 1, groups);
         if (lane->own && done < end)
@@ -278,7 +285,7 @@ static void drive(struct kiln_spread *x, const uint64_t *next, uint32_t groups)
         busy = false;
         for (size_t i = 0; i < x->lane_count; i++) {
             struct lane *lane = &x->lanes[i];
-            if (settled(lane) && lane->started < groups) {
+            if (settled(x, lane) && lane->started < groups) {
                 if (lane->own && next != NULL)
                     compact(x, next, group_begin(x->params.count, lane->started, all), group_begin(x->params.count, lane->started + 1, all));
                 start_group(x, lane, x->incoming, sizeof *x->incoming, lane->started++, all);

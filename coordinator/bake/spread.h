@@ -19,11 +19,13 @@
 #include <stdint.h>
 
 #include "coordinator/bake/node_memory.h"
+#include "coordinator/bake/trace.h"
 
 struct kiln_spread_params {
     MPI_Comm communicator;
     struct kiln_node_memory *node; /* of the same communicator; borrowed */
     uint64_t total, first, count;  /* points; own ones. The ranks' ranges follow one another and cover all */
+    struct kiln_trace *trace;      /* may be NULL */
     uint32_t groups;               /* a bounce; 0: chosen by their size */
     uint64_t limit;                /* of elements in a call; 0: what int holds */
 };

@@ -9,7 +9,7 @@
 
 enum { NAME = 32, LINE = 256, TAG = 11 };
 
-static const char *const rows[KILN_TRACE_ROWS] = {"phase", "pass", "batch", "exchange", "checkpoint", "wait"};
+static const char *const rows[KILN_TRACE_ROWS] = {"phase", "pass", "batch", "exchange", "on its way", "checkpoint", "wait"};
 
 struct event {
     enum kiln_trace_row row;

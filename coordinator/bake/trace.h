@@ -10,7 +10,8 @@
 
 #include "worker/base/status.h"
 
-enum kiln_trace_row { KILN_TRACE_PHASE, KILN_TRACE_PASS, KILN_TRACE_BATCH, KILN_TRACE_EXCHANGE, KILN_TRACE_CHECKPOINT, KILN_TRACE_WAIT, KILN_TRACE_ROWS };
+/* EXCHANGE: a rank is busy with it, or waits; TRAVEL: a group of points is on its way, while other things are done. */
+enum kiln_trace_row { KILN_TRACE_PHASE, KILN_TRACE_PASS, KILN_TRACE_BATCH, KILN_TRACE_EXCHANGE, KILN_TRACE_TRAVEL, KILN_TRACE_CHECKPOINT, KILN_TRACE_WAIT, KILN_TRACE_ROWS };
 
 struct kiln_trace;
 

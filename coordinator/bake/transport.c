@@ -368,6 +368,7 @@ static int make_spread(struct transport_state *s, struct kiln_error *error)
                                               .total = p->surface->point_count,
                                               .first = p->surface->first,
                                               .count = p->surface->count,
+                                              .trace = p->trace,
                                               .limit = p->job->exchange_limit};
     const int status = kiln_spread_create(&s->out->spread, &params, error);
     if (status == KILN_OK)
