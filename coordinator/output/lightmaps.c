@@ -1,6 +1,7 @@
 #include <math.h>
 #include <omp.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "coordinator/cli/agree.h"
@@ -213,7 +214,15 @@ static void put_point(void *context, const struct kiln_texel_record *record)
         map->planes[p][texel] = record->values[p];
 }
 
-/* Own objects of the round into `own`; makes their maps. */
+static int compare_texels(const void *a, const void *b, void *context)
+{
+    const struct kiln_lightmap *maps = context;
+    const uint32_t i = *(const uint32_t *)a, j = *(const uint32_t *)b;
+    const uint64_t p = (uint64_t)maps[i].width * maps[i].height, q = (uint64_t)maps[j].width * maps[j].height;
+    return p != q ? (p > q ? -1 : 1) : (i > j) - (i < j);
+}
+
+/* Own objects of the round into `own`, the largest first, so that no thread begins it when the others are done; makes their maps. */
 static int open_round(const struct writer *w, const struct kiln_deal *deal, uint32_t rank, uint32_t round, uint32_t *own, size_t *count,
                       struct kiln_error *error)
 {
@@ -227,6 +236,7 @@ static int open_round(const struct writer *w, const struct kiln_deal *deal, uint
             return status;
         own[(*count)++] = (uint32_t)i;
     }
+    qsort_r(own, *count, sizeof *own, compare_texels, w->result->surface->lightmaps);
     return KILN_OK;
 }
 
