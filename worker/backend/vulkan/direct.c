@@ -10,13 +10,13 @@
 #include "shaders/direct_reduce.h"
 #include "shaders/direct_reduce_float.h"
 
-static const struct vulkan_shader choose_shader = {.name = "direct: choices of lights", .compute = VULKAN_CODE(choose), .compute_float = VULKAN_CODE(choose_float)};
-static const struct vulkan_shader direct_shader = {.name = "direct",
+const struct vulkan_shader vulkan_choose_shader = {.name = "direct: choices of lights", .compute = VULKAN_CODE(choose), .compute_float = VULKAN_CODE(choose_float)};
+const struct vulkan_shader vulkan_direct_shader = {.name = "direct",
                                                    .compute = VULKAN_CODE(direct),
                                                    .pipeline = VULKAN_CODE(direct_pipeline),
                                                    .compute_float = VULKAN_CODE(direct_float),
                                                    .pipeline_float = VULKAN_CODE(direct_pipeline_float)};
-static const struct vulkan_shader reduce_shader = {.name = "direct: sums", .compute = VULKAN_CODE(direct_reduce), .compute_float = VULKAN_CODE(direct_reduce_float)};
+const struct vulkan_shader vulkan_direct_sums_shader = {.name = "direct: sums", .compute = VULKAN_CODE(direct_reduce), .compute_float = VULKAN_CODE(direct_reduce_float)};
 
 /* Push constants of all three, as shaders/direct.glsl has them. */
 struct direct_push {
@@ -39,18 +39,18 @@ static int prepare(void *context, struct kiln_error *error)
     struct direct *d = context;
     int status = vulkan_sobol(d->b, d->samples + 1, error); /* a lone choice gets all samples, rounded up at most */
     if (status == KILN_OK)
-        status = vulkan_kernel_of(d->b, &choose_shader, false, 0, &d->choose, error);
+        status = vulkan_kernel_of(d->b, &vulkan_choose_shader, false, 0, &d->choose, error);
     if (status == KILN_OK)
-        status = vulkan_kernel_of(d->b, &direct_shader, false, 0, &d->whole, error);
+        status = vulkan_kernel_of(d->b, &vulkan_direct_shader, false, 0, &d->whole, error);
     if (status == KILN_OK)
-        status = vulkan_kernel_of(d->b, &reduce_shader, false, 0, &d->reduce, error);
+        status = vulkan_kernel_of(d->b, &vulkan_direct_sums_shader, false, 0, &d->reduce, error);
     return status;
 }
 
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording, struct kiln_error *error)
 {
     struct direct *d = context;
-    const int status = chunk->buried.count > 0 ? vulkan_kernel_of(d->b, &direct_shader, true, 0, &d->buried, error) : KILN_OK;
+    const int status = chunk->buried.count > 0 ? vulkan_kernel_of(d->b, &vulkan_direct_shader, true, 0, &d->buried, error) : KILN_OK;
     if (status != KILN_OK)
         return status;
     struct direct_push push = {.scene = d->b->scene.address,

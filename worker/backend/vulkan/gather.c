@@ -6,8 +6,8 @@
 #include "shaders/gather_pipeline.h"
 #include "shaders/gather_reduce.h"
 
-static const struct vulkan_shader gather_shader = {.name = "gather", .compute = VULKAN_CODE(gather), .pipeline = VULKAN_CODE(gather_pipeline)};
-static const struct vulkan_shader reduce_shader = {.name = "gather: sums", .compute = VULKAN_CODE(gather_reduce)};
+const struct vulkan_shader vulkan_gather_shader = {.name = "gather", .compute = VULKAN_CODE(gather), .pipeline = VULKAN_CODE(gather_pipeline)};
+const struct vulkan_shader vulkan_gather_sums_shader = {.name = "gather: sums", .compute = VULKAN_CODE(gather_reduce)};
 
 /* Push constants, as the shaders have them. */
 struct gather_push {
@@ -36,7 +36,7 @@ struct gather {
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording, struct kiln_error *error)
 {
     struct gather *g = context;
-    const int status = chunk->buried.count > 0 ? vulkan_kernel_of(g->b, &gather_shader, true, g->lookup, &g->buried, error) : KILN_OK;
+    const int status = chunk->buried.count > 0 ? vulkan_kernel_of(g->b, &vulkan_gather_shader, true, g->lookup, &g->buried, error) : KILN_OK;
     if (status != KILN_OK)
         return status;
     struct gather_push push = {.scene = g->b->scene.address,
@@ -82,9 +82,9 @@ static int prepare(void *context, struct kiln_error *error)
     struct gather *g = context;
     int status = vulkan_sobol(g->b, g->samples, error);
     if (status == KILN_OK)
-        status = vulkan_kernel_of(g->b, &gather_shader, false, g->lookup, &g->whole, error);
+        status = vulkan_kernel_of(g->b, &vulkan_gather_shader, false, g->lookup, &g->whole, error);
     if (status == KILN_OK)
-        status = vulkan_kernel_of(g->b, &reduce_shader, false, 0, &g->reduce, error);
+        status = vulkan_kernel_of(g->b, &vulkan_gather_sums_shader, false, 0, &g->reduce, error);
     return status;
 }
 

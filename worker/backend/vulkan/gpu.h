@@ -110,6 +110,7 @@ struct gpu_hit_shaders {
     const uint32_t *closest_hit, *any_hit, *miss;
     size_t closest_hit_bytes, any_hit_bytes, miss_bytes;
 };
+/* Compute kernels, and only they, may be made by several threads at once when there are no faults on purpose. */
 int gpu_kernel_create(struct gpu *gpu, struct gpu_kernel **kernel, const struct gpu_kernel_params *params, struct kiln_error *error);
 void gpu_kernel_destroy(struct gpu *gpu, struct gpu_kernel **kernel);
 

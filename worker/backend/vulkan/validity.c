@@ -5,7 +5,7 @@
 #include "shaders/validity.h"
 #include "shaders/validity_pipeline.h"
 
-static const struct vulkan_shader shader = {.name = "validity", .compute = VULKAN_CODE(validity), .pipeline = VULKAN_CODE(validity_pipeline)};
+const struct vulkan_shader vulkan_validity_shader = {.name = "validity", .compute = VULKAN_CODE(validity), .pipeline = VULKAN_CODE(validity_pipeline)};
 
 enum { FIRST_LOOK = 16, SECOND_LOOK = 64 };
 
@@ -131,7 +131,7 @@ static int prepare(void *context, struct kiln_error *error)
 {
     struct validity *v = context;
     const int status = vulkan_sobol(v->b, SECOND_LOOK, error);
-    return status == KILN_OK ? vulkan_kernel_of(v->b, &shader, false, 0, &v->kernel, error) : status;
+    return status == KILN_OK ? vulkan_kernel_of(v->b, &vulkan_validity_shader, false, 0, &v->kernel, error) : status;
 }
 
 int vulkan_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible, struct kiln_error *error)

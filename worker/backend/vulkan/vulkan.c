@@ -255,12 +255,34 @@ static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error)
     return gpu_upload(b->gpu, &b->radiosity_buffer, 0, b->radiosity, b->surface->point_count * sizeof *b->radiosity, error);
 }
 
+/* Makes the kernels that every bake needs, all at once: drivers take a second for some, and each on one core (a software device: when they first run). What fails here is
+ * made again, and reported, when it is asked for. */
+static void make_kernels_ahead(struct vulkan_backend *b, struct kiln_error *error)
+{
+    struct vulkan_kernel wished[] = {{.shader = &vulkan_direct_shader}, {.shader = &vulkan_gather_shader, .own = 1}, {.shader = &vulkan_choose_shader},
+                                     {.shader = &vulkan_validity_shader}, {.shader = &vulkan_direct_sums_shader}, {.shader = &vulkan_gather_sums_shader}};
+    enum { COUNT = sizeof wished / sizeof *wished };
+    if (gpu_about(b->gpu)->software || b->tracer.acceleration != NULL || b->faults.kind != GPU_FAULT_NONE || b->kernel_count > COUNT ||
+        kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + COUNT, sizeof *b->kernels, "the device's kernels", error) != KILN_OK)
+        return;
+#pragma omp parallel for num_threads(COUNT) schedule(static, 1)
+    for (int i = 0; i < COUNT; i++) {
+        struct kiln_error ignored;
+        (void)make_kernel(b, &wished[i], &ignored);
+    }
+    for (int i = 0; i < COUNT; i++)
+        if (wished[i].kernel != NULL)
+            b->kernels[b->kernel_count++] = wished[i];
+}
+
 static int vulkan_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     b->surface = surface;
     b->radiosity = NULL;
     const int status = upload_surface(b, error);
+    if (status == KILN_OK)
+        make_kernels_ahead(b, error);
     return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
 }
 

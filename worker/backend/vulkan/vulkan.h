@@ -27,6 +27,9 @@ struct vulkan_shader {
 };
 #define VULKAN_CODE(name) {kiln_spirv_##name, sizeof kiln_spirv_##name}
 
+extern const struct vulkan_shader vulkan_validity_shader, vulkan_choose_shader, vulkan_direct_shader, vulkan_direct_sums_shader, vulkan_gather_shader,
+    vulkan_gather_sums_shader;
+
 /* The numbers of the specialisation constants that all kernels share (shaders/kernel.glsl); more are each kernel's own. */
 enum vulkan_constant { VULKAN_TRAVERSAL, VULKAN_HAS_ALPHA, VULKAN_HAS_SMOOTH, VULKAN_LIGHT_KINDS, VULKAN_DRAW_AGAIN, VULKAN_OWN, VULKAN_CONSTANTS };
 
