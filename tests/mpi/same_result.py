@@ -1,7 +1,7 @@
 """The same bits from any number of ranks and threads and from either partition; the same lightmaps from any cell size.
 
 Lightmaps are compared byte by byte, whole files; volume.hdf dataset by dataset; kiln.h5 after sorting its points by object and
-texel, since its order follows the cells. Scenes that leave ranks or cells with nothing to do are among them.
+texel, since its order follows the cells; once there are so many points that ranks share chunks of it. Scenes that leave ranks or cells with nothing to do are among them.
 """
 import hashlib
 import os
@@ -153,6 +153,7 @@ def main():
     table = harness.Table(('scene', 22), ('how', 32), ('seconds', 8), ('result', 10), ('energy', 36))
     first = try_all(checks, kiln, table, 'cornell_original', cornell, ['--lightmap-size', 32, '--cell-size', 1], RANKS, (1, 2), ('cells', 'objects'))
     try_all(checks, kiln, table, 'punctual_zoo', zoo, ['--lightmap-size', 24], (1, 3, 8), (1, 2), ('cells', 'objects'))
+    try_all(checks, kiln, table, 'several chunks of points', cornell, ['--lightmap-size', 128, '--cell-size', 1], (1, 3, 5), (2,), ('cells', 'objects'))
     try_cell_sizes(checks, kiln, table, 'cornell_original', cornell, ['--lightmap-size', 32], (0.3, 1, 2.7, 100))
     try_cell_sizes(checks, kiln, table, 'punctual_zoo', zoo, ['--lightmap-size', 24], (0.5, 50))
     try_odd_scenes(checks, kiln, table)
