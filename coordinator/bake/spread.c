@@ -1,12 +1,13 @@
 #include "coordinator/bake/spread.h"
 
 #include <limits.h>
+#include <sched.h>
 #include <string.h>
 
 #include "coordinator/cli/agree.h"
 #include "worker/scene/radiosity.h"
 
-enum { GROUPS_MOST = 8, GROUP_POINTS = 1 << 16 };
+enum { GROUPS_MOST = 8, GROUP_POINTS = 512 };
 
 /* Ranks of different nodes that exchange with each other, one of each. */
 struct lane {
@@ -247,7 +248,7 @@ static void compact(struct kiln_spread *x, const uint64_t *next, uint64_t begin,
 {
     const double scale = x->scale;
     uint32_t *out = x->incoming + x->params.first;
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) num_threads((int)x->params.threads)
     for (uint64_t i = begin; i < end; i++) {
         float rgb[3];
         kiln_radiosity_unpack(next[i], rgb);
@@ -292,6 +293,8 @@ static void drive(struct kiln_spread *x, const uint64_t *next, uint32_t groups)
             }
             busy = busy || lane->request_count > 0 || lane->started < groups;
         }
+        if (busy)
+            (void)sched_yield(); /* a rank that is not done may want the core */
     }
 }
 
@@ -302,7 +305,7 @@ static void expand(struct kiln_spread *x)
     const uint64_t begin = total / ranks * rank + total % ranks * rank / ranks;
     const uint64_t end = total / ranks * (rank + 1) + total % ranks * (rank + 1) / ranks;
     const double scale = x->scale;
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) num_threads((int)x->params.threads)
     for (uint64_t i = begin; i < end; i++) {
         float rgb[3];
         kiln_radiosity_expand(x->incoming[i], scale, rgb);

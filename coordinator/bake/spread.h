@@ -26,6 +26,7 @@ struct kiln_spread_params {
     struct kiln_node_memory *node; /* of the same communicator; borrowed */
     uint64_t total, first, count;  /* points; own ones. The ranks' ranges follow one another and cover all */
     struct kiln_trace *trace;      /* may be NULL */
+    uint32_t threads;              /* that pack and unpack */
     uint32_t groups;               /* a bounce; 0: chosen by their size */
     uint64_t limit;                /* of elements in a call; 0: what int holds */
 };

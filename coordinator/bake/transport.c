@@ -369,6 +369,7 @@ static int make_spread(struct transport_state *s, struct kiln_error *error)
                                               .first = p->surface->first,
                                               .count = p->surface->count,
                                               .trace = p->trace,
+                                              .threads = p->threads,
                                               .limit = p->job->exchange_limit};
     const int status = kiln_spread_create(&s->out->spread, &params, error);
     if (status == KILN_OK)

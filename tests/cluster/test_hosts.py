@@ -1,5 +1,6 @@
 """Three hosts, mpirun over ssh: the same bits as one host; a cut link and a lost host end the job with a sentence, and one host alone
 brings the bake to its end, with the same bits again."""
+import json
 import os
 import pathlib
 import re
@@ -35,6 +36,21 @@ class Hosts(unittest.TestCase):
         self.assertEqual(bits(os.path.join(self.folder, "three")), bits(os.path.join(self.folder, "alone")))
         for host in self.cluster.hosts:
             self.assertRegex(three.stdout, f"Data for node: {host.name}\\b", "every host had a rank")
+
+    def test_unequal_hosts(self):
+        """Two ranks, two and one, one host after the other and in turn: what a host's ranks share and what travels is not the same."""
+        options = ["--quality", "draft", "--no-preview", "--threads", "1"]
+        alone = subprocess.run([KILN, "bake", self.scene, "-o", os.path.join(self.folder, "one"), *options], capture_output=True, text=True)
+        self.assertEqual(alone.returncode, 0, alone.stderr)
+        for order in ("slot", "node"):
+            output = os.path.join(self.folder, "five by " + order)
+            hosts = ",".join(f"{host.name}:{slots}" for host, slots in zip(self.cluster.hosts, (2, 2, 1)))
+            five = self.cluster.hosts[0].run("mpirun", "--mca", "plm_rsh_agent", self.cluster.agent, *KEEPALIVE, "-n", "5", "--oversubscribe", "--host",
+                                             hosts, "--map-by", order, KILN, "bake", self.scene, "-o", output, *options)
+            self.assertEqual(five.returncode, 0, five.stderr)
+            self.assertEqual(bits(output), bits(os.path.join(self.folder, "one")))
+            with open(os.path.join(output, "run.json"), encoding="utf-8") as report:
+                self.assertGreater(json.load(report)["mpi"]["received_between_nodes"], 0)
 
     def begin_long(self, output):
         """A bake that has come to its bounces."""
