@@ -1,19 +1,41 @@
 #include "coordinator/bake/plan.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "coordinator/bake/transport.h"
 #include "coordinator/bake/volume.h"
 #include "worker/base/memory.h"
+#include "worker/scene/radiosity.h"
 
-/* Bounces that `--bounces all` is taken to make: rooms with albedo about 0.7 settle after 6 to 9. */
-enum { TYPICAL_BOUNCES = 8, SAMPLE_RUNS = 16, RUN_FRAGMENTS = 8, SAMPLE_PROBES = 16 };
+/* Bounces that `--bounces all` is taken to make, the final gather among them: scenes settle after 5 to 8. */
+enum { TYPICAL_BOUNCES = 7 };
+/* Fragments traced at a place: enough to keep all threads, or a GPU, busy. */
+enum { THREAD_FRAGMENTS = 16, LEAST_FRAGMENTS = 32, DEVICE_FRAGMENTS = 2048, SAMPLE_PROBES = 32, LEAST_SAMPLES = 8 };
+static const double CALIBRATION_SECONDS = 15.0;
 
 /* Embree 3.13, robust, medium quality: bytes of BVH a triangle, measured between 32 thousand and 4 million triangles. */
 static const double BVH_BYTES = 100.0;
-/* Resident size of a process with MPI, HDF5 and Embree before it has a scene, measured. */
-static const uint64_t PROGRAM_BYTES = 60ull << 20;
+static const uint64_t LEAST_PROGRAM_BYTES = 40ull << 20;
+static const uint64_t PASS_BYTES = 8ull << 20; /* what passes and MPI take that is not there yet when the program is measured */
+
+/* What writing the results takes, measured: see the rows' words. */
+static const double LIGHTMAP_WORK = 85.0;            /* bytes a texel of the lightmaps under way */
+static const uint64_t LIGHTMAP_BUDGET = 1ull << 21;  /* texels under way on a rank, or one lightmap */
+static const double RECORD_BYTES = 2 * 58.0;         /* a point on its way to the lightmap's writer: sent and received */
+static const double H5_ROW = 113.0, H5_KEPT = 90.0;  /* bytes a point of kiln.h5 in hand; of them still held afterwards */
+static const uint64_t ROWS_AT_ONCE = 1ull << 18;
+static const uint64_t PREVIEW_BYTES = 48ull << 20;   /* rays of a band */
+static const double PREVIEW_TEXEL = 12.0;            /* lightmaps in view */
+static const double CHECKPOINT_POINT = 44.0;         /* bytes on disk */
+
+static const double LIGHTMAP_TEXEL_SECONDS = 3e-6;   /* of one thread: filled, smoothed, compressed, read back */
+static const double H5_POINT_SECONDS = 1.8e-6;       /* of one rank: described, compressed, read back */
+static const double PREVIEW_SECONDS = 0.8;
+
+/* Compressed bytes, measured over the project's scenes. */
+static const double LIGHTMAP_POINT_DISK = 32.5, H5_POINT_DISK = 43.5, PROBE_DISK = 0.85, PREVIEW_DISK = 0.55e6;
 
 static uint64_t share_bytes(const struct kiln_surface *s)
 {
@@ -24,109 +46,345 @@ static uint64_t share_bytes(const struct kiln_surface *s)
            s->fragment_count * (sizeof *s->fragments + sizeof *s->piece_base + sizeof *s->share_base);
 }
 
+static uint64_t all_bytes(const struct kiln_surface *s, uint64_t objects)
+{
+    return s->tile_count * sizeof *s->tiles + s->split_count * sizeof *s->splits + objects * sizeof *s->lightmaps +
+           (s->cell_first != NULL ? s->cell_count * sizeof *s->cell_first : 0);
+}
+
 static uint64_t section_bytes(const struct kiln_scene *scene, enum kiln_scene_section section)
 {
     return scene->header->sections[section].count * kiln_scene_element_size(section);
 }
 
-static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_surface *share)
+/* Resident now; 0 where the system does not say. */
+static uint64_t resident_bytes(void)
+{
+    unsigned long long kibibytes = 0;
+    char line[256];
+    FILE *file = fopen("/proc/self/status", "re");
+    while (file != NULL && fgets(line, sizeof line, file) != NULL)
+        if (sscanf(line, "VmRSS: %llu kB", &kibibytes) == 1)
+            break;
+    if (file != NULL)
+        (void)fclose(file);
+    return (uint64_t)kibibytes * 1024u;
+}
+
+static bool on_device(const struct kiln_prepared *p) { return strcmp(p->backend->api->name, "embree") != 0; }
+
+static uint64_t largest_lightmap(const struct kiln_scene *scene)
+{
+    uint64_t most = 0;
+    for (size_t i = 0; i < scene->object_count; i++) {
+        const uint64_t texels = (uint64_t)scene->objects[i].lightmap_width * scene->objects[i].lightmap_height;
+        most = texels > most ? texels : most;
+    }
+    return most;
+}
+
+static double least(double a, double b) { return a < b ? a : b; }
+
+/* The phases that write follow one another; the fullest is the first rank, which draws the preview. */
+static uint64_t result_bytes(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
+{
+    const double own = (double)plan->surface.points_max, texels = (double)plan->surface.texels, largest = (double)largest_lightmap(p->scene);
+    const double at_once = fmax(largest, least(texels / job->ranks, (double)LIGHTMAP_BUDGET));
+    const double rows = least(own, (double)ROWS_AT_ONCE);
+    const double lightmaps = LIGHTMAP_WORK * at_once + RECORD_BYTES * rows;
+    const double preview = job->preview ? (double)PREVIEW_BYTES + PREVIEW_TEXEL * texels + H5_KEPT * rows : 0.0;
+    return (uint64_t)fmax(lightmaps, fmax(H5_ROW * rows, preview));
+}
+
+static void known_memory(struct kiln_plan *plan, const struct kiln_prepared *p)
 {
     struct kiln_plan_memory *m = &plan->memory;
     const struct kiln_geometry *g = p->geometry;
-    m->program = PROGRAM_BYTES;
     m->textures = section_bytes(p->scene, KILN_SECTION_TEXELS) + section_bytes(p->scene, KILN_SECTION_ENVIRONMENT_TEXELS);
     m->scene = p->scene->mapped_bytes - m->textures;
     m->geometry = g->vertex_count * 3 * sizeof *g->vertices +
                   g->triangle_count * (3 * sizeof *g->indices + sizeof *g->records + sizeof *g->stored_triangle);
-    m->bvh = (uint64_t)(BVH_BYTES * (double)g->triangle_count);
-    m->surface_all = share->tile_count * sizeof *share->tiles + share->split_count * sizeof *share->splits +
-                     p->scene->object_count * sizeof *share->lightmaps + (share->cell_first != NULL ? share->cell_count * sizeof *share->cell_first : 0);
+    m->bvh = on_device(p) ? 0 : (uint64_t)(BVH_BYTES * (double)g->triangle_count);
+}
+
+/* Before the share is built: what is resident now and has no name yet is the program's. */
+static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *p)
+{
+    struct kiln_plan_memory *m = &plan->memory;
+    const uint64_t named = m->textures + m->scene + m->geometry + m->bvh + all_bytes(p->surface, p->scene->object_count) + share_bytes(p->surface);
+    const uint64_t resident = resident_bytes();
+    m->program = PASS_BYTES + (resident > named + LEAST_PROGRAM_BYTES ? resident - named : LEAST_PROGRAM_BYTES);
+}
+
+static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_surface *share, const struct kiln_job *job)
+{
+    struct kiln_plan_memory *m = &plan->memory;
+    struct kiln_backend_info info = {0};
+    kiln_backend_info(p->backend, &info);
+    m->device = on_device(p) ? info.memory : 0;
+    m->surface_all = all_bytes(share, p->scene->object_count);
     const double own = share->count > 0 ? (double)share_bytes(share) / (double)share->count : 0.0;
     m->surface_own = (uint64_t)(own * (double)plan->surface.points_max);
     m->transport = kiln_transport_bytes(plan->surface.points_max, plan->surface.points);
     m->volume = plan->probes * sizeof(struct kiln_probe_result);
-    m->total = m->program + m->scene + m->textures + m->geometry + m->bvh + m->surface_all + m->surface_own + m->transport + m->volume;
+    m->results = result_bytes(plan, p, job);
+    m->total = m->program + m->scene + m->textures + m->geometry + m->bvh + m->surface_all + m->surface_own + m->transport + m->volume + m->results;
     if (plan->surface.points > 0)
         plan->bytes_per_point = own + (double)m->surface_all / (double)plan->surface.points +
                                 (double)(kiln_transport_bytes(plan->surface.points, plan->surface.points) - kiln_transport_bytes(0, 0)) /
                                     (double)plan->surface.points;
-    if (g->triangle_count > 0)
-        plan->bytes_per_triangle = (double)(m->scene + m->geometry) / (double)g->triangle_count;
+    if (p->geometry->triangle_count > 0)
+        plan->bytes_per_triangle = (double)(m->scene + m->geometry) / (double)p->geometry->triangle_count;
 }
 
-/* Seconds of one point's direct pass and of one gather ray, from a sample of fragments spread over the scene. */
-static int calibrate(const struct kiln_prepared *p, const struct kiln_job *job, double *direct, double *ray, struct kiln_error *error)
+static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
-    const size_t count = p->surface->fragment_count;
-    uint64_t *radiosity = NULL, rays = 0, unused = 0, points = 0;
-    double seconds[2] = {0};
-    int status = kiln_allocate(&radiosity, p->surface->point_count, sizeof *radiosity, "a sample's radiosity", error);
-    if (status == KILN_OK)
-        status = kiln_backend_set_radiosity(p->backend, radiosity, error);
-    for (size_t run = 0; run < SAMPLE_RUNS && status == KILN_OK && count > 0; run++) {
-        const size_t first = run * count / SAMPLE_RUNS;
-        const struct kiln_batch batch = {first, count - first < RUN_FRAGMENTS ? count - first : RUN_FRAGMENTS, NULL, NULL};
-        for (size_t f = first; f < first + batch.fragment_count; f++)
-            points += p->surface->fragments[f].count;
-        double start = MPI_Wtime();
-        status = kiln_backend_direct(p->backend, &batch, job->samples_direct, &unused, error);
-        seconds[0] += MPI_Wtime() - start;
-        start = MPI_Wtime();
-        if (status == KILN_OK)
-            status = kiln_backend_gather(p->backend, &batch, 64, 1, &rays, error);
-        seconds[1] += MPI_Wtime() - start;
-    }
-    *direct = points > 0 ? seconds[0] / (double)points : 0.0;
-    *ray = rays > 0 ? seconds[1] / (double)rays : 0.0;
-    kiln_free(&radiosity);
+    const double points = (double)plan->surface.points;
+    plan->lightmap_bytes = (uint64_t)(points * LIGHTMAP_POINT_DISK * (job->half ? 0.45 : 1.0) * (job->error_map ? 10.0 / 9.0 : 1.0));
+    plan->h5_bytes = (uint64_t)(points * H5_POINT_DISK);
+    plan->volume_bytes = (uint64_t)((double)(plan->probes * sizeof(struct kiln_probe_result)) * PROBE_DISK);
+    plan->scene_bytes = p->scene->mapped_bytes;
+    plan->preview_bytes = job->preview ? (uint64_t)PREVIEW_DISK : 0;
+    plan->disk_bytes = plan->lightmap_bytes + plan->h5_bytes + plan->volume_bytes + plan->scene_bytes + plan->preview_bytes;
+    plan->checkpoint_bytes = (uint64_t)(points * CHECKPOINT_POINT);
+}
+
+/* ---- calibration ---- */
+
+static int sample_pass(const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_batch *batch, int pass, double *seconds,
+                       struct kiln_error *error)
+{
+    uint64_t rays = 0;
+    const double start = MPI_Wtime();
+    const int status = pass == 0 ? kiln_backend_direct(p->backend, batch, job->samples_direct, &rays, error)
+                                 : kiln_backend_gather(p->backend, batch, pass == 1 ? job->samples_bounce : job->samples_indirect,
+                                                       pass == 1 ? 1 : 0xffff, &rays, error);
+    *seconds = MPI_Wtime() - start;
     return status;
+}
+
+static int take_sample(const struct kiln_prepared *p, const struct kiln_job *job, size_t first, size_t count, struct kiln_plan_sample *sample,
+                       struct kiln_error *error)
+{
+    const struct kiln_batch batch = {first, count, NULL, NULL};
+    int status = KILN_OK;
+    *sample = (struct kiln_plan_sample){.first = p->surface->fragments[first].first};
+    for (size_t f = first; f < first + count; f++)
+        sample->points += p->surface->fragments[f].count;
+    for (int pass = 0; pass < 3 && status == KILN_OK; pass++)
+        status = sample_pass(p, job, &batch, pass, &sample->seconds[pass], error);
+    return status;
+}
+
+/* Sample i of all, so that those taken so far lie spread over the scene whenever time runs out. */
+static size_t sample_place(size_t i)
+{
+    size_t place = 0;
+    for (size_t bit = 1; bit < KILN_PLAN_SAMPLES; bit <<= 1, i >>= 1)
+        place = place << 1 | (i & 1);
+    return place;
+}
+
+static int fill_radiosity(const struct kiln_prepared *p, uint64_t **radiosity, struct kiln_error *error)
+{
+    static const float light[3] = {1.0f, 0.9f, 0.8f};
+    const int status = kiln_allocate(radiosity, p->surface->point_count, sizeof **radiosity, "a sample's radiosity", error);
+    for (uint64_t i = 0; status == KILN_OK && i < p->surface->point_count; i++)
+        (*radiosity)[i] = kiln_radiosity_pack(light, (uint32_t)i);
+    return status == KILN_OK ? kiln_backend_set_radiosity(p->backend, *radiosity, error) : status;
+}
+
+static int calibrate(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, struct kiln_error *error)
+{
+    const size_t count = p->surface->fragment_count, busy = on_device(p) ? DEVICE_FRAGMENTS : (size_t)p->threads * THREAD_FRAGMENTS;
+    size_t run = busy < LEAST_FRAGMENTS ? LEAST_FRAGMENTS : busy;
+    if (run * KILN_PLAN_SAMPLES > count)
+        run = on_device(p) ? (count < DEVICE_FRAGMENTS ? count : DEVICE_FRAGMENTS) : (count + KILN_PLAN_SAMPLES - 1) / KILN_PLAN_SAMPLES;
+    const double start = MPI_Wtime();
+    struct kiln_plan_sample warm;
+    int status = count > 0 ? take_sample(p, job, 0, run < 4 ? run : 4, &warm, error) : KILN_OK;
+    for (size_t i = 0; i < KILN_PLAN_SAMPLES && status == KILN_OK && count > 0; i++) {
+        if (i >= LEAST_SAMPLES && MPI_Wtime() - start > CALIBRATION_SECONDS)
+            break;
+        const size_t first = sample_place(i) * (count - run) / (KILN_PLAN_SAMPLES - 1);
+        status = take_sample(p, job, first, run, &plan->samples[plan->sample_count++], error);
+    }
+    return status;
+}
+
+/* Seconds a point in a pass. */
+static double point_seconds(const struct kiln_plan *plan, int pass)
+{
+    double seconds = 0.0, points = 0.0;
+    for (size_t i = 0; i < plan->sample_count; i++) {
+        seconds += plan->samples[i].seconds[pass];
+        points += (double)plan->samples[i].points;
+    }
+    return points > 0.0 ? seconds / points : 0.0;
 }
 
 static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *job, double *seconds, struct kiln_error *error)
 {
     struct kiln_vec3 positions[SAMPLE_PROBES];
     struct kiln_probe_result results[SAMPLE_PROBES];
-    uint64_t *radiosity = NULL, rays = 0;
-    int status = kiln_allocate(&radiosity, p->surface->point_count, sizeof *radiosity, "a sample's radiosity", error);
-    if (status == KILN_OK)
-        status = kiln_backend_set_radiosity(p->backend, radiosity, error);
+    uint64_t rays = 0;
     const struct kiln_vec3 low = p->geometry->bounds_min, size = vec3_sub(p->geometry->bounds_max, low);
     for (int i = 0; i < SAMPLE_PROBES; i++) {
         const float t = ((float)i + 0.5f) / SAMPLE_PROBES;
         positions[i] = vec3(low.x + t * size.x, low.y + (1.0f - t) * size.y, low.z + t * size.z);
     }
     const double start = MPI_Wtime();
-    if (status == KILN_OK)
-        status = kiln_backend_probes(p->backend, positions, SAMPLE_PROBES, 0, job->samples_probe, results, &rays, error);
+    const int status = kiln_backend_probes(p->backend, positions, SAMPLE_PROBES, 0, job->samples_probe, results, &rays, error);
     *seconds = (MPI_Wtime() - start) / SAMPLE_PROBES;
+    return status;
+}
+
+/* ---- time ---- */
+
+static double phase_seconds(const struct kiln_phases *phases, const char *name)
+{
+    for (size_t i = 0; i < phases->count; i++)
+        if (strcmp(phases->name[i], name) == 0)
+            return phases->seconds[i];
+    return 0.0;
+}
+
+/* How often the passes run: direct light, bounces at their own samples, final gathers. */
+static void pass_counts(const struct kiln_plan *plan, const struct kiln_job *job, double counts[3])
+{
+    const bool lean = job->schedule == KILN_SCHEDULE_LEAN;
+    const double bounces = plan->bounces;
+    counts[0] = 1.0;
+    counts[1] = lean && bounces > 0.0 ? bounces - 1.0 : 0.0;
+    counts[2] = lean ? (bounces > 0.0 ? 1.0 : 0.0) : bounces;
+}
+
+/* Ranks of a node share its cores; each has a GPU of its own. */
+static double crowd(const struct kiln_prepared *p, const struct kiln_job *job)
+{
+    const uint32_t together = job->ranks_per_node > 0 ? job->ranks_per_node : 1;
+    return on_device(p) ? 1.0 : together < job->ranks ? together : job->ranks;
+}
+
+static double write_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
+{
+    const double ranks = job->ranks / crowd(p, job);
+    return LIGHTMAP_TEXEL_SECONDS * (double)plan->surface.texels / p->threads / ranks + H5_POINT_SECONDS * (double)plan->surface.points / ranks +
+           (job->preview ? PREVIEW_SECONDS : 0.0);
+}
+
+/* What ranks hand over: everybody's radiosity in 8 bytes a point. */
+static void plan_time(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_phases *phases, double probe)
+{
+    struct kiln_plan_seconds *s = &plan->seconds;
+    double counts[3];
+    const double together = crowd(p, job), points = (double)plan->surface.points_max * together, ranks = (double)job->ranks;
+    pass_counts(plan, job, counts);
+    s->import = phase_seconds(phases, "import");
+    s->world = phase_seconds(phases, "scene and BVH") * together;
+    s->surface = phase_seconds(phases, "surface points") * together;
+    s->validity = plan->surface.points > 0 ? phase_seconds(phases, "validity") * points / (double)plan->surface.points : 0.0;
+    s->direct = points * counts[0] * point_seconds(plan, 0);
+    s->bounces = points * counts[1] * point_seconds(plan, 1);
+    s->final = points * counts[2] * point_seconds(plan, 2);
+    s->probes = probe * ceil((double)plan->probes / ranks) * together;
+    plan->exchange_bytes = ranks > 1.0 ? 8.0 * ((double)plan->surface.points - (double)plan->surface.points_max) : 0.0;
+    const double nodes = ceil(ranks / (job->ranks_per_node > 0 ? job->ranks_per_node : 1));
+    const double one = nodes > 1.0 ? plan->exchange_bytes / (job->node_bandwidth * 1e9) + ceil(log2(nodes)) * job->node_latency * 1e-6 : plan->exchange_bytes / 5e9;
+    s->exchange = one * (plan->bounces + 1.0);
+    s->write = write_seconds(plan, p, job);
+    s->total = s->import + s->world + s->surface + s->validity + s->direct + s->bounces + s->final + s->probes + s->exchange + s->write;
+}
+
+/* ---- scaling ---- */
+
+/* Seconds a point of the nearest sample: samples stand for the places around them. */
+static double cost_near(const struct kiln_plan *plan, const double counts[3], uint64_t point)
+{
+    double best = INFINITY, cost = 0.0;
+    for (size_t i = 0; i < plan->sample_count; i++) {
+        const struct kiln_plan_sample *s = &plan->samples[i];
+        const double away = fabs((double)s->first + 0.5 * (double)s->points - (double)point);
+        if (away < best && s->points > 0) {
+            best = away;
+            cost = (counts[0] * s->seconds[0] + counts[1] * s->seconds[1] + counts[2] * s->seconds[2]) / (double)s->points;
+        }
+    }
+    return cost;
+}
+
+static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, uint64_t **points, double **costs,
+                      size_t *count, struct kiln_error *error)
+{
+    const struct kiln_surface *s = p->surface; /* of one rank: all */
+    const bool cells = s->cell_first != NULL;
+    double counts[3];
+    pass_counts(plan, job, counts);
+    *count = cells ? (size_t)s->cell_count : s->fragment_count;
+    int status = kiln_allocate(points, *count, sizeof **points, "the simulated cells", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(costs, *count, sizeof **costs, "the simulated cells", error);
+    for (size_t i = 0; status == KILN_OK && i < *count; i++) {
+        const uint64_t first = cells ? s->cell_first[i] : s->fragments[i].first;
+        (*points)[i] = cells ? s->cell_first[i + 1] - first : s->fragments[i].count;
+        (*costs)[i] = cost_near(plan, counts, first + (*points)[i] / 2);
+    }
+    return status;
+}
+
+/* Everything that grows with the points does so in proportion. */
+static int plan_curves(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, double probe, struct kiln_error *error)
+{
+    uint64_t *cell_points = NULL;
+    double *cell_costs = NULL;
+    const struct kiln_plan_seconds *s = &plan->seconds;
+    const double together = crowd(p, job), points = fmax(1.0, (double)plan->surface.points), texel = (double)plan->surface.texels / points;
+    struct kiln_simulation simulation = {.fragments = plan->surface.fragments,
+                                         .density = job->points > 0 ? (double)job->points / points : 1.0,
+                                         .once = s->import + s->world + (job->preview ? PREVIEW_SECONDS : 0.0),
+                                         .once_a_point = s->surface / points,
+                                         .shared_a_point = s->validity / fmax(1.0, (double)plan->surface.points_max) +
+                                                           together * (H5_POINT_SECONDS + texel * LIGHTMAP_TEXEL_SECONDS / p->threads),
+                                         .shared = probe * (double)plan->probes * together,
+                                         .largest_object = LIGHTMAP_TEXEL_SECONDS * (double)largest_lightmap(p->scene),
+                                         .radiosity_bytes = 8.0,
+                                         .exchanges = plan->bounces + 1,
+                                         .ranks_per_node = job->ranks_per_node,
+                                         .bandwidth = job->node_bandwidth * 1e9,
+                                         .latency = job->node_latency * 1e-6};
+    int status = fill_cells(plan, p, job, &cell_points, &cell_costs, &simulation.cell_count, error);
+    for (size_t i = 0; status == KILN_OK && i < simulation.cell_count; i++)
+        cell_costs[i] *= together;
+    simulation.cell_points = cell_points;
+    simulation.cell_cost = cell_costs;
+    if (status == KILN_OK)
+        status = kiln_simulate_curves(&simulation, job->ranks, plan->strong, plan->weak, &plan->curve_count, error);
+    kiln_free(&cell_points);
+    kiln_free(&cell_costs);
+    return status;
+}
+
+static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, double *probe, struct kiln_error *error)
+{
+    uint64_t *radiosity = NULL;
+    const double start = MPI_Wtime();
+    int status = fill_radiosity(p, &radiosity, error);
+    if (status == KILN_OK)
+        status = calibrate(plan, p, job, error);
+    if (status == KILN_OK && plan->probes > 0)
+        status = probe_seconds(p, job, probe, error);
+    plan->calibration_seconds = MPI_Wtime() - start;
     kiln_free(&radiosity);
     return status;
 }
 
-static int plan_time(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, struct kiln_error *error)
+int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job, const struct kiln_phases *phases,
+                   struct kiln_error *error)
 {
-    double direct, ray, probe = 0.0;
-    int status = calibrate(p, job, &direct, &ray, error);
-    if (status == KILN_OK && plan->probes > 0)
-        status = probe_seconds(p, job, &probe, error);
-    const double points = (double)plan->surface.points_max, ranks = (double)job->ranks;
-    const bool lean = job->schedule == KILN_SCHEDULE_LEAN;
-    plan->bounces = job->bounces < 0 ? TYPICAL_BOUNCES : (uint32_t)job->bounces;
-    const double before_final = plan->bounces > 0 ? (double)plan->bounces - 1.0 : 0.0;
-    plan->seconds_direct = points * direct;
-    plan->seconds_bounces = points * ray * (lean ? before_final * job->samples_bounce : (double)plan->bounces * job->samples_indirect);
-    plan->seconds_final = lean && plan->bounces > 0 ? points * ray * job->samples_indirect : 0.0;
-    plan->seconds_probes = probe * ceil((double)plan->probes / ranks);
-    plan->exchange_bytes = ranks > 1.0 ? 8.0 * ((double)plan->surface.points - points) : 0.0;
-    const double one = ranks > 1.0 ? plan->exchange_bytes / (job->node_bandwidth * 1e9) + ceil(log2(ranks)) * job->node_latency * 1e-6 : 0.0;
-    plan->seconds_exchange = one * (plan->bounces + 1.0);
-    plan->seconds = plan->seconds_direct + plan->seconds_bounces + plan->seconds_final + plan->seconds_probes + plan->seconds_exchange;
-    return status;
-}
-
-int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job, struct kiln_error *error)
-{
-    *plan = (struct kiln_plan){.triangles = prepared->geometry->triangle_count};
+    *plan = (struct kiln_plan){.triangles = prepared->geometry->triangle_count,
+                               .bounces = job->bounces < 0 ? TYPICAL_BOUNCES : (uint32_t)(job->bounces < KILN_BOUNCES_MAX ? job->bounces : KILN_BOUNCES_MAX)};
+    known_memory(plan, prepared);
+    measure_program(plan, prepared);
     struct kiln_surface *share = NULL;
     const struct kiln_surface_params params = {.scene = prepared->scene,
                                                .geometry = prepared->geometry,
@@ -136,15 +394,18 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
                                                .threads = prepared->threads};
     int status = kiln_surface_build(&share, &params, &plan->surface, error);
     struct kiln_volume_result volume = {0};
+    double probe = 0.0;
     if (status == KILN_OK && job->samples_probe > 0)
         status = kiln_volume_grid(&volume, prepared->scene, job->probe_spacing, error);
     if (status == KILN_OK) {
         plan->probes = volume.size[0] * volume.size[1] * volume.size[2];
-        plan_memory(plan, prepared, share);
-        plan->lightmap_bytes = plan->surface.texels * 9 * (job->half ? 2u : 4u);
-        plan->h5_bytes = plan->surface.points * 96;
-        plan->volume_bytes = plan->probes * sizeof(struct kiln_probe_result);
-        status = plan_time(plan, prepared, job, error);
+        plan_memory(plan, prepared, share, job);
+        plan_disk(plan, prepared, job);
+        status = trace_samples(plan, prepared, job, &probe, error);
+    }
+    if (status == KILN_OK) {
+        plan_time(plan, prepared, job, phases, probe);
+        status = plan_curves(plan, prepared, job, probe, error);
     }
     kiln_surface_destroy(&share);
     return status;

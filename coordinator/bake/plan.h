@@ -3,37 +3,66 @@
 #define KILN_COORDINATOR_BAKE_PLAN_H
 
 #include "coordinator/bake/prepare.h"
+#include "coordinator/bake/simulate.h"
 
 /* Bytes of the fullest rank, by purpose. */
 struct kiln_plan_memory {
-    uint64_t program;     /* the process before it has a scene: code, libraries, MPI */
+    uint64_t program;     /* code, libraries, MPI and working space: measured in this process, once it has all that follows */
     uint64_t scene;       /* the mapped scene file (shared by the ranks of a node) without its images */
     uint64_t textures;    /* its images */
     uint64_t geometry;    /* world triangles */
-    uint64_t bvh;         /* Embree's own, estimated by triangles */
+    uint64_t bvh;         /* Embree's own, estimated by triangles; 0 with a GPU */
     uint64_t surface_all; /* tiles and lightmaps: the same on every rank */
     uint64_t surface_own; /* points, pieces and fragments of the share */
     uint64_t transport;   /* irradiance and radiosity */
     uint64_t volume;      /* probes */
-    uint64_t total;
+    uint64_t results;     /* while files are written, and the preview is drawn: the most of these */
+    uint64_t total;       /* without `device` */
+    uint64_t device;      /* of the GPU: with the share of this process, that is, of all points */
+};
+
+/* Seconds of the fullest rank. */
+struct kiln_plan_seconds {
+    double import, world, surface, validity; /* reading, BVH, finding points, finding buried ones */
+    double direct, bounces, final, probes, exchange;
+    double write;                            /* lightmaps, kiln.h5, volume.hdf, preview */
+    double total;
+};
+
+enum { KILN_PLAN_SAMPLES = 32 };
+
+/* What a point cost where it was tried. */
+struct kiln_plan_sample {
+    uint64_t first;    /* the first of the tried points, in global order */
+    uint64_t points;
+    double seconds[3]; /* all samples of direct light, of one bounce, of the final gather */
 };
 
 struct kiln_plan {
     struct kiln_surface_report surface;
     struct kiln_plan_memory memory;
+    struct kiln_plan_seconds seconds;
     uint64_t triangles;
-    uint64_t lightmap_bytes, h5_bytes, volume_bytes; /* of the results, uncompressed */
+    uint64_t lightmap_bytes, h5_bytes, volume_bytes, scene_bytes, preview_bytes; /* of the results, compressed (estimated) */
+    uint64_t disk_bytes;       /* their sum */
+    uint64_t checkpoint_bytes; /* of a generation; two are kept while the bake runs */
     uint64_t probes;
     double bytes_per_point;    /* fullest rank: surface and transport, for each of its own points when it has all */
     double bytes_per_triangle; /* scene and geometry; images and Embree's BVH aside */
-    double exchange_bytes;     /* a rank receives in each bounce */
+    double exchange_bytes;     /* that a rank receives in each bounce */
     uint32_t bounces;          /* assumed */
-    double seconds_direct, seconds_bounces, seconds_final, seconds_probes, seconds_exchange; /* fullest rank */
-    double seconds;            /* their sum: import, writing and preview not included */
+    struct kiln_plan_sample samples[KILN_PLAN_SAMPLES];
+    size_t sample_count;
+    double calibration_seconds;
+    /* how the bake would scale up to job->ranks, and the cells that this is reckoned from */
+    struct kiln_scaled strong[KILN_CURVE_MAX], weak[KILN_CURVE_MAX];
+    size_t curve_count;
 };
 
-/* Not collective (prepared on MPI_COMM_SELF). Builds the share of one of job->ranks ranks for its sizes, and traces a sample of
- * the surface points for the times, with the threads that a rank of this machine has. */
-int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job, struct kiln_error *error);
+/* Not collective (prepared on MPI_COMM_SELF, with `phases` as it took them). Builds the share of one of job->ranks ranks for its
+ * sizes, and traces a sample of the surface points for the times (20 s at most), with the backend and the threads that a rank of this machine has.
+ * job->points, when not 0, stands for how many surface points the scaling curves begin with. */
+int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job, const struct kiln_phases *phases,
+                   struct kiln_error *error);
 
 #endif

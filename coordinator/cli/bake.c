@@ -13,6 +13,7 @@
 #include "coordinator/bake/volume.h"
 #include "coordinator/cli/agree.h"
 #include "coordinator/cli/commands.h"
+#include "coordinator/output/manifest.h"
 #include "coordinator/output/publish.h"
 #include "coordinator/output/view.h"
 #include "worker/base/memory.h"
@@ -95,13 +96,15 @@ static int make_lightmap_folder(struct bake *b, struct kiln_error *error)
     return kiln_agree(b->communicator, status, error);
 }
 
-/* A run.json of an earlier bake would vouch for results that are about to be replaced one by one: it goes first. */
+/* The manifest and run.json of an earlier bake would vouch for results that are about to be replaced one by one: they go first. */
 static int forget_old_report(struct bake *b, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
     int status = KILN_OK;
     if (b->rank == 0) {
-        status = kiln_path_join(path, b->job->output, "run.json", error);
+        status = kiln_manifest_remove(b->job->output, error);
+        if (status == KILN_OK)
+            status = kiln_path_join(path, b->job->output, "run.json", error);
         if (status == KILN_OK && remove(path) != 0 && errno != ENOENT)
             status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
     }
@@ -278,7 +281,7 @@ static int draw_preview(struct bake *b, struct kiln_error *error)
     return kiln_agree(b->communicator, status, error);
 }
 
-/* Last of all: run.json says that everything it names is there. */
+/* run.json says that everything it names is there. */
 static int report(struct bake *b, struct kiln_error *error)
 {
     const struct kiln_run run = {.job = b->job,
@@ -349,6 +352,8 @@ static int run(struct bake *b, struct kiln_error *error)
         status = draw_preview(b, error);
     if (status == KILN_OK)
         status = report(b, error);
+    if (status == KILN_OK) /* last of all */
+        status = kiln_manifest_write(b->communicator, b->job->output, b->prepared->scene, b->job->samples_probe != 0, b->job->preview, error);
     return status;
 }
 

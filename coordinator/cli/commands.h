@@ -19,6 +19,7 @@ int kiln_command_generate(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_report(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_bench(struct kiln_job *job, struct kiln_error *error); /* (MPI) */
 int kiln_command_submit(struct kiln_job *job, struct kiln_error *error);
+int kiln_command_verify(struct kiln_job *job, struct kiln_error *error);
 
 int kiln_command_status(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_stop(struct kiln_job *job, struct kiln_error *error);

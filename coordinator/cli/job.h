@@ -91,6 +91,8 @@ struct kiln_job {
     uint32_t columns, rows; /* generate rooms: N x M */
     double albedo;        /* generate furnace; -1: not given */
     double node_bandwidth, node_latency; /* plan: network, GB/s and microseconds */
+    uint64_t points;      /* plan: of the scaling curve; 0: the scene's */
+    char *rank_counts;    /* bench scaling: "1,2,4" */
     uint32_t repeats;     /* bench */
 
     /* submit: what the batch job asks for */

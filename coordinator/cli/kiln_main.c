@@ -104,6 +104,8 @@ static int run(const struct kiln_command *command, struct kiln_job *job, struct 
         return kiln_command_status(job, error);
     case KILN_FOR_STOP:
         return kiln_command_stop(job, error);
+    case KILN_FOR_VERIFY:
+        return kiln_command_verify(job, error);
     case KILN_FOR_ALL:
         break;
     }

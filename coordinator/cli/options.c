@@ -16,8 +16,8 @@ static const char *const instruction_sets[] = {"sse2", "sse4.2", "avx", "avx2", 
 
 enum {
     READS_SCENE = KILN_FOR_BAKE | KILN_FOR_PLAN | KILN_FOR_INFO | KILN_FOR_CHECK | KILN_FOR_BENCH,
-    TRACES = KILN_FOR_BAKE | KILN_FOR_BENCH,
-    TRACES_OR_PLANS = TRACES | KILN_FOR_PLAN
+    TRACES = KILN_FOR_BAKE | KILN_FOR_BENCH | KILN_FOR_PLAN,
+    TRACES_OR_PLANS = TRACES
 };
 
 #define MOST_SAMPLES 1048576.0
@@ -26,7 +26,7 @@ const struct kiln_option kiln_options[] = {
     {.name = "output", .group = "Files", .kind = KILN_OPTION_PATH, .value = "PATH",
      .help = "where the result goes, also -o; bake: a folder, by default SCENE-bake; others: a file",
      .commands = KILN_FOR_BAKE | KILN_FOR_VIEW | KILN_FOR_COMPARE | KILN_FOR_GENERATE | KILN_FOR_REPORT | KILN_FOR_BENCH |
-                 KILN_FOR_SUBMIT,
+                 KILN_FOR_SUBMIT | KILN_FOR_PLAN,
      .offset = AT(output)},
     {.name = "environment", .group = "Light", .kind = KILN_OPTION_ENVIRONMENT, .value = "none|R,G,B|IMAGE",
      .shown = "the scene's own", .help = "light from outside: constant radiance, or a lat-long .hdr or .exr",
@@ -155,9 +155,11 @@ const struct kiln_option kiln_options[] = {
     {.name = "node-memory", .group = "Plan", .kind = KILN_OPTION_DOUBLE, .value = "GIB", .fallback = "auto", .word = "auto",
      .minimum = 1e-3, .maximum = 1e9, .help = "memory of a node; auto: this machine's", .commands = KILN_FOR_PLAN,
      .offset = AT(node_memory)},
-    {.name = "node-bandwidth", .group = "Plan", .kind = KILN_OPTION_DOUBLE, .value = "GB/S", .fallback = "1.25", .minimum = 1e-6,
+    {.name = "points", .group = "Plan", .kind = KILN_OPTION_UINT64, .value = "N", .fallback = "auto", .word = "auto", .minimum = 1,
+     .maximum = 1e15, .help = "surface points of the scaling curve; auto: the scene's", .commands = KILN_FOR_PLAN, .offset = AT(points)},
+    {.name = "bandwidth", .group = "Plan", .kind = KILN_OPTION_DOUBLE, .value = "GB/S", .fallback = "1.25", .minimum = 1e-6,
      .maximum = 1e6, .help = "of the network between nodes", .commands = KILN_FOR_PLAN, .offset = AT(node_bandwidth)},
-    {.name = "node-latency", .group = "Plan", .kind = KILN_OPTION_DOUBLE, .value = "MICROSECONDS", .fallback = "30", .minimum = 0,
+    {.name = "latency", .group = "Plan", .kind = KILN_OPTION_DOUBLE, .value = "MICROSECONDS", .fallback = "30", .minimum = 0,
      .maximum = 1e9, .help = "of the network between nodes", .commands = KILN_FOR_PLAN, .offset = AT(node_latency)},
 
     {.name = "triangles", .group = "Generate", .kind = KILN_OPTION_UINT64, .value = "N", .fallback = "auto", .word = "auto",
@@ -179,7 +181,7 @@ const struct kiln_option kiln_options[] = {
     {.name = "gpus", .group = "Batch job", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "0", .maximum = 1024,
      .help = "GPUs of each node, one rank for each", .commands = KILN_FOR_SUBMIT, .offset = AT(gpus)},
     {.name = "ranks-per-node", .group = "Batch job", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "auto", .word = "auto",
-     .minimum = 1, .maximum = 65536, .help = "auto: one a GPU, or one with all cores", .commands = KILN_FOR_SUBMIT, .offset = AT(ranks_per_node)},
+     .minimum = 1, .maximum = 65536, .help = "auto: one a GPU, or one with all cores", .commands = KILN_FOR_SUBMIT | KILN_FOR_PLAN, .offset = AT(ranks_per_node)},
     {.name = "memory", .group = "Batch job", .kind = KILN_OPTION_DOUBLE, .value = "GIB", .fallback = "auto", .word = "auto",
      .minimum = 1e-3, .maximum = 1e9, .help = "of each node; auto: all of it, or with --threads what the site gives", .commands = KILN_FOR_SUBMIT,
      .offset = AT(memory)},
@@ -223,7 +225,8 @@ const struct kiln_command kiln_commands[] = {
                   "mpirun -n 4 --bind-to none kiln bake room.glb -o out"}},
     {.name = "plan", .bit = KILN_FOR_PLAN, .arguments = "SCENE|JOB.yaml", .minimum = 1, .maximum = 1, .scene = true, .mpi = true,
      .summary = "cells, balance, memory and time, without baking",
-     .examples = {"kiln plan room.glb --ranks 16", "kiln plan jobs/cornell.yaml --ranks 4 --json"}},
+     .examples = {"kiln plan room.glb --ranks 16", "kiln plan jobs/cornell.yaml --ranks 4 --json",
+                  "kiln plan city.glb --ranks 1024 --ranks-per-node 8 --points 1000000000 -o curves"}},
     {.name = "info", .bit = KILN_FOR_INFO, .arguments = "SCENE|JOB.yaml", .minimum = 1, .maximum = 1, .scene = true,
      .summary = "what the importer sees in a scene",
      .examples = {"kiln info room.glb", "kiln info room.glb --lightmap-size 512 --json", "kiln info --devices"}},
@@ -257,6 +260,8 @@ const struct kiln_command kiln_commands[] = {
      .summary = "where a bake is, from any node", .examples = {"kiln status out", "kiln status out --json"}},
     {.name = "stop", .bit = KILN_FOR_STOP, .arguments = "DIR", .minimum = 1, .maximum = 1,
      .summary = "end a running bake politely: it saves first", .examples = {"kiln stop out"}},
+    {.name = "verify", .bit = KILN_FOR_VERIFY, .arguments = "DIR", .minimum = 1, .maximum = 1,
+     .summary = "whether every result is as it was written", .examples = {"kiln verify out", "kiln verify out --json"}},
 };
 const size_t kiln_command_count = ARRAY_COUNT(kiln_commands);
 

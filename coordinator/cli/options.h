@@ -39,7 +39,8 @@ enum kiln_command_bit {
     KILN_FOR_SUBMIT = 1024,
     KILN_FOR_STATUS = 2048,
     KILN_FOR_STOP = 4096,
-    KILN_FOR_ALL = 8191
+    KILN_FOR_VERIFY = 8192,
+    KILN_FOR_ALL = 16383
 };
 
 struct kiln_option {

@@ -1,13 +1,19 @@
-/* kiln plan SCENE|JOB --ranks N: cells, balance, memory of a rank by purpose, time; bakes nothing. */
+/* kiln plan SCENE|JOB --ranks N: cells, balance, memory of a rank by purpose, time, disk, scaling; bakes nothing. */
 #include <jansson.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <unistd.h>
 
 #include "coordinator/bake/plan.h"
 #include "coordinator/cli/agree.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/temporary.h"
+#include "coordinator/output/curve.h"
+#include "coordinator/output/page.h"
+#include "coordinator/output/publish.h"
+#include "worker/base/memory.h"
 
 static double mebibytes(uint64_t bytes) { return (double)bytes / 1048576.0; }
 
@@ -18,75 +24,236 @@ static double node_memory(const struct kiln_job *job)
     return (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE) / 0x1p30;
 }
 
-static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
+/* ---- JSON ---- */
+
+static json_t *memory_json(const struct kiln_plan_memory *m)
 {
-    const struct kiln_plan_memory *m = &p->memory;
-    json_t *memory = json_pack("{s:s, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "units", "bytes", "program", (json_int_t)m->program, "textures",
-                               (json_int_t)m->textures, "scene",
-                               (json_int_t)m->scene, "geometry", (json_int_t)m->geometry, "bvh", (json_int_t)m->bvh, "surface_all",
-                               (json_int_t)m->surface_all, "surface_own", (json_int_t)m->surface_own, "transport", (json_int_t)m->transport,
-                               "volume", (json_int_t)m->volume, "total", (json_int_t)m->total);
-    json_t *time = json_pack("{s:f, s:f, s:f, s:f, s:f, s:f, s:i}", "direct", p->seconds_direct, "bounces", p->seconds_bounces, "final",
-                             p->seconds_final, "probes", p->seconds_probes, "exchange", p->seconds_exchange, "total", p->seconds,
-                             "assumed_bounces", (int)p->bounces);
-    json_t *disk = json_pack("{s:I, s:I, s:I}", "lightmaps", (json_int_t)p->lightmap_bytes, "kiln_h5", (json_int_t)p->h5_bytes, "volume",
-                             (json_int_t)p->volume_bytes);
-    return json_pack("{s:s, s:i, s:I, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:I, s:f, s:f, s:f, s:o, s:o, s:o}", "status", "done", "ranks",
-                     (int)job->ranks, "triangles", (json_int_t)p->triangles, "points", (json_int_t)p->surface.points, "points_min",
-                     (json_int_t)p->surface.points_min, "points_max", (json_int_t)p->surface.points_max, "cells_occupied",
-                     (json_int_t)p->surface.cells_occupied, "cells_total", (json_int_t)p->surface.cells_total, "cell_size",
-                     p->surface.cell_size, "imbalance", p->surface.imbalance, "probes", (json_int_t)p->probes, "bytes_per_point",
-                     p->bytes_per_point, "bytes_per_triangle", p->bytes_per_triangle, "exchange_bytes_per_bounce", p->exchange_bytes,
-                     "memory_per_rank", memory, "seconds", time, "disk_bytes", disk);
+    return json_pack("{s:s, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "units", "bytes", "program", (json_int_t)m->program,
+                     "textures", (json_int_t)m->textures, "scene", (json_int_t)m->scene, "geometry", (json_int_t)m->geometry, "bvh",
+                     (json_int_t)m->bvh, "surface_all", (json_int_t)m->surface_all, "surface_own", (json_int_t)m->surface_own, "transport",
+                     (json_int_t)m->transport, "volume", (json_int_t)m->volume, "results", (json_int_t)m->results, "total", (json_int_t)m->total,
+                     "device", (json_int_t)m->device);
 }
 
-static void print_plan(const struct kiln_plan *p, const struct kiln_job *job)
+static json_t *seconds_json(const struct kiln_plan *p)
 {
-    const struct kiln_plan_memory *m = &p->memory;
+    const struct kiln_plan_seconds *s = &p->seconds;
+    return json_pack("{s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:i, s:f}", "import", s->import, "world", s->world, "surface",
+                     s->surface, "validity", s->validity, "direct", s->direct, "bounces", s->bounces, "final", s->final, "probes", s->probes,
+                     "exchange", s->exchange, "write", s->write, "total", s->total, "assumed_bounces", (int)p->bounces, "calibration",
+                     p->calibration_seconds);
+}
+
+static json_t *disk_json(const struct kiln_plan *p)
+{
+    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "lightmaps", (json_int_t)p->lightmap_bytes, "kiln_h5", (json_int_t)p->h5_bytes, "volume",
+                     (json_int_t)p->volume_bytes, "scene", (json_int_t)p->scene_bytes, "preview", (json_int_t)p->preview_bytes, "total",
+                     (json_int_t)p->disk_bytes, "checkpoint", (json_int_t)p->checkpoint_bytes);
+}
+
+static json_t *curve_json(const struct kiln_scaled *curve, size_t count)
+{
+    json_t *array = json_array();
+    for (size_t i = 0; i < count; i++) {
+        const struct kiln_scaled *c = &curve[i];
+        (void)json_array_append_new(array, json_pack("{s:i, s:i, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "ranks", (int)c->ranks, "nodes", (int)c->nodes,
+                                               "points", c->points, "trace", c->trace, "imbalance", c->imbalance, "exchange", c->exchange, "once",
+                                               c->once, "write", c->write, "seconds", c->seconds, "efficiency", c->efficiency, "trace_efficiency",
+                                               c->trace_efficiency));
+    }
+    return array;
+}
+
+static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
+{
+    const struct kiln_surface_report *s = &p->surface;
+    json_t *all = json_pack("{s:s, s:i, s:I, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:I, s:f, s:f, s:f}", "status", "done", "ranks", (int)job->ranks, "triangles",
+                            (json_int_t)p->triangles, "points", (json_int_t)s->points, "points_min", (json_int_t)s->points_min, "points_max",
+                            (json_int_t)s->points_max, "cells_occupied", (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total,
+                            "cell_size", s->cell_size, "imbalance", s->imbalance, "probes", (json_int_t)p->probes, "bytes_per_point", p->bytes_per_point,
+                            "bytes_per_triangle", p->bytes_per_triangle, "exchange_bytes_per_bounce", p->exchange_bytes);
+    json_t *more = json_pack("{s:o, s:o, s:o, s:o, s:o}", "memory_per_rank", memory_json(&p->memory), "seconds", seconds_json(p), "disk_bytes", disk_json(p),
+                             "strong_scaling", curve_json(p->strong, p->curve_count), "weak_scaling", curve_json(p->weak, p->curve_count));
+    if (all != NULL && more != NULL)
+        (void)json_object_update(all, more);
+    json_decref(more);
+    return all;
+}
+
+/* ---- text ---- */
+
+static void print_cells(const struct kiln_plan *p, const struct kiln_job *job)
+{
     (void)printf("%llu triangles, %llu surface points, %llu probes\n", (unsigned long long)p->triangles,
                  (unsigned long long)p->surface.points, (unsigned long long)p->probes);
     (void)printf("%llu cells of %g m, %llu of them occupied\n", (unsigned long long)p->surface.cells_total, p->surface.cell_size,
                  (unsigned long long)p->surface.cells_occupied);
-    (void)printf("%u rank%s: %llu to %llu points each, imbalance %.1f %%\n\n", job->ranks, job->ranks == 1 ? "" : "s",
-                 (unsigned long long)p->surface.points_min, (unsigned long long)p->surface.points_max, 100.0 * p->surface.imbalance);
+    (void)printf("%u rank%s: %.1f cells and %llu to %llu points each, imbalance %.1f %% by points\n\n", job->ranks, job->ranks == 1 ? "" : "s",
+                 (double)p->surface.cells_occupied / job->ranks, (unsigned long long)p->surface.points_min, (unsigned long long)p->surface.points_max,
+                 100.0 * p->surface.imbalance);
+}
+
+static void print_memory(const struct kiln_plan *p, const struct kiln_job *job)
+{
+    const struct kiln_plan_memory *m = &p->memory;
     const struct {
         const char *name;
         uint64_t bytes;
     } rows[] = {{"program", m->program},           {"scene file, mapped", m->scene}, {"its images", m->textures}, {"geometry", m->geometry},
                 {"BVH (estimated)", m->bvh},       {"tiles of all points", m->surface_all}, {"own surface points", m->surface_own},
-                {"light of own points", m->transport}, {"probes", m->volume},        {"a rank in all", m->total}};
+                {"light of own points", m->transport}, {"probes", m->volume},        {"writing results", m->results}, {"a rank in all", m->total},
+                {"of its GPU", m->device}};
     (void)printf("memory of the fullest rank, MiB\n");
-    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
+    for (size_t i = 0; i < sizeof rows / sizeof *rows - (m->device == 0); i++)
         (void)printf("  %-22s %10.1f\n", rows[i].name, mebibytes(rows[i].bytes));
     (void)printf("%.1f bytes a surface point, %.1f bytes a triangle (BVH and images aside)\n", p->bytes_per_point, p->bytes_per_triangle);
     const double fits = node_memory(job) * 0x1p30 / (double)m->total;
-    (void)printf("a node with %.1f GiB holds %s%.0f such ranks\n\n", node_memory(job), fits < 1.0 ? "only " : "", fits < 1.0 ? 0.0 : fits);
-    (void)printf("time of the fullest rank, from a sample traced here (%u bounces assumed)\n", p->bounces);
-    (void)printf("  direct %.2f s, bounces %.2f s, final gather %.2f s, probes %.2f s, exchange %.3f s: %.2f s\n", p->seconds_direct,
-                 p->seconds_bounces, p->seconds_final, p->seconds_probes, p->seconds_exchange, p->seconds);
-    (void)printf("  a rank receives %.1f MiB in each bounce\n", p->exchange_bytes / 1048576.0);
-    (void)printf("results, before compression: lightmaps %.1f MiB, kiln.h5 %.1f MiB, volume.hdf %.1f MiB\n", mebibytes(p->lightmap_bytes),
-                 mebibytes(p->h5_bytes), mebibytes(p->volume_bytes));
+    (void)printf("a node with %.1f GiB holds %s%.0f such ranks\n\n", node_memory(job), fits < 1.0 ? "only " : "", fits < 1.0 ? 0.0 : floor(fits));
+}
+
+static void print_time(const struct kiln_plan *p)
+{
+    const struct kiln_plan_seconds *s = &p->seconds;
+    (void)printf("time of the fullest rank, from samples traced here in %.1f s (%u bounces assumed)\n", p->calibration_seconds, p->bounces);
+    (void)printf("  before     %10.2f s  import %.2f, BVH %.2f, surface points %.2f, validity %.2f\n", s->import + s->world + s->surface + s->validity,
+                 s->import, s->world, s->surface, s->validity);
+    (void)printf("  light      %10.2f s  direct %.2f, bounces %.2f, final gather %.2f, probes %.2f\n", s->direct + s->bounces + s->final + s->probes,
+                 s->direct, s->bounces, s->final, s->probes);
+    (void)printf("  exchange   %10.2f s  a rank receives %.1f MiB in each bounce\n", s->exchange, p->exchange_bytes / 1048576.0);
+    (void)printf("  results    %10.2f s\n  in all     %10.2f s\n\n", s->write, s->total);
+    (void)printf("disk: %.1f MiB: lightmaps %.1f, kiln.h5 %.1f, volume.hdf %.1f, scene %.1f; while it runs two checkpoints of %.1f MiB\n",
+                 mebibytes(p->disk_bytes), mebibytes(p->lightmap_bytes), mebibytes(p->h5_bytes), mebibytes(p->volume_bytes), mebibytes(p->scene_bytes),
+                 mebibytes(p->checkpoint_bytes));
+}
+
+/* What holds the last one of a curve back most, in words. */
+static const char *limit_of(const struct kiln_scaled *first, const struct kiln_scaled *last, double work, double *seconds)
+{
+    const double share = work / last->ranks, idle = last->trace - share * first->trace;
+    const struct {
+        const char *name;
+        double lost;
+    } losses[] = {{"what every rank does for itself or waits for (import, BVH, finding all points)", last->once - share * first->once},
+                  {"uneven shares of the cells", idle},
+                  {"the exchange of radiosity", last->exchange - share * first->exchange},
+                  {"writing the results", last->write - share * first->write}};
+    size_t most = 0;
+    for (size_t i = 1; i < sizeof losses / sizeof *losses; i++)
+        if (losses[i].lost > losses[most].lost)
+            most = i;
+    *seconds = losses[most].lost;
+    return losses[most].name;
+}
+
+static void print_curve(const char *name, const struct kiln_scaled *curve, size_t count, bool weak)
+{
+    (void)printf("\n%s scaling, simulated\n%9s%8s%12s%12s%9s%11s%9s%9s%11s%12s%12s\n", name, "ranks", "nodes", "points", "light s", "uneven", "exchange s",
+                 "once s", "write s", "in all s", "efficiency", "light only");
+    for (size_t i = 0; i < count; i++) {
+        const struct kiln_scaled *c = &curve[i];
+        (void)printf("%9u%8u%12.3g%12.3g%7.1f %%%11.3g%9.3g%9.3g%11.4g%10.1f %%%10.1f %%\n", c->ranks, c->nodes, c->points, c->trace, 100.0 * c->imbalance,
+                     c->exchange, c->once, c->write, c->seconds, 100.0 * c->efficiency, 100.0 * c->trace_efficiency);
+    }
+    double lost;
+    const struct kiln_scaled *last = &curve[count - 1];
+    const char *limit = limit_of(&curve[0], last, weak ? last->ranks : 1.0, &lost);
+    if (count > 1)
+        (void)printf("%u ranks: %.1f %% efficient; most is lost to %s: %.3g s of %.3g s\n", last->ranks, 100.0 * last->efficiency, limit, lost,
+                     last->seconds);
+}
+
+/* ---- files ---- */
+
+static void add_rows(struct kiln_page *page, const char *kind, const struct kiln_scaled *curve, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        const struct kiln_scaled *c = &curve[i];
+        kiln_page_add(page, "%s,%u,%u,%.0f,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", kind, c->ranks, c->nodes, c->points, c->trace, c->imbalance,
+                      c->exchange, c->once, c->write, c->seconds, c->efficiency, c->trace_efficiency);
+    }
+}
+
+static int write_csv(const char *directory, const struct kiln_plan *p, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    struct kiln_page page = {.error = error};
+    kiln_page_add(&page, "kind,ranks,nodes,points,trace_s,imbalance,exchange_s,once_s,write_s,seconds,efficiency,trace_efficiency\n");
+    add_rows(&page, "strong", p->strong, p->curve_count);
+    add_rows(&page, "weak", p->weak, p->curve_count);
+    int status = page.status == KILN_OK ? kiln_path_join(path, directory, "scaling.csv", error) : page.status;
+    if (status == KILN_OK)
+        status = kiln_publish_bytes(path, page.text, page.size, error);
+    kiln_free(&page.text);
+    return status;
+}
+
+static int write_plot(const char *directory, const struct kiln_plan *p, struct kiln_error *error)
+{
+    enum { CURVES = 4 };
+    double values[CURVES][KILN_CURVE_MAX], ranks[KILN_CURVE_MAX];
+    char path[KILN_PATH_SIZE], title[120];
+    for (size_t i = 0; i < p->curve_count; i++) {
+        ranks[i] = p->strong[i].ranks;
+        values[0][i] = p->strong[i].efficiency;
+        values[1][i] = p->strong[i].trace_efficiency;
+        values[2][i] = p->weak[i].efficiency;
+        values[3][i] = p->weak[i].trace_efficiency;
+    }
+    const struct kiln_curve curves[CURVES] = {{"strong, all of the bake", ranks, values[0], p->curve_count},
+                                              {"strong, light and exchange", ranks, values[1], p->curve_count},
+                                              {"weak, all of the bake", ranks, values[2], p->curve_count},
+                                              {"weak, light and exchange", ranks, values[3], p->curve_count}};
+    (void)snprintf(title, sizeof title, "Simulated efficiency, %.3g points (weak: on one rank)", p->strong[0].points);
+    const int status = kiln_path_join(path, directory, "scaling.svg", error);
+    return status == KILN_OK ? kiln_curve_svg(path, title, curves, CURVES, error) : status;
+}
+
+static int write_files(const char *directory, const struct kiln_plan *p, struct kiln_error *error)
+{
+    int status = kiln_make_directory(directory, error);
+    if (status == KILN_OK)
+        status = write_csv(directory, p, error);
+    return status == KILN_OK ? write_plot(directory, p, error) : status;
+}
+
+static void print_plan(const struct kiln_plan *p, const struct kiln_job *job)
+{
+    print_cells(p, job);
+    print_memory(p, job);
+    print_time(p);
+    if (job->ranks > 1 || job->points > 0) {
+        print_curve("strong", p->strong, p->curve_count, false);
+        print_curve("weak", p->weak, p->curve_count, true);
+    }
+}
+
+static int print_json(const struct kiln_plan *plan, const struct kiln_job *job, struct kiln_error *error)
+{
+    json_t *object = plan_json(plan, job);
+    const bool done = object != NULL && json_dumpf(object, stdout, JSON_COMPACT) == 0;
+    (void)fputc('\n', stdout);
+    json_decref(object);
+    return done ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the plan");
 }
 
 static int plan_here(struct kiln_job *job, const char *scene_file, struct kiln_error *error)
 {
     struct kiln_prepared *prepared = NULL;
     struct kiln_phases phases = {0};
-    struct kiln_plan plan;
-    int status = kiln_prepare(&prepared, MPI_COMM_SELF, job, scene_file, &phases, NULL, error);
+    struct kiln_plan *plan = NULL;
+    int status = kiln_allocate(&plan, 1, sizeof *plan, "the plan", error);
     if (status == KILN_OK)
-        status = kiln_plan_make(&plan, prepared, job, error);
-    if (status == KILN_OK && job->json) {
-        json_t *object = plan_json(&plan, job);
-        if (object == NULL || json_dumpf(object, stdout, JSON_COMPACT) != 0)
-            status = kiln_fail(error, KILN_SYSTEM, "out of memory: the plan");
-        (void)fputc('\n', stdout);
-        json_decref(object);
-    } else if (status == KILN_OK) {
-        print_plan(&plan, job);
-    }
+        status = kiln_prepare(&prepared, MPI_COMM_SELF, job, scene_file, &phases, NULL, error);
+    if (status == KILN_OK)
+        status = kiln_plan_make(plan, prepared, job, &phases, error);
+    if (status == KILN_OK && job->json)
+        status = print_json(plan, job, error);
+    else if (status == KILN_OK)
+        print_plan(plan, job);
+    if (status == KILN_OK && job->output != NULL)
+        status = write_files(job->output, plan, error);
     kiln_prepared_destroy(&prepared);
+    kiln_free(&plan);
     return status;
 }
 

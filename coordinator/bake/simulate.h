@@ -1,0 +1,46 @@
+/* How a bake would scale over more ranks than there are: from the cells' points, what a point costs, and a network's figures. */
+#ifndef KILN_COORDINATOR_BAKE_SIMULATE_H
+#define KILN_COORDINATOR_BAKE_SIMULATE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "worker/base/status.h"
+
+/* What the simulated bake is made of. Times in seconds, of one rank with all the cores (or the GPU) that a rank gets. */
+struct kiln_simulation {
+    const uint64_t *cell_points; /* of the occupied cells in global order */
+    const double *cell_cost;     /* seconds a point of each: direct light, all bounces, the final gather */
+    size_t cell_count;
+    uint64_t fragments;          /* smallest units of work */
+    double density;              /* points for each one that the cells have: the same scene with finer lightmaps */
+    double once;                 /* done by every rank, or while all wait: import, scene, BVH */
+    double once_a_point;         /* done by every rank for all points: where the points lie */
+    double shared_a_point;       /* done for own points besides tracing: validity, files */
+    double shared;               /* divided between ranks whatever the number of points: probes */
+    double largest_object;       /* seconds to write the largest lightmap, which one rank does */
+    double radiosity_bytes;      /* of a point, in an exchange */
+    uint32_t exchanges, ranks_per_node;
+    double bandwidth, latency;   /* of a node: bytes a second, seconds */
+};
+
+/* One number of ranks. Efficiency is the time of one rank over (ranks x time), of weak scaling over time alone. */
+struct kiln_scaled {
+    uint32_t ranks, nodes;
+    double points;
+    double trace, imbalance; /* of the costliest rank; over the mean - 1 */
+    double exchange, once, write, seconds;
+    double efficiency, trace_efficiency; /* of all; of tracing and exchange alone */
+};
+
+/* The bake with `density` x cells' points on `ranks` ranks; efficiencies are left 0. KILN_SYSTEM. */
+int kiln_simulate(const struct kiln_simulation *simulation, uint32_t ranks, double density, struct kiln_scaled *scaled, struct kiln_error *error);
+
+enum { KILN_CURVE_MAX = 64 };
+
+/* 1, 2, 4, ... and `most` ranks, strong (all of them the same points) and weak (each rank as many as one has in the strong one).
+ * Writes *count entries, at most KILN_CURVE_MAX. KILN_SYSTEM. */
+int kiln_simulate_curves(const struct kiln_simulation *simulation, uint32_t most, struct kiln_scaled *strong, struct kiln_scaled *weak,
+                         size_t *count, struct kiln_error *error);
+
+#endif

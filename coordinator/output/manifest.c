@@ -1,0 +1,286 @@
+#include "coordinator/output/manifest.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <jansson.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+#include "coordinator/cli/agree.h"
+#include "coordinator/output/publish.h"
+#include "worker/base/memory.h"
+
+enum { READ_BYTES = 1 << 20, TAIL_LINE = 9 + 32 + 1 /* "xxh3_128 " HASH newline */, MANIFEST_MOST = 1 << 30 };
+static const char NAME[] = "manifest";
+
+static void hash_text(XXH128_hash_t hash, char text[KILN_MANIFEST_HASH])
+{
+    (void)snprintf(text, KILN_MANIFEST_HASH, "%016llx%016llx", (unsigned long long)hash.high64, (unsigned long long)hash.low64);
+}
+
+/* ---- one file ---- */
+
+static int read_whole(int descriptor, const char *path, XXH3_state_t *state, char *buffer, uint64_t *bytes, struct kiln_error *error)
+{
+    for (*bytes = 0;;) {
+        const ssize_t got = read(descriptor, buffer, READ_BYTES);
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got < 0)
+            return kiln_fail_errno(error, KILN_IO, "'%s' cannot be read at byte %llu", path, (unsigned long long)*bytes);
+        if (got == 0)
+            return KILN_OK;
+        (void)XXH3_128bits_update(state, buffer, (size_t)got);
+        *bytes += (uint64_t)got;
+    }
+}
+
+static int hash_file(const char *path, uint64_t *bytes, XXH128_hash_t *hash, struct kiln_error *error)
+{
+    struct stat found;
+    char *buffer = NULL;
+    XXH3_state_t *state = XXH3_createState();
+    int status = KILN_OK;
+    const int descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+    if (state == NULL)
+        status = kiln_fail(error, KILN_SYSTEM, "out of memory: the hash of '%s'", path);
+    else if (descriptor < 0)
+        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be opened", path);
+    else if (fstat(descriptor, &found) != 0 || !S_ISREG(found.st_mode))
+        status = kiln_fail(error, KILN_IO, "'%s' is not a plain file", path);
+    if (status == KILN_OK)
+        status = kiln_allocate(&buffer, READ_BYTES, 1, "a file's bytes", error);
+    if (status == KILN_OK) {
+        (void)XXH3_128bits_reset(state);
+        status = read_whole(descriptor, path, state, buffer, bytes, error);
+    }
+    if (status == KILN_OK)
+        *hash = XXH3_128bits_digest(state);
+    if (descriptor >= 0)
+        (void)close(descriptor);
+    (void)XXH3_freeState(state);
+    kiln_free(&buffer);
+    return status;
+}
+
+int kiln_manifest_check(const struct kiln_manifest_file *file, const char *directory, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE], text[KILN_MANIFEST_HASH];
+    uint64_t bytes = 0;
+    XXH128_hash_t hash;
+    int status = kiln_path_join(path, directory, file->path, error);
+    if (status == KILN_OK)
+        status = hash_file(path, &bytes, &hash, error);
+    if (status != KILN_OK)
+        return KILN_BAD_INPUT;
+    hash_text(hash, text);
+    if (bytes != file->bytes)
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' has %llu bytes and was written with %llu", path, (unsigned long long)bytes,
+                         (unsigned long long)file->bytes);
+    if (strcmp(text, file->hash) != 0)
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not as it was written: its hash is %s and was %s", path, text, file->hash);
+    return KILN_OK;
+}
+
+/* ---- writing ---- */
+
+static int name_file(struct kiln_manifest *m, const char *folder, const char *name, const char *ending, struct kiln_error *error)
+{
+    const size_t room = strlen(folder) + strlen(name) + strlen(ending) + 1;
+    char **path = &m->files[m->count].path;
+    const int status = kiln_allocate(path, room, 1, "the manifest", error);
+    if (status == KILN_OK) {
+        (void)snprintf(*path, room, "%s%s%s", folder, name, ending);
+        m->count++;
+    }
+    return status;
+}
+
+/* The same on all ranks. */
+static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *scene, bool volume, bool preview, struct kiln_error *error)
+{
+    const char *const others[] = {"run.json", "scene.kscene", "kiln.h5", volume ? "volume.hdf" : NULL, preview ? "preview.png" : NULL};
+    const size_t other_count = sizeof others / sizeof *others;
+    int status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&(*manifest)->files, other_count + scene->object_count, sizeof *(*manifest)->files, "the manifest", error);
+    for (size_t i = 0; status == KILN_OK && i < other_count; i++)
+        if (others[i] != NULL)
+            status = name_file(*manifest, "", others[i], "", error);
+    for (size_t i = 0; status == KILN_OK && i < scene->object_count; i++)
+        status = name_file(*manifest, "lightmaps/", kiln_scene_string(scene, scene->objects[i].name), ".exr", error);
+    return status;
+}
+
+/* Size and the two halves of the hash of every file that is this rank's turn; 0 for the others. */
+static int hash_own(const struct kiln_manifest *m, const char *directory, int rank, int ranks, uint64_t *values, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = (size_t)rank; i < m->count && status == KILN_OK; i += (size_t)ranks) {
+        char path[KILN_PATH_SIZE];
+        XXH128_hash_t hash = {0};
+        status = kiln_path_join(path, directory, m->files[i].path, error);
+        if (status == KILN_OK)
+            status = hash_file(path, &values[3 * i], &hash, error);
+        values[3 * i + 1] = hash.high64;
+        values[3 * i + 2] = hash.low64;
+    }
+    return status;
+}
+
+static int join(MPI_Comm communicator, int rank, uint64_t *values, size_t count, struct kiln_error *error)
+{
+    enum { AT_ONCE = 1 << 24 };
+    for (size_t first = 0; first < count; first += AT_ONCE) {
+        const int part = count - first < AT_ONCE ? (int)(count - first) : AT_ONCE;
+        if (MPI_Reduce(rank == 0 ? MPI_IN_PLACE : values + first, values + first, part, MPI_UINT64_T, MPI_BOR, 0, communicator) != MPI_SUCCESS)
+            return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the results' hashes were gathered");
+    }
+    return KILN_OK;
+}
+
+static json_t *manifest_json(const struct kiln_manifest *m, const uint64_t *values)
+{
+    json_t *files = json_array();
+    for (size_t i = 0; i < m->count; i++) {
+        char text[KILN_MANIFEST_HASH];
+        hash_text((XXH128_hash_t){.high64 = values[3 * i + 1], .low64 = values[3 * i + 2]}, text);
+        (void)json_array_append_new(files, json_pack("{s:s, s:I, s:s}", "path", m->files[i].path, "bytes", (json_int_t)values[3 * i], "xxh3_128", text));
+    }
+    return json_pack("{s:s, s:o}", "kiln", KILN_VERSION, "files", files);
+}
+
+static int publish(const struct kiln_manifest *m, const char *directory, const uint64_t *values, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE], *text = NULL, digits[KILN_MANIFEST_HASH];
+    json_t *json = manifest_json(m, values);
+    char *body = json != NULL && json_array_size(json_object_get(json, "files")) == m->count ? json_dumps(json, JSON_INDENT(1)) : NULL;
+    int status = body == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: the manifest") : kiln_path_join(path, directory, NAME, error);
+    const size_t length = body != NULL ? strlen(body) + 1 : 0;
+    if (status == KILN_OK)
+        status = kiln_allocate(&text, length + TAIL_LINE + 1, 1, "the manifest", error);
+    if (status == KILN_OK) {
+        (void)snprintf(text, length + 1, "%s\n", body);
+        hash_text(XXH3_128bits(text, length), digits);
+        (void)snprintf(text + length, TAIL_LINE + 1, "xxh3_128 %s\n", digits);
+        status = kiln_publish_bytes(path, text, length + TAIL_LINE, error);
+    }
+    kiln_free(&text);
+    free(body);
+    json_decref(json);
+    return status;
+}
+
+int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene, bool volume, bool preview,
+                        struct kiln_error *error)
+{
+    struct kiln_manifest *m = NULL;
+    uint64_t *values = NULL;
+    int rank = 0, ranks = 1;
+    (void)MPI_Comm_rank(communicator, &rank);
+    (void)MPI_Comm_size(communicator, &ranks);
+    int status = name_files(&m, scene, volume, preview, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&values, 3 * m->count, sizeof *values, "the results' hashes", error);
+    if (status == KILN_OK)
+        status = hash_own(m, directory, rank, ranks, values, error);
+    status = kiln_agree(communicator, status, error);
+    if (status == KILN_OK)
+        status = join(communicator, rank, values, 3 * m->count, error);
+    if (status == KILN_OK && rank == 0)
+        status = publish(m, directory, values, error);
+    kiln_free(&values);
+    kiln_manifest_destroy(&m);
+    return kiln_agree(communicator, status, error);
+}
+
+int kiln_manifest_remove(const char *directory, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    const int status = kiln_path_join(path, directory, NAME, error);
+    if (status == KILN_OK && unlink(path) != 0 && errno != ENOENT)
+        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
+    return status;
+}
+
+/* ---- reading ---- */
+
+/* Whether the text ends with the hash of all before its last line. */
+static bool is_whole(const char *text, size_t size)
+{
+    char digits[KILN_MANIFEST_HASH];
+    if (size < TAIL_LINE || memcmp(text + size - TAIL_LINE, "xxh3_128 ", 9) != 0 || text[size - 1] != '\n')
+        return false;
+    hash_text(XXH3_128bits(text, size - TAIL_LINE), digits);
+    return memcmp(text + size - TAIL_LINE + 9, digits, 32) == 0;
+}
+
+/* A path that stays within the folder. */
+static bool is_inside(const char *path)
+{
+    return path[0] != '\0' && path[0] != '/' && strncmp(path, "../", 3) != 0 && strstr(path, "/../") == NULL && strcmp(path, "..") != 0;
+}
+
+static int take_file(struct kiln_manifest *m, const json_t *entry, const char *manifest_path, struct kiln_error *error)
+{
+    const char *path = json_string_value(json_object_get(entry, "path")), *hash = json_string_value(json_object_get(entry, "xxh3_128"));
+    const json_t *bytes = json_object_get(entry, "bytes");
+    if (path == NULL || hash == NULL || strlen(hash) != KILN_MANIFEST_HASH - 1 || !json_is_integer(bytes) || !is_inside(path))
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: entry %zu of its files is not whole", manifest_path, m->count);
+    struct kiln_manifest_file *file = &m->files[m->count];
+    const int status = name_file(m, "", path, "", error);
+    if (status == KILN_OK) {
+        file->bytes = (uint64_t)json_integer_value(bytes);
+        memcpy(file->hash, hash, KILN_MANIFEST_HASH);
+    }
+    return status;
+}
+
+static int take_files(struct kiln_manifest *m, const json_t *json, const char *path, struct kiln_error *error)
+{
+    const json_t *files = json_object_get(json, "files");
+    if (!json_is_array(files) || json_array_size(files) == 0)
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: it lists no files", path);
+    int status = kiln_allocate(&m->files, json_array_size(files), sizeof *m->files, "the manifest", error);
+    for (size_t i = 0; status == KILN_OK && i < json_array_size(files); i++)
+        status = take_file(m, json_array_get(files, i), path, error);
+    return status;
+}
+
+int kiln_manifest_read(struct kiln_manifest **manifest, const char *directory, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE], *text = NULL;
+    size_t size = 0;
+    json_t *json = NULL;
+    *manifest = NULL;
+    int status = kiln_path_join(path, directory, NAME, error);
+    if (status == KILN_OK)
+        status = kiln_read_file(path, MANIFEST_MOST, &text, &size, error);
+    if (status == KILN_OK && !is_whole(text, size))
+        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' is not as it was written: it does not end with its own hash; the results cannot be checked", path);
+    if (status == KILN_OK && (json = json_loadb(text, size - TAIL_LINE, 0, NULL)) == NULL)
+        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: it is not JSON", path);
+    if (status == KILN_OK)
+        status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
+    if (status == KILN_OK)
+        status = take_files(*manifest, json, path, error);
+    if (status != KILN_OK)
+        kiln_manifest_destroy(manifest);
+    json_decref(json);
+    kiln_free(&text);
+    return status;
+}
+
+void kiln_manifest_destroy(struct kiln_manifest **manifest)
+{
+    if (*manifest == NULL)
+        return;
+    for (size_t i = 0; i < (*manifest)->count; i++)
+        kiln_free(&(*manifest)->files[i].path);
+    kiln_free(&(*manifest)->files);
+    kiln_free(manifest);
+}

@@ -1,0 +1,45 @@
+/* DIR/manifest: what a finished bake consists of, so that a file that is not as it was written is noticed.
+ *
+ * One JSON object {"kiln": version, "files": [{"path", "bytes", "xxh3_128"}, ...]}, and a last line "xxh3_128 HASH" over all before
+ * it. It is written last of all and gets its name when it is whole: where there is one, the bake is complete. Pictures and
+ * reports made later are not in it. */
+#ifndef KILN_COORDINATOR_OUTPUT_MANIFEST_H
+#define KILN_COORDINATOR_OUTPUT_MANIFEST_H
+
+#include <mpi.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "worker/scene/scene.h"
+
+enum { KILN_MANIFEST_HASH = 33 };
+
+struct kiln_manifest_file {
+    char *path; /* within the folder */
+    uint64_t bytes;
+    char hash[KILN_MANIFEST_HASH]; /* 32 lower-case digits */
+};
+
+struct kiln_manifest {
+    struct kiln_manifest_file *files;
+    size_t count;
+};
+
+/* Collective. Hashes the results of a bake of `scene` in `directory`, a share on each rank, and writes the manifest on rank 0.
+ * KILN_IO when a result is not there. */
+int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene, bool volume, bool preview,
+                        struct kiln_error *error);
+
+/* Rank 0, before results are replaced: without it the folder no longer claims to be complete. */
+int kiln_manifest_remove(const char *directory, struct kiln_error *error);
+
+/* KILN_NO_INPUT without one, KILN_BAD_INPUT when it is damaged. Destroy with kiln_manifest_destroy. Not collective. */
+int kiln_manifest_read(struct kiln_manifest **manifest, const char *directory, struct kiln_error *error);
+void kiln_manifest_destroy(struct kiln_manifest **manifest);
+
+/* Reads the whole file and compares size and hash. KILN_BAD_INPUT with a sentence that names the file when they differ or it is
+ * gone. Thread-safe. */
+int kiln_manifest_check(const struct kiln_manifest_file *file, const char *directory, struct kiln_error *error);
+
+#endif
