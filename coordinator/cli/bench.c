@@ -5,6 +5,7 @@
 #include "coordinator/bake/rays_bench.h"
 #include "coordinator/cli/agree.h"
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/scaling.h"
 #include "coordinator/cli/temporary.h"
 
 static int bench_rays(struct kiln_job *job, const char *scene_file, struct kiln_error *error)
@@ -33,8 +34,10 @@ static int bench_rays(struct kiln_job *job, const char *scene_file, struct kiln_
 
 int kiln_command_bench(struct kiln_job *job, struct kiln_error *error)
 {
+    if (strcmp(job->arguments[0], "scaling") == 0)
+        return kiln_scaling_bench(job, error);
     if (strcmp(job->arguments[0], "rays") != 0)
-        return kiln_fail(error, KILN_USAGE, "no bench is called '%.100s'; there is: rays", job->arguments[0]);
+        return kiln_fail(error, KILN_USAGE, "no bench is called '%.100s'; there are: rays, scaling", job->arguments[0]);
     int rank;
     (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
     int status = KILN_OK;

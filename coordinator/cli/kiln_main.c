@@ -224,7 +224,9 @@ int kiln_main(int argc, char **argv)
     const int rank = (int)launcher("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "SLURM_PROCID", 0);
     if (!answer_help(argc, argv, rank, &status, &error)) {
         const struct kiln_command *command = kiln_command_find(argv[1]);
-        if (command != NULL && command->mpi)
+        /* A bench that starts mpirun must not be in an MPI job of its own. */
+        const bool starts_mpi = command != NULL && command->bit == KILN_FOR_BENCH && has_argument(argc, argv, "scaling");
+        if (command != NULL && command->mpi && !starts_mpi)
             return run_with_mpi(argc, argv, command, many, rank, &error);
         if (rank != 0)
             return KILN_OK; /* one process does it */

@@ -173,6 +173,8 @@ const struct kiln_option kiln_options[] = {
     {.name = "albedo", .group = "Generate", .kind = KILN_OPTION_DOUBLE, .value = "SHARE", .fallback = "auto",
      .word = "auto", .word_value = -1, .minimum = 0, .maximum = 0.999, .help = "of the furnace's walls; auto: 0.5", .commands = KILN_FOR_GENERATE, .offset = AT(albedo)},
 
+    {.name = "ranks", .group = "Bench", .kind = KILN_OPTION_STRING, .value = "N,N,...", .fallback = "1,2",
+     .help = "numbers of ranks to bake with (scaling)", .commands = KILN_FOR_BENCH, .offset = AT(rank_counts)},
     {.name = "repeats", .group = "Bench", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "5", .minimum = 1, .maximum = 1000,
      .help = "runs of each measurement; the median counts", .commands = KILN_FOR_BENCH, .offset = AT(repeats)},
 
@@ -251,7 +253,8 @@ const struct kiln_command kiln_commands[] = {
      .summary = "report.html from a bake", .examples = {"kiln report out"}},
     {.name = "bench", .bit = KILN_FOR_BENCH, .arguments = "NAME SCENE", .minimum = 2, .maximum = 2, .mpi = true,
      .summary = "measurements on this machine",
-     .examples = {"kiln bench rays room.glb", "kiln bench rays room.glb --repeats 9 --json"}},
+     .examples = {"kiln bench rays room.glb", "kiln bench rays room.glb --repeats 9 --json",
+                  "kiln bench scaling room.glb --ranks 1,2,4 -o scaling"}},
     {.name = "submit", .bit = KILN_FOR_SUBMIT, .arguments = "JOB.yaml|SCENE...", .maximum = SIZE_MAX,
      .summary = "queue a bake on a Slurm cluster",
      .examples = {"kiln submit jobs/cornell.yaml --nodes 2 --time 1:00:00", "kiln submit room.glb --gpus 4 --dry-run",

@@ -1,0 +1,460 @@
+#include "coordinator/cli/scaling.h"
+
+#include <errno.h>
+#include <jansson.h>
+#include <math.h>
+#include <spawn.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "coordinator/bake/phases.h"
+#include "coordinator/bake/prepare.h"
+#include "coordinator/cli/job_private.h"
+#include "coordinator/cli/options.h"
+#include "coordinator/output/curve.h"
+#include "coordinator/output/page.h"
+#include "coordinator/output/publish.h"
+#include "worker/base/memory.h"
+
+extern char **environ;
+
+enum { RUNS_MOST = 32, TEXT = 64, ARGUMENTS_MOST = 256 };
+
+/* One bake. */
+struct run {
+    bool weak;
+    uint32_t ranks;
+    double points, density; /* density: texels per metre */
+    double seconds, efficiency, light_efficiency;
+    size_t phase_count;
+    char phase[KILN_PHASES_MAX][TEXT];
+    double slowest[KILN_PHASES_MAX]; /* seconds of the slowest rank */
+};
+
+struct bench {
+    struct kiln_job *job;
+    const char *scene;
+    char output[KILN_PATH_SIZE], program[KILN_PATH_SIZE];
+    uint32_t ranks[RUNS_MOST];
+    size_t rank_count;
+    uint32_t threads;
+    struct run runs[2 * RUNS_MOST]; /* strong ones, then weak ones */
+};
+
+/* ---- what to run ---- */
+
+static int read_ranks(struct bench *b, struct kiln_error *error)
+{
+    const char *text = b->job->rank_counts;
+    for (const char *at = text; at != NULL && *at != '\0';) {
+        char *end = NULL;
+        const unsigned long value = strtoul(at, &end, 10);
+        const bool ascends = b->rank_count == 0 || value > b->ranks[b->rank_count - 1];
+        if (end == at || (*end != ',' && *end != '\0') || value < 1 || value > 65536 || !ascends || b->rank_count == RUNS_MOST)
+            return kiln_fail(error, KILN_USAGE, "--ranks takes ascending numbers like 1,2,4 (%d at most), not '%.100s'", RUNS_MOST, text);
+        b->ranks[b->rank_count++] = (uint32_t)value;
+        at = *end == ',' ? end + 1 : end;
+    }
+    return b->rank_count > 0 ? KILN_OK : kiln_fail(error, KILN_USAGE, "--ranks takes ascending numbers like 1,2,4, not nothing");
+}
+
+static int name_output(struct bench *b, struct kiln_error *error)
+{
+    const char *slash = strrchr(b->scene, '/'), *name = slash == NULL ? b->scene : slash + 1, *dot = strrchr(name, '.');
+    const int length = dot == NULL || dot == name ? (int)strlen(name) : (int)(dot - name);
+    const int used = b->job->output != NULL ? snprintf(b->output, sizeof b->output, "%s", b->job->output)
+                                            : snprintf(b->output, sizeof b->output, "%.*s-scaling", length, name);
+    return used > 0 && used < KILN_PATH_SIZE ? KILN_OK : kiln_fail(error, KILN_USAGE, "the output folder's name is too long");
+}
+
+static int find_program(struct bench *b, struct kiln_error *error)
+{
+    const ssize_t length = readlink("/proc/self/exe", b->program, sizeof b->program - 1);
+    if (length <= 0)
+        return kiln_fail_errno(error, KILN_SYSTEM, "where kiln lies cannot be found out");
+    b->program[length] = '\0';
+    return KILN_OK;
+}
+
+/* ---- a command line ---- */
+
+struct arguments {
+    char *text[ARGUMENTS_MOST];
+    size_t count;
+    int status;
+    struct kiln_error *error;
+};
+
+static void push(struct arguments *a, const char *text)
+{
+    if (a->status == KILN_OK && a->count + 1 >= ARGUMENTS_MOST)
+        a->status = kiln_fail(a->error, KILN_USAGE, "too many options");
+    if (a->status == KILN_OK)
+        a->status = kiln_allocate(&a->text[a->count], strlen(text) + 1, 1, "a command line", a->error);
+    if (a->status == KILN_OK)
+        memcpy(a->text[a->count++], text, strlen(text) + 1);
+}
+
+/* As kiln_option_set understands it. */
+static void value_text(const struct kiln_job *job, const struct kiln_option *option, char *text, size_t size)
+{
+    const char *at = (const char *)job + option->offset;
+    switch (option->kind) {
+    case KILN_OPTION_UINT32:
+        (void)snprintf(text, size, "%u", *(const uint32_t *)(const void *)at);
+        break;
+    case KILN_OPTION_UINT64:
+        (void)snprintf(text, size, "%llu", (unsigned long long)*(const uint64_t *)(const void *)at);
+        break;
+    case KILN_OPTION_INT64: {
+        const int64_t value = *(const int64_t *)(const void *)at;
+        if (option->word != NULL && (double)value == option->word_value)
+            (void)snprintf(text, size, "%s", option->word);
+        else
+            (void)snprintf(text, size, "%lld", (long long)value);
+        break;
+    }
+    case KILN_OPTION_DOUBLE:
+        (void)snprintf(text, size, "%.17g", *(const double *)(const void *)at);
+        break;
+    case KILN_OPTION_CHOICE_ENUM:
+        (void)snprintf(text, size, "%s", option->choices[*(const int *)(const void *)at]);
+        break;
+    case KILN_OPTION_CHOICE_FLAG:
+        (void)snprintf(text, size, "%s", option->choices[*(const bool *)(const void *)at]);
+        break;
+    case KILN_OPTION_FLAG:
+    case KILN_OPTION_STRING:
+    case KILN_OPTION_PATH:
+    case KILN_OPTION_ENVIRONMENT:
+    case KILN_OPTION_POINT:
+    case KILN_OPTION_CHOICE:
+        (void)snprintf(text, size, "%s", *(char *const *)(const void *)at);
+        break;
+    }
+}
+
+static void push_option(struct arguments *a, const struct kiln_job *job, const struct kiln_option *option)
+{
+    char name[TEXT + 8], value[KILN_PATH_SIZE];
+    if (option->kind == KILN_OPTION_FLAG) {
+        (void)snprintf(name, sizeof name, "--%s%s", *(const bool *)(const void *)((const char *)job + option->offset) ? "" : "no-", option->name);
+        push(a, name);
+        return;
+    }
+    (void)snprintf(name, sizeof name, "--%s", option->name);
+    value_text(job, option, value, sizeof value);
+    if (option->kind == KILN_OPTION_DOUBLE && option->word != NULL && strtod(value, NULL) == option->word_value)
+        (void)snprintf(value, sizeof value, "%s", option->word);
+    push(a, name);
+    push(a, value);
+}
+
+/* What was given to the bench and means something to bake. */
+static void push_given(struct arguments *a, const struct kiln_job *job)
+{
+    static const char *const own[] = {"output", "threads", "texels-per-metre", "json", "quiet", "verbose"};
+    const struct kiln_job_owned *owned = job->strings;
+    for (size_t i = 0; i < kiln_option_count; i++) {
+        bool mine = false;
+        for (size_t k = 0; k < sizeof own / sizeof *own; k++)
+            mine = mine || strcmp(own[k], kiln_options[i].name) == 0;
+        if (owned->given[i] && !mine && (kiln_options[i].commands & KILN_FOR_BAKE) != 0)
+            push_option(a, job, &kiln_options[i]);
+    }
+}
+
+static void push_number(struct arguments *a, const char *name, const char *format, double value)
+{
+    char text[TEXT];
+    (void)snprintf(text, sizeof text, format, value);
+    push(a, name);
+    push(a, text);
+}
+
+/* density 0: as the scene or the options say. */
+static void make_command(const struct bench *b, const struct run *run, const char *folder, struct arguments *a)
+{
+    push(a, "mpirun");
+    push_number(a, "-n", "%.0f", run->ranks);
+    push(a, b->program);
+    push(a, "bake");
+    push(a, b->scene);
+    push(a, "-o");
+    push(a, folder);
+    push(a, "--quiet");
+    push(a, "--no-resume");
+    push_number(a, "--threads", "%.0f", b->threads);
+    if (run->density > 0.0)
+        push_number(a, "--texels-per-metre", "%.17g", run->density);
+    push_given(a, b->job);
+}
+
+/* Waits for it. Its stdout becomes our stderr: ours is for the result. */
+static int run_command(struct arguments *a, struct kiln_error *error)
+{
+    posix_spawn_file_actions_t actions;
+    pid_t process;
+    int exit_status = 0;
+    if (posix_spawn_file_actions_init(&actions) != 0)
+        return kiln_fail(error, KILN_SYSTEM, "out of memory: starting mpirun");
+    int failure = posix_spawn_file_actions_adddup2(&actions, STDERR_FILENO, STDOUT_FILENO);
+    if (failure == 0)
+        failure = posix_spawnp(&process, a->text[0], &actions, NULL, a->text, environ);
+    (void)posix_spawn_file_actions_destroy(&actions);
+    if (failure != 0) {
+        errno = failure;
+        return kiln_fail_errno(error, KILN_SITE, "mpirun cannot be started; is Open MPI in PATH?");
+    }
+    while (waitpid(process, &exit_status, 0) < 0 && errno == EINTR)
+        ;
+    if (WIFEXITED(exit_status) && WEXITSTATUS(exit_status) == 0)
+        return KILN_OK;
+    const int code = WIFEXITED(exit_status) ? WEXITSTATUS(exit_status) : KILN_SYSTEM;
+    return kiln_fail(error, code >= KILN_USAGE && code <= KILN_SITE ? code : KILN_SYSTEM,
+                     "the bake on %s ranks failed with %d: its own words are above", a->text[2], code);
+}
+
+/* ---- results ---- */
+
+static int read_report(struct run *run, const char *folder, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    json_error_t where;
+    int status = kiln_path_join(path, folder, "run.json", error);
+    json_t *json = status == KILN_OK ? json_load_file(path, 0, &where) : NULL;
+    if (status == KILN_OK && json == NULL)
+        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' cannot be read: %s", path, where.text);
+    if (status == KILN_OK) {
+        run->seconds = json_number_value(json_object_get(json, "seconds"));
+        run->points = (double)json_integer_value(json_object_get(json_object_get(json, "points"), "count"));
+        run->density = json_number_value(json_object_get(json_object_get(json, "scene"), "texels_per_metre"));
+        size_t index;
+        json_t *phase;
+        json_array_foreach(json_object_get(json, "phases"), index, phase) {
+            if (run->phase_count == KILN_PHASES_MAX)
+                break;
+            const char *name = json_string_value(json_object_get(phase, "name"));
+            (void)snprintf(run->phase[run->phase_count], TEXT, "%s", name != NULL ? name : "");
+            run->slowest[run->phase_count++] = json_number_value(json_object_get(json_object_get(phase, "seconds"), "max"));
+        }
+    }
+    json_decref(json);
+    return status;
+}
+
+static int bake(struct bench *b, struct run *run, struct kiln_error *error)
+{
+    char name[TEXT], folder[KILN_PATH_SIZE];
+    struct arguments a = {.error = error};
+    (void)snprintf(name, sizeof name, "%s-%u", run->weak ? "weak" : "strong", run->ranks);
+    int status = kiln_path_join(folder, b->output, name, error);
+    if (status == KILN_OK) {
+        make_command(b, run, folder, &a);
+        status = a.status;
+    }
+    if (status == KILN_OK && !b->job->quiet)
+        (void)fprintf(stderr, "kiln: %s scaling, %u rank%s of %u thread%s\n", run->weak ? "weak" : "strong", run->ranks, run->ranks == 1 ? "" : "s",
+                      b->threads, b->threads == 1 ? "" : "s");
+    if (status == KILN_OK)
+        status = run_command(&a, error);
+    if (status == KILN_OK)
+        status = read_report(run, folder, error);
+    for (size_t i = 0; i < a.count; i++)
+        kiln_free(&a.text[i]);
+    return status;
+}
+
+static double phase_of(const struct run *run, const char *name)
+{
+    for (size_t i = 0; i < run->phase_count; i++)
+        if (strcmp(run->phase[i], name) == 0)
+            return run->slowest[i];
+    return 0.0;
+}
+
+static double light_of(const struct run *run)
+{
+    return phase_of(run, "direct light") + phase_of(run, "bounces") + phase_of(run, "final gather") + phase_of(run, "exchange") + phase_of(run, "probes");
+}
+
+/* Seconds that the run would take if nothing were lost against the first one, for a time of it. */
+static double ideal(const struct run *first, const struct run *run, double seconds)
+{
+    const double work = first->points > 0.0 ? run->points / first->points : 1.0;
+    return seconds * work * first->ranks / run->ranks;
+}
+
+static void rate(const struct run *first, struct run *run)
+{
+    const double light = light_of(run);
+    run->efficiency = run->seconds > 0.0 ? ideal(first, run, first->seconds) / run->seconds : 0.0;
+    run->light_efficiency = light > 0.0 ? ideal(first, run, light_of(first)) / light : 1.0;
+}
+
+/* Strong ones first; the first bake is also the first weak one. */
+static int bake_all(struct bench *b, struct kiln_error *error)
+{
+    const size_t n = b->rank_count;
+    int status = KILN_OK;
+    for (size_t i = 0; i < 2 * n && status == KILN_OK; i++) {
+        struct run *run = &b->runs[i];
+        *run = (struct run){.weak = i >= n, .ranks = b->ranks[i % n], .density = b->job->texels_per_metre};
+        if (i == n) {
+            *run = b->runs[0];
+            run->weak = true;
+        } else {
+            if (i > n)
+                run->density = b->runs[0].density * sqrt((double)run->ranks / b->ranks[0]);
+            status = bake(b, run, error);
+        }
+        rate(&b->runs[0], run);
+    }
+    return status;
+}
+
+/* ---- telling ---- */
+
+static int write_csv(const struct bench *b, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    struct kiln_page page = {.error = error};
+    const struct run *first = &b->runs[0];
+    kiln_page_add(&page, "kind,ranks,threads,points,seconds,efficiency,light_efficiency");
+    for (size_t p = 0; p < first->phase_count; p++)
+        kiln_page_add(&page, ",%s", first->phase[p]);
+    for (size_t i = 0; i < 2 * b->rank_count; i++) {
+        const struct run *run = &b->runs[i];
+        kiln_page_add(&page, "\n%s,%u,%u,%.0f,%.6g,%.6g,%.6g", run->weak ? "weak" : "strong", run->ranks, b->threads, run->points, run->seconds,
+                      run->efficiency, run->light_efficiency);
+        for (size_t p = 0; p < first->phase_count; p++)
+            kiln_page_add(&page, ",%.6g", phase_of(run, first->phase[p]));
+    }
+    kiln_page_add(&page, "\n");
+    int status = page.status == KILN_OK ? kiln_path_join(path, b->output, "scaling.csv", error) : page.status;
+    if (status == KILN_OK)
+        status = kiln_publish_bytes(path, page.text, page.size, error);
+    kiln_free(&page.text);
+    return status;
+}
+
+static int write_plot(const struct bench *b, struct kiln_error *error)
+{
+    enum { CURVES = 4 };
+    double ranks[RUNS_MOST], values[CURVES][RUNS_MOST];
+    char path[KILN_PATH_SIZE];
+    const size_t n = b->rank_count;
+    for (size_t i = 0; i < n; i++) {
+        ranks[i] = b->ranks[i];
+        for (size_t weak = 0; weak < 2; weak++) {
+            values[2 * weak][i] = b->runs[weak * n + i].efficiency;
+            values[2 * weak + 1][i] = b->runs[weak * n + i].light_efficiency;
+        }
+    }
+    const struct kiln_curve curves[CURVES] = {{"strong, all of the bake", ranks, values[0], n},
+                                              {"strong, light and exchange", ranks, values[1], n},
+                                              {"weak, all of the bake", ranks, values[2], n},
+                                              {"weak, light and exchange", ranks, values[3], n}};
+    const int status = kiln_path_join(path, b->output, "scaling.svg", error);
+    return status == KILN_OK ? kiln_curve_svg(path, "Measured efficiency over ranks", curves, CURVES, error) : status;
+}
+
+/* The phase that lost most against the first run, and how much. */
+static const char *worst_phase(const struct run *first, const struct run *run, double *lost)
+{
+    const char *name = "nothing";
+    *lost = 0.0;
+    for (size_t p = 0; p < run->phase_count; p++) {
+        const double more = run->slowest[p] - ideal(first, run, phase_of(first, run->phase[p]));
+        if (more > *lost) {
+            *lost = more;
+            name = run->phase[p];
+        }
+    }
+    return name;
+}
+
+static void sentence(const struct bench *b, bool weak, char *text, size_t size)
+{
+    const struct run *first = &b->runs[0], *last = &b->runs[(weak ? 2 : 1) * b->rank_count - 1];
+    double lost;
+    const char *phase = worst_phase(first, last, &lost);
+    const double all = last->seconds - ideal(first, last, first->seconds);
+    (void)snprintf(text, size, "%s scaling to %u ranks: %.1f %% efficient (light and exchange %.1f %%); of %.2f s in all %.2f s are lost, most of it in '%s' (%.2f s)",
+                   weak ? "weak" : "strong", last->ranks, 100.0 * last->efficiency, 100.0 * last->light_efficiency, last->seconds,
+                   all > 0.0 ? all : 0.0, phase, lost);
+}
+
+static void print_text(const struct bench *b)
+{
+    char text[400];
+    (void)printf("%-8s%8s%9s%14s%10s%12s%12s\n", "kind", "ranks", "threads", "points", "seconds", "efficiency", "light only");
+    for (size_t i = 0; i < 2 * b->rank_count; i++) {
+        const struct run *r = &b->runs[i];
+        (void)printf("%-8s%8u%9u%14.0f%10.2f%10.1f %%%10.1f %%\n", r->weak ? "weak" : "strong", r->ranks, b->threads, r->points, r->seconds,
+                     100.0 * r->efficiency, 100.0 * r->light_efficiency);
+    }
+    for (int weak = 0; weak < 2; weak++) {
+        sentence(b, weak != 0, text, sizeof text);
+        (void)printf("%s\n", text);
+    }
+    (void)printf("%s/scaling.csv, %s/scaling.svg\n", b->output, b->output);
+}
+
+static int print_json(const struct bench *b, struct kiln_error *error)
+{
+    json_t *runs = json_array();
+    char strong[400], weak[400];
+    for (size_t i = 0; i < 2 * b->rank_count; i++) {
+        const struct run *r = &b->runs[i];
+        (void)json_array_append_new(runs, json_pack("{s:s, s:i, s:f, s:f, s:f, s:f}", "kind", r->weak ? "weak" : "strong", "ranks", (int)r->ranks, "points",
+                                              r->points, "seconds", r->seconds, "efficiency", r->efficiency, "light_efficiency", r->light_efficiency));
+    }
+    sentence(b, false, strong, sizeof strong);
+    sentence(b, true, weak, sizeof weak);
+    json_t *json = json_pack("{s:s, s:i, s:o, s:s, s:s}", "status", "done", "threads", (int)b->threads, "runs", runs, "strong", strong, "weak", weak);
+    const bool done = json != NULL && json_dumpf(json, stdout, JSON_COMPACT) == 0;
+    (void)fputc('\n', stdout);
+    json_decref(json);
+    return done ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the bench's result");
+}
+
+static int prepare(struct bench *b, struct kiln_error *error)
+{
+    int status = read_ranks(b, error);
+    if (status == KILN_OK)
+        status = name_output(b, error);
+    if (status == KILN_OK)
+        status = find_program(b, error);
+    if (status == KILN_OK)
+        status = kiln_make_directory(b->output, error);
+    if (status == KILN_OK)
+        b->threads = b->job->threads != 0 ? b->job->threads : kiln_own_cores((int)b->ranks[b->rank_count - 1]);
+    return status;
+}
+
+int kiln_scaling_bench(struct kiln_job *job, struct kiln_error *error)
+{
+    struct bench *b = NULL;
+    int status = kiln_allocate(&b, 1, sizeof *b, "the bench", error);
+    if (status != KILN_OK)
+        return status;
+    b->job = job;
+    b->scene = job->arguments[1];
+    status = prepare(b, error);
+    if (status == KILN_OK)
+        status = bake_all(b, error);
+    if (status == KILN_OK)
+        status = write_csv(b, error);
+    if (status == KILN_OK)
+        status = write_plot(b, error);
+    if (status == KILN_OK && job->json)
+        status = print_json(b, error);
+    else if (status == KILN_OK)
+        print_text(b);
+    kiln_free(&b);
+    return status;
+}
