@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <time.h>
 
 #include "coordinator/bake/transport.h"
 #include "coordinator/bake/volume.h"
@@ -151,15 +152,22 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
 
 /* ---- calibration ---- */
 
+static double processor_seconds(void)
+{
+    struct timespec now;
+    return clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now) == 0 ? (double)now.tv_sec + 1e-9 * (double)now.tv_nsec : 0.0;
+}
+
 static int sample_pass(const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_batch *batch, int pass, double *seconds,
-                       struct kiln_error *error)
+                       double *busy, struct kiln_error *error)
 {
     uint64_t rays = 0;
-    const double start = MPI_Wtime();
+    const double start = MPI_Wtime(), worked = processor_seconds();
     const int status = pass == 0 ? kiln_backend_direct(p->backend, batch, job->samples_direct, &rays, error)
                                  : kiln_backend_gather(p->backend, batch, pass == 1 ? job->samples_bounce : job->samples_indirect,
                                                        pass == 1 ? 1 : 0xffff, &rays, error);
     *seconds = MPI_Wtime() - start;
+    *busy = on_device(p) ? *seconds : (processor_seconds() - worked) / p->threads;
     return status;
 }
 
@@ -172,7 +180,7 @@ static int take_sample(const struct kiln_prepared *p, const struct kiln_job *job
     for (size_t f = first; f < first + count; f++)
         sample->points += p->surface->fragments[f].count;
     for (int pass = 0; pass < 3 && status == KILN_OK; pass++)
-        status = sample_pass(p, job, &batch, pass, &sample->seconds[pass], error);
+        status = sample_pass(p, job, &batch, pass, &sample->seconds[pass], &sample->busy[pass], error);
     return status;
 }
 
@@ -259,11 +267,11 @@ static void pass_counts(const struct kiln_plan *plan, const struct kiln_job *job
     counts[2] = lean ? (bounces > 0.0 ? 1.0 : 0.0) : bounces;
 }
 
-/* Ranks of a node share its cores; each has a GPU of its own. */
+/* Ranks of a node share its cores, unless their threads were said; each has a GPU of its own. */
 static double crowd(const struct kiln_prepared *p, const struct kiln_job *job)
 {
     const uint32_t together = job->ranks_per_node > 0 ? job->ranks_per_node : 1;
-    return on_device(p) ? 1.0 : together < job->ranks ? together : job->ranks;
+    return on_device(p) || job->threads != 0 ? 1.0 : together < job->ranks ? together : job->ranks;
 }
 
 static double write_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
@@ -307,7 +315,7 @@ static double cost_near(const struct kiln_plan *plan, const double counts[3], ui
         const double away = fabs((double)s->first + 0.5 * (double)s->points - (double)point);
         if (away < best && s->points > 0) {
             best = away;
-            cost = (counts[0] * s->seconds[0] + counts[1] * s->seconds[1] + counts[2] * s->seconds[2]) / (double)s->points;
+            cost = (counts[0] * s->busy[0] + counts[1] * s->busy[1] + counts[2] * s->busy[2]) / (double)s->points;
         }
     }
     return cost;

@@ -36,6 +36,7 @@ struct kiln_plan_sample {
     uint64_t first;    /* the first of the tried points, in global order */
     uint64_t points;
     double seconds[3]; /* all samples of direct light, of one bounce, of the final gather */
+    double busy[3];    /* likewise, what of it the processors worked (a GPU: the same), so that other work here does not count */
 };
 
 struct kiln_plan {

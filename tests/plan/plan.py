@@ -1,0 +1,156 @@
+"""What kiln plan says against what a bake then takes; what kiln verify notices; what kiln bench scaling leaves.
+
+    plan.py prediction | verify | scaling
+"""
+import json
+import os
+import random
+import shutil
+import sys
+import tempfile
+import time
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
+import harness  # noqa: E402
+
+MEMORY, DISK, TIME = 0.10, 0.10, 0.30
+FLIPS = 120
+
+
+def run(kiln, *arguments, ranks=1, code=0):
+    import subprocess
+    command = [kiln, *map(str, arguments)]
+    if ranks > 1:
+        command = ['mpirun', '-n', str(ranks), *command]
+    done = subprocess.run(command, env={**harness.MPI_ENVIRONMENT, **os.environ}, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=280)
+    assert done.returncode == code, '%s: %d instead of %d\n%s' % (' '.join(command), done.returncode, code, done.stderr)
+    return done.stdout
+
+
+def folder_bytes(folder):
+    return sum(os.path.getsize(os.path.join(at, name)) for at, _, names in os.walk(folder) for name in names)
+
+
+def prediction(kiln, folder):
+    """Three scenes. Other tests slow the machine now and then: for the time the better of two tries counts."""
+    failures = []
+    for scene, options, ranks in [('cornell', [], 1), ('rooms', ['--columns', 3, '--rows', 2], 2), ('city', ['--triangles', 200000], 1)]:
+        path, out = os.path.join(folder, scene + '.glb'), os.path.join(folder, scene)
+        run(kiln, 'generate', scene, '-o', path, *options)
+        worst = None
+        for _ in range(2):
+            plan = json.loads(run(kiln, 'plan', path, '--ranks', ranks, '--ranks-per-node', ranks, '--json'))
+            shutil.rmtree(out, ignore_errors=True)
+            run(kiln, 'bake', path, '-o', out, '--quiet', ranks=ranks)
+            with open(os.path.join(out, 'run.json')) as file:
+                report = json.load(file)
+            off = {'memory': plan['memory_per_rank']['total'] / report['memory']['peak_rank'] - 1,
+                   'disk': plan['disk_bytes']['total'] / folder_bytes(out) - 1, 'time': plan['seconds']['total'] / report['seconds'] - 1}
+            if worst is None or abs(off['time']) < abs(worst['time']):
+                worst = off
+            if abs(worst['time']) <= TIME:
+                break
+        print('%-8s on %d: memory %+5.1f %%, disk %+5.1f %%, time %+5.1f %%' % (scene, ranks, *(100 * worst[k] for k in ('memory', 'disk', 'time'))))
+        assert plan['points'] == report['points']['count'] and plan['seconds']['calibration'] <= 30
+        for what, most in (('memory', MEMORY), ('disk', DISK), ('time', TIME)):
+            if abs(worst[what]) > most:
+                failures.append('%s: %s is %+.1f %% off' % (scene, what, 100 * worst[what]))
+    assert not failures, '; '.join(failures)
+
+
+def read_everything(folder):
+    """Seconds to decode every value, as whoever uses the results does."""
+    import exr
+    import h5py
+    start = time.monotonic()
+    for at, _, names in os.walk(folder):
+        for name in names:
+            path = os.path.join(at, name)
+            if name.endswith('.exr'):
+                exr.read(path)
+            elif name.endswith(('.h5', '.hdf')):
+                with h5py.File(path) as file:
+                    file.visititems(lambda _, item: item[()] if isinstance(item, h5py.Dataset) else None)
+            else:
+                with open(path, 'rb') as file:
+                    file.read()
+    return time.monotonic() - start
+
+
+def verify(kiln, folder):
+    scene, out, seed = os.path.join(folder, 'cornell.glb'), os.path.join(folder, 'out'), random.randrange(1 << 30)
+    print('seed %d' % seed)
+    chance = random.Random(seed)
+    run(kiln, 'generate', 'cornell', '-o', scene)
+    run(kiln, 'bake', scene, '-o', out, '--quiet', '--quality', 'draft', '--texels-per-metre', 8)
+    run(kiln, 'verify', out)
+    files = [os.path.join(at, name) for at, _, names in os.walk(out) for name in names]
+    for i in range(FLIPS):
+        path = files[i % len(files)]
+        at, bit = chance.randrange(os.path.getsize(path)), chance.randrange(8)
+        with open(path, 'r+b') as file:
+            byte = (file.seek(at), file.read(1))[1][0]
+            file.seek(at)
+            file.write(bytes([byte ^ 1 << bit]))
+            file.flush()
+            answer = run(kiln, 'verify', out, code=65)
+            file.seek(at)
+            file.write(bytes([byte]))
+        assert os.path.basename(path) in answer or os.path.basename(path) == 'manifest', answer
+    for path in files:  # gone, and cut off
+        os.rename(path, path + '.aside')
+        run(kiln, 'verify', out, code=66 if os.path.basename(path) == 'manifest' else 65)
+        shutil.copy(path + '.aside', path)
+        os.truncate(path, os.path.getsize(path) // 2)
+        run(kiln, 'verify', out, code=65)
+        os.replace(path + '.aside', path)
+    answer = run(kiln, 'verify', out)
+    print('%d flipped bits, %d files gone or cut off: all noticed; %s' % (FLIPS, len(files), answer.strip()))
+
+
+def cost(kiln, folder):
+    """Not run by ctest: verify against reading on a bake of some size."""
+    scene, out = os.path.join(folder, 'city.glb'), os.path.join(folder, 'out')
+    run(kiln, 'generate', 'city', '-o', scene, '--triangles', 200000)
+    run(kiln, 'bake', scene, '-o', out, '--quiet', '--quality', 'draft', '--bounces', 1)
+    seconds = []
+    for _ in range(3):
+        start = time.monotonic()
+        run(kiln, 'verify', out)
+        seconds.append((time.monotonic() - start, read_everything(out)))
+    own, reading = (min(s[i] for s in seconds) for i in range(2))
+    print('%.1f MiB: verify %.3f s, reading every value %.3f s' % (folder_bytes(out) / 2**20, own, reading))
+
+
+def scaling(kiln, folder):
+    scene, out = os.path.join(folder, 'rooms.glb'), os.path.join(folder, 'scaling')
+    run(kiln, 'generate', 'rooms', '-o', scene)
+    answer = json.loads(run(kiln, 'bench', 'scaling', scene, '--ranks', '1,2', '--quality', 'draft', '--texels-per-metre', 4, '--bounces', 1, '-o', out,
+                            '--json'))
+    runs = answer['runs']
+    assert [(r['kind'], r['ranks']) for r in runs] == [('strong', 1), ('strong', 2), ('weak', 1), ('weak', 2)]
+    assert runs[1]['points'] == runs[0]['points'] and 1.6 < runs[3]['points'] / runs[2]['points'] < 2.4
+    assert runs[0]['efficiency'] == 1
+    with open(os.path.join(out, 'scaling.csv')) as file:
+        assert len(file.read().splitlines()) == 5
+    with open(os.path.join(out, 'scaling.svg')) as file:
+        assert file.read().count('<polyline') == 4
+    run(kiln, 'bench', 'scaling', scene, '--ranks', '2,1', code=64)
+    curves = os.path.join(folder, 'curves')
+    plan = json.loads(run(kiln, 'plan', scene, '--quality', 'draft', '--texels-per-metre', 4, '--ranks', 100000, '--ranks-per-node', 8, '--points', 10**9,
+                          '--json', '-o', curves))
+    for kind in ('strong', 'weak'):
+        curve = plan[kind + '_scaling']
+        assert curve[0]['ranks'] == 1 and curve[-1]['ranks'] == 100000 and curve[-1]['nodes'] == 12500
+        assert abs(curve[0]['points'] / 1e9 - 1) < 1e-6 and all(0 < c['efficiency'] <= 1.0001 for c in curve)
+    assert len(os.listdir(curves)) == 2
+    print(answer['strong'])
+
+
+if __name__ == '__main__':
+    arguments = sys.argv[1:]
+    at = arguments.index('--kiln')
+    program = os.path.abspath(arguments[at + 1])
+    del arguments[at:at + 2]
+    with tempfile.TemporaryDirectory() as place:
+        {'prediction': prediction, 'verify': verify, 'cost': cost, 'scaling': scaling}[arguments[0]](program, place)
