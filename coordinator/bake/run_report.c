@@ -29,7 +29,7 @@ static json_t *settings_json(const struct kiln_job *job)
                      (json_int_t)job->bounces, "tail", job->tail || job->bounces < 0, "schedule",
                      job->schedule == KILN_SCHEDULE_LEAN ? "lean" : "equal", "samples_direct", (int)job->samples_direct, "samples_bounce",
                      (int)job->samples_bounce, "samples_indirect", (int)job->samples_indirect, "samples_probe", (int)job->samples_probe,
-                     "seed", (json_int_t)job->seed, "exchange", job->exchange_full ? "full" : "compact");
+                     "seed", (json_int_t)job->seed, "exchange", job->exchange == KILN_EXCHANGE_FULL ? "full" : job->exchange == KILN_EXCHANGE_COMPACT ? "compact" : "auto");
 }
 
 static json_t *scene_json(const struct kiln_prepared *p)

@@ -10,6 +10,10 @@
 
 #include "worker/base/status.h"
 
+/* AUTO: compact from 2^22 surface points on. With fewer its rounding shows in the ratio of two bounces, which the tail magnifies a hundred
+ * times where the albedo is 0.99; with more it averages out. */
+enum kiln_exchange_form { KILN_EXCHANGE_AUTO = 0, KILN_EXCHANGE_COMPACT = 1, KILN_EXCHANGE_FULL = 2 };
+
 enum kiln_schedule {
     KILN_SCHEDULE_LEAN = 0, /* cheap bounces, a tail, one final gather */
     KILN_SCHEDULE_EQUAL = 1 /* the same rays in every bounce, nothing else: the reference mode */
@@ -72,7 +76,7 @@ struct kiln_job {
 
     /* between ranks */
     uint32_t share_ranks;    /* at most so many of a host share memory; 0: all, 1: none */
-    bool exchange_full;      /* 8 bytes a point between bounces too, not 4 */
+    int exchange;            /* enum kiln_exchange_form: 4 or 8 bytes a point between bounces */
     uint64_t exchange_limit; /* elements in one call of MPI; 0: what it can count */
     char *trace;             /* file for the timeline of all ranks */
 

@@ -9,7 +9,7 @@ static const char *const backends[] = {"auto", "embree", "vulkan", NULL};
 static const char *const traversals[] = {"auto", "compute", "pipeline", "all", "binary", "binary-late", "four", "four-late", "eight", NULL}; /* enum kiln_traversal */
 static const char *const methods[] = {"cells", NULL};
 static const char *const schedules[] = {"lean", "equal", NULL}; /* in the order of enum kiln_schedule */
-static const char *const exchanges[] = {"compact", "full", NULL};
+static const char *const exchanges[] = {"auto", "compact", "full", NULL}; /* in the order of enum kiln_exchange_form */
 static const char *const partitions[] = {"cells", "objects", NULL};
 static const char *const qualities[] = {"draft", "preview", "production", "reference", NULL};
 static const char *const instruction_sets[] = {"sse2", "sse4.2", "avx", "avx2", "avx512", NULL};
@@ -127,8 +127,8 @@ const struct kiln_option kiln_options[] = {
 
     {.name = "share-ranks", .group = "Ranks", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "all", .word = "all", .minimum = 1,
      .maximum = 1e6, .help = "of a host that hold geometry and radiosity together; 1: none do", .commands = KILN_FOR_BAKE, .offset = AT(share_ranks)},
-    {.name = "exchange", .group = "Ranks", .kind = KILN_OPTION_CHOICE_FLAG, .fallback = "compact", .choices = exchanges,
-     .help = "radiosity between bounces: 4 or 8 bytes a point", .commands = KILN_FOR_BAKE, .offset = AT(exchange_full)},
+    {.name = "exchange", .group = "Ranks", .kind = KILN_OPTION_CHOICE_ENUM, .fallback = "auto", .choices = exchanges,
+     .help = "radiosity between bounces: 4 or 8 bytes a point; auto: 4 from 2^22 points on", .commands = KILN_FOR_BAKE, .offset = AT(exchange)},
     {.name = "exchange-limit", .group = "Ranks", .kind = KILN_OPTION_UINT64, .value = "N", .fallback = "auto", .word = "auto", .minimum = 1,
      .maximum = 0x1p31, .help = "values in one message at most", .commands = KILN_FOR_BAKE, .offset = AT(exchange_limit)},
     {.name = "trace", .group = "Ranks", .kind = KILN_OPTION_PATH, .value = "FILE.json", .shown = "none",

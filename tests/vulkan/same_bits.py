@@ -19,7 +19,8 @@ WAYS = (  # name, ranks, options, environment
     ('four-wide BVH', 0, ('--traversal', 'four'), {}),
     ('2 ranks', 2, (), {}),
     ('3 ranks, dispatches of 2 ms', 3, ('--dispatch-time', 2), {}),
-    ('lost', 0, (), {'KILN_GPU_FAULT': 'lost:150:1500'}),
+    ('lost', 0, (), {'KILN_GPU_FAULT': 'lost:150'}),
+    ('lost later', 0, (), {'KILN_GPU_FAULT': 'lost:300'}),
     ('short of memory', 0, (), {'KILN_GPU_FAULT': 'memory:120'}),
 )
 
