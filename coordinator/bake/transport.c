@@ -10,6 +10,7 @@
 #include "worker/base/memory.h"
 #include "worker/scene/radiosity.h"
 
+#define LONG_TAIL_RATIO 0.8 /* of a bounce to the one before */
 #define EXCHANGE_BYTES 10e6 /* a second, at the slowest network that is not taken for a dead one */
 
 double kiln_luminance(const double rgb[3]) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
@@ -43,12 +44,27 @@ size_t kiln_transport_bytes(uint64_t own, uint64_t total)
     return (size_t)total * sizeof(uint64_t) + (size_t)own * (sizeof(uint64_t) + 6 * sizeof(float) + sizeof(uint16_t));
 }
 
+/* Reflected power of the passes so far (direct and bounces), and the ratio of the last two, luminance. */
+static double ratio_of(const struct kiln_transport_report *r, size_t pass)
+{
+    const double before = kiln_luminance(r->passes[pass - 1].energy.reflected);
+    return before > 0.0 ? kiln_luminance(r->passes[pass].energy.reflected) / before : 0.0;
+}
+
+/* A tail multiplies the rounding of the last bounces by 1 / (1 - ratio): in a furnace that costs more than 4 bytes a point are worth. */
+static bool tail_is_long(const struct transport_state *s)
+{
+    const struct kiln_job *job = s->params->job;
+    const size_t done = s->out->report.pass_count - 1;
+    return (job->tail || job->bounces < 0) && done >= 2 && ratio_of(&s->out->report, done - 1) > LONG_TAIL_RATIO;
+}
+
 void transport_choose_form(struct transport_state *s)
 {
     const struct kiln_job *job = s->params->job;
     const int64_t done = (int64_t)s->out->report.pass_count;
     const bool small = job->exchange == KILN_EXCHANGE_COMPACT || (job->exchange == KILN_EXCHANGE_AUTO && s->params->surface->point_count >= 1u << 22);
-    s->compact = job->schedule == KILN_SCHEDULE_LEAN && s->step.kind != KILN_PASS_FINAL && small;
+    s->compact = job->schedule == KILN_SCHEDULE_LEAN && s->step.kind != KILN_PASS_FINAL && small && !tail_is_long(s);
     s->early = s->compact && (job->bounces < 0 || done < job->bounces);
 }
 
@@ -73,13 +89,6 @@ static void exchange(struct transport_state *s, struct kiln_pass_report *pass, e
     pass->exchange_seconds += end - start;
     kiln_trace_add(s->params->trace, KILN_TRACE_EXCHANGE, form == EXCHANGE_COMPACT ? "end of exchange" : "exchange", start, end,
                    (int64_t)surface->count);
-}
-
-/* Reflected power of the passes so far (direct and bounces), and the ratio of the last two, luminance. */
-static double ratio_of(const struct kiln_transport_report *r, size_t pass)
-{
-    const double before = kiln_luminance(r->passes[pass - 1].energy.reflected);
-    return before > 0.0 ? kiln_luminance(r->passes[pass].energy.reflected) / before : 0.0;
 }
 
 /* Adds up the groups' powers over ranks; `before` and `total` move on by one bounce. Gives the root mean square over groups of
