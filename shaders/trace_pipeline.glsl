@@ -6,9 +6,13 @@ layout(location = 0) rayPayloadEXT kiln_payload kiln_answer;
 
 const float kiln_far = 3.0e38; /* a finite number stands for "no limit" */
 
+/* Rays begin here: the device's own triangle test knows distances less well than kiln's (on an H200 rays met, from 0 on, the triangle they
+ * had left: 0.3 % of all light was lost). */
+float kiln_start() { return SCENE.trace.extent * (1.0 / 262144.0); }
+
 kiln_hit kiln_trace(vec3 origin, vec3 direction)
 {
-    traceRayEXT(accelerationStructureEXT(SCENE.trace.top_level), gl_RayFlagsNoneEXT, 0xff, 0, 0, 0, origin, 0.0, direction, kiln_far, 0);
+    traceRayEXT(accelerationStructureEXT(SCENE.trace.top_level), gl_RayFlagsNoneEXT, 0xff, 0, 0, 0, origin, kiln_start(), direction, kiln_far, 0);
     kiln_hit hit;
     hit.back = kiln_answer.triangle_back != KILN_GPU_NONE && (kiln_answer.triangle_back & KILN_PAYLOAD_BACK) != 0u;
     hit.triangle = hit.back ? kiln_answer.triangle_back & ~KILN_PAYLOAD_BACK : kiln_answer.triangle_back;
@@ -20,10 +24,10 @@ kiln_hit kiln_trace(vec3 origin, vec3 direction)
 
 bool kiln_occluded(vec3 origin, vec3 direction, float limit)
 {
-    if (!(limit > 0.0)) /* traceRayEXT wants the far end not before the near one */
+    if (!(limit > kiln_start())) /* traceRayEXT wants the far end not before the near one */
         return false;
     kiln_answer.triangle_back = 0u; /* stays, unless the miss shader runs */
     traceRayEXT(accelerationStructureEXT(SCENE.trace.top_level), gl_RayFlagsTerminateOnFirstHitEXT | gl_RayFlagsSkipClosestHitShaderEXT,
-                0xff, 0, 0, 0, origin, 0.0, direction, min(limit, kiln_far), 0);
+                0xff, 0, 0, 0, origin, kiln_start(), direction, min(limit, kiln_far), 0);
     return kiln_answer.triangle_back != KILN_GPU_NONE;
 }
