@@ -36,7 +36,8 @@ static void test_table(void **state)
         const struct kiln_option *option = &kiln_options[i];
         assert_true(strlen(option->name) > 1 && strspn(option->name, "abcdefghijklmnopqrstuvwxyz-") == strlen(option->name));
         assert_true(strlen(option->help) > 5 && strlen(option->help) < 100 && strchr(option->help, '\n') == NULL);
-        assert_ptr_equal(kiln_option_find(option->name), option);
+        for (uint32_t bit = 1; bit != 0; bit <<= 1) /* one of that name for each command */
+            assert_true((option->commands & bit) == 0 || kiln_option_find_for(option->name, bit) == option);
         assert_true(option->commands != 0 && option->offset < sizeof(struct kiln_job));
         const bool number = option->kind >= KILN_OPTION_UINT32 && option->kind <= KILN_OPTION_DOUBLE;
         assert_true(!number || (option->minimum < option->maximum && option->value != NULL));
