@@ -297,7 +297,7 @@ static void plan_time(struct kiln_plan *plan, const struct kiln_prepared *p, con
     s->bounces = points * counts[1] * point_seconds(plan, 1);
     s->final = points * counts[2] * point_seconds(plan, 2);
     s->probes = probe * ceil((double)plan->probes / ranks) * together;
-    plan->exchange_bytes = ranks > 1.0 ? (job->exchange_full ? 8.0 : BOUNCE_BYTES) * ((double)plan->surface.points - (double)plan->surface.points_max) : 0.0;
+    plan->exchange_bytes = ranks > 1.0 ? (kiln_exchange_is_compact(job->exchange, plan->surface.points) ? BOUNCE_BYTES : 8.0) * ((double)plan->surface.points - (double)plan->surface.points_max) : 0.0;
     const double nodes = ceil(ranks / (job->ranks_per_node > 0 ? job->ranks_per_node : 1));
     const double one = nodes > 1.0 ? plan->exchange_bytes / (job->node_bandwidth * 1e9) + ceil(log2(nodes)) * job->node_latency * 1e-6 : plan->exchange_bytes / 5e9;
     s->exchange = one * (plan->bounces + 1.0);
@@ -356,7 +356,7 @@ static int plan_curves(struct kiln_plan *plan, const struct kiln_prepared *p, co
                                                            together * (H5_POINT_SECONDS + texel * LIGHTMAP_TEXEL_SECONDS / p->threads),
                                          .shared = probe * (double)plan->probes * together,
                                          .largest_object = LIGHTMAP_TEXEL_SECONDS * (double)largest_lightmap(p->scene),
-                                         .radiosity_bytes = job->exchange_full ? 8.0 : BOUNCE_BYTES,
+                                         .radiosity_bytes = kiln_exchange_is_compact(job->exchange, plan->surface.points) ? BOUNCE_BYTES : 8.0,
                                          .exchanges = plan->bounces + 1,
                                          .ranks_per_node = job->ranks_per_node,
                                          .bandwidth = job->node_bandwidth * 1e9,

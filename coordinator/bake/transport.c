@@ -63,7 +63,7 @@ void transport_choose_form(struct transport_state *s)
 {
     const struct kiln_job *job = s->params->job;
     const int64_t done = (int64_t)s->out->report.pass_count;
-    const bool small = job->exchange == KILN_EXCHANGE_COMPACT || (job->exchange == KILN_EXCHANGE_AUTO && s->params->surface->point_count >= 1u << 22);
+    const bool small = kiln_exchange_is_compact(job->exchange, s->params->surface->point_count);
     s->compact = job->schedule == KILN_SCHEDULE_LEAN && s->step.kind != KILN_PASS_FINAL && small && !tail_is_long(s);
     s->early = s->compact && (job->bounces < 0 || done < job->bounces);
 }

@@ -14,6 +14,11 @@
  * times where the albedo is 0.99; with more it averages out. */
 enum kiln_exchange_form { KILN_EXCHANGE_AUTO = 0, KILN_EXCHANGE_COMPACT = 1, KILN_EXCHANGE_FULL = 2 };
 
+static inline bool kiln_exchange_is_compact(int form, uint64_t points)
+{
+    return form == KILN_EXCHANGE_COMPACT || (form == KILN_EXCHANGE_AUTO && points >= 1u << 22);
+}
+
 enum kiln_schedule {
     KILN_SCHEDULE_LEAN = 0, /* cheap bounces, a tail, one final gather */
     KILN_SCHEDULE_EQUAL = 1 /* the same rays in every bounce, nothing else: the reference mode */
