@@ -32,6 +32,7 @@ const uint DIMENSION_U = 0u, DIMENSION_V = 1u, DIMENSION_CHOICE = 4u; /* enum ki
 struct ProbeSums {
     vec3 radiance[9], axes[6];
     float distance, back, rays;
+    bool stopped; /* the device ended a loop early */
 };
 
 real scrambled(uint k, uint dimension, uint seed)
@@ -98,16 +99,20 @@ void light_samples(inout ProbeSums sums, vec3 position, uint key, uint from, uin
 {
     uint before = 0u; /* samples of the choices so far */
     const uint candidates = kiln_lights_choose(real3(position), 0, real3(0), KILN_CUT_MAX, light_kind(KILN_LIGHT_IMAGE));
-    for (uint i = 0u; i < candidates && before < to; i++) {
+    uint i = 0u;
+    for (; i < candidates && before < to; i++) {
         kiln_light_choice choice;
         if (!kiln_lights_candidate(i, real3(0), push.samples, choice))
             continue;
         const uint identity = kiln_hash2(key, kiln_hash2(choice.kind * 2u + 1u, choice.index));
         const uint begin = max(from, before) - before, end = min(to - before, choice.samples);
-        for (uint k = begin; k < end; k++)
+        uint k = begin;
+        for (; k < end; k++)
             light_sample(sums, position, choice, identity, k);
+        sums.stopped = sums.stopped || k < end;
         before += choice.samples;
     }
+    sums.stopped = sums.stopped || (i < candidates && before < to);
 }
 
 void store(ProbeSums sums, uint x, uint slice)
@@ -140,11 +145,16 @@ void kiln_kernel(uint x, uint y)
     sums.distance = 0.0;
     sums.back = 0.0;
     sums.rays = 0.0;
+    sums.stopped = false;
     const uint from = slice * KILN_GPU_PROBE_SAMPLES, to = min(push.samples, from + KILN_GPU_PROBE_SAMPLES);
-    for (uint k = from; k < to; k++)
+    uint k = from;
+    for (; k < to; k++)
         sphere_sample(sums, position, key, k);
+    sums.stopped = k < to;
     if (LIGHT_KINDS != 0u && LIGHT_KINDS != KILN_LIGHT_SKY)
         light_samples(sums, position, key, from, slice + 1u == push.slice_count ? 0xffffffffu : to);
+    if (sums.stopped)
+        sums.distance = -1.0e30;
     store(sums, x, slice);
 }
 

@@ -74,15 +74,17 @@ float kiln_edge_remainder(vec2 p, vec2 q)
 
 bool kiln_same_sign(vec3 w) { return min(min(w.x, w.y), w.z) >= 0.0 || max(max(w.x, w.y), w.z) <= 0.0; }
 
-/* Where a ray from 0 meets the triangle's plane. From the plane's normal, not from the weights: those of a needle are good to no more
- * than its length over its width, and along the axes the normal has no error at all. In no case nearer or farther than the corners. */
-float kiln_plane_distance(vec3 a, vec3 b, vec3 c, vec3 direction)
+/* Where a ray from 0 meets the triangle, of weights w / area. From the plane's normal: the weights of a needle are good to no more than
+ * its length over its width, and along the axes the normal has no error at all. Of a triangle seen edge-on, less than half a degree, the
+ * weights tell better. In no case nearer or farther than the corners. */
+float kiln_hit_distance(vec3 a, vec3 b, vec3 c, vec3 direction, vec3 w, float scale)
 {
     precise const vec3 normal = cross(b - a, c - a);
     precise const float steepness = dot(normal, direction), height = dot(normal, a);
     const float at_a = kiln_along(direction, a), at_b = kiln_along(direction, b), at_c = kiln_along(direction, c);
-    const float nearest = min(min(at_a, at_b), at_c), farthest = max(max(at_a, at_b), at_c);
-    return steepness != 0.0 ? clamp(height / steepness, nearest, farthest) : nearest;
+    const bool edge_on = steepness * steepness <= 1.0e-4 * dot(normal, normal);
+    precise const float weighted = fma(w.x * scale, at_a, fma(w.y * scale, at_b, w.z * scale * at_c));
+    return clamp(edge_on ? weighted : height / steepness, min(min(at_a, at_b), at_c), max(max(at_a, at_b), at_c));
 }
 
 /* Tests a triangle; true when it is now the one found. */
@@ -107,7 +109,7 @@ bool kiln_test(const kiln_ray ray, TraceQuads triangles, uint index, inout kiln_
     }
     precise const float scale = 1.0 / area;
     precise const float u = w.y * scale, v = w.z * scale;
-    const float t = kiln_plane_distance(a, b, c, ray.direction);
+    const float t = kiln_hit_distance(a, b, c, ray.direction, w, scale);
     const uint number = first.w;
     bool beyond = t > 0.0;
     if (HAS_ALPHA != 0u)
@@ -118,12 +120,15 @@ bool kiln_test(const kiln_ray ray, TraceQuads triangles, uint index, inout kiln_
     return true;
 }
 
-/* Tests a leaf's triangles; true when the search is over. One that may let rays through does not end it. */
+/* Whether what was found ends a search for anything in the way: not what may let the ray through, for there may be more before it. */
+bool kiln_ends(const kiln_found found) { return HAS_ALPHA == 0u || found.triangle < SCENE.opaque_count; }
+
+/* Tests a leaf's triangles; true when the search is over. */
 bool kiln_test_leaf(const kiln_ray ray, TraceQuads triangles, uint leaf, bool any, inout kiln_found found)
 {
     const uint first = leaf & KILN_GPU_LEAF_FIRST, end = first + (leaf >> KILN_GPU_LEAF_COUNT_SHIFT & 3u) + 1u;
     for (uint i = first; i < end; i++)
-        if (kiln_test(ray, triangles, i, found) && any && (HAS_ALPHA == 0u || found.triangle < SCENE.opaque_count))
+        if (kiln_test(ray, triangles, i, found) && any && kiln_ends(found))
             return true;
     return false;
 }
@@ -151,7 +156,7 @@ void kiln_walk_brute(const kiln_ray ray, bool any, inout kiln_found found)
     TraceQuads triangles = TraceQuads(SCENE.trace.triangles);
     const uint count = SCENE.trace.triangle_count;
     for (uint i = 0u; i < count; i++)
-        if (kiln_test(ray, triangles, i, found) && any && (HAS_ALPHA == 0u || found.triangle < SCENE.opaque_count))
+        if (kiln_test(ray, triangles, i, found) && any && kiln_ends(found))
             return;
 }
 

@@ -57,7 +57,7 @@ void kiln_walk_eight(const kiln_ray ray, bool any, inout kiln_found found)
         while (leaves.y != 0u) {
             const uint bit = uint(findLSB(leaves.y));
             leaves.y &= leaves.y - 1u;
-            if (kiln_test(ray, triangles, leaves.x + bit, found) && any)
+            if (kiln_test(ray, triangles, leaves.x + bit, found) && any && kiln_ends(found))
                 return;
         }
         if (group.y <= 0x00ffffffu) {

@@ -127,13 +127,17 @@ static int run_chunk(struct probes_run *r, const struct kiln_vec3 *positions, ui
     return status;
 }
 
-static void take_answers(const struct probes_run *r, uint32_t count, struct kiln_probe_result *results, uint64_t *rays)
+static int take_answers(const struct probes_run *r, uint32_t count, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
 {
     const float *answers = r->results.mapped;
     for (size_t i = 0; i < count; i++, answers += KILN_GPU_PROBE_FLOATS) {
         memcpy(&results[i], answers, sizeof *results);
+        if (results[i].mean_distance < 0.0f) /* see vulkan_run_pass */
+            return kiln_fail(error, KILN_NO_DEVICE, "%s ends long loops early, and a probe needs one; use another device or --backend embree",
+                             gpu_about(r->b->gpu)->name);
         *rays += r->push.samples + (uint64_t)answers[KILN_GPU_PROBE_FLOATS - 1];
     }
+    return KILN_OK;
 }
 
 /* What a call asks for, and how much of it is done. */
@@ -154,10 +158,9 @@ static int run_call(struct vulkan_backend *b, struct probes_call *call, struct k
         size_chunk(&r, call->count - call->done, &probes, &rows);
         r.push.index = call->index_first + call->done;
         status = run_chunk(&r, call->positions + call->done, probes, rows, error);
-        if (status != KILN_OK)
-            break;
-        take_answers(&r, probes, call->results + call->done, call->rays);
-        call->done += probes;
+        if (status == KILN_OK)
+            status = take_answers(&r, probes, call->results + call->done, call->rays, error);
+        call->done += status == KILN_OK ? probes : 0;
     }
     finish(&r);
     return status;
