@@ -98,6 +98,14 @@ struct packer {
     bool started;
 };
 
+/* A chunk that packs to just its own size is written as it is: readers take a chunk of that size for one that was not packed, and the
+ * library leaves only larger ones unpacked (OpenEXR 3.1). */
+static void keep_ambiguous_chunk_unpacked(exr_encode_pipeline_t *encoder)
+{
+    if (encoder->compressed_bytes == encoder->packed_bytes && encoder->compressed_buffer != encoder->packed_buffer)
+        memcpy(encoder->compressed_buffer, encoder->packed_buffer, encoder->packed_bytes);
+}
+
 static exr_result_t pack_chunk(struct packer *p, exr_context_t file, const struct kiln_image *image, uint32_t y)
 {
     exr_chunk_info_t chunk;
@@ -113,7 +121,11 @@ static exr_result_t pack_chunk(struct packer *p, exr_context_t file, const struc
         p->encoder.yield_until_ready_fn = NULL; /* would refuse a chunk before its turn */
         p->started = true;
     }
-    return code == EXR_ERR_SUCCESS ? exr_encoding_run(file, 0, &p->encoder) : code;
+    if (code == EXR_ERR_SUCCESS)
+        code = exr_encoding_run(file, 0, &p->encoder);
+    if (code == EXR_ERR_SUCCESS)
+        keep_ambiguous_chunk_unpacked(&p->encoder);
+    return code;
 }
 
 /* Packs `count` chunks from row y on, one a packer, and writes them in order: the library takes them in no other. */
