@@ -58,7 +58,7 @@ void add_sample(inout Sums sums, kiln_gpu_point p, kiln_light_choice choice, Seq
     if (!(cosine > 0))
         return;
     const bool smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;
-    const real shading_cosine = smooth_point ? max(real(0), dot(real3(p.shading), s.direction)) : cosine;
+    const real shading_cosine = smooth_point ? max(real(0), dot(real3(kiln_shading(p, n)), s.direction)) : cosine;
     aim_from(s, normal, real(offset));
     const float limit = isinf(s.distance) ? KILN_INFINITY : float((s.distance - s.backoff) * (1 - real(9.5367431640625e-7LF)));
     sums.rays++;

@@ -51,10 +51,11 @@ struct Sums {
 
 void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v)
 {
+    const vec3 soft = kiln_shading(p, normal);
     vec3 axis = normal;
     float tilt = 1.0;
     if (HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u) {
-        axis = normalize(normal + p.shading);
+        axis = normalize(normal + soft);
         tilt = dot(normal, axis);
     }
     float cosine;
@@ -66,7 +67,7 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     }
     float facet = 1.0, weight = 1.0;
     if (HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u) {
-        const float above = dot(normal, direction), shading = dot(p.shading, direction);
+        const float above = dot(normal, direction), shading = dot(soft, direction);
         facet = above > 0.0 ? 2.0 / (1.0 + tilt) * above / cosine : 0.0;
         weight = shading > 0.0 ? shading / cosine : 0.0;
     }

@@ -17,6 +17,13 @@ void kiln_basis(vec3 n, out vec3 t, out vec3 b)
     b = vec3(c, side + n.y * n.y * a, -n.y);
 }
 
+/* The shading normal of a sample whose geometric normal is n: as frame_shading. */
+vec3 kiln_shading(kiln_gpu_point p, vec3 n)
+{
+    const bool smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;
+    return smooth_point && dot(p.shading, n) > 0.0 ? p.shading : n;
+}
+
 /* A place on the point for s and t in (0, 1): position with its offset, geometric normal, and that offset. */
 void kiln_place(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal, out float offset)
 {

@@ -104,7 +104,6 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
                           const struct kiln_light_choice *choice, struct shadow_sums *sums, uint64_t *rays)
 {
     struct fragment_frame *f = &w->frame;
-    const struct kiln_dvec3 shading = dvec3((double)f->shading[0][j], (double)f->shading[1][j], (double)f->shading[2][j]);
     const uint32_t identity = kiln_hash2((uint32_t)choice->kind * 2u + 1u, choice->index);
     const struct kiln_dvec3 normal0 = dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j]);
     const uint32_t strategies = kiln_lights_strategies(b->params.lights, choice, normal0);
@@ -131,7 +130,7 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
         const double cosine = dvec3_dot(normal, s.direction);
         if (!(cosine > 0.0))
             continue;
-        const double shading_cosine = f->smooth ? fmax(0.0, dvec3_dot(shading, s.direction)) : cosine;
+        const double shading_cosine = f->smooth ? fmax(0.0, dvec3_dot(dvec3_of(frame_shading(f, j, n)), s.direction)) : cosine;
         aim_from(&s, place, dvec3_of(p));
         shadow_add(&w->shadows, b, context, p, &s, i, cosine, shading_cosine);
         (*rays)++;

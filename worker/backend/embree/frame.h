@@ -40,6 +40,16 @@ void frame_build(struct fragment_frame *frame, const struct embree_backend *back
 float frame_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
                      struct kiln_vec3 *position, struct kiln_vec3 *normal);
 
+/* The shading normal of a sample of point j whose geometric normal is n: of a coarse texel's pieces some may turn away from the mean
+ * of them all; those are lit as their own normal says. n itself where the frame is not smooth. */
+static inline struct kiln_vec3 frame_shading(const struct fragment_frame *f, uint32_t j, struct kiln_vec3 n)
+{
+    if (!f->smooth)
+        return n;
+    const struct kiln_vec3 shading = vec3(f->shading[0][j], f->shading[1][j], f->shading[2][j]);
+    return vec3_dot(shading, n) > 0.0f ? shading : n;
+}
+
 /* Whether a place (offset included) with this normal is buried: a ray along the normal and three around it all meet back faces of
  * single-sided surfaces. */
 bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 position, struct kiln_vec3 normal);

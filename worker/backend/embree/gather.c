@@ -103,14 +103,12 @@ KILN_CLONES static void scramble(uint32_t *restrict out, const uint32_t *restric
         out[k] = kiln_owen_scramble(in[k], seed);
 }
 
-/* Half-way between n and the shading normal of point j. Cosine-distributed about it, a direction has density (n.w + s.w) / |n + s|
+/* Half-way between n and the shading normal there. Cosine-distributed about it, a direction has density (n.w + s.w) / |n + s|
  * over pi: the irradiance about either normal is a mean with weights that stay below 2 wherever both cosines are positive, where
  * sampling about n alone has s.w / n.w without bound. */
 static struct kiln_vec3 axis_of(const struct gather_work *w, uint32_t j, struct kiln_vec3 n)
 {
-    if (!w->frame.smooth)
-        return n;
-    return vec3_normalize(vec3_add(n, vec3(w->frame.shading[0][j], w->frame.shading[1][j], w->frame.shading[2][j])));
+    return w->frame.smooth ? vec3_normalize(vec3_add(n, frame_shading(&w->frame, j, n))) : n;
 }
 
 /* Positions of the points that are not whole squares. */
@@ -377,8 +375,8 @@ KILN_CLONES static void collect(const struct embree_backend *b, struct gather_wo
                 w->borrowed[j][c] += (double)(facet * rgb[c]);
         }
         if (w->frame.smooth) {
-            const float cosine = w->frame.shading[0][j] * w->ray_direction[0][l] + w->frame.shading[1][j] * w->ray_direction[1][l] +
-                                 w->frame.shading[2][j] * w->ray_direction[2][l];
+            const struct kiln_vec3 shading = frame_shading(&w->frame, j, vec3(w->facet[0][l], w->facet[1][l], w->facet[2][l]));
+            const float cosine = shading.x * w->ray_direction[0][l] + shading.y * w->ray_direction[1][l] + shading.z * w->ray_direction[2][l];
             weight = cosine > 0.0f ? cosine / w->cosine[l] : 0.0f;
             for (int c = 0; c < 3; c++)
                 w->irradiance[j][c] += (double)(weight * rgb[c]);
