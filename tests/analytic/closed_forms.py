@@ -52,7 +52,7 @@ SETTINGS = {
     'furnace_cube_rho0.5': {'direct': 16384, **ALL},
     'furnace_cube_rho0.9': {'direct': 16384, **ALL},
     'furnace_cube_rho0.99': {'direct': 16384, **ALL},
-    'furnace_rgb_objects': {'direct': 131072, **ALL, 'indirect': 16384, 'bounce': 2048},
+    'furnace_rgb_objects': {'direct': 65536, **ALL, 'indirect': 16384, 'bounce': 1024},
     # a texel in an edge sees few texels of the other wall, whose own noise must be small then
     'furnace_two_albedos': {'size': 24, 'direct': 32768, **ALL, 'bounce': 2048},
     'concentric_spheres': {'size': 64, 'direct': 2048, **ALL, 'indirect': 1024},
@@ -78,6 +78,10 @@ SPHERES = {'concentric_spheres': {'inner': ((0, 0, 0), 0.5), 'outer': ((0, 0, 0)
 
 # Of a ball with shading normals a part of each hemisphere lies below the facet and stays dark: the closed form is about facets.
 FLAT = {'furnace_rgb_objects'}
+
+
+# Many samples, and only one object is compared: of the others, which cast shadows, a texel each is enough.
+LONE = {'sky_roof_opening': 'receiver', 'penumbra_occluder': 'receiver', 'penumbra_alphamask': 'receiver', 'disk_over_plane': 'receiver'}
 
 
 class Judgement:
@@ -401,6 +405,8 @@ def bake_case(kiln, case):
     judgement = Judgement(kiln.thin > 1)
     if case['id'] in FLAT:
         scene = glb.without_normals(scene, os.path.join(kiln.scratch, case['id'] + '-flat.glb'))
+    if case['id'] in LONE:
+        scene = glb.with_few_texels(scene, os.path.join(kiln.scratch, case['id'] + '-lone.glb'), {LONE[case['id']]}, 1 / setting(case, 'size'))
     bake = kiln.bake(scene, *options(case, kiln))
     if bake.process.status != 0:
         return bake, judgement

@@ -121,3 +121,21 @@ def without_normals(path, copy):
         for primitive in mesh['primitives']:
             primitive['attributes'].pop('NORMAL', None)
     return scene.write(copy)
+
+
+def with_few_texels(path, copy, kept, share):
+    """Writes the scene with the lightmap layouts of all meshes but those of the nodes called `kept` scaled by `share`: for what
+    only casts shadows."""
+    scene = Scene()
+    scene.load(path)
+    meshes, views = scene.document['meshes'], scene.document['bufferViews']
+    whole = {node['mesh'] for node in scene.document['nodes'] if node.get('name') in kept}
+    layouts = lambda mesh: {p['attributes'].get('TEXCOORD_1', p['attributes']['TEXCOORD_0']) for p in mesh['primitives']}
+    spared = set().union(*(layouts(meshes[i]) for i in whole))
+    for index in set().union(*(layouts(m) for m in meshes)) - spared:
+        accessor = scene.document['accessors'][index]
+        at = views[accessor['bufferView']].get('byteOffset', 0) + accessor.get('byteOffset', 0)
+        size = 8 * accessor['count']
+        scene.blob[at:at + size] = (np.frombuffer(bytes(scene.blob[at:at + size]), np.float32) * np.float32(share)).tobytes()
+        accessor.pop('min', None), accessor.pop('max', None)
+    return scene.write(copy)
