@@ -1,5 +1,7 @@
 #include "coordinator/cli/progress.h"
 
+#include <pthread.h>
+#include <signal.h>
 #include <string.h>
 #include <sys/ioctl.h>
 #include <time.h>
@@ -8,7 +10,7 @@
 #include "worker/base/memory.h"
 
 #define REDRAW_SECONDS 0.1
-#define LINE_SECONDS 10.0
+#define LINE_SECONDS 9.0 /* and looked at once a second: a line every ten seconds at least */
 #define RATE_MEMORY_SECONDS 5.0 /* how far back the rate looks */
 
 struct kiln_progress {
@@ -26,6 +28,11 @@ struct kiln_progress {
     uint64_t rate_done;
     kiln_progress_watch watch;
     void *watch_data;
+    /* all of the above belongs to who holds the mutex */
+    pthread_mutex_t mutex;
+    pthread_cond_t wake;
+    pthread_t thread;
+    bool thread_runs, leave;
 };
 
 static double monotonic(void *unused)
@@ -34,48 +41,6 @@ static double monotonic(void *unused)
     struct timespec now;
     (void)clock_gettime(CLOCK_MONOTONIC, &now);
     return (double)now.tv_sec + (double)now.tv_nsec * 1e-9;
-}
-
-struct kiln_progress *kiln_progress_create_on(FILE *stream, bool terminal, int columns, double (*clock)(void *), void *clock_data)
-{
-    struct kiln_progress *progress = NULL;
-    if (kiln_allocate(&progress, 1, sizeof *progress, "the progress line", NULL) != 0)
-        return NULL;
-    progress->stream = stream;
-    progress->terminal = terminal;
-    progress->columns = columns < 20 ? 20 : columns;
-    progress->clock = clock;
-    progress->clock_data = clock_data;
-    progress->last_shown = -1e300;
-    return progress;
-}
-
-struct kiln_progress *kiln_progress_create(bool quiet, int rank)
-{
-    if (quiet || rank != 0)
-        return NULL;
-    const bool terminal = isatty(STDERR_FILENO) == 1;
-    struct winsize size = {0};
-    const bool known = terminal && ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
-    return kiln_progress_create_on(stderr, terminal, known ? size.ws_col : 80, monotonic, NULL);
-}
-
-struct kiln_progress *kiln_progress_create_silent(void) { return kiln_progress_create_on(NULL, false, 80, monotonic, NULL); }
-
-void kiln_progress_observe(struct kiln_progress *progress, kiln_progress_watch watch, void *data)
-{
-    if (progress == NULL)
-        return;
-    progress->watch = watch;
-    progress->watch_data = data;
-}
-
-static void tell(const struct kiln_progress *progress)
-{
-    if (progress->watch == NULL)
-        return;
-    const double left = progress->total > 0 && progress->rate > 0 ? (double)(progress->total - progress->done) / progress->rate : -1.0;
-    progress->watch(progress->watch_data, progress->name, progress->done, progress->total, left);
 }
 
 char *kiln_duration_text(double seconds, char *text, size_t size)
@@ -95,13 +60,14 @@ char *kiln_duration_text(double seconds, char *text, size_t size)
     return text;
 }
 
-/* "42 %, 12.3 s left" or "" while nothing is known. */
+/* "42 %, 12.3 s left"; without a total the time since the phase began. */
 static void state_text(const struct kiln_progress *progress, double now, char *text, size_t size)
 {
     char duration[48];
-    text[0] = '\0';
-    if (progress->total == 0)
+    if (progress->total == 0) {
+        (void)kiln_duration_text(now - progress->phase_start, text, size);
         return;
+    }
     const double share = (double)progress->done / (double)progress->total;
     const int used = snprintf(text, size, "%3.0f %%", 100 * share);
     if (progress->rate > 0 && now - progress->phase_start >= 1 && progress->done < progress->total) {
@@ -115,8 +81,6 @@ static void draw_bar(const struct kiln_progress *progress, double now)
     enum { NAME = 24, LONGEST_BAR = 40 };
     char state[96], duration[48], bar[LONGEST_BAR + 1] = "";
     state_text(progress, now, state, sizeof state);
-    if (progress->total == 0)
-        (void)kiln_duration_text(now - progress->phase_start, state, sizeof state);
     int width = progress->columns - NAME - 6 - (int)strlen(state);
     width = width > LONGEST_BAR ? LONGEST_BAR : width;
     if (progress->total > 0 && width >= 8) {
@@ -144,9 +108,129 @@ static void show(struct kiln_progress *progress, double now)
     }
     char state[96];
     state_text(progress, now, state, sizeof state);
-    const char *text = state + strspn(state, " ");
-    (void)fprintf(progress->stream, "%s%s%s\n", progress->name, text[0] != '\0' ? ": " : "", text);
+    (void)fprintf(progress->stream, "%s: %s\n", progress->name, state + strspn(state, " "));
     (void)fflush(progress->stream);
+}
+
+/* ---- the thread ---- */
+
+/* What goes on without saying so, and what waits for other ranks, is shown all the same. The mutex is held. */
+static void show_again(struct kiln_progress *progress)
+{
+    if (progress->running)
+        show(progress, progress->clock(progress->clock_data));
+}
+
+static void *beat(void *data)
+{
+    struct kiln_progress *progress = data;
+    (void)pthread_mutex_lock(&progress->mutex);
+    while (!progress->leave) {
+        struct timespec until;
+        (void)clock_gettime(CLOCK_REALTIME, &until);
+        until.tv_sec += 1;
+        (void)pthread_cond_timedwait(&progress->wake, &progress->mutex, &until);
+        if (!progress->leave)
+            show_again(progress);
+    }
+    (void)pthread_mutex_unlock(&progress->mutex);
+    return NULL;
+}
+
+/* Signals are for the main thread. Without the thread there are fewer lines. */
+static void start_thread(struct kiln_progress *progress)
+{
+    sigset_t all, before;
+    (void)sigfillset(&all);
+    (void)pthread_sigmask(SIG_SETMASK, &all, &before);
+    progress->thread_runs = pthread_create(&progress->thread, NULL, beat, progress) == 0;
+    (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
+}
+
+static void stop_thread(struct kiln_progress *progress)
+{
+    if (!progress->thread_runs)
+        return;
+    (void)pthread_mutex_lock(&progress->mutex);
+    progress->leave = true;
+    (void)pthread_cond_signal(&progress->wake);
+    (void)pthread_mutex_unlock(&progress->mutex);
+    (void)pthread_join(progress->thread, NULL);
+    progress->thread_runs = false;
+}
+
+void kiln_progress_beat(struct kiln_progress *progress)
+{
+    (void)pthread_mutex_lock(&progress->mutex);
+    show_again(progress);
+    (void)pthread_mutex_unlock(&progress->mutex);
+}
+
+/* ---- life ---- */
+
+struct kiln_progress *kiln_progress_create_on(FILE *stream, bool terminal, int columns, double (*clock)(void *), void *clock_data)
+{
+    struct kiln_progress *progress = NULL;
+    if (kiln_allocate(&progress, 1, sizeof *progress, "the progress line", NULL) != 0)
+        return NULL;
+    progress->stream = stream;
+    progress->terminal = terminal;
+    progress->columns = columns < 20 ? 20 : columns;
+    progress->clock = clock;
+    progress->clock_data = clock_data;
+    progress->last_shown = -1e300;
+    (void)pthread_mutex_init(&progress->mutex, NULL);
+    (void)pthread_cond_init(&progress->wake, NULL);
+    return progress;
+}
+
+struct kiln_progress *kiln_progress_create(bool quiet, int rank)
+{
+    if (quiet || rank != 0)
+        return NULL;
+    const bool terminal = isatty(STDERR_FILENO) == 1;
+    struct winsize size = {0};
+    const bool known = terminal && ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
+    struct kiln_progress *progress = kiln_progress_create_on(stderr, terminal, known ? size.ws_col : 80, monotonic, NULL);
+    if (progress != NULL)
+        start_thread(progress);
+    return progress;
+}
+
+struct kiln_progress *kiln_progress_create_silent(void) { return kiln_progress_create_on(NULL, false, 80, monotonic, NULL); }
+
+void kiln_progress_observe(struct kiln_progress *progress, kiln_progress_watch watch, void *data)
+{
+    if (progress == NULL)
+        return;
+    (void)pthread_mutex_lock(&progress->mutex);
+    progress->watch = watch;
+    progress->watch_data = data;
+    (void)pthread_mutex_unlock(&progress->mutex);
+}
+
+void kiln_progress_destroy(struct kiln_progress **progress)
+{
+    if (*progress == NULL)
+        return;
+    stop_thread(*progress);
+    if ((*progress)->drawn) {
+        (void)fprintf((*progress)->stream, "\r\033[K");
+        (void)fflush((*progress)->stream);
+    }
+    (void)pthread_cond_destroy(&(*progress)->wake);
+    (void)pthread_mutex_destroy(&(*progress)->mutex);
+    kiln_free(progress);
+}
+
+/* ---- phases ---- */
+
+static void tell(const struct kiln_progress *progress)
+{
+    if (progress->watch == NULL)
+        return;
+    const double left = progress->total > 0 && progress->rate > 0 ? (double)(progress->total - progress->done) / progress->rate : -1.0;
+    progress->watch(progress->watch_data, progress->name, progress->done, progress->total, left);
 }
 
 /* On a terminal the bar gives way to the phase's time. */
@@ -169,6 +253,7 @@ void kiln_progress_phase(struct kiln_progress *progress, const char *name, uint6
 {
     if (progress == NULL)
         return;
+    (void)pthread_mutex_lock(&progress->mutex);
     end_phase(progress);
     (void)snprintf(progress->name, sizeof progress->name, "%s", name);
     progress->total = total;
@@ -178,6 +263,7 @@ void kiln_progress_phase(struct kiln_progress *progress, const char *name, uint6
     progress->phase_start = progress->rate_time = progress->clock(progress->clock_data);
     tell(progress);
     show(progress, progress->phase_start);
+    (void)pthread_mutex_unlock(&progress->mutex);
 }
 
 /* The rate forgets exponentially, so that the time left follows a change of speed without jumping. */
@@ -195,34 +281,30 @@ static void update_rate(struct kiln_progress *progress, double now)
 
 void kiln_progress_advance(struct kiln_progress *progress, uint64_t done)
 {
-    if (progress == NULL || !progress->running)
+    if (progress == NULL)
         return;
-    if (progress->total > 0 && done > progress->total)
-        done = progress->total;
-    if (done > progress->done)
-        progress->done = done;
-    const double now = progress->clock(progress->clock_data);
-    update_rate(progress, now);
-    tell(progress);
-    show(progress, now);
+    (void)pthread_mutex_lock(&progress->mutex);
+    if (progress->running) {
+        const double now = progress->clock(progress->clock_data);
+        const uint64_t possible = progress->total > 0 && done > progress->total ? progress->total : done;
+        progress->done = possible > progress->done ? possible : progress->done;
+        update_rate(progress, now);
+        tell(progress);
+        show(progress, now);
+    }
+    (void)pthread_mutex_unlock(&progress->mutex);
 }
 
 void kiln_progress_finish(struct kiln_progress *progress)
 {
-    if (progress != NULL)
-        end_phase(progress);
+    if (progress == NULL)
+        return;
+    (void)pthread_mutex_lock(&progress->mutex);
+    end_phase(progress);
+    (void)pthread_mutex_unlock(&progress->mutex);
 }
 
-void kiln_progress_destroy(struct kiln_progress **progress)
-{
-    if (*progress == NULL)
-        return;
-    if ((*progress)->drawn) {
-        (void)fprintf((*progress)->stream, "\r\033[K");
-        (void)fflush((*progress)->stream);
-    }
-    kiln_free(progress);
-}
+/* ---- tables ---- */
 
 static size_t character_count(const char *text)
 {

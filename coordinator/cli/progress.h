@@ -1,8 +1,8 @@
 /* What a person at the terminal sees while kiln works: phases, a bar with the time left, and a closing table.
  *
  * On a terminal the present phase is one line that is redrawn at most ten times a second and becomes "NAME  TIME" when the phase
- * ends. Anywhere else a line is printed at most every ten seconds, without control characters. Only rank 0 shows anything.
- * Not collective; used by one thread. */
+ * ends. Anywhere else a line is printed every nine seconds, without control characters. A thread sees to that once a second, whether
+ * or not something was finished meanwhile; it calls no MPI. Only rank 0 shows anything. Not collective; used by one thread. */
 #ifndef KILN_COORDINATOR_CLI_PROGRESS_H
 #define KILN_COORDINATOR_CLI_PROGRESS_H
 
@@ -17,15 +17,18 @@ struct kiln_progress;
  * no memory for it: progress is never a reason to fail. Writes to stderr. */
 struct kiln_progress *kiln_progress_create(bool quiet, int rank);
 
-/* One that shows nothing and only lets others watch; NULL when there is no memory for it. */
+/* One that shows nothing, has no thread and only lets others watch; NULL when there is no memory for it. */
 struct kiln_progress *kiln_progress_create_silent(void);
 
 /* Called after each change, on the thread that made it: seconds left of the phase are -1 while they are not known. */
 typedef void (*kiln_progress_watch)(void *data, const char *name, uint64_t done, uint64_t total, double seconds_left);
 void kiln_progress_observe(struct kiln_progress *progress, kiln_progress_watch watch, void *data);
 
-/* The same with everything given: for tests. `stream` NULL: nothing is shown. `clock` returns seconds. */
+/* The same with everything given and without a thread, which only calls kiln_progress_beat: for tests. `stream` NULL: nothing is shown.
+ * `clock` returns seconds. */
 struct kiln_progress *kiln_progress_create_on(FILE *stream, bool terminal, int columns, double (*clock)(void *), void *clock_data);
+/* Shows the present phase again when it is time. */
+void kiln_progress_beat(struct kiln_progress *progress);
 
 /* Ends the phase before and begins one of `total` units (0: unknown, no bar and no time left). `name` is copied. */
 void kiln_progress_phase(struct kiln_progress *progress, const char *name, uint64_t total);
