@@ -22,21 +22,27 @@ void kiln_phase(struct kiln_phases *phases, const char *name)
     if (phases->begin == 0.0)
         phases->begin = now;
     if (phases->since != 0.0) {
-        phases->seconds[phases->count - 1] += now - phases->since;
-        kiln_trace_add(phases->trace, KILN_TRACE_PHASE, phases->name[phases->count - 1], phases->since, now, -1);
+        phases->seconds[phases->present] += now - phases->since;
+        kiln_trace_add(phases->trace, KILN_TRACE_PHASE, phases->name[phases->present], phases->since, now, -1);
     }
     phases->since = 0.0;
     if (name == NULL)
         return;
-    const size_t index = find(phases, name);
-    assert(index == phases->count - 1);
-    (void)index;
+    phases->present = find(phases, name);
     phases->since = now;
 }
 
 void kiln_phase_add(struct kiln_phases *phases, const char *name, double seconds)
 {
     phases->seconds[find(phases, name)] += seconds;
+}
+
+void kiln_phase_rest(struct kiln_phases *phases, double before)
+{
+    double rest = before + MPI_Wtime() - phases->begin;
+    for (size_t i = 0; i < phases->count; i++)
+        rest -= phases->seconds[i];
+    kiln_phase_add(phases, "other", fmax(rest, 0.0));
 }
 
 json_t *kiln_phases_json(const struct kiln_phases *phases, MPI_Comm communicator)

@@ -1,10 +1,10 @@
 #include "coordinator/bake/plan.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <string.h>
 #include <time.h>
 
+#include "coordinator/bake/process_memory.h"
 #include "coordinator/bake/transport.h"
 #include "coordinator/bake/volume.h"
 #include "worker/base/memory.h"
@@ -59,20 +59,6 @@ static uint64_t section_bytes(const struct kiln_scene *scene, enum kiln_scene_se
     return scene->header->sections[section].count * kiln_scene_element_size(section);
 }
 
-/* Resident now; 0 where the system does not say. */
-static uint64_t resident_bytes(void)
-{
-    unsigned long long kibibytes = 0;
-    char line[256];
-    FILE *file = fopen("/proc/self/status", "re");
-    while (file != NULL && fgets(line, sizeof line, file) != NULL)
-        if (sscanf(line, "VmRSS: %llu kB", &kibibytes) == 1)
-            break;
-    if (file != NULL)
-        (void)fclose(file);
-    return (uint64_t)kibibytes * 1024u;
-}
-
 static bool on_device(const struct kiln_prepared *p) { return strcmp(p->backend->api->name, "embree") != 0; }
 
 static uint64_t largest_lightmap(const struct kiln_scene *scene)
@@ -114,7 +100,7 @@ static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *
 {
     struct kiln_plan_memory *m = &plan->memory;
     const uint64_t named = m->textures + m->scene + m->geometry + m->bvh + all_bytes(p->surface, p->scene->object_count) + share_bytes(p->surface);
-    const uint64_t resident = resident_bytes();
+    const uint64_t resident = kiln_process_memory(KILN_MEMORY_NOW);
     m->program = PASS_BYTES + (resident > named + LEAST_PROGRAM_BYTES ? resident - named : LEAST_PROGRAM_BYTES);
 }
 

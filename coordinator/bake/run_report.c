@@ -6,6 +6,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "coordinator/bake/process_memory.h"
+#include "coordinator/bake/run_table.h"
 #include "worker/base/memory.h"
 
 /* Numbers of one rank that rank 0 wants. */
@@ -63,43 +65,14 @@ static uint64_t count_invalid(const struct kiln_surface *surface)
     return invalid;
 }
 
-/* This process's part of the memory it has now, where what n processes map counts a nth for each. 0 where the system does not say. */
-static uint64_t proportional_memory(void)
-{
-    unsigned long long kibibytes = 0;
-    char line[256];
-    FILE *file = fopen("/proc/self/smaps_rollup", "re");
-    while (file != NULL && fgets(line, sizeof line, file) != NULL)
-        if (sscanf(line, "Pss: %llu kB", &kibibytes) == 1)
-            break;
-    if (file != NULL)
-        (void)fclose(file);
-    return (uint64_t)kibibytes * 1024u;
-}
-
-/* Most memory this process has had resident, bytes; 0 where the system does not say. (ru_maxrss would count what the process was
- * before it became kiln.) */
-static uint64_t peak_memory(void)
-{
-    unsigned long long kibibytes = 0;
-    char line[256];
-    FILE *file = fopen("/proc/self/status", "re");
-    while (file != NULL && fgets(line, sizeof line, file) != NULL)
-        if (sscanf(line, "VmHWM: %llu kB", &kibibytes) == 1)
-            break;
-    if (file != NULL)
-        (void)fclose(file);
-    return (uint64_t)kibibytes * 1024u;
-}
-
 static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
 {
     const struct kiln_transport_report *t = &run->transport->report;
     values[RANK_POINTS] = run->prepared->surface->count;
     values[RANK_INVALID] = count_invalid(run->prepared->surface);
-    values[RANK_RSS] = peak_memory();
+    values[RANK_RSS] = kiln_process_memory(KILN_MEMORY_PEAK);
     values[RANK_PROBES] = run->probe_rays;
-    values[RANK_PSS] = proportional_memory();
+    values[RANK_PSS] = kiln_process_memory(KILN_MEMORY_SHARE);
     values[RANK_SHARED] = kiln_node_rank(run->prepared->node) == 0 ? kiln_node_bytes(run->prepared->node) : 0;
     values[RANK_RECEIVED] = t->received;
     for (size_t i = 0; i < t->pass_count; i++)
@@ -179,6 +152,13 @@ static json_t *balance_json(const struct kiln_run *run, const uint64_t *values)
                      s->cell_size, "points_per_rank", per_rank);
 }
 
+/* Bytes a node that Slurm gives this job; 0: no job of Slurm's, or it was not asked for. */
+static uint64_t asked_memory(void)
+{
+    const char *mebibytes = getenv("SLURM_MEM_PER_NODE");
+    return mebibytes != NULL ? strtoull(mebibytes, NULL, 10) << 20 : 0;
+}
+
 static json_t *memory_json(const struct kiln_run *run, const uint64_t *values)
 {
     uint64_t most = 0, shared = 0;
@@ -190,8 +170,8 @@ static json_t *memory_json(const struct kiln_run *run, const uint64_t *values)
         json_array_append_new(per_rank, json_integer((json_int_t)rank[RANK_RSS]));
         json_array_append_new(proportional, json_integer((json_int_t)rank[RANK_PSS]));
     }
-    return json_pack("{s:s, s:I, s:o, s:I, s:o}", "units", "bytes", "peak_rank", (json_int_t)most, "peak_per_rank", per_rank, "shared_node",
-                     (json_int_t)shared, "proportional_per_rank", proportional);
+    return json_pack("{s:s, s:I, s:o, s:I, s:o, s:I}", "units", "bytes", "peak_rank", (json_int_t)most, "peak_per_rank", per_rank, "shared_node",
+                     (json_int_t)shared, "proportional_per_rank", proportional, "asked_node", (json_int_t)asked_memory());
 }
 
 /* What the ranks spent in exchanges and in waiting for each other, as a share of the run so far. Collective; rank 0 gets it. */
@@ -309,40 +289,7 @@ json_t *kiln_run_report(const struct kiln_run *run)
         return NULL;
     }
     json_t *root = report_on_root(run, phases, error_reached, mpi, values);
+    json_object_set_new(root, "notes", kiln_run_notes(root));
     free(values);
     return root;
-}
-
-enum { TABLE_ROWS = KILN_PHASES_MAX + 1, TABLE_COLUMNS = 4, CELL = 32 };
-
-void kiln_run_table(FILE *stream, const json_t *report)
-{
-    char text[TABLE_ROWS][TABLE_COLUMNS][CELL];
-    const char *cells[TABLE_ROWS * TABLE_COLUMNS] = {"phase", "mean s", "slowest s", "imbalance"};
-    const json_t *phases = json_object_get(report, "phases");
-    size_t rows = 1, index;
-    json_t *phase;
-    json_array_foreach(phases, index, phase) {
-        if (rows == TABLE_ROWS)
-            break;
-        const json_t *seconds = json_object_get(phase, "seconds");
-        (void)snprintf(text[rows][0], CELL, "%s", json_string_value(json_object_get(phase, "name")));
-        (void)snprintf(text[rows][1], CELL, "%.3f", json_real_value(json_object_get(seconds, "avg")));
-        (void)snprintf(text[rows][2], CELL, "%.3f", json_real_value(json_object_get(seconds, "max")));
-        (void)snprintf(text[rows][3], CELL, "%.1f %%", 100.0 * json_real_value(json_object_get(phase, "imbalance")));
-        for (size_t c = 0; c < TABLE_COLUMNS; c++)
-            cells[rows * TABLE_COLUMNS + c] = text[rows][c];
-        rows++;
-    }
-    (void)fputc('\n', stream);
-    kiln_table_print(stream, cells, rows, TABLE_COLUMNS, 0xe);
-    const json_t *points = json_object_get(report, "points"), *energy = json_object_get(report, "energy"), *error = json_object_get(report, "error");
-    const json_int_t count = json_integer_value(json_object_get(points, "count")), invalid = json_integer_value(json_object_get(points, "invalid"));
-    (void)fprintf(stream, "\n%lld surface points, %.2f %% of them buried; %.2f Mrays/s; peak memory of a rank %.1f MiB\n", (long long)count,
-                  count > 0 ? 100.0 * (double)invalid / (double)count : 0.0, json_real_value(json_object_get(report, "mrays_per_second")),
-                  (double)json_integer_value(json_object_get(json_object_get(report, "memory"), "peak_rank")) / 1048576.0);
-    (void)fprintf(stream, "standard error %.3f %% of the mean; energy balanced to %.3f %% of what was emitted\n",
-                  100.0 * json_real_value(json_object_get(error, "mean_relative")),
-                  100.0 * json_real_value(json_object_get(energy, "relative_residual")));
-    (void)fprintf(stream, "results in %s\n", json_string_value(json_object_get(report, "output")));
 }

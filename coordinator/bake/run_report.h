@@ -1,4 +1,4 @@
-/* run.json and the closing table: what ran, on what, how long each phase took on each rank, the error and energy reached. */
+/* run.json: what ran, on what, how long each phase took on each rank, the error and energy reached. */
 #ifndef KILN_COORDINATOR_BAKE_RUN_REPORT_H
 #define KILN_COORDINATOR_BAKE_RUN_REPORT_H
 
@@ -24,8 +24,5 @@ char *kiln_provenance(const struct kiln_job *job, const struct kiln_prepared *pr
 
 /* Collective. Makes the report; rank 0 gets it, the others NULL. json_decref it. */
 json_t *kiln_run_report(const struct kiln_run *run);
-
-/* Writes the closing table for people, from the report. */
-void kiln_run_table(FILE *stream, const json_t *report);
 
 #endif

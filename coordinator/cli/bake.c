@@ -10,6 +10,7 @@
 
 #include "coordinator/bake/identity.h"
 #include "coordinator/bake/run_report.h"
+#include "coordinator/bake/run_table.h"
 #include "coordinator/bake/volume.h"
 #include "coordinator/cli/agree.h"
 #include "coordinator/cli/commands.h"
@@ -55,6 +56,7 @@ struct bake {
     struct kiln_volume_result volume;
     struct kiln_lightmap_report *lightmaps;
     uint64_t probe_rays;
+    json_t *report; /* rank 0: what run.json says */
 };
 
 /* The folder, and those it lies in. */
@@ -161,13 +163,21 @@ static int compare_with_checkpoint(struct bake *b, struct kiln_error *error)
     return status;
 }
 
+/* Collective. What a rank waits for the others at the end of a phase is none of the phase's time. */
+static int agree_after_phase(struct bake *b, int status, struct kiln_error *error)
+{
+    kiln_phase(&b->phases, "waiting");
+    status = kiln_agree(b->communicator, status, error);
+    kiln_phase(&b->phases, NULL);
+    return status;
+}
+
 static int transport_light(struct bake *b, struct kiln_error *error)
 {
     kiln_phase(&b->phases, "emission");
     kiln_progress_phase(b->progress, "emission", 0);
     int status = kiln_backend_emission(b->prepared->backend, EMISSION_SAMPLES, &b->emission, error);
-    kiln_phase(&b->phases, NULL);
-    status = kiln_agree(b->communicator, status, error);
+    status = agree_after_phase(b, status, error);
     if (status != KILN_OK)
         return status;
     kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0, kiln_checkpoint_written(b->checkpoint));
@@ -277,13 +287,13 @@ static int draw_preview(struct bake *b, struct kiln_error *error)
     if (b->rank == 0)
         status = kiln_view_preview(b->job->output, b->prepared->scene, b->prepared->geometry, b->prepared->lights, b->prepared->backend,
                                    b->job->exposure, error);
-    kiln_phase(&b->phases, NULL);
-    return kiln_agree(b->communicator, status, error);
+    return agree_after_phase(b, status, error);
 }
 
 /* run.json says that everything it names is there. */
-static int report(struct bake *b, struct kiln_error *error)
+static int write_report(struct bake *b, struct kiln_error *error)
 {
+    kiln_phase_rest(&b->phases, b->transport->report.seconds_before);
     const struct kiln_run run = {.job = b->job,
                                  .prepared = b->prepared,
                                  .transport = b->transport,
@@ -292,24 +302,36 @@ static int report(struct bake *b, struct kiln_error *error)
                                  .phases = &b->phases,
                                  .probe_rays = b->probe_rays,
                                  .directory = b->job->output};
-    json_t *root = kiln_run_report(&run);
     int status = KILN_OK;
+    b->report = kiln_run_report(&run);
     if (b->rank == 0) {
         char path[KILN_PATH_SIZE];
-        char *text = json_dumps(root, JSON_INDENT(2));
+        char *text = json_dumps(b->report, JSON_INDENT(2));
         status = text == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: run.json")
                               : kiln_path_join(path, b->job->output, "run.json", error);
         if (status == KILN_OK)
             status = kiln_publish_bytes(path, text, strlen(text), error);
         free(text);
-        kiln_progress_finish(b->progress);
-        if (status == KILN_OK && b->job->json && json_dumpf(root, stdout, JSON_COMPACT) == 0)
-            (void)fputc('\n', stdout);
-        if (status == KILN_OK && !b->job->quiet && !b->job->json)
-            kiln_run_table(stdout, root);
-        json_decref(root);
     }
     return kiln_agree(b->communicator, status, error);
+}
+
+/* Last of all, after run.json, which is in it. */
+static int write_manifest(struct bake *b, struct kiln_error *error)
+{
+    kiln_progress_phase(b->progress, "manifest", 0);
+    const int status = kiln_manifest_write(b->communicator, b->job->output, b->prepared->scene, b->job->samples_probe != 0, b->job->preview, error);
+    kiln_progress_finish(b->progress);
+    return status;
+}
+
+/* Rank 0, once nothing can fail any more. */
+static void tell(const struct bake *b)
+{
+    if (b->job->json && json_dumpf(b->report, stdout, JSON_COMPACT) == 0)
+        (void)fputc('\n', stdout);
+    if (!b->job->quiet && !b->job->json)
+        kiln_run_table(stdout, b->report);
 }
 
 /* For the report. */
@@ -351,10 +373,8 @@ static int run(struct bake *b, struct kiln_error *error)
     if (status == KILN_OK)
         status = draw_preview(b, error);
     if (status == KILN_OK)
-        status = report(b, error);
-    if (status == KILN_OK) /* last of all */
-        status = kiln_manifest_write(b->communicator, b->job->output, b->prepared->scene, b->job->samples_probe != 0, b->job->preview, error);
-    return status;
+        status = write_report(b, error);
+    return status == KILN_OK ? write_manifest(b, error) : status;
 }
 
 /* The status file's last word: of interest while there is something to go on from. */
@@ -392,6 +412,8 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
     if (status == KILN_OK)
         status = run(&b, error);
     status = write_trace(&b, status, error);
+    if (status == KILN_OK && b.rank == 0)
+        tell(&b);
     if (b.checkpoint != NULL && status == KILN_OK)
         kiln_checkpoint_remove(b.checkpoint); /* run.json says it now */
     if (b.control != NULL)
@@ -403,6 +425,7 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
     kiln_control_destroy(&b.control);
     kiln_checkpoint_close(&b.checkpoint);
     json_decref(b.identity);
+    json_decref(b.report);
     kiln_progress_destroy(&b.progress);
     kiln_free(&b.lightmaps);
     kiln_volume_destroy(&b.volume);

@@ -1,0 +1,181 @@
+#include "coordinator/bake/run_table.h"
+
+#include <stdbool.h>
+#include <string.h>
+
+#include "coordinator/bake/phases.h"
+#include "coordinator/cli/progress.h"
+
+enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32 };
+static const double NOTE_IMBALANCE = 0.05, NOTE_FILES = 0.10, NOTE_SECONDS = 1.0;
+
+struct advice {
+    const char *phase, *text;
+};
+
+static const struct advice balance_advice[] = {
+    {"direct light", "try a smaller --cell-size, which deals the cells out more evenly"},
+    {"bounces", "try a smaller --cell-size, which deals the cells out more evenly"},
+    {"final gather", "try a smaller --cell-size, which deals the cells out more evenly"},
+    {"preview", "one rank draws it; --no-preview leaves it out"},
+};
+static const struct advice file_advice[] = {
+    {"lightmaps", "more ranks or threads pack them sooner, --half makes them smaller"},
+    {"kiln.h5", "more ranks or threads pack it sooner"},
+    {"volume.hdf", "a wider --probe-spacing makes it smaller, --samples-probe 0 leaves it out"},
+    {"checkpoints", "a longer --checkpoint-every writes fewer of them"},
+};
+enum { BALANCE_ADVICE = sizeof balance_advice / sizeof *balance_advice, FILE_ADVICE = sizeof file_advice / sizeof *file_advice };
+
+static const char *name_of(const json_t *phase)
+{
+    const char *name = json_string_value(json_object_get(phase, "name"));
+    return name != NULL ? name : "";
+}
+
+static double seconds_of(const json_t *phase, const char *which) { return json_number_value(json_object_get(json_object_get(phase, "seconds"), which)); }
+
+/* Seconds of the bake with those before a restart. */
+static double whole(const json_t *report)
+{
+    return json_number_value(json_object_get(report, "seconds")) + json_number_value(json_object_get(report, "seconds_before"));
+}
+
+/* Time that ranks spend for one another, or that has no name: its imbalance says nothing. */
+static bool is_work(const char *name) { return strcmp(name, "exchange") != 0 && strcmp(name, "waiting") != 0 && strcmp(name, "other") != 0; }
+
+static const char *advice_for(const struct advice *advice, size_t count, const char *phase, const char *otherwise)
+{
+    for (size_t i = 0; i < count; i++)
+        if (strcmp(advice[i].phase, phase) == 0)
+            return advice[i].text;
+    return otherwise;
+}
+
+/* ---- notes ---- */
+
+static void note_imbalance(const json_t *report, json_t *notes)
+{
+    const json_t *worst = NULL;
+    double most = NOTE_SECONDS;
+    size_t index;
+    const json_t *phase;
+    json_array_foreach(json_object_get(report, "phases"), index, phase) {
+        const double lost = seconds_of(phase, "max") - seconds_of(phase, "avg");
+        if (is_work(name_of(phase)) && lost > most && lost > NOTE_IMBALANCE * seconds_of(phase, "avg")) {
+            most = lost;
+            worst = phase;
+        }
+    }
+    if (worst != NULL)
+        (void)json_array_append_new(notes, json_sprintf("%s: the slowest rank took %.0f %% longer than the mean, which costs %.1f s a rank; %s",
+            name_of(worst), 100.0 * json_number_value(json_object_get(worst, "imbalance")), most,
+            advice_for(balance_advice, BALANCE_ADVICE, name_of(worst), "--trace FILE.json shows which rank, and when")));
+}
+
+static void note_files(const json_t *report, json_t *notes)
+{
+    const char *worst = "";
+    double sum = 0.0, most = 0.0;
+    size_t index;
+    const json_t *phase;
+    json_array_foreach(json_object_get(report, "phases"), index, phase) {
+        const double seconds = seconds_of(phase, "avg");
+        if (advice_for(file_advice, FILE_ADVICE, name_of(phase), NULL) == NULL)
+            continue;
+        sum += seconds;
+        if (seconds > most) {
+            most = seconds;
+            worst = name_of(phase);
+        }
+    }
+    if (sum > NOTE_SECONDS && sum > NOTE_FILES * whole(report))
+        (void)json_array_append_new(notes, json_sprintf("files took %.0f %% of the time (%.1f s), most of it %s (%.1f s); %s", 100.0 * sum / whole(report),
+                                                        sum, worst, most, advice_for(file_advice, FILE_ADVICE, worst, "")));
+}
+
+json_t *kiln_run_notes(const json_t *report)
+{
+    json_t *notes = json_array();
+    note_imbalance(report, notes);
+    note_files(report, notes);
+    return notes;
+}
+
+/* ---- the table ---- */
+
+static void phase_row(char text[COLUMNS][CELL], const json_t *phase, double all)
+{
+    static const char *const which[] = {"min", "avg", "max"};
+    (void)snprintf(text[0], CELL, "%s", name_of(phase));
+    for (size_t k = 0; k < 3; k++)
+        (void)snprintf(text[1 + k], CELL, "%.3f", seconds_of(phase, which[k]));
+    (void)snprintf(text[4], CELL, "%.1f %%", 100.0 * json_number_value(json_object_get(phase, "imbalance")));
+    (void)snprintf(text[5], CELL, "%.1f %%", all > 0.0 ? 100.0 * seconds_of(phase, "avg") / all : 0.0);
+    if (!is_work(text[0]))
+        text[4][0] = '\0';
+}
+
+static void print_phases(FILE *stream, const json_t *report)
+{
+    char text[ROWS][COLUMNS][CELL];
+    const char *cells[ROWS * COLUMNS] = {"phase", "least s", "mean s", "slowest s", "imbalance", "of all"};
+    size_t rows = 1, index;
+    const json_t *phase;
+    json_array_foreach(json_object_get(report, "phases"), index, phase) {
+        if (rows == ROWS)
+            break;
+        phase_row(text[rows], phase, whole(report));
+        for (size_t c = 0; c < COLUMNS; c++)
+            cells[rows * COLUMNS + c] = text[rows][c];
+        rows++;
+    }
+    kiln_table_print(stream, cells, rows, COLUMNS, 0x3e);
+}
+
+static void print_time(FILE *stream, const json_t *report)
+{
+    const json_int_t restarts = json_integer_value(json_object_get(report, "restarts"));
+    const json_int_t ranks = json_integer_value(json_object_get(report, "ranks")), threads = json_integer_value(json_object_get(report, "threads"));
+    char text[48];
+    (void)fprintf(stream, "\n%s on %lld rank%s of %lld thread%s", kiln_duration_text(whole(report), text, sizeof text), (long long)ranks, ranks == 1 ? "" : "s",
+                  (long long)threads, threads == 1 ? "" : "s");
+    if (restarts > 0)
+        (void)fprintf(stream, ", in %lld runs", (long long)restarts + 1);
+    (void)fprintf(stream, "; %.2f Mrays/s\n", json_number_value(json_object_get(report, "mrays_per_second")));
+}
+
+static void print_memory(FILE *stream, const json_t *report)
+{
+    const json_t *memory = json_object_get(report, "memory");
+    const json_int_t asked = json_integer_value(json_object_get(memory, "asked_node"));
+    (void)fprintf(stream, "peak memory of a rank %.1f MiB", (double)json_integer_value(json_object_get(memory, "peak_rank")) / 1048576.0);
+    if (asked > 0)
+        (void)fprintf(stream, "; Slurm gives %.1f MiB a node", (double)asked / 1048576.0);
+    (void)fputc('\n', stream);
+}
+
+static void print_reached(FILE *stream, const json_t *report)
+{
+    const json_t *points = json_object_get(report, "points");
+    const double count = json_number_value(json_object_get(points, "count")), invalid = json_number_value(json_object_get(points, "invalid"));
+    (void)fprintf(stream, "%.0f surface points, %.2f %% of them buried\n", count, count > 0.0 ? 100.0 * invalid / count : 0.0);
+    (void)fprintf(stream, "standard error %.3f %% of the mean; energy balanced to %.3f %% of what was emitted\n",
+                  100.0 * json_number_value(json_object_get(json_object_get(report, "error"), "mean_relative")),
+                  100.0 * json_number_value(json_object_get(json_object_get(report, "energy"), "relative_residual")));
+}
+
+void kiln_run_table(FILE *stream, const json_t *report)
+{
+    size_t index;
+    const json_t *note;
+    const char *output = json_string_value(json_object_get(report, "output"));
+    (void)fputc('\n', stream);
+    print_phases(stream, report);
+    print_time(stream, report);
+    print_memory(stream, report);
+    print_reached(stream, report);
+    (void)fprintf(stream, "results in %s\n", output != NULL ? output : "?");
+    json_array_foreach(json_object_get(report, "notes"), index, note)
+        (void)fprintf(stream, "NOTE %s\n", json_string_value(note));
+}

@@ -1,0 +1,60 @@
+"""What a bake says on its way and at its end: lines without control characters, a table that adds up, one sentence for all ranks."""
+import json
+import os
+import subprocess
+import tempfile
+import unittest
+
+from kiln_cli import KILN, kiln
+
+RANKS = ["mpirun", "--bind-to", "none", "-n"]
+SMALL = ["--backend", "embree", "--quality", "draft", "--lightmap-size", "24", "--bounces", "1", "--threads", "1"]
+
+
+class End(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = cls.enterClassContext(tempfile.TemporaryDirectory())
+        cls.scene = os.path.join(cls.folder, "cornell.glb")
+        cls.out = os.path.join(cls.folder, "out")
+        subprocess.run([KILN, "generate", "cornell", "-o", cls.scene], check=True, stdout=subprocess.DEVNULL)
+        cls.answer = kiln("bake", cls.scene, "-o", cls.out, *SMALL, prefix=[*RANKS, "2"], timeout=120)
+
+    def test_progress_is_plain_lines(self):
+        self.assertEqual(self.answer.code, 0, self.answer.err)
+        self.assertRegex(self.answer.err, r"(?m)^import: ")
+        self.assertRegex(self.answer.err, r"\A[\n -~]*\Z")
+
+    def test_phases_add_up_to_the_time(self):
+        with open(os.path.join(self.out, "run.json")) as file:
+            report = json.load(file)
+        for rank in range(2):
+            spent = sum(phase["per_rank"][rank] for phase in report["phases"])
+            self.assertAlmostEqual(spent / report["seconds"], 1, delta=0.01, msg=f"rank {rank}: {report['phases']}")
+
+    def test_table(self):
+        lines = self.answer.out.splitlines()
+        head = lines.index("phase           least s  mean s  slowest s  imbalance  of all")
+        shares = [float(line.split()[-2]) for line in lines[head + 1:lines.index("", head)]]
+        self.assertGreater(len(shares), 10)
+        self.assertAlmostEqual(sum(shares), 100, delta=2)
+        self.assertRegex(self.answer.out, r"(?m)^peak memory of a rank [\d.]+ MiB")
+
+    def test_status_of_what_is_done(self):
+        answer = kiln("status", self.out)
+        self.assertEqual(answer.code, 0)
+        self.assertRegex(answer.out, r"(?m)^state +done$")
+        self.assertRegex(answer.out, r"(?m)^next +kiln report")
+        self.assertEqual(json.loads(kiln("status", self.out, "--json").out)["state"], "done")
+        self.assertEqual(kiln("status", self.folder).code, 66)
+
+    def test_an_error_is_said_once(self):
+        for arguments, code in ((["bake", "/nowhere.glb"], 66), (["bake", self.scene, "--bounce", "3"], 64),
+                                (["bake", self.scene, "-o", "/proc/none/out", *SMALL], 73)):
+            answer = kiln(*arguments, prefix=[*RANKS, "8"], timeout=120)
+            self.assertEqual(answer.code, code, answer.err)
+            self.assertGreater(len(answer.sentence()), 20)
+
+
+if __name__ == "__main__":
+    unittest.main()
