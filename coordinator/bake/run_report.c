@@ -8,6 +8,7 @@
 
 #include "coordinator/bake/process_memory.h"
 #include "coordinator/bake/run_table.h"
+#include "coordinator/cli/json.h"
 #include "worker/base/memory.h"
 
 /* Numbers of one rank that rank 0 wants. */
@@ -230,11 +231,11 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_t *rays = rays_json(values, p->ranks, &total_rays);
     const double traced = tracing_seconds(phases);
     json_t *scene = scene_json(p);
-    json_object_set_new(scene, "file", json_string(run->job->scene));
+    json_object_set_new(scene, "file", kiln_json_string(run->job->scene));
     json_t *root = json_object();
     json_object_set_new(root, "status", json_string("done"));
     json_object_set_new(root, "kiln", json_string(KILN_VERSION));
-    json_object_set_new(root, "output", json_string(run->directory));
+    json_object_set_new(root, "output", kiln_json_string(run->directory));
     json_object_set_new(root, "scene", scene);
     json_object_set_new(root, "job", settings_json(run->job));
     json_object_set_new(root, "backend", json_pack("{s:s, s:s, s:s, s:f, s:f, s:i}", "name", info.name, "device", info.device, "instruction_set", p->instruction_set, "build_seconds",

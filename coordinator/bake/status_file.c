@@ -10,6 +10,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "coordinator/cli/json.h"
 #include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
 
@@ -63,10 +64,10 @@ void kiln_bake_status_write(const char *directory, const struct kiln_bake_status
     char path[KILN_PATH_SIZE], aside[KILN_PATH_SIZE];
     if (path_of(path, directory, "status.json", NULL) != KILN_OK || path_of(aside, directory, ".status.json.part", NULL) != KILN_OK)
         return;
-    json_t *json = json_pack("{s:s, s:s, s:f, s:f, s:f, s:i, s:s, s:I, s:I, s:f, s:I, s:I, s:f, s:i, s:s}", "state", s->state, "phase", s->phase,
+    json_t *json = json_pack("{s:s, s:s, s:f, s:f, s:f, s:i, s:s, s:I, s:I, s:f, s:I, s:I, s:f, s:i, s:o}", "state", s->state, "phase", s->phase,
                              "share", s->share, "left", s->left, "seconds", s->seconds, "ranks", (int)s->ranks, "host", s->host, "process",
                              (json_int_t)s->process, "started", (json_int_t)s->started, "updated", s->updated, "beat", (json_int_t)s->beat,
-                             "generation", (json_int_t)s->generation, "saved", s->saved, "code", (int)s->code, "message", s->message);
+                             "generation", (json_int_t)s->generation, "saved", s->saved, "code", (int)s->code, "message", kiln_json_string(s->message));
     char *text = json != NULL ? json_dumps(json, JSON_INDENT(1)) : NULL;
     const int descriptor = text != NULL ? open(aside, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0666) : -1;
     if (descriptor >= 0) { /* not synced: after a power cut it would say nothing that still holds */

@@ -14,6 +14,7 @@
 #include "coordinator/bake/volume.h"
 #include "coordinator/cli/agree.h"
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/json.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/publish.h"
 #include "coordinator/output/view.h"
@@ -326,12 +327,13 @@ static int write_manifest(struct bake *b, struct kiln_error *error)
 }
 
 /* Rank 0, once nothing can fail any more. */
-static void tell(const struct bake *b)
+static int tell(const struct bake *b, struct kiln_error *error)
 {
-    if (b->job->json && json_dumpf(b->report, stdout, JSON_COMPACT) == 0)
-        (void)fputc('\n', stdout);
-    if (!b->job->quiet && !b->job->json)
+    if (b->job->json)
+        return kiln_json_print(json_incref(b->report), error);
+    if (!b->job->quiet)
         kiln_run_table(stdout, b->report);
+    return KILN_OK;
 }
 
 /* For the report. */
@@ -412,8 +414,8 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
     if (status == KILN_OK)
         status = run(&b, error);
     status = write_trace(&b, status, error);
-    if (status == KILN_OK && b.rank == 0)
-        tell(&b);
+    if (status == KILN_OK)
+        status = kiln_agree(b.communicator, b.rank == 0 ? tell(&b, error) : KILN_OK, error);
     if (b.checkpoint != NULL && status == KILN_OK)
         kiln_checkpoint_remove(b.checkpoint); /* run.json says it now */
     if (b.control != NULL)

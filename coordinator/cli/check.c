@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/json.h"
 #include "coordinator/cli/look.h"
 #include "worker/base/memory.h"
 
@@ -218,9 +219,9 @@ static json_t *report_json(const struct report *r, const struct kiln_job *job)
         const struct problem *p = &r->problems[i];
         warnings += p->severity == WARNING;
         (void)json_array_append_new(list, json_pack("{s:s, s:o, s:o}", "severity", p->severity == WARNING ? "warning" : "information", "place",
-                                                    kiln_look_string(p->place), "text", kiln_look_string(p->text)));
+                                                    kiln_json_string(p->place), "text", kiln_json_string(p->text)));
     }
-    return json_pack("{s:s, s:o, s:I, s:o}", "status", "done", "scene", kiln_look_string(job->scene), "warnings", warnings, "problems", list);
+    return json_pack("{s:s, s:o, s:I, s:o}", "status", "done", "scene", kiln_json_string(job->scene), "warnings", warnings, "problems", list);
 }
 
 static void print_report(const struct report *r, const struct kiln_job *job)
@@ -246,7 +247,7 @@ int kiln_command_check(struct kiln_job *job, struct kiln_error *error)
     for (size_t i = 0; i < sizeof checks / sizeof checks[0] && report.status == KILN_OK; i++)
         checks[i](&report);
     if (report.status == KILN_OK && job->json)
-        report.status = kiln_look_print(report_json(&report, job), error);
+        report.status = kiln_json_print(report_json(&report, job), error);
     else if (report.status == KILN_OK)
         print_report(&report, job);
     kiln_free(&report.problems);

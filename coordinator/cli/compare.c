@@ -12,6 +12,7 @@
 #include <jansson.h>
 
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/json.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
@@ -190,9 +191,7 @@ static int print_json(const struct comparison *c, struct kiln_error *error)
         json_object_set(root, "lightmaps", objects);
     }
     json_decref(objects);
-    const bool printed = root != NULL && json_dumpf(root, stdout, JSON_COMPACT) == 0 && fputc('\n', stdout) != EOF;
-    json_decref(root);
-    return printed ? KILN_OK : kiln_fail(error, KILN_IO, "the result cannot be written to standard output");
+    return kiln_json_print(root, error);
 }
 
 static void print_text(const struct comparison *c)

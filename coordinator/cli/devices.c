@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "coordinator/bake/prepare.h"
-#include "coordinator/cli/look.h"
+#include "coordinator/cli/json.h"
 #include "worker/backend/vulkan/gpu.h"
 
 enum { MOST_DEVICES = 64, UUID_TEXT = 37 };
@@ -33,8 +33,8 @@ static json_t *device_json(const struct gpu_description *d)
     char uuid[UUID_TEXT], version[32];
     uuid_text(d->uuid, uuid);
     (void)snprintf(version, sizeof version, "%u.%u.%u", d->api_version >> 22 & 0x7f, d->api_version >> 12 & 0x3ff, d->api_version & 0xfff);
-    return json_pack("{s:i, s:o, s:o, s:s, s:s, s:b, s:b, s:s, s:b, s:b, s:i, s:I, s:I}", "device", (int)d->index, "name", kiln_look_string(d->name),
-                     "driver", kiln_look_string(d->driver), "uuid", uuid, "vulkan", version, "software", (int)d->software, "fit", (int)d->fit, "lacks",
+    return json_pack("{s:i, s:o, s:o, s:s, s:s, s:b, s:b, s:s, s:b, s:b, s:i, s:I, s:I}", "device", (int)d->index, "name", kiln_json_string(d->name),
+                     "driver", kiln_json_string(d->driver), "uuid", uuid, "vulkan", version, "software", (int)d->software, "fit", (int)d->fit, "lacks",
                      d->lacks, "ray_tracing", (int)d->ray_tracing, "float64", (int)d->float64, "subgroup", (int)d->subgroup, "memory_bytes",
                      (json_int_t)d->memory, "free_bytes", (json_int_t)d->budget);
 }
@@ -76,7 +76,7 @@ int kiln_devices_list(const struct kiln_job *job, struct kiln_error *error)
     count = count < MOST_DEVICES ? count : MOST_DEVICES;
     kiln_backend_embree_version(version, sizeof version);
     if (job->json)
-        return kiln_look_print(list_json(list, count, version), error);
+        return kiln_json_print(list_json(list, count, version), error);
     (void)printf("embree    %s, %s, %u thread%s\n", version, kiln_own_instruction_set(), kiln_own_cores(1), kiln_own_cores(1) == 1 ? "" : "s");
     for (size_t i = 0; i < count; i++)
         print_device(&list[i]);

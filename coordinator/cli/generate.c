@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/json.h"
 #include "coordinator/cli/options.h"
 #include "coordinator/generate/scenes.h"
 
@@ -21,11 +22,7 @@ static int list_json(struct kiln_error *error)
     for (size_t i = 0; i < kiln_generator_count; i++)
         (void)json_array_append_new(names, json_pack("{s:s, s:s}", "name", kiln_generators[i].name, "description",
                                                      kiln_generators[i].description));
-    json_t *object = json_pack("{s:s, s:o}", "status", "ok", "scenes", names);
-    const int failed = object == NULL || json_dumpf(object, stdout, JSON_COMPACT) != 0;
-    (void)fputc('\n', stdout);
-    json_decref(object);
-    return failed ? kiln_fail(error, KILN_IO, "cannot write the list of scenes to stdout") : KILN_OK;
+    return kiln_json_print(json_pack("{s:s, s:o}", "status", "ok", "scenes", names), error);
 }
 
 static int find(const char *name, const struct kiln_generator **found, struct kiln_error *error)
@@ -75,13 +72,9 @@ static int report(const struct kiln_job *job, const struct kiln_generator *gener
                          (double)totals.bytes * 1e-6);
         return KILN_OK;
     }
-    json_t *object = json_pack("{s:s, s:s, s:s, s:I, s:I, s:I, s:I, s:I}", "status", "ok", "scene", generator->name, "file", job->output,
+    return kiln_json_print(json_pack("{s:s, s:s, s:o, s:I, s:I, s:I, s:I, s:I}", "status", "ok", "scene", generator->name, "file", kiln_json_string(job->output),
                                "triangles", (json_int_t)totals.triangles, "triangles_with_instances", (json_int_t)totals.triangles_placed,
-                               "meshes", (json_int_t)totals.meshes, "nodes", (json_int_t)totals.nodes, "bytes", (json_int_t)totals.bytes);
-    const int failed = object == NULL || json_dumpf(object, stdout, JSON_COMPACT) != 0;
-    (void)fputc('\n', stdout);
-    json_decref(object);
-    return failed ? kiln_fail(error, KILN_IO, "cannot write to stdout") : KILN_OK;
+                               "meshes", (json_int_t)totals.meshes, "nodes", (json_int_t)totals.nodes, "bytes", (json_int_t)totals.bytes), error);
 }
 
 int kiln_command_generate(struct kiln_job *job, struct kiln_error *error)

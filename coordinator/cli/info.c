@@ -4,6 +4,7 @@
 
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/devices.h"
+#include "coordinator/cli/json.h"
 #include "coordinator/cli/look.h"
 #include "coordinator/cli/progress.h"
 #include "worker/base/memory.h"
@@ -24,7 +25,7 @@ static json_t *meshes_json(const struct kiln_look *look)
     json_t *list = json_array();
     for (size_t i = 0; i < look->scene->mesh_count; i++) {
         const struct kiln_mesh *m = &look->scene->meshes[i];
-        (void)json_array_append_new(list, json_pack("{s:o, s:I, s:I, s:s, s:b, s:f, s:f}", "name", kiln_look_string(string_at(look, m->name)),
+        (void)json_array_append_new(list, json_pack("{s:o, s:I, s:I, s:s, s:b, s:f, s:f}", "name", kiln_json_string(string_at(look, m->name)),
                                                     "triangles", (json_int_t)m->triangle_count, "vertices", (json_int_t)m->vertex_count,
                                                     "layout", layout_of(m), "smooth", (m->flags & KILN_MESH_SMOOTH) != 0, "surface_area",
                                                     m->surface_area, "uv_area", m->uv_area));
@@ -39,8 +40,8 @@ static json_t *objects_json(const struct kiln_look *look)
         const struct kiln_object *o = &look->scene->objects[i];
         const struct kiln_look_object *figures = &look->objects[i];
         (void)json_array_append_new(
-            list, json_pack("{s:o, s:o, s:i, s:[i, i], s:f, s:f, s:I, s:f, s:b}", "name", kiln_look_string(string_at(look, o->name)), "original_name",
-                            kiln_look_string(string_at(look, o->original_name)), "mesh", (int)o->mesh, "lightmap", (int)o->lightmap_width,
+            list, json_pack("{s:o, s:o, s:i, s:[i, i], s:f, s:f, s:I, s:f, s:b}", "name", kiln_json_string(string_at(look, o->name)), "original_name",
+                            kiln_json_string(string_at(look, o->original_name)), "mesh", (int)o->mesh, "lightmap", (int)o->lightmap_width,
                             (int)o->lightmap_height, "area", figures->area, "texels_per_metre", figures->density, "points",
                             (json_int_t)figures->points, "invalid_share", share(figures->invalid, figures->points), "mirrored", o->flipped != 0));
     }
@@ -54,7 +55,7 @@ static json_t *materials_json(const struct kiln_look *look)
     for (size_t i = 0; i < look->scene->material_count; i++) {
         const struct kiln_material *m = &look->scene->materials[i];
         (void)json_array_append_new(
-            list, json_pack("{s:o, s:[f, f, f, f], s:[f, f, f], s:b, s:b, s:f, s:s, s:b}", "name", kiln_look_string(string_at(look, m->name)),
+            list, json_pack("{s:o, s:[f, f, f, f], s:[f, f, f], s:b, s:b, s:f, s:s, s:b}", "name", kiln_json_string(string_at(look, m->name)),
                             "base_color", (double)m->base_color[0], (double)m->base_color[1], (double)m->base_color[2],
                             (double)m->base_color[3], "emission", (double)m->emission[0], (double)m->emission[1], (double)m->emission[2],
                             "base_color_texture", m->base_color_texture != KILN_NONE, "emission_texture", m->emission_texture != KILN_NONE,
@@ -69,7 +70,7 @@ static json_t *lights_json(const struct kiln_look *look)
     for (size_t i = 0; i < look->scene->light_count; i++) {
         const struct kiln_light *l = &look->scene->lights[i];
         (void)json_array_append_new(
-            list, json_pack("{s:o, s:s, s:[f, f, f], s:[f, f, f], s:[f, f, f], s:f}", "name", kiln_look_string(string_at(look, l->name)), "kind",
+            list, json_pack("{s:o, s:s, s:[f, f, f], s:[f, f, f], s:[f, f, f], s:f}", "name", kiln_json_string(string_at(look, l->name)), "kind",
                             light_kinds[l->kind], "position", l->position[0], l->position[1], l->position[2], "direction",
                             (double)l->direction[0], (double)l->direction[1], (double)l->direction[2], "intensity", (double)l->intensity[0],
                             (double)l->intensity[1], (double)l->intensity[2], "range", (double)l->range));
@@ -83,7 +84,7 @@ static json_t *texts_json(const struct kiln_look *look)
     for (size_t i = 0; i < look->scene->note_count; i++) {
         const struct kiln_note *n = &look->scene->notes[i];
         (void)json_array_append_new(list, json_pack("{s:s, s:o}", "severity", n->severity != 0 ? "warning" : "information", "text",
-                                                    kiln_look_string(string_at(look, n->text))));
+                                                    kiln_json_string(string_at(look, n->text))));
     }
     return list;
 }
@@ -92,7 +93,7 @@ static json_t *cameras_json(const struct kiln_look *look)
 {
     json_t *list = json_array();
     for (size_t i = 0; i < look->scene->camera_count; i++)
-        (void)json_array_append_new(list, kiln_look_string(string_at(look, look->scene->cameras[i].name)));
+        (void)json_array_append_new(list, kiln_json_string(string_at(look, look->scene->cameras[i].name)));
     return list;
 }
 
@@ -127,7 +128,7 @@ static json_t *info_json(const struct kiln_look *look, const struct kiln_job *jo
                                (int)s->material_count, "textures", (int)s->texture_count, "lights", (int)s->light_count, "cameras",
                                (int)s->camera_count);
     return json_pack("{s:s, s:o, s:o, s:{s:[f, f, f], s:[f, f, f]}, s:{s:f, s:f, s:f}, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:I, s:f}",
-                     "status", "done", "scene", kiln_look_string(job->scene), "counts", counts, "bounds", "min", low[0], low[1], low[2], "max",
+                     "status", "done", "scene", kiln_json_string(job->scene), "counts", counts, "bounds", "min", low[0], low[1], low[2], "max",
                      high[0], high[1], high[2], "texels_per_metre", "min", look->density_min, "median", look->density_median, "max",
                      look->density_max, "surface", surface_json(look), "environment", environment, "meshes", meshes_json(look), "objects",
                      objects_json(look), "materials", materials_json(look), "textures", textures_json(look), "lights", lights_json(look),
@@ -217,7 +218,7 @@ int kiln_command_info(struct kiln_job *job, struct kiln_error *error)
         return kiln_devices_list(job, error);
     int status = kiln_look_create(&look, job, error);
     if (status == KILN_OK && job->json) {
-        status = kiln_look_print(info_json(look, job), error);
+        status = kiln_json_print(info_json(look, job), error);
     } else if (status == KILN_OK) {
         print_counts(look, job);
         status = print_objects(look, job->verbose, error);

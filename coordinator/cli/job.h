@@ -112,6 +112,7 @@ struct kiln_job {
     char *array, *setup;
     bool dry_run;
 
+    bool answered; /* by the command: its JSON object is on stdout, though it fails */
     void *strings; /* private: what the job owns */
 };
 

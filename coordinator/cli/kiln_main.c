@@ -1,6 +1,5 @@
 /* From the command line to a command and back to an exit code. */
 #include <errno.h>
-#include <jansson.h>
 #include <mpi.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,6 +9,7 @@
 
 #include "coordinator/cli/agree.h"
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/json.h"
 #include "coordinator/cli/options.h"
 
 /* What the launcher says before MPI is started: Open MPI's mpirun, PMIx (srun --mpi=pmix), Slurm. Alone: rank 0 of 1. */
@@ -42,14 +42,8 @@ static void print_error(int status, const struct kiln_error *error, bool json)
     (void)fprintf(stderr, "kiln: %s%s\n", stopped ? "" : "error: ", sentence);
     if (!json)
         return; /* stderr is not buffered */
-    json_t *message = json_string(sentence);
-    if (message == NULL) /* a name in it is not UTF-8 */
-        message = json_string("the sentence on stderr is not UTF-8");
-    json_t *object = json_pack("{s:s, s:i, s:o}", "status", stopped ? "stopped" : "error", "code", status, "message", message);
-    if (object != NULL && json_dumpf(object, stdout, JSON_COMPACT) == 0)
-        (void)fputc('\n', stdout);
+    (void)kiln_json_print(json_pack("{s:s, s:i, s:o}", "status", stopped ? "stopped" : "error", "code", status, "message", kiln_json_string(sentence)), NULL);
     (void)fflush(stdout);
-    json_decref(object);
 }
 
 /* Looked at before anything is started, so that a misspelt path is answered at once. The reader looks again. */
@@ -134,7 +128,8 @@ static int flush_output(int status, struct kiln_error *error)
     return status != KILN_OK ? status : kiln_fail_errno(error, KILN_IO, "cannot write to stdout");
 }
 
-static int run_alone(int argc, char **argv, const struct kiln_command *command, struct kiln_error *error)
+/* *json: whether a failure has still to be said on stdout. */
+static int run_alone(int argc, char **argv, const struct kiln_command *command, bool *json, struct kiln_error *error)
 {
     struct kiln_job *job = NULL;
     int status = prepare(&job, argc, argv, error);
@@ -142,6 +137,7 @@ static int run_alone(int argc, char **argv, const struct kiln_command *command, 
         status = flush_output(run(command, job, error), error);
     if (job != NULL && job->verbose)
         print_usage(0);
+    *json = *json && (job == NULL || !job->answered);
     kiln_job_destroy(&job);
     return status;
 }
@@ -220,6 +216,7 @@ int kiln_main(int argc, char **argv)
         return kiln_import_child(argc, argv);
     struct kiln_error error = {{0}};
     int status = KILN_OK;
+    bool json = has_argument(argc, argv, "--json");
     const bool many = launcher("OMPI_COMM_WORLD_SIZE", NULL, "SLURM_NTASKS", 1) > 1;
     const int rank = (int)launcher("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "SLURM_PROCID", 0);
     if (!answer_help(argc, argv, rank, &status, &error)) {
@@ -231,12 +228,12 @@ int kiln_main(int argc, char **argv)
         if (rank != 0)
             return KILN_OK; /* one process does it */
         if (command != NULL)
-            status = run_alone(argc, argv, command, &error);
+            status = run_alone(argc, argv, command, &json, &error);
         else
             status = kiln_fail(&error, KILN_USAGE, "unknown command '%.200s'; the nearest one is '%s' (kiln --help lists all)", argv[1],
                                kiln_command_nearest(argv[1]));
     }
     if (status != KILN_OK && rank == 0)
-        print_error(status, &error, has_argument(argc, argv, "--json"));
+        print_error(status, &error, json);
     return status;
 }

@@ -174,28 +174,3 @@ void kiln_look_destroy(struct kiln_look **pointer)
     kiln_free(&look->objects);
     kiln_free(pointer);
 }
-
-json_t *kiln_look_string(const char *text)
-{
-    json_t *string = json_string(text);
-    if (string != NULL)
-        return string;
-    char plain[256];
-    size_t length = 0;
-    for (; text[length] != '\0' && length < sizeof plain - 1; length++)
-        plain[length] = (text[length] & 0x80) != 0 ? '?' : text[length];
-    plain[length] = '\0';
-    return json_string(plain);
-}
-
-int kiln_look_print(json_t *object, struct kiln_error *error)
-{
-    if (object == NULL)
-        return kiln_fail(error, KILN_SYSTEM, "out of memory for the report");
-    const int failed = json_dumpf(object, stdout, JSON_COMPACT);
-    json_decref(object);
-    if (failed != 0)
-        return kiln_fail(error, KILN_IO, "cannot write to stdout");
-    (void)fputc('\n', stdout);
-    return KILN_OK;
-}

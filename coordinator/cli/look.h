@@ -2,8 +2,6 @@
 #ifndef KILN_COORDINATOR_CLI_LOOK_H
 #define KILN_COORDINATOR_CLI_LOOK_H
 
-#include <jansson.h>
-
 #include "coordinator/cli/job.h"
 #include "coordinator/cli/temporary.h"
 #include "coordinator/import/import.h"
@@ -32,10 +30,5 @@ struct kiln_look {
  * Destroy with kiln_look_destroy, which removes the temporary file. */
 int kiln_look_create(struct kiln_look **look, const struct kiln_job *job, struct kiln_error *error);
 void kiln_look_destroy(struct kiln_look **look);
-
-/* A JSON string, with '?' for what is not UTF-8. NULL only without memory. */
-json_t *kiln_look_string(const char *text);
-/* Prints the object and a line feed on stdout and releases it; KILN_SYSTEM when it is NULL (there was no memory to make it). */
-int kiln_look_print(json_t *object, struct kiln_error *error);
 
 #endif

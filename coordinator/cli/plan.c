@@ -9,6 +9,7 @@
 #include "coordinator/bake/plan.h"
 #include "coordinator/cli/agree.h"
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/json.h"
 #include "coordinator/cli/temporary.h"
 #include "coordinator/output/curve.h"
 #include "coordinator/output/page.h"
@@ -227,15 +228,6 @@ static void print_plan(const struct kiln_plan *p, const struct kiln_job *job)
     }
 }
 
-static int print_json(const struct kiln_plan *plan, const struct kiln_job *job, struct kiln_error *error)
-{
-    json_t *object = plan_json(plan, job);
-    const bool done = object != NULL && json_dumpf(object, stdout, JSON_COMPACT) == 0;
-    (void)fputc('\n', stdout);
-    json_decref(object);
-    return done ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the plan");
-}
-
 static int plan_here(struct kiln_job *job, const char *scene_file, struct kiln_error *error)
 {
     struct kiln_prepared *prepared = NULL;
@@ -247,7 +239,7 @@ static int plan_here(struct kiln_job *job, const char *scene_file, struct kiln_e
     if (status == KILN_OK)
         status = kiln_plan_make(plan, prepared, job, &phases, error);
     if (status == KILN_OK && job->json)
-        status = print_json(plan, job, error);
+        status = kiln_json_print(plan_json(plan, job), error);
     else if (status == KILN_OK)
         print_plan(plan, job);
     if (status == KILN_OK && job->output != NULL)

@@ -6,6 +6,7 @@
 #include <jansson.h>
 
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/json.h"
 #include "coordinator/output/publish.h"
 #include "coordinator/output/volume_eval.h"
 
@@ -86,9 +87,7 @@ static int print_json(const struct question *q, const struct answer *a, struct k
         json_array_append_new(harmonics, rgb_json(a->light.harmonics[i]));
     json_object_set_new(root, "axes", axes);
     json_object_set_new(root, "harmonics", harmonics);
-    const bool printed = root != NULL && json_dumpf(root, stdout, JSON_COMPACT) == 0 && fputc('\n', stdout) != EOF;
-    json_decref(root);
-    return printed ? KILN_OK : kiln_fail(error, KILN_IO, "the answer cannot be written to standard output");
+    return kiln_json_print(root, error);
 }
 
 static void print_text(const struct question *q, const struct answer *a)

@@ -6,6 +6,7 @@
 #include <jansson.h>
 
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/json.h"
 #include "coordinator/output/publish.h"
 
 int kiln_command_report(struct kiln_job *job, struct kiln_error *error)
@@ -21,13 +22,9 @@ int kiln_command_report(struct kiln_job *job, struct kiln_error *error)
         status = kiln_report_write(job->arguments[0], path, error);
     if (status != KILN_OK)
         return status;
-    if (job->json) {
-        json_t *object = json_pack("{s:s, s:s}", "status", "done", "output", path);
-        if (object != NULL && json_dumpf(object, stdout, JSON_COMPACT) == 0)
-            (void)fputc('\n', stdout);
-        json_decref(object);
-    } else if (!job->quiet) {
+    if (job->json)
+        return kiln_json_print(json_pack("{s:s, s:o}", "status", "done", "output", kiln_json_string(path)), error);
+    if (!job->quiet)
         (void)puts(path);
-    }
     return KILN_OK;
 }

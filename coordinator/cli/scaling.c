@@ -13,6 +13,7 @@
 #include "coordinator/bake/phases.h"
 #include "coordinator/bake/prepare.h"
 #include "coordinator/cli/job_private.h"
+#include "coordinator/cli/json.h"
 #include "coordinator/cli/options.h"
 #include "coordinator/output/curve.h"
 #include "coordinator/output/page.h"
@@ -415,11 +416,8 @@ static int print_json(const struct bench *b, struct kiln_error *error)
     }
     sentence(b, false, strong, sizeof strong);
     sentence(b, true, weak, sizeof weak);
-    json_t *json = json_pack("{s:s, s:i, s:o, s:s, s:s}", "status", "done", "threads", (int)b->threads, "runs", runs, "strong", strong, "weak", weak);
-    const bool done = json != NULL && json_dumpf(json, stdout, JSON_COMPACT) == 0;
-    (void)fputc('\n', stdout);
-    json_decref(json);
-    return done ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the bench's result");
+    return kiln_json_print(json_pack("{s:s, s:i, s:o, s:s, s:s}", "status", "done", "threads", (int)b->threads, "runs", runs, "strong", strong, "weak",
+                                     weak), error);
 }
 
 static int prepare(struct bench *b, struct kiln_error *error)

@@ -9,6 +9,7 @@
 #include "coordinator/bake/checkpoint.h"
 #include "coordinator/bake/status_file.h"
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/json.h"
 #include "coordinator/cli/progress.h"
 #include "coordinator/output/publish.h"
 
@@ -60,7 +61,7 @@ static const char *advice(const struct found *f)
     return f->has_generation ? "the same command goes on from the checkpoint" : "the same command starts again";
 }
 
-static void print_json(const struct found *f)
+static int print_json(const struct found *f, struct kiln_error *error)
 {
     const struct kiln_bake_status *s = &f->status;
     json_t *json = json_pack("{s:s, s:s}", "status", "done", "state", f->state);
@@ -80,12 +81,10 @@ static void print_json(const struct found *f)
         (void)json_object_set_new(json, "checkpoint_age", json_real(fmax(0.0, f->now - s->saved)));
     if (s->message[0] != '\0') {
         (void)json_object_set_new(json, "code", json_integer(s->code));
-        (void)json_object_set_new(json, "message", json_string(s->message));
+        (void)json_object_set_new(json, "message", kiln_json_string(s->message));
     }
     (void)json_object_set_new(json, "next", json_string(advice(f)));
-    if (json_dumpf(json, stdout, JSON_COMPACT) == 0)
-        (void)fputc('\n', stdout);
-    json_decref(json);
+    return kiln_json_print(json, error);
 }
 
 static void print_text(const struct found *f)
@@ -122,8 +121,8 @@ int kiln_command_status(struct kiln_job *job, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     if (job->json)
-        print_json(&found);
-    else if (!job->quiet)
+        return print_json(&found, error);
+    if (!job->quiet)
         print_text(&found);
     return KILN_OK;
 }

@@ -5,6 +5,7 @@
 
 #include "coordinator/bake/status_file.h"
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/json.h"
 
 int kiln_command_stop(struct kiln_job *job, struct kiln_error *error)
 {
@@ -16,13 +17,9 @@ int kiln_command_stop(struct kiln_job *job, struct kiln_error *error)
     status = kiln_stop_request(directory, error);
     if (status != KILN_OK)
         return status;
-    if (job->json) {
-        json_t *object = json_pack("{s:s, s:s}", "status", "done", "output", directory);
-        if (object != NULL && json_dumpf(object, stdout, JSON_COMPACT) == 0)
-            (void)fputc('\n', stdout);
-        json_decref(object);
-    } else if (!job->quiet) {
+    if (job->json)
+        return kiln_json_print(json_pack("{s:s, s:o}", "status", "done", "output", kiln_json_string(directory)), error);
+    if (!job->quiet)
         (void)printf("asked process %lld on %s to stop; it saves and ends with 75 (kiln status %s)\n", (long long)bake.process, bake.host, directory);
-    }
     return KILN_OK;
 }

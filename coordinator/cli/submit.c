@@ -9,7 +9,7 @@
 #include "coordinator/batch/batch.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/job_private.h"
-#include "coordinator/cli/look.h"
+#include "coordinator/cli/json.h"
 #include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
 
@@ -164,13 +164,13 @@ static int say_json(const struct submission *s, struct kiln_error *error)
 {
     json_t *outputs = json_array();
     for (size_t i = 0; i < s->batch.item_count; i++)
-        (void)json_array_append_new(outputs, kiln_look_string(s->items[i].output));
+        (void)json_array_append_new(outputs, kiln_json_string(s->items[i].output));
     json_t *object = json_pack("{s:s, s:o}", "status", "ok", "outputs", outputs);
     if (s->id != NULL)
         (void)json_object_set_new(object, "job", json_string(s->id));
     else
-        (void)json_object_set_new(object, "script", kiln_look_string(s->script));
-    return kiln_look_print(object, error);
+        (void)json_object_set_new(object, "script", kiln_json_string(s->script));
+    return kiln_json_print(object, error);
 }
 
 static int finish(struct submission *s, struct kiln_error *error)

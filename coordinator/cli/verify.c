@@ -5,6 +5,7 @@
 #include <sys/stat.h>
 
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/json.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/publish.h"
 #include "coordinator/output/ranges.h"
@@ -45,20 +46,19 @@ static int check_all(const struct kiln_manifest *m, const char *directory, struc
     return KILN_OK;
 }
 
-static void print_json(const struct kiln_manifest *m, const struct verdict *v, size_t bad, uint64_t bytes)
+static int print_json(struct kiln_job *job, const struct kiln_manifest *m, const struct verdict *v, size_t bad, uint64_t bytes, struct kiln_error *error)
 {
     json_t *problems = json_array();
     for (size_t i = 0; i < m->count; i++)
         if (v[i].status != KILN_OK)
-            (void)json_array_append_new(problems, json_pack("{s:s, s:s}", "file", m->files[i].path, "message", v[i].error.message));
-    json_t *json = json_pack("{s:s, s:I, s:I, s:I, s:o}", "status", bad == 0 ? "done" : "damaged", "files", (json_int_t)m->count, "bytes",
-                             (json_int_t)bytes, "damaged", (json_int_t)bad, "problems", problems);
-    if (json != NULL && json_dumpf(json, stdout, JSON_COMPACT) == 0)
-        (void)fputc('\n', stdout);
-    json_decref(json);
+            (void)json_array_append_new(problems, json_pack("{s:o, s:o}", "file", kiln_json_string(m->files[i].path), "message",
+                                                            kiln_json_string(v[i].error.message)));
+    job->answered = true;
+    return kiln_json_print(json_pack("{s:s, s:I, s:I, s:I, s:o}", "status", bad == 0 ? "done" : "damaged", "files", (json_int_t)m->count, "bytes",
+                                     (json_int_t)bytes, "damaged", (json_int_t)bad, "problems", problems), error);
 }
 
-static int conclude(const struct kiln_job *job, const struct kiln_manifest *m, const struct verdict *v, struct kiln_error *error)
+static int conclude(struct kiln_job *job, const struct kiln_manifest *m, const struct verdict *v, struct kiln_error *error)
 {
     size_t bad = 0;
     uint64_t bytes = 0;
@@ -72,14 +72,13 @@ static int conclude(const struct kiln_job *job, const struct kiln_manifest *m, c
         if (!job->json)
             (void)printf("%s\n", v[i].error.message);
     }
-    if (job->json)
-        print_json(m, v, bad, bytes);
+    const int status = job->json ? print_json(job, m, v, bad, bytes, error) : KILN_OK;
     if (bad > 0)
         return kiln_fail(error, KILN_BAD_INPUT, "%zu of %zu files in %.500s cannot be trusted, %.200s first; bake again", bad, m->count,
                          job->arguments[0], first);
     if (!job->json && !job->quiet)
         (void)printf("%zu files, %.1f MiB: all as they were written, all values in range\n", m->count, (double)bytes / 1048576.0);
-    return KILN_OK;
+    return status;
 }
 
 int kiln_command_verify(struct kiln_job *job, struct kiln_error *error)

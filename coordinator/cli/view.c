@@ -10,6 +10,7 @@
 
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/devices.h"
+#include "coordinator/cli/json.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/output/publish.h"
 
@@ -82,17 +83,14 @@ static int check_extension(const char *path, struct kiln_error *error)
     return kiln_fail(error, KILN_USAGE, "--output %s: a view is written as .png (tone-mapped) or .exr (radiance)", path);
 }
 
-static void tell(const struct kiln_job *job, const struct view *v, const char *path)
+static int tell(const struct kiln_job *job, const struct view *v, const char *path, struct kiln_error *error)
 {
-    if (job->json) {
-        json_t *object = json_pack("{s:s, s:s, s:i, s:i}", "status", "done", "output", path, "width", (int)v->image->width, "height",
-                                   (int)v->image->height);
-        if (object != NULL && json_dumpf(object, stdout, JSON_COMPACT) == 0)
-            (void)fputc('\n', stdout);
-        json_decref(object);
-    } else if (!job->quiet) {
+    if (job->json)
+        return kiln_json_print(json_pack("{s:s, s:o, s:i, s:i}", "status", "done", "output", kiln_json_string(path), "width", (int)v->image->width,
+                                         "height", (int)v->image->height), error);
+    if (!job->quiet)
         (void)printf("%s: %u x %u pixels\n", path, v->image->width, v->image->height);
-    }
+    return KILN_OK;
 }
 
 int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
@@ -114,7 +112,7 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
     if (status == KILN_OK)
         status = write_picture(&v, job, path, error);
     if (status == KILN_OK)
-        tell(job, &v, path);
+        status = tell(job, &v, path, error);
     kiln_image_destroy(&v.image);
     kiln_backend_destroy(&v.backend);
     kiln_lights_destroy(&v.lights);

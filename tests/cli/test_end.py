@@ -48,6 +48,26 @@ class End(unittest.TestCase):
         self.assertEqual(json.loads(kiln("status", self.out, "--json").out)["state"], "done")
         self.assertEqual(kiln("status", self.folder).code, 66)
 
+    def test_damage_is_one_object(self):
+        """The verdict, and no second object for the failure."""
+        path = os.path.join(self.out, "preview.png")
+        with open(path, "ab") as file:
+            file.write(b"x")
+        try:
+            answer = kiln("verify", self.out, "--json")
+        finally:
+            os.truncate(path, os.path.getsize(path) - 1)
+        self.assertEqual(answer.code, 65)
+        verdict = json.loads(answer.out)
+        self.assertEqual([verdict["status"], [problem["file"] for problem in verdict["problems"]]], ["damaged", ["preview.png"]])
+
+    def test_names_that_are_not_unicode(self):
+        """A folder's name is bytes; the report says what can be said of it."""
+        out = os.path.join(self.folder, "light-\udcff")
+        answer = kiln("bake", self.scene, "-o", out, *SMALL, "--no-preview", "--json", timeout=120)
+        self.assertEqual(answer.code, 0, answer.err)
+        self.assertTrue(json.loads(answer.out)["output"].endswith("light-?"))
+
     def test_an_error_is_said_once(self):
         for arguments, code in ((["bake", "/nowhere.glb"], 66), (["bake", self.scene, "--bounce", "3"], 64),
                                 (["bake", self.scene, "-o", "/proc/none/out", *SMALL], 73)):

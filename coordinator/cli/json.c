@@ -1,0 +1,30 @@
+#include "coordinator/cli/json.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+json_t *kiln_json_string(const char *text)
+{
+    json_t *string = json_string(text);
+    if (string != NULL)
+        return string;
+    char *plain = strdup(text);
+    for (char *at = plain; at != NULL && *at != '\0'; at++)
+        *at = (*at & 0x80) != 0 ? '?' : *at;
+    string = plain != NULL ? json_string(plain) : NULL;
+    free(plain);
+    return string;
+}
+
+int kiln_json_print(json_t *object, struct kiln_error *error)
+{
+    if (object == NULL)
+        return kiln_fail(error, KILN_SYSTEM, "out of memory for the JSON object");
+    const int failed = json_dumpf(object, stdout, JSON_COMPACT);
+    json_decref(object);
+    if (failed != 0)
+        return kiln_fail(error, KILN_IO, "cannot write to stdout");
+    (void)fputc('\n', stdout);
+    return KILN_OK;
+}
