@@ -60,22 +60,13 @@ struct bake {
     json_t *report; /* rank 0: what run.json says */
 };
 
-/* The folder, and those it lies in. */
 static int make_folder(struct bake *b, struct kiln_error *error)
 {
     int status = kiln_path_join(b->scene_file, b->job->output, "scene.kscene", error);
-    char path[KILN_PATH_SIZE];
     if (status == KILN_OK && b->rank == 0) {
         struct stat there;
         b->made_folder = stat(b->job->output, &there) != 0;
-        (void)snprintf(path, sizeof path, "%s", b->job->output);
-        for (char *slash = strchr(path + 1, '/'); slash != NULL && status == KILN_OK; slash = strchr(slash + 1, '/')) {
-            *slash = '\0';
-            status = kiln_make_directory(path, error);
-            *slash = '/';
-        }
-        if (status == KILN_OK)
-            status = kiln_make_directory(b->job->output, error);
+        status = kiln_make_directories(b->job->output, error);
     }
     return kiln_agree(b->communicator, status, error);
 }

@@ -179,14 +179,13 @@ static int check_arguments(const struct kiln_job *job, const struct kiln_command
     return KILN_OK;
 }
 
-/* The bake's folder when none is given: the scene's (or job's) name without extension, "-bake" added, in the current folder. */
-static int default_output(struct kiln_job *job, struct kiln_error *error)
+int kiln_job_default_output(struct kiln_job *job, const char *path, const char *ending, struct kiln_error *error)
 {
-    const char *path = job->arguments[0], *slash = strrchr(path, '/');
+    const char *slash = strrchr(path, '/');
     const char *name = slash == NULL ? path : slash + 1, *dot = strrchr(name, '.');
     const size_t length = dot == NULL || dot == name ? strlen(name) : (size_t)(dot - name);
     char text[300];
-    (void)snprintf(text, sizeof text, "%.*s-bake", length < 240 ? (int)length : 240, name);
+    (void)snprintf(text, sizeof text, "%.*s%s", length < 240 ? (int)length : 240, name, ending);
     return kiln_job_keep(job, text, strlen(text), &job->output, error);
 }
 
@@ -215,7 +214,7 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
     if (status == KILN_OK)
         status = read_command_line(job, command, argc, argv, NULL, error);
     if (status == KILN_OK && command->bit == KILN_FOR_BAKE && job->output == NULL)
-        status = default_output(job, error);
+        status = kiln_job_default_output(job, job->arguments[0], "-bake", error);
     if (status == KILN_OK && !given(job, "tail"))
         job->tail = job->bounces < 0;
     if (status == KILN_OK && job->quiet && job->verbose)

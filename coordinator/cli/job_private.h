@@ -17,6 +17,10 @@ int kiln_job_keep(struct kiln_job *job, const char *text, size_t length, char **
 /* `path` as the job owns it; a relative one gets `folder` in front when `folder` is not NULL. */
 int kiln_job_keep_path(struct kiln_job *job, const char *path, const char *folder, char **copy, struct kiln_error *error);
 
+/* Where results go when that is not said: job->output becomes the name of the scene (or job file) `path` without its extension, and
+ * `ending`; in the current folder. */
+int kiln_job_default_output(struct kiln_job *job, const char *path, const char *ending, struct kiln_error *error);
+
 enum { KILN_JOB_FILE_LIMIT = 1 << 20 }; /* bytes */
 
 /* Reads the job file at `path` into the job: every key an option, and `scene`. KILN_BAD_INPUT names file and line;

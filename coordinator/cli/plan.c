@@ -211,7 +211,7 @@ static int write_plot(const char *directory, const struct kiln_plan *p, struct k
 
 static int write_files(const char *directory, const struct kiln_plan *p, struct kiln_error *error)
 {
-    int status = kiln_make_directory(directory, error);
+    int status = kiln_make_directories(directory, error);
     if (status == KILN_OK)
         status = write_csv(directory, p, error);
     return status == KILN_OK ? write_plot(directory, p, error) : status;

@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <jansson.h>
 #include <math.h>
+#include <signal.h>
 #include <spawn.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -38,7 +39,7 @@ struct run {
 struct bench {
     struct kiln_job *job;
     const char *scene;
-    char output[KILN_PATH_SIZE], program[KILN_PATH_SIZE];
+    char program[KILN_PATH_SIZE];
     uint32_t ranks[RUNS_MOST];
     size_t rank_count;
     uint32_t threads;
@@ -60,15 +61,6 @@ static int read_ranks(struct bench *b, struct kiln_error *error)
         at = *end == ',' ? end + 1 : end;
     }
     return b->rank_count > 0 ? KILN_OK : kiln_fail(error, KILN_USAGE, "--ranks takes ascending numbers like 1,2,4, not nothing");
-}
-
-static int name_output(struct bench *b, struct kiln_error *error)
-{
-    const char *slash = strrchr(b->scene, '/'), *name = slash == NULL ? b->scene : slash + 1, *dot = strrchr(name, '.');
-    const int length = dot == NULL || dot == name ? (int)strlen(name) : (int)(dot - name);
-    const int used = b->job->output != NULL ? snprintf(b->output, sizeof b->output, "%s", b->job->output)
-                                            : snprintf(b->output, sizeof b->output, "%.*s-scaling", length, name);
-    return used > 0 && used < KILN_PATH_SIZE ? KILN_OK : kiln_fail(error, KILN_USAGE, "the output folder's name is too long");
 }
 
 static int find_program(struct bench *b, struct kiln_error *error)
@@ -194,29 +186,69 @@ static void make_command(const struct bench *b, const struct run *run, const cha
     push_given(a, b->job);
 }
 
-/* Waits for it. Its stdout becomes our stderr: ours is for the result. */
-static int run_command(struct arguments *a, struct kiln_error *error)
+/* With `signals` as they were before, and stdout on our stderr: ours is for the result. */
+static int start(struct arguments *a, const sigset_t *signals, pid_t *process, struct kiln_error *error)
 {
     posix_spawn_file_actions_t actions;
-    pid_t process;
-    int exit_status = 0;
+    posix_spawnattr_t attributes;
     if (posix_spawn_file_actions_init(&actions) != 0)
         return kiln_fail(error, KILN_SYSTEM, "out of memory: starting mpirun");
-    int failure = posix_spawn_file_actions_adddup2(&actions, STDERR_FILENO, STDOUT_FILENO);
-    if (failure == 0)
-        failure = posix_spawnp(&process, a->text[0], &actions, NULL, a->text, environ);
-    (void)posix_spawn_file_actions_destroy(&actions);
-    if (failure != 0) {
-        errno = failure;
-        return kiln_fail_errno(error, KILN_SITE, "mpirun cannot be started; is Open MPI in PATH?");
+    if (posix_spawnattr_init(&attributes) != 0) {
+        (void)posix_spawn_file_actions_destroy(&actions);
+        return kiln_fail(error, KILN_SYSTEM, "out of memory: starting mpirun");
     }
-    while (waitpid(process, &exit_status, 0) < 0 && errno == EINTR)
-        ;
-    if (WIFEXITED(exit_status) && WEXITSTATUS(exit_status) == 0)
-        return KILN_OK;
+    errno = posix_spawn_file_actions_adddup2(&actions, STDERR_FILENO, STDOUT_FILENO);
+    if (errno == 0)
+        errno = posix_spawnattr_setsigmask(&attributes, signals);
+    if (errno == 0)
+        errno = posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK);
+    if (errno == 0)
+        errno = posix_spawnp(process, a->text[0], &actions, &attributes, a->text, environ);
+    const int status = errno == 0 ? KILN_OK : kiln_fail_errno(error, KILN_SITE, "mpirun cannot be started; is Open MPI in PATH?");
+    (void)posix_spawn_file_actions_destroy(&actions);
+    (void)posix_spawnattr_destroy(&attributes);
+    return status;
+}
+
+/* Waits for a process while the signals of `set`, SIGCHLD among them, are blocked. What asks this one to end is passed on: mpirun would go on
+ * alone. Returns the process's exit status as waitpid has it; *asked is the last signal, or 0. */
+static int wait_for(pid_t process, const sigset_t *set, int *asked)
+{
+    int exit_status = 0;
+    for (*asked = 0; waitpid(process, &exit_status, WNOHANG) == 0;) {
+        const int number = sigwaitinfo(set, NULL);
+        if (number <= 0 || number == SIGCHLD)
+            continue;
+        *asked = number;
+        (void)kill(process, number == SIGHUP ? SIGTERM : number);
+    }
+    return exit_status;
+}
+
+static int run_command(struct arguments *a, struct kiln_error *error)
+{
+    sigset_t set, before;
+    pid_t process = 0;
+    int asked = 0, exit_status = 0;
+    (void)sigemptyset(&set);
+    (void)sigaddset(&set, SIGCHLD);
+    (void)sigaddset(&set, SIGINT);
+    (void)sigaddset(&set, SIGTERM);
+    (void)sigaddset(&set, SIGHUP);
+    (void)sigprocmask(SIG_BLOCK, &set, &before);
+    const int status = start(a, &before, &process, error);
+    if (status == KILN_OK)
+        exit_status = wait_for(process, &set, &asked);
+    (void)sigprocmask(SIG_SETMASK, &before, NULL);
+    if (status != KILN_OK)
+        return status;
+    if (asked != 0)
+        return kiln_fail(error, KILN_STOPPED, "stopped by %s, in the bake with %s rank(s); the same command starts again", strsignal(asked), a->text[2]);
     const int code = WIFEXITED(exit_status) ? WEXITSTATUS(exit_status) : KILN_SYSTEM;
+    if (code == KILN_OK)
+        return KILN_OK;
     return kiln_fail(error, code >= KILN_USAGE && code <= KILN_SITE ? code : KILN_SYSTEM,
-                     "the bake on %s ranks failed with %d: its own words are above", a->text[2], code);
+                     "the bake with %s rank(s) failed with %d: its own words are above", a->text[2], code);
 }
 
 /* ---- results ---- */
@@ -252,7 +284,7 @@ static int bake(struct bench *b, struct run *run, struct kiln_error *error)
     char name[TEXT], folder[KILN_PATH_SIZE];
     struct arguments a = {.error = error};
     (void)snprintf(name, sizeof name, "%s-%u", run->weak ? "weak" : "strong", run->ranks);
-    int status = kiln_path_join(folder, b->output, name, error);
+    int status = kiln_path_join(folder, b->job->output, name, error);
     if (status == KILN_OK) {
         make_command(b, run, folder, &a);
         status = a.status;
@@ -335,7 +367,7 @@ static int write_csv(const struct bench *b, struct kiln_error *error)
             kiln_page_add(&page, ",%.6g", phase_of(run, first->phase[p]));
     }
     kiln_page_add(&page, "\n");
-    int status = page.status == KILN_OK ? kiln_path_join(path, b->output, "scaling.csv", error) : page.status;
+    int status = page.status == KILN_OK ? kiln_path_join(path, b->job->output, "scaling.csv", error) : page.status;
     if (status == KILN_OK)
         status = kiln_publish_bytes(path, page.text, page.size, error);
     kiln_free(&page.text);
@@ -359,7 +391,7 @@ static int write_plot(const struct bench *b, struct kiln_error *error)
                                               {"strong, light and exchange", ranks, values[1], n},
                                               {"weak, all of the bake", ranks, values[2], n},
                                               {"weak, light and exchange", ranks, values[3], n}};
-    const int status = kiln_path_join(path, b->output, "scaling.svg", error);
+    const int status = kiln_path_join(path, b->job->output, "scaling.svg", error);
     return status == KILN_OK ? kiln_curve_svg(path, "Measured efficiency over ranks", curves, CURVES, error) : status;
 }
 
@@ -402,7 +434,7 @@ static void print_text(const struct bench *b)
         sentence(b, weak != 0, text, sizeof text);
         (void)printf("%s\n", text);
     }
-    (void)printf("%s/scaling.csv, %s/scaling.svg\n", b->output, b->output);
+    (void)printf("%s/scaling.csv, %s/scaling.svg\n", b->job->output, b->job->output);
 }
 
 static int print_json(const struct bench *b, struct kiln_error *error)
@@ -423,12 +455,12 @@ static int print_json(const struct bench *b, struct kiln_error *error)
 static int prepare(struct bench *b, struct kiln_error *error)
 {
     int status = read_ranks(b, error);
-    if (status == KILN_OK)
-        status = name_output(b, error);
+    if (status == KILN_OK && b->job->output == NULL)
+        status = kiln_job_default_output(b->job, b->scene, "-scaling", error);
     if (status == KILN_OK)
         status = find_program(b, error);
     if (status == KILN_OK)
-        status = kiln_make_directory(b->output, error);
+        status = kiln_make_directories(b->job->output, error);
     if (status == KILN_OK)
         b->threads = b->job->threads != 0 ? b->job->threads : kiln_own_cores((int)b->ranks[b->rank_count - 1]);
     return status;

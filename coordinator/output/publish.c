@@ -38,6 +38,21 @@ int kiln_make_directory(const char *path, struct kiln_error *error)
     return cannot_create("the folder", path, error);
 }
 
+int kiln_make_directories(const char *path, struct kiln_error *error)
+{
+    char above[KILN_PATH_SIZE];
+    const int length = snprintf(above, sizeof above, "%s", path);
+    if (length < 1 || length >= KILN_PATH_SIZE)
+        return kiln_fail(error, KILN_CANNOT_CREATE, "a folder's name has %d bytes: 1 to %d are possible", length, KILN_PATH_SIZE - 1);
+    int status = KILN_OK;
+    for (char *slash = strchr(above + 1, '/'); slash != NULL && status == KILN_OK; slash = strchr(slash + 1, '/')) {
+        *slash = '\0';
+        status = kiln_make_directory(above, error);
+        *slash = '/';
+    }
+    return status == KILN_OK ? kiln_make_directory(path, error) : status;
+}
+
 int kiln_require_space(const char *path, uint64_t bytes, struct kiln_error *error)
 {
     struct statvfs found;

@@ -18,6 +18,8 @@ int kiln_path_join(char path[KILN_PATH_SIZE], const char *directory, const char 
 
 /* Makes a folder; one that is there already is fine. KILN_CANNOT_CREATE, KILN_PERMISSION. */
 int kiln_make_directory(const char *path, struct kiln_error *error);
+/* The same with the folders that it lies in. */
+int kiln_make_directories(const char *path, struct kiln_error *error);
 
 /* KILN_IO when the file system of the folder `path` has not `bytes` and a tenth more to give (to this user), with both numbers.
  * For writers that cannot fail halfway: a rank whose part of a collective HDF5 call finds the disk full leaves the others

@@ -6,6 +6,7 @@ import json
 import os
 import random
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -18,7 +19,6 @@ FLIPS = 120
 
 
 def run(kiln, *arguments, ranks=1, code=0):
-    import subprocess
     command = [kiln, *map(str, arguments)]
     if ranks > 1:
         command = ['mpirun', '-n', str(ranks), *command]
@@ -122,6 +122,37 @@ def cost(kiln, folder):
     print('%.1f MiB: verify %.3f s, reading every value %.3f s' % (folder_bytes(out) / 2**20, own, reading))
 
 
+def processes_of(session):
+    """Command lines of what runs in a session."""
+    found = []
+    for process in filter(str.isdigit, os.listdir('/proc')):
+        try:
+            if os.getsid(int(process)) == session:
+                with open('/proc/%s/cmdline' % process) as file:
+                    found.append(file.read().replace('\0', ' '))
+        except OSError:
+            pass
+    return found
+
+
+def ended_bench(kiln, scene, folder):
+    """A bench that is told to end takes the bake along."""
+    command = [kiln, 'bench', 'scaling', scene, '--ranks', '2,3', '--quality', 'production', '--quiet', '-o', os.path.join(folder, 'made', 'too')]
+    bench = subprocess.Popen(command, env={**harness.MPI_ENVIRONMENT, **os.environ}, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+                             start_new_session=True)
+    end = time.monotonic() + 30
+    while not any('kiln bake' in line and not line.startswith('mpirun') for line in processes_of(bench.pid)):
+        assert time.monotonic() < end and bench.poll() is None, 'no bake was begun'
+        time.sleep(0.1)
+    bench.terminate()
+    words = bench.communicate(timeout=30)[1]
+    assert bench.returncode == 75 and 'stopped by' in words, (bench.returncode, words)
+    end = time.monotonic() + 5
+    while processes_of(bench.pid):
+        assert time.monotonic() < end, 'left behind: %s' % processes_of(bench.pid)
+        time.sleep(0.1)
+
+
 def scaling(kiln, folder):
     scene, out = os.path.join(folder, 'rooms.glb'), os.path.join(folder, 'scaling')
     run(kiln, 'generate', 'rooms', '-o', scene)
@@ -136,6 +167,7 @@ def scaling(kiln, folder):
     with open(os.path.join(out, 'scaling.svg')) as file:
         assert file.read().count('<polyline') == 4
     run(kiln, 'bench', 'scaling', scene, '--ranks', '2,1', code=64)
+    ended_bench(kiln, scene, folder)
     curves = os.path.join(folder, 'curves')
     plan = json.loads(run(kiln, 'plan', scene, '--quality', 'draft', '--texels-per-metre', 4, '--ranks', 100000, '--ranks-per-node', 8, '--points', 10**9,
                           '--json', '-o', curves))
