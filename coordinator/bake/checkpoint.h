@@ -2,7 +2,7 @@
  *
  *   DIR/checkpoint/gen-000012/part-00000   arrays of rank 0, one after the other
  *                             part-00001   ...
- *                             manifest     JSON, and a last line "xxh3_128 HASH" over all before it
+ *                             manifest     JSON, sealed (coordinator/output/sealed.h)
  *
  * A generation is written into a folder called .writing-000012: one file a rank, synced; then by rank 0 the manifest, which says
  * for each file its size, its XXH3 hash and where in it which array lies; then the folder gets its name and the one above is
@@ -35,9 +35,9 @@ struct kiln_block {
 
 struct kiln_checkpoint;
 
-/* Collective. The generations of the bake folder `directory`, which is there; nothing is written. With `take`, left-overs of
- * writers that died are removed, and the newest generation that is whole is opened: every file is read once and compared with its
- * hash, by one of the ranks. Generations that are not whole are named on stderr (rank 0), passed over, and removed once a whole one is found.
+/* Collective. The generations of the bake folder `directory`, which is there; nothing is written, and left-overs of writers
+ * that died are removed. With `take` the newest generation that is whole is opened: every file is read once and
+ * compared with its hash, by one of the ranks. Generations that are not whole are named on stderr (rank 0), passed over, and removed once a whole one is found.
  * Destroy with kiln_checkpoint_close. */
 int kiln_checkpoint_open(struct kiln_checkpoint **checkpoint, MPI_Comm communicator, const char *directory, bool take, struct kiln_error *error);
 void kiln_checkpoint_close(struct kiln_checkpoint **checkpoint);

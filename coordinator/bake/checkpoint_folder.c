@@ -9,11 +9,6 @@
 #include "coordinator/bake/checkpoint_private.h"
 #include "worker/base/memory.h"
 
-void kiln_hash_text(uint64_t high, uint64_t low, char text[KILN_HASH_TEXT])
-{
-    (void)snprintf(text, KILN_HASH_TEXT, "%016llx%016llx", (unsigned long long)high, (unsigned long long)low);
-}
-
 int checkpoint_generation_path(char path[KILN_PATH_SIZE], const char *folder, bool writing, uint64_t generation, struct kiln_error *error)
 {
     char name[48];

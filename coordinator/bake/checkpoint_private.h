@@ -4,8 +4,9 @@
 
 #include "coordinator/bake/checkpoint.h"
 #include "coordinator/output/publish.h"
+#include "coordinator/output/sealed.h"
 
-enum { KILN_CHECKPOINT_FORMAT = 1, KILN_HASH_TEXT = 33 };
+enum { KILN_CHECKPOINT_FORMAT = 1 };
 
 /* Where an array lies in a file. */
 struct checkpoint_block {
@@ -35,9 +36,6 @@ struct kiln_checkpoint {
     uint64_t written, last_bytes;
     double seconds;
 };
-
-/* "xxh3_128" of the bytes, as 32 lower-case digits. */
-void kiln_hash_text(uint64_t high, uint64_t low, char text[KILN_HASH_TEXT]);
 
 /* FOLDER/gen-N, or FOLDER/.writing-N */
 int checkpoint_generation_path(char path[KILN_PATH_SIZE], const char *folder, bool writing, uint64_t generation, struct kiln_error *error);

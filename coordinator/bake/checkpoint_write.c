@@ -1,7 +1,6 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/statvfs.h>
 #include <time.h>
@@ -125,8 +124,8 @@ static json_t *part_json(const struct checkpoint_part *part)
     return json_pack("{s:I, s:s, s:o}", "bytes", (json_int_t)part->bytes, "xxh3_128", part->hash, "blocks", blocks);
 }
 
-/* Rank 0: the manifest's text, with its own hash in the last line; release with free. */
-static char *manifest_text(const json_t *identity, uint64_t generation, const struct checkpoint_part *parts, size_t count, size_t *size)
+/* Rank 0. */
+static json_t *manifest_json(const json_t *identity, uint64_t generation, const struct checkpoint_part *parts, size_t count)
 {
     static const char *const order = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? "little" : "big";
     struct timespec now;
@@ -134,35 +133,20 @@ static char *manifest_text(const json_t *identity, uint64_t generation, const st
     json_t *files = json_array();
     for (size_t i = 0; i < count; i++)
         json_array_append_new(files, part_json(&parts[i]));
-    json_t *root = json_pack("{s:s, s:i, s:s, s:s, s:I, s:f, s:O, s:o}", "file", "kiln checkpoint", "format", KILN_CHECKPOINT_FORMAT, "kiln",
-                             KILN_VERSION, "byte_order", order, "generation", (json_int_t)generation, "written",
-                             (double)now.tv_sec + 1e-9 * (double)now.tv_nsec, "identity", (json_t *)(uintptr_t)identity, "parts", files);
-    char *text = root != NULL ? json_dumps(root, JSON_COMPACT) : NULL, *whole = NULL;
-    json_decref(root);
-    if (text != NULL) {
-        const size_t length = strlen(text);
-        whole = malloc(length + 64);
-        if (whole != NULL) {
-            memcpy(whole, text, length);
-            whole[length] = '\n';
-            const XXH128_hash_t hash = XXH3_128bits(whole, length + 1);
-            char digits[KILN_HASH_TEXT];
-            kiln_hash_text(hash.high64, hash.low64, digits);
-            *size = length + 1 + (size_t)sprintf(whole + length + 1, "xxh3_128 %s\n", digits);
-        }
-    }
-    free(text);
-    return whole;
+    return json_pack("{s:s, s:i, s:s, s:s, s:I, s:f, s:O, s:o}", "file", "kiln checkpoint", "format", KILN_CHECKPOINT_FORMAT, "kiln", KILN_VERSION,
+                     "byte_order", order, "generation", (json_int_t)generation, "written", (double)now.tv_sec + 1e-9 * (double)now.tv_nsec,
+                     "identity", (json_t *)(uintptr_t)identity, "parts", files);
 }
 
 /* Rank 0: everything is written; from here on the generation counts. */
 static int publish(struct kiln_checkpoint *c, const char *path, uint64_t generation, const json_t *identity, const struct checkpoint_part *parts,
                    struct kiln_error *error)
 {
-    char manifest[KILN_PATH_SIZE], final[KILN_PATH_SIZE];
+    char manifest[KILN_PATH_SIZE], final[KILN_PATH_SIZE], *text = NULL;
     size_t size = 0;
-    char *text = manifest_text(identity, generation, parts, (size_t)c->ranks, &size);
-    int status = text == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: a checkpoint's manifest") : KILN_OK;
+    json_t *json = manifest_json(identity, generation, parts, (size_t)c->ranks);
+    int status = kiln_seal(json, JSON_COMPACT, &text, &size, "a checkpoint's manifest", error);
+    json_decref(json);
     if (status == KILN_OK)
         status = kiln_path_join(manifest, path, "manifest", error);
     if (status == KILN_OK)
@@ -173,7 +157,7 @@ static int publish(struct kiln_checkpoint *c, const char *path, uint64_t generat
         status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be renamed to '%s'", path, final);
     if (status == KILN_OK)
         status = checkpoint_sync_folder(c->folder, error);
-    free(text);
+    kiln_free(&text);
     if (status == KILN_OK) {
         uint64_t *generations = NULL;
         size_t count = 0;

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "coordinator/cli/options.h"
+#include "coordinator/output/sealed.h"
 
 /* Options of bake whose values are part of a result, */
 static const char *const counting[] = {"environment", "environment-scale", "environment-rotation", "method", "bounces", "tail", "schedule",
@@ -72,13 +73,6 @@ static json_t *value_json(const struct kiln_job *job, const struct kiln_option *
     return NULL;
 }
 
-static json_t *hash_json(const uint64_t hash[2])
-{
-    char text[40];
-    (void)snprintf(text, sizeof text, "%016llx%016llx", (unsigned long long)hash[1], (unsigned long long)hash[0]);
-    return json_string(text);
-}
-
 json_t *kiln_identity_make(const struct kiln_job *job, const struct kiln_prepared *prepared)
 {
     const struct kiln_scene *scene = prepared->scene;
@@ -89,8 +83,8 @@ json_t *kiln_identity_make(const struct kiln_job *job, const struct kiln_prepare
             (void)json_object_set_new(fields, counting[i], value_json(job, option));
     }
     for (size_t i = 0; i < scene->source_count; i++)
-        (void)json_object_set_new(sources, kiln_scene_string(scene, scene->sources[i].path), hash_json(scene->sources[i].hash));
-    (void)json_object_set_new(fields, "scene content", hash_json(scene->header->content_hash));
+        (void)json_object_set_new(sources, kiln_scene_string(scene, scene->sources[i].path), kiln_hash_json(scene->sources[i].hash));
+    (void)json_object_set_new(fields, "scene content", kiln_hash_json(scene->header->content_hash));
     (void)json_object_set_new(fields, "kiln", json_string(KILN_VERSION));
     return json_pack("{s:o, s:o, s:{s:s, s:s}}", "fields", fields, "sources", sources, "machine", "backend", prepared->backend->api->name,
                      "instruction set", prepared->instruction_set);

@@ -9,6 +9,7 @@
 #include "coordinator/bake/process_memory.h"
 #include "coordinator/bake/run_table.h"
 #include "coordinator/cli/json.h"
+#include "coordinator/output/sealed.h"
 #include "worker/base/memory.h"
 
 /* Numbers of one rank that rank 0 wants. */
@@ -17,13 +18,6 @@ enum { RANK_POINTS, RANK_INVALID, RANK_RSS, RANK_DIRECT, RANK_BOUNCES, RANK_FINA
 static double luminance(const double rgb[3]) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
 
 static json_t *rgb_json(const double rgb[3]) { return json_pack("[f,f,f]", rgb[0], rgb[1], rgb[2]); }
-
-static json_t *hash_json(const uint64_t hash[2])
-{
-    char text[40];
-    (void)snprintf(text, sizeof text, "%016llx%016llx", (unsigned long long)hash[1], (unsigned long long)hash[0]);
-    return json_string(text);
-}
 
 /* Settings that change the result. */
 static json_t *settings_json(const struct kiln_job *job)
@@ -41,8 +35,8 @@ static json_t *scene_json(const struct kiln_prepared *p)
     json_t *sources = json_array();
     for (size_t i = 0; i < s->source_count; i++)
         json_array_append_new(sources, json_pack("{s:s, s:I, s:o}", "path", kiln_scene_string(s, s->sources[i].path), "bytes",
-                                                 (json_int_t)s->sources[i].size, "xxh3_128", hash_json(s->sources[i].hash)));
-    return json_pack("{s:o, s:o, s:I, s:I, s:I, s:I, s:f}", "content_xxh3_128", hash_json(s->header->content_hash), "sources", sources,
+                                                 (json_int_t)s->sources[i].size, "xxh3_128", kiln_hash_json(s->sources[i].hash)));
+    return json_pack("{s:o, s:o, s:I, s:I, s:I, s:I, s:f}", "content_xxh3_128", kiln_hash_json(s->header->content_hash), "sources", sources,
                      "objects", (json_int_t)s->object_count, "triangles", (json_int_t)p->geometry->triangle_count, "emissive_triangles",
                      (json_int_t)p->lights->area_count, "punctual_lights", (json_int_t)s->light_count, "texels_per_metre",
                      (double)s->header->texels_per_metre);

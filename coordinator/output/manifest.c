@@ -14,13 +14,8 @@
 #include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
 
-enum { READ_BYTES = 1 << 20, TAIL_LINE = 9 + 32 + 1 /* "xxh3_128 " HASH newline */, MANIFEST_MOST = 1 << 30 };
+enum { READ_BYTES = 1 << 20, MANIFEST_MOST = 1 << 30 };
 static const char NAME[] = "manifest";
-
-static void hash_text(XXH128_hash_t hash, char text[KILN_MANIFEST_HASH])
-{
-    (void)snprintf(text, KILN_MANIFEST_HASH, "%016llx%016llx", (unsigned long long)hash.high64, (unsigned long long)hash.low64);
-}
 
 /* ---- one file ---- */
 
@@ -69,7 +64,7 @@ static int hash_file(const char *path, uint64_t *bytes, XXH128_hash_t *hash, str
 
 int kiln_manifest_check(const struct kiln_manifest_file *file, const char *directory, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE], text[KILN_MANIFEST_HASH];
+    char path[KILN_PATH_SIZE], text[KILN_HASH_TEXT];
     uint64_t bytes = 0;
     XXH128_hash_t hash;
     int status = kiln_path_join(path, directory, file->path, error);
@@ -77,7 +72,7 @@ int kiln_manifest_check(const struct kiln_manifest_file *file, const char *direc
         status = hash_file(path, &bytes, &hash, error);
     if (status != KILN_OK)
         return KILN_BAD_INPUT;
-    hash_text(hash, text);
+    kiln_hash_text(hash.high64, hash.low64, text);
     if (bytes != file->bytes)
         return kiln_fail(error, KILN_BAD_INPUT, "'%s' has %llu bytes and was written with %llu", path, (unsigned long long)bytes,
                          (unsigned long long)file->bytes);
@@ -147,8 +142,8 @@ static json_t *manifest_json(const struct kiln_manifest *m, const uint64_t *valu
 {
     json_t *files = json_array();
     for (size_t i = 0; i < m->count; i++) {
-        char text[KILN_MANIFEST_HASH];
-        hash_text((XXH128_hash_t){.high64 = values[3 * i + 1], .low64 = values[3 * i + 2]}, text);
+        char text[KILN_HASH_TEXT];
+        kiln_hash_text(values[3 * i + 1], values[3 * i + 2], text);
         (void)json_array_append_new(files, json_pack("{s:s, s:I, s:s}", "path", m->files[i].path, "bytes", (json_int_t)values[3 * i], "xxh3_128", text));
     }
     return json_pack("{s:s, s:o}", "kiln", KILN_VERSION, "files", files);
@@ -156,21 +151,16 @@ static json_t *manifest_json(const struct kiln_manifest *m, const uint64_t *valu
 
 static int publish(const struct kiln_manifest *m, const char *directory, const uint64_t *values, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE], *text = NULL, digits[KILN_MANIFEST_HASH];
+    char path[KILN_PATH_SIZE], *text = NULL;
+    size_t size = 0;
     json_t *json = manifest_json(m, values);
-    char *body = json != NULL && json_array_size(json_object_get(json, "files")) == m->count ? json_dumps(json, JSON_INDENT(1)) : NULL;
-    int status = body == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: the manifest") : kiln_path_join(path, directory, NAME, error);
-    const size_t length = body != NULL ? strlen(body) + 1 : 0;
+    const bool whole = json_array_size(json_object_get(json, "files")) == m->count;
+    int status = kiln_path_join(path, directory, NAME, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&text, length + TAIL_LINE + 1, 1, "the manifest", error);
-    if (status == KILN_OK) {
-        (void)snprintf(text, length + 1, "%s\n", body);
-        hash_text(XXH3_128bits(text, length), digits);
-        (void)snprintf(text + length, TAIL_LINE + 1, "xxh3_128 %s\n", digits);
-        status = kiln_publish_bytes(path, text, length + TAIL_LINE, error);
-    }
+        status = kiln_seal(whole ? json : NULL, JSON_INDENT(1), &text, &size, "the manifest", error);
+    if (status == KILN_OK)
+        status = kiln_publish_bytes(path, text, size, error);
     kiln_free(&text);
-    free(body);
     json_decref(json);
     return status;
 }
@@ -209,16 +199,6 @@ int kiln_manifest_remove(const char *directory, struct kiln_error *error)
 
 /* ---- reading ---- */
 
-/* Whether the text ends with the hash of all before its last line. */
-static bool is_whole(const char *text, size_t size)
-{
-    char digits[KILN_MANIFEST_HASH];
-    if (size < TAIL_LINE || memcmp(text + size - TAIL_LINE, "xxh3_128 ", 9) != 0 || text[size - 1] != '\n')
-        return false;
-    hash_text(XXH3_128bits(text, size - TAIL_LINE), digits);
-    return memcmp(text + size - TAIL_LINE + 9, digits, 32) == 0;
-}
-
 /* A path that stays within the folder. */
 static bool is_inside(const char *path)
 {
@@ -229,13 +209,13 @@ static int take_file(struct kiln_manifest *m, const json_t *entry, const char *m
 {
     const char *path = json_string_value(json_object_get(entry, "path")), *hash = json_string_value(json_object_get(entry, "xxh3_128"));
     const json_t *bytes = json_object_get(entry, "bytes");
-    if (path == NULL || hash == NULL || strlen(hash) != KILN_MANIFEST_HASH - 1 || !json_is_integer(bytes) || !is_inside(path))
+    if (path == NULL || hash == NULL || strlen(hash) != KILN_HASH_TEXT - 1 || !json_is_integer(bytes) || !is_inside(path))
         return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: entry %zu of its files is not whole", manifest_path, m->count);
     struct kiln_manifest_file *file = &m->files[m->count];
     const int status = name_file(m, "", path, "", error);
     if (status == KILN_OK) {
         file->bytes = (uint64_t)json_integer_value(bytes);
-        memcpy(file->hash, hash, KILN_MANIFEST_HASH);
+        memcpy(file->hash, hash, KILN_HASH_TEXT);
     }
     return status;
 }
@@ -260,10 +240,8 @@ int kiln_manifest_read(struct kiln_manifest **manifest, const char *directory, s
     int status = kiln_path_join(path, directory, NAME, error);
     if (status == KILN_OK)
         status = kiln_read_file(path, MANIFEST_MOST, &text, &size, error);
-    if (status == KILN_OK && !is_whole(text, size))
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' is not as it was written: it does not end with its own hash; the results cannot be checked", path);
-    if (status == KILN_OK && (json = json_loadb(text, size - TAIL_LINE, 0, NULL)) == NULL)
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: it is not JSON", path);
+    if (status == KILN_OK && (json = kiln_unseal(text, size)) == NULL)
+        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' is not as it was written: it does not end with its own hash; the results cannot be checked, bake again", path);
     if (status == KILN_OK)
         status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
     if (status == KILN_OK)

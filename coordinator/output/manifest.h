@@ -1,7 +1,6 @@
 /* DIR/manifest: what a finished bake consists of, so that a file that is not as it was written is noticed.
  *
- * One JSON object {"kiln": version, "files": [{"path", "bytes", "xxh3_128"}, ...]}, and a last line "xxh3_128 HASH" over all before
- * it. It is written last of all and gets its name when it is whole: where there is one, the bake is complete. Pictures and
+ * One JSON object {"kiln": version, "files": [{"path", "bytes", "xxh3_128"}, ...]}, sealed (sealed.h). It is written last of all and gets its name when it is whole: where there is one, the bake is complete. Pictures and
  * reports made later are not in it. */
 #ifndef KILN_COORDINATOR_OUTPUT_MANIFEST_H
 #define KILN_COORDINATOR_OUTPUT_MANIFEST_H
@@ -11,14 +10,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "coordinator/output/sealed.h"
 #include "worker/scene/scene.h"
-
-enum { KILN_MANIFEST_HASH = 33 };
 
 struct kiln_manifest_file {
     char *path; /* within the folder */
     uint64_t bytes;
-    char hash[KILN_MANIFEST_HASH]; /* 32 lower-case digits */
+    char hash[KILN_HASH_TEXT];
 };
 
 struct kiln_manifest {
