@@ -15,7 +15,10 @@ struct range {
 };
 
 static const struct range ranges[] = {
-    {"coverage.Y", 0.0, 1.001}, {"validity.Y", 0.0, 1.0}, {"/albedo", 0.0, 1.0}, {"/area", 0.0, INFINITY}, {"/validity", 0.0, 1.0}, {"/mean_distance", 0.0, INFINITY},
+    {"R", 0.0, INFINITY},          {"G", 0.0, INFINITY},        {"B", 0.0, INFINITY},        {"coverage.Y", 0.0, 1.001},
+    {"validity.Y", 0.0, 1.0},      {"/direct", 0.0, INFINITY},  {"/indirect", 0.0, INFINITY}, {"/total", 0.0, INFINITY},
+    {"/error", 0.0, INFINITY},     {"/albedo", 0.0, 1.0},       {"/area", 0.0, INFINITY},    {"/validity", 0.0, 1.0},
+    {"/mean_distance", 0.0, INFINITY},
 };
 
 static struct range range_of(const char *name)

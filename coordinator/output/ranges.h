@@ -1,4 +1,5 @@
-/* Whether the values in a result can be what a bake writes: finite, no irradiance below 0, shares between 0 and 1. */
+/* Whether the values in a result can be what a bake writes: finite, no irradiance of a surface below 0, shares between 0
+ * and 1. */
 #ifndef KILN_COORDINATOR_OUTPUT_RANGES_H
 #define KILN_COORDINATOR_OUTPUT_RANGES_H
 
