@@ -1,13 +1,14 @@
 #include "coordinator/bake/trace.h"
 
+#include <limits.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "coordinator/cli/agree.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/output/page.h"
 #include "worker/base/memory.h"
 
-enum { NAME = 32, LINE = 256, TAG = 11 };
+enum { NAME = 32, TAG = 11 };
 
 static const char *const rows[KILN_TRACE_ROWS] = {"phase", "pass", "batch", "exchange", "on its way", "checkpoint", "wait"};
 
@@ -63,88 +64,68 @@ void kiln_trace_add(struct kiln_trace *trace, enum kiln_trace_row row, const cha
 
 /* ---- writing ---- */
 
-struct text {
-    char *bytes;
-    size_t length, room;
-};
-
-static int append(struct text *text, const char *line, struct kiln_error *error)
-{
-    const size_t more = strlen(line);
-    const int status = kiln_grow(&text->bytes, &text->room, text->length + more + 1, 1, "the trace", error);
-    if (status != KILN_OK)
-        return status;
-    memcpy(text->bytes + text->length, line, more + 1);
-    text->length += more;
-    return KILN_OK;
-}
-
 /* Who the process and its threads are. Names are kiln's own words, and a host's hold no quotes. */
-static int append_names(const struct kiln_trace *t, struct text *text, struct kiln_error *error)
+static void add_names(const struct kiln_trace *t, struct kiln_page *page)
 {
-    char line[LINE + MPI_MAX_PROCESSOR_NAME];
-    (void)snprintf(line, sizeof line, "%s{\"name\":\"process_name\",\"ph\":\"M\",\"pid\":%d,\"args\":{\"name\":\"rank %d on %s\"}}",
-                   t->rank == 0 ? "" : ",\n", t->rank, t->rank, t->host);
-    int status = append(text, line, error);
-    for (int r = 0; r < KILN_TRACE_ROWS && status == KILN_OK; r++) {
-        (void)snprintf(line, sizeof line, ",\n{\"name\":\"thread_name\",\"ph\":\"M\",\"pid\":%d,\"tid\":%d,\"args\":{\"name\":\"%s\"}}", t->rank, r, rows[r]);
-        status = append(text, line, error);
-    }
-    return status;
+    kiln_page_add(page, "%s{\"name\":\"process_name\",\"ph\":\"M\",\"pid\":%d,\"args\":{\"name\":\"rank %d on %s\"}}", t->rank == 0 ? "" : ",\n",
+                  t->rank, t->rank, t->host);
+    for (int r = 0; r < KILN_TRACE_ROWS; r++)
+        kiln_page_add(page, ",\n{\"name\":\"thread_name\",\"ph\":\"M\",\"pid\":%d,\"tid\":%d,\"args\":{\"name\":\"%s\"}}", t->rank, r, rows[r]);
 }
 
-static int append_event(const struct kiln_trace *t, const struct event *e, struct text *text, struct kiln_error *error)
+static void add_event(const struct kiln_trace *t, const struct event *e, struct kiln_page *page)
 {
-    char line[LINE], count[48] = "";
     const double begin = e->begin > t->zero ? e->begin - t->zero : 0.0, end = e->end > t->zero ? e->end - t->zero : 0.0;
+    kiln_page_add(page, ",\n{\"name\":\"%s\",\"cat\":\"%s\",\"ph\":\"X\",\"pid\":%d,\"tid\":%d,\"ts\":%.3f,\"dur\":%.3f", e->name, rows[e->row],
+                  t->rank, (int)e->row, 1e6 * begin, 1e6 * (end - begin));
     if (e->count >= 0)
-        (void)snprintf(count, sizeof count, ",\"args\":{\"count\":%lld}", (long long)e->count);
-    (void)snprintf(line, sizeof line, ",\n{\"name\":\"%s\",\"cat\":\"%s\",\"ph\":\"X\",\"pid\":%d,\"tid\":%d,\"ts\":%.3f,\"dur\":%.3f%s}", e->name,
-                   rows[e->row], t->rank, (int)e->row, 1e6 * begin, 1e6 * (end - begin), count);
-    return append(text, line, error);
+        kiln_page_add(page, ",\"args\":{\"count\":%lld}", (long long)e->count);
+    kiln_page_add(page, "}");
 }
 
-static int make_text(const struct kiln_trace *t, struct text *text, struct kiln_error *error)
+/* This rank's events; on rank 0 after the head of the file. */
+static int make_text(const struct kiln_trace *t, struct kiln_page *page, struct kiln_error *error)
 {
-    int status = append_names(t, text, error);
-    for (size_t i = 0; i < t->count && status == KILN_OK; i++)
-        status = append_event(t, &t->events[i], text, error);
-    return status;
+    if (t->rank == 0)
+        kiln_page_add(page, "{\"displayTimeUnit\":\"ms\",\"traceEvents\":[\n");
+    add_names(t, page);
+    for (size_t i = 0; i < t->count && page->status == KILN_OK; i++)
+        add_event(t, &t->events[i], page);
+    if (page->status == KILN_OK && page->size > INT_MAX) /* one message */
+        return kiln_fail(error, KILN_SYSTEM, "the timeline of rank %d is %zu bytes long and at most %d can be brought together; leave --trace out",
+                         t->rank, page->size, INT_MAX);
+    return page->status;
 }
 
 /* Rank 0: takes another rank's text. */
-static int receive(const struct kiln_trace *t, int rank, struct text *text, struct kiln_error *error)
+static int receive(const struct kiln_trace *t, int rank, struct kiln_page *page)
 {
     MPI_Status from;
     int length;
+    char *bytes = NULL;
     (void)MPI_Probe(rank, TAG, t->communicator, &from);
     (void)MPI_Get_count(&from, MPI_CHAR, &length);
-    struct text one = {0};
-    int status = kiln_grow(&one.bytes, &one.room, (size_t)length + 1, 1, "the trace", error);
+    const int status = kiln_allocate(&bytes, (size_t)length + 1, 1, "the trace", page->error);
     if (status != KILN_OK)
         MPI_Abort(t->communicator, status); /* the others are sending */
-    (void)MPI_Recv(one.bytes, length, MPI_CHAR, rank, TAG, t->communicator, MPI_STATUS_IGNORE);
-    one.bytes[length] = '\0';
-    status = append(text, one.bytes, error);
-    kiln_free(&one.bytes);
-    return status;
+    (void)MPI_Recv(bytes, length, MPI_CHAR, rank, TAG, t->communicator, MPI_STATUS_IGNORE);
+    kiln_page_add(page, "%s", bytes);
+    kiln_free(&bytes);
+    return page->status;
 }
 
 int kiln_trace_write(const struct kiln_trace *trace, const char *path, struct kiln_error *error)
 {
-    struct text text = {0};
-    int status = trace->rank == 0 ? append(&text, "{\"displayTimeUnit\":\"ms\",\"traceEvents\":[\n", error) : KILN_OK;
-    if (status == KILN_OK)
-        status = make_text(trace, &text, error);
-    status = kiln_agree(trace->communicator, status, error);
+    struct kiln_page page = {.error = error};
+    int status = kiln_agree(trace->communicator, make_text(trace, &page, error), error);
     if (status == KILN_OK && trace->rank != 0)
-        (void)MPI_Send(text.bytes, (int)text.length, MPI_CHAR, 0, TAG, trace->communicator);
+        (void)MPI_Send(page.text, (int)page.size, MPI_CHAR, 0, TAG, trace->communicator);
     for (int r = 1; r < trace->ranks && trace->rank == 0 && status == KILN_OK; r++)
-        status = receive(trace, r, &text, error);
-    if (status == KILN_OK && trace->rank == 0)
-        status = append(&text, "\n]}\n", error);
-    if (status == KILN_OK && trace->rank == 0)
-        status = kiln_publish_bytes(path, text.bytes, text.length, error);
-    kiln_free(&text.bytes);
+        status = receive(trace, r, &page);
+    if (status == KILN_OK && trace->rank == 0) {
+        kiln_page_add(&page, "\n]}\n");
+        status = kiln_page_publish(&page, path);
+    }
+    kiln_page_free(&page);
     return kiln_agree(trace->communicator, status, error);
 }

@@ -181,18 +181,17 @@ static int write_csv(const char *directory, const struct kiln_plan *p, struct ki
     kiln_page_add(&page, "kind,ranks,nodes,points,trace_s,imbalance,exchange_s,once_s,write_s,seconds,efficiency,trace_efficiency\n");
     add_rows(&page, "strong", p->strong, p->curve_count);
     add_rows(&page, "weak", p->weak, p->curve_count);
-    int status = page.status == KILN_OK ? kiln_path_join(path, directory, "scaling.csv", error) : page.status;
+    const int status = kiln_path_join(path, directory, "scaling.csv", error);
     if (status == KILN_OK)
-        status = kiln_publish_bytes(path, page.text, page.size, error);
-    kiln_free(&page.text);
+        return kiln_page_publish(&page, path);
+    kiln_page_free(&page);
     return status;
 }
 
 static int write_plot(const char *directory, const struct kiln_plan *p, struct kiln_error *error)
 {
-    enum { CURVES = 4 };
-    double values[CURVES][KILN_CURVE_MAX], ranks[KILN_CURVE_MAX];
-    char path[KILN_PATH_SIZE], title[120];
+    double values[KILN_CURVES][KILN_CURVE_MAX], ranks[KILN_CURVE_MAX];
+    char title[120];
     for (size_t i = 0; i < p->curve_count; i++) {
         ranks[i] = p->strong[i].ranks;
         values[0][i] = p->strong[i].efficiency;
@@ -200,13 +199,8 @@ static int write_plot(const char *directory, const struct kiln_plan *p, struct k
         values[2][i] = p->weak[i].efficiency;
         values[3][i] = p->weak[i].trace_efficiency;
     }
-    const struct kiln_curve curves[CURVES] = {{"strong, all of the bake", ranks, values[0], p->curve_count},
-                                              {"strong, light and exchange", ranks, values[1], p->curve_count},
-                                              {"weak, all of the bake", ranks, values[2], p->curve_count},
-                                              {"weak, light and exchange", ranks, values[3], p->curve_count}};
     (void)snprintf(title, sizeof title, "Simulated efficiency, %.3g points (weak: on one rank)", p->strong[0].points);
-    const int status = kiln_path_join(path, directory, "scaling.svg", error);
-    return status == KILN_OK ? kiln_curve_svg(path, title, curves, CURVES, error) : status;
+    return kiln_curve_write(directory, title, ranks, (const double *const[]){values[0], values[1], values[2], values[3]}, p->curve_count, error);
 }
 
 static int write_files(const char *directory, const struct kiln_plan *p, struct kiln_error *error)

@@ -367,18 +367,16 @@ static int write_csv(const struct bench *b, struct kiln_error *error)
             kiln_page_add(&page, ",%.6g", phase_of(run, first->phase[p]));
     }
     kiln_page_add(&page, "\n");
-    int status = page.status == KILN_OK ? kiln_path_join(path, b->job->output, "scaling.csv", error) : page.status;
+    const int status = kiln_path_join(path, b->job->output, "scaling.csv", error);
     if (status == KILN_OK)
-        status = kiln_publish_bytes(path, page.text, page.size, error);
-    kiln_free(&page.text);
+        return kiln_page_publish(&page, path);
+    kiln_page_free(&page);
     return status;
 }
 
 static int write_plot(const struct bench *b, struct kiln_error *error)
 {
-    enum { CURVES = 4 };
-    double ranks[RUNS_MOST], values[CURVES][RUNS_MOST];
-    char path[KILN_PATH_SIZE];
+    double ranks[RUNS_MOST], values[KILN_CURVES][RUNS_MOST];
     const size_t n = b->rank_count;
     for (size_t i = 0; i < n; i++) {
         ranks[i] = b->ranks[i];
@@ -387,12 +385,8 @@ static int write_plot(const struct bench *b, struct kiln_error *error)
             values[2 * weak + 1][i] = b->runs[weak * n + i].light_efficiency;
         }
     }
-    const struct kiln_curve curves[CURVES] = {{"strong, all of the bake", ranks, values[0], n},
-                                              {"strong, light and exchange", ranks, values[1], n},
-                                              {"weak, all of the bake", ranks, values[2], n},
-                                              {"weak, light and exchange", ranks, values[3], n}};
-    const int status = kiln_path_join(path, b->job->output, "scaling.svg", error);
-    return status == KILN_OK ? kiln_curve_svg(path, "Measured efficiency over ranks", curves, CURVES, error) : status;
+    return kiln_curve_write(b->job->output, "Measured efficiency over ranks", ranks,
+                            (const double *const[]){values[0], values[1], values[2], values[3]}, n, error);
 }
 
 /* The phase that lost most against the first run, and how much. */

@@ -4,12 +4,16 @@
 
 #include "coordinator/output/page.h"
 #include "coordinator/output/publish.h"
-#include "worker/base/memory.h"
 
 enum { WIDTH = 720, HEIGHT = 420, LEFT = 64, RIGHT = 24, TOP = 44, BOTTOM = 56, LEGEND_STEP = 18 };
 
-static const char *const colors[] = {"#1f5fa8", "#c4451c", "#2a8a4a", "#7a3fa0", "#8a6d00", "#444444"};
-enum { COLORS = 6 };
+static const char *const colors[KILN_CURVES] = {"#1f5fa8", "#c4451c", "#2a8a4a", "#7a3fa0"};
+
+struct curve {
+    const char *name; /* in the legend */
+    const double *ranks, *values;
+    size_t count;
+};
 
 struct frame {
     double decades, top; /* log2 of the most ranks; the highest value shown */
@@ -34,9 +38,9 @@ static void add_axes(struct kiln_page *page, const struct frame *f)
     kiln_page_add(page, "<text x=\"%d\" y=\"%d\" text-anchor=\"middle\">ranks</text>\n", (LEFT + WIDTH - RIGHT) / 2, HEIGHT - 12);
 }
 
-static void add_curve(struct kiln_page *page, const struct frame *f, const struct kiln_curve *curve, size_t number)
+static void add_curve(struct kiln_page *page, const struct frame *f, const struct curve *curve, size_t number)
 {
-    const char *color = colors[number % COLORS];
+    const char *color = colors[number];
     kiln_page_add(page, "<polyline fill=\"none\" stroke=\"%s\" stroke-width=\"2\" points=\"", color);
     for (size_t i = 0; i < curve->count; i++)
         kiln_page_add(page, "%.1f,%.1f ", across(f, curve->ranks[i]), up(f, curve->values[i]));
@@ -49,7 +53,7 @@ static void add_curve(struct kiln_page *page, const struct frame *f, const struc
     kiln_page_add(page, "</text>\n");
 }
 
-static struct frame fit(const struct kiln_curve *curves, size_t count)
+static struct frame fit(const struct curve *curves, size_t count)
 {
     struct frame f = {1.0, 1.0};
     for (size_t c = 0; c < count; c++)
@@ -61,7 +65,7 @@ static struct frame fit(const struct kiln_curve *curves, size_t count)
     return f;
 }
 
-int kiln_curve_svg(const char *path, const char *title, const struct kiln_curve *curves, size_t count, struct kiln_error *error)
+static int write_svg(const char *path, const char *title, const struct curve *curves, size_t count, struct kiln_error *error)
 {
     const struct frame f = fit(curves, count);
     struct kiln_page page = {.error = error};
@@ -75,7 +79,18 @@ int kiln_curve_svg(const char *path, const char *title, const struct kiln_curve 
     for (size_t c = 0; c < count; c++)
         add_curve(&page, &f, &curves[c], c);
     kiln_page_add(&page, "</svg>\n");
-    const int status = page.status == KILN_OK ? kiln_publish_bytes(path, page.text, page.size, error) : page.status;
-    kiln_free(&page.text);
-    return status;
+    return kiln_page_publish(&page, path);
+}
+
+int kiln_curve_write(const char *directory, const char *title, const double *ranks, const double *const values[KILN_CURVES], size_t count,
+                     struct kiln_error *error)
+{
+    static const char *const names[KILN_CURVES] = {"strong, all of the bake", "strong, light and exchange", "weak, all of the bake",
+                                                   "weak, light and exchange"};
+    struct curve curves[KILN_CURVES];
+    char path[KILN_PATH_SIZE];
+    for (size_t c = 0; c < KILN_CURVES; c++)
+        curves[c] = (struct curve){names[c], ranks, values[c], count};
+    const int status = kiln_path_join(path, directory, "scaling.svg", error);
+    return status == KILN_OK ? write_svg(path, title, curves, KILN_CURVES, error) : status;
 }

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
 
 static char *room(struct kiln_page *page, size_t more)
@@ -28,6 +29,15 @@ void kiln_page_add(struct kiln_page *page, const char *format, ...)
     va_end(again);
     va_end(arguments);
 }
+
+int kiln_page_publish(struct kiln_page *page, const char *path)
+{
+    const int status = page->status == KILN_OK ? kiln_publish_bytes(path, page->text, page->size, page->error) : page->status;
+    kiln_page_free(page);
+    return status;
+}
+
+void kiln_page_free(struct kiln_page *page) { kiln_free(&page->text); }
 
 void kiln_page_text(struct kiln_page *page, const char *text)
 {

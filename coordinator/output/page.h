@@ -1,5 +1,5 @@
-/* Text of a page as it grows, and the plots on it. Private to coordinator/output. Errors stick: after one fails, the rest do
- * nothing, and page->status says what happened. */
+/* Text of a page (or any other file of text) as it grows, and the plots on it. Errors stick: after one fails, the rest do nothing, and
+ * page->status says what happened. Release with kiln_page_free. */
 #ifndef KILN_COORDINATOR_OUTPUT_PAGE_H
 #define KILN_COORDINATOR_OUTPUT_PAGE_H
 
@@ -15,12 +15,17 @@ struct kiln_page {
     struct kiln_error *error;
 };
 
-/* Adds markup as printf does. Text from outside goes through kiln_page_text. */
+/* Adds text or markup as printf does. Text from outside goes through kiln_page_text. */
 void kiln_page_add(struct kiln_page *page, const char *format, ...) __attribute__((format(printf, 2, 3)));
 /* Adds text, with what HTML would take for markup escaped. */
 void kiln_page_text(struct kiln_page *page, const char *text);
 /* Adds <img> with the bytes of a PNG file inside. */
 void kiln_page_png(struct kiln_page *page, const char *png, size_t size, const char *alternative);
+
+/* Publishes the text as the file `path` and releases it, or only releases it after an error. Returns the page's status, or that of
+ * writing. */
+int kiln_page_publish(struct kiln_page *page, const char *path);
+void kiln_page_free(struct kiln_page *page);
 
 /* An SVG of upright bars, one a value, from 0 to the largest; `names` has one a bar, or is NULL: then numbers from `number_from` on.
  * With `logarithmic` the height is by decades down to 1e-6 of the largest. */

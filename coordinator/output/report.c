@@ -346,11 +346,8 @@ int kiln_report_write(const char *directory, const char *path, struct kiln_error
     struct report report = {.directory = directory, .run = run, .page = {.error = error}};
     if (status == KILN_OK) {
         write_page(&report);
-        status = report.page.status;
+        status = kiln_page_publish(&report.page, path);
     }
-    if (status == KILN_OK)
-        status = kiln_publish_bytes(path, report.page.text, report.page.size, error);
-    kiln_free(&report.page.text);
     kiln_free(&text);
     json_decref(run);
     return status;
