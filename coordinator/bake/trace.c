@@ -3,9 +3,11 @@
 #include <limits.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "coordinator/cli/agree.h"
 #include "coordinator/output/page.h"
+#include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
 
 enum { NAME = 32, TAG = 11 };
@@ -51,6 +53,19 @@ void kiln_trace_destroy(struct kiln_trace **trace)
     if (*trace != NULL)
         kiln_free(&(*trace)->events);
     kiln_free(trace);
+}
+
+int kiln_trace_check(const char *path, struct kiln_error *error)
+{
+    char temporary[KILN_PATH_SIZE];
+    int descriptor = -1, status = kiln_publish_name(temporary, path, error);
+    if (status == KILN_OK)
+        status = kiln_publish_open(temporary, &descriptor, error);
+    if (descriptor >= 0)
+        (void)close(descriptor);
+    if (status == KILN_OK)
+        kiln_publish_abandon(temporary);
+    return status;
 }
 
 void kiln_trace_add(struct kiln_trace *trace, enum kiln_trace_row row, const char *name, double begin, double end, int64_t count)

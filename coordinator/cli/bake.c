@@ -67,6 +67,8 @@ static int make_folder(struct bake *b, struct kiln_error *error)
         struct stat there;
         b->made_folder = stat(b->job->output, &there) != 0;
         status = kiln_make_directories(b->job->output, error);
+        if (status == KILN_OK && b->job->trace != NULL)
+            status = kiln_trace_check(b->job->trace, error);
     }
     return kiln_agree(b->communicator, status, error);
 }

@@ -43,7 +43,6 @@ int kiln_command_bench(struct kiln_job *job, struct kiln_error *error)
     int status = KILN_OK;
     if (rank == 0) { /* one process measures */
         struct kiln_temporary temporary;
-        job->scene = job->arguments[1];
         status = kiln_temporary_make(&temporary, error);
         if (status == KILN_OK)
             status = bench_rays(job, temporary.scene_file, error);

@@ -63,9 +63,19 @@ static int check_scene(const struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-static int prepare(struct kiln_job **job, int argc, char **argv, struct kiln_error *error)
+static int check_folder(const char *folder, struct kiln_error *error)
 {
-    const int status = kiln_job_parse(job, argc, argv, error);
+    struct stat status;
+    if (stat(folder, &status) != 0)
+        return kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "cannot read folder %.500s", folder);
+    return S_ISDIR(status.st_mode) ? KILN_OK : kiln_fail(error, KILN_NO_INPUT, "%.500s is a file; name the folder that a bake was written to", folder);
+}
+
+static int prepare(struct kiln_job **job, int argc, char **argv, const struct kiln_command *command, struct kiln_error *error)
+{
+    int status = kiln_job_parse(job, argc, argv, error);
+    if (status == KILN_OK && command->folder)
+        status = check_folder((*job)->arguments[0], error);
     return status != KILN_OK ? status : check_scene(*job, error);
 }
 
@@ -132,7 +142,7 @@ static int flush_output(int status, struct kiln_error *error)
 static int run_alone(int argc, char **argv, const struct kiln_command *command, bool *json, struct kiln_error *error)
 {
     struct kiln_job *job = NULL;
-    int status = prepare(&job, argc, argv, error);
+    int status = prepare(&job, argc, argv, command, error);
     if (status == KILN_OK)
         status = flush_output(run(command, job, error), error);
     if (job != NULL && job->verbose)
@@ -147,7 +157,7 @@ static int run_alone(int argc, char **argv, const struct kiln_command *command, 
 static int run_with_mpi(int argc, char **argv, const struct kiln_command *command, bool many, int rank, struct kiln_error *error)
 {
     struct kiln_job *job = NULL;
-    int status = many ? KILN_OK : prepare(&job, argc, argv, error), provided = MPI_THREAD_SINGLE;
+    int status = many ? KILN_OK : prepare(&job, argc, argv, command, error), provided = MPI_THREAD_SINGLE;
     bool started = false;
     if (status != KILN_OK)
         goto end;
@@ -164,7 +174,7 @@ static int run_with_mpi(int argc, char **argv, const struct kiln_command *comman
     if (provided < MPI_THREAD_FUNNELED)
         status = kiln_fail(error, KILN_SITE, "this MPI library does not work beside threads (MPI_THREAD_FUNNELED is needed)");
     else if (many)
-        status = prepare(&job, argc, argv, error);
+        status = prepare(&job, argc, argv, command, error);
     status = kiln_agree(MPI_COMM_WORLD, status, error);
     if (status == KILN_OK)
         status = kiln_agree(MPI_COMM_WORLD, flush_output(run(command, job, error), error), error);

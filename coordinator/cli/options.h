@@ -77,6 +77,7 @@ struct kiln_command {
     const char *arguments;   /* as shown in usage lines: "SCENE|JOB.yaml" */
     size_t minimum, maximum; /* how many arguments */
     bool scene;              /* the first argument is a scene or a job file */
+    bool folder;             /* the first argument is the folder of a bake */
     bool mpi;                /* runs between MPI_Init and MPI_Finalize */
     const char *summary;     /* one line */
     const char *examples[5]; /* command lines, ends with NULL */

@@ -38,7 +38,6 @@ struct run {
 
 struct bench {
     struct kiln_job *job;
-    const char *scene;
     char program[KILN_PATH_SIZE];
     uint32_t ranks[RUNS_MOST];
     size_t rank_count;
@@ -175,7 +174,7 @@ static void make_command(const struct bench *b, const struct run *run, const cha
     push_number(a, "-n", "%.0f", run->ranks);
     push(a, b->program);
     push(a, "bake");
-    push(a, b->scene);
+    push(a, b->job->scene);
     push(a, "-o");
     push(a, folder);
     push(a, "--quiet");
@@ -450,7 +449,7 @@ static int prepare(struct bench *b, struct kiln_error *error)
 {
     int status = read_ranks(b, error);
     if (status == KILN_OK && b->job->output == NULL)
-        status = kiln_job_default_output(b->job, b->scene, "-scaling", error);
+        status = kiln_job_default_output(b->job, b->job->scene, "-scaling", error);
     if (status == KILN_OK)
         status = find_program(b, error);
     if (status == KILN_OK)
@@ -467,7 +466,6 @@ int kiln_scaling_bench(struct kiln_job *job, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     b->job = job;
-    b->scene = job->arguments[1];
     status = prepare(b, error);
     if (status == KILN_OK)
         status = bake_all(b, error);

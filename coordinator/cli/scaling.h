@@ -4,7 +4,7 @@
 
 #include "coordinator/cli/job.h"
 
-/* Bakes job->arguments[1] with `mpirun -n R kiln bake` for each R of job->rank_counts: strong scaling (the same bake) and weak scaling
+/* Bakes job->scene (or job file) with `mpirun -n R kiln bake` for each R of job->rank_counts: strong scaling (the same bake) and weak scaling
  * (lightmaps finer by the root of R, so that a rank has as many points as one rank of the first bake). Threads of a rank stay the
  * same: what --threads says, else the machine's cores over the most ranks. Options that bake knows too go on to it; the
  * environment is the caller's. Leaves the bakes, scaling.csv and scaling.svg in job->output (default: SCENE's name, "-scaling" added) and

@@ -2,7 +2,6 @@
 #include <jansson.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
@@ -86,9 +85,6 @@ int kiln_command_verify(struct kiln_job *job, struct kiln_error *error)
     struct kiln_manifest *manifest = NULL;
     struct verdict *verdicts = NULL;
     const char *directory = job->arguments[0];
-    struct stat there;
-    if (stat(directory, &there) != 0)
-        return kiln_fail_errno(error, 0, "cannot read %.500s", directory);
     int status = kiln_manifest_read(&manifest, directory, error);
     if (status == KILN_NO_INPUT)
         status = kiln_fail(error, KILN_NO_INPUT, "%.500s has no manifest: the bake in it is not finished (kiln status says where it is)", directory);

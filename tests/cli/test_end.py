@@ -61,6 +61,20 @@ class End(unittest.TestCase):
         verdict = json.loads(answer.out)
         self.assertEqual([verdict["status"], [problem["file"] for problem in verdict["problems"]]], ["damaged", ["preview.png"]])
 
+    def test_what_is_no_bake(self):
+        for command in ("view", "probe", "report", "status", "stop", "verify"):
+            for place, words in ((self.scene, "is a file; name the folder"), (os.path.join(self.folder, "none"), "No such file")):
+                answer = kiln(command, place, *(["0", "0", "0"] if command == "probe" else []))
+                self.assertEqual(answer.code, 66, command)
+                self.assertIn(words, answer.sentence())
+
+    def test_a_timeline_that_cannot_be_written_is_refused_before_the_bake(self):
+        out = os.path.join(self.folder, "refused")
+        answer = kiln("bake", self.scene, "-o", out, "--trace", os.path.join(self.folder, "none", "t.json"), *SMALL)
+        self.assertEqual(answer.code, 73)
+        self.assertIn("t.json", answer.sentence())
+        self.assertFalse(os.path.exists(out))
+
     def test_names_that_are_not_unicode(self):
         """A folder's name is bytes; the report says what can be said of it."""
         out = os.path.join(self.folder, "light-\udcff")
