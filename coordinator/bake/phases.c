@@ -52,7 +52,7 @@ json_t *kiln_phases_json(const struct kiln_phases *phases, MPI_Comm communicator
     (void)MPI_Comm_size(communicator, &ranks);
     double *all = rank == 0 ? calloc((size_t)ranks * KILN_PHASES_MAX, sizeof *all) : NULL;
     if (rank == 0 && all == NULL)
-        MPI_Abort(communicator, 71);
+        MPI_Abort(communicator, KILN_SYSTEM);
     (void)MPI_Gather(phases->seconds, KILN_PHASES_MAX, MPI_DOUBLE, all, KILN_PHASES_MAX, MPI_DOUBLE, 0, communicator);
     if (rank != 0)
         return NULL;

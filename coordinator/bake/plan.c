@@ -34,7 +34,7 @@ static const double CHECKPOINT_POINT = 44.0;         /* bytes on disk */
 static const double LIGHTMAP_TEXEL_SECONDS = 3e-6;   /* of one thread: filled, smoothed, compressed, read back */
 static const double H5_POINT_SECONDS = 1.8e-6;       /* of one rank: described, compressed, read back */
 static const double PREVIEW_SECONDS = 0.8;
-static const double BOUNCE_BYTES = 4.0;              /* of a point, between bounces */
+static const double COMPACT_BYTES = 4.0, FULL_BYTES = 8.0; /* of a point's radiosity on its way */
 
 /* Compressed bytes, measured over the project's scenes. */
 static const double LIGHTMAP_POINT_DISK = 33.0, H5_POINT_DISK = 45.5, PROBE_DISK = 0.85, PREVIEW_DISK = 0.55e6;
@@ -268,7 +268,12 @@ static double write_seconds(const struct kiln_plan *plan, const struct kiln_prep
            (job->preview ? PREVIEW_SECONDS : 0.0);
 }
 
-/* Between the bounces radiosity goes in its compact form. */
+/* Of a point, in the exchange after a bounce. */
+static double bounce_bytes(const struct kiln_plan *plan, const struct kiln_job *job)
+{
+    return kiln_exchange_is_compact(job->exchange, plan->surface.points) ? COMPACT_BYTES : FULL_BYTES;
+}
+
 static void plan_time(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_phases *phases, double probe)
 {
     struct kiln_plan_seconds *s = &plan->seconds;
@@ -283,10 +288,11 @@ static void plan_time(struct kiln_plan *plan, const struct kiln_prepared *p, con
     s->bounces = points * counts[1] * point_seconds(plan, 1);
     s->final = points * counts[2] * point_seconds(plan, 2);
     s->probes = probe * ceil((double)plan->probes / ranks) * together;
-    plan->exchange_bytes = ranks > 1.0 ? (kiln_exchange_is_compact(job->exchange, plan->surface.points) ? BOUNCE_BYTES : 8.0) * ((double)plan->surface.points - (double)plan->surface.points_max) : 0.0;
-    const double nodes = ceil(ranks / (job->ranks_per_node > 0 ? job->ranks_per_node : 1));
-    const double one = nodes > 1.0 ? plan->exchange_bytes / (job->node_bandwidth * 1e9) + ceil(log2(nodes)) * job->node_latency * 1e-6 : plan->exchange_bytes / 5e9;
-    s->exchange = one * (plan->bounces + 1.0);
+    if (ranks > 1.0)
+        plan->exchange_bytes = bounce_bytes(plan, job) * ((double)plan->surface.points - (double)plan->surface.points_max);
+    const uint32_t on_node = job->ranks_per_node > 0 ? job->ranks_per_node : 1;
+    s->exchange = (plan->bounces + 1.0) * kiln_exchange_seconds(bounce_bytes(plan, job) * (double)plan->surface.points, job->ranks,
+                                                                (job->ranks - 1) / on_node + 1, job->node_bandwidth * 1e9, job->node_latency * 1e-6);
     s->write = write_seconds(plan, p, job);
     s->total = s->import + s->world + s->surface + s->validity + s->direct + s->bounces + s->final + s->probes + s->exchange + s->write;
 }
@@ -342,7 +348,7 @@ static int plan_curves(struct kiln_plan *plan, const struct kiln_prepared *p, co
                                                            together * (H5_POINT_SECONDS + texel * LIGHTMAP_TEXEL_SECONDS / p->threads),
                                          .shared = probe * (double)plan->probes * together,
                                          .largest_object = LIGHTMAP_TEXEL_SECONDS * (double)largest_lightmap(p->scene),
-                                         .radiosity_bytes = kiln_exchange_is_compact(job->exchange, plan->surface.points) ? BOUNCE_BYTES : 8.0,
+                                         .radiosity_bytes = bounce_bytes(plan, job),
                                          .exchanges = plan->bounces + 1,
                                          .ranks_per_node = job->ranks_per_node,
                                          .bandwidth = job->node_bandwidth * 1e9,

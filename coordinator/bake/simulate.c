@@ -82,12 +82,10 @@ static int largest_share(const struct kiln_simulation *s, const struct sums *sum
     return status;
 }
 
-/* Seconds of one exchange: a node receives what the other nodes' ranks made, in as many steps as doubling needs. */
-static double exchange_seconds(const struct kiln_simulation *s, uint32_t ranks, uint32_t nodes, double points)
+double kiln_exchange_seconds(double bytes, uint32_t ranks, uint32_t nodes, double bandwidth, double latency)
 {
-    const double bytes = points * s->radiosity_bytes;
     if (nodes > 1)
-        return bytes * (nodes - 1.0) / nodes / s->bandwidth + ceil(log2(nodes)) * s->latency;
+        return bytes * (nodes - 1.0) / nodes / bandwidth + ceil(log2(nodes)) * latency;
     return ranks > 1 ? bytes / NODE_MEMORY_BANDWIDTH : 0.0;
 }
 
@@ -105,7 +103,7 @@ int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double densit
         scaled->points = sums.points[s->cell_count] * density;
         scaled->trace = largest * density + s->shared / ranks;
         scaled->imbalance = mean > 0.0 ? largest / mean - 1.0 : 0.0;
-        scaled->exchange = s->exchanges * exchange_seconds(s, ranks, scaled->nodes, scaled->points);
+        scaled->exchange = s->exchanges * kiln_exchange_seconds(s->radiosity_bytes * scaled->points, ranks, scaled->nodes, s->bandwidth, s->latency);
         scaled->once = s->once + s->once_a_point * scaled->points;
         scaled->write = fmax(s->shared_a_point * scaled->points / ranks, s->largest_object * density);
         scaled->seconds = scaled->trace + scaled->exchange + scaled->once + scaled->write;

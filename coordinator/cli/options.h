@@ -87,7 +87,8 @@ extern const size_t kiln_command_count;
 
 /* NULL when there is none of that name. */
 const struct kiln_option *kiln_option_find(const char *name);
-/* The same, but of several with that name (partition) the one that belongs to one of `commands`. */
+/* The same, but of several with that name the one that belongs to one of `commands`: bake deals out a partition of the scene and Slurm
+ * queues in one of its own; plan takes a number of ranks and bench a list. Users of either word find it where they look for it. */
 const struct kiln_option *kiln_option_find_for(const char *name, uint32_t commands);
 const struct kiln_command *kiln_command_find(const char *name);
 
