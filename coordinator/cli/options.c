@@ -23,7 +23,7 @@ enum {
 
 const struct kiln_option kiln_options[] = {
     {.name = "output", .group = "Files", .kind = KILN_OPTION_PATH, .value = "PATH",
-     .help = "where the result goes, also -o; bake: a folder, by default SCENE-bake; others: a file",
+     .help = "where the result goes, also -o; bake (default SCENE-bake), plan, bench, submit: a folder; others: a file",
      .commands = KILN_FOR_BAKE | KILN_FOR_VIEW | KILN_FOR_COMPARE | KILN_FOR_GENERATE | KILN_FOR_REPORT | KILN_FOR_BENCH |
                  KILN_FOR_SUBMIT | KILN_FOR_PLAN,
      .offset = AT(output)},

@@ -60,12 +60,14 @@ char *kiln_duration_text(double seconds, char *text, size_t size)
     return text;
 }
 
-/* "42 %, 12.3 s left"; without a total the time since the phase began. */
+/* "42 %, 12.3 s left"; without a total the time since the phase began, once that is worth a word. */
 static void state_text(const struct kiln_progress *progress, double now, char *text, size_t size)
 {
     char duration[48];
+    text[0] = '\0';
     if (progress->total == 0) {
-        (void)kiln_duration_text(now - progress->phase_start, text, size);
+        if (now - progress->phase_start >= 1.0)
+            (void)kiln_duration_text(now - progress->phase_start, text, size);
         return;
     }
     const double share = (double)progress->done / (double)progress->total;
@@ -108,7 +110,8 @@ static void show(struct kiln_progress *progress, double now)
     }
     char state[96];
     state_text(progress, now, state, sizeof state);
-    (void)fprintf(progress->stream, "%s: %s\n", progress->name, state + strspn(state, " "));
+    const char *text = state + strspn(state, " ");
+    (void)fprintf(progress->stream, "%s%s%s\n", progress->name, text[0] != '\0' ? ": " : "", text);
     (void)fflush(progress->stream);
 }
 

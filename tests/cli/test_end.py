@@ -22,7 +22,7 @@ class End(unittest.TestCase):
 
     def test_progress_is_plain_lines(self):
         self.assertEqual(self.answer.code, 0, self.answer.err)
-        self.assertRegex(self.answer.err, r"(?m)^import: ")
+        self.assertRegex(self.answer.err, r"(?m)^import")
         self.assertRegex(self.answer.err, r"\A[\n -~]*\Z")
 
     def test_phases_add_up_to_the_time(self):
