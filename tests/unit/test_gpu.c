@@ -182,6 +182,7 @@ static void memory_has_its_limit(void **state)
     assert_true(gpu_short_of_memory(gpu) && !gpu_lost(gpu));
     gpu_buffer_destroy(gpu, &a);
     assert_int_equal(gpu_buffer_create(gpu, &b, 60u << 20, GPU_DEVICE, "the second", &error), KILN_OK);
+    assert_false(gpu_short_of_memory(gpu));
     gpu_buffer_destroy(gpu, &b);
     assert_int_equal(gpu_buffer_create(gpu, &b, (size_t)1 << 50, GPU_DEVICE, "the absurd", &error), KILN_NO_DEVICE);
     gpu_destroy(&gpu);

@@ -1,5 +1,6 @@
 """The Vulkan backend gives the same bits whatever the size of its dispatches, the memory it may use, the layout of the BVH and the
-number of ranks, on one kind of device; and after the device was lost or short of memory.
+number of ranks, on one kind of device; and after the device was lost or short of memory. One that cannot be made anew ends the bake with
+69 and a sentence.
 """
 import hashlib
 import os
@@ -62,6 +63,12 @@ def main():
                 checks.that(bake.run['backend']['recoveries'] > 0, '%s: nothing was recovered from' % name, bake.process)
             print('%-18s %-28s %.1f s' % (os.path.basename(scene), name, bake.process.seconds), flush=True)
             bake.remove()
+    for fault in ('lost:150:1', 'memory:120:1'):
+        kiln.environment['KILN_GPU_FAULT'] = fault
+        bake = kiln.bake(cornell, *OPTIONS, '--texels-per-metre', 4)
+        checks.that(bake.process.status == harness.NO_DEVICE and 'made anew 3 times without success' in bake.process.sentence(),
+                    '%s: ended with %d: %s' % (fault, bake.process.status, bake.process.sentence()), bake.process)
+        bake.remove()
     checks.end()
 
 

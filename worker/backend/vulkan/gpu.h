@@ -63,7 +63,7 @@ void gpu_destroy(struct gpu **gpu);
 const struct gpu_description *gpu_about(const struct gpu *gpu);
 double gpu_slice(const struct gpu *gpu);
 /* After a failure: the device is gone, only gpu_buffer_destroy, gpu_kernel_destroy and gpu_destroy are of use, another gpu can be
- * created. Or: the device had too little memory for it, and less may do. */
+ * created. Or: the device had too little memory for it (no buffer has been made since), and less may do. */
 bool gpu_lost(const struct gpu *gpu);
 bool gpu_short_of_memory(const struct gpu *gpu);
 /* Warnings and errors that the validation layers have reported so far. */

@@ -149,7 +149,9 @@ int gpu_buffer_create(struct gpu *gpu, struct gpu_buffer *buffer, size_t size, e
         status = allocate_memory(gpu, buffer, memory, what, error);
     if (status == KILN_OK)
         status = bind_memory(gpu, buffer, memory, what, error);
-    if (status != KILN_OK)
+    if (status == KILN_OK)
+        gpu->short_of_memory = false;
+    else
         gpu_buffer_destroy(gpu, buffer);
     return status;
 }

@@ -5,6 +5,7 @@
 #include "worker/base/memory.h"
 
 enum { LEAST_POINTS = 1 << 13, ANSWER_BYTES = sizeof(struct kiln_gpu_result) + sizeof(uint32_t) };
+
 void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y, const void *constants, size_t bytes)
 {
     if (x == 0 || y == 0)
@@ -32,6 +33,7 @@ struct run {
     uint32_t most_points;   /* that a slot holds */
     struct flight flights[GPU_SLOTS];
     uint32_t slot;          /* to be used next; the oldest flight too when all are under way */
+    bool refused;           /* whoever takes the answers has failed: no failure of the device */
 };
 
 static int grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory, const char *what,
@@ -171,6 +173,7 @@ static int land(struct run *r, uint32_t slot, struct kiln_error *error)
         r->taken = flight->fragment_first + flight->fragment_count;
         status = r->pass->take(r->pass->context, flight->fragment_first, flight->fragment_count, results,
                                r->pass->wants_words ? (const uint32_t *)(results + flight->total) : NULL, error);
+        r->refused = status != KILN_OK;
     }
     return status;
 }
@@ -260,7 +263,7 @@ int vulkan_run_pass(struct vulkan_backend *b, const struct vulkan_pass *pass, si
         int status = pass->prepare(pass->context, error);
         if (status == KILN_OK)
             status = run_chunks(&r, error);
-        if (status == KILN_OK || !vulkan_can_recover(b))
+        if (status == KILN_OK || r.refused || !vulkan_can_recover(b))
             return status;
         status = vulkan_recover(b, error);
         if (status != KILN_OK)

@@ -34,7 +34,7 @@ struct vulkan_pass {
     bool wants_words;      /* else they are not copied back */
     int (*prepare)(void *context, struct kiln_error *error); /* gets kernels and tables; again after each recovery */
     int (*record)(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording, struct kiln_error *error);
-    /* Answers of consecutive fragments; words is NULL unless wanted. */
+    /* Answers of consecutive fragments; words is NULL unless wanted. What it returns but for KILN_OK ends the pass. */
     int (*take)(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results, const uint32_t *words,
                 struct kiln_error *error);
     void *context;

@@ -143,7 +143,7 @@ int vulkan_validity(struct kiln_backend *backend, size_t fragment_first, size_t 
     int status = vulkan_run_pass(b, &pass, fragment_first, fragment_count, error);
     if (status == KILN_OK)
         status = look_at_open(&v, fragment_first, fragment_count, error);
-    if (visible == b->surface->visible)
+    if (visible == b->surface->visible && b->points != NULL) /* gone when the device could not be made anew */
         vulkan_points_forget_states(b->points);
     kiln_free(&v.open);
     return status;

@@ -115,6 +115,9 @@ static void clear(struct vulkan_backend *b)
 {
     if (b->gpu == NULL)
         return;
+    struct gpu_clock clock;
+    gpu_clock_read(b->gpu, &clock);
+    b->busy_before += clock.busy;
     vulkan_forget_kernels(b);
     clear_surface(b);
     for (int i = 0; i < GPU_SLOTS; i++) {
@@ -158,6 +161,7 @@ static int set_up(struct vulkan_backend *b, struct kiln_error *error)
     if (status == KILN_OK)
         status = vulkan_tracer_create(b, error);
     b->build_seconds = seconds_now() - start;
+    (void)snprintf(b->device_text, sizeof b->device_text, "%.60s, %s%s", gpu_about(b->gpu)->name, vulkan_tracer_name(&b->tracer), b->float64 ? "" : ", no doubles");
     return status;
 }
 
@@ -179,10 +183,7 @@ int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error)
         b->scratch_most /= 2;
     int status = KILN_NO_DEVICE;
     while (status != KILN_OK && b->recoveries < MOST_RECOVERIES && b->scratch_most >= LEAST_SCRATCH) {
-        struct gpu_clock clock;
         b->recoveries++;
-        gpu_clock_read(b->gpu, &clock);
-        b->busy_before += clock.busy;
         clear(b);
         status = set_up(b, error);
         if (status == KILN_OK && b->surface != NULL)
@@ -191,7 +192,8 @@ int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error)
             status = upload_radiosity(b, error);
     }
     if (status != KILN_OK)
-        return kiln_fail(error, KILN_NO_DEVICE, "%.300s; made anew %u times without success", why.message, b->recoveries);
+        return kiln_fail(error, KILN_NO_DEVICE, "%.300s; made anew %u times without success: use --backend embree or another --device",
+                         why.message, b->recoveries);
     return KILN_OK;
 }
 
@@ -219,12 +221,12 @@ static int vulkan_create(struct kiln_backend **backend, const struct kiln_backen
 static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     const struct vulkan_backend *b = (const struct vulkan_backend *)backend;
-    const struct gpu_description *about = gpu_about(b->gpu);
-    struct gpu_clock clock;
-    gpu_clock_read(b->gpu, &clock);
-    *info = (struct kiln_backend_info){.name = "vulkan", .memory = gpu_memory_used(b->gpu), .build_seconds = b->build_seconds,
+    struct gpu_clock clock = {0.0, 0.0};
+    if (b->gpu != NULL)
+        gpu_clock_read(b->gpu, &clock);
+    *info = (struct kiln_backend_info){.name = "vulkan", .memory = b->gpu != NULL ? gpu_memory_used(b->gpu) : 0, .build_seconds = b->build_seconds,
                                        .device_seconds = b->busy_before + clock.busy, .recoveries = b->recoveries};
-    (void)snprintf(info->device, sizeof info->device, "%.60s, %s%s", about->name, vulkan_tracer_name(&b->tracer), b->float64 ? "" : ", no doubles");
+    (void)snprintf(info->device, sizeof info->device, "%s", b->device_text);
 }
 
 /* ---- what changes ---- */

@@ -52,7 +52,7 @@ struct vulkan_backend {
     struct kiln_backend_params params;
     const struct kiln_surface *surface; /* NULL: not given yet */
     const uint64_t *radiosity;          /* NULL: not given yet */
-    struct gpu *gpu;
+    struct gpu *gpu;                    /* NULL: it was lost and could not be made anew; only info and destroy may follow */
     struct gpu_faults faults;
     uint32_t recoveries;    /* so far */
     double busy_before;     /* s, of the devices before them */
@@ -76,7 +76,7 @@ struct vulkan_backend {
     struct vulkan_slot slots[GPU_SLOTS];
     struct gpu_pacer pacers[VULKAN_PACES];
     double build_seconds;
-    char device_text[128];
+    char device_text[128]; /* the device and how it traces; stays when it is gone */
 };
 
 /* The kernel of a shader; made when first asked for, destroyed with the backend. `own`: the kernel's own constant. */
