@@ -1,15 +1,12 @@
 /* What tracing needs on the device; part of shaders/layout.h. The layouts are made by worker/backend/vulkan/bvh.c and walked by
  * shaders/trace_*.glsl.
  *
- * TRAVERSAL, a specialisation constant, is one of these layouts with options added. Hits do not depend on it: every layout
- * applies the same triangle test and gives the nearest triangle, of equally near ones that of the lowest number. */
+ * TRAVERSAL, a specialisation constant, is one of these layouts. Hits do not depend on it: every layout applies the same triangle test and gives the nearest triangle, of equally near ones that of the lowest number. */
 #define KILN_TRAVERSAL_BRUTE 0u    /* no tree: all triangles in order of their numbers */
 #define KILN_TRAVERSAL_BINARY 1u
 #define KILN_TRAVERSAL_FOUR 2u
 #define KILN_TRAVERSAL_EIGHT 3u    /* compressed */
 #define KILN_TRAVERSAL_PIPELINE 4u /* the device's own acceleration structure, in kernels compiled with KILN_PIPELINE */
-#define KILN_TRAVERSAL_LAYOUT 15u  /* the bits that tell the layout; options: */
-#define KILN_TRAVERSAL_POSTPONE 16u /* threads keep a leaf back until all of a subgroup have one (binary and four) */
 
 /* A triangle as it is traced, 48 bytes; world numbers as in worker/scene/geometry.h. */
 struct kiln_gpu_triangle {

@@ -6,9 +6,7 @@
  * Directions are of unit length; a hit lies at a distance above 0. (u, v) are the weights of the triangle's corners 1 and 2.
  * Triangles that may let rays through (worker/scene/geometry.h) are asked for their alpha when HAS_ALPHA is not 0.
  *
- * Kernels for compute walk the layout that TRAVERSAL tells; those compiled with KILN_PIPELINE call the device's own ray tracing.
- * Macros to be compared by measuring (the default is the first):
- *     KILN_SHARED_STACK 0 | n     so many first entries of a thread's stack are in shared memory (256 n bytes a workgroup) */
+ * Kernels for compute walk the layout that TRAVERSAL tells; those compiled with KILN_PIPELINE call the device's own ray tracing. */
 #ifndef KILN_SHADERS_TRACE_GLSL
 #define KILN_SHADERS_TRACE_GLSL
 

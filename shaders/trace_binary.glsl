@@ -1,5 +1,4 @@
-/* Walking struct kiln_gpu_node2, the nearer child first (Aila and Laine 2009; leaves kept back as in Aila, Laine and Karras,
- * "Understanding the efficiency of ray traversal on GPUs: Kepler and Fermi addendum", 2012). Part of trace_compute.glsl. */
+/* Walking struct kiln_gpu_node2, the nearer child first (Aila and Laine 2009). Part of trace_compute.glsl. */
 
 /* Does the ray meet the box before `limit`? `slab` holds where it crosses the lower and upper planes; `near` is where it enters. */
 bool kiln_meets(vec2 x, vec2 y, vec2 z, float limit, out float near)
@@ -12,11 +11,10 @@ void kiln_walk_binary(const kiln_ray ray, bool any, inout kiln_found found)
 {
     TraceQuads nodes = TraceQuads(SCENE.trace.nodes), triangles = TraceQuads(SCENE.trace.triangles);
     const vec3 inverse = kiln_inverse(ray.direction), shift = -ray.origin * inverse;
-    KILN_STACK(KILN_GPU_STACK2);
-    KILN_PUSH(KILN_GPU_NONE); /* counts as a leaf and ends the walk */
+    uint stack[KILN_GPU_STACK2], depth = 0u;
+    stack[depth++] = KILN_GPU_NONE; /* counts as a leaf and ends the walk */
     uint node = 0u;
     while (node != KILN_GPU_NONE) {
-        uint leaf = KILN_GPU_NONE;
         while (node < KILN_GPU_LEAF) {
             const vec4 xy0 = uintBitsToFloat(nodes.at[4u * node]), xy1 = uintBitsToFloat(nodes.at[4u * node + 1u]);
             const vec4 z = fma(uintBitsToFloat(nodes.at[4u * node + 2u]), inverse.zzzz, shift.zzzz);
@@ -29,30 +27,15 @@ void kiln_walk_binary(const kiln_ray ray, bool any, inout kiln_found found)
                 const bool second = meets1 && (!meets0 || near1 < near0);
                 node = second ? child.y : child.x;
                 if (meets0 && meets1)
-                    KILN_PUSH(second ? child.x : child.y);
+                    stack[depth++] = second ? child.x : child.y;
             } else
-                KILN_POP(node);
-            if ((TRAVERSAL & KILN_TRAVERSAL_POSTPONE) != 0u) {
-                if (leaf == KILN_GPU_NONE && node >= KILN_GPU_LEAF && node != KILN_GPU_NONE) {
-                    leaf = node;
-                    KILN_POP(node);
-                }
-                if (!subgroupAny(leaf == KILN_GPU_NONE))
-                    break;
-            }
+                node = stack[--depth];
         }
-        if (leaf == KILN_GPU_NONE && node >= KILN_GPU_LEAF && node != KILN_GPU_NONE) {
-            leaf = node;
-            KILN_POP(node);
-        }
-        while (leaf != KILN_GPU_NONE) {
+        while (node >= KILN_GPU_LEAF && node != KILN_GPU_NONE) {
+            const uint leaf = node;
+            node = stack[--depth];
             if (kiln_test_leaf(ray, triangles, leaf, any, found))
                 return;
-            leaf = KILN_GPU_NONE;
-            if (node >= KILN_GPU_LEAF && node != KILN_GPU_NONE) {
-                leaf = node;
-                KILN_POP(node);
-            }
         }
     }
 }

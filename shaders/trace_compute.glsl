@@ -5,13 +5,7 @@
  * edge functions of the flat triangle do not differ in sign. An edge function is the difference of two rounded products (never
  * fused): exactly antisymmetric, and never of the wrong sign, only zero when in doubt; and zero counts as inside. Instead of
  * shears along the ray's main axis, which want the axes permuted, corners are laid flat by two vectors across the ray. */
-#extension GL_KHR_shader_subgroup_vote : require
-
 #include "shaders/trace_alpha.glsl"
-
-#ifndef KILN_SHARED_STACK
-#define KILN_SHARED_STACK 0
-#endif
 
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer TraceQuads { uvec4 at[]; };
 
@@ -133,20 +127,6 @@ bool kiln_test_leaf(const kiln_ray ray, TraceQuads triangles, uint leaf, bool an
     return false;
 }
 
-/* ---- stacks: STACK(type, size) declares one, whose bottom is below every entry; PUSH and POP ---- */
-#if KILN_SHARED_STACK > 0
-shared uint kiln_stack_top[KILN_SHARED_STACK * 64];
-#define KILN_STACK(size) uint stack[size]; uint depth = 0u
-#define KILN_PUSH(value) \
-    { if (depth < KILN_SHARED_STACK) kiln_stack_top[depth * 64u + gl_LocalInvocationIndex] = (value); else stack[depth - KILN_SHARED_STACK] = (value); depth++; }
-#define KILN_POP(value) \
-    { depth--; if (depth < KILN_SHARED_STACK) value = kiln_stack_top[depth * 64u + gl_LocalInvocationIndex]; else value = stack[depth - KILN_SHARED_STACK]; }
-#else
-#define KILN_STACK(size) uint stack[size]; uint depth = 0u
-#define KILN_PUSH(value) { stack[depth] = (value); depth++; }
-#define KILN_POP(value) { depth--; value = stack[depth]; }
-#endif
-
 #include "shaders/trace_binary.glsl"
 #include "shaders/trace_four.glsl"
 #include "shaders/trace_eight.glsl"
@@ -163,12 +143,11 @@ void kiln_walk_brute(const kiln_ray ray, bool any, inout kiln_found found)
 kiln_found kiln_walk_once(const kiln_ray ray, float limit, bool any)
 {
     kiln_found found = kiln_found(limit, 0.0, 0.0, KILN_GPU_NONE, false);
-    const uint layout_kind = TRAVERSAL & KILN_TRAVERSAL_LAYOUT;
-    if (layout_kind == KILN_TRAVERSAL_BINARY)
+    if (TRAVERSAL == KILN_TRAVERSAL_BINARY)
         kiln_walk_binary(ray, any, found);
-    else if (layout_kind == KILN_TRAVERSAL_FOUR)
+    else if (TRAVERSAL == KILN_TRAVERSAL_FOUR)
         kiln_walk_four(ray, any, found);
-    else if (layout_kind == KILN_TRAVERSAL_EIGHT)
+    else if (TRAVERSAL == KILN_TRAVERSAL_EIGHT)
         kiln_walk_eight(ray, any, found);
     else
         kiln_walk_brute(ray, any, found);

@@ -18,11 +18,10 @@ void kiln_walk_four(const kiln_ray ray, bool any, inout kiln_found found)
     const vec3 inverse = kiln_inverse(ray.direction), shift = -ray.origin * inverse;
     const uvec3 entry = uvec3(inverse.x < 0.0 ? 1u : 0u, inverse.y < 0.0 ? 3u : 2u, inverse.z < 0.0 ? 5u : 4u); /* the plane met first */
     const float infinity = uintBitsToFloat(0x7f800000u);
-    KILN_STACK(KILN_GPU_STACK4);
-    KILN_PUSH(KILN_GPU_NONE);
+    uint stack[KILN_GPU_STACK4], depth = 0u;
+    stack[depth++] = KILN_GPU_NONE;
     uint node = 0u;
     while (node != KILN_GPU_NONE) {
-        uint leaf = KILN_GPU_NONE;
         while (node < KILN_GPU_LEAF) {
             const uint at = 8u * node;
             const vec4 near_x = fma(uintBitsToFloat(nodes.at[at + entry.x]), inverse.xxxx, shift.xxxx);
@@ -47,36 +46,21 @@ void kiln_walk_four(const kiln_ray ray, bool any, inout kiln_found found)
                 kiln_order(near.y, child.y, near.z, child.z);
             }
             if (near.w < infinity)
-                KILN_PUSH(child.w);
+                stack[depth++] = child.w;
             if (near.z < infinity)
-                KILN_PUSH(child.z);
+                stack[depth++] = child.z;
             if (near.y < infinity)
-                KILN_PUSH(child.y);
+                stack[depth++] = child.y;
             if (near.x < infinity)
                 node = child.x;
             else
-                KILN_POP(node);
-            if ((TRAVERSAL & KILN_TRAVERSAL_POSTPONE) != 0u) {
-                if (leaf == KILN_GPU_NONE && node >= KILN_GPU_LEAF && node != KILN_GPU_NONE) {
-                    leaf = node;
-                    KILN_POP(node);
-                }
-                if (!subgroupAny(leaf == KILN_GPU_NONE))
-                    break;
-            }
+                node = stack[--depth];
         }
-        if (leaf == KILN_GPU_NONE && node >= KILN_GPU_LEAF && node != KILN_GPU_NONE) {
-            leaf = node;
-            KILN_POP(node);
-        }
-        while (leaf != KILN_GPU_NONE) {
+        while (node >= KILN_GPU_LEAF && node != KILN_GPU_NONE) {
+            const uint leaf = node;
+            node = stack[--depth];
             if (kiln_test_leaf(ray, triangles, leaf, any, found))
                 return;
-            leaf = KILN_GPU_NONE;
-            if (node >= KILN_GPU_LEAF && node != KILN_GPU_NONE) {
-                leaf = node;
-                KILN_POP(node);
-            }
         }
     }
 }

@@ -6,7 +6,7 @@
 #define AT(member) offsetof(struct kiln_job, member)
 
 static const char *const backends[] = {"auto", "embree", "vulkan", NULL};
-static const char *const traversals[] = {"auto", "compute", "pipeline", "all", "binary", "binary-late", "four", "four-late", "eight", NULL}; /* enum kiln_traversal */
+static const char *const traversals[] = {"auto", "compute", "pipeline", "all", "binary", "four", "eight", NULL}; /* enum kiln_traversal */
 static const char *const methods[] = {"cells", NULL};
 static const char *const schedules[] = {"lean", "equal", NULL}; /* in the order of enum kiln_schedule */
 static const char *const exchanges[] = {"auto", "compact", "full", NULL}; /* in the order of enum kiln_exchange_form */

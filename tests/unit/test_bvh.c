@@ -15,9 +15,8 @@
 #include "worker/backend/vulkan/bvh.h"
 #include "worker/backend/vulkan/gpu.h"
 
-enum { RAYS = 16384, LAYOUTS = 6 };
-static const uint32_t layouts[LAYOUTS] = {KILN_TRAVERSAL_BRUTE, KILN_TRAVERSAL_BINARY, KILN_TRAVERSAL_FOUR, KILN_TRAVERSAL_EIGHT,
-                                          KILN_TRAVERSAL_BINARY | KILN_TRAVERSAL_POSTPONE, KILN_TRAVERSAL_FOUR | KILN_TRAVERSAL_POSTPONE};
+enum { RAYS = 16384, LAYOUTS = 4 };
+static const uint32_t layouts[LAYOUTS] = {KILN_TRAVERSAL_BRUTE, KILN_TRAVERSAL_BINARY, KILN_TRAVERSAL_FOUR, KILN_TRAVERSAL_EIGHT};
 
 struct push {
     uint64_t scene, origins, directions, hits;

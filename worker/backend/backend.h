@@ -27,16 +27,14 @@
 struct kiln_lights;
 
 /* How a device finds hits: by walking a BVH in compute shaders, or by its own ray-tracing pipeline. AUTO: what is fastest here, COMPUTE:
- * the fastest BVH. The rest name one, for measuring; LATE: threads keep leaves back until all of a subgroup have one. */
+ * the fastest BVH. The rest name one, for measuring. */
 enum kiln_traversal {
     KILN_TRAVERSE_AUTO,
     KILN_TRAVERSE_COMPUTE,
     KILN_TRAVERSE_PIPELINE,
     KILN_TRAVERSE_ALL, /* no tree: every triangle is tested */
     KILN_TRAVERSE_BINARY,
-    KILN_TRAVERSE_BINARY_LATE,
     KILN_TRAVERSE_FOUR,
-    KILN_TRAVERSE_FOUR_LATE,
     KILN_TRAVERSE_EIGHT
 };
 

@@ -10,7 +10,7 @@
 
 #include "worker/base/memory.h"
 
-enum { LEAF_MOST = 3, DEPTH_LIMIT = 40, WIDTH_MOST = 8 };
+enum { LEAF_MOST = 3 /* as many as a child of struct kiln_gpu_node8 tells */, DEPTH_LIMIT = 40, WIDTH_MOST = 8 };
 
 struct box {
     float lower[3], upper[3];
@@ -29,7 +29,7 @@ struct bvh {
     size_t node_count, node_capacity;
     uint32_t *order;    /* world triangles, leaf by leaf */
     size_t order_count;
-    uint32_t leaf_size, depth_limit, depth;
+    uint32_t depth_limit, depth;
     double build_seconds;
 };
 
@@ -247,7 +247,7 @@ static int build_with(struct bvh *bvh, RTCDevice device, struct RTCBuildPrimitiv
     arguments.maxBranchingFactor = 2;
     arguments.maxDepth = 1024; /* too deep a tree is mended in flatten; the builder would fail */
     arguments.minLeafSize = 1;
-    arguments.maxLeafSize = bvh->leaf_size;
+    arguments.maxLeafSize = LEAF_MOST;
     arguments.bvh = rtcNewBVH(device);
     arguments.primitives = primitives;
     arguments.primitiveCount = arguments.primitiveArrayCapacity = bvh->geometry->triangle_count;
@@ -300,7 +300,6 @@ int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const str
     if (status != KILN_OK)
         return status;
     b->geometry = geometry;
-    b->leaf_size = params->leaf_size == 0 || params->leaf_size > LEAF_MOST ? LEAF_MOST : params->leaf_size;
     b->depth_limit = params->depth_limit != 0 ? params->depth_limit : DEPTH_LIMIT;
     status = kiln_allocate(&b->order, geometry->triangle_count + 1, sizeof *b->order, "the BVH's order of triangles", error);
     if (status == KILN_OK)
@@ -584,11 +583,10 @@ static int export_tree(struct bvh_layout *layout, const struct bvh *bvh, uint32_
 int bvh_layout_create(struct bvh_layout *layout, const struct bvh *bvh, uint32_t traversal, struct kiln_error *error)
 {
     *layout = (struct bvh_layout){NULL, 0, 0, NULL, 0, 0};
-    const uint32_t kind = traversal & KILN_TRAVERSAL_LAYOUT;
-    assert(kind <= KILN_TRAVERSAL_EIGHT);
+    assert(traversal <= KILN_TRAVERSAL_EIGHT);
     int status = kiln_allocate(&layout->triangles, bvh->order_count, sizeof *layout->triangles, "the triangles of the BVH", error);
-    if (status == KILN_OK && kind != KILN_TRAVERSAL_BRUTE)
-        status = export_tree(layout, bvh, kind, error);
+    if (status == KILN_OK && traversal != KILN_TRAVERSAL_BRUTE)
+        status = export_tree(layout, bvh, traversal, error);
     else if (status == KILN_OK)
         for (size_t i = 0; i < bvh->order_count; i++)
             place_triangle(layout, bvh->geometry, bvh->geometry->triangle_count != 0 ? (uint32_t)i : KILN_GPU_NONE);
@@ -613,7 +611,7 @@ static bool surely_fits(const struct bvh *bvh, uint32_t kind)
 size_t bvh_candidates(const struct bvh *bvh, bool software, uint32_t *candidates, size_t room)
 {
     /* On an H200 four-wide was the fastest from 46 triangles to 4 million (binary 5 to 10 % behind, compressed eight-wide 10 to 55 %,
-     * all triangles tested 45 % behind at 46; postponed leaves lost 10 to 20 %); on Mesa's software device eight-wide was twice as
+     * all triangles tested 45 % behind at 46); on Mesa's software device eight-wide was twice as
      * fast as any other, and has the shortest loops. Exporting a layout of millions of triangles takes longer than it may win. */
     const uint32_t real[] = {KILN_TRAVERSAL_FOUR, KILN_TRAVERSAL_BINARY, KILN_TRAVERSAL_EIGHT};
     const uint32_t played[] = {KILN_TRAVERSAL_EIGHT, KILN_TRAVERSAL_BINARY};
@@ -621,7 +619,7 @@ size_t bvh_candidates(const struct bvh *bvh, bool software, uint32_t *candidates
     const size_t from_count = software || bvh->order_count > 1u << 20 ? 2 : 3;
     size_t count = 0;
     for (size_t i = 0; i < from_count && count < room; i++)
-        if (surely_fits(bvh, from[i] & KILN_TRAVERSAL_LAYOUT))
+        if (surely_fits(bvh, from[i]))
             candidates[count++] = from[i];
     return count;
 }

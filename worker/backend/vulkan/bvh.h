@@ -19,7 +19,6 @@ struct bvh;
 /* Zero means default in every field. */
 struct bvh_params {
     uint32_t threads;     /* of the build; 0: all of the machine's cores that this process may use */
-    uint32_t leaf_size;   /* most triangles in a leaf, 1 to 3; 0: 3 */
     uint32_t depth_limit; /* below this depth subtrees are cut in equal halves; 0: 40 */
 };
 
@@ -44,11 +43,10 @@ struct bvh_layout {
     size_t triangle_count;
     uint32_t stack;       /* entries that a walk may need, at most what shaders have */
 };
-/* Exports one layout; of `traversal` only the bits of KILN_TRAVERSAL_LAYOUT count. KILN_BAD_INPUT when its walk could need a
- * deeper stack than shaders have (never for brute force and binary). Free with bvh_layout_free. */
+/* Exports one layout (a KILN_TRAVERSAL_* but for the pipeline). KILN_BAD_INPUT when its walk could need a deeper stack than shaders
+ * have (never for brute force and binary). Free with bvh_layout_free. */
 int bvh_layout_create(struct bvh_layout *layout, const struct bvh *bvh, uint32_t traversal, struct kiln_error *error);
 void bvh_layout_free(struct bvh_layout *layout);
-
 
 /* Values of TRAVERSAL that are worth timing on a device, the likeliest first; at most `room`. The first is the default. Leaves out
  * the ray-tracing pipeline and layouts that would need too deep a stack. */

@@ -56,7 +56,7 @@ static int make_pipeline(struct vulkan_backend *b, struct vulkan_tracer *t, stru
 
 static int make(struct vulkan_backend *b, const struct bvh *bvh, uint32_t traversal, struct vulkan_tracer *t, struct kiln_error *error)
 {
-    return (traversal & KILN_TRAVERSAL_LAYOUT) == KILN_TRAVERSAL_PIPELINE ? make_pipeline(b, t, error) : make_compute(b, bvh, traversal, t, error);
+    return traversal == KILN_TRAVERSAL_PIPELINE ? make_pipeline(b, t, error) : make_compute(b, bvh, traversal, t, error);
 }
 
 /* Makes all kernels to come use the tracer. */
@@ -141,9 +141,7 @@ static size_t list_candidates(const struct vulkan_backend *b, const struct bvh *
     static const uint32_t one[] = {[KILN_TRAVERSE_PIPELINE] = KILN_TRAVERSAL_PIPELINE,
                                    [KILN_TRAVERSE_ALL] = KILN_TRAVERSAL_BRUTE,
                                    [KILN_TRAVERSE_BINARY] = KILN_TRAVERSAL_BINARY,
-                                   [KILN_TRAVERSE_BINARY_LATE] = KILN_TRAVERSAL_BINARY | KILN_TRAVERSAL_POSTPONE,
                                    [KILN_TRAVERSE_FOUR] = KILN_TRAVERSAL_FOUR,
-                                   [KILN_TRAVERSE_FOUR_LATE] = KILN_TRAVERSAL_FOUR | KILN_TRAVERSAL_POSTPONE,
                                    [KILN_TRAVERSE_EIGHT] = KILN_TRAVERSAL_EIGHT};
     const enum kiln_traversal wish = b->params.traversal;
     const struct gpu_description *about = gpu_about(b->gpu);
