@@ -117,7 +117,7 @@ struct kiln_gpu_scene {
     KILN_STRUCT kiln_gpu_materials materials;
     KILN_STRUCT kiln_gpu_lights lights;
     KILN_ADDRESS records, lightmaps, tiles, splits, radiosity;
-    KILN_WORD triangle_count, opaque_count; /* world triangles; from opaque_count on they may let rays through */
+    KILN_WORD opaque_count, reserved; /* world triangles from opaque_count on may let rays through */
 };
 
 #endif

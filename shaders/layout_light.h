@@ -17,14 +17,14 @@ struct kiln_gpu_lights {
     KILN_ADDRESS marginal, conditional; /* float: as in struct kiln_lights */
     KILN_ADDRESS cosines;               /* real: cos(pi y / height), y = 0 .. height */
     KILN_ADDRESS texels;                /* float: the image, RGB, times its factor */
-    KILN_WORD node_count, area_count, point_count, directional_count;
+    KILN_WORD area_count, directional_count;
     KILN_WORD width, height;            /* of the image */
     KILN_REAL32 rotation;               /* radians about +y */
     KILN_REAL32 sky[3];                 /* radiance of a constant sky */
     KILN_REAL32 mean[3];                /* mean radiance of the environment */
     KILN_WORD environment;              /* 0 or 1: there is one that shines */
 };
-KILN_SIZE_IS(kiln_gpu_lights, 120);
+KILN_SIZE_IS(kiln_gpu_lights, 112);
 
 /* What choose.comp leaves for direct.comp, one a choice: kind in the two highest bits, index in the others. */
 #define KILN_GPU_CHOICE_KIND_SHIFT 30u

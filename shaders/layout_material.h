@@ -4,11 +4,11 @@
  * with neither has address 0 everywhere. */
 
 struct kiln_gpu_material { /* struct kiln_material, with its index in the scene */
-    KILN_REAL32 base_color[4], emission[3], metallic, alpha_cutoff;
+    KILN_REAL32 base_alpha, alpha_cutoff, emission[3];
     KILN_WORD alpha_mode;
     KILN_WORD base_color_texture, emission_texture; /* KILN_GPU_NONE: none */
 };
-KILN_SIZE_IS(kiln_gpu_material, 48);
+KILN_SIZE_IS(kiln_gpu_material, 32);
 
 /* Values of alpha_mode, wrap_u and wrap_v, those of worker/scene/scene.h. */
 #define KILN_GPU_ALPHA_MASK 1u
@@ -36,6 +36,6 @@ struct kiln_gpu_materials {
     KILN_ADDRESS coatings;
     KILN_ADDRESS slots;          /* of world triangle slot_first + i: index of its coating, with KILN_GPU_FLIPPED; KILN_GPU_NONE: none */
     KILN_ADDRESS linear_of_srgb; /* 256 floats */
-    KILN_WORD slot_first, slot_count;
+    KILN_WORD slot_first, reserved;
 };
 KILN_SIZE_IS(kiln_gpu_materials, 48);

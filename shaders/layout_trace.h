@@ -73,8 +73,7 @@ KILN_SIZE_IS(kiln_gpu_hit, 20);
 struct kiln_gpu_trace {
     KILN_ADDRESS nodes, triangles; /* a BVH for compute; multiples of 16 */
     KILN_ADDRESS top_level;        /* acceleration structure of the ray-tracing pipeline */
-    KILN_WORD node_count, triangle_count;
+    KILN_WORD triangle_count;      /* of `triangles` */
     KILN_REAL32 extent;            /* largest absolute coordinate of the world, m */
-    KILN_WORD unused;
 };
-KILN_SIZE_IS(kiln_gpu_trace, 40);
+KILN_SIZE_IS(kiln_gpu_trace, 32);

@@ -1,4 +1,4 @@
-/* Base colour, alpha and emission of surfaces, by the formulas and filters of worker/scene/texture.c.
+/* Alpha and emission of surfaces, by the formulas and filters of worker/scene/texture.c.
  *
  * For world triangles that have a coating (see layout_material.h): those that may let rays through, and those whose emission
  * has a texture. (u, v) are the world triangle's barycentrics, as tracing gives them. */
@@ -76,24 +76,8 @@ vec2 kiln_interpolated(float value[6], float b1, float b2)
     return a + b1 * (b - a) + b2 * (c - a);
 }
 
-vec4 kiln_corner_color(uint code) { return vec4(uvec4(code, code >> 8, code >> 16, code >> 24) & 255u); }
-
 /* The material of any triangle, by the index that its record has (KILN_RECORD_MATERIAL). */
 kiln_gpu_material kiln_material_of(uint material) { return MaterialArray(SCENE.materials.materials).at[material]; }
-
-/* Diffuse albedo and, last, alpha. */
-vec4 kiln_surface_color(uint triangle, float u, float v)
-{
-    const kiln_gpu_coating coating = kiln_coating_of(triangle, u, v);
-    const kiln_gpu_material m = kiln_material_of(coating.material);
-    vec4 color = ((1.0 - u - v) * kiln_corner_color(coating.colors[0]) + u * kiln_corner_color(coating.colors[1]) +
-                  v * kiln_corner_color(coating.colors[2])) / 255.0;
-    color *= vec4(m.base_color[0], m.base_color[1], m.base_color[2], m.base_color[3]);
-    if (m.base_color_texture != KILN_GPU_NONE)
-        color *= kiln_texture_sample(m.base_color_texture, kiln_interpolated(coating.base, u, v));
-    color.rgb *= 1.0 - m.metallic;
-    return clamp(color, 0.0, 1.0);
-}
 
 float kiln_texel_alpha(kiln_gpu_texture t, uint row, uint column)
 {
@@ -124,7 +108,7 @@ vec2 kiln_surface_alpha(uint triangle, float u, float v)
     const kiln_gpu_coating coating = kiln_coating_of(triangle, u, v);
     const kiln_gpu_material m = kiln_material_of(coating.material);
     float alpha = ((1.0 - u - v) * float(coating.colors[0] >> 24) + u * float(coating.colors[1] >> 24) + v * float(coating.colors[2] >> 24)) / 255.0;
-    alpha *= m.base_color[3];
+    alpha *= m.base_alpha;
     if (m.base_color_texture != KILN_GPU_NONE)
         alpha *= kiln_texture_alpha(m.base_color_texture, kiln_interpolated(coating.base, u, v));
     return vec2(clamp(alpha, 0.0, 1.0), m.alpha_mode == KILN_GPU_ALPHA_MASK ? m.alpha_cutoff : -1.0);

@@ -66,6 +66,4 @@ vec3 kiln_radiosity_at(kiln_landing to)
     return kiln_radiosity_unpack(RadiosityWords(SCENE.radiosity + point * 8ul).at[0]);
 }
 
-vec3 kiln_radiosity_of_hit(uint triangle, float u, float v) { return kiln_radiosity_at(kiln_land(triangle, u, v)); }
-
 const uint KILN_DOUBLE_SIDED = 0x80000000u; /* in kiln_landing.material */

@@ -1,10 +1,10 @@
-/* Colours and emission at places that a test asks for. */
+/* Alpha and emission at places that a test asks for. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
 
 struct Place {
-    uint triangle, emission; /* emission: 0 colour and alpha, 1 emission */
+    uint triangle, emission; /* emission: 0 alpha, 1 emission */
     float u, v;
 };
 
@@ -28,7 +28,7 @@ void kiln_kernel(uint x, uint y)
     if (p.emission != 0u)
         answer.rgb = kiln_surface_emission(p.triangle, p.u, p.v);
     else
-        answer = kiln_surface_color(p.triangle, p.u, p.v);
+        answer.a = kiln_surface_alpha(p.triangle, p.u, p.v).x;
     Answers(push.answers).at[x] = answer;
 }
 

@@ -184,9 +184,9 @@ static void trace(struct gpu *gpu, const struct world *w, const struct bvh *bvh,
     struct gpu_buffer b[6] = {{.size = 0}};
     assert_int_equal(gpu_buffer_of(gpu, &b[0], layout.nodes, layout.node_count * layout.node_size, "nodes", &error), KILN_OK);
     assert_int_equal(gpu_buffer_of(gpu, &b[1], layout.triangles, layout.triangle_count * sizeof *layout.triangles, "triangles", &error), KILN_OK);
-    const struct kiln_gpu_scene scene = {.trace = {.nodes = b[0].address, .triangles = b[1].address, .node_count = (uint32_t)layout.node_count,
+    const struct kiln_gpu_scene scene = {.trace = {.nodes = b[0].address, .triangles = b[1].address,
                                                    .triangle_count = (uint32_t)layout.triangle_count, .extent = w->g.extent},
-                                         .triangle_count = (uint32_t)w->g.triangle_count, .opaque_count = (uint32_t)w->g.opaque_count};
+                                         .opaque_count = (uint32_t)w->g.opaque_count};
     assert_int_equal(gpu_buffer_of(gpu, &b[2], &scene, sizeof scene, "scene", &error), KILN_OK);
     assert_int_equal(gpu_buffer_of(gpu, &b[3], w->origins, sizeof w->origins, "origins", &error), KILN_OK);
     assert_int_equal(gpu_buffer_of(gpu, &b[4], w->directions, sizeof w->directions, "directions", &error), KILN_OK);

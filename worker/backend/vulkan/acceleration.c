@@ -21,7 +21,6 @@ struct acceleration {
     struct gpu *gpu;
     struct calls calls;
     struct level bottom, top;
-    double seconds;
 };
 
 static int load_calls(struct acceleration *a, struct kiln_error *error)
@@ -91,16 +90,14 @@ static int build_level(struct acceleration *a, struct level *level, VkAccelerati
     a->calls.sizes(gpu_vk_device(a->gpu), VK_ACCELERATION_STRUCTURE_BUILD_TYPE_DEVICE_KHR, &w.info, primitives, &sizes);
     struct gpu_buffer scratch = {.size = 0};
     const uint64_t alignment = scratch_alignment(a->gpu);
-    double seconds = 0.0;
     int status = create_handle(a, level, type, sizes.accelerationStructureSize, error);
     if (status == KILN_OK)
         status = gpu_buffer_create(a->gpu, &scratch, sizes.buildScratchSize + alignment, GPU_DEVICE, "building the acceleration structure", error);
     if (status == KILN_OK) {
         w.info.dstAccelerationStructure = level->handle;
         w.info.scratchData.deviceAddress = (scratch.address + alignment - 1) & ~(alignment - 1);
-        status = gpu_run_commands(a->gpu, record_build, &w, &seconds, error);
+        status = gpu_run_commands(a->gpu, record_build, &w, NULL, error);
     }
-    a->seconds += seconds;
     gpu_buffer_destroy(a->gpu, &scratch);
     return status;
 }
@@ -213,10 +210,3 @@ void acceleration_destroy(struct acceleration **acceleration)
 }
 
 uint64_t acceleration_address(const struct acceleration *acceleration) { return acceleration->top.address; }
-
-uint64_t acceleration_memory(const struct acceleration *acceleration)
-{
-    return acceleration->bottom.memory.size + acceleration->top.memory.size;
-}
-
-double acceleration_seconds(const struct acceleration *acceleration) { return acceleration->seconds; }

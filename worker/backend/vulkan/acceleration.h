@@ -19,8 +19,5 @@ void acceleration_destroy(struct acceleration **acceleration);
 
 /* For struct kiln_gpu_trace.top_level. */
 uint64_t acceleration_address(const struct acceleration *acceleration);
-/* Bytes it takes on the device, and seconds that building it took there. */
-uint64_t acceleration_memory(const struct acceleration *acceleration);
-double acceleration_seconds(const struct acceleration *acceleration);
 
 #endif

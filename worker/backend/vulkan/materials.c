@@ -103,9 +103,8 @@ static void fill_materials(struct staging *s)
     for (size_t i = 0; i < scene->material_count; i++) {
         const struct kiln_material *from = &scene->materials[i];
         struct kiln_gpu_material *to = &s->materials[i];
-        memcpy(to->base_color, from->base_color, sizeof to->base_color);
+        to->base_alpha = from->base_color[3];
         memcpy(to->emission, from->emission, sizeof to->emission);
-        to->metallic = from->metallic;
         to->alpha_cutoff = from->alpha_cutoff;
         to->alpha_mode = from->alpha_mode;
         to->base_color_texture = from->base_color_texture;
@@ -225,7 +224,6 @@ static int upload_all(struct staging *s, struct vulkan_materials *m, struct kiln
         *parts[i].address = m->buffers[i].address;
     }
     layout->slot_first = (uint32_t)s->slot_first;
-    layout->slot_count = (uint32_t)s->slot_count;
     return status;
 }
 

@@ -37,7 +37,6 @@ static int make_compute(struct vulkan_backend *b, const struct bvh *bvh, uint32_
         status = gpu_buffer_of(b->gpu, &t->triangles, layout.triangles, layout.triangle_count * sizeof *layout.triangles, "the BVH's triangles", error);
     t->layout = (struct kiln_gpu_trace){.nodes = t->nodes.address,
                                         .triangles = t->triangles.address,
-                                        .node_count = (uint32_t)layout.node_count,
                                         .triangle_count = (uint32_t)layout.triangle_count,
                                         .extent = b->params.geometry->extent};
     bvh_layout_free(&layout);

@@ -87,7 +87,6 @@ static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
     if (status == KILN_OK)
         status = gpu_buffer_create(b->gpu, &b->scene, sizeof b->layout, GPU_DEVICE, "the scene", error);
     b->layout.records = b->records.address;
-    b->layout.triangle_count = (uint32_t)g->triangle_count;
     b->layout.opaque_count = (uint32_t)g->opaque_count;
     b->constants[VULKAN_HAS_ALPHA] = g->opaque_count < g->triangle_count;
     b->constants[VULKAN_LIGHT_KINDS] = b->lights.kinds;
