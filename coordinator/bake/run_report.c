@@ -13,7 +13,8 @@
 #include "worker/base/memory.h"
 
 /* Numbers of one rank that rank 0 wants. */
-enum { RANK_POINTS, RANK_INVALID, RANK_RSS, RANK_DIRECT, RANK_BOUNCES, RANK_FINAL, RANK_PROBES, RANK_PSS, RANK_SHARED, RANK_RECEIVED, RANK_VALUES };
+enum { RANK_POINTS, RANK_INVALID, RANK_RSS, RANK_DIRECT, RANK_BOUNCES, RANK_FINAL, RANK_PROBES, RANK_PSS, RANK_SHARED, RANK_RECEIVED,
+       RANK_RECOVERIES, RANK_FELL_BACK, RANK_VERIFIED, RANK_BEYOND, RANK_WORST /* the bits of a double that is not negative */, RANK_VALUES };
 
 static double luminance(const double rgb[3]) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
 
@@ -70,6 +71,13 @@ static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
     values[RANK_PSS] = kiln_process_memory(KILN_MEMORY_SHARE);
     values[RANK_SHARED] = kiln_node_rank(run->prepared->node) == 0 ? kiln_node_bytes(run->prepared->node) : 0;
     values[RANK_RECEIVED] = t->received;
+    struct kiln_backend_info info;
+    kiln_backend_info(run->prepared->backend, &info);
+    values[RANK_RECOVERIES] = info.recoveries;
+    values[RANK_FELL_BACK] = info.fell_back;
+    values[RANK_VERIFIED] = info.verified;
+    values[RANK_BEYOND] = info.beyond;
+    memcpy(&values[RANK_WORST], &info.worst, sizeof info.worst);
     for (size_t i = 0; i < t->pass_count; i++)
         values[t->passes[i].kind == KILN_PASS_DIRECT ? RANK_DIRECT : t->passes[i].kind == KILN_PASS_BOUNCE ? RANK_BOUNCES : RANK_FINAL] +=
             t->passes[i].rays;
@@ -212,16 +220,36 @@ static double tracing_seconds(const json_t *phases)
     return sum;
 }
 
+static json_int_t total(const uint64_t *values, int ranks, int what)
+{
+    uint64_t sum = 0;
+    for (int r = 0; r < ranks; r++)
+        sum += values[(size_t)r * RANK_VALUES + (size_t)what];
+    return (json_int_t)sum;
+}
+
+/* Of the first rank's backend; recoveries and what was verified of all ranks'. */
+static json_t *backend_json(const struct kiln_prepared *p, const uint64_t *values)
+{
+    struct kiln_backend_info info;
+    double worst = 0.0;
+    kiln_backend_info(p->backend, &info);
+    for (int r = 0; r < p->ranks; r++) {
+        double own;
+        memcpy(&own, &values[(size_t)r * RANK_VALUES + RANK_WORST], sizeof own);
+        worst = fmax(worst, own);
+    }
+    return json_pack("{s:s, s:s, s:s, s:f, s:f, s:I, s:I, s:I, s:I, s:f}", "name", info.name, "device", info.device, "instruction_set", p->instruction_set,
+                     "build_seconds", info.build_seconds, "device_seconds", info.device_seconds, "recoveries", total(values, p->ranks, RANK_RECOVERIES),
+                     "ranks_fallen_back", total(values, p->ranks, RANK_FELL_BACK), "verified_texels", total(values, p->ranks, RANK_VERIFIED),
+                     "verified_beyond", total(values, p->ranks, RANK_BEYOND), "verified_worst", isfinite(worst) ? worst : 1e300);
+}
+
 static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t *error_reached, json_t *mpi, const uint64_t *values)
 {
     const struct kiln_prepared *p = run->prepared;
     const struct kiln_transport_report *t = &run->transport->report;
-    uint64_t invalid = 0;
-    for (int r = 0; r < p->ranks; r++)
-        invalid += values[(size_t)r * RANK_VALUES + RANK_INVALID];
     double total_rays;
-    struct kiln_backend_info info;
-    kiln_backend_info(p->backend, &info);
     json_t *rays = rays_json(values, p->ranks, &total_rays);
     const double traced = tracing_seconds(phases);
     json_t *scene = scene_json(p);
@@ -232,8 +260,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "output", kiln_json_string(run->directory));
     json_object_set_new(root, "scene", scene);
     json_object_set_new(root, "job", settings_json(run->job));
-    json_object_set_new(root, "backend", json_pack("{s:s, s:s, s:s, s:f, s:f, s:i}", "name", info.name, "device", info.device, "instruction_set", p->instruction_set, "build_seconds",
-                                                   info.build_seconds, "device_seconds", info.device_seconds, "recoveries", (int)info.recoveries));
+    json_object_set_new(root, "backend", backend_json(p, values));
     json_object_set_new(root, "ranks", json_integer(p->ranks));
     json_object_set_new(root, "threads", json_integer((json_int_t)p->threads));
     json_object_set_new(root, "seconds", json_real(MPI_Wtime() - run->phases->begin));
@@ -248,16 +275,13 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "energy", energy_json(&t->energy));
     json_object_set_new(root, "error", error_reached);
     json_object_set_new(root, "points", json_pack("{s:I, s:I, s:I, s:I, s:f, s:f, s:f}", "count", (json_int_t)p->surface_report.points, "texels",
-                                                  (json_int_t)p->surface_report.texels, "invalid", (json_int_t)invalid, "shared",
+                                                  (json_int_t)p->surface_report.texels, "invalid", total(values, p->ranks, RANK_INVALID), "shared",
                                                   (json_int_t)p->surface_report.shared_texels, "area", p->surface_report.area, "geometry_area",
                                                   p->surface_report.geometry_area, "worst_object_area_error",
                                                   p->surface_report.worst_object_area_error));
     json_object_set_new(root, "balance", balance_json(run, values));
     json_object_set_new(root, "memory", memory_json(run, values));
-    uint64_t received = 0;
-    for (int r = 0; r < p->ranks; r++)
-        received += values[(size_t)r * RANK_VALUES + RANK_RECEIVED];
-    json_object_set_new(mpi, "received_between_nodes", json_integer((json_int_t)received));
+    json_object_set_new(mpi, "received_between_nodes", json_integer(total(values, p->ranks, RANK_RECEIVED)));
     json_object_set_new(root, "mpi", mpi);
     if (run->volume->size[0] != 0)
         json_object_set_new(root, "volume", json_pack("{s:[I,I,I], s:[f,f,f], s:[f,f,f]}", "size", (json_int_t)run->volume->size[0],

@@ -7,6 +7,7 @@
 
 #include <cmocka.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "coordinator/surface/surface_build.h"
 #include "tests/unit/surface_scene.h"
@@ -59,6 +60,12 @@ static int quit_surface(struct kiln_backend *backend, const struct kiln_surface 
     return kiln_backend_set_surface(((struct quitter *)backend)->embree, surface, error);
 }
 
+static void quit_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
+{
+    (void)backend;
+    *info = (struct kiln_backend_info){.name = "quitter", .device_seconds = 2.5, .recoveries = 3};
+}
+
 static void quit_destroy(struct kiln_backend **backend)
 {
     kiln_backend_destroy(&((struct quitter *)*backend)->embree);
@@ -98,7 +105,7 @@ static void embree_goes_on(void **state)
         struct quitter *q = calloc(1, sizeof *q);
         struct kiln_backend *backend = &q->base;
         struct answers got = {.stop = own ? 5 : SIZE_MAX, .surface = surface, .results = malloc(bytes)};
-        q->api = (struct kiln_backend_api){.name = "quitter", .destroy = quit_destroy, .set_surface = quit_surface, .direct = quit_direct};
+        q->api = (struct kiln_backend_api){.name = "quitter", .destroy = quit_destroy, .info = quit_info, .set_surface = quit_surface, .direct = quit_direct};
         q->base.api = &q->api;
         assert_int_equal(kiln_backend_create(&q->embree, "embree", &params, &error), KILN_OK);
         assert_int_equal(kiln_fallback_create(&backend, &params, &error), KILN_OK);
@@ -110,6 +117,10 @@ static void embree_goes_on(void **state)
             if (!own)
                 assert_memory_equal(got.results, expected.results, bytes);
         }
+        struct kiln_backend_info info;
+        kiln_backend_info(backend, &info);
+        assert_true(info.fell_back == !own && strcmp(info.name, own ? "quitter" : "embree") == 0 && info.recoveries == 3);
+        assert_true(info.device_seconds >= 2.5);
         free(got.results);
         kiln_backend_destroy(&backend);
     }

@@ -177,6 +177,20 @@ static void destroy(struct world *w)
     free(w->radiosity);
 }
 
+static void check_info(const struct world *w, double share, enum lie lie, int status)
+{
+    struct kiln_backend_info info;
+    uint64_t valid = 0;
+    kiln_backend_info(w->backend, &info);
+    for (uint64_t i = 0; i < w->surface->count; i++)
+        valid += kiln_point_valid(w->surface, i);
+    assert_true(info.verified > 0 && info.beyond <= info.verified && !info.fell_back);
+    if (status == KILN_OK)
+        assert_true(share < 1.0 ? info.verified < valid : info.verified == 2 * valid);
+    assert_true(lie == HONEST ? info.worst == 0.0 && info.beyond == 0 : info.worst > 0.0);
+    assert_true((info.worst > 1.0) == (info.beyond > 0));
+}
+
 /* Both passes over the whole surface; the sentence of the first that fails. */
 static int bake(double share, enum lie lie, struct kiln_error *error)
 {
@@ -190,6 +204,7 @@ static int bake(double share, enum lie lie, struct kiln_error *error)
         status = kiln_backend_gather(w.backend, &batch, 16, 1, &rays, error);
     if (status == KILN_OK)
         assert_int_equal(w.liar->taken, 2 * w.surface->fragment_count);
+    check_info(&w, share, lie, status);
     destroy(&w);
     return status;
 }

@@ -111,6 +111,10 @@ struct kiln_backend_info {
     double build_seconds;
     double device_seconds; /* that a device was busy with kernels and copies so far; 0: it has no clock of its own */
     uint32_t recoveries;   /* how often it was lost or short of memory, and made anew */
+    bool fell_back;        /* it failed for good and Embree went on: name, device, memory and build_seconds are Embree's */
+    uint64_t verified;     /* texels traced again with Embree so far, once for each pass (worker/backend/verify.h) */
+    uint64_t beyond;       /* of these, how many were apart by more than rounding and noise explain; a few may be */
+    double worst;          /* the largest difference of one, over what rounding and noise explain */
 };
 
 struct kiln_backend;

@@ -9,6 +9,7 @@ struct fallback_backend {
     struct kiln_backend base;
     struct kiln_backend_api api; /* the device's name, our functions */
     struct kiln_backend *device, *embree; /* one of them is NULL */
+    struct kiln_backend_info last;        /* of the device, when it was given up */
     const struct kiln_surface *surface;
     const uint64_t *radiosity;
 };
@@ -40,6 +41,7 @@ static int change_over(struct fallback_backend *f, int status, struct kiln_error
     if (error != NULL)
         error->message[0] = '\0';
     f->embree = embree;
+    kiln_backend_info(f->device, &f->last);
     kiln_backend_destroy(&f->device);
     return KILN_OK;
 }
@@ -157,6 +159,9 @@ static void fallback_info(const struct kiln_backend *backend, struct kiln_backen
 {
     const struct fallback_backend *f = (const struct fallback_backend *)backend;
     kiln_backend_info(f->embree != NULL ? f->embree : f->device, info);
+    info->fell_back = f->embree != NULL;
+    info->device_seconds += f->last.device_seconds;
+    info->recoveries += f->last.recoveries;
 }
 
 static void fallback_destroy(struct kiln_backend **backend)

@@ -235,6 +235,9 @@ static void verify_info(const struct kiln_backend *backend, struct kiln_backend_
 {
     const struct verify_backend *v = (const struct verify_backend *)backend;
     v->checked->api->info(v->checked, info);
+    info->verified = v->direct.texels + v->gather.texels;
+    info->beyond = v->direct.beyond + v->gather.beyond;
+    info->worst = fmax(v->direct.worst_ratio, v->gather.worst_ratio);
 }
 
 static int verify_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)

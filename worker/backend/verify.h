@@ -8,8 +8,8 @@
  *   - the texels' sum is apart by more than 6 standard errors of both and 1 % (from 64 texels on); or
  *   - the fragments' sums, in any channel, lie apart to the same side: by 6 times the root of the sum of the squares of their
  *     distances, and 1e-4 of their value (needs 37 fragments at least; finds a device that is off by less than the noise).
- * Figures add up over a backend's life, direct and gather passes apart. Then the call returns KILN_NO_DEVICE, naming the worst
- * texel's object and place and both values. */
+ * Figures add up over a backend's life, direct and gather passes apart; kiln_backend_info has what was compared so far. Then the call
+ * returns KILN_NO_DEVICE, naming the worst texel's object and place and both values. */
 #ifndef KILN_WORKER_BACKEND_VERIFY_H
 #define KILN_WORKER_BACKEND_VERIFY_H
 
