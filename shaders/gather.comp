@@ -55,7 +55,8 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     vec3 axis = normal;
     float tilt = 1.0;
     if (HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u) {
-        axis = normalize(normal + soft);
+        const vec3 both = normal + soft; /* 0 where the triangle is too small to have a normal */
+        axis = both == vec3(0.0) ? both : normalize(both);
         tilt = dot(normal, axis);
     }
     float cosine;

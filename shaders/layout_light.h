@@ -15,7 +15,8 @@
 struct kiln_gpu_lights {
     KILN_ADDRESS nodes, areas, points, directionals;
     KILN_ADDRESS marginal, conditional; /* float: as in struct kiln_lights */
-    KILN_ADDRESS cosines;               /* real: cos(pi y / height), y = 0 .. height */
+    KILN_ADDRESS rows;                  /* real: cos(pi y / height), y = 0 .. height; then how much each is above the next, which for many
+                                           rows is less than floats could tell from the cosines */
     KILN_ADDRESS texels;                /* float: the image, RGB, times its factor */
     KILN_WORD area_count, directional_count;
     KILN_WORD width, height;            /* of the image */

@@ -238,9 +238,8 @@ uint find_step(LightFloats cumulative, uint first, uint count, real u, out real 
 real sky_texel_density(uvec2 at)
 {
     const uint width = SCENE.lights.width;
-    LightReals cosines = LightReals(SCENE.lights.cosines);
     const real chance = step_width(LightFloats(SCENE.lights.marginal), 0u, at.y) * step_width(LightFloats(SCENE.lights.conditional), at.y * width, at.x);
-    return chance / ((cosines.at[at.y] - cosines.at[at.y + 1u]) * 2 * KILN_REAL_PI / real(width));
+    return chance / (LightReals(SCENE.lights.rows).at[SCENE.lights.height + 1u + at.y] * 2 * KILN_REAL_PI / real(width));
 }
 
 /* Radiance arriving from outside along `direction` (pointing outwards). */
@@ -280,8 +279,8 @@ real3 kiln_environment_sample(real u, real v, out real density)
     const uint y = find_step(LightFloats(SCENE.lights.marginal), 0u, SCENE.lights.height, v, fy);
     const uint x = find_step(LightFloats(SCENE.lights.conditional), y * width, width, u, fx);
     density = sky_texel_density(uvec2(x, y));
-    LightReals cosines = LightReals(SCENE.lights.cosines);
-    const real top = cosines.at[y], bottom = cosines.at[y + 1u];
+    LightReals rows = LightReals(SCENE.lights.rows);
+    const real top = rows.at[y], bottom = rows.at[y + 1u];
     const real height = top + (bottom - top) * fy, r = sqrt(max(real(0), 1 - height * height));
     real_sincos(((real(x) + fx) / real(width) - real(0.5LF)) * 2 * KILN_REAL_PI - real(SCENE.lights.rotation), sine, cosine);
     return real3(r * sine, height, -r * cosine);
@@ -358,7 +357,7 @@ bool sample_point_light(uint index, real3 p, real weight, inout kiln_light_sampl
     s.direction = to * (1 / s.distance);
     const real factor = weight * point_light_cone(light, -s.direction) * point_light_range(light, s.distance) / (s.distance * s.distance);
     s.value = real3(vec3_of(light.intensity)) * factor;
-    return factor > 0;
+    return factor > 0 && !isinf(factor); /* the square of a float's smallest distances is 0 */
 }
 
 /* Solid angle of triangle a b c (unit vectors from the point): Van Oosterom and Strackee 1983. */

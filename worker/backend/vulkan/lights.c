@@ -74,14 +74,6 @@ static int put_bytes(struct builder *b, const void *data, size_t size, const cha
     return status;
 }
 
-static int put(struct builder *b, const struct shape *shape, void *data, size_t count, const char *what, uint64_t *address,
-               struct kiln_error *error)
-{
-    if (!b->float64)
-        narrow(shape, data, count);
-    return put_bytes(b, data, count * (b->float64 ? shape->size : shape->float_size), what, address, error);
-}
-
 static void copy3(double to[3], struct kiln_dvec3 from)
 {
     to[0] = from.x;
@@ -89,117 +81,81 @@ static void copy3(double to[3], struct kiln_dvec3 from)
     to[2] = from.z;
 }
 
-static struct kiln_gpu_light_node node_of(const struct kiln_light_node *n)
+/* ---- entry i of each array, in double ---- */
+
+static void make_node(const struct kiln_lights *model, size_t i, void *entry)
 {
+    const struct kiln_light_node *n = &model->nodes[i];
     const struct kiln_dvec3 half = dvec3_scale(dvec3_sub(n->maximum, n->minimum), 0.5);
-    struct kiln_gpu_light_node node = {.radius = dvec3_length(half),
-                                       .floor2 = 0.25 * dvec3_dot(half, half),
-                                       .cos_o = n->cos_o,
-                                       .sin_o = sqrt(fmax(0.0, 1.0 - n->cos_o * n->cos_o)),
-                                       .cos_e = n->cos_e,
-                                       .power = n->power,
-                                       .left = n->left,
-                                       .right = n->right,
-                                       .flags = n->two_sided ? KILN_LIGHT_TWO_SIDED : 0};
-    copy3(node.centre, dvec3_scale(dvec3_add(n->minimum, n->maximum), 0.5));
-    copy3(node.axis, n->axis);
-    return node;
+    struct kiln_gpu_light_node *node = entry;
+    *node = (struct kiln_gpu_light_node){.radius = dvec3_length(half),
+                                         .floor2 = 0.25 * dvec3_dot(half, half),
+                                         .cos_o = n->cos_o,
+                                         .sin_o = sqrt(fmax(0.0, 1.0 - n->cos_o * n->cos_o)),
+                                         .cos_e = n->cos_e,
+                                         .power = n->power,
+                                         .left = n->left,
+                                         .right = n->right,
+                                         .flags = n->two_sided ? KILN_LIGHT_TWO_SIDED : 0};
+    copy3(node->centre, dvec3_scale(dvec3_add(n->minimum, n->maximum), 0.5));
+    copy3(node->axis, n->axis);
 }
 
-static int put_nodes(struct builder *b, struct kiln_gpu_lights *layout, struct kiln_error *error)
+static void make_area(const struct kiln_lights *model, size_t i, void *entry)
 {
-    const size_t count = b->model->node_count;
-    struct kiln_gpu_light_node *nodes = NULL;
-    int status = kiln_allocate(&nodes, count, sizeof *nodes, "the light tree", error);
+    const struct kiln_area_light *a = &model->areas[i];
+    struct kiln_gpu_area_light *area = entry;
+    *area = (struct kiln_gpu_area_light){.area = a->area,
+                                         .rounding = a->rounding,
+                                         .triangle = a->triangle,
+                                         .flags = (a->two_sided ? KILN_LIGHT_TWO_SIDED : 0) | (a->textured ? KILN_LIGHT_HAS_TEXTURE : 0)};
+    copy3(area->p0, a->p0);
+    copy3(area->e1, a->e1);
+    copy3(area->e2, a->e2);
+    copy3(area->normal, a->normal);
+    memcpy(area->radiance, a->radiance, sizeof area->radiance);
+}
+
+static void make_point(const struct kiln_lights *model, size_t i, void *entry)
+{
+    const struct kiln_point_light *p = &model->points[i];
+    struct kiln_gpu_point_light *point = entry;
+    *point = (struct kiln_gpu_point_light){.range = p->range, .cos_inner = p->cos_inner, .cos_outer = p->cos_outer, .flags = p->spot ? KILN_LIGHT_IS_SPOT : 0};
+    copy3(point->position, p->position);
+    copy3(point->direction, p->direction);
+    memcpy(point->intensity, p->intensity, sizeof point->intensity);
+}
+
+static void make_directional(const struct kiln_lights *model, size_t i, void *entry)
+{
+    struct kiln_gpu_directional_light *light = entry;
+    *light = (struct kiln_gpu_directional_light){.reserved = 0};
+    copy3(light->towards, model->directionals[i].towards);
+    memcpy(light->irradiance, model->directionals[i].irradiance, sizeof light->irradiance);
+}
+
+/* See struct kiln_gpu_lights, `rows`. */
+static void make_row(const struct kiln_lights *model, size_t i, void *entry)
+{
+    const size_t height = model->scene->environment->height, y = i <= height ? i : i - height - 1;
+    const double cosine = cos(KILN_PI * (double)y / (double)height);
+    *(double *)entry = i <= height ? cosine : cosine - cos(KILN_PI * (double)(y + 1) / (double)height);
+}
+
+/* ---- onto the device ---- */
+
+static int put_list(struct builder *b, const struct shape *shape, void (*make)(const struct kiln_lights *model, size_t i, void *entry), size_t count,
+                    const char *what, uint64_t *address, struct kiln_error *error)
+{
+    unsigned char *list = NULL;
+    int status = kiln_allocate(&list, count, shape->size, what, error);
     for (size_t i = 0; status == KILN_OK && i < count; i++)
-        nodes[i] = node_of(&b->model->nodes[i]);
+        make(b->model, i, list + i * shape->size);
+    if (status == KILN_OK && !b->float64)
+        narrow(shape, list, count);
     if (status == KILN_OK)
-        status = put(b, &node_shape, nodes, count, "the light tree", &layout->nodes, error);
-    layout->node_count = (uint32_t)count;
-    kiln_free(&nodes);
-    return status;
-}
-
-static struct kiln_gpu_area_light area_of(const struct kiln_area_light *a)
-{
-    struct kiln_gpu_area_light area = {.area = a->area,
-                                       .rounding = a->rounding,
-                                       .triangle = a->triangle,
-                                       .flags = (a->two_sided ? KILN_LIGHT_TWO_SIDED : 0) | (a->textured ? KILN_LIGHT_HAS_TEXTURE : 0)};
-    copy3(area.p0, a->p0);
-    copy3(area.e1, a->e1);
-    copy3(area.e2, a->e2);
-    copy3(area.normal, a->normal);
-    memcpy(area.radiance, a->radiance, sizeof area.radiance);
-    return area;
-}
-
-static int put_areas(struct builder *b, struct kiln_gpu_lights *layout, struct kiln_error *error)
-{
-    const size_t count = b->model->area_count;
-    struct kiln_gpu_area_light *areas = NULL;
-    int status = kiln_allocate(&areas, count, sizeof *areas, "the emissive triangles", error);
-    for (size_t i = 0; status == KILN_OK && i < count; i++) {
-        areas[i] = area_of(&b->model->areas[i]);
-        b->lights->kinds |= KILN_LIGHT_AREA | (b->model->areas[i].textured ? KILN_LIGHT_TEXTURED : 0);
-    }
-    if (status == KILN_OK)
-        status = put(b, &area_shape, areas, count, "the emissive triangles", &layout->areas, error);
-    layout->area_count = (uint32_t)count;
-    kiln_free(&areas);
-    return status;
-}
-
-static struct kiln_gpu_point_light point_of(const struct kiln_point_light *p)
-{
-    struct kiln_gpu_point_light point = {.range = p->range, .cos_inner = p->cos_inner, .cos_outer = p->cos_outer, .flags = p->spot ? KILN_LIGHT_IS_SPOT : 0};
-    copy3(point.position, p->position);
-    copy3(point.direction, p->direction);
-    memcpy(point.intensity, p->intensity, sizeof point.intensity);
-    return point;
-}
-
-static int put_points(struct builder *b, struct kiln_gpu_lights *layout, struct kiln_error *error)
-{
-    const size_t count = b->model->point_count;
-    struct kiln_gpu_point_light *points = NULL;
-    int status = kiln_allocate(&points, count, sizeof *points, "the point lights", error);
-    for (size_t i = 0; status == KILN_OK && i < count; i++)
-        points[i] = point_of(&b->model->points[i]);
-    if (status == KILN_OK)
-        status = put(b, &point_shape, points, count, "the point lights", &layout->points, error);
-    b->lights->kinds |= count != 0 ? KILN_LIGHT_PUNCTUAL : 0;
-    layout->point_count = (uint32_t)count;
-    kiln_free(&points);
-    return status;
-}
-
-static int put_directionals(struct builder *b, struct kiln_gpu_lights *layout, struct kiln_error *error)
-{
-    const size_t count = b->model->directional_count;
-    struct kiln_gpu_directional_light *lights = NULL;
-    int status = kiln_allocate(&lights, count, sizeof *lights, "the directional lights", error);
-    for (size_t i = 0; status == KILN_OK && i < count; i++) {
-        copy3(lights[i].towards, b->model->directionals[i].towards);
-        memcpy(lights[i].irradiance, b->model->directionals[i].irradiance, sizeof lights[i].irradiance);
-    }
-    if (status == KILN_OK)
-        status = put(b, &directional_shape, lights, count, "the directional lights", &layout->directionals, error);
-    b->lights->kinds |= count != 0 ? KILN_LIGHT_SUN : 0;
-    layout->directional_count = (uint32_t)count;
-    kiln_free(&lights);
-    return status;
-}
-
-static int put_cosines(struct builder *b, uint32_t height, uint64_t *address, struct kiln_error *error)
-{
-    double *cosines = NULL;
-    int status = kiln_allocate(&cosines, (size_t)height + 1, sizeof *cosines, "the environment's rows", error);
-    for (uint32_t y = 0; status == KILN_OK && y <= height; y++)
-        cosines[y] = cos(KILN_PI * y / height);
-    if (status == KILN_OK)
-        status = put(b, &real_shape, cosines, (size_t)height + 1, "the environment's rows", address, error);
-    kiln_free(&cosines);
+        status = put_bytes(b, list, count * (b->float64 ? shape->size : shape->float_size), what, address, error);
+    kiln_free(&list);
     return status;
 }
 
@@ -225,12 +181,11 @@ static int put_image(struct builder *b, struct kiln_gpu_lights *layout, struct k
     layout->width = e->width;
     layout->height = e->height;
     layout->rotation = e->rotation;
-    b->lights->kinds |= KILN_LIGHT_IMAGE;
     int status = put_bytes(b, b->model->marginal, e->height * sizeof(float), "the environment's rows", &layout->marginal, error);
     if (status == KILN_OK)
         status = put_bytes(b, b->model->conditional, texels * sizeof(float), "the environment's distribution", &layout->conditional, error);
     if (status == KILN_OK)
-        status = put_cosines(b, e->height, &layout->cosines, error);
+        status = put_list(b, &real_shape, make_row, 2 * (size_t)e->height + 1, "the environment's rows", &layout->rows, error);
     if (status == KILN_OK)
         status = put_texels(b, &layout->texels, error);
     return status;
@@ -244,9 +199,19 @@ static int put_environment(struct builder *b, struct kiln_gpu_lights *layout, st
     memcpy(layout->mean, b->model->environment_mean, sizeof layout->mean);
     if (b->model->conditional != NULL)
         return put_image(b, layout, error);
-    b->lights->kinds |= KILN_LIGHT_SKY;
     memcpy(layout->sky, b->model->scene->environment->radiance, sizeof layout->sky);
     return KILN_OK;
+}
+
+static uint32_t kinds_of(const struct kiln_lights *model)
+{
+    uint32_t kinds = (model->area_count != 0 ? KILN_LIGHT_AREA : 0) | (model->point_count != 0 ? KILN_LIGHT_PUNCTUAL : 0) |
+                     (model->directional_count != 0 ? KILN_LIGHT_SUN : 0);
+    for (size_t i = 0; i < model->area_count; i++)
+        kinds |= model->areas[i].textured ? KILN_LIGHT_TEXTURED : 0;
+    if (model->environment)
+        kinds |= model->conditional != NULL ? KILN_LIGHT_IMAGE : KILN_LIGHT_SKY;
+    return kinds;
 }
 
 int vulkan_lights_create(struct gpu *gpu, const struct kiln_lights *model, bool float64, struct vulkan_lights *lights,
@@ -255,13 +220,16 @@ int vulkan_lights_create(struct gpu *gpu, const struct kiln_lights *model, bool 
     struct builder b = {.gpu = gpu, .model = model, .lights = lights, .float64 = float64};
     memset(lights, 0, sizeof *lights);
     memset(layout, 0, sizeof *layout);
-    int status = put_nodes(&b, layout, error);
+    lights->kinds = kinds_of(model);
+    layout->area_count = (uint32_t)model->area_count;
+    layout->directional_count = (uint32_t)model->directional_count;
+    int status = put_list(&b, &node_shape, make_node, model->node_count, "the light tree", &layout->nodes, error);
     if (status == KILN_OK)
-        status = put_areas(&b, layout, error);
+        status = put_list(&b, &area_shape, make_area, model->area_count, "the emissive triangles", &layout->areas, error);
     if (status == KILN_OK)
-        status = put_points(&b, layout, error);
+        status = put_list(&b, &point_shape, make_point, model->point_count, "the point lights", &layout->points, error);
     if (status == KILN_OK)
-        status = put_directionals(&b, layout, error);
+        status = put_list(&b, &directional_shape, make_directional, model->directional_count, "the directional lights", &layout->directionals, error);
     if (status == KILN_OK)
         status = put_environment(&b, layout, error);
     if (status != KILN_OK)
