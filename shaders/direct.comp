@@ -1,5 +1,6 @@
-/* The direct pass, second: shadow rays. Thread (x, y) takes quarter row_first + y of the samples of every choice of point x; of the choices with
- * few samples every fourth, whole. Neighbouring threads take the same sample of neighbouring points. */
+/* The direct pass, second: shadow rays. Thread (x, y) takes row row_first + y of point x: a slice of a quarter of every choice's samples
+ * (struct kiln_gpu_direct); of the choices with few samples those that are this row's in turn, whole. Neighbouring threads take the same
+ * sample of neighbouring points. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

@@ -2,6 +2,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
+#include "shaders/sum.glsl"
 
 layout(push_constant, scalar) uniform Push
 {
@@ -16,20 +17,7 @@ KILN_ARRAY(WordArray, uint, 4);
 KILN_ARRAY(FloatArray, float, 4);
 KILN_ARRAY(ResultArray, kiln_gpu_result, 4);
 
-/* A sum of floats that is good to the last bits: two floats (Knuth's two-sum). */
-struct Sum {
-    float high, low;
-};
-void add(inout Sum sum, float value)
-{
-    precise const float s = sum.high + value;
-    precise const float b = s - sum.high;
-    precise const float e = (sum.high - (s - b)) + (value - b);
-    sum.low += e;
-    sum.high = s;
-}
-
-float mean(Sum sum, float count) { return (sum.high + sum.low) / count; }
+float mean(kiln_sum sum, float count) { return (sum.high + sum.low) / count; }
 
 void kiln_kernel(uint x, uint y)
 {
@@ -39,18 +27,18 @@ void kiln_kernel(uint x, uint y)
     kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
     if (WordArray(push.chunk.states).at[index] != KILN_GPU_STATE_INVALID) {
         const float n = float(push.samples);
-        Sum sums[12];
+        kiln_sum sums[12];
         for (uint c = 0u; c < 12u; c++)
-            sums[c] = Sum(0.0, 0.0);
+            sums[c] = kiln_sum(0.0, 0.0);
         float quarters[4];
         for (uint q = 0u; q < 4u; q++) {
-            Sum luminance = Sum(0.0, 0.0);
+            kiln_sum luminance = kiln_sum(0.0, 0.0);
             for (uint i = 0u; i < push.per_quarter; i++) {
                 const uint64_t row = uint64_t((q * push.per_quarter + i) * KILN_GPU_SLICE_FLOATS) * push.chunk.total * 4ul;
                 FloatArray slice = FloatArray(push.slices + row);
                 for (uint c = 0u; c < 12u; c++)
-                    add(sums[c], slice.at[c * push.chunk.total + x]);
-                add(luminance, slice.at[12u * push.chunk.total + x]);
+                    kiln_add(sums[c], slice.at[c * push.chunk.total + x]);
+                kiln_add(luminance, slice.at[12u * push.chunk.total + x]);
             }
             quarters[q] = mean(luminance, 0.25 * n);
         }
