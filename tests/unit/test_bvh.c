@@ -11,9 +11,9 @@
 #include <string.h>
 
 #include "shaders/intersect.h"
+#include "tests/unit/vulkan_device.h"
 #include "worker/backend/backend.h"
 #include "worker/backend/vulkan/bvh.h"
-#include "worker/backend/vulkan/gpu.h"
 
 enum { RAYS = 16384, LAYOUTS = 4 };
 static const uint32_t layouts[LAYOUTS] = {KILN_TRAVERSAL_BRUTE, KILN_TRAVERSAL_BINARY, KILN_TRAVERSAL_FOUR, KILN_TRAVERSAL_EIGHT};
@@ -22,25 +22,6 @@ struct push {
     uint64_t scene, origins, directions, hits;
     uint32_t count;
 };
-
-static int open_device(void **state)
-{
-    static struct gpu *gpu;
-    struct kiln_error error = {""};
-    if (gpu_create(&gpu, &(struct gpu_choice){.device = -1}, &error) != KILN_OK) {
-        print_error("%s\n", error.message);
-        return -1;
-    }
-    *state = gpu;
-    return 0;
-}
-
-static int close_device(void **state)
-{
-    struct gpu *gpu = *state;
-    gpu_destroy(&gpu);
-    return 0;
-}
 
 /* ---- worlds ---- */
 
@@ -366,5 +347,7 @@ int main(void)
     const struct CMUnitTest tests[] = {cmocka_unit_test(box_room),         cmocka_unit_test(balls_in_a_room), cmocka_unit_test(edges_and_corners),
                                        cmocka_unit_test(soup_and_needles), cmocka_unit_test(poor_triangles),  cmocka_unit_test(hardly_any),
                                        cmocka_unit_test(too_deep)};
-    return cmocka_run_group_tests(tests, open_device, close_device);
+    if (!vulkan_device_is_there())
+        return 77;
+    return cmocka_run_group_tests(tests, vulkan_device_open, vulkan_device_close);
 }

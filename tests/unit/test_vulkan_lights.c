@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "shaders/random.h"
+#include "tests/unit/vulkan_device.h"
 #include "tests/vulkan_lights.h"
 #include "tests/vulkan_lights_float.h"
 #include "worker/backend/vulkan/layout.h"
@@ -298,32 +299,10 @@ static void everything(void **state)
     compare(*state, &lights, 1.0, "a plain sky");
 }
 
-static int open_device(void **state)
-{
-    struct gpu *gpu = NULL;
-    struct kiln_error error = {0};
-    if (gpu_create(&gpu, &(struct gpu_choice){.device = -1}, &error) != KILN_OK) {
-        print_error("%s\n", error.message);
-        return -1;
-    }
-    *state = gpu;
-    return 0;
-}
-
-static int close_device(void **state)
-{
-    struct gpu *gpu = *state;
-    gpu_destroy(&gpu);
-    return 0;
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(area_lights), cmocka_unit_test(points_and_suns), cmocka_unit_test(everything)};
-    size_t count = 0;
-    if (gpu_list(NULL, 0, &count, NULL) != KILN_OK || count == 0) {
-        print_message("skipped: there is no Vulkan device here\n");
+    if (!vulkan_device_is_there())
         return 77;
-    }
-    return cmocka_run_group_tests(tests, open_device, close_device);
+    return cmocka_run_group_tests(tests, vulkan_device_open, vulkan_device_close);
 }

@@ -14,6 +14,7 @@
 #include "coordinator/import/import.h"
 #include "tests/materials.h"
 #include "tests/unit/surface_scene.h"
+#include "tests/unit/vulkan_device.h"
 #include "worker/backend/vulkan/materials.h"
 #include "worker/scene/texture.h"
 
@@ -254,10 +255,7 @@ int main(void)
         cmocka_unit_test(plain_scenes_cost_nothing),
         cmocka_unit_test(scenes_from_files),
     };
-    size_t count = 0;
-    if (gpu_list(NULL, 0, &count, NULL) != KILN_OK || count == 0) {
-        print_message("skipped: there is no Vulkan device here\n");
+    if (!vulkan_device_is_there())
         return 77;
-    }
     return cmocka_run_group_tests(tests, open_device, close_device);
 }

@@ -15,6 +15,7 @@
 #include "coordinator/surface/surface_build.h"
 #include "shaders/random.h"
 #include "tests/unit/surface_scene.h"
+#include "tests/unit/vulkan_device.h"
 #include "worker/backend/vulkan/vulkan.h"
 #include "worker/light/lights.h"
 #include "worker/scene/radiosity.h"
@@ -293,10 +294,7 @@ int main(void)
         cmocka_unit_test(any_chunks_give_the_same_bits),
         cmocka_unit_test(failing_devices_change_nothing),
     };
-    size_t count = 0;
-    if (gpu_list(NULL, 0, &count, NULL) != KILN_OK || count == 0) {
-        print_message("skipped: there is no Vulkan device here\n");
+    if (!vulkan_device_is_there())
         return 77;
-    }
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

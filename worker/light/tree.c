@@ -97,7 +97,7 @@ struct tree_builder {
     struct sort_key *keys;
 };
 
-/* Cuts along the longest side of the centres' box at the median of power x count: balanced, so depth stays near log2. */
+/* Cuts along the longest side of the centres' box at the median: balanced, so that depth stays near log2. */
 static uint32_t build_range(struct tree_builder *b, size_t first, size_t count)
 {
     const uint32_t index = (uint32_t)b->node_count++;

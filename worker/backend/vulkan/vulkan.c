@@ -49,14 +49,20 @@ static int make_kernel(struct vulkan_backend *b, struct vulkan_kernel *k, struct
     return gpu_kernel_create(b->gpu, &k->kernel, &params, error);
 }
 
+static struct gpu_kernel *find_kernel(const struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own)
+{
+    for (size_t i = 0; i < b->kernel_count; i++)
+        if (b->kernels[i].shader == shader && b->kernels[i].draw_again == draw_again && b->kernels[i].own == own)
+            return b->kernels[i].kernel;
+    return NULL;
+}
+
 int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own, struct gpu_kernel **kernel,
                      struct kiln_error *error)
 {
-    for (size_t i = 0; i < b->kernel_count; i++)
-        if (b->kernels[i].shader == shader && b->kernels[i].draw_again == draw_again && b->kernels[i].own == own) {
-            *kernel = b->kernels[i].kernel;
-            return KILN_OK;
-        }
+    *kernel = find_kernel(b, shader, draw_again, own);
+    if (*kernel != NULL)
+        return KILN_OK;
     struct vulkan_kernel k = {.shader = shader, .draw_again = draw_again, .own = own};
     int status = kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + 1, sizeof *b->kernels, "the device's kernels", error);
     if (status == KILN_OK)
@@ -177,7 +183,9 @@ static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error);
 
 int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error)
 {
-    struct kiln_error why = *error;
+    struct kiln_error why = {"the device failed"};
+    if (error != NULL)
+        why = *error;
     if (!gpu_lost(b->gpu))
         b->scratch_most /= 2;
     int status = KILN_NO_DEVICE;
@@ -256,21 +264,20 @@ static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error)
     return gpu_upload(b->gpu, &b->radiosity_buffer, 0, b->radiosity, b->surface->point_count * sizeof *b->radiosity, error);
 }
 
-/* Makes the kernels that every bake needs, all at once: drivers take a second for some, and each on one core (a software device: when they first run). What fails here is
- * made again, and reported, when it is asked for. */
-static void make_kernels_ahead(struct vulkan_backend *b, struct kiln_error *error)
+/* Makes the kernels that every bake needs, all at once: drivers take a second for some, and each on one core. Software devices make theirs
+ * when they first run. What fails here is made again, and reported, when it is asked for. */
+static void make_kernels_ahead(struct vulkan_backend *b)
 {
     struct vulkan_kernel wished[] = {{.shader = &vulkan_direct_shader}, {.shader = &vulkan_gather_shader, .own = 1}, {.shader = &vulkan_choose_shader},
                                      {.shader = &vulkan_validity_shader}, {.shader = &vulkan_direct_sums_shader}, {.shader = &vulkan_gather_sums_shader}};
     enum { COUNT = sizeof wished / sizeof *wished };
-    if (gpu_about(b->gpu)->software || b->tracer.acceleration != NULL || b->faults.kind != GPU_FAULT_NONE || b->kernel_count > COUNT ||
-        kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + COUNT, sizeof *b->kernels, "the device's kernels", error) != KILN_OK)
+    if (gpu_about(b->gpu)->software || b->tracer.acceleration != NULL || b->faults.kind != GPU_FAULT_NONE ||
+        kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + COUNT, sizeof *b->kernels, "the device's kernels", NULL) != KILN_OK)
         return;
 #pragma omp parallel for num_threads(COUNT) schedule(static, 1)
-    for (int i = 0; i < COUNT; i++) {
-        struct kiln_error ignored;
-        (void)make_kernel(b, &wished[i], &ignored);
-    }
+    for (int i = 0; i < COUNT; i++)
+        if (find_kernel(b, wished[i].shader, false, wished[i].own) == NULL)
+            (void)make_kernel(b, &wished[i], NULL);
     for (int i = 0; i < COUNT; i++)
         if (wished[i].kernel != NULL)
             b->kernels[b->kernel_count++] = wished[i];
@@ -283,7 +290,7 @@ static int vulkan_set_surface(struct kiln_backend *backend, const struct kiln_su
     b->radiosity = NULL;
     const int status = upload_surface(b, error);
     if (status == KILN_OK)
-        make_kernels_ahead(b, error);
+        make_kernels_ahead(b);
     return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
 }
 
@@ -373,7 +380,7 @@ int vulkan_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origi
     return status;
 }
 
-/* Passes that start over after a recovery; the others go on where they were (vulkan_run_pass). */
+/* Passes that start over after a recovery; the others go on where they were (vulkan_run_pass, vulkan_probes). */
 
 static int intersect_again(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions, size_t count,
                            struct kiln_hit *hits, struct kiln_error *error)
@@ -402,22 +409,6 @@ static int validity_again(struct kiln_backend *backend, size_t fragment_first, s
     return status;
 }
 
-static int probes_again(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first, uint32_t samples,
-                        struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
-{
-    struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    const uint64_t before = *rays;
-    int status = vulkan_probes(backend, positions, count, index_first, samples, results, rays, error);
-    while (status != KILN_OK && vulkan_can_recover(b)) {
-        status = vulkan_recover(b, error);
-        if (status != KILN_OK)
-            return status;
-        *rays = before;
-        status = vulkan_probes(backend, positions, count, index_first, samples, results, rays, error);
-    }
-    return status;
-}
-
 const struct kiln_backend_api kiln_backend_vulkan = {
     .name = "vulkan",
     .create = vulkan_create,
@@ -428,7 +419,7 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .validity = validity_again,
     .direct = vulkan_direct,
     .gather = vulkan_gather,
-    .probes = probes_again,
+    .probes = vulkan_probes,
     .intersect = intersect_again,
     .ceiling = vulkan_ceiling,
 };

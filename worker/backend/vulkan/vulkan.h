@@ -2,7 +2,10 @@
  *
  * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of all points,
  * and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one slice of time
- * (pass.h); two to three chunks are under way at once, so that the device does not wait while answers are taken over. */
+ * (pass.h); two to three chunks are under way at once, so that the device does not wait while answers are taken over.
+ *
+ * Nothing in this folder is collective. Unless said otherwise functions return KILN_OK, KILN_NO_DEVICE when the device is lost or its
+ * memory short, or KILN_SYSTEM when the host's is. A device that is lost takes all buffers with it: vulkan_recover. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_VULKAN_H
 #define KILN_WORKER_BACKEND_VULKAN_VULKAN_H
 

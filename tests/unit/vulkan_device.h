@@ -1,0 +1,37 @@
+/* The device that tests of kernels run on: whatever there is, software will do. Include after cmocka.h. */
+#ifndef KILN_TESTS_UNIT_VULKAN_DEVICE_H
+#define KILN_TESTS_UNIT_VULKAN_DEVICE_H
+
+#include "worker/backend/vulkan/gpu.h"
+
+/* False, with a word, where there is no device: the program is to end with 77. */
+static inline bool vulkan_device_is_there(void)
+{
+    size_t count = 0;
+    if (gpu_list(NULL, 0, &count, NULL) == KILN_OK && count > 0)
+        return true;
+    print_message("skipped: there is no Vulkan device here\n");
+    return false;
+}
+
+/* For cmocka_run_group_tests: *state is a struct gpu. */
+static inline int vulkan_device_open(void **state)
+{
+    struct gpu *gpu = NULL;
+    struct kiln_error error = {""};
+    if (gpu_create(&gpu, &(struct gpu_choice){.device = -1}, &error) != KILN_OK) {
+        print_error("%s\n", error.message);
+        return -1;
+    }
+    *state = gpu;
+    return 0;
+}
+
+static inline int vulkan_device_close(void **state)
+{
+    struct gpu *gpu = *state;
+    gpu_destroy(&gpu);
+    return 0;
+}
+
+#endif
