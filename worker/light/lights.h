@@ -49,7 +49,7 @@ struct kiln_light_node {
     struct kiln_dvec3 minimum, maximum;
     struct kiln_dvec3 axis;  /* unit */
     double cos_o, cos_e;     /* spread of normals about the axis; emission beyond it */
-    double power;            /* luminance of flux / pi: radiance x area, or intensity x 4 */
+    double power;            /* luminance of radiance x area, or of intensity: over a squared distance the irradiance that it may bring */
     uint32_t left, right;    /* children; a leaf has left == KILN_NONE and right = index of the light (areas first, then points) */
     bool two_sided;
 };
