@@ -1,5 +1,5 @@
-/* The direct pass, second: shadow rays. Thread (x, y) takes row row_first + y of point x: a slice of a quarter of every choice's samples
- * (struct kiln_gpu_direct); of the choices with few samples those that are this row's in turn, whole. Neighbouring threads take the same
+/* The direct pass, second: shadow rays. Thread (x, y) takes a slice of a quarter of every choice's samples at point x
+ * (struct kiln_gpu_direct); of the choices with few samples those that are its own in turn, whole. Neighbouring threads take the same
  * sample of neighbouring points. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -94,11 +94,11 @@ Sums sample_choice(kiln_gpu_point p, kiln_light_choice choice, uint begin, uint 
 
 void kiln_kernel(uint x, uint y)
 {
-    const uint index = kiln_point_of_thread(push.chunk, x), row = push.pass.row_first + y;
-    if (index == KILN_GPU_NONE || row >= direct_rows())
+    const uint index = kiln_point_of_thread(push.chunk, x), part = push.pass.row_first + y;
+    if (index == KILN_GPU_NONE || part >= 4u * push.pass.slices)
         return;
     const uint slot = index - push.chunk.origin, count = direct_counts().at[slot];
-    const uint quarter = row / push.pass.slices, slice = row % push.pass.slices;
+    const uint quarter = part / push.pass.slices, slice = part % push.pass.slices, row = part * push.pass.split;
     const kiln_gpu_point p = PointArray(push.chunk.points).at[index];
     real3 incident = real3(0), irradiance = real3(0);
     real variance = 0;
@@ -108,7 +108,7 @@ void kiln_kernel(uint x, uint y)
         const kiln_light_choice choice = kiln_light_choice(packed.what >> KILN_GPU_CHOICE_KIND_SHIFT,
                                                            packed.what & ((1u << KILN_GPU_CHOICE_KIND_SHIFT) - 1u), packed.samples);
         const bool quarters = choice.samples >= QUARTERS_FROM;
-        if (!quarters && i % direct_rows() != row)
+        if (!quarters && i % (4u * push.pass.slices) != part)
             continue;
         /* quarter q holds the samples k with k * 4 / samples == q; 2^20 samples and 1024 slices fit 32 bits, whose division is fast */
         const uint first = (quarter * choice.samples + 3u) / 4u, last = ((quarter + 1u) * choice.samples + 3u) / 4u;

@@ -21,7 +21,7 @@ const uint64_t DIRECT_SUMS_BYTES = 36ul;
 #endif
 const uint QUARTERS_FROM = 8u; /* samples: with fewer a choice is one row's alone */
 
-uint direct_rows() { return 4u * push.pass.slices; }
+uint direct_rows() { return 4u * push.pass.slices * push.pass.split; }
 
 uint64_t direct_choices_at() { return push.pass.scratch + DIRECT_SUMS_BYTES * direct_rows() * push.pass.room; }
 uint64_t direct_luminances_at() { return direct_choices_at() + 8ul * push.pass.slots * push.pass.room; }

@@ -7,21 +7,22 @@
 KILN_ARRAY(PointArray, kiln_gpu_point, 8);
 KILN_ARRAY(ResultArray, kiln_gpu_result, 4);
 
-/* Luminance of quarter q of choice i's samples. */
-real quarter_of(uint i, uint q, uint x)
+/* Luminance of quarter q of choice i's samples; each `step`-th row is used. */
+real quarter_of(uint i, uint q, uint step, uint x)
 {
+    const uint rows = push.pass.slices * push.pass.split;
     real sum = 0;
-    for (uint s = 0u; s < push.pass.slices; s++)
-        sum += real(direct_luminance(i, q * push.pass.slices + s).at[x]);
+    for (uint s = 0u; s < rows; s += step)
+        sum += real(direct_luminance(i, q * rows + s).at[x]);
     return sum;
 }
 
 /* Variance of the mean of choice i's luminance from the spread of its four quarters (shadow_variance). */
-real quarters_variance(uint i, uint x, uint samples)
+real quarters_variance(uint i, uint step, uint x, uint samples)
 {
     real quarter[4], total = 0, spread = 0;
     for (uint q = 0u; q < 4u; q++) {
-        quarter[q] = quarter_of(i, q, x);
+        quarter[q] = quarter_of(i, q, step, x);
         total += quarter[q];
     }
     const real mean = total / real(samples);
@@ -40,11 +41,12 @@ void kiln_kernel(uint x, uint y)
     const uint index = push.chunk.origin + x;
     uint rays = 0u;
     kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
-    if (DirectWords(push.chunk.states).at[index] != KILN_GPU_STATE_INVALID) {
+    const uint state = DirectWords(push.chunk.states).at[index], step = state == KILN_GPU_STATE_BURIED ? 1u : push.pass.split;
+    if (state != KILN_GPU_STATE_INVALID) {
         real3 incident = real3(0), irradiance = real3(0);
         real variance = 0;
         uint stopped = 0u;
-        for (uint row = 0u; row < direct_rows(); row++) {
+        for (uint row = 0u; row < direct_rows(); row += step) {
             const kiln_gpu_direct_sums sums = direct_sums(row).at[x];
             stopped |= sums.stopped;
             incident += real3_of(sums.incident);
@@ -56,7 +58,7 @@ void kiln_kernel(uint x, uint y)
         for (uint i = 0u; i < count; i++) {
             const uint samples = direct_choice(i).at[x].samples;
             if (samples >= QUARTERS_FROM)
-                variance += quarters_variance(i, x, samples);
+                variance += quarters_variance(i, step, x, samples);
         }
         for (uint c = 0u; c < 3u; c++) {
             r.incident[c] = float(incident[c]);

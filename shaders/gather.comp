@@ -10,11 +10,12 @@ layout(push_constant, scalar) uniform Push
     KILN_ADDRESS scene;
     kiln_gpu_chunk chunk;
     KILN_ADDRESS sobol;  /* words: dimension d's samples from d * sobol_stride on */
-    KILN_ADDRESS slices; /* float: component c of slice y of point x at ((y * KILN_GPU_SLICE_FLOATS + c) * chunk.total + point - origin) */
+    KILN_ADDRESS slices; /* float: component c of row r of point x at ((r * KILN_GPU_SLICE_FLOATS + c) * chunk.total + point - origin) */
     KILN_WORD samples, stream, reuse, sobol_stride;
     KILN_WORD per_quarter; /* slices a quarter */
     KILN_WORD row_first;   /* slice of y = 0 */
     KILN_WORD slice;       /* samples of a slice */
+    KILN_WORD row_step;    /* slice y goes to row y * row_step */
 } push;
 
 #define KILN_TRACES
@@ -94,7 +95,7 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
 
 void store(Sums sums, uint x, uint y)
 {
-    FloatArray slices = FloatArray(push.slices + uint64_t(y * KILN_GPU_SLICE_FLOATS) * push.chunk.total * 4ul);
+    FloatArray slices = FloatArray(push.slices + uint64_t(y * push.row_step * KILN_GPU_SLICE_FLOATS) * push.chunk.total * 4ul);
     const uint step = push.chunk.total;
     for (uint c = 0u; c < 3u; c++) {
         slices.at[c * step + x] = sums.incident[c];

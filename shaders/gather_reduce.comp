@@ -1,4 +1,5 @@
-/* Adds up what gather.comp found, slice after slice, and makes each point's answer of it; zeros for invalid points. */
+/* Adds up what gather.comp found, slice after slice, and makes each point's answer of it; zeros for invalid points. The slices of partly
+ * buried points fill all rows, those of other points each `split`-th. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -9,7 +10,7 @@ layout(push_constant, scalar) uniform Push
     KILN_ADDRESS scene;
     kiln_gpu_chunk chunk;
     KILN_ADDRESS slices, results;
-    KILN_WORD samples, per_quarter;
+    KILN_WORD samples, per_quarter, split;
 } push;
 
 KILN_ARRAY(PointArray, kiln_gpu_point, 8);
@@ -25,7 +26,9 @@ void kiln_kernel(uint x, uint y)
         return;
     const uint index = push.chunk.origin + x;
     kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
-    if (WordArray(push.chunk.states).at[index] != KILN_GPU_STATE_INVALID) {
+    const uint state = WordArray(push.chunk.states).at[index];
+    if (state != KILN_GPU_STATE_INVALID) {
+        const uint rows = push.per_quarter * push.split, step = state == KILN_GPU_STATE_BURIED ? 1u : push.split;
         const float n = float(push.samples);
         kiln_sum sums[12];
         for (uint c = 0u; c < 12u; c++)
@@ -33,8 +36,8 @@ void kiln_kernel(uint x, uint y)
         float quarters[4];
         for (uint q = 0u; q < 4u; q++) {
             kiln_sum luminance = kiln_sum(0.0, 0.0);
-            for (uint i = 0u; i < push.per_quarter; i++) {
-                const uint64_t row = uint64_t((q * push.per_quarter + i) * KILN_GPU_SLICE_FLOATS) * push.chunk.total * 4ul;
+            for (uint i = 0u; i < rows; i += step) {
+                const uint64_t row = uint64_t((q * rows + i) * KILN_GPU_SLICE_FLOATS) * push.chunk.total * 4ul;
                 FloatArray slice = FloatArray(push.slices + row);
                 for (uint c = 0u; c < 12u; c++)
                     kiln_add(sums[c], slice.at[c * push.chunk.total + x]);

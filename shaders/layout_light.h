@@ -34,8 +34,9 @@ struct kiln_gpu_choice {
 };
 KILN_SIZE_IS(kiln_gpu_choice, 8);
 
-/* A direct pass over a chunk of points, in `rows` = 4 `slices` rows a point: row q * slices + s takes slice s of quarter q of every
- * choice's samples. Slices are small, for one thread makes one, and some devices do not stand long loops. `scratch` holds arrays
+/* A direct pass over a chunk of points, in `rows` = 4 `slices` `split` rows a point. Thread q * slices + s takes slice s of quarter q of
+ * every choice's samples, and row (q * slices + s) * split; for partly buried points, each of whose slices is cut in as many again, the
+ * kernel runs with `slices` so many times larger and `split` 1. The other kernels get the former. `scratch` holds arrays
  * strided by `room` >= the chunk's points, each beginning at a multiple of 8 bytes (shaders/direct.glsl reckons where):
  *   struct kiln_gpu_direct_sums sums[rows * room]          row * room + point (see shaders/layout_light_real.h)
  *   struct kiln_gpu_choice choices[slots * room]           i * room + point
@@ -49,8 +50,7 @@ struct kiln_gpu_direct {
     KILN_ADDRESS scratch;
     KILN_ADDRESS rays;    /* word: shadow rays of a point of the chunk */
     KILN_WORD room, slots, samples, limit, sobol_stride;
-    KILN_WORD row_first;  /* thread (x, y) takes row row_first + y */
-    KILN_WORD slices;
-    KILN_WORD reserved;
+    KILN_WORD row_first;  /* thread (x, y) is y + row_first of its point's */
+    KILN_WORD slices, split;
 };
 KILN_SIZE_IS(kiln_gpu_direct, 64);

@@ -30,7 +30,8 @@ struct direct {
     const struct kiln_batch *batch;
     struct gpu_kernel *choose, *whole, *reduce;
     struct gpu_kernel *buried; /* made when there is a point for it: it takes its time */
-    uint32_t samples, limit, slots, slices;
+    uint32_t samples, limit, slots;
+    struct vulkan_slices slices;
     uint64_t rays;
 };
 
@@ -53,7 +54,7 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     const int status = chunk->buried.count > 0 ? vulkan_kernel_of(d->b, &vulkan_direct_shader, true, 0, &d->buried, error) : KILN_OK;
     if (status != KILN_OK)
         return status;
-    struct direct_push push = {.scene = d->b->scene.address,
+    const struct direct_push push = {.scene = d->b->scene.address,
                                .chunk = chunk->all,
                                .pass = {.results = chunk->results,
                                         .sobol = d->b->sobol.address,
@@ -65,13 +66,17 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
                                         .limit = d->limit,
                                         .sobol_stride = d->b->sobol_count,
                                         .row_first = chunk->row_first,
-                                        .slices = d->slices}};
+                                        .slices = d->slices.per_quarter,
+                                        .split = d->slices.split}};
     if (chunk->row_first == 0)
         vulkan_record(recording, d->choose, chunk->all.total, 1, &push, sizeof push);
     vulkan_record(recording, d->whole, chunk->all.count, chunk->row_count, &push, sizeof push);
-    push.chunk = chunk->buried;
-    vulkan_record(recording, d->buried, chunk->buried.count, chunk->row_count, &push, sizeof push);
-    push.chunk = chunk->all;
+    struct direct_push buried = push;
+    buried.chunk = chunk->buried;
+    buried.pass.row_first *= d->slices.split;
+    buried.pass.slices *= d->slices.split;
+    buried.pass.split = 1;
+    vulkan_record(recording, d->buried, chunk->buried.count, chunk->row_count * d->slices.split, &buried, sizeof buried);
     if (chunk->last)
         vulkan_record(recording, d->reduce, chunk->all.total, 1, &push, sizeof push);
     return KILN_OK;
@@ -91,7 +96,7 @@ static int take(void *context, size_t fragment_first, size_t fragment_count, con
 /* Bytes of scratch a point, see struct kiln_gpu_direct. */
 static size_t scratch_bytes(const struct direct *d)
 {
-    const size_t rows = 4 * (size_t)d->slices, choice = sizeof(struct kiln_gpu_choice) + rows * sizeof(float);
+    const size_t rows = 4 * (size_t)d->slices.per_quarter * d->slices.split, choice = sizeof(struct kiln_gpu_choice) + rows * sizeof(float);
     return rows * vulkan_lights_sums_bytes(d->b->float64) + d->slots * choice + sizeof(uint32_t);
 }
 
@@ -102,12 +107,12 @@ int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, 
     const size_t tree = lights->area_count + lights->point_count;
     d.limit = samples / 2 < 1 ? 1 : samples / 2 < KILN_CUT_MAX ? samples / 2 : KILN_CUT_MAX;
     d.slots = (uint32_t)((tree < d.limit ? tree : d.limit) + lights->directional_count + 1);
-    const uint32_t quarter = (samples + 3) / 4, slice = vulkan_slice(d.b, quarter);
-    d.slices = (quarter + slice - 1) / slice;
+    d.slices = vulkan_slices_of(d.b, samples);
+    const uint32_t rows = 4 * d.slices.per_quarter;
     const struct vulkan_pass pass = {.pace = VULKAN_PACE_DIRECT,
                                      .states = true,
-                                     .rows = 4 * d.slices,
-                                     .work = (double)samples / (4.0 * d.slices),
+                                     .rows = rows,
+                                     .work = (double)samples / rows,
                                      .first_guess = 1 << 18,
                                      .scratch_bytes = scratch_bytes(&d),
                                      .wants_words = true,

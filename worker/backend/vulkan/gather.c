@@ -14,13 +14,13 @@ struct gather_push {
     uint64_t scene;
     struct kiln_gpu_chunk chunk;
     uint64_t sobol, slices;
-    uint32_t samples, stream, reuse, sobol_stride, per_quarter, row_first, slice;
+    uint32_t samples, stream, reuse, sobol_stride, per_quarter, row_first, slice, row_step;
 };
 struct reduce_push {
     uint64_t scene;
     struct kiln_gpu_chunk chunk;
     uint64_t slices, results;
-    uint32_t samples, per_quarter;
+    uint32_t samples, per_quarter, split;
 };
 
 struct gather {
@@ -28,7 +28,8 @@ struct gather {
     const struct kiln_batch *batch;
     struct gpu_kernel *whole, *reduce;
     struct gpu_kernel *buried; /* made when there is a point for it: it takes its time */
-    uint32_t samples, stream, per_quarter, slice;
+    uint32_t samples, stream;
+    struct vulkan_slices slices;
     uint32_t lookup; /* 0: rays are traced and that is all */
     uint64_t rays;
 };
@@ -47,18 +48,24 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
                                .stream = g->stream,
                                .reuse = kiln_position_reuse(g->samples),
                                .sobol_stride = g->b->sobol_count,
-                               .per_quarter = g->per_quarter,
+                               .per_quarter = g->slices.per_quarter,
                                .row_first = chunk->row_first,
-                               .slice = g->slice};
+                               .slice = g->slices.samples,
+                               .row_step = g->slices.split};
     vulkan_record(recording, g->whole, chunk->all.count, chunk->row_count, &push, sizeof push);
     push.chunk = chunk->buried;
-    vulkan_record(recording, g->buried, chunk->buried.count, chunk->row_count, &push, sizeof push);
+    push.per_quarter *= g->slices.split;
+    push.row_first *= g->slices.split;
+    push.slice /= g->slices.split;
+    push.row_step = 1;
+    vulkan_record(recording, g->buried, chunk->buried.count, chunk->row_count * g->slices.split, &push, sizeof push);
     const struct reduce_push reduce = {.scene = g->b->scene.address,
                                        .chunk = chunk->all,
                                        .slices = chunk->scratch,
                                        .results = chunk->results,
                                        .samples = g->samples,
-                                       .per_quarter = g->per_quarter};
+                                       .per_quarter = g->slices.per_quarter,
+                                       .split = g->slices.split};
     if (chunk->last)
         vulkan_record(recording, g->reduce, chunk->all.total, 1, &reduce, sizeof reduce);
     return KILN_OK;
@@ -90,15 +97,14 @@ static int prepare(void *context, struct kiln_error *error)
 
 static int run(struct gather *g, enum vulkan_pace pace, double *seconds, struct kiln_error *error)
 {
-    const uint32_t quarter = (g->samples + 3) / 4;
-    g->slice = vulkan_slice(g->b, quarter);
-    g->per_quarter = (quarter + g->slice - 1) / g->slice;
+    g->slices = vulkan_slices_of(g->b, g->samples);
+    const uint32_t rows = 4 * g->slices.per_quarter;
     const struct vulkan_pass pass = {.pace = pace,
                                      .states = true,
-                                     .rows = 4 * g->per_quarter,
-                                     .work = (double)g->samples / (4.0 * g->per_quarter),
+                                     .rows = rows,
+                                     .work = (double)g->samples / rows,
                                      .first_guess = 1 << 19,
-                                     .scratch_bytes = (size_t)4 * g->per_quarter * KILN_GPU_SLICE_FLOATS * sizeof(float),
+                                     .scratch_bytes = (size_t)rows * g->slices.split * KILN_GPU_SLICE_FLOATS * sizeof(float),
                                      .prepare = prepare,
                                      .record = record,
                                      .take = take,

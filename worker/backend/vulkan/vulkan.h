@@ -103,13 +103,20 @@ int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error);
 /* Sobol' points 0 .. count-1 of all dimensions on the device: dimension d from word d * b->sobol_count on. */
 int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error);
 
-/* How many samples of a quarter of a point's samples one thread takes. A device is the busier the more threads there are; a software
- * device ends a thread's loops after 65,535 rounds in all, which a point that is partly buried needs for a dozen samples. */
-static inline uint32_t vulkan_slice(const struct vulkan_backend *b, uint32_t quarter)
+/* How each quarter of a point's samples is dealt out: `per_quarter` slices of `samples` each, one a thread. Of a partly buried point each
+ * slice goes to `split` threads, which divides `samples`: a software device ends a thread's loops after 65,535 rounds in all, which
+ * such a point needs for a dozen samples. (Slices are not that small for all points, for it executes code at least once wherever
+ * no thread has anything to do in it.) */
+struct vulkan_slices {
+    uint32_t samples, per_quarter, split;
+};
+static inline struct vulkan_slices vulkan_slices_of(const struct vulkan_backend *b, uint32_t samples)
 {
-    enum { SLICES_MOST = 1024 };
-    const uint32_t few = gpu_about(b->gpu)->software ? 1 : 16, least = (quarter + SLICES_MOST - 1) / SLICES_MOST;
-    return least > few ? least : few;
+    enum { WORTH_A_THREAD = 16, MOST = 1024 /* threads a quarter */ };
+    const uint32_t quarter = (samples + 3) / 4, least = (quarter + MOST - 1) / MOST, few = quarter < WORTH_A_THREAD ? quarter : WORTH_A_THREAD;
+    const uint32_t split = gpu_about(b->gpu)->software && least < few ? (few + least - 1) / least : 1;
+    const uint32_t slice = split > 1 ? split * least : least > few ? least : few;
+    return (struct vulkan_slices){.samples = slice, .per_quarter = (quarter + slice - 1) / slice, .split = split};
 }
 
 int vulkan_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible, struct kiln_error *error);
