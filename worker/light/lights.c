@@ -290,6 +290,36 @@ static void emission_at(const struct kiln_lights *lights, const struct kiln_area
  * arithmetic does not cancel). */
 static const double SPHERICAL_FROM = 0.02;
 
+/* By the area: (b1, b2), density, direction and distance; false where the triangle is seen edge-on. */
+static bool sample_flat(const struct kiln_area_light *light, struct kiln_dvec3 to0, double height, double u, double v, double b[2], double *density,
+                        struct kiln_light_sample *s)
+{
+    const double root = sqrt(u);
+    b[0] = root * (1.0 - v);
+    b[1] = root * v;
+    const struct kiln_dvec3 to = dvec3_add(to0, dvec3_add(dvec3_scale(light->e1, b[0]), dvec3_scale(light->e2, b[1])));
+    s->distance = dvec3_length(to);
+    s->direction = dvec3_scale(to, 1.0 / s->distance);
+    const double cosine = fabs(height) / s->distance;
+    *density = s->distance * s->distance / (cosine * light->area);
+    return cosine > 0.0;
+}
+
+/* Where a direction meets the light's plane, by Cramer's rule: (b1, b2) and distance. */
+static bool meet_light(const struct kiln_area_light *light, struct kiln_dvec3 to0, double height, struct kiln_dvec3 direction, double b[2],
+                       struct kiln_light_sample *s)
+{
+    const struct kiln_dvec3 h = dvec3_cross(direction, light->e2), from = dvec3_scale(to0, -1.0);
+    const double determinant = dvec3_dot(light->e1, h);
+    if (determinant == 0.0)
+        return false;
+    b[0] = fmax(0.0, fmin(1.0, dvec3_dot(from, h) / determinant));
+    b[1] = fmax(0.0, fmin(1.0 - b[0], dvec3_dot(direction, dvec3_cross(from, light->e1)) / determinant));
+    s->direction = direction;
+    s->distance = fabs(height / dvec3_dot(direction, light->normal));
+    return true;
+}
+
 static bool sample_area_light(const struct kiln_lights *lights, const struct kiln_area_light *light, struct kiln_dvec3 p, double weight,
                               double u, double v, struct kiln_light_sample *s)
 {
@@ -298,42 +328,23 @@ static bool sample_area_light(const struct kiln_lights *lights, const struct kil
     /* In the light's own plane, as far as floats tell, nothing of it is seen: a lamp laid flush on a ceiling does not light it. */
     if ((light->two_sided ? fabs(height) : height) <= 2.0 * light->rounding)
         return false;
-    const struct kiln_dvec3 to1 = dvec3_add(to0, light->e1), to2 = dvec3_add(to0, light->e2);
-    const struct kiln_dvec3 a = unit(to0), b = unit(to1), c = unit(to2);
+    const struct kiln_dvec3 a = unit(to0), b = unit(dvec3_add(to0, light->e1)), c = unit(dvec3_add(to0, light->e2));
     const double omega = solid_angle(a, b, c);
-    double b1, b2, density;
+    double at[2], density;
     struct kiln_dvec3 direction;
     if (omega > SPHERICAL_FROM && spherical_direction(a, b, c, u, v, &direction)) {
-        /* meet the plane; barycentrics by Cramer's rule */
-        const struct kiln_dvec3 h = dvec3_cross(direction, light->e2);
-        const double determinant = dvec3_dot(light->e1, h);
-        if (determinant == 0.0)
-            return false;
-        const struct kiln_dvec3 from = dvec3_scale(to0, -1.0);
-        b1 = fmax(0.0, fmin(1.0, dvec3_dot(from, h) / determinant));
-        b2 = fmax(0.0, fmin(1.0 - b1, dvec3_dot(direction, dvec3_cross(from, light->e1)) / determinant));
         density = 1.0 / omega;
-        s->distance = fabs(height / dvec3_dot(direction, light->normal));
-    } else {
-        const double root = sqrt(u);
-        b1 = root * (1.0 - v);
-        b2 = root * v;
-        const struct kiln_dvec3 to = dvec3_add(to0, dvec3_add(dvec3_scale(light->e1, b1), dvec3_scale(light->e2, b2)));
-        s->distance = dvec3_length(to);
-        direction = dvec3_scale(to, 1.0 / s->distance);
-        const double cosine = fabs(height) / s->distance;
-        if (!(cosine > 0.0))
+        if (!meet_light(light, to0, height, direction, at, s))
             return false;
-        density = s->distance * s->distance / (cosine * light->area);
+    } else if (!sample_flat(light, to0, height, u, v, at, &density, s)) {
+        return false;
     }
     if (!(s->distance > 0.0) || !isfinite(s->distance))
         return false;
     float rgb[3];
-    emission_at(lights, light, b1, b2, rgb);
-    s->direction = direction;
+    emission_at(lights, light, at[0], at[1], rgb);
     /* The light's vertices are floats: the shadow ray stops short of it by their rounding, seen along the ray. */
-    const double cosine = fmax(1e-6, fabs(height) / s->distance);
-    s->backoff = fmin(0.5 * s->distance, light->rounding / cosine);
+    s->backoff = fmin(0.5 * s->distance, light->rounding / fmax(1e-6, fabs(height) / s->distance));
     for (int i = 0; i < 3; i++)
         s->value[i] = (double)rgb[i] * weight / density;
     return true;
