@@ -234,10 +234,7 @@ static void check_world(struct gpu *gpu, struct world *w, size_t allowed, bool c
     world_finish(w);
     if (bvh_create(&bvh, &w->g, &(struct bvh_params){.depth_limit = depth_limit}, &error) != KILN_OK)
         fail_msg("%s", error.message);
-    struct bvh_figures figures;
-    bvh_figures(bvh, &figures);
-    print_message("%zu triangles: %zu nodes, %zu leaves, depth %u, cost %.1f, %.3f s\n", w->g.triangle_count, figures.nodes, figures.leaves,
-                  figures.depth, figures.cost, figures.build_seconds);
+    print_message("%zu triangles\n", w->g.triangle_count);
     const bool few = w->g.triangle_count < 2000;
     for (int i = few ? 0 : 1; i < LAYOUTS; i++) {
         struct kiln_gpu_hit *to = i == (few ? 0 : 1) ? first : hits;

@@ -6,7 +6,6 @@
 #include <omp.h>
 #include <stdio.h>
 #include <string.h>
-#include <time.h>
 
 #include "worker/base/memory.h"
 
@@ -30,7 +29,6 @@ struct bvh {
     uint32_t *order;    /* world triangles, leaf by leaf */
     size_t order_count;
     uint32_t depth_limit, depth;
-    double build_seconds;
 };
 
 /* ---- what Embree's builder calls; memory is the builder's ---- */
@@ -281,20 +279,12 @@ static int build(struct bvh *bvh, uint32_t threads, struct kiln_error *error)
     return status;
 }
 
-static double seconds_now(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params, struct kiln_error *error)
 {
     *bvh = NULL;
     if (geometry->triangle_count > KILN_GPU_LEAF_FIRST)
         return kiln_fail(error, KILN_BAD_INPUT, "%zu triangles are more than a BVH for the device can hold (%u): bake parts of the scene",
                          geometry->triangle_count, KILN_GPU_LEAF_FIRST);
-    const double start = seconds_now();
     struct bvh *b = NULL;
     int status = kiln_allocate(&b, 1, sizeof *b, "the BVH", error);
     if (status != KILN_OK)
@@ -305,7 +295,6 @@ int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const str
     if (status == KILN_OK)
         status = geometry->triangle_count == 0 ? build_empty(b, error)
                                                : build(b, params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs(), error);
-    b->build_seconds = seconds_now() - start;
     if (status != KILN_OK)
         bvh_destroy(&b);
     *bvh = b;
@@ -319,21 +308,6 @@ void bvh_destroy(struct bvh **bvh)
     kiln_free(&(*bvh)->nodes);
     kiln_free(&(*bvh)->order);
     kiln_free(bvh);
-}
-
-void bvh_figures(const struct bvh *bvh, struct bvh_figures *figures)
-{
-    *figures = (struct bvh_figures){.depth = bvh->depth, .build_seconds = bvh->build_seconds};
-    const double whole = box_area(&bvh->nodes[0].box);
-    for (size_t i = 0; i < bvh->node_count; i++) {
-        const struct node *node = &bvh->nodes[i];
-        const double share = whole > 0.0 ? box_area(&node->box) / whole : 1.0;
-        figures->cost += share * (node->count != 0 ? (double)node->count : 1.0);
-        if (node->count != 0)
-            figures->leaves++;
-        else
-            figures->nodes++;
-    }
 }
 
 /* ---- layouts ---- */

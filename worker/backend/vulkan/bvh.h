@@ -27,14 +27,6 @@ struct bvh_params {
 int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params, struct kiln_error *error);
 void bvh_destroy(struct bvh **bvh);
 
-struct bvh_figures {
-    size_t nodes, leaves; /* of the binary tree; nodes with two children */
-    uint32_t depth;
-    double cost;          /* expected boxes opened and triangles tested by a ray that meets the root's box */
-    double build_seconds;
-};
-void bvh_figures(const struct bvh *bvh, struct bvh_figures *figures);
-
 /* A layout in plain memory, ready to be uploaded as it is. */
 struct bvh_layout {
     void *nodes;          /* node_count of node_size bytes; none for brute force */
