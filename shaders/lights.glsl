@@ -366,50 +366,74 @@ real solid_angle(real3 a, real3 b, real3 c)
     return 2 * real_atan2(abs(dot(a, cross(b, c))), 1 + dot(a, b) + dot(b, c) + dot(c, a));
 }
 
-/* Angle between the planes with unit normals m and n, seen from within the triangle. */
-real inner_angle(real3 m, real3 n)
+/* Uniform in solid angle: Arvo, "Stratified Sampling of Spherical Triangles", 1995. False where the triangle is too
+ * thin for it: `thin` is the least sine of its angle at a; errors grow with its square. */
+bool spherical_direction_float(vec3 a, vec3 b, vec3 c, float omega, float thin, float u, float v, out vec3 direction)
 {
-#ifdef KILN_FLOAT64
-    return real_acos(clamp(-dot(m, n), real(-1), real(1)));
-#else /* an arc cosine loses half of a float's digits near 0 and pi */
-    return real_atan2(length(cross(m, n)), -dot(m, n));
-#endif
+    direction = a;
+    const vec3 across_ab = cross(a, b), across_ca = cross(c, a);
+    /* an arc cosine would lose half of the digits near 0 and pi; its sine and cosine are those of the angle between the planes */
+    const float sine = length(cross(across_ab, across_ca)), cosine = -dot(across_ab, across_ca), both = length(vec2(sine, cosine));
+    if (!(both > 0.0) || sine < thin * both)
+        return false;
+    const float alpha = float_atan2(sine, cosine), sin_alpha = sine / both, cos_alpha = cosine / both;
+    float s, t;
+    float_sincos(u * omega - alpha, s, t);
+    const float x = t - cos_alpha, y = s + sin_alpha * dot(a, b);
+    const float below = (y * s + x * t) * sin_alpha;
+    if (abs(below) < 1.0e-9)
+        return false;
+    const float q = clamp(((y * t - x * s) * cos_alpha - y) / below, -1.0, 1.0);
+    const vec3 across = c - a * dot(c, a);
+    const vec3 c2 = a * q + across * (sqrt(max(0.0, 1.0 - q * q)) / max(length(across), 1.0e-20));
+    const float z = 1.0 - v * (1.0 - dot(c2, b));
+    const vec3 up = c2 - b * dot(c2, b);
+    direction = b * z + up * (sqrt(max(0.0, 1.0 - z * z)) / max(length(up), 1.0e-20));
+    return true;
 }
 
-/* Uniform in solid angle: Arvo, "Stratified Sampling of Spherical Triangles", 1995. False where the triangle is too thin for it. */
+#ifdef KILN_FLOAT64
+/* The same in doubles, as worker/light/lights.c does it. */
+bool spherical_direction_double(dvec3 a, dvec3 b, dvec3 c, double u, double v, out dvec3 direction)
+{
+    direction = a;
+    const dvec3 ab = real_unit_vector(cross(a, b)), bc = real_unit_vector(cross(b, c)), ca = real_unit_vector(cross(c, a));
+    const double cos_alpha = clamp(-dot(ab, ca), -1.0LF, 1.0LF), alpha = real_acos(cos_alpha);
+    double sin_alpha, s, t;
+    real_sincos(alpha, sin_alpha, s);
+    const double area = alpha + real_acos(clamp(-dot(ab, bc), -1.0LF, 1.0LF)) + real_acos(clamp(-dot(bc, ca), -1.0LF, 1.0LF)) - KILN_REAL_PI;
+    if (!(area > 0.0LF) || sin_alpha < 1e-9LF)
+        return false;
+    real_sincos(u * area - alpha, s, t);
+    const double x = t - cos_alpha, y = s + sin_alpha * dot(a, b);
+    const double below = (y * s + x * t) * sin_alpha;
+    if (abs(below) < 1e-14LF)
+        return false;
+    const double q = clamp(((y * t - x * s) * cos_alpha - y) / below, -1.0LF, 1.0LF);
+    const dvec3 c2 = a * q + real_unit_vector(c - a * dot(c, a)) * sqrt(max(0.0LF, 1.0LF - q * q));
+    const double z = 1.0LF - v * (1.0LF - dot(c2, b));
+    direction = real_unit_vector(b * z + real_unit_vector(c2 - b * dot(c2, b)) * sqrt(max(0.0LF, 1.0LF - z * z)));
+    return true;
+}
+#endif
+
+/* Floats do where no angle is small and no two corners are nearly opposite each other: what they are off by moves a sample by some 1e-6 of the way, and its weight
+ * is 1 / omega wherever it lies. Doubles are four times slower, on devices that have many units for them. */
 bool spherical_direction(real3 a, real3 b, real3 c, real omega, real u, real v, out real3 direction)
 {
+    vec3 rough;
+    float thin = 1.0e-4;
+    bool found = true;
 #ifdef KILN_FLOAT64
-    const real thin = 1e-9LF, none = 1e-14LF;
-#else
-    const real thin = 1e-4, none = 1e-9;
+    thin = 0.1;
+    found = min(min(dot(a, b), dot(b, c)), dot(c, a)) > -0.9LF;
 #endif
-    direction = a;
-    const real3 ab = real_unit_vector(cross(a, b)), bc = real_unit_vector(cross(b, c)), ca = real_unit_vector(cross(c, a));
-    const real alpha = inner_angle(ab, ca);
-    real sin_alpha, cos_alpha;
-    real_sincos(alpha, sin_alpha, cos_alpha);
+    found = found && spherical_direction_float(vec3(a), vec3(b), vec3(c), float(omega), thin, float(u), float(v), rough);
+    direction = found ? real_unit_vector(real3(rough)) : a;
 #ifdef KILN_FLOAT64
-    cos_alpha = clamp(-dot(ab, ca), real(-1), real(1));
-    const real area = alpha + inner_angle(ab, bc) + inner_angle(bc, ca) - KILN_REAL_PI;
-#else
-    const real area = omega; /* without the cancellation */
+    found = found || spherical_direction_double(a, b, c, u, v, direction);
 #endif
-    if (!(area > 0) || sin_alpha < thin)
-        return false;
-    real s, t;
-    real_sincos(u * area - alpha, s, t);
-    const real x = t - cos_alpha, y = s + sin_alpha * dot(a, b);
-    const real below = (y * s + x * t) * sin_alpha;
-    if (abs(below) < none)
-        return false;
-    const real q = clamp(((y * t - x * s) * cos_alpha - y) / below, real(-1), real(1));
-    const real3 across = real_unit_vector(c - a * dot(c, a));
-    const real3 c2 = a * q + across * sqrt(max(real(0), 1 - q * q));
-    const real z = 1 - v * (1 - dot(c2, b));
-    const real3 up = real_unit_vector(c2 - b * dot(c2, b));
-    direction = real_unit_vector(b * z + up * sqrt(max(real(0), 1 - z * z)));
-    return true;
+    return found;
 }
 
 /* By the area: (b1, b2), direction and distance; false where the triangle is seen edge-on. */

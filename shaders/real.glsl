@@ -25,10 +25,40 @@ const real KILN_REAL_PI = real(3.14159265358979323846LF);
 real real_unit(uint fraction) { return min((real(fraction) + real(0.5LF)) * real(2.3283064365386962890625e-10LF), KILN_REAL_BELOW_ONE); }
 
 /* Sine and cosine of x, a few turns at most. */
+void float_sincos(float x, out float sine, out float cosine)
+{
+    const float quarters = floor(x * 0.636619772 + 0.5);
+    const float r = ((x - quarters * 1.5703125) - quarters * 4.837512969970703125e-4) - quarters * 7.549789948768648e-8;
+    const float r2 = r * r;
+    const float s = r + r * r2 * (-1.66666667e-1 + r2 * (8.33333333e-3 + r2 * (-1.98412698e-4 + r2 * 2.75573192e-6)));
+    const float c = 1.0 + r2 * (-0.5 + r2 * (4.16666667e-2 + r2 * (-1.38888889e-3 + r2 * 2.48015873e-5)));
+    const int quadrant = int(quarters) & 3;
+    const float a = (quadrant & 1) == 0 ? s : c, b = (quadrant & 1) == 0 ? c : s;
+    sine = (quadrant & 2) == 0 ? a : -a;
+    cosine = quadrant == 1 || quadrant == 2 ? -b : b;
+}
+
+/* Angle of (x, y) from the x axis, -pi to pi; 0 at the origin. */
+float float_atan2(float y, float x)
+{
+    const float larger = max(abs(x), abs(y));
+    if (!(larger > 0.0))
+        return 0.0;
+    const float scale = 1.0 / larger;
+    x *= scale;
+    y *= scale;
+    const float first = atan(y, x);
+    float sine, cosine;
+    float_sincos(first, sine, cosine);
+    const float off = (y * cosine - x * sine) / (x * cosine + y * sine);
+    return first + off * (1.0 - off * off * 0.333333333);
+}
+
+/* The same of `real`. */
+#ifdef KILN_FLOAT64
 void real_sincos(real x, out real sine, out real cosine)
 {
-    const real quarters = floor(x * real(0.63661977236758134308LF) + real(0.5LF));
-#ifdef KILN_FLOAT64
+    const real quarters = floor(x * 0.63661977236758134308LF + 0.5LF);
     const real r = (x - quarters * 1.57079632679489655800LF) - quarters * 6.12323399573676603587e-17LF;
     const real r2 = r * r;
     const real s = r + r * r2 * (-1.6666666666666666667e-1LF + r2 * (8.3333333333333333333e-3LF + r2 * (-1.9841269841269841270e-4LF +
@@ -37,19 +67,12 @@ void real_sincos(real x, out real sine, out real cosine)
     const real c = 1.0LF + r2 * (-0.5LF + r2 * (4.1666666666666666667e-2LF + r2 * (-1.3888888888888888889e-3LF +
                    r2 * (2.4801587301587301587e-5LF + r2 * (-2.7557319223985890653e-7LF + r2 * (2.0876756987868098979e-9LF +
                    r2 * (-1.1470745597729724714e-11LF + r2 * 4.7794773323873852974e-14LF)))))));
-#else
-    const real r = ((x - quarters * 1.5703125) - quarters * 4.837512969970703125e-4) - quarters * 7.549789948768648e-8;
-    const real r2 = r * r;
-    const real s = r + r * r2 * (-1.66666667e-1 + r2 * (8.33333333e-3 + r2 * (-1.98412698e-4 + r2 * 2.75573192e-6)));
-    const real c = 1.0 + r2 * (-0.5 + r2 * (4.16666667e-2 + r2 * (-1.38888889e-3 + r2 * 2.48015873e-5)));
-#endif
     const int quadrant = int(quarters) & 3;
     const real a = (quadrant & 1) == 0 ? s : c, b = (quadrant & 1) == 0 ? c : s;
     sine = (quadrant & 2) == 0 ? a : -a;
     cosine = quadrant == 1 || quadrant == 2 ? -b : b;
 }
 
-/* Angle of (x, y) from the x axis, -pi to pi; 0 at the origin. */
 real real_atan2(real y, real x)
 {
     const real larger = max(abs(x), abs(y));
@@ -62,8 +85,12 @@ real real_atan2(real y, real x)
     real sine, cosine;
     real_sincos(first, sine, cosine);
     const real off = (y * cosine - x * sine) / (x * cosine + y * sine);
-    return first + off * (1 - off * off * real(0.33333333333333333333LF));
+    return first + off * (1 - off * off * 0.33333333333333333333LF);
 }
+#else
+#define real_sincos float_sincos
+#define real_atan2 float_atan2
+#endif
 
 /* Arc cosine of x in -1 .. 1. */
 real real_acos(real x) { return real_atan2(sqrt(max(real(0), (1 - x) * (1 + x))), x); }
