@@ -420,12 +420,12 @@ enum kiln_event kiln_control_poll(struct kiln_control *c, bool done, double shar
     return event;
 }
 
-enum kiln_event kiln_control_wait(struct kiln_control *c, int failed)
+enum kiln_event kiln_control_wait(struct kiln_control *c, bool done, double share, int failed, bool (*news)(void *context), void *context)
 {
     struct timespec pause = {0, 10000};
     for (;;) {
-        const enum kiln_event event = kiln_control_poll(c, true, 1.0, 0.0, failed);
-        if (event != KILN_EVENT_NONE)
+        const enum kiln_event event = kiln_control_poll(c, done, share, 0.0, failed);
+        if (event != KILN_EVENT_NONE || (news != NULL && news(context)))
             return event;
         (void)nanosleep(&pause, NULL); /* the cores may be wanted by a rank that is not done */
         if (pause.tv_nsec < 1000000)

@@ -62,8 +62,9 @@ double kiln_control_batch_seconds(const struct kiln_control *control);
 /* What to do now. `done`: this rank has nothing more to do in the pass. `share` of it is done, `batch` is the seconds that its last
  * batch took. `failed`: its status. Returns at once; everybody gets the same events in the same order. */
 enum kiln_event kiln_control_poll(struct kiln_control *control, bool done, double share, double batch, int failed);
-/* The same for a rank that is done: waits for something to happen. Never KILN_EVENT_NONE. */
-enum kiln_event kiln_control_wait(struct kiln_control *control, int failed);
+/* The same for a rank that has nothing to compute: waits for an event or, KILN_EVENT_NONE, until `news` (which may be NULL) says that the
+ * rank has something to do, or to say. */
+enum kiln_event kiln_control_wait(struct kiln_control *control, bool done, double share, int failed, bool (*news)(void *context), void *context);
 
 /* Collective. Between passes: KILN_EVENT_NONE, _SAVE or _STOP. Saving `bytes` (of all ranks) is due when the time since the last checkpoint is
  * --checkpoint-every, or fifty times what it will cost: so it happens after a bounce, and costs no more than two parts in a hundred. */

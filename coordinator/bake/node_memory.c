@@ -163,6 +163,81 @@ int kiln_node_block(struct kiln_node_memory *node, void *pointer, size_t count, 
     return status;
 }
 
+/* ---- parts ---- */
+
+struct kiln_node_parts {
+    MPI_Win window; /* MPI_WIN_NULL: from kiln_allocate */
+    void *part[];   /* one a rank */
+};
+
+/* Collective. Whether the leader finds room for all ranks' parts. */
+static bool parts_have_room(const struct kiln_node_memory *n, uint64_t bytes)
+{
+    (void)MPI_Allreduce(MPI_IN_PLACE, &bytes, 1, MPI_UINT64_T, MPI_SUM, n->communicator);
+    int64_t room = n->rank == 0 && has_room(bytes);
+    (void)MPI_Bcast(&room, 1, MPI_INT64_T, 0, n->communicator);
+    return room != 0;
+}
+
+/* Collective. */
+static bool open_parts(const struct kiln_node_memory *n, struct kiln_node_parts *p, uint64_t bytes)
+{
+    MPI_Info info;
+    void *own = NULL;
+    (void)MPI_Info_create(&info);
+    (void)MPI_Info_set(info, "alloc_shared_noncontig", "true");
+    int good = MPI_Win_allocate_shared((MPI_Aint)bytes, 1, info, n->communicator, &own, &p->window) == MPI_SUCCESS;
+    (void)MPI_Info_free(&info);
+    (void)MPI_Allreduce(MPI_IN_PLACE, &good, 1, MPI_INT, MPI_LAND, n->communicator);
+    if (good == 0)
+        return false;
+    for (int r = 0; r < n->ranks; r++) {
+        MPI_Aint size;
+        int unit;
+        (void)MPI_Win_shared_query(p->window, r, &size, &unit, &p->part[r]);
+    }
+    (void)MPI_Win_lock_all(MPI_MODE_NOCHECK, p->window);
+    memset(p->part[n->rank], 0, bytes);
+    return true;
+}
+
+int kiln_node_parts_create(struct kiln_node_parts **parts, const struct kiln_node_memory *node, uint64_t bytes, const char *what,
+                           struct kiln_error *error)
+{
+    const int ranks = node != NULL ? node->ranks : 1;
+    struct kiln_node_parts *p = NULL;
+    bytes = (bytes + 64) / 64 * 64;
+    int status = kiln_allocate(&p, 1, sizeof *p + (size_t)ranks * sizeof *p->part, what, error);
+    if (status == KILN_OK)
+        p->window = MPI_WIN_NULL;
+    if (status == KILN_OK && ranks == 1)
+        status = kiln_allocate(&p->part[0], bytes, 1, what, error);
+    if (ranks > 1)
+        status = kiln_agree(node->communicator, status, error);
+    if (status == KILN_OK && ranks > 1 && (!parts_have_room(node, bytes) || !open_parts(node, p, bytes)))
+        status = kiln_fail(error, KILN_SYSTEM, "the node has no shared memory for %s: enlarge " SHARED_FOLDER, what);
+    if (status != KILN_OK)
+        kiln_free(&p);
+    *parts = p;
+    return status;
+}
+
+void kiln_node_parts_destroy(struct kiln_node_parts **parts)
+{
+    struct kiln_node_parts *p = *parts;
+    if (p == NULL)
+        return;
+    if (p->window == MPI_WIN_NULL) {
+        kiln_free(&p->part[0]);
+    } else {
+        (void)MPI_Win_unlock_all(p->window);
+        (void)MPI_Win_free(&p->window);
+    }
+    kiln_free(parts);
+}
+
+void *kiln_node_part(const struct kiln_node_parts *parts, int rank) { return parts->part[rank]; }
+
 /* ---- building ---- */
 
 /* The leader's word to those who wait for it with the same call. */

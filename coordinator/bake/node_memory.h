@@ -41,6 +41,18 @@ struct kiln_allocator kiln_node_allocator(struct kiln_node_memory *node);
 /* Where the block that begins at `there` on the leader begins here; NULL for another address. `node`: const struct kiln_node_memory. */
 void *kiln_node_place(const void *node, const void *there);
 
+/* Memory of which each rank of a node has a part, and all see all parts. Unlike blocks it can be given back; kiln_node_bytes leaves it out, for
+ * it is each rank's own. A part has the page placement of its owner. */
+struct kiln_node_parts;
+/* Collective on the node. A zeroed part of `bytes` for this rank; all get the same status, KILN_SYSTEM when the node's shared memory has no
+ * room (which does not make it full). With `node` NULL not collective: this rank's part is all there is. Destroy with kiln_node_parts_destroy. */
+int kiln_node_parts_create(struct kiln_node_parts **parts, const struct kiln_node_memory *node, uint64_t bytes, const char *what,
+                           struct kiln_error *error);
+/* Collective on the node. */
+void kiln_node_parts_destroy(struct kiln_node_parts **parts);
+/* The part of the node's rank `rank`; with `node` NULL of rank 0. */
+void *kiln_node_part(const struct kiln_node_parts *parts, int rank);
+
 /* Collective on the node. `size` bytes of the leader's at `data` to all. */
 void kiln_node_broadcast(const struct kiln_node_memory *node, void *data, size_t size);
 /* Collective on the node. What each rank wrote to blocks before is seen by all after. */

@@ -13,7 +13,7 @@
 #include "worker/base/memory.h"
 
 /* Numbers of one rank that rank 0 wants. */
-enum { RANK_POINTS, RANK_INVALID, RANK_RSS, RANK_DIRECT, RANK_BOUNCES, RANK_FINAL, RANK_PROBES, RANK_PSS, RANK_SHARED, RANK_RECEIVED,
+enum { RANK_POINTS, RANK_INVALID, RANK_RSS, RANK_DIRECT, RANK_BOUNCES, RANK_FINAL, RANK_PROBES, RANK_PSS, RANK_SHARED, RANK_RECEIVED, RANK_GIVEN, RANK_TAKEN,
        RANK_RECOVERIES, RANK_FELL_BACK, RANK_VERIFIED, RANK_BEYOND, RANK_WORST /* the bits of a double that is not negative */, RANK_VALUES };
 
 static double luminance(const double rgb[3]) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
@@ -78,21 +78,25 @@ static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
     values[RANK_VERIFIED] = info.verified;
     values[RANK_BEYOND] = info.beyond;
     memcpy(&values[RANK_WORST], &info.worst, sizeof info.worst);
-    for (size_t i = 0; i < t->pass_count; i++)
+    for (size_t i = 0; i < t->pass_count; i++) {
         values[t->passes[i].kind == KILN_PASS_DIRECT ? RANK_DIRECT : t->passes[i].kind == KILN_PASS_BOUNCE ? RANK_BOUNCES : RANK_FINAL] +=
             t->passes[i].rays;
+        values[RANK_GIVEN] += t->passes[i].given;
+        values[RANK_TAKEN] += t->passes[i].taken;
+    }
 }
 
-static json_t *passes_json(const struct kiln_transport_report *t)
+/* `given`: points that changed hands in each pass, of all ranks. */
+static json_t *passes_json(const struct kiln_transport_report *t, const uint64_t *given)
 {
     static const char *const kinds[] = {"direct", "bounce", "final"};
     json_t *array = json_array();
     for (size_t i = 0; i < t->pass_count; i++) {
         const struct kiln_pass_report *p = &t->passes[i];
-        json_array_append_new(array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o}", "kind", kinds[p->kind], "bounce", (int)p->bounce,
+        json_array_append_new(array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I}", "kind", kinds[p->kind], "bounce", (int)p->bounce,
                                                "samples", (int)p->samples, "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
                                                "device_seconds", p->device_seconds, "energy", luminance(p->energy.incident), "incident", rgb_json(p->energy.incident), "reflected",
-                                               rgb_json(p->energy.reflected)));
+                                               rgb_json(p->energy.reflected), "given_away", (json_int_t)given[i]));
     }
     return array;
 }
@@ -144,15 +148,23 @@ static json_t *objects_json(const struct kiln_run *run)
     return array;
 }
 
+static json_t *ranks_json(const struct kiln_run *run, const uint64_t *values, int value)
+{
+    json_t *per_rank = json_array();
+    for (int r = 0; r < run->prepared->ranks; r++)
+        json_array_append_new(per_rank, json_integer((json_int_t)values[(size_t)r * RANK_VALUES + (size_t)value]));
+    return per_rank;
+}
+
 static json_t *balance_json(const struct kiln_run *run, const uint64_t *values)
 {
     const struct kiln_surface_report *s = &run->prepared->surface_report;
-    json_t *per_rank = json_array();
-    for (int r = 0; r < run->prepared->ranks; r++)
-        json_array_append_new(per_rank, json_integer((json_int_t)values[(size_t)r * RANK_VALUES + RANK_POINTS]));
-    return json_pack("{s:s, s:f, s:I, s:I, s:f, s:o}", "partition", run->job->partition_objects ? "objects" : "cells", "point_imbalance",
+    json_t *per_rank = ranks_json(run, values, RANK_POINTS);
+    json_t *given = json_pack("{s:b, s:o, s:o}", "on", run->transport->report.gives_away, "points_per_rank", ranks_json(run, values, RANK_GIVEN),
+                              "taken_per_rank", ranks_json(run, values, RANK_TAKEN));
+    return json_pack("{s:s, s:f, s:I, s:I, s:f, s:o, s:o}", "partition", run->job->partition_objects ? "objects" : "cells", "point_imbalance",
                      s->imbalance, "cells_occupied", (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total, "cell_size",
-                     s->cell_size, "points_per_rank", per_rank);
+                     s->cell_size, "points_per_rank", per_rank, "given_away", given);
 }
 
 /* Bytes a node that Slurm gives this job; 0: no job of Slurm's, or it was not asked for. */
@@ -245,7 +257,7 @@ static json_t *backend_json(const struct kiln_prepared *p, const uint64_t *value
                      "verified_beyond", total(values, p->ranks, RANK_BEYOND), "verified_worst", isfinite(worst) ? worst : 1e300);
 }
 
-static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t *error_reached, json_t *mpi, const uint64_t *values)
+static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t *error_reached, json_t *mpi, const uint64_t *values, const uint64_t *given)
 {
     const struct kiln_prepared *p = run->prepared;
     const struct kiln_transport_report *t = &run->transport->report;
@@ -269,7 +281,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "phases", phases);
     json_object_set_new(root, "rays", rays);
     json_object_set_new(root, "mrays_per_second", json_real(traced > 0.0 ? total_rays / traced * 1e-6 : 0.0));
-    json_object_set_new(root, "bounces", passes_json(t));
+    json_object_set_new(root, "bounces", passes_json(t, given));
     json_object_set_new(root, "indirect_bounces", json_integer((json_int_t)t->bounces));
     json_object_set_new(root, "tail", json_pack("{s:b, s:o, s:f}", "added", t->tail, "ratio", rgb_json(t->tail_ratio), "share", t->tail_share));
     json_object_set_new(root, "energy", energy_json(&t->energy));
@@ -301,13 +313,17 @@ json_t *kiln_run_report(const struct kiln_run *run)
     if (p->rank == 0 && values == NULL)
         MPI_Abort(p->communicator, KILN_SYSTEM);
     (void)MPI_Gather(own, RANK_VALUES, MPI_UINT64_T, values, RANK_VALUES, MPI_UINT64_T, 0, p->communicator);
+    uint64_t given[KILN_BOUNCES_MAX + 2] = {0};
+    for (size_t i = 0; i < run->transport->report.pass_count; i++)
+        given[i] = run->transport->report.passes[i].given;
+    (void)MPI_Reduce(p->rank == 0 ? MPI_IN_PLACE : given, given, KILN_BOUNCES_MAX + 2, MPI_UINT64_T, MPI_SUM, 0, p->communicator);
     json_t *phases = kiln_phases_json(run->phases, p->communicator);
     json_t *error_reached = error_json(run), *mpi = mpi_json(run);
     if (p->rank != 0) {
         json_decref(error_reached);
         return NULL;
     }
-    json_t *root = report_on_root(run, phases, error_reached, mpi, values);
+    json_t *root = report_on_root(run, phases, error_reached, mpi, values, given);
     json_object_set_new(root, "notes", kiln_run_notes(root));
     free(values);
     return root;

@@ -1,4 +1,4 @@
-/* What each rank did when, for chrome://tracing and Perfetto: phases, passes, batches, exchanges, checkpoints, waits.
+/* What each rank did when, for chrome://tracing and Perfetto: phases, passes, batches, help, exchanges, checkpoints, waits.
  *
  * A rank is a process of the timeline, a category a thread of it; every event is complete ("ph": "X") with microseconds since the ranks
  * met in kiln_trace_create. Clocks of different hosts are set by that meeting, to within the time a barrier takes. */
@@ -10,8 +10,8 @@
 
 #include "worker/base/status.h"
 
-/* EXCHANGE: a rank is busy with it, or waits; TRAVEL: a group of points is on its way, while other things are done. */
-enum kiln_trace_row { KILN_TRACE_PHASE, KILN_TRACE_PASS, KILN_TRACE_BATCH, KILN_TRACE_EXCHANGE, KILN_TRACE_TRAVEL, KILN_TRACE_CHECKPOINT, KILN_TRACE_WAIT, KILN_TRACE_ROWS };
+/* HELP: batches of another rank's share. EXCHANGE: a rank is busy with it, or waits; TRAVEL: a group of points is on its way, while other things are done. */
+enum kiln_trace_row { KILN_TRACE_PHASE, KILN_TRACE_PASS, KILN_TRACE_BATCH, KILN_TRACE_HELP, KILN_TRACE_EXCHANGE, KILN_TRACE_TRAVEL, KILN_TRACE_CHECKPOINT, KILN_TRACE_WAIT, KILN_TRACE_ROWS };
 
 struct kiln_trace;
 

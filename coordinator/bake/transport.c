@@ -27,7 +27,7 @@ void transport_albedo(const struct kiln_surface *surface, uint64_t own, float al
         albedo[c] = (float)surface->albedo[3 * own + (uint64_t)c] * (1.0f / 65535.0f);
 }
 
-/* Packs three floats a point, `values`, of all own points into s->next. */
+/* Packs three floats a point, `values`, of all own points into s->own->next. */
 static void pack_all(struct transport_state *s, const float *values, uint32_t stream)
 {
     const struct kiln_surface *surface = s->params->surface;
@@ -35,7 +35,7 @@ static void pack_all(struct transport_state *s, const float *values, uint32_t st
         const struct kiln_fragment *f = &surface->fragments[i];
         uint64_t own = f->first - surface->first;
         for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own++)
-            s->next[own] = kiln_radiosity_pack(&values[3 * own], transport_pack_hash(f, (uint32_t)__builtin_ctzll(rest), stream));
+            s->own->next[own] = kiln_radiosity_pack(&values[3 * own], transport_pack_hash(f, (uint32_t)__builtin_ctzll(rest), stream));
     }
 }
 
@@ -70,7 +70,7 @@ void transport_choose_form(struct transport_state *s)
 
 enum exchange_form { EXCHANGE_OWN, EXCHANGE_FULL, EXCHANGE_COMPACT };
 
-/* Everybody gets everybody's radiosity: what is in place of this rank's in out->radiosity, or s->next, in 8 bytes or in 4. Collective. */
+/* Everybody gets everybody's radiosity: what is in place of this rank's in out->radiosity, or s->own->next, in 8 bytes or in 4. Collective. */
 static void exchange(struct transport_state *s, struct kiln_pass_report *pass, enum exchange_form form)
 {
     const struct kiln_surface *surface = s->params->surface;
@@ -79,9 +79,9 @@ static void exchange(struct transport_state *s, struct kiln_pass_report *pass, e
     if (form != EXCHANGE_COMPACT)
         kiln_spread_abandon(s->out->spread);
     if (form == EXCHANGE_FULL)
-        memcpy(s->out->radiosity + surface->first, s->next, surface->count * sizeof *s->next);
+        memcpy(s->out->radiosity + surface->first, s->own->next, surface->count * sizeof *s->own->next);
     if (form == EXCHANGE_COMPACT)
-        kiln_spread_finish(s->out->spread, s->next);
+        kiln_spread_finish(s->out->spread, s->own->next);
     else
         kiln_spread_all(s->out->spread);
     kiln_control_blocking(s->params->control, NULL, 0.0);
@@ -152,9 +152,9 @@ static void add_tail(struct transport_state *s, size_t bounces)
     r->tail_share = kiln_luminance(total) > 0.0 ? kiln_luminance(tail) / kiln_luminance(total) : 0.0;
     for (uint64_t i = 0; i < s->params->surface->count; i++) {
         float last[3];
-        kiln_radiosity_unpack(s->next[i], last);
+        kiln_radiosity_unpack(s->own->next[i], last);
         for (uint64_t c = 0; c < 3; c++)
-            s->sum[3 * i + c] += factor[c] * last[c];
+            s->own->sum[3 * i + c] += factor[c] * last[c];
     }
 }
 
@@ -226,12 +226,12 @@ static void hand_over(struct transport_state *s)
     struct kiln_pass_report *before = &report->passes[report->pass_count - 1];
     if (job->schedule == KILN_SCHEDULE_EQUAL) {
         if (s->step.bounce == 1) /* the sum is of irradiance now, and of bounces only */
-            memset(s->sum, 0, 3 * s->params->surface->count * sizeof *s->sum);
+            memset(s->own->sum, 0, 3 * s->params->surface->count * sizeof *s->own->sum);
         report->bounces = s->step.bounce;
     } else if (s->step.kind == KILN_PASS_FINAL) {
         if (job->tail || job->bounces < 0)
             add_tail(s, report->pass_count - 1);
-        pack_all(s, s->sum, FINAL_STREAM);
+        pack_all(s, s->own->sum, FINAL_STREAM);
         report->bounces = s->step.bounce;
     }
     exchange(s, before, s->compact && s->step.kind == KILN_PASS_BOUNCE ? EXCHANGE_COMPACT : EXCHANGE_FULL);
@@ -330,7 +330,7 @@ static void publish_radiosity(struct transport_state *s)
             transport_albedo(surface, own, albedo);
             for (uint64_t c = 0; c < 3; c++)
                 total[c] = albedo[c] * (s->out->direct[3 * own + c] + s->out->indirect[3 * own + c]);
-            s->next[own] = kiln_radiosity_pack(total, transport_pack_hash(f, (uint32_t)__builtin_ctzll(rest), stream));
+            s->own->next[own] = kiln_radiosity_pack(total, transport_pack_hash(f, (uint32_t)__builtin_ctzll(rest), stream));
         }
     }
     struct kiln_transport_report *r = &s->out->report;
@@ -339,26 +339,43 @@ static void publish_radiosity(struct transport_state *s)
 
 static int allocate(struct transport_state *s, struct kiln_error *error)
 {
-    const struct kiln_surface *surface = s->params->surface;
     struct kiln_transport *t = s->out;
-    int status = kiln_allocate(&t->direct, 3 * surface->count, sizeof(float), "direct irradiance", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&t->indirect, 3 * surface->count, sizeof(float), "indirect irradiance", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&t->error, surface->count, sizeof *t->error, "standard errors", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->next, surface->count, sizeof(uint64_t), "the radiosity of a bounce", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&t->report.passes, KILN_BOUNCES_MAX + 2, sizeof *t->report.passes, "the passes' report", error);
-    s->group_count = (size_t)(surface->tile_count / GROUP_TILES) + 1;
+    int status = kiln_allocate(&t->report.passes, KILN_BOUNCES_MAX + 2, sizeof *t->report.passes, "the passes' report", error);
+    s->group_count = (size_t)(s->params->surface->tile_count / GROUP_TILES) + 1;
     if (status == KILN_OK)
         status = kiln_allocate(&s->group_now, s->group_count, sizeof *s->group_now, "the groups' powers", error);
     if (status == KILN_OK)
         status = kiln_allocate(&s->group_before, s->group_count, sizeof *s->group_before, "the groups' powers", error);
     if (status == KILN_OK)
         status = kiln_allocate(&s->group_total, s->group_count, sizeof *s->group_total, "the groups' powers", error);
-    s->sum = t->indirect;
     return status;
+}
+
+/* Whether the ranks of this node give work away: all of them want to and can. Collective on the node. */
+static bool gives_away(const struct kiln_transport_params *p)
+{
+    struct kiln_backend_info info;
+    kiln_backend_info(p->backend, &info);
+    int gives = p->job->give_away && info.any_share;
+    (void)MPI_Allreduce(MPI_IN_PLACE, &gives, 1, MPI_INT, MPI_LAND, kiln_node_communicator(p->node));
+    return gives != 0;
+}
+
+/* Collective. */
+static int make_shares(struct transport_state *s, struct kiln_error *error)
+{
+    const struct kiln_transport_params *p = s->params;
+    struct kiln_transport *t = s->out;
+    int status = kiln_shares_create(&t->shares, p->node, p->surface, gives_away(p), error);
+    if (status == KILN_OK) {
+        s->own = kiln_share(t->shares, kiln_shares_own(t->shares));
+        t->direct = s->own->direct;
+        t->indirect = s->own->sum;
+        t->error = s->own->error;
+        t->report.gives_away = kiln_shares_count(t->shares) > 1;
+        status = kiln_backend_set_surface(p->backend, p->surface, error); /* its arrays may have moved */
+    }
+    return kiln_agree(p->communicator, status, error);
 }
 
 /* The scale is settled by what was emitted, as it stands in the unit of the sums: that one is kept in checkpoints. */
@@ -402,6 +419,10 @@ int kiln_transport_run(struct kiln_transport **transport, const struct kiln_tran
     status = kiln_agree(params->communicator, status, error);
     if (status == KILN_OK)
         status = make_spread(&s, error);
+    if (status == KILN_OK) /* after the radiosity: that is the node's most useful block */
+        status = make_shares(&s, error);
+    if (status == KILN_OK)
+        status = kiln_agree(params->communicator, transport_read_slowness(&s, error), error);
     if (status == KILN_OK && restored)
         status = transport_restore(&s, &finished, error);
     if (status == KILN_OK) {
@@ -415,7 +436,8 @@ int kiln_transport_run(struct kiln_transport **transport, const struct kiln_tran
         close_ledger(&s);
         s.out->report.received = kiln_spread_received(s.out->spread);
     }
-    kiln_free(&s.next);
+    if (s.out != NULL && s.out->shares != NULL)
+        kiln_shares_end(s.out->shares);
     kiln_free(&s.group_now);
     kiln_free(&s.group_before);
     kiln_free(&s.group_total);
@@ -431,9 +453,7 @@ void kiln_transport_destroy(struct kiln_transport **transport)
     struct kiln_transport *t = *transport;
     if (t == NULL)
         return;
-    kiln_free(&t->direct);
-    kiln_free(&t->indirect);
-    kiln_free(&t->error);
+    kiln_shares_destroy(&t->shares);
     kiln_spread_destroy(&t->spread);
     kiln_free(&t->report.passes);
     kiln_free(transport);

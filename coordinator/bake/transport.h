@@ -8,6 +8,7 @@
 #include "coordinator/bake/control.h"
 #include "coordinator/bake/energy.h"
 #include "coordinator/bake/packed_error.h"
+#include "coordinator/bake/shares.h"
 #include "coordinator/bake/spread.h"
 #include "coordinator/bake/trace.h"
 #include "coordinator/cli/job.h"
@@ -25,6 +26,7 @@ struct kiln_pass_report {
     uint64_t rays;            /* of this rank, and of earlier runs' ranks whose work it took over */
     double seconds, exchange_seconds; /* likewise: computing; waiting and exchanging */
     double device_seconds; /* likewise: of `seconds`, what the device was busy; 0 without one */
+    uint64_t given, taken; /* points of this rank that others of its node computed in this run, and the other way round */
     struct kiln_pass_energy energy;
 };
 
@@ -38,6 +40,7 @@ struct kiln_transport_report {
     uint32_t restarts;      /* how often the bake was gone on with from a checkpoint */
     double seconds_before;  /* that the earlier runs of it took up to their last checkpoint */
     double waiting_seconds; /* of this rank, at the ends of passes: for others to be done */
+    bool gives_away;        /* whether the ranks of this rank's node compute points for each other */
     uint64_t received;      /* bytes of radiosity from other nodes */
     struct kiln_energy energy;
 };
@@ -46,6 +49,7 @@ struct kiln_transport_report {
 struct kiln_transport {
     float *direct, *indirect;
     uint16_t *error;     /* kiln_error_pack */
+    struct kiln_shares *shares; /* whose these three are */
     uint64_t *radiosity; /* all points: packed total radiosity; belongs to the spread */
     struct kiln_spread *spread;
     struct kiln_transport_report report;
@@ -57,7 +61,7 @@ struct kiln_transport_params {
     double begin;                        /* MPI_Wtime() when the run began */
     const struct kiln_job *job;
     struct kiln_backend *backend;        /* has its surface */
-    const struct kiln_surface *surface;
+    struct kiln_surface *surface;        /* its own part belongs to the transport from then on: see shares.h */
     struct kiln_node_memory *node;       /* borrowed; must outlive the transport */
     double area;                         /* m2, of the scene's triangles */
     const struct kiln_emission_result *emission;

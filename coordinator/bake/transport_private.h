@@ -1,4 +1,5 @@
-/* Shared by transport.c (what comes after what), pass.c (one pass over all own points) and transport_save.c (checkpoints). */
+/* Shared by transport.c (what comes after what), pass.c (one pass over all own points), batches.c (who computes what of it when) and
+ * transport_save.c (checkpoints). */
 #ifndef KILN_COORDINATOR_BAKE_TRANSPORT_PRIVATE_H
 #define KILN_COORDINATOR_BAKE_TRANSPORT_PRIVATE_H
 
@@ -14,8 +15,8 @@ enum { GROUP_TILES = 16 };
 
 struct transport_state;
 
-/* What a pass does with a point's answer: gives the radiosity it has now. */
-typedef void (*take_point)(struct transport_state *s, uint64_t own, const struct kiln_point_result *result, float radiosity[3]);
+/* What a pass does with the answer of a share's point: gives the radiosity it has now. */
+typedef void (*take_point)(const struct kiln_share *share, uint64_t own, const struct kiln_point_result *result, float radiosity[3]);
 
 /* A pass, before it is run: kind and bounce say all, given the job. */
 struct transport_step {
@@ -24,16 +25,10 @@ struct transport_step {
     take_point take;
 };
 
-/* A range of own fragments. */
-struct fragment_range {
-    size_t first, count;
-};
-
 struct transport_state {
     const struct kiln_transport_params *params;
     struct kiln_transport *out;
-    float *sum;      /* own: radiosity of all bounces so far, 3 a point; becomes out->indirect */
-    uint64_t *next;  /* own: packed radiosity of the present bounce */
+    const struct kiln_share *own; /* `sum` is the radiosity of all bounces so far, and becomes out->indirect */
     bool compact;    /* `next` holds values of the 4-byte form: see radiosity.h */
     bool early;      /* and they leave while the pass goes on */
     double scale;    /* of that form */
@@ -46,10 +41,13 @@ struct transport_state {
     /* the pass under way, so far */
     struct transport_step step;
     struct kiln_exact_sum sums[SUM_COUNT], variance;
-    struct fragment_range *todo; /* from todo_first on; ranges in order */
+    struct kiln_range *todo; /* from todo_first on; ranges in order. What is left of the first one is on the own board */
     size_t todo_first, todo_count, todo_room;
-    uint64_t points_done;
-    double rate; /* rays a second, as far as is known */
+    uint64_t points_done; /* own ones, by this rank or by earlier runs */
+    size_t sent;          /* own fragments before this one are done, as far as was seen */
+    bool held;            /* there are gaps before the present range: others have not returned what they took of one before it */
+    double rate;          /* rays a second, as far as is known */
+    double slowness;      /* how many times the time of a batch it shall take */
 };
 
 double kiln_luminance(const double rgb[3]);
@@ -65,6 +63,35 @@ void transport_albedo(const struct kiln_surface *surface, uint64_t own, float al
 int transport_pass_begin(struct transport_state *s, struct kiln_error *error);
 /* Collective. Does what is to do in s->step, the report's last pass, which gets this rank's time and the energies of all ranks. */
 int transport_pass_run(struct transport_state *s, struct kiln_error *error);
+
+/* A pass under way. */
+struct pass_work {
+    struct transport_state *state;
+    struct kiln_pass_report *pass;
+    const struct kiln_share *share; /* of which a batch is being computed */
+    uint64_t points;                /* of that batch, so far */
+    struct fragment_sum *fragments; /* of the part being taken */
+    size_t fragment_room;
+};
+
+/* kiln_take_results of all passes (pass.c); the context is the pass_work. */
+int transport_take_part(void *context, size_t first, size_t count, const struct kiln_point_result *results, struct kiln_error *error);
+
+/* batches.c. Within a node a rank that has nothing more to do takes work away from the others (board.h), as far as their backends can
+ * (any_share in kiln_backend_info): it computes a range from the end of another's share, and writes results where the owner would. Sums are
+ * exact and belong to whoever makes them, so neither results nor checkpoints know who computed what. */
+
+/* Begins the own board with what is to do. */
+void transport_offer(struct transport_state *s);
+/* Collective on the node. Waits until nothing of it is away, and brings s->todo up to date. */
+void transport_settle(struct transport_state *s);
+/* Collective. Until all ranks are done, or one says otherwise. */
+int transport_run_batches(struct pass_work *w, struct kiln_error *error);
+/* All own fragments before `end` are done, but for those that others have: what of them is a whole group may leave. */
+void transport_send_done(struct transport_state *s, size_t end);
+/* For tests of who helps whom: from the environment variable KILN_SLOW_RANK, R:F, rank R takes F times as long for a batch (F >= 1).
+ * KILN_USAGE when it is not understood. */
+int transport_read_slowness(struct transport_state *s, struct kiln_error *error);
 
 /* Collective (transport_save.c). Writes a checkpoint: at any time within s->step, or with `finished` after the last (when radiosities and
  * groups are of no more use). */

@@ -144,7 +144,7 @@ static void list_blocks(const struct transport_state *s, struct save_work *w, bo
     }
     add_block(w, "own_passes", 0, r->pass_count, sizeof *w->passes, w->passes);
     add_block(w, "direct", first, count, 3 * sizeof(float), s->out->direct);
-    add_block(w, "sum", first, count, 3 * sizeof(float), s->sum);
+    add_block(w, "sum", first, count, 3 * sizeof(float), s->own->sum);
     add_block(w, "error", first, count, sizeof *s->out->error, s->out->error);
     add_block(w, "visible", first, count, sizeof *surface->visible, surface->visible);
     if (finished)
@@ -152,7 +152,7 @@ static void list_blocks(const struct transport_state *s, struct save_work *w, bo
     add_block(w, "done", 0, w->done_count, sizeof *w->done, w->done);
     add_block(w, "own_sums", 0, 1, sizeof w->sums, &w->sums);
     add_block(w, "own_groups", 0, w->group_count, sizeof *w->groups, w->groups);
-    add_block(w, "next", first, count, sizeof *s->next, s->next);
+    add_block(w, "next", first, count, sizeof *s->own->next, s->own->next);
     if (s->step.kind != KILN_PASS_DIRECT)
         add_block(w, "source", first, count, sizeof *s->out->radiosity, s->out->radiosity + first);
 }
@@ -161,6 +161,9 @@ static int save_with(struct transport_state *s, bool finished, const struct kiln
 {
     const struct kiln_transport_params *p = s->params;
     const double start = MPI_Wtime();
+    kiln_control_blocking(p->control, "writing a checkpoint", 60.0 + (double)transport_save_bytes(s) / WRITE_BYTES);
+    if (!finished)
+        transport_settle(s);
     struct save_work w = {.state = state_of(s, finished), .sums = {.variance = s->variance}};
     memcpy(w.sums.pass, s->sums, sizeof s->sums);
     int status = collect_passes(s, &w, error);
@@ -172,7 +175,6 @@ static int save_with(struct transport_state *s, bool finished, const struct kiln
     assert(w.block_count + more_count <= KILN_BLOCKS_MAX);
     for (size_t i = 0; i < more_count; i++)
         w.blocks[w.block_count++] = more[i];
-    kiln_control_blocking(p->control, "writing a checkpoint", 60.0 + (double)transport_save_bytes(s) / WRITE_BYTES);
     status = kiln_agree(p->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_checkpoint_write(p->checkpoint, p->identity, w.blocks, w.block_count, error);
@@ -191,7 +193,7 @@ int transport_save(struct transport_state *s, bool finished, struct kiln_error *
 int kiln_transport_save(struct kiln_transport *transport, const struct kiln_transport_params *params, const struct kiln_block *more, size_t count,
                         struct kiln_error *error)
 {
-    struct transport_state s = {.params = params, .out = transport, .sum = transport->indirect};
+    struct transport_state s = {.params = params, .out = transport, .own = kiln_share(transport->shares, kiln_shares_own(transport->shares))};
     return save_with(&s, true, more, count, error);
 }
 
@@ -253,11 +255,11 @@ static int restore_points(struct transport_state *s, bool finished, struct kiln_
     const uint64_t first = surface->first, count = surface->count;
     int status = kiln_checkpoint_read(c, "direct", first, count, 3 * sizeof(float), s->out->direct, error);
     if (status == KILN_OK)
-        status = kiln_checkpoint_read(c, "sum", first, count, 3 * sizeof(float), s->sum, error);
+        status = kiln_checkpoint_read(c, "sum", first, count, 3 * sizeof(float), s->own->sum, error);
     if (status == KILN_OK)
         status = kiln_checkpoint_read(c, "error", first, count, sizeof *s->out->error, s->out->error, error);
     if (status == KILN_OK && !finished)
-        status = kiln_checkpoint_read(c, "next", first, count, sizeof *s->next, s->next, error);
+        status = kiln_checkpoint_read(c, "next", first, count, sizeof *s->own->next, s->own->next, error);
     if (status == KILN_OK && !finished && s->step.kind != KILN_PASS_DIRECT)
         status = kiln_checkpoint_read(c, "source", first, count, sizeof *s->out->radiosity, s->out->radiosity + first, error);
     return status;
@@ -317,7 +319,7 @@ static int add_todo(struct transport_state *s, size_t first, size_t end, struct 
         return KILN_OK;
     const int status = kiln_grow(&s->todo, &s->todo_room, s->todo_count + 1, sizeof *s->todo, "what a pass has to do", error);
     if (status == KILN_OK)
-        s->todo[s->todo_count++] = (struct fragment_range){first, end - first};
+        s->todo[s->todo_count++] = (struct kiln_range){first, end - first};
     return status;
 }
 
@@ -380,5 +382,7 @@ int transport_restore(struct transport_state *s, bool *finished, struct kiln_err
         status = add_part(s, part, *finished, error);
     if (status == KILN_OK && !*finished)
         status = restore_todo(s, error);
+    if (status == KILN_OK && !*finished)
+        transport_offer(s);
     return kiln_agree(p->communicator, status, error);
 }

@@ -136,7 +136,7 @@ static int gather_all(struct volume_work *w, struct kiln_error *error)
             status = gather_batch(w, &seconds, error);
             event = kiln_control_poll(p->control, !find_next(w), (double)w->finished / (double)w->volume->count, seconds, status);
         } else {
-            event = kiln_control_wait(p->control, status);
+            event = kiln_control_wait(p->control, true, 1.0, status, NULL, NULL);
         }
         if (event == KILN_EVENT_FAIL || event == KILN_EVENT_DONE)
             return kiln_agree(p->communicator, status, error);

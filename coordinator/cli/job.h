@@ -81,6 +81,7 @@ struct kiln_job {
 
     /* between ranks */
     uint32_t share_ranks;    /* at most so many of a host share memory; 0: all, 1: none */
+    bool give_away;          /* ranks that are done compute for others of their host; default true */
     int exchange;            /* enum kiln_exchange_form: 4 or 8 bytes a point between bounces */
     uint64_t exchange_limit; /* elements in one call of MPI; 0: what it can count */
     char *trace;             /* file for the timeline of all ranks */

@@ -126,6 +126,8 @@ const struct kiln_option kiln_options[] = {
 
     {.name = "share-ranks", .group = "Ranks", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "all", .word = "all", .minimum = 1,
      .maximum = 1e6, .help = "of a host that hold geometry and radiosity together; 1: none do", .commands = KILN_FOR_BAKE, .offset = AT(share_ranks)},
+    {.name = "give-away", .group = "Ranks", .kind = KILN_OPTION_FLAG, .fallback = "true",
+     .help = "ranks of a host that are done compute for those that are not (Embree)", .commands = KILN_FOR_BAKE, .offset = AT(give_away)},
     {.name = "exchange", .group = "Ranks", .kind = KILN_OPTION_CHOICE_ENUM, .fallback = "auto", .choices = exchanges,
      .help = "radiosity between bounces: 4 or 8 bytes a point; auto: 4 from 2^22 points on", .commands = KILN_FOR_BAKE, .offset = AT(exchange)},
     {.name = "exchange-limit", .group = "Ranks", .kind = KILN_OPTION_UINT64, .value = "N", .fallback = "auto", .word = "auto", .minimum = 1,

@@ -122,6 +122,7 @@ def try_trace(checks, kiln, scene):
         row = sorted((e['ts'], e['ts'] + e['dur']) for e in complete if e['pid'] == rank and e['cat'] == 'batch')
         checks.that(all(a[1] <= b[0] + 1 for a, b in zip(row, row[1:])), 'batches of rank %d overlap' % rank)
         points = sum(e['args']['count'] for e in complete if e['pid'] == rank and e['cat'] == 'batch')
+        points += bake.run['balance']['given_away']['points_per_rank'][rank]
         passes = len([e for e in complete if e['pid'] == rank and e['cat'] == 'pass'])
         checks.that(points == passes * bake.run['balance']['points_per_rank'][rank], 'batches of rank %d have %d points in %d passes' % (rank, points, passes))
     share = bake.run['mpi']['waiting_share']

@@ -13,14 +13,16 @@ void kiln_surface_destroy(struct kiln_surface **surface)
         kiln_free(&s->lightmaps);
         kiln_free(&s->cell_first);
     }
-    kiln_free(&s->fragments);
-    kiln_free(&s->piece_base);
-    kiln_free(&s->share_base);
-    kiln_free(&s->piece_count);
-    kiln_free(&s->pieces);
-    kiln_free(&s->shares);
-    kiln_free(&s->albedo);
-    kiln_free(&s->area);
-    kiln_free(&s->visible);
+    if (!s->share_is_lent) {
+        kiln_free(&s->fragments);
+        kiln_free(&s->piece_base);
+        kiln_free(&s->share_base);
+        kiln_free(&s->piece_count);
+        kiln_free(&s->pieces);
+        kiln_free(&s->shares);
+        kiln_free(&s->albedo);
+        kiln_free(&s->area);
+        kiln_free(&s->visible);
+    }
     kiln_free(surface);
 }

@@ -61,6 +61,7 @@ struct kiln_surface {
     uint64_t cell_count;             /* occupied cells */
     uint64_t *cell_first;            /* cell_count + 1: global index of each cell's first point (cells partition only; else NULL) */
     bool map_is_lent;                /* tiles, splits, lightmaps and cell_first are somebody else's to free */
+    bool share_is_lent;              /* the arrays of this rank's share are somebody else's to free */
     /* this rank's share */
     uint64_t first, count;           /* global range of own points */
     size_t fragment_count;

@@ -173,7 +173,7 @@ static int embree_create(struct kiln_backend **backend, const struct kiln_backen
 static void embree_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     const struct embree_backend *b = (const struct embree_backend *)backend;
-    *info = (struct kiln_backend_info){.name = "embree", .build_seconds = b->build_seconds};
+    *info = (struct kiln_backend_info){.name = "embree", .build_seconds = b->build_seconds, .any_share = true};
     memcpy(info->device, b->device_text, sizeof info->device);
 }
 

@@ -1,0 +1,37 @@
+/* The surface points of a node's ranks, and what light transport knows of them, where all ranks of the node see them.
+ *
+ * A rank owns its share, and its backend computes it; while ranks give work away, another rank may compute a part of it, and then reads the
+ * owner's surface and writes the owner's results. For that, the share's arrays are moved to memory of the node (kiln_node_parts). Where
+ * nothing is given away, or the node's memory has no room, the arrays stay a rank's own, and it sees no share but its own. */
+#ifndef KILN_COORDINATOR_BAKE_SHARES_H
+#define KILN_COORDINATOR_BAKE_SHARES_H
+
+#include "coordinator/bake/board.h"
+#include "coordinator/bake/node_memory.h"
+#include "worker/scene/surface.h"
+
+struct kiln_share {
+    struct kiln_surface surface; /* a view: the map as this rank has it, the own part as the share's owner has it */
+    float *direct, *sum;         /* 3 a point, see struct kiln_transport and transport_private.h */
+    uint16_t *error;             /* 1 a point: kiln_error_pack */
+    uint64_t *next;              /* 1 a point: packed radiosity of the present bounce */
+    struct kiln_board *board;    /* what of the present pass may be taken */
+};
+
+struct kiln_shares;
+
+/* Collective on the node. The surface's own arrays now belong to the shares: with `lend` (the same on the node) they are moved.
+ * The results are zero. KILN_SYSTEM for 2^32 fragments or more. Destroy with kiln_shares_destroy. */
+int kiln_shares_create(struct kiln_shares **shares, const struct kiln_node_memory *node, struct kiln_surface *surface, bool lend,
+                       struct kiln_error *error);
+/* Collective on the node. Of a surface whose arrays were moved only the map is left. */
+void kiln_shares_destroy(struct kiln_shares **shares);
+/* Collective on the node. `next` and the boards go; the rest stays. */
+void kiln_shares_end(struct kiln_shares *shares);
+
+/* How many of the node's ranks have shares that are seen here, and which of them is this rank's own: 1 and 0 where nothing is lent. */
+int kiln_shares_count(const struct kiln_shares *shares);
+int kiln_shares_own(const struct kiln_shares *shares);
+const struct kiln_share *kiln_share(const struct kiln_shares *shares, int index);
+
+#endif

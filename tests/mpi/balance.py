@@ -1,0 +1,112 @@
+"""Ranks that are behind, and what the others do about it: the same bits whoever computes what.
+
+same       with work given away and without, on several numbers of ranks and nodes, one rank made slow (KILN_SLOW_RANK): same results, and
+           run.json and the timeline say that work really moved
+resume     stopped, and killed, while work is given away; gone on with on other ranks: same results
+"""
+import json
+import os
+import random
+import shutil
+import signal
+import sys
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [os.path.join(HERE, '..', 'common'), os.path.join(HERE, '..', 'resume')]
+import harness  # noqa: E402
+import resume  # noqa: E402
+from same_result import Result, differences  # noqa: E402
+
+SMALL = ('--backend', 'embree', '--lightmap-size', 40, '--cell-size', 1, '--samples-direct', 16, '--samples-bounce', 16, '--samples-indirect', 64,
+         '--bounces', 3, '--samples-probe', 16, '--threads', 1, '--watchdog', 20)
+HELP = 'batch of another rank'
+
+
+def slow(rank, factor):
+    os.environ['KILN_SLOW_RANK'] = '%d:%d' % (rank, factor)
+
+
+def try_same(checks, kiln, scene):
+    table = harness.Table(('ranks', 6), ('a node', 7), ('exchange', 9), ('how', 12), ('seconds', 8), ('points that moved', 18), ('result', 10))
+    first = {}
+    for ranks, node, form, on in ((1, 'all', 'auto', True), (2, 'all', 'auto', True), (2, 'all', 'auto', False), (3, 'all', 'auto', True),
+                                  (5, 'all', 'auto', True), (1, 'all', 'compact', True), (5, 3, 'compact', True)):
+        slow(1, 5)
+        bake = kiln.bake(scene, *SMALL, '--share-ranks', node, '--exchange', form, '--give-away' if on else '--no-give-away', ranks=ranks, timeout=120)
+        if not checks.baked(bake):
+            continue
+        what = '%d ranks, %s a node, exchange %s, %s' % (ranks, node, form, 'giving away' if on else 'not giving away')
+        given, passes = bake.run['balance']['given_away'], [b['given_away'] for b in bake.run['bounces']]
+        moved, expected = sum(passes), on and ranks > 1
+        found = differences(first.setdefault(form, Result(bake)), Result(bake))
+        checks.that(not found, '%s: not the same as before: %s' % (what, '; '.join(found)), bake.process)
+        checks.that(given['on'] == expected and (moved > 0) == expected, '%s: %s, %s points moved in the passes' % (what, given, passes), bake.process)
+        checks.that(sum(given['points_per_rank']) == moved == sum(given['taken_per_rank']), '%s: what is given is not what is taken: %s, %s' % (
+            what, given, passes), bake.process)
+        checks.that(not expected or given['points_per_rank'][1] > 0.2 * bake.run['balance']['points_per_rank'][1],
+                    '%s: the slow rank gave away only %s' % (what, given), bake.process)
+        table.row(ranks, node, form, 'given away' if on else 'kept', '%.1f' % bake.process.seconds, moved, 'same' if not found else 'DIFFERENT')
+        bake.remove()
+    os.environ['KILN_SLOW_RANK'] = 'slow'
+    refused = kiln.bake(scene, *SMALL)
+    checks.that(refused.process.status == 64 and 'KILN_SLOW_RANK' in refused.process.stderr, 'a slowness that is none: ended with %d' %
+                refused.process.status, refused.process)
+    del os.environ['KILN_SLOW_RANK']
+
+
+def given_before_saving(path):
+    """How many checkpoints of a timeline were written after help in the same pass had begun. Those inside a pass, for passes end after them."""
+    with open(path, encoding='utf-8') as f:
+        events = [e for e in json.load(f)['traceEvents'] if e['ph'] == 'X']
+    helps = [e for e in events if e['cat'] == HELP]
+    saves = [e for e in events if e['cat'] == 'checkpoint' and e['pid'] == 0]
+    passes = [e for e in events if e['cat'] == 'pass' and e['pid'] == 0]
+    begin = lambda save: max([p['ts'] for p in passes if p['ts'] < save['ts'] < p['ts'] + p['dur']], default=None)
+    return sum(begin(s) is not None and any(begin(s) <= h['ts'] < s['ts'] for h in helps) for s in saves)
+
+
+def try_resume(checks, kiln):
+    tool = resume.Tool(kiln.path, kiln.scratch)
+    reference, _ = resume.reference_of(checks, tool)
+    seed = int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
+    dice = random.Random(seed)
+    print('seed %d (KILN_SEED=%d repeats it)' % (seed, seed))
+    amid = 0
+    for before, after, kill in ((3, 2, False), (2, 1, False), (3, 1, True)):
+        slow(1, 5)
+        trace = os.path.join(kiln.scratch, 'trace.json')
+        folder, wanted = tool.folder(), dice.randrange(4, 9)
+        process = tool.start(folder, *resume.OFTEN, '--trace', trace, ranks=before)
+        number = lambda: max([int(g[-6:]) for g in resume.generations(folder)], default=0)
+        resume.wait_for(lambda: number() >= wanted or process.poll() is not None)
+        victims = resume.ranks_of(process)
+        if checks.that(len(victims) == before, '%d ranks: over before generation %d' % (before, wanted)):
+            os.kill(dice.choice(victims), signal.SIGKILL if kill else signal.SIGUSR1)
+        status = resume.finish(process)
+        checks.that(status not in (None, 0) if kill else status == resume.STOPPED, '%d ranks: interrupted, it ended with %s: %s' % (
+            before, status, resume.text(folder)[-400:]))
+        amid += 0 if kill else given_before_saving(trace)
+        del os.environ['KILN_SLOW_RANK']
+        what = '%d ranks %s at generation %d, then %d' % (before, 'killed' if kill else 'stopped', wanted, after)
+        again = tool.bake(folder, ranks=after, threads=3 - after)
+        checks.that('going on from checkpoint' in again.stderr, '%s: does not go on' % what, again)
+        resume.same(checks, tool, reference, folder, again, what)
+        print(what)
+        shutil.rmtree(folder, ignore_errors=True)
+    checks.that(amid > 0, 'no checkpoint was written while work was given away')
+    print('%d checkpoints were written in passes in which work had been given away' % amid)
+
+
+def main():
+    arguments, kiln = harness.start(__doc__, lambda parser: parser.add_argument('parts', nargs='*'))
+    cornell = harness.own_scene('cornell_original.glb')
+    if cornell is None:
+        harness.skip('neither tests/data nor ../shared/scenes/own is here.')
+    checks = harness.Checks()
+    for part in arguments.parts or ('same', 'resume'):
+        {'same': lambda: try_same(checks, kiln, cornell), 'resume': lambda: try_resume(checks, kiln)}[part]()
+    checks.end()
+
+
+if __name__ == '__main__':
+    main()
