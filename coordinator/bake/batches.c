@@ -110,6 +110,7 @@ static int run_batch(struct pass_work *w, const struct kiln_share *share, struct
     w->points = 0;
     kiln_backend_info(p->backend, &begin);
     const double start = MPI_Wtime();
+    w->since = start;
     const int status = s->step.kind == KILN_PASS_DIRECT
                            ? kiln_backend_direct(p->backend, &batch, s->step.samples, &w->pass->rays, error)
                            : kiln_backend_gather(p->backend, &batch, s->step.samples, s->step.stream, &w->pass->rays, error);

@@ -6,7 +6,7 @@
 #include "coordinator/output/publish.h"
 #include "coordinator/output/sealed.h"
 
-enum { KILN_CHECKPOINT_FORMAT = 1 };
+enum { KILN_CHECKPOINT_FORMAT = 2 };
 
 /* Where an array lies in a file. */
 struct checkpoint_block {

@@ -163,6 +163,8 @@ int transport_take_part(void *context, size_t first, size_t count, const struct 
     const struct kiln_transport_params *p = s->params;
     const struct kiln_surface *surface = &w->share->surface;
     const struct kiln_fragment *fragments = surface->fragments + first;
+    const double now = MPI_Wtime(), seconds = s->slowness * (now - w->since);
+    w->since = now;
     const int status = kiln_grow(&w->fragments, &w->fragment_room, count, sizeof *w->fragments, "a part's sums", error);
     if (status != KILN_OK)
         return status;
@@ -176,7 +178,9 @@ int transport_take_part(void *context, size_t first, size_t count, const struct 
         for (int k = 0; k < SUM_COUNT; k++) /* exact: the order of threads does not matter */
             s->sums[k].value += own[k].value;
     }
+    const double cost = seconds / (double)(fragments[count - 1].first + fragments[count - 1].count - fragments[0].first);
     for (size_t i = 0; i < count; i++) {
+        w->share->cost[first + i] = (float)(cost * (double)fragments[i].count);
         s->group_now[group_of(surface, &fragments[i])].value += w->fragments[i].reflected.value;
         kiln_exact_add(&s->variance, w->fragments[i].variance, s->unit_squared);
         w->points += fragments[i].count;
@@ -208,6 +212,7 @@ int transport_pass_begin(struct transport_state *s, struct kiln_error *error)
     s->variance.value = 0;
     memset(s->group_now, 0, s->group_count * sizeof *s->group_now);
     s->points_done = 0;
+    s->measured = true;
     s->todo_first = 0;
     s->todo_count = s->params->surface->fragment_count > 0 ? 1 : 0;
     const int status = kiln_grow(&s->todo, &s->todo_room, 1, sizeof *s->todo, "what a pass has to do", error);

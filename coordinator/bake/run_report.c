@@ -86,6 +86,16 @@ static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
     }
 }
 
+/* What was thought and done about the shares after a pass; null: nothing. */
+static json_t *rebalance_json(const struct kiln_pass_balance *b)
+{
+    if (!b->judged)
+        return json_null();
+    const char *why = b->moved ? "moved" : b->cost > 0.0 ? "the gain does not pay for the move" : "hardly anything to gain";
+    return json_pack("{s:b, s:s, s:f, s:f, s:f, s:I}", "moved", b->moved, "why", why, "imbalance", b->imbalance, "predicted_gain", b->gain,
+                     "predicted_cost", b->cost, "points", (json_int_t)b->points);
+}
+
 /* `given`: points that changed hands in each pass, of all ranks. */
 static json_t *passes_json(const struct kiln_transport_report *t, const uint64_t *given)
 {
@@ -93,10 +103,11 @@ static json_t *passes_json(const struct kiln_transport_report *t, const uint64_t
     json_t *array = json_array();
     for (size_t i = 0; i < t->pass_count; i++) {
         const struct kiln_pass_report *p = &t->passes[i];
-        json_array_append_new(array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I}", "kind", kinds[p->kind], "bounce", (int)p->bounce,
+        json_array_append_new(array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind", kinds[p->kind], "bounce", (int)p->bounce,
                                                "samples", (int)p->samples, "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
                                                "device_seconds", p->device_seconds, "energy", luminance(p->energy.incident), "incident", rgb_json(p->energy.incident), "reflected",
-                                               rgb_json(p->energy.reflected), "given_away", (json_int_t)given[i]));
+                                               rgb_json(p->energy.reflected), "given_away", (json_int_t)given[i],
+                                               "rebalance", rebalance_json(&p->balance)));
     }
     return array;
 }

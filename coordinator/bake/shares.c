@@ -2,18 +2,21 @@
 
 #include <string.h>
 
+#include "coordinator/bake/move.h"
 #include "coordinator/cli/agree.h"
 #include "worker/base/memory.h"
 
-/* What an array has one element for; `per_board` arrays have one in all. */
-enum unit { PER_BOARD, PER_FRAGMENT, PER_FRAGMENT_AND_END, PER_POINT, PER_PIECE, PER_AREA_SHARE };
-/* Which memory it lies in. */
+/* Which memory an array lies in. */
 enum place { OF_SURFACE, OF_RESULTS, OF_WORK, PLACES };
+
+/* How many elements an array has. */
+enum length { ONE_A_UNIT, ONE_MORE, ONE_IN_ALL };
 
 struct array {
     size_t offset; /* of its pointer in struct kiln_share */
     size_t size;
-    enum unit unit;
+    enum kiln_unit unit;
+    enum length length;
     enum place place;
 };
 
@@ -21,53 +24,44 @@ struct array {
 #define SIZE(member) sizeof *((struct kiln_share *)NULL)->member
 
 static const struct array arrays[] = {
-    {AT(surface.fragments), SIZE(surface.fragments), PER_FRAGMENT, OF_SURFACE},
-    {AT(surface.piece_base), SIZE(surface.piece_base), PER_FRAGMENT_AND_END, OF_SURFACE},
-    {AT(surface.share_base), SIZE(surface.share_base), PER_FRAGMENT_AND_END, OF_SURFACE},
-    {AT(surface.piece_count), SIZE(surface.piece_count), PER_POINT, OF_SURFACE},
-    {AT(surface.pieces), SIZE(surface.pieces), PER_PIECE, OF_SURFACE},
-    {AT(surface.shares), SIZE(surface.shares), PER_AREA_SHARE, OF_SURFACE},
-    {AT(surface.albedo), 3 * SIZE(surface.albedo), PER_POINT, OF_SURFACE},
-    {AT(surface.area), SIZE(surface.area), PER_POINT, OF_SURFACE},
-    {AT(surface.visible), SIZE(surface.visible), PER_POINT, OF_SURFACE},
-    {AT(direct), 3 * SIZE(direct), PER_POINT, OF_RESULTS},
-    {AT(sum), 3 * SIZE(sum), PER_POINT, OF_RESULTS},
-    {AT(error), SIZE(error), PER_POINT, OF_RESULTS},
-    {AT(next), SIZE(next), PER_POINT, OF_WORK},
-    {AT(board), SIZE(board), PER_BOARD, OF_WORK},
+    {AT(surface.fragments), SIZE(surface.fragments), KILN_UNIT_FRAGMENT, ONE_A_UNIT, OF_SURFACE},
+    {AT(surface.piece_base), SIZE(surface.piece_base), KILN_UNIT_FRAGMENT, ONE_MORE, OF_SURFACE},
+    {AT(surface.share_base), SIZE(surface.share_base), KILN_UNIT_FRAGMENT, ONE_MORE, OF_SURFACE},
+    {AT(surface.piece_count), SIZE(surface.piece_count), KILN_UNIT_POINT, ONE_A_UNIT, OF_SURFACE},
+    {AT(surface.pieces), SIZE(surface.pieces), KILN_UNIT_PIECE, ONE_A_UNIT, OF_SURFACE},
+    {AT(surface.shares), SIZE(surface.shares), KILN_UNIT_AREA_SHARE, ONE_A_UNIT, OF_SURFACE},
+    {AT(surface.albedo), 3 * SIZE(surface.albedo), KILN_UNIT_POINT, ONE_A_UNIT, OF_SURFACE},
+    {AT(surface.area), SIZE(surface.area), KILN_UNIT_POINT, ONE_A_UNIT, OF_SURFACE},
+    {AT(surface.visible), SIZE(surface.visible), KILN_UNIT_POINT, ONE_A_UNIT, OF_SURFACE},
+    {AT(direct), 3 * SIZE(direct), KILN_UNIT_POINT, ONE_A_UNIT, OF_RESULTS},
+    {AT(sum), 3 * SIZE(sum), KILN_UNIT_POINT, ONE_A_UNIT, OF_RESULTS},
+    {AT(error), SIZE(error), KILN_UNIT_POINT, ONE_A_UNIT, OF_RESULTS},
+    {AT(next), SIZE(next), KILN_UNIT_POINT, ONE_A_UNIT, OF_WORK},
+    {AT(cost), SIZE(cost), KILN_UNIT_FRAGMENT, ONE_A_UNIT, OF_WORK},
+    {AT(board), SIZE(board), KILN_UNIT_FRAGMENT, ONE_IN_ALL, OF_WORK},
 };
 enum { ARRAYS = sizeof arrays / sizeof *arrays };
 
+static const char *const purposes[PLACES] = {"the surface points", "irradiance", "the radiosity of a bounce"};
+
 /* Of a share; what the ranks of a node tell each other. */
 struct extent {
-    uint64_t first, points, fragments, pieces, area_shares;
+    uint64_t first; /* point */
+    uint64_t count[KILN_UNITS];
 };
 
 struct kiln_shares {
-    const struct kiln_node_memory *node; /* NULL: nothing is lent */
+    const struct kiln_node_memory *node;   /* NULL: nothing is lent */
     struct kiln_surface *surface;
     int count, own;
     struct kiln_node_parts *parts[PLACES]; /* NULL: of the surface, as it was built */
     struct kiln_share *share;              /* count */
+    struct extent *extents;                /* count */
 };
 
-static size_t count_of(const struct extent *e, enum unit unit)
+static size_t length_of(const struct array *array, const struct extent *e)
 {
-    switch (unit) {
-    case PER_FRAGMENT:
-        return (size_t)e->fragments;
-    case PER_FRAGMENT_AND_END:
-        return (size_t)e->fragments + 1;
-    case PER_POINT:
-        return (size_t)e->points;
-    case PER_PIECE:
-        return (size_t)e->pieces;
-    case PER_AREA_SHARE:
-        return (size_t)e->area_shares;
-    case PER_BOARD:
-        break;
-    }
-    return 1;
+    return array->length == ONE_IN_ALL ? 1 : (size_t)e->count[array->unit] + (array->length == ONE_MORE ? 1 : 0);
 }
 
 static void *pointer_at(const struct kiln_share *share, const struct array *array)
@@ -91,82 +85,97 @@ static size_t lay_out(struct kiln_share *share, const struct extent *extent, enu
             continue;
         if (base != NULL)
             set_pointer(share, &arrays[i], base + at);
-        at += (count_of(extent, arrays[i].unit) * arrays[i].size + 63) / 64 * 64;
+        at += (length_of(&arrays[i], extent) * arrays[i].size + 63) / 64 * 64;
     }
     return at;
 }
 
-static struct extent extent_of(const struct kiln_surface *s)
-{
-    return (struct extent){s->first, s->count, s->fragment_count, s->piece_base[s->fragment_count], s->share_base[s->fragment_count]};
-}
+/* ---- making ---- */
 
 /* Collective on the node. Makes a part for each of the node's arrays of a place, and points all shares there. */
-static int make_parts(struct kiln_shares *s, const struct extent *extents, enum place place, const char *what, struct kiln_error *error)
+static int make_parts(struct kiln_shares *s, enum place place, struct kiln_error *error)
 {
-    const int status = kiln_node_parts_create(&s->parts[place], s->node, lay_out(NULL, &extents[s->own], place, NULL), what, error);
+    const size_t bytes = lay_out(NULL, &s->extents[s->own], place, NULL);
+    const int status = kiln_node_parts_create(&s->parts[place], s->node, bytes, purposes[place], error);
     for (int i = 0; i < s->count && status == KILN_OK; i++)
-        (void)lay_out(&s->share[i], &extents[i], place, kiln_node_part(s->parts[place], i));
+        (void)lay_out(&s->share[i], &s->extents[i], place, kiln_node_part(s->parts[place], i));
     return status;
 }
 
-/* One array after the other, so that little is there twice. */
-static void move_surface(struct kiln_shares *s, const struct extent *extent)
+static void keep_to_oneself(struct kiln_shares *s)
 {
-    struct kiln_share before = {.surface = *s->surface};
-    for (int i = 0; i < ARRAYS; i++) {
-        if (arrays[i].place != OF_SURFACE)
-            continue;
-        void *old = pointer_at(&before, &arrays[i]);
-        memcpy(pointer_at(&s->share[s->own], &arrays[i]), old, count_of(extent, arrays[i].unit) * arrays[i].size);
-        kiln_free(&old);
+    s->extents[0] = s->extents[s->own];
+    s->share[0] = s->share[s->own];
+    s->node = NULL;
+    s->count = 1;
+    s->own = 0;
+}
+
+/* Collective on the node. The same where the node's memory has no room, but then each rank for itself. */
+static int make_somewhere(struct kiln_shares *s, enum place place, struct kiln_error *error)
+{
+    if (s->node != NULL && make_parts(s, place, NULL) == KILN_OK)
+        return KILN_OK;
+    keep_to_oneself(s);
+    return make_parts(s, place, error);
+}
+
+/* Collective on the node. All its ranks' extents, and views of the right lengths. */
+static void learn_extents(struct kiln_shares *s, const struct extent *own)
+{
+    if (s->node == NULL)
+        s->extents[0] = *own;
+    else
+        (void)MPI_Allgather(own, sizeof *own, MPI_BYTE, s->extents, sizeof *own, MPI_BYTE, kiln_node_communicator(s->node));
+    for (int i = 0; i < s->count; i++) {
+        struct kiln_surface *view = &s->share[i].surface;
+        *view = *s->surface;
+        view->first = s->extents[i].first;
+        view->count = s->extents[i].count[KILN_UNIT_POINT];
+        view->fragment_count = (size_t)s->extents[i].count[KILN_UNIT_FRAGMENT];
     }
+}
+
+/* Of a surface that was not in parts before. */
+static void free_surface(struct kiln_share *share)
+{
+    for (int i = 0; i < ARRAYS; i++)
+        if (arrays[i].place == OF_SURFACE) {
+            void *old = pointer_at(share, &arrays[i]);
+            kiln_free(&old);
+        }
+}
+
+/* The surface has its arrays where this rank's share has them. */
+static void take_over_surface(struct kiln_shares *s)
+{
     *s->surface = s->share[s->own].surface;
     s->surface->share_is_lent = true;
 }
 
-/* Collective on the node. */
-static int lend_surface(struct kiln_shares *s, const struct extent *extents, struct kiln_error *error)
+/* Collective on the node. The surface as it was built to memory of the node, one array after the other, so that little is there twice. */
+static void lend_surface(struct kiln_shares *s)
 {
-    for (int i = 0; i < s->count; i++) {
-        struct kiln_surface *view = &s->share[i].surface;
-        *view = *s->surface;
-        view->first = extents[i].first;
-        view->count = extents[i].points;
-        view->fragment_count = (size_t)extents[i].fragments;
+    struct kiln_share before = {.surface = *s->surface};
+    if (s->node == NULL || make_parts(s, OF_SURFACE, NULL) != KILN_OK) {
+        keep_to_oneself(s);
+        return;
     }
-    const int status = make_parts(s, extents, OF_SURFACE, "the surface points", error);
-    if (status == KILN_OK)
-        move_surface(s, &extents[s->own]);
-    return status;
-}
-
-/* A rank alone with its share. */
-static void keep_to_oneself(struct kiln_shares *s, struct extent *extents)
-{
-    extents[0] = extent_of(s->surface);
-    s->node = NULL;
-    s->count = 1;
-    s->own = 0;
-    s->share[0] = (struct kiln_share){.surface = *s->surface};
+    for (int i = 0; i < ARRAYS; i++) {
+        if (arrays[i].place != OF_SURFACE)
+            continue;
+        void *old = pointer_at(&before, &arrays[i]);
+        memcpy(pointer_at(&s->share[s->own], &arrays[i]), old, length_of(&arrays[i], &s->extents[s->own]) * arrays[i].size);
+        kiln_free(&old);
+    }
+    take_over_surface(s);
 }
 
 /* Collective on the node. */
-static int make_results(struct kiln_shares *s, const struct extent *extents, struct kiln_error *error)
+static int make_results(struct kiln_shares *s, struct kiln_error *error)
 {
-    const int status = make_parts(s, extents, OF_RESULTS, "irradiance", error);
-    return status == KILN_OK ? make_parts(s, extents, OF_WORK, "the radiosity of a bounce", error) : status;
-}
-
-/* Collective on the node. */
-static int fill(struct kiln_shares *s, struct extent *extents, struct kiln_error *error)
-{
-    if (s->node != NULL && lend_surface(s, extents, NULL) == KILN_OK && make_results(s, extents, NULL) == KILN_OK)
-        return KILN_OK;
-    kiln_shares_end(s);
-    kiln_node_parts_destroy(&s->parts[OF_RESULTS]);
-    keep_to_oneself(s, extents);
-    return make_results(s, extents, error);
+    const int status = make_somewhere(s, OF_RESULTS, error);
+    return status == KILN_OK ? make_somewhere(s, OF_WORK, error) : status;
 }
 
 int kiln_shares_create(struct kiln_shares **shares, const struct kiln_node_memory *node, struct kiln_surface *surface, bool lend,
@@ -174,26 +183,30 @@ int kiln_shares_create(struct kiln_shares **shares, const struct kiln_node_memor
 {
     const int ranks = kiln_node_ranks(node);
     struct kiln_shares *s = NULL;
-    struct extent *extents = NULL;
     *shares = NULL;
     int status = kiln_allocate(&s, 1, sizeof *s, "the shares of a node", error);
     if (status == KILN_OK)
         status = kiln_allocate(&s->share, (size_t)ranks, sizeof *s->share, "the shares of a node", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&extents, (size_t)ranks, sizeof *extents, "the shares of a node", error);
+        status = kiln_allocate(&s->extents, (size_t)ranks, sizeof *s->extents, "the shares of a node", error);
     if (status == KILN_OK && surface->fragment_count >= UINT32_MAX)
         status = kiln_fail(error, KILN_SYSTEM, "%zu pieces of lightmap tiles are too many for one rank: use more ranks", surface->fragment_count);
     status = kiln_agree(kiln_node_communicator(node), status, error);
     if (status == KILN_OK) {
-        const struct extent own = extent_of(surface);
-        s->node = lend && ranks > 1 ? node : NULL;
+        const struct extent own = {surface->first,
+                                   {surface->fragment_count, surface->count, surface->piece_base[surface->fragment_count],
+                                    surface->share_base[surface->fragment_count]}};
         s->surface = surface;
-        s->count = ranks;
-        s->own = kiln_node_rank(node);
-        (void)MPI_Allgather(&own, sizeof own, MPI_BYTE, extents, sizeof own, MPI_BYTE, kiln_node_communicator(node));
-        status = kiln_agree(kiln_node_communicator(node), fill(s, extents, error), error);
+        s->count = 1;
+        if (lend && ranks > 1) {
+            s->node = node;
+            s->count = ranks;
+            s->own = kiln_node_rank(node);
+        }
+        learn_extents(s, &own);
+        lend_surface(s);
+        status = kiln_agree(kiln_node_communicator(node), make_results(s, error), error);
     }
-    kiln_free(&extents);
     *shares = s;
     if (status != KILN_OK)
         kiln_shares_destroy(shares);
@@ -210,7 +223,108 @@ void kiln_shares_destroy(struct kiln_shares **shares)
     for (int place = PLACES - 1; place >= 0; place--)
         kiln_node_parts_destroy(&s->parts[place]);
     kiln_free(&s->share);
+    kiln_free(&s->extents);
     kiln_free(shares);
+}
+
+/* ---- moving ---- */
+
+int kiln_cuts_create(struct kiln_cuts *cuts, int ranks, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (int u = 0; u < KILN_UNITS && status == KILN_OK; u++)
+        status = kiln_allocate(&cuts->of[u], (size_t)ranks + 1, sizeof *cuts->of[u], "the shares of all ranks", error);
+    return status;
+}
+
+void kiln_cuts_destroy(struct kiln_cuts *cuts)
+{
+    for (int u = 0; u < KILN_UNITS; u++)
+        kiln_free(&cuts->of[u]);
+}
+
+int kiln_shares_cuts(const struct kiln_shares *s, MPI_Comm communicator, struct kiln_cuts *cuts, struct kiln_error *error)
+{
+    int ranks;
+    (void)MPI_Comm_size(communicator, &ranks);
+    *cuts = (struct kiln_cuts){{NULL}};
+    const int status = kiln_agree(communicator, kiln_cuts_create(cuts, ranks, error), error);
+    for (int u = 0; u < KILN_UNITS && status == KILN_OK; u++) {
+        uint64_t *of = cuts->of[u];
+        (void)MPI_Allgather(&s->extents[s->own].count[u], 1, MPI_UINT64_T, of + 1, 1, MPI_UINT64_T, communicator);
+        for (int r = 0; r < ranks; r++)
+            of[r + 1] += of[r];
+    }
+    return status;
+}
+
+/* Where each fragment's pieces and area shares begin follows from what its points have. */
+static void find_bases(const struct kiln_surface *s)
+{
+    s->piece_base[0] = s->share_base[0] = 0;
+    for (size_t f = 0; f < s->fragment_count; f++) {
+        uint64_t pieces = 0;
+        const uint64_t own = s->fragments[f].first - s->first;
+        for (uint64_t i = own; i < own + s->fragments[f].count; i++)
+            pieces += kiln_piece_count(s, i);
+        s->piece_base[f + 1] = s->piece_base[f] + pieces;
+        s->share_base[f + 1] = s->share_base[f] + pieces - s->fragments[f].count;
+    }
+}
+
+/* What a move needs. */
+struct move {
+    MPI_Comm communicator;
+    const struct kiln_cuts *before, *after;
+    uint64_t limit;
+};
+
+/* Collective. Makes the arrays of a place anew and fills them; `old` is this rank's share as it was. */
+static int move_place(struct kiln_shares *s, const struct move *m, enum place place, const struct kiln_share *old, struct kiln_error *error)
+{
+    struct kiln_node_parts *parts = s->parts[place];
+    s->parts[place] = NULL;
+    int status = kiln_agree(m->communicator, make_somewhere(s, place, error), error);
+    for (int i = 0; i < ARRAYS && status == KILN_OK; i++)
+        if (arrays[i].place == place && arrays[i].length == ONE_A_UNIT)
+            kiln_move(m->communicator, m->before->of[arrays[i].unit], m->after->of[arrays[i].unit], arrays[i].size, m->limit,
+                      pointer_at(old, &arrays[i]), pointer_at(&s->share[s->own], &arrays[i]));
+    if (parts != NULL)
+        kiln_node_parts_destroy(&parts);
+    return status;
+}
+
+int kiln_shares_move(struct kiln_shares *s, MPI_Comm communicator, const struct kiln_cuts *before, const struct kiln_cuts *after, uint64_t limit,
+                     struct kiln_error *error)
+{
+    int rank;
+    (void)MPI_Comm_rank(communicator, &rank);
+    const struct move m = {communicator, before, after, limit};
+    struct kiln_share old = s->share[s->own];
+    const bool built = s->parts[OF_SURFACE] == NULL;
+    struct extent own = {.first = after->of[KILN_UNIT_POINT][rank]};
+    for (int u = 0; u < KILN_UNITS; u++)
+        own.count[u] = after->of[u][rank + 1] - after->of[u][rank];
+    kiln_shares_end(s);
+    learn_extents(s, &own);
+    int status = move_place(s, &m, OF_SURFACE, &old, error);
+    if (status != KILN_OK)
+        return status;
+    find_bases(&s->share[s->own].surface);
+    if (built)
+        free_surface(&old);
+    take_over_surface(s);
+    status = move_place(s, &m, OF_RESULTS, &old, error);
+    if (status == KILN_OK)
+        status = kiln_agree(communicator, make_somewhere(s, OF_WORK, error), error);
+    if (status == KILN_OK && s->node != NULL)
+        kiln_node_wait(s->node);
+    return status;
+}
+
+uint64_t kiln_shares_bytes(const struct kiln_shares *s)
+{
+    return lay_out(NULL, &s->extents[s->own], OF_SURFACE, NULL) + lay_out(NULL, &s->extents[s->own], OF_RESULTS, NULL);
 }
 
 int kiln_shares_count(const struct kiln_shares *shares) { return shares->count; }

@@ -10,11 +10,20 @@
 #include "coordinator/bake/node_memory.h"
 #include "worker/scene/surface.h"
 
+/* What ranges of the global order are counted in. */
+enum kiln_unit { KILN_UNIT_FRAGMENT, KILN_UNIT_POINT, KILN_UNIT_PIECE, KILN_UNIT_AREA_SHARE, KILN_UNITS };
+
+/* Shares of all ranks, in each unit: rank r has [of[unit][r], of[unit][r + 1]). */
+struct kiln_cuts {
+    uint64_t *of[KILN_UNITS]; /* ranks + 1 each */
+};
+
 struct kiln_share {
     struct kiln_surface surface; /* a view: the map as this rank has it, the own part as the share's owner has it */
     float *direct, *sum;         /* 3 a point, see struct kiln_transport and transport_private.h */
     uint16_t *error;             /* 1 a point: kiln_error_pack */
     uint64_t *next;              /* 1 a point: packed radiosity of the present bounce */
+    float *cost;                 /* 1 a fragment: seconds that it took in the present pass */
     struct kiln_board *board;    /* what of the present pass may be taken */
 };
 
@@ -28,6 +37,20 @@ int kiln_shares_create(struct kiln_shares **shares, const struct kiln_node_memor
 void kiln_shares_destroy(struct kiln_shares **shares);
 /* Collective on the node. `next` and the boards go; the rest stays. */
 void kiln_shares_end(struct kiln_shares *shares);
+
+/* Collective. The shares as they are: allocates and fills; release with kiln_cuts_destroy. */
+int kiln_shares_cuts(const struct kiln_shares *shares, MPI_Comm communicator, struct kiln_cuts *cuts, struct kiln_error *error);
+int kiln_cuts_create(struct kiln_cuts *cuts, int ranks, struct kiln_error *error);
+void kiln_cuts_destroy(struct kiln_cuts *cuts);
+
+/* Collective on `communicator`, of which the shares' node is a part. Surface, direct, sum and error go over from the shares `before`, those
+ * that are, to `after`; next, cost and board are new. Messages have at most `limit` elements (0: any). Needs as much memory again as the
+ * surface or the results meanwhile; where shared memory has no room for that, the node's ranks see only their own shares from then
+ * on. After a failure, KILN_SYSTEM on all, nothing is of use but kiln_shares_destroy. */
+int kiln_shares_move(struct kiln_shares *shares, MPI_Comm communicator, const struct kiln_cuts *before, const struct kiln_cuts *after, uint64_t limit,
+                     struct kiln_error *error);
+/* Bytes that the share takes in a move: of surface and results. */
+uint64_t kiln_shares_bytes(const struct kiln_shares *shares);
 
 /* How many of the node's ranks have shares that are seen here, and which of them is this rank's own: 1 and 0 where nothing is lent. */
 int kiln_shares_count(const struct kiln_shares *shares);

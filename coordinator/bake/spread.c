@@ -75,6 +75,13 @@ static int choose_node(struct kiln_spread *x, struct kiln_error *error)
 }
 
 /* Collective on the lane. */
+static void learn_ranges(const struct kiln_spread *x, struct lane *lane)
+{
+    const uint64_t own[2] = {x->params.first, lane->own ? x->params.count : 0};
+    (void)MPI_Allgather(own, 2, MPI_UINT64_T, lane->ranges, 2, MPI_UINT64_T, lane->communicator);
+}
+
+/* Collective on the lane. */
 static int fill_lane(const struct kiln_spread *x, struct lane *lane, struct kiln_error *error)
 {
     const char *what = "the ranks' shares";
@@ -86,11 +93,9 @@ static int fill_lane(const struct kiln_spread *x, struct lane *lane, struct kiln
     if (status == KILN_OK)
         status = kiln_allocate(&lane->places, members, sizeof *lane->places, what, error);
     status = kiln_agree(lane->communicator, status, error);
-    if (status != KILN_OK)
-        return status;
-    const uint64_t own[2] = {x->params.first, lane->own ? x->params.count : 0};
-    (void)MPI_Allgather(own, 2, MPI_UINT64_T, lane->ranges, 2, MPI_UINT64_T, lane->communicator);
-    return KILN_OK;
+    if (status == KILN_OK)
+        learn_ranges(x, lane);
+    return status;
 }
 
 /* Collective. As many lanes as the largest node has ranks. */
@@ -153,6 +158,14 @@ void kiln_spread_destroy(struct kiln_spread **spread)
     kiln_free(&x->lanes);
     kiln_node_destroy(&x->private_node);
     kiln_free(spread);
+}
+
+void kiln_spread_set_range(struct kiln_spread *x, uint64_t first, uint64_t count)
+{
+    x->params.first = first;
+    x->params.count = count;
+    for (size_t i = 0; i < x->lane_count; i++)
+        learn_ranges(x, &x->lanes[i]);
 }
 
 /* ---- a group ---- */

@@ -38,6 +38,9 @@ int kiln_spread_create(struct kiln_spread **spread, const struct kiln_spread_par
 /* Collective. The radiosity goes with it, or with the node memory. */
 void kiln_spread_destroy(struct kiln_spread **spread);
 
+/* Collective, between bounces. Own points are others from now on; the ranges still follow one another and cover all. */
+void kiln_spread_set_range(struct kiln_spread *spread, uint64_t first, uint64_t count);
+
 /* The radiosity of all points, packed, total values. Own values may be written while no rank of the node gathers. */
 uint64_t *kiln_spread_values(const struct kiln_spread *spread);
 

@@ -267,7 +267,10 @@ static int run_passes(struct transport_state *s, bool restored, bool finished, s
         if (status != KILN_OK || !any)
             break;
         hand_over(s);
-        status = transport_pass_begin(s, error);
+        if (s->step.kind != KILN_PASS_DIRECT)
+            status = transport_rebalance(s, error);
+        if (status == KILN_OK)
+            status = transport_pass_begin(s, error);
         if (status == KILN_OK && s->step.kind != KILN_PASS_DIRECT)
             status = save_between(s, false, error);
         if (status == KILN_OK)
@@ -361,18 +364,23 @@ static bool gives_away(const struct kiln_transport_params *p)
     return gives != 0;
 }
 
+void transport_use_shares(struct transport_state *s)
+{
+    struct kiln_transport *t = s->out;
+    s->own = kiln_share(t->shares, kiln_shares_own(t->shares));
+    t->direct = s->own->direct;
+    t->indirect = s->own->sum;
+    t->error = s->own->error;
+    t->report.gives_away = kiln_shares_count(t->shares) > 1;
+}
+
 /* Collective. */
 static int make_shares(struct transport_state *s, struct kiln_error *error)
 {
     const struct kiln_transport_params *p = s->params;
-    struct kiln_transport *t = s->out;
-    int status = kiln_shares_create(&t->shares, p->node, p->surface, gives_away(p), error);
+    int status = kiln_shares_create(&s->out->shares, p->node, p->surface, gives_away(p), error);
     if (status == KILN_OK) {
-        s->own = kiln_share(t->shares, kiln_shares_own(t->shares));
-        t->direct = s->own->direct;
-        t->indirect = s->own->sum;
-        t->error = s->own->error;
-        t->report.gives_away = kiln_shares_count(t->shares) > 1;
+        transport_use_shares(s);
         status = kiln_backend_set_surface(p->backend, p->surface, error); /* its arrays may have moved */
     }
     return kiln_agree(p->communicator, status, error);

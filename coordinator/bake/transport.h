@@ -18,6 +18,15 @@ enum { KILN_BOUNCES_MAX = 256 };
 
 enum kiln_pass_kind { KILN_PASS_DIRECT, KILN_PASS_BOUNCE, KILN_PASS_FINAL };
 
+/* What was thought after a pass of the ranks' shares in the next ones, and done; the same on all ranks. */
+struct kiln_pass_balance {
+    bool judged, moved;
+    double imbalance; /* longest work over the mean, less 1: of a rank, or of a node whose ranks help each other */
+    double gain;      /* s in the passes to come, if the shares were cut anew by what the points cost */
+    double cost;      /* s for moving; 0: not asked */
+    uint64_t points;  /* that the rank that gets most gets, or would */
+};
+
 /* One pass, as it went; energies are the same on all ranks. */
 struct kiln_pass_report {
     enum kiln_pass_kind kind;
@@ -28,6 +37,7 @@ struct kiln_pass_report {
     double device_seconds; /* likewise: of `seconds`, what the device was busy; 0 without one */
     uint64_t given, taken; /* points of this rank that others of its node computed in this run, and the other way round */
     struct kiln_pass_energy energy;
+    struct kiln_pass_balance balance;
 };
 
 struct kiln_transport_report {

@@ -1,5 +1,5 @@
-/* Shared by transport.c (what comes after what), pass.c (one pass over all own points), batches.c (who computes what of it when) and
- * transport_save.c (checkpoints). */
+/* Shared by transport.c (what comes after what), pass.c (one pass over all own points), batches.c (who computes what of it when),
+ * rebalance.c (shares cut anew between passes) and transport_save.c (checkpoints). */
 #ifndef KILN_COORDINATOR_BAKE_TRANSPORT_PRIVATE_H
 #define KILN_COORDINATOR_BAKE_TRANSPORT_PRIVATE_H
 
@@ -46,6 +46,7 @@ struct transport_state {
     uint64_t points_done; /* own ones, by this rank or by earlier runs */
     size_t sent;          /* own fragments before this one are done, as far as was seen */
     bool held;            /* there are gaps before the present range: others have not returned what they took of one before it */
+    bool measured;        /* the costs of all own fragments are of the last pass */
     double rate;          /* rays a second, as far as is known */
     double slowness;      /* how many times the time of a batch it shall take */
 };
@@ -70,6 +71,7 @@ struct pass_work {
     struct kiln_pass_report *pass;
     const struct kiln_share *share; /* of which a batch is being computed */
     uint64_t points;                /* of that batch, so far */
+    double since;                   /* when the part that is computed now was begun */
     struct fragment_sum *fragments; /* of the part being taken */
     size_t fragment_room;
 };
@@ -92,6 +94,15 @@ void transport_send_done(struct transport_state *s, size_t end);
 /* For tests of who helps whom: from the environment variable KILN_SLOW_RANK, R:F, rank R takes F times as long for a batch (F >= 1).
  * KILN_USAGE when it is not understood. */
 int transport_read_slowness(struct transport_state *s, struct kiln_error *error);
+
+/* Collective (rebalance.c). Before s->step, the next pass, is begun: where the points of the last pass have cost some ranks (or nodes, where
+ * ranks help each other) more time than others, and the passes to come would gain more by it than it costs, the global order is cut anew by
+ * these costs, between cells (objects) where that is as good. Points and all that is known of them go to their new owners. The direct
+ * pass says little about gathers: with bounces to come the first one is waited for. Times settle the cuts, so that these may differ from
+ * run to run; results do not. */
+int transport_rebalance(struct transport_state *s, struct kiln_error *error);
+/* Points the transport to what its shares have now (transport.c). */
+void transport_use_shares(struct transport_state *s);
 
 /* Collective (transport_save.c). Writes a checkpoint: at any time within s->step, or with `finished` after the last (when radiosities and
  * groups are of no more use). */

@@ -243,6 +243,7 @@ static int restore_passes(struct transport_state *s, struct kiln_error *error)
     const int status = kiln_checkpoint_read(s->params->checkpoint, "passes", 0, count, sizeof *r->passes, r->passes, error);
     for (size_t i = 0; i < r->pass_count; i++) { /* these are of the ranks that did them */
         r->passes[i].rays = 0;
+        r->passes[i].given = r->passes[i].taken = 0;
         r->passes[i].seconds = r->passes[i].exchange_seconds = 0.0;
     }
     return status;

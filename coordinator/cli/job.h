@@ -19,6 +19,9 @@ static inline bool kiln_exchange_is_compact(int form, uint64_t points)
     return form == KILN_EXCHANGE_COMPACT || (form == KILN_EXCHANGE_AUTO && points >= 1u << 22);
 }
 
+/* Whether shares are cut anew between passes: when that pays, never, after every pass (for tests). */
+enum kiln_rebalance { KILN_REBALANCE_AUTO = 0, KILN_REBALANCE_NEVER = 1, KILN_REBALANCE_ALWAYS = 2 };
+
 enum kiln_schedule {
     KILN_SCHEDULE_LEAN = 0, /* cheap bounces, a tail, one final gather */
     KILN_SCHEDULE_EQUAL = 1 /* the same rays in every bounce, nothing else: the reference mode */
@@ -82,6 +85,7 @@ struct kiln_job {
     /* between ranks */
     uint32_t share_ranks;    /* at most so many of a host share memory; 0: all, 1: none */
     bool give_away;          /* ranks that are done compute for others of their host; default true */
+    int rebalance;           /* enum kiln_rebalance */
     int exchange;            /* enum kiln_exchange_form: 4 or 8 bytes a point between bounces */
     uint64_t exchange_limit; /* elements in one call of MPI; 0: what it can count */
     char *trace;             /* file for the timeline of all ranks */

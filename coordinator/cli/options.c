@@ -10,6 +10,7 @@ static const char *const traversals[] = {"auto", "compute", "pipeline", "all", "
 static const char *const methods[] = {"cells", NULL};
 static const char *const schedules[] = {"lean", "equal", NULL}; /* in the order of enum kiln_schedule */
 static const char *const exchanges[] = {"auto", "compact", "full", NULL}; /* in the order of enum kiln_exchange_form */
+static const char *const rebalances[] = {"auto", "never", "always", NULL}; /* in the order of enum kiln_rebalance */
 static const char *const partitions[] = {"cells", "objects", NULL};
 static const char *const qualities[] = {"draft", "preview", "production", "reference", NULL};
 static const char *const instruction_sets[] = {"sse2", "sse4.2", "avx", "avx2", "avx512", NULL};
@@ -128,6 +129,8 @@ const struct kiln_option kiln_options[] = {
      .maximum = 1e6, .help = "of a host that hold geometry and radiosity together; 1: none do", .commands = KILN_FOR_BAKE, .offset = AT(share_ranks)},
     {.name = "give-away", .group = "Ranks", .kind = KILN_OPTION_FLAG, .fallback = "true",
      .help = "ranks of a host that are done compute for those that are not (Embree)", .commands = KILN_FOR_BAKE, .offset = AT(give_away)},
+    {.name = "rebalance", .group = "Ranks", .kind = KILN_OPTION_CHOICE_ENUM, .fallback = "auto", .choices = rebalances,
+     .help = "move points between ranks after a pass, by what they cost; auto: when it pays", .commands = KILN_FOR_BAKE, .offset = AT(rebalance)},
     {.name = "exchange", .group = "Ranks", .kind = KILN_OPTION_CHOICE_ENUM, .fallback = "auto", .choices = exchanges,
      .help = "radiosity between bounces: 4 or 8 bytes a point; auto: 4 from 2^22 points on", .commands = KILN_FOR_BAKE, .offset = AT(exchange)},
     {.name = "exchange-limit", .group = "Ranks", .kind = KILN_OPTION_UINT64, .value = "N", .fallback = "auto", .word = "auto", .minimum = 1,

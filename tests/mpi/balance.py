@@ -2,7 +2,9 @@
 
 same       with work given away and without, on several numbers of ranks and nodes, one rank made slow (KILN_SLOW_RANK): same results, and
            run.json and the timeline say that work really moved
-resume     stopped, and killed, while work is given away; gone on with on other ranks: same results
+cuts       shares cut anew after every pass (--rebalance always) on several numbers of ranks and nodes, and where a slow rank makes it pay:
+           same results, and the slow rank has fewer points in the end
+resume     stopped, and killed, while work is given away and shares are cut anew; gone on with on other ranks: same results
 """
 import json
 import os
@@ -54,6 +56,35 @@ def try_same(checks, kiln, scene):
     del os.environ['KILN_SLOW_RANK']
 
 
+def try_cuts(checks, kiln, scene):
+    table = harness.Table(('ranks', 6), ('a node', 7), ('by', 8), ('exchange', 9), ('rebalance', 9), ('seconds', 8), ('points a rank', 36), ('result', 10))
+    first = {}
+    for ranks, node, partition, form, limit, when in ((1, 'all', 'cells', 'auto', 'auto', 'always'), (3, 'all', 'cells', 'auto', 'auto', 'always'),
+                                                      (5, 2, 'objects', 'auto', 77, 'always'), (2, 1, 'cells', 'auto', 'auto', 'auto'),
+                                                      (2, 1, 'cells', 'auto', 'auto', 'never'), (1, 'all', 'cells', 'compact', 'auto', 'auto'),
+                                                      (4, 2, 'cells', 'compact', 'auto', 'always')):
+        slow(1, 5)
+        bake = kiln.bake(scene, *SMALL, '--share-ranks', node, '--partition', partition, '--exchange', form, '--exchange-limit', limit, '--rebalance', when,
+                         ranks=ranks, timeout=120)
+        if not checks.baked(bake):
+            continue
+        what = '%d ranks, %s a node, by %s, exchange %s, rebalance %s' % (ranks, node, partition, form, when)
+        points, judged = bake.run['balance']['points_per_rank'], [b['rebalance'] for b in bake.run['bounces']]
+        moves = sum(j is not None and j['moved'] for j in judged)
+        found = differences(first.setdefault(form, Result(bake)), Result(bake))
+        checks.that(not found, '%s: not the same as before: %s' % (what, '; '.join(found)), bake.process)
+        checks.that(sum(points) == bake.run['points']['count'], '%s: the ranks have %s points, not %d' % (what, points, bake.run['points']['count']),
+                    bake.process)
+        if when == 'auto' and ranks > 1:  # alone on its node, nobody can help the slow one
+            checks.that(moves > 0 and points[1] < 0.7 * points[0], '%s: %d moves, %s: %s' % (what, moves, points, judged), bake.process)
+            checks.that(all(j is None or j['moved'] == (j['predicted_gain'] > 2 * j['predicted_cost'] > 0) for j in judged), '%s: %s' % (what, judged))
+        else:
+            checks.that((moves > 0) == (when == 'always' and ranks > 1), '%s: %d moves: %s' % (what, moves, judged), bake.process)
+        table.row(ranks, node, partition, form, when, '%.1f' % bake.process.seconds, ' '.join(map(str, points)), 'same' if not found else 'DIFFERENT')
+        bake.remove()
+    os.environ.pop('KILN_SLOW_RANK', None)
+
+
 def given_before_saving(path):
     """How many checkpoints of a timeline were written after help in the same pass had begun. Those inside a pass, for passes end after them."""
     with open(path, encoding='utf-8') as f:
@@ -76,7 +107,7 @@ def try_resume(checks, kiln):
         slow(1, 5)
         trace = os.path.join(kiln.scratch, 'trace.json')
         folder, wanted = tool.folder(), dice.randrange(4, 9)
-        process = tool.start(folder, *resume.OFTEN, '--trace', trace, ranks=before)
+        process = tool.start(folder, *resume.OFTEN, '--trace', trace, '--rebalance', 'always', ranks=before)
         number = lambda: max([int(g[-6:]) for g in resume.generations(folder)], default=0)
         resume.wait_for(lambda: number() >= wanted or process.poll() is not None)
         victims = resume.ranks_of(process)
@@ -103,8 +134,8 @@ def main():
     if cornell is None:
         harness.skip('neither tests/data nor ../shared/scenes/own is here.')
     checks = harness.Checks()
-    for part in arguments.parts or ('same', 'resume'):
-        {'same': lambda: try_same(checks, kiln, cornell), 'resume': lambda: try_resume(checks, kiln)}[part]()
+    for part in arguments.parts or ('same', 'cuts', 'resume'):
+        {'same': lambda: try_same(checks, kiln, cornell), 'cuts': lambda: try_cuts(checks, kiln, cornell), 'resume': lambda: try_resume(checks, kiln)}[part]()
     checks.end()
 
 

@@ -1,0 +1,212 @@
+#include <math.h>
+#include <string.h>
+
+#include "coordinator/bake/transport_private.h"
+#include "coordinator/cli/agree.h"
+#include "worker/base/memory.h"
+
+#define LEFT_UNEVEN 0.05   /* of the mean: what a new cut is expected to leave */
+#define LEAST_GAIN 0.1     /* s: below, it is not even asked what a move costs */
+#define PAYS 2.0           /* so many times its cost a move must gain */
+#define MOVE_BYTES 300e6   /* a second and rank, packed, sent and unpacked */
+#define UPLOAD_BYTES 1e9   /* a second: what a device has to be given anew */
+#define UPLOAD_POINT 128.0 /* bytes of it */
+#define MOVE_START 0.02    /* s */
+#define CELL_SLACK 0.05    /* of a mean share, by which a cut may lie off to fall between two cells (objects) */
+enum { BOUNCES_EXPECTED = 3 }; /* where their number is not given */
+
+/* What all ranks know of each other's work in the last pass. */
+struct work {
+    double *before; /* seconds of all ranks before rank r; ranks + 1 */
+    double total;
+    double longest; /* of a rank, or of the mean rank of a node whose ranks help each other */
+};
+
+/* Samples of the next pass and those after it. */
+static double samples_to_come(const struct transport_state *s)
+{
+    const struct kiln_job *job = s->params->job;
+    const double now = (double)s->step.samples, bounce = (double)s->step.bounce;
+    if (s->step.kind == KILN_PASS_FINAL)
+        return now;
+    const double bounces = job->bounces >= 0 ? (double)job->bounces : bounce + BOUNCES_EXPECTED;
+    if (job->schedule == KILN_SCHEDULE_EQUAL)
+        return now * fmax(1.0, bounces - bounce + 1.0);
+    return now * fmax(1.0, bounces - bounce) + (double)job->samples_indirect;
+}
+
+static double own_work(const struct transport_state *s)
+{
+    double sum = 0.0;
+    for (size_t f = 0; f < s->params->surface->fragment_count; f++)
+        sum += (double)s->own->cost[f];
+    return sum;
+}
+
+/* Collective. */
+static int learn_work(const struct transport_state *s, struct work *w, struct kiln_error *error)
+{
+    const struct kiln_transport_params *p = s->params;
+    const int status = kiln_agree(p->communicator, kiln_allocate(&w->before, (size_t)p->ranks + 1, sizeof *w->before, "the ranks' work", error), error);
+    if (status != KILN_OK)
+        return status;
+    const double own = own_work(s);
+    double longest = own;
+    (void)MPI_Allgather(&own, 1, MPI_DOUBLE, w->before + 1, 1, MPI_DOUBLE, p->communicator);
+    if (kiln_shares_count(s->out->shares) > 1) {
+        (void)MPI_Allreduce(MPI_IN_PLACE, &longest, 1, MPI_DOUBLE, MPI_SUM, kiln_node_communicator(p->node));
+        longest /= kiln_shares_count(s->out->shares);
+    }
+    (void)MPI_Allreduce(&longest, &w->longest, 1, MPI_DOUBLE, MPI_MAX, p->communicator);
+    for (int r = 0; r < p->ranks; r++)
+        w->before[r + 1] += w->before[r];
+    w->total = w->before[p->ranks];
+    return KILN_OK;
+}
+
+/* ---- new cuts ---- */
+
+/* Whether fragment f, not the share's first, begins a unit that is better left whole. */
+static bool begins_unit(const struct transport_state *s, size_t f)
+{
+    const struct kiln_fragment *fragments = s->params->surface->fragments;
+    return s->params->job->partition_objects ? fragments[f].object != fragments[f - 1].object : fragments[f].cell != fragments[f - 1].cell;
+}
+
+/* The own fragment before which the work reaches `ideal`, `begin` being what all before the share is; a unit's begin where one is near. */
+static size_t cut_at(const struct transport_state *s, double begin, double ideal, double slack)
+{
+    const size_t count = s->params->surface->fragment_count;
+    const float *cost = s->own->cost;
+    size_t best = count, whole = count;
+    double least = INFINITY, nearest = slack, at = begin;
+    for (size_t f = 0; f < count && at <= ideal + slack; at += (double)cost[f++]) {
+        const double off = fabs(at - ideal);
+        if (off < least) {
+            least = off;
+            best = f;
+        }
+        if (f > 0 && off <= nearest && begins_unit(s, f)) {
+            nearest = off;
+            whole = f;
+        }
+    }
+    return whole < count ? whole : best;
+}
+
+/* Collective. Each rank finds the cuts that fall into its own work. */
+static int make_cuts(const struct transport_state *s, const struct work *w, const struct kiln_cuts *before, struct kiln_cuts *after,
+                     struct kiln_error *error)
+{
+    const struct kiln_transport_params *p = s->params;
+    const struct kiln_surface *surface = p->surface;
+    *after = (struct kiln_cuts){{NULL}};
+    const int status = kiln_agree(p->communicator, kiln_cuts_create(after, p->ranks, error), error);
+    if (status != KILN_OK)
+        return status;
+    for (int k = 1; k < p->ranks; k++) {
+        const double ideal = w->total * k / p->ranks;
+        if (ideal < w->before[p->rank] || ideal >= w->before[p->rank + 1])
+            continue;
+        const size_t f = cut_at(s, w->before[p->rank], ideal, CELL_SLACK * w->total / p->ranks);
+        after->of[KILN_UNIT_FRAGMENT][k] = before->of[KILN_UNIT_FRAGMENT][p->rank] + f;
+        after->of[KILN_UNIT_POINT][k] = f < surface->fragment_count ? surface->fragments[f].first : surface->first + surface->count;
+        after->of[KILN_UNIT_PIECE][k] = before->of[KILN_UNIT_PIECE][p->rank] + surface->piece_base[f];
+        after->of[KILN_UNIT_AREA_SHARE][k] = before->of[KILN_UNIT_AREA_SHARE][p->rank] + surface->share_base[f];
+    }
+    for (int u = 0; u < KILN_UNITS; u++) {
+        after->of[u][p->ranks] = before->of[u][p->ranks];
+        (void)MPI_Allreduce(MPI_IN_PLACE, after->of[u], p->ranks + 1, MPI_UINT64_T, MPI_MAX, p->communicator);
+    }
+    return KILN_OK;
+}
+
+/* Collective. Points that the rank that gets most gets from others. */
+static uint64_t most_moved(const struct transport_state *s, const struct kiln_cuts *before, const struct kiln_cuts *after)
+{
+    const int rank = s->params->rank;
+    const uint64_t *old = before->of[KILN_UNIT_POINT] + rank, *new = after->of[KILN_UNIT_POINT] + rank;
+    const uint64_t begin = old[0] > new[0] ? old[0] : new[0], end = old[1] < new[1] ? old[1] : new[1];
+    uint64_t moved = new[1] - new[0] - (end > begin ? end - begin : 0);
+    (void)MPI_Allreduce(MPI_IN_PLACE, &moved, 1, MPI_UINT64_T, MPI_MAX, s->params->communicator);
+    return moved;
+}
+
+/* Collective. Seconds of a move in which a rank gets so many points. */
+static double cost_of(const struct transport_state *s, uint64_t moved)
+{
+    struct kiln_backend_info info;
+    const struct kiln_surface *surface = s->params->surface;
+    kiln_backend_info(s->params->backend, &info);
+    const double points = (double)surface->count;
+    double values[2] = {points > 0.0 ? (double)kiln_shares_bytes(s->out->shares) / points : 0.0, info.any_share ? 0.0 : points * UPLOAD_POINT / UPLOAD_BYTES};
+    (void)MPI_Allreduce(MPI_IN_PLACE, values, 2, MPI_DOUBLE, MPI_MAX, s->params->communicator);
+    return MOVE_START + (double)moved * values[0] / MOVE_BYTES + values[1];
+}
+
+/* ---- moving ---- */
+
+/* Collective. */
+static int move(struct transport_state *s, const struct kiln_cuts *before, const struct kiln_cuts *after, double expected, struct kiln_error *error)
+{
+    const struct kiln_transport_params *p = s->params;
+    const double start = MPI_Wtime();
+    kiln_control_blocking(p->control, "moving points between ranks", 60.0 + 10.0 * expected);
+    int status = kiln_shares_move(s->out->shares, p->communicator, before, after, p->job->exchange_limit, error);
+    if (status == KILN_OK) {
+        transport_use_shares(s);
+        kiln_spread_set_range(s->out->spread, p->surface->first, p->surface->count);
+        status = kiln_agree(p->communicator, kiln_backend_set_surface(p->backend, p->surface, error), error);
+    }
+    kiln_control_blocking(p->control, NULL, 0.0);
+    const double end = MPI_Wtime();
+    s->out->report.passes[s->out->report.pass_count - 1].exchange_seconds += end - start;
+    kiln_trace_add(p->trace, KILN_TRACE_EXCHANGE, "points to other ranks", start, end, (int64_t)p->surface->count);
+    return status;
+}
+
+/* Collective. */
+static int consider(struct transport_state *s, const struct work *w, struct kiln_pass_balance *b, struct kiln_error *error)
+{
+    const struct kiln_transport_params *p = s->params;
+    const bool always = p->job->rebalance == KILN_REBALANCE_ALWAYS;
+    struct kiln_cuts before, after = {{NULL}};
+    int status = kiln_shares_cuts(s->out->shares, p->communicator, &before, error);
+    if (status == KILN_OK)
+        status = make_cuts(s, w, &before, &after, error);
+    if (status == KILN_OK) {
+        b->points = most_moved(s, &before, &after);
+        b->cost = cost_of(s, b->points);
+        b->moved = b->points > 0 && (always || b->gain > PAYS * b->cost);
+        if (b->moved)
+            status = move(s, &before, &after, b->cost, error);
+    }
+    kiln_cuts_destroy(&before);
+    kiln_cuts_destroy(&after);
+    return status;
+}
+
+int transport_rebalance(struct transport_state *s, struct kiln_error *error)
+{
+    const struct kiln_transport_params *p = s->params;
+    struct kiln_pass_report *pass = &s->out->report.passes[s->out->report.pass_count - 1];
+    struct kiln_pass_balance *b = &pass->balance;
+    const bool always = p->job->rebalance == KILN_REBALANCE_ALWAYS;
+    const bool soon_better = pass->kind == KILN_PASS_DIRECT && s->step.kind == KILN_PASS_BOUNCE;
+    if (p->ranks == 1 || p->job->rebalance == KILN_REBALANCE_NEVER || !s->measured || (soon_better && !always))
+        return KILN_OK;
+    struct work w = {NULL};
+    kiln_control_blocking(p->control, "judging the ranks' shares", 0.0);
+    int status = learn_work(s, &w, error);
+    if (status == KILN_OK && w.total > 0.0) {
+        const double mean = w.total / p->ranks;
+        b->judged = true;
+        b->imbalance = w.longest / mean - 1.0;
+        b->gain = samples_to_come(s) / (double)pass->samples * (w.longest - (1.0 + LEFT_UNEVEN) * mean);
+        if (always || b->gain > LEAST_GAIN)
+            status = consider(s, &w, b, error);
+    }
+    kiln_control_blocking(p->control, NULL, 0.0);
+    kiln_free(&w.before);
+    return status;
+}
