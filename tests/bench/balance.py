@@ -1,0 +1,57 @@
+"""What ranks gain by giving work away and by cutting shares anew: time of all passes over the same with neither, in turn.
+
+  /usr/bin/python3 tests/bench/balance.py --kiln build/release/kiln [--ranks 2] [--threads 1] [--repeats 5] [SCENE]
+
+Two cases: a scene whose points cost unequally much (a carved statue in a box), and the same with one rank that takes three times as long for
+everything. Shares are cut anew between ranks that are each alone on a node. The median ratio of the repeats counts; "even" is what the
+sum of all ranks' work would take if it were spread evenly.
+"""
+import os
+import statistics
+import sys
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import measure  # noqa: E402
+import harness  # noqa: E402
+
+WAYS = {'neither': ('--no-give-away', '--rebalance', 'never'), 'given away': ('--rebalance', 'never'),
+        'cut anew': ('--no-give-away', '--share-ranks', 1, '--rebalance', 'auto')}
+WORK = ('direct light', 'bounces', 'final gather')
+
+
+def per_rank(bake, names):
+    phases = {p['name']: p['per_rank'] for p in bake.run['phases']}
+    return [sum(values) for values in zip(*(phases[n] for n in names))]
+
+
+def main():
+    def more(parser):
+        parser.add_argument('--ranks', type=int, default=2)
+        parser.add_argument('--threads', type=int, default=1)
+        parser.add_argument('--repeats', type=int, default=5)
+        parser.add_argument('scene', nargs='?')
+    arguments, kiln = harness.start(__doc__, more)
+    scene = arguments.scene or measure.made(kiln, 'cornell-statue')
+    options = ('--threads', arguments.threads, '--quality', 'draft', '--lightmap-max', 128, '--bounces', 4, '--samples-probe', 0)
+    table = harness.Table(('case', 16), ('way', 10), ('seconds', 8), ('over neither', 12), ('even', 6), ('waiting', 8), ('points moved', 12))
+    for case, slow in (('uneven scene', '0:1'), ('one rank slow', '1:3')):
+        os.environ['KILN_SLOW_RANK'] = slow
+        seconds, even, waiting, moved = ({way: [] for way in WAYS} for _ in range(4))
+        for _ in range(arguments.repeats):
+            for way, how in WAYS.items():
+                b = measure.must(kiln.bake(scene, *options, *how, ranks=arguments.ranks, timeout=3600))
+                work = per_rank(b, WORK)
+                seconds[way].append(max(per_rank(b, WORK + ('waiting', 'exchange'))))
+                even[way].append(statistics.mean(work))
+                waiting[way].append(b.run['mpi']['waiting_share']['avg'])
+                moved[way].append(sum(p['given_away'] + (p['rebalance'] or {'points': 0, 'moved': False})['points'] * (
+                    p['rebalance'] or {'moved': False})['moved'] for p in b.run['bounces']))
+                b.remove()
+        for way in WAYS:
+            ratio = statistics.median(a / b for a, b in zip(seconds[way], seconds['neither']))
+            table.row(case, way, '%.2f' % statistics.median(seconds[way]), '%.2f' % ratio, '%.2f' % statistics.median(even[way]),
+                      '%.1f %%' % (100 * statistics.median(waiting[way])), int(statistics.median(moved[way])))
+
+
+if __name__ == '__main__':
+    main()
