@@ -197,8 +197,9 @@ int embree_in_parts(struct embree_backend *b, const struct kiln_batch *batch, ui
     enum { PART_POINTS = 1 << 16 };
     const struct kiln_fragment *fragments = b->surface->fragments;
     const size_t last = batch->fragment_first + batch->fragment_count;
+    const uint64_t all = fragments[last - 1].first + fragments[last - 1].count - fragments[batch->fragment_first].first, most = PART_POINTS + KILN_TILE_TEXELS;
     struct kiln_point_result *results = NULL;
-    int status = kiln_allocate(&results, PART_POINTS + KILN_TILE_TEXELS, sizeof *results, "a batch's results", error);
+    int status = kiln_allocate(&results, (size_t)(all < most ? all : most), sizeof *results, "a batch's results", error);
     for (size_t first = batch->fragment_first; first < last && status == KILN_OK;) {
         size_t end = first;
         for (uint64_t points = 0; end < last && points < PART_POINTS; end++)
