@@ -8,6 +8,7 @@
 #include "coordinator/cli/agree.h"
 
 #define LEAST_BATCH 0.02 /* s of work in a batch, where the end of a pass makes batches shorter */
+enum { LEAVES = 8 };     /* a batch takes at most one part in so many of what is left */
 #define LEAST_HELP 0.005 /* s of work that is left to a rank, for others to take any of it */
 
 void transport_offer(struct transport_state *s)
@@ -54,14 +55,14 @@ static uint64_t points_of(const struct kiln_surface *surface, struct kiln_range 
 static double speed_of(const struct transport_state *s) { return s->rate / (double)s->step.samples; } /* points a second */
 
 /* How many fragments of what is left of the own work make a batch: one a thread at least, so that no core is idle; towards the end of the pass
- * less and less, where others may take the rest. */
+ * less and less, so that others can take the rest. */
 static size_t batch_of(const struct transport_state *s, struct kiln_range left)
 {
     const struct kiln_fragment *fragments = s->params->surface->fragments + left.first;
-    const int ranks = kiln_shares_count(s->out->shares);
+    const int ranks = kiln_shares_count(s->out->shares), parts = ranks < LEAVES ? ranks : LEAVES;
     double wanted = speed_of(s) * kiln_control_batch_seconds(s->params->control);
     if (ranks > 1)
-        wanted = fmin(wanted, fmax((double)points_of(s->params->surface, left) / ranks, LEAST_BATCH * speed_of(s)));
+        wanted = fmin(wanted, fmax((double)points_of(s->params->surface, left) / parts, LEAST_BATCH * speed_of(s)));
     size_t count = 0;
     for (uint64_t points = 0; count < left.count && (count < s->params->threads || (double)points < wanted); count++)
         points += fragments[count].count;
@@ -168,7 +169,7 @@ static const struct kiln_share *who_is_behind(const struct transport_state *s, s
     return last;
 }
 
-/* Computes a part of another rank's work, when one is behind and it is not quicker. */
+/* Computes a part of another rank's work, unless somebody was quicker. */
 static int run_help(struct pass_work *w, const struct kiln_share *share, struct kiln_range left, double *seconds, struct kiln_error *error)
 {
     struct transport_state *s = w->state;

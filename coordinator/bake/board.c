@@ -2,6 +2,8 @@
 
 #include <assert.h>
 
+_Static_assert(ATOMIC_LLONG_LOCK_FREE == 2, "a lock would be one process's own");
+
 static uint64_t word_of(struct kiln_range range) { return (uint64_t)range.first | (uint64_t)(range.first + range.count) << 32; }
 
 void kiln_board_begin(struct kiln_board *board)

@@ -110,7 +110,8 @@ struct kiln_backend_info {
     size_t memory;     /* bytes held by the backend itself (its BVH and copies) */
     double build_seconds;
     double device_seconds; /* that a device was busy with kernels and copies so far; 0: it has no clock of its own */
-    bool any_share;        /* kiln_backend_set_surface costs nothing: it may compute a part of another rank's share between its own */
+    bool any_share;        /* kiln_backend_set_surface costs nothing: it can compute a part of another rank's share between its own. A
+                              device that keeps its points cannot: the ranks of its node neither give work away nor take any */
     uint32_t recoveries;   /* how often it was lost or short of memory, and made anew */
     bool fell_back;        /* it failed for good and Embree went on: name, device, memory and build_seconds are Embree's */
     uint64_t verified;     /* texels traced again with Embree so far, once for each pass (worker/backend/verify.h) */
