@@ -21,6 +21,7 @@ from same_result import Result, differences  # noqa: E402
 
 SMALL = ('--backend', 'embree', '--lightmap-size', 40, '--cell-size', 1, '--samples-direct', 16, '--samples-bounce', 16, '--samples-indirect', 64,
          '--bounces', 3, '--samples-probe', 16, '--threads', 1, '--watchdog', 20)
+LONGER = ('--samples-bounce', 64, '--samples-indirect', 768)  # than resume.OPTIONS: for there to be something to interrupt
 HELP = 'batch of another rank'
 
 
@@ -63,7 +64,7 @@ def try_cuts(checks, kiln, scene):
                                                       (5, 2, 'objects', 'auto', 77, 'always'), (2, 1, 'cells', 'auto', 'auto', 'auto'),
                                                       (2, 1, 'cells', 'auto', 'auto', 'never'), (1, 'all', 'cells', 'compact', 'auto', 'auto'),
                                                       (4, 2, 'cells', 'compact', 'auto', 'always')):
-        slow(1, 5)
+        slow(1, 20 if ranks == 2 else 5)
         bake = kiln.bake(scene, *SMALL, '--share-ranks', node, '--partition', partition, '--exchange', form, '--exchange-limit', limit, '--rebalance', when,
                          ranks=ranks, timeout=120)
         if not checks.baked(bake):
@@ -98,7 +99,10 @@ def given_before_saving(path):
 
 def try_resume(checks, kiln):
     tool = resume.Tool(kiln.path, kiln.scratch)
-    reference, _ = resume.reference_of(checks, tool)
+    whole = tool.bake(tool.folder(), '--checkpoint-every', 0, *LONGER, threads=2)
+    if not checks.that(whole.status == 0, 'the reference ended with %d' % whole.status, whole):
+        return
+    reference = resume.result(whole.command[whole.command.index('-o') + 1])
     seed = int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
     dice = random.Random(seed)
     print('seed %d (KILN_SEED=%d repeats it)' % (seed, seed))
@@ -106,8 +110,8 @@ def try_resume(checks, kiln):
     for before, after, kill in ((3, 2, False), (2, 1, False), (3, 1, True)):
         slow(1, 5)
         trace = os.path.join(kiln.scratch, 'trace.json')
-        folder, wanted = tool.folder(), dice.randrange(4, 9)
-        process = tool.start(folder, *resume.OFTEN, '--trace', trace, '--rebalance', 'always', ranks=before)
+        folder, wanted = tool.folder(), dice.randrange(3, 8)
+        process = tool.start(folder, *resume.OFTEN, *LONGER, '--trace', trace, '--rebalance', 'always', ranks=before)
         number = lambda: max([int(g[-6:]) for g in resume.generations(folder)], default=0)
         resume.wait_for(lambda: number() >= wanted or process.poll() is not None)
         victims = resume.ranks_of(process)
@@ -119,7 +123,7 @@ def try_resume(checks, kiln):
         amid += 0 if kill else given_before_saving(trace)
         del os.environ['KILN_SLOW_RANK']
         what = '%d ranks %s at generation %d, then %d' % (before, 'killed' if kill else 'stopped', wanted, after)
-        again = tool.bake(folder, ranks=after, threads=3 - after)
+        again = tool.bake(folder, *LONGER, ranks=after, threads=3 - after)
         checks.that('going on from checkpoint' in again.stderr, '%s: does not go on' % what, again)
         resume.same(checks, tool, reference, folder, again, what)
         print(what)
