@@ -117,6 +117,8 @@ static int make_cuts(const struct transport_state *s, const struct work *w, cons
     for (int u = 0; u < KILN_UNITS; u++) {
         after->of[u][p->ranks] = before->of[u][p->ranks];
         (void)MPI_Allreduce(MPI_IN_PLACE, after->of[u], p->ranks + 1, MPI_UINT64_T, MPI_MAX, p->communicator);
+        for (int k = 1; k < p->ranks; k++) /* fragments that cost nothing lie in the same place */
+            after->of[u][k] = after->of[u][k] < after->of[u][k - 1] ? after->of[u][k - 1] : after->of[u][k];
     }
     return KILN_OK;
 }

@@ -1,4 +1,5 @@
-/* How a bake would scale over more ranks than there are: from the cells' points, what a point costs, and a network's figures. */
+/* How a bake would scale over more ranks than there are: from the cells' points, what a point costs, and a network's figures.
+ * Shares are cut by points and stay: what bakes win by giving work away and by cutting anew is not in it. */
 #ifndef KILN_COORDINATOR_BAKE_SIMULATE_H
 #define KILN_COORDINATOR_BAKE_SIMULATE_H
 
