@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "coordinator/bake/surface_exchange.h"
 #include "coordinator/cli/agree.h"
 #include "coordinator/cli/devices.h"
 #include "worker/base/memory.h"
@@ -183,14 +184,17 @@ static void share_map(struct kiln_prepared *p)
 
 static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, struct kiln_error *error)
 {
+    struct kiln_surface_meeting meeting = {.communicator = p->communicator};
+    const struct kiln_surface_exchange exchange = kiln_surface_exchange_over(&meeting);
     const struct kiln_surface_params params = {.scene = p->scene,
                                                .geometry = p->geometry,
                                                .cell_size = job->cell_size,
                                                .partition = job->partition_objects ? KILN_PARTITION_OBJECTS : KILN_PARTITION_CELLS,
                                                .rank = (uint32_t)p->rank,
                                                .ranks = (uint32_t)p->ranks,
+                                               .exchange = p->ranks > 1 ? &exchange : NULL,
                                                .threads = p->threads};
-    int status = kiln_agree(p->communicator, kiln_surface_build(&p->surface, &params, &p->surface_report, error), error);
+    int status = kiln_surface_build(&p->surface, &params, &p->surface_report, error);
     if (status == KILN_OK)
         share_map(p);
     if (status == KILN_OK)

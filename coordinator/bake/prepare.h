@@ -37,8 +37,8 @@ struct kiln_prepared {
 bool kiln_instruction_set_common(MPI_Comm communicator, const char *name);
 
 /* Collective. Rank 0 imports the job's scene to `scene_file`, all map it; one rank of each node
- * builds the geometry, which the others share, and so they share the map of the surface; every rank builds its BVH and its own points;
- * the validity pass runs.
+ * builds the geometry, which the others share, and so they share the map of the surface; every rank builds its BVH; all find the surface points
+ * together, and each fills in its own; the validity pass runs.
  * Phases "import", "scene and BVH", "surface points", "validity" are begun. Destroy with kiln_prepared_destroy. */
 int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job, const char *scene_file,
                  struct kiln_phases *phases, struct kiln_progress *progress, struct kiln_error *error);

@@ -1,7 +1,8 @@
 /* Private to coordinator/surface: what the steps of kiln_surface_build hand on to each other.
  *
- *   points.c   measures objects, finds covered texels and their cells: parts of tiles     (all objects, every rank)
- *   order.c    puts the parts into global order, cuts it between ranks, fills tiles       (all objects, every rank)
+ *   points.c   measures objects, finds covered texels and their cells: parts of tiles     (a range of blocks of tiles)
+ *   order.c    puts the parts into global order, fills the map: tiles and splits          (those parts; the map of all)
+ *   deal.c     cuts the global order between ranks, sends parts to where they belong      (those parts; own fragments)
  *   share.c    fills pieces and per-point data                                            (own fragments) */
 #ifndef KILN_COORDINATOR_SURFACE_BUILD_H
 #define KILN_COORDINATOR_SURFACE_BUILD_H
@@ -12,7 +13,7 @@
 #include "coordinator/surface/coverage.h"
 #include "coordinator/surface/surface_build.h"
 
-enum { KILN_BLOCK_TILES = 512 }; /* Morton-consecutive tiles of an object that one thread takes at a time */
+enum { KILN_BLOCK_TILES = 512 }; /* Morton-consecutive tiles of an object: what a thread takes at a time, and never two ranks */
 
 /* The points of a tile in one cell, before they have a place: what becomes a fragment. */
 struct kiln_part {
@@ -33,8 +34,18 @@ struct kiln_block {
     uint32_t object;
 };
 
+/* What a rank should own whole: cells, or objects. Points and fragments of all ranks, and before this rank's own of the same unit. */
+struct kiln_units {
+    uint64_t count;
+    uint64_t *points;         /* unit */
+    uint64_t *first_point;    /* count + 1, in global order */
+    uint64_t *first_fragment; /* count + 1, in global order */
+};
+
 struct kiln_build {
     const struct kiln_surface_params *params;
+    const struct kiln_surface_exchange *exchange; /* never NULL: one with nobody */
+    uint32_t workers, worker; /* ranks that divide the blocks, and which of them this is */
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
     struct kiln_surface *surface;
@@ -44,8 +55,10 @@ struct kiln_build {
     uint32_t *vertex_chart;
     double *object_area; /* m2, of its triangles */
     uint64_t *object_block; /* object: its first block; one more at the end */
-    struct kiln_block *blocks;
-    uint64_t *cell_codes; /* of the occupied cells, ascending */
+    struct kiln_block *blocks;     /* all; parts are in own ones */
+    uint64_t own_first, own_end;   /* blocks that this rank covers */
+    uint64_t *cell_codes;          /* of the occupied cells, ascending */
+    struct kiln_units units;
     /* the first failure of any thread */
     int status;
     struct kiln_error *error;
@@ -61,10 +74,20 @@ void kiln_build_for_objects(struct kiln_build *build, const uint8_t *wanted,
                             void (*work)(struct kiln_build *build, uint32_t object, uint32_t threads, const void *context),
                             const void *context);
 
-/* The steps in order. Each returns a status and writes the sentence into build->error. */
-int kiln_build_measure(struct kiln_build *build); /* lightmaps, areas, grid, blocks */
-int kiln_build_cover(struct kiln_build *build);   /* parts */
-int kiln_build_order(struct kiln_build *build);   /* cells, tiles, own fragments, piece_base, share_base */
+/* The steps in order, collective. Each returns a status, the same on all ranks, and writes the sentence into build->error. */
+int kiln_build_measure(struct kiln_build *build); /* lightmaps, grid, blocks, which are whose */
+int kiln_build_cover(struct kiln_build *build);   /* parts of own blocks; areas */
+int kiln_build_order(struct kiln_build *build);   /* cells, units, tiles, splits */
+int kiln_build_deal(struct kiln_build *build);    /* own fragments, piece_base, share_base */
 int kiln_build_share(struct kiln_build *build);   /* own points */
+
+/* Points of a part. */
+static inline uint64_t kiln_part_points(const struct kiln_part *part) { return (uint64_t)__builtin_popcountll(part->mask); }
+
+/* How many of `total` points should lie before share r: see kiln_partition_cut. */
+static inline uint64_t kiln_partition_ideal(uint64_t total, uint32_t ranks, uint32_t r)
+{
+    return total / ranks * r + total % ranks * r / ranks;
+}
 
 #endif

@@ -93,7 +93,7 @@ static int find_in_mesh(uint32_t *parent, const struct kiln_scene *scene, const 
     return KILN_OK;
 }
 
-int kiln_charts_find(uint32_t **vertex_chart, const struct kiln_scene *scene, uint32_t threads, struct kiln_error *error)
+int kiln_charts_find(uint32_t **vertex_chart, const struct kiln_scene *scene, const uint8_t *wanted, uint32_t threads, struct kiln_error *error)
 {
     *vertex_chart = NULL;
     uint32_t *chart = NULL;
@@ -104,6 +104,8 @@ int kiln_charts_find(uint32_t **vertex_chart, const struct kiln_scene *scene, ui
 #pragma omp parallel for schedule(dynamic) num_threads(team)
     for (size_t m = 0; m < scene->mesh_count; m++) {
         struct kiln_error own;
+        if (wanted != NULL && !wanted[m])
+            continue;
         const int failed = find_in_mesh(chart + scene->meshes[m].vertex_first, scene, &scene->meshes[m], &own);
         if (failed != KILN_OK) {
 #pragma omp critical(kiln_charts_failure)

@@ -1,13 +1,10 @@
 #include <stdlib.h>
+#include <string.h>
 
 #include "coordinator/surface/build.h"
 #include "worker/base/memory.h"
 
 enum { POINTS_PER_CELL = 1024 };
-
-static uint64_t points_in(const struct kiln_part *part) { return (uint64_t)__builtin_popcountll(part->mask); }
-
-static uint64_t block_count(const struct kiln_build *build) { return build->object_block[build->scene->object_count]; }
 
 static int ascending(const void *a, const void *b)
 {
@@ -28,26 +25,62 @@ static size_t make_unique(uint64_t *codes, size_t count)
     return kept;
 }
 
-/* Lists the occupied cells' codes in order; gives the number of points too. */
-static int list_cells(struct kiln_build *build, size_t *cells, uint64_t *points)
+/* The codes of the cells that own parts lie in, in order, and these parts' points. */
+static int list_own_cells(const struct kiln_build *build, uint64_t **codes, size_t *cells, uint64_t *points)
 {
     size_t count = 0, capacity = 0;
     *points = 0;
-    for (uint64_t b = 0; b < block_count(build); b++) {
+    for (uint64_t b = build->own_first; b < build->own_end; b++) {
         const struct kiln_block *block = &build->blocks[b];
         for (size_t i = 0; i < block->count; i++) {
-            *points += points_in(&block->parts[i]);
-            if (count > 0 && build->cell_codes[count - 1] == block->parts[i].code)
+            *points += kiln_part_points(&block->parts[i]);
+            if (count > 0 && (*codes)[count - 1] == block->parts[i].code)
                 continue;
-            const int status = kiln_grow(&build->cell_codes, &capacity, count + 1, sizeof *build->cell_codes, "the occupied cells",
-                                         build->error);
+            const int status = kiln_grow(codes, &capacity, count + 1, sizeof **codes, "the occupied cells", build->error);
             if (status != KILN_OK)
                 return status;
-            build->cell_codes[count++] = block->parts[i].code;
+            (*codes)[count++] = block->parts[i].code;
         }
     }
-    *cells = make_unique(build->cell_codes, count);
+    *cells = make_unique(*codes, count);
     return KILN_OK;
+}
+
+struct code_list {
+    uint64_t *codes;
+    size_t count;
+};
+
+/* kiln_surface_taker, of struct code_list with room for all */
+static void take_codes(void *taker, const void *records, size_t count)
+{
+    struct code_list *list = taker;
+    memcpy(list->codes + list->count, records, count * sizeof *list->codes);
+    list->count += count;
+}
+
+/* Lists the occupied cells' codes in order; gives the number of points too. */
+static int list_cells(struct kiln_build *build, size_t *cells, uint64_t *points)
+{
+    const struct kiln_surface_exchange *x = build->exchange;
+    uint64_t *own = NULL;
+    size_t count = 0;
+    int status = list_own_cells(build, &own, &count, points);
+    uint64_t sums[2] = {count, *points};
+    status = x->sum(x->context, status, sums, NULL, 2, build->error);
+    if (status != KILN_OK)
+        goto end;
+    struct code_list list = {NULL, 0};
+    status = kiln_allocate(&list.codes, sums[0], sizeof *list.codes, "the occupied cells", build->error);
+    build->cell_codes = list.codes;
+    status = x->all(x->context, status, own, count, sizeof *own, take_codes, &list, build->error);
+    if (status != KILN_OK)
+        goto end;
+    *cells = make_unique(list.codes, list.count);
+    *points = sums[1];
+end:
+    kiln_free(&own);
+    return status;
 }
 
 /* Joins the parts of each tile that now lie in one cell (`whole_tiles`: all of them, into the cell of the tile's first point).
@@ -56,7 +89,7 @@ static void merge_parts(struct kiln_build *build, uint32_t shift, bool whole_til
 {
     const int team = (int)build->threads;
 #pragma omp parallel for schedule(dynamic, 16) num_threads(team)
-    for (uint64_t b = 0; b < block_count(build); b++) {
+    for (uint64_t b = build->own_first; b < build->own_end; b++) {
         struct kiln_block *block = &build->blocks[b];
         size_t kept = 0, tile_first = 0;
         for (size_t i = 0; i < block->count; i++) {
@@ -104,7 +137,7 @@ static int rank_cells(struct kiln_build *build)
         merge_parts(build, shift, false);
     const int team = (int)build->threads;
 #pragma omp parallel for schedule(dynamic, 16) num_threads(team)
-    for (uint64_t b = 0; b < block_count(build); b++) {
+    for (uint64_t b = build->own_first; b < build->own_end; b++) {
         for (size_t i = 0; i < build->blocks[b].count; i++) {
             struct kiln_part *part = &build->blocks[b].parts[i];
             const uint64_t *at = bsearch(&part->code, build->cell_codes, cells, sizeof *at, ascending);
@@ -114,22 +147,30 @@ static int rank_cells(struct kiln_build *build)
     return KILN_OK;
 }
 
-/* The unit that a rank should own whole: a cell or an object. */
 static uint64_t unit_of(const struct kiln_build *build, const struct kiln_block *block, const struct kiln_part *part)
 {
     return build->params->partition == KILN_PARTITION_CELLS ? part->cell : block->object;
 }
 
-struct units {
-    uint64_t count;
-    uint64_t *points;         /* unit: its points; unit_count */
-    uint64_t *first_point;    /* unit_count + 1 */
-    uint64_t *first_fragment; /* unit_count + 1 */
-};
+/* Gives own parts their places in global order. All parts stand by object and tile already, over the ranks too, so a stable counting
+ * sort by unit is one walk with a cursor for each unit: `point` and `fragment` begin where the ranks before this one end. */
+static void number_parts(struct kiln_build *build, uint64_t *point, uint64_t *fragment)
+{
+    for (uint64_t b = build->own_first; b < build->own_end; b++) {
+        for (size_t i = 0; i < build->blocks[b].count; i++) {
+            struct kiln_part *part = &build->blocks[b].parts[i];
+            const uint64_t unit = unit_of(build, &build->blocks[b], part);
+            part->position = fragment[unit]++;
+            part->first = point[unit];
+            point[unit] += kiln_part_points(part);
+        }
+    }
+}
 
-static int count_units(const struct kiln_build *build, struct units *units)
+static int allocate_units(struct kiln_build *build, uint64_t **sums, uint64_t **before)
 {
     const char *what = "the units of the partition";
+    struct kiln_units *units = &build->units;
     units->count =
         build->params->partition == KILN_PARTITION_CELLS ? build->surface->cell_count : (uint64_t)build->scene->object_count;
     int status = kiln_allocate(&units->points, units->count, sizeof *units->points, what, build->error);
@@ -137,229 +178,150 @@ static int count_units(const struct kiln_build *build, struct units *units)
         status = kiln_allocate(&units->first_point, units->count + 1, sizeof *units->first_point, what, build->error);
     if (status == KILN_OK)
         status = kiln_allocate(&units->first_fragment, units->count + 1, sizeof *units->first_fragment, what, build->error);
-    if (status != KILN_OK)
-        return status;
-    for (uint64_t b = 0; b < block_count(build); b++) {
+    if (status == KILN_OK)
+        status = kiln_allocate(sums, 2 * units->count, sizeof **sums, what, build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(before, 2 * units->count, sizeof **before, what, build->error);
+    return status;
+}
+
+/* Adds up units and numbers own parts. */
+static int place_parts(struct kiln_build *build, int status)
+{
+    const struct kiln_surface_exchange *x = build->exchange;
+    struct kiln_units *units = &build->units;
+    uint64_t *sums = NULL, *before = NULL; /* points of each unit, then fragments of each */
+    if (status == KILN_OK)
+        status = allocate_units(build, &sums, &before);
+    const uint64_t count = units->count;
+    for (uint64_t b = build->own_first; b < build->own_end && status == KILN_OK; b++) {
         for (size_t i = 0; i < build->blocks[b].count; i++) {
             const struct kiln_part *part = &build->blocks[b].parts[i];
             const uint64_t unit = unit_of(build, &build->blocks[b], part);
-            units->points[unit] += points_in(part);
-            units->first_fragment[unit + 1]++;
+            sums[unit] += kiln_part_points(part);
+            sums[count + unit]++;
         }
     }
-    for (uint64_t u = 0; u < units->count; u++) {
-        units->first_point[u + 1] = units->first_point[u] + units->points[u];
-        units->first_fragment[u + 1] += units->first_fragment[u];
-    }
-    return KILN_OK;
-}
-
-/* Gives every part its place in global order. Parts stand by object and tile already, so a stable counting sort by unit is
- * one walk with a cursor for each unit. */
-static int number_parts(struct kiln_build *build, const struct units *units)
-{
-    uint64_t *fragment = NULL, *point = NULL;
-    int status = kiln_allocate(&fragment, units->count, sizeof *fragment, "the global order", build->error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&point, units->count, sizeof *point, "the global order", build->error);
+    status = x->sum(x->context, status, sums, before, 2 * count, build->error);
     if (status != KILN_OK)
         goto end;
-    for (uint64_t u = 0; u < units->count; u++) {
-        fragment[u] = units->first_fragment[u];
-        point[u] = units->first_point[u];
+    for (uint64_t u = 0; u < count; u++) {
+        units->points[u] = sums[u];
+        units->first_point[u + 1] = units->first_point[u] + sums[u];
+        units->first_fragment[u + 1] = units->first_fragment[u] + sums[count + u];
+        before[u] += units->first_point[u];
+        before[count + u] += units->first_fragment[u];
     }
-    for (uint64_t b = 0; b < block_count(build); b++) {
-        for (size_t i = 0; i < build->blocks[b].count; i++) {
-            struct kiln_part *part = &build->blocks[b].parts[i];
-            const uint64_t unit = unit_of(build, &build->blocks[b], part);
-            part->position = fragment[unit]++;
-            part->first = point[unit];
-            point[unit] += points_in(part);
-        }
-    }
+    number_parts(build, before, before + count);
 end:
-    kiln_free(&fragment);
-    kiln_free(&point);
+    kiln_free(&sums);
+    kiln_free(&before);
     return status;
 }
 
-/* Enters all parts into tiles and splits. */
-static int fill_tiles(struct kiln_build *build)
+/* A tile or, from tile_count on, a split. */
+struct map_entry {
+    uint64_t place, mask, first;
+};
+
+/* kiln_surface_taker, of struct kiln_surface */
+static void take_entries(void *taker, const void *records, size_t count)
 {
+    struct kiln_surface *s = taker;
+    const struct map_entry *entries = records;
+    for (size_t i = 0; i < count; i++) {
+        const struct map_entry *e = &entries[i];
+        if (e->place < s->tile_count)
+            s->tiles[e->place] = (struct kiln_tile){e->mask, e->first};
+        else
+            s->splits[e->place - s->tile_count] = (struct kiln_tile_part){e->mask, e->first};
+    }
+}
+
+/* Where entries go: into the list for everybody or, where there is nobody else, straight to their places. */
+struct map_writer {
+    struct kiln_surface *surface;
+    struct map_entry *list; /* NULL: none */
+    size_t count;
+    uint64_t split; /* the next one */
+};
+
+static void write_entry(struct map_writer *writer, uint64_t place, uint64_t mask, uint64_t first)
+{
+    const struct map_entry entry = {place, mask, first};
+    if (writer->list != NULL)
+        writer->list[writer->count++] = entry;
+    else
+        take_entries(writer->surface, &entry, 1);
+}
+
+/* How many of a block's parts from `i` on are of one tile. */
+static size_t parts_of_tile(const struct kiln_block *block, size_t i)
+{
+    size_t next = i + 1;
+    while (next < block->count && block->parts[next].tile == block->parts[i].tile)
+        next++;
+    return next - i;
+}
+
+static void write_block(struct map_writer *writer, const struct kiln_block *block)
+{
+    const struct kiln_surface *s = writer->surface;
+    for (size_t i = 0, count; i < block->count; i += count) {
+        const struct kiln_part *parts = &block->parts[i];
+        uint64_t mask = 0;
+        count = parts_of_tile(block, i);
+        for (size_t k = 0; k < count; k++)
+            mask |= parts[k].mask;
+        write_entry(writer, s->lightmaps[block->object].tile_first + parts->tile, mask,
+                    count > 1 ? KILN_TILE_SPLIT | writer->split : parts->first);
+        for (size_t k = 0; k < count && count > 1; k++)
+            write_entry(writer, s->tile_count + writer->split++, parts[k].mask, parts[k].first);
+    }
+}
+
+/* Enters all parts into tiles and splits; the splits of tiles stand in the order of blocks. */
+static int fill_map(struct kiln_build *build, int status)
+{
+    const struct kiln_surface_exchange *x = build->exchange;
     struct kiln_surface *s = build->surface;
-    int status = kiln_allocate(&s->tiles, s->tile_count, sizeof *s->tiles, "the lightmap tiles", build->error);
-    if (status != KILN_OK)
-        return status;
-    for (uint64_t pass = 0; pass < 2; pass++) {
-        s->split_count = 0;
-        for (uint64_t b = 0; b < block_count(build); b++) {
-            const struct kiln_block *block = &build->blocks[b];
-            struct kiln_tile *tiles = s->tiles + s->lightmaps[block->object].tile_first;
-            for (size_t i = 0, next; i < block->count; i = next) {
-                const uint32_t tile = block->parts[i].tile;
-                for (next = i + 1; next < block->count && block->parts[next].tile == tile; next++)
-                    ;
-                const bool split = next - i > 1;
-                tiles[tile].first = split ? KILN_TILE_SPLIT | s->split_count : block->parts[i].first;
-                for (size_t k = i; k < next; k++) {
-                    tiles[tile].mask |= block->parts[k].mask;
-                    if (split && pass == 1)
-                        s->splits[s->split_count] = (struct kiln_tile_part){block->parts[k].mask, block->parts[k].first};
-                    s->split_count += split ? 1 : 0;
-                }
-            }
-        }
-        if (pass == 0)
-            status = kiln_allocate(&s->splits, s->split_count, sizeof *s->splits, "the split lightmap tiles", build->error);
-        if (status != KILN_OK)
-            return status;
-    }
-    return KILN_OK;
-}
-
-/* Points of each fragment in global order. */
-static int list_fragment_points(const struct kiln_build *build, uint64_t fragments, uint64_t **points)
-{
-    const int status = kiln_allocate(points, fragments, sizeof **points, "the points of all fragments", build->error);
-    if (status != KILN_OK)
-        return status;
-    for (uint64_t b = 0; b < block_count(build); b++) {
-        for (size_t i = 0; i < build->blocks[b].count; i++)
-            (*points)[build->blocks[b].parts[i].position] = points_in(&build->blocks[b].parts[i]);
-    }
-    return KILN_OK;
-}
-
-/* Turns cuts between units into the points and fragments of each rank's begin; gives the largest share. */
-static uint64_t largest_share(const uint64_t *first_point, const uint64_t *cuts, uint32_t ranks)
-{
-    uint64_t most = 0;
-    for (uint32_t r = 0; r < ranks; r++) {
-        const uint64_t share = first_point[cuts[r + 1]] - first_point[cuts[r]];
-        most = share > most ? share : most;
-    }
-    return most;
-}
-
-static void report_balance(struct kiln_build *build, const uint64_t *first_point, const uint64_t *cuts)
-{
-    struct kiln_surface_report *report = build->report;
-    const uint32_t ranks = build->params->ranks;
-    report->points_min = UINT64_MAX;
-    for (uint32_t r = 0; r < ranks; r++) {
-        const uint64_t share = first_point[cuts[r + 1]] - first_point[cuts[r]];
-        report->points_min = share < report->points_min ? share : report->points_min;
-    }
-    report->points_max = largest_share(first_point, cuts, ranks);
-    if (build->surface->point_count > 0)
-        report->imbalance = (double)report->points_max / ((double)build->surface->point_count / ranks) - 1.0;
-}
-
-/* Decides which fragments, in global order, are this rank's. */
-static int cut_shares(struct kiln_build *build, const struct units *units, uint64_t *fragment_first, uint64_t *fragment_end)
-{
-    const uint32_t ranks = build->params->ranks, rank = build->params->rank;
-    struct kiln_surface *s = build->surface;
-    uint64_t *cuts = NULL, *points = NULL, *first_point = NULL;
-    int status = kiln_allocate(&cuts, (size_t)ranks + 1, sizeof *cuts, "the partition", build->error);
-    if (status != KILN_OK)
-        goto end;
-    kiln_partition_cut(units->points, units->count, ranks, cuts);
-    const double mean = (double)s->point_count / ranks;
-    if (ranks == 1 || s->point_count == 0 ||
-        (units->count >= ranks && (double)largest_share(units->first_point, cuts, ranks) <= 1.1 * mean)) {
-        *fragment_first = units->first_fragment[cuts[rank]];
-        *fragment_end = units->first_fragment[cuts[rank + 1]];
-        s->first = units->first_point[cuts[rank]];
-        s->count = units->first_point[cuts[rank + 1]] - s->first;
-        report_balance(build, units->first_point, cuts);
-        goto end;
-    }
-    const uint64_t fragments = build->report->fragments;
-    status = list_fragment_points(build, fragments, &points);
-    if (status == KILN_OK)
-        status = kiln_allocate(&first_point, fragments + 1, sizeof *first_point, "the points of all fragments", build->error);
-    if (status != KILN_OK)
-        goto end;
-    kiln_partition_cut(points, fragments, ranks, cuts);
-    for (uint64_t f = 0; f < fragments; f++)
-        first_point[f + 1] = first_point[f] + points[f];
-    *fragment_first = cuts[rank];
-    *fragment_end = cuts[rank + 1];
-    s->first = first_point[cuts[rank]];
-    s->count = first_point[cuts[rank + 1]] - s->first;
-    report_balance(build, first_point, cuts);
-end:
-    kiln_free(&cuts);
-    kiln_free(&points);
-    kiln_free(&first_point);
-    return status;
-}
-
-static int take_fragments(struct kiln_build *build, uint64_t fragment_first, uint64_t fragment_end)
-{
-    struct kiln_surface *s = build->surface;
-    s->fragment_count = fragment_end - fragment_first;
-    int status = kiln_allocate(&s->fragments, s->fragment_count, sizeof *s->fragments, "the fragments", build->error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->piece_base, s->fragment_count + 1, sizeof *s->piece_base, "the fragments", build->error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->share_base, s->fragment_count + 1, sizeof *s->share_base, "the fragments", build->error);
-    if (status != KILN_OK)
-        return status;
-    for (uint64_t b = 0; b < block_count(build); b++) {
+    uint64_t splits = 0, before = 0;
+    size_t entries = 0;
+    for (uint64_t b = build->own_first; b < build->own_end && status == KILN_OK; b++) {
         const struct kiln_block *block = &build->blocks[b];
-        for (size_t i = 0; i < block->count; i++) {
-            const struct kiln_part *part = &block->parts[i];
-            if (part->position < fragment_first || part->position >= fragment_end)
-                continue;
-            const uint64_t f = part->position - fragment_first;
-            s->fragments[f] = (struct kiln_fragment){.first = part->first,
-                                                     .mask = part->mask,
-                                                     .object = block->object,
-                                                     .tile = part->tile,
-                                                     .cell = part->cell,
-                                                     .count = (uint32_t)points_in(part)};
-            s->piece_base[f + 1] = part->pieces;
-            s->share_base[f + 1] = part->shares;
+        for (size_t i = 0, count; i < block->count; i += count) {
+            count = parts_of_tile(block, i);
+            splits += count > 1 ? count : 0;
+            entries += count > 1 ? count + 1 : 1;
         }
     }
-    for (size_t f = 0; f < s->fragment_count; f++) {
-        s->piece_base[f + 1] += s->piece_base[f];
-        s->share_base[f + 1] += s->share_base[f];
-    }
-    return KILN_OK;
+    status = x->sum(x->context, status, &splits, &before, 1, build->error);
+    if (status != KILN_OK)
+        return status;
+    struct map_writer writer = {.surface = s, .split = before};
+    s->split_count = splits;
+    status = kiln_allocate(&s->tiles, s->tile_count, sizeof *s->tiles, "the lightmap tiles", build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->splits, s->split_count, sizeof *s->splits, "the split lightmap tiles", build->error);
+    if (status == KILN_OK && build->workers > 1)
+        status = kiln_allocate(&writer.list, entries, sizeof *writer.list, "the lightmap tiles on their way", build->error);
+    for (uint64_t b = build->own_first; b < build->own_end && status == KILN_OK; b++)
+        write_block(&writer, &build->blocks[b]);
+    status = x->all(x->context, status, writer.list, writer.count, sizeof *writer.list, take_entries, s, build->error);
+    kiln_free(&writer.list);
+    return status;
 }
 
 int kiln_build_order(struct kiln_build *build)
 {
-    struct kiln_surface *s = build->surface;
-    struct units units = {0};
-    uint64_t fragment_first = 0, fragment_end = 0;
     int status = rank_cells(build);
     if (status == KILN_OK && build->params->partition == KILN_PARTITION_OBJECTS)
         merge_parts(build, 0, true);
-    if (status == KILN_OK)
-        status = count_units(build, &units);
+    status = place_parts(build, status);
     if (status != KILN_OK)
-        goto end;
-    s->point_count = units.first_point[units.count];
-    build->report->points = s->point_count;
-    build->report->fragments = units.first_fragment[units.count];
-    status = number_parts(build, &units);
-    if (status == KILN_OK)
-        status = fill_tiles(build);
-    if (status == KILN_OK)
-        status = cut_shares(build, &units, &fragment_first, &fragment_end);
-    if (status == KILN_OK)
-        status = take_fragments(build, fragment_first, fragment_end);
-    if (status == KILN_OK && build->params->partition == KILN_PARTITION_CELLS) {
-        s->cell_first = units.first_point;
-        units.first_point = NULL;
-    }
-end:
-    kiln_free(&units.points);
-    kiln_free(&units.first_point);
-    kiln_free(&units.first_fragment);
-    return status;
+        return status;
+    build->surface->point_count = build->units.first_point[build->units.count];
+    build->report->points = build->surface->point_count;
+    build->report->fragments = build->units.first_fragment[build->units.count];
+    return fill_map(build, KILN_OK);
 }

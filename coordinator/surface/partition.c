@@ -1,4 +1,4 @@
-#include "coordinator/surface/surface_build.h"
+#include "coordinator/surface/build.h"
 
 void kiln_partition_cut(const uint64_t *unit_points, size_t unit_count, uint32_t ranks, uint64_t *cuts)
 {
@@ -9,7 +9,7 @@ void kiln_partition_cut(const uint64_t *unit_points, size_t unit_count, uint32_t
     uint64_t before = 0; /* points of the units before `unit` */
     cuts[0] = 0;
     for (uint32_t r = 1; r < ranks; r++) {
-        const uint64_t ideal = total / ranks * r + total % ranks * r / ranks;
+        const uint64_t ideal = kiln_partition_ideal(total, ranks, r);
         for (; unit < unit_count && before < ideal; unit++) {
             const uint64_t after = before + unit_points[unit];
             if (after > ideal && after - ideal >= ideal - before)

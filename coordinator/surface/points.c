@@ -85,6 +85,41 @@ static int place_lightmaps(struct kiln_build *build)
     return KILN_OK;
 }
 
+/* Work of covering a block of `object` with so many tiles, in texels: a triangle is about as much as two. */
+static uint64_t work_of(const struct kiln_build *build, size_t object, uint64_t tiles)
+{
+    const uint64_t triangles = triangles_of(build, object);
+    return triangles == 0 ? 0 : tiles * KILN_TILE_TEXELS + (uint64_t)(2.0 * (double)triangles * (double)tiles / (double)tiles_of(build, object));
+}
+
+/* Says which blocks are whose object's, and deals them out. */
+static int cut_blocks(struct kiln_build *build)
+{
+    const uint64_t count = build->object_block[build->scene->object_count];
+    uint64_t *work = NULL, *cuts = NULL;
+    int status = kiln_allocate(&work, count, sizeof *work, "the work of the ranks", build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&cuts, (size_t)build->workers + 1, sizeof *cuts, "the work of the ranks", build->error);
+    if (status != KILN_OK)
+        goto end;
+    for (size_t o = 0; o < build->scene->object_count; o++) {
+        uint64_t tiles = tiles_of(build, o);
+        for (uint64_t b = build->object_block[o]; b < build->object_block[o + 1]; b++) {
+            const uint64_t here = tiles < KILN_BLOCK_TILES ? tiles : KILN_BLOCK_TILES;
+            build->blocks[b].object = (uint32_t)o;
+            work[b] = work_of(build, o, here);
+            tiles -= here;
+        }
+    }
+    kiln_partition_cut(work, count, build->workers, cuts);
+    build->own_first = cuts[build->worker];
+    build->own_end = cuts[build->worker + 1];
+end:
+    kiln_free(&work);
+    kiln_free(&cuts);
+    return status;
+}
+
 int kiln_build_measure(struct kiln_build *build)
 {
     const struct kiln_scene *scene = build->scene;
@@ -94,23 +129,11 @@ int kiln_build_measure(struct kiln_build *build)
     if (status == KILN_OK)
         status = kiln_allocate(&build->blocks, build->object_block[scene->object_count], sizeof *build->blocks,
                                "the blocks of lightmap tiles", build->error);
-    if (status != KILN_OK)
-        return status;
-    const int team = (int)build->threads;
-#pragma omp parallel for schedule(dynamic) num_threads(team)
-    for (size_t o = 0; o < scene->object_count; o++) {
-        const struct kiln_object_range *range = &build->geometry->ranges[o];
-        const uint64_t count = range->opaque_count + range->alpha_count;
-        for (uint64_t k = 0; k < count; k++) {
-            const uint64_t t = k < range->opaque_count ? range->opaque_first + k : range->alpha_first + k - range->opaque_count;
-            build->object_area[o] += kiln_geometry_triangle_area(build->geometry, t);
-        }
-        for (uint64_t b = build->object_block[o]; b < build->object_block[o + 1]; b++)
-            build->blocks[b].object = (uint32_t)o;
-    }
-    for (size_t o = 0; o < scene->object_count; o++)
-        build->report->geometry_area += build->object_area[o];
-    return kiln_grid_choose(&build->grid, build->geometry, build->params->cell_size, build->error);
+    if (status == KILN_OK)
+        status = cut_blocks(build);
+    if (status == KILN_OK)
+        status = kiln_grid_choose(&build->grid, build->geometry, build->params->cell_size, build->error);
+    return build->exchange->agree(build->exchange->context, status, build->error);
 }
 
 /* Tiles of a lightmap in Morton order, by descending a quadtree and leaving out what lies outside. */
@@ -210,19 +233,32 @@ static int trim_block(struct kiln_block *block, struct kiln_error *error)
     return KILN_OK;
 }
 
+static double area_of(const struct kiln_build *build, uint32_t object)
+{
+    const struct kiln_object_range *range = &build->geometry->ranges[object];
+    double area = 0.0;
+    for (uint64_t k = 0; k < range->opaque_count + range->alpha_count; k++)
+        area += kiln_geometry_triangle_area(build->geometry,
+                                            k < range->opaque_count ? range->opaque_first + k : range->alpha_first + k - range->opaque_count);
+    return area;
+}
+
 static void cover_object(struct kiln_build *build, uint32_t object, uint32_t threads, const void *context)
 {
     (void)context;
     const struct kiln_lightmap *map = &build->surface->lightmaps[object];
-    const uint64_t tiles = tiles_of(build, object), block_first = build->object_block[object];
-    const uint64_t block_count = build->object_block[object + 1] - block_first;
+    const uint64_t tiles = tiles_of(build, object), block_first = build->object_block[object], block_last = build->object_block[object + 1];
+    const uint64_t own_first = block_first > build->own_first ? block_first : build->own_first;
+    const uint64_t own_end = block_last < build->own_end ? block_last : build->own_end;
     struct kiln_error error;
     struct kiln_coverage coverage = {0};
     uint32_t *order = NULL;
     uint32_t side = 1;
     const int team = (int)threads;
-    if (triangles_of(build, object) == 0)
+    if (triangles_of(build, object) == 0 || own_first >= own_end)
         return;
+    if (own_first == block_first)
+        build->object_area[object] = area_of(build, object);
     int status = kiln_allocate(&order, tiles, sizeof *order, "the order of an object's tiles", &error);
     if (status == KILN_OK)
         status = kiln_coverage_create(&coverage, build->scene, build->geometry, object, threads, &error);
@@ -238,10 +274,11 @@ static void cover_object(struct kiln_build *build, uint32_t object, uint32_t thr
         struct kiln_coverage_scratch scratch = {0};
         struct kiln_error own;
 #pragma omp for schedule(dynamic)
-        for (uint64_t b = 0; b < block_count; b++) {
-            struct kiln_block *block = &build->blocks[block_first + b];
-            const uint64_t last = (b + 1) * KILN_BLOCK_TILES < tiles ? (b + 1) * KILN_BLOCK_TILES : tiles;
-            for (uint64_t i = b * KILN_BLOCK_TILES; i < last && !kiln_build_failed(build); i++) {
+        for (uint64_t b = own_first; b < own_end; b++) {
+            struct kiln_block *block = &build->blocks[b];
+            const uint64_t first = (b - block_first) * KILN_BLOCK_TILES;
+            const uint64_t last = first + KILN_BLOCK_TILES < tiles ? first + KILN_BLOCK_TILES : tiles;
+            for (uint64_t i = first; i < last && !kiln_build_failed(build); i++) {
                 const int failed = cover_tile(build, &coverage, order[i], &scratch, block, &own);
                 if (failed != KILN_OK)
                     kiln_build_fail(build, failed, &own);
@@ -257,15 +294,61 @@ end:
     kiln_free(&order);
 }
 
-int kiln_build_cover(struct kiln_build *build)
+/* The charts of the objects that own blocks are of, for as long as those are covered. */
+static int cover_own(struct kiln_build *build)
 {
-    const int status = kiln_charts_find(&build->vertex_chart, build->scene, build->threads, build->error);
-    if (status != KILN_OK)
-        return status;
-    kiln_build_for_objects(build, NULL, cover_object, NULL);
+    uint8_t *wanted = NULL;
+    int status = kiln_allocate(&wanted, build->scene->mesh_count, sizeof *wanted, "the meshes to cover", build->error);
+    for (uint64_t b = build->own_first; b < build->own_end && status == KILN_OK; b++)
+        wanted[build->scene->objects[build->blocks[b].object].mesh] = 1;
+    if (status == KILN_OK)
+        status = kiln_charts_find(&build->vertex_chart, build->scene, wanted, build->threads, build->error);
+    if (status == KILN_OK) {
+        kiln_build_for_objects(build, NULL, cover_object, NULL);
+        status = build->status;
+    }
     kiln_free(&build->vertex_chart);
-    if (build->status != KILN_OK)
-        return build->status;
+    kiln_free(&wanted);
+    return status;
+}
+
+/* What a rank tells the others of a block, so that all add up the same numbers in the same order. */
+struct block_sums {
+    uint64_t block, shared_texels;
+    double area, object_area; /* the latter counts with an object's first block */
+};
+
+/* kiln_surface_taker, of struct kiln_build */
+static void take_sums(void *taker, const void *records, size_t count)
+{
+    struct kiln_build *build = taker;
+    const struct block_sums *sums = records;
+    for (size_t i = 0; i < count; i++) {
+        struct kiln_block *block = &build->blocks[sums[i].block];
+        block->area = sums[i].area;
+        block->shared_texels = sums[i].shared_texels;
+        if (build->object_block[block->object] == sums[i].block)
+            build->object_area[block->object] = sums[i].object_area;
+    }
+}
+
+static int exchange_sums(struct kiln_build *build, int status)
+{
+    struct block_sums *sums = NULL;
+    const size_t count = (size_t)(build->own_end - build->own_first);
+    if (status == KILN_OK)
+        status = kiln_allocate(&sums, count, sizeof *sums, "the areas of lightmap tiles", build->error);
+    for (size_t i = 0; i < count && status == KILN_OK; i++) {
+        const struct kiln_block *block = &build->blocks[build->own_first + i];
+        sums[i] = (struct block_sums){build->own_first + i, block->shared_texels, block->area, build->object_area[block->object]};
+    }
+    status = build->exchange->all(build->exchange->context, status, sums, count, sizeof *sums, take_sums, build, build->error);
+    kiln_free(&sums);
+    return status;
+}
+
+static void report_areas(struct kiln_build *build)
+{
     struct kiln_surface_report *report = build->report;
     for (size_t o = 0; o < build->scene->object_count; o++) {
         double area = 0.0;
@@ -274,6 +357,7 @@ int kiln_build_cover(struct kiln_build *build)
             report->shared_texels += build->blocks[b].shared_texels;
         }
         report->area += area;
+        report->geometry_area += build->object_area[o];
         if (!(build->object_area[o] > 0.0))
             continue;
         const double wrong = fabs(area / build->object_area[o] - 1.0);
@@ -282,5 +366,12 @@ int kiln_build_cover(struct kiln_build *build)
             report->worst_object = (uint32_t)o;
         }
     }
-    return KILN_OK;
+}
+
+int kiln_build_cover(struct kiln_build *build)
+{
+    const int status = exchange_sums(build, cover_own(build));
+    if (status == KILN_OK)
+        report_areas(build);
+    return status;
 }

@@ -308,5 +308,5 @@ int kiln_build_share(struct kiln_build *build)
     kiln_free(&own.first);
     kiln_free(&own.fragments);
     kiln_free(&own.wanted);
-    return status;
+    return build->exchange->agree(build->exchange->context, status, build->error);
 }

@@ -1,9 +1,46 @@
 #include "coordinator/surface/surface_build.h"
 
 #include <omp.h>
+#include <string.h>
 
 #include "coordinator/surface/build.h"
 #include "worker/base/memory.h"
+
+/* ---- the exchange of a process that works alone ---- */
+
+static int agree_alone(void *context, int status, struct kiln_error *error)
+{
+    (void)context, (void)error;
+    return status;
+}
+
+static int sum_alone(void *context, int status, uint64_t *values, uint64_t *before, size_t count, struct kiln_error *error)
+{
+    (void)context, (void)values, (void)error;
+    if (status == KILN_OK && before != NULL)
+        memset(before, 0, count * sizeof *before);
+    return status;
+}
+
+static int all_alone(void *context, int status, const void *own, size_t count, size_t size, kiln_surface_taker take, void *taker,
+                     struct kiln_error *error)
+{
+    (void)context, (void)size, (void)error;
+    if (status == KILN_OK && count > 0)
+        take(taker, own, count);
+    return status;
+}
+
+static int deal_alone(void *context, int status, const void *own, const size_t *counts, size_t size, kiln_surface_taker take, void *taker,
+                      struct kiln_error *error)
+{
+    (void)context, (void)own, (void)counts, (void)size, (void)take, (void)taker, (void)error;
+    return status;
+}
+
+static const struct kiln_surface_exchange alone = {.agree = agree_alone, .sum = sum_alone, .all = all_alone, .deal = deal_alone};
+
+/* ---- building ---- */
 
 static void release(struct kiln_build *build)
 {
@@ -17,6 +54,23 @@ static void release(struct kiln_build *build)
     kiln_free(&build->object_area);
     kiln_free(&build->vertex_chart);
     kiln_free(&build->cell_codes);
+    kiln_free(&build->units.points);
+    kiln_free(&build->units.first_point);
+    kiln_free(&build->units.first_fragment);
+}
+
+static int find_parts(struct kiln_build *build, int status)
+{
+    status = build->exchange->agree(build->exchange->context, status, build->error);
+    if (status == KILN_OK)
+        status = kiln_build_measure(build);
+    if (status == KILN_OK)
+        status = kiln_build_cover(build);
+    if (status == KILN_OK)
+        status = kiln_build_order(build);
+    if (status == KILN_OK)
+        status = kiln_build_deal(build);
+    return status;
 }
 
 int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_params *params, struct kiln_surface_report *report,
@@ -24,22 +78,21 @@ int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_
 {
     *surface = NULL;
     *report = (struct kiln_surface_report){0};
-    if (params->rank >= params->ranks)
-        return kiln_fail(error, KILN_USAGE, "rank %u of %u ranks does not exist: give a rank below their number", params->rank,
-                         params->ranks);
     struct kiln_build build = {.params = params,
+                               .exchange = params->exchange != NULL ? params->exchange : &alone,
+                               .workers = params->exchange != NULL ? params->ranks : 1,
+                               .worker = params->exchange != NULL ? params->rank : 0,
                                .scene = params->scene,
                                .geometry = params->geometry,
                                .report = report,
                                .threads = params->threads > 0 ? params->threads : (uint32_t)omp_get_max_threads(),
                                .error = error};
-    int status = kiln_allocate(&build.surface, 1, sizeof *build.surface, "the surface", error);
+    int status = params->rank < params->ranks ? KILN_OK
+                                              : kiln_fail(error, KILN_USAGE, "rank %u of %u ranks does not exist: give a rank below their number",
+                                                          params->rank, params->ranks);
     if (status == KILN_OK)
-        status = kiln_build_measure(&build);
-    if (status == KILN_OK)
-        status = kiln_build_cover(&build);
-    if (status == KILN_OK)
-        status = kiln_build_order(&build);
+        status = kiln_allocate(&build.surface, 1, sizeof *build.surface, "the surface", error);
+    status = find_parts(&build, status);
     if (status == KILN_OK) {
         report->cells_occupied = build.surface->cell_count;
         report->cells_total = build.grid.count[0] * build.grid.count[1] * build.grid.count[2];

@@ -8,13 +8,33 @@
 
 enum kiln_partition { KILN_PARTITION_CELLS = 0, KILN_PARTITION_OBJECTS = 1 };
 
+/* Records of one kind, some of all there are; they are only lent. */
+typedef void (*kiln_surface_taker)(void *taker, const void *records, size_t count);
+
+/* How the ranks that build a surface together speak with one another. All functions are collective, with the same `size` and meaning of
+ * records on all ranks. Each rank brings how it stands: where one's `status` is not KILN_OK, nothing is exchanged and all return the worst
+ * and hold its sentence; and so they all do when one fails inside. */
+struct kiln_surface_exchange {
+    void *context;
+    int (*agree)(void *context, int status, struct kiln_error *error);
+    /* values[i] becomes the sum of all ranks' ones; before[i] (before may be NULL) that of the ranks before this one. */
+    int (*sum)(void *context, int status, uint64_t *values, uint64_t *before, size_t count, struct kiln_error *error);
+    /* Hands the records of all ranks, its own among them, to `take` on every rank: in calls of some at a time, in any order. */
+    int (*all)(void *context, int status, const void *own, size_t count, size_t size, kiln_surface_taker take, void *taker,
+               struct kiln_error *error);
+    /* Hands each rank the records for it: of `own` the first counts[0] are for rank 0, the next counts[1] for rank 1; none for itself. */
+    int (*deal)(void *context, int status, const void *own, const size_t *counts, size_t size, kiln_surface_taker take, void *taker,
+                struct kiln_error *error);
+};
+
 struct kiln_surface_params {
     const struct kiln_scene *scene;       /* borrowed during the call */
     const struct kiln_geometry *geometry; /* borrowed during the call */
     double cell_size;                     /* m; 0: chosen from the scene alone, never from the number of ranks: a 24th of the
                                            * longest side, doubled until an occupied cell holds 1024 points on the mean */
     enum kiln_partition partition;
-    uint32_t rank, ranks;
+    uint32_t rank, ranks;                 /* whose share is wanted */
+    const struct kiln_surface_exchange *exchange; /* between all `ranks`, which then divide the work; NULL: this one does it alone */
     uint32_t threads; /* 0: all */
 };
 
@@ -34,7 +54,11 @@ struct kiln_surface_report {
     uint64_t points_min, points_max; /* over ranks */
 };
 
-/* Builds the surface. Not collective: every rank computes the same global part from the scene, and its own share of the rest.
+/* Builds the surface: the same global part on all ranks, and a rank's share of the rest. With an exchange it is collective over its ranks
+ * and gives all the same status: each finds the points of a part of all lightmap tiles (equal in estimated work, whatever share will be
+ * its own), they add up how many lie in each cell, so that each can number its own, and tell all where tiles' points begin, and the
+ * owners what their fragments are. No rank holds more of the others' than that map. Without one, a single process finds the points of the
+ * whole scene, whatever `ranks` is. Both give the same bits.
  *
  * Coverage is conservative: a texel that a triangle touches with non-zero area is a point even if its centre is not on one.
  * Each triangle is clipped to each texel it touches (worker/scene/clip.h), so that areas are exact. Triangles without
@@ -58,7 +82,7 @@ int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_
                        struct kiln_error *error);
 
 /* Cuts a row of units (cells, objects or fragments in global order, with so many points each) into `ranks` contiguous shares of
- * nearly equal points: the border before share r is the unit border nearest to r / ranks of all points. Share r is units
+ * nearly equal points: the border before share r is the unit border nearest to r / ranks of all points (of two, the first). Share r is units
  * cuts[r] .. cuts[r + 1] - 1; writes ranks + 1 cuts, ranks >= 1. Pure. */
 void kiln_partition_cut(const uint64_t *unit_points, size_t unit_count, uint32_t ranks, uint64_t *cuts);
 
