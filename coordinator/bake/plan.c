@@ -35,6 +35,8 @@ static const double LIGHTMAP_TEXEL_SECONDS = 3e-6;   /* of one thread: filled, s
 static const double H5_POINT_SECONDS = 1.8e-6;       /* of one rank: described, compressed, read back */
 static const double PREVIEW_SECONDS = 0.8;
 static const double COMPACT_BYTES = 4.0, FULL_BYTES = 8.0; /* of a point's radiosity on its way */
+static const double MAP_ENTRY_BYTES = 24.0;          /* of a tile or split, from who found it to every rank */
+static const double MAP_POINT_SECONDS = 0.5e-9;      /* of a rank, for a point that another found */
 
 /* Compressed bytes, measured over the project's scenes. */
 static const double LIGHTMAP_POINT_DISK = 33.0, H5_POINT_DISK = 45.5, PROBE_DISK = 0.85, PREVIEW_DISK = 0.55e6;
@@ -282,7 +284,7 @@ static void plan_time(struct kiln_plan *plan, const struct kiln_prepared *p, con
     pass_counts(plan, job, counts);
     s->import = phase_seconds(phases, "import");
     s->world = phase_seconds(phases, "scene and BVH") * together;
-    s->surface = phase_seconds(phases, "surface points") * together;
+    s->surface = phase_seconds(phases, "surface points") * together / ranks;
     s->validity = plan->surface.points > 0 ? phase_seconds(phases, "validity") * points / (double)plan->surface.points : 0.0;
     s->direct = points * counts[0] * point_seconds(plan, 0);
     s->bounces = points * counts[1] * point_seconds(plan, 1);
@@ -343,7 +345,9 @@ static int plan_curves(struct kiln_plan *plan, const struct kiln_prepared *p, co
     struct kiln_simulation simulation = {.fragments = plan->surface.fragments,
                                          .density = job->points > 0 ? (double)job->points / points : 1.0,
                                          .once = s->import + s->world + (job->preview ? PREVIEW_SECONDS : 0.0),
-                                         .once_a_point = s->surface / points,
+                                         .find_a_point = s->surface * job->ranks / points,
+                                         .map_a_point = MAP_POINT_SECONDS * together,
+                                         .map_bytes = MAP_ENTRY_BYTES * (double)(p->surface->tile_count + p->surface->split_count) / points,
                                          .shared_a_point = s->validity / fmax(1.0, (double)plan->surface.points_max) +
                                                            together * (H5_POINT_SECONDS + texel * LIGHTMAP_TEXEL_SECONDS / p->threads),
                                          .shared = probe * (double)plan->probes * together,

@@ -23,7 +23,7 @@ struct kiln_plan_memory {
 
 /* Seconds of the fullest rank. */
 struct kiln_plan_seconds {
-    double import, world, surface, validity; /* reading, BVH, finding points, finding buried ones */
+    double import, world, surface, validity; /* reading, BVH, finding points (divided), finding buried ones */
     double direct, bounces, final, probes, exchange;
     double write;                            /* lightmaps, kiln.h5, volume.hdf, preview */
     double total;

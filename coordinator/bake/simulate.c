@@ -89,6 +89,13 @@ double kiln_exchange_seconds(double bytes, uint32_t ranks, uint32_t nodes, doubl
     return ranks > 1 ? bytes / NODE_MEMORY_BANDWIDTH : 0.0;
 }
 
+/* Seconds until all know where the points lie: every rank of a node is told. */
+static double find_seconds(const struct kiln_simulation *s, const struct kiln_scaled *scaled, uint32_t together)
+{
+    const double share = s->find_a_point * scaled->points / scaled->ranks, map = scaled->ranks > 1 ? s->map_a_point * scaled->points : 0.0;
+    return share + map + kiln_exchange_seconds(s->map_bytes * scaled->points * together, scaled->ranks, scaled->nodes, s->bandwidth, s->latency);
+}
+
 int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double density, struct kiln_scaled *scaled, struct kiln_error *error)
 {
     struct sums sums = {0};
@@ -104,9 +111,10 @@ int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double densit
         scaled->trace = largest * density + s->shared / ranks;
         scaled->imbalance = mean > 0.0 ? largest / mean - 1.0 : 0.0;
         scaled->exchange = s->exchanges * kiln_exchange_seconds(s->radiosity_bytes * scaled->points, ranks, scaled->nodes, s->bandwidth, s->latency);
-        scaled->once = s->once + s->once_a_point * scaled->points;
+        scaled->find = find_seconds(s, scaled, together < ranks ? together : ranks);
+        scaled->once = s->once;
         scaled->write = fmax(s->shared_a_point * scaled->points / ranks, s->largest_object * density);
-        scaled->seconds = scaled->trace + scaled->exchange + scaled->once + scaled->write;
+        scaled->seconds = scaled->trace + scaled->exchange + scaled->find + scaled->once + scaled->write;
     }
     kiln_free(&sums.points);
     kiln_free(&sums.cost);

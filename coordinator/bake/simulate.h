@@ -16,7 +16,9 @@ struct kiln_simulation {
     uint64_t fragments;          /* smallest units of work */
     double density;              /* points for each one that the cells have: the same scene with finer lightmaps */
     double once;                 /* done by every rank, or while all wait: import, scene, BVH */
-    double once_a_point;         /* done by every rank for all points: where the points lie */
+    double find_a_point;         /* divided between ranks: where the points lie */
+    double map_a_point;          /* done by every rank, when there are several, for all points: the map of what the others found */
+    double map_bytes;            /* of a point, sent to every rank once */
     double shared_a_point;       /* done for own points besides tracing: validity, files */
     double shared;               /* divided between ranks whatever the number of points: probes */
     double largest_object;       /* seconds to write the largest lightmap, which one rank does */
@@ -30,6 +32,7 @@ struct kiln_scaled {
     uint32_t ranks, nodes;
     double points;
     double trace, imbalance; /* of the costliest rank; over the mean - 1 */
+    double find; /* the points, and telling all of them */
     double exchange, once, write, seconds;
     double efficiency, trace_efficiency; /* of all; of tracing and exchange alone */
 };

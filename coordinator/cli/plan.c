@@ -57,9 +57,9 @@ static json_t *curve_json(const struct kiln_scaled *curve, size_t count)
     json_t *array = json_array();
     for (size_t i = 0; i < count; i++) {
         const struct kiln_scaled *c = &curve[i];
-        (void)json_array_append_new(array, json_pack("{s:i, s:i, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "ranks", (int)c->ranks, "nodes", (int)c->nodes,
-                                               "points", c->points, "trace", c->trace, "imbalance", c->imbalance, "exchange", c->exchange, "once",
-                                               c->once, "write", c->write, "seconds", c->seconds, "efficiency", c->efficiency, "trace_efficiency",
+        (void)json_array_append_new(array, json_pack("{s:i, s:i, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "ranks", (int)c->ranks, "nodes", (int)c->nodes,
+                                               "points", c->points, "trace", c->trace, "imbalance", c->imbalance, "exchange", c->exchange, "find",
+                                               c->find, "once", c->once, "write", c->write, "seconds", c->seconds, "efficiency", c->efficiency, "trace_efficiency",
                                                c->trace_efficiency));
     }
     return array;
@@ -134,7 +134,8 @@ static const char *limit_of(const struct kiln_scaled *first, const struct kiln_s
     const struct {
         const char *name;
         double lost;
-    } losses[] = {{"what every rank does for itself or waits for (import, BVH, finding all points)", last->once - share * first->once},
+    } losses[] = {{"what every rank does for itself or waits for (import, BVH)", last->once - share * first->once},
+                  {"telling every rank where all points lie", last->find - share * first->find},
                   {"uneven shares of the cells", idle},
                   {"the exchange of radiosity", last->exchange - share * first->exchange},
                   {"writing the results", last->write - share * first->write}};
@@ -148,12 +149,12 @@ static const char *limit_of(const struct kiln_scaled *first, const struct kiln_s
 
 static void print_curve(const char *name, const struct kiln_scaled *curve, size_t count, bool weak)
 {
-    (void)printf("\n%s scaling, simulated\n%9s%8s%12s%12s%9s%11s%9s%9s%11s%12s%12s\n", name, "ranks", "nodes", "points", "light s", "uneven", "exchange s",
-                 "once s", "write s", "in all s", "efficiency", "light only");
+    (void)printf("\n%s scaling, simulated\n%9s%8s%12s%12s%9s%11s%9s%9s%9s%11s%12s%12s\n", name, "ranks", "nodes", "points", "light s", "uneven", "exchange s",
+                 "find s", "once s", "write s", "in all s", "efficiency", "light only");
     for (size_t i = 0; i < count; i++) {
         const struct kiln_scaled *c = &curve[i];
-        (void)printf("%9u%8u%12.3g%12.3g%7.1f %%%11.3g%9.3g%9.3g%11.4g%10.1f %%%10.1f %%\n", c->ranks, c->nodes, c->points, c->trace, 100.0 * c->imbalance,
-                     c->exchange, c->once, c->write, c->seconds, 100.0 * c->efficiency, 100.0 * c->trace_efficiency);
+        (void)printf("%9u%8u%12.3g%12.3g%7.1f %%%11.3g%9.3g%9.3g%9.3g%11.4g%10.1f %%%10.1f %%\n", c->ranks, c->nodes, c->points, c->trace, 100.0 * c->imbalance,
+                     c->exchange, c->find, c->once, c->write, c->seconds, 100.0 * c->efficiency, 100.0 * c->trace_efficiency);
     }
     double lost;
     const struct kiln_scaled *last = &curve[count - 1];
@@ -169,8 +170,8 @@ static void add_rows(struct kiln_page *page, const char *kind, const struct kiln
 {
     for (size_t i = 0; i < count; i++) {
         const struct kiln_scaled *c = &curve[i];
-        kiln_page_add(page, "%s,%u,%u,%.0f,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", kind, c->ranks, c->nodes, c->points, c->trace, c->imbalance,
-                      c->exchange, c->once, c->write, c->seconds, c->efficiency, c->trace_efficiency);
+        kiln_page_add(page, "%s,%u,%u,%.0f,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", kind, c->ranks, c->nodes, c->points, c->trace, c->imbalance,
+                      c->exchange, c->find, c->once, c->write, c->seconds, c->efficiency, c->trace_efficiency);
     }
 }
 
@@ -178,7 +179,7 @@ static int write_csv(const char *directory, const struct kiln_plan *p, struct ki
 {
     char path[KILN_PATH_SIZE];
     struct kiln_page page = {.error = error};
-    kiln_page_add(&page, "kind,ranks,nodes,points,trace_s,imbalance,exchange_s,once_s,write_s,seconds,efficiency,trace_efficiency\n");
+    kiln_page_add(&page, "kind,ranks,nodes,points,trace_s,imbalance,exchange_s,find_s,once_s,write_s,seconds,efficiency,trace_efficiency\n");
     add_rows(&page, "strong", p->strong, p->curve_count);
     add_rows(&page, "weak", p->weak, p->curve_count);
     const int status = kiln_path_join(path, directory, "scaling.csv", error);

@@ -34,7 +34,7 @@ struct kiln_block {
     uint32_t object;
 };
 
-/* What a rank should own whole: cells, or objects. Points and fragments of all ranks, and before this rank's own of the same unit. */
+/* What a rank should own whole, cells or objects, with what all ranks found of each. */
 struct kiln_units {
     uint64_t count;
     uint64_t *points;         /* unit */

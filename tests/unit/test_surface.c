@@ -568,6 +568,33 @@ static void cuts_are_near_the_mean(void **state)
     }
 }
 
+/* Beyond the number of cells shares are cut between fragments, at the same ones as where somebody has a list of them all. */
+static void fragments_are_cut_alike(void **state)
+{
+    (void)state;
+    static const uint32_t ranks[] = {2, 7, 60, 2000};
+    struct built b = cubes();
+    build(&b, 100.0, KILN_PARTITION_CELLS, 0, 1, 1);
+    assert_int_equal(b.surface->cell_count, 1);
+    const size_t count = b.surface->fragment_count;
+    uint64_t *points = calloc(count, sizeof *points), cuts[2001];
+    for (size_t f = 0; f < count; f++)
+        points[f] = b.surface->fragments[f].count;
+    for (int i = 0; i < 4; i++) {
+        kiln_partition_cut(points, count, ranks[i], cuts);
+        for (uint32_t r = 0, step = ranks[i] / 12 + 1; r < ranks[i]; r += step) {
+            uint64_t first = 0;
+            for (uint64_t f = 0; f < cuts[r]; f++)
+                first += points[f];
+            build(&b, 100.0, KILN_PARTITION_CELLS, r, ranks[i], 2);
+            assert_int_equal(b.surface->first, first);
+            assert_int_equal(b.surface->fragment_count, cuts[r + 1] - cuts[r]);
+        }
+    }
+    free(points);
+    release(&b);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -578,6 +605,7 @@ int main(void)
         cmocka_unit_test(crowded_texel),      cmocka_unit_test(nothing_there),
         cmocka_unit_test(collapsed_triangles_keep_their_area),
         cmocka_unit_test(cell_sizes),         cmocka_unit_test(cuts_are_near_the_mean),
+        cmocka_unit_test(fragments_are_cut_alike),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
