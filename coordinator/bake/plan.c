@@ -270,10 +270,10 @@ static double write_seconds(const struct kiln_plan *plan, const struct kiln_prep
            (job->preview ? PREVIEW_SECONDS : 0.0);
 }
 
-/* Of a point, in the exchange after a bounce. */
-static double bounce_bytes(const struct kiln_plan *plan, const struct kiln_job *job)
+/* Of a point, in the exchange after a bounce, when there are so many. */
+static double bounce_bytes(const struct kiln_job *job, uint64_t points)
 {
-    return kiln_exchange_is_compact(job->exchange, plan->surface.points) ? COMPACT_BYTES : FULL_BYTES;
+    return kiln_exchange_is_compact(job->exchange, points) ? COMPACT_BYTES : FULL_BYTES;
 }
 
 static void plan_time(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_phases *phases, double probe)
@@ -291,9 +291,9 @@ static void plan_time(struct kiln_plan *plan, const struct kiln_prepared *p, con
     s->final = points * counts[2] * point_seconds(plan, 2);
     s->probes = probe * ceil((double)plan->probes / ranks) * together;
     if (ranks > 1.0)
-        plan->exchange_bytes = bounce_bytes(plan, job) * ((double)plan->surface.points - (double)plan->surface.points_max);
+        plan->exchange_bytes = bounce_bytes(job, plan->surface.points) * ((double)plan->surface.points - (double)plan->surface.points_max);
     const uint32_t on_node = job->ranks_per_node > 0 ? job->ranks_per_node : 1;
-    s->exchange = (plan->bounces + 1.0) * kiln_exchange_seconds(bounce_bytes(plan, job) * (double)plan->surface.points, job->ranks,
+    s->exchange = (plan->bounces + 1.0) * kiln_exchange_seconds(bounce_bytes(job, plan->surface.points) * (double)plan->surface.points, job->ranks,
                                                                 (job->ranks - 1) / on_node + 1, job->node_bandwidth * 1e9, job->node_latency * 1e-6);
     s->write = write_seconds(plan, p, job);
     s->total = s->import + s->world + s->surface + s->validity + s->direct + s->bounces + s->final + s->probes + s->exchange + s->write;
@@ -352,7 +352,7 @@ static int plan_curves(struct kiln_plan *plan, const struct kiln_prepared *p, co
                                                            together * (H5_POINT_SECONDS + texel * LIGHTMAP_TEXEL_SECONDS / p->threads),
                                          .shared = probe * (double)plan->probes * together,
                                          .largest_object = LIGHTMAP_TEXEL_SECONDS * (double)largest_lightmap(p->scene),
-                                         .radiosity_bytes = bounce_bytes(plan, job),
+                                         .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),
                                          .exchanges = plan->bounces + 1,
                                          .ranks_per_node = job->ranks_per_node,
                                          .bandwidth = job->node_bandwidth * 1e9,
