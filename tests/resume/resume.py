@@ -1,10 +1,10 @@
 """A bake that is interrupted, in every way there is, goes on to the same bits.
 
-    resume.py --kiln PATH kills       kill -9 a random rank at random moments (KILN_KILLS of them, KILN_SEED)
+    resume.py --kiln PATH kills       kill -9 a random rank of four at random moments (KILN_KILLS of them, KILN_SEED)
     resume.py --kiln PATH layouts     go on with other numbers of ranks and threads
     resume.py --kiln PATH signals     SIGUSR1, SIGTERM, SIGINT, kiln stop, --max-time: 75, and what kiln status says
     resume.py --kiln PATH refusals    another scene or setting is refused, with a table
-    resume.py --kiln PATH damage      flipped bits, cut and missing files: noticed, the generation before is used
+    resume.py --kiln PATH damage      flipped bits, cut and missing files: noticed, the generation before is used (KILN_FLIPS, KILN_SEED)
     resume.py --kiln PATH disk        full disk 74, read-only folder 73 or 77, last generation whole
     resume.py --kiln PATH watchdog    a rank that stands still is named, 76
     resume.py --kiln PATH cost        what checkpoints cost (a measurement)
@@ -49,11 +49,14 @@ class Tool:
         command = [self.kiln, 'bake', scene, '-o', folder, '--no-preview', '--threads', str(threads), *OPTIONS, *map(str, more)]
         return (['mpirun', '--bind-to', 'none', '-n', str(ranks)] if ranks else []) + command
 
-    def start(self, folder, *more, log=None, **how):
-        """Runs in the background; what it prints goes to LOG.out and LOG.err (LOG: the folder's name)."""
+    def start(self, folder, *more, log=None, private=False, **how):
+        """Runs in the background; what it prints goes to LOG.out and LOG.err (LOG: the folder's name). private: FOLDER.tmp is its TMPDIR."""
         log = log or folder
         env = dict(os.environ)
         env.update(harness.MPI_ENVIRONMENT)
+        if private:
+            os.makedirs(folder + '.tmp', exist_ok=True)
+            env['TMPDIR'] = folder + '.tmp'
         with open(log + '.out', 'wb') as out, open(log + '.err', 'wb') as err:
             return subprocess.Popen(self.line(folder, *more, **how), stdout=out, stderr=err, stdin=subprocess.DEVNULL, env=env, start_new_session=True)
 
@@ -187,49 +190,164 @@ def reference_of(checks, tool):
 
 # ---- the parts ----
 
+SCENES = [os.path.join(harness.REPOSITORY, 'jobs', name) for name in ('cornell.glb', 'rooms.glb', 'furnace.glb')]
+WHENEVER, CHECKPOINT, RESULTS = 'any moment', 'checkpoint writing', 'final writing'
+LEAST = {CHECKPOINT: 0.25, RESULTS: 0.125}  # of all kills so far; what falls behind is aimed at next
+
+
+class Subject:
+    """A scene to be killed in: what a bake that nothing happens to leaves, how long four ranks take, and for how long of it they write results."""
+
+    def __init__(self, checks, tool, scene):
+        self.scene, folder = scene, tool.folder()
+        process = tool.bake(folder, '--checkpoint-every', 0, scene=scene, threads=2)
+        if not checks.that(process.status == 0, 'the reference ended with %d' % process.status, process):
+            checks.end()
+        self.reference = result(folder)
+        folder = tool.folder()
+        process = tool.bake(folder, *OFTEN, scene=scene, ranks=4)
+        if not checks.that(process.status == 0, 'four ranks ended with %d' % process.status, process):
+            checks.end()
+        self.seconds = process.seconds
+        with open(os.path.join(folder, 'run.json')) as f:
+            phases = {phase['name']: phase['seconds']['max'] for phase in json.load(f)['phases']}
+        self.writing = phases['lightmaps'] + phases['kiln.h5'] + phases['volume.hdf']
+
+
+def writes_checkpoint(folder, _):
+    return bool(glob.glob(os.path.join(folder, 'checkpoint', '.writing-*')))
+
+
+def writes_results(folder, began):
+    """Whether results were written since, and the bake does not claim to be complete."""
+    fresh = False
+    for path in glob.glob(os.path.join(folder, '*')) + glob.glob(os.path.join(folder, '.*.part')) + glob.glob(os.path.join(folder, 'lightmaps', '*')):
+        try:
+            fresh = fresh or ('scene.kscene' not in path and os.path.isfile(path) and os.stat(path).st_mtime > began)
+        except FileNotFoundError:
+            pass
+    return fresh and not os.path.exists(os.path.join(folder, 'manifest'))
+
+
+IS_WRITING = {CHECKPOINT: writes_checkpoint, RESULTS: writes_results}
+
+
+def take_aim(dice, aim, subject, process, folder, began):
+    """Waits for the moment; its name."""
+    if aim == WHENEVER:
+        moment = dice.uniform(0.2, 1.05 * subject.seconds)
+        wait_for(lambda: process.poll() is not None, moment)
+        return 'after %.2f s' % moment
+    wait_for(lambda: process.poll() is not None or IS_WRITING[aim](folder, began))
+    delay = dice.uniform(0, 0.004 if aim == CHECKPOINT else subject.writing)
+    time.sleep(delay)
+    return 'in %s, after %.3f s' % (aim, delay)
+
+
+def belongings(ranks):
+    """Files in shared memory that the ranks of a bake have."""
+    found = set()
+    for rank in ranks:
+        try:
+            with open('/proc/%d/maps' % rank) as f:
+                found.update(line.split(None, 5)[5].rstrip('\n') for line in f if '/dev/shm/' in line)
+        except OSError:
+            pass
+    return found
+
+
+def holds_memory(path):
+    """Open MPI leaves the name, without a page behind it, of a window that was just being opened."""
+    try:
+        return os.stat(path).st_blocks * 512 > 65536
+    except FileNotFoundError:
+        return False
+
+
+def left_over(folder, ranks, segments):
+    """What a job that has ended left, as sentences: processes, shared memory, files in its own TMPDIR. What is in the output folder is
+    the next run's."""
+    def processes():
+        found = []
+        for path in glob.glob('/proc/[0-9]*/cmdline'):
+            try:
+                with open(path, 'rb') as f:
+                    if os.fsencode(folder) in f.read().split(b'\0'):
+                        found.append(path.split('/')[2])
+            except OSError:
+                pass
+        return found
+    wait_for(lambda: not processes(), 5)
+    bad = ['process %s' % p for p in processes()] + ['shared memory %s' % s for s in segments if holds_memory(s)]
+    for kind in ('shm', 'sem', 'msg'):
+        with open('/proc/sysvipc/' + kind) as f:
+            lines = [dict(zip(head, line.split())) for head in [f.readline().split()] for line in f]
+        bad += ['System V %s' % kind for line in lines if line.get('cpid', '') in map(str, ranks)]
+    return bad + glob.glob(folder + '.tmp/**/*', recursive=True)
+
+
+def kill_one(checks, dice, process, ranks, folder, what):
+    """SIGKILL to one rank, and what has to hold of the job after it; None when there was none to kill, else the seconds to its end and how
+    much shared memory was looked for after it."""
+    victim = dice.choice(ranks) if ranks else 0
+    try:
+        with open('/proc/%d/cmdline' % victim) as f:
+            if f.read() == '':
+                return None  # it has come to its end
+        os.kill(victim, signal.SIGKILL)
+    except (FileNotFoundError, ProcessLookupError):
+        return None
+    began = time.monotonic()
+    segments = belongings(ranks)  # the others have them still
+    status = finish(process)
+    seconds = time.monotonic() - began
+    checks.that(status not in (None, 0), '%s: the job ended with %s' % (what, status))
+    checks.that(seconds < 10, '%s: the job went on for %.0f s' % (what, seconds))
+    checks.that('exited on signal 9' in text(folder, '.out') + text(folder), '%s: nobody says which rank died: %s' % (what, text(folder)[-300:]))
+    bad = readable(folder) + left_over(folder, ranks, segments)
+    checks.that(not bad, '%s: %s' % (what, '; '.join(bad)))
+    return seconds, len(segments)
+
+
 def try_kills(checks, tool):
     kills = int(os.environ.get('KILN_KILLS', '8'))
     seed = int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
     dice = random.Random(seed)
-    print('seed %d (KILN_SEED=%d repeats it), %d kills' % (seed, seed, kills))
-    reference, _ = reference_of(checks, tool)
-    start = time.monotonic()
-    tool.bake(tool.folder(), *OFTEN, ranks=2)
-    length = time.monotonic() - start
-    done = in_write = 0
-    while done < kills:
-        folder = tool.folder()
-        for attempt in range(1000):
-            process = tool.start(folder, *OFTEN, ranks=2)
-            moment = dice.uniform(0.2, 1.05 * length)
-            end = time.monotonic() + moment
-            while time.monotonic() < end and process.poll() is None:
-                time.sleep(0.005)
-            writing = lambda: bool(glob.glob(os.path.join(folder, 'checkpoint', '.writing-*')))
-            if done % 3 == 0:
-                wait_for(lambda: writing() or process.poll() is not None)
-            ranks = ranks_of(process)
-            if process.poll() is None and ranks and done < kills:
-                victim = dice.choice(ranks)
-                os.kill(victim, signal.SIGKILL)
-                in_write += writing()
-                done += 1
-                began = time.monotonic()
-                status = finish(process)
-                what = 'kill %d, after %.2f s' % (done, moment)
-                checks.that(status not in (None, 0), '%s: the job ended with %s' % (what, status))
-                checks.that(time.monotonic() - began < 30, '%s: the job went on for %.0f s' % (what, time.monotonic() - began))
-                checks.that('exited on signal 9' in text(folder, '.out') + text(folder), '%s: nobody says which rank died' % what)
-                bad = readable(folder)
-                checks.that(not bad, '%s: %s' % (what, '; '.join(bad)))
-                continue
+    print('seed %d (KILN_SEED=%d repeats it), %d kills' % (seed, seed, kills), flush=True)
+    subjects, count, longest, bakes, seen = {}, dict.fromkeys((WHENEVER, CHECKPOINT, RESULTS), 0), 0, 0, 0
+    while sum(count.values()) < kills:
+        scene = SCENES[bakes % len(SCENES) if kills > 20 else 0]
+        subject = subjects.get(scene) or subjects.setdefault(scene, Subject(checks, tool, scene))
+        folder, interruptions, most = tool.folder(), 0, dice.randrange(3, 9)
+        bakes += 1
+        while True:
+            done = sum(count.values())
+            began = time.time()
+            process = tool.start(folder, *OFTEN, scene=scene, ranks=4, private=True)
+            if done < kills and interruptions < most:
+                wait_for(lambda: process.poll() is not None or len(ranks_of(process)) == 4)
+                ranks = ranks_of(process)
+                aim = next((aim for aim in LEAST if count[aim] < LEAST[aim] * (done + 1)), WHENEVER)
+                what = 'kill %d, %s' % (done + 1, take_aim(dice, aim, subject, process, folder, began))
+                killed = kill_one(checks, dice, process, ranks, folder, what)
+                if killed is not None:
+                    within = [aim for aim in (CHECKPOINT, RESULTS) if IS_WRITING[aim](folder, began)]
+                    count[within[0] if within else WHENEVER] += 1
+                    longest, seen, interruptions = max(longest, killed[0]), seen + killed[1], interruptions + 1
+                    continue
             status = finish(process)
-            if checks.that(status == 0, 'the last run ended with %s: %s' % (status, text(folder)[-300:])):
-                different = differences(reference, result(folder))
-                checks.that(not different, 'after %d interruptions not the same: %s' % (attempt, different))
+            what = '%s after %d interruptions' % (os.path.basename(scene), interruptions)
+            if checks.that(status == 0, '%s: the last run ended with %s: %s' % (what, status, text(folder)[-300:])):
+                different = differences(subject.reference, result(folder))
+                checks.that(not different, '%s: not the same: %s' % (what, different))
+                verdict, hidden = tool.run('verify', folder), glob.glob(os.path.join(folder, '**', '.*'), recursive=True)
+                checks.that(verdict.status == 0, '%s: not as it was written' % what, verdict)
+                checks.that(not hidden and not os.path.exists(os.path.join(folder, 'checkpoint')), '%s: left over: %s' % (what, hidden))
             break
         shutil.rmtree(folder, ignore_errors=True)
-    print('%d kills, %d of them while a checkpoint was being written' % (done, in_write))
+    checks.that(seen > 0, 'no shared memory was ever seen, so none can be said to be gone')
+    print('%d kills in %d bakes of %d scenes, %d of them while a checkpoint was being written and %d while results were; the job was gone '
+          'after %.1f s at most' % (sum(count.values()), bakes, len(subjects), count[CHECKPOINT], count[RESULTS], longest))
 
 
 def interrupted(tool, checks, ranks=0, threads=1, after=2, more=()):
@@ -364,38 +482,76 @@ def try_refusals(checks, tool):
     checks.that(process.status == 0 and not os.path.exists(os.path.join(folder, 'checkpoint')), '--no-resume ended with %d' % process.status, process)
 
 
-def try_damage(checks, tool):
-    seed = int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
-    dice, rounds = random.Random(seed), int(os.environ.get('KILN_FLIPS', '10'))
-    print('seed %d (KILN_SEED=%d repeats it)' % (seed, seed))
-    reference, _ = reference_of(checks, tool)
+HOW = ('flip', 'cut', 'flip', 'flip', 'flip', 'flip', 'flip', 'remove', 'flip', 'flip', 'flip', 'flip')
+
+
+def damage(dice, path, how):
+    if how == 'remove':
+        os.remove(path)
+        return
+    size = os.path.getsize(path)
+    with open(path, 'r+b') as f:
+        if how == 'cut':
+            f.truncate(dice.randrange(size))
+            return
+        at = dice.randrange(size)
+        f.seek(at)
+        byte = f.read(1)[0]
+        f.seek(at)
+        f.write(bytes([byte ^ 1 << dice.randrange(8)]))
+
+
+def damage_checkpoints(checks, tool, dice, rounds):
+    """Files of the newest generation, and one time in eight of both."""
     kept = interrupted(tool, checks, ranks=2, after=3)
-    folder, noticed, used = kept + '-damaged', 0, 0
+    folder, noticed = kept + '-damaged', 0
+    older, newest = [int(g[-6:]) for g in generations(kept)]
     for i in range(rounds):
         shutil.rmtree(folder, ignore_errors=True)
         shutil.copytree(kept, folder)
-        newest = generations(folder)[-1]
-        path = dice.choice(sorted(glob.glob(newest + '/*')))
-        how = ('flip', 'flip', 'flip', 'cut', 'remove')[i % 5]
-        with open(path, 'r+b') as f:
-            size = os.path.getsize(path)
-            if how == 'flip':
-                f.seek(dice.randrange(size))
-                byte = f.read(1)[0]
-                f.seek(-1, 1)
-                f.write(bytes([byte ^ 1 << dice.randrange(8)]))
-            elif how == 'cut':
-                f.truncate(dice.randrange(size))
-        if how == 'remove':
-            os.remove(path)
-        short = i >= 1  # to the end only a few times
-        process = tool.bake(folder, *(('--max-time', 0.01) if short else ()))
-        named = os.path.basename(path) in process.stderr and 'not whole' in process.stderr and 'passed over' in process.stderr
-        noticed += checks.that(named, '%s of %s was not noticed' % (how, os.path.basename(path)), process)
-        used += checks.that('going on from checkpoint %d' % int(generations(kept)[0][-6:]) in process.stderr, 'the generation before was not used', process)
-        if not short:
+        hurt = generations(folder) if i % 8 == 7 else generations(folder)[1:]
+        paths = [dice.choice(sorted(glob.glob(generation + '/*'))) for generation in hurt]
+        for path in paths:
+            damage(dice, path, HOW[i % len(HOW)])
+        process = tool.bake(folder, *(('--max-time', 0.01) if i else ()))  # to the end only once
+        names = ['/'.join(path.split('/')[-2:]) for path in paths]
+        missed = [name for name in names if not re.search('is not whole.*' + name, process.stderr)]
+        noticed += checks.that(not missed, '%s of %s was not noticed' % (HOW[i % len(HOW)], missed), process)
+        if len(hurt) == 2:
+            checks.that('going on from' not in process.stderr and process.status == STOPPED, 'with both generations damaged it ended with %d' % process.status, process)
+        else:
+            checks.that('going on from checkpoint %d,' % older in process.stderr, 'generation %d was not used instead of %d' % (older, newest), process)
+        if i == 0:
+            reference, _ = reference_of(checks, tool)
             same(checks, tool, reference, folder, process, 'damaged')
-    print('%d of %d damages noticed, the generation before used %d times' % (noticed, rounds, used))
+    return noticed
+
+
+def damage_results(checks, tool, dice, rounds):
+    kept = tool.folder()
+    checks.that(tool.bake(kept, threads=2).status == 0, 'a bake to be damaged')
+    noticed = 0
+    for i in range(rounds):
+        paths = sorted(path for path in glob.glob(kept + '/**', recursive=True) if os.path.isfile(path))
+        path = dice.choice(paths)
+        shutil.copy2(path, kept + '.whole')
+        damage(dice, path, HOW[i % len(HOW)])
+        verdict = tool.run('verify', kept)
+        good = verdict.status == (66 if (os.path.basename(path), HOW[i % len(HOW)]) == ('manifest', 'remove') else BAD_INPUT)
+        noticed += checks.that(good and os.path.basename(path) in verdict.stdout + verdict.stderr, '%s of %s: kiln verify did not name it' % (
+            HOW[i % len(HOW)], path), verdict)
+        os.replace(kept + '.whole', path)
+    verdict = tool.run('verify', kept)
+    checks.that(verdict.status == 0, 'repaired results', verdict)
+    return noticed
+
+
+def try_damage(checks, tool):
+    seed = int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
+    dice, rounds = random.Random(seed), int(os.environ.get('KILN_FLIPS', '12'))
+    print('seed %d (KILN_SEED=%d repeats it)' % (seed, seed), flush=True)
+    print('checkpoints: %d of %d damages noticed' % (damage_checkpoints(checks, tool, dice, rounds), rounds), flush=True)
+    print('results: %d of %d damages noticed' % (damage_results(checks, tool, dice, rounds), rounds))
 
 
 def try_disk(checks, tool):
