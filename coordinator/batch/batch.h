@@ -4,8 +4,10 @@
  * limit comes to the script alone (--signal=B:USR1@SECONDS: without "B:" it would reach only the ranks of remote nodes); the
  * script passes it to mpirun, which passes it to every rank. A bake that stopped for it (exit 75) and one whose rank or node
  * was lost are put back into the queue, where the same script goes on from the last checkpoint; a bake that failed for a reason that
- * would be the same again is not. Nothing from outside stands in a line that Slurm reads, and everything from outside that stands in a
- * line that the shell reads is quoted. */
+ * would be the same again is not. With `tries` the loss of a node is first met within the allocation: the nodes that answer go on at
+ * once. The price is --no-kill, under which Slurm lets an allocation lie idle until the time limit when its first node is lost, and the
+ * script with it. Nothing from outside stands in a line that Slurm reads, and everything from outside that stands in a line that the
+ * shell reads is quoted. */
 #ifndef KILN_COORDINATOR_BATCH_BATCH_H
 #define KILN_COORDINATOR_BATCH_BATCH_H
 
@@ -34,6 +36,7 @@ struct kiln_batch {
     uint32_t threads;               /* a rank; 0: whole nodes, all their cores */
     double memory;                  /* a node, GiB */
     uint32_t warning;               /* seconds before the time limit */
+    uint32_t tries;                 /* in one allocation, when nodes are lost; at least 1 */
     const struct kiln_batch_item *items;
     size_t item_count; /* more than one: a job array */
 };

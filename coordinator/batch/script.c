@@ -61,6 +61,8 @@ static int check(const struct kiln_batch *batch, struct kiln_error *error)
     return status != KILN_OK ? status : check_word(batch->time, ":-", "time", "write MINUTES, HOURS:MINUTES:SECONDS or DAYS-HOURS", error);
 }
 
+static bool tries_again(const struct kiln_batch *batch) { return batch->nodes > 1 && batch->tries > 1; }
+
 /* The job's name in the queue: letters and digits of the first bake's. */
 static void write_name(FILE *stream, const struct kiln_batch *batch)
 {
@@ -95,6 +97,8 @@ static void write_directives(FILE *stream, const struct kiln_batch *batch)
         (void)fprintf(stream, "#SBATCH --partition=%s\n", batch->partition);
     if (batch->account != NULL)
         (void)fprintf(stream, "#SBATCH --account=%s\n", batch->account);
+    if (tries_again(batch))
+        (void)fputs("#SBATCH --no-kill\n", stream);
     if (batch->item_count > 1)
         (void)fprintf(stream, "#SBATCH --array=0-%zu\n", batch->item_count - 1);
     (void)fprintf(stream, "#SBATCH --signal=B:USR1@%u\n#SBATCH --requeue\n#SBATCH --open-mode=append\n#SBATCH --output=kiln-%s.log\n",
@@ -140,9 +144,9 @@ static void write_names(FILE *stream, const struct kiln_batch *batch)
 
 static const char settings[] =
     "\n"
-    "# Ranks are not tied to one core each, and a lost node or link is noticed in 25 s instead of minutes.\n"
+    "# Ranks are not tied to one core each, and a lost node or link is noticed in 14 s instead of minutes.\n"
     "export OMPI_MCA_hwloc_base_binding_policy=none\n"
-    "export OMPI_MCA_oob_tcp_keepalive_time=10 OMPI_MCA_oob_tcp_keepalive_intvl=5 OMPI_MCA_oob_tcp_keepalive_probes=3\n"
+    "export OMPI_MCA_oob_tcp_keepalive_time=6 OMPI_MCA_oob_tcp_keepalive_intvl=2 OMPI_MCA_oob_tcp_keepalive_probes=4\n"
     "export OMP_WAIT_POLICY=passive\n";
 
 static const char work[] =
@@ -164,15 +168,64 @@ static const char work[] =
     "}\n"
     "trap tell USR1 TERM\n";
 
-static const char wait_and_judge[] =
-    "bake=$!\n"
-    "wait \"$bake\"\n"
-    "status=$?\n"
-    "while kill -0 \"$bake\" 2>/dev/null; do # a signal ends `wait`, not the bake\n"
+static const char wait_for_it[] =
+    "  bake=$!\n"
+    "  [ $told = no ] || tell\n"
     "  wait \"$bake\"\n"
     "  status=$?\n"
+    "  while kill -0 \"$bake\" 2>/dev/null; do # a signal ends `wait`, not the bake\n"
+    "    wait \"$bake\"\n"
+    "    status=$?\n"
+    "  done\n"
+    "  bake=\n"
+    "}\n";
+
+/* A rank that died on a node that answers might do so again: that is for the queue to try. */
+static const char leave_out[] =
+    "\n"
+    "# A lost node is left out of the next try, and for good when it is lost again.\n"
+    "mapfile -t nodes < <(scontrol show hostnames \"$SLURM_JOB_NODELIST\")\n"
+    "used=(\"${nodes[@]}\")\n"
+    "declare -A losses\n"
+    "leave_out_the_lost() { # fails when all nodes in use answer, or none\n"
+    "  local node answers lost=() left=()\n"
+    "  answers=$(for node in \"${nodes[@]}\"; do\n"
+    "    timeout 8 srun --overlap --nodes=1 --ntasks=1 --nodelist=\"$node\" echo \"$node\" </dev/null 2>/dev/null &\n"
+    "  done; wait)\n"
+    "  for node in \"${used[@]}\"; do\n"
+    "    if ! grep -qxF -e \"$node\" <<<\"$answers\"; then\n"
+    "      losses[$node]=$((${losses[$node]:-0} + 1))\n"
+    "      lost+=(\"$node\")\n"
+    "    fi\n"
+    "  done\n"
+    "  for node in \"${nodes[@]}\"; do\n"
+    "    if [ \"${losses[$node]:-0}\" -lt 2 ] && grep -qxF -e \"$node\" <<<\"$answers\"; then\n"
+    "      left+=(\"$node\")\n"
+    "    fi\n"
+    "  done\n"
+    "  if [ ${#lost[@]} = 0 ] || [ ${#left[@]} = 0 ]; then\n"
+    "    return 1\n"
+    "  fi\n"
+    "  used=(\"${left[@]}\")\n"
+    "  where=(--host \"$(IFS=,; echo \"${used[*]/%/:$ranks}\")\")\n"
+    "  echo \"kiln: no answer from ${lost[*]} (exit $status); going on with ${used[*]}\"\n"
+    "}\n"
+    "\n"
+    "run\n"
+    "for ((try = 2; try <= tries; try++)); do\n"
+    "  case $status in\n"
+    "    0 | 64 | 65 | 66 | 69 | 7[0134578]) break ;;\n"
+    "  esac\n"
+    "  if [ $told = yes ] || ! leave_out_the_lost || [ $told = yes ]; then\n"
+    "    break\n"
+    "  fi\n"
+    "  run\n"
     "done\n"
-    "bake=\n"
+    "if [ \"$status\" = 71 ] && [ ${#where[@]} -gt 0 ]; then\n"
+    "  status=76 # what is too much for fewer nodes may not be for all\n"
+    "fi\n";
+
+static const char judge[] =
     "\n"
     "again=no\n"
     "case $status in\n"
@@ -198,6 +251,16 @@ static const char wait_and_judge[] =
     "fi\n"
     "exit \"$status\"\n";
 
+static void write_run(FILE *stream, const struct kiln_batch *batch)
+{
+    if (tries_again(batch))
+        (void)fprintf(stream, "\nranks=%u # a node\ntries=%u # in this allocation\nwhere=() # all its nodes\n", batch->ranks_per_node, batch->tries);
+    (void)fprintf(stream, "\nrun() {\n  \"$mpirun\" %s--map-by ppr:%u:node \"$kiln\" bake \"${options[@]}\" -- \"$job\" &\n",
+                  tries_again(batch) ? "\"${where[@]}\" " : "", batch->ranks_per_node);
+    (void)fputs(wait_for_it, stream);
+    (void)fputs(tries_again(batch) ? leave_out : "\nrun\n", stream);
+}
+
 int kiln_batch_write(FILE *stream, const struct kiln_batch *batch, struct kiln_error *error)
 {
     const int status = check(batch, error);
@@ -207,7 +270,7 @@ int kiln_batch_write(FILE *stream, const struct kiln_batch *batch, struct kiln_e
     write_names(stream, batch);
     (void)fputs(settings, stream);
     (void)fputs(work, stream);
-    (void)fprintf(stream, "\"$mpirun\" --map-by ppr:%u:node \"$kiln\" bake \"${options[@]}\" -- \"$job\" &\n", batch->ranks_per_node);
-    (void)fputs(wait_and_judge, stream);
+    write_run(stream, batch);
+    (void)fputs(judge, stream);
     return ferror(stream) == 0 ? KILN_OK : kiln_fail(error, KILN_IO, "cannot write the batch script");
 }

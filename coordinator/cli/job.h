@@ -114,6 +114,7 @@ struct kiln_job {
     double memory;                        /* GiB of a node; 0: not said */
     char *time_limit, *queue, *account;   /* in Slurm's words; --time, --partition, --account */
     uint32_t warning;                     /* seconds before the time limit */
+    uint32_t tries;                       /* in one allocation, when nodes are lost */
     char *array, *setup;
     bool dry_run;
 

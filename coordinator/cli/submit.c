@@ -125,6 +125,7 @@ static int describe(struct submission *s, struct kiln_error *error)
     s->batch.threads = job->threads;
     s->batch.memory = job->memory;
     s->batch.warning = job->warning;
+    s->batch.tries = job->tries;
     s->batch.backend = job->gpus != 0 ? "vulkan" : NULL;
     if (job->gpus != 0 && s->embree)
         return kiln_fail(error, KILN_USAGE, "--gpus %u, but a job file says `backend: embree`; leave one of them out", job->gpus);

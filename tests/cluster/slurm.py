@@ -1,8 +1,16 @@
 """A Slurm cluster of its own on the hosts of a Cluster: munged, slurmctld, one slurmd a host; no accounting, no cgroups."""
+import json
 import os
+import pathlib
+import subprocess
 import time
+import unittest
 
-from hosts import NET, wait_for
+from hosts import KILN, NET, Cluster, bake_can, bits, die_with_parent, wait_for
+
+
+ENDED = ("COMPLETED", "FAILED", "TIMEOUT", "CANCELLED", "NODE_FAIL")
+AGAIN = 5  # seconds that a job waits that was put back into the queue; by default they are 120
 
 
 class Slurm:
@@ -40,7 +48,7 @@ class Slurm:
         f = self.folder
         nodes = "".join(f"NodeName={node.name} NodeAddr={node.address} CPUs=2 RealMemory=1000 State=UNKNOWN\n" for node in self.nodes)
         return (f"ClusterName=kiln\nSlurmctldHost={self.head.name}({self.head.address})\nSlurmUser=root\nSlurmdUser=root\n"
-                f"AuthType=auth/munge\nAuthInfo=socket={f}/munge.sock\nCredType=cred/munge\nStateSaveLocation={f}/state\n"
+                f"AuthType=auth/munge\nAuthInfo=socket={f}/munge.sock,cred_expire={AGAIN}\nCredType=cred/munge\nStateSaveLocation={f}/state\n"
                 f"SlurmdSpoolDir={f}/spool-%n\nTmpFS={f}/tmp-%n\nSlurmctldPidFile={f}/slurmctld.pid\nSlurmdPidFile={f}/slurmd-%n.pid\n"
                 f"SlurmctldLogFile={f}/slurmctld.log\nSlurmdLogFile={f}/slurmd-%n.log\nProctrackType=proctrack/linuxproc\n"
                 "TaskPlugin=task/none\nJobAcctGatherType=jobacct_gather/none\nAccountingStorageType=accounting_storage/none\n"
@@ -73,16 +81,59 @@ class Slurm:
             return state if state in states else None
         return wait_for(reached, seconds, f"job {number} in state {'/'.join(states)}")
 
-    def start_now(self, number):
-        """Slurm lets a job that was put back wait for two minutes. It may say so again while the job's last run is cleared away."""
-        def running():
-            if self.job(number).get("JobState") == "PENDING":
-                self.run("scontrol", "update", f"JobId={number}", "StartTime=now")
-                time.sleep(1)
-                return None
-            return self.job(number).get("Restarts") != before and self.job(number).get("JobState") in ("RUNNING", "COMPLETED")
-        before = str(int(self.job(number).get("Restarts", "0")) - (self.job(number).get("JobState") == "PENDING"))
+
+@unittest.skipUnless(KILN and bake_can("resume"), "this kiln keeps no checkpoints")
+class Bakes(unittest.TestCase):
+    """Bakes of a Cornell box on a Slurm of three nodes. cls.write("NAME", "quality: draft", ...) makes NAME.yaml, which bakes into NAME."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.cluster = cls.enterClassContext(Cluster("desk", "node1", "node2", "node3"))
+        cls.slurm = cls.enterClassContext(Slurm(cls.cluster))
+        cls.folder = os.path.join(cls.cluster.folder, "work")
+        os.makedirs(cls.folder)
+        subprocess.run([KILN, "generate", "cornell", "-o", os.path.join(cls.folder, "cornell.glb")], check=True, stdout=subprocess.DEVNULL)
+
+    @classmethod
+    def write(cls, name, *lines):
+        pathlib.Path(cls.folder, f"{name}.yaml").write_text("\n".join(["scene: cornell.glb", f"output: {name}", *lines, ""]))
+
+    @classmethod
+    def begin_alone(cls, name):
+        """Starts the same bake by one process that nothing happens to."""
+        return subprocess.Popen([KILN, "bake", os.path.join(cls.folder, f"{name}.yaml"), "-o", os.path.join(cls.folder, f"{name}-alone"), "--quiet"],
+                                stderr=subprocess.PIPE, text=True, preexec_fn=die_with_parent)
+
+    def assertSame(self, name, alone):
+        """The lightmaps have the bits of those of begin_alone(name)."""
+        words = alone.communicate()[1]
+        self.assertEqual(alone.returncode, 0, words)
+        self.assertEqual(bits(os.path.join(self.folder, name)), bits(os.path.join(self.folder, f"{name}-alone")))
+
+    def submit(self, *words):
+        done = self.slurm.run(KILN, "submit", "--json", *words, cwd=self.folder)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return json.loads(done.stdout)["job"]
+
+    def log(self, job):
+        path = pathlib.Path(self.folder, f"kiln-{job}.log")
+        return path.read_text(errors="replace") if path.exists() else ""
+
+    def wait_log(self, job, words, seconds, times=1):
+        """Seconds until the job's log has the words so many times."""
+        begin = time.monotonic()
         try:
-            wait_for(running, 90, f"job {number} running again")
+            wait_for(lambda: self.log(job).count(words) >= times or self.slurm.job(job)["JobState"] in ENDED, seconds, f"'{words}'")
         except AssertionError as failure:
-            raise AssertionError(f"{failure}: {self.job(number)}, nodes {self.run('sinfo', '-N', '-o', '%N:%T').stdout.split()}") from None
+            raise AssertionError(f"{failure}: {self.slurm.job(job)}\n{self.log(job)}") from None
+        self.assertGreaterEqual(self.log(job).count(words), times, self.log(job))
+        return time.monotonic() - begin
+
+    def finish(self, job, seconds=120):
+        self.assertEqual(self.slurm.wait_state(job, ENDED, seconds), "COMPLETED", self.log(job))
+
+    def nodes_of(self, job):
+        return self.slurm.run("scontrol", "show", "hostnames", self.slurm.job(job)["NodeList"]).stdout.split()
+
+    def host(self, name):
+        return next(node for node in self.slurm.nodes if node.name == name)

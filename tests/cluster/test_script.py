@@ -104,7 +104,7 @@ class Names(Place):
         if shutil.which("shellcheck") is None:
             self.skipTest("shellcheck is not installed")
         for words in ([], ["--gpus", "4", "--nodes", "3", "--memory", "0.5", "--time", "1-0", "--partition", "p", "--account", "a"],
-                      ["--threads", "3", "--ranks-per-node", "2", "--setup", "x y"]):
+                      ["--threads", "3", "--ranks-per-node", "2", "--setup", "x y"], ["--nodes", "2", "--tries", "3"]):
             script = self.submit("--dry-run", "cornell.glb", *words).stdout
             done = subprocess.run(["shellcheck", "-"], input=script, text=True, capture_output=True)
             self.assertEqual(done.stdout, "")
@@ -166,6 +166,64 @@ class Judge(Place):
             self.assertIn("saved", words)
             self.assertIn("scontrol requeue 7", words)
             self.assertEqual(run.returncode, 75)
+
+
+class Lost(Place):
+    """What the script does when nodes are lost. Slurm here has the nodes n1, n2 and n3; those of them that are files in the folder `dead` do
+    not answer. Each try of mpirun runs its line of `tries` and leaves its words in `seen`."""
+
+    def setUp(self):
+        super().setUp()
+        (self.folder / "dead").mkdir()
+        self.program("scontrol", "#!/bin/sh\n[ \"$1\" = requeue ] && echo \"scontrol $*\" || printf 'n%s\\n' 1 2 3\n")
+        self.program("srun", f"#!/bin/sh\nfor word; do case $word in --nodelist=*) node=${{word#*=}};; esac; done\n[ ! -e {self.folder}/dead/$node ] && echo $node\n")
+        self.program("mpirun", f"#!/bin/bash\necho \"$*\" >> {self.folder}/seen\neval \"$(sed -n \"$(wc -l < {self.folder}/seen)p\" {self.folder}/tries)\"\n")
+
+    def outcome(self, code, *tries, options=()):
+        """The hosts of each try, and whether the job goes back into the queue."""
+        script = self.submit("--dry-run", "-o", "out", "--nodes", "3", "--tries", "3", *options, "cornell.glb").stdout
+        (self.folder / "tries").write_text("".join(f"cd {self.folder}/dead; {line}\n" for line in tries))
+        with self.run_script(script) as run:
+            words = run.communicate(timeout=20)[0]
+        self.assertEqual(run.returncode, code, words)
+        lines = (self.folder / "seen").read_text().splitlines()
+        return [re.sub("--map-by.*", "", line.removeprefix("--host ")).strip() for line in lines], "scontrol requeue 7" in words.splitlines()
+
+    def test_the_others_go_on(self):
+        self.assertEqual(self.outcome(0, "touch n2; exit 205", "exit 0"), (["", "n1:1,n3:1"], False))
+
+    def test_ranks_of_each(self):
+        self.assertEqual(self.outcome(0, "touch n1; exit 137", "exit 0", options=["--gpus", "4"]), (["", "n2:4,n3:4"], False))
+
+    def test_three_tries(self):
+        self.assertEqual(self.outcome(205, "touch n2; exit 205", "touch n3; exit 205", "touch n1; rm n2; exit 205"), (["", "n1:1,n3:1", "n1:1"], True))
+
+    def test_a_node_that_comes_back_is_taken_again_once(self):
+        tries = ["touch n2; exit 205", "touch n3; rm n2; exit 205", "touch n2; rm n3; exit 205", "touch n1; rm n2; exit 205", "exit 0"]
+        self.assertEqual(self.outcome(0, *tries, options=["--tries", "9"])[0], ["", "n1:1,n3:1", "n1:1,n2:1", "n1:1,n3:1", "n3:1"])
+
+    def test_only_on_request(self):
+        self.assertIn("\n#SBATCH --no-kill\n", self.submit("--dry-run", "--nodes", "3", "--tries", "3", "cornell.glb").stdout)
+        self.assertNotIn("--no-kill", self.submit("--dry-run", "--nodes", "3", "cornell.glb").stdout)
+
+    def test_a_rank_that_died_is_for_the_queue(self):
+        self.assertEqual(self.outcome(137, "exit 137"), ([""], True))
+        (self.folder / "seen").unlink()
+        self.assertEqual(self.outcome(205, "touch n2; exit 205", "exit 205", options=["--tries", "1"]), ([""], True))
+
+    def test_an_end_is_an_end(self):
+        for code, again in ((0, False), (65, False), (71, False), (75, False)):
+            self.assertEqual(self.outcome(code, f"touch n2; exit {code}"), ([""], again))
+            (self.folder / "seen").unlink()
+
+    def test_too_little_memory_on_fewer_nodes_is_for_the_queue(self):
+        self.assertEqual(self.outcome(76, "touch n2; exit 205", "exit 71"), (["", "n1:1,n3:1"], True))
+
+    def test_nobody_answers(self):
+        self.assertEqual(self.outcome(205, "touch n1 n2 n3; exit 205"), ([""], True))
+
+    def test_a_warning_meanwhile(self):
+        self.assertEqual(self.outcome(205, "trap : USR1; touch n2; kill -USR1 $PPID; sleep 1; exit 205"), ([""], True))
 
 
 if __name__ == "__main__":
