@@ -27,14 +27,16 @@ static volatile sig_atomic_t stop_signal; /* the one thing a signal handler can 
 static void note_signal(int number) { stop_signal = number; }
 
 /* The second SIGINT ends the process at once: files only get their names when they are complete. SIGTERM and SIGUSR1 may well come
- * more than once from a queue, and mean the same each time. */
+ * more than once from a queue, and mean the same each time. A warning of the queue that comes when all is done already must not make a
+ * finished bake look like a lost rank. */
 static void catch_signals(bool on)
 {
     const struct sigaction again = {.sa_handler = on ? note_signal : SIG_DFL, .sa_flags = SA_RESTART};
+    const struct sigaction warning = {.sa_handler = on ? note_signal : SIG_IGN, .sa_flags = SA_RESTART};
     const struct sigaction once = {.sa_handler = on ? note_signal : SIG_DFL, .sa_flags = (int)SA_RESETHAND | SA_RESTART};
     (void)sigaction(SIGINT, &once, NULL);
     (void)sigaction(SIGTERM, &again, NULL);
-    (void)sigaction(SIGUSR1, &again, NULL);
+    (void)sigaction(SIGUSR1, &warning, NULL);
 }
 
 struct bake {
