@@ -1,5 +1,6 @@
 #include "coordinator/output/h5.h"
 
+#include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -77,6 +78,14 @@ int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, 
     return status;
 }
 
+/* What is left of a file that HDF5 failed to close must not come to MPI_Finalize. */
+static void give_up(const struct kiln_h5 *h5, int status, const struct kiln_error *error)
+{
+    (void)fprintf(stderr, "kiln: error: %s\n", error != NULL ? error->message : h5->path);
+    (void)fflush(stderr);
+    (void)MPI_Abort(h5->communicator, status);
+}
+
 int kiln_h5_close(struct kiln_h5 *h5, int status, struct kiln_error *error)
 {
     if (release(h5->transfer, H5Pclose) && status == KILN_OK)
@@ -91,8 +100,8 @@ int kiln_h5_close(struct kiln_h5 *h5, int status, struct kiln_error *error)
                 (void)!truncate(h5->path, 0); /* it is of no use, whether this works or not */
             (void)MPI_Barrier(h5->communicator);
         }
-        if (H5Fclose(h5->file) < 0 && status == KILN_OK)
-            status = kiln_h5_failed(h5, "close", "the file", error);
+        if (H5Fclose(h5->file) < 0)
+            give_up(h5, status == KILN_OK ? kiln_h5_failed(h5, "close", "the file", error) : status, error);
     }
     h5->file = h5->transfer = H5I_INVALID_HID;
     return status;

@@ -26,7 +26,8 @@ int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, 
 
 /* Collective; the ranks agree on the worst `status`. Flushes and closes; closes also what failed before. Returns `status` when it is
  * not 0. A new file that failed is emptied first: HDF5 1.10 cannot let go of a file whose last bytes do not fit the disk, and
- * brings the process down in MPI_Finalize; emptied, there is room. */
+ * brings the process down in MPI_Finalize; emptied, there is room. Where it cannot be closed all the same, the sentence is told and the
+ * job aborted with the status, so that it is not taken for a rank that was lost. */
 int kiln_h5_close(struct kiln_h5 *h5, int status, struct kiln_error *error);
 
 /* Collective; same arguments on all ranks. */
