@@ -425,8 +425,8 @@ bool spherical_direction(real3 a, real3 b, real3 c, real omega, real u, real v, 
     float thin = 1.0e-4;
     bool found = true;
 #ifdef KILN_FLOAT64
-    thin = 0.1;
-    found = min(min(dot(a, b), dot(b, c)), dot(c, a)) > -0.9LF;
+    thin = 0.03;
+    found = min(min(dot(a, b), dot(b, c)), dot(c, a)) > -0.99LF;
 #endif
     found = found && spherical_direction_float(vec3(a), vec3(b), vec3(c), float(omega), thin, float(u), float(v), rough);
     direction = found ? real_unit_vector(real3(rough)) : a;

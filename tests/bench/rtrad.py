@@ -19,7 +19,7 @@ import harness  # noqa: E402
 
 SCENE = ('third_party', 'noncommercial', 'rtrad_cornelllucy.glb')
 DIRECTIONS = 1024
-LADDER = ((16, 16, 64), (64, 16, 256), (256, 16, 256), (1024, 16, 256))
+LADDER = ((16, 16, 64), (64, 16, 128), (128, 16, 128), (256, 16, 256), (1024, 16, 256))
 KINDS = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
 
 
