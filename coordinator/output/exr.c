@@ -220,7 +220,7 @@ static int read_back(const char *path, const struct kiln_image *image, struct ki
     struct kiln_image *found = NULL;
     int status = kiln_exr_read(path, NULL, 0, &found, error);
     if (status != KILN_OK)
-        return status;
+        return status == KILN_BAD_INPUT ? KILN_IO : status; /* the file is our own */
     if (found->width != image->width || found->height != image->height || found->channel_count != image->channel_count)
         status = kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: other size or channels", path);
     const size_t pixels = (size_t)image->width * image->height;

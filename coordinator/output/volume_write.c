@@ -192,7 +192,7 @@ static int read_back(const struct volume_writer *w, const char *path, struct kil
                 status = kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: probe %llu", path, (unsigned long long)index);
     }
     kiln_volume_close(&volume);
-    return status;
+    return status == KILN_BAD_INPUT ? KILN_IO : status; /* the file is our own */
 }
 
 /* What the file takes if nothing in it could be compressed: chunks at the border are whole. */

@@ -6,6 +6,8 @@
     resume.py --kiln PATH refusals    another scene or setting is refused, with a table
     resume.py --kiln PATH damage      flipped bits, cut and missing files: noticed, the generation before is used (KILN_FLIPS, KILN_SEED)
     resume.py --kiln PATH disk        full disk 74, read-only folder 73 or 77, last generation whole
+    resume.py --kiln PATH faults      the k-th write, sync, rename or open fails (KILN_FAULTS of them, KILN_SEED; needs strace, not a test)
+    resume.py --kiln PATH warnings    SIGUSR1 through mpirun at random moments (KILN_WARNINGS of them, KILN_SEED; not a test)
     resume.py --kiln PATH watchdog    a rank that stands still is named, 76
     resume.py --kiln PATH cost        what checkpoints cost (a measurement)
 """
@@ -452,6 +454,39 @@ def try_signals(checks, tool):
     same(checks, tool, reference, folder, tool.bake(folder), 'two SIGINT')
 
 
+def try_warnings(checks, tool):
+    """SIGUSR1 to mpirun at any moment, as a batch script passes it on: all ranks save and end with 75 in a few seconds, or the bake is done."""
+    warnings, seed = int(os.environ.get('KILN_WARNINGS', '50')), int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
+    dice, ends, slowest, given = random.Random(seed), {}, 0, 0
+    print('seed %d (KILN_SEED=%d repeats it)' % (seed, seed), flush=True)
+    subject = Subject(checks, tool, SCENE)
+    while given < warnings:
+        folder, status = tool.folder(), STOPPED
+        while status != 0:
+            process = tool.start(folder, *OFTEN, ranks=4)
+            wait_for(lambda: process.poll() is not None or b'"running"' in status_bytes(folder))  # its handlers are there
+            moment = dice.uniform(0, subject.seconds)
+            wait_for(lambda: process.poll() is not None, moment)
+            began, warned = time.monotonic(), process.poll() is None and given < warnings
+            if warned:
+                process.send_signal(signal.SIGUSR1)
+                given += 1
+            status = finish(process)
+            if warned:
+                slowest = max(slowest, time.monotonic() - began)
+                ends[status] = ends.get(status, 0) + 1
+                bad = readable(folder)
+                checks.that(not bad, 'after %.2f s: %s' % (moment, '; '.join(bad)))
+            if not checks.that(status in (0, STOPPED), 'warned after %.2f s it ended with %s: %s' % (moment, status, text(folder)[-300:])):
+                break
+        if status == 0:
+            different = differences(subject.reference, result(folder))
+            checks.that(not different, 'not the same: %s' % different)
+        shutil.rmtree(folder, ignore_errors=True)
+    checks.that(slowest < 20, 'the slowest took %.1f s' % slowest)
+    print('%d warnings, all obeyed within %.1f s; ended with: %s' % (given, slowest, ', '.join('%s: %d times' % end for end in ends.items())))
+
+
 def try_refusals(checks, tool):
     reference, _ = reference_of(checks, tool)
     folder = interrupted(tool, checks)
@@ -593,6 +628,59 @@ def full_disk(checks, tool, reference, mount):
     same(checks, tool, reference, moved, process, 'after a full disk')
 
 
+CALLS = ('pwrite64', 'pwritev', 'fsync', 'rename', 'openat')
+FAILURES = ('ENOSPC', 'EDQUOT', 'EIO', 'EINTR')
+
+
+def traced(tool, folder, *words):
+    line = tool.line(folder, *OFTEN, scene=SCENES[2], threads=2)
+    return harness.run(['strace', '-f', '-o', folder + '.calls', *words, *line], 120, harness.MPI_ENVIRONMENT)
+
+
+def calls_of(folder):
+    """{call: [which of the main thread's calls of that name work on the bake's files]}, from a bake that nothing happened to."""
+    count, found = dict.fromkeys(CALLS, 0), {call: [] for call in CALLS}
+    with open(folder + '.calls', errors='replace') as f:
+        lines = [line.split(None, 1) for line in f]
+    for thread, words in lines:
+        call = words.split('(')[0]
+        if thread == lines[0][0] and call in CALLS:
+            count[call] += 1
+            if call not in ('openat', 'rename') or folder in words:
+                found[call].append(count[call])
+    return found
+
+
+def try_faults(checks, tool):
+    """The k-th call of a kind fails: the bake ends with 73 or 74 or need not care, all files can be read, and the same command goes on to
+    the same bits."""
+    if shutil.which('strace') is None:
+        harness.skip('strace is not installed.')
+    rounds, seed = int(os.environ.get('KILN_FAULTS', '20')), int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
+    dice, ends = random.Random(seed), {}
+    print('seed %d (KILN_SEED=%d repeats it)' % (seed, seed), flush=True)
+    whole = tool.folder()
+    process = traced(tool, whole, '-e', 'trace=' + ','.join(CALLS))
+    if not checks.that(process.status == 0, 'a traced bake ended with %d' % process.status, process):
+        checks.end()
+    reference, calls = result(whole), calls_of(whole)
+    for i in range(rounds):
+        folder, call, failure = tool.folder(), CALLS[i % len(CALLS)], dice.choice(FAILURES)
+        fault = '%s:error=%s:when=%d' % (call, failure, dice.choice(calls[call]))
+        process = traced(tool, folder, '-e', 'trace=' + call, '-e', 'inject=' + fault)
+        bad = readable(folder)
+        checks.that(not bad, '%s: %s' % (fault, '; '.join(bad)), process)
+        checks.that(process.status in (0, CANNOT_CREATE, IO), '%s: ended with %d' % (fault, process.status), process)
+        ends[process.status] = ends.get(process.status, 0) + 1
+        if process.status != 0:
+            process = tool.bake(folder, scene=SCENES[2], threads=2)
+        if checks.that(process.status == 0, '%s: going on ended with %d' % (fault, process.status), process):
+            different = differences(reference, result(folder))
+            checks.that(not different, '%s: not the same: %s' % (fault, different), process)
+        shutil.rmtree(folder, ignore_errors=True)
+    print('%d faults; ended with: %s' % (rounds, ', '.join('%d: %d times' % end for end in sorted(ends.items()))))
+
+
 def read_only(checks, tool, reference, mount):
     shutil.rmtree(os.path.join(mount, 'bake'), ignore_errors=True)
     folder = os.path.join(mount, 'other')
@@ -643,8 +731,8 @@ def try_cost(checks, tool):
             print('%d ranks, --checkpoint-every %s: %.2f s, %+.1f %%' % (max(ranks, 1), every, min(values), 100 * (min(values) / base - 1)))
 
 
-PARTS = {'kills': try_kills, 'layouts': try_layouts, 'signals': try_signals, 'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk,
-         'watchdog': try_watchdog, 'cost': try_cost}
+PARTS = {'kills': try_kills, 'layouts': try_layouts, 'signals': try_signals, 'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults,
+         'warnings': try_warnings, 'watchdog': try_watchdog, 'cost': try_cost}
 
 
 def main():
