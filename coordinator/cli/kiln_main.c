@@ -163,7 +163,7 @@ static int run_with_mpi(int argc, char **argv, const struct kiln_command *comman
         goto end;
     if (!many) { /* alone: Open MPI need not start a daemon of its own for one process, nor share file pointers through its folder */
         (void)setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);
-        (void)setenv("OMPI_MCA_sharedfp", "^sm", 0);
+        (void)setenv("OMPI_MCA_sharedfp", "individual", 0); /* leaves no name with a process number when killed */
     }
     if (MPI_Init_thread(NULL, NULL, MPI_THREAD_FUNNELED, &provided) != MPI_SUCCESS) {
         status = kiln_fail(error, KILN_SITE, "MPI does not start; check the installation of Open MPI");

@@ -30,7 +30,7 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, '..', 'common'))
 import harness  # noqa: E402
 
-STOPPED, LOST, BAD_INPUT, CANNOT_CREATE, IO, PERMISSION = 75, 76, 65, 73, 74, 77
+STOPPED, LOST, BAD_INPUT, SYSTEM, CANNOT_CREATE, IO, PERMISSION = 75, 76, 65, 71, 73, 74, 77
 SCENE = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
 # A few seconds on two cores, in enough batches that there is something to interrupt.
 OPTIONS = ('--backend', 'embree', '--lightmap-size', '48', '--samples-direct', '32', '--samples-bounce', '32', '--samples-indirect', '256', '--bounces', '4',
@@ -652,7 +652,7 @@ def calls_of(folder):
 
 
 def try_faults(checks, tool):
-    """The k-th call of a kind fails: the bake ends with 73 or 74 or need not care, all files can be read, and the same command goes on to
+    """The k-th call of a kind fails: the bake ends with 71, 73 or 74 or need not care, all files can be read, and the same command goes on to
     the same bits."""
     if shutil.which('strace') is None:
         harness.skip('strace is not installed.')
@@ -670,7 +670,7 @@ def try_faults(checks, tool):
         process = traced(tool, folder, '-e', 'trace=' + call, '-e', 'inject=' + fault)
         bad = readable(folder)
         checks.that(not bad, '%s: %s' % (fault, '; '.join(bad)), process)
-        checks.that(process.status in (0, CANNOT_CREATE, IO), '%s: ended with %d' % (fault, process.status), process)
+        checks.that(process.status in (0, SYSTEM, CANNOT_CREATE, IO), '%s: ended with %d' % (fault, process.status), process)
         ends[process.status] = ends.get(process.status, 0) + 1
         if process.status != 0:
             process = tool.bake(folder, scene=SCENES[2], threads=2)
