@@ -3,7 +3,7 @@
   /usr/bin/python3 tests/bench/balance.py --kiln build/release/kiln [--ranks 2] [--threads 1] [--repeats 5] [SCENE]
 
 Two cases: a scene whose points cost unequally much (a carved statue in a box), and the same with one rank that takes three times as long for
-everything. Shares are cut anew between ranks that are each alone on a node. The median ratio of the repeats counts; "even" is what the
+everything. Shares are cut anew between ranks that are each alone on a node, and compared with such. The median ratio of the repeats counts; "even" is what the
 sum of all ranks' work would take if it were spread evenly.
 """
 import os
@@ -15,7 +15,8 @@ import measure  # noqa: E402
 import harness  # noqa: E402
 
 WAYS = {'neither': ('--no-give-away', '--rebalance', 'never'), 'given away': ('--rebalance', 'never'),
-        'cut anew': ('--no-give-away', '--share-ranks', 1, '--rebalance', 'auto')}
+        'neither, alone': ('--share-ranks', 1, '--rebalance', 'never'), 'cut anew, alone': ('--share-ranks', 1, '--rebalance', 'auto')}
+BASE = {'neither': 'neither', 'given away': 'neither', 'neither, alone': 'neither, alone', 'cut anew, alone': 'neither, alone'}
 WORK = ('direct light', 'bounces', 'final gather')
 
 
@@ -32,8 +33,8 @@ def main():
         parser.add_argument('scene', nargs='?')
     arguments, kiln = harness.start(__doc__, more)
     scene = arguments.scene or measure.made(kiln, 'cornell-statue')
-    options = ('--threads', arguments.threads, '--quality', 'draft', '--lightmap-max', 128, '--bounces', 4, '--samples-probe', 0)
-    table = harness.Table(('case', 16), ('way', 10), ('seconds', 8), ('over neither', 12), ('even', 6), ('waiting', 8), ('points moved', 12))
+    options = ('--threads', arguments.threads, '--quality', 'draft', '--lightmap-max', 192, '--bounces', 4, '--samples-probe', 0)
+    table = harness.Table(('case', 16), ('way', 15), ('seconds', 8), ('over neither', 12), ('even', 6), ('waiting', 8), ('points moved', 12))
     for case, slow in (('uneven scene', '0:1'), ('one rank slow', '1:3')):
         os.environ['KILN_SLOW_RANK'] = slow
         seconds, even, waiting, moved = ({way: [] for way in WAYS} for _ in range(4))
@@ -48,7 +49,7 @@ def main():
                     p['rebalance'] or {'moved': False})['moved'] for p in b.run['bounces']))
                 b.remove()
         for way in WAYS:
-            ratio = statistics.median(a / b for a, b in zip(seconds[way], seconds['neither']))
+            ratio = statistics.median(a / b for a, b in zip(seconds[way], seconds[BASE[way]]))
             table.row(case, way, '%.2f' % statistics.median(seconds[way]), '%.2f' % ratio, '%.2f' % statistics.median(even[way]),
                       '%.1f %%' % (100 * statistics.median(waiting[way])), int(statistics.median(moved[way])))
 
