@@ -195,7 +195,7 @@ int transport_rebalance(struct transport_state *s, struct kiln_error *error)
     struct kiln_pass_balance *b = &pass->balance;
     const bool always = p->job->rebalance == KILN_REBALANCE_ALWAYS;
     const bool soon_better = pass->kind == KILN_PASS_DIRECT && s->step.kind == KILN_PASS_BOUNCE;
-    if (p->ranks == 1 || p->job->rebalance == KILN_REBALANCE_NEVER || !s->measured || (soon_better && !always))
+    if (p->ranks == 1 || !s->cuts_anew || !s->measured || (soon_better && !always))
         return KILN_OK;
     struct work w = {.before = NULL};
     kiln_control_blocking(p->control, "judging the ranks' shares", 0.0);

@@ -354,12 +354,17 @@ static int allocate(struct transport_state *s, struct kiln_error *error)
     return status;
 }
 
-/* Whether the ranks of this node give work away: all of them want to and can. Collective on the node. */
-static bool gives_away(const struct kiln_transport_params *p)
+static bool can_share(const struct kiln_transport_params *p)
 {
     struct kiln_backend_info info;
     kiln_backend_info(p->backend, &info);
-    int gives = p->job->give_away && info.any_share;
+    return info.any_share;
+}
+
+/* Whether the ranks of this node give work away: all of them want to and can. Collective on the node. */
+static bool gives_away(const struct kiln_transport_params *p)
+{
+    int gives = p->job->give_away && can_share(p);
     (void)MPI_Allreduce(MPI_IN_PLACE, &gives, 1, MPI_INT, MPI_LAND, kiln_node_communicator(p->node));
     return gives != 0;
 }
@@ -381,8 +386,12 @@ static int make_shares(struct transport_state *s, struct kiln_error *error)
     int status = kiln_shares_create(&s->out->shares, p->node, p->surface, gives_away(p), error);
     if (status == KILN_OK) {
         transport_use_shares(s);
-        status = kiln_backend_set_surface(p->backend, p->surface, error); /* its arrays may have moved */
+        if (p->surface->share_is_lent) /* its arrays have moved; a device, whose ranks lend nothing, keeps what it has of them */
+            status = kiln_backend_set_surface(p->backend, p->surface, error);
     }
+    int any_share = can_share(p);
+    (void)MPI_Allreduce(MPI_IN_PLACE, &any_share, 1, MPI_INT, MPI_LAND, p->communicator);
+    s->cuts_anew = p->job->rebalance == KILN_REBALANCE_ALWAYS || (p->job->rebalance == KILN_REBALANCE_AUTO && any_share != 0);
     return kiln_agree(p->communicator, status, error);
 }
 
