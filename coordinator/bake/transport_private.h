@@ -100,8 +100,8 @@ int transport_read_slowness(struct transport_state *s, struct kiln_error *error)
  * ranks help each other) more time than others, and the passes to come would gain more by it than it costs, the global order is cut anew by
  * these costs, between cells (objects) where that is as good. Points and all that is known of them go to their new owners. The direct
  * pass says little about gathers: with bounces to come the first one is waited for. Times settle the cuts, so that these may differ from
- * run to run; results do not. By itself only where every backend takes any share: a device would have to be given all its points again, which
- * on four GPUs cost more than it brought, and the time of a device's batch says little of its points while kernels are still being made. */
+ * run to run; results do not. By itself only where every backend takes any share: a device would have to be given all its points again, and
+ * the time of its first batches says more about kernels being made than about points. */
 int transport_rebalance(struct transport_state *s, struct kiln_error *error);
 /* Points the transport to what its shares have now (transport.c). */
 void transport_use_shares(struct transport_state *s);
