@@ -24,7 +24,7 @@ enum {
 
 const struct kiln_option kiln_options[] = {
     {.name = "output", .group = "Files", .kind = KILN_OPTION_PATH, .value = "PATH",
-     .help = "where the result goes, also -o; bake (default SCENE-bake), plan, bench, submit: a folder; others: a file",
+     .help = "where the result goes, also -o; a folder of bake (SCENE-bake), plan, bench, submit; else a file",
      .commands = KILN_FOR_BAKE | KILN_FOR_VIEW | KILN_FOR_COMPARE | KILN_FOR_GENERATE | KILN_FOR_REPORT | KILN_FOR_BENCH |
                  KILN_FOR_SUBMIT | KILN_FOR_PLAN,
      .offset = AT(output)},
@@ -130,7 +130,7 @@ const struct kiln_option kiln_options[] = {
     {.name = "give-away", .group = "Ranks", .kind = KILN_OPTION_FLAG, .fallback = "true",
      .help = "ranks of a host that are done compute for those that are not (Embree)", .commands = KILN_FOR_BAKE, .offset = AT(give_away)},
     {.name = "rebalance", .group = "Ranks", .kind = KILN_OPTION_CHOICE_ENUM, .fallback = "auto", .choices = rebalances,
-     .help = "move points between ranks after a pass, by what they cost; auto: when it pays, on CPUs", .commands = KILN_FOR_BAKE, .offset = AT(rebalance)},
+     .help = "move points between ranks after a pass, by what they cost; auto: on CPUs, when it pays", .commands = KILN_FOR_BAKE, .offset = AT(rebalance)},
     {.name = "exchange", .group = "Ranks", .kind = KILN_OPTION_CHOICE_ENUM, .fallback = "auto", .choices = exchanges,
      .help = "radiosity between bounces: 4 or 8 bytes a point; auto: 4 from 2^22 points on", .commands = KILN_FOR_BAKE, .offset = AT(exchange)},
     {.name = "exchange-limit", .group = "Ranks", .kind = KILN_OPTION_UINT64, .value = "N", .fallback = "auto", .word = "auto", .minimum = 1,
