@@ -433,6 +433,28 @@ enum kiln_event kiln_control_wait(struct kiln_control *c, bool done, double shar
     }
 }
 
+void kiln_control_meet(struct kiln_control *c)
+{
+    MPI_Request all;
+    int here = 0;
+    struct timespec pause = {0, 10000};
+    if (c->ranks == 1)
+        return;
+    c->next_beat = 0.0;
+    c->last_poll = MPI_Wtime();
+    forgive_all(c, c->last_poll);
+    (void)MPI_Ibarrier(c->communicator, &all);
+    for (;;) {
+        keep_watch(c, c->sent.share, c->sent.batch);
+        (void)MPI_Test(&all, &here, MPI_STATUS_IGNORE);
+        if (here != 0)
+            return;
+        (void)nanosleep(&pause, NULL);
+        if (pause.tv_nsec < 1000000)
+            pause.tv_nsec += pause.tv_nsec / 2;
+    }
+}
+
 enum kiln_event kiln_control_between(struct kiln_control *c, uint64_t bytes)
 {
     const double every = c->params.checkpoint_every;

@@ -66,6 +66,10 @@ enum kiln_event kiln_control_poll(struct kiln_control *control, bool done, doubl
  * rank has something to do, or to say. */
 enum kiln_event kiln_control_wait(struct kiln_control *control, bool done, double share, int failed, bool (*news)(void *context), void *context);
 
+/* Collective. Waits until all ranks are here, and while it does names whoever gives no sign of life, which a blocking call cannot: to be
+ * called before those that follow work of unequal length. Not while a pass goes on, but for KILN_EVENT_SAVE and _STOP. */
+void kiln_control_meet(struct kiln_control *control);
+
 /* Collective. Between passes: KILN_EVENT_NONE, _SAVE or _STOP. Saving `bytes` (of all ranks) is due when the time since the last checkpoint is
  * --checkpoint-every, or fifty times what it will cost: so it happens after a bounce, and costs no more than two parts in a hundred. */
 enum kiln_event kiln_control_between(struct kiln_control *control, uint64_t bytes);

@@ -215,12 +215,16 @@ int transport_pass_begin(struct transport_state *s, struct kiln_error *error)
     s->measured = true;
     s->todo_first = 0;
     s->todo_count = s->params->surface->fragment_count > 0 ? 1 : 0;
-    const int status = kiln_grow(&s->todo, &s->todo_room, 1, sizeof *s->todo, "what a pass has to do", error);
+    int status = kiln_grow(&s->todo, &s->todo_room, 1, sizeof *s->todo, "what a pass has to do", error);
     if (status == KILN_OK)
         s->todo[0] = (struct kiln_range){0, s->params->surface->fragment_count};
     if (status == KILN_OK)
         transport_offer(s);
-    return kiln_agree(s->params->communicator, status, error);
+    kiln_control_meet(s->params->control);
+    kiln_control_blocking(s->params->control, "between passes", 0.0);
+    status = kiln_agree(s->params->communicator, status, error);
+    kiln_control_blocking(s->params->control, NULL, 0.0);
+    return status;
 }
 
 /* Adds up over the ranks. Collective. */

@@ -75,6 +75,7 @@ static void exchange(struct transport_state *s, struct kiln_pass_report *pass, e
 {
     const struct kiln_surface *surface = s->params->surface;
     const double start = MPI_Wtime();
+    kiln_control_meet(s->params->control);
     kiln_control_blocking(s->params->control, "exchange", (double)surface->point_count * 8.0 / EXCHANGE_BYTES);
     if (form != EXCHANGE_COMPACT)
         kiln_spread_abandon(s->out->spread);
@@ -263,7 +264,9 @@ static int run_passes(struct transport_state *s, bool restored, bool finished, s
         status = transport_pass_run(s, error);
     }
     for (bool any = !finished; status == KILN_OK && any;) {
+        kiln_control_blocking(s->params->control, "between passes", 0.0);
         status = next_step(s, &any, error);
+        kiln_control_blocking(s->params->control, NULL, 0.0);
         if (status != KILN_OK || !any)
             break;
         hand_over(s);

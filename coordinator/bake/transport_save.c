@@ -161,6 +161,7 @@ static int save_with(struct transport_state *s, bool finished, const struct kiln
 {
     const struct kiln_transport_params *p = s->params;
     const double start = MPI_Wtime();
+    kiln_control_meet(p->control);
     kiln_control_blocking(p->control, "writing a checkpoint", 60.0 + (double)transport_save_bytes(s) / WRITE_BYTES);
     if (!finished)
         transport_settle(s);
