@@ -417,8 +417,8 @@ bool spherical_direction_double(dvec3 a, dvec3 b, dvec3 c, double u, double v, o
 }
 #endif
 
-/* Floats do where no angle is small and no two corners are nearly opposite each other: what they are off by moves a sample by some 1e-6 of the way, and its weight
- * is 1 / omega wherever it lies. Doubles are four times slower, on devices that have many units for them. */
+/* Floats do where no angle is small and no two corners are nearly opposite each other: what they are off by moves a sample by some
+ * 1e-6 of the way, and its weight is 1 / omega wherever it lies. Doubles are four times slower, even with many units for them. */
 bool spherical_direction(real3 a, real3 b, real3 c, real omega, real u, real v, out real3 direction)
 {
     vec3 rough;

@@ -9,8 +9,6 @@
 #define LEAST_GAIN 0.1     /* s: below, it is not even asked what a move costs */
 #define PAYS 2.0           /* so many times its cost a move must gain */
 #define MOVE_BYTES 300e6   /* a second and rank, packed, sent and unpacked */
-#define UPLOAD_BYTES 1e9   /* a second: what a device has to be given anew */
-#define UPLOAD_POINT 128.0 /* bytes of it */
 #define MOVE_START 0.02    /* s */
 #define CELL_SLACK 0.05    /* of a mean share, by which a cut may lie off to fall between two cells (objects) */
 enum { BOUNCES_EXPECTED = 3 }; /* where their number is not given */
@@ -137,13 +135,10 @@ static uint64_t most_moved(const struct transport_state *s, const struct kiln_cu
 /* Collective. Seconds of a move in which a rank gets so many points. */
 static double cost_of(const struct transport_state *s, uint64_t moved)
 {
-    struct kiln_backend_info info;
-    const struct kiln_surface *surface = s->params->surface;
-    kiln_backend_info(s->params->backend, &info);
-    const double points = (double)surface->count;
-    double values[2] = {points > 0.0 ? (double)kiln_shares_bytes(s->out->shares) / points : 0.0, info.any_share ? 0.0 : points * UPLOAD_POINT / UPLOAD_BYTES};
-    (void)MPI_Allreduce(MPI_IN_PLACE, values, 2, MPI_DOUBLE, MPI_MAX, s->params->communicator);
-    return MOVE_START + (double)moved * values[0] / MOVE_BYTES + values[1];
+    const double points = (double)s->params->surface->count;
+    double bytes = points > 0.0 ? (double)kiln_shares_bytes(s->out->shares) / points : 0.0; /* of a point */
+    (void)MPI_Allreduce(MPI_IN_PLACE, &bytes, 1, MPI_DOUBLE, MPI_MAX, s->params->communicator);
+    return MOVE_START + (double)moved * bytes / MOVE_BYTES;
 }
 
 /* ---- moving ---- */
