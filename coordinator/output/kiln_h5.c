@@ -174,6 +174,8 @@ int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_outpu
     if (status == KILN_OK) /* every rank needs the name; removing a left-over twice does no harm before the agreement */
         status = kiln_publish_name(temporary, path, error);
     if (status == KILN_OK && rank == 0)
+        kiln_publish_sweep(temporary);
+    if (status == KILN_OK && rank == 0)
         status = kiln_require_space(params->directory, largest_size(result), error);
     status = kiln_agree(result->communicator, status, error);
     if (status != KILN_OK)

@@ -1,5 +1,6 @@
 #include "coordinator/output/publish.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
@@ -81,6 +82,23 @@ int kiln_publish_name(char temporary[KILN_PATH_SIZE], const char *path, struct k
     if (unlink(temporary) != 0 && errno != ENOENT)
         return cannot_create("a left-over file is in the way and cannot be removed;", temporary, error);
     return KILN_OK;
+}
+
+/* Where it fails there is nothing in the way: the name itself is for kiln_publish_name. */
+void kiln_publish_sweep(const char *temporary)
+{
+    char folder[KILN_PATH_SIZE], file[KILN_PATH_SIZE];
+    const char *base = base_name(temporary);
+    (void)snprintf(folder, sizeof folder, "%.*s.", (int)(base - temporary), temporary);
+    DIR *directory = opendir(folder);
+    if (directory == NULL)
+        return;
+    const size_t length = strlen(base);
+    for (const struct dirent *entry; (entry = readdir(directory)) != NULL;)
+        if (strncmp(entry->d_name, base, length) == 0 && entry->d_name[length] != '\0' &&
+            kiln_path_join(file, folder, entry->d_name, NULL) == KILN_OK)
+            (void)unlink(file);
+    (void)closedir(directory);
 }
 
 int kiln_publish_open(const char *temporary, int *descriptor, struct kiln_error *error)

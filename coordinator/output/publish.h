@@ -29,6 +29,10 @@ int kiln_require_space(const char *path, uint64_t bytes, struct kiln_error *erro
 /* The name to write `path` under for now; removes what a killed process left there. */
 int kiln_publish_name(char temporary[KILN_PATH_SIZE], const char *path, struct kiln_error *error);
 
+/* Removes what a killed process left at names that begin with `temporary` and go on: MPI-IO keeps locks and file pointers in files of its own
+ * beside the one it opens, some of them named after a process. For one rank, before any opens the file. */
+void kiln_publish_sweep(const char *temporary);
+
 /* Opens a temporary name for writing, which must not exist. The caller closes *descriptor. */
 int kiln_publish_open(const char *temporary, int *descriptor, struct kiln_error *error);
 

@@ -218,6 +218,8 @@ int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_v
     if (status == KILN_OK)
         status = kiln_publish_name(temporary, path, error);
     if (status == KILN_OK && rank == 0)
+        kiln_publish_sweep(temporary);
+    if (status == KILN_OK && rank == 0)
         status = kiln_require_space(params->directory, largest_size(volume), error);
     if (status == KILN_OK)
         status = kiln_allocate(&w.values, volume->count, 27 * sizeof(float), "the volume's values", error);

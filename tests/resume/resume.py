@@ -311,6 +311,13 @@ def kill_one(checks, dice, process, ranks, folder, what):
     return seconds, len(segments)
 
 
+def plant(folder):
+    """What Open MPI's locks leave beside a file that was just being opened, if the kill comes then."""
+    if os.path.isdir(folder) and not os.path.exists(os.path.join(folder, 'manifest')):
+        for name in ('.kiln.h5.part-1798438913-2000.lock', '.volume.hdf.part.locktest.1'):
+            open(os.path.join(folder, name), 'w').close()
+
+
 def try_kills(checks, tool):
     kills = int(os.environ.get('KILN_KILLS', '8'))
     seed = int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
@@ -324,6 +331,7 @@ def try_kills(checks, tool):
         bakes += 1
         while True:
             done = sum(count.values())
+            plant(folder)
             began = time.time()
             process = tool.start(folder, *OFTEN, scene=scene, ranks=4, private=True)
             if done < kills and interruptions < most:
