@@ -45,15 +45,21 @@ struct Sums {
     uint rays;
 };
 
-void add_sample(inout Sums sums, kiln_gpu_point p, kiln_light_choice choice, Sequence sequence, uint i, uint k)
+/* `aimed`: by the target, which is then the choice made ready for the point. */
+void add_sample(inout Sums sums, kiln_gpu_point p, kiln_light_choice choice, bool aimed, kiln_light_target target, Sequence sequence, uint i, uint k)
 {
     vec3 position, n;
     float offset;
     kiln_position(p, push.chunk.parts, float(real_unit(draw(sequence, k, DIMENSION_S))), float(real_unit(draw(sequence, k, DIMENSION_T))), position, n, offset);
     const real3 normal = real3(n), place = real3(position) - normal * real(offset);
-    const real pick = real_unit(draw(sequence, k, DIMENSION_CHOICE)), u = real_unit(draw(sequence, k, DIMENSION_U)), v = real_unit(draw(sequence, k, DIMENSION_V));
+    const real u = real_unit(draw(sequence, k, DIMENSION_U)), v = real_unit(draw(sequence, k, DIMENSION_V));
     kiln_light_sample s;
-    if (!kiln_lights_sample(choice, i, place, normal, pick, u, v, s))
+    bool brings;
+    if (aimed)
+        brings = kiln_light_target_sample(target, place, u, v, s);
+    else
+        brings = kiln_lights_sample(choice, i, place, normal, real_unit(draw(sequence, k, DIMENSION_CHOICE)), u, v, s);
+    if (!brings)
         return;
     const real cosine = dot(normal, s.direction);
     if (!(cosine > 0))
@@ -85,9 +91,11 @@ Sums sample_choice(kiln_gpu_point p, kiln_light_choice choice, uint begin, uint 
     const uint identity = kiln_hash2(choice.kind * 2u + 1u, choice.index);
     const uint strategies = kiln_lights_strategies(choice, real3(p.normal));
     Sums sums = Sums(real3(0), real3(0), 0, 0, 0u);
+    kiln_light_target target;
+    const bool aimed = kiln_light_target_of(choice, real3(p.centre), real(p.spread), target);
     uint i = begin;
     for (; i < end; i++)
-        add_sample(sums, p, choice, sequence_of(p, identity + i % strategies), i, i / strategies);
+        add_sample(sums, p, choice, aimed, target, sequence_of(p, identity + i % strategies), i, i / strategies);
     stopped |= i < end ? 1u : 0u;
     return sums;
 }

@@ -544,4 +544,122 @@ bool kiln_lights_sample(kiln_light_choice choice, uint index, real3 p, real3 n, 
     return sample_point_light(light - areas, p, weight, s);
 }
 
+/* ---- a lone area light as all places of one point see it: worker/light/target.c ---- */
+
+struct kiln_light_target {
+    uint light;        /* index of the area light */
+    bool spherical;    /* by solid angle, else by area */
+    real3 centre, to0; /* of the point; from it to the light's corner 0 */
+    real3 towards;     /* unit, normal to the light's plane, pointing at it */
+    real height;       /* m: of the centre above that plane */
+    real omega, alpha, cos_alpha, sin_alpha;
+    real3 a, across, b;
+    real cos_ab, cos_across_b;
+};
+
+const real TARGET_SPREAD_MOST = real(0.125LF);
+
+real angle_between(real3 a, real3 b) { return real_acos(clamp(dot(a, b), real(-1), real(1))); }
+
+bool make_spherical(inout kiln_light_target t, real3 e1, real3 e2)
+{
+    const real3 c = real_unit_vector(t.to0 + e2);
+    t.a = real_unit_vector(t.to0);
+    t.b = real_unit_vector(t.to0 + e1);
+    const real3 ab = real_unit_vector(cross(t.a, t.b)), bc = real_unit_vector(cross(t.b, c)), ca = real_unit_vector(cross(c, t.a));
+    t.cos_alpha = clamp(-dot(ab, ca), real(-1), real(1));
+    t.alpha = real_acos(t.cos_alpha);
+    real cosine;
+    real_sincos(t.alpha, t.sin_alpha, cosine);
+#ifdef KILN_FLOAT64
+    t.omega = t.alpha + angle_between(ab, -bc) + angle_between(bc, -ca) - KILN_REAL_PI;
+    const real thin = real(1e-9LF);
+#else
+    t.omega = solid_angle(t.a, t.b, c); /* angles of floats cancel */
+    const real thin = real(1e-4LF);
+#endif
+    if (!(t.omega > SPHERICAL_FROM) || t.sin_alpha < thin)
+        return false;
+    t.across = real_unit_vector(c - t.a * dot(c, t.a));
+    t.cos_ab = dot(t.a, t.b);
+    t.cos_across_b = dot(t.across, t.b);
+    return true;
+}
+
+/* Makes a choice ready for a point within `spread` of the centre; false where kiln_lights_sample has to do it. */
+bool kiln_light_target_of(kiln_light_choice choice, real3 centre, real spread, out kiln_light_target t)
+{
+    t.light = 0u;
+    t.spherical = false;
+    if (!light_kind(KILN_LIGHT_AREA) || choice.kind != KILN_CHOICE_NODE)
+        return false;
+    LightNodes nodes = LightNodes(SCENE.lights.nodes);
+    t.light = nodes.at[choice.index].right;
+    if (nodes.at[choice.index].left != KILN_GPU_NONE || t.light >= SCENE.lights.area_count)
+        return false;
+    const kiln_gpu_area_light light = AreaLights(SCENE.lights.areas).at[t.light];
+    t.centre = centre;
+    t.to0 = real3_of(light.p0) - centre;
+    const real3 normal = real3_of(light.normal);
+    const real side = -dot(t.to0, normal);
+    t.height = (light.flags & KILN_LIGHT_TWO_SIDED) != 0u ? abs(side) : side;
+    t.towards = side > 0 ? -normal : normal;
+    if (!(t.height > 4 * light.rounding && spread <= TARGET_SPREAD_MOST * t.height))
+        return false;
+    t.spherical = make_spherical(t, real3_of(light.e1), real3_of(light.e2));
+    return true;
+}
+
+/* From the centre to a place on the light, evenly in solid angle; `area`: 1 / density of that place on the light, m2. */
+real3 target_spherical(kiln_light_target t, real u, real v, out real area)
+{
+    real sine, cosine;
+    real_sincos(u * t.omega - t.alpha, sine, cosine);
+    const real x = cosine - t.cos_alpha, y = sine + t.sin_alpha * t.cos_ab;
+    const real below = (y * sine + x * cosine) * t.sin_alpha;
+    const real q = clamp(((y * cosine - x * sine) * t.cos_alpha - y) / below, real(-1), real(1));
+    const real r = sqrt(1 - q * q), d = q * t.cos_ab + r * t.cos_across_b, drop = v * (1 - d);
+    const real k = sqrt(v * (2 - drop) / (1 + d)), a = q * k, c = r * k, b = 1 - drop - d * k;
+    const real3 direction = a * t.a + c * t.across + b * t.b;
+    const real cosine_there = dot(direction, t.towards), far = t.height / cosine_there;
+    area = far * far * t.omega / cosine_there;
+    return far * direction;
+}
+
+real3 target_flat(kiln_light_target t, kiln_gpu_area_light light, real u, real v, out real area)
+{
+    const real root = sqrt(u);
+    area = light.area;
+    return t.to0 + (real3_of(light.e1) * (root * (1 - v)) + real3_of(light.e2) * (root * v));
+}
+
+/* One sample from `place`; false when it brings nothing. */
+bool kiln_light_target_sample(kiln_light_target t, real3 place, real u, real v, out kiln_light_sample s)
+{
+    const kiln_gpu_area_light light = AreaLights(SCENE.lights.areas).at[t.light];
+    const real3 from = place - t.centre;
+    real area;
+    real3 to;
+    if (t.spherical)
+        to = target_spherical(t, u, v, area);
+    else
+        to = target_flat(t, light, u, v, area);
+    to -= from;
+    const real squared = dot(to, to);
+    s.distance = sqrt(squared);
+    s.direction = to * (1 / s.distance);
+    const real seen = (t.height - dot(from, t.towards)) / s.distance; /* cosine at the light */
+    const real weight = seen * area / squared;
+    s.backoff = min(real(0.5LF) * s.distance, light.rounding / max(real(1e-6LF), seen));
+    vec3 rgb = vec3_of(light.radiance);
+    if (light_kind(KILN_LIGHT_TEXTURED) && (light.flags & KILN_LIGHT_HAS_TEXTURE) != 0u) {
+        const real3 e1 = real3_of(light.e1), e2 = real3_of(light.e2), on = to + from - t.to0;
+        const real e11 = dot(e1, e1), e12 = dot(e1, e2), e22 = dot(e2, e2), below = e11 * e22 - e12 * e12, p = dot(on, e1), q = dot(on, e2);
+        const real b1 = clamp((p * e22 - q * e12) / below, real(0), real(1));
+        rgb = kiln_surface_emission(light.triangle, float(b1), float(clamp((q * e11 - p * e12) / below, real(0), 1 - b1)));
+    }
+    s.value = real3(rgb) * weight;
+    return weight > 0 && !isinf(weight);
+}
+
 #endif

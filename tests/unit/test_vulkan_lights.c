@@ -16,18 +16,19 @@
 #include "worker/backend/vulkan/layout.h"
 #include "worker/backend/vulkan/lights.h"
 #include "worker/light/environment.h"
+#include "worker/light/target.h"
 #include "worker/light/tree.h"
 #include "worker/sampling/sequence.h"
 
 enum { QUERIES = 4000, CHOICES = 40 };
 
 struct query {
-    float p[3], n[3], spread;
+    float p[3], n[3], place[3], spread;
     uint32_t limit, samples, kind, index, count, k, pick, u, v;
 };
 struct answer {
     double direction[3], distance, value[3], backoff, sine, cosine, atan2, acos;
-    uint32_t brings, choices, what[CHOICES], given[CHOICES];
+    uint32_t aimed, brings, choices, reserved, what[CHOICES], given[CHOICES];
 };
 struct push {
     uint64_t scene, queries, answers;
@@ -37,7 +38,8 @@ struct push {
 /* How the device's numbers differ from the host's. */
 struct differences {
     size_t choices, brings, samples; /* queries that differ in these, the last by more than the tolerance */
-    double worst;                    /* of the others */
+    size_t aimed, aimed_samples;     /* by a target on both sides; of these, how many differ by more than the tolerance */
+    double worst, aimed_worst;       /* of the others */
 };
 
 static double uniform(uint32_t *seed) { return kiln_unit_double(kiln_hash1((*seed)++)); }
@@ -65,6 +67,7 @@ static bool make_query(const struct kiln_lights *lights, double reach, uint32_t 
     store3(q->p, p);
     store3(q->n, probe ? dvec3(0, 0, 0) : any_direction(seed));
     q->spread = uniform(seed) < 0.5 ? 0.0f : (float)(0.05 * reach * uniform(seed));
+    store3(q->place, dvec3_add(array3(q->p), dvec3_scale(any_direction(seed), 0.99 * (double)q->spread)));
     q->limit = 1 + (uint32_t)(uniform(seed) * KILN_CUT_MAX);
     q->samples = 1 + (uint32_t)(uniform(seed) * 200);
     const size_t count = kiln_lights_choices(lights, array3(q->p), (double)q->spread, array3(q->n), q->limit, choices);
@@ -103,13 +106,39 @@ static void compare_choices(const struct kiln_lights *lights, const struct query
     d->choices += !same;
 }
 
-static void compare_sample(const struct kiln_lights *lights, const struct query *q, const struct answer *a, double tolerance, struct differences *d)
+/* The sample as the host draws it; returns whether by a target. */
+static bool draw_sample(const struct kiln_lights *lights, const struct query *q, bool *brings, struct kiln_light_sample *s)
+{
+    const struct kiln_light_choice choice = {.kind = (enum kiln_choice_kind)q->kind, .index = q->index, .samples = q->count};
+    const struct kiln_dvec3 place = array3(q->place);
+    const double u = kiln_unit_double(q->u), v = kiln_unit_double(q->v);
+    struct kiln_light_target target;
+    if (!kiln_light_target(lights, &choice, array3(q->p), (double)q->spread, &target)) {
+        *brings = kiln_lights_sample(lights, &choice, q->k, place, array3(q->n), kiln_unit_double(q->pick), u, v, s);
+        return false;
+    }
+    struct kiln_target_samples t;
+    for (int l = 0; l < KILN_TARGET_LANES; l++) {
+        t.u[l] = u, t.v[l] = v;
+        t.place[0][l] = place.x, t.place[1][l] = place.y, t.place[2][l] = place.z;
+    }
+    kiln_light_target_sample(&target, &t);
+    *brings = t.weight[0] > 0.0;
+    *s = (struct kiln_light_sample){.direction = dvec3_scale(dvec3(t.to[0][0], t.to[1][0], t.to[2][0]), 1.0 / t.distance[0]),
+                                    .distance = t.distance[0],
+                                    .backoff = t.backoff[0]};
+    for (int c = 0; c < 3; c++)
+        s->value[c] = (double)target.light->radiance[c] * t.weight[0];
+    return true;
+}
+
+static void compare_sample(const struct kiln_lights *lights, const struct query *q, const struct answer *a, double tolerance, double aimed_tolerance,
+                           struct differences *d)
 {
     struct kiln_light_sample s;
-    const struct kiln_light_choice choice = {.kind = (enum kiln_choice_kind)q->kind, .index = q->index, .samples = q->count};
-    const bool brings = kiln_lights_sample(lights, &choice, q->k, array3(q->p), array3(q->n), kiln_unit_double(q->pick), kiln_unit_double(q->u),
-                                           kiln_unit_double(q->v), &s);
-    if (brings != (a->brings != 0)) {
+    bool brings;
+    const bool aimed = draw_sample(lights, q, &brings, &s);
+    if (aimed != (a->aimed != 0) || brings != (a->brings != 0)) {
         d->brings++;
         return;
     }
@@ -121,10 +150,11 @@ static void compare_sample(const struct kiln_lights *lights, const struct query 
         off = fmax(off, fmax(fabs(a->distance / s.distance - 1.0), fabs(a->backoff - s.backoff) / s.distance));
     else if (isfinite(a->distance))
         off = INFINITY;
-    if (!(off <= tolerance))
-        d->samples++;
+    d->aimed += aimed;
+    if (!(off <= (aimed ? aimed_tolerance : tolerance)))
+        *(aimed ? &d->aimed_samples : &d->samples) += 1;
     else
-        d->worst = fmax(d->worst, off);
+        *(aimed ? &d->aimed_worst : &d->worst) = fmax(aimed ? d->aimed_worst : d->worst, off);
 }
 
 static double compare_functions(const struct query *q, const struct answer *a, bool float64)
@@ -171,20 +201,22 @@ static void compare_variant(struct gpu *gpu, const struct kiln_lights *lights, b
 {
     const bool spherical = lights->area_count > 0; /* directions to most triangles are drawn in floats in either variant */
     const double tolerance = !float64 ? 1e-3 : spherical ? 1e-4 : 1e-9, exact = float64 ? 1e-13 : 2e-6;
-    const double share = !float64 ? 0.03 : spherical ? 0.01 : 0.001;
+    const double share = !float64 ? 0.03 : spherical ? 0.01 : 0.001, aimed_tolerance = float64 ? 1e-7 : 1e-3;
     struct answer *answers = calloc(QUERIES, sizeof *answers);
     struct differences d = {0};
     double worst = 0.0;
     answer_queries(gpu, lights, float64, queries, answers);
     for (size_t i = 0; i < QUERIES; i++) {
         compare_choices(lights, &queries[i], &answers[i], &d);
-        compare_sample(lights, &queries[i], &answers[i], tolerance, &d);
+        compare_sample(lights, &queries[i], &answers[i], tolerance, aimed_tolerance, &d);
         worst = fmax(worst, compare_functions(&queries[i], &answers[i], float64));
     }
-    print_message("%s, %s: of %d, choices differ in %zu, whether light comes in %zu, samples in %zu, the others by %.1e; functions by %.1e\n", name,
-                  float64 ? "double" : "float", QUERIES, d.choices, d.brings, d.samples, d.worst, worst);
+    print_message("%s, %s: of %d, choices differ in %zu, whether light comes in %zu, samples in %zu, the others by %.1e; functions by %.1e; "
+                  "of %zu samples of targets %zu, the others by %.1e\n",
+                  name, float64 ? "double" : "float", QUERIES, d.choices, d.brings, d.samples, d.worst, worst, d.aimed, d.aimed_samples, d.aimed_worst);
     free(answers);
     assert_true(worst <= exact);
+    assert_true((double)d.aimed_samples <= (float64 ? 0.001 : 0.03) * (double)d.aimed);
     assert_true((double)d.samples <= share * QUERIES && (double)d.brings <= share * QUERIES && (double)d.choices <= 2.0 * share * QUERIES);
 }
 

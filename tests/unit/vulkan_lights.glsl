@@ -4,7 +4,7 @@
 const uint CHOICES = 40u;
 
 struct Query {
-    float p[3], n[3], spread;
+    float p[3], n[3], place[3], spread; /* a sample is seen from `place`, which is within `spread` of p */
     uint limit, samples;          /* for choosing */
     uint kind, index, count, k;   /* sample k of a choice of `count` samples */
     uint pick, u, v;              /* fractions */
@@ -13,7 +13,7 @@ struct Query {
 struct Answer {
     double direction[3], distance, value[3], backoff;
     double sine, cosine, atan2, acos;
-    uint brings, choices;
+    uint aimed, brings, choices, reserved;
     uint what[CHOICES], given[CHOICES];
 };
 
@@ -45,9 +45,17 @@ void choose(Query q, uint x)
 
 void sample_light(Query q, uint x)
 {
+    const kiln_light_choice choice = kiln_light_choice(q.kind, q.index, q.count);
+    const real3 place = real3(vec3_of(q.place));
     kiln_light_sample s;
-    const bool brings = kiln_lights_sample(kiln_light_choice(q.kind, q.index, q.count), q.k, real3(vec3_of(q.p)), real3(vec3_of(q.n)), real_unit(q.pick),
-                                           real_unit(q.u), real_unit(q.v), s);
+    kiln_light_target target;
+    const bool aimed = kiln_light_target_of(choice, real3(vec3_of(q.p)), real(q.spread), target);
+    bool brings;
+    if (aimed)
+        brings = kiln_light_target_sample(target, place, real_unit(q.u), real_unit(q.v), s);
+    else
+        brings = kiln_lights_sample(choice, q.k, place, real3(vec3_of(q.n)), real_unit(q.pick), real_unit(q.u), real_unit(q.v), s);
+    Answers(push.answers).at[x].aimed = aimed ? 1u : 0u;
     Answers(push.answers).at[x].brings = brings ? 1u : 0u;
     for (uint c = 0u; c < 3u; c++) {
         Answers(push.answers).at[x].direction[c] = double(s.direction[c]);

@@ -270,8 +270,7 @@ static bool spherical_direction(struct kiln_dvec3 a, struct kiln_dvec3 b, struct
     return true;
 }
 
-/* Radiance at barycentric (b1, b2) of an emissive triangle, world corner order. */
-static void emission_at(const struct kiln_lights *lights, const struct kiln_area_light *light, double b1, double b2, float rgb[3])
+void kiln_area_light_radiance(const struct kiln_lights *lights, const struct kiln_area_light *light, double b1, double b2, float rgb[3])
 {
     memcpy(rgb, light->radiance, 3 * sizeof *rgb);
     if (!light->textured)
@@ -342,7 +341,7 @@ static bool sample_area_light(const struct kiln_lights *lights, const struct kil
     if (!(s->distance > 0.0) || !isfinite(s->distance))
         return false;
     float rgb[3];
-    emission_at(lights, light, at[0], at[1], rgb);
+    kiln_area_light_radiance(lights, light, at[0], at[1], rgb);
     /* The light's vertices are floats: the shadow ray stops short of it by their rounding, seen along the ray. */
     s->backoff = fmin(0.5 * s->distance, light->rounding / fmax(1e-6, fabs(height) / s->distance));
     for (int i = 0; i < 3; i++)

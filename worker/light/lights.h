@@ -114,6 +114,9 @@ uint32_t kiln_lights_strategies(const struct kiln_lights *lights, const struct k
 bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index, struct kiln_dvec3 p,
                         struct kiln_dvec3 n, double pick, double u, double v, struct kiln_light_sample *sample);
 
+/* Radiance at barycentric (b1, b2) of an emissive triangle, world corner order. */
+void kiln_area_light_radiance(const struct kiln_lights *lights, const struct kiln_area_light *light, double b1, double b2, float rgb[3]);
+
 /* Radiance arriving from outside along `direction` (pointing outwards). Zero without an environment. */
 void kiln_environment_radiance(const struct kiln_lights *lights, struct kiln_dvec3 direction, float rgb[3]);
 /* A direction (outwards) by luminance, and its density per steradian; lat-long and constant alike. */

@@ -8,6 +8,7 @@
 #include "worker/backend/embree/frame.h"
 #include "worker/backend/embree/shadow.h"
 #include "worker/base/memory.h"
+#include "worker/light/target.h"
 #include "worker/sampling/sequence.h"
 
 enum { SEQUENCES = 32 };
@@ -19,10 +20,20 @@ struct sequence {
     uint32_t *points[KILN_DIMENSIONS];
 };
 
+/* Samples of a target, a packet's at a time. */
+struct target_lanes {
+    struct kiln_target_samples samples;
+    uint32_t random[KILN_DIMENSIONS][PACKET]; /* fractions of 2^32 */
+    float position[3][PACKET], normal[3][PACKET], offset[PACKET]; /* of the places: see frame_position */
+};
+_Static_assert((int)PACKET == (int)KILN_TARGET_LANES, "a packet is one call's samples");
+
 /* A thread's working set. */
 struct direct_work {
     struct fragment_frame frame;
     struct shadow_packet shadows;
+    struct kiln_light_target target;
+    struct target_lanes lanes;
     struct kiln_light_choice *choices;
     uint32_t *sobol[KILN_DIMENSIONS]; /* table_size points each */
     uint32_t table_size;
@@ -65,6 +76,8 @@ static int work_create(struct direct_work **work, const struct embree_backend *b
     return status;
 }
 
+static uint32_t identity_of(const struct kiln_light_choice *choice) { return kiln_hash2((uint32_t)choice->kind * 2u + 1u, choice->index); }
+
 /* The first `count` samples of the choice called `identity`. */
 static const struct sequence *find_sequence(struct direct_work *w, uint32_t identity, uint32_t count)
 {
@@ -99,12 +112,113 @@ static void aim_from(struct kiln_light_sample *s, struct kiln_dvec3 place, struc
     s->distance = distance;
 }
 
+/* Where rays of a packet start. */
+static void place_lanes(struct direct_work *w, const struct embree_backend *b, uint32_t j)
+{
+    struct target_lanes *t = &w->lanes;
+    for (int l = 0; l < PACKET; l++) {
+        struct kiln_vec3 p, n;
+        t->offset[l] = frame_position(&w->frame, b, j, (float)kiln_unit_double(t->random[KILN_DIMENSION_S][l]),
+                                      (float)kiln_unit_double(t->random[KILN_DIMENSION_T][l]), &p, &n);
+        t->position[0][l] = p.x, t->position[1][l] = p.y, t->position[2][l] = p.z;
+        t->normal[0][l] = n.x, t->normal[1][l] = n.y, t->normal[2][l] = n.z;
+    }
+}
+
+/* Light is weighed where the surface is. */
+KILN_CLONES static void start_samples(struct target_lanes *restrict t)
+{
+    for (int l = 0; l < PACKET; l++) {
+        t->samples.u[l] = ((double)(int32_t)(t->random[KILN_DIMENSION_U][l] ^ 0x80000000u) + 2147483648.5) * 0x1p-32; /* kiln_unit_double */
+        t->samples.v[l] = ((double)(int32_t)(t->random[KILN_DIMENSION_V][l] ^ 0x80000000u) + 2147483648.5) * 0x1p-32;
+    }
+    for (int c = 0; c < 3; c++)
+        for (int l = 0; l < PACKET; l++)
+            t->samples.place[c][l] = (double)t->position[c][l] - (double)t->normal[c][l] * (double)t->offset[l];
+}
+
+/* Rays from where they start to the places on the light. */
+KILN_CLONES static void fill_rays(const struct target_lanes *restrict t, struct shadow_packet *restrict s)
+{
+    double to[3][PACKET];
+    for (int c = 0; c < 3; c++)
+        for (int l = 0; l < PACKET; l++)
+            to[c][l] = t->samples.to[c][l] - (double)t->normal[c][l] * (double)t->offset[l];
+    for (int l = 0; l < PACKET; l++) {
+        const double distance = sqrt(to[0][l] * to[0][l] + to[1][l] * to[1][l] + to[2][l] * to[2][l]);
+        s->rays.org_x[l] = t->position[0][l], s->rays.org_y[l] = t->position[1][l], s->rays.org_z[l] = t->position[2][l];
+        s->rays.dir_x[l] = (float)(to[0][l] / distance);
+        s->rays.dir_y[l] = (float)(to[1][l] / distance);
+        s->rays.dir_z[l] = (float)(to[2][l] / distance);
+        s->rays.tnear[l] = 0.0f, s->rays.time[l] = 0.0f;
+        s->rays.mask[l] = ~0u, s->rays.flags[l] = 0;
+        s->rays.tfar[l] = shadow_limit(distance, t->samples.backoff[l]);
+    }
+}
+
+/* What lane l's ray brings if nothing is in its way, and whether it is to be traced at all. */
+static void weigh_lane(struct direct_work *w, const struct embree_backend *b, uint32_t j, uint32_t l)
+{
+    const struct kiln_area_light *light = w->target.light;
+    const struct kiln_target_samples *t = &w->lanes.samples;
+    struct shadow_packet *s = &w->shadows;
+    const struct kiln_vec3 n = vec3(w->lanes.normal[0][l], w->lanes.normal[1][l], w->lanes.normal[2][l]);
+    const struct kiln_dvec3 to = dvec3_scale(dvec3(t->to[0][l], t->to[1][l], t->to[2][l]), 1.0 / t->distance[l]);
+    const double cosine = dvec3_dot(dvec3_of(n), to);
+    const double shading_cosine = w->frame.smooth ? fmax(0.0, dvec3_dot(dvec3_of(frame_shading(&w->frame, j, n)), to)) : cosine;
+    float textured[3];
+    const float *radiance = light->radiance;
+    s->valid[l] = s->index[l] < s->samples && cosine > 0.0 && t->weight[l] > 0.0 ? -1 : 0;
+    if (light->textured && s->valid[l] != 0) {
+        kiln_area_light_radiance(b->params.lights, light, t->b1[l], t->b2[l], textured);
+        radiance = textured;
+    }
+    for (int c = 0; c < 3; c++) {
+        s->incident[l][c] = (double)radiance[c] * t->weight[l] * cosine;
+        s->irradiance[l][c] = (double)radiance[c] * t->weight[l] * shading_cosine;
+    }
+}
+
+/* A packet of the target's samples at point j, from `first` on, whose random numbers are drawn. */
+static void sample_packet(struct direct_work *w, const struct embree_backend *b, struct RTCIntersectContext *context, uint32_t j, uint32_t first,
+                          uint64_t *rays)
+{
+    place_lanes(w, b, j);
+    start_samples(&w->lanes);
+    kiln_light_target_sample(&w->target, &w->lanes.samples);
+    fill_rays(&w->lanes, &w->shadows);
+    for (uint32_t l = 0; l < PACKET; l++) {
+        w->shadows.index[l] = first + l;
+        weigh_lane(w, b, j, l);
+        *rays += w->shadows.valid[l] != 0;
+    }
+    shadow_trace(&w->shadows, b, context);
+}
+
+/* All samples of the target at point j, whose choice is called `identity`. */
+static void sample_target(struct direct_work *w, const struct embree_backend *b, struct RTCIntersectContext *context, uint32_t j,
+                          uint32_t identity, uint32_t samples, struct shadow_sums *sums, uint64_t *rays)
+{
+    const struct sequence *q = find_sequence(w, identity, samples);
+    uint32_t shift[KILN_DIMENSIONS];
+    for (uint32_t d = 0; d < KILN_DIMENSIONS; d++)
+        shift[d] = kiln_hash2(kiln_hash2(w->frame.key[j], identity), d);
+    shadow_begin(&w->shadows, sums, samples);
+    for (uint32_t first = 0; first < samples; first += PACKET) {
+        const uint32_t last = samples - 1;
+        for (uint32_t d = 0; d < KILN_DIMENSIONS; d++)
+            for (uint32_t l = 0; l < PACKET; l++)
+                w->lanes.random[d][l] = q->points[d][first + l < last ? first + l : last] ^ shift[d];
+        sample_packet(w, b, context, j, first, rays);
+    }
+}
+
 /* All samples of one choice at point j. */
 static void sample_choice(struct direct_work *w, const struct embree_backend *b, struct RTCIntersectContext *context, uint32_t j,
                           const struct kiln_light_choice *choice, struct shadow_sums *sums, uint64_t *rays)
 {
     struct fragment_frame *f = &w->frame;
-    const uint32_t identity = kiln_hash2((uint32_t)choice->kind * 2u + 1u, choice->index);
+    const uint32_t identity = identity_of(choice);
     const struct kiln_dvec3 normal0 = dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j]);
     const uint32_t strategies = kiln_lights_strategies(b->params.lights, choice, normal0);
     const struct sequence *sequence[2];
@@ -150,7 +264,11 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
     double incident[3] = {0}, irradiance[3] = {0}, variance = 0.0;
     for (size_t i = 0; i < count; i++) {
         struct shadow_sums sums = {0};
-        sample_choice(w, b, context, j, &w->choices[i], &sums, rays);
+        const struct kiln_light_choice *choice = &w->choices[i];
+        if (kiln_light_target(b->params.lights, choice, dvec3_of(f->extent[j].centre), (double)f->extent[j].spread, &w->target))
+            sample_target(w, b, context, j, identity_of(choice), choice->samples, &sums, rays);
+        else
+            sample_choice(w, b, context, j, choice, &sums, rays);
         const double scale = 1.0 / (double)w->choices[i].samples;
         for (int c = 0; c < 3; c++) {
             incident[c] += sums.incident[c] * scale;

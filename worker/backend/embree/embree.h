@@ -5,16 +5,10 @@
 #include <embree3/rtcore.h>
 
 #include "worker/backend/backend.h"
+#include "worker/base/clones.h"
 #include "worker/light/lights.h"
 
 enum { PACKET = 8 }; /* rays traced together; 8 beat 1, 4 and 16 on AVX2 in Cornell box and Sponza */
-
-/* Loops over lanes that are worth compiling once for each instruction set. Contraction is off, so all give the same bits. */
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__)
-#define KILN_CLONES __attribute__((target_clones("avx2", "default")))
-#else
-#define KILN_CLONES
-#endif
 
 struct embree_backend {
     struct kiln_backend base;

@@ -9,14 +9,11 @@ void shadow_begin(struct shadow_packet *packet, struct shadow_sums *sums, uint32
     packet->sums = sums;
 }
 
-static void flush(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context)
+void shadow_trace(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context)
 {
-    int valid[PACKET] __attribute__((aligned(32)));
-    for (uint32_t i = 0; i < PACKET; i++)
-        valid[i] = i < packet->count ? -1 : 0;
-    rtcOccluded8(valid, b->scene, context, &packet->rays);
-    for (uint32_t i = 0; i < packet->count; i++) {
-        if (packet->rays.tfar[i] < 0.0f) /* -inf: something is in between */
+    rtcOccluded8(packet->valid, b->scene, context, &packet->rays);
+    for (uint32_t i = 0; i < PACKET; i++) {
+        if (packet->valid[i] == 0 || packet->rays.tfar[i] < 0.0f) /* -inf: something is in between */
             continue;
         for (int c = 0; c < 3; c++) {
             packet->sums->incident[c] += packet->incident[i][c];
@@ -27,6 +24,13 @@ static void flush(struct shadow_packet *packet, const struct embree_backend *b, 
         packet->sums->square += luminance * luminance;
         packet->sums->quarter[(uint64_t)packet->index[i] * 4 / packet->samples] += luminance;
     }
+}
+
+static void flush(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context)
+{
+    for (uint32_t i = 0; i < PACKET; i++)
+        packet->valid[i] = i < packet->count ? -1 : 0;
+    shadow_trace(packet, b, context);
     packet->count = 0;
 }
 
@@ -42,7 +46,7 @@ void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, st
     packet->rays.dir_y[i] = (float)sample->direction.y;
     packet->rays.dir_z[i] = (float)sample->direction.z;
     packet->rays.tnear[i] = 0.0f;
-    packet->rays.tfar[i] = isfinite(sample->distance) ? (float)((sample->distance - sample->backoff) * (1.0 - 0x1p-20)) : INFINITY;
+    packet->rays.tfar[i] = isfinite(sample->distance) ? shadow_limit(sample->distance, sample->backoff) : INFINITY;
     packet->rays.time[i] = 0.0f;
     packet->rays.mask[i] = ~0u;
     packet->rays.flags[i] = 0;

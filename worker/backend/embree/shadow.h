@@ -13,7 +13,8 @@ struct shadow_sums {
 
 struct shadow_packet {
     struct RTCRay8 rays __attribute__((aligned(32)));
-    double incident[PACKET][3], irradiance[PACKET][3];
+    int valid[PACKET] __attribute__((aligned(32))); /* -1: a ray; 0: none */
+    double incident[PACKET][3], irradiance[PACKET][3]; /* what a sample brings if nothing is in its way */
     uint32_t count, samples, index[PACKET];
     struct shadow_sums *sums;
 };
@@ -24,6 +25,10 @@ void shadow_begin(struct shadow_packet *packet, struct shadow_sums *sums, uint32
 void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context, struct kiln_vec3 p,
                 const struct kiln_light_sample *sample, uint32_t index, double cosine, double shading_cosine);
 void shadow_end(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context);
+/* Traces the valid ones of a packet that was filled as a whole, and sums up. */
+void shadow_trace(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context);
+/* How far a shadow ray goes towards a light so far away. */
+static inline float shadow_limit(double distance, double backoff) { return (float)((distance - backoff) * (1.0 - 0x1p-20)); }
 
 /* Variance of the mean of the luminance, from the spread of its four quarters, each a net of its own: more than that of the whole
  * net, whose parts balance one another. Below 8 samples as if they were independent. */

@@ -1,0 +1,144 @@
+#include "worker/light/target.h"
+
+#include "worker/base/clones.h"
+
+/* sr: below it by area, whose density varies little there and whose arithmetic does not cancel. */
+static const double SPHERICAL_FROM = 0.02;
+/* Of the height above the light: how far places may be from the centre. */
+static const double SPREAD_MOST = 0.125;
+
+static struct kiln_dvec3 unit(struct kiln_dvec3 a)
+{
+    const double length = dvec3_length(a);
+    return length > 0.0 ? dvec3_scale(a, 1.0 / length) : a;
+}
+
+static double angle_between(struct kiln_dvec3 a, struct kiln_dvec3 b) { return acos(fmax(-1.0, fmin(1.0, dvec3_dot(a, b)))); }
+
+/* False where the triangle is too small or too thin for it. */
+static bool make_spherical(struct kiln_light_target *t)
+{
+    const struct kiln_dvec3 c = unit(dvec3_add(t->to0, t->light->e2));
+    t->a = unit(t->to0);
+    t->b = unit(dvec3_add(t->to0, t->light->e1));
+    const struct kiln_dvec3 ab = unit(dvec3_cross(t->a, t->b)), bc = unit(dvec3_cross(t->b, c)), ca = unit(dvec3_cross(c, t->a));
+    t->cos_alpha = fmax(-1.0, fmin(1.0, -dvec3_dot(ab, ca)));
+    t->alpha = acos(t->cos_alpha);
+    t->sin_alpha = sin(t->alpha);
+    t->omega = t->alpha + angle_between(ab, dvec3_scale(bc, -1.0)) + angle_between(bc, dvec3_scale(ca, -1.0)) - KILN_PI;
+    if (!(t->omega > SPHERICAL_FROM) || t->sin_alpha < 1e-9)
+        return false;
+    t->across = unit(dvec3_sub(c, dvec3_scale(t->a, dvec3_dot(c, t->a))));
+    t->cos_ab = dvec3_dot(t->a, t->b);
+    t->cos_across_b = dvec3_dot(t->across, t->b);
+    return true;
+}
+
+bool kiln_light_target(const struct kiln_lights *lights, const struct kiln_light_choice *choice, struct kiln_dvec3 centre, double spread,
+                       struct kiln_light_target *target)
+{
+    if (choice->kind != KILN_CHOICE_NODE)
+        return false;
+    const struct kiln_light_node *node = &lights->nodes[choice->index];
+    if (node->left != KILN_NONE || node->right >= lights->area_count)
+        return false;
+    const struct kiln_area_light *light = &lights->areas[node->right];
+    *target = (struct kiln_light_target){.light = light, .centre = centre, .to0 = dvec3_sub(light->p0, centre)};
+    const double side = -dvec3_dot(target->to0, light->normal);
+    target->height = light->two_sided ? fabs(side) : side;
+    target->towards = side > 0.0 ? dvec3_scale(light->normal, -1.0) : light->normal;
+    if (!(target->height > 4.0 * light->rounding && spread <= SPREAD_MOST * target->height))
+        return false;
+    target->spherical = make_spherical(target);
+    return true;
+}
+
+/* Sine and cosine for angles of a few turns at most; absolute error below 1e-15. By blends, so that lanes go together. */
+static inline void sine_cosine(double x, double *sine, double *cosine)
+{
+    const double rounder = 0x1.8p52, quarters = (x * 0.63661977236758134308 + rounder) - rounder;
+    const double r = (x - quarters * 1.57079632679489655800) - quarters * 6.12323399573676603587e-17, r2 = r * r;
+    const double s = r + r * r2 * (-1.6666666666666666667e-1 + r2 * (8.3333333333333333333e-3 + r2 * (-1.9841269841269841270e-4 +
+                     r2 * (2.7557319223985890653e-6 + r2 * (-2.5052108385441718775e-8 + r2 * (1.6059043836821614599e-10 +
+                     r2 * (-7.6471637318198164759e-13 + r2 * 2.8114572543455207632e-15)))))));
+    const double c = 1.0 + r2 * (-0.5 + r2 * (4.1666666666666666667e-2 + r2 * (-1.3888888888888888889e-3 +
+                     r2 * (2.4801587301587301587e-5 + r2 * (-2.7557319223985890653e-7 + r2 * (2.0876756987868098979e-9 +
+                     r2 * (-1.1470745597729724714e-11 + r2 * 4.7794773323873852974e-14)))))));
+    const double halves = (quarters * 0.5 - 0.25 + rounder) - rounder; /* floor(quarters / 2) */
+    const double odd = quarters - 2.0 * halves, half_odd = halves - 2.0 * ((halves * 0.5 - 0.25 + rounder) - rounder);
+    const double sign = 1.0 - 2.0 * half_odd;
+    *sine = sign * (odd > 0.5 ? c : s);
+    *cosine = sign * (odd > 0.5 ? -s : c);
+}
+
+static inline double at_most(double x, double most) { return x < most ? x : most; }
+static inline double at_least(double x, double least) { return x > least ? x : least; }
+
+/* Lane l's sample, (x, y, z) from the centre, as its own place sees it; `area`: 1 / density of the sample on the light, m2. */
+static inline void see_from_place(const struct kiln_light_target *restrict t, struct kiln_target_samples *restrict s, int l, double x, double y,
+                                  double z, double area)
+{
+    const double fx = s->place[0][l] - t->centre.x, fy = s->place[1][l] - t->centre.y, fz = s->place[2][l] - t->centre.z;
+    const double height = t->height - (fx * t->towards.x + fy * t->towards.y + fz * t->towards.z);
+    x -= fx, y -= fy, z -= fz;
+    const double squared = x * x + y * y + z * z, distance = sqrt(squared), seen = height / distance; /* cosine at the light */
+    const double weight = seen * area / squared;
+    s->to[0][l] = x, s->to[1][l] = y, s->to[2][l] = z;
+    s->distance[l] = distance;
+    s->weight[l] = weight > 0.0 && weight < 1e300 ? weight : 0.0;
+    s->backoff[l] = at_most(0.5 * distance, t->light->rounding / at_least(seen, 1e-6));
+}
+
+/* Directions D = a_part a + across_part across + b_part b from the centre, as far as the light's plane; by Arvo's paper, but with what
+ * cancels in it divided out. */
+KILN_CLONES static void sample_spherical(const struct kiln_light_target *restrict t, struct kiln_target_samples *restrict s)
+{
+    for (int l = 0; l < KILN_TARGET_LANES; l++) {
+        double sine, cosine;
+        sine_cosine(s->u[l] * t->omega - t->alpha, &sine, &cosine);
+        const double x = cosine - t->cos_alpha, y = sine + t->sin_alpha * t->cos_ab;
+        const double below = (y * sine + x * cosine) * t->sin_alpha;
+        const double q = at_least(at_most(((y * cosine - x * sine) * t->cos_alpha - y) / below, 1.0), -1.0);
+        const double r = sqrt(1.0 - q * q), d = q * t->cos_ab + r * t->cos_across_b; /* c2 = q a + r across; d = c2 . b */
+        const double drop = s->v[l] * (1.0 - d);
+        const double k = sqrt(s->v[l] * (2.0 - drop) / (1.0 + d)), a = q * k, c = r * k, b = 1.0 - drop - d * k;
+        const double dx = a * t->a.x + c * t->across.x + b * t->b.x, dy = a * t->a.y + c * t->across.y + b * t->b.y,
+                     dz = a * t->a.z + c * t->across.z + b * t->b.z;
+        const double cosine_there = dx * t->towards.x + dy * t->towards.y + dz * t->towards.z, far = t->height / cosine_there;
+        see_from_place(t, s, l, far * dx, far * dy, far * dz, far * far * t->omega / cosine_there);
+    }
+}
+
+KILN_CLONES static void sample_flat(const struct kiln_light_target *restrict t, struct kiln_target_samples *restrict s)
+{
+    const struct kiln_area_light *light = t->light;
+    for (int l = 0; l < KILN_TARGET_LANES; l++) {
+        const double root = sqrt(s->u[l]), b1 = root * (1.0 - s->v[l]), b2 = root * s->v[l];
+        see_from_place(t, s, l, t->to0.x + (b1 * light->e1.x + b2 * light->e2.x), t->to0.y + (b1 * light->e1.y + b2 * light->e2.y),
+                       t->to0.z + (b1 * light->e1.z + b2 * light->e2.z), light->area);
+    }
+}
+
+/* Where on the light the samples are: by Cramer's rule in its plane. */
+static void find_weights(const struct kiln_light_target *t, struct kiln_target_samples *s)
+{
+    const struct kiln_dvec3 e1 = t->light->e1, e2 = t->light->e2;
+    const double e11 = dvec3_dot(e1, e1), e12 = dvec3_dot(e1, e2), e22 = dvec3_dot(e2, e2), below = e11 * e22 - e12 * e12;
+    for (int l = 0; l < KILN_TARGET_LANES; l++) {
+        const struct kiln_dvec3 place = dvec3(s->place[0][l], s->place[1][l], s->place[2][l]);
+        const struct kiln_dvec3 on = dvec3_sub(dvec3_add(dvec3(s->to[0][l], s->to[1][l], s->to[2][l]), place), t->light->p0);
+        const double x = dvec3_dot(on, e1), y = dvec3_dot(on, e2);
+        s->b1[l] = fmax(0.0, fmin(1.0, (x * e22 - y * e12) / below));
+        s->b2[l] = fmax(0.0, fmin(1.0 - s->b1[l], (y * e11 - x * e12) / below));
+    }
+}
+
+void kiln_light_target_sample(const struct kiln_light_target *target, struct kiln_target_samples *samples)
+{
+    if (target->spherical)
+        sample_spherical(target, samples);
+    else
+        sample_flat(target, samples);
+    if (target->light->textured)
+        find_weights(target, samples);
+}
