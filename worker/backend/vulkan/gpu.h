@@ -79,7 +79,7 @@ enum gpu_memory {
     GPU_HOST     /* mapped, cached and coherent; kernels may write it too */
 };
 struct gpu_buffer {
-    uint64_t address; /* of the device; a multiple of 64 */
+    uint64_t address; /* of the device; a multiple of 64, or 4 when guarded */
     size_t size;      /* bytes */
     void *mapped;
     struct gpu_buffer_memory *memory; /* private */
@@ -93,6 +93,22 @@ int gpu_upload(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, 
 int gpu_download(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, void *data, size_t size, struct kiln_error *error);
 /* gpu_buffer_create of GPU_DEVICE and gpu_upload of the whole in one. */
 int gpu_buffer_of(struct gpu *gpu, struct gpu_buffer *buffer, const void *data, size_t size, const char *what, struct kiln_error *error);
+
+/* Guarded buffers, to find accesses out of bounds and reads of what was never written. On a software device, whose memory is the
+ * process's, the environment variable KILN_VULKAN_GUARD=after makes every buffer end, to the byte, where 256 KiB begin that nobody may
+ * touch; KILN_VULKAN_GUARD=before makes it begin where such memory ends. A kernel, a copy or the host that does touch it ends the process
+ * with SIGSEGV, after a sentence on stderr: which kernel, whether it reads or writes, which byte of which buffer. What lies between a
+ * buffer's other end and its page is looked at when it is destroyed; has something been written there, the process ends with SIGABRT. The memory of
+ * destroyed buffers may not be touched either, until the gpu is destroyed. Buffers begin filled with 0xff: NaN as a float, as an
+ * index or address far from everything.
+ *
+ * Not seen: what goes wrong within a buffer, from one array to another. So whoever keeps more in a buffer than one array, or a buffer
+ * larger than what it is for, asks these. */
+bool gpu_guarded(const struct gpu *gpu);
+/* Where in the buffer to put `size` bytes, so that they end with it when ends are guarded; else 0. */
+size_t gpu_buffer_tail(const struct gpu *gpu, const struct gpu_buffer *buffer, size_t size);
+/* What the buffer holds is not needed any more: overwritten with 0xff when guarded. Nothing under way may use it. */
+void gpu_buffer_forget(const struct gpu *gpu, const struct gpu_buffer *buffer);
 
 /* A kernel: one shader's SPIR-V and the values of its specialisation constants 0 .. constant_count-1 (all 32 bits). Compute
  * shaders have their workgroup size in the code (local_size_x = 64) and are started with a number of threads. */

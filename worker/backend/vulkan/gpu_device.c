@@ -161,6 +161,8 @@ static int create_once(struct gpu **gpu, const struct gpu_choice *choice, struct
     status = gpu_instance_create(g, choice->validation, &g->instance, error);
     if (status == KILN_OK)
         status = choose(g, choice, error);
+    if (status == KILN_OK)
+        status = gpu_guard_create(g, error);
     if (status != KILN_OK)
         return status;
     choose_queue(g, &bits);
@@ -172,6 +174,8 @@ static int create_once(struct gpu **gpu, const struct gpu_choice *choice, struct
         status = gpu_layouts_create(g, error);
     if (status == KILN_OK)
         status = gpu_slots_create(g, error);
+    if (status == KILN_OK)
+        status = gpu_guard_start(g, error);
     if (status == KILN_OK)
         status = gpu_staging_create(g, error);
     return status;
@@ -210,6 +214,7 @@ void gpu_destroy(struct gpu **gpu)
         (void)vkDeviceWaitIdle(g->device);
     for (int i = 0; i < GPU_STAGING_PIECES; i++)
         gpu_buffer_destroy(g, &g->staging[i]);
+    gpu_guard_destroy(g);
     if (g->device != VK_NULL_HANDLE && !g->hangs) {
         gpu_slots_destroy(g);
         gpu_layouts_destroy(g);

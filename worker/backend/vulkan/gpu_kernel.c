@@ -230,6 +230,7 @@ void gpu_kernel_record(const struct gpu_kernel *kernel, VkCommandBuffer commands
     struct dispatch d;
     const VkPipelineLayout layout = kernel->tracing ? gpu->tracing_layout : gpu->compute_layout;
     assert(step->constant_bytes <= GPU_PUSH_BYTES && step->constant_bytes % 4 == 0);
+    gpu_guard_mark(gpu, commands, kernel->name);
     vkCmdBindPipeline(commands, kernel->tracing ? VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR : VK_PIPELINE_BIND_POINT_COMPUTE, kernel->pipeline);
     if (step->constant_bytes > 0)
         vkCmdPushConstants(commands, layout, kernel->tracing ? TRACING_STAGES : VK_SHADER_STAGE_COMPUTE_BIT, 0, (uint32_t)step->constant_bytes,

@@ -7,6 +7,7 @@
 struct gpu_buffer_memory {
     VkBuffer buffer;
     VkDeviceMemory memory;
+    struct gpu_guarded *guarded; /* NULL: it is not */
     uint64_t counted; /* bytes of the device's own memory */
 };
 
@@ -101,8 +102,8 @@ static int allocate_memory(struct gpu *gpu, struct gpu_buffer *b, enum gpu_memor
     if (status != KILN_OK)
         return status;
     const VkMemoryAllocateFlagsInfo flags = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_FLAGS_INFO, .flags = VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT};
-    const VkMemoryAllocateInfo info = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, .pNext = &flags, .allocationSize = needs.size,
-                                       .memoryTypeIndex = type};
+    const VkMemoryAllocateInfo info = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, .pNext = &flags,
+                                       .allocationSize = gpu_guard_memory_size(gpu, needs.size), .memoryTypeIndex = type};
     const VkResult result = GPU_TRY(gpu, vkAllocateMemory(gpu->device, &info, NULL, &b->memory->memory));
     if (result != VK_SUCCESS)
         return gpu_failure(gpu, result, error, "cannot allocate %.1f MiB for %s (the driver vouches for %.1f MiB in one piece)",
@@ -114,22 +115,27 @@ static int allocate_memory(struct gpu *gpu, struct gpu_buffer *b, enum gpu_memor
 
 static int bind_memory(struct gpu *gpu, struct gpu_buffer *b, enum gpu_memory memory, const char *what, struct kiln_error *error)
 {
-    VkResult result = GPU_TRY(gpu, vkBindBufferMemory(gpu->device, b->memory->buffer, b->memory->memory, 0));
-    if (result == VK_SUCCESS && memory == GPU_HOST)
+    const struct gpu_guarded *guarded = b->memory->guarded;
+    VkResult result = GPU_TRY(gpu, vkBindBufferMemory(gpu->device, b->memory->buffer, b->memory->memory, guarded != NULL ? guarded->offset : 0));
+    if (result == VK_SUCCESS && memory == GPU_HOST && guarded == NULL)
         result = GPU_TRY(gpu, vkMapMemory(gpu->device, b->memory->memory, 0, VK_WHOLE_SIZE, 0, &b->mapped));
     if (result != VK_SUCCESS)
         return gpu_failure(gpu, result, error, "cannot use the %zu bytes allocated for %s", b->size, what);
     const VkBufferDeviceAddressInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO, .buffer = b->memory->buffer};
-    b->address = vkGetBufferDeviceAddress(gpu->device, &info);
-    assert(b->address % 64 == 0);
+    b->address = vkGetBufferDeviceAddress(gpu->device, &info) + gpu_buffer_skip(b);
+    assert(b->address % 64 == 0 || guarded != NULL);
+    if (guarded != NULL && b->address != (uintptr_t)guarded->start)
+        return kiln_fail(error, KILN_NO_DEVICE, "%s does not reach memory by the process's own addresses: its buffers cannot be guarded", gpu->about.name);
+    if (guarded != NULL && memory == GPU_HOST)
+        b->mapped = guarded->start;
     gpu_name(gpu, VK_OBJECT_TYPE_BUFFER, (uint64_t)b->memory->buffer, what);
     return KILN_OK;
 }
 
 static int create_vk_buffer(struct gpu *gpu, struct gpu_buffer *b, const char *what, struct kiln_error *error)
 {
-    const VkBufferCreateInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO, .size = b->size, .usage = usage_of(gpu),
-                                     .sharingMode = VK_SHARING_MODE_EXCLUSIVE};
+    const VkBufferCreateInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO, .size = gpu_guard_buffer_size(gpu, b->size),
+                                     .usage = usage_of(gpu), .sharingMode = VK_SHARING_MODE_EXCLUSIVE};
     const VkResult result = GPU_TRY(gpu, vkCreateBuffer(gpu->device, &info, NULL, &b->memory->buffer));
     return result == VK_SUCCESS ? KILN_OK : gpu_failure(gpu, result, error, "cannot create a buffer of %zu bytes for %s", b->size, what);
 }
@@ -147,6 +153,8 @@ int gpu_buffer_create(struct gpu *gpu, struct gpu_buffer *buffer, size_t size, e
         status = create_vk_buffer(gpu, buffer, what, error);
     if (status == KILN_OK)
         status = allocate_memory(gpu, buffer, memory, what, error);
+    if (status == KILN_OK && gpu->guard != NULL)
+        status = gpu_guard_take(gpu, buffer->memory->memory, size, what, &buffer->memory->guarded, error);
     if (status == KILN_OK)
         status = bind_memory(gpu, buffer, memory, what, error);
     if (status == KILN_OK)
@@ -162,7 +170,10 @@ void gpu_buffer_destroy(struct gpu *gpu, struct gpu_buffer *buffer)
     if (m != NULL) {
         if (gpu_settle(gpu)) {
             vkDestroyBuffer(gpu->device, m->buffer, NULL);
-            vkFreeMemory(gpu->device, m->memory, NULL);
+            if (m->guarded != NULL)
+                gpu_guard_retire(m->guarded);
+            else
+                vkFreeMemory(gpu->device, m->memory, NULL);
         }
         gpu->memory_used -= m->counted;
         kiln_free(&buffer->memory);
@@ -175,6 +186,11 @@ VkBuffer gpu_vk_buffer(const struct gpu_buffer *buffer)
     return buffer->memory->buffer;
 }
 
+size_t gpu_buffer_skip(const struct gpu_buffer *buffer)
+{
+    return buffer->memory->guarded != NULL ? buffer->memory->guarded->skip : 0;
+}
+
 /* ---- to and from the device ---- */
 
 int gpu_staging_create(struct gpu *gpu, struct kiln_error *error)
@@ -185,14 +201,14 @@ int gpu_staging_create(struct gpu *gpu, struct kiln_error *error)
     return status;
 }
 
-static int submit_copy(struct gpu *gpu, struct gpu_slot *slot, VkBuffer from, size_t from_offset, VkBuffer to, size_t to_offset, size_t size,
-                       struct kiln_error *error)
+static int submit_copy(struct gpu *gpu, struct gpu_slot *slot, const struct gpu_buffer *from, size_t from_offset, const struct gpu_buffer *to,
+                       size_t to_offset, size_t size, struct kiln_error *error)
 {
-    const VkBufferCopy region = {.srcOffset = from_offset, .dstOffset = to_offset, .size = size};
+    const VkBufferCopy region = {.srcOffset = gpu_buffer_skip(from) + from_offset, .dstOffset = gpu_buffer_skip(to) + to_offset, .size = size};
     const int status = gpu_slot_begin(gpu, slot, error);
     if (status != KILN_OK)
         return status;
-    vkCmdCopyBuffer(slot->commands, from, to, 1, &region);
+    vkCmdCopyBuffer(slot->commands, from->memory->buffer, to->memory->buffer, 1, &region);
     return gpu_slot_end(gpu, slot, error);
 }
 
@@ -222,7 +238,7 @@ int gpu_upload(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, 
         if (status != KILN_OK)
             break;
         memcpy(gpu->staging[k].mapped, (const char *)data + at, n);
-        status = submit_copy(gpu, slot, gpu->staging[k].memory->buffer, 0, buffer->memory->buffer, offset + at, n, error);
+        status = submit_copy(gpu, slot, &gpu->staging[k], 0, buffer, offset + at, n, error);
     }
     return drain(gpu, status, error);
 }
@@ -236,8 +252,7 @@ int gpu_download(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset
     for (size_t i = 0; i <= pieces && status == KILN_OK && pieces > 0; i++) {
         const size_t k = i % GPU_STAGING_PIECES, at = i * GPU_STAGING_BYTES;
         if (i < pieces)
-            status = submit_copy(gpu, &gpu->slots[GPU_SLOTS + k], buffer->memory->buffer, offset + at, gpu->staging[k].memory->buffer, 0,
-                                 piece_size(size, at), error);
+            status = submit_copy(gpu, &gpu->slots[GPU_SLOTS + k], buffer, offset + at, &gpu->staging[k], 0, piece_size(size, at), error);
         if (i == 0 || status != KILN_OK)
             continue;
         const size_t last = (i - 1) % GPU_STAGING_PIECES;

@@ -59,6 +59,7 @@ struct gpu {
     VkPipelineLayout compute_layout, tracing_layout;
     struct gpu_slot slots[GPU_ALL_SLOTS]; /* the last ones are for staging */
     struct gpu_buffer staging[GPU_STAGING_PIECES];
+    struct gpu_guard *guard; /* NULL: buffers are not guarded */
     struct gpu_faults *faults;
     VkResult refusal; /* what the call that was just played a fault returns */
     bool lost, short_of_memory;
@@ -81,6 +82,7 @@ int gpu_failure(const struct gpu *gpu, VkResult result, struct kiln_error *error
 
 VkDevice gpu_vk_device(const struct gpu *gpu);
 VkBuffer gpu_vk_buffer(const struct gpu_buffer *buffer);
+size_t gpu_buffer_skip(const struct gpu_buffer *buffer); /* bytes of the VkBuffer before the buffer's first: 0 without guard */
 /* Records commands by calling back, runs them after all submissions so far and waits. A full barrier stands before and after. */
 typedef void (*gpu_record)(VkCommandBuffer commands, void *context);
 int gpu_run_commands(struct gpu *gpu, gpu_record record, void *context, double *seconds, struct kiln_error *error);
@@ -112,6 +114,33 @@ int gpu_slot_end(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *erro
 int gpu_slot_wait(struct gpu *gpu, struct gpu_slot *slot, double *seconds, struct kiln_error *error);
 /* gpu_memory.c */
 int gpu_staging_create(struct gpu *gpu, struct kiln_error *error);
+/* gpu_guard.c: buffers on memory whose surroundings nobody may touch, see gpu.h. Where nothing is said otherwise these do nothing without. */
+struct gpu_guarded {
+    struct gpu_guarded *next;
+    char what[64];
+    VkDeviceMemory memory;
+    unsigned char *begin, *end;   /* the pages that may be touched */
+    unsigned char *start;         /* the buffer */
+    size_t size;
+    size_t skip;                  /* bytes of the VkBuffer before it */
+    VkDeviceSize offset;          /* of the VkBuffer in its memory */
+    atomic_bool retired;
+};
+/* Reads KILN_VULKAN_GUARD; KILN_USAGE when it is not understood, KILN_NO_DEVICE for a real device. Before the VkDevice is made. */
+int gpu_guard_create(struct gpu *gpu, struct kiln_error *error);
+/* Once buffers can be made. */
+int gpu_guard_start(struct gpu *gpu, struct kiln_error *error);
+/* Gives back the memory of all buffers: after the last of them, before the VkDevice. */
+void gpu_guard_destroy(struct gpu *gpu);
+/* Bytes of the VkBuffer for a buffer, and of the memory for a VkBuffer that needs so much; the same without guard. */
+size_t gpu_guard_buffer_size(const struct gpu *gpu, size_t size);
+VkDeviceSize gpu_guard_memory_size(const struct gpu *gpu, VkDeviceSize needed);
+/* Guarded only. Takes over memory of gpu_guard_memory_size bytes: the guard frees it, unless this fails and `guarded` stays NULL. */
+int gpu_guard_take(struct gpu *gpu, VkDeviceMemory memory, size_t size, const char *what, struct gpu_guarded **guarded, struct kiln_error *error);
+/* The buffer is destroyed; its memory may not be touched from now on. */
+void gpu_guard_retire(struct gpu_guarded *guarded);
+/* From here on the device is busy with a kernel of this name, a string that stays; NULL: with no kernel. */
+void gpu_guard_mark(const struct gpu *gpu, VkCommandBuffer commands, const char *kernel);
 /* gpu_kernel.c */
 int gpu_layouts_create(struct gpu *gpu, struct kiln_error *error);
 void gpu_layouts_destroy(struct gpu *gpu);

@@ -86,6 +86,7 @@ int gpu_slot_begin(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *er
 
 int gpu_slot_end(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error)
 {
+    gpu_guard_mark(gpu, slot->commands, NULL);
     gpu_barrier(slot->commands);
     if (gpu->limits.timestampPeriod > 0.0f)
         vkCmdWriteTimestamp(slot->commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, slot->queries, 1);
@@ -146,8 +147,10 @@ static void record_step(const struct gpu *gpu, VkCommandBuffer commands, const s
         gpu_kernel_record(step->kernel, commands, step, gpu);
         return;
     }
-    const VkBufferCopy region = {.srcOffset = step->from_offset, .dstOffset = step->to_offset, .size = step->size};
+    const VkBufferCopy region = {.srcOffset = gpu_buffer_skip(step->from) + step->from_offset,
+                                 .dstOffset = gpu_buffer_skip(step->to) + step->to_offset, .size = step->size};
     assert(step->from_offset + step->size <= step->from->size && step->to_offset + step->size <= step->to->size);
+    gpu_guard_mark(gpu, commands, NULL);
     vkCmdCopyBuffer(commands, gpu_vk_buffer(step->from), gpu_vk_buffer(step->to), 1, &region);
 }
 
