@@ -9,7 +9,7 @@ _Static_assert((int)KILN_GPU_ALPHA_MASK == (int)KILN_ALPHA_MASK && (int)KILN_GPU
                    (int)KILN_GPU_WRAP_MIRROR == (int)KILN_WRAP_MIRROR && KILN_GPU_NONE == KILN_NONE,
                "shaders and C disagree on a constant");
 
-static const uint64_t texel_buffer_bytes = (uint64_t)1 << 30; /* every device allows as much in one allocation */
+static const uint64_t most_texel_bytes = (uint64_t)1 << 30; /* of a buffer: every device allows as much in one allocation */
 
 /* What is made on the host before it is uploaded. */
 struct staging {
@@ -155,11 +155,12 @@ static uint64_t texture_bytes(const struct kiln_texture *t) { return 4 * (uint64
 static size_t run_of_textures(const struct staging *s, size_t first, uint64_t *bytes)
 {
     const struct kiln_scene *scene = s->params->scene;
+    const uint64_t most = gpu_guarded(s->gpu) ? 1 : most_texel_bytes; /* 1: each in a buffer of its own */
     size_t i = first;
     *bytes = 0;
     for (; i < scene->texture_count; i++) {
         const uint64_t own = s->wanted[i] ? texture_bytes(&scene->textures[i]) : 0;
-        if (*bytes != 0 && own != 0 && *bytes + own > texel_buffer_bytes)
+        if (*bytes != 0 && own != 0 && *bytes + own > most)
             break;
         *bytes += own;
     }

@@ -39,7 +39,7 @@ struct run {
 static int grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory, const char *what,
                        struct kiln_error *error)
 {
-    if (buffer->size >= size)
+    if (gpu_guarded(b->gpu) ? buffer->size == size : buffer->size >= size)
         return KILN_OK;
     gpu_buffer_destroy(b->gpu, buffer);
     return gpu_buffer_create(b->gpu, buffer, size, memory, what, error);
@@ -118,11 +118,15 @@ static void take_fragments(struct run *r, const struct vulkan_block *block, uint
 
 static void describe(const struct run *r, const struct vulkan_block *block, const struct flight *flight, struct vulkan_chunk *chunk)
 {
+    const struct gpu *gpu = r->b->gpu;
     const struct vulkan_slot *slot = &r->b->slots[r->slot];
+    const uint64_t results = slot->answers.address + gpu_buffer_tail(gpu, &slot->answers, flight->total * (size_t)ANSWER_BYTES);
     const uint64_t first = r->b->surface->fragments[flight->fragment_first].first - r->b->surface->first - block->first;
-    *chunk = (struct vulkan_chunk){.scratch = slot->scratch.address,
-                                   .results = slot->answers.address,
-                                   .words = slot->answers.address + (uint64_t)flight->total * sizeof(struct kiln_gpu_result)};
+    *chunk = (struct vulkan_chunk){.scratch = slot->scratch.address + gpu_buffer_tail(gpu, &slot->scratch, flight->total * r->pass->scratch_bytes),
+                                   .results = results,
+                                   .words = results + (uint64_t)flight->total * sizeof(struct kiln_gpu_result)};
+    gpu_buffer_forget(gpu, &slot->scratch);
+    gpu_buffer_forget(gpu, &slot->answers);
     chunk->all = (struct kiln_gpu_chunk){.points = block->points.address,
                                          .parts = block->parts.address,
                                          .states = block->states.address,
@@ -186,7 +190,7 @@ static int submit_portion(struct run *r, struct vulkan_chunk *chunk, struct flig
     if (status != KILN_OK)
         return status;
     if (chunk->last)
-        recording.steps[recording.count++] = (struct gpu_step){.from = &slot->answers, .to = &slot->host,
+        recording.steps[recording.count++] = (struct gpu_step){.from = &slot->answers, .to = &slot->host, .from_offset = chunk->results - slot->answers.address,
                                                                .size = flight->total * (r->pass->wants_words ? (size_t)ANSWER_BYTES : sizeof(struct kiln_gpu_result))};
     flight->work = r->pass->work * (double)flight->total * (double)chunk->row_count;
     return gpu_submit(r->b->gpu, r->slot, recording.steps, recording.count, error);

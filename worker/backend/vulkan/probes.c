@@ -89,7 +89,8 @@ static int run_rows(struct probes_run *r, uint32_t rows, struct kiln_error *erro
 {
     const struct probes_push *p = &r->push;
     struct gpu_pacer *pacer = &r->b->pacers[VULKAN_PACE_PROBES];
-    const struct reduce_push reduce = {.scene = p->scene, .slices = p->slices, .results = r->results.address, .count = p->count, .slice_count = p->slice_count};
+    const uint64_t results = r->results.address + gpu_buffer_tail(r->b->gpu, &r->results, (size_t)p->count * SLICE_BYTES);
+    const struct reduce_push reduce = {.scene = p->scene, .slices = p->slices, .results = results, .count = p->count, .slice_count = p->slice_count};
     const struct gpu_step steps[] = {
         {.kernel = r->trace, .threads_x = p->count, .threads_y = rows, .constants = p, .constant_bytes = sizeof *p},
         {.kernel = r->reduce, .threads_x = p->count, .threads_y = KILN_GPU_PROBE_FLOATS, .constants = &reduce, .constant_bytes = sizeof reduce},
@@ -116,9 +117,12 @@ static void size_chunk(const struct probes_run *r, size_t left, uint32_t *probes
 static int run_chunk(struct probes_run *r, const struct kiln_vec3 *positions, uint32_t count, uint32_t rows, struct kiln_error *error)
 {
     r->push.count = count;
-    r->push.positions = r->positions.address;
-    r->push.slices = r->slices.address;
-    memcpy(r->positions.mapped, positions, count * sizeof *positions);
+    const struct gpu *gpu = r->b->gpu;
+    const size_t place = gpu_buffer_tail(gpu, &r->positions, count * sizeof *positions);
+    r->push.positions = r->positions.address + place;
+    r->push.slices = r->slices.address + gpu_buffer_tail(gpu, &r->slices, (size_t)count * r->push.slice_count * SLICE_BYTES);
+    gpu_buffer_forget(gpu, &r->slices);
+    memcpy((char *)r->positions.mapped + place, positions, count * sizeof *positions);
     int status = KILN_OK;
     for (uint32_t first = 0; first < r->push.slice_count && status == KILN_OK; first += rows) {
         r->push.slice_first = first;
@@ -129,7 +133,7 @@ static int run_chunk(struct probes_run *r, const struct kiln_vec3 *positions, ui
 
 static int take_answers(const struct probes_run *r, uint32_t count, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
 {
-    const float *answers = r->results.mapped;
+    const float *answers = (const float *)r->results.mapped + gpu_buffer_tail(r->b->gpu, &r->results, (size_t)count * SLICE_BYTES) / sizeof *answers;
     for (size_t i = 0; i < count; i++, answers += KILN_GPU_PROBE_FLOATS) {
         memcpy(&results[i], answers, sizeof *results);
         if (results[i].mean_distance < 0.0f) /* see vulkan_run_pass */

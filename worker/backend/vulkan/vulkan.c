@@ -304,9 +304,10 @@ static int vulkan_set_radiosity(struct kiln_backend *backend, const uint64_t *ra
 
 int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error)
 {
-    if (b->sobol_count >= count)
+    const bool exact = gpu_guarded(b->gpu);
+    if (exact ? b->sobol_count == count : b->sobol_count >= count)
         return KILN_OK;
-    const uint32_t room = count < 1024 ? 1024 : count;
+    const uint32_t room = count < 1024 && !exact ? 1024 : count;
     uint32_t *table = NULL;
     gpu_buffer_destroy(b->gpu, &b->sobol);
     b->sobol_count = 0;
