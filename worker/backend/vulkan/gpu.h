@@ -52,7 +52,8 @@ struct gpu_choice {
     double slice_seconds; /* what one dispatch may take; 0: 0.1 */
     uint64_t memory_limit; /* bytes; 0: what the device's budget allows (VK_EXT_memory_budget, else 80 % of the heap) */
     /* The validation layer, whose warnings and errors are printed and counted (gpu_messages). The environment variable
-     * KILN_VULKAN_VALIDATION=1 turns it on too, =gpu also looks into shaders (GPU-assisted validation). */
+     * KILN_VULKAN_VALIDATION=1 turns it on too, =gpu also looks into shaders (GPU-assisted validation; of no use on software devices:
+     * see guarded buffers below). */
     bool validation;
     struct gpu_faults *faults; /* borrowed; NULL: none */
 };
