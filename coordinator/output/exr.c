@@ -1,4 +1,4 @@
-#include "coordinator/output/exr.h"
+#include "coordinator/output/exr_private.h"
 
 #include <math.h>
 #include <omp.h>
@@ -6,23 +6,20 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <openexr.h>
-
 #include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
 
 /* Level 4 packs lightmaps within a few per cent of the default level in half its time. */
 enum { ZIP_LEVEL = 4 };
 
-/* The library would print to stderr; what it says becomes our sentence instead. */
-static void stay_silent(exr_const_context_t context, exr_result_t code, const char *message)
+void exr_stay_silent(exr_const_context_t context, exr_result_t code, const char *message)
 {
     (void)context;
     (void)code;
     (void)message;
 }
 
-static int exr_failed(int status, const char *path, const char *act, exr_result_t code, struct kiln_error *error)
+int exr_failed(int status, const char *path, const char *act, exr_result_t code, struct kiln_error *error)
 {
     return kiln_fail(error, code == EXR_ERR_OUT_OF_MEMORY ? KILN_SYSTEM : status, "'%s' cannot be %s as OpenEXR: %s", path, act,
                      exr_get_default_error_message(code));
@@ -30,17 +27,10 @@ static int exr_failed(int status, const char *path, const char *act, exr_result_
 
 /* ---- writing ---- */
 
-struct output_stream {
-    int descriptor;
-    const char *path;
-    struct kiln_error *error;
-    int status;
-};
-
-static int64_t write_stream(exr_const_context_t context, void *user, const void *buffer, uint64_t size, uint64_t offset,
-                            exr_stream_error_func_ptr_t report)
+int64_t exr_write_stream(exr_const_context_t context, void *user, const void *buffer, uint64_t size, uint64_t offset,
+                         exr_stream_error_func_ptr_t report)
 {
-    struct output_stream *stream = user;
+    struct exr_output_stream *stream = user;
     (void)context;
     (void)report;
     if (stream->status == KILN_OK)
@@ -48,8 +38,8 @@ static int64_t write_stream(exr_const_context_t context, void *user, const void 
     return stream->status == KILN_OK ? (int64_t)size : -1;
 }
 
-static exr_result_t declare(exr_context_t file, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
-                            size_t attribute_count)
+exr_result_t exr_declare(exr_context_t file, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
+                         size_t attribute_count)
 {
     int part = 0;
     exr_result_t code = exr_add_part(file, NULL, EXR_STORAGE_SCANLINE, &part);
@@ -90,14 +80,6 @@ static exr_result_t fill_encoder(exr_encode_pipeline_t *encoder, const struct ki
     return EXR_ERR_SUCCESS;
 }
 
-/* Packs a chunk; `write` is the library's writing of it, for when its turn has come. */
-struct packer {
-    exr_encode_pipeline_t encoder;
-    exr_result_t (*write)(exr_encode_pipeline_t *encoder);
-    exr_result_t code;
-    bool started;
-};
-
 /* A chunk that packs to just its own size is written as it is: readers take a chunk of that size for one that was not packed, and the
  * library leaves only larger ones unpacked (OpenEXR 3.1). */
 static void keep_ambiguous_chunk_unpacked(exr_encode_pipeline_t *encoder)
@@ -106,7 +88,7 @@ static void keep_ambiguous_chunk_unpacked(exr_encode_pipeline_t *encoder)
         memcpy(encoder->compressed_buffer, encoder->packed_buffer, encoder->packed_bytes);
 }
 
-static exr_result_t pack_chunk(struct packer *p, exr_context_t file, const struct kiln_image *image, uint32_t y)
+exr_result_t exr_pack_chunk(struct exr_packer *p, exr_context_t file, const struct kiln_image *image, uint32_t y)
 {
     exr_chunk_info_t chunk;
     exr_result_t code = exr_write_scanline_chunk_info(file, 0, (int)y, &chunk);
@@ -129,12 +111,12 @@ static exr_result_t pack_chunk(struct packer *p, exr_context_t file, const struc
 }
 
 /* Packs `count` chunks from row y on, one a packer, and writes them in order: the library takes them in no other. */
-static exr_result_t write_some(struct packer *packers, uint32_t count, exr_context_t file, const struct kiln_image *image, uint32_t y,
+static exr_result_t write_some(struct exr_packer *packers, uint32_t count, exr_context_t file, const struct kiln_image *image, uint32_t y,
                                uint32_t step, int32_t *written)
 {
 #pragma omp parallel for schedule(dynamic, 1)
     for (uint32_t i = 0; i < count; i++)
-        packers[i].code = pack_chunk(&packers[i], file, image, y + i * step);
+        packers[i].code = exr_pack_chunk(&packers[i], file, image, y + i * step);
     for (uint32_t i = 0; i < count; i++) {
         const exr_result_t code = packers[i].code == EXR_ERR_SUCCESS ? packers[i].write(&packers[i].encoder) : packers[i].code;
         if (code != EXR_ERR_SUCCESS)
@@ -151,11 +133,11 @@ static exr_result_t write_chunks(exr_context_t file, const struct kiln_image *im
     exr_result_t code = exr_get_scanlines_per_chunk(file, 0, &lines);
     const uint32_t step = (uint32_t)lines, chunks = (image->height + step - 1) / step, wanted = 4 * (uint32_t)omp_get_max_threads();
     const uint32_t count = chunks < wanted ? chunks : wanted;
-    struct packer *packers = NULL;
+    struct exr_packer *packers = NULL;
     if (kiln_allocate(&packers, count, sizeof *packers, "chunks", NULL) != KILN_OK)
         return EXR_ERR_OUT_OF_MEMORY;
     for (uint32_t i = 0; i < count; i++)
-        packers[i] = (struct packer){.encoder = EXR_ENCODE_PIPELINE_INITIALIZER};
+        packers[i] = EXR_PACKER;
     for (uint32_t c = 0; code == EXR_ERR_SUCCESS && c < chunks; c += count)
         code = write_some(packers, chunks - c < count ? chunks - c : count, file, image, c * step, step, written);
     for (uint32_t i = 0; i < count; i++) {
@@ -166,19 +148,19 @@ static exr_result_t write_chunks(exr_context_t file, const struct kiln_image *im
     return code;
 }
 
-static int write_file(struct output_stream *stream, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
+static int write_file(struct exr_output_stream *stream, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
                       size_t attribute_count)
 {
     exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
-    setup.error_handler_fn = stay_silent;
+    setup.error_handler_fn = exr_stay_silent;
     setup.user_data = stream;
-    setup.write_fn = write_stream;
+    setup.write_fn = exr_write_stream;
     exr_context_t file = NULL;
     int32_t written = 0, expected = 0;
     exr_result_t code = exr_start_write(&file, stream->path, EXR_WRITE_FILE_DIRECTLY, &setup);
     if (code != EXR_ERR_SUCCESS)
         return exr_failed(KILN_CANNOT_CREATE, stream->path, "started", code, stream->error);
-    code = declare(file, image, attributes, attribute_count);
+    code = exr_declare(file, image, attributes, attribute_count);
     if (code == EXR_ERR_SUCCESS)
         code = exr_get_chunk_count(file, 0, &expected);
     if (code == EXR_ERR_SUCCESS)
@@ -204,8 +186,7 @@ static bool same_value(float expected, float found, bool half)
     return fabsf(expected - found) <= fabsf(expected) * 0x1p-11f + 0x1p-25f || expected == found;
 }
 
-/* How many values from the first one on are the same. */
-static size_t count_same(const struct kiln_image_channel *mine, const struct kiln_image_channel *theirs, size_t count)
+size_t exr_count_same(const struct kiln_image_channel *mine, const struct kiln_image_channel *theirs, size_t count)
 {
     size_t same = count;
 #pragma omp parallel for schedule(static) reduction(min : same)
@@ -226,7 +207,7 @@ static int read_back(const char *path, const struct kiln_image *image, struct ki
     const size_t pixels = (size_t)image->width * image->height;
     for (size_t c = 0; status == KILN_OK && c < image->channel_count; c++) {
         const struct kiln_image_channel *mine = &image->channels[c], *theirs = &found->channels[c];
-        const size_t same = strcmp(mine->name, theirs->name) == 0 ? count_same(mine, theirs, pixels) : 0;
+        const size_t same = strcmp(mine->name, theirs->name) == 0 ? exr_count_same(mine, theirs, pixels) : 0;
         if (same < pixels)
             status = kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: channel %s, pixel %zu", path, mine->name, same);
     }
@@ -245,19 +226,24 @@ static int check_halves(const char *path, const struct kiln_image *image, struct
     return KILN_OK;
 }
 
-int kiln_exr_write(const char *path, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
-                   size_t attribute_count, struct kiln_error *error)
+int exr_check_image(const char *path, const struct kiln_image *image, struct kiln_error *error)
 {
     if (image->width == 0 || image->height == 0 || image->width > INT32_MAX / sizeof(float) || image->height > INT32_MAX)
         return kiln_fail(error, KILN_CANNOT_CREATE, "'%s': %u x %u pixels is not a size that OpenEXR holds", path, image->width,
                          image->height);
-    int status = check_halves(path, image, error);
+    return check_halves(path, image, error);
+}
+
+int kiln_exr_write(const char *path, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
+                   size_t attribute_count, struct kiln_error *error)
+{
+    int status = exr_check_image(path, image, error);
     char temporary[KILN_PATH_SIZE];
     if (status == KILN_OK)
         status = kiln_publish_name(temporary, path, error);
     if (status != KILN_OK)
         return status;
-    struct output_stream stream = {.path = temporary, .error = error};
+    struct exr_output_stream stream = {.path = temporary, .error = error};
     if ((status = kiln_publish_open(temporary, &stream.descriptor, error)) != KILN_OK)
         return status;
     status = write_file(&stream, image, attributes, attribute_count);
@@ -362,8 +348,8 @@ static exr_result_t read_chunk(exr_decode_pipeline_t *decoder, bool *started, ex
     return code == EXR_ERR_SUCCESS ? exr_decoding_run(file, 0, decoder) : code;
 }
 
-/* Shared by the threads. Returns the first chunk's failure, so that it is the same every time. */
-static exr_result_t read_chunks(exr_const_context_t file, int32_t top, const struct kiln_image *image)
+/* Returns the first chunk's failure, so that it is the same every time. */
+exr_result_t exr_read_chunks(exr_const_context_t file, int32_t top, const struct kiln_image *image)
 {
     int32_t lines = 1;
     exr_result_t failure = exr_get_scanlines_per_chunk(file, 0, &lines);
@@ -414,7 +400,7 @@ static int read_part(exr_const_context_t file, const char *path, const char *con
         status = kiln_image_create(image, (uint32_t)width, (uint32_t)height, names, count, error);
     if (status == KILN_OK)
         note_halves(file, *image);
-    if (status == KILN_OK && (code = read_chunks(file, window.min.y, *image)) != EXR_ERR_SUCCESS) {
+    if (status == KILN_OK && (code = exr_read_chunks(file, window.min.y, *image)) != EXR_ERR_SUCCESS) {
         status = exr_failed(KILN_BAD_INPUT, path, "read", code, error);
         kiln_image_destroy(image);
     }
@@ -429,7 +415,7 @@ int kiln_exr_read(const char *path, const char *const *wanted, size_t wanted_cou
     if (access(path, R_OK) != 0)
         return kiln_fail_errno(error, 0, "'%s' cannot be opened", path);
     exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
-    setup.error_handler_fn = stay_silent;
+    setup.error_handler_fn = exr_stay_silent;
     setup.flags = EXR_CONTEXT_FLAG_DISABLE_CHUNK_RECONSTRUCTION;
     exr_context_t file = NULL;
     const exr_result_t code = exr_start_read(&file, path, &setup);

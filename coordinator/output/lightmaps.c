@@ -6,12 +6,12 @@
 
 #include "coordinator/cli/agree.h"
 #include "coordinator/output/exchange.h"
-#include "coordinator/output/exr.h"
 #include "coordinator/output/map.h"
 #include "coordinator/output/output.h"
 #include "coordinator/output/provenance.h"
 #include "coordinator/output/publish.h"
 #include "coordinator/output/seams.h"
+#include "coordinator/output/strip_exchange.h"
 #include "coordinator/output/chart_graph.h"
 #include "worker/base/memory.h"
 
@@ -24,6 +24,7 @@ struct writer {
     struct kiln_lightmap_report *reports; /* own objects' are filled in */
     struct kiln_map **maps;               /* one an object; those of this rank and round exist */
     const char *folder;
+    uint32_t ranks;
     int64_t seed;
     bool has_seed;
 };
@@ -88,7 +89,29 @@ static double density_of(const struct kiln_map *map)
     return area > 0.0 ? sqrt(texels / area) : 0.0;
 }
 
-static int write_image(const struct writer *w, uint32_t object, struct kiln_image *image, double density, struct kiln_error *error)
+enum { ATTRIBUTES = 14 };
+
+/* What an object's file is called, and says besides its values. */
+struct file_words {
+    char path[KILN_PATH_SIZE], seed[32];
+    struct kiln_exr_attribute attributes[ATTRIBUTES];
+    size_t count;
+};
+
+static int name_file(const struct writer *w, uint32_t object, struct file_words *words, struct kiln_error *error)
+{
+    char name[KILN_PATH_SIZE];
+    const int length = snprintf(name, sizeof name, "%s.exr", kiln_scene_string(w->result->scene, w->result->scene->objects[object].name));
+    if (length <= 0 || length >= KILN_PATH_SIZE)
+        return kiln_fail(error, KILN_CANNOT_CREATE, "object %u has too long a name for a file", object);
+    return kiln_path_join(words->path, w->folder, name, error);
+}
+
+static int integer_of(uint64_t number) { return (int)(number > INT32_MAX ? INT32_MAX : number); }
+
+/* Chooses the precision of the image's channels, too. */
+static int describe_file(const struct writer *w, uint32_t object, struct kiln_image *image, double density, struct file_words *words,
+                         struct kiln_error *error)
 {
     const struct kiln_scene *scene = w->result->scene;
     const struct kiln_object *o = &scene->objects[object];
@@ -98,10 +121,10 @@ static int write_image(const struct writer *w, uint32_t object, struct kiln_imag
         image->channels[c].half = true;
     const struct kiln_lightmap_report *report = &w->reports[object];
     const double asked = (double)scene->header->texels_per_metre;
-    char seed[32] = "";
+    words->seed[0] = '\0';
     if (w->has_seed)
-        (void)snprintf(seed, sizeof seed, "%lld", (long long)w->seed);
-    const struct kiln_exr_attribute attributes[] = {
+        (void)snprintf(words->seed, sizeof words->seed, "%lld", (long long)w->seed);
+    const struct kiln_exr_attribute attributes[ATTRIBUTES] = {
         {.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
         {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = "irradiance about the shading normal; R G B = direct + indirect"},
         {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = "W m-2"},
@@ -113,21 +136,14 @@ static int write_image(const struct writer *w, uint32_t object, struct kiln_imag
         {.name = "kiln:precision", .kind = KILN_EXR_STRING, .text = precision},
         {.name = "kiln:texelsPerMetre", .kind = KILN_EXR_FLOAT, .number = (float)density},
         {.name = "kiln:capped", .kind = KILN_EXR_INTEGER, .integer = asked > 0.0 && density > 0.0 && density < 0.9 * asked},
-        {.name = "kiln:validTexels", .kind = KILN_EXR_INTEGER, .integer = (int32_t)(report->valid > INT32_MAX ? INT32_MAX : report->valid)},
-        {.name = "kiln:filledTexels", .kind = KILN_EXR_INTEGER, .integer = (int32_t)(report->filled > INT32_MAX ? INT32_MAX : report->filled)},
+        {.name = "kiln:validTexels", .kind = KILN_EXR_INTEGER, .integer = integer_of(report->valid)},
+        {.name = "kiln:filledTexels", .kind = KILN_EXR_INTEGER, .integer = integer_of(report->filled)},
         {.name = "kiln:seams", .kind = KILN_EXR_STRING, .text = w->params->stitch ? "smoothed" : "as gathered"},
-        {.name = "kiln:seed", .kind = KILN_EXR_STRING, .text = seed}, /* last: left out when it is not known */
+        {.name = "kiln:seed", .kind = KILN_EXR_STRING, .text = words->seed}, /* last: left out when it is not known */
     };
-    char name[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
-    const int length = snprintf(name, sizeof name, "%s.exr", kiln_scene_string(scene, o->name));
-    int status = length > 0 && length < KILN_PATH_SIZE
-                     ? KILN_OK
-                     : kiln_fail(error, KILN_CANNOT_CREATE, "object %u has too long a name for a file", object);
-    if (status == KILN_OK)
-        status = kiln_path_join(path, w->folder, name, error);
-    if (status == KILN_OK)
-        status = kiln_exr_write(path, image, attributes, sizeof attributes / sizeof *attributes - !w->has_seed, error);
-    return status;
+    memcpy(words->attributes, attributes, sizeof attributes);
+    words->count = w->has_seed ? ATTRIBUTES : ATTRIBUTES - 1;
+    return name_file(w, object, words, error);
 }
 
 static void chart_texels(struct kiln_map *map, const struct kiln_chart_graph *graph)
@@ -184,17 +200,65 @@ static int complete_map(const struct writer *w, uint32_t object, struct kiln_err
     return status;
 }
 
-static int write_object(const struct writer *w, uint32_t object, struct kiln_error *error)
+/* The object's image, and what goes with it; its map is gone then. */
+static int finish_object(const struct writer *w, uint32_t object, struct kiln_image **image, struct file_words *words, struct kiln_error *error)
 {
-    struct kiln_image *image = NULL;
     int status = complete_map(w, object, error);
     const double density = density_of(w->maps[object]);
     if (status == KILN_OK)
-        status = make_image(w->maps[object], w->params->error_map, &image, error);
+        status = make_image(w->maps[object], w->params->error_map, image, error);
     kiln_map_destroy(&w->maps[object]);
+    return status == KILN_OK ? describe_file(w, object, *image, density, words, error) : status;
+}
+
+static int write_object(const struct writer *w, uint32_t object, struct kiln_error *error)
+{
+    struct kiln_image *image = NULL;
+    struct file_words words;
+    int status = finish_object(w, object, &image, &words, error);
     if (status == KILN_OK)
-        status = write_image(w, object, image, density, error);
+        status = kiln_exr_write(words.path, image, words.attributes, words.count, error);
     kiln_image_destroy(&image);
+    return status;
+}
+
+/* ---- objects packed by all ranks ---- */
+
+/* The rank's own divided objects of a round: images, and files that were begun. */
+struct large {
+    struct kiln_strip_source *sources;
+    struct kiln_image **images;
+    struct kiln_exr_file **files;
+    size_t count;
+};
+
+static void destroy_large(struct large *large)
+{
+    for (size_t i = 0; i < large->count; i++) {
+        kiln_exr_file_destroy(&large->files[i]);
+        kiln_image_destroy(&large->images[i]);
+    }
+    kiln_free(&large->sources);
+    kiln_free(&large->images);
+    kiln_free(&large->files);
+}
+
+/* One object after the other, each with all threads. */
+static int begin_large(const struct writer *w, const uint32_t *objects, size_t count, struct large *large, struct kiln_error *error)
+{
+    int status = kiln_allocate(&large->sources, count, sizeof *large->sources, "large lightmaps", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&large->images, count, sizeof(struct kiln_image *), "large lightmaps", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&large->files, count, sizeof(struct kiln_exr_file *), "large lightmaps", error);
+    for (size_t i = 0; status == KILN_OK && i < count; i++) {
+        struct file_words words;
+        large->count = i + 1;
+        status = finish_object(w, objects[i], &large->images[i], &words, error);
+        if (status == KILN_OK)
+            status = kiln_exr_file_create(&large->files[i], words.path, large->images[i], words.attributes, words.count, error);
+        large->sources[i] = (struct kiln_strip_source){.object = objects[i], .image = large->images[i], .file = large->files[i]};
+    }
     return status;
 }
 
@@ -279,6 +343,44 @@ static int write_round(const struct writer *w, const uint32_t *own, size_t count
     return status;
 }
 
+/* Own objects of the round that all ranks pack go to the front of `own`, in their order. Returns how many. */
+static size_t sort_large(const struct kiln_strip_deal *strips, uint32_t *own, size_t count)
+{
+    size_t large = 0;
+    for (size_t i = 0; i < count; i++) {
+        const uint32_t object = own[i];
+        if (!kiln_strip_deal_has(strips, object))
+            continue;
+        memmove(own + large + 1, own + large, (i - large) * sizeof *own);
+        own[large++] = object;
+    }
+    return large;
+}
+
+/* Collective. The objects whose points are here: small ones each rank for itself, then large ones all together. */
+static int write_together(const struct writer *w, const struct kiln_deal *deal, uint32_t round, uint32_t *own, size_t count,
+                          struct kiln_error *error)
+{
+    const MPI_Comm comm = w->result->communicator;
+    const struct kiln_lightmap *lightmaps = w->result->surface->lightmaps;
+    struct kiln_strip_deal *strips = NULL;
+    struct large large = {0};
+    const uint64_t least = w->params->least_divided > 0 ? w->params->least_divided : KILN_STRIPS_LEAST;
+    int status = kiln_strip_deal_create(&strips, lightmaps, deal, round, w->ranks, least, error);
+    if (status == KILN_OK) {
+        const size_t first_small = sort_large(strips, own, count);
+        status = write_round(w, own + first_small, count - first_small, error);
+        if (status == KILN_OK)
+            status = begin_large(w, own, first_small, &large, error);
+    }
+    status = kiln_agree(comm, status, error);
+    if (status == KILN_OK)
+        status = kiln_strips_write(comm, strips, lightmaps, large.sources, large.count, error);
+    destroy_large(&large);
+    kiln_strip_deal_destroy(&strips);
+    return status;
+}
+
 static int write_rounds(struct writer *w, const struct kiln_deal *deal, uint32_t rank, struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
@@ -294,7 +396,7 @@ static int write_rounds(struct writer *w, const struct kiln_deal *deal, uint32_t
         if (status == KILN_OK)
             status = kiln_exchange_round(exchange, round, put_point, w, error);
         if (status == KILN_OK)
-            status = kiln_agree(comm, write_round(w, own, count, error), error);
+            status = write_together(w, deal, round, own, count, error);
     }
     kiln_free(&own);
     kiln_exchange_destroy(&exchange);
@@ -330,6 +432,7 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS || MPI_Comm_size(result->communicator, &ranks) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
     w.folder = folder;
+    w.ranks = (uint32_t)ranks;
     w.has_seed = kiln_provenance_seed(params->provenance_json, &w.seed);
     int status = kiln_path_join(folder, params->directory, "lightmaps", error);
     if (status == KILN_OK && rank == 0)

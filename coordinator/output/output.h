@@ -11,6 +11,7 @@
 struct kiln_output_params {
     const char *directory;
     bool half, stitch, error_map;
+    uint64_t least_divided; /* texels of a lightmap that several ranks may pack; 0: KILN_STRIPS_LEAST */
     const char *provenance_json; /* what ran, as one JSON object: kept as an attribute of the HDF5 files; no time stamps */
 };
 
@@ -24,7 +25,8 @@ struct kiln_lightmap_report {
 /* DIR/lightmaps/OBJECT.exr for every object. Channels R G B = direct + indirect; layers direct.R.. and indirect.R.., error.Y when
  * error_map is set, coverage.Y (share of the texel's square that the layout covers; half) and validity.Y (1 gathered, 0.5 on a
  * surface but filled from neighbours, 0 margin; half). Invalid points are filled, chart seams of an object smoothed, margins
- * dilated over the whole image. Which rank writes an object does not change a byte. With `half` a file whose values would leave
+ * dilated over the whole image. Which rank writes an object, and which ones pack it, does not change a byte: one that is large
+ * beside what other ranks have to write is packed by several (strips.h). With `half` a file whose values would leave
  * half precision is written as float, and its attribute kiln:precision says why. `reports` has scene->object_count entries or is
  * NULL; if it is given on one rank it is given on all. */
 int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,

@@ -118,7 +118,7 @@ static inline void synthetic_point(struct synthetic *s, uint32_t o, uint32_t x, 
 static inline void synthetic_surface(struct synthetic *s)
 {
     struct kiln_surface *f = &s->surface;
-    enum { ROOM = 1 << 16 };
+    enum { ROOM = 1 << 17 };
     (void)kiln_allocate(&f->tiles, ROOM / 64, sizeof *f->tiles, "tiles", NULL);
     (void)kiln_allocate(&f->lightmaps, 2, sizeof *f->lightmaps, "lightmaps", NULL);
     (void)kiln_allocate(&f->fragments, ROOM / 64, sizeof *f->fragments, "fragments", NULL);

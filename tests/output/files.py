@@ -158,12 +158,31 @@ def check_volume(folder):
     assert run.returncode == 64
 
 
+def check_divided(folder):
+    """Lightmaps that all ranks pack: the same bytes on any number of ranks; a packer that fails ends all ranks, with its sentence."""
+    made = [os.path.join(folder, str(n)) for n in (1, 2, 3, 5)]
+    for one in made:
+        write(one, int(os.path.basename(one)), "divided")
+    reference = digests(made[0])
+    for one in made[1:]:
+        other = digests(one)
+        assert other == reference, [n for n in reference if other.get(n) != reference[n]]
+    failing = os.path.join(folder, "failing")
+    os.makedirs(failing)
+    run = subprocess.run([MPIEXEC, "-n", "3", WRITER, failing, "divided"], capture_output=True, text=True, timeout=60,
+                         env={**os.environ, "KILN_FAILING_PACKER": "2"})
+    assert run.returncode == 71, run
+    assert all("rank %d: 71: KILN_FAILING_PACKER" % r in run.stderr for r in range(3)), run.stderr
+    assert os.listdir(os.path.join(failing, "lightmaps")) in (["second.exr"], []), os.listdir(os.path.join(failing, "lightmaps"))
+
+
 def check_full_disk(folder):
     """On file systems too small for the lightmaps, and for the rest: exit 74 and a sentence, nothing half under its name."""
-    command = 'mount -t tmpfs -o size="$1" tmpfs "$2" || exit 99; "$3" -n 2 "$4" "$2"; code=$?; find "$2" -type f; exit $code'
+    command = 'mount -t tmpfs -o size="$1" tmpfs "$2" || exit 99; "$3" -n "$5" "$4" "$2" $6; code=$?; find "$2" -type f; exit $code'
     os.makedirs(folder)
-    for size, published in (("60k", set()), ("400k", {"first.exr", "second.exr"})):
-        run = subprocess.run(["unshare", "--mount", "sh", "-c", command, "sh", size, folder, MPIEXEC, WRITER],
+    cases = (("60k", set(), 2, ""), ("400k", {"first.exr", "second.exr"}, 2, ""), ("700k", {"second.exr"}, 3, "divided"), ("100k", set(), 5, "divided"))
+    for size, published, ranks, mode in cases:
+        run = subprocess.run(["unshare", "--mount", "sh", "-c", command, "sh", size, folder, MPIEXEC, WRITER, str(ranks), mode],
                              capture_output=True, text=True, timeout=60)
         if run.returncode in (1, 99, 127):
             print("no file system may be mounted here: the full disk was not tried")
@@ -187,5 +206,6 @@ with tempfile.TemporaryDirectory() as temporary:
     check_volume(folders[3])
     write(os.path.join(temporary, "half"), 2, "half")
     check_half(os.path.join(temporary, "half"))
+    check_divided(os.path.join(temporary, "divided"))
     check_full_disk(os.path.join(temporary, "full"))
 print("the same files on 1, 2, 3 and 5 ranks, and right")

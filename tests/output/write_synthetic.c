@@ -1,6 +1,7 @@
 /* Writes the three files of a bake from a made-up result: under mpirun, so that tests can compare any number of ranks.
- * write_synthetic DIR [half] */
+ * write_synthetic DIR [half | divided]; divided: tall lightmaps, which all ranks pack however small they are. */
 #include <stdio.h>
+#include <string.h>
 
 #include "coordinator/output/exr.h"
 #include "coordinator/output/output.h"
@@ -21,16 +22,17 @@ static void make_probe(struct kiln_probe_result *probe, const uint64_t at[3], ui
     probe->back_share = index == 3 ? 0.9f : 0.05f;
 }
 
-static int write_all(const char *directory, bool half, int rank, int ranks, struct kiln_error *error)
+static int write_all(const char *directory, bool half, bool divided, int rank, int ranks, struct kiln_error *error)
 {
     static struct synthetic s;
-    int status = synthetic_create(&s, 75, 64, rank, ranks, error);
+    int status = synthetic_create(&s, 75, divided ? 631 : 64, rank, ranks, error);
     if (status != KILN_OK)
         return status;
     if (half && s.surface.first == 0 && s.surface.count > 100)
         s.direct[0] = 70000.0f; /* must make the first object's file a float one */
     const struct kiln_bake_result result = synthetic_result(&s, MPI_COMM_WORLD);
     const struct kiln_output_params params = {.directory = directory, .half = half, .stitch = true, .error_map = true,
+                                              .least_divided = divided ? 1 : 0,
                                               .provenance_json = "{\"seed\": 77, \"scene\": \"synthetic\"}"};
     struct kiln_lightmap_report reports[2];
     status = kiln_write_lightmaps(&result, &params, reports, error);
@@ -59,9 +61,10 @@ int main(int argc, char **argv)
     if (argc < 2 || MPI_Init(&argc, &argv) != MPI_SUCCESS || MPI_Comm_rank(MPI_COMM_WORLD, &rank) != MPI_SUCCESS ||
         MPI_Comm_size(MPI_COMM_WORLD, &ranks) != MPI_SUCCESS)
         return KILN_USAGE;
-    const int status = write_all(argv[1], argc > 2, rank, ranks, &error);
-    if (status != KILN_OK && rank == 0)
-        fprintf(stderr, "%s\n", error.message);
+    const char *mode = argc > 2 ? argv[2] : "";
+    const int status = write_all(argv[1], strcmp(mode, "half") == 0, strcmp(mode, "divided") == 0, rank, ranks, &error);
+    if (status != KILN_OK)
+        fprintf(stderr, "rank %d: %d: %s\n", rank, status, error.message);
     (void)MPI_Finalize();
     return status;
 }

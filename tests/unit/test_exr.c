@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #include "coordinator/output/exr.h"
+#include "coordinator/output/exr_strips.h"
 #include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
 
@@ -40,6 +41,57 @@ static struct kiln_image *gradient(uint32_t width, uint32_t height)
         for (size_t i = 0; i < (size_t)width * height; i++)
             image->channels[c].values[i] = (float)(c + 1) * ldexpf(1.0f + (float)(i % 97) / 97.0f, (int)(i % 21) - 10);
     return image;
+}
+
+static void same_bytes(const char *a, const char *b)
+{
+    char *bytes[2] = {NULL, NULL};
+    size_t size[2] = {0, 0};
+    assert_int_equal(kiln_read_file(a, 1 << 24, &bytes[0], &size[0], NULL), 0);
+    assert_int_equal(kiln_read_file(b, 1 << 24, &bytes[1], &size[1], NULL), 0);
+    assert_int_equal(size[0], size[1]);
+    assert_memory_equal(bytes[0], bytes[1], size[0]);
+    kiln_free(&bytes[0]);
+    kiln_free(&bytes[1]);
+}
+
+/* Begins `path` and appends strips until `end`, each packed from an image that has no other rows. */
+static struct kiln_exr_file *append_strips(const char *path, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
+                                           size_t attribute_count, uint32_t end)
+{
+    struct kiln_exr_file *file = NULL;
+    struct kiln_error error = {{0}};
+    assert_int_equal(kiln_exr_file_create(&file, path, image, attributes, attribute_count, &error), 0);
+    for (uint32_t y = 0; y < end; y += KILN_EXR_ROWS) {
+        struct kiln_image_channel channels[KILN_EXR_CHANNELS];
+        struct kiln_image alone = *image;
+        struct kiln_exr_strip strip;
+        alone.channels = channels;
+        alone.height = image->height - y < KILN_EXR_ROWS ? image->height - y : KILN_EXR_ROWS;
+        memcpy(channels, image->channels, image->channel_count * sizeof *channels);
+        for (size_t c = 0; c < image->channel_count; c++)
+            channels[c].values += (size_t)y * image->width;
+        if (kiln_exr_strip_pack(&alone, 0, &strip, &error) != KILN_OK)
+            fail_msg("%s", error.message);
+        assert_true(strip.values == kiln_exr_strip_values(image, y));
+        assert_int_equal(kiln_exr_file_append(file, strip.bytes, strip.size, strip.hash, &error), 0);
+        kiln_free(&strip.bytes);
+    }
+    return file;
+}
+
+/* What is packed strip by strip is the file that is written at once. */
+static void check_strips(const char *whole, const struct kiln_image *image, const struct kiln_exr_attribute *attributes, size_t attribute_count)
+{
+    char path[128];
+    (void)snprintf(path, sizeof path, "%s/strips.exr", folder);
+    struct kiln_exr_file *file = append_strips(path, image, attributes, attribute_count, image->height);
+    struct kiln_error error = {{0}};
+    if (kiln_exr_file_publish(file, &error) != KILN_OK)
+        fail_msg("%s", error.message);
+    kiln_exr_file_destroy(&file);
+    same_bytes(whole, path);
+    assert_int_equal(unlink(path), 0);
 }
 
 static void check_round_trip(uint32_t width, uint32_t height)
@@ -71,6 +123,7 @@ static void check_round_trip(uint32_t width, uint32_t height)
     assert_int_equal(found->channel_count, 1);
     assert_memory_equal(found->channels[0].values, kiln_image_find(image, "G")->values, sizeof(float) * width * height);
     kiln_image_destroy(&found);
+    check_strips(path, image, attributes, 2);
     kiln_image_destroy(&image);
     assert_int_equal(unlink(path), 0);
 }
@@ -105,9 +158,34 @@ static void test_packed_size_equal_to_unpacked(void **state)
         struct kiln_error error = {{0}};
         if (kiln_exr_write(path, image, NULL, 0, &error) != KILN_OK)
             fail_msg("round %u: %s", round, error.message);
+        check_strips(path, image, NULL, 0);
     }
     kiln_image_destroy(&image);
     assert_int_equal(unlink(path), 0);
+}
+
+/* A strip that is not what its hash says, one too few, one too many: refused, and no file is left. */
+static void test_wrong_strips(void **state)
+{
+    (void)state;
+    char path[128];
+    (void)snprintf(path, sizeof path, "%s/wrong.exr", folder);
+    struct kiln_image *image = gradient(20, 40);
+    struct kiln_exr_strip strip;
+    struct kiln_error error = {{0}};
+    struct kiln_exr_file *file = append_strips(path, image, NULL, 0, 32);
+    assert_int_equal(kiln_exr_file_publish(file, &error), KILN_BUG);
+    kiln_exr_file_destroy(&file);
+    file = append_strips(path, image, NULL, 0, 32);
+    assert_int_equal(kiln_exr_strip_pack(image, 32, &strip, NULL), 0);
+    assert_int_equal(kiln_exr_file_append(file, strip.bytes, strip.size, strip.hash + 1, NULL), 0);
+    assert_int_equal(kiln_exr_file_append(file, strip.bytes, strip.size, strip.hash, NULL), KILN_BUG);
+    assert_int_equal(kiln_exr_file_publish(file, &error), KILN_IO);
+    assert_non_null(strstr(error.message, "row 32"));
+    kiln_exr_file_destroy(&file);
+    kiln_free(&strip.bytes);
+    kiln_image_destroy(&image);
+    assert_int_equal(access(path, F_OK), -1);
 }
 
 static void test_half_overflow_is_refused(void **state)
@@ -200,7 +278,8 @@ static void test_missing_folder_is_told(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_round_trip), cmocka_unit_test(test_packed_size_equal_to_unpacked), cmocka_unit_test(test_half_overflow_is_refused),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_round_trip), cmocka_unit_test(test_packed_size_equal_to_unpacked),
+                                       cmocka_unit_test(test_wrong_strips), cmocka_unit_test(test_half_overflow_is_refused),
                                        cmocka_unit_test(test_damaged_files), cmocka_unit_test(test_publish_does_not_follow_links),
                                        cmocka_unit_test(test_missing_folder_is_told)};
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
