@@ -22,7 +22,12 @@ struct system {
     size_t unknown_count;
     double *pull;      /* w a of each unknown */
     double *diagonal;
-    double *x, *residual, *direction, *product, *row; /* of the conjugate gradients; `row` has one a sample */
+};
+
+/* Conjugate gradients on one plane. */
+struct solver {
+    const struct system *system;
+    double *x, *residual, *direction, *product, *row; /* `row` has one a sample */
     float *low, *high; /* range of the baked values around each unknown */
 };
 
@@ -149,17 +154,29 @@ static int number_unknowns(struct system *s, struct kiln_error *error)
     return status;
 }
 
-static int allocate_system(struct system *s, struct kiln_error *error)
+static int allocate_solver(struct solver *v, struct kiln_error *error)
 {
-    double **arrays[] = {&s->pull, &s->diagonal, &s->x, &s->residual, &s->direction, &s->product};
-    int status = kiln_allocate(&s->row, s->sample_count, sizeof(double), "seam samples", error);
+    double **arrays[] = {&v->x, &v->residual, &v->direction, &v->product};
+    const size_t unknowns = v->system->unknown_count;
+    int status = kiln_allocate(&v->row, v->system->sample_count, sizeof(double), "seam samples", error);
     for (size_t i = 0; status == KILN_OK && i < sizeof arrays / sizeof *arrays; i++)
-        status = kiln_allocate(arrays[i], s->unknown_count, sizeof(double), "a seam's system", error);
+        status = kiln_allocate(arrays[i], unknowns, sizeof(double), "a seam's system", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->low, s->unknown_count, sizeof(float), "a seam's system", error);
+        status = kiln_allocate(&v->low, unknowns, sizeof(float), "a seam's system", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->high, s->unknown_count, sizeof(float), "a seam's system", error);
+        status = kiln_allocate(&v->high, unknowns, sizeof(float), "a seam's system", error);
     return status;
+}
+
+static void free_solver(struct solver *v)
+{
+    kiln_free(&v->x);
+    kiln_free(&v->residual);
+    kiln_free(&v->direction);
+    kiln_free(&v->product);
+    kiln_free(&v->row);
+    kiln_free(&v->low);
+    kiln_free(&v->high);
 }
 
 static void weigh_unknowns(struct system *s)
@@ -180,72 +197,76 @@ static void weigh_unknowns(struct system *s)
             s->diagonal[s->samples[i].texel[k]] += (double)s->samples[i].weight[k] * (double)s->samples[i].weight[k];
 }
 
-/* row = A v */
-static void apply_rows(const struct system *s, const double *v)
+/* row = A of */
+static void apply_rows(const struct solver *v, const double *of)
 {
+    const struct system *s = v->system;
     for (size_t i = 0; i < s->sample_count; i++) {
         double sum = 0.0;
         for (int k = 0; k < ENTRIES; k++)
-            sum += (double)s->samples[i].weight[k] * v[s->samples[i].texel[k]];
-        s->row[i] = sum;
+            sum += (double)s->samples[i].weight[k] * of[s->samples[i].texel[k]];
+        v->row[i] = sum;
     }
 }
 
 /* out += A^T row, times `sign` */
-static void add_transposed(const struct system *s, double sign, double *out)
+static void add_transposed(const struct solver *v, double sign, double *out)
 {
+    const struct system *s = v->system;
     for (size_t i = 0; i < s->sample_count; i++)
         for (int k = 0; k < ENTRIES; k++)
-            out[s->samples[i].texel[k]] += sign * (double)s->samples[i].weight[k] * s->row[i];
+            out[s->samples[i].texel[k]] += sign * (double)s->samples[i].weight[k] * v->row[i];
 }
 
-static double preconditioned_norm(const struct system *s)
+static double preconditioned_norm(const struct solver *v)
 {
     double sum = 0.0;
-    for (size_t i = 0; i < s->unknown_count; i++)
-        sum += s->residual[i] * s->residual[i] / s->diagonal[i];
+    for (size_t i = 0; i < v->system->unknown_count; i++)
+        sum += v->residual[i] * v->residual[i] / v->system->diagonal[i];
     return sum;
 }
 
 /* Solves (A^T A + pull) x = -A^T A baked for the change x. */
-static void conjugate_gradients(struct system *s, const float *plane)
+static void conjugate_gradients(struct solver *v, const float *plane)
 {
+    const struct system *s = v->system;
     for (size_t i = 0; i < s->unknown_count; i++) {
-        s->x[i] = (double)plane[s->texels[i]];
-        s->residual[i] = 0.0;
+        v->x[i] = (double)plane[s->texels[i]];
+        v->residual[i] = 0.0;
     }
-    apply_rows(s, s->x);
-    add_transposed(s, -1.0, s->residual);
+    apply_rows(v, v->x);
+    add_transposed(v, -1.0, v->residual);
     for (size_t i = 0; i < s->unknown_count; i++) {
-        s->x[i] = 0.0;
-        s->direction[i] = s->residual[i] / s->diagonal[i];
+        v->x[i] = 0.0;
+        v->direction[i] = v->residual[i] / s->diagonal[i];
     }
-    double norm = preconditioned_norm(s);
+    double norm = preconditioned_norm(v);
     const double enough = norm * 1e-14;
     for (int iteration = 0; iteration < MOST_ITERATIONS && norm > enough; iteration++) {
-        apply_rows(s, s->direction);
+        apply_rows(v, v->direction);
         for (size_t i = 0; i < s->unknown_count; i++)
-            s->product[i] = s->pull[i] * s->direction[i];
-        add_transposed(s, 1.0, s->product);
+            v->product[i] = s->pull[i] * v->direction[i];
+        add_transposed(v, 1.0, v->product);
         double curvature = 0.0;
         for (size_t i = 0; i < s->unknown_count; i++)
-            curvature += s->direction[i] * s->product[i];
+            curvature += v->direction[i] * v->product[i];
         const double step = norm / curvature;
         for (size_t i = 0; i < s->unknown_count; i++) {
-            s->x[i] += step * s->direction[i];
-            s->residual[i] -= step * s->product[i];
+            v->x[i] += step * v->direction[i];
+            v->residual[i] -= step * v->product[i];
         }
-        const double next = preconditioned_norm(s);
+        const double next = preconditioned_norm(v);
         for (size_t i = 0; i < s->unknown_count; i++)
-            s->direction[i] = s->residual[i] / s->diagonal[i] + next / norm * s->direction[i];
+            v->direction[i] = v->residual[i] / s->diagonal[i] + next / norm * v->direction[i];
         norm = next;
     }
 }
 
-static void find_ranges(struct system *s, const float *plane)
+static void find_ranges(struct solver *v, const float *plane)
 {
+    const struct system *s = v->system;
     for (size_t i = 0; i < s->unknown_count; i++)
-        s->low[i] = s->high[i] = plane[s->texels[i]];
+        v->low[i] = v->high[i] = plane[s->texels[i]];
     for (size_t i = 0; i < s->sample_count; i++) {
         float low = INFINITY, high = -INFINITY;
         for (int k = 0; k < ENTRIES; k++) {
@@ -255,20 +276,42 @@ static void find_ranges(struct system *s, const float *plane)
         }
         for (int k = 0; k < ENTRIES; k++) {
             const uint32_t u = s->samples[i].texel[k];
-            s->low[u] = fminf(s->low[u], low);
-            s->high[u] = fmaxf(s->high[u], high);
+            v->low[u] = fminf(v->low[u], low);
+            v->high[u] = fmaxf(v->high[u], high);
         }
     }
 }
 
-static void solve_plane(struct system *s, float *plane)
+static int solve_plane(const struct system *s, float *plane, struct kiln_error *error)
 {
-    find_ranges(s, plane);
-    conjugate_gradients(s, plane);
-    for (size_t i = 0; i < s->unknown_count; i++) {
-        const float value = (float)((double)plane[s->texels[i]] + s->x[i]);
-        plane[s->texels[i]] = fmaxf(s->low[i], fminf(s->high[i], value));
+    struct solver v = {.system = s};
+    const int status = allocate_solver(&v, error);
+    if (status == KILN_OK) {
+        find_ranges(&v, plane);
+        conjugate_gradients(&v, plane);
+        for (size_t i = 0; i < s->unknown_count; i++) {
+            const float value = (float)((double)plane[s->texels[i]] + v.x[i]);
+            plane[s->texels[i]] = fmaxf(v.low[i], fminf(v.high[i], value));
+        }
     }
+    free_solver(&v);
+    return status;
+}
+
+/* The three of direct and the three of indirect light, shared by the threads. */
+static int solve_planes(const struct system *s, struct kiln_error *error)
+{
+    int status = KILN_OK;
+#pragma omp parallel for schedule(dynamic, 1)
+    for (int p = KILN_MAP_DIRECT; p < KILN_MAP_INDIRECT + 3; p++) {
+        struct kiln_error mine = {{0}};
+        const int result = solve_plane(s, s->map->planes[p], &mine);
+        if (result == KILN_OK)
+            continue;
+#pragma omp critical(kiln_solve_planes)
+        status = kiln_fail(error, result, "%s", mine.message);
+    }
+    return status;
 }
 
 static void destroy_system(struct system *s)
@@ -277,29 +320,23 @@ static void destroy_system(struct system *s)
     kiln_free(&s->texels);
     kiln_free(&s->pull);
     kiln_free(&s->diagonal);
-    kiln_free(&s->x);
-    kiln_free(&s->residual);
-    kiln_free(&s->direction);
-    kiln_free(&s->product);
-    kiln_free(&s->row);
-    kiln_free(&s->low);
-    kiln_free(&s->high);
 }
 
 static int solve(struct system *s, struct kiln_error *error)
 {
     int status = number_unknowns(s, error);
     if (status == KILN_OK)
-        status = allocate_system(s, error);
+        status = kiln_allocate(&s->pull, s->unknown_count, sizeof *s->pull, "a seam's system", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->diagonal, s->unknown_count, sizeof *s->diagonal, "a seam's system", error);
     if (status != KILN_OK)
         return status;
     weigh_unknowns(s);
-    for (int p = KILN_MAP_DIRECT; p < KILN_MAP_INDIRECT + 3; p++)
-        solve_plane(s, s->map->planes[p]);
+    status = solve_planes(s, error);
     for (size_t i = 0; i < s->sample_count; i++) /* back to texels, to measure again */
         for (int k = 0; k < ENTRIES; k++)
             s->samples[i].texel[k] = s->texels[s->samples[i].texel[k]];
-    return KILN_OK;
+    return status;
 }
 
 int kiln_seams_smooth(struct kiln_map *map, const struct kiln_chart_graph *graph, const uint32_t *nearest, bool smooth,
