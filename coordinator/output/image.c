@@ -19,8 +19,8 @@ static void place_channel(struct kiln_image *image, const char *name)
     (void)snprintf(image->channels[at].name, sizeof image->channels[at].name, "%s", name);
 }
 
-int kiln_image_create(struct kiln_image **image, uint32_t width, uint32_t height, const char *const *names, size_t count,
-                      struct kiln_error *error)
+int kiln_image_create_empty(struct kiln_image **image, uint32_t width, uint32_t height, const char *const *names, size_t count,
+                            struct kiln_error *error)
 {
     int status = kiln_allocate(image, 1, sizeof **image, "an image", error);
     if (status != KILN_OK)
@@ -29,24 +29,35 @@ int kiln_image_create(struct kiln_image **image, uint32_t width, uint32_t height
     made->width = width;
     made->height = height;
     status = kiln_allocate(&made->channels, count, sizeof *made->channels, "an image's channels", error);
-    if (status != KILN_OK)
-        goto failed;
-    for (size_t i = 0; i < count; i++) {
-        if (strlen(names[i]) >= KILN_CHANNEL_NAME_SIZE) {
+    for (size_t i = 0; status == KILN_OK && i < count; i++) {
+        if (strlen(names[i]) >= KILN_CHANNEL_NAME_SIZE)
             status = kiln_fail(error, KILN_BAD_INPUT, "the channel name '%s' is longer than %d bytes", names[i],
                                KILN_CHANNEL_NAME_SIZE - 1);
-            goto failed;
-        }
-        place_channel(made, names[i]);
+        else
+            place_channel(made, names[i]);
     }
-    for (size_t i = 0; i < count; i++) {
-        status = kiln_allocate(&made->channels[i].values, (size_t)width * height, sizeof(float), "an image's pixels", error);
-        if (status != KILN_OK)
-            goto failed;
-    }
-    return KILN_OK;
-failed:
-    kiln_image_destroy(image);
+    if (status != KILN_OK)
+        kiln_image_destroy(image);
+    return status;
+}
+
+int kiln_image_fill(struct kiln_image *image, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; status == KILN_OK && i < image->channel_count; i++)
+        if (image->channels[i].values == NULL)
+            status = kiln_allocate(&image->channels[i].values, (size_t)image->width * image->height, sizeof(float), "an image's pixels", error);
+    return status;
+}
+
+int kiln_image_create(struct kiln_image **image, uint32_t width, uint32_t height, const char *const *names, size_t count,
+                      struct kiln_error *error)
+{
+    int status = kiln_image_create_empty(image, width, height, names, count, error);
+    if (status == KILN_OK)
+        status = kiln_image_fill(*image, error);
+    if (status != KILN_OK)
+        kiln_image_destroy(image);
     return status;
 }
 

@@ -26,6 +26,10 @@ struct kiln_image {
 /* Makes an image with these channels, all zero. Names must be unique and shorter than KILN_CHANNEL_NAME_SIZE. */
 int kiln_image_create(struct kiln_image **image, uint32_t width, uint32_t height, const char *const *names, size_t count,
                       struct kiln_error *error);
+/* The same without values: who has them already puts his own (from kiln_allocate) in, and lets the rest be made, all zero. */
+int kiln_image_create_empty(struct kiln_image **image, uint32_t width, uint32_t height, const char *const *names, size_t count,
+                            struct kiln_error *error);
+int kiln_image_fill(struct kiln_image *image, struct kiln_error *error);
 void kiln_image_destroy(struct kiln_image **image);
 
 /* The channel of that name or NULL. */

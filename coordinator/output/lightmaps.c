@@ -49,30 +49,37 @@ static const char *choose_precision(const struct kiln_output_params *params, con
     return "half";
 }
 
+/* The plane is the channel's from now on. */
+static void move_plane(const struct kiln_image *image, const char *name, float **plane)
+{
+    kiln_image_find(image, name)->values = *plane;
+    *plane = NULL;
+}
+
 /* Moves the map's planes into an image with the file's channels. */
 static int make_image(struct kiln_map *map, bool error_map, struct kiln_image **image, struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B", "coverage.Y", "validity.Y", "direct.R", "direct.G", "direct.B",
                                         "indirect.R", "indirect.G", "indirect.B", "error.Y"};
-    const int status = kiln_image_create(image, map->width, map->height, names, error_map ? 12 : 11, error);
+    int status = kiln_image_create_empty(image, map->width, map->height, names, error_map ? 12 : 11, error);
     if (status != KILN_OK)
         return status;
     const size_t count = kiln_map_texels(map);
-    for (int p = 0; p < (error_map ? KILN_MAP_PLANES : KILN_MAP_ERROR); p++) {
-        struct kiln_image_channel *channel = kiln_image_find(*image, names[5 + p]);
-        float *swap = channel->values;
-        channel->values = map->planes[p];
-        map->planes[p] = swap;
-    }
+    for (int p = 0; p < (error_map ? KILN_MAP_PLANES : KILN_MAP_ERROR); p++)
+        move_plane(*image, names[5 + p], &map->planes[p]);
+    move_plane(*image, "coverage.Y", &map->coverage);
+    if ((status = kiln_image_fill(*image, error)) != KILN_OK)
+        return status;
     for (int c = 0; c < 3; c++) {
         const float *direct = kiln_image_find(*image, names[5 + c])->values, *indirect = kiln_image_find(*image, names[8 + c])->values;
         float *total = kiln_image_find(*image, names[c])->values;
+#pragma omp parallel for schedule(static)
         for (size_t i = 0; i < count; i++)
             total[i] = direct[i] + indirect[i];
     }
-    struct kiln_image_channel *coverage = kiln_image_find(*image, "coverage.Y"), *validity = kiln_image_find(*image, "validity.Y");
-    coverage->half = validity->half = true;
-    memcpy(coverage->values, map->coverage, count * sizeof(float));
+    struct kiln_image_channel *validity = kiln_image_find(*image, "validity.Y");
+    kiln_image_find(*image, "coverage.Y")->half = validity->half = true;
+#pragma omp parallel for schedule(static)
     for (size_t i = 0; i < count; i++)
         validity->values[i] = 0.5f * (float)map->state[i];
     return KILN_OK;
