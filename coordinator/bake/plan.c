@@ -33,6 +33,10 @@ static const double CHECKPOINT_POINT = 44.0;         /* bytes on disk */
 
 static const double LIGHTMAP_TEXEL_SECONDS = 3e-6;   /* of one thread: filled, smoothed, compressed, read back */
 static const double H5_POINT_SECONDS = 1.8e-6;       /* of one rank: described, compressed, read back */
+/* Of these two, what one rank does alone when there are several, of one thread. For an object of few seams: */
+static const double OWNER_TEXEL_SECONDS = 0.2e-6;    /* its points taken in, finished, sent to be packed, written, compared */
+static const double OWNER_TEXEL_BYTES = 44.0 + 33.0; /* sent to be packed; got back */
+static const double H5_WRITER_POINT_SECONDS = 35e-9; /* packed bytes taken in and written */
 static const double PREVIEW_SECONDS = 0.8;
 static const double COMPACT_BYTES = 4.0, FULL_BYTES = 8.0; /* of a point's radiosity on its way */
 static const double MAP_ENTRY_BYTES = 24.0;          /* of a tile or split, from who found it to every rank */
@@ -351,7 +355,9 @@ static int plan_curves(struct kiln_plan *plan, const struct kiln_prepared *p, co
                                          .shared_a_point = s->validity / fmax(1.0, (double)plan->surface.points_max) +
                                                            together * (H5_POINT_SECONDS + texel * LIGHTMAP_TEXEL_SECONDS / p->threads),
                                          .shared = probe * (double)plan->probes * together,
-                                         .largest_object = LIGHTMAP_TEXEL_SECONDS * (double)largest_lightmap(p->scene),
+                                         .largest_object = (OWNER_TEXEL_SECONDS + OWNER_TEXEL_BYTES / (job->node_bandwidth * 1e9)) *
+                                                           (double)largest_lightmap(p->scene),
+                                         .alone_a_point = H5_WRITER_POINT_SECONDS,
                                          .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),
                                          .exchanges = plan->bounces + 1,
                                          .ranks_per_node = job->ranks_per_node,

@@ -96,6 +96,13 @@ static double find_seconds(const struct kiln_simulation *s, const struct kiln_sc
     return share + map + kiln_exchange_seconds(s->map_bytes * scaled->points * together, scaled->ranks, scaled->nodes, s->bandwidth, s->latency);
 }
 
+/* Packing is divided; what one rank does alone comes on top of it, as if nothing of it could go on at the same time. */
+static double write_seconds(const struct kiln_simulation *s, const struct kiln_scaled *scaled, double density)
+{
+    const double alone = s->largest_object * density + s->alone_a_point * scaled->points;
+    return s->shared_a_point * scaled->points / scaled->ranks + (scaled->ranks > 1 ? alone : 0.0);
+}
+
 int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double density, struct kiln_scaled *scaled, struct kiln_error *error)
 {
     struct sums sums = {0};
@@ -113,7 +120,7 @@ int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double densit
         scaled->exchange = s->exchanges * kiln_exchange_seconds(s->radiosity_bytes * scaled->points, ranks, scaled->nodes, s->bandwidth, s->latency);
         scaled->find = find_seconds(s, scaled, together < ranks ? together : ranks);
         scaled->once = s->once;
-        scaled->write = fmax(s->shared_a_point * scaled->points / ranks, s->largest_object * density);
+        scaled->write = write_seconds(s, scaled, density);
         scaled->seconds = scaled->trace + scaled->exchange + scaled->find + scaled->once + scaled->write;
     }
     kiln_free(&sums.points);

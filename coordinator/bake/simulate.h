@@ -21,7 +21,8 @@ struct kiln_simulation {
     double map_bytes;            /* of a point, sent to every rank once */
     double shared_a_point;       /* done for own points besides tracing: validity, files */
     double shared;               /* divided between ranks whatever the number of points: probes */
-    double largest_object;       /* seconds to write the largest lightmap, which one rank does */
+    double largest_object;       /* seconds that the owner of the largest lightmap works on it while other ranks wait, when there are several */
+    double alone_a_point;        /* done by one rank for all points, when there are several: kiln.h5 from the packed bytes of all */
     double radiosity_bytes;      /* of a point, in an exchange */
     uint32_t exchanges, ranks_per_node;
     double bandwidth, latency;   /* of a node: bytes a second, seconds */
