@@ -7,6 +7,8 @@
 #include "coordinator/cli/agree.h"
 #include "worker/base/memory.h"
 
+static const size_t MOST_BYTES = (size_t)512 << 20; /* of messages at a packer, unless two strips are larger */
+
 enum { TAG_VALUES = 50, TAG_REPORT = 51, TAG_PACKED = 52 };
 
 /* What precedes the values of a strip: its channels. */
@@ -76,6 +78,16 @@ static bool fails_for_tests(int rank)
     return text != NULL && text[0] != '\0' && strtol(text, NULL, 10) == rank;
 }
 
+/* A strip a thread. */
+static size_t size_of_group(const struct helper *h)
+{
+    const size_t threads = (size_t)omp_get_max_threads(), fit = h->room > 0 ? MOST_BYTES / (2 * h->room) : 0;
+    size_t group = h->count < threads ? h->count : threads;
+    if (group > fit)
+        group = fit;
+    return group == 0 && h->count > 0 ? 1 : group;
+}
+
 static int create_helper(struct helper *h, int rank, struct kiln_error *error)
 {
     int status = kiln_allocate(&h->list, h->strips->count, sizeof *h->list, "strips to pack", error);
@@ -83,13 +95,12 @@ static int create_helper(struct helper *h, int rank, struct kiln_error *error)
         return status;
     h->count = kiln_strip_list(h->strips, (uint32_t)rank, h->list);
     h->must_fail = fails_for_tests(rank);
-    const size_t threads = (size_t)omp_get_max_threads();
-    h->group = h->count < threads ? h->count : threads;
     for (size_t i = 0; i < h->count; i++) {
         const struct kiln_strip *strip = &h->strips->strips[h->list[i]];
         const size_t bytes = message_bytes(values_of(&h->lightmaps[strip->object], strip->row));
         h->room = bytes > h->room ? bytes : h->room;
     }
+    h->group = size_of_group(h);
     status = kiln_allocate(&h->slots, 2 * h->group, sizeof *h->slots, "strips to pack", error);
     for (size_t s = 0; status == KILN_OK && s < 2 * h->group; s++) {
         for (int i = 0; i < 3; i++)

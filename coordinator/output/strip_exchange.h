@@ -1,9 +1,9 @@
 /* Packing the strips of large lightmaps on all ranks, and writing them on their owners.
  *
  * An owner sends the values of a strip to who packs it (strips.h) and gets the packed bytes back with their hash; it packs its own part
- * between messages and writes all in order. At most KILN_STRIPS_ON_WAY strips are between being sent and being written, at a packer twice as
- * many as it has threads; a message is one strip. When something fails, an owner sends empty messages in place of the strips that
- * are left, so that every rank gets to the end of its list, and they leave together. */
+ * between messages and writes all in order. A message is one strip. At most KILN_STRIPS_ON_WAY strips are between being sent and being
+ * written; a packer holds two a thread and half a GB, or two in all where they are larger. When something fails, an owner sends
+ * empty messages in place of the strips that are left, so that every rank gets to the end of its list, and they leave together. */
 #ifndef KILN_COORDINATOR_OUTPUT_STRIP_EXCHANGE_H
 #define KILN_COORDINATOR_OUTPUT_STRIP_EXCHANGE_H
 
