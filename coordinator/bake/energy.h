@@ -19,6 +19,8 @@
 
 #include "worker/backend/backend.h"
 
+enum { KILN_EMISSION_SAMPLES = 1 << 18 }; /* particles that are traced from the lights */
+
 /* A sum of doubles that does not depend on their order. */
 struct kiln_exact_sum {
     __int128 value;

@@ -2,8 +2,8 @@
 
 #include <math.h>
 #include <string.h>
-#include <time.h>
 
+#include "coordinator/bake/energy.h"
 #include "coordinator/bake/process_memory.h"
 #include "coordinator/bake/transport.h"
 #include "coordinator/bake/volume.h"
@@ -12,8 +12,8 @@
 
 /* Bounces that `--bounces all` is taken to make, the final gather among them: scenes settle after 5 to 8. */
 enum { TYPICAL_BOUNCES = 7 };
-/* Fragments traced at a place: enough to keep all threads, or a GPU, busy. */
-enum { THREAD_FRAGMENTS = 16, LEAST_FRAGMENTS = 32, DEVICE_FRAGMENTS = 2048, SAMPLE_PROBES = 32, LEAST_SAMPLES = 8 };
+/* Fragments traced at a place: so many that every thread gets some, or a GPU is busy. */
+enum { THREAD_FRAGMENTS = 4, LEAST_FRAGMENTS = 8, DEVICE_FRAGMENTS = 2048, SAMPLE_PROBES = 256, LEAST_SAMPLES = 8 };
 static const double CALIBRATION_SECONDS = 15.0;
 
 /* Embree 3.13, robust, medium quality: bytes of BVH a triangle, measured between 32 thousand and 4 million triangles. */
@@ -31,13 +31,14 @@ static const uint64_t PREVIEW_BYTES = 48ull << 20;   /* rays of a band */
 static const double PREVIEW_TEXEL = 12.0;            /* lightmaps in view */
 static const double CHECKPOINT_POINT = 44.0;         /* bytes on disk */
 
-static const double LIGHTMAP_TEXEL_SECONDS = 3e-6;   /* of one thread: filled, smoothed, compressed, read back */
-static const double H5_POINT_SECONDS = 1.8e-6;       /* of one rank: described, compressed, read back */
+static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
+static const double LIGHTMAP_TEXEL_SECONDS = 1.6e-6; /* of one thread: filled, smoothed, compressed, read back */
+static const double H5_POINT_SECONDS = 1.35e-6;      /* of one rank: described, compressed, read back */
 /* Of these two, what one rank does alone when there are several, of one thread. For an object of few seams: */
 static const double OWNER_TEXEL_SECONDS = 0.2e-6;    /* its points taken in, finished, sent to be packed, written, compared */
 static const double OWNER_TEXEL_BYTES = 44.0 + 33.0; /* sent to be packed; got back */
 static const double H5_WRITER_POINT_SECONDS = 35e-9; /* packed bytes taken in and written */
-static const double PREVIEW_SECONDS = 0.8;
+static const double PREVIEW_DRAWN = 0.6, PREVIEW_WRITTEN = 0.25; /* s of one thread: by all of a rank's threads, by one */
 static const double COMPACT_BYTES = 4.0, FULL_BYTES = 8.0; /* of a point's radiosity on its way */
 static const double MAP_ENTRY_BYTES = 24.0;          /* of a tile or split, from who found it to every rank */
 static const double MAP_POINT_SECONDS = 0.5e-9;      /* of a rank, for a point that another found */
@@ -145,22 +146,20 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
 
 /* ---- calibration ---- */
 
-static double processor_seconds(void)
-{
-    struct timespec now;
-    return clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now) == 0 ? (double)now.tv_sec + 1e-9 * (double)now.tv_nsec : 0.0;
-}
-
 static int sample_pass(const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_batch *batch, int pass, double *seconds,
-                       double *busy, struct kiln_error *error)
+                       struct kiln_error *error)
 {
+    struct kiln_backend_info begin, end;
     uint64_t rays = 0;
-    const double start = MPI_Wtime(), worked = processor_seconds();
+    kiln_backend_info(p->backend, &begin);
+    const double start = MPI_Wtime();
     const int status = pass == 0 ? kiln_backend_direct(p->backend, batch, job->samples_direct, &rays, error)
                                  : kiln_backend_gather(p->backend, batch, pass == 1 ? job->samples_bounce : job->samples_indirect,
                                                        pass == 1 ? 1 : 0xffff, &rays, error);
     *seconds = MPI_Wtime() - start;
-    *busy = on_device(p) ? *seconds : (processor_seconds() - worked) / p->threads;
+    kiln_backend_info(p->backend, &end);
+    if (end.thread_seconds > begin.thread_seconds)
+        *seconds = (end.thread_seconds - begin.thread_seconds) / p->threads;
     return status;
 }
 
@@ -173,7 +172,7 @@ static int take_sample(const struct kiln_prepared *p, const struct kiln_job *job
     for (size_t f = first; f < first + count; f++)
         sample->points += p->surface->fragments[f].count;
     for (int pass = 0; pass < 3 && status == KILN_OK; pass++)
-        status = sample_pass(p, job, &batch, pass, &sample->seconds[pass], &sample->busy[pass], error);
+        status = sample_pass(p, job, &batch, pass, &sample->seconds[pass], error);
     return status;
 }
 
@@ -213,15 +212,22 @@ static int calibrate(struct kiln_plan *plan, const struct kiln_prepared *p, cons
     return status;
 }
 
+static double take_seconds(const struct kiln_prepared *p) { return TAKE_POINT_SECONDS / p->threads; }
+
+static double preview_seconds(const struct kiln_prepared *p, const struct kiln_job *job)
+{
+    return job->preview ? PREVIEW_DRAWN / p->threads + PREVIEW_WRITTEN : 0.0;
+}
+
 /* Seconds a point in a pass. */
-static double point_seconds(const struct kiln_plan *plan, int pass)
+static double point_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, int pass)
 {
     double seconds = 0.0, points = 0.0;
     for (size_t i = 0; i < plan->sample_count; i++) {
         seconds += plan->samples[i].seconds[pass];
         points += (double)plan->samples[i].points;
     }
-    return points > 0.0 ? seconds / points : 0.0;
+    return points > 0.0 ? seconds / points + take_seconds(p) : 0.0;
 }
 
 static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *job, double *seconds, struct kiln_error *error)
@@ -237,6 +243,15 @@ static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *j
     const double start = MPI_Wtime();
     const int status = kiln_backend_probes(p->backend, positions, SAMPLE_PROBES, 0, job->samples_probe, results, &rays, error);
     *seconds = (MPI_Wtime() - start) / SAMPLE_PROBES;
+    return status;
+}
+
+static int emission_seconds(const struct kiln_prepared *p, double *seconds, struct kiln_error *error)
+{
+    struct kiln_emission_result result;
+    const double start = MPI_Wtime();
+    const int status = kiln_backend_emission(p->backend, KILN_EMISSION_SAMPLES, &result, error);
+    *seconds = MPI_Wtime() - start;
     return status;
 }
 
@@ -271,7 +286,7 @@ static double write_seconds(const struct kiln_plan *plan, const struct kiln_prep
 {
     const double ranks = job->ranks / crowd(p, job);
     return LIGHTMAP_TEXEL_SECONDS * (double)plan->surface.texels / p->threads / ranks + H5_POINT_SECONDS * (double)plan->surface.points / ranks +
-           (job->preview ? PREVIEW_SECONDS : 0.0);
+           preview_seconds(p, job);
 }
 
 /* Of a point, in the exchange after a bounce, when there are so many. */
@@ -280,7 +295,14 @@ static double bounce_bytes(const struct kiln_job *job, uint64_t points)
     return kiln_exchange_is_compact(job->exchange, points) ? COMPACT_BYTES : FULL_BYTES;
 }
 
-static void plan_time(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_phases *phases, double probe)
+/* What samples of it took, for which there is no phase. */
+struct timing {
+    double probe;    /* s each */
+    double emission; /* s in all */
+};
+
+static void plan_time(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_phases *phases,
+                      const struct timing *timing)
 {
     struct kiln_plan_seconds *s = &plan->seconds;
     double counts[3];
@@ -290,17 +312,18 @@ static void plan_time(struct kiln_plan *plan, const struct kiln_prepared *p, con
     s->world = phase_seconds(phases, "scene and BVH") * together;
     s->surface = phase_seconds(phases, "surface points") * together / ranks;
     s->validity = plan->surface.points > 0 ? phase_seconds(phases, "validity") * points / (double)plan->surface.points : 0.0;
-    s->direct = points * counts[0] * point_seconds(plan, 0);
-    s->bounces = points * counts[1] * point_seconds(plan, 1);
-    s->final = points * counts[2] * point_seconds(plan, 2);
-    s->probes = probe * ceil((double)plan->probes / ranks) * together;
+    s->emission = timing->emission * together;
+    s->direct = points * counts[0] * point_seconds(plan, p, 0);
+    s->bounces = points * counts[1] * point_seconds(plan, p, 1);
+    s->final = points * counts[2] * point_seconds(plan, p, 2);
+    s->probes = timing->probe * ceil((double)plan->probes / ranks) * together;
     if (ranks > 1.0)
         plan->exchange_bytes = bounce_bytes(job, plan->surface.points) * ((double)plan->surface.points - (double)plan->surface.points_max);
     const uint32_t on_node = job->ranks_per_node > 0 ? job->ranks_per_node : 1;
     s->exchange = (plan->bounces + 1.0) * kiln_exchange_seconds(bounce_bytes(job, plan->surface.points) * (double)plan->surface.points, job->ranks,
                                                                 (job->ranks - 1) / on_node + 1, job->node_bandwidth * 1e9, job->node_latency * 1e-6);
     s->write = write_seconds(plan, p, job);
-    s->total = s->import + s->world + s->surface + s->validity + s->direct + s->bounces + s->final + s->probes + s->exchange + s->write;
+    s->total = s->import + s->world + s->surface + s->validity + s->emission + s->direct + s->bounces + s->final + s->probes + s->exchange + s->write;
 }
 
 /* ---- scaling ---- */
@@ -314,7 +337,7 @@ static double cost_near(const struct kiln_plan *plan, const double counts[3], ui
         const double away = fabs((double)s->first + 0.5 * (double)s->points - (double)point);
         if (away < best && s->points > 0) {
             best = away;
-            cost = (counts[0] * s->busy[0] + counts[1] * s->busy[1] + counts[2] * s->busy[2]) / (double)s->points;
+            cost = (counts[0] * s->seconds[0] + counts[1] * s->seconds[1] + counts[2] * s->seconds[2]) / (double)s->points;
         }
     }
     return cost;
@@ -340,21 +363,23 @@ static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *
 }
 
 /* Everything that grows with the points does so in proportion. */
-static int plan_curves(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, double probe, struct kiln_error *error)
+static int plan_curves(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, const struct timing *timing,
+                       struct kiln_error *error)
 {
     uint64_t *cell_points = NULL;
-    double *cell_costs = NULL;
+    double *cell_costs = NULL, counts[3];
+    pass_counts(plan, job, counts);
     const struct kiln_plan_seconds *s = &plan->seconds;
     const double together = crowd(p, job), points = fmax(1.0, (double)plan->surface.points), texel = (double)plan->surface.texels / points;
     struct kiln_simulation simulation = {.fragments = plan->surface.fragments,
                                          .density = job->points > 0 ? (double)job->points / points : 1.0,
-                                         .once = s->import + s->world + (job->preview ? PREVIEW_SECONDS : 0.0),
+                                         .once = s->import + s->world + s->emission + preview_seconds(p, job),
                                          .find_a_point = s->surface * job->ranks / points,
                                          .map_a_point = MAP_POINT_SECONDS * together,
                                          .map_bytes = MAP_ENTRY_BYTES * (double)(p->surface->tile_count + p->surface->split_count) / points,
                                          .shared_a_point = s->validity / fmax(1.0, (double)plan->surface.points_max) +
                                                            together * (H5_POINT_SECONDS + texel * LIGHTMAP_TEXEL_SECONDS / p->threads),
-                                         .shared = probe * (double)plan->probes * together,
+                                         .shared = timing->probe * (double)plan->probes * together,
                                          .largest_object = (OWNER_TEXEL_SECONDS + OWNER_TEXEL_BYTES / (job->node_bandwidth * 1e9)) *
                                                            (double)largest_lightmap(p->scene),
                                          .alone_a_point = H5_WRITER_POINT_SECONDS,
@@ -365,7 +390,7 @@ static int plan_curves(struct kiln_plan *plan, const struct kiln_prepared *p, co
                                          .latency = job->node_latency * 1e-6};
     int status = fill_cells(plan, p, job, &cell_points, &cell_costs, &simulation.cell_count, error);
     for (size_t i = 0; status == KILN_OK && i < simulation.cell_count; i++)
-        cell_costs[i] *= together;
+        cell_costs[i] = together * (cell_costs[i] + (counts[0] + counts[1] + counts[2]) * take_seconds(p));
     simulation.cell_points = cell_points;
     simulation.cell_cost = cell_costs;
     if (status == KILN_OK)
@@ -375,7 +400,8 @@ static int plan_curves(struct kiln_plan *plan, const struct kiln_prepared *p, co
     return status;
 }
 
-static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, double *probe, struct kiln_error *error)
+static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, struct timing *timing,
+                         struct kiln_error *error)
 {
     uint64_t *radiosity = NULL;
     const double start = MPI_Wtime();
@@ -383,7 +409,9 @@ static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, 
     if (status == KILN_OK)
         status = calibrate(plan, p, job, error);
     if (status == KILN_OK && plan->probes > 0)
-        status = probe_seconds(p, job, probe, error);
+        status = probe_seconds(p, job, &timing->probe, error);
+    if (status == KILN_OK)
+        status = emission_seconds(p, &timing->emission, error);
     plan->calibration_seconds = MPI_Wtime() - start;
     kiln_free(&radiosity);
     return status;
@@ -405,18 +433,18 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
                                                .threads = prepared->threads};
     int status = kiln_surface_build(&share, &params, &plan->surface, error);
     struct kiln_volume_result volume = {0};
-    double probe = 0.0;
+    struct timing timing = {0};
     if (status == KILN_OK && job->samples_probe > 0)
         status = kiln_volume_grid(&volume, prepared->scene, job->probe_spacing, error);
     if (status == KILN_OK) {
         plan->probes = volume.size[0] * volume.size[1] * volume.size[2];
         plan_memory(plan, prepared, share, job);
         plan_disk(plan, prepared, job);
-        status = trace_samples(plan, prepared, job, &probe, error);
+        status = trace_samples(plan, prepared, job, &timing, error);
     }
     if (status == KILN_OK) {
-        plan_time(plan, prepared, job, phases, probe);
-        status = plan_curves(plan, prepared, job, probe, error);
+        plan_time(plan, prepared, job, phases, &timing);
+        status = plan_curves(plan, prepared, job, &timing, error);
     }
     kiln_surface_destroy(&share);
     return status;

@@ -24,19 +24,20 @@ struct kiln_plan_memory {
 /* Seconds of the fullest rank. */
 struct kiln_plan_seconds {
     double import, world, surface, validity; /* reading, BVH, finding points (divided), finding buried ones */
+    double emission;                         /* light traced from the lights */
     double direct, bounces, final, probes, exchange;
     double write;                            /* lightmaps, kiln.h5, volume.hdf, preview */
     double total;
 };
 
-enum { KILN_PLAN_SAMPLES = 32 };
+enum { KILN_PLAN_SAMPLES = 128 };
 
 /* What a point cost where it was tried. */
 struct kiln_plan_sample {
     uint64_t first;    /* the first of the tried points, in global order */
     uint64_t points;
-    double seconds[3]; /* all samples of direct light, of one bounce, of the final gather */
-    double busy[3];    /* likewise, what of it the processors worked (a GPU: the same), so that other work here does not count */
+    double seconds[3]; /* all samples of direct light, of one bounce, of the final gather; of processors what each thread worked on the mean:
+                        * neither other programs count, nor that threads wait for the last one, which at the end of so short a run is long */
 };
 
 struct kiln_plan {

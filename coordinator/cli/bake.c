@@ -20,8 +20,6 @@
 #include "coordinator/output/view.h"
 #include "worker/base/memory.h"
 
-enum { EMISSION_SAMPLES = 1 << 18 };
-
 static volatile sig_atomic_t stop_signal; /* the one thing a signal handler can write to */
 
 static void note_signal(int number) { stop_signal = number; }
@@ -172,7 +170,7 @@ static int transport_light(struct bake *b, struct kiln_error *error)
 {
     kiln_phase(&b->phases, "emission");
     kiln_progress_phase(b->progress, "emission", 0);
-    int status = kiln_backend_emission(b->prepared->backend, EMISSION_SAMPLES, &b->emission, error);
+    int status = kiln_backend_emission(b->prepared->backend, KILN_EMISSION_SAMPLES, &b->emission, error);
     status = agree_after_phase(b, status, error);
     if (status != KILN_OK)
         return status;

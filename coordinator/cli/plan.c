@@ -39,8 +39,9 @@ static json_t *memory_json(const struct kiln_plan_memory *m)
 static json_t *seconds_json(const struct kiln_plan *p)
 {
     const struct kiln_plan_seconds *s = &p->seconds;
-    return json_pack("{s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:i, s:f}", "import", s->import, "world", s->world, "surface",
-                     s->surface, "validity", s->validity, "direct", s->direct, "bounces", s->bounces, "final", s->final, "probes", s->probes,
+    return json_pack("{s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:i, s:f}", "import", s->import, "world", s->world, "surface",
+                     s->surface, "validity", s->validity, "emission", s->emission, "direct", s->direct, "bounces",
+                     s->bounces, "final", s->final, "probes", s->probes,
                      "exchange", s->exchange, "write", s->write, "total", s->total, "assumed_bounces", (int)p->bounces, "calibration",
                      p->calibration_seconds);
 }
@@ -116,8 +117,8 @@ static void print_time(const struct kiln_plan *p)
 {
     const struct kiln_plan_seconds *s = &p->seconds;
     (void)printf("time of the fullest rank, from samples traced here in %.1f s (%u bounces assumed)\n", p->calibration_seconds, p->bounces);
-    (void)printf("  before     %10.2f s  import %.2f, BVH %.2f, surface points %.2f, validity %.2f\n", s->import + s->world + s->surface + s->validity,
-                 s->import, s->world, s->surface, s->validity);
+    (void)printf("  before     %10.2f s  import %.2f, BVH %.2f, surface points %.2f, validity %.2f, emission %.2f\n",
+                 s->import + s->world + s->surface + s->validity + s->emission, s->import, s->world, s->surface, s->validity, s->emission);
     (void)printf("  light      %10.2f s  direct %.2f, bounces %.2f, final gather %.2f, probes %.2f\n", s->direct + s->bounces + s->final + s->probes,
                  s->direct, s->bounces, s->final, s->probes);
     (void)printf("  exchange   %10.2f s  a rank receives %.1f MiB in each bounce\n", s->exchange, p->exchange_bytes / 1048576.0);

@@ -110,6 +110,8 @@ struct kiln_backend_info {
     size_t memory;     /* bytes held by the backend itself (its BVH and copies) */
     double build_seconds;
     double device_seconds; /* that a device was busy with kernels and copies so far; 0: it has no clock of its own */
+    double thread_seconds; /* that threads computed direct light and gathers so far, waiting for each other not counted: the sum over
+                              threads; 0: a device does that */
     bool any_share;        /* kiln_backend_set_surface costs nothing: it can compute a part of another rank's share between its own. A
                               device that keeps its points cannot: the ranks of its node neither give work away nor take any */
     uint32_t recoveries;   /* how often it was lost or short of memory, and made anew */

@@ -290,8 +290,9 @@ static int direct_part(struct embree_backend *b, size_t fragment_first, size_t f
     (void)stream;
     const uint64_t base = b->surface->fragments[fragment_first].first;
     uint64_t traced = 0;
+    double seconds = 0.0;
     int status = KILN_OK;
-#pragma omp parallel num_threads((int)b->threads) reduction(+ : traced)
+#pragma omp parallel num_threads((int)b->threads) reduction(+ : traced, seconds)
     {
         struct direct_work *w = NULL;
         struct kiln_error own;
@@ -304,7 +305,8 @@ static int direct_part(struct embree_backend *b, size_t fragment_first, size_t f
         const unsigned saved = embree_enter();
         struct RTCIntersectContext context;
         embree_context(b, &context);
-#pragma omp for schedule(dynamic, 4)
+        const double begin = embree_thread_seconds();
+#pragma omp for schedule(dynamic, 4) nowait
         for (size_t i = 0; i < fragment_count; i++) {
             if (status != KILN_OK)
                 continue;
@@ -317,10 +319,12 @@ static int direct_part(struct embree_backend *b, size_t fragment_first, size_t f
             for (uint32_t j = 0; j < w->frame.count; j++)
                 direct_point(w, b, &context, j, samples, &results[w->frame.place[j]], &traced);
         }
+        seconds += embree_thread_seconds() - begin;
         embree_leave(saved);
         work_destroy(&w);
     }
     *rays += traced;
+    b->thread_seconds += seconds;
     return status;
 }
 

@@ -20,6 +20,7 @@ struct embree_backend {
     uint32_t threads;
     bool coherent;       /* so few triangles that packets stay together all the way down */
     double build_seconds;
+    double thread_seconds; /* see kiln_backend_info */
     char device_text[128];
 };
 
@@ -32,6 +33,9 @@ static inline uint32_t embree_triangle(const struct embree_backend *b, unsigned 
 /* Sets flush-to-zero in the calling thread, as Embree wants, and puts back what was there. */
 unsigned embree_enter(void);
 void embree_leave(unsigned saved);
+
+/* Processor time of the calling thread, s. */
+double embree_thread_seconds(void);
 
 /* Hands a batch to `trace` in parts of some 65,536 points, and each part's answers to the batch's taker. */
 typedef int (*embree_trace_part)(struct embree_backend *b, size_t fragment_first, size_t fragment_count, uint32_t samples, uint32_t stream,

@@ -447,8 +447,9 @@ static int gather_part(struct embree_backend *b, size_t fragment_first, size_t f
 {
     const uint64_t base = b->surface->fragments[fragment_first].first;
     uint64_t traced = 0;
+    double seconds = 0.0;
     int status = KILN_OK;
-#pragma omp parallel num_threads((int)b->threads) reduction(+ : traced)
+#pragma omp parallel num_threads((int)b->threads) reduction(+ : traced, seconds)
     {
         struct gather_work *w = NULL;
         struct kiln_error own;
@@ -461,16 +462,19 @@ static int gather_part(struct embree_backend *b, size_t fragment_first, size_t f
         const unsigned saved = embree_enter();
         struct RTCIntersectContext context;
         embree_context(b, &context);
-#pragma omp for schedule(dynamic, 4)
+        const double begin = embree_thread_seconds();
+#pragma omp for schedule(dynamic, 4) nowait
         for (size_t i = 0; i < fragment_count; i++) {
             const size_t fragment = fragment_first + i;
             if (status == KILN_OK)
                 gather_fragment(b, &context, w, fragment, stream, results + (b->surface->fragments[fragment].first - base), &traced);
         }
+        seconds += embree_thread_seconds() - begin;
         embree_leave(saved);
         work_destroy(&w);
     }
     *rays += traced;
+    b->thread_seconds += seconds;
     return status;
 }
 
