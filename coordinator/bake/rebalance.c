@@ -1,17 +1,10 @@
 #include <math.h>
 #include <string.h>
 
+#include "coordinator/bake/recut.h"
 #include "coordinator/bake/transport_private.h"
 #include "coordinator/cli/agree.h"
 #include "worker/base/memory.h"
-
-#define LEFT_UNEVEN 0.05   /* of the mean: what a new cut is expected to leave */
-#define LEAST_GAIN 0.1     /* s: below, it is not even asked what a move costs */
-#define PAYS 2.0           /* so many times its cost a move must gain */
-#define MOVE_BYTES 300e6   /* a second and rank, packed, sent and unpacked */
-#define MOVE_START 0.02    /* s */
-#define CELL_SLACK 0.05    /* of a mean share, by which a cut may lie off to fall between two cells (objects) */
-enum { BOUNCES_EXPECTED = 3 }; /* where their number is not given */
 
 /* What all ranks know of each other's work in the last pass. */
 struct work {
@@ -19,19 +12,6 @@ struct work {
     double total;
     double longest; /* of a rank, or of the mean rank of a node whose ranks help each other */
 };
-
-/* Samples of the next pass and those after it. */
-static double samples_to_come(const struct transport_state *s)
-{
-    const struct kiln_job *job = s->params->job;
-    const double now = (double)s->step.samples, bounce = (double)s->step.bounce;
-    if (s->step.kind == KILN_PASS_FINAL)
-        return now;
-    const double bounces = job->bounces >= 0 ? (double)job->bounces : bounce + BOUNCES_EXPECTED;
-    if (job->schedule == KILN_SCHEDULE_EQUAL)
-        return now * fmax(1.0, bounces - bounce + 1.0);
-    return now * fmax(1.0, bounces - bounce) + (double)job->samples_indirect;
-}
 
 static double own_work(const struct transport_state *s)
 {
@@ -106,7 +86,7 @@ static int make_cuts(const struct transport_state *s, const struct work *w, cons
         const double ideal = w->total * k / p->ranks;
         if (ideal < w->before[p->rank] || ideal >= w->before[p->rank + 1])
             continue;
-        const size_t f = cut_at(s, w->before[p->rank], ideal, CELL_SLACK * w->total / p->ranks);
+        const size_t f = cut_at(s, w->before[p->rank], ideal, KILN_CUT_SLACK * w->total / p->ranks);
         after->of[KILN_UNIT_FRAGMENT][k] = before->of[KILN_UNIT_FRAGMENT][p->rank] + f;
         after->of[KILN_UNIT_POINT][k] = f < surface->fragment_count ? surface->fragments[f].first : surface->first + surface->count;
         after->of[KILN_UNIT_PIECE][k] = before->of[KILN_UNIT_PIECE][p->rank] + surface->piece_base[f];
@@ -138,7 +118,7 @@ static double cost_of(const struct transport_state *s, uint64_t moved)
     const double points = (double)s->params->surface->count;
     double bytes = points > 0.0 ? (double)kiln_shares_bytes(s->out->shares) / points : 0.0; /* of a point */
     (void)MPI_Allreduce(MPI_IN_PLACE, &bytes, 1, MPI_DOUBLE, MPI_MAX, s->params->communicator);
-    return MOVE_START + (double)moved * bytes / MOVE_BYTES;
+    return kiln_recut_cost((double)moved, bytes);
 }
 
 /* ---- moving ---- */
@@ -166,7 +146,6 @@ static int move(struct transport_state *s, const struct kiln_cuts *before, const
 static int consider(struct transport_state *s, const struct work *w, struct kiln_pass_balance *b, struct kiln_error *error)
 {
     const struct kiln_transport_params *p = s->params;
-    const bool always = p->job->rebalance == KILN_REBALANCE_ALWAYS;
     struct kiln_cuts before, after = {{NULL}};
     int status = kiln_shares_cuts(s->out->shares, p->communicator, &before, error);
     if (status == KILN_OK)
@@ -174,7 +153,7 @@ static int consider(struct transport_state *s, const struct work *w, struct kiln
     if (status == KILN_OK) {
         b->points = most_moved(s, &before, &after);
         b->cost = cost_of(s, b->points);
-        b->moved = b->points > 0 && (always || b->gain > PAYS * b->cost);
+        b->moved = b->points > 0 && kiln_recut_pays(p->job, b->gain, b->cost);
         if (b->moved)
             status = move(s, &before, &after, b->cost, error);
     }
@@ -188,9 +167,8 @@ int transport_rebalance(struct transport_state *s, struct kiln_error *error)
     const struct kiln_transport_params *p = s->params;
     struct kiln_pass_report *pass = &s->out->report.passes[s->out->report.pass_count - 1];
     struct kiln_pass_balance *b = &pass->balance;
-    const bool always = p->job->rebalance == KILN_REBALANCE_ALWAYS;
-    const bool soon_better = pass->kind == KILN_PASS_DIRECT && s->step.kind == KILN_PASS_BOUNCE;
-    if (p->ranks == 1 || !s->cuts_anew || !s->measured || (soon_better && !always))
+    const struct kiln_recut_passes passes = {pass->kind, s->step.kind, pass->samples, s->step.samples, s->step.bounce};
+    if (p->ranks == 1 || !s->cuts_anew || !s->measured || !kiln_recut_is_due(p->job, &passes))
         return KILN_OK;
     struct work w = {.before = NULL};
     kiln_control_blocking(p->control, "judging the ranks' shares", 0.0);
@@ -199,8 +177,8 @@ int transport_rebalance(struct transport_state *s, struct kiln_error *error)
         const double mean = w.total / p->ranks;
         b->judged = true;
         b->imbalance = w.longest / mean - 1.0;
-        b->gain = samples_to_come(s) / (double)pass->samples * (w.longest - (1.0 + LEFT_UNEVEN) * mean);
-        if (always || b->gain > LEAST_GAIN)
+        b->gain = kiln_recut_gain(p->job, &passes, w.longest, mean);
+        if (kiln_recut_is_asked(p->job, b->gain))
             status = consider(s, &w, b, error);
     }
     kiln_control_blocking(p->control, NULL, 0.0);

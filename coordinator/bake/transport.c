@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "coordinator/bake/recut.h"
 #include "coordinator/bake/transport_private.h"
 #include "coordinator/cli/agree.h"
 #include "shaders/random.h"
@@ -394,7 +395,7 @@ static int make_shares(struct transport_state *s, struct kiln_error *error)
     }
     int any_share = can_share(p);
     (void)MPI_Allreduce(MPI_IN_PLACE, &any_share, 1, MPI_INT, MPI_LAND, p->communicator);
-    s->cuts_anew = p->job->rebalance == KILN_REBALANCE_ALWAYS || (p->job->rebalance == KILN_REBALANCE_AUTO && any_share != 0);
+    s->cuts_anew = kiln_recut_is_allowed(p->job, any_share != 0);
     return kiln_agree(p->communicator, status, error);
 }
 

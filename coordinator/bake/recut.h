@@ -1,0 +1,28 @@
+/* When shares are cut anew: the rule by which bakes (rebalance.c) and their simulation (simulate_light.c) decide after each pass. */
+#ifndef KILN_COORDINATOR_BAKE_RECUT_H
+#define KILN_COORDINATOR_BAKE_RECUT_H
+
+#include "coordinator/bake/transport.h"
+
+#define KILN_CUT_SLACK 0.05 /* of a mean share, by which a cut may lie off to fall between two cells (objects) */
+
+/* The pass that is over, whose costs are known, and the one that comes. */
+struct kiln_recut_passes {
+    enum kiln_pass_kind last, next;
+    uint32_t last_samples, next_samples, next_bounce;
+};
+
+/* Whether it is done at all: `any_share` where every backend computes any rank's share (kiln_backend_info). */
+bool kiln_recut_is_allowed(const struct kiln_job *job, bool any_share);
+/* Whether the last pass says enough of those to come. */
+bool kiln_recut_is_due(const struct kiln_job *job, const struct kiln_recut_passes *passes);
+/* Seconds in the passes to come, when `longest` was the work of the rank that had most (or of the mean rank of a node whose ranks help each
+ * other) in the last one, and `mean` that of all. Negative where new cuts would hardly be more even than these. */
+double kiln_recut_gain(const struct kiln_job *job, const struct kiln_recut_passes *passes, double longest, double mean);
+/* Whether it is asked what moving would cost. */
+bool kiln_recut_is_asked(const struct kiln_job *job, double gain);
+/* Seconds of a move in which the rank that gets most gets so many points of so many bytes. */
+double kiln_recut_cost(double points, double bytes);
+bool kiln_recut_pays(const struct kiln_job *job, double gain, double cost);
+
+#endif
