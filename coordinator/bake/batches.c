@@ -1,4 +1,5 @@
 #include <assert.h>
+#include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -7,7 +8,6 @@
 #include "coordinator/bake/transport_private.h"
 #include "coordinator/cli/agree.h"
 
-#define LEAST_BATCH 0.02 /* s of work in a batch, where the end of a pass makes batches shorter */
 enum { LEAVES = 8 };     /* a batch takes at most one part in so many of what is left */
 #define LEAST_HELP 0.005 /* s of work that is left to a rank, for others to take any of it */
 
@@ -62,7 +62,7 @@ static size_t batch_of(const struct transport_state *s, struct kiln_range left)
     const int ranks = kiln_shares_count(s->out->shares), parts = ranks < LEAVES ? ranks : LEAVES;
     double wanted = speed_of(s) * kiln_control_batch_seconds(s->params->control);
     if (ranks > 1)
-        wanted = fmin(wanted, fmax((double)points_of(s->params->surface, left) / parts, LEAST_BATCH * speed_of(s)));
+        wanted = fmin(wanted, fmax((double)points_of(s->params->surface, left) / parts, KILN_LEAST_BATCH * speed_of(s)));
     size_t count = 0;
     for (uint64_t points = 0; count < left.count && (count < s->params->threads || (double)points < wanted); count++)
         points += fragments[count].count;
@@ -271,18 +271,24 @@ int transport_run_batches(struct pass_work *w, struct kiln_error *error)
     }
 }
 
-int transport_read_slowness(struct transport_state *s, struct kiln_error *error)
+int kiln_slow_rank(uint32_t *rank, double *factor, struct kiln_error *error)
 {
     const char *text = getenv("KILN_SLOW_RANK");
-    unsigned rank;
-    double factor;
     int end = 0;
-    s->slowness = 1.0;
+    *rank = 0;
+    *factor = 1.0;
     if (text == NULL || text[0] == '\0')
         return KILN_OK;
-    if (sscanf(text, "%u:%lf%n", &rank, &factor, &end) < 2 || text[end] != '\0' || !(factor >= 1.0 && factor <= 1e6))
+    if (sscanf(text, "%" SCNu32 ":%lf%n", rank, factor, &end) < 2 || text[end] != '\0' || !(*factor >= 1.0 && *factor <= 1e6))
         return kiln_fail(error, KILN_USAGE, "KILN_SLOW_RANK is '%.100s'; it is RANK:FACTOR, and the factor 1 to 1000000", text);
-    if (rank == (unsigned)s->params->rank)
-        s->slowness = factor;
     return KILN_OK;
+}
+
+int transport_read_slowness(struct transport_state *s, struct kiln_error *error)
+{
+    uint32_t rank;
+    const int status = kiln_slow_rank(&rank, &s->slowness, error);
+    if (rank != (uint32_t)s->params->rank)
+        s->slowness = 1.0;
+    return status;
 }

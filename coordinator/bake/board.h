@@ -13,6 +13,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#define KILN_LEAST_BATCH 0.02 /* s of work in a batch, where the end of a pass makes batches shorter so that others can take the rest */
+
 /* A range of a rank's own fragments, below 2^32. */
 struct kiln_range {
     size_t first, count;

@@ -30,6 +30,7 @@ static const uint64_t ROWS_AT_ONCE = 1ull << 18;
 static const uint64_t PREVIEW_BYTES = 48ull << 20;   /* rays of a band */
 static const double PREVIEW_TEXEL = 12.0;            /* lightmaps in view */
 static const double CHECKPOINT_POINT = 44.0;         /* bytes on disk */
+static const double RESULT_BYTES = 6 * sizeof(float) + sizeof(uint16_t); /* of a point, that move with it besides its surface */
 
 static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
 static const double LIGHTMAP_TEXEL_SECONDS = 1.6e-6; /* of one thread: filled, smoothed, compressed, read back */
@@ -83,7 +84,7 @@ static double least(double a, double b) { return a < b ? a : b; }
 /* The phases that write follow one another; the fullest is the first rank, which draws the preview. */
 static uint64_t result_bytes(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
-    const double own = (double)plan->surface.points_max, texels = (double)plan->surface.texels, largest = (double)largest_lightmap(p->scene);
+    const double own = plan->here.light.points_most, texels = (double)plan->surface.texels, largest = (double)largest_lightmap(p->scene);
     const double at_once = fmax(largest, least(texels / job->ranks, (double)LIGHTMAP_BUDGET));
     const double rows = least(own, (double)ROWS_AT_ONCE);
     const double lightmaps = LIGHTMAP_WORK * at_once + RECORD_BYTES * rows;
@@ -119,11 +120,14 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     m->device = on_device(p) ? info.memory : 0;
     m->surface_all = all_bytes(share, p->scene->object_count);
     const double own = share->count > 0 ? (double)share_bytes(share) / (double)share->count : 0.0;
-    m->surface_own = (uint64_t)(own * (double)plan->surface.points_max);
-    m->transport = kiln_transport_bytes(plan->surface.points_max, plan->surface.points);
+    m->surface_own = (uint64_t)(own * plan->here.light.points_most);
+    m->transport = kiln_transport_bytes((uint64_t)plan->here.light.points_most, plan->surface.points);
     m->volume = plan->probes * sizeof(struct kiln_probe_result);
     m->results = result_bytes(plan, p, job);
-    m->total = m->program + m->scene + m->textures + m->geometry + m->bvh + m->surface_all + m->surface_own + m->transport + m->volume + m->results;
+    m->moving = plan->here.light.cuts > 0 ? (uint64_t)(fmax(own, RESULT_BYTES) * plan->here.light.points_most) : 0;
+    const uint64_t last = m->volume + m->results; /* there is none of these while points move */
+    m->total = m->program + m->scene + m->textures + m->geometry + m->bvh + m->surface_all + m->surface_own + m->transport +
+               (last > m->moving ? last : m->moving);
     if (plan->surface.points > 0)
         plan->bytes_per_point = own + (double)m->surface_all / (double)plan->surface.points +
                                 (double)(kiln_transport_bytes(plan->surface.points, plan->surface.points) - kiln_transport_bytes(0, 0)) /
@@ -219,17 +223,6 @@ static double preview_seconds(const struct kiln_prepared *p, const struct kiln_j
     return job->preview ? PREVIEW_DRAWN / p->threads + PREVIEW_WRITTEN : 0.0;
 }
 
-/* Seconds a point in a pass. */
-static double point_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, int pass)
-{
-    double seconds = 0.0, points = 0.0;
-    for (size_t i = 0; i < plan->sample_count; i++) {
-        seconds += plan->samples[i].seconds[pass];
-        points += (double)plan->samples[i].points;
-    }
-    return points > 0.0 ? seconds / points + take_seconds(p) : 0.0;
-}
-
 static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *job, double *seconds, struct kiln_error *error)
 {
     struct kiln_vec3 positions[SAMPLE_PROBES];
@@ -265,16 +258,6 @@ static double phase_seconds(const struct kiln_phases *phases, const char *name)
     return 0.0;
 }
 
-/* How often the passes run: direct light, bounces at their own samples, final gathers. */
-static void pass_counts(const struct kiln_plan *plan, const struct kiln_job *job, double counts[3])
-{
-    const bool lean = job->schedule == KILN_SCHEDULE_LEAN;
-    const double bounces = plan->bounces;
-    counts[0] = 1.0;
-    counts[1] = lean && bounces > 0.0 ? bounces - 1.0 : 0.0;
-    counts[2] = lean ? (bounces > 0.0 ? 1.0 : 0.0) : bounces;
-}
-
 /* Ranks of a node share its cores, unless their threads were said; each has a GPU of its own. */
 static double crowd(const struct kiln_prepared *p, const struct kiln_job *job)
 {
@@ -299,104 +282,145 @@ static double bounce_bytes(const struct kiln_job *job, uint64_t points)
 struct timing {
     double probe;    /* s each */
     double emission; /* s in all */
+    uint32_t slow_rank; /* KILN_SLOW_RANK */
+    double slowness;
 };
 
-static void plan_time(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_phases *phases,
-                      const struct timing *timing)
+/* All that does not depend on how even the ranks' work is. */
+static void plan_before_and_after(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_phases *phases,
+                                  const struct timing *timing)
 {
     struct kiln_plan_seconds *s = &plan->seconds;
-    double counts[3];
-    const double together = crowd(p, job), points = (double)plan->surface.points_max * together, ranks = (double)job->ranks;
-    pass_counts(plan, job, counts);
+    const double together = crowd(p, job), ranks = (double)job->ranks;
     s->import = phase_seconds(phases, "import");
     s->world = phase_seconds(phases, "scene and BVH") * together;
     s->surface = phase_seconds(phases, "surface points") * together / ranks;
-    s->validity = plan->surface.points > 0 ? phase_seconds(phases, "validity") * points / (double)plan->surface.points : 0.0;
+    if (plan->surface.points > 0)
+        s->validity = phase_seconds(phases, "validity") * (double)plan->surface.points_max * together / (double)plan->surface.points;
     s->emission = timing->emission * together;
-    s->direct = points * counts[0] * point_seconds(plan, p, 0);
-    s->bounces = points * counts[1] * point_seconds(plan, p, 1);
-    s->final = points * counts[2] * point_seconds(plan, p, 2);
     s->probes = timing->probe * ceil((double)plan->probes / ranks) * together;
     if (ranks > 1.0)
         plan->exchange_bytes = bounce_bytes(job, plan->surface.points) * ((double)plan->surface.points - (double)plan->surface.points_max);
-    const uint32_t on_node = job->ranks_per_node > 0 ? job->ranks_per_node : 1;
-    s->exchange = (plan->bounces + 1.0) * kiln_exchange_seconds(bounce_bytes(job, plan->surface.points) * (double)plan->surface.points, job->ranks,
-                                                                (job->ranks - 1) / on_node + 1, job->node_bandwidth * 1e9, job->node_latency * 1e-6);
     s->write = write_seconds(plan, p, job);
-    s->total = s->import + s->world + s->surface + s->validity + s->emission + s->direct + s->bounces + s->final + s->probes + s->exchange + s->write;
+}
+
+static void plan_light(struct kiln_plan *plan)
+{
+    struct kiln_plan_seconds *s = &plan->seconds;
+    s->direct = plan->here.light.seconds[KILN_LIGHT_DIRECT];
+    s->bounces = plan->here.light.seconds[KILN_LIGHT_BOUNCE];
+    s->final = plan->here.light.seconds[KILN_LIGHT_FINAL];
+    s->exchange = plan->here.exchange;
+    s->move = plan->here.light.move;
+    s->total = s->import + s->world + s->surface + s->validity + s->emission + s->direct + s->bounces + s->final + s->probes + s->exchange + s->move +
+               s->write;
 }
 
 /* ---- scaling ---- */
 
-/* Seconds a point of the nearest sample: samples stand for the places around them. */
-static double cost_near(const struct kiln_plan *plan, const double counts[3], uint64_t point)
+/* The nearest sample: samples stand for the places around them. NULL when there is none. */
+static const struct kiln_plan_sample *sample_near(const struct kiln_plan *plan, uint64_t point)
 {
-    double best = INFINITY, cost = 0.0;
+    const struct kiln_plan_sample *best = NULL;
+    double least_away = INFINITY;
     for (size_t i = 0; i < plan->sample_count; i++) {
         const struct kiln_plan_sample *s = &plan->samples[i];
         const double away = fabs((double)s->first + 0.5 * (double)s->points - (double)point);
-        if (away < best && s->points > 0) {
-            best = away;
-            cost = (counts[0] * s->seconds[0] + counts[1] * s->seconds[1] + counts[2] * s->seconds[2]) / (double)s->points;
+        if (away < least_away && s->points > 0) {
+            least_away = away;
+            best = s;
         }
     }
-    return cost;
+    return best;
 }
 
-static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, uint64_t **points, double **costs,
-                      size_t *count, struct kiln_error *error)
+/* The cells of the simulation: their points, and what one costs a rank. */
+struct cells {
+    uint64_t *points;
+    double *cost[KILN_LIGHTS];
+    size_t count;
+};
+
+static void free_cells(struct cells *cells)
+{
+    kiln_free(&cells->points);
+    for (int l = 0; l < KILN_LIGHTS; l++)
+        kiln_free(&cells->cost[l]);
+}
+
+static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, struct cells *cells,
+                      struct kiln_error *error)
 {
     const struct kiln_surface *s = p->surface; /* of one rank: all */
-    const bool cells = s->cell_first != NULL;
-    double counts[3];
-    pass_counts(plan, job, counts);
-    *count = cells ? (size_t)s->cell_count : s->fragment_count;
-    int status = kiln_allocate(points, *count, sizeof **points, "the simulated cells", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(costs, *count, sizeof **costs, "the simulated cells", error);
-    for (size_t i = 0; status == KILN_OK && i < *count; i++) {
-        const uint64_t first = cells ? s->cell_first[i] : s->fragments[i].first;
-        (*points)[i] = cells ? s->cell_first[i + 1] - first : s->fragments[i].count;
-        (*costs)[i] = cost_near(plan, counts, first + (*points)[i] / 2);
+    const bool in_cells = s->cell_first != NULL;
+    cells->count = in_cells ? (size_t)s->cell_count : s->fragment_count;
+    int status = kiln_allocate(&cells->points, cells->count, sizeof *cells->points, "the simulated cells", error);
+    for (int l = 0; l < KILN_LIGHTS && status == KILN_OK; l++)
+        status = kiln_allocate(&cells->cost[l], cells->count, sizeof *cells->cost[l], "the simulated cells", error);
+    for (size_t i = 0; status == KILN_OK && i < cells->count; i++) {
+        const uint64_t first = in_cells ? s->cell_first[i] : s->fragments[i].first;
+        cells->points[i] = in_cells ? s->cell_first[i + 1] - first : s->fragments[i].count;
+        const struct kiln_plan_sample *sample = sample_near(plan, first + cells->points[i] / 2);
+        for (int l = 0; sample != NULL && l < KILN_LIGHTS; l++)
+            cells->cost[l][i] = crowd(p, job) * (sample->seconds[l] / (double)sample->points + take_seconds(p));
     }
     return status;
 }
 
 /* Everything that grows with the points does so in proportion. */
-static int plan_curves(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, const struct timing *timing,
-                       struct kiln_error *error)
+static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
+                                            const struct cells *cells, const struct timing *timing)
 {
-    uint64_t *cell_points = NULL;
-    double *cell_costs = NULL, counts[3];
-    pass_counts(plan, job, counts);
     const struct kiln_plan_seconds *s = &plan->seconds;
     const double together = crowd(p, job), points = fmax(1.0, (double)plan->surface.points), texel = (double)plan->surface.texels / points;
-    struct kiln_simulation simulation = {.fragments = plan->surface.fragments,
-                                         .density = job->points > 0 ? (double)job->points / points : 1.0,
-                                         .once = s->import + s->world + s->emission + preview_seconds(p, job),
-                                         .find_a_point = s->surface * job->ranks / points,
-                                         .map_a_point = MAP_POINT_SECONDS * together,
-                                         .map_bytes = MAP_ENTRY_BYTES * (double)(p->surface->tile_count + p->surface->split_count) / points,
-                                         .shared_a_point = s->validity / fmax(1.0, (double)plan->surface.points_max) +
-                                                           together * (H5_POINT_SECONDS + texel * LIGHTMAP_TEXEL_SECONDS / p->threads),
-                                         .shared = timing->probe * (double)plan->probes * together,
-                                         .largest_object = (OWNER_TEXEL_SECONDS + OWNER_TEXEL_BYTES / (job->node_bandwidth * 1e9)) *
-                                                           (double)largest_lightmap(p->scene),
-                                         .alone_a_point = H5_WRITER_POINT_SECONDS,
-                                         .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),
-                                         .exchanges = plan->bounces + 1,
-                                         .ranks_per_node = job->ranks_per_node,
-                                         .bandwidth = job->node_bandwidth * 1e9,
-                                         .latency = job->node_latency * 1e-6};
-    int status = fill_cells(plan, p, job, &cell_points, &cell_costs, &simulation.cell_count, error);
-    for (size_t i = 0; status == KILN_OK && i < simulation.cell_count; i++)
-        cell_costs[i] = together * (cell_costs[i] + (counts[0] + counts[1] + counts[2]) * take_seconds(p));
-    simulation.cell_points = cell_points;
-    simulation.cell_cost = cell_costs;
-    if (status == KILN_OK)
-        status = kiln_simulate_curves(&simulation, job->ranks, plan->strong, plan->weak, &plan->curve_count, error);
-    kiln_free(&cell_points);
-    kiln_free(&cell_costs);
+    const double surface = p->surface->count > 0 ? (double)share_bytes(p->surface) / (double)p->surface->count : 0.0;
+    struct kiln_backend_info info = {0};
+    kiln_backend_info(p->backend, &info);
+    return (struct kiln_simulation){.light = {.job = job,
+                                              .cell_points = cells->points,
+                                              .cell_cost = {cells->cost[0], cells->cost[1], cells->cost[2]},
+                                              .cell_count = cells->count,
+                                              .fragments = plan->surface.fragments,
+                                              .bounces = plan->bounces,
+                                              .threads = p->threads,
+                                              .any_share = info.any_share,
+                                              .part_points = info.part_points,
+                                              .share_bytes = surface + RESULT_BYTES,
+                                              .bandwidth = job->node_bandwidth * 1e9,
+                                              .latency = job->node_latency * 1e-6,
+                                              .slow_rank = timing->slow_rank,
+                                              .slowness = timing->slowness},
+                                    .density = job->points > 0 ? (double)job->points / points : 1.0,
+                                    .once = s->import + s->world + s->emission + preview_seconds(p, job),
+                                    .find_a_point = s->surface * job->ranks / points,
+                                    .map_a_point = MAP_POINT_SECONDS * together,
+                                    .map_bytes = MAP_ENTRY_BYTES * (double)(p->surface->tile_count + p->surface->split_count) / points,
+                                    .shared_a_point = s->validity / fmax(1.0, (double)plan->surface.points_max) +
+                                                      together * (H5_POINT_SECONDS + texel * LIGHTMAP_TEXEL_SECONDS / p->threads),
+                                    .shared = timing->probe * (double)plan->probes * together,
+                                    .largest_object = LIGHTMAP_TEXEL_SECONDS * (double)largest_lightmap(p->scene),
+                                    .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),
+                                    .exchanges = plan->bounces + 1};
+}
+
+/* The bake as it is asked for, then the curves. */
+static int simulate(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, const struct timing *timing,
+                    struct kiln_error *error)
+{
+    struct cells cells = {0};
+    int status = fill_cells(plan, p, job, &cells, error);
+    if (status == KILN_OK) {
+        struct kiln_simulation simulation = simulation_of(plan, p, job, &cells, timing);
+        const double density = simulation.density, bytes = simulation.radiosity_bytes;
+        simulation.density = 1.0;
+        simulation.radiosity_bytes = bounce_bytes(job, plan->surface.points);
+        status = kiln_simulate(&simulation, job->ranks, 1.0, &plan->here, error);
+        simulation.density = density;
+        simulation.radiosity_bytes = bytes;
+        if (status == KILN_OK)
+            status = kiln_simulate_curves(&simulation, job->ranks, plan->strong, plan->weak, &plan->curve_count, error);
+    }
+    free_cells(&cells);
     return status;
 }
 
@@ -436,15 +460,20 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     struct timing timing = {0};
     if (status == KILN_OK && job->samples_probe > 0)
         status = kiln_volume_grid(&volume, prepared->scene, job->probe_spacing, error);
+    if (status == KILN_OK)
+        status = kiln_slow_rank(&timing.slow_rank, &timing.slowness, error);
     if (status == KILN_OK) {
         plan->probes = volume.size[0] * volume.size[1] * volume.size[2];
-        plan_memory(plan, prepared, share, job);
         plan_disk(plan, prepared, job);
         status = trace_samples(plan, prepared, job, &timing, error);
     }
     if (status == KILN_OK) {
-        plan_time(plan, prepared, job, phases, &timing);
-        status = plan_curves(plan, prepared, job, &timing, error);
+        plan_before_and_after(plan, prepared, job, phases, &timing);
+        status = simulate(plan, prepared, job, &timing, error);
+    }
+    if (status == KILN_OK) {
+        plan_light(plan);
+        plan_memory(plan, prepared, share, job);
     }
     kiln_surface_destroy(&share);
     return status;

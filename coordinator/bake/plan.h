@@ -17,7 +17,8 @@ struct kiln_plan_memory {
     uint64_t transport;   /* irradiance and radiosity */
     uint64_t volume;      /* probes */
     uint64_t results;     /* while files are written, and the preview is drawn: the most of these */
-    uint64_t total;       /* without `device` */
+    uint64_t moving;      /* while points go to other ranks, which is before there are probes and results: surface or results once more */
+    uint64_t total;       /* without `device`; with the larger of `moving` and what comes later */
     uint64_t device;      /* of the GPU: with the share of this process, that is, of all points */
 };
 
@@ -26,6 +27,7 @@ struct kiln_plan_seconds {
     double import, world, surface, validity; /* reading, BVH, finding points (divided), finding buried ones */
     double emission;                         /* light traced from the lights */
     double direct, bounces, final, probes, exchange;
+    double move;                             /* of points to other ranks, when shares are cut anew */
     double write;                            /* lightmaps, kiln.h5, volume.hdf, preview */
     double total;
 };
@@ -56,6 +58,7 @@ struct kiln_plan {
     struct kiln_plan_sample samples[KILN_PLAN_SAMPLES];
     size_t sample_count;
     double calibration_seconds;
+    struct kiln_scaled here;    /* the bake itself, on job->ranks ranks; efficiencies are 0 */
     /* how the bake would scale up to job->ranks, and the cells that this is reckoned from */
     struct kiln_scaled strong[KILN_CURVE_MAX], weak[KILN_CURVE_MAX];
     size_t curve_count;

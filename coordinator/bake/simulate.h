@@ -1,19 +1,15 @@
-/* How a bake would scale over more ranks than there are: from the cells' points, what a point costs, and a network's figures.
- * Shares are cut by points and stay: what bakes win by giving work away and by cutting anew is not in it. */
+/* How a bake would scale over more ranks than there are: from the cells' points, what a point costs, and a network's figures. */
 #ifndef KILN_COORDINATOR_BAKE_SIMULATE_H
 #define KILN_COORDINATOR_BAKE_SIMULATE_H
 
 #include <stddef.h>
 #include <stdint.h>
 
-#include "worker/base/status.h"
+#include "coordinator/bake/simulate_light.h"
 
 /* What the simulated bake is made of. Times in seconds, of one rank with all the cores (or the GPU) that a rank gets. */
 struct kiln_simulation {
-    const uint64_t *cell_points; /* of the occupied cells in global order */
-    const double *cell_cost;     /* seconds a point of each: direct light, all bounces, the final gather */
-    size_t cell_count;
-    uint64_t fragments;          /* smallest units of work */
+    struct kiln_light_simulation light; /* the cells, the ranks of a node and the network among it */
     double density;              /* points for each one that the cells have: the same scene with finer lightmaps */
     double once;                 /* done by every rank, or while all wait: import, scene, BVH */
     double find_a_point;         /* divided between ranks: where the points lie */
@@ -24,18 +20,18 @@ struct kiln_simulation {
     double largest_object;       /* seconds that the owner of the largest lightmap works on it while other ranks wait, when there are several */
     double alone_a_point;        /* done by one rank for all points, when there are several: kiln.h5 from the packed bytes of all */
     double radiosity_bytes;      /* of a point, in an exchange */
-    uint32_t exchanges, ranks_per_node;
-    double bandwidth, latency;   /* of a node: bytes a second, seconds */
+    uint32_t exchanges;
 };
 
 /* One number of ranks. Efficiency is the time of one rank over (ranks x time), of weak scaling over time alone. */
 struct kiln_scaled {
     uint32_t ranks, nodes;
     double points;
-    double trace, imbalance; /* of the costliest rank; over the mean - 1 */
+    struct kiln_simulated_light light;
+    double trace; /* light and probes */
     double find; /* the points, and telling all of them */
     double exchange, once, write, seconds;
-    double efficiency, trace_efficiency; /* of all; of tracing and exchange alone */
+    double efficiency, trace_efficiency; /* of all; of tracing, moves and exchange alone */
 };
 
 /* Seconds of one exchange, in which all ranks learn `bytes` of which each made its part: an all-gather by recursive doubling takes

@@ -92,6 +92,10 @@ void kiln_transport_destroy(struct kiln_transport **transport);
 int kiln_transport_save(struct kiln_transport *transport, const struct kiln_transport_params *params, const struct kiln_block *more, size_t count,
                         struct kiln_error *error);
 
+/* For tests of who helps whom: from the environment variable KILN_SLOW_RANK, R:F, rank R takes F times as long for a batch (F >= 1). 0 and 1
+ * where it is not set; KILN_USAGE when it is not understood. */
+int kiln_slow_rank(uint32_t *rank, double *factor, struct kiln_error *error);
+
 /* Bytes that kiln_transport_run allocates on a node's only rank for `own` of `total` surface points: what `plan` predicts with. */
 size_t kiln_transport_bytes(uint64_t own, uint64_t total);
 

@@ -92,8 +92,7 @@ void transport_settle(struct transport_state *s);
 int transport_run_batches(struct pass_work *w, struct kiln_error *error);
 /* All own fragments before `end` are done, but for those that others have: what of them is a whole group may leave. */
 void transport_send_done(struct transport_state *s, size_t end);
-/* For tests of who helps whom: from the environment variable KILN_SLOW_RANK, R:F, rank R takes F times as long for a batch (F >= 1).
- * KILN_USAGE when it is not understood. */
+/* kiln_slow_rank, where it is this one. */
 int transport_read_slowness(struct transport_state *s, struct kiln_error *error);
 
 /* Collective (rebalance.c). Before s->step, the next pass, is begun: where the points of the last pass have cost some ranks (or nodes, where

@@ -114,6 +114,7 @@ struct kiln_backend_info {
                               threads; 0: a device does that */
     bool any_share;        /* kiln_backend_set_surface costs nothing: it can compute a part of another rank's share between its own. A
                               device that keeps its points cannot: the ranks of its node neither give work away nor take any */
+    uint64_t part_points;  /* a batch's answers are handed over in parts of about so many; 0: it depends */
     uint32_t recoveries;   /* how often it was lost or short of memory, and made anew */
     bool fell_back;        /* it failed for good and Embree went on: name, device, memory and build_seconds are Embree's */
     uint64_t verified;     /* texels traced again with Embree so far, once for each pass (worker/backend/verify.h) */

@@ -127,6 +127,8 @@ static double seconds_of(clockid_t clock)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
+enum { PART_POINTS = 1 << 16 };
+
 double embree_thread_seconds(void) { return seconds_of(CLOCK_THREAD_CPUTIME_ID); }
 
 static int embree_create(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error)
@@ -175,8 +177,8 @@ static int embree_create(struct kiln_backend **backend, const struct kiln_backen
 static void embree_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     const struct embree_backend *b = (const struct embree_backend *)backend;
-    *info = (struct kiln_backend_info){
-        .name = "embree", .build_seconds = b->build_seconds, .thread_seconds = b->thread_seconds, .any_share = true};
+    *info = (struct kiln_backend_info){.name = "embree", .build_seconds = b->build_seconds, .thread_seconds = b->thread_seconds, .any_share = true,
+                                       .part_points = PART_POINTS};
     memcpy(info->device, b->device_text, sizeof info->device);
 }
 
@@ -197,7 +199,6 @@ static int embree_set_radiosity(struct kiln_backend *backend, const uint64_t *ra
 int embree_in_parts(struct embree_backend *b, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, embree_trace_part trace,
                     uint64_t *rays, struct kiln_error *error)
 {
-    enum { PART_POINTS = 1 << 16 };
     const struct kiln_fragment *fragments = b->surface->fragments;
     const size_t last = batch->fragment_first + batch->fragment_count;
     const uint64_t all = fragments[last - 1].first + fragments[last - 1].count - fragments[batch->fragment_first].first, most = PART_POINTS + KILN_TILE_TEXELS;

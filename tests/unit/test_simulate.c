@@ -1,0 +1,152 @@
+/* How even simulated ranks work: who helps whom, when shares are cut anew, and what is left. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include "coordinator/bake/simulate_light.h"
+
+enum { CELLS = 64, CELL_POINTS = 50000 };
+
+struct world {
+    struct kiln_job job;
+    uint64_t points[CELLS];
+    double cost[KILN_LIGHTS][CELLS];
+    struct kiln_light_simulation simulation;
+};
+
+/* Points of the second half of the cells cost `factor` times as much as those of the first, and these `cost` s. */
+static void fill(struct world *w, double cost, double factor)
+{
+    *w = (struct world){.job = {.bounces = 5, .samples_direct = 8, .samples_bounce = 8, .samples_indirect = 64, .give_away = true, .ranks_per_node = 1}};
+    for (int i = 0; i < CELLS; i++) {
+        w->points[i] = CELL_POINTS;
+        for (int l = 0; l < KILN_LIGHTS; l++)
+            w->cost[l][i] = (i < CELLS / 2 ? cost : factor * cost) * (l == KILN_LIGHT_FINAL ? 8.0 : 1.0);
+    }
+    w->simulation = (struct kiln_light_simulation){.job = &w->job,
+                                                   .cell_points = w->points,
+                                                   .cell_cost = {w->cost[0], w->cost[1], w->cost[2]},
+                                                   .cell_count = CELLS,
+                                                   .fragments = CELLS * CELL_POINTS / 64,
+                                                   .bounces = 5,
+                                                   .threads = 1,
+                                                   .any_share = true,
+                                                   .share_bytes = 60.0,
+                                                   .bandwidth = 1e9,
+                                                   .latency = 1e-5,
+                                                   .slowness = 1.0};
+}
+
+static struct kiln_simulated_light simulate(const struct world *w, uint32_t ranks)
+{
+    struct kiln_simulated_light light;
+    struct kiln_error error;
+    assert_int_equal(kiln_simulate_light(&w->simulation, ranks, 1.0, &light, &error), KILN_OK);
+    return light;
+}
+
+static double seconds(const struct kiln_simulated_light *l) { return l->seconds[0] + l->seconds[1] + l->seconds[2] + l->move; }
+
+static void even_work_stays(void **state)
+{
+    (void)state;
+    struct world w;
+    fill(&w, 1e-5, 1.0);
+    const struct kiln_simulated_light light = simulate(&w, 4);
+    assert_true(fabs(light.imbalance) < 1e-9 && fabs(light.kept) < 1e-9 && light.cuts == 0);
+    assert_true(fabs(light.points_most - CELLS * CELL_POINTS / 4) < 1.0);
+    assert_true(fabs(seconds(&light) - CELLS * CELL_POINTS / 4 * 13e-5) < 1e-6);
+}
+
+/* Work of 1 : 3 on two ranks: 3 / 2 - 1 as long as it stays, which it does for the direct pass and the first bounce. */
+static void cut_anew(void **state)
+{
+    (void)state;
+    struct world w;
+    fill(&w, 1e-5, 3.0);
+    w.job.rebalance = KILN_REBALANCE_NEVER;
+    const struct kiln_simulated_light never = simulate(&w, 2);
+    assert_true(fabs(never.kept - 0.5) < 1e-9 && fabs(never.imbalance - 0.5) < 1e-9 && never.cuts == 0 && never.move == 0.0);
+    w.job.rebalance = KILN_REBALANCE_AUTO;
+    const struct kiln_simulated_light automatic = simulate(&w, 2);
+    assert_int_equal(automatic.cuts, 1);
+    assert_true(fabs(automatic.kept - 0.5) < 1e-9 && fabs(automatic.first[KILN_LIGHT_DIRECT] - 0.5) < 1e-9);
+    assert_true(fabs(automatic.first[KILN_LIGHT_BOUNCE] - 0.5) < 1e-9 && automatic.last[KILN_LIGHT_BOUNCE] < 0.02);
+    assert_true(automatic.last[KILN_LIGHT_FINAL] < 0.02);
+    assert_true(seconds(&automatic) < 0.8 * seconds(&never) && automatic.points_most > never.points_most);
+    w.simulation.any_share = false; /* devices keep theirs */
+    assert_int_equal(simulate(&w, 2).cuts, 0);
+    w.job.rebalance = KILN_REBALANCE_ALWAYS;
+    assert_true(simulate(&w, 2).first[KILN_LIGHT_BOUNCE] < 0.02);
+}
+
+/* Where a move costs more than it wins; and where a bake knows too little of where in a share the costly points are. */
+static void does_not_pay(void **state)
+{
+    (void)state;
+    struct world w;
+    fill(&w, 1e-8, 3.0);
+    assert_int_equal(simulate(&w, 2).cuts, 0);
+    fill(&w, 2e-7, 3.0); /* so little that a batch is a whole share */
+    w.job.bounces = 2; /* a single cut, after the only bounce; a share of the three has costs of 1 and 3 */
+    w.simulation.bounces = 2;
+    w.simulation.part_points = 4 * CELLS * CELL_POINTS;
+    const struct kiln_simulated_light coarse = simulate(&w, 3);
+    w.simulation.part_points = CELL_POINTS / 10;
+    const struct kiln_simulated_light fine = simulate(&w, 3);
+    assert_true(coarse.cuts == 1 && fine.cuts == 1);
+    assert_true(coarse.first[KILN_LIGHT_FINAL] > 0.1 && fine.first[KILN_LIGHT_FINAL] < 0.06);
+}
+
+static void given_away(void **state)
+{
+    (void)state;
+    struct world w;
+    fill(&w, 1e-5, 3.0);
+    w.job.ranks_per_node = 2;
+    const struct kiln_simulated_light together = simulate(&w, 2);
+    assert_true(together.cuts == 0 && together.imbalance > 0.0 && together.imbalance < 0.01 && fabs(together.kept - 0.5) < 1e-9);
+    w.job.share_ranks = 1;
+    assert_true(simulate(&w, 2).cuts == 1);
+    w.job.share_ranks = 0;
+    w.job.give_away = false;
+    assert_true(simulate(&w, 2).cuts == 1);
+    w.job.give_away = true;
+    w.simulation.any_share = false;
+    assert_true(fabs(simulate(&w, 2).imbalance - 0.5) < 1e-9);
+    fill(&w, 1e-5, 3.0); /* two nodes of two: within a node all is even, between them it is not */
+    w.job.ranks_per_node = 2;
+    const struct kiln_simulated_light nodes = simulate(&w, 4);
+    assert_true(nodes.cuts == 1 && fabs(nodes.first[KILN_LIGHT_DIRECT] - 0.5) < 1e-9 && nodes.last[KILN_LIGHT_FINAL] < 0.03);
+}
+
+/* One of two ranks takes three times as long: alone 3 / 2 - 1 too much; with help both end after 3 / 4 of that mean; and cuts by what points
+ * cost where they are now come nearer to that each time. */
+static void slow_rank(void **state)
+{
+    (void)state;
+    struct world w;
+    fill(&w, 1e-5, 1.0);
+    w.simulation.slow_rank = 1;
+    w.simulation.slowness = 3.0;
+    w.job.rebalance = KILN_REBALANCE_NEVER;
+    const struct kiln_simulated_light alone = simulate(&w, 2);
+    assert_true(fabs(alone.imbalance - 0.5) < 1e-9);
+    w.job.rebalance = KILN_REBALANCE_AUTO;
+    const struct kiln_simulated_light anew = simulate(&w, 2);
+    assert_true(anew.cuts >= 2 && anew.last[KILN_LIGHT_FINAL] < 0.1 && seconds(&anew) < 0.7 * seconds(&alone));
+    w.job.ranks_per_node = 2;
+    const struct kiln_simulated_light helped = simulate(&w, 2);
+    assert_true(fabs(seconds(&helped) / seconds(&alone) - 0.5) < 0.01);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(even_work_stays), cmocka_unit_test(cut_anew), cmocka_unit_test(does_not_pay),
+                                       cmocka_unit_test(given_away), cmocka_unit_test(slow_rank)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
