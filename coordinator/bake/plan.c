@@ -14,6 +14,7 @@
 enum { TYPICAL_BOUNCES = 7 };
 /* Fragments traced at a place: so many that every thread gets some, or a GPU is busy. */
 enum { THREAD_FRAGMENTS = 4, LEAST_FRAGMENTS = 8, DEVICE_FRAGMENTS = 2048, SAMPLE_PROBES = 256, LEAST_SAMPLES = 8 };
+enum { BOUNCE_FRAGMENTS = 4 }; /* so many times as many for a bounce, which has few samples */
 static const double CALIBRATION_SECONDS = 15.0;
 
 /* Embree 3.13, robust, medium quality: bytes of BVH a triangle, measured between 32 thousand and 4 million triangles. */
@@ -150,16 +151,17 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
 
 /* ---- calibration ---- */
 
-static int sample_pass(const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_batch *batch, int pass, double *seconds,
+static int sample_pass(const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_batch *batch, int light, double *seconds,
                        struct kiln_error *error)
 {
     struct kiln_backend_info begin, end;
     uint64_t rays = 0;
     kiln_backend_info(p->backend, &begin);
     const double start = MPI_Wtime();
-    const int status = pass == 0 ? kiln_backend_direct(p->backend, batch, job->samples_direct, &rays, error)
-                                 : kiln_backend_gather(p->backend, batch, pass == 1 ? job->samples_bounce : job->samples_indirect,
-                                                       pass == 1 ? 1 : 0xffff, &rays, error);
+    const bool bounce = light == KILN_LIGHT_BOUNCE;
+    const int status = light == KILN_LIGHT_DIRECT ? kiln_backend_direct(p->backend, batch, job->samples_direct, &rays, error)
+                                                  : kiln_backend_gather(p->backend, batch, bounce ? job->samples_bounce : job->samples_indirect,
+                                                                        bounce ? 1 : 0xffff, &rays, error);
     *seconds = MPI_Wtime() - start;
     kiln_backend_info(p->backend, &end);
     if (end.thread_seconds > begin.thread_seconds)
@@ -170,13 +172,17 @@ static int sample_pass(const struct kiln_prepared *p, const struct kiln_job *job
 static int take_sample(const struct kiln_prepared *p, const struct kiln_job *job, size_t first, size_t count, struct kiln_plan_sample *sample,
                        struct kiln_error *error)
 {
-    const struct kiln_batch batch = {first, count, NULL, NULL};
+    const struct kiln_fragment *fragments = p->surface->fragments;
+    const size_t rest = p->surface->fragment_count - first;
     int status = KILN_OK;
-    *sample = (struct kiln_plan_sample){.first = p->surface->fragments[first].first};
-    for (size_t f = first; f < first + count; f++)
-        sample->points += p->surface->fragments[f].count;
-    for (int pass = 0; pass < 3 && status == KILN_OK; pass++)
-        status = sample_pass(p, job, &batch, pass, &sample->seconds[pass], error);
+    *sample = (struct kiln_plan_sample){.first = fragments[first].first};
+    for (int light = 0; light < KILN_LIGHTS && status == KILN_OK; light++) {
+        const size_t wanted = light == KILN_LIGHT_BOUNCE ? BOUNCE_FRAGMENTS * count : count;
+        const struct kiln_batch batch = {first, wanted < rest ? wanted : rest, NULL, NULL};
+        const struct kiln_fragment *last = &fragments[first + batch.fragment_count - 1];
+        sample->points[light] = last->first + last->count - sample->first;
+        status = sample_pass(p, job, &batch, light, &sample->seconds[light], error);
+    }
     return status;
 }
 
@@ -318,20 +324,35 @@ static void plan_light(struct kiln_plan *plan)
 
 /* ---- scaling ---- */
 
-/* The nearest sample: samples stand for the places around them. NULL when there is none. */
+/* The nearest sample; NULL when there is none. */
 static const struct kiln_plan_sample *sample_near(const struct kiln_plan *plan, uint64_t point)
 {
     const struct kiln_plan_sample *best = NULL;
     double least_away = INFINITY;
     for (size_t i = 0; i < plan->sample_count; i++) {
         const struct kiln_plan_sample *s = &plan->samples[i];
-        const double away = fabs((double)s->first + 0.5 * (double)s->points - (double)point);
-        if (away < least_away && s->points > 0) {
+        const double away = fabs((double)s->first - (double)point);
+        if (away < least_away && s->points[KILN_LIGHT_DIRECT] > 0) {
             least_away = away;
             best = s;
         }
     }
     return best;
+}
+
+/* Seconds that a point costs in a stretch of them, by the samples that were taken there, or else the nearest. */
+static double cost_in(const struct kiln_plan *plan, uint64_t first, uint64_t count, int light)
+{
+    double seconds = 0.0, points = 0.0;
+    for (size_t i = 0; i < plan->sample_count; i++) {
+        const struct kiln_plan_sample *s = &plan->samples[i];
+        if (s->first >= first && s->first < first + count) {
+            seconds += s->seconds[light];
+            points += (double)s->points[light];
+        }
+    }
+    const struct kiln_plan_sample *near = points > 0.0 ? NULL : sample_near(plan, first + count / 2);
+    return points > 0.0 ? seconds / points : near != NULL ? near->seconds[light] / (double)near->points[light] : 0.0;
 }
 
 /* The cells of the simulation: their points, and what one costs a rank. */
@@ -360,9 +381,8 @@ static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *
     for (size_t i = 0; status == KILN_OK && i < cells->count; i++) {
         const uint64_t first = in_cells ? s->cell_first[i] : s->fragments[i].first;
         cells->points[i] = in_cells ? s->cell_first[i + 1] - first : s->fragments[i].count;
-        const struct kiln_plan_sample *sample = sample_near(plan, first + cells->points[i] / 2);
-        for (int l = 0; sample != NULL && l < KILN_LIGHTS; l++)
-            cells->cost[l][i] = crowd(p, job) * (sample->seconds[l] / (double)sample->points + take_seconds(p));
+        for (int l = 0; l < KILN_LIGHTS; l++)
+            cells->cost[l][i] = crowd(p, job) * (cost_in(plan, first, cells->points[i], l) + take_seconds(p));
     }
     return status;
 }

@@ -37,8 +37,8 @@ enum { KILN_PLAN_SAMPLES = 128 };
 /* What a point cost where it was tried. */
 struct kiln_plan_sample {
     uint64_t first;    /* the first of the tried points, in global order */
-    uint64_t points;
-    double seconds[3]; /* all samples of direct light, of one bounce, of the final gather; of processors what each thread worked on the mean:
+    uint64_t points[KILN_LIGHTS];
+    double seconds[KILN_LIGHTS]; /* all samples of direct light, of one bounce, of the final gather; of processors what each thread worked on the mean:
                         * neither other programs count, nor that threads wait for the last one, which at the end of so short a run is long */
 };
 
