@@ -418,7 +418,9 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
                                     .shared_a_point = s->validity / fmax(1.0, (double)plan->surface.points_max) +
                                                       together * (H5_POINT_SECONDS + texel * LIGHTMAP_TEXEL_SECONDS / p->threads),
                                     .shared = timing->probe * (double)plan->probes * together,
-                                    .largest_object = LIGHTMAP_TEXEL_SECONDS * (double)largest_lightmap(p->scene),
+                                    .largest_object = (OWNER_TEXEL_SECONDS + OWNER_TEXEL_BYTES / (job->node_bandwidth * 1e9)) *
+                                                      (double)largest_lightmap(p->scene),
+                                    .alone_a_point = H5_WRITER_POINT_SECONDS,
                                     .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),
                                     .exchanges = plan->bounces + 1};
 }

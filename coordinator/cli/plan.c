@@ -53,20 +53,6 @@ static json_t *disk_json(const struct kiln_plan *p)
                      (json_int_t)p->disk_bytes, "checkpoint", (json_int_t)p->checkpoint_bytes);
 }
 
-static json_t *curve_json(const struct kiln_scaled *curve, size_t count)
-{
-    json_t *array = json_array();
-    for (size_t i = 0; i < count; i++) {
-        const struct kiln_scaled *c = &curve[i];
-        (void)json_array_append_new(array, json_pack("{s:i, s:i, s:f, s:f, s:f, s:f, s:i, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "ranks", (int)c->ranks, "nodes", (int)c->nodes,
-                                               "points", c->points, "trace", c->trace, "imbalance", c->light.imbalance, "imbalance_kept", c->light.kept,
-                                               "cuts", (int)c->light.cuts, "move", c->light.move, "points_most", c->light.points_most, "exchange", c->exchange, "find",
-                                               c->find, "once", c->once, "write", c->write, "seconds", c->seconds, "efficiency", c->efficiency, "trace_efficiency",
-                                               c->trace_efficiency));
-    }
-    return array;
-}
-
 /* How even the ranks' work is. */
 static json_t *lights_json(const double values[KILN_LIGHTS])
 {
@@ -75,9 +61,23 @@ static json_t *lights_json(const double values[KILN_LIGHTS])
 
 static json_t *balance_json(const struct kiln_simulated_light *light)
 {
-    return json_pack("{s:f, s:f, s:i, s:f, s:f, s:o, s:o}", "imbalance", light->imbalance, "imbalance_kept", light->kept, "cuts", (int)light->cuts,
-                     "move_seconds", light->move, "points_most", light->points_most, "first_pass", lights_json(light->first), "last_pass",
-                     lights_json(light->last));
+    return json_pack("{s:f, s:f, s:i, s:f, s:f, s:o, s:o, s:o}", "imbalance", light->imbalance, "imbalance_kept", light->kept, "cuts", (int)light->cuts,
+                     "move_seconds", light->move, "points_most", light->points_most, "seconds", lights_json(light->seconds), "first_pass",
+                     lights_json(light->first), "last_pass", lights_json(light->last));
+}
+
+static json_t *curve_json(const struct kiln_scaled *curve, size_t count)
+{
+    json_t *array = json_array();
+    for (size_t i = 0; i < count; i++) {
+        const struct kiln_scaled *c = &curve[i];
+        (void)json_array_append_new(array, json_pack("{s:i, s:i, s:f, s:f, s:f, s:o, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "ranks", (int)c->ranks, "nodes",
+                                                     (int)c->nodes, "points", c->points, "trace", c->trace, "imbalance", c->light.imbalance, "balance",
+                                                     balance_json(&c->light), "exchange", c->exchange, "find", c->find, "once", c->once, "write",
+                                                     c->write, "seconds", c->seconds, "efficiency", c->efficiency, "trace_efficiency",
+                                                     c->trace_efficiency));
+    }
+    return array;
 }
 
 static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)

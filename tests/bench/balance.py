@@ -4,7 +4,7 @@
 
 Two cases: a scene whose points cost unequally much (a carved statue in a box), and the same with one rank that takes three times as long for
 everything. Shares are cut anew between ranks that are each alone on a node, and compared with such. The median ratio of the repeats counts; "even" is what the
-sum of all ranks' work would take if it were spread evenly.
+sum of all ranks' work would take if it were spread evenly; "planned" is the ratio that `kiln plan` predicts (light and moves).
 """
 import os
 import statistics
@@ -25,6 +25,14 @@ def per_rank(bake, names):
     return [sum(values) for values in zip(*(phases[n] for n in names))]
 
 
+def planned(kiln, scene, ranks, options):
+    """Seconds of light and moves."""
+    p = kiln.command('plan', scene, '--json', '--ranks', ranks, '--ranks-per-node', ranks, *options)
+    if p.status != 0:
+        sys.exit('%s\nended with %d: %s' % (p.line(), p.status, p.sentence()))
+    return sum(p.json()['seconds'][name] for name in ('direct', 'bounces', 'final', 'move'))
+
+
 def main():
     def more(parser):
         parser.add_argument('--ranks', type=int, default=2)
@@ -34,12 +42,13 @@ def main():
     arguments, kiln = harness.start(__doc__, more)
     scene = arguments.scene or measure.made(kiln, 'cornell-statue')
     options = ('--threads', arguments.threads, '--quality', 'draft', '--lightmap-max', 192, '--bounces', 4, '--samples-probe', 0)
-    table = harness.Table(('case', 16), ('way', 15), ('seconds', 8), ('over neither', 12), ('even', 6), ('waiting', 8), ('points moved', 12))
+    table = harness.Table(('case', 16), ('way', 15), ('seconds', 8), ('over neither', 12), ('planned', 8), ('even', 6), ('waiting', 8), ('points moved', 12))
     for case, slow in (('uneven scene', '0:1'), ('one rank slow', '1:3')):
         os.environ['KILN_SLOW_RANK'] = slow
-        seconds, even, waiting, moved = ({way: [] for way in WAYS} for _ in range(4))
+        seconds, plans, even, waiting, moved = ({way: [] for way in WAYS} for _ in range(5))
         for _ in range(arguments.repeats):
             for way, how in WAYS.items():
+                plans[way].append(planned(kiln, scene, arguments.ranks, (*options, *how)))
                 b = measure.must(kiln.bake(scene, *options, *how, ranks=arguments.ranks, timeout=3600))
                 work = per_rank(b, WORK)
                 seconds[way].append(max(per_rank(b, WORK + ('waiting', 'exchange'))))
@@ -49,8 +58,8 @@ def main():
                     p['rebalance'] or {'moved': False})['moved'] for p in b.run['bounces']))
                 b.remove()
         for way in WAYS:
-            ratio = statistics.median(a / b for a, b in zip(seconds[way], seconds[BASE[way]]))
-            table.row(case, way, '%.2f' % statistics.median(seconds[way]), '%.2f' % ratio, '%.2f' % statistics.median(even[way]),
+            ratio, plan = (statistics.median(a / b for a, b in zip(s[way], s[BASE[way]])) for s in (seconds, plans))
+            table.row(case, way, '%.2f' % statistics.median(seconds[way]), '%.2f' % ratio, '%.2f' % plan, '%.2f' % statistics.median(even[way]),
                       '%.1f %%' % (100 * statistics.median(waiting[way])), int(statistics.median(moved[way])))
 
 
