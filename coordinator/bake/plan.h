@@ -22,7 +22,7 @@ struct kiln_plan_memory {
     uint64_t device;      /* of the GPU: with the share of this process, that is, of all points */
 };
 
-/* Seconds of the fullest rank. */
+/* Seconds of the rank that is done last, its cores being its own: other work on this machine hardly lengthens the samples of light. */
 struct kiln_plan_seconds {
     double import, world, surface, validity; /* reading, BVH, finding points (divided), finding buried ones */
     double emission;                         /* light traced from the lights */

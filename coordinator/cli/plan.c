@@ -137,7 +137,7 @@ static void print_balance(const struct kiln_simulated_light *light)
 static void print_time(const struct kiln_plan *p)
 {
     const struct kiln_plan_seconds *s = &p->seconds;
-    (void)printf("time of the fullest rank, from samples traced here in %.1f s (%u bounces assumed)\n", p->calibration_seconds, p->bounces);
+    (void)printf("time of the last rank with its cores to itself, from samples traced here in %.1f s (%u bounces assumed)\n", p->calibration_seconds, p->bounces);
     (void)printf("  before     %10.2f s  import %.2f, BVH %.2f, surface points %.2f, validity %.2f, emission %.2f\n",
                  s->import + s->world + s->surface + s->validity + s->emission, s->import, s->world, s->surface, s->validity, s->emission);
     (void)printf("  light      %10.2f s  direct %.2f, bounces %.2f, final gather %.2f, probes %.2f\n", s->direct + s->bounces + s->final + s->probes,
