@@ -1,5 +1,4 @@
-/* How the ranks of a bake agree to stop, to save and to end a pass together while each of them computes on, and how one that has
- * fallen silent is found.
+/* How the ranks of a bake agree to stop, to save and to end a pass together while each of them computes on.
  *
  * Between two batches of work (about a second apart) and while it waits for others, a rank calls kiln_control_poll. That
  * drives a chain of non-blocking all-reduces, the rounds: each rank puts in whether it is done, whether it was asked to stop and whether it
@@ -8,13 +7,9 @@
  *
  * What asks to stop: SIGUSR1, SIGTERM, SIGINT on any rank; on rank 0 the file that `kiln stop` leaves, and --max-time.
  *
- * Watchdog: with its polls a rank sends a sign of life to rank 0 (rank 0 sends its own to the last rank) at least every second or eighth of
- * the limit. A rank whose last one is older than --watchdog, and than four times its last batch, is named on stderr with host, phase
- * and share, and the job is aborted with KILN_RANK_LOST. In the few blocking calls (kiln_control_blocking) a thread of each process,
- * which only looks at shared state and calls no MPI, ends the process with the same status when that takes longer than twice the limit: it
- * cannot know who is missing, but the job does not hang. A rank that died is noticed by mpirun, which names it and ends the others.
+ * Who has fallen silent is the watchdog's business (watchdog.h), which is told here where a rank stands.
  *
- * The same thread of rank 0 writes the status file (status_file.h). */
+ * A thread of rank 0 writes the status file (status_file.h). */
 #ifndef KILN_COORDINATOR_BAKE_CONTROL_H
 #define KILN_COORDINATOR_BAKE_CONTROL_H
 
@@ -23,6 +18,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "coordinator/bake/watchdog.h"
 #include "coordinator/cli/progress.h"
 #include "worker/base/status.h"
 
@@ -32,7 +28,8 @@ struct kiln_control_params {
     double begin;             /* MPI_Wtime() when the run began: --max-time counts from there */
     double max_time;          /* s; 0: none */
     double checkpoint_every;  /* s; 0: no checkpoints but when stopped */
-    double watchdog;          /* s; 0: none */
+    struct kiln_watchdog *watchdog; /* borrowed, and outlives the control; NULL: none */
+    double limit;             /* s, the watchdog's; 0: none */
     const volatile sig_atomic_t *signal; /* number of the last signal that asks to stop; 0: none */
 };
 
@@ -66,8 +63,8 @@ enum kiln_event kiln_control_poll(struct kiln_control *control, bool done, doubl
  * rank has something to do, or to say. */
 enum kiln_event kiln_control_wait(struct kiln_control *control, bool done, double share, int failed, bool (*news)(void *context), void *context);
 
-/* Collective. Waits until all ranks are here, and while it does names whoever gives no sign of life, which a blocking call cannot: to be
- * called before those that follow work of unequal length. Not while a pass goes on, but for KILN_EVENT_SAVE and _STOP. */
+/* Collective. Waits until all ranks are here, asleep most of the time: to be called where work of unequal length lies before a call that
+ * kiln_control_blocking gives a limit. */
 void kiln_control_meet(struct kiln_control *control);
 
 /* Collective. Between passes: KILN_EVENT_NONE, _SAVE or _STOP. Saving `bytes` (of all ranks) is due when the time since the last checkpoint is
@@ -77,7 +74,7 @@ enum kiln_event kiln_control_between(struct kiln_control *control, uint64_t byte
 /* A checkpoint was written (or, with generation, found): seconds it took. */
 void kiln_control_saved(struct kiln_control *control, uint64_t generation, double seconds, double written);
 
-/* Marks a blocking MPI call, or NULL its end; `seconds` over and above the watchdog's limit are granted. */
+/* kiln_watchdog_blocking. */
 void kiln_control_blocking(struct kiln_control *control, const char *what, double seconds);
 
 /* KILN_STOPPED with its sentence: what asked to stop ("SIGUSR1", "kiln stop", "--max-time"), once a checkpoint is written. */

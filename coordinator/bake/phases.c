@@ -30,6 +30,7 @@ void kiln_phase(struct kiln_phases *phases, const char *name)
         return;
     phases->present = find(phases, name);
     phases->since = now;
+    kiln_watchdog_phase(phases->watchdog, name);
 }
 
 void kiln_phase_add(struct kiln_phases *phases, const char *name, double seconds)

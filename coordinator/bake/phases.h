@@ -7,6 +7,7 @@
 #include <stddef.h>
 
 #include "coordinator/bake/trace.h"
+#include "coordinator/bake/watchdog.h"
 
 enum { KILN_PHASES_MAX = 24 };
 
@@ -17,6 +18,7 @@ struct kiln_phases {
     double since; /* when the present phase began; 0: none */
     double begin; /* of the run */
     struct kiln_trace *trace; /* borrowed; NULL: none */
+    struct kiln_watchdog *watchdog; /* is told where this rank stands; borrowed; NULL: none */
 };
 
 /* Ends the present phase and begins (or goes on with) the one called `name`; NULL begins none. The ranks must begin the same

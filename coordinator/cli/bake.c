@@ -46,6 +46,7 @@ struct bake {
     double begin;
     struct kiln_phases phases;
     struct kiln_trace *trace; /* NULL: not wanted */
+    struct kiln_watchdog *watchdog; /* NULL: none */
     struct kiln_control *control;
     struct kiln_checkpoint *checkpoint;
     json_t *identity;
@@ -115,7 +116,8 @@ static int take_charge(struct bake *b, struct kiln_error *error)
                                                .begin = b->begin,
                                                .max_time = b->job->max_time,
                                                .checkpoint_every = b->job->checkpoint_every,
-                                               .watchdog = b->job->watchdog,
+                                               .watchdog = b->watchdog,
+                                               .limit = b->job->watchdog,
                                                .signal = &stop_signal};
     int status = kiln_control_create(&b->control, &params, error);
     if (status != KILN_OK)
@@ -402,7 +404,10 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
     b.progress = b.rank == 0 && job->quiet ? kiln_progress_create_silent() : kiln_progress_create(job->quiet, b.rank);
     kiln_phase(&b.phases, NULL);
     catch_signals(true);
-    int status = job->trace != NULL ? kiln_trace_create(&b.trace, b.communicator, error) : KILN_OK;
+    int status = kiln_watchdog_create(&b.watchdog, b.communicator, job->watchdog, error);
+    if (status == KILN_OK && job->trace != NULL)
+        status = kiln_trace_create(&b.trace, b.communicator, error);
+    b.phases.watchdog = b.watchdog;
     b.phases.trace = b.trace;
     if (status == KILN_OK)
         status = run(&b, error);
@@ -426,5 +431,6 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
     kiln_volume_destroy(&b.volume);
     kiln_transport_destroy(&b.transport);
     kiln_prepared_destroy(&b.prepared);
+    kiln_watchdog_destroy(&b.watchdog); /* what is collective above is watched too */
     return status;
 }

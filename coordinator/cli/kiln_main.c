@@ -165,7 +165,8 @@ static int run_with_mpi(int argc, char **argv, const struct kiln_command *comman
         (void)setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);
         (void)setenv("OMPI_MCA_sharedfp", "individual", 0); /* leaves no name with a process number when killed */
     }
-    if (MPI_Init_thread(NULL, NULL, MPI_THREAD_FUNNELED, &provided) != MPI_SUCCESS) {
+    /* many: for the watchdog's thread */
+    if (MPI_Init_thread(NULL, NULL, many ? MPI_THREAD_MULTIPLE : MPI_THREAD_FUNNELED, &provided) != MPI_SUCCESS) {
         status = kiln_fail(error, KILN_SITE, "MPI does not start; check the installation of Open MPI");
         goto end;
     }

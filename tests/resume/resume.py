@@ -9,6 +9,7 @@
     resume.py --kiln PATH faults      the k-th write, sync, rename or open fails (KILN_FAULTS of them, KILN_SEED; needs strace, not a test)
     resume.py --kiln PATH warnings    SIGUSR1 through mpirun at random moments (KILN_WARNINGS of them, KILN_SEED; not a test)
     resume.py --kiln PATH watchdog    a rank that stands still is named, 76
+    resume.py --kiln PATH halts       SIGSTOP to a random rank at random moments (KILN_HALTS of them, KILN_SEED; not a test)
     resume.py --kiln PATH cost        what checkpoints cost (a measurement)
 """
 import glob
@@ -98,6 +99,15 @@ def ranks_of(process):
         if (int(fields[1]) == process.pid or pid == process.pid) and words[0].endswith(b'kiln') and words[1:2] == [b'bake']:
             found.append(pid)
     return sorted(found)
+
+
+def state_of(pid):
+    """R, S, D, T (stopped), Z as in /proc; Z too when it is gone."""
+    try:
+        with open('/proc/%d/stat' % pid) as f:
+            return f.read().rsplit(')', 1)[1].split()[0]
+    except OSError:
+        return 'Z'
 
 
 def digest(values):
@@ -705,26 +715,75 @@ def read_only(checks, tool, reference, mount):
     same(checks, tool, reference, moved, tool.bake(moved, ranks=2), 'after a read-only disk')
 
 
+LIMIT = ('--watchdog', 2)
+# Where a rank of three stops itself (KILN_HALT_RANK).
+HALTS = ('1:import', '2:exchange', '0:writing a checkpoint', '1:lightmaps', '2:kiln.h5', '0:volume.hdf', '2:preview', '1:end')
+
+
+def lost(checks, process, folder, rank, what):
+    """A rank stands still: whether the others say so within the limit and some seconds, and the job is gone."""
+    began = time.monotonic()
+    status = finish(process)
+    seconds, said = time.monotonic() - began, text(folder)
+    checks.that(status == LOST, '%s: ended with %s, not 76: %s' % (what, status, said[-400:]))
+    checks.that(seconds < 8, '%s: noticed after %.1f s' % (what, seconds))
+    named = 'rank %d on ' % rank in said and 'no sign of life' in said
+    checks.that(named or 'does not come to its end' in said, '%s: not named: %s' % (what, said[-400:]))
+    checks.that(wait_for(lambda: not ranks_of(process), 5), '%s: processes are left' % what)
+    return seconds, named
+
+
 def try_watchdog(checks, tool):
-    """A rank stands still in the midst of a long pass; a rank that does so while a checkpoint is written is noticed too, but later."""
+    """A rank stands still: in the midst of a long pass, and at every place that ranks tell the watchdog of."""
     long = ('--samples-indirect', 4096)
     reference, _ = reference_of(checks, tool, *long)
     for stopped in (1, 0):
         folder = tool.folder()
-        process = tool.start(folder, '--checkpoint-every', 1, '--watchdog', 2, *long, ranks=3)
+        process = tool.start(folder, '--checkpoint-every', 1, *LIMIT, *long, ranks=3)
         wait_for(lambda: generations(folder) or process.poll() is not None)
-        time.sleep(0.3)  # the checkpoint is written by now, and the next one a while off
-        ranks = ranks_of(process)  # in the order in which they were started
-        os.kill(ranks[stopped], signal.SIGSTOP)
-        began = time.monotonic()
-        status = finish(process)
-        seconds = time.monotonic() - began
-        said = text(folder)
-        checks.that(status == LOST, 'rank %d stood still: ended with %s, not 76: %s' % (stopped, status, said[-400:]))
-        checks.that(seconds < 8, 'rank %d stood still: noticed after %.1f s' % (stopped, seconds))
-        checks.that('rank %d on ' % stopped in said and 'no sign of life' in said, 'rank %d stood still: not named: %s' % (stopped, said[-400:]))
-        checks.that(wait_for(lambda: not ranks_of(process), 5), 'rank %d stood still: processes are left' % stopped)
+        os.kill(ranks_of(process)[stopped], signal.SIGSTOP)  # in the order in which they were started
+        _, named = lost(checks, process, folder, stopped, 'rank %d stopped' % stopped)
+        checks.that(named, 'rank %d stopped: not named: %s' % (stopped, text(folder)[-400:]))
         same(checks, tool, reference, folder, tool.bake(folder, *long, ranks=2), 'after rank %d stood still' % stopped)
+    reference, _ = reference_of(checks, tool)
+    for halt in HALTS:
+        folder, rank = tool.folder(), int(halt.split(':')[0])
+        os.environ['KILN_HALT_RANK'] = halt
+        process = tool.start(folder, *OFTEN, *LIMIT, '--preview', ranks=3)
+        del os.environ['KILN_HALT_RANK']
+        wait_for(lambda: any(state_of(pid) == 'T' for pid in ranks_of(process)) or process.poll() is not None)
+        _, named = lost(checks, process, folder, rank, halt)
+        checks.that(named, '%s: not named: %s' % (halt, text(folder)[-400:]))
+        if halt[2:] in ('writing a checkpoint', 'lightmaps', 'volume.hdf'):
+            same(checks, tool, reference, folder, tool.bake(folder, ranks=2), 'after ' + halt)
+
+
+def try_halts(checks, tool):
+    """SIGSTOP to a random rank of three at random moments, a quarter of them each while checkpoints and results are written."""
+    halts, seed = int(os.environ.get('KILN_HALTS', '20')), int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
+    dice, done, named, slowest = random.Random(seed), 0, 0, 0
+    print('seed %d (KILN_SEED=%d repeats it)' % (seed, seed), flush=True)
+    subject = Subject(checks, tool, SCENE)
+    while done < halts:
+        folder, began, rank = tool.folder(), time.time(), dice.randrange(3)
+        process = tool.start(folder, *OFTEN, *LIMIT, ranks=3)
+        wait_for(lambda: process.poll() is not None or b'"running"' in status_bytes(folder))
+        ranks = ranks_of(process)
+        what = take_aim(dice, (WHENEVER, CHECKPOINT, WHENEVER, RESULTS)[done % 4], subject, process, folder, began)
+        try:
+            os.kill(ranks[rank], signal.SIGSTOP)
+        except (IndexError, ProcessLookupError):
+            finish(process)
+            continue  # it was done
+        if wait_for(lambda: state_of(ranks[rank]) in 'TZ', 5) and state_of(ranks[rank]) == 'T':
+            seconds, name = lost(checks, process, folder, rank, 'rank %d stopped %s' % (rank, what))
+            done, named, slowest = done + 1, named + name, max(slowest, seconds)
+        finish(process)
+        bad = readable(folder)
+        checks.that(not bad, '%s: %s' % (what, '; '.join(bad)))
+        same(checks, tool, subject.reference, folder, tool.bake(folder, ranks=2), what)
+        shutil.rmtree(folder, ignore_errors=True)
+    print('%d stops, noticed within %.1f s; in %d of them the rank was named' % (done, slowest, named))
 
 
 def try_cost(checks, tool):
@@ -743,7 +802,7 @@ def try_cost(checks, tool):
 
 
 PARTS = {'kills': try_kills, 'layouts': try_layouts, 'signals': try_signals, 'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults,
-         'warnings': try_warnings, 'watchdog': try_watchdog, 'cost': try_cost}
+         'warnings': try_warnings, 'watchdog': try_watchdog, 'halts': try_halts, 'cost': try_cost}
 
 
 def main():
