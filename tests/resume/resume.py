@@ -435,14 +435,18 @@ def try_signals(checks, tool):
     state = tool.run('status', folder, '--json')
     checks.that(state.status == 0 and state.json()['state'] == 'done', 'status of a finished bake: %s' % state.stdout, state)
 
-    folder = tool.folder()  # as many short runs as it takes
-    runs = 0
-    while runs < 50:
-        process = tool.bake(folder, '--max-time', 0.35 * seconds, *OFTEN)
-        runs += 1
-        if process.status != STOPPED:
+    limit = 0.35 * seconds
+    while True:  # as many short runs as it takes; the reference may have been made when the machine was busier than now
+        folder, runs = tool.folder(), 0
+        while runs < 50:
+            process = tool.bake(folder, '--max-time', limit, *OFTEN)
+            runs += 1
+            if process.status != STOPPED:
+                break
+            checks.that('--max-time' in process.stderr, '--max-time: not named', process)
+        if runs >= 3 or limit < 0.05 * seconds:
             break
-        checks.that('--max-time' in process.stderr, '--max-time: not named', process)
+        limit /= 2
     checks.that(runs >= 3, '--max-time: only %d runs' % runs, process)
     same(checks, tool, reference, folder, process, '--max-time, %d runs' % runs)
 
