@@ -10,6 +10,7 @@
 
 #include "coordinator/bake/checkpoint_private.h"
 #include "coordinator/cli/agree.h"
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 enum { MANIFEST_MOST = 1 << 30 };
@@ -22,7 +23,7 @@ static int damaged(struct kiln_error *error, const char *path, const char *how)
 static int open_file(const char *path, int *descriptor, uint64_t *size, struct kiln_error *error)
 {
     struct stat found;
-    *descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+    *descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0);
     if (*descriptor < 0)
         return kiln_fail_errno(error, KILN_IO, "'%s' cannot be opened", path);
     if (fstat(*descriptor, &found) == 0 && S_ISREG(found.st_mode)) {

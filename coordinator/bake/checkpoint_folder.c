@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "coordinator/bake/checkpoint_private.h"
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 int checkpoint_generation_path(char path[KILN_PATH_SIZE], const char *folder, bool writing, uint64_t generation, struct kiln_error *error)
@@ -70,7 +71,7 @@ void checkpoint_remove_generation(const char *folder, bool writing, uint64_t gen
     if (checkpoint_generation_path(path, folder, writing, generation, NULL) != KILN_OK)
         return;
     /* A generation that is half removed must not look like one that was damaged. */
-    if (!writing && checkpoint_generation_path(aside, folder, true, generation, NULL) == KILN_OK && rename(path, aside) == 0)
+    if (!writing && checkpoint_generation_path(aside, folder, true, generation, NULL) == KILN_OK && kiln_rename(path, aside) == 0)
         memcpy(path, aside, sizeof path);
     DIR *directory = opendir(path);
     if (directory == NULL)
@@ -79,7 +80,7 @@ void checkpoint_remove_generation(const char *folder, bool writing, uint64_t gen
         const bool ours = strncmp(entry->d_name, "part-", 5) == 0 || strcmp(entry->d_name, "manifest") == 0 ||
                           strcmp(entry->d_name, ".manifest.part") == 0;
         if (ours && kiln_path_join(file, path, entry->d_name, NULL) == KILN_OK)
-            (void)unlink(file);
+            (void)kiln_unlink(file);
     }
     (void)closedir(directory);
     (void)rmdir(path);
@@ -87,10 +88,10 @@ void checkpoint_remove_generation(const char *folder, bool writing, uint64_t gen
 
 int checkpoint_sync_folder(const char *path, struct kiln_error *error)
 {
-    const int descriptor = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    const int descriptor = kiln_open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
     if (descriptor < 0)
         return kiln_fail_errno(error, KILN_IO, "the folder '%s' cannot be opened to sync it", path);
-    const int failed = fsync(descriptor) != 0 && errno != EINVAL; /* some file systems have nothing to sync for a folder */
+    const int failed = kiln_fsync(descriptor) != 0 && errno != EINVAL; /* some file systems have nothing to sync for a folder */
     const int status = failed ? kiln_fail_errno(error, KILN_IO, "the folder '%s' cannot be synced to disk", path) : KILN_OK;
     (void)close(descriptor);
     return status;

@@ -9,6 +9,7 @@
 
 #include "coordinator/bake/checkpoint_private.h"
 #include "coordinator/cli/agree.h"
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 static double free_bytes(const char *path)
@@ -101,9 +102,9 @@ static int write_part(const struct kiln_checkpoint *c, const char *generation, c
         status = write_block(descriptor, hash, &blocks[i], part->bytes, path, error);
         part->bytes += b->count * b->size;
     }
-    if (status == KILN_OK && fsync(descriptor) != 0)
+    if (status == KILN_OK && kiln_fsync(descriptor) != 0)
         status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be synced to disk", path);
-    if (descriptor >= 0 && close(descriptor) != 0 && status == KILN_OK)
+    if (descriptor >= 0 && kiln_close(descriptor) != 0 && status == KILN_OK)
         status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be closed", path);
     if (status == KILN_OK) {
         const XXH128_hash_t value = XXH3_128bits_digest(hash);
@@ -153,7 +154,7 @@ static int publish(struct kiln_checkpoint *c, const char *path, uint64_t generat
         status = kiln_publish_bytes(manifest, text, size, error);
     if (status == KILN_OK)
         status = checkpoint_generation_path(final, c->folder, false, generation, error);
-    if (status == KILN_OK && rename(path, final) != 0)
+    if (status == KILN_OK && kiln_rename(path, final) != 0)
         status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be renamed to '%s'", path, final);
     if (status == KILN_OK)
         status = checkpoint_sync_folder(c->folder, error);

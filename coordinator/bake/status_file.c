@@ -12,6 +12,7 @@
 
 #include "coordinator/cli/json.h"
 #include "coordinator/output/publish.h"
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 #define OLD_SECONDS 15.0 /* a file that has not changed for so long belongs to nobody */
@@ -69,11 +70,11 @@ void kiln_bake_status_write(const char *directory, const struct kiln_bake_status
                              (json_int_t)s->process, "started", (json_int_t)s->started, "updated", s->updated, "beat", (json_int_t)s->beat,
                              "generation", (json_int_t)s->generation, "saved", s->saved, "code", (int)s->code, "message", kiln_json_string(s->message));
     char *text = json != NULL ? json_dumps(json, JSON_INDENT(1)) : NULL;
-    const int descriptor = text != NULL ? open(aside, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0666) : -1;
+    const int descriptor = text != NULL ? kiln_open(aside, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0666) : -1;
     if (descriptor >= 0) { /* not synced: after a power cut it would say nothing that still holds */
         const bool written = kiln_write_all(descriptor, text, strlen(text), 0, aside, NULL) == KILN_OK;
-        if (close(descriptor) == 0 && written)
-            (void)rename(aside, path);
+        if (kiln_close(descriptor) == 0 && written)
+            (void)kiln_rename(aside, path);
         else
             (void)unlink(aside);
     }
@@ -159,7 +160,7 @@ int kiln_stop_request(const char *directory, struct kiln_error *error)
     int status = path_of(path, directory, "stop", error);
     if (status != KILN_OK)
         return status;
-    const int descriptor = open(path, O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
+    const int descriptor = kiln_open(path, O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
     if (descriptor < 0)
         return kiln_fail_errno(error, errno == EACCES || errno == EPERM ? KILN_PERMISSION : KILN_CANNOT_CREATE, "'%s' cannot be created", path);
     (void)close(descriptor);

@@ -18,6 +18,7 @@
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/publish.h"
 #include "coordinator/output/view.h"
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 static volatile sig_atomic_t stop_signal; /* the one thing a signal handler can write to */
@@ -102,7 +103,7 @@ static int forget_old_report(struct bake *b, struct kiln_error *error)
         status = kiln_manifest_remove(b->job->output, error);
         if (status == KILN_OK)
             status = kiln_path_join(path, b->job->output, "run.json", error);
-        if (status == KILN_OK && remove(path) != 0 && errno != ENOENT)
+        if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
             status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
     }
     return kiln_agree(b->communicator, status, error);

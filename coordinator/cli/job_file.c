@@ -10,6 +10,7 @@
 
 #include "coordinator/cli/job_private.h"
 #include "coordinator/cli/options.h"
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 struct reader {
@@ -28,7 +29,7 @@ static size_t line_of(const yaml_mark_t *mark) { return mark->line + 1; }
 
 static int load(struct reader *reader, struct kiln_error *error)
 {
-    const int descriptor = open(reader->path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    const int descriptor = kiln_open(reader->path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0);
     if (descriptor < 0)
         return kiln_fail_errno(error, 0, "cannot open job file %.500s", reader->path);
     struct stat status;

@@ -9,6 +9,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 enum { GLTF_FLOAT = 5126, GLTF_UNSIGNED_INT = 5125, GLTF_ARRAY_BUFFER = 34962, GLTF_ELEMENT_ARRAY_BUFFER = 34963 };
@@ -400,17 +401,17 @@ static int write_file(struct kiln_glb *glb, const char *path, const char *text, 
     if (asprintf(&temporary, "%s.%ld.part", path, (long)getpid()) < 0)
         return kiln_fail(error, KILN_SYSTEM, "out of memory for a file name");
     int status = KILN_OK;
-    const int descriptor = open(temporary, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    const int descriptor = kiln_open(temporary, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (descriptor < 0) {
         status = kiln_fail_errno(error, errno == EACCES || errno == EPERM || errno == EROFS ? KILN_PERMISSION : KILN_CANNOT_CREATE,
                                  "cannot create %.500s", path);
         goto end;
     }
-    if (write_chunks(descriptor, glb, text, length) != 0 || fsync(descriptor) != 0)
+    if (write_chunks(descriptor, glb, text, length) != 0 || kiln_fsync(descriptor) != 0)
         status = kiln_fail_errno(error, KILN_IO, "cannot write %.500s", path);
-    if (close(descriptor) != 0 && status == KILN_OK)
+    if (kiln_close(descriptor) != 0 && status == KILN_OK)
         status = kiln_fail_errno(error, KILN_IO, "cannot write %.500s", path);
-    if (status == KILN_OK && rename(temporary, path) != 0)
+    if (status == KILN_OK && kiln_rename(temporary, path) != 0)
         status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot create %.500s", path);
     if (status != KILN_OK)
         (void)unlink(temporary);

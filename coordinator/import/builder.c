@@ -8,6 +8,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 /* Beyond this many transformed vertices the bounds come from the corners of each mesh's box: an upper bound, in bounded time. */
@@ -224,11 +225,11 @@ int kiln_builder_write(struct kiln_builder *builder, const char *path, struct ki
     int status = fill_header(builder, &header, error);
     if (status != KILN_OK)
         return status;
-    const int file = open(path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0666);
+    const int file = kiln_open(path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0666);
     if (file < 0)
         return kiln_fail_errno(error, KILN_CANNOT_CREATE, "%s: the scene file cannot be created", path);
     /* The blocks are reserved first: on a full disk a store into the map would be a signal instead of a sentence. */
-    errno = posix_fallocate(file, 0, (off_t)header.size);
+    errno = kiln_reserve(file, (off_t)header.size);
     if (errno != 0) {
         status = kiln_fail_errno(error, KILN_IO, "%s: no room for a scene file of %llu bytes", path, (unsigned long long)header.size);
         goto done;
@@ -245,12 +246,12 @@ int kiln_builder_write(struct kiln_builder *builder, const char *path, struct ki
                    builder->sections[s].count * kiln_scene_element_size((enum kiln_scene_section)s));
     kiln_scene_content_hash(&header, bytes + sizeof header, header.content_hash);
     memcpy(bytes, &header, sizeof header);
-    if (msync(map, (size_t)header.size, MS_SYNC) != 0 || fsync(file) != 0)
+    if (msync(map, (size_t)header.size, MS_SYNC) != 0 || kiln_fsync(file) != 0)
         status = kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be written", path);
 done:
     if (map != MAP_FAILED)
         (void)munmap(map, (size_t)header.size);
-    if (close(file) != 0 && status == KILN_OK)
+    if (kiln_close(file) != 0 && status == KILN_OK)
         status = kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be closed", path);
     if (status != KILN_OK)
         (void)unlink(path);

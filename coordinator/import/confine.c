@@ -12,6 +12,7 @@
 #include <unistd.h>
 #include <xxhash.h>
 
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 enum { PATH_LENGTH = 1024, SHOWN = 80 }; /* SHOWN: how much of a hostile name a sentence repeats */
@@ -45,7 +46,7 @@ int kiln_confine_create(struct kiln_confine **result, const char *path, struct k
         status = copy_string(&confine->name, slash + 1, strlen(slash + 1), error);
     if (status != KILN_OK)
         goto done;
-    confine->descriptor = open(confine->folder, O_PATH | O_DIRECTORY | O_CLOEXEC);
+    confine->descriptor = kiln_open(confine->folder, O_PATH | O_DIRECTORY | O_CLOEXEC, 0);
     if (confine->descriptor < 0)
         status = kiln_fail_errno(error, 0, "%.512s: the scene's folder cannot be opened", path);
 done:
@@ -134,7 +135,7 @@ static int open_beneath(const struct kiln_confine *confine, const char *path)
     long descriptor;
     do
         descriptor = syscall(SYS_openat2, confine->descriptor, path, &how, sizeof how);
-    while (descriptor < 0 && errno == EAGAIN); /* the kernel saw a rename on the way */
+    while (descriptor < 0 && (errno == EAGAIN || errno == EINTR)); /* EAGAIN: the kernel saw a rename on the way */
     return (int)descriptor;
 }
 
@@ -225,7 +226,7 @@ int kiln_confine_map_named(struct kiln_confine *confine, struct kiln_builder *bu
     if (real == NULL)
         return kiln_fail_errno(error, KILN_NO_INPUT, "%.512s: the file cannot be opened", path);
     int status;
-    const int descriptor = open(real, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    const int descriptor = kiln_open(real, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY, 0);
     if (descriptor < 0) {
         status = kiln_fail_errno(error, 0, "%.512s: the file cannot be opened", path);
     } else {

@@ -17,6 +17,7 @@
 
 #include "coordinator/import/child.h"
 #include "coordinator/import/read.h"
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 extern char **environ;
@@ -38,7 +39,7 @@ static const char *program_of(const struct kiln_import_params *params)
 /* The hash of the program's own bytes: another build may read or lay out differently, so it makes another cache key. */
 static int hash_program(const struct kiln_import_params *params, uint64_t *hash, struct kiln_error *error)
 {
-    const int file = open(program_of(params), O_RDONLY | O_CLOEXEC);
+    const int file = kiln_open(program_of(params), O_RDONLY | O_CLOEXEC, 0);
     struct stat status;
     if (file < 0)
         return kiln_fail_errno(error, KILN_SYSTEM, "%s: the program cannot be read", program_of(params));
@@ -228,11 +229,11 @@ static int sync_folder(const char *path, struct kiln_error *error)
     char folder[PATH_SIZE];
     const char *slash = strrchr(path, '/');
     (void)snprintf(folder, sizeof folder, "%.*s", slash == NULL ? 1 : slash == path ? 1 : (int)(slash - path), slash == NULL ? "." : path);
-    const int descriptor = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    const int descriptor = kiln_open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
     if (descriptor < 0)
         return kiln_fail_errno(error, KILN_IO, "%s: the folder cannot be opened", folder);
     /* Some file systems cannot sync a folder and say EINVAL; the rename is as safe there as it gets. */
-    const int failed = fsync(descriptor) != 0 && errno != EINVAL;
+    const int failed = kiln_fsync(descriptor) != 0 && errno != EINVAL;
     const int status = failed ? kiln_fail_errno(error, KILN_IO, "%s: the folder cannot be synced", folder) : KILN_OK;
     (void)close(descriptor);
     return status;
@@ -245,7 +246,7 @@ static int publish(const char *part, const char *output, struct kiln_error *erro
     kiln_scene_close(&scene);
     if (status != KILN_OK)
         return status == KILN_BAD_INPUT ? KILN_BUG : status;
-    if (rename(part, output) != 0)
+    if (kiln_rename(part, output) != 0)
         return kiln_fail_errno(error, KILN_CANNOT_CREATE, "%s: the scene file cannot be put in place", output);
     return sync_folder(output, error);
 }
@@ -271,7 +272,7 @@ static int check_settings(const struct kiln_import_params *params, const struct 
 
 static int copy_bytes(const char *from, const struct kiln_scene *scene, const char *to, struct kiln_error *error)
 {
-    const int file = open(to, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0666);
+    const int file = kiln_open(to, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0666);
     if (file < 0)
         return kiln_fail_errno(error, KILN_CANNOT_CREATE, "%s: the scene file cannot be created", to);
     const char *bytes = (const char *)scene->header;
@@ -282,7 +283,7 @@ static int copy_bytes(const char *from, const struct kiln_scene *scene, const ch
             status = kiln_fail_errno(error, KILN_IO, "%s: copying %s failed", to, from);
         at += count > 0 ? (size_t)count : 0;
     }
-    if (status == KILN_OK && fsync(file) != 0)
+    if (status == KILN_OK && kiln_fsync(file) != 0)
         status = kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be synced", to);
     (void)close(file);
     return status;

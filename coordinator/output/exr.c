@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "coordinator/output/publish.h"
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 /* Level 4 packs lightmaps within a few per cent of the default level in half its time. */
@@ -247,7 +248,7 @@ int kiln_exr_write(const char *path, const struct kiln_image *image, const struc
     if ((status = kiln_publish_open(temporary, &stream.descriptor, error)) != KILN_OK)
         return status;
     status = write_file(&stream, image, attributes, attribute_count);
-    if (close(stream.descriptor) != 0 && status == KILN_OK)
+    if (kiln_close(stream.descriptor) != 0 && status == KILN_OK)
         status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be closed", temporary);
     if (status == KILN_OK)
         status = read_back(temporary, image, error);

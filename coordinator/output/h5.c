@@ -1,5 +1,6 @@
 #include "coordinator/output/h5.h"
 
+#include <errno.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
@@ -86,15 +87,28 @@ static void give_up(const struct kiln_h5 *h5, int status, const struct kiln_erro
     (void)MPI_Abort(h5->communicator, status);
 }
 
+/* Collective. Again where a signal interrupted it, and only there: a sync that is repeated after another failure succeeds, and hides it. */
+static int flush(struct kiln_h5 *h5, struct kiln_error *error)
+{
+    enum { DONE, INTERRUPTED, FAILED };
+    int worst = DONE;
+    do {
+        errno = 0;
+        const bool failed = H5Fflush(h5->file, H5F_SCOPE_GLOBAL) < 0;
+        const int own = !failed ? DONE : errno == EINTR ? INTERRUPTED : FAILED;
+        (void)MPI_Allreduce(&own, &worst, 1, MPI_INT, MPI_MAX, h5->communicator);
+    } while (worst == INTERRUPTED);
+    return worst == DONE ? KILN_OK : kiln_h5_failed(h5, "flush", "the file", error);
+}
+
 int kiln_h5_close(struct kiln_h5 *h5, int status, struct kiln_error *error)
 {
     if (release(h5->transfer, H5Pclose) && status == KILN_OK)
         status = kiln_h5_failed(h5, "release", "the transfer settings", error);
     if (h5->file >= 0) {
         status = kiln_agree(h5->communicator, status, error);
-        if (status == KILN_OK && H5Fflush(h5->file, H5F_SCOPE_GLOBAL) < 0)
-            status = kiln_h5_failed(h5, "flush", "the file", error);
-        status = kiln_agree(h5->communicator, status, error);
+        if (status == KILN_OK)
+            status = flush(h5, error); /* the same on all ranks */
         if (status != KILN_OK) {
             if (h5->rank == 0)
                 (void)!truncate(h5->path, 0); /* it is of no use, whether this works or not */

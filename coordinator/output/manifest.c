@@ -12,6 +12,7 @@
 
 #include "coordinator/cli/agree.h"
 #include "coordinator/output/publish.h"
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 enum { READ_BYTES = 1 << 20, MANIFEST_MOST = 1 << 30 };
@@ -40,7 +41,7 @@ static int hash_file(const char *path, uint64_t *bytes, XXH128_hash_t *hash, str
     char *buffer = NULL;
     XXH3_state_t *state = XXH3_createState();
     int status = KILN_OK;
-    const int descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+    const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0);
     if (state == NULL)
         status = kiln_fail(error, KILN_SYSTEM, "out of memory: the hash of '%s'", path);
     else if (descriptor < 0)
@@ -192,7 +193,7 @@ int kiln_manifest_remove(const char *directory, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
     const int status = kiln_path_join(path, directory, NAME, error);
-    if (status == KILN_OK && unlink(path) != 0 && errno != ENOENT)
+    if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
         return kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
     return status;
 }

@@ -9,6 +9,7 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 static int cannot_create(const char *what, const char *path, struct kiln_error *error)
@@ -79,7 +80,7 @@ int kiln_publish_name(char temporary[KILN_PATH_SIZE], const char *path, struct k
     if (length < 0 || length >= KILN_PATH_SIZE)
         return kiln_fail(error, KILN_CANNOT_CREATE, "the path '%.200s...' is longer than %d bytes: choose a shorter folder", path,
                          KILN_PATH_SIZE - 1);
-    if (unlink(temporary) != 0 && errno != ENOENT)
+    if (kiln_unlink(temporary) != 0 && errno != ENOENT)
         return cannot_create("a left-over file is in the way and cannot be removed;", temporary, error);
     return KILN_OK;
 }
@@ -103,20 +104,20 @@ void kiln_publish_sweep(const char *temporary)
 
 int kiln_publish_open(const char *temporary, int *descriptor, struct kiln_error *error)
 {
-    *descriptor = open(temporary, O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
+    *descriptor = kiln_open(temporary, O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
     return *descriptor >= 0 ? KILN_OK : cannot_create("the file", temporary, error);
 }
 
 static int sync_path(const char *path, int flags, struct kiln_error *error)
 {
-    const int descriptor = open(path, flags | O_CLOEXEC);
+    const int descriptor = kiln_open(path, flags | O_CLOEXEC, 0);
     if (descriptor < 0)
         return kiln_fail_errno(error, KILN_IO, "'%s' cannot be opened to sync it", path);
     int status = KILN_OK;
     /* some file systems have nothing to sync for a folder and say EINVAL */
-    if (fsync(descriptor) != 0 && !(errno == EINVAL && (flags & O_DIRECTORY) != 0))
+    if (kiln_fsync(descriptor) != 0 && !(errno == EINVAL && (flags & O_DIRECTORY) != 0))
         status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be synced to disk", path);
-    if (close(descriptor) != 0 && status == KILN_OK)
+    if (kiln_close(descriptor) != 0 && status == KILN_OK)
         status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be closed", path);
     return status;
 }
@@ -124,7 +125,7 @@ static int sync_path(const char *path, int flags, struct kiln_error *error)
 int kiln_publish_finish(const char *temporary, const char *path, struct kiln_error *error)
 {
     int status = sync_path(temporary, O_RDONLY | O_NOFOLLOW, error);
-    if (status == KILN_OK && rename(temporary, path) != 0)
+    if (status == KILN_OK && kiln_rename(temporary, path) != 0)
         status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "'%s' cannot be renamed to '%s'", temporary, path);
     if (status != KILN_OK) {
         kiln_publish_abandon(temporary);
@@ -136,7 +137,7 @@ int kiln_publish_finish(const char *temporary, const char *path, struct kiln_err
     return sync_path(folder, O_RDONLY | O_DIRECTORY, error);
 }
 
-void kiln_publish_abandon(const char *temporary) { (void)unlink(temporary); }
+void kiln_publish_abandon(const char *temporary) { (void)kiln_unlink(temporary); }
 
 int kiln_write_all(int descriptor, const void *bytes, size_t size, size_t offset, const char *path, struct kiln_error *error)
 {
@@ -167,7 +168,7 @@ int kiln_publish_bytes(const char *path, const void *bytes, size_t size, struct 
     if ((status = kiln_publish_open(temporary, &descriptor, error)) != KILN_OK)
         return status;
     status = kiln_write_all(descriptor, bytes, size, 0, temporary, error);
-    if (close(descriptor) != 0 && status == KILN_OK)
+    if (kiln_close(descriptor) != 0 && status == KILN_OK)
         status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be closed", temporary);
     if (status == KILN_OK)
         status = kiln_read_file(temporary, size + 1, &check, &check_size, error);
@@ -200,7 +201,7 @@ int kiln_read_file(const char *path, size_t limit, char **bytes, size_t *size, s
 {
     *bytes = NULL;
     *size = 0;
-    const int descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK); /* a pipe in the place of a file must not hang us */
+    const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0); /* a pipe in the place of a file must not hang us */
     if (descriptor < 0)
         return kiln_fail_errno(error, 0, "'%s' cannot be opened", path);
     struct stat found;

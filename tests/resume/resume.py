@@ -7,6 +7,7 @@
     resume.py --kiln PATH damage      flipped bits, cut and missing files: noticed, the generation before is used (KILN_FLIPS, KILN_SEED)
     resume.py --kiln PATH disk        full disk 74, read-only folder 73 or 77, last generation whole
     resume.py --kiln PATH faults      the k-th write, sync, rename or open fails (KILN_FAULTS of them, KILN_SEED; needs strace, not a test)
+    resume.py --kiln PATH interrupted the k-th one fails with EINTR, which does no harm (the same)
     resume.py --kiln PATH warnings    SIGUSR1 through mpirun at random moments (KILN_WARNINGS of them, KILN_SEED; not a test)
     resume.py --kiln PATH watchdog    a rank that stands still is named, 76
     resume.py --kiln PATH halts       SIGSTOP to a random rank at random moments (KILN_HALTS of them, KILN_SEED; not a test)
@@ -651,7 +652,6 @@ def full_disk(checks, tool, reference, mount):
 
 
 CALLS = ('pwrite64', 'pwritev', 'fsync', 'rename', 'openat')
-FAILURES = ('ENOSPC', 'EDQUOT', 'EIO', 'EINTR')
 
 
 def traced(tool, folder, *words):
@@ -673,7 +673,7 @@ def calls_of(folder):
     return found
 
 
-def try_faults(checks, tool):
+def try_faults(checks, tool, failures=('ENOSPC', 'EDQUOT', 'EIO', 'EINTR')):
     """The k-th call of a kind fails: the bake ends with 71, 73 or 74 or need not care, all files can be read, and the same command goes on to
     the same bits."""
     if shutil.which('strace') is None:
@@ -687,12 +687,12 @@ def try_faults(checks, tool):
         checks.end()
     reference, calls = result(whole), calls_of(whole)
     for i in range(rounds):
-        folder, call, failure = tool.folder(), CALLS[i % len(CALLS)], dice.choice(FAILURES)
+        folder, call, failure = tool.folder(), CALLS[i % len(CALLS)], dice.choice(failures)
         fault = '%s:error=%s:when=%d' % (call, failure, dice.choice(calls[call]))
         process = traced(tool, folder, '-e', 'trace=' + call, '-e', 'inject=' + fault)
         bad = readable(folder)
         checks.that(not bad, '%s: %s' % (fault, '; '.join(bad)), process)
-        checks.that(process.status in (0, SYSTEM, CANNOT_CREATE, IO), '%s: ended with %d' % (fault, process.status), process)
+        checks.that(process.status in ((0,) if failure == 'EINTR' else (0, SYSTEM, CANNOT_CREATE, IO)), '%s: ended with %d' % (fault, process.status), process)
         ends[process.status] = ends.get(process.status, 0) + 1
         if process.status != 0:
             process = tool.bake(folder, scene=SCENES[2], threads=2)
@@ -701,6 +701,10 @@ def try_faults(checks, tool):
             checks.that(not different, '%s: not the same: %s' % (fault, different), process)
         shutil.rmtree(folder, ignore_errors=True)
     print('%d faults; ended with: %s' % (rounds, ', '.join('%d: %d times' % end for end in sorted(ends.items()))))
+
+
+def try_interrupted(checks, tool):
+    try_faults(checks, tool, ('EINTR',))
 
 
 def read_only(checks, tool, reference, mount):
@@ -805,7 +809,7 @@ def try_cost(checks, tool):
             print('%d ranks, --checkpoint-every %s: %.2f s, %+.1f %%' % (max(ranks, 1), every, min(values), 100 * (min(values) / base - 1)))
 
 
-PARTS = {'kills': try_kills, 'layouts': try_layouts, 'signals': try_signals, 'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults,
+PARTS = {'kills': try_kills, 'layouts': try_layouts, 'signals': try_signals, 'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults, 'interrupted': try_interrupted,
          'warnings': try_warnings, 'watchdog': try_watchdog, 'halts': try_halts, 'cost': try_cost}
 
 

@@ -13,6 +13,7 @@
 #include <unistd.h>
 #include <xxhash.h>
 
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 enum { SECTION_ALIGNMENT = 64 };
@@ -388,7 +389,7 @@ static void set_pointers(struct kiln_scene *scene, const unsigned char *base)
 static int map_file(struct kiln_scene *scene, const char *path, void **base, struct kiln_error *error)
 {
     /* Without O_NONBLOCK a FIFO of that name would hold the program for ever. */
-    scene->descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    scene->descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0);
     if (scene->descriptor < 0)
         return kiln_fail_errno(error, 0, "%s: the scene file cannot be opened", path);
     struct stat status;

@@ -1,0 +1,67 @@
+/* System calls that a signal may interrupt, made again until they have been heard out.
+ *
+ * POSIX lets open, fsync, rename and their like fail with EINTR, which says nothing about the disk; on local file systems they do not, on
+ * networks and in user space they may. close is never repeated: Linux has released the descriptor by then, whatever it returns, and another
+ * thread may have got it since; that it was interrupted is no failure, for what must be on disk was synced before. */
+#ifndef KILN_WORKER_BASE_CALLS_H
+#define KILN_WORKER_BASE_CALLS_H
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <unistd.h>
+
+/* `mode` is of consequence with O_CREAT only. */
+static inline int kiln_open(const char *path, int flags, mode_t mode)
+{
+    int descriptor;
+    do
+        descriptor = open(path, flags, mode);
+    while (descriptor < 0 && errno == EINTR);
+    return descriptor;
+}
+
+static inline int kiln_fsync(int descriptor)
+{
+    int result;
+    do
+        result = fsync(descriptor);
+    while (result != 0 && errno == EINTR);
+    return result;
+}
+
+static inline int kiln_close(int descriptor)
+{
+    const int result = close(descriptor);
+    return result != 0 && errno == EINTR ? 0 : result;
+}
+
+static inline int kiln_rename(const char *from, const char *to)
+{
+    int result;
+    do
+        result = rename(from, to);
+    while (result != 0 && errno == EINTR);
+    return result;
+}
+
+static inline int kiln_unlink(const char *path)
+{
+    int result;
+    do
+        result = unlink(path);
+    while (result != 0 && errno == EINTR);
+    return result;
+}
+
+/* posix_fallocate, with its result in errno's place: 0 or the number of the error. */
+static inline int kiln_reserve(int descriptor, off_t size)
+{
+    int result;
+    do
+        result = posix_fallocate(descriptor, 0, size);
+    while (result == EINTR);
+    return result;
+}
+
+#endif
