@@ -1,14 +1,12 @@
 #include "coordinator/generate/glb.h"
 
 #include <assert.h>
-#include <errno.h>
-#include <fcntl.h>
 #include <jansson.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
+#include "coordinator/output/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
@@ -362,32 +360,37 @@ static json_t *describe(const struct kiln_glb *glb)
     return root;
 }
 
-static int write_all(int descriptor, const void *data, size_t size)
+/* A file that is written from its begin to its end. */
+struct target {
+    int descriptor;
+    size_t size; /* so far */
+    const char *path;
+};
+
+static int put(struct target *t, const void *data, size_t size, struct kiln_error *error)
 {
-    for (size_t done = 0; done < size;) {
-        const size_t piece = size - done < (1u << 30) ? size - done : 1u << 30;
-        const ssize_t wrote = write(descriptor, (const char *)data + done, piece);
-        if (wrote < 0 && errno != EINTR)
-            return -1;
-        done += wrote > 0 ? (size_t)wrote : 0;
-    }
-    return 0;
+    const int status = kiln_write_all(t->descriptor, data, size, t->size, t->path, error);
+    t->size += size;
+    return status;
 }
 
 /* Header, JSON chunk padded with blanks, BIN chunk padded with zeros; little-endian, as every machine kiln runs on. */
-static int write_chunks(int descriptor, const struct kiln_glb *glb, const char *text, size_t length)
+static int write_chunks(struct target *t, const struct kiln_glb *glb, const char *text, size_t length, struct kiln_error *error)
 {
     const size_t text_padding = (4 - length % 4) % 4, binary_padding = (4 - glb->size % 4) % 4;
     const uint32_t header[5] = {0x46546c67u, 2, (uint32_t)(28 + length + text_padding + glb->size + binary_padding),
                                 (uint32_t)(length + text_padding), 0x4e4f534au};
     const uint32_t binary[2] = {(uint32_t)(glb->size + binary_padding), 0x004e4942u};
-    int failed = write_all(descriptor, header, sizeof header);
-    failed |= failed == 0 ? write_all(descriptor, text, length) : 0;
-    failed |= failed == 0 ? write_all(descriptor, "   ", text_padding) : 0;
-    failed |= failed == 0 ? write_all(descriptor, binary, sizeof binary) : 0;
-    failed |= failed == 0 ? write_all(descriptor, glb->binary, glb->size) : 0;
-    failed |= failed == 0 ? write_all(descriptor, "\0\0\0", binary_padding) : 0;
-    return failed;
+    int status = put(t, header, sizeof header, error);
+    if (status == KILN_OK)
+        status = put(t, text, length, error);
+    if (status == KILN_OK)
+        status = put(t, "   ", text_padding, error);
+    if (status == KILN_OK)
+        status = put(t, binary, sizeof binary, error);
+    if (status == KILN_OK)
+        status = put(t, glb->binary, glb->size, error);
+    return status == KILN_OK ? put(t, "\0\0\0", binary_padding, error) : status;
 }
 
 static int write_file(struct kiln_glb *glb, const char *path, const char *text, struct kiln_error *error)
@@ -397,26 +400,18 @@ static int write_file(struct kiln_glb *glb, const char *path, const char *text, 
     if ((double)glb->totals.bytes > KILN_GLB_LARGEST)
         return kiln_fail(error, KILN_USAGE, "the scene needs %llu bytes and a .glb ends at %.0f; ask for fewer triangles",
                          (unsigned long long)glb->totals.bytes, KILN_GLB_LARGEST);
-    char *temporary = NULL;
-    if (asprintf(&temporary, "%s.%ld.part", path, (long)getpid()) < 0)
-        return kiln_fail(error, KILN_SYSTEM, "out of memory for a file name");
-    int status = KILN_OK;
-    const int descriptor = kiln_open(temporary, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-    if (descriptor < 0) {
-        status = kiln_fail_errno(error, errno == EACCES || errno == EPERM || errno == EROFS ? KILN_PERMISSION : KILN_CANNOT_CREATE,
-                                 "cannot create %.500s", path);
-        goto end;
-    }
-    if (write_chunks(descriptor, glb, text, length) != 0 || kiln_fsync(descriptor) != 0)
-        status = kiln_fail_errno(error, KILN_IO, "cannot write %.500s", path);
-    if (kiln_close(descriptor) != 0 && status == KILN_OK)
-        status = kiln_fail_errno(error, KILN_IO, "cannot write %.500s", path);
-    if (status == KILN_OK && kiln_rename(temporary, path) != 0)
-        status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot create %.500s", path);
+    char temporary[KILN_PATH_SIZE];
+    struct target target = {.path = path};
+    int status = kiln_publish_claim(temporary, path, &target.descriptor, error);
     if (status != KILN_OK)
-        (void)unlink(temporary);
-end:
-    free(temporary);
+        return status;
+    status = write_chunks(&target, glb, text, length, error);
+    if (status == KILN_OK)
+        status = kiln_publish_finish(temporary, path, error);
+    else
+        kiln_publish_abandon(temporary);
+    if (kiln_close(target.descriptor) != 0 && status == KILN_OK)
+        status = kiln_fail_errno(error, KILN_IO, "'%.500s' cannot be closed", path);
     return status;
 }
 

@@ -17,6 +17,7 @@
 
 #include "coordinator/import/child.h"
 #include "coordinator/import/read.h"
+#include "coordinator/output/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
@@ -309,31 +310,44 @@ static bool is_scene_file(const char *path)
     return length >= 7 && strcmp(path + length - 7, ".kscene") == 0;
 }
 
+/* One process at a time; whoever had to wait may find it done. */
+static int make(const struct kiln_import_params *params, uint64_t program, bool scene_file, struct kiln_import_report *report,
+                struct kiln_error *error)
+{
+    char part[KILN_PATH_SIZE];
+    int claim = -1;
+    bool same = false;
+    int status = kiln_publish_claim(part, params->output, &claim, error);
+    if (status != KILN_OK)
+        return status;
+    if (scene_file)
+        status = take_scene_file(params, part, &same, error);
+    else if (is_fresh(params, program))
+        report->cached = true;
+    else
+        status = run_child(params, program, part, error);
+    const bool made = status == KILN_OK && !same && !report->cached;
+    if (made)
+        status = publish(part, params->output, error);
+    if (!made || status != KILN_OK)
+        kiln_publish_abandon(part);
+    (void)close(claim);
+    return status;
+}
+
 int kiln_import(const struct kiln_import_params *params, struct kiln_import_report *report, struct kiln_error *error)
 {
-    char part[PATH_SIZE];
     uint64_t program = 0;
-    bool done = false;
     const double start = now();
     report->cached = false;
-    if (snprintf(part, sizeof part, "%s.%ld.part", params->output, (long)getpid()) >= (int)sizeof part)
-        return kiln_fail(error, KILN_CANNOT_CREATE, "the name of the scene file is longer than %d bytes", PATH_SIZE);
     if (access(params->path, F_OK) != 0)
         return kiln_fail_errno(error, errno == EACCES ? KILN_PERMISSION : KILN_NO_INPUT, "%.512s: the scene cannot be opened", params->path);
-    int status = KILN_OK;
-    if (is_scene_file(params->path)) {
-        status = take_scene_file(params, part, &done, error);
-    } else {
-        status = hash_program(params, &program, error);
-        if (status == KILN_OK && is_fresh(params, program))
-            done = report->cached = true;
-        else if (status == KILN_OK)
-            status = run_child(params, program, part, error);
-    }
-    if (status == KILN_OK && !done)
-        status = publish(part, params->output, error);
-    if (status != KILN_OK)
-        (void)unlink(part);
+    const bool scene_file = is_scene_file(params->path);
+    int status = scene_file ? KILN_OK : hash_program(params, &program, error);
+    if (status == KILN_OK && !scene_file)
+        report->cached = is_fresh(params, program);
+    if (status == KILN_OK && !report->cached)
+        status = make(params, program, scene_file, report, error);
     report->seconds = now() - start;
     return status;
 }

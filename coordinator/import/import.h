@@ -33,7 +33,8 @@ struct kiln_import_report {
     double seconds;
 };
 
-/* Not collective; call it on one rank and tell the others. The file at `output` is written aside, synced and renamed. */
+/* Not collective; call it on one rank and tell the others. The file at `output` is written aside, synced and renamed. Another
+ * process that imports to the same place at the same time is waited for (kiln_publish_claim). */
 int kiln_import(const struct kiln_import_params *params, struct kiln_import_report *report, struct kiln_error *error);
 
 #endif

@@ -3,8 +3,10 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
@@ -73,13 +75,21 @@ static const char *base_name(const char *path)
     return slash == NULL ? path : slash + 1;
 }
 
-int kiln_publish_name(char temporary[KILN_PATH_SIZE], const char *path, struct kiln_error *error)
+static int temporary_name(char temporary[KILN_PATH_SIZE], const char *path, struct kiln_error *error)
 {
     const char *base = base_name(path);
     const int length = snprintf(temporary, KILN_PATH_SIZE, "%.*s.%s.part", (int)(base - path), path, base);
     if (length < 0 || length >= KILN_PATH_SIZE)
         return kiln_fail(error, KILN_CANNOT_CREATE, "the path '%.200s...' is longer than %d bytes: choose a shorter folder", path,
                          KILN_PATH_SIZE - 1);
+    return KILN_OK;
+}
+
+int kiln_publish_name(char temporary[KILN_PATH_SIZE], const char *path, struct kiln_error *error)
+{
+    const int status = temporary_name(temporary, path, error);
+    if (status != KILN_OK)
+        return status;
     if (kiln_unlink(temporary) != 0 && errno != ENOENT)
         return cannot_create("a left-over file is in the way and cannot be removed;", temporary, error);
     return KILN_OK;
@@ -106,6 +116,36 @@ int kiln_publish_open(const char *temporary, int *descriptor, struct kiln_error 
 {
     *descriptor = kiln_open(temporary, O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
     return *descriptor >= 0 ? KILN_OK : cannot_create("the file", temporary, error);
+}
+
+/* Whether the open file is still what the name stands for: the one who had the lock before has renamed or removed it. */
+static bool is_still_there(int descriptor, const char *path)
+{
+    struct stat own, there;
+    return fstat(descriptor, &own) == 0 && lstat(path, &there) == 0 && own.st_dev == there.st_dev && own.st_ino == there.st_ino;
+}
+
+int kiln_publish_claim(char temporary[KILN_PATH_SIZE], const char *path, int *descriptor, struct kiln_error *error)
+{
+    struct stat found;
+    *descriptor = -1;
+    int status = temporary_name(temporary, path, error);
+    while (status == KILN_OK) {
+        *descriptor = kiln_open(temporary, O_RDWR | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
+        if (*descriptor < 0)
+            return cannot_create("the file", path, error);
+        while (flock(*descriptor, LOCK_EX) != 0 && errno == EINTR)
+            ;
+        if (is_still_there(*descriptor, temporary))
+            break;
+        (void)close(*descriptor);
+    }
+    if (status == KILN_OK && (fstat(*descriptor, &found) != 0 || !S_ISREG(found.st_mode) || kiln_cut(*descriptor, 0) != 0)) {
+        status = cannot_create("what is in the way is no plain file, or cannot be written;", temporary, error);
+        (void)close(*descriptor);
+        *descriptor = -1;
+    }
+    return status;
 }
 
 static int sync_path(const char *path, int flags, struct kiln_error *error)

@@ -2,7 +2,8 @@
  *
  * A reader sees the old file or the whole new one, never a part, also after a power cut. The name used meanwhile is fixed by
  * the target (".NAME.part"), so what a killed process left is replaced by the next attempt and nothing piles up; a folder
- * therefore has one writer a file at a time. No symbolic link is followed at either name. None of these is collective. */
+ * therefore has one writer a file at a time
+ * (kiln_publish_claim lets others wait). No symbolic link is followed at either name. None of these is collective. */
 #ifndef KILN_COORDINATOR_OUTPUT_PUBLISH_H
 #define KILN_COORDINATOR_OUTPUT_PUBLISH_H
 
@@ -35,6 +36,12 @@ void kiln_publish_sweep(const char *temporary);
 
 /* Opens a temporary name for writing, which must not exist. The caller closes *descriptor. */
 int kiln_publish_open(const char *temporary, int *descriptor, struct kiln_error *error);
+
+/* Both for a file that several processes may be about to write, as they may for one that is made from a scene: whoever comes second waits
+ * for the first, and may then find that there is nothing left to do. *descriptor is an empty file, O_RDWR, which others may open by its
+ * name; closing it, after the file was renamed or removed, lets the next one in. What a killed process left is taken over. Where the
+ * file system has no locks (flock), nobody waits: then one at a time is the callers' business. */
+int kiln_publish_claim(char temporary[KILN_PATH_SIZE], const char *path, int *descriptor, struct kiln_error *error);
 
 /* Syncs the complete file at `temporary`, renames it to `path`, syncs the folder. On failure the temporary file is removed. */
 int kiln_publish_finish(const char *temporary, const char *path, struct kiln_error *error);

@@ -8,17 +8,20 @@
 #include <cmocka.h>
 
 #include <dirent.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "coordinator/import/import.h"
 #include "worker/scene/scene.h"
 
 struct fixture {
-    char folder[64], scene[96], output[96], other[96];
+    char folder[64], scene[96], output[96], other[96], program[96];
     struct kiln_import_params params;
     struct kiln_import_report report;
     struct kiln_error error;
@@ -55,7 +58,7 @@ static size_t files_in(const char *folder, bool remove)
     assert_non_null(directory);
     for (const struct dirent *entry = readdir(directory); entry != NULL; entry = readdir(directory)) {
         char path[512];
-        if (entry->d_name[0] == '.')
+        if (strcmp(entry->d_name, ".") == 0 || strcmp(entry->d_name, "..") == 0)
             continue;
         (void)snprintf(path, sizeof path, "%s/%s", folder, entry->d_name);
         count++;
@@ -121,6 +124,65 @@ static void a_failed_import_leaves_what_was_there(void **state)
     assert_int_equal(kiln_scene_open(&scene, f->output, NULL), KILN_OK);
     kiln_scene_close(&scene);
     assert_int_equal(files_in(f->folder, false), 2);
+}
+
+static pid_t import_beside(struct fixture *f)
+{
+    const pid_t process = fork();
+    if (process == 0)
+        _exit(import_now(f) == KILN_OK ? (f->report.cached ? 1 : 0) : 2);
+    assert_true(process > 0);
+    return process;
+}
+
+static void use_program(struct fixture *f, const char *script)
+{
+    (void)snprintf(f->program, sizeof f->program, "%s/program", f->folder);
+    put(f->program, script);
+    assert_int_equal(chmod(f->program, 0700), 0);
+    f->params.program = f->program;
+}
+
+static void what_a_killed_import_left_is_taken_over(void **state)
+{
+    struct fixture *f = *state;
+    const char *real = f->params.program;
+    use_program(f, "#!/bin/sh\necho begun > \"$3\"\nexec sleep 3\n");
+    for (int i = 0; i < 2; i++) {
+        const pid_t process = import_beside(f);
+        const struct timespec moment = {0, 300000000};
+        (void)nanosleep(&moment, NULL);
+        assert_int_equal(kill(process, SIGKILL), 0);
+        assert_int_equal(waitpid(process, NULL, 0), process);
+        assert_int_equal(files_in(f->folder, false), 3); /* scene, program, and what is begun */
+    }
+    f->params.program = real;
+    imported(f, false);
+    assert_int_equal(files_in(f->folder, false), 3); /* scene, program, result */
+}
+
+static void the_second_at_the_same_time_waits(void **state)
+{
+    struct fixture *f = *state;
+    use_program(f, "#!/bin/sh\nsleep 0.3\nexec \"$KILN\" \"$@\"\n");
+    for (uint32_t i = 0; i < 3; i++) {
+        pid_t process[3];
+        int read = 0, cached = 0;
+        f->params.lightmap_size = 16u << i;
+        for (int k = 0; k < 3; k++)
+            process[k] = import_beside(f);
+        for (int k = 0; k < 3; k++) {
+            int end = -1;
+            assert_int_equal(waitpid(process[k], &end, 0), process[k]);
+            assert_true(WIFEXITED(end));
+            read += WEXITSTATUS(end) == 0;
+            cached += WEXITSTATUS(end) == 1;
+        }
+        assert_int_equal(read, 1);
+        assert_int_equal(cached, 2);
+        imported(f, true);
+        assert_int_equal(files_in(f->folder, false), 3);
+    }
 }
 
 static void the_childs_death_is_a_sentence(void **state)
@@ -191,6 +253,7 @@ int main(void)
     }
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
     const struct CMUnitTest tests[] = {TEST(the_same_again_is_not_read_again), TEST(a_failed_import_leaves_what_was_there),
+                                       TEST(what_a_killed_import_left_is_taken_over), TEST(the_second_at_the_same_time_waits),
                                        TEST(the_childs_death_is_a_sentence), TEST(scene_files_are_taken_as_they_are),
                                        TEST(places_that_do_not_exist)};
     return cmocka_run_group_tests(tests, NULL, NULL);

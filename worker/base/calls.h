@@ -54,6 +54,15 @@ static inline int kiln_unlink(const char *path)
     return result;
 }
 
+static inline int kiln_cut(int descriptor, off_t size)
+{
+    int result;
+    do
+        result = ftruncate(descriptor, size);
+    while (result != 0 && errno == EINTR);
+    return result;
+}
+
 /* posix_fallocate, with its result in errno's place: 0 or the number of the error. */
 static inline int kiln_reserve(int descriptor, off_t size)
 {
