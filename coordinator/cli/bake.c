@@ -239,6 +239,33 @@ static int gather_volume(struct bake *b, struct kiln_error *error)
     return status;
 }
 
+static int write_points(struct bake *b, const struct kiln_bake_result *result, const struct kiln_output_params *params, struct kiln_error *error)
+{
+    (void)b;
+    return kiln_write_h5(result, params, error);
+}
+
+static int write_volume(struct bake *b, const struct kiln_bake_result *result, const struct kiln_output_params *params, struct kiln_error *error)
+{
+    return kiln_write_volume(result, &b->volume, params, error);
+}
+
+/* MPI-IO takes an interrupted call for a failure, or even for a success: then reading back brings it to light. A file that could not be made
+ * whole is made once more, from the begin; should that fail too, it was no accident. Collective. */
+static int write_twice(struct bake *b, const struct kiln_bake_result *result, const struct kiln_output_params *params,
+                       int (*write)(struct bake *, const struct kiln_bake_result *, const struct kiln_output_params *, struct kiln_error *),
+                       struct kiln_error *error)
+{
+    int status = write(b, result, params, error);
+    if (status != KILN_IO && status != KILN_CANNOT_CREATE)
+        return status;
+    const struct kiln_error first = *error;
+    status = write(b, result, params, error);
+    if (status == KILN_OK && b->rank == 0)
+        (void)fprintf(stderr, "kiln: warning: %s; at the second attempt it was written well\n", first.message);
+    return status;
+}
+
 static int write_results(struct bake *b, const char *provenance, struct kiln_error *error)
 {
     const struct kiln_bake_result result = {.communicator = b->communicator,
@@ -263,12 +290,12 @@ static int write_results(struct bake *b, const char *provenance, struct kiln_err
     if (status == KILN_OK) {
         kiln_phase(&b->phases, "kiln.h5");
         kiln_progress_phase(b->progress, "kiln.h5", 0);
-        status = kiln_write_h5(&result, &params, error);
+        status = write_twice(b, &result, &params, write_points, error);
     }
     if (status == KILN_OK && b->job->samples_probe != 0) {
         kiln_phase(&b->phases, "volume.hdf");
         kiln_progress_phase(b->progress, "volume.hdf", 0);
-        status = kiln_write_volume(&result, &b->volume, &params, error);
+        status = write_twice(b, &result, &params, write_volume, error);
     }
     kiln_phase(&b->phases, NULL);
     return status;
