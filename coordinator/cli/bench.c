@@ -19,7 +19,7 @@ static int bench_rays(struct kiln_job *job, const char *scene_file, struct kiln_
     if (status == KILN_OK)
         status = kiln_rays_bench(prepared, job->samples_indirect, job->repeats, &result, error);
     if (status == KILN_OK && job->json)
-        (void)printf("{\"rays\":%llu,\"triangles\":%zu,\"pass_mrays_per_second\":%.4f,\"tracer_mrays_per_second\":%.4f,\"share\":%.4f,"
+        (void)printf("{\"status\":\"done\",\"rays\":%llu,\"triangles\":%zu,\"pass_mrays_per_second\":%.4f,\"tracer_mrays_per_second\":%.4f,\"share\":%.4f,"
                      "\"share_least\":%.4f,\"share_most\":%.4f}\n",
                      (unsigned long long)result.rays, prepared->geometry->triangle_count, result.pass_rate * 1e-6,
                      result.ceiling_rate * 1e-6, result.share, result.share_low, result.share_high);

@@ -47,8 +47,8 @@ static json_t *list_json(const struct gpu_description *list, size_t count, const
             json_decref(devices);
             return NULL;
         }
-    return json_pack("{s:{s:s, s:s, s:i}, s:o}", "embree", "version", version, "instruction_set", kiln_own_instruction_set(), "threads",
-                     (int)kiln_own_cores(1), "vulkan", devices);
+    return json_pack("{s:s, s:{s:s, s:s, s:i}, s:o}", "status", "done", "embree", "version", version, "instruction_set",
+                     kiln_own_instruction_set(), "threads", (int)kiln_own_cores(1), "vulkan", devices);
 }
 
 static void print_device(const struct gpu_description *d)

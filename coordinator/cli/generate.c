@@ -22,7 +22,7 @@ static int list_json(struct kiln_error *error)
     for (size_t i = 0; i < kiln_generator_count; i++)
         (void)json_array_append_new(names, json_pack("{s:s, s:s}", "name", kiln_generators[i].name, "description",
                                                      kiln_generators[i].description));
-    return kiln_json_print(json_pack("{s:s, s:o}", "status", "ok", "scenes", names), error);
+    return kiln_json_print(json_pack("{s:s, s:o}", "status", "done", "scenes", names), error);
 }
 
 static int find(const char *name, const struct kiln_generator **found, struct kiln_error *error)
@@ -72,7 +72,7 @@ static int report(const struct kiln_job *job, const struct kiln_generator *gener
                          (double)totals.bytes * 1e-6);
         return KILN_OK;
     }
-    return kiln_json_print(json_pack("{s:s, s:s, s:o, s:I, s:I, s:I, s:I, s:I}", "status", "ok", "scene", generator->name, "file", kiln_json_string(job->output),
+    return kiln_json_print(json_pack("{s:s, s:s, s:o, s:I, s:I, s:I, s:I, s:I}", "status", "done", "scene", generator->name, "file", kiln_json_string(job->output),
                                "triangles", (json_int_t)totals.triangles, "triangles_with_instances", (json_int_t)totals.triangles_placed,
                                "meshes", (json_int_t)totals.meshes, "nodes", (json_int_t)totals.nodes, "bytes", (json_int_t)totals.bytes), error);
 }

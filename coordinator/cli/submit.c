@@ -166,7 +166,7 @@ static int say_json(const struct submission *s, struct kiln_error *error)
     json_t *outputs = json_array();
     for (size_t i = 0; i < s->batch.item_count; i++)
         (void)json_array_append_new(outputs, kiln_json_string(s->items[i].output));
-    json_t *object = json_pack("{s:s, s:o}", "status", "ok", "outputs", outputs);
+    json_t *object = json_pack("{s:s, s:o}", "status", "done", "outputs", outputs);
     if (s->id != NULL)
         (void)json_object_set_new(object, "job", json_string(s->id));
     else

@@ -24,6 +24,7 @@ class Devices(unittest.TestCase):
         answer = kiln("info", "--devices", "--json")
         self.assertEqual(answer.code, 0, answer.err)
         listed = json.loads(answer.out)
+        self.assertEqual(listed["status"], "done")
         self.assertRegex(listed["embree"]["version"], r"^3\.\d+\.\d+$")
         self.assertGreaterEqual(listed["embree"]["threads"], 1)
         for number, device in enumerate(listed["vulkan"]):

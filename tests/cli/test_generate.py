@@ -47,12 +47,15 @@ class Generate(unittest.TestCase):
     def setUp(self):
         self.folder = tempfile.TemporaryDirectory()
         self.addCleanup(self.folder.cleanup)
-        self.names = [scene["name"] for scene in json.loads(kiln("generate", "--json").out)["scenes"]]
+        listed = json.loads(kiln("generate", "--json").out)
+        self.assertEqual(listed["status"], "done")
+        self.names = [scene["name"] for scene in listed["scenes"]]
 
     def make(self, name, *options, file="scene.glb"):
         path = os.path.join(self.folder.name, file)
         answer = kiln("generate", name, "-o", path, "--json", *options)
         self.assertEqual(answer.code, 0, answer.err)
+        self.assertEqual(json.loads(answer.out)["status"], "done")
         return path, json.loads(answer.out)
 
     def check(self, path, name):

@@ -112,7 +112,7 @@ class Names(Place):
     def test_submitting(self):
         self.program("sbatch", f"#!/bin/sh\ncat > {self.folder}/script\nprintf '%s ' \"$@\" \"$LD_LIBRARY_PATH\" > {self.folder}/words\necho '42;cluster'\n")
         answer = json.loads(self.submit("cornell.glb", "--json", "--gpus", "2").stdout)
-        self.assertEqual(answer["job"], "42")
+        self.assertEqual((answer["status"], answer["job"]), ("done", "42"))
         script = (self.folder / "script").read_text()
         self.assertEqual(script, self.submit("cornell.glb", "--dry-run", "--gpus", "2").stdout)
         self.assertIn("#SBATCH --ntasks-per-node=2\n", script)
