@@ -1,6 +1,7 @@
 """A bake that is interrupted, in every way there is, goes on to the same bits.
 
     resume.py --kiln PATH kills       kill -9 a random rank of four at random moments (KILN_KILLS of them, KILN_SEED)
+    resume.py --kiln PATH ends        kill -9 a rank when the job is about to end (KILN_ENDS times, KILN_SEED), and mpirun itself
     resume.py --kiln PATH layouts     go on with other numbers of ranks and threads
     resume.py --kiln PATH signals     SIGUSR1, SIGTERM, SIGINT, kiln stop, --max-time: 75, and what kiln status says
     resume.py --kiln PATH refusals    another scene or setting is refused, with a table
@@ -369,6 +370,73 @@ def try_kills(checks, tool):
     checks.that(seen > 0, 'no shared memory was ever seen, so none can be said to be gone')
     print('%d kills in %d bakes of %d scenes, %d of them while a checkpoint was being written and %d while results were; the job was gone '
           'after %.1f s at most' % (sum(count.values()), bakes, len(subjects), count[CHECKPOINT], count[RESULTS], longest))
+
+
+def kill_at_the_end(checks, tool, dice, subject):
+    """SIGKILL to a rank once the manifest is there, or just before; whether there was one to kill."""
+    folder = tool.folder()
+    process = tool.start(folder, *OFTEN, ranks=4, private=True)
+    wait_for(lambda: process.poll() is not None or len(ranks_of(process)) == 4)
+    ranks, written = ranks_of(process), dice.choice(('manifest', 'volume.hdf'))
+    wait_for(lambda: process.poll() is not None or os.path.exists(os.path.join(folder, written)))
+    delay = dice.uniform(0, 0.3)
+    time.sleep(delay)
+    segments, victim, began = belongings(ranks), dice.choice(ranks), time.monotonic()
+    try:
+        os.kill(victim, signal.SIGKILL)
+    except ProcessLookupError:
+        finish(process)
+        return False
+    status, what = finish(process), 'rank %d killed %.3f s after %s' % (ranks.index(victim), delay, written)
+    checks.that(status is not None and time.monotonic() - began < 10, '%s: the job went on for %.0f s' % (what, time.monotonic() - began))
+    if os.path.exists(os.path.join(folder, 'manifest')):
+        verdict, different = tool.run('verify', folder), differences(subject.reference, result(folder))
+        checks.that(verdict.status == 0, '%s: not as it was written' % what, verdict)
+        checks.that(not different, '%s: not the same: %s' % (what, different))
+    bad = readable(folder) + left_over(folder, ranks, segments)
+    checks.that(not bad, '%s: %s' % (what, '; '.join(bad)))
+    process = tool.bake(folder, ranks=2)
+    same(checks, tool, subject.reference, folder, process, what)
+    shutil.rmtree(folder, ignore_errors=True)
+    return True
+
+
+def kill_mpirun(checks, tool, subject, stopped):
+    """SIGKILL to mpirun, once with a rank that stands still: the ranks end by themselves, and what they shared is free. Open MPI's own files stay,
+    which only mpirun removes: a queue of some pages a rank, and its folder in TMPDIR."""
+    folder = tool.folder()
+    process = tool.start(folder, *OFTEN, ranks=3, private=True)
+    wait_for(lambda: process.poll() is not None or generations(folder))
+    ranks = ranks_of(process)
+    segments = belongings(ranks)
+    if stopped:
+        os.kill(ranks[1], signal.SIGSTOP)
+    began = time.monotonic()
+    process.kill()
+    process.wait()
+    gone = wait_for(lambda: all(state_of(rank) == 'Z' for rank in ranks), 30)
+    seconds = time.monotonic() - began
+    checks.that(gone and seconds < 10, 'mpirun killed: ranks are there after %.1f s' % seconds)
+    queues = [s for s in segments if 'vader_segment' in s]
+    shutil.rmtree(folder + '.tmp', ignore_errors=True)
+    bad = readable(folder) + left_over(folder, ranks, segments - set(queues))
+    checks.that(not bad, 'mpirun killed: %s' % '; '.join(bad))
+    for path in queues:
+        if os.path.exists(path):
+            os.remove(path)
+    same(checks, tool, subject.reference, folder, tool.bake(folder, ranks=2), 'after mpirun was killed')
+    return seconds
+
+
+def try_ends(checks, tool):
+    ends, seed = int(os.environ.get('KILN_ENDS', '3')), int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
+    dice, done, tries = random.Random(seed), 0, 0
+    print('seed %d (KILN_SEED=%d repeats it)' % (seed, seed), flush=True)
+    subject = Subject(checks, tool, SCENE)
+    while done < ends and tries < 5 * ends:
+        done, tries = done + kill_at_the_end(checks, tool, dice, subject), tries + 1
+    longest = max(kill_mpirun(checks, tool, subject, stopped) for stopped in (False, True))
+    print('%d ranks killed at the end; mpirun killed twice, and the ranks gone after %.1f s at most' % (done, longest))
 
 
 def interrupted(tool, checks, ranks=0, threads=1, after=2, more=()):
@@ -809,7 +877,7 @@ def try_cost(checks, tool):
             print('%d ranks, --checkpoint-every %s: %.2f s, %+.1f %%' % (max(ranks, 1), every, min(values), 100 * (min(values) / base - 1)))
 
 
-PARTS = {'kills': try_kills, 'layouts': try_layouts, 'signals': try_signals, 'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults, 'interrupted': try_interrupted,
+PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'signals': try_signals, 'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults, 'interrupted': try_interrupted,
          'warnings': try_warnings, 'watchdog': try_watchdog, 'halts': try_halts, 'cost': try_cost}
 
 
