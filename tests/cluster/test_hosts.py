@@ -61,6 +61,17 @@ class Hosts(unittest.TestCase):
             with open(os.path.join(self.folder_of(output), "run.json"), encoding="utf-8") as report:
                 self.assertGreater(json.load(report)["mpi"]["received_between_nodes"], 0)
 
+    def test_rank_that_stands_still_is_named_with_its_host(self):
+        """On one host after the other, while results are written: rank 0 hears the others, and the last one rank 0."""
+        for rank, host, place in ((1, "birch", "lightmaps"), (0, "alder", "volume.hdf")):
+            words = self.bake_words("still", "--quality", "draft", "--watchdog", "2")
+            begin = time.monotonic()
+            bake = self.cluster.hosts[0].run(words[0], "-x", f"KILN_HALT_RANK={rank}:{place}", *words[1:], timeout=60)
+            print(f"\nstill: the job ended after {time.monotonic() - begin:.1f} s")
+            self.assertEqual(bake.returncode, 76, bake.stderr)
+            self.assertIn(f"rank {rank} on {host} has given no sign of life for 2.", bake.stderr)
+            self.bake_here("still", "--quality", "draft")
+
     def lose(self, output, loss, repair):
         """A bake that has come to its bounces loses something; what mpirun says in the end, on one line."""
         bake = self.cluster.hosts[0].begin(*self.bake_words(output, *LONG), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
