@@ -5,6 +5,7 @@
 
 #include "worker/base/memory.h"
 #include "worker/light/environment.h"
+#include "worker/light/spherical_triangle.h"
 #include "worker/light/tree.h"
 #include "worker/sampling/sequence.h"
 #include "worker/scene/texture.h"
@@ -236,40 +237,6 @@ static bool sample_point_light(const struct kiln_point_light *light, struct kiln
     return factor > 0.0;
 }
 
-/* Solid angle of triangle a b c (unit vectors from the point): Van Oosterom and Strackee 1983. */
-static double solid_angle(struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 c)
-{
-    const double numerator = fabs(dvec3_dot(a, dvec3_cross(b, c)));
-    const double denominator = 1.0 + dvec3_dot(a, b) + dvec3_dot(b, c) + dvec3_dot(c, a);
-    return 2.0 * atan2(numerator, denominator);
-}
-
-/* Uniform in solid angle: Arvo, "Stratified Sampling of Spherical Triangles", 1995. False where the triangle is too thin for it. */
-static bool spherical_direction(struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 c, double u, double v,
-                                struct kiln_dvec3 *direction)
-{
-    const struct kiln_dvec3 ab = unit(dvec3_cross(a, b)), bc = unit(dvec3_cross(b, c)), ca = unit(dvec3_cross(c, a));
-    const double cos_alpha = fmax(-1.0, fmin(1.0, -dvec3_dot(ab, ca)));
-    const double alpha = acos(cos_alpha), sin_alpha = sin(alpha);
-    const double beta = acos(fmax(-1.0, fmin(1.0, -dvec3_dot(ab, bc)))), gamma = acos(fmax(-1.0, fmin(1.0, -dvec3_dot(bc, ca))));
-    const double area = alpha + beta + gamma - KILN_PI;
-    if (!(area > 0.0) || sin_alpha < 1e-9)
-        return false;
-    const double part = u * area - alpha;
-    const double s = sin(part), t = cos(part);
-    const double x = t - cos_alpha, y = s + sin_alpha * dvec3_dot(a, b);
-    const double below = (y * s + x * t) * sin_alpha;
-    if (fabs(below) < 1e-14)
-        return false;
-    const double q = fmax(-1.0, fmin(1.0, ((y * t - x * s) * cos_alpha - y) / below));
-    const struct kiln_dvec3 across = unit(dvec3_sub(c, dvec3_scale(a, dvec3_dot(c, a))));
-    const struct kiln_dvec3 c2 = dvec3_add(dvec3_scale(a, q), dvec3_scale(across, sqrt(fmax(0.0, 1.0 - q * q))));
-    const double z = 1.0 - v * (1.0 - dvec3_dot(c2, b));
-    const struct kiln_dvec3 up = unit(dvec3_sub(c2, dvec3_scale(b, dvec3_dot(c2, b))));
-    *direction = unit(dvec3_add(dvec3_scale(b, z), dvec3_scale(up, sqrt(fmax(0.0, 1.0 - z * z)))));
-    return true;
-}
-
 void kiln_area_light_radiance(const struct kiln_lights *lights, const struct kiln_area_light *light, double b1, double b2, float rgb[3])
 {
     memcpy(rgb, light->radiance, 3 * sizeof *rgb);
@@ -289,63 +256,48 @@ void kiln_area_light_radiance(const struct kiln_lights *lights, const struct kil
  * arithmetic does not cancel). */
 static const double SPHERICAL_FROM = 0.02;
 
-/* By the area: (b1, b2), density, direction and distance; false where the triangle is seen edge-on. */
-static bool sample_flat(const struct kiln_area_light *light, struct kiln_dvec3 to0, double height, double u, double v, double b[2], double *density,
-                        struct kiln_light_sample *s)
+/* Where in the light's plane a place `on` from corner 0 is: by Cramer's rule. */
+static void find_weights(const struct kiln_area_light *light, struct kiln_dvec3 on, double *b1, double *b2)
 {
-    const double root = sqrt(u);
-    b[0] = root * (1.0 - v);
-    b[1] = root * v;
-    const struct kiln_dvec3 to = dvec3_add(to0, dvec3_add(dvec3_scale(light->e1, b[0]), dvec3_scale(light->e2, b[1])));
-    s->distance = dvec3_length(to);
-    s->direction = dvec3_scale(to, 1.0 / s->distance);
-    const double cosine = fabs(height) / s->distance;
-    *density = s->distance * s->distance / (cosine * light->area);
-    return cosine > 0.0;
-}
-
-/* Where a direction meets the light's plane, by Cramer's rule: (b1, b2) and distance. */
-static bool meet_light(const struct kiln_area_light *light, struct kiln_dvec3 to0, double height, struct kiln_dvec3 direction, double b[2],
-                       struct kiln_light_sample *s)
-{
-    const struct kiln_dvec3 h = dvec3_cross(direction, light->e2), from = dvec3_scale(to0, -1.0);
-    const double determinant = dvec3_dot(light->e1, h);
-    if (determinant == 0.0)
-        return false;
-    b[0] = fmax(0.0, fmin(1.0, dvec3_dot(from, h) / determinant));
-    b[1] = fmax(0.0, fmin(1.0 - b[0], dvec3_dot(direction, dvec3_cross(from, light->e1)) / determinant));
-    s->direction = direction;
-    s->distance = fabs(height / dvec3_dot(direction, light->normal));
-    return true;
+    const double e11 = dvec3_dot(light->e1, light->e1), e12 = dvec3_dot(light->e1, light->e2), e22 = dvec3_dot(light->e2, light->e2);
+    const double below = e11 * e22 - e12 * e12, x = dvec3_dot(on, light->e1), y = dvec3_dot(on, light->e2);
+    *b1 = fmax(0.0, fmin(1.0, (x * e22 - y * e12) / below));
+    *b2 = fmax(0.0, fmin(1.0 - *b1, (y * e11 - x * e12) / below));
 }
 
 static bool sample_area_light(const struct kiln_lights *lights, const struct kiln_area_light *light, struct kiln_dvec3 p, double weight,
                               double u, double v, struct kiln_light_sample *s)
 {
     const struct kiln_dvec3 to0 = dvec3_sub(light->p0, p);
-    const double height = -dvec3_dot(to0, light->normal); /* of p above the front face */
+    const double side = -dvec3_dot(to0, light->normal), height = fabs(side); /* of p above the front face */
     /* In the light's own plane, as far as floats tell, nothing of it is seen: a lamp laid flush on a ceiling does not light it. */
-    if ((light->two_sided ? fabs(height) : height) <= 2.0 * light->rounding)
+    if ((light->two_sided ? height : side) <= 2.0 * light->rounding)
         return false;
-    const struct kiln_dvec3 a = unit(to0), b = unit(dvec3_add(to0, light->e1)), c = unit(dvec3_add(to0, light->e2));
-    const double omega = solid_angle(a, b, c);
-    double at[2], density;
-    struct kiln_dvec3 direction;
-    if (omega > SPHERICAL_FROM && spherical_direction(a, b, c, u, v, &direction)) {
-        density = 1.0 / omega;
-        if (!meet_light(light, to0, height, direction, at, s))
-            return false;
-    } else if (!sample_flat(light, to0, height, u, v, at, &density, s)) {
-        return false;
+    const struct kiln_spherical_triangle t = kiln_spherical_triangle(to0, light->e1, light->e2, light->area, height);
+    const bool spherical = t.omega > SPHERICAL_FROM;
+    struct kiln_dvec3 to;
+    if (spherical) {
+        const struct kiln_dvec3 direction = kiln_spherical_triangle_direction(&t, u, v);
+        to = dvec3_scale(direction, height / fabs(dvec3_dot(direction, light->normal)));
+    } else {
+        const double root = sqrt(u);
+        to = dvec3_add(to0, dvec3_add(dvec3_scale(light->e1, root * (1.0 - v)), dvec3_scale(light->e2, root * v)));
     }
+    s->distance = dvec3_length(to);
     if (!(s->distance > 0.0) || !isfinite(s->distance))
         return false;
-    float rgb[3];
-    kiln_area_light_radiance(lights, light, at[0], at[1], rgb);
+    s->direction = dvec3_scale(to, 1.0 / s->distance);
+    const double seen = height / s->distance; /* cosine at the light */
     /* The light's vertices are floats: the shadow ray stops short of it by their rounding, seen along the ray. */
-    s->backoff = fmin(0.5 * s->distance, light->rounding / fmax(1e-6, fabs(height) / s->distance));
+    s->backoff = fmin(0.5 * s->distance, light->rounding / fmax(1e-6, seen));
+    float rgb[3];
+    double b1 = 0.0, b2 = 0.0;
+    if (light->textured)
+        find_weights(light, dvec3_sub(to, to0), &b1, &b2);
+    kiln_area_light_radiance(lights, light, b1, b2, rgb);
+    const double inverse_density = spherical ? t.omega : seen * light->area / (s->distance * s->distance);
     for (int i = 0; i < 3; i++)
-        s->value[i] = (double)rgb[i] * weight / density;
+        s->value[i] = (double)rgb[i] * weight * inverse_density;
     return true;
 }
 

@@ -6,33 +6,8 @@
 static const double SPHERICAL_FROM = 0.02;
 /* Of the height above the light: how far places may be from the centre. */
 static const double SPREAD_MOST = 0.125;
-
-static struct kiln_dvec3 unit(struct kiln_dvec3 a)
-{
-    const double length = dvec3_length(a);
-    return length > 0.0 ? dvec3_scale(a, 1.0 / length) : a;
-}
-
-static double angle_between(struct kiln_dvec3 a, struct kiln_dvec3 b) { return acos(fmax(-1.0, fmin(1.0, dvec3_dot(a, b)))); }
-
-/* False where the triangle is too small or too thin for it. */
-static bool make_spherical(struct kiln_light_target *t)
-{
-    const struct kiln_dvec3 c = unit(dvec3_add(t->to0, t->light->e2));
-    t->a = unit(t->to0);
-    t->b = unit(dvec3_add(t->to0, t->light->e1));
-    const struct kiln_dvec3 ab = unit(dvec3_cross(t->a, t->b)), bc = unit(dvec3_cross(t->b, c)), ca = unit(dvec3_cross(c, t->a));
-    t->cos_alpha = fmax(-1.0, fmin(1.0, -dvec3_dot(ab, ca)));
-    t->alpha = acos(t->cos_alpha);
-    t->sin_alpha = sin(t->alpha);
-    t->omega = t->alpha + angle_between(ab, dvec3_scale(bc, -1.0)) + angle_between(bc, dvec3_scale(ca, -1.0)) - KILN_PI;
-    if (!(t->omega > SPHERICAL_FROM) || t->sin_alpha < 1e-9)
-        return false;
-    t->across = unit(dvec3_sub(c, dvec3_scale(t->a, dvec3_dot(c, t->a))));
-    t->cos_ab = dvec3_dot(t->a, t->b);
-    t->cos_across_b = dvec3_dot(t->across, t->b);
-    return true;
-}
+/* Cosine between two corners from which on floats would lose the sum of their directions. */
+static const double OPPOSITE = -0.99;
 
 bool kiln_light_target(const struct kiln_lights *lights, const struct kiln_light_choice *choice, struct kiln_dvec3 centre, double spread,
                        struct kiln_light_target *target)
@@ -49,8 +24,10 @@ bool kiln_light_target(const struct kiln_lights *lights, const struct kiln_light
     target->towards = side > 0.0 ? dvec3_scale(light->normal, -1.0) : light->normal;
     if (!(target->height > 4.0 * light->rounding && spread <= SPREAD_MOST * target->height))
         return false;
-    target->spherical = make_spherical(target);
-    return true;
+    target->seen = kiln_spherical_triangle(target->to0, light->e1, light->e2, light->area, target->height);
+    target->spherical = target->seen.omega > SPHERICAL_FROM;
+    const struct kiln_spherical_triangle *seen = &target->seen;
+    return fmin(fmin(dvec3_dot(seen->a, seen->b), dvec3_dot(seen->b, seen->c)), dvec3_dot(seen->c, seen->a)) > OPPOSITE;
 }
 
 /* Sine and cosine for angles of a few turns at most; absolute error below 1e-15. By blends, so that lanes go together. */
@@ -89,23 +66,23 @@ static inline void see_from_place(const struct kiln_light_target *restrict t, st
     s->backoff[l] = at_most(0.5 * distance, t->light->rounding / at_least(seen, 1e-6));
 }
 
-/* Directions D = a_part a + across_part across + b_part b from the centre, as far as the light's plane; by Arvo's paper, but with what
- * cancels in it divided out. */
-KILN_CLONES static void sample_spherical(const struct kiln_light_target *restrict t, struct kiln_target_samples *restrict s)
+/* Directions from the centre, as kiln_spherical_triangle_direction, as far as the light's plane. */
+KILN_CLONES static void sample_spherical(const struct kiln_light_target *restrict target, struct kiln_target_samples *restrict s)
 {
+    const struct kiln_spherical_triangle *t = &target->seen;
+    const struct kiln_dvec3 towards = target->towards;
     for (int l = 0; l < KILN_TARGET_LANES; l++) {
         double sine, cosine;
-        sine_cosine(s->u[l] * t->omega - t->alpha, &sine, &cosine);
-        const double x = cosine - t->cos_alpha, y = sine + t->sin_alpha * t->cos_ab;
-        const double below = (y * sine + x * cosine) * t->sin_alpha;
-        const double q = at_least(at_most(((y * cosine - x * sine) * t->cos_alpha - y) / below, 1.0), -1.0);
-        const double r = sqrt(1.0 - q * q), d = q * t->cos_ab + r * t->cos_across_b; /* c2 = q a + r across; d = c2 . b */
-        const double drop = s->v[l] * (1.0 - d);
-        const double k = sqrt(s->v[l] * (2.0 - drop) / (1.0 + d)), a = q * k, c = r * k, b = 1.0 - drop - d * k;
-        const double dx = a * t->a.x + c * t->across.x + b * t->b.x, dy = a * t->a.y + c * t->across.y + b * t->b.y,
-                     dz = a * t->a.z + c * t->across.z + b * t->b.z;
-        const double cosine_there = dx * t->towards.x + dy * t->towards.y + dz * t->towards.z, far = t->height / cosine_there;
-        see_from_place(t, s, l, far * dx, far * dy, far * dz, far * far * t->omega / cosine_there);
+        sine_cosine(0.5 * s->u[l] * t->omega, &sine, &cosine);
+        const double of_a = t->volume * cosine - t->ca_bc * sine, of_c = t->ab * sine;
+        const double mx = of_a * t->a.x + of_c * t->c.x, my = of_a * t->a.y + of_c * t->c.y, mz = of_a * t->a.z + of_c * t->c.z;
+        const double twice = 2.0 * (mx * t->a.x + my * t->a.y + mz * t->a.z) / (mx * mx + my * my + mz * mz);
+        const double cx = twice * mx - t->a.x, cy = twice * my - t->a.y, cz = twice * mz - t->a.z;
+        const double d = cx * t->b.x + cy * t->b.y + cz * t->b.z, drop = s->v[l] * (1.0 - d);
+        const double k = sqrt(s->v[l] * (2.0 - drop) / (1.0 + d)), of_b = 1.0 - drop - d * k;
+        const double dx = k * cx + of_b * t->b.x, dy = k * cy + of_b * t->b.y, dz = k * cz + of_b * t->b.z;
+        const double cosine_there = dx * towards.x + dy * towards.y + dz * towards.z, far = target->height / cosine_there;
+        see_from_place(target, s, l, far * dx, far * dy, far * dz, far * far * t->omega / cosine_there);
     }
 }
 

@@ -1,17 +1,19 @@
 /* A lone area light as all places of one surface point see it: what its samples have in common is reckoned once a point, and samples are
  * drawn several at a time.
  *
- * A sample is a place on the light, chosen as the point's centre c would choose it: evenly in solid angle (Arvo, "Stratified
- * Sampling of Spherical Triangles", 1995), or evenly in area where the light is small. Its density is known for any other place p,
+ * A sample is a place on the light, chosen as the point's centre c would choose it: evenly in solid angle (spherical_triangle.h), or evenly in area where the light is small. Its density is known for any other
+ * place p,
  *
  *     density of the direction from p = |y - p|^2 / cos_p  x  cos_c / (omega |y - c|^2)
  *
  * with y the place on the light, omega the solid angle from c, the cosines those at the light. Places must be near c compared with the
- * light's plane, so that densities stay close to even; for others there is kiln_lights_sample. Pure and thread-safe. */
+ * light's plane, so that densities stay close to even, and corners of the light not opposite each other as c sees them, so that floats
+ * do (shaders/target.glsl); for others there is kiln_lights_sample. Pure and thread-safe. */
 #ifndef KILN_WORKER_LIGHT_TARGET_H
 #define KILN_WORKER_LIGHT_TARGET_H
 
 #include "worker/light/lights.h"
+#include "worker/light/spherical_triangle.h"
 
 enum { KILN_TARGET_LANES = 8 };
 
@@ -22,9 +24,7 @@ struct kiln_light_target {
     struct kiln_dvec3 towards; /* unit, normal to the light's plane, on the centre's side pointing at it */
     double height;             /* m: of the centre above that plane, > 0 */
     bool spherical;            /* by solid angle, else by area */
-    double omega, alpha, cos_alpha, sin_alpha; /* solid angle; angle at a */
-    struct kiln_dvec3 a, across, b; /* unit: to corner 0; normal to a in the plane of a and corner 2; to corner 1 */
-    double cos_ab, cos_across_b; /* a b, across b */
+    struct kiln_spherical_triangle seen; /* the light, from the centre */
 };
 
 /* Samples in structures of arrays; all lanes are reckoned, whether used or not. */
