@@ -3,6 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
 #include "shaders/direct.glsl"
+#include "shaders/target.glsl"
 
 KILN_ARRAY(PointArray, kiln_gpu_point, 8);
 
@@ -14,15 +15,24 @@ void kiln_kernel(uint x, uint y)
     const kiln_gpu_point p = PointArray(push.chunk.points).at[index];
     const real3 normal = (p.flags & KILN_GPU_POINT_ONE_NORMAL) != 0u ? real3(p.normal) : real3(0);
     const uint candidates = kiln_lights_choose(real3(p.centre), real(p.spread), normal, push.pass.limit, true);
-    uint count = 0u;
+    uint count = 0u, precise_ones = 0u;
     for (uint i = 0u; i < candidates; i++) {
         kiln_light_choice choice;
         if (!kiln_lights_candidate(i, normal, push.pass.samples, choice))
             continue;
-        direct_choice(count).at[x] = kiln_gpu_choice(choice.kind << KILN_GPU_CHOICE_KIND_SHIFT | choice.index, choice.samples);
+        const bool is_target = kiln_light_is_target(choice, p.centre, p.spread);
+        const uint kind = is_target ? KILN_GPU_CHOICE_TARGET : choice.kind;
+        uint samples = choice.samples;
+#ifdef KILN_FLOAT64
+        if (!is_target && kiln_is_lone_area_light(choice)) { /* very near, or seen from its edge */
+            samples |= KILN_GPU_CHOICE_PRECISE;
+            precise_ones = KILN_GPU_COUNT_PRECISE;
+        }
+#endif
+        direct_choice(count).at[x] = kiln_gpu_choice(kind << KILN_GPU_CHOICE_KIND_SHIFT | choice.index, samples);
         count++;
     }
-    direct_counts().at[x] = count;
+    direct_counts().at[x] = count | precise_ones;
 }
 
 #include "shaders/main.glsl"

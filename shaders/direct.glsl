@@ -1,4 +1,5 @@
-/* What the three kernels of the direct pass share: choose.comp, direct.comp, direct_reduce.comp. Their push constants are the same. */
+/* What the kernels of the direct pass share: choose.comp, direct.comp, direct_precise.comp, direct_reduce.comp. Their push constants are
+ * the same. */
 
 layout(push_constant, scalar) uniform Push
 {

@@ -54,9 +54,9 @@ void kiln_kernel(uint x, uint y)
             variance += sums.variance;
             rays += sums.rays;
         }
-        const uint count = direct_counts().at[x];
+        const uint count = direct_counts().at[x] & ~KILN_GPU_COUNT_PRECISE;
         for (uint i = 0u; i < count; i++) {
-            const uint samples = direct_choice(i).at[x].samples;
+            const uint samples = direct_choice(i).at[x].samples & ~KILN_GPU_CHOICE_PRECISE;
             if (samples >= QUARTERS_FROM)
                 variance += quarters_variance(i, step, x, samples);
         }

@@ -19,7 +19,17 @@
 #include "shaders/layout.h"
 #include "shaders/random.h"
 
+/* KILN_FLOAT64: what lights are, and sums, lie there as doubles (`stored`). They are reckoned with in doubles too (`real`) but for kernels
+ * with KILN_PLAIN, which leave to others what floats would not do for. */
 #ifdef KILN_FLOAT64
+#define stored double
+#define stored3 dvec3
+#else
+#define stored float
+#define stored3 vec3
+#endif
+#if defined(KILN_FLOAT64) && !defined(KILN_PLAIN)
+#define KILN_DOUBLES
 #define real double
 #else
 #define real float

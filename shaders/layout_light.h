@@ -27,8 +27,10 @@ struct kiln_gpu_lights {
 };
 KILN_SIZE_IS(kiln_gpu_lights, 112);
 
-/* What choose.comp leaves for direct.comp, one a choice: kind in the two highest bits, index in the others. */
+/* What choose.comp leaves for the kernels that trace, one a choice: kind in the two highest bits, index in the others. */
 #define KILN_GPU_CHOICE_KIND_SHIFT 30u
+#define KILN_GPU_CHOICE_PRECISE 0x80000000u /* in `samples`: to be reckoned in doubles where the device has them */
+#define KILN_GPU_CHOICE_TARGET 3u /* a kind beside those of shaders/lights.glsl: a node that is a target (shaders/target.glsl) */
 struct kiln_gpu_choice {
     KILN_WORD what, samples;
 };
@@ -42,8 +44,9 @@ KILN_SIZE_IS(kiln_gpu_choice, 8);
  *   struct kiln_gpu_choice choices[slots * room]           i * room + point
  *   float luminances[slots * rows * room]                  (rows * i + row) * room + point: from the row's samples of a choice, of
  *                                                          choices with 8 samples and more
- *   word counts[room]                                      choices of a point
+ *   word counts[room]                                      choices of a point; KILN_GPU_COUNT_PRECISE: some of them are
  * with slots >= clusters of the cut + directional_count + 1. */
+#define KILN_GPU_COUNT_PRECISE 0x80000000u
 struct kiln_gpu_direct {
     KILN_ADDRESS results; /* struct kiln_gpu_result, one a point of the chunk */
     KILN_ADDRESS sobol;   /* words: dimension d's points from d * sobol_stride on */

@@ -13,9 +13,10 @@
 #define KILN_LIGHTS_GLSL
 
 #include "shaders/real.glsl"
+#include "shaders/spherical_triangle.glsl"
 #include "shaders/material.glsl"
 
-#define KILN_LIGHT_REAL real
+#define KILN_LIGHT_REAL stored
 #define KILN_LIGHT_NAME(name) name
 #include "shaders/layout_light_real.h"
 
@@ -39,11 +40,12 @@ KILN_ARRAY(LightNodes, kiln_gpu_light_node, 8);
 KILN_ARRAY(AreaLights, kiln_gpu_area_light, 8);
 KILN_ARRAY(PointLights, kiln_gpu_point_light, 8);
 KILN_ARRAY(DirectionalLights, kiln_gpu_directional_light, 8);
-KILN_ARRAY(LightReals, real, 8);
+KILN_ARRAY(LightReals, stored, 8);
 KILN_ARRAY(LightFloats, float, 4);
 
 bool light_kind(uint bits) { return (LIGHT_KINDS & bits) != 0u; }
-real3 real3_of(real a[3]) { return real3(a[0], a[1], a[2]); }
+stored3 stored3_of(stored a[3]) { return stored3(a[0], a[1], a[2]); }
+real3 real3_of(stored a[3]) { return real3(a[0], a[1], a[2]); }
 vec3 vec3_of(float a[3]) { return vec3(a[0], a[1], a[2]); }
 bool is_probe(real3 n) { return n.x == 0 && n.y == 0 && n.z == 0; }
 
@@ -56,7 +58,7 @@ real sin_of(real c) { return sqrt(max(real(0), 1 - c * c)); }
 real light_importance(uint index, real3 p, real spread, real3 n)
 {
     const kiln_gpu_light_node node = LightNodes(SCENE.lights.nodes).at[index];
-    const real radius = node.radius + spread, radius2 = radius * radius;
+    const real radius = real(node.radius) + spread, radius2 = radius * radius;
     const real3 away = p - real3_of(node.centre); /* from the cluster to the point */
     const real d2 = dot(away, away);
     real emission = 1, reception = 1;
@@ -67,9 +69,9 @@ real light_importance(uint index, real3 p, real spread, real3 n)
         if ((node.flags & KILN_LIGHT_TWO_SIDED) != 0u)
             cos_w = abs(cos_w);
         const real sin_w = sin_of(cos_w);
-        const real cos_x = cos_less(sin_w, cos_w, node.sin_o, node.cos_o), sin_x = sin_less(sin_w, cos_w, node.sin_o, node.cos_o);
+        const real cos_x = cos_less(sin_w, cos_w, real(node.sin_o), real(node.cos_o)), sin_x = sin_less(sin_w, cos_w, real(node.sin_o), real(node.cos_o));
         emission = cos_less(sin_x, cos_x, sin_b, cos_b);
-        if (emission <= node.cos_e)
+        if (emission <= real(node.cos_e))
             return 0;
         if (!is_probe(n)) {
             const real cos_i = -dot(n, w);
@@ -79,7 +81,7 @@ real light_importance(uint index, real3 p, real spread, real3 n)
         }
     }
     const real least = real(1e-3LF);
-    const real importance = node.power * max(emission, least) * max(reception, least) / max(d2, node.floor2);
+    const real importance = real(node.power) * max(emission, least) * max(reception, least) / max(d2, real(node.floor2));
     return importance > 0 && !isinf(importance) ? importance : node.power > 0 ? KILN_REAL_TINY : real(0);
 }
 
@@ -226,7 +228,7 @@ uint find_step(LightFloats cumulative, uint first, uint count, real u, out real 
             low = middle + 1u;
     }
     const real begin = low == 0u ? real(0) : real(cumulative.at[first + low - 1u]), end = real(cumulative.at[first + low]);
-#ifdef KILN_FLOAT64
+#ifdef KILN_DOUBLES
     const real last = 1.0LF - 1e-12LF;
 #else
     const real last = KILN_REAL_BELOW_ONE;
@@ -239,7 +241,7 @@ real sky_texel_density(uvec2 at)
 {
     const uint width = SCENE.lights.width;
     const real chance = step_width(LightFloats(SCENE.lights.marginal), 0u, at.y) * step_width(LightFloats(SCENE.lights.conditional), at.y * width, at.x);
-    return chance / (LightReals(SCENE.lights.rows).at[SCENE.lights.height + 1u + at.y] * 2 * KILN_REAL_PI / real(width));
+    return chance / (real(LightReals(SCENE.lights.rows).at[SCENE.lights.height + 1u + at.y]) * 2 * KILN_REAL_PI / real(width));
 }
 
 /* Radiance arriving from outside along `direction` (pointing outwards). */
@@ -280,7 +282,7 @@ real3 kiln_environment_sample(real u, real v, out real density)
     const uint x = find_step(LightFloats(SCENE.lights.conditional), y * width, width, u, fx);
     density = sky_texel_density(uvec2(x, y));
     LightReals rows = LightReals(SCENE.lights.rows);
-    const real top = rows.at[y], bottom = rows.at[y + 1u];
+    const real top = real(rows.at[y]), bottom = real(rows.at[y + 1u]);
     const real height = top + (bottom - top) * fy, r = sqrt(max(real(0), 1 - height * height));
     real_sincos(((real(x) + fx) / real(width) - real(0.5LF)) * 2 * KILN_REAL_PI - real(SCENE.lights.rotation), sine, cosine);
     return real3(r * sine, height, -r * cosine);
@@ -335,7 +337,7 @@ real point_light_cone(kiln_gpu_point_light light, real3 direction)
     if ((light.flags & KILN_LIGHT_IS_SPOT) == 0u)
         return 1;
     const real cosine = dot(real3_of(light.direction), direction);
-    const real t = clamp((cosine - light.cos_outer) / max(real(1e-9LF), light.cos_inner - light.cos_outer), real(0), real(1));
+    const real t = clamp((cosine - real(light.cos_outer)) / max(real(1e-9LF), real(light.cos_inner - light.cos_outer)), real(0), real(1));
     return t * t;
 }
 
@@ -343,14 +345,14 @@ real point_light_range(kiln_gpu_point_light light, real distance)
 {
     if (light.range <= 0)
         return 1;
-    const real q = distance / light.range;
+    const real q = distance / real(light.range);
     return clamp(1 - q * q * q * q, real(0), real(1));
 }
 
 bool sample_point_light(uint index, real3 p, real weight, inout kiln_light_sample s)
 {
     const kiln_gpu_point_light light = PointLights(SCENE.lights.points).at[index];
-    const real3 to = real3_of(light.position) - p;
+    const real3 to = real3(stored3_of(light.position) - stored3(p));
     s.distance = length(to);
     if (!(s.distance > 0))
         return false;
@@ -360,137 +362,61 @@ bool sample_point_light(uint index, real3 p, real weight, inout kiln_light_sampl
     return factor > 0 && !isinf(factor); /* the square of a float's smallest distances is 0 */
 }
 
-/* Solid angle of triangle a b c (unit vectors from the point): Van Oosterom and Strackee 1983. */
-real solid_angle(real3 a, real3 b, real3 c)
-{
-    return 2 * real_atan2(abs(dot(a, cross(b, c))), 1 + dot(a, b) + dot(b, c) + dot(c, a));
-}
-
-/* Uniform in solid angle: Arvo, "Stratified Sampling of Spherical Triangles", 1995. False where the triangle is too
- * thin for it: `thin` is the least sine of its angle at a; errors grow with its square. */
-bool spherical_direction_float(vec3 a, vec3 b, vec3 c, float omega, float thin, float u, float v, out vec3 direction)
-{
-    direction = a;
-    const vec3 across_ab = cross(a, b), across_ca = cross(c, a);
-    /* an arc cosine would lose half of the digits near 0 and pi; its sine and cosine are those of the angle between the planes */
-    const float sine = length(cross(across_ab, across_ca)), cosine = -dot(across_ab, across_ca), both = length(vec2(sine, cosine));
-    if (!(both > 0.0) || sine < thin * both)
-        return false;
-    const float alpha = float_atan2(sine, cosine), sin_alpha = sine / both, cos_alpha = cosine / both;
-    float s, t;
-    float_sincos(u * omega - alpha, s, t);
-    const float x = t - cos_alpha, y = s + sin_alpha * dot(a, b);
-    const float below = (y * s + x * t) * sin_alpha;
-    if (abs(below) < 1.0e-9)
-        return false;
-    const float q = clamp(((y * t - x * s) * cos_alpha - y) / below, -1.0, 1.0);
-    const vec3 across = c - a * dot(c, a);
-    const vec3 c2 = a * q + across * (sqrt(max(0.0, 1.0 - q * q)) / max(length(across), 1.0e-20));
-    const float z = 1.0 - v * (1.0 - dot(c2, b));
-    const vec3 up = c2 - b * dot(c2, b);
-    direction = b * z + up * (sqrt(max(0.0, 1.0 - z * z)) / max(length(up), 1.0e-20));
-    return true;
-}
-
-#ifdef KILN_FLOAT64
-/* The same in doubles, as worker/light/lights.c does it. */
-bool spherical_direction_double(dvec3 a, dvec3 b, dvec3 c, double u, double v, out dvec3 direction)
-{
-    direction = a;
-    const dvec3 ab = real_unit_vector(cross(a, b)), bc = real_unit_vector(cross(b, c)), ca = real_unit_vector(cross(c, a));
-    const double cos_alpha = clamp(-dot(ab, ca), -1.0LF, 1.0LF), alpha = real_acos(cos_alpha);
-    double sin_alpha, s, t;
-    real_sincos(alpha, sin_alpha, s);
-    const double area = alpha + real_acos(clamp(-dot(ab, bc), -1.0LF, 1.0LF)) + real_acos(clamp(-dot(bc, ca), -1.0LF, 1.0LF)) - KILN_REAL_PI;
-    if (!(area > 0.0LF) || sin_alpha < 1e-9LF)
-        return false;
-    real_sincos(u * area - alpha, s, t);
-    const double x = t - cos_alpha, y = s + sin_alpha * dot(a, b);
-    const double below = (y * s + x * t) * sin_alpha;
-    if (abs(below) < 1e-14LF)
-        return false;
-    const double q = clamp(((y * t - x * s) * cos_alpha - y) / below, -1.0LF, 1.0LF);
-    const dvec3 c2 = a * q + real_unit_vector(c - a * dot(c, a)) * sqrt(max(0.0LF, 1.0LF - q * q));
-    const double z = 1.0LF - v * (1.0LF - dot(c2, b));
-    direction = real_unit_vector(b * z + real_unit_vector(c2 - b * dot(c2, b)) * sqrt(max(0.0LF, 1.0LF - z * z)));
-    return true;
-}
-#endif
-
-/* Floats do where no angle is small and no two corners are nearly opposite each other: what they are off by moves a sample by some
- * 1e-6 of the way, and its weight is 1 / omega wherever it lies. Doubles are four times slower, even with many units for them. */
-bool spherical_direction(real3 a, real3 b, real3 c, real omega, real u, real v, out real3 direction)
-{
-    vec3 rough;
-    float thin = 1.0e-4;
-    bool found = true;
-#ifdef KILN_FLOAT64
-    thin = 0.03;
-    found = min(min(dot(a, b), dot(b, c)), dot(c, a)) > -0.99LF;
-#endif
-    found = found && spherical_direction_float(vec3(a), vec3(b), vec3(c), float(omega), thin, float(u), float(v), rough);
-    direction = found ? real_unit_vector(real3(rough)) : a;
-#ifdef KILN_FLOAT64
-    found = found || spherical_direction_double(a, b, c, u, v, direction);
-#endif
-    return found;
-}
-
-/* By the area: (b1, b2), direction and distance; false where the triangle is seen edge-on. */
-bool sample_flat(kiln_gpu_area_light light, real3 to0, real height, real u, real v, out real b1, out real b2, out real density,
-                 inout kiln_light_sample s)
-{
-    const real root = sqrt(u);
-    b1 = root * (1 - v);
-    b2 = root * v;
-    const real3 to = to0 + (real3_of(light.e1) * b1 + real3_of(light.e2) * b2);
-    s.distance = length(to);
-    s.direction = to * (1 / s.distance);
-    const real cosine = abs(height) / s.distance;
-    density = s.distance * s.distance / (cosine * light.area);
-    return cosine > 0;
-}
-
-/* Where a direction meets the light's plane, by Cramer's rule. */
-bool meet_light(kiln_gpu_area_light light, real3 to0, real height, real3 direction, out real b1, out real b2, inout kiln_light_sample s)
-{
-    const real3 e1 = real3_of(light.e1), e2 = real3_of(light.e2), h = cross(direction, e2);
-    const real determinant = dot(e1, h);
-    b1 = max(real(0), min(real(1), dot(-to0, h) / determinant));
-    b2 = max(real(0), min(1 - b1, dot(direction, cross(-to0, e1)) / determinant));
-    s.direction = direction;
-    s.distance = abs(height / dot(direction, real3_of(light.normal)));
-    return determinant != 0;
-}
-
 const real SPHERICAL_FROM = real(0.02LF); /* sr; see lights.c */
+
+vec3 textured_emission(kiln_gpu_area_light light, real3 on)
+{
+    const real3 e1 = real3_of(light.e1), e2 = real3_of(light.e2);
+    const real e11 = dot(e1, e1), e12 = dot(e1, e2), e22 = dot(e2, e2), below = e11 * e22 - e12 * e12, x = dot(on, e1), y = dot(on, e2);
+    const real b1 = clamp((x * e22 - y * e12) / below, real(0), real(1)), b2 = clamp((y * e11 - x * e12) / below, real(0), 1 - b1);
+    return kiln_surface_emission(light.triangle, float(b1), float(b2));
+}
+
+/* The light's radiance `on` from its corner 0. */
+vec3 area_light_radiance(kiln_gpu_area_light light, real3 on)
+{
+    const bool textured = light_kind(KILN_LIGHT_TEXTURED) && (light.flags & KILN_LIGHT_HAS_TEXTURE) != 0u;
+    return textured ? textured_emission(light, on) : vec3_of(light.radiance);
+}
+
+/* How much before a light at `distance`, seen at this cosine, a shadow ray ends: the light's corners are floats, and so may be its
+ * samples. */
+real light_backoff(kiln_gpu_area_light light, real distance, real cosine)
+{
+#ifdef KILN_DOUBLES
+    const real rounding = real(light.rounding);
+#else
+    const real rounding = real(light.rounding) + 2.4e-7 * distance;
+#endif
+    return min(distance / 2, rounding / max(real(1e-6LF), cosine));
+}
 
 bool sample_area_light(uint index, real3 p, real weight, real u, real v, inout kiln_light_sample s)
 {
     const kiln_gpu_area_light light = AreaLights(SCENE.lights.areas).at[index];
-    const real3 to0 = real3_of(light.p0) - p;
-    const real height = -dot(to0, real3_of(light.normal)); /* of p above the front face */
+    const stored3 stored0 = stored3_of(light.p0) - stored3(p);
+    const real side = real(-dot(stored0, stored3_of(light.normal))), height = abs(side); /* of p above the front face */
     /* In the light's own plane, as far as floats tell, nothing of it is seen. */
-    if (((light.flags & KILN_LIGHT_TWO_SIDED) != 0u ? abs(height) : height) <= 2 * light.rounding)
+    if (((light.flags & KILN_LIGHT_TWO_SIDED) != 0u ? height : side) <= 2 * real(light.rounding))
         return false;
-    const real3 a = real_unit_vector(to0), b = real_unit_vector(to0 + real3_of(light.e1)), c = real_unit_vector(to0 + real3_of(light.e2));
-    const real omega = solid_angle(a, b, c);
-    real b1, b2, density;
-    real3 direction;
-    if (omega > SPHERICAL_FROM && spherical_direction(a, b, c, omega, u, v, direction)) {
-        density = 1 / omega;
-        if (!meet_light(light, to0, height, direction, b1, b2, s))
-            return false;
-    } else if (!sample_flat(light, to0, height, u, v, b1, b2, density, s))
-        return false;
+    const real3 to0 = real3(stored0), e1 = real3_of(light.e1), e2 = real3_of(light.e2);
+    const kiln_spherical_triangle t = kiln_spherical_triangle_of(to0, e1, e2, real(light.area), height);
+    const bool spherical = t.omega > SPHERICAL_FROM;
+    real3 to;
+    if (spherical) {
+        const real3 direction = kiln_spherical_triangle_direction(t, u, v);
+        to = direction * (height / abs(dot(direction, real3_of(light.normal))));
+    } else {
+        const real root = sqrt(u);
+        to = to0 + (e1 * (root * (1 - v)) + e2 * (root * v));
+    }
+    s.distance = length(to);
     if (!(s.distance > 0) || isinf(s.distance))
         return false;
-    vec3 rgb = vec3_of(light.radiance);
-    if (light_kind(KILN_LIGHT_TEXTURED) && (light.flags & KILN_LIGHT_HAS_TEXTURE) != 0u)
-        rgb = kiln_surface_emission(light.triangle, float(b1), float(b2));
-    /* The light's vertices are floats: the shadow ray stops short of it by their rounding, seen along the ray. */
-    s.backoff = min(real(0.5LF) * s.distance, light.rounding / max(real(1e-6LF), abs(height) / s.distance));
-    s.value = real3(rgb) * weight / density;
+    s.direction = to * (1 / s.distance);
+    const real seen = height / s.distance; /* cosine at the light */
+    s.backoff = light_backoff(light, s.distance, seen);
+    s.value = real3(area_light_radiance(light, to - to0)) * weight * (spherical ? t.omega : seen * real(light.area) / (s.distance * s.distance));
     return true;
 }
 
@@ -514,6 +440,18 @@ bool pick_light(uint node, real3 p, real3 n, real pick, out uint light, out real
     }
     light = nodes.at[node].right;
     return true;
+}
+
+/* Whether some of the choice's lights may be so near to a point within `spread` of p that floats would not do for their samples: a lone
+ * light of some size, or a cluster not well outside its bounds. */
+bool kiln_lights_near(kiln_light_choice choice, real3 p, real spread)
+{
+    if (!light_kind(KILN_LIGHT_AREA | KILN_LIGHT_PUNCTUAL) || choice.kind != KILN_CHOICE_NODE)
+        return false;
+    const kiln_gpu_light_node node = LightNodes(SCENE.lights.nodes).at[choice.index];
+    const real reach = 2 * (real(node.radius) + spread);
+    const real3 away = p - real3_of(node.centre);
+    return dot(away, away) <= reach * reach;
 }
 
 /* Draws the choice's `index`-th sample with random numbers in (0,1): `pick` goes down the tree, u and v over the light. False
@@ -542,124 +480,6 @@ bool kiln_lights_sample(kiln_light_choice choice, uint index, real3 p, real3 n, 
     if (light_kind(KILN_LIGHT_AREA) && (!light_kind(KILN_LIGHT_PUNCTUAL) || light < areas))
         return sample_area_light(light, p, weight, u, v, s);
     return sample_point_light(light - areas, p, weight, s);
-}
-
-/* ---- a lone area light as all places of one point see it: worker/light/target.c ---- */
-
-struct kiln_light_target {
-    uint light;        /* index of the area light */
-    bool spherical;    /* by solid angle, else by area */
-    real3 centre, to0; /* of the point; from it to the light's corner 0 */
-    real3 towards;     /* unit, normal to the light's plane, pointing at it */
-    real height;       /* m: of the centre above that plane */
-    real omega, alpha, cos_alpha, sin_alpha;
-    real3 a, across, b;
-    real cos_ab, cos_across_b;
-};
-
-const real TARGET_SPREAD_MOST = real(0.125LF);
-
-real angle_between(real3 a, real3 b) { return real_acos(clamp(dot(a, b), real(-1), real(1))); }
-
-bool make_spherical(inout kiln_light_target t, real3 e1, real3 e2)
-{
-    const real3 c = real_unit_vector(t.to0 + e2);
-    t.a = real_unit_vector(t.to0);
-    t.b = real_unit_vector(t.to0 + e1);
-    const real3 ab = real_unit_vector(cross(t.a, t.b)), bc = real_unit_vector(cross(t.b, c)), ca = real_unit_vector(cross(c, t.a));
-    t.cos_alpha = clamp(-dot(ab, ca), real(-1), real(1));
-    t.alpha = real_acos(t.cos_alpha);
-    real cosine;
-    real_sincos(t.alpha, t.sin_alpha, cosine);
-#ifdef KILN_FLOAT64
-    t.omega = t.alpha + angle_between(ab, -bc) + angle_between(bc, -ca) - KILN_REAL_PI;
-    const real thin = real(1e-9LF);
-#else
-    t.omega = solid_angle(t.a, t.b, c); /* angles of floats cancel */
-    const real thin = real(1e-4LF);
-#endif
-    if (!(t.omega > SPHERICAL_FROM) || t.sin_alpha < thin)
-        return false;
-    t.across = real_unit_vector(c - t.a * dot(c, t.a));
-    t.cos_ab = dot(t.a, t.b);
-    t.cos_across_b = dot(t.across, t.b);
-    return true;
-}
-
-/* Makes a choice ready for a point within `spread` of the centre; false where kiln_lights_sample has to do it. */
-bool kiln_light_target_of(kiln_light_choice choice, real3 centre, real spread, out kiln_light_target t)
-{
-    t.light = 0u;
-    t.spherical = false;
-    if (!light_kind(KILN_LIGHT_AREA) || choice.kind != KILN_CHOICE_NODE)
-        return false;
-    LightNodes nodes = LightNodes(SCENE.lights.nodes);
-    t.light = nodes.at[choice.index].right;
-    if (nodes.at[choice.index].left != KILN_GPU_NONE || t.light >= SCENE.lights.area_count)
-        return false;
-    const kiln_gpu_area_light light = AreaLights(SCENE.lights.areas).at[t.light];
-    t.centre = centre;
-    t.to0 = real3_of(light.p0) - centre;
-    const real3 normal = real3_of(light.normal);
-    const real side = -dot(t.to0, normal);
-    t.height = (light.flags & KILN_LIGHT_TWO_SIDED) != 0u ? abs(side) : side;
-    t.towards = side > 0 ? -normal : normal;
-    if (!(t.height > 4 * light.rounding && spread <= TARGET_SPREAD_MOST * t.height))
-        return false;
-    t.spherical = make_spherical(t, real3_of(light.e1), real3_of(light.e2));
-    return true;
-}
-
-/* From the centre to a place on the light, evenly in solid angle; `area`: 1 / density of that place on the light, m2. */
-real3 target_spherical(kiln_light_target t, real u, real v, out real area)
-{
-    real sine, cosine;
-    real_sincos(u * t.omega - t.alpha, sine, cosine);
-    const real x = cosine - t.cos_alpha, y = sine + t.sin_alpha * t.cos_ab;
-    const real below = (y * sine + x * cosine) * t.sin_alpha;
-    const real q = clamp(((y * cosine - x * sine) * t.cos_alpha - y) / below, real(-1), real(1));
-    const real r = sqrt(1 - q * q), d = q * t.cos_ab + r * t.cos_across_b, drop = v * (1 - d);
-    const real k = sqrt(v * (2 - drop) / (1 + d)), a = q * k, c = r * k, b = 1 - drop - d * k;
-    const real3 direction = a * t.a + c * t.across + b * t.b;
-    const real cosine_there = dot(direction, t.towards), far = t.height / cosine_there;
-    area = far * far * t.omega / cosine_there;
-    return far * direction;
-}
-
-real3 target_flat(kiln_light_target t, kiln_gpu_area_light light, real u, real v, out real area)
-{
-    const real root = sqrt(u);
-    area = light.area;
-    return t.to0 + (real3_of(light.e1) * (root * (1 - v)) + real3_of(light.e2) * (root * v));
-}
-
-/* One sample from `place`; false when it brings nothing. */
-bool kiln_light_target_sample(kiln_light_target t, real3 place, real u, real v, out kiln_light_sample s)
-{
-    const kiln_gpu_area_light light = AreaLights(SCENE.lights.areas).at[t.light];
-    const real3 from = place - t.centre;
-    real area;
-    real3 to;
-    if (t.spherical)
-        to = target_spherical(t, u, v, area);
-    else
-        to = target_flat(t, light, u, v, area);
-    to -= from;
-    const real squared = dot(to, to);
-    s.distance = sqrt(squared);
-    s.direction = to * (1 / s.distance);
-    const real seen = (t.height - dot(from, t.towards)) / s.distance; /* cosine at the light */
-    const real weight = seen * area / squared;
-    s.backoff = min(real(0.5LF) * s.distance, light.rounding / max(real(1e-6LF), seen));
-    vec3 rgb = vec3_of(light.radiance);
-    if (light_kind(KILN_LIGHT_TEXTURED) && (light.flags & KILN_LIGHT_HAS_TEXTURE) != 0u) {
-        const real3 e1 = real3_of(light.e1), e2 = real3_of(light.e2), on = to + from - t.to0;
-        const real e11 = dot(e1, e1), e12 = dot(e1, e2), e22 = dot(e2, e2), below = e11 * e22 - e12 * e12, p = dot(on, e1), q = dot(on, e2);
-        const real b1 = clamp((p * e22 - q * e12) / below, real(0), real(1));
-        rgb = kiln_surface_emission(light.triangle, float(b1), float(clamp((q * e11 - p * e12) / below, real(0), 1 - b1)));
-    }
-    s.value = real3(rgb) * weight;
-    return weight > 0 && !isinf(weight);
 }
 
 #endif

@@ -1,4 +1,4 @@
-/* Functions of `real`, the numbers light is reckoned with: double where the device has it (KILN_FLOAT64), as on the CPU, else float.
+/* Functions of `real`, the numbers light is reckoned with: double or float (see shaders/kernel.glsl).
  *
  * GLSL has no sine, cosine and so on of doubles, and Vulkan promises little of those of floats (acos: 4,096 units in the last
  * place), so both are made here: Taylor's series after reduction to a quarter turn, and Newton's method from the float value.
@@ -8,7 +8,7 @@
 #ifndef KILN_REAL_GLSL
 #define KILN_REAL_GLSL
 
-#ifdef KILN_FLOAT64
+#ifdef KILN_DOUBLES
 #define real3 dvec3
 const real KILN_REAL_TINY = real(2.2250738585072014e-308LF);
 const real KILN_REAL_BELOW_ONE = real(0.99999999999999988897769753748LF); /* 1 - 2^-53 */
@@ -55,7 +55,7 @@ float float_atan2(float y, float x)
 }
 
 /* The same of `real`. */
-#ifdef KILN_FLOAT64
+#ifdef KILN_DOUBLES
 void real_sincos(real x, out real sine, out real cosine)
 {
     const real quarters = floor(x * 0.63661977236758134308LF + 0.5LF);

@@ -12,7 +12,7 @@ double kiln_exact_unit(double scale)
         return 0x1p-80;
     int exponent;
     (void)frexp(scale, &exponent);
-    return ldexp(1.0, exponent - 82);
+    return ldexp(1.0, exponent - 82 > -1000 ? exponent - 82 : -1000);
 }
 
 int kiln_exact_reduce(MPI_Comm communicator, struct kiln_exact_sum *sums, size_t count, struct kiln_error *error)

@@ -14,6 +14,7 @@
 #ifndef KILN_COORDINATOR_BAKE_ENERGY_H
 #define KILN_COORDINATOR_BAKE_ENERGY_H
 
+#include <math.h>
 #include <mpi.h>
 #include <stdbool.h>
 
@@ -26,16 +27,21 @@ struct kiln_exact_sum {
     __int128 value;
 };
 
-/* `unit`: the value of one step of the fixed point, a power of two: see kiln_exact_unit. */
-static inline void kiln_exact_add(struct kiln_exact_sum *sum, double value, double unit)
+/* `per_unit`: 1 / the value of one step of the fixed point (kiln_exact_unit), a power of two. */
+static inline void kiln_exact_add(struct kiln_exact_sum *sum, double value, double per_unit)
 {
-    /* in two parts of 64 bits, which the processor converts itself: the same number as (__int128)(value / unit) */
-    const double steps = value / unit;
+    /* the same number as (__int128)(value x per_unit), in one part or two of 64 bits, which the processor converts itself */
+    const double steps = value * per_unit;
+    if (fabs(steps) < 0x1p62) {
+        sum->value += (int64_t)steps;
+        return;
+    }
     const int64_t high = (int64_t)(steps * 0x1p-40);
     sum->value += ((__int128)high * ((int64_t)1 << 40)) + (int64_t)(steps - (double)high * 0x1p40);
 }
 static inline double kiln_exact_value(const struct kiln_exact_sum *sum, double unit) { return (double)sum->value * unit; }
-/* A step so small that rounding 2^40 terms is below 1e-12 of `scale`, with room for sums up to 2^40 x `scale`. */
+/* A step so small that rounding 2^40 terms is below 1e-12 of `scale`, with room for sums up to 2^40 x `scale`. A power of two that has an
+ * inverse. */
 double kiln_exact_unit(double scale);
 /* Collective: adds up `count` sums over all ranks; every rank gets the same bits. */
 int kiln_exact_reduce(MPI_Comm communicator, struct kiln_exact_sum *sums, size_t count, struct kiln_error *error);

@@ -30,7 +30,8 @@ static void take_bounce(const struct kiln_share *share, uint64_t own, const stru
 
 static void add_error(const struct kiln_share *share, uint64_t own, float error)
 {
-    share->error[own] = kiln_error_pack(hypotf(kiln_error_unpack(share->error[own]), error));
+    const double before = (double)kiln_error_unpack(share->error[own]);
+    share->error[own] = kiln_error_pack((float)sqrt(before * before + (double)error * (double)error));
 }
 
 /* The final gather's answer replaces the sum it was gathered from (which everybody has packed by now). */
@@ -85,36 +86,48 @@ static size_t group_of(const struct kiln_surface *surface, const struct kiln_fra
     return (size_t)((surface->lightmaps[f->object].tile_first + f->tile) / GROUP_TILES);
 }
 
-static void add_energy(const struct pass_work *w, uint64_t own, const struct kiln_point_result *r, struct kiln_exact_sum sums[SUM_COUNT],
-                       struct fragment_sum *fragment)
+/* What becomes of the radiosity that a point sends, by a gather's rays; returns the variance of what is lost of it, times the samples. */
+static double add_sent(const struct transport_state *s, uint64_t point, const struct kiln_point_result *r, double area,
+                       struct kiln_exact_sum sums[SUM_COUNT])
+{
+    const double per_unit = 1.0 / s->unit, lost = fmin(1.0, (double)r->escaped + (double)r->blocked + (double)r->behind);
+    const bool all_arrives = !(lost > 0.0);
+    float sent[3];
+    double power[3];
+    kiln_radiosity_unpack(s->out->radiosity[point], sent);
+    for (int c = 0; c < 3; c++) {
+        power[c] = area * (double)sent[c];
+        kiln_exact_add(&sums[SUM_SENT + c], power[c], per_unit);
+        kiln_exact_add(&sums[SUM_BORROWED + c], area * (double)r->borrowed[c], per_unit);
+        if (all_arrives)
+            continue;
+        kiln_exact_add(&sums[SUM_ESCAPED + c], power[c] * (double)r->escaped, per_unit);
+        kiln_exact_add(&sums[SUM_BLOCKED + c], power[c] * (double)r->blocked, per_unit);
+        kiln_exact_add(&sums[SUM_BEHIND + c], power[c] * (double)r->behind, per_unit);
+    }
+    const double spread = kiln_luminance(power);
+    return spread * spread * lost * (1.0 - lost);
+}
+
+static void add_energy(const struct pass_work *w, uint64_t own, const struct kiln_point_result *r, const float albedo[3],
+                       struct kiln_exact_sum sums[SUM_COUNT], struct fragment_sum *fragment)
 {
     const struct transport_state *s = w->state;
     const struct kiln_surface *surface = &w->share->surface;
-    const bool gather = w->pass->kind != KILN_PASS_DIRECT;
     if (!kiln_point_valid(surface, own))
         return;
-    const double area = (double)surface->area[own] * ((double)surface->visible[own] / 65535.0) * (double)r->present;
-    float albedo[3], sent[3] = {0};
-    transport_albedo(surface, own, albedo);
-    if (gather)
-        kiln_radiosity_unpack(s->out->radiosity[surface->first + own], sent);
-    double power[3], reflected[3];
+    const double area = (double)surface->area[own] * ((double)surface->visible[own] / 65535.0) * (double)r->present, per_unit = 1.0 / s->unit;
+    double reflected[3];
     for (int c = 0; c < 3; c++) {
         const double incident = area * (double)r->incident[c];
-        power[c] = area * (double)sent[c];
         reflected[c] = incident * (double)albedo[c];
-        kiln_exact_add(&sums[SUM_INCIDENT + c], incident, s->unit);
-        kiln_exact_add(&sums[SUM_REFLECTED + c], reflected[c], s->unit);
-        kiln_exact_add(&sums[SUM_SENT + c], power[c], s->unit);
-        kiln_exact_add(&sums[SUM_ESCAPED + c], power[c] * (double)r->escaped, s->unit);
-        kiln_exact_add(&sums[SUM_BLOCKED + c], power[c] * (double)r->blocked, s->unit);
-        kiln_exact_add(&sums[SUM_BEHIND + c], power[c] * (double)r->behind, s->unit);
-        kiln_exact_add(&sums[SUM_BORROWED + c], area * (double)r->borrowed[c], s->unit);
+        kiln_exact_add(&sums[SUM_INCIDENT + c], incident, per_unit);
+        kiln_exact_add(&sums[SUM_REFLECTED + c], reflected[c], per_unit);
     }
-    kiln_exact_add(&fragment->reflected, kiln_luminance(reflected), s->unit);
-    const double lost = fmin(1.0, (double)r->escaped + (double)r->blocked + (double)r->behind), spread = kiln_luminance(power);
-    fragment->variance += area * area * (double)r->error * (double)r->error +
-                          (gather ? spread * spread * lost * (1.0 - lost) / w->pass->samples : 0.0);
+    kiln_exact_add(&fragment->reflected, kiln_luminance(reflected), per_unit);
+    fragment->variance += area * area * (double)r->error * (double)r->error;
+    if (w->pass->kind != KILN_PASS_DIRECT)
+        fragment->variance += add_sent(s, surface->first + own, r, area, sums) / w->pass->samples;
 }
 
 /* Random bits for the 4-byte form: those of the tile, moved on for each texel by its bit reversed, so that every aligned square of texels
@@ -150,7 +163,7 @@ static void take_fragment(const struct pass_work *w, const struct kiln_fragment 
         transport_albedo(&w->share->surface, own, albedo);
         for (int c = 0; c < 3; c++)
             radiosity[c] = albedo[c] * results->incident[c];
-        add_energy(w, own, results, sums, sum);
+        add_energy(w, own, results, albedo, sums, sum);
         s->step.take(w->share, own, results, radiosity);
         w->share->next[own] = packed(s, fragment, (uint32_t)__builtin_ctzll(rest), radiosity);
     }
@@ -168,7 +181,7 @@ int transport_take_part(void *context, size_t first, size_t count, const struct 
     const int status = kiln_grow(&w->fragments, &w->fragment_room, count, sizeof *w->fragments, "a part's sums", error);
     if (status != KILN_OK)
         return status;
-#pragma omp parallel num_threads((int)p->threads)
+#pragma omp parallel num_threads((int)s->take_threads)
     {
         struct kiln_exact_sum own[SUM_COUNT] = {0};
 #pragma omp for schedule(static)
@@ -182,7 +195,7 @@ int transport_take_part(void *context, size_t first, size_t count, const struct 
     for (size_t i = 0; i < count; i++) {
         w->share->cost[first + i] = (float)(cost * (double)fragments[i].count);
         s->group_now[group_of(surface, &fragments[i])].value += w->fragments[i].reflected.value;
-        kiln_exact_add(&s->variance, w->fragments[i].variance, s->unit_squared);
+        kiln_exact_add(&s->variance, w->fragments[i].variance, 1.0 / s->unit_squared);
         w->points += fragments[i].count;
     }
     if (w->share != s->own)

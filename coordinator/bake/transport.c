@@ -7,7 +7,6 @@
 #include "coordinator/bake/recut.h"
 #include "coordinator/bake/transport_private.h"
 #include "coordinator/cli/agree.h"
-#include "shaders/random.h"
 #include "worker/base/memory.h"
 #include "worker/scene/radiosity.h"
 
@@ -17,17 +16,6 @@
 double kiln_luminance(const double rgb[3]) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
 
 /* Rounding of a texel's radiosity: by what the texel is, never by where it stands in the global order. */
-uint32_t transport_pack_hash(const struct kiln_fragment *f, uint32_t bit, uint32_t stream)
-{
-    return kiln_hash2(kiln_hash2(f->object, f->tile), stream * KILN_TILE_TEXELS + bit);
-}
-
-void transport_albedo(const struct kiln_surface *surface, uint64_t own, float albedo[3])
-{
-    for (int c = 0; c < 3; c++)
-        albedo[c] = (float)surface->albedo[3 * own + (uint64_t)c] * (1.0f / 65535.0f);
-}
-
 /* Packs three floats a point, `values`, of all own points into s->own->next. */
 static void pack_all(struct transport_state *s, const float *values, uint32_t stream)
 {
@@ -365,6 +353,13 @@ static bool can_share(const struct kiln_transport_params *p)
     return info.any_share;
 }
 
+static uint32_t take_threads(const struct kiln_transport_params *p)
+{
+    struct kiln_backend_info info;
+    kiln_backend_info(p->backend, &info);
+    return info.take_threads != 0 && info.take_threads < p->threads ? info.take_threads : p->threads;
+}
+
 /* Whether the ranks of this node give work away: all of them want to and can. Collective on the node. */
 static bool gives_away(const struct kiln_transport_params *p)
 {
@@ -427,7 +422,7 @@ static int make_spread(struct transport_state *s, struct kiln_error *error)
 
 int kiln_transport_run(struct kiln_transport **transport, const struct kiln_transport_params *params, struct kiln_error *error)
 {
-    struct transport_state s = {.params = params};
+    struct transport_state s = {.params = params, .take_threads = take_threads(params)};
     const double emitted = kiln_luminance(params->emission->emitted);
     const bool restored = kiln_checkpoint_generation(params->checkpoint) != 0;
     bool finished = false;

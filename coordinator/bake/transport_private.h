@@ -4,6 +4,7 @@
 #define KILN_COORDINATOR_BAKE_TRANSPORT_PRIVATE_H
 
 #include "coordinator/bake/transport.h"
+#include "shaders/random.h"
 
 enum { FINAL_STREAM = 0xffff };
 
@@ -49,6 +50,7 @@ struct transport_state {
     bool measured;        /* the costs of all own fragments are of the last pass */
     bool cuts_anew;       /* shares may be cut anew; the same on all ranks */
     double rate;          /* rays a second, as far as is known */
+    uint32_t take_threads; /* that take answers over */
     double slowness;      /* how many times the time of a batch it shall take */
 };
 
@@ -58,8 +60,16 @@ double kiln_luminance(const double rgb[3]);
 void transport_step_make(const struct transport_state *s, enum kiln_pass_kind kind, uint32_t bounce, struct transport_step *step);
 
 /* Rounding of a texel's radiosity: by what the texel is, never by where it stands in the global order. */
-uint32_t transport_pack_hash(const struct kiln_fragment *f, uint32_t bit, uint32_t stream);
-void transport_albedo(const struct kiln_surface *surface, uint64_t own, float albedo[3]);
+static inline uint32_t transport_pack_hash(const struct kiln_fragment *f, uint32_t bit, uint32_t stream)
+{
+    return kiln_hash2(kiln_hash2(f->object, f->tile), stream * KILN_TILE_TEXELS + bit);
+}
+
+static inline void transport_albedo(const struct kiln_surface *surface, uint64_t own, float albedo[3])
+{
+    for (int c = 0; c < 3; c++)
+        albedo[c] = (float)surface->albedo[3 * own + (uint64_t)c] * (1.0f / 65535.0f);
+}
 
 /* Collective (pass.c). Begins s->step as the report's next pass, with all own fragments to do. */
 int transport_pass_begin(struct transport_state *s, struct kiln_error *error);

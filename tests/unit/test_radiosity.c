@@ -133,8 +133,8 @@ static void exact_sums_do_not_depend_on_order(void **state)
     enum { COUNT = 20000 };
     for (int i = 0; i < COUNT; i++) {
         const double a = ldexp((double)kiln_hash1((uint32_t)i), -40 + i % 20), b = ldexp((double)kiln_hash1((uint32_t)(COUNT - 1 - i)), -40 + (COUNT - 1 - i) % 20);
-        kiln_exact_add(&forward, a, unit);
-        kiln_exact_add(&backward, b, unit);
+        kiln_exact_add(&forward, a, 1.0 / unit);
+        kiln_exact_add(&backward, b, 1.0 / unit);
         plain += a;
     }
     assert_true(forward.value == backward.value);

@@ -199,9 +199,8 @@ static void answer_queries(struct gpu *gpu, const struct kiln_lights *lights, bo
 
 static void compare_variant(struct gpu *gpu, const struct kiln_lights *lights, bool float64, const struct query *queries, const char *name)
 {
-    const bool spherical = lights->area_count > 0; /* directions to most triangles are drawn in floats in either variant */
-    const double tolerance = !float64 ? 1e-3 : spherical ? 1e-4 : 1e-9, exact = float64 ? 1e-13 : 2e-6;
-    const double share = !float64 ? 0.03 : spherical ? 0.01 : 0.001, aimed_tolerance = float64 ? 1e-7 : 1e-3;
+    const double tolerance = float64 ? 1e-9 : 1e-3, aimed_tolerance = float64 ? 1e-9 : 1e-4, exact = float64 ? 1e-13 : 2e-6;
+    const double share = float64 ? 0.0 : 0.01;
     struct answer *answers = calloc(QUERIES, sizeof *answers);
     struct differences d = {0};
     double worst = 0.0;
@@ -216,8 +215,8 @@ static void compare_variant(struct gpu *gpu, const struct kiln_lights *lights, b
                   name, float64 ? "double" : "float", QUERIES, d.choices, d.brings, d.samples, d.worst, worst, d.aimed, d.aimed_samples, d.aimed_worst);
     free(answers);
     assert_true(worst <= exact);
-    assert_true((double)d.aimed_samples <= (float64 ? 0.001 : 0.03) * (double)d.aimed);
-    assert_true((double)d.samples <= share * QUERIES && (double)d.brings <= share * QUERIES && (double)d.choices <= 2.0 * share * QUERIES);
+    assert_true((double)d.aimed_samples <= share * (double)d.aimed);
+    assert_true((double)d.samples <= share * QUERIES && (double)d.brings <= share * QUERIES && (double)d.choices <= share * QUERIES);
 }
 
 static void compare(struct gpu *gpu, struct kiln_lights *lights, double reach, const char *name)

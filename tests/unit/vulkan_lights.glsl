@@ -23,7 +23,7 @@ layout(push_constant, scalar) uniform Push
     uint count;
 } push;
 
-#include "shaders/lights.glsl"
+#include "shaders/target.glsl"
 
 KILN_ARRAY(Queries, Query, 4);
 KILN_ARRAY(Answers, Answer, 8);
@@ -48,11 +48,10 @@ void sample_light(Query q, uint x)
     const kiln_light_choice choice = kiln_light_choice(q.kind, q.index, q.count);
     const real3 place = real3(vec3_of(q.place));
     kiln_light_sample s;
-    kiln_light_target target;
-    const bool aimed = kiln_light_target_of(choice, real3(vec3_of(q.p)), real(q.spread), target);
+    const bool aimed = kiln_light_is_target(choice, vec3_of(q.p), q.spread);
     bool brings;
     if (aimed)
-        brings = kiln_light_target_sample(target, place, real_unit(q.u), real_unit(q.v), s);
+        brings = kiln_light_target_sample(kiln_light_target_of(choice.index, vec3_of(q.p)), place - real3(vec3_of(q.p)), real_unit(q.u), real_unit(q.v), s);
     else
         brings = kiln_lights_sample(choice, q.k, place, real3(vec3_of(q.n)), real_unit(q.pick), real_unit(q.u), real_unit(q.v), s);
     Answers(push.answers).at[x].aimed = aimed ? 1u : 0u;

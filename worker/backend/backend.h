@@ -112,6 +112,7 @@ struct kiln_backend_info {
     double device_seconds; /* that a device was busy with kernels and copies so far; 0: it has no clock of its own */
     double thread_seconds; /* that threads computed direct light and gathers so far, waiting for each other not counted: the sum over
                               threads; 0: a device does that */
+    uint32_t take_threads; /* more than these are not worth having to take answers over; 0: any number is */
     bool any_share;        /* kiln_backend_set_surface costs nothing: it can compute a part of another rank's share between its own. A
                               device that keeps its points cannot: the ranks of its node neither give work away nor take any */
     uint64_t part_points;  /* a batch's answers are handed over in parts of about so many; 0: it depends */

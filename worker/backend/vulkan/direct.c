@@ -1,4 +1,4 @@
-/* The direct pass: shaders/choose.comp, direct.comp and direct_reduce.comp over the batch's points. */
+/* The direct pass: shaders/choose.comp, direct.comp, direct_precise.comp and direct_reduce.comp over the batch's points. */
 #include "worker/backend/vulkan/pass.h"
 
 #include "shaders/choose.h"
@@ -7,6 +7,8 @@
 #include "shaders/direct_float.h"
 #include "shaders/direct_pipeline.h"
 #include "shaders/direct_pipeline_float.h"
+#include "shaders/direct_precise.h"
+#include "shaders/direct_precise_pipeline.h"
 #include "shaders/direct_reduce.h"
 #include "shaders/direct_reduce_float.h"
 
@@ -16,9 +18,12 @@ const struct vulkan_shader vulkan_direct_shader = {.name = "direct",
                                                    .pipeline = VULKAN_CODE(direct_pipeline),
                                                    .compute_float = VULKAN_CODE(direct_float),
                                                    .pipeline_float = VULKAN_CODE(direct_pipeline_float)};
+const struct vulkan_shader vulkan_direct_precise_shader = {.name = "direct: near lights",
+                                                           .compute = VULKAN_CODE(direct_precise),
+                                                           .pipeline = VULKAN_CODE(direct_precise_pipeline)};
 const struct vulkan_shader vulkan_direct_sums_shader = {.name = "direct: sums", .compute = VULKAN_CODE(direct_reduce), .compute_float = VULKAN_CODE(direct_reduce_float)};
 
-/* Push constants of all three, as shaders/direct.glsl has them. */
+/* Push constants of all, as shaders/direct.glsl has them. */
 struct direct_push {
     uint64_t scene;
     struct kiln_gpu_chunk chunk;
@@ -28,12 +33,23 @@ struct direct_push {
 struct direct {
     struct vulkan_backend *b;
     const struct kiln_batch *batch;
-    struct gpu_kernel *choose, *whole, *reduce;
-    struct gpu_kernel *buried; /* made when there is a point for it: it takes its time */
+    size_t tracing_count; /* 2 where near lights want doubles that the device has; else 1 */
+    struct gpu_kernel *choose, *whole[2], *reduce; /* [1]: near lights */
+    struct gpu_kernel *buried[2]; /* made when there is a point for them: it takes its time */
     uint32_t samples, limit, slots;
     struct vulkan_slices slices;
     uint64_t rays;
 };
+
+/* With `draw_again` for partly buried points. */
+static int tracing_kernels(struct direct *d, bool draw_again, struct gpu_kernel *kernels[2], struct kiln_error *error)
+{
+    const struct vulkan_shader *shaders[2] = {&vulkan_direct_shader, &vulkan_direct_precise_shader};
+    int status = KILN_OK;
+    for (size_t i = 0; i < d->tracing_count && status == KILN_OK; i++)
+        status = vulkan_kernel_of(d->b, shaders[i], draw_again, 0, &kernels[i], error);
+    return status;
+}
 
 static int prepare(void *context, struct kiln_error *error)
 {
@@ -42,7 +58,7 @@ static int prepare(void *context, struct kiln_error *error)
     if (status == KILN_OK)
         status = vulkan_kernel_of(d->b, &vulkan_choose_shader, false, 0, &d->choose, error);
     if (status == KILN_OK)
-        status = vulkan_kernel_of(d->b, &vulkan_direct_shader, false, 0, &d->whole, error);
+        status = tracing_kernels(d, false, d->whole, error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(d->b, &vulkan_direct_sums_shader, false, 0, &d->reduce, error);
     return status;
@@ -51,7 +67,7 @@ static int prepare(void *context, struct kiln_error *error)
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording, struct kiln_error *error)
 {
     struct direct *d = context;
-    const int status = chunk->buried.count > 0 ? vulkan_kernel_of(d->b, &vulkan_direct_shader, true, 0, &d->buried, error) : KILN_OK;
+    const int status = chunk->buried.count > 0 ? tracing_kernels(d, true, d->buried, error) : KILN_OK;
     if (status != KILN_OK)
         return status;
     const struct direct_push push = {.scene = d->b->scene.address,
@@ -70,13 +86,15 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
                                         .split = d->slices.split}};
     if (chunk->row_first == 0)
         vulkan_record(recording, d->choose, chunk->all.total, 1, &push, sizeof push);
-    vulkan_record(recording, d->whole, chunk->all.count, chunk->row_count, &push, sizeof push);
     struct direct_push buried = push;
     buried.chunk = chunk->buried;
     buried.pass.row_first *= d->slices.split;
     buried.pass.slices *= d->slices.split;
     buried.pass.split = 1;
-    vulkan_record(recording, d->buried, chunk->buried.count, chunk->row_count * d->slices.split, &buried, sizeof buried);
+    for (size_t i = 0; i < d->tracing_count; i++) {
+        vulkan_record(recording, d->whole[i], chunk->all.count, chunk->row_count, &push, sizeof push);
+        vulkan_record_alongside(recording, d->buried[i], chunk->buried.count, chunk->row_count * d->slices.split, &buried, sizeof buried);
+    }
     if (chunk->last)
         vulkan_record(recording, d->reduce, chunk->all.total, 1, &push, sizeof push);
     return KILN_OK;
@@ -88,8 +106,11 @@ static int take(void *context, size_t fragment_first, size_t fragment_count, con
     struct direct *d = context;
     const struct kiln_fragment *fragments = d->b->surface->fragments + fragment_first;
     const uint64_t points = fragments[fragment_count - 1].first + fragments[fragment_count - 1].count - fragments[0].first;
+    uint64_t rays = 0;
+#pragma omp parallel for num_threads((int)d->b->threads) reduction(+ : rays) if (points > 1 << 14)
     for (uint64_t i = 0; i < points; i++)
-        d->rays += words[i];
+        rays += words[i];
+    d->rays += rays;
     return d->batch->take != NULL ? d->batch->take(d->batch->context, fragment_first, fragment_count, results, error) : KILN_OK;
 }
 
@@ -105,6 +126,7 @@ int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, 
     struct direct d = {.b = (struct vulkan_backend *)backend, .batch = batch, .samples = samples};
     const struct kiln_lights *lights = d.b->params.lights;
     const size_t tree = lights->area_count + lights->point_count;
+    d.tracing_count = d.b->float64 && tree > 0 ? 2 : 1;
     d.limit = samples / 2 < 1 ? 1 : samples / 2 < KILN_CUT_MAX ? samples / 2 : KILN_CUT_MAX;
     d.slots = (uint32_t)((tree < d.limit ? tree : d.limit) + lights->directional_count + 1);
     d.slices = vulkan_slices_of(d.b, samples);

@@ -58,7 +58,7 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     push.row_first *= g->slices.split;
     push.slice /= g->slices.split;
     push.row_step = 1;
-    vulkan_record(recording, g->buried, chunk->buried.count, chunk->row_count * g->slices.split, &push, sizeof push);
+    vulkan_record_alongside(recording, g->buried, chunk->buried.count, chunk->row_count * g->slices.split, &push, sizeof push);
     const struct reduce_push reduce = {.scene = g->b->scene.address,
                                        .chunk = chunk->all,
                                        .slices = chunk->scratch,
@@ -79,8 +79,11 @@ static int take(void *context, size_t fragment_first, size_t fragment_count, con
     const struct kiln_surface *s = g->b->surface;
     const struct kiln_fragment *fragments = s->fragments + fragment_first;
     const uint64_t first = fragments[0].first - s->first, end = fragments[fragment_count - 1].first - s->first + fragments[fragment_count - 1].count;
+    uint64_t valid = 0;
+#pragma omp parallel for num_threads((int)g->b->threads) reduction(+ : valid) if (end - first > 1 << 14)
     for (uint64_t own = first; own < end; own++)
-        g->rays += kiln_point_valid(s, own) ? g->samples : 0;
+        valid += kiln_point_valid(s, own);
+    g->rays += valid * g->samples;
     return g->batch->take != NULL ? g->batch->take(g->batch->context, fragment_first, fragment_count, results, error) : KILN_OK;
 }
 

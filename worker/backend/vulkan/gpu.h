@@ -132,8 +132,9 @@ int gpu_kernel_create(struct gpu *gpu, struct gpu_kernel **kernel, const struct 
 void gpu_kernel_destroy(struct gpu *gpu, struct gpu_kernel **kernel);
 
 /* One step of a submission: a kernel over threads (x, y), or a copy. Steps run one after the other, submissions too, each sees
- * what the ones before it wrote; the host sees everything once the submission is waited for. */
+ * what the ones before it wrote (but for `alongside`); the host sees everything once the submission is waited for. */
 struct gpu_step {
+    bool alongside; /* of the step before it: neither needs anything of the other */
     struct gpu_kernel *kernel; /* NULL: a copy */
     /* x is rounded up to workgroups of 64, more may start (kernels check); any size but for ray tracing, where a device has a
      * limit (2^30 threads as a rule; KILN_BUG with the numbers beyond). 0 in one of them: nothing is done. */
@@ -144,6 +145,7 @@ struct gpu_step {
     size_t from_offset, to_offset, size;
 };
 
+enum { GPU_PUSH_MOST = 128 }; /* bytes of push constants */
 enum { GPU_SLOTS = 3 }; /* submissions that may be under way at once */
 
 /* Hands the steps to the device and returns at once. `slot` must be free: it is again after gpu_wait, also when that fails, and

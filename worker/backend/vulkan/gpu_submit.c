@@ -170,7 +170,7 @@ int gpu_submit(struct gpu *gpu, uint32_t slot, const struct gpu_step *steps, siz
     for (size_t i = 0; i < count; i++) {
         if (is_empty(&steps[i]))
             continue;
-        if (!first)
+        if (!first && !steps[i].alongside)
             gpu_barrier(s->commands);
         first = false;
         record_step(gpu, s->commands, &steps[i]);

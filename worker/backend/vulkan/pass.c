@@ -4,7 +4,11 @@
 
 #include "worker/base/memory.h"
 
-enum { LEAST_POINTS = 1 << 13, ANSWER_BYTES = sizeof(struct kiln_gpu_result) + sizeof(uint32_t) };
+/* Of a chunk. Passes of few samples take more points: else what every chunk costs, some milliseconds for its last few threads and for its way to
+ * the host, would show. Answers of many fit no processor's caches when they are taken. */
+enum { LEAST_POINTS = 1 << 13, USUAL_POINTS = 1 << 18, MOST_POINTS = 1 << 20, ENOUGH_RAYS = 1 << 24 };
+
+enum { ANSWER_BYTES = sizeof(struct kiln_gpu_result) + sizeof(uint32_t) };
 
 void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y, const void *constants, size_t bytes)
 {
@@ -14,6 +18,15 @@ void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel
     uint64_t *copy = recording->constants[recording->count++];
     memcpy(copy, constants, bytes);
     *step = (struct gpu_step){.kernel = kernel, .threads_x = x, .threads_y = y, .constants = copy, .constant_bytes = bytes};
+}
+
+void vulkan_record_alongside(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y, const void *constants,
+                             size_t bytes)
+{
+    const size_t before = recording->count;
+    vulkan_record(recording, kernel, x, y, constants, bytes);
+    if (recording->count > before)
+        recording->steps[before].alongside = before > 0;
 }
 
 /* A chunk under way in a slot. */
@@ -45,28 +58,43 @@ static int grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size
     return gpu_buffer_create(b->gpu, buffer, size, memory, what, error);
 }
 
-/* How many points a chunk may have, by what the slots may hold; makes the slots that large. */
+static uint64_t points_there(const struct vulkan_backend *b) { return b->surface->count < MOST_POINTS ? b->surface->count : MOST_POINTS; }
+
+static int make_room(struct vulkan_backend *b, uint64_t points, uint64_t scratch, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (int i = 0; i < GPU_SLOTS && status == KILN_OK; i++) {
+        status = grow_buffer(b, &b->slots[i].scratch, scratch, GPU_DEVICE, "a pass's partial sums", error);
+        if (status == KILN_OK)
+            status = grow_buffer(b, &b->slots[i].answers, points * ANSWER_BYTES, GPU_DEVICE, "a pass's answers", error);
+        if (status == KILN_OK)
+            status = grow_buffer(b, &b->slots[i].host, points * ANSWER_BYTES, GPU_HOST, "a pass's answers for the host", error);
+    }
+    return status;
+}
+
+/* What most passes would ask for, since memory takes its time to come by: up to the most, but no more than the share's points need when
+ * many samples are summed up for them. */
+void vulkan_passes_ahead(struct vulkan_backend *b)
+{
+    const uint64_t scratch = b->surface->count << 10;
+    (void)make_room(b, points_there(b), scratch < b->scratch_most ? scratch : b->scratch_most, NULL);
+}
+
+/* How many points a chunk may have, by what the slots may hold; makes the slots that large, for batches of any size. */
 static int make_slots(struct run *r, struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;
-    const struct kiln_fragment *f = b->surface->fragments;
-    const uint64_t there = f[r->end - 1].first + f[r->end - 1].count - f[r->next].first;
+    const uint64_t samples = (uint64_t)(r->pass->work * r->pass->rows) + 1;
+    uint64_t there = ENOUGH_RAYS / samples < USUAL_POINTS ? USUAL_POINTS : ENOUGH_RAYS / samples;
+    there = there > points_there(b) ? points_there(b) : there;
     uint64_t scratch = gpu_memory_left(b->gpu) / (2 * GPU_SLOTS);
     scratch = scratch < b->slots[0].scratch.size ? b->slots[0].scratch.size : scratch;
     scratch = scratch > b->scratch_most ? b->scratch_most : scratch;
     const uint64_t a_point = r->pass->scratch_bytes + ANSWER_BYTES;
     uint64_t points = scratch / a_point;
-    points = points > 1u << 20 ? 1u << 20 : points < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : points;
-    points = points > there ? there : points;
-    int status = KILN_OK;
-    for (int i = 0; i < GPU_SLOTS && status == KILN_OK; i++) {
-        struct vulkan_slot *s = &b->slots[i];
-        status = grow_buffer(b, &s->scratch, points * r->pass->scratch_bytes, GPU_DEVICE, "a pass's partial sums", error);
-        if (status == KILN_OK)
-            status = grow_buffer(b, &s->answers, points * ANSWER_BYTES, GPU_DEVICE, "a pass's answers", error);
-        if (status == KILN_OK)
-            status = grow_buffer(b, &s->host, points * ANSWER_BYTES, GPU_HOST, "a pass's answers for the host", error);
-    }
+    points = points < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : points > there ? there : points;
+    const int status = make_room(b, points, points * r->pass->scratch_bytes, error);
     r->most_points = (uint32_t)points;
     return status;
 }
@@ -155,9 +183,12 @@ static int wait_slot(struct run *r, uint32_t slot, struct kiln_error *error)
  * error of -1. */
 static int check(const struct run *r, const struct flight *flight, const struct kiln_point_result *results, struct kiln_error *error)
 {
+    bool stopped = false;
+#pragma omp parallel for num_threads((int)r->b->threads) reduction(|| : stopped) if (flight->total > 1 << 14)
     for (uint32_t i = 0; i < flight->total; i++)
-        if (results[i].error < 0.0f)
-            return kiln_fail(error, KILN_NO_DEVICE, "%s ends long loops early, and a surface point of object %u needs one; use another device or --backend embree",
+        stopped = stopped || results[i].error < 0.0f;
+    if (stopped)
+        return kiln_fail(error, KILN_NO_DEVICE, "%s ends long loops early, and a surface point of object %u needs one; use another device or --backend embree",
                              gpu_about(r->b->gpu)->name, r->b->surface->fragments[flight->fragment_first].object);
     return KILN_OK;
 }
@@ -265,6 +296,8 @@ int vulkan_run_pass(struct vulkan_backend *b, const struct vulkan_pass *pass, si
     struct run r = {.b = b, .pass = pass, .next = fragment_first, .end = fragment_first + fragment_count, .taken = fragment_first};
     for (;;) {
         int status = pass->prepare(pass->context, error);
+        if (status == KILN_OK && pass->states)
+            status = vulkan_points_ready(b->points, error);
         if (status == KILN_OK)
             status = run_chunks(&r, error);
         if (status == KILN_OK || r.refused || !vulkan_can_recover(b))

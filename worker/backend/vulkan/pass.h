@@ -24,6 +24,10 @@ struct vulkan_recording {
 /* Adds a kernel over (x, y) threads; the constants are copied. Nothing for x or y of 0. */
 void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y, const void *constants, size_t bytes);
 
+/* The same, alongside the kernel recorded before it (if any): see struct gpu_step. */
+void vulkan_record_alongside(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y, const void *constants,
+                             size_t bytes);
+
 struct vulkan_pass {
     enum vulkan_pace pace;
     bool states;           /* points as the validity pass left them, and answers in results; else all points, and words only */

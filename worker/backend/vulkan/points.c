@@ -40,6 +40,7 @@ int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const s
     p->gpu = gpu;
     p->params = params;
     p->surface = surface;
+    p->threads = params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs();
     for (size_t i = 0; i < params->scene->mesh_count; i++)
         p->smooth = p->smooth || (params->scene->meshes[i].flags & KILN_MESH_SMOOTH) != 0;
     p->block_count = cut(surface, NULL);
@@ -291,10 +292,9 @@ static int make_workspace(struct vulkan_points *p, const struct vulkan_block *bl
 {
     int status = KILN_OK;
     if (p->workspace == NULL) {
-        const uint32_t threads = p->params->threads != 0 ? p->params->threads : (uint32_t)omp_get_num_procs();
-        status = kiln_allocate(&p->workspace, 1, sizeof *p->workspace + threads * sizeof(struct part_list), "what points are made in", error);
+        status = kiln_allocate(&p->workspace, 1, sizeof *p->workspace + p->threads * sizeof(struct part_list), "what points are made in", error);
         if (status == KILN_OK)
-            p->workspace->threads = threads;
+            p->workspace->threads = p->threads;
     }
     if (status == KILN_OK)
         status = kiln_grow(&p->workspace->points, &p->workspace->point_room, block->count, sizeof *p->workspace->points, "a block of points", error);
@@ -369,15 +369,21 @@ static int bring_states(struct vulkan_points *p, struct vulkan_block *block, str
     gpu_buffer_destroy(p->gpu, &block->list);
     kiln_free(&block->buried);
     block->buried_count = 0;
+    uint64_t buried = 0;
+#pragma omp parallel for num_threads((int)vulkan_light_threads(p->threads)) reduction(+ : buried)
     for (uint64_t i = 0; i < block->count; i++)
-        block->buried_count += visible[i] != 0 && visible[i] != 0xffff;
+        buried += visible[i] != 0 && visible[i] != 0xffff;
+    block->buried_count = (uint32_t)buried;
     int status = kiln_allocate(&states, block->count, sizeof *states, "the states of a block of points", error);
     if (status == KILN_OK)
         status = kiln_allocate(&block->buried, block->buried_count, sizeof *block->buried, "the partly buried points", error);
-    for (uint32_t i = 0, n = 0; status == KILN_OK && i < block->count; i++) {
-        states[i] = visible[i] == 0 ? KILN_GPU_STATE_INVALID : visible[i] == 0xffff ? KILN_GPU_STATE_VALID : KILN_GPU_STATE_BURIED;
-        if (states[i] == KILN_GPU_STATE_BURIED)
-            block->buried[n++] = i;
+    if (status == KILN_OK) {
+#pragma omp parallel for num_threads((int)vulkan_light_threads(p->threads))
+        for (uint64_t i = 0; i < block->count; i++)
+            states[i] = visible[i] == 0 ? KILN_GPU_STATE_INVALID : visible[i] == 0xffff ? KILN_GPU_STATE_VALID : KILN_GPU_STATE_BURIED;
+        for (uint32_t i = 0, n = 0; n < block->buried_count; i++)
+            if (states[i] == KILN_GPU_STATE_BURIED)
+                block->buried[n++] = i;
     }
     if (status == KILN_OK)
         status = gpu_upload(p->gpu, &block->states, 0, states, block->count * sizeof *states, error);
@@ -385,6 +391,15 @@ static int bring_states(struct vulkan_points *p, struct vulkan_block *block, str
         status = gpu_buffer_of(p->gpu, &block->list, block->buried, block->buried_count * sizeof *block->buried, "the partly buried points", error);
     block->states_known = status == KILN_OK;
     kiln_free(&states);
+    return status;
+}
+
+int vulkan_points_ready(struct vulkan_points *points, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; i < points->block_count && status == KILN_OK; i++)
+        if (points->blocks[i].resident && !points->blocks[i].states_known)
+            status = bring_states(points, &points->blocks[i], error);
     return status;
 }
 

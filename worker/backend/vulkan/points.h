@@ -24,9 +24,18 @@ struct vulkan_points {
     size_t block_count;
     struct vulkan_block *blocks;
     uint64_t clock;
+    uint32_t threads; /* that make points */
     struct points_workspace *workspace; /* private: what blocks are made in, kept from one to the next */
     bool smooth; /* some object has shading normals of its own */
 };
+
+/* Threads for loops of a few operations a point while the device is at work: more would wait for each other at the end of every loop, the
+ * longer the fewer cores are free for those that drive devices. */
+static inline uint32_t vulkan_light_threads(uint32_t threads)
+{
+    const uint32_t most = 16, some = threads - threads / 8;
+    return some < most ? some : most;
+}
 
 /* Borrows everything. Makes no block yet. */
 int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const struct kiln_backend_params *params,
@@ -38,6 +47,9 @@ void vulkan_points_destroy(struct vulkan_points **points);
  * room for it then. */
 int vulkan_points_block(struct vulkan_points *points, size_t fragment, bool states, uint32_t in_use, struct vulkan_block **block,
                         struct kiln_error *error);
+
+/* Brings the states of all blocks that are on the device: at once, while it has nothing else to do. */
+int vulkan_points_ready(struct vulkan_points *points, struct kiln_error *error);
 
 /* surface->visible has changed. */
 void vulkan_points_forget_states(struct vulkan_points *points);

@@ -1,5 +1,6 @@
 #include "worker/backend/vulkan/vulkan.h"
 
+#include <omp.h>
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
@@ -171,7 +172,7 @@ static int set_up(struct vulkan_backend *b, struct kiln_error *error)
 }
 
 enum { MOST_RECOVERIES = 3 };
-static const uint64_t MOST_SCRATCH = 512ull << 20, LEAST_SCRATCH = 1ull << 20;
+static const uint64_t MOST_SCRATCH = 256ull << 20, LEAST_SCRATCH = 1ull << 20;
 
 bool vulkan_can_recover(const struct vulkan_backend *b)
 {
@@ -214,6 +215,7 @@ static int vulkan_create(struct kiln_backend **backend, const struct kiln_backen
     b->base.api = &kiln_backend_vulkan;
     b->params = *params;
     b->scratch_most = MOST_SCRATCH;
+    b->threads = vulkan_light_threads(params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs());
     status = gpu_faults_read(&b->faults, error);
     if (status == KILN_OK)
         status = set_up(b, error);
@@ -232,7 +234,7 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
     if (b->gpu != NULL)
         gpu_clock_read(b->gpu, &clock);
     *info = (struct kiln_backend_info){.name = "vulkan", .memory = b->gpu != NULL ? gpu_memory_used(b->gpu) : 0, .build_seconds = b->build_seconds,
-                                       .device_seconds = b->busy_before + clock.busy, .recoveries = b->recoveries};
+                                       .device_seconds = b->busy_before + clock.busy, .recoveries = b->recoveries, .take_threads = b->threads};
     (void)snprintf(info->device, sizeof info->device, "%s", b->device_text);
 }
 
@@ -264,23 +266,42 @@ static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error)
     return gpu_upload(b->gpu, &b->radiosity_buffer, 0, b->radiosity, b->surface->point_count * sizeof *b->radiosity, error);
 }
 
-/* Makes the kernels that every bake needs, all at once: drivers take a second for some, and each on one core. Software devices make theirs
- * when they first run. What fails here is made again, and reported, when it is asked for. */
-static void make_kernels_ahead(struct vulkan_backend *b)
+/* A kernel's first start takes a device some tens of milliseconds more than later ones: they all have it behind them after this, with
+ * nothing to do. */
+static void start_once(struct vulkan_backend *b)
 {
-    struct vulkan_kernel wished[] = {{.shader = &vulkan_direct_shader}, {.shader = &vulkan_gather_shader, .own = 1}, {.shader = &vulkan_choose_shader},
-                                     {.shader = &vulkan_validity_shader}, {.shader = &vulkan_direct_sums_shader}, {.shader = &vulkan_gather_sums_shader}};
-    enum { COUNT = sizeof wished / sizeof *wished };
+    const uint64_t nothing[GPU_PUSH_MOST / sizeof(uint64_t)] = {0};
+    for (size_t i = 0; i < b->kernel_count; i++) {
+        const struct gpu_step step = {.kernel = b->kernels[i].kernel, .threads_x = 1, .threads_y = 1, .constants = nothing, .constant_bytes = sizeof nothing};
+        (void)gpu_run(b->gpu, &step, 1, NULL, NULL);
+    }
+}
+
+/* Makes what bakes need, all at once: drivers take a second for some kernels, and each on one core. Software devices make theirs when they
+ * first run. What fails here is made again, and reported, when it is asked for. */
+static void make_ahead(struct vulkan_backend *b)
+{
+    const struct kiln_lights *lights = b->params.lights;
+    struct vulkan_kernel wished[] = {{.shader = &vulkan_direct_shader, .draw_again = 1}, {.shader = &vulkan_direct_shader},
+                                     {.shader = &vulkan_gather_shader, .own = 1, .draw_again = 1}, {.shader = &vulkan_gather_shader, .own = 1},
+                                     {.shader = &vulkan_choose_shader}, {.shader = &vulkan_validity_shader}, {.shader = &vulkan_direct_sums_shader},
+                                     {.shader = &vulkan_gather_sums_shader}, {.shader = &vulkan_direct_precise_shader, .draw_again = 1},
+                                     {.shader = &vulkan_direct_precise_shader}};
+    enum { ALL = sizeof wished / sizeof *wished, PRECISE = 2 };
+    const int count = b->float64 && lights->area_count + lights->point_count > 0 ? ALL : ALL - PRECISE;
     if (gpu_about(b->gpu)->software || b->tracer.acceleration != NULL || b->faults.kind != GPU_FAULT_NONE ||
-        kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + COUNT, sizeof *b->kernels, "the device's kernels", NULL) != KILN_OK)
+        kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + ALL, sizeof *b->kernels, "the device's kernels", NULL) != KILN_OK)
         return;
-#pragma omp parallel for num_threads(COUNT) schedule(static, 1)
-    for (int i = 0; i < COUNT; i++)
-        if (find_kernel(b, wished[i].shader, false, wished[i].own) == NULL)
+#pragma omp parallel for num_threads(count + 1) schedule(static, 1)
+    for (int i = 0; i <= count; i++)
+        if (i == count)
+            vulkan_passes_ahead(b);
+        else if (find_kernel(b, wished[i].shader, wished[i].draw_again != 0, wished[i].own) == NULL)
             (void)make_kernel(b, &wished[i], NULL);
-    for (int i = 0; i < COUNT; i++)
+    for (int i = 0; i < count; i++)
         if (wished[i].kernel != NULL)
             b->kernels[b->kernel_count++] = wished[i];
+    start_once(b);
 }
 
 static int vulkan_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
@@ -290,7 +311,7 @@ static int vulkan_set_surface(struct kiln_backend *backend, const struct kiln_su
     b->radiosity = NULL;
     const int status = upload_surface(b, error);
     if (status == KILN_OK)
-        make_kernels_ahead(b);
+        make_ahead(b);
     return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
 }
 

@@ -30,8 +30,8 @@ struct vulkan_shader {
 };
 #define VULKAN_CODE(name) {kiln_spirv_##name, sizeof kiln_spirv_##name}
 
-extern const struct vulkan_shader vulkan_validity_shader, vulkan_choose_shader, vulkan_direct_shader, vulkan_direct_sums_shader, vulkan_gather_shader,
-    vulkan_gather_sums_shader;
+extern const struct vulkan_shader vulkan_validity_shader, vulkan_choose_shader, vulkan_direct_shader, vulkan_direct_precise_shader, vulkan_direct_sums_shader,
+    vulkan_gather_shader, vulkan_gather_sums_shader;
 
 /* The numbers of the specialisation constants that all kernels share (shaders/kernel.glsl); more are each kernel's own. */
 enum vulkan_constant { VULKAN_TRAVERSAL, VULKAN_HAS_ALPHA, VULKAN_HAS_SMOOTH, VULKAN_LIGHT_KINDS, VULKAN_DRAW_AGAIN, VULKAN_OWN, VULKAN_CONSTANTS };
@@ -61,6 +61,7 @@ struct vulkan_backend {
     double busy_before;     /* s, of the devices before them */
     uint64_t scratch_most;  /* bytes that a slot's partial sums may take */
     bool float64;
+    uint32_t threads;       /* vulkan_light_threads */
     /* the scene on the device */
     struct kiln_gpu_scene layout;
     struct gpu_buffer scene, records;
@@ -118,6 +119,9 @@ static inline struct vulkan_slices vulkan_slices_of(const struct vulkan_backend 
     const uint32_t slice = split > 1 ? split * least : least > few ? least : few;
     return (struct vulkan_slices){.samples = slice, .per_quarter = (quarter + slice - 1) / slice, .split = split};
 }
+
+/* Makes what passes over the surface will ask for, as far as there is room for it (pass.c). */
+void vulkan_passes_ahead(struct vulkan_backend *b);
 
 int vulkan_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible, struct kiln_error *error);
 int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays, struct kiln_error *error);

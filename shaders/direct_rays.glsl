@@ -1,0 +1,228 @@
+/* Shadow rays: direct.comp and direct_precise.comp (KILN_PRECISE). Thread (x, y) takes a slice of a quarter of every choice's samples at
+ * point x (struct kiln_gpu_direct); of the choices with few samples those that are its own in turn, whole. Neighbouring threads take
+ * the same sample of neighbouring points. */
+#include "shaders/kernel.glsl"
+#include "shaders/direct.glsl"
+
+#define KILN_TRACES
+#include "shaders/trace.glsl"
+#include "shaders/surface.glsl"
+#include "shaders/position.glsl"
+#ifndef KILN_PRECISE
+#include "shaders/target.glsl"
+#endif
+
+const uint DIMENSION_U = 0u, DIMENSION_V = 1u, DIMENSION_S = 2u, DIMENSION_T = 3u, DIMENSION_CHOICE = 4u;
+
+/* One sequence of samples: of a choice at a point. */
+struct Sequence {
+    uint seed, shift; /* hashes of the tile and of the texel with the choice's identity */
+};
+
+uint identity_of(uint kind, uint index) { return kiln_hash2(kind * 2u + 1u, index); }
+
+Sequence sequence_of(kiln_gpu_point p, uint identity) { return Sequence(kiln_hash2(p.tile_key, identity), kiln_hash2(p.key, identity)); }
+
+uint draw(Sequence sequence, uint k, uint dimension)
+{
+    const uint point = DirectWords(push.pass.sobol).at[dimension * push.pass.sobol_stride + k];
+    return kiln_owen_scramble(point, kiln_hash2(sequence.seed, dimension)) ^ kiln_hash2(sequence.shift, dimension);
+}
+
+/* What a thread does. */
+struct Row {
+    uint index;       /* the point's, or KILN_GPU_NONE: nothing */
+    uint slot;        /* the point's in the chunk */
+    uint part, row;   /* slice of all four quarters; row of the sums */
+};
+
+Row row_of(uint x, uint y)
+{
+    Row r;
+    r.index = kiln_point_of_thread(push.chunk, x);
+    r.slot = r.index - push.chunk.origin;
+    r.part = push.pass.row_first + y;
+    r.row = r.part * push.pass.split;
+    if (r.part >= 4u * push.pass.slices)
+        r.index = KILN_GPU_NONE;
+    return r;
+}
+
+/* Samples begin .. end-1 of a choice's `samples` are the row's; none where all are another's. */
+void share_of(Row r, uint i, uint samples, out uint begin, out uint end)
+{
+    begin = 0u;
+    end = i % (4u * push.pass.slices) == r.part ? samples : 0u;
+    if (samples < QUARTERS_FROM)
+        return;
+    /* quarter q holds the samples k with k * 4 / samples == q; 2^20 samples and 1024 slices fit 32 bits, whose division is fast */
+    const uint quarter = r.part / push.pass.slices, slice = r.part % push.pass.slices;
+    const uint first = (quarter * samples + 3u) / 4u, last = ((quarter + 1u) * samples + 3u) / 4u;
+    begin = first + (last - first) * slice / push.pass.slices;
+    end = first + (last - first) * (slice + 1u) / push.pass.slices;
+}
+
+/* Plain sums over the samples of a choice. */
+struct Sums {
+    real3 incident, irradiance;
+    real luminance, square; /* of irradiance: sum, and sum of squares */
+    uint rays;
+};
+
+/* Variance of the mean of few samples, as if they were independent (shadow_variance). */
+real few_variance(Sums sums, real samples)
+{
+    const real mean = sums.luminance / samples;
+    return samples < 2 ? mean * mean : max(real(0), sums.square / samples - mean * mean) / (samples - 1);
+}
+
+/* What a row has come to, choice by choice. */
+struct Total {
+    real3 incident, irradiance;
+    real variance;
+    uint rays, stopped;
+};
+
+void add_choice(inout Total total, Row r, uint i, uint samples, Sums sums)
+{
+    const real scale = 1 / real(samples);
+    total.incident += sums.incident * scale;
+    total.irradiance += sums.irradiance * scale;
+    total.rays += sums.rays;
+    if (samples >= QUARTERS_FROM)
+        direct_luminance(i, r.row).at[r.slot] = float(sums.luminance);
+    else
+        total.variance += few_variance(sums, real(samples));
+}
+
+void store_total(Row r, Total t)
+{
+    direct_sums(r.row).at[r.slot] = kiln_gpu_direct_sums(stored[3](t.incident.x, t.incident.y, t.incident.z),
+                                                         stored[3](t.irradiance.x, t.irradiance.y, t.irradiance.z), t.variance, t.rays, t.stopped);
+}
+
+const real SHORT_OF = 1 - real(9.5367431640625e-7LF); /* of a ray's length: what lies at its end is not in its way */
+
+/* Counts a sample as the surface sees it, unless something is in the way of its ray, which starts `off` the surface. */
+void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 off, kiln_light_sample s)
+{
+    const real cosine = dot(real3(n), s.direction);
+    if (!(cosine > 0))
+        return;
+    vec3 towards = vec3(s.direction);
+    float limit = KILN_INFINITY;
+    const real3 to = s.direction * s.distance - off;
+    if (!isinf(s.distance) && dot(to, to) > 0) {
+        const real distance = length(to);
+        towards = vec3(to * (1 / distance));
+        limit = float((distance - s.backoff) * SHORT_OF);
+    }
+    sums.rays++;
+    if (kiln_occluded(position, towards, limit))
+        return;
+    const bool smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;
+    const real3 irradiance = s.value * (smooth_point ? max(real(0), dot(real3(kiln_shading(p, n)), s.direction)) : cosine);
+    const real luminance = real_luminance(irradiance);
+    sums.incident += s.value * cosine;
+    sums.irradiance += irradiance;
+    sums.luminance += luminance;
+    sums.square += luminance * luminance;
+}
+
+void add_sample(inout Sums sums, kiln_gpu_point p, kiln_light_choice choice, Sequence sequence, uint i, uint k)
+{
+    vec3 position, n;
+    float offset;
+    kiln_position(p, push.chunk.parts, float(real_unit(draw(sequence, k, DIMENSION_S))), float(real_unit(draw(sequence, k, DIMENSION_T))), position, n, offset);
+    const real3 off = real3(n) * real(offset);
+    kiln_light_sample s;
+    if (kiln_lights_sample(choice, i, real3(position) - off, real3(n), real_unit(draw(sequence, k, DIMENSION_CHOICE)),
+                           real_unit(draw(sequence, k, DIMENSION_U)), real_unit(draw(sequence, k, DIMENSION_V)), s))
+        add_light(sums, p, position, n, off, s);
+}
+
+/* Samples begin .. end-1 of a choice. */
+Sums sample_choice(kiln_gpu_point p, kiln_light_choice choice, uint begin, uint end, inout uint stopped)
+{
+    const uint identity = identity_of(choice.kind, choice.index), strategies = kiln_lights_strategies(choice, real3(p.normal));
+    Sums sums = Sums(real3(0), real3(0), 0, 0, 0u);
+    uint i = begin;
+    for (; i < end; i++)
+        add_sample(sums, p, choice, sequence_of(p, identity + i % strategies), i, i / strategies);
+    stopped |= i < end ? 1u : 0u;
+    return sums;
+}
+
+#ifndef KILN_PRECISE
+void add_target_sample(inout Sums sums, kiln_gpu_point p, kiln_light_target target, Sequence sequence, uint k)
+{
+    vec3 position, n;
+    float offset;
+    kiln_position(p, push.chunk.parts, real_unit(draw(sequence, k, DIMENSION_S)), real_unit(draw(sequence, k, DIMENSION_T)), position, n, offset);
+    const vec3 off = n * offset;
+    kiln_light_sample s;
+    if (kiln_light_target_sample(target, (position - p.centre) - off, real_unit(draw(sequence, k, DIMENSION_U)),
+                                 real_unit(draw(sequence, k, DIMENSION_V)), s))
+        add_light(sums, p, position, n, off, s);
+}
+
+Sums sample_target(kiln_gpu_point p, uint node, uint begin, uint end, inout uint stopped)
+{
+    const kiln_light_target target = kiln_light_target_of(node, p.centre);
+    const Sequence sequence = sequence_of(p, identity_of(KILN_CHOICE_NODE, node));
+    Sums sums = Sums(real3(0), real3(0), 0, 0, 0u);
+    uint k = begin;
+    for (; k < end; k++)
+        add_target_sample(sums, p, target, sequence, k);
+    stopped |= k < end ? 1u : 0u;
+    return sums;
+}
+#endif
+
+/* Whether a choice is this kernel's. */
+bool is_own(kiln_gpu_choice choice)
+{
+#ifdef KILN_PRECISE
+    return (choice.samples & KILN_GPU_CHOICE_PRECISE) != 0u;
+#else
+    return (choice.samples & KILN_GPU_CHOICE_PRECISE) == 0u;
+#endif
+}
+
+void kiln_kernel(uint x, uint y)
+{
+    const Row r = row_of(x, y);
+    if (r.index == KILN_GPU_NONE)
+        return;
+    const uint counts = direct_counts().at[r.slot], count = counts & ~KILN_GPU_COUNT_PRECISE;
+    Total total = Total(real3(0), real3(0), 0, 0u, 0u);
+#ifdef KILN_PRECISE
+    if ((counts & KILN_GPU_COUNT_PRECISE) == 0u)
+        return;
+    const kiln_gpu_direct_sums before = direct_sums(r.row).at[r.slot];
+    total = Total(real3_of(before.incident), real3_of(before.irradiance), before.variance, before.rays, before.stopped);
+#endif
+    const kiln_gpu_point p = PointArray(push.chunk.points).at[r.index];
+    uint i = 0u;
+    for (; i < count; i++) {
+        const kiln_gpu_choice packed = direct_choice(i).at[r.slot];
+        const uint kind = packed.what >> KILN_GPU_CHOICE_KIND_SHIFT, index = packed.what & ((1u << KILN_GPU_CHOICE_KIND_SHIFT) - 1u);
+        const uint samples = packed.samples & ~KILN_GPU_CHOICE_PRECISE;
+        uint begin, end;
+        share_of(r, i, samples, begin, end);
+        if (!is_own(packed) || (begin >= end && samples < QUARTERS_FROM))
+            continue;
+        Sums sums;
+#ifndef KILN_PRECISE
+        if (light_kind(KILN_LIGHT_AREA) && kind == KILN_GPU_CHOICE_TARGET)
+            sums = sample_target(p, index, begin, end, total.stopped);
+        else
+#endif
+            sums = sample_choice(p, kiln_light_choice(kind, index, samples), begin, end, total.stopped);
+        add_choice(total, r, i, samples, sums);
+    }
+    total.stopped |= i < count ? 1u : 0u;
+    store_total(r, total);
+}
+
+#include "shaders/main.glsl"
