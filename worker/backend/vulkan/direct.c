@@ -92,8 +92,9 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     buried.pass.slices *= d->slices.split;
     buried.pass.split = 1;
     for (size_t i = 0; i < d->tracing_count; i++) {
-        vulkan_record(recording, d->whole[i], chunk->all.count, chunk->row_count, &push, sizeof push);
-        vulkan_record_alongside(recording, d->buried[i], chunk->buried.count, chunk->row_count * d->slices.split, &buried, sizeof buried);
+        const struct vulkan_dispatch both[2] = {{d->buried[i], chunk->buried.count, chunk->row_count * d->slices.split, &buried},
+                                                {d->whole[i], chunk->all.count, chunk->row_count, &push}};
+        vulkan_record_both(recording, both, sizeof push);
     }
     if (chunk->last)
         vulkan_record(recording, d->reduce, chunk->all.total, 1, &push, sizeof push);

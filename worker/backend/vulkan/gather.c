@@ -40,7 +40,7 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     const int status = chunk->buried.count > 0 ? vulkan_kernel_of(g->b, &vulkan_gather_shader, true, g->lookup, &g->buried, error) : KILN_OK;
     if (status != KILN_OK)
         return status;
-    struct gather_push push = {.scene = g->b->scene.address,
+    const struct gather_push push = {.scene = g->b->scene.address,
                                .chunk = chunk->all,
                                .sobol = g->b->sobol.address,
                                .slices = chunk->scratch,
@@ -52,13 +52,15 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
                                .row_first = chunk->row_first,
                                .slice = g->slices.samples,
                                .row_step = g->slices.split};
-    vulkan_record(recording, g->whole, chunk->all.count, chunk->row_count, &push, sizeof push);
-    push.chunk = chunk->buried;
-    push.per_quarter *= g->slices.split;
-    push.row_first *= g->slices.split;
-    push.slice /= g->slices.split;
-    push.row_step = 1;
-    vulkan_record_alongside(recording, g->buried, chunk->buried.count, chunk->row_count * g->slices.split, &push, sizeof push);
+    struct gather_push buried = push;
+    buried.chunk = chunk->buried;
+    buried.per_quarter *= g->slices.split;
+    buried.row_first *= g->slices.split;
+    buried.slice /= g->slices.split;
+    buried.row_step = 1;
+    const struct vulkan_dispatch both[2] = {{g->buried, chunk->buried.count, chunk->row_count * g->slices.split, &buried},
+                                            {g->whole, chunk->all.count, chunk->row_count, &push}};
+    vulkan_record_both(recording, both, sizeof push);
     const struct reduce_push reduce = {.scene = g->b->scene.address,
                                        .chunk = chunk->all,
                                        .slices = chunk->scratch,

@@ -4,9 +4,9 @@
 
 #include "worker/base/memory.h"
 
-/* Of a chunk. Passes of few samples take more points: else what every chunk costs, some milliseconds for its last few threads and for its way to
- * the host, would show. Answers of many fit no processor's caches when they are taken. */
-enum { LEAST_POINTS = 1 << 13, USUAL_POINTS = 1 << 18, MOST_POINTS = 1 << 20, ENOUGH_RAYS = 1 << 24 };
+/* Of a chunk. Passes of few samples take more points: else what every chunk costs, its last few threads and its way to the host, would
+ * show. */
+enum { LEAST_POINTS = 1 << 13, USUAL_POINTS = 1 << 19, MOST_POINTS = 1 << 20, ENOUGH_RAYS = 1 << 24 };
 
 enum { ANSWER_BYTES = sizeof(struct kiln_gpu_result) + sizeof(uint32_t) };
 
@@ -20,13 +20,13 @@ void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel
     *step = (struct gpu_step){.kernel = kernel, .threads_x = x, .threads_y = y, .constants = copy, .constant_bytes = bytes};
 }
 
-void vulkan_record_alongside(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y, const void *constants,
-                             size_t bytes)
+void vulkan_record_both(struct vulkan_recording *recording, const struct vulkan_dispatch both[2], size_t constant_bytes)
 {
-    const size_t before = recording->count;
-    vulkan_record(recording, kernel, x, y, constants, bytes);
-    if (recording->count > before)
-        recording->steps[before].alongside = before > 0;
+    const size_t first = recording->count;
+    for (int i = 0; i < 2; i++)
+        vulkan_record(recording, both[i].kernel, both[i].x, both[i].y, both[i].constants, constant_bytes);
+    if (recording->count == first + 2)
+        recording->steps[first + 1].alongside = true;
 }
 
 /* A chunk under way in a slot. */
@@ -73,12 +73,14 @@ static int make_room(struct vulkan_backend *b, uint64_t points, uint64_t scratch
     return status;
 }
 
+static uint64_t lesser(uint64_t a, uint64_t b) { return a < b ? a : b; }
+
 /* What most passes would ask for, since memory takes its time to come by: up to the most, but no more than the share's points need when
- * many samples are summed up for them. */
+ * many samples are summed up for them, nor a quarter of the memory. */
 void vulkan_passes_ahead(struct vulkan_backend *b)
 {
-    const uint64_t scratch = b->surface->count << 10;
-    (void)make_room(b, points_there(b), scratch < b->scratch_most ? scratch : b->scratch_most, NULL);
+    const uint64_t scratch = lesser(b->surface->count << 10, gpu_memory_left(b->gpu) / (4 * GPU_SLOTS));
+    (void)make_room(b, points_there(b), lesser(scratch, b->scratch_most), NULL);
 }
 
 /* How many points a chunk may have, by what the slots may hold; makes the slots that large, for batches of any size. */

@@ -24,9 +24,14 @@ struct vulkan_recording {
 /* Adds a kernel over (x, y) threads; the constants are copied. Nothing for x or y of 0. */
 void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y, const void *constants, size_t bytes);
 
-/* The same, alongside the kernel recorded before it (if any): see struct gpu_step. */
-void vulkan_record_alongside(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y, const void *constants,
-                             size_t bytes);
+/* Two kernels, neither of which needs anything of the other: they may run side by side. What takes few threads long goes first, so that the
+ * other's fill the device meanwhile. */
+struct vulkan_dispatch {
+    struct gpu_kernel *kernel;
+    uint32_t x, y;
+    const void *constants;
+};
+void vulkan_record_both(struct vulkan_recording *recording, const struct vulkan_dispatch both[2], size_t constant_bytes);
 
 struct vulkan_pass {
     enum vulkan_pace pace;

@@ -172,7 +172,7 @@ static int set_up(struct vulkan_backend *b, struct kiln_error *error)
 }
 
 enum { MOST_RECOVERIES = 3 };
-static const uint64_t MOST_SCRATCH = 256ull << 20, LEAST_SCRATCH = 1ull << 20;
+static const uint64_t MOST_SCRATCH = 512ull << 20, LEAST_SCRATCH = 1ull << 20;
 
 bool vulkan_can_recover(const struct vulkan_backend *b)
 {
