@@ -35,7 +35,7 @@ def scaling(kiln, scene, gpus):
     first = {}
     for n in gpus:
         bake = kiln.bake(scene, '--texels-per-metre', 2.7, '--samples-direct', 64, '--samples-bounce', 16, '--samples-indirect', 1024,
-                         '--samples-probe', 0, ranks=n, timeout=3600)
+                         '--samples-probe', 0, '--bounces', 4, ranks=n, timeout=3600)
         if bake.process.status != 0:
             sys.exit('%s\nended with %d: %s' % (bake.process.line(), bake.process.status, bake.process.sentence()))
         for p in bake.run['bounces']:

@@ -1,8 +1,8 @@
 /* A lone area light as all places of one surface point see it: what its samples have in common is reckoned once a point, and samples are
  * drawn several at a time.
  *
- * A sample is a place on the light, chosen as the point's centre c would choose it: evenly in solid angle (spherical_triangle.h), or evenly in area where the light is small. Its density is known for any other
- * place p,
+ * A sample is a place on the light, chosen as the point's centre c would choose it: evenly in solid angle (spherical_triangle.h), or
+ * evenly in area where the light is small. Its density is known for any other place p,
  *
  *     density of the direction from p = |y - p|^2 / cos_p  x  cos_c / (omega |y - c|^2)
  *
