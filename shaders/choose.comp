@@ -10,7 +10,8 @@ KILN_ARRAY(PointArray, kiln_gpu_point, 8);
 void kiln_kernel(uint x, uint y)
 {
     const uint index = push.chunk.origin + x;
-    if (x >= push.chunk.total || DirectWords(push.chunk.states).at[index] == KILN_GPU_STATE_INVALID)
+    const uint state = x < push.chunk.total ? DirectWords(push.chunk.states).at[index] : KILN_GPU_STATE_INVALID;
+    if (state == KILN_GPU_STATE_INVALID)
         return;
     const kiln_gpu_point p = PointArray(push.chunk.points).at[index];
     const real3 normal = (p.flags & KILN_GPU_POINT_ONE_NORMAL) != 0u ? real3(p.normal) : real3(0);
@@ -24,7 +25,7 @@ void kiln_kernel(uint x, uint y)
         const uint kind = is_target ? KILN_GPU_CHOICE_TARGET : choice.kind;
         uint samples = choice.samples;
 #ifdef KILN_FLOAT64
-        if (!is_target && kiln_is_lone_area_light(choice)) { /* very near, or seen from its edge */
+        if (!is_target && state == KILN_GPU_STATE_VALID && kiln_is_lone_area_light(choice)) { /* very near, or seen from its edge */
             samples |= KILN_GPU_CHOICE_PRECISE;
             precise_ones = KILN_GPU_COUNT_PRECISE;
         }

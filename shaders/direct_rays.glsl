@@ -129,6 +129,21 @@ void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 o
     sums.square += luminance * luminance;
 }
 
+#ifdef KILN_PRECISE
+/* Of a lone area light. */
+bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, Sequence sequence, uint k, out kiln_light_sample s)
+{
+    const uint light = LightNodes(SCENE.lights.nodes).at[choice.index].right;
+    return sample_area_light(light, place, 1, real_unit(draw(sequence, k, DIMENSION_U)), real_unit(draw(sequence, k, DIMENSION_V)), s);
+}
+#else
+bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, Sequence sequence, uint k, out kiln_light_sample s)
+{
+    return kiln_lights_sample(choice, i, place, n, real_unit(draw(sequence, k, DIMENSION_CHOICE)), real_unit(draw(sequence, k, DIMENSION_U)),
+                              real_unit(draw(sequence, k, DIMENSION_V)), s);
+}
+#endif
+
 void add_sample(inout Sums sums, kiln_gpu_point p, kiln_light_choice choice, Sequence sequence, uint i, uint k)
 {
     vec3 position, n;
@@ -136,8 +151,7 @@ void add_sample(inout Sums sums, kiln_gpu_point p, kiln_light_choice choice, Seq
     kiln_position(p, push.chunk.parts, float(real_unit(draw(sequence, k, DIMENSION_S))), float(real_unit(draw(sequence, k, DIMENSION_T))), position, n, offset);
     const real3 off = real3(n) * real(offset);
     kiln_light_sample s;
-    if (kiln_lights_sample(choice, i, real3(position) - off, real3(n), real_unit(draw(sequence, k, DIMENSION_CHOICE)),
-                           real_unit(draw(sequence, k, DIMENSION_U)), real_unit(draw(sequence, k, DIMENSION_V)), s))
+    if (draw_light(choice, i, real3(position) - off, real3(n), sequence, k, s))
         add_light(sums, p, position, n, off, s);
 }
 

@@ -29,7 +29,7 @@ KILN_SIZE_IS(kiln_gpu_lights, 112);
 
 /* What choose.comp leaves for the kernels that trace, one a choice: kind in the two highest bits, index in the others. */
 #define KILN_GPU_CHOICE_KIND_SHIFT 30u
-#define KILN_GPU_CHOICE_PRECISE 0x80000000u /* in `samples`: to be reckoned in doubles where the device has them */
+#define KILN_GPU_CHOICE_PRECISE 0x80000000u /* in `samples`: a lone area light, to be reckoned in doubles where the device has them */
 #define KILN_GPU_CHOICE_TARGET 3u /* a kind beside those of shaders/lights.glsl: a node that is a target (shaders/target.glsl) */
 struct kiln_gpu_choice {
     KILN_WORD what, samples;

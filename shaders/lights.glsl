@@ -391,7 +391,7 @@ real light_backoff(kiln_gpu_area_light light, real distance, real cosine)
     return min(distance / 2, rounding / max(real(1e-6LF), cosine));
 }
 
-bool sample_area_light(uint index, real3 p, real weight, real u, real v, inout kiln_light_sample s)
+bool sample_area_light(uint index, real3 p, real weight, real u, real v, out kiln_light_sample s)
 {
     const kiln_gpu_area_light light = AreaLights(SCENE.lights.areas).at[index];
     const stored3 stored0 = stored3_of(light.p0) - stored3(p);

@@ -33,23 +33,13 @@ struct direct_push {
 struct direct {
     struct vulkan_backend *b;
     const struct kiln_batch *batch;
-    size_t tracing_count; /* 2 where near lights want doubles that the device has; else 1 */
-    struct gpu_kernel *choose, *whole[2], *reduce; /* [1]: near lights */
-    struct gpu_kernel *buried[2]; /* made when there is a point for them: it takes its time */
+    bool precise; /* near lights may want doubles, which the device has */
+    struct gpu_kernel *choose, *whole, *near, *reduce;
+    struct gpu_kernel *buried; /* made when there is a point for it: it takes its time */
     uint32_t samples, limit, slots;
     struct vulkan_slices slices;
     uint64_t rays;
 };
-
-/* With `draw_again` for partly buried points. */
-static int tracing_kernels(struct direct *d, bool draw_again, struct gpu_kernel *kernels[2], struct kiln_error *error)
-{
-    const struct vulkan_shader *shaders[2] = {&vulkan_direct_shader, &vulkan_direct_precise_shader};
-    int status = KILN_OK;
-    for (size_t i = 0; i < d->tracing_count && status == KILN_OK; i++)
-        status = vulkan_kernel_of(d->b, shaders[i], draw_again, 0, &kernels[i], error);
-    return status;
-}
 
 static int prepare(void *context, struct kiln_error *error)
 {
@@ -58,7 +48,9 @@ static int prepare(void *context, struct kiln_error *error)
     if (status == KILN_OK)
         status = vulkan_kernel_of(d->b, &vulkan_choose_shader, false, 0, &d->choose, error);
     if (status == KILN_OK)
-        status = tracing_kernels(d, false, d->whole, error);
+        status = vulkan_kernel_of(d->b, &vulkan_direct_shader, false, 0, &d->whole, error);
+    if (status == KILN_OK && d->precise)
+        status = vulkan_kernel_of(d->b, &vulkan_direct_precise_shader, false, 0, &d->near, error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(d->b, &vulkan_direct_sums_shader, false, 0, &d->reduce, error);
     return status;
@@ -67,7 +59,7 @@ static int prepare(void *context, struct kiln_error *error)
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording, struct kiln_error *error)
 {
     struct direct *d = context;
-    const int status = chunk->buried.count > 0 ? tracing_kernels(d, true, d->buried, error) : KILN_OK;
+    const int status = chunk->buried.count > 0 ? vulkan_kernel_of(d->b, &vulkan_direct_shader, true, 0, &d->buried, error) : KILN_OK;
     if (status != KILN_OK)
         return status;
     const struct direct_push push = {.scene = d->b->scene.address,
@@ -91,11 +83,11 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     buried.pass.row_first *= d->slices.split;
     buried.pass.slices *= d->slices.split;
     buried.pass.split = 1;
-    for (size_t i = 0; i < d->tracing_count; i++) {
-        const struct vulkan_dispatch both[2] = {{d->buried[i], chunk->buried.count, chunk->row_count * d->slices.split, &buried},
-                                                {d->whole[i], chunk->all.count, chunk->row_count, &push}};
-        vulkan_record_both(recording, both, sizeof push);
-    }
+    const struct vulkan_dispatch both[2] = {{d->buried, chunk->buried.count, chunk->row_count * d->slices.split, &buried},
+                                            {d->whole, chunk->all.count, chunk->row_count, &push}};
+    vulkan_record_both(recording, both, sizeof push);
+    if (d->precise)
+        vulkan_record(recording, d->near, chunk->all.count, chunk->row_count, &push, sizeof push);
     if (chunk->last)
         vulkan_record(recording, d->reduce, chunk->all.total, 1, &push, sizeof push);
     return KILN_OK;
@@ -127,7 +119,7 @@ int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, 
     struct direct d = {.b = (struct vulkan_backend *)backend, .batch = batch, .samples = samples};
     const struct kiln_lights *lights = d.b->params.lights;
     const size_t tree = lights->area_count + lights->point_count;
-    d.tracing_count = d.b->float64 && tree > 0 ? 2 : 1;
+    d.precise = d.b->float64 && lights->area_count > 0;
     d.limit = samples / 2 < 1 ? 1 : samples / 2 < KILN_CUT_MAX ? samples / 2 : KILN_CUT_MAX;
     d.slots = (uint32_t)((tree < d.limit ? tree : d.limit) + lights->directional_count + 1);
     d.slices = vulkan_slices_of(d.b, samples);

@@ -145,7 +145,6 @@ struct gpu_step {
     size_t from_offset, to_offset, size;
 };
 
-enum { GPU_PUSH_MOST = 128 }; /* bytes of push constants */
 enum { GPU_SLOTS = 3 }; /* submissions that may be under way at once */
 
 /* Hands the steps to the device and returns at once. `slot` must be free: it is again after gpu_wait, also when that fails, and

@@ -29,7 +29,7 @@ struct gpu_kernel {
 
 static VkResult create_layout(struct gpu *gpu, VkShaderStageFlags stages, VkPipelineLayout *layout)
 {
-    const VkPushConstantRange range = {.stageFlags = stages, .offset = 0, .size = GPU_PUSH_MOST};
+    const VkPushConstantRange range = {.stageFlags = stages, .offset = 0, .size = GPU_PUSH_BYTES};
     const VkPipelineLayoutCreateInfo info = {.sType = VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO, .pushConstantRangeCount = 1,
                                              .pPushConstantRanges = &range};
     return GPU_TRY(gpu, vkCreatePipelineLayout(gpu->device, &info, NULL, layout));
@@ -229,7 +229,7 @@ void gpu_kernel_record(const struct gpu_kernel *kernel, VkCommandBuffer commands
 {
     struct dispatch d;
     const VkPipelineLayout layout = kernel->tracing ? gpu->tracing_layout : gpu->compute_layout;
-    assert(step->constant_bytes <= GPU_PUSH_MOST && step->constant_bytes % 4 == 0);
+    assert(step->constant_bytes <= GPU_PUSH_BYTES && step->constant_bytes % 4 == 0);
     gpu_guard_mark(gpu, commands, kernel->name);
     vkCmdBindPipeline(commands, kernel->tracing ? VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR : VK_PIPELINE_BIND_POINT_COMPUTE, kernel->pipeline);
     if (step->constant_bytes > 0)

@@ -18,7 +18,8 @@
 enum {
     GPU_STAGING_PIECES = 2,
     GPU_STAGING_BYTES = 8 << 20, /* of one piece */
-    GPU_ALL_SLOTS = GPU_SLOTS + GPU_STAGING_PIECES
+    GPU_ALL_SLOTS = GPU_SLOTS + GPU_STAGING_PIECES,
+    GPU_PUSH_BYTES = 128
 };
 
 struct gpu_slot {

@@ -75,12 +75,13 @@ static int make_room(struct vulkan_backend *b, uint64_t points, uint64_t scratch
 
 static uint64_t lesser(uint64_t a, uint64_t b) { return a < b ? a : b; }
 
-/* What most passes would ask for, since memory takes its time to come by: up to the most, but no more than the share's points need when
- * many samples are summed up for them, nor a quarter of the memory. */
+/* What most passes would ask for, since memory takes its time to come by: scratch up to the most, but no more than the share's points need
+ * when many samples are summed up for them; and a quarter of the memory that is left at most. */
 void vulkan_passes_ahead(struct vulkan_backend *b)
 {
-    const uint64_t scratch = lesser(b->surface->count << 10, gpu_memory_left(b->gpu) / (4 * GPU_SLOTS));
-    (void)make_room(b, points_there(b), lesser(scratch, b->scratch_most), NULL);
+    const uint64_t a_slot = gpu_memory_left(b->gpu) / (4 * 2 * GPU_SLOTS); /* half of it for answers */
+    const uint64_t scratch = lesser(lesser(b->surface->count << 10, b->scratch_most), a_slot);
+    (void)make_room(b, lesser(points_there(b), a_slot / ANSWER_BYTES), scratch, NULL);
 }
 
 /* How many points a chunk may have, by what the slots may hold; makes the slots that large, for batches of any size. */

@@ -266,29 +266,16 @@ static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error)
     return gpu_upload(b->gpu, &b->radiosity_buffer, 0, b->radiosity, b->surface->point_count * sizeof *b->radiosity, error);
 }
 
-/* A kernel's first start takes a device some tens of milliseconds more than later ones: they all have it behind them after this, with
- * nothing to do. */
-static void start_once(struct vulkan_backend *b)
-{
-    const uint64_t nothing[GPU_PUSH_MOST / sizeof(uint64_t)] = {0};
-    for (size_t i = 0; i < b->kernel_count; i++) {
-        const struct gpu_step step = {.kernel = b->kernels[i].kernel, .threads_x = 1, .threads_y = 1, .constants = nothing, .constant_bytes = sizeof nothing};
-        (void)gpu_run(b->gpu, &step, 1, NULL, NULL);
-    }
-}
-
 /* Makes what bakes need, all at once: drivers take a second for some kernels, and each on one core. Software devices make theirs when they
  * first run. What fails here is made again, and reported, when it is asked for. */
 static void make_ahead(struct vulkan_backend *b)
 {
-    const struct kiln_lights *lights = b->params.lights;
     struct vulkan_kernel wished[] = {{.shader = &vulkan_direct_shader, .draw_again = 1}, {.shader = &vulkan_direct_shader},
                                      {.shader = &vulkan_gather_shader, .own = 1, .draw_again = 1}, {.shader = &vulkan_gather_shader, .own = 1},
                                      {.shader = &vulkan_choose_shader}, {.shader = &vulkan_validity_shader}, {.shader = &vulkan_direct_sums_shader},
-                                     {.shader = &vulkan_gather_sums_shader}, {.shader = &vulkan_direct_precise_shader, .draw_again = 1},
-                                     {.shader = &vulkan_direct_precise_shader}};
-    enum { ALL = sizeof wished / sizeof *wished, PRECISE = 2 };
-    const int count = b->float64 && lights->area_count + lights->point_count > 0 ? ALL : ALL - PRECISE;
+                                     {.shader = &vulkan_gather_sums_shader}, {.shader = &vulkan_direct_precise_shader}};
+    enum { ALL = sizeof wished / sizeof *wished };
+    const int count = b->float64 && b->params.lights->area_count > 0 ? ALL : ALL - 1;
     if (gpu_about(b->gpu)->software || b->tracer.acceleration != NULL || b->faults.kind != GPU_FAULT_NONE ||
         kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + ALL, sizeof *b->kernels, "the device's kernels", NULL) != KILN_OK)
         return;
@@ -301,7 +288,6 @@ static void make_ahead(struct vulkan_backend *b)
     for (int i = 0; i < count; i++)
         if (wished[i].kernel != NULL)
             b->kernels[b->kernel_count++] = wished[i];
-    start_once(b);
 }
 
 static int vulkan_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
