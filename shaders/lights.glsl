@@ -362,7 +362,7 @@ bool sample_point_light(uint index, real3 p, real weight, inout kiln_light_sampl
     return factor > 0 && !isinf(factor); /* the square of a float's smallest distances is 0 */
 }
 
-const real SPHERICAL_FROM = real(0.02LF); /* sr; see lights.c */
+const real SPHERICAL_FROM = real(0.02LF); /* sr; see spherical_triangle.h */
 
 vec3 textured_emission(kiln_gpu_area_light light, real3 on)
 {
@@ -440,18 +440,6 @@ bool pick_light(uint node, real3 p, real3 n, real pick, out uint light, out real
     }
     light = nodes.at[node].right;
     return true;
-}
-
-/* Whether some of the choice's lights may be so near to a point within `spread` of p that floats would not do for their samples: a lone
- * light of some size, or a cluster not well outside its bounds. */
-bool kiln_lights_near(kiln_light_choice choice, real3 p, real spread)
-{
-    if (!light_kind(KILN_LIGHT_AREA | KILN_LIGHT_PUNCTUAL) || choice.kind != KILN_CHOICE_NODE)
-        return false;
-    const kiln_gpu_light_node node = LightNodes(SCENE.lights.nodes).at[choice.index];
-    const real reach = 2 * (real(node.radius) + spread);
-    const real3 away = p - real3_of(node.centre);
-    return dot(away, away) <= reach * reach;
 }
 
 /* Draws the choice's `index`-th sample with random numbers in (0,1): `pick` goes down the tree, u and v over the light. False

@@ -1,5 +1,5 @@
-/* Lone area lights made ready for a point: the same samples as kiln_lights_sample draws at its centre, the closed form's irradiance
- * everywhere else, and which lights are left to others. */
+/* Directions even in a triangle's solid angle. Lone area lights made ready for a point: the same samples as kiln_lights_sample draws at
+ * its centre, the closed form's irradiance everywhere else, and which lights are left to others. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -45,6 +45,33 @@ static struct kiln_lights lights_of(struct kiln_area_light *areas, size_t count)
 }
 
 static const struct kiln_light_choice lone = {.kind = KILN_CHOICE_NODE, .index = 0, .samples = 64};
+
+/* Girard's theorem, of unit vectors: the angles less pi. */
+static double solid_angle(struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 c)
+{
+    const struct kiln_dvec3 ab = unit(dvec3_cross(a, b)), bc = unit(dvec3_cross(b, c)), ca = unit(dvec3_cross(c, a));
+    return acos(-dvec3_dot(ab, ca)) + acos(-dvec3_dot(bc, ab)) + acos(-dvec3_dot(ca, bc)) - KILN_PI;
+}
+
+/* With v = 1 a direction is the point on the far edge that cuts off the share u; with any other v it lies on the arc to it, at a
+ * height (its cosine with b) even between theirs. */
+static void directions_are_even(void **state)
+{
+    (void)state;
+    uint32_t seed = 19;
+    for (int i = 0; i < 1000; i++) {
+        const struct kiln_area_light light = lamp(3.0, 1.0, &seed);
+        const struct kiln_dvec3 to0 = light.p0;
+        const struct kiln_spherical_triangle t = kiln_spherical_triangle(to0, light.e1, light.e2, light.area, fabs(dvec3_dot(to0, light.normal)));
+        const double u = 0.05 + 0.9 * uniform(&seed), v = 0.05 + 0.9 * uniform(&seed);
+        const struct kiln_dvec3 edge = kiln_spherical_triangle_direction(&t, u, 1.0), inside = kiln_spherical_triangle_direction(&t, u, v);
+        assert_true(fabs(t.omega - solid_angle(t.a, t.b, t.c)) < 1e-9);
+        assert_true(fabs(solid_angle(t.a, t.b, edge) - u * t.omega) < 1e-7);
+        assert_true(fabs(dvec3_dot(edge, dvec3_cross(t.a, t.c))) < 1e-9 && fabs(dvec3_length(inside) - 1.0) < 1e-9);
+        assert_true(fabs(dvec3_dot(inside, dvec3_cross(t.b, edge))) < 1e-9);
+        assert_true(fabs((1.0 - dvec3_dot(inside, t.b)) - v * (1.0 - dvec3_dot(edge, t.b))) < 1e-9);
+    }
+}
 
 static void put(struct kiln_target_samples *s, int lane, struct kiln_dvec3 place, double u, double v)
 {
@@ -164,7 +191,7 @@ static void others_are_left_alone(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(same_as_one_by_one_at_the_centre), cmocka_unit_test(closed_form_from_other_places),
-                                       cmocka_unit_test(others_are_left_alone)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(directions_are_even), cmocka_unit_test(same_as_one_by_one_at_the_centre),
+                                       cmocka_unit_test(closed_form_from_other_places), cmocka_unit_test(others_are_left_alone)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -252,12 +252,7 @@ void kiln_area_light_radiance(const struct kiln_lights *lights, const struct kil
                           lights->geometry->stored_triangle[light->triangle], (float)b1, (float)b2, rgb);
 }
 
-/* Above this solid angle a triangle is sampled by solid angle, below by area (whose density varies little there and whose
- * arithmetic does not cancel). */
-static const double SPHERICAL_FROM = 0.02;
-
-/* Where in the light's plane a place `on` from corner 0 is: by Cramer's rule. */
-static void find_weights(const struct kiln_area_light *light, struct kiln_dvec3 on, double *b1, double *b2)
+void kiln_area_light_weights(const struct kiln_area_light *light, struct kiln_dvec3 on, double *b1, double *b2)
 {
     const double e11 = dvec3_dot(light->e1, light->e1), e12 = dvec3_dot(light->e1, light->e2), e22 = dvec3_dot(light->e2, light->e2);
     const double below = e11 * e22 - e12 * e12, x = dvec3_dot(on, light->e1), y = dvec3_dot(on, light->e2);
@@ -274,7 +269,7 @@ static bool sample_area_light(const struct kiln_lights *lights, const struct kil
     if ((light->two_sided ? height : side) <= 2.0 * light->rounding)
         return false;
     const struct kiln_spherical_triangle t = kiln_spherical_triangle(to0, light->e1, light->e2, light->area, height);
-    const bool spherical = t.omega > SPHERICAL_FROM;
+    const bool spherical = t.omega > KILN_SPHERICAL_FROM;
     struct kiln_dvec3 to;
     if (spherical) {
         const struct kiln_dvec3 direction = kiln_spherical_triangle_direction(&t, u, v);
@@ -293,7 +288,7 @@ static bool sample_area_light(const struct kiln_lights *lights, const struct kil
     float rgb[3];
     double b1 = 0.0, b2 = 0.0;
     if (light->textured)
-        find_weights(light, dvec3_sub(to, to0), &b1, &b2);
+        kiln_area_light_weights(light, dvec3_sub(to, to0), &b1, &b2);
     kiln_area_light_radiance(lights, light, b1, b2, rgb);
     const double inverse_density = spherical ? t.omega : seen * light->area / (s->distance * s->distance);
     for (int i = 0; i < 3; i++)

@@ -114,6 +114,8 @@ uint32_t kiln_lights_strategies(const struct kiln_lights *lights, const struct k
 bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index, struct kiln_dvec3 p,
                         struct kiln_dvec3 n, double pick, double u, double v, struct kiln_light_sample *sample);
 
+/* Barycentric weights of corners 1 and 2 of the place `on` from corner 0 in the light's plane (Cramer's rule), held within the triangle. */
+void kiln_area_light_weights(const struct kiln_area_light *light, struct kiln_dvec3 on, double *b1, double *b2);
 /* Radiance at barycentric (b1, b2) of an emissive triangle, world corner order. */
 void kiln_area_light_radiance(const struct kiln_lights *lights, const struct kiln_area_light *light, double b1, double b2, float rgb[3]);
 

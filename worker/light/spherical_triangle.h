@@ -15,12 +15,15 @@
 #include "worker/base/vector.h"
 
 struct kiln_spherical_triangle {
-    struct kiln_dvec3 a, b, c;       /* unit: to the corners */
-    double volume, ab, ca_bc; /* |a . (b x c)|; 1 + a . b; c . a + b . c */
-    double omega;             /* sr */
+    struct kiln_dvec3 a, b, c; /* unit: to the corners */
+    double volume, ab, ca_bc;  /* |a . (b x c)|; 1 + a . b; c . a + b . c */
+    double omega;              /* sr */
 };
 
-/* A triangle of `area`, whose plane is `height` > 0 away: `to0` to corner 0, edges e1 and e2 from there. */
+/* sr: smaller ones are better sampled by area, whose density varies little there. */
+#define KILN_SPHERICAL_FROM 0.02
+
+/* A triangle of `area` m2, whose plane is `height` > 0 m away: `to0` to corner 0, edges e1 and e2 from there, in metres. */
 static inline struct kiln_spherical_triangle kiln_spherical_triangle(struct kiln_dvec3 to0, struct kiln_dvec3 e1, struct kiln_dvec3 e2,
                                                                      double area, double height)
 {

@@ -2,8 +2,6 @@
 
 #include "worker/base/clones.h"
 
-/* sr: below it by area, whose density varies little there and whose arithmetic does not cancel. */
-static const double SPHERICAL_FROM = 0.02;
 /* Of the height above the light: how far places may be from the centre. */
 static const double SPREAD_MOST = 0.125;
 /* Cosine between two corners from which on floats would lose the sum of their directions. */
@@ -25,7 +23,7 @@ bool kiln_light_target(const struct kiln_lights *lights, const struct kiln_light
     if (!(target->height > 4.0 * light->rounding && spread <= SPREAD_MOST * target->height))
         return false;
     target->seen = kiln_spherical_triangle(target->to0, light->e1, light->e2, light->area, target->height);
-    target->spherical = target->seen.omega > SPHERICAL_FROM;
+    target->spherical = target->seen.omega > KILN_SPHERICAL_FROM;
     const struct kiln_spherical_triangle *seen = &target->seen;
     return fmin(fmin(dvec3_dot(seen->a, seen->b), dvec3_dot(seen->b, seen->c)), dvec3_dot(seen->c, seen->a)) > OPPOSITE;
 }
@@ -96,17 +94,12 @@ KILN_CLONES static void sample_flat(const struct kiln_light_target *restrict t, 
     }
 }
 
-/* Where on the light the samples are: by Cramer's rule in its plane. */
+/* Where on the light the samples are. */
 static void find_weights(const struct kiln_light_target *t, struct kiln_target_samples *s)
 {
-    const struct kiln_dvec3 e1 = t->light->e1, e2 = t->light->e2;
-    const double e11 = dvec3_dot(e1, e1), e12 = dvec3_dot(e1, e2), e22 = dvec3_dot(e2, e2), below = e11 * e22 - e12 * e12;
     for (int l = 0; l < KILN_TARGET_LANES; l++) {
-        const struct kiln_dvec3 place = dvec3(s->place[0][l], s->place[1][l], s->place[2][l]);
-        const struct kiln_dvec3 on = dvec3_sub(dvec3_add(dvec3(s->to[0][l], s->to[1][l], s->to[2][l]), place), t->light->p0);
-        const double x = dvec3_dot(on, e1), y = dvec3_dot(on, e2);
-        s->b1[l] = fmax(0.0, fmin(1.0, (x * e22 - y * e12) / below));
-        s->b2[l] = fmax(0.0, fmin(1.0 - s->b1[l], (y * e11 - x * e12) / below));
+        const struct kiln_dvec3 place = dvec3(s->place[0][l], s->place[1][l], s->place[2][l]), to = dvec3(s->to[0][l], s->to[1][l], s->to[2][l]);
+        kiln_area_light_weights(t->light, dvec3_sub(dvec3_add(to, place), t->light->p0), &s->b1[l], &s->b2[l]);
     }
 }
 
