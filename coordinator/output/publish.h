@@ -2,8 +2,8 @@
  *
  * A reader sees the old file or the whole new one, never a part, also after a power cut. The name used meanwhile is fixed by
  * the target (".NAME.part"), so what a killed process left is replaced by the next attempt and nothing piles up; a folder
- * therefore has one writer a file at a time
- * (kiln_publish_claim lets others wait). No symbolic link is followed at either name. None of these is collective. */
+ * therefore has one writer a file at a time (kiln_publish_claim lets others wait). No symbolic link is followed at either name. None of
+ * these is collective. */
 #ifndef KILN_COORDINATOR_OUTPUT_PUBLISH_H
 #define KILN_COORDINATOR_OUTPUT_PUBLISH_H
 
