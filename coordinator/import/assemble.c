@@ -274,7 +274,7 @@ int kiln_object_add(struct kiln_builder *builder, uint32_t mesh_index, const dou
         *skipped = true;
         return KILN_OK;
     }
-    struct kiln_object object = {.mesh = mesh_index, .flipped = det < 0.0};
+    struct kiln_object object = {.mesh = mesh_index, .flipped = det < 0.0, .source_node = KILN_NONE, .source_mesh = KILN_NONE};
     memcpy(object.transform, transform, sizeof object.transform);
     int status = kiln_builder_string(builder, name, strlen(name), &object.name, error);
     if (status == KILN_OK)

@@ -16,7 +16,7 @@
 #include "worker/base/vector.h"
 
 #define KILN_SCENE_MAGIC 0x4e434b4cu /* "LKCN" */
-#define KILN_SCENE_VERSION 1u
+#define KILN_SCENE_VERSION 2u
 #define KILN_NONE 0xffffffffu /* "no texture", "no material", ... */
 
 enum kiln_alpha_mode { KILN_ALPHA_OPAQUE = 0, KILN_ALPHA_MASK = 1, KILN_ALPHA_BLEND = 2 };
@@ -72,6 +72,13 @@ struct kiln_object {
     uint32_t lightmap_width, lightmap_height; /* texels, >= 1 */
     uint32_t flipped;                         /* 1: the transform mirrors; front faces are then clockwise */
     uint32_t original_name;                   /* the node's name as it stood in the file */
+    uint32_t source_node, source_mesh;        /* their indices in a glTF file; KILN_NONE where the source is none */
+    uint32_t flags;                           /* KILN_OBJECT_* */
+    uint32_t reserved;
+};
+enum {
+    KILN_OBJECT_CASTER_ONLY = 1, /* stops and reflects light; its lightmap is not published */
+    KILN_OBJECT_RECEIVER_ONLY = 2 /* has a lightmap; no ray meets it */
 };
 
 /* A punctual light in world space (KHR_lights_punctual). */
