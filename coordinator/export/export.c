@@ -24,7 +24,7 @@ bool kiln_export_has_gltf(const struct kiln_scene *scene)
 {
     const char *path = scene->source_count > 0 ? kiln_scene_string(scene, scene->sources[0].path) : "";
     const char *dot = strrchr(path, '.');
-    return scene->triangle_sources != NULL && dot != NULL && (strcasecmp(dot, ".glb") == 0 || strcasecmp(dot, ".gltf") == 0);
+    return (scene->triangle_sources != NULL || scene->triangle_count == 0) && dot != NULL && (strcasecmp(dot, ".glb") == 0 || strcasecmp(dot, ".gltf") == 0);
 }
 
 bool kiln_export_is_published(const struct kiln_scene *scene, size_t object)
