@@ -1,4 +1,8 @@
-/* Packs outlines of any shape into square pages: bottom-left first fit, largest first. Private to coordinator/export. Deterministic. */
+/* Packs lightmaps into square pages, island by island. Private to coordinator/export. Deterministic, not collective.
+ *
+ * An island is a part of a layout that no bilinear filter mixes with another: covered texels less than three apart, with the texels next to
+ * them. Islands are moved by whole texels, and never turned or scaled, so a filter reads the same values at the same fractions. They go
+ * bottom-left, first fit, largest first, by their exact outlines. All islands of a group lie on one page. */
 #ifndef KILN_COORDINATOR_EXPORT_ATLAS_H
 #define KILN_COORDINATOR_EXPORT_ATLAS_H
 
@@ -8,27 +12,36 @@
 
 #include "worker/base/status.h"
 
-/* Texels first .. end-1 of a row, from the outline's own corner. */
-struct kiln_outline_run {
+/* Texels first .. end-1 of a row, from the island's own corner. */
+struct kiln_island_run {
     uint32_t row, first, end;
 };
 
-/* The texels of an object that its page has to hold: runs, by row and column. The corner lies at (left, top) of the object's lightmap,
- * which is -1 where texels beyond its edge are wanted (they repeat the edge). */
-struct kiln_outline {
+/* The texels that a page has to hold, as runs, by row and column. The corner lies at (left, top) of the lightmap, which is -1 where texels
+ * beyond its edge are wanted (they repeat the edge). */
+struct kiln_island {
+    uint32_t group;
     int32_t left, top;
     uint32_t width, height;
-    struct kiln_outline_run *runs;
+    struct kiln_island_run *runs;
     size_t run_count, run_capacity;
     uint64_t texels;
     uint32_t page, x, y; /* where the corner went */
 };
 
-/* What of a lightmap is kept: texels with wanted[i] != 0 and their eight neighbours. One texel at least. Free the runs with kiln_free. */
-int kiln_outline_make(struct kiln_outline *outline, const uint8_t *wanted, uint32_t width, uint32_t height, struct kiln_error *error);
+struct kiln_islands {
+    struct kiln_island *islands; /* those of a group stand together; groups ascend */
+    size_t count, capacity;
+};
 
-/* Finds a place for each outline that has runs on pages of side x side texels, into page, x, y; none is larger than a page. Gives the number
- * of pages. */
-int kiln_atlas_pack(struct kiln_outline *outlines, size_t count, uint32_t side, uint32_t *page_count, struct kiln_error *error);
+/* Appends the islands of a lightmap as group `group`, greater than all before: of the texels with wanted[i] != 0 and their eight
+ * neighbours. With `whole` they are one. One texel at least. */
+int kiln_islands_add(struct kiln_islands *islands, const uint8_t *wanted, uint32_t width, uint32_t height, bool whole, uint32_t group,
+                     struct kiln_error *error);
+void kiln_islands_free(struct kiln_islands *islands);
+
+/* Finds a place for each island on pages of side x side texels, into page, x, y. Gives the number of pages, or, with KILN_BAD_INPUT and no
+ * sentence, the group that does not fit a page of its own in *group. */
+int kiln_atlas_pack(struct kiln_islands *islands, uint32_t side, uint32_t *page_count, uint32_t *group, struct kiln_error *error);
 
 #endif

@@ -85,6 +85,8 @@ static int plan_file(const struct kiln_export_params *p, int *descriptor, struct
                  : *descriptor < 0 ? kiln_fail_errno(error, KILN_SYSTEM, "a file in memory cannot be made") : KILN_OK;
     if (status == KILN_OK)
         status = kiln_write_all(*descriptor, text, strlen(text), 0, "the export's plan", error);
+    if (status == KILN_OK && p->coordinates != NULL) /* after the text's last byte, 0 */
+        status = kiln_write_all(*descriptor, p->coordinates, p->scene->vertex_count * sizeof *p->coordinates, strlen(text) + 1, "the export's plan", error);
     if (status == KILN_OK && lseek(*descriptor, 0, SEEK_SET) != 0)
         status = kiln_fail_errno(error, KILN_SYSTEM, "a file in memory cannot be read");
     free(text);

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import exr  # noqa: E402
 import gltf_file  # noqa: E402
 
 NONE = 0xffffffff
@@ -69,8 +70,9 @@ def _exported_triangles(file, mesh, coordinate):
     return np.concatenate(parts)
 
 
-def check_against_bake(file, scene):
-    """Every triangle that was baked is there, once, with its coordinates; links are on the right nodes. Returns how many links."""
+def check_against_bake(file, scene, moved=False):
+    """Every triangle that was baked is there, once, with its coordinates (unless those were `moved`, to an atlas); links are on the right nodes.
+    Returns how many links."""
     links, meshes = 0, {}
     for index, o in enumerate(scene.objects):
         node = file.json['nodes'][o['node']]
@@ -87,6 +89,8 @@ def check_against_bake(file, scene):
         links += 1
     for source_mesh, (mesh, coordinate) in meshes.items():
         there, baked = _exported_triangles(file, source_mesh, coordinate), scene.triangles_of(mesh)
+        if moved:
+            there[..., 3:] = baked[..., 3:] = 0
         assert len(there) == len(baked), 'mesh %d: %d triangles, %d were baked' % (source_mesh, len(there), len(baked))
         assert (_sorted(there) == _sorted(baked)).all(), 'mesh %d: triangles differ from what was baked' % source_mesh
     used = file.json['extensionsUsed']
@@ -145,3 +149,63 @@ def check_against_source(file, source):
                     assert source.accessor(accessor)[before].tobytes() == file.accessor(new[name])[after].tobytes(), '%s of mesh %d' % (name, m)
                     compared += 1
     return compared
+
+
+# ---- atlases ----
+
+def bilinear(image, uv):
+    """What a sampler that clamps at the edge reads of image [height, width, 3] at uv [n, 2]; and how far the texels that it mixes lie apart."""
+    size = np.array(image.shape[1::-1])
+    at = np.clip(uv * size - 0.5, 0, size - 1)
+    low = np.minimum(at.astype(np.int64), size - 1)
+    high, f = np.minimum(low + 1, size - 1), at - low
+    texels = [image[y, x].astype(np.float64) for y in (low[:, 1], high[:, 1]) for x in (low[:, 0], high[:, 0])]
+    fx, fy = f[:, :1], f[:, 1:]
+    value = (texels[0] * (1 - fx) + texels[1] * fx) * (1 - fy) + (texels[2] * (1 - fx) + texels[3] * fx) * fy
+    return value, np.max(texels, 0) - np.min(texels, 0)
+
+
+def _kept(path):
+    """Texels of a lightmap that its layout covers, and their neighbours."""
+    channels, _ = exr.read(path)
+    covered = np.pad((channels['coverage.Y'] > 0) | (channels['validity.Y'] > 0.25), 2)
+    rows = covered | np.roll(covered, 1, 0) | np.roll(covered, -1, 0)
+    return int((rows | np.roll(rows, 1, 1) | np.roll(rows, -1, 1)).sum())
+
+
+def _page_uv(file, node, instance):
+    link = file.json['nodes'][node]['extensions']['KILN_lightmap']
+    link = link['instances'][instance] if instance != NONE else link
+    parts = [file.floats(p['attributes']['TEXCOORD_%d' % link['texCoord']])[file.corners(p)]
+             for p in file.json['meshes'][file.json['nodes'][node]['mesh']]['primitives']]
+    return link, np.concatenate(parts) * link['scale'] + link['offset']
+
+
+def check_atlas(directory, path, samples, seed=1):
+    """At random points of every object, on edges of triangles and at their corners too, the page's texels, read bilinearly, are what the bake's
+    own lightmap says there. Returns (share of the pages that is kept, points compared)."""
+    random = np.random.default_rng(seed)
+    own, file, scene = gltf_file.File(os.path.join(directory, 'scene.glb')), gltf_file.File(path), SceneFile(os.path.join(directory, 'scene.kscene'))
+    check_against_bake(file, scene, moved=True)
+    pages = file.json['extensions']['KILN_lightmap']['pages']
+    images = [exr.rgb(os.path.join(os.path.dirname(path), page['file'])) for page in pages]
+    assert [i.shape[:2] for i in images] == [(p['height'], p['width']) for p in pages]
+    kept = compared = 0
+    for o in scene.objects:
+        before, uv = _page_uv(own, o['node'], o['instance'])
+        after, page_uv = _page_uv(file, o['node'], o['instance'])
+        lightmap = os.path.join(directory, before['file'])
+        kept += _kept(lightmap)
+        positions = np.concatenate([own.floats(p['attributes']['POSITION']).astype(np.float32)[own.corners(p)]
+                                    for p in own.json['meshes'][o['source_mesh']]['primitives']])
+        triangle = random.choice(np.flatnonzero(has_area(positions)), samples)
+        weights = random.dirichlet([1, 1, 1], samples)
+        weights[::3, 0] = 0  # edges
+        weights[::9, 1] = 0  # corners
+        weights /= weights.sum(1, keepdims=True)
+        mixed = lambda coordinates: (coordinates[triangle] * weights[:, :, None]).sum(1)
+        wanted, apart = bilinear(exr.rgb(lightmap), mixed(uv))
+        found, _ = bilinear(images[after['page']], mixed(page_uv))
+        assert (abs(found - wanted) <= 1e-3 * apart + 1e-6 * wanted.max() + 1e-30).all(), before['file']
+        compared += samples
+    return kept / sum(i.shape[0] * i.shape[1] for i in images), compared
