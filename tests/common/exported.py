@@ -17,7 +17,8 @@ SECTIONS = ['strings', 'materials', 'textures', 'texels', 'meshes', 'objects', '
 TYPES = {
     'meshes': np.dtype([('name', '<u4'), ('flags', '<u4'), ('vertex', '<u8', 2), ('triangle', '<u8', 2), ('area', '<f8', 2)]),
     'objects': np.dtype([('name', '<u4'), ('mesh', '<u4'), ('transform', '<f8', 12), ('size', '<u4', 2), ('flipped', '<u4'), ('original', '<u4'),
-                         ('node', '<u4'), ('source_mesh', '<u4'), ('flags', '<u4'), ('instance', '<u4')]),
+                         ('node', '<u4'), ('source_mesh', '<u4'), ('flags', '<u4'), ('reason', '<u4'),
+                         ('instance', '<u4'), ('unused', '<u4')]),
     'positions': np.dtype(('<f4', 3)), 'texcoord_lightmap': np.dtype(('<f4', 2)), 'triangles': np.dtype(('<u4', 3)),
 }
 

@@ -22,7 +22,7 @@ enum { SECTION_ALIGNMENT = 64 };
 _Static_assert(sizeof(struct kiln_material) == 68, "format");
 _Static_assert(sizeof(struct kiln_texture) == 40, "format");
 _Static_assert(sizeof(struct kiln_mesh) == 56, "format");
-_Static_assert(sizeof(struct kiln_object) == 136, "format");
+_Static_assert(sizeof(struct kiln_object) == 144, "format");
 _Static_assert(sizeof(struct kiln_light) == 72, "format");
 _Static_assert(sizeof(struct kiln_camera) == 80, "format");
 _Static_assert(sizeof(struct kiln_environment) == 32, "format");

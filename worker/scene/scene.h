@@ -74,7 +74,8 @@ struct kiln_object {
     uint32_t original_name;                   /* the node's name as it stood in the file */
     uint32_t source_node, source_mesh;        /* their indices in a glTF file; KILN_NONE where the source is none */
     uint32_t flags;                           /* KILN_OBJECT_* */
-    uint32_t source_instance;                 /* which of its node's instances (EXT_mesh_gpu_instancing); KILN_NONE: it has none */
+    uint32_t reserved;
+    uint32_t source_instance, unused;         /* which of its node's instances (EXT_mesh_gpu_instancing); KILN_NONE: none */
 };
 enum {
     KILN_OBJECT_CASTER_ONLY = 1, /* stops and reflects light; its lightmap is not published */
