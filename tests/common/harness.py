@@ -228,8 +228,8 @@ def energy(report):
     sum is made here, from the ledger's parts; kiln's own residual must say the same."""
     e = report['energy']
     channels = lambda key: np.asarray(e[key], np.float64)
-    emitted = channels('emitted') + channels('borrowed')
-    gone = sum(channels(k) for k in ('absorbed', 'escaped', 'blocked', 'behind', 'ranged', 'left_over'))
+    emitted = channels('emitted')
+    gone = sum(channels(k) for k in ('absorbed', 'escaped', 'blocked', 'ranged', 'left_over'))
     residual, power = float(LUMINANCE @ (emitted - gone)), float(LUMINANCE @ emitted)
     if not np.isfinite([residual, power, e['error']]).all():
         return 'not finite: %s' % json.dumps(e), False
