@@ -143,6 +143,7 @@ class Points:
             self.normal = get('points/normal').astype(np.float64)
             self.object = get('points/object').astype(np.int64)
             self.x, self.y = get('points/texel').astype(np.int64).reshape(-1, 2).T
+            self.side = get('points/side') if 'points/side' in f else np.zeros(len(self.object), np.uint8)
             self.area = get('points/area').astype(np.float64)
             self.valid = get('points/valid').astype(bool)
             self.direct = get('irradiance/direct').astype(np.float64)
@@ -151,9 +152,9 @@ class Points:
             self.error = get('irradiance/error').astype(np.float64)
         self.count = len(self.area)
 
-    def of(self, index):
-        """Indices of the valid points of object number `index`."""
-        return np.flatnonzero((self.object == index) & self.valid)
+    def of(self, index, side=0):
+        """Indices of the valid points of object number `index`: of its fronts, or with side 1 of its backs."""
+        return np.flatnonzero((self.object == index) & (self.side == side) & self.valid)
 
 
 class Bake:
