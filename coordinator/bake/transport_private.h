@@ -9,7 +9,7 @@
 enum { FINAL_STREAM = 0xffff };
 
 /* Sums that a pass makes over its points; by channel. */
-enum { SUM_INCIDENT = 0, SUM_REFLECTED = 3, SUM_SENT = 6, SUM_ESCAPED = 9, SUM_BLOCKED = 12, SUM_BEHIND = 15, SUM_BORROWED = 18, SUM_COUNT = 21 };
+enum { SUM_INCIDENT = 0, SUM_REFLECTED = 3, SUM_SENT = 6, SUM_ESCAPED = 9, SUM_BLOCKED = 12, SUM_BEHIND = 15, SUM_BORROWED = 18, SUM_GLASS = 21, SUM_COUNT = 24 };
 
 /* Groups are made of tiles, not of cells: the cell size must not change a result. */
 enum { GROUP_TILES = 16 };
