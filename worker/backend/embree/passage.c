@@ -15,7 +15,6 @@ enum { RAY_ID = 10, HIT_U = 3, HIT_V = 4, HIT_PRIMITIVE = 5 };
 /* A hit on a triangle that is not opaque, by the stored triangle and its barycentrics. */
 struct place {
     const struct kiln_mesh *mesh;
-    const struct kiln_material *material;
     uint32_t triangle, stored;
     float b1, b2;
 };
@@ -29,7 +28,6 @@ static struct place place_of(const struct embree_backend *b, const struct RTCFil
     const uint32_t triangle = embree_triangle(b, 1, ((const uint32_t *)arguments->hit)[HIT_PRIMITIVE * n + i]);
     const struct kiln_hit_record *record = &g->records[triangle];
     struct place p = {.mesh = &scene->meshes[scene->objects[record->object].mesh],
-                      .material = &scene->materials[record->material & KILN_RECORD_MATERIAL],
                       .triangle = triangle,
                       .stored = g->stored_triangle[triangle]};
     kiln_geometry_stored_barycentrics(scene, g, triangle, hits[HIT_U * n + i], hits[HIT_V * n + i], &p.b1, &p.b2);
@@ -44,9 +42,7 @@ static void filter_masked(const struct RTCFilterFunctionNArguments *arguments)
         if (arguments->valid[i] != -1)
             continue;
         const struct place p = place_of(b, arguments, i);
-        float rgba[4];
-        kiln_surface_color(b->params.scene, p.mesh, p.stored, p.b1, p.b2, rgba);
-        if (rgba[3] < p.material->alpha_cutoff)
+        if (!(kiln_surface_opacity(b->params.scene, p.mesh, p.stored, p.b1, p.b2) > 0.0f))
             arguments->valid[i] = 0;
     }
 }
