@@ -198,7 +198,8 @@ static void check_mask(const struct built *b, const struct kiln_point_cursor *at
         drawn[1] += t / SAMPLES;
     }
     off[0] += (presence - sum / (FINE * FINE)) / 16.0;
-    assert_true(fabs(drawn[0] - moment[0] / sum) < 0.05 && fabs(drawn[1] - moment[1] / sum) < 0.05);
+    const double allowed = presence < 0.4 ? 0.08 : 0.05; /* the fewer cells, the coarser */
+    assert_true(fabs(drawn[0] - moment[0] / sum) < allowed && fabs(drawn[1] - moment[1] / sum) < allowed);
 }
 
 static void positions_lie_where_something_is(void **state)
