@@ -1,6 +1,9 @@
 /* The energy ledger: where the lights' power went, in watts, by channel.
  *
- *   emitted = absorbed + escaped + blocked + ranged + left over, within the estimated error.
+ *   emitted = absorbed + glass + escaped + blocked + ranged + left over, within the estimated error.
+ *
+ * Tinted surfaces that light goes through take a part of it (glass); what they take of light that escapes or is blocked in the end
+ * counts there.
  *
  * The backs of double-sided surfaces have points like fronts; what meets the back of a single-sided surface is blocked, and lost.
  *
@@ -51,11 +54,12 @@ struct kiln_pass_energy {
     double reflected[3]; /* sum of area x albedo x incident */
     double sent[3];      /* gather only: sum of area x radiosity gathered from */
     double escaped[3], blocked[3]; /* gather only: parts of `sent` that met nothing, or backs of single-sided surfaces */
+    double glass[3];     /* gather only: part of `sent` that tinted surfaces took on the way to where it landed */
     double variance;     /* of the luminance of incident (+ escaped + blocked) */
 };
 
 struct kiln_energy {
-    double emitted[3], absorbed[3], escaped[3], blocked[3], ranged[3], left_over[3];
+    double emitted[3], absorbed[3], glass[3], escaped[3], blocked[3], ranged[3], left_over[3];
     double residual;       /* luminance of emitted - all the rest */
     double error;          /* its standard error, luminance */
     double relative;       /* |residual| / luminance of emitted; 0 without lights */

@@ -114,7 +114,8 @@ static json_t *passes_json(const struct kiln_transport_report *t, const uint64_t
 
 static json_t *energy_json(const struct kiln_energy *e)
 {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", "W", "emitted", rgb_json(e->emitted), "absorbed",
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", "W", "emitted", rgb_json(e->emitted),
+                     "glass", rgb_json(e->glass), "absorbed",
                      rgb_json(e->absorbed), "escaped", rgb_json(e->escaped), "blocked", rgb_json(e->blocked), "ranged", rgb_json(e->ranged),
                      "left_over", rgb_json(e->left_over), "residual", e->residual, "error", e->error, "relative_residual", e->relative);
 }

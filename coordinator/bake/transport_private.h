@@ -9,7 +9,7 @@
 enum { FINAL_STREAM = 0xffff };
 
 /* Sums that a pass makes over its points; by channel. */
-enum { SUM_INCIDENT = 0, SUM_REFLECTED = 3, SUM_SENT = 6, SUM_ESCAPED = 9, SUM_BLOCKED = 12, SUM_COUNT = 15 };
+enum { SUM_INCIDENT = 0, SUM_REFLECTED = 3, SUM_SENT = 6, SUM_ESCAPED = 9, SUM_BLOCKED = 12, SUM_GLASS = 15, SUM_COUNT = 18 };
 
 /* Groups are made of tiles, not of cells: the cell size must not change a result. */
 enum { GROUP_TILES = 16 };

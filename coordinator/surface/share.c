@@ -30,10 +30,8 @@ static void sample_color(const struct kiln_build *build, uint32_t triangle, doub
     kiln_geometry_stored_barycentrics(scene, g, triangle, (float)b1, (float)b2, &s1, &s2);
     kiln_surface_color(scene, &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle], s1, s2, rgba);
     double weight = area;
-    if (triangle >= g->opaque_count) {
-        const struct kiln_material *material = &scene->materials[record->material & KILN_RECORD_MATERIAL];
-        weight *= material->alpha_mode == KILN_ALPHA_MASK ? (rgba[3] >= material->alpha_cutoff ? 1.0 : 0.0) : (double)rgba[3];
-    }
+    if (triangle >= g->opaque_count)
+        weight *= (double)kiln_surface_opacity(scene, &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle], s1, s2);
     for (int c = 0; c < 3; c++) {
         sum->there[c] += weight * (double)rgba[c];
         sum->all[c] += area * (double)rgba[c];

@@ -197,10 +197,11 @@ static void land(const struct emission *e, const struct particle *p, const struc
             kept = kiln_point_light_range(p->ranged, (double)hit->distance);
     }
     for (int c = 0; c < 3; c++) {
-        const double flux = p->flux[c] * p->scale;
+        const double flux = p->flux[c] * p->scale, here = flux * (double)hit->tint[c];
         out->emitted[c] += flux;
-        target[c] += flux * kept;
-        out->ranged[c] += flux * (1.0 - kept);
+        target[c] += here * kept;
+        out->ranged[c] += here * (1.0 - kept);
+        out->glass[c] += flux - here;
     }
 }
 
@@ -231,6 +232,7 @@ static void combine(const struct kiln_emission_result groups[GROUPS], struct kil
             result->blocked[c] += groups[i].blocked[c] / GROUPS;
             result->escaped[c] += groups[i].escaped[c] / GROUPS;
             result->ranged[c] += groups[i].ranged[c] / GROUPS;
+            result->glass[c] += groups[i].glass[c] / GROUPS;
         }
         for (int i = 0; i < GROUPS; i++)
             square += (groups[i].received[c] - result->received[c]) * (groups[i].received[c] - result->received[c]);

@@ -8,8 +8,10 @@
 #ifndef KILN_WORKER_SCENE_FOOTPRINT_H
 #define KILN_WORKER_SCENE_FOOTPRINT_H
 
+#include <math.h>
 #include <stdbool.h>
 
+#include "shaders/mask.h"
 #include "worker/scene/surface.h"
 
 /* Walks the points of a fragment in order:
@@ -128,8 +130,31 @@ struct kiln_footprint_extent {
 };
 struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *footprint);
 
-/* Mean opacity over the point, at 4 x 4 places of its area; 1 where nothing lets light through. */
-float kiln_footprint_opacity(const struct kiln_footprint *footprint);
+/* Where on a point its surface is there (shaders/mask.h), in the square of the (u1, u2) that kiln_footprint_sample takes. */
+struct kiln_mask {
+    uint32_t cells[KILN_MASK_WORDS];
+    uint32_t count; /* bits that are set; 0: the whole point is to be sampled */
+};
+
+/* Mean opacity over the point (kiln_surface_opacity); 1 where nothing lets light through. Where it varies over the point, from 16 lookups
+ * for a texture as coarse as the lightmap up to 256 for one 4 times as fine and finer, `mask` has the cells where something is: each is
+ * set with a chance that is its opacity, stratified over the point; so what is there is sampled uniformly, and what is half there half
+ * as often. `key` is what chance hangs on: the point's own. */
+float kiln_footprint_presence(const struct kiln_footprint *footprint, uint32_t key, struct kiln_mask *mask);
+
+/* Moves (u1, u2) in [0, 1)^2 to where the mask says that something is; all of that is reached alike. */
+static inline void kiln_mask_place(const struct kiln_mask *mask, float *u1, float *u2)
+{
+    const float scaled = *u1 * (float)mask->count;
+    uint32_t n = (uint32_t)scaled, word = 0;
+    n = n < mask->count ? n : mask->count - 1;
+    const float rest = fminf(scaled - (float)n, 0x1.fffffep-1f);
+    for (uint32_t bits; n >= (bits = KILN_COUNT_BITS(mask->cells[word])); word++)
+        n -= bits;
+    const uint32_t cell = 32u * word + kiln_set_bit(mask->cells[word], n);
+    *u1 = ((float)kiln_cell_column(cell) + rest) / (float)KILN_MASK_SIDE;
+    *u2 = ((float)kiln_cell_column(cell >> 1) + *u2) / (float)KILN_MASK_SIDE;
+}
 
 /* Position of a sample, relative to the scene's centre: c0 + b1 (c1 - c0) + b2 (c2 - c0). */
 static inline struct kiln_vec3 kiln_triangle_position(const struct kiln_geometry *g, uint32_t triangle, float b1, float b2)

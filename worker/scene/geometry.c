@@ -56,7 +56,9 @@ static void find_alpha_limits(struct expansion *e)
         const struct kiln_material *material = &scene->materials[m];
         e->alpha_limit[m] = -1.0f;
         e->alpha_floor[m] = 1.0f;
-        if (material->alpha_mode == KILN_ALPHA_OPAQUE)
+        if (material->transmission > 0.0f)
+            e->alpha_limit[m] = 1.0f; /* whatever its alpha */
+        if (material->alpha_mode == KILN_ALPHA_OPAQUE || material->transmission > 0.0f)
             continue;
         e->alpha_limit[m] = material->alpha_mode == KILN_ALPHA_MASK ? material->alpha_cutoff : nextafterf(1.0f, 0.0f);
         e->alpha_floor[m] = material->base_color[3];
@@ -223,6 +225,21 @@ static void expand_triangles(struct expansion *e)
     }
 }
 
+static uint32_t passage_of(const struct kiln_material *material)
+{
+    if (material->transmission > 0.0f)
+        return KILN_PASSAGE_TINT;
+    return material->alpha_mode == KILN_ALPHA_BLEND ? KILN_PASSAGE_BLEND : KILN_PASSAGE_MASK;
+}
+
+static void find_passage(const struct kiln_scene *scene, struct kiln_geometry *g)
+{
+    for (size_t t = g->opaque_count; t < g->triangle_count && g->passage < KILN_PASSAGE_TINT; t++) {
+        const uint32_t passage = passage_of(&scene->materials[g->records[t].material & KILN_RECORD_MATERIAL]);
+        g->passage = passage > g->passage ? passage : g->passage;
+    }
+}
+
 static void find_bounds(struct kiln_geometry *g)
 {
     if (g->triangle_count == 0)
@@ -325,6 +342,7 @@ int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_s
     }
     if (status == KILN_OK) {
         count_two_sided(e.geometry);
+        find_passage(scene, e.geometry);
         *geometry = e.geometry;
         e.geometry = NULL;
     }

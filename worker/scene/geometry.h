@@ -6,9 +6,9 @@
  * places, in `indices` and in the record alike. So (u, v) always speak of the world triangle's corners; where the stored
  * triangle's are wanted (kiln_surface_color and its like), kiln_geometry_stored_barycentrics translates.
  *
- * A triangle counts as opaque when its material can never let light through at any of its points: alpha mode OPAQUE, or the
- * product of the alpha factor, the lowest alpha of the base colour texture and the lowest alpha of its three vertices is above
- * the cutoff (MASK) or is 1 (BLEND).
+ * A triangle counts as opaque when its material can never let light through at any of its points: it has no transmission, and
+ * its alpha mode is OPAQUE, or the product of the alpha factor, the lowest alpha of the base colour texture and the lowest alpha
+ * of its three vertices is above the cutoff (MASK) or is 1 (BLEND).
  *
  * Vertices are shared by an object's triangles as they are in its mesh. Memory: 48 bytes a triangle and 12 a vertex. */
 #ifndef KILN_WORKER_SCENE_GEOMETRY_H
@@ -36,8 +36,17 @@ struct kiln_object_range {
     uint64_t two_sided; /* how many have KILN_RECORD_DOUBLE_SIDED */
 };
 
+/* The most that any triangle which is not opaque can do to light: what a backend has to be ready for. */
+enum kiln_geometry_passage {
+    KILN_PASSAGE_NONE = 0,  /* all triangles are opaque */
+    KILN_PASSAGE_MASK = 1,  /* holes: each place lets all light through, or none */
+    KILN_PASSAGE_BLEND = 2, /* a share of the light, the same for all colours */
+    KILN_PASSAGE_TINT = 3   /* a share of the light, by colour */
+};
+
 struct kiln_geometry {
     size_t vertex_count, triangle_count, opaque_count;
+    uint32_t passage;  /* enum kiln_geometry_passage */
     float *vertices;   /* x y z; 4 floats of padding after the last, as Embree wants */
     uint32_t *indices; /* 3 a triangle */
     struct kiln_hit_record *records;

@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "shaders/random.h"
+#include "worker/backend/embree/passage.h"
 #include "worker/sampling/keys.h"
 #include "worker/sampling/sequence.h"
 
@@ -32,12 +33,10 @@ static void build_whole(struct fragment_frame *f, const struct embree_backend *b
 
 static bool meets_back(const struct embree_backend *b, struct kiln_vec3 p, struct kiln_vec3 d)
 {
-    struct RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
     struct RTCRayHit r = {.ray = {.org_x = p.x, .org_y = p.y, .org_z = p.z, .dir_x = d.x, .dir_y = d.y, .dir_z = d.z, .tfar = INFINITY,
                                   .mask = ~0u},
                           .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
-    rtcIntersect1(b->scene, &context, &r);
+    embree_nearest_half(b, &r);
     if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID || r.hit.Ng_x * d.x + r.hit.Ng_y * d.y + r.hit.Ng_z * d.z <= 0.0f)
         return false;
     const uint32_t triangle = embree_triangle(b, r.hit.geomID, r.hit.primID);
@@ -62,6 +61,8 @@ static void draw_position(struct fragment_frame *frame, const struct embree_back
 {
     uint32_t triangle;
     float b1, b2;
+    if (frame->mask[j].count != 0)
+        kiln_mask_place(&frame->mask[j], &s, &t);
     kiln_footprint_sample(&frame->footprint[j], s, t, &triangle, &b1, &b2);
     const struct kiln_geometry *g = backend->params.geometry;
     know(frame, backend, triangle);
@@ -102,9 +103,9 @@ static void build_point(struct fragment_frame *f, const struct embree_backend *b
         kiln_footprint_normals(p, &mean, &shading);
         f->shading[0][j] = shading.x, f->shading[1][j] = shading.y, f->shading[2][j] = shading.z;
     }
-    f->present[j] = kiln_footprint_opacity(p);
+    f->present[j] = kiln_footprint_presence(p, f->key[j], &f->mask[j]);
     f->partly_buried[j] = partly_buried;
-    f->whole[j] = p->kind == KILN_FOOTPRINT_WHOLE && !partly_buried;
+    f->whole[j] = p->kind == KILN_FOOTPRINT_WHOLE && !partly_buried && f->mask[j].count == 0;
     know(f, b, p->pieces[0]);
     f->normal[0][j] = f->known_normal.x, f->normal[1][j] = f->known_normal.y, f->normal[2][j] = f->known_normal.z;
     if (f->whole[j])

@@ -209,6 +209,21 @@ static void make_whole(const struct known *k, const struct kiln_footprint *f, st
     point->edge_t = f->whole.dv;
 }
 
+/* A point's mask stands behind its parts. */
+static int make_mask(struct part_list *list, struct kiln_gpu_point *point, const struct kiln_mask *mask, struct kiln_error *error)
+{
+    struct kiln_gpu_mask to = {.count = mask->count};
+    const int status = kiln_grow(&list->at, &list->room, list->count + 1, sizeof *list->at, "the parts of points", error);
+    if (status != KILN_OK)
+        return status;
+    if ((point->flags & KILN_GPU_POINT_PARTIAL) == 0)
+        point->first_part = (uint32_t)list->count;
+    point->flags |= KILN_GPU_POINT_MASKED;
+    memcpy(to.cells, mask->cells, sizeof to.cells);
+    memcpy(&list->at[list->count++], &to, sizeof to);
+    return KILN_OK;
+}
+
 static int make_point(struct maker *m, struct part_list *list, struct known *k, const struct kiln_point_cursor *at, uint32_t tile_key,
                       bool smooth, struct kiln_gpu_point *point, struct kiln_error *error)
 {
@@ -221,17 +236,20 @@ static int make_point(struct maker *m, struct part_list *list, struct known *k, 
                                      .shading = k->normal,
                                      .offset = k->offset,
                                      .tile_key = tile_key,
-                                     .key = kiln_texel_key(kiln_seed_key(params->seed), at->map, (uint64_t)at->y * s->lightmaps[at->map].width + at->x),
-                                     .present = kiln_footprint_opacity(&f)};
+                                     .key = kiln_texel_key(kiln_seed_key(params->seed), at->map, (uint64_t)at->y * s->lightmaps[at->map].width + at->x)};
+    struct kiln_mask mask;
+    point->present = kiln_footprint_presence(&f, point->key, &mask);
     if (smooth) {
         struct kiln_vec3 mean;
         kiln_footprint_normals(&f, &mean, &point->shading);
         point->flags |= KILN_GPU_POINT_SMOOTH;
     }
+    int status = KILN_OK;
     if (f.kind != KILN_FOOTPRINT_WHOLE)
-        return make_parts(m, list, k, &f, point, error);
-    make_whole(k, &f, point);
-    return KILN_OK;
+        status = make_parts(m, list, k, &f, point, error);
+    else
+        make_whole(k, &f, point);
+    return status == KILN_OK && mask.count != 0 ? make_mask(list, point, &mask, error) : status;
 }
 
 static int make_fragment(struct maker *m, struct part_list *list, struct known *k, size_t fragment, struct kiln_error *error)
