@@ -118,8 +118,11 @@ void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 o
         limit = float((distance - s.backoff) * SHORT_OF);
     }
     sums.rays++;
-    if (kiln_occluded(position, towards, limit))
+    const vec3 through = kiln_through(position, towards, limit);
+    if (through == vec3(0.0))
         return;
+    if (HAS_ALPHA >= KILN_GPU_PASSAGE_BLEND)
+        s.value *= real3(through);
     const bool smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;
     const real3 irradiance = s.value * (smooth_point ? max(real(0), dot(real3(kiln_shading(p, n)), s.direction)) : cosine);
     const real luminance = real_luminance(irradiance);

@@ -10,7 +10,7 @@ layout(push_constant, scalar) uniform Push
     KILN_ADDRESS scene;
     kiln_gpu_chunk chunk;
     KILN_ADDRESS sobol;  /* words: dimension d's samples from d * sobol_stride on */
-    KILN_ADDRESS slices; /* float: component c of row r of point x at ((r * KILN_GPU_SLICE_FLOATS + c) * chunk.total + point - origin) */
+    KILN_ADDRESS slices; /* float: component c of row r of point x at ((r * SLICE_FLOATS + c) * chunk.total + point - origin) */
     KILN_WORD samples, stream, reuse, sobol_stride;
     KILN_WORD per_quarter; /* slices a quarter */
     KILN_WORD row_first;   /* slice of y = 0 */
@@ -45,12 +45,14 @@ vec3 cosine_direction(vec3 n, float u, float v, out float cosine)
     return radius * sine_turn(0.25 - a) * t + radius * (turn < 0.0 ? -sine : sine) * b + cosine * n;
 }
 
+const uint SLICE_FLOATS = HAS_ALPHA == KILN_GPU_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
+
 struct Sums {
-    vec3 incident, irradiance, borrowed;
-    float escaped, blocked, behind, luminance;
+    vec3 incident, irradiance, glass;
+    float escaped, blocked, luminance;
 };
 
-void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v)
+void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed)
 {
     const vec3 soft = kiln_shading(p, normal);
     vec3 axis = normal;
@@ -62,7 +64,8 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     }
     float cosine;
     const vec3 direction = cosine_direction(axis, u, v, cosine);
-    const kiln_hit hit = kiln_trace(position, direction);
+    vec3 tint;
+    const kiln_hit hit = kiln_trace_by_chance(position, direction, seed, tint);
     if (LOOKUP == 0u) {
         sums.escaped += hit.triangle == KILN_GPU_NONE ? 1.0 : hit.u;
         return;
@@ -77,15 +80,15 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
         sums.escaped += facet;
         return;
     }
-    const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v);
+    const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v, hit.back);
     if (hit.back && (to.material & KILN_DOUBLE_SIDED) == 0u) {
         sums.blocked += facet;
         return;
     }
-    const vec3 rgb = facet > 0.0 ? kiln_radiosity_at(to) : vec3(0.0);
-    if (hit.back) {
-        sums.behind += facet;
-        sums.borrowed += facet * rgb;
+    vec3 rgb = facet > 0.0 ? kiln_radiosity_at(to) : vec3(0.0);
+    if (HAS_ALPHA == KILN_GPU_PASSAGE_TINT) {
+        rgb *= tint;
+        sums.glass += facet * (1.0 - tint);
     }
     sums.incident += facet * rgb;
     if (HAS_SMOOTH != 0u)
@@ -95,17 +98,17 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
 
 void store(Sums sums, uint x, uint y)
 {
-    FloatArray slices = FloatArray(push.slices + uint64_t(y * push.row_step * KILN_GPU_SLICE_FLOATS) * push.chunk.total * 4ul);
+    FloatArray slices = FloatArray(push.slices + uint64_t(y * push.row_step * SLICE_FLOATS) * push.chunk.total * 4ul);
     const uint step = push.chunk.total;
     for (uint c = 0u; c < 3u; c++) {
         slices.at[c * step + x] = sums.incident[c];
         slices.at[(3u + c) * step + x] = HAS_SMOOTH != 0u ? sums.irradiance[c] : sums.incident[c];
-        slices.at[(6u + c) * step + x] = sums.borrowed[c];
     }
-    slices.at[9u * step + x] = sums.escaped;
-    slices.at[10u * step + x] = sums.blocked;
-    slices.at[11u * step + x] = sums.behind;
-    slices.at[12u * step + x] = sums.luminance;
+    slices.at[6u * step + x] = sums.escaped;
+    slices.at[7u * step + x] = sums.blocked;
+    slices.at[8u * step + x] = sums.luminance;
+    for (uint c = 0u; c < 3u && HAS_ALPHA == KILN_GPU_PASSAGE_TINT; c++)
+        slices.at[(9u + c) * step + x] = sums.glass[c];
 }
 
 void kiln_kernel(uint x, uint row)
@@ -124,10 +127,11 @@ void kiln_kernel(uint x, uint row)
         seed[d] = kiln_hash2(p.tile_key, push.stream * 8u + d);
     const uint key = kiln_hash2(p.key, push.stream), shared_digits = kiln_shared_digits(n);
     const uint shift_u = kiln_hash1(key + 1u) >> shared_digits, shift_v = kiln_hash1(key + 2u) >> shared_digits;
+    const uint chance = kiln_hash1(key + 5u);
     const uint shift_s = kiln_hash1(key + 3u), shift_t = kiln_hash1(key + 4u);
-    const bool shares = DRAW_AGAIN != 0u || (p.flags & KILN_GPU_POINT_PARTIAL) != 0u;
+    const bool shares = DRAW_AGAIN != 0u || (p.flags & (KILN_GPU_POINT_PARTIAL | KILN_GPU_POINT_MASKED)) != 0u;
     WordArray sobol = WordArray(push.sobol);
-    Sums sums = Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0, 0.0);
+    Sums sums = Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0);
     vec3 position, normal;
     uint drawn = KILN_GPU_NONE;
     uint k = from;
@@ -142,7 +146,7 @@ void kiln_kernel(uint x, uint row)
         }
         const float u = kiln_unit_float(kiln_owen_scramble(sobol.at[k], seed[0]) ^ shift_u);
         const float v = kiln_unit_float(kiln_owen_scramble(sobol.at[push.sobol_stride + k], seed[1]) ^ shift_v);
-        add_ray(sums, p, position, normal, u, v);
+        add_ray(sums, p, position, normal, u, v, HAS_ALPHA >= KILN_GPU_PASSAGE_BLEND ? kiln_hash2(chance, k) : 0u);
     }
     if (k < to) /* the device ended the loop early */
         sums.escaped = -1.0e9;

@@ -24,16 +24,19 @@ void kiln_kernel(uint x, uint y)
         return;
     const vec3 direction = IntersectVectors(push.directions).at[x];
     vec3 origin = IntersectVectors(push.origins).at[x];
+    const uvec3 o = floatBitsToUint(origin), d = floatBitsToUint(direction); /* kiln_ray_seed */
+    const uint seed = kiln_hash2(kiln_hash2(kiln_hash2(o.x, o.y), kiln_hash2(o.z, d.x)), kiln_hash2(d.y, d.z));
     /* Boxes are made for origins near the world (KILN_GPU_BOX_MARGIN): others are brought closer first. */
     const float start = max(0.0, length(origin) - 1.75 * SCENE.trace.extent);
     origin += start * direction;
     if (OCCLUSION != 0u) {
-        const bool occluded = kiln_occluded(origin, direction, IntersectHits(push.hits).at[x].distance - start);
+        const bool occluded = kiln_through(origin, direction, IntersectHits(push.hits).at[x].distance - start) == vec3(0.0);
         IntersectHits(push.hits).at[x].triangle = occluded ? 0u : KILN_GPU_NONE;
         return;
     }
-    const kiln_hit hit = kiln_trace(origin, direction);
-    IntersectHits(push.hits).at[x] = kiln_gpu_hit(hit.triangle, hit.u, hit.v, hit.distance + start, hit.back ? 1u : 0u);
+    vec3 tint;
+    const kiln_hit hit = kiln_trace_by_chance(origin, direction, seed, tint);
+    IntersectHits(push.hits).at[x] = kiln_gpu_hit(hit.triangle, hit.u, hit.v, hit.distance + start, hit.back ? 1u : 0u, float[3](tint.x, tint.y, tint.z));
 }
 
 #include "shaders/main.glsl"

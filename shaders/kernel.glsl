@@ -37,7 +37,7 @@
 
 /* The same numbers in every kernel; a kernel's own start at 5. */
 layout(constant_id = 0) const uint TRAVERSAL = 0u;
-layout(constant_id = 1) const uint HAS_ALPHA = 1u;
+layout(constant_id = 1) const uint HAS_ALPHA = 3u; /* KILN_GPU_PASSAGE_...: what surfaces may do to light */
 layout(constant_id = 2) const uint HAS_SMOOTH = 1u;
 layout(constant_id = 3) const uint LIGHT_KINDS = 0xffffffffu;
 layout(constant_id = 4) const uint DRAW_AGAIN = 1u;

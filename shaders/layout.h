@@ -26,6 +26,8 @@
 #define KILN_SIZE_IS(type, size) _Static_assert(sizeof(struct type) == (size), "shaders and C disagree on struct " #type)
 #endif
 
+#include "shaders/mask.h"
+
 #define KILN_GPU_NONE 0xffffffffu
 
 /* ---- the scene's surfaces: what a hit needs to know (worker/scene/geometry.h, surface.h) ---- */
@@ -38,9 +40,9 @@ KILN_SIZE_IS(kiln_gpu_record, 32);
 
 struct kiln_gpu_lightmap { /* struct kiln_lightmap */
     KILN_WORD64 tile_first;
-    KILN_WORD width, height, tiles_x, tiles_y;
+    KILN_WORD width, height, tiles_x, tiles_y, shift, published;
 };
-KILN_SIZE_IS(kiln_gpu_lightmap, 24);
+KILN_SIZE_IS(kiln_gpu_lightmap, 32);
 
 struct kiln_gpu_tile { /* struct kiln_tile, struct kiln_tile_part */
     KILN_WORD64 mask, first;
@@ -52,6 +54,7 @@ KILN_SIZE_IS(kiln_gpu_tile, 16);
 #define KILN_GPU_POINT_PARTIAL 1u /* edges unused: parts[first_part .. first_part + part_count) */
 #define KILN_GPU_POINT_ONE_NORMAL 2u
 #define KILN_GPU_POINT_SMOOTH 4u  /* the shading normal may differ from the geometric one */
+#define KILN_GPU_POINT_MASKED 8u  /* something is not everywhere on it: its mask is parts[first_part + part_count] */
 
 /* Position of a whole point = origin + s edge_s + t edge_t, the offset off the surface included. */
 struct kiln_gpu_point {
@@ -77,6 +80,14 @@ struct kiln_gpu_part {
 };
 KILN_SIZE_IS(kiln_gpu_part, 56);
 
+/* A point's mask (shaders/mask.h), as large as a part. */
+struct kiln_gpu_mask {
+    KILN_WORD cells[KILN_MASK_WORDS];
+    KILN_WORD count; /* bits that are set, at least 1 */
+    KILN_WORD reserved[5];
+};
+KILN_SIZE_IS(kiln_gpu_mask, 56);
+
 /* What became of a point in the validity pass: a word each. */
 #define KILN_GPU_STATE_INVALID 0u
 #define KILN_GPU_STATE_VALID 1u
@@ -92,19 +103,20 @@ struct kiln_gpu_chunk {
 };
 KILN_SIZE_IS(kiln_gpu_chunk, 48);
 
-/* A gather pass sums up slices of samples, of so many floats each: incident, irradiance, borrowed (3 each), escaped, blocked, behind,
- * luminance of irradiance. */
-#define KILN_GPU_SLICE_FLOATS 13u
+/* A gather pass sums up slices of samples, of so many floats each: incident, irradiance (3 each), escaped, blocked, luminance of
+ * irradiance. */
+#define KILN_GPU_SLICE_FLOATS 9u
+#define KILN_GPU_SLICE_TINTED_FLOATS 12u /* in scenes with tinted surfaces; glass (3) is the last */
 
 /* ---- answers ---- */
 
 struct kiln_gpu_result { /* struct kiln_point_result */
     KILN_REAL32 irradiance[3], incident[3];
-    KILN_REAL32 error, escaped, blocked, behind;
-    KILN_REAL32 borrowed[3];
+    KILN_REAL32 error, escaped, blocked;
+    KILN_REAL32 glass[3];
     KILN_REAL32 present;
 };
-KILN_SIZE_IS(kiln_gpu_result, 56);
+KILN_SIZE_IS(kiln_gpu_result, 52);
 
 #include "shaders/layout_trace.h"
 #include "shaders/layout_material.h"
@@ -117,7 +129,8 @@ struct kiln_gpu_scene {
     KILN_STRUCT kiln_gpu_materials materials;
     KILN_STRUCT kiln_gpu_lights lights;
     KILN_ADDRESS records, lightmaps, tiles, splits, radiosity;
-    KILN_WORD opaque_count, reserved; /* world triangles from opaque_count on may let rays through */
+    KILN_WORD opaque_count; /* world triangles from opaque_count on may let rays through */
+    KILN_WORD object_count; /* lightmaps from here on are those of backs: worker/scene/surface.h */
 };
 
 #endif

@@ -7,10 +7,19 @@ struct kiln_gpu_material { /* struct kiln_material, with its index in the scene 
     KILN_REAL32 base_alpha, alpha_cutoff, emission[3];
     KILN_WORD alpha_mode;
     KILN_WORD base_color_texture, emission_texture; /* KILN_GPU_NONE: none */
+    KILN_REAL32 base_color[3]; /* times what is not metal */
+    KILN_REAL32 transmission;
+    KILN_WORD transmission_texture, reserved;
 };
-KILN_SIZE_IS(kiln_gpu_material, 32);
+KILN_SIZE_IS(kiln_gpu_material, 56);
+
+/* What the scene's surfaces may do to light: enum kiln_geometry_passage. */
+#define KILN_GPU_PASSAGE_MASK 1u
+#define KILN_GPU_PASSAGE_BLEND 2u
+#define KILN_GPU_PASSAGE_TINT 3u
 
 /* Values of alpha_mode, wrap_u and wrap_v, those of worker/scene/scene.h. */
+#define KILN_GPU_ALPHA_OPAQUE 0u
 #define KILN_GPU_ALPHA_MASK 1u
 #define KILN_GPU_WRAP_CLAMP 1u
 #define KILN_GPU_WRAP_MIRROR 2u

@@ -67,8 +67,9 @@ struct kiln_gpu_hit { /* an answer of intersect.comp; struct kiln_hit */
     KILN_WORD triangle;
     KILN_REAL32 u, v, distance;
     KILN_WORD back;
+    KILN_REAL32 tint[3];
 };
-KILN_SIZE_IS(kiln_gpu_hit, 20);
+KILN_SIZE_IS(kiln_gpu_hit, 32);
 
 struct kiln_gpu_trace {
     KILN_ADDRESS nodes, triangles; /* a BVH for compute; multiples of 16 */

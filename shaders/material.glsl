@@ -102,6 +102,8 @@ float kiln_texture_alpha(uint index, vec2 at)
     return upper + fy * (lower - upper);
 }
 
+vec4 kiln_vertex_color(uint code) { return vec4(uvec4(code, code >> 8, code >> 16, code >> 24) & 255u) / 255.0; }
+
 /* Alpha alone, and the cutoff of a mask (-1: blended). */
 vec2 kiln_surface_alpha(uint triangle, float u, float v)
 {
@@ -112,6 +114,33 @@ vec2 kiln_surface_alpha(uint triangle, float u, float v)
     if (m.base_color_texture != KILN_GPU_NONE)
         alpha *= kiln_texture_alpha(m.base_color_texture, kiln_interpolated(coating.base, u, v));
     return vec2(clamp(alpha, 0.0, 1.0), m.alpha_mode == KILN_GPU_ALPHA_MASK ? m.alpha_cutoff : -1.0);
+}
+
+/* struct kiln_passage of worker/scene/texture.h; without colours unless HAS_ALPHA says that there are any. */
+struct kiln_passage {
+    float opacity;
+    vec3 through;
+};
+
+kiln_passage kiln_surface_passage(uint triangle, float u, float v)
+{
+    const kiln_gpu_coating coating = kiln_coating_of(triangle, u, v);
+    const kiln_gpu_material m = kiln_material_of(coating.material);
+    const vec2 at = kiln_interpolated(coating.base, u, v);
+    vec4 color = ((1.0 - u - v) * kiln_vertex_color(coating.colors[0]) + u * kiln_vertex_color(coating.colors[1]) + v * kiln_vertex_color(coating.colors[2])) *
+                 vec4(m.base_color[0], m.base_color[1], m.base_color[2], m.base_alpha);
+    if (m.base_color_texture != KILN_GPU_NONE && (HAS_ALPHA == KILN_GPU_PASSAGE_TINT && m.transmission > 0.0))
+        color *= kiln_texture_sample(m.base_color_texture, at);
+    else if (m.base_color_texture != KILN_GPU_NONE)
+        color.a *= kiln_texture_alpha(m.base_color_texture, at);
+    color = clamp(color, 0.0, 1.0);
+    const float covered = m.alpha_mode == KILN_GPU_ALPHA_OPAQUE ? 1.0 : m.alpha_mode == KILN_GPU_ALPHA_MASK ? (color.a >= m.alpha_cutoff ? 1.0 : 0.0) : color.a;
+    if (HAS_ALPHA != KILN_GPU_PASSAGE_TINT || m.transmission == 0.0)
+        return kiln_passage(covered, vec3(1.0 - covered));
+    float let = covered * m.transmission;
+    if (m.transmission_texture != KILN_GPU_NONE)
+        let *= kiln_texture_sample(m.transmission_texture, at).r;
+    return kiln_passage(covered - let, (1.0 - covered) + let * color.rgb);
 }
 
 /* Emitted radiance, W m-2 sr-1. */

@@ -24,9 +24,31 @@ vec3 kiln_shading(kiln_gpu_point p, vec3 n)
     return smooth_point && dot(p.shading, n) > 0.0 ? p.shading : n;
 }
 
+KILN_ARRAY(MaskArray, kiln_gpu_mask, 4);
+
+/* kiln_mask_place of worker/scene/footprint.h. */
+void kiln_mask_place(uint64_t address, inout float s, inout float t)
+{
+    MaskArray mask = MaskArray(address);
+    const uint count = mask.at[0].count;
+    const float scaled = s * float(count);
+    uint n = min(uint(scaled), count - 1u), word = 0u;
+    const float rest = min(scaled - float(n), 0.999999940395355224609375);
+    uint bits = bitCount(mask.at[0].cells[0]);
+    while (n >= bits && word + 1u < KILN_MASK_WORDS) {
+        n -= bits;
+        bits = bitCount(mask.at[0].cells[++word]);
+    }
+    const uint cell = 32u * word + kiln_set_bit(mask.at[0].cells[word], n);
+    s = (float(kiln_cell_column(cell)) + rest) / float(KILN_MASK_SIDE);
+    t = (float(kiln_cell_column(cell >> 1)) + t) / float(KILN_MASK_SIDE);
+}
+
 /* A place on the point for s and t in (0, 1): position with its offset, geometric normal, and that offset. */
 void kiln_place(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal, out float offset)
 {
+    if (HAS_ALPHA != 0u && (p.flags & KILN_GPU_POINT_MASKED) != 0u)
+        kiln_mask_place(parts + (uint64_t(p.first_part) + p.part_count) * 56ul, s, t);
     if ((p.flags & KILN_GPU_POINT_PARTIAL) == 0u) {
         position = p.origin + s * p.edge_s + t * p.edge_t;
         normal = p.normal;

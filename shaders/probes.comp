@@ -63,7 +63,8 @@ void sphere_sample(inout ProbeSums sums, vec3 p, uint key, uint k)
 {
     const real3 direction = kiln_sphere_direction(scrambled(k, DIMENSION_U, kiln_hash2(key, 0u)), scrambled(k, DIMENSION_V, kiln_hash2(key, 1u)));
     const vec3 d = vec3(direction);
-    const kiln_hit hit = kiln_trace(p, d);
+    vec3 tint;
+    const kiln_hit hit = kiln_trace_by_chance(p, d, kiln_hash2(key + 1u, k), tint);
     vec3 radiance = vec3(0.0);
     if (hit.triangle == KILN_GPU_NONE) {
         sums.distance += push.far;
@@ -71,12 +72,14 @@ void sphere_sample(inout ProbeSums sums, vec3 p, uint key, uint k)
             radiance = kiln_environment_radiance(direction);
     } else {
         sums.distance += min(hit.distance, push.far);
-        const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v);
+        const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v, hit.back);
         if (hit.back && (to.material & KILN_DOUBLE_SIDED) == 0u)
             sums.back += 1.0;
         else
             radiance = kiln_radiosity_at(to) * 0.31830988618379067;
     }
+    if (HAS_ALPHA == KILN_GPU_PASSAGE_TINT)
+        radiance *= tint;
     add_direction(sums, d, radiance * (12.566370614359172 / float(push.samples)));
 }
 
@@ -90,8 +93,9 @@ void light_sample(inout ProbeSums sums, vec3 position, kiln_light_choice choice,
     sums.rays += 1.0;
     const float limit = isinf(s.distance) ? KILN_INFINITY : float((s.distance - s.backoff) * real(0.99999904632568359375LF));
     const vec3 d = vec3(s.direction);
-    if (!kiln_occluded(position, d, limit))
-        add_direction(sums, d, vec3(s.value / real(choice.samples)));
+    const vec3 through = kiln_through(position, d, limit);
+    if (through != vec3(0.0))
+        add_direction(sums, d, vec3(s.value / real(choice.samples)) * through);
 }
 
 /* Samples from .. to - 1 of all that the lights get. */

@@ -14,5 +14,7 @@ void main()
         triangle += SCENE.opaque_count;
     if (gl_HitKindEXT == gl_HitKindBackFacingTriangleEXT)
         triangle |= KILN_PAYLOAD_BACK;
-    kiln_answer = kiln_payload(triangle, kiln_weights.x, kiln_weights.y, gl_HitTEXT);
+    if (HAS_ALPHA == KILN_GPU_PASSAGE_TINT && kiln_answer.distance != 0u)
+        triangle |= KILN_PAYLOAD_TINTED;
+    kiln_answer = kiln_payload(triangle, floatBitsToUint(kiln_weights.x), floatBitsToUint(kiln_weights.y), floatBitsToUint(gl_HitTEXT));
 }

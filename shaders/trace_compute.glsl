@@ -154,15 +154,15 @@ kiln_found kiln_walk_once(const kiln_ray ray, float limit, bool any)
     return found;
 }
 
-/* Surfaces with alpha are asked outside of the walk, whose loops stay small, and the walk begins anew behind those that let the ray
- * through: inside it the lookup made the whole kernel up to 400 times slower. */
-kiln_found kiln_walk(vec3 origin, vec3 direction, float limit, bool any)
+/* Surfaces that let light through are asked outside of the walk, whose loops stay small, and the walk begins anew behind those that the
+ * ray passes: inside it the lookup made the whole kernel up to 400 times slower. */
+kiln_found kiln_walk(vec3 origin, vec3 direction, float limit, bool any, uint question, uint seed, inout vec3 share)
 {
     kiln_ray ray = kiln_ray_of(origin, direction);
     kiln_found found = kiln_walk_once(ray, limit, any);
     if (HAS_ALPHA != 0u) {
         while (found.triangle != KILN_GPU_NONE && found.triangle >= SCENE.opaque_count &&
-               kiln_lets_through(found.triangle, found.u, found.v, direction)) {
+               kiln_passes(question, seed, found.triangle, found.u, found.v, share)) {
             ray.after = found.distance;
             ray.after_number = found.triangle;
             found = kiln_walk_once(ray, limit, any);
@@ -171,13 +171,22 @@ kiln_found kiln_walk(vec3 origin, vec3 direction, float limit, bool any)
     return found;
 }
 
-kiln_hit kiln_trace(vec3 origin, vec3 direction)
+kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 tint)
 {
-    const kiln_found found = kiln_walk(origin, direction, uintBitsToFloat(0x7f800000u), false);
+    tint = vec3(1.0);
+    const kiln_found found = kiln_walk(origin, direction, uintBitsToFloat(0x7f800000u), false, KILN_BY_CHANCE, seed, tint);
     return kiln_hit(found.triangle, found.u, found.v, found.distance, found.back);
 }
 
-bool kiln_occluded(vec3 origin, vec3 direction, float limit)
+kiln_hit kiln_trace(vec3 origin, vec3 direction)
 {
-    return kiln_walk(origin, direction, limit, true).triangle != KILN_GPU_NONE;
+    vec3 share = vec3(1.0);
+    const kiln_found found = kiln_walk(origin, direction, uintBitsToFloat(0x7f800000u), false, KILN_BY_HALF, 0u, share);
+    return kiln_hit(found.triangle, found.u, found.v, found.distance, found.back);
+}
+
+vec3 kiln_through(vec3 origin, vec3 direction, float limit)
+{
+    vec3 share = vec3(1.0);
+    return kiln_walk(origin, direction, limit, true, KILN_THROUGH, 0u, share).triangle != KILN_GPU_NONE ? vec3(0.0) : share;
 }

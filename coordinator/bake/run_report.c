@@ -114,8 +114,8 @@ static json_t *passes_json(const struct kiln_transport_report *t, const uint64_t
 
 static json_t *energy_json(const struct kiln_energy *e)
 {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", "W", "emitted", rgb_json(e->emitted),
-                     "borrowed", rgb_json(e->borrowed), "behind", rgb_json(e->behind), "absorbed",
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", "W", "emitted", rgb_json(e->emitted),
+                     "glass", rgb_json(e->glass), "absorbed",
                      rgb_json(e->absorbed), "escaped", rgb_json(e->escaped), "blocked", rgb_json(e->blocked), "ranged", rgb_json(e->ranged),
                      "left_over", rgb_json(e->left_over), "residual", e->residual, "error", e->error, "relative_residual", e->relative);
 }
@@ -141,6 +141,20 @@ static json_t *error_json(const struct kiln_run *run)
     return json_pack("{s:f, s:f, s:f}", "mean_irradiance", mean, "rms_standard_error", rms, "mean_relative", mean > 0.0 ? rms / mean : 0.0);
 }
 
+/* What is published of the object's backs. */
+static void add_back(const struct kiln_run *run, size_t object, const char *name, json_t *json)
+{
+    const struct kiln_surface *s = run->prepared->surface;
+    const size_t map = s->object_count + object;
+    char path[512];
+    if (map >= s->map_count || s->lightmaps[map].published == 0)
+        return;
+    (void)snprintf(path, sizeof path, "lightmaps/back/%s.exr", name);
+    (void)json_object_set_new(json, "lightmap_back", json_string(path));
+    (void)json_object_set_new(json, "valid_back", json_integer((json_int_t)run->lightmaps[map].valid));
+    (void)json_object_set_new(json, "filled_back", json_integer((json_int_t)run->lightmaps[map].filled));
+}
+
 static json_t *objects_json(const struct kiln_run *run)
 {
     const struct kiln_scene *scene = run->prepared->scene;
@@ -161,6 +175,7 @@ static json_t *objects_json(const struct kiln_run *run)
         }
         if (scene->objects[i].source_instance != KILN_NONE)
             json_object_set_new(object, "instance", json_integer((json_int_t)scene->objects[i].source_instance));
+        add_back(run, i, name, object);
         json_array_append_new(array, object);
     }
     return array;

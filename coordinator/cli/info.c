@@ -55,11 +55,11 @@ static json_t *materials_json(const struct kiln_look *look)
     for (size_t i = 0; i < look->scene->material_count; i++) {
         const struct kiln_material *m = &look->scene->materials[i];
         (void)json_array_append_new(
-            list, json_pack("{s:o, s:[f, f, f, f], s:[f, f, f], s:b, s:b, s:f, s:s, s:b}", "name", kiln_json_string(string_at(look, m->name)),
+            list, json_pack("{s:o, s:[f, f, f, f], s:[f, f, f], s:b, s:b, s:f, s:f, s:s, s:b}", "name", kiln_json_string(string_at(look, m->name)),
                             "base_color", (double)m->base_color[0], (double)m->base_color[1], (double)m->base_color[2],
                             (double)m->base_color[3], "emission", (double)m->emission[0], (double)m->emission[1], (double)m->emission[2],
                             "base_color_texture", m->base_color_texture != KILN_NONE, "emission_texture", m->emission_texture != KILN_NONE,
-                            "metallic", (double)m->metallic, "alpha", alpha[m->alpha_mode], "double_sided", m->double_sided != 0));
+                            "metallic", (double)m->metallic, "transmission", (double)m->transmission, "alpha", alpha[m->alpha_mode], "double_sided", m->double_sided != 0));
     }
     return list;
 }
@@ -195,6 +195,15 @@ static int print_objects(const struct kiln_look *look, bool all, struct kiln_err
     return status;
 }
 
+static void print_glass(const struct kiln_look *look, const struct kiln_material *m)
+{
+    const double t = (double)m->transmission * (1.0 - (double)m->metallic);
+    (void)printf("glass '%s': lets %.3g %.3g %.3g through%s%s%s\n", string_at(look, m->name), t * (double)m->base_color[0], t * (double)m->base_color[1],
+                 t * (double)m->base_color[2], m->base_color_texture != KILN_NONE ? ", times its base colour's texture" : "",
+                 m->transmission_texture != KILN_NONE ? ", times its transmission's texture" : "",
+                 m->alpha_mode == KILN_ALPHA_OPAQUE ? "" : "; holes by its alpha");
+}
+
 static void print_texts(const struct kiln_look *look)
 {
     const struct kiln_scene *s = look->scene;
@@ -207,6 +216,11 @@ static void print_texts(const struct kiln_look *look)
         (void)printf("%slight '%s': %s, %g %g %g %s\n", i == 0 ? "\n" : "", string_at(look, s->lights[i].name), light_kinds[s->lights[i].kind],
                      (double)s->lights[i].intensity[0], (double)s->lights[i].intensity[1], (double)s->lights[i].intensity[2],
                      s->lights[i].kind == KILN_LIGHT_DIRECTIONAL ? "W m-2" : "W sr-1");
+    for (size_t i = 0, shown = 0; i < s->material_count; i++)
+        if (s->materials[i].transmission > 0.0f) {
+            (void)fputs(shown++ == 0 ? "\n" : "", stdout);
+            print_glass(look, &s->materials[i]);
+        }
     for (size_t i = 0; i < s->note_count; i++)
         (void)printf("%s%s: %s\n", i == 0 ? "\n" : "", s->notes[i].severity != 0 ? "warning" : "note", string_at(look, s->notes[i].text));
 }

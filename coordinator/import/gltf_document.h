@@ -45,7 +45,7 @@ struct gltf_texture_use {
 };
 
 struct gltf_material {
-    struct gltf_texture_use base, emission;
+    struct gltf_texture_use base, emission; /* base: also for a transmission texture that has the same coordinates, or is alone */
 };
 
 /* Each image is decoded once. */
@@ -71,7 +71,8 @@ struct gltf {
     struct gltf_accessor *accessors;
     struct gltf_material *materials; /* as many as the file has; builder materials have the same indices */
     struct gltf_image *images;
-    uint32_t *texture_of;   /* glTF texture -> builder texture or KILN_NONE */
+    uint32_t *texture_of;   /* glTF texture -> builder texture or KILN_NONE: its colours are sRGB-coded; after these, one for each again
+                               whose colours are linear */
     uint32_t *mesh_of;      /* glTF mesh -> builder mesh, KILN_NONE (nothing to see) or GLTF_UNREAD */
     size_t buffer_count, view_count, accessor_count, material_count, image_count, texture_count, mesh_count;
     uint32_t default_material; /* builder's, or KILN_NONE until needed */

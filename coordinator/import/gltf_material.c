@@ -96,15 +96,16 @@ static uint32_t wrap_mode(struct gltf *g, struct gltf_place place, const json_t 
     }
 }
 
-/* The builder's texture for a glTF texture that holds colours, made on first use. */
-static uint32_t color_texture(struct gltf *g, uint32_t texture)
+/* The builder's texture for a glTF texture, made on first use. `srgb`: it holds colours, else linear shares. */
+static uint32_t builder_texture(struct gltf *g, uint32_t texture, bool srgb)
 {
     if (texture == KILN_NONE || g->status != KILN_OK)
         return KILN_NONE;
-    if (g->texture_of[texture] != KILN_NONE)
-        return g->texture_of[texture];
+    uint32_t *known = &g->texture_of[srgb ? texture : g->texture_count + texture];
+    if (*known != KILN_NONE)
+        return *known;
     const struct gltf_place place = {"textures", texture, ""};
-    struct kiln_texture result = {.srgb = 1};
+    struct kiln_texture result = {.srgb = srgb};
     const uint32_t sampler = gltf_index(g, place, gltf_element(g, "textures", texture), "sampler", gltf_length(g, "samplers"));
     if (sampler != KILN_NONE) {
         const struct gltf_place at = {"samplers", sampler, ""};
@@ -126,7 +127,7 @@ static uint32_t color_texture(struct gltf *g, uint32_t texture)
     result.height = g->images[image].height;
     size_t index = 0;
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_TEXTURES, &result, 1, &index, g->error));
-    g->texture_of[texture] = (uint32_t)index;
+    *known = (uint32_t)index;
     return (uint32_t)index;
 }
 
@@ -157,13 +158,15 @@ static void texture_info(struct gltf *g, struct gltf_place place, const json_t *
         use->transform[i] = (float)matrix[i];
 }
 
-static void read_metallic(struct gltf *g, struct gltf_place place, const json_t *pbr, struct kiln_material *material)
+static bool same_coordinates(const struct gltf_texture_use *a, const struct gltf_texture_use *b)
 {
-    struct gltf_texture_use use;
-    texture_info(g, place, pbr, "metallicRoughnessTexture", &use);
-    if (g->status != KILN_OK || use.texture == KILN_NONE || material->metallic == 0.0f)
-        return;
-    const uint32_t image = source_image(g, use.texture);
+    return a->texcoord == b->texcoord && memcmp(a->transform, b->transform, sizeof a->transform) == 0;
+}
+
+/* Mean of one channel of an image, 0..1, for textures that count as their mean. */
+static double image_mean(struct gltf *g, uint32_t texture, unsigned channel)
+{
+    const uint32_t image = source_image(g, texture);
     struct image_bytes bytes = {0};
     double mean = 0.0;
     char where[640];
@@ -171,8 +174,60 @@ static void read_metallic(struct gltf *g, struct gltf_place place, const json_t 
         image_open(g, image, &bytes);
     image_place(g, image, where);
     if (g->status == KILN_OK)
-        gltf_take(g, kiln_image_mean_blue(&g->image_budget, bytes.data, bytes.size, where, &mean, g->error));
+        gltf_take(g, kiln_image_mean(&g->image_budget, bytes.data, bytes.size, channel, where, &mean, g->error));
     image_close(&bytes);
+    return mean;
+}
+
+/* A material that lets light through. Its texture is looked up at the base colour's coordinates; where it has others, it counts as its
+ * mean. */
+static void read_transmission(struct gltf *g, struct gltf_place place, const json_t *json, struct gltf_material *uses, struct kiln_material *material)
+{
+    const json_t *extension = gltf_extension(g, place, json, "KHR_materials_transmission");
+    struct gltf_texture_use use;
+    if (extension == NULL)
+        return;
+    material->transmission = (float)gltf_number(g, place, extension, "transmissionFactor", 0.0, 1.0, 0.0);
+    texture_info(g, place, extension, "transmissionTexture", &use);
+    if (g->status != KILN_OK || !(material->transmission > 0.0f))
+        return;
+    if (uses->base.texture == KILN_NONE) /* nothing else is looked up there */
+        uses->base = use;
+    if (use.texture != KILN_NONE && same_coordinates(&use, &uses->base)) {
+        material->transmission_texture = builder_texture(g, use.texture, false);
+    } else if (use.texture != KILN_NONE) {
+        const double mean = image_mean(g, use.texture, 0);
+        material->transmission = (float)fmin(1.0, (double)material->transmission * mean);
+        if (g->status == KILN_OK)
+            gltf_take(g, kiln_builder_note(g->builder, 0, g->error, "materials[%zu]: its transmission texture has other coordinates than its base colour and "
+                                           "counts as its mean, %.3f", place.index, mean));
+    }
+}
+
+/* Says what kind of glass a material is. */
+static void note_glass(struct gltf *g, struct gltf_place place, const json_t *json, const struct kiln_material *m)
+{
+    const json_t *volume = gltf_extension(g, place, json, "KHR_materials_volume");
+    const double thickness = volume != NULL ? gltf_number(g, place, volume, "thicknessFactor", 0.0, 1e30, 0.0) : 0.0;
+    if (g->status != KILN_OK || !(m->transmission > 0.0f))
+        return;
+    gltf_take(g, kiln_builder_note(g->builder, 0, g->error,
+                                   "materials[%zu] (KHR_materials_transmission): lets %.3g %% of the light through%s, tinted by its base colour, as thin "
+                                   "walls do; refraction and mirror reflection are not modelled", place.index, 100.0 * (double)m->transmission,
+                                   m->transmission_texture != KILN_NONE ? " where its texture is white" : ""));
+    if (g->status == KILN_OK && thickness > 0.0)
+        gltf_take(g, kiln_builder_note(g->builder, 1, g->error,
+                                       "materials[%zu] (KHR_materials_volume): bakes as thin walls, not as a body %g m thick; neither refraction nor what its "
+                                       "inside absorbs is modelled", place.index, thickness));
+}
+
+static void read_metallic(struct gltf *g, struct gltf_place place, const json_t *pbr, struct kiln_material *material)
+{
+    struct gltf_texture_use use;
+    texture_info(g, place, pbr, "metallicRoughnessTexture", &use);
+    if (g->status != KILN_OK || use.texture == KILN_NONE || material->metallic == 0.0f)
+        return;
+    const double mean = image_mean(g, use.texture, 2);
     if (g->status != KILN_OK)
         return;
     material->metallic = (float)fmin(1.0, (double)material->metallic * mean);
@@ -218,7 +273,7 @@ static void note_unused(struct gltf *g, struct gltf_place place, const json_t *j
 {
     static const struct {
         const char *name, *what;
-    } known[] = {{"KHR_materials_transmission", "lets no light through"}, {"KHR_materials_unlit", "is lit like any other"},
+    } known[] = {{"KHR_materials_unlit", "is lit like any other"},
                  {"KHR_materials_diffuse_transmission", "lets no light through"}};
     for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
         if (gltf_extension(g, place, json, known[i].name) != NULL)
@@ -233,7 +288,7 @@ static void read_material(struct gltf *g, size_t index)
     const json_t *pbr = gltf_object(g, place, json, "pbrMetallicRoughness");
     const char *name = gltf_string(g, place, json, "name");
     struct gltf_material *uses = &g->materials[index];
-    struct kiln_material material = {.base_color_texture = KILN_NONE, .emission_texture = KILN_NONE};
+    struct kiln_material material = {.base_color_texture = KILN_NONE, .emission_texture = KILN_NONE, .transmission_texture = KILN_NONE};
     double color[4] = {1.0, 1.0, 1.0, 1.0};
     (void)gltf_numbers(g, place, pbr, "baseColorFactor", 0.0, 1.0, 4, color);
     for (int c = 0; c < 4; c++)
@@ -249,12 +304,14 @@ static void read_material(struct gltf *g, size_t index)
     /* A black emitter needs no texture. */
     if (material.emission[0] == 0.0f && material.emission[1] == 0.0f && material.emission[2] == 0.0f)
         uses->emission.texture = KILN_NONE;
-    material.base_color_texture = color_texture(g, uses->base.texture);
-    material.emission_texture = color_texture(g, uses->emission.texture);
+    material.base_color_texture = builder_texture(g, uses->base.texture, true);
+    read_transmission(g, place, json, uses, &material);
+    material.emission_texture = builder_texture(g, uses->emission.texture, true);
     /* Not decoded, but a reference that leads nowhere is a fault all the same. */
     struct gltf_texture_use unused;
     texture_info(g, place, json, "normalTexture", &unused);
     texture_info(g, place, json, "occlusionTexture", &unused);
+    note_glass(g, place, json, &material);
     note_unused(g, place, json);
     if (g->status != KILN_OK)
         return;
@@ -296,10 +353,10 @@ void gltf_read_materials(struct gltf *g)
     if (g->status == KILN_OK)
         gltf_take(g, kiln_allocate(&g->images, g->image_count, sizeof *g->images, "images", g->error));
     if (g->status == KILN_OK)
-        gltf_take(g, kiln_allocate(&g->texture_of, g->texture_count, sizeof *g->texture_of, "textures", g->error));
+        gltf_take(g, kiln_allocate(&g->texture_of, 2 * g->texture_count, sizeof *g->texture_of, "textures", g->error));
     if (g->status != KILN_OK)
         return;
-    memset(g->texture_of, 0xff, g->texture_count * sizeof *g->texture_of);
+    memset(g->texture_of, 0xff, 2 * g->texture_count * sizeof *g->texture_of);
     check_references(g);
     for (size_t i = 0; i < g->material_count && g->status == KILN_OK; i++)
         read_material(g, i);
@@ -310,7 +367,7 @@ uint32_t gltf_default_material(struct gltf *g)
     if (g->default_material != KILN_NONE || g->status != KILN_OK)
         return g->default_material;
     struct kiln_material material = {.base_color = {0.8f, 0.8f, 0.8f, 1.0f}, .base_color_texture = KILN_NONE,
-                                     .emission_texture = KILN_NONE, .alpha_cutoff = 0.5f, .roughness = 1.0f};
+                                     .emission_texture = KILN_NONE, .transmission_texture = KILN_NONE, .alpha_cutoff = 0.5f, .roughness = 1.0f};
     size_t index = 0;
     gltf_take(g, kiln_builder_string(g->builder, "default", 7, &material.name, g->error));
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_MATERIALS, &material, 1, &index, g->error));

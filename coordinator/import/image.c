@@ -333,8 +333,8 @@ int kiln_image_append_environment(struct kiln_builder *builder, const unsigned c
     return KILN_OK;
 }
 
-int kiln_image_mean_blue(struct kiln_image_budget *budget, const unsigned char *bytes, size_t size, const char *where, double *mean,
-                         struct kiln_error *error)
+int kiln_image_mean(struct kiln_image_budget *budget, const unsigned char *bytes, size_t size, unsigned channel, const char *where, double *mean,
+                    struct kiln_error *error)
 {
     struct kiln_builder *scratch = NULL;
     uint64_t first;
@@ -347,7 +347,7 @@ int kiln_image_mean_blue(struct kiln_image_budget *budget, const unsigned char *
         const size_t count = (size_t)width * height;
         uint64_t sum = 0;
         for (size_t i = 0; i < count; i++)
-            sum += texels[4 * i + 2];
+            sum += texels[4 * i + channel];
         *mean = (double)sum / (255.0 * (double)count);
     }
     kiln_builder_destroy(&scratch);

@@ -21,9 +21,9 @@ struct kiln_image_budget {
 int kiln_image_append(struct kiln_builder *builder, struct kiln_image_budget *budget, const unsigned char *bytes, size_t size,
                       bool any_format, const char *where, uint64_t *first, uint32_t *width, uint32_t *height, struct kiln_error *error);
 
-/* Mean of the blue channel, 0..1, of a PNG or JPEG (where glTF keeps metalness). */
-int kiln_image_mean_blue(struct kiln_image_budget *budget, const unsigned char *bytes, size_t size, const char *where, double *mean,
-                         struct kiln_error *error);
+/* Mean of a channel (0: red), 0..1, of a PNG or JPEG. */
+int kiln_image_mean(struct kiln_image_budget *budget, const unsigned char *bytes, size_t size, unsigned channel, const char *where, double *mean,
+                    struct kiln_error *error);
 
 /* Decodes a lat-long environment (Radiance .hdr, or OpenEXR: first part, R G B or Y, scan lines or tiles) into the builder's
  * environment texels. Negative values become 0 with a note; infinite ones and NaN are refused. */

@@ -164,7 +164,7 @@ static void check_range(struct reader *r, const char *name, const char *what, co
 static void add_material(struct reader *r, const struct aiMaterial *source)
 {
     struct kiln_material material = {.base_color = {0.8f, 0.8f, 0.8f, 1.0f}, .base_color_texture = KILN_NONE, .emission_texture = KILN_NONE,
-                                     .alpha_cutoff = 0.5f, .roughness = 1.0f};
+                                     .transmission_texture = KILN_NONE, .alpha_cutoff = 0.5f, .roughness = 1.0f};
     struct aiString name = {0};
     (void)aiGetMaterialString(source, "?mat.name", 0, 0, &name);
     (void)color_of(source, "$clr.diffuse", material.base_color);

@@ -43,6 +43,15 @@ static bool is_seen(const struct kiln_geometry *g, const struct kiln_hit *hit)
     return hit->triangle == KILN_NONE || !hit->back || (g->records[hit->triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0;
 }
 
+/* The next hit of a ray takes the place of the last; what tints it before that tints it still. */
+static void go_on(struct kiln_hit *hit, const struct kiln_hit *next)
+{
+    const float before[3] = {hit->tint[0], hit->tint[1], hit->tint[2]};
+    *hit = *next;
+    for (int c = 0; c < 3; c++)
+        hit->tint[c] *= before[c];
+}
+
 /* Traces rays 0..count-1; those that meet a single-sided surface from behind go on behind it. */
 static int trace(struct renderer *r, size_t count, struct kiln_error *error)
 {
@@ -63,7 +72,7 @@ static int trace(struct renderer *r, size_t count, struct kiln_error *error)
             break;
         status = kiln_backend_intersect(r->params->backend, r->active_origins, r->active_directions, active, r->active_hits, error);
         for (size_t i = 0; status == KILN_OK && i < active; i++)
-            r->hits[r->active[i]] = r->active_hits[i];
+            go_on(&r->hits[r->active[i]], &r->active_hits[i]);
     }
     return status;
 }
@@ -156,7 +165,7 @@ static int render_band(struct renderer *r, uint32_t first, uint32_t rows, struct
             float rgb[3];
             shade(r, &r->hits[k], r->directions[k], rgb);
             for (int c = 0; c < 3; c++)
-                sum[c] += rgb[c];
+                sum[c] += rgb[c] * r->hits[k].tint[c];
         }
         for (int c = 0; c < 3; c++)
             r->planes[c][(size_t)first * width + i] = sum[c] / (float)rays;

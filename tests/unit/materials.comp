@@ -4,7 +4,7 @@
 #include "shaders/kernel.glsl"
 
 struct Place {
-    uint triangle, emission; /* emission: 0 alpha, 1 emission */
+    uint triangle, emission; /* emission: 0 opacity and what comes through, 1 emission */
     float u, v;
 };
 
@@ -27,8 +27,10 @@ void kiln_kernel(uint x, uint y)
     vec4 answer = vec4(0.0);
     if (p.emission != 0u)
         answer.rgb = kiln_surface_emission(p.triangle, p.u, p.v);
-    else
-        answer.a = kiln_surface_alpha(p.triangle, p.u, p.v).x;
+    else {
+        const kiln_passage passage = kiln_surface_passage(p.triangle, p.u, p.v);
+        answer = vec4(passage.through, passage.opacity);
+    }
     Answers(push.answers).at[x] = answer;
 }
 

@@ -11,6 +11,7 @@
 #include "coordinator/surface/surface_build.h"
 #include "tests/unit/surface_scene.h"
 #include "worker/scene/footprint.h"
+#include "worker/scene/texture.h"
 
 struct built {
     struct fixture *fixture;
@@ -137,6 +138,86 @@ static void check_point(const struct built *b, const struct kiln_point_cursor *a
     for (int y = 0; y < BINS; y++) {
         for (int x = 0; x < BINS; x++)
             assert_true(fabs(d.bin[y][x] / d.weight - expected.bin[y][x] / expected.weight) < 0.02);
+    }
+}
+
+/* A sheet of 3 x 3 squares on 4 x 4 texels, masked or blended by a texture of 32 x 32 texels: columns of 3 texels, or a ramp. */
+static struct built sheet_with_alpha(uint32_t mode)
+{
+    static const double whole[4] = {0.0, 1.0, 0.0, 1.0};
+    struct built b = {.fixture = fixture_create()};
+    struct fixture *f = b.fixture;
+    uint32_t texture;
+    uint8_t *texels = fixture_texture(f, 32, 32, &texture);
+    for (uint32_t i = 0; i < 32 * 32; i++)
+        texels[4 * i + 3] = (uint8_t)(mode == KILN_ALPHA_MASK ? (i % 32 % 5 < 3 ? 255 : 0) : 8 * (i % 32));
+    struct kiln_material *m = &f->materials[fixture_material(f, 1, 1, 1)];
+    m->alpha_mode = mode;
+    m->alpha_cutoff = 0.5f;
+    m->base_color_texture = texture;
+    (void)fixture_mesh(f);
+    fixture_sheet(f, dvec3(0, 0, 0), dvec3(1, 0, 0), dvec3(0, 1, 0), 3, whole, 0.4, 0);
+    fixture_object(f, 0, NULL, 4, 4);
+    build(&b);
+    return b;
+}
+
+/* Opacity where (u1, u2) leads, and that place in the texel. */
+static double look(const struct built *b, const struct kiln_footprint *f, float u1, float u2, double *s, double *t)
+{
+    uint32_t triangle;
+    float b1, b2;
+    kiln_footprint_sample(f, u1, u2, &triangle, &b1, &b2);
+    texel_of(b, triangle, (double)b1, (double)b2, f->x, f->y, s, t);
+    return (double)kiln_surface_opacity(&b->fixture->scene, &b->fixture->meshes[0], b->geometry->stored_triangle[triangle], b1, b2);
+}
+
+/* The mean opacity is that of many places; through the mask, places are drawn by their opacity. */
+static void check_mask(const struct built *b, const struct kiln_point_cursor *at, double *off, double *there)
+{
+    enum { FINE = 128, SAMPLES = 4096 };
+    struct kiln_footprint f;
+    struct kiln_mask mask;
+    kiln_footprint_prepare(&f, &b->fixture->scene, b->geometry, b->surface, at);
+    const double presence = (double)kiln_footprint_presence(&f, (uint32_t)at->point + 7u, &mask);
+    double sum = 0.0, moment[2] = {0}, drawn[2] = {0}, s, t;
+    for (int i = 0; i < FINE * FINE; i++) {
+        const double opacity = look(b, &f, ((float)(i % FINE) + 0.5f) / FINE, ((float)(i / FINE) + 0.5f) / FINE, &s, &t);
+        sum += opacity;
+        moment[0] += opacity * s;
+        moment[1] += opacity * t;
+    }
+    assert_true(fabs(presence - sum / (FINE * FINE)) < 0.05);
+    assert_true(mask.count > 0);
+    for (uint32_t i = 0; i < SAMPLES; i++) {
+        float u1 = ((float)i + 0.5f) / SAMPLES, u2 = ((float)(kiln_reverse_bits(i) >> 20) + 0.5f) / SAMPLES;
+        kiln_mask_place(&mask, &u1, &u2);
+        assert_true(u1 >= 0.0f && u1 < 1.0f && u2 >= 0.0f && u2 < 1.0f);
+        *there += look(b, &f, u1, u2, &s, &t) / (SAMPLES * 16.0);
+        drawn[0] += s / SAMPLES;
+        drawn[1] += t / SAMPLES;
+    }
+    off[0] += (presence - sum / (FINE * FINE)) / 16.0;
+    const double allowed = presence < 0.4 ? 0.08 : 0.05; /* the fewer cells, the coarser */
+    assert_true(fabs(drawn[0] - moment[0] / sum) < allowed && fabs(drawn[1] - moment[1] / sum) < allowed);
+}
+
+static void positions_lie_where_something_is(void **state)
+{
+    (void)state;
+    for (uint32_t mode = KILN_ALPHA_MASK; mode <= KILN_ALPHA_BLEND; mode++) {
+        struct built b = sheet_with_alpha(mode);
+        double off[1] = {0}, there = 0.0;
+        for (size_t f = 0; f < b.surface->fragment_count; f++) {
+            struct kiln_point_cursor at = kiln_point_first(b.surface, f);
+            for (uint32_t k = 0; k < b.surface->fragments[f].count; k++, kiln_point_next(b.surface, &at))
+                check_mask(&b, &at, off, &there);
+        }
+        print_message("%s: mean opacity off by %.1e, %.3f is there where points are\n", mode == KILN_ALPHA_MASK ? "mask" : "blend", off[0], there);
+        assert_true(fabs(off[0]) < 0.012);
+        if (mode == KILN_ALPHA_MASK) /* 0.6 of it is there at all */
+            assert_true(there > 0.85);
+        release(&b);
     }
 }
 
@@ -368,7 +449,7 @@ static void offset_rays_leave(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(samples_are_uniform),          cmocka_unit_test(whole_texels_are_parallelograms),
+        cmocka_unit_test(positions_lie_where_something_is), cmocka_unit_test(samples_are_uniform),          cmocka_unit_test(whole_texels_are_parallelograms),
         cmocka_unit_test(normals_follow_the_transform),
         cmocka_unit_test(bad_normals_give_way),         cmocka_unit_test(offset_rays_leave),
     };

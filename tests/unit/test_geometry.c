@@ -137,6 +137,40 @@ static void opaque_come_first(void **state)
     fixture_destroy(f);
 }
 
+/* The passage is that of the most that any triangle does; glass is never opaque. */
+static void passage_is_the_most_of_all(void **state)
+{
+    (void)state;
+    static const struct {
+        uint32_t mode;
+        float alpha, transmission;
+    } materials[] = {{KILN_ALPHA_OPAQUE, 0.5f, 0.0f}, {KILN_ALPHA_MASK, 0.2f, 0.0f}, {KILN_ALPHA_BLEND, 0.5f, 0.0f}, {KILN_ALPHA_OPAQUE, 1.0f, 0.3f}};
+    for (uint32_t first = 0; first < 4; first++) {
+        struct fixture *f = fixture_create();
+        for (uint32_t i = 0; i < 4; i++) {
+            struct kiln_material *m = &f->materials[fixture_material(f, 1.0f, 1.0f, 1.0f)];
+            m->alpha_mode = materials[i].mode;
+            m->alpha_cutoff = 0.5f;
+            m->base_color[3] = materials[i].alpha;
+            m->transmission = materials[i].transmission;
+            m->transmission_texture = KILN_NONE;
+        }
+        const uint32_t mesh = fixture_mesh(f);
+        for (uint32_t i = 0; i <= first; i++) {
+            for (int c = 0; c < 3; c++)
+                fixture_vertex(f, i, c == 1, c == 2, 0.1 * i, 0.1 * c);
+            fixture_triangle(f, 3 * i, 3 * i + 1, 3 * i + 2, first - i);
+        }
+        fixture_object(f, mesh, NULL, 16, 16);
+        struct kiln_geometry *g = create(f);
+        assert_int_equal(g->passage, first);
+        assert_int_equal(g->opaque_count, 1);
+        assert_int_equal(g->triangle_count, first + 1);
+        kiln_geometry_destroy(&g);
+        fixture_destroy(f);
+    }
+}
+
 /* More triangles than one thread takes at a time, opaque and alpha mixed: chunks must fit together. */
 static void chunks_fit_together(void **state)
 {
@@ -204,6 +238,7 @@ static void empty_and_impossible(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(passage_is_the_most_of_all),
         cmocka_unit_test(fronts_look_out),     cmocka_unit_test(corners_agree),
         cmocka_unit_test(opaque_come_first),   cmocka_unit_test(chunks_fit_together),
         cmocka_unit_test(positions_keep_their_digits), cmocka_unit_test(empty_and_impossible),

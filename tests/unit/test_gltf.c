@@ -246,6 +246,22 @@ static void materials(void **state)
     refused(f, HEAD ACCESSORS("") ",\"materials\":[{\"alphaMode\":\"SOMETIMES\"}]}", "alphaMode");
 }
 
+static void glass(void **state)
+{
+    struct fixture *f = *state;
+    accepted(f, HEAD ACCESSORS("") ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":3,\"material\":0}]}]," ONE_NODE
+                ",\"materials\":[{\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":0.75}}},"
+                "{\"extensions\":{\"KHR_materials_transmission\":{}}},{},"
+                "{\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1},\"KHR_materials_volume\":{\"thicknessFactor\":0.5}}}]}");
+    const struct kiln_material *m = DATA(struct kiln_material, KILN_SECTION_MATERIALS);
+    near((double)m[0].transmission, 0.75);
+    near((double)m[1].transmission, 0.0); /* the specification's default */
+    near((double)m[2].transmission, 0.0);
+    near((double)m[3].transmission, 1.0);
+    assert_int_equal(m[0].transmission_texture, KILN_NONE);
+    refused(f, HEAD ACCESSORS("") ",\"materials\":[{\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1.5}}}]}", "transmissionFactor");
+}
+
 /* A 1 x 1 PNG, embedded. */
 #define PIXEL "\"images\":[{\"uri\":\"data:image/png;base64," \
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mP8z8BQDwAEhQGAhKmMIQAAAABJRU5ErkJggg==\"}]"
@@ -361,7 +377,7 @@ int main(void)
                                        TEST(winding_decides_and_normals_follow),
                                        TEST(triangles_without_area_are_left_out),
                                        TEST(sparse_values_replace),
-                                       TEST(materials),
+                                       TEST(materials), TEST(glass),
                                        TEST(texture_transforms_follow_the_specification),
                                        TEST(colors_are_normalised),
                                        TEST(instances_are_objects),

@@ -252,9 +252,39 @@ static void color_is_the_product_of_all_its_parts(void **state)
     assert_true(mean[0] == 2.0f && mean[1] == 3.0f && mean[2] == 4.0f);
 }
 
+/* Opacity and what comes through, for every alpha mode, with and without transmission and its texture. */
+static void light_is_let_through_by_alpha_and_transmission(void **state)
+{
+    (void)state;
+    struct fixture f;
+    make(&f);
+    f.uv[0] = f.uv[1] = f.uv[2] = (struct kiln_vec2){4.5f / 8.0f, 2.5f / 4.0f};
+    memset(f.colors, 255, 12);
+    f.material.base_color[0] = 0.5f, f.material.base_color[1] = 0.25f, f.material.base_color[2] = 1.0f, f.material.base_color[3] = 0.8f;
+    f.material.base_color_texture = KILN_NONE;
+    f.material.metallic = 0.2f;
+    f.material.alpha_cutoff = 0.5f;
+    for (uint32_t i = 0; i < 12; i++) {
+        const uint32_t mode = i % 3;
+        f.material.alpha_mode = mode;
+        f.material.transmission = i < 3 ? 0.0f : 0.7f;
+        f.material.transmission_texture = i < 6 ? KILN_NONE : 0;
+        f.material.base_color[3] = i < 9 ? 0.8f : 0.3f;
+        const double a = mode == KILN_ALPHA_OPAQUE ? 1.0 : mode == KILN_ALPHA_MASK ? (i < 9 ? 1.0 : 0.0) : (double)f.material.base_color[3];
+        const double t = i < 3 ? 0.0 : i < 6 ? 0.7 : 0.7 * texel_value(&f, 4, 2, 0);
+        struct kiln_passage p;
+        kiln_surface_passage(&f.scene, &f.mesh, 0, 0.5f, 0.25f, &p);
+        near((double)p.opacity, a * (1.0 - t), 1e-6);
+        near((double)kiln_surface_opacity(&f.scene, &f.mesh, 0, 0.5f, 0.25f), a * (1.0 - t), 1e-6);
+        for (int c = 0; c < 3; c++)
+            near((double)p.through[c], 1.0 - a + a * t * 0.8 * (double)f.material.base_color[c], 1e-6);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(light_is_let_through_by_alpha_and_transmission),
         cmocka_unit_test(codes_are_decoded_as_the_standard_says),
         cmocka_unit_test(centres_hit_their_texel_and_top_left_is_the_origin),
         cmocka_unit_test(bilinear_weights_the_four_nearest),

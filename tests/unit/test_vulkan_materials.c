@@ -1,4 +1,4 @@
-/* Alpha and emission of surfaces on the device against the same on the host. */
+/* What surfaces let through and what they emit, on the device against the same on the host. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -82,8 +82,10 @@ static void expected(const struct kiln_scene *scene, const struct kiln_geometry 
         kiln_surface_emission(scene, mesh, g->stored_triangle[p->triangle], b1, b2, rgba);
         return;
     }
-    kiln_surface_color(scene, mesh, g->stored_triangle[p->triangle], b1, b2, rgba);
-    memset(rgba, 0, 3 * sizeof *rgba);
+    struct kiln_passage passage;
+    kiln_surface_passage(scene, mesh, g->stored_triangle[p->triangle], b1, b2, &passage);
+    memcpy(rgba, passage.through, sizeof passage.through);
+    rgba[3] = passage.opacity;
 }
 
 static double uniform(uint64_t *seed)
@@ -174,6 +176,8 @@ static void textures_of_all_kinds(void **state)
         m->alpha_mode = i % 3; /* one in three is opaque */
         m->alpha_cutoff = 0.5f;
         m->metallic = (float)(i % 5) / 5.0f;
+        m->transmission = i % 5 < 2 ? 0.0f : (float)i / TEXTURES;
+        m->transmission_texture = i % 2 == 0 ? KILN_NONE : (i + 3) % TEXTURES;
         m->emission_texture = i % 4 == 0 ? KILN_NONE : TEXTURES - 1 - i;
         m->emission[1] = i % 2 == 0 ? 0.0f : 1000.0f;
         m->emission[2] = i % 2 == 0 ? 0.0f : 0.25f;

@@ -4,11 +4,15 @@
  * own fragments. The neutral functions below (kiln_backend_*) check their arguments once and call the backend.
  *
  * Estimators (DESIGN section 3), for a point x with geometric normal n and shading normal s, whose samples lie at positions
- * uniform over the covered, unburied part of its texel:
+ * uniform over the covered, unburied part of its texel (of one that is partly there, by its opacity):
  *   direct   E = sum over lights of the mean of L V cos / p
  *   gather   E = mean over cosine-distributed directions about n of B(hit); the lightmap's value, about the shading
  *            normal, is the same mean weighted by max(0, s.w) / (n.w) (drawn about the axis between both, see the backend)
- * Rays that meet the back of a single-sided surface bring nothing and count as blocked; rays that meet nothing as escaped.
+ * Rays that meet the back of a double-sided surface find the radiosity of the back's own points. Rays that meet the back of a
+ * single-sided surface, or of a solid's (worker/scene/solids.h), bring nothing and count as blocked; rays that meet nothing as escaped, with
+ * what tinted glass took of them on the way. Surfaces that let light through (struct kiln_passage): a shadow ray brings the product of
+ * what they let through; a gather ray meets one with a chance that is its opacity, and is tinted by those that it passes; a point's
+ * samples lie where its surface is there.
  *
  * Determinism: results are functions of (seed, object, texel, stream, sample) and the scene alone: any batch, thread count or
  * rank gives the same bits. */
@@ -18,7 +22,9 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 
+#include "shaders/random.h"
 #include "worker/base/status.h"
 #include "worker/scene/scene.h"
 #include "worker/scene/geometry.h"
@@ -63,9 +69,8 @@ struct kiln_point_result {
     float error;         /* standard error of the luminance of `irradiance` (an upper estimate: from the spread of 4 sub-nets) */
     float escaped;       /* share of gather rays that met nothing (0 in the direct pass) */
     float blocked;       /* share of gather rays that met the back of a single-sided surface (0 in the direct pass) */
-    float behind;        /* share of gather rays that met the back of a double-sided surface (0 in the direct pass) */
-    float borrowed[3];   /* part of `incident` gathered there: the front's radiosity, seen from behind, W/m2 */
-    float present;       /* share of the point's area where an alpha mask (or blend) has something; 1 without */
+    float glass[3];      /* by colour: share of what gather rays find that tinted surfaces on the way take; 0 without any */
+    float present;       /* mean opacity of the point (kiln_surface_opacity): share of its area that is there to be lit; 1 for opaque ones */
 };
 
 /* What is done with answers: called on the calling thread for consecutive parts of a batch, in order, while a device may already
@@ -86,7 +91,17 @@ struct kiln_hit {
     float u, v;
     float distance;
     bool back; /* met from behind */
+    float tint[3]; /* by colour: share of what comes from there that the surfaces before it let through; 1 without tinted ones */
 };
+
+/* Seed of a ray's chances with surfaces that are partly there: the same ray always decides alike. */
+static inline uint32_t kiln_ray_seed(struct kiln_vec3 origin, struct kiln_vec3 direction)
+{
+    uint32_t o[3], d[3];
+    memcpy(o, &origin, sizeof o);
+    memcpy(d, &direction, sizeof d);
+    return kiln_hash2(kiln_hash2(kiln_hash2(o[0], o[1]), kiln_hash2(o[2], d[0])), kiln_hash2(d[1], d[2]));
+}
 
 /* One probe's answer: SH coefficients of incident radiance, bands 0..2, order (l,m) = 00, 1-1, 10, 11, 2-2, 2-1, 20, 21, 22,
  * real orthonormal basis as in Ramamoorthi and Hanrahan 2001, RGB for each. */
@@ -99,8 +114,9 @@ struct kiln_probe_result {
 
 /* Where light that leaves the lights goes: traced from the lights, independent of the direct pass. Watts, RGB. */
 struct kiln_emission_result {
-    double emitted[3], received[3], blocked[3], behind[3], escaped[3]; /* blocked, behind: on backs of single-, double-sided surfaces */
-    double ranged[3];                                                  /* cut off by a light's range */
+    double emitted[3], received[3], blocked[3], escaped[3]; /* blocked: on backs of single-sided surfaces */
+    double ranged[3];                                       /* cut off by a light's range */
+    double glass[3];                                        /* taken by tinted surfaces that it went through */
     double error[3]; /* standard error of `received` */
 };
 

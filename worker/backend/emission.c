@@ -192,15 +192,16 @@ static void land(const struct emission *e, const struct particle *p, const struc
     double *target = out->escaped, kept = 1.0;
     if (hit->triangle != KILN_NONE) {
         const bool double_sided = (e->params->geometry->records[hit->triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0;
-        target = !hit->back ? out->received : double_sided ? out->behind : out->blocked;
+        target = !hit->back || double_sided ? out->received : out->blocked;
         if (p->ranged != NULL)
             kept = kiln_point_light_range(p->ranged, (double)hit->distance);
     }
     for (int c = 0; c < 3; c++) {
-        const double flux = p->flux[c] * p->scale;
+        const double flux = p->flux[c] * p->scale, here = flux * (double)hit->tint[c];
         out->emitted[c] += flux;
-        target[c] += flux * kept;
-        out->ranged[c] += flux * (1.0 - kept);
+        target[c] += here * kept;
+        out->ranged[c] += here * (1.0 - kept);
+        out->glass[c] += flux - here;
     }
 }
 
@@ -229,9 +230,9 @@ static void combine(const struct kiln_emission_result groups[GROUPS], struct kil
             result->emitted[c] += groups[i].emitted[c] / GROUPS;
             result->received[c] += groups[i].received[c] / GROUPS;
             result->blocked[c] += groups[i].blocked[c] / GROUPS;
-            result->behind[c] += groups[i].behind[c] / GROUPS;
             result->escaped[c] += groups[i].escaped[c] / GROUPS;
             result->ranged[c] += groups[i].ranged[c] / GROUPS;
+            result->glass[c] += groups[i].glass[c] / GROUPS;
         }
         for (int i = 0; i < GROUPS; i++)
             square += (groups[i].received[c] - result->received[c]) * (groups[i].received[c] - result->received[c]);

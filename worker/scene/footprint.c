@@ -2,13 +2,14 @@
 
 #include <math.h>
 
+#include "worker/sampling/sequence.h"
 #include "worker/scene/clip.h"
 #include "worker/scene/texture.h"
 
 static void local_corners(const struct kiln_footprint *f, uint32_t triangle, double local[3][2])
 {
     double corner[3][2];
-    kiln_geometry_texel_corners(f->scene, f->geometry, triangle, corner);
+    kiln_geometry_map_corners(f->scene, f->geometry, triangle, f->shift, corner);
     kiln_clip_local(corner, f->x, f->y, local);
 }
 
@@ -81,6 +82,8 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
     f->shares = surface->shares + at->share;
     f->x = at->x;
     f->y = at->y;
+    f->shift = at->shift;
+    f->back = at->back;
     if (kiln_point_whole(surface, at->point)) {
         f->kind = KILN_FOOTPRINT_WHOLE;
         prepare_whole(f);
@@ -210,23 +213,79 @@ struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *
     return (struct kiln_footprint_extent){vec3_scale(vec3_add(low, high), 0.5f), 0.5f * vec3_length(vec3_sub(high, low)), one_normal};
 }
 
-float kiln_footprint_opacity(const struct kiln_footprint *f)
+/* Texels of the texture that says where a material is there, over one lightmap texel of the triangle; 0: no texture says it. */
+static double texture_detail(const struct kiln_footprint *f, uint32_t triangle)
 {
-    enum { SIDE = 4 };
-    const struct kiln_geometry *g = f->geometry;
-    if (f->pieces[f->piece_count - 1] < g->opaque_count) /* pieces ascend: those with alpha come last */
-        return 1.0f;
-    float sum = 0.0f;
-    for (int i = 0; i < SIDE * SIDE; i++) {
-        uint32_t triangle;
-        float u, v, b1, b2, rgba[4];
-        kiln_footprint_sample(f, ((float)(i % SIDE) + 0.5f) / SIDE, ((float)(i / SIDE) + 0.5f) / SIDE, &triangle, &u, &v);
-        const struct kiln_material *material = &f->scene->materials[g->records[triangle].material & KILN_RECORD_MATERIAL];
-        kiln_geometry_stored_barycentrics(f->scene, g, triangle, u, v, &b1, &b2);
-        kiln_surface_color(f->scene, &f->scene->meshes[f->scene->objects[g->records[triangle].object].mesh], g->stored_triangle[triangle], b1, b2, rgba);
-        sum += material->alpha_mode == KILN_ALPHA_BLEND ? rgba[3] : material->alpha_mode == KILN_ALPHA_MASK ? (float)(rgba[3] >= material->alpha_cutoff) : 1.0f;
+    const struct kiln_scene *scene = f->scene;
+    const struct kiln_material *m = &scene->materials[f->geometry->records[triangle].material & KILN_RECORD_MATERIAL];
+    const uint32_t texture = m->transmission > 0.0f && m->transmission_texture != KILN_NONE ? m->transmission_texture
+                             : m->alpha_mode != KILN_ALPHA_OPAQUE                          ? m->base_color_texture
+                                                                                           : KILN_NONE;
+    double local[3][2], at[3][2];
+    uint64_t vertex[3];
+    if (texture == KILN_NONE)
+        return 0.0;
+    local_corners(f, triangle, local);
+    kiln_geometry_stored_vertices(scene, f->geometry, triangle, vertex);
+    for (int c = 0; c < 3; c++) {
+        at[c][0] = (double)scene->texcoord_base[vertex[c]].x * scene->textures[texture].width;
+        at[c][1] = (double)scene->texcoord_base[vertex[c]].y * scene->textures[texture].height;
     }
-    return sum / (SIDE * SIDE);
+    const double area = fabs(kiln_clip_twice_area(local));
+    return area > 0.0 ? fabs(kiln_clip_twice_area(at)) / area : 0.0;
+}
+
+/* How many lookups a side of the square of (u1, u2) asks for. */
+static uint32_t lookups_of(const struct kiln_footprint *f)
+{
+    double detail = 0.0;
+    for (uint32_t i = 0; i < f->piece_count; i++)
+        detail = f->pieces[i] < f->geometry->opaque_count ? detail : fmax(detail, texture_detail(f, f->pieces[i]));
+    return detail <= 1.0 ? 4 : detail <= 4.0 ? 8 : KILN_MASK_SIDE;
+}
+
+static float opacity_at(const struct kiln_footprint *f, float u1, float u2)
+{
+    const struct kiln_geometry *g = f->geometry;
+    uint32_t triangle;
+    float u, v, b1, b2;
+    kiln_footprint_sample(f, u1, u2, &triangle, &u, &v);
+    kiln_geometry_stored_barycentrics(f->scene, g, triangle, u, v, &b1, &b2);
+    return kiln_surface_opacity(f->scene, &f->scene->meshes[f->scene->objects[g->records[triangle].object].mesh], g->stored_triangle[triangle], b1, b2);
+}
+
+/* Sets the cells whose opacity, of `side` x `side` lookups, is above a threshold that is another in each cell: the fractions of 256 in an
+ * order that spreads neighbours out (van der Corput's), begun somewhere. */
+static void fill_mask(struct kiln_mask *mask, const float *opacity, uint32_t side, uint32_t key)
+{
+    const uint32_t begin = kiln_hash1(key) >> 24;
+    for (uint32_t cell = 0; cell < KILN_MASK_SIDE * KILN_MASK_SIDE; cell++) {
+        const uint32_t x = kiln_cell_column(cell) * side / KILN_MASK_SIDE, y = kiln_cell_column(cell >> 1) * side / KILN_MASK_SIDE;
+        const float threshold = ((float)(((kiln_reverse_bits(cell) >> 24) + begin) & 255u) + 0.5f) / 256.0f;
+        const uint32_t set = opacity[y * side + x] > threshold;
+        mask->cells[cell / 32] |= set << cell % 32;
+        mask->count += set;
+    }
+}
+
+float kiln_footprint_presence(const struct kiln_footprint *f, uint32_t key, struct kiln_mask *mask)
+{
+    *mask = (struct kiln_mask){0};
+    if (f->pieces[f->piece_count - 1] < f->geometry->opaque_count) /* pieces ascend: those with alpha come last */
+        return 1.0f;
+    const uint32_t side = lookups_of(f), count = side * side;
+    float opacity[KILN_MASK_SIDE * KILN_MASK_SIDE], sum = 0.0f, low = 1.0f, high = 0.0f;
+    for (uint32_t i = 0; i < count; i++) {
+        const uint32_t hash = kiln_hash2(key, i);
+        const float x = (float)(i % side) + kiln_unit_float(hash), y = (float)(i / side) + kiln_unit_float(kiln_hash1(hash));
+        opacity[i] = opacity_at(f, fminf(x / (float)side, 0x1.fffffep-1f), fminf(y / (float)side, 0x1.fffffep-1f));
+        sum += opacity[i];
+        low = fminf(low, opacity[i]);
+        high = fmaxf(high, opacity[i]);
+    }
+    if (high - low > 1.0f / 256.0f)
+        fill_mask(mask, opacity, side, key);
+    return sum / (float)count;
 }
 
 static struct kiln_dvec3 unit(struct kiln_dvec3 v)
@@ -337,8 +396,9 @@ void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_
             soft = piece_normal(f, largest);
     }
     flat = unit(flat);
-    *geometric = vec3_of(flat);
-    *shading = smooth && dvec3_length(soft) >= 1e-3 && dvec3_dot(soft, flat) > 0.0 ? vec3_of(unit(soft)) : *geometric;
+    const double side = f->back ? -1.0 : 1.0;
+    *geometric = vec3_of(dvec3_scale(flat, side));
+    *shading = smooth && dvec3_length(soft) >= 1e-3 && dvec3_dot(soft, flat) > 0.0 ? vec3_of(dvec3_scale(unit(soft), side)) : *geometric;
 }
 
 float kiln_offset_distance(const struct kiln_geometry *geometry, uint32_t triangle, struct kiln_vec3 n)

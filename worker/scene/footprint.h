@@ -8,8 +8,10 @@
 #ifndef KILN_WORKER_SCENE_FOOTPRINT_H
 #define KILN_WORKER_SCENE_FOOTPRINT_H
 
+#include <math.h>
 #include <stdbool.h>
 
+#include "shaders/mask.h"
 #include "worker/scene/surface.h"
 
 /* Walks the points of a fragment in order:
@@ -21,7 +23,10 @@ struct kiln_point_cursor {
     uint64_t piece; /* its first piece */
     uint64_t share; /* its first share, if it has more than one piece */
     uint64_t rest;  /* texels of the fragment from this point on */
-    uint32_t object, x, y; /* its texel; undefined behind the last point */
+    uint32_t map, x, y;    /* its texel; undefined behind the last point */
+    uint32_t object;
+    uint32_t shift;        /* of the lightmap */
+    bool back;             /* the point is of the backs: normals are those of the triangles turned round */
     uint32_t tile_x, tile_y; /* first texel of the tile */
 };
 
@@ -37,12 +42,15 @@ static inline void kiln_point_locate(struct kiln_point_cursor *at)
 static inline struct kiln_point_cursor kiln_point_first(const struct kiln_surface *s, size_t fragment)
 {
     const struct kiln_fragment *f = &s->fragments[fragment];
-    const uint32_t tiles_x = s->lightmaps[f->object].tiles_x;
+    const uint32_t tiles_x = s->lightmaps[f->map].tiles_x;
     struct kiln_point_cursor at = {.point = f->first - s->first,
                                    .piece = s->piece_base[fragment],
                                    .share = s->share_base[fragment],
                                    .rest = f->mask,
-                                   .object = f->object,
+                                   .map = f->map,
+                                   .object = kiln_map_object(s, f->map),
+                                   .shift = s->lightmaps[f->map].shift,
+                                   .back = kiln_map_back(s, f->map),
                                    .tile_x = f->tile % tiles_x * KILN_TILE_SIDE,
                                    .tile_y = f->tile / tiles_x * KILN_TILE_SIDE};
     kiln_point_locate(&at);
@@ -81,7 +89,9 @@ struct kiln_footprint {
     const float *shares;    /* cumulative, piece_count - 1 of them: the last ends at 1 */
     uint32_t piece_count;
     uint32_t x, y;          /* the texel */
+    uint32_t shift;         /* of the lightmap */
     uint8_t kind;           /* enum kiln_footprint_kind */
+    bool back;              /* of backs: kiln_footprint_normals turns round what the triangles say */
     union {
         /* KILN_FOOTPRINT_WHOLE: the point at (s, t) in the texel's square, both 0..1, is origin + s du + t dv (relative to the
          * scene's centre, on the surface), and its weights are b[0] + s b_du[0] + t b_dv[0] of corner 1, [1] of corner 2. */
@@ -120,8 +130,31 @@ struct kiln_footprint_extent {
 };
 struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *footprint);
 
-/* Mean opacity over the point, at 4 x 4 places of its area; 1 where nothing lets light through. */
-float kiln_footprint_opacity(const struct kiln_footprint *footprint);
+/* Where on a point its surface is there (shaders/mask.h), in the square of the (u1, u2) that kiln_footprint_sample takes. */
+struct kiln_mask {
+    uint32_t cells[KILN_MASK_WORDS];
+    uint32_t count; /* bits that are set; 0: the whole point is to be sampled */
+};
+
+/* Mean opacity over the point (kiln_surface_opacity); 1 where nothing lets light through. Where it varies over the point, from 16 lookups
+ * for a texture as coarse as the lightmap up to 256 for one 4 times as fine and finer, `mask` has the cells where something is: each is
+ * set with a chance that is its opacity, stratified over the point; so what is there is sampled uniformly, and what is half there half
+ * as often. `key` is what chance hangs on: the point's own. */
+float kiln_footprint_presence(const struct kiln_footprint *footprint, uint32_t key, struct kiln_mask *mask);
+
+/* Moves (u1, u2) in [0, 1)^2 to where the mask says that something is; all of that is reached alike. */
+static inline void kiln_mask_place(const struct kiln_mask *mask, float *u1, float *u2)
+{
+    const float scaled = *u1 * (float)mask->count;
+    uint32_t n = (uint32_t)scaled, word = 0;
+    n = n < mask->count ? n : mask->count - 1;
+    const float rest = fminf(scaled - (float)n, 0x1.fffffep-1f);
+    for (uint32_t bits; n >= (bits = KILN_COUNT_BITS(mask->cells[word])); word++)
+        n -= bits;
+    const uint32_t cell = 32u * word + kiln_set_bit(mask->cells[word], n);
+    *u1 = ((float)kiln_cell_column(cell) + rest) / (float)KILN_MASK_SIDE;
+    *u2 = ((float)kiln_cell_column(cell >> 1) + *u2) / (float)KILN_MASK_SIDE;
+}
 
 /* Position of a sample, relative to the scene's centre: c0 + b1 (c1 - c0) + b2 (c2 - c0). */
 static inline struct kiln_vec3 kiln_triangle_position(const struct kiln_geometry *g, uint32_t triangle, float b1, float b2)

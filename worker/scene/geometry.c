@@ -4,6 +4,7 @@
 #include <stdbool.h>
 
 #include "worker/base/memory.h"
+#include "worker/scene/solids.h"
 
 enum { CHUNK = 1 << 16 }; /* triangles or vertices one thread takes at a time, so that one large mesh keeps all threads busy */
 
@@ -55,7 +56,9 @@ static void find_alpha_limits(struct expansion *e)
         const struct kiln_material *material = &scene->materials[m];
         e->alpha_limit[m] = -1.0f;
         e->alpha_floor[m] = 1.0f;
-        if (material->alpha_mode == KILN_ALPHA_OPAQUE)
+        if (material->transmission > 0.0f)
+            e->alpha_limit[m] = 1.0f; /* whatever its alpha */
+        if (material->alpha_mode == KILN_ALPHA_OPAQUE || material->transmission > 0.0f)
             continue;
         e->alpha_limit[m] = material->alpha_mode == KILN_ALPHA_MASK ? material->alpha_cutoff : nextafterf(1.0f, 0.0f);
         e->alpha_floor[m] = material->base_color[3];
@@ -222,6 +225,21 @@ static void expand_triangles(struct expansion *e)
     }
 }
 
+static uint32_t passage_of(const struct kiln_material *material)
+{
+    if (material->transmission > 0.0f)
+        return KILN_PASSAGE_TINT;
+    return material->alpha_mode == KILN_ALPHA_BLEND ? KILN_PASSAGE_BLEND : KILN_PASSAGE_MASK;
+}
+
+static void find_passage(const struct kiln_scene *scene, struct kiln_geometry *g)
+{
+    for (size_t t = g->opaque_count; t < g->triangle_count && g->passage < KILN_PASSAGE_TINT; t++) {
+        const uint32_t passage = passage_of(&scene->materials[g->records[t].material & KILN_RECORD_MATERIAL]);
+        g->passage = passage > g->passage ? passage : g->passage;
+    }
+}
+
 static void find_bounds(struct kiln_geometry *g)
 {
     if (g->triangle_count == 0)
@@ -238,6 +256,12 @@ static void find_bounds(struct kiln_geometry *g)
     g->bounds_max = vec3(x1, y1, z1);
     const float x = fmaxf(fabsf(x0), fabsf(x1)), y = fmaxf(fabsf(y0), fabsf(y1)), z = fmaxf(fabsf(z0), fabsf(z1));
     g->extent = fmaxf(x, fmaxf(y, z));
+}
+
+static void count_two_sided(struct kiln_geometry *g)
+{
+    for (size_t t = 0; t < g->triangle_count; t++)
+        g->ranges[g->records[t].object].two_sided += (g->records[t].material & KILN_RECORD_DOUBLE_SIDED) != 0 ? 1 : 0;
 }
 
 /* An array of the geometry itself. */
@@ -314,6 +338,11 @@ int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_s
     if (status == KILN_OK) {
         expand_triangles(&e);
         find_bounds(e.geometry);
+        status = kiln_solids_close(e.geometry, scene, error);
+    }
+    if (status == KILN_OK) {
+        count_two_sided(e.geometry);
+        find_passage(scene, e.geometry);
         *geometry = e.geometry;
         e.geometry = NULL;
     }

@@ -6,9 +6,9 @@
  * places, in `indices` and in the record alike. So (u, v) always speak of the world triangle's corners; where the stored
  * triangle's are wanted (kiln_surface_color and its like), kiln_geometry_stored_barycentrics translates.
  *
- * A triangle counts as opaque when its material can never let light through at any of its points: alpha mode OPAQUE, or the
- * product of the alpha factor, the lowest alpha of the base colour texture and the lowest alpha of its three vertices is above
- * the cutoff (MASK) or is 1 (BLEND).
+ * A triangle counts as opaque when its material can never let light through at any of its points: it has no transmission, and
+ * its alpha mode is OPAQUE, or the product of the alpha factor, the lowest alpha of the base colour texture and the lowest alpha
+ * of its three vertices is above the cutoff (MASK) or is 1 (BLEND).
  *
  * Vertices are shared by an object's triangles as they are in its mesh. Memory: 48 bytes a triangle and 12 a vertex. */
 #ifndef KILN_WORKER_SCENE_GEOMETRY_H
@@ -22,7 +22,7 @@
 struct kiln_hit_record {
     float texel[6];
     uint32_t object;
-    uint32_t material; /* bit 31: double-sided; bit 30: emits; the rest: index of the material */
+    uint32_t material; /* bit 31: double-sided, and no part of a solid (worker/scene/solids.h); bit 30: emits; the rest: index of the material */
 };
 #define KILN_RECORD_DOUBLE_SIDED 0x80000000u
 #define KILN_RECORD_EMITS 0x40000000u
@@ -33,10 +33,20 @@ struct kiln_hit_record {
 struct kiln_object_range {
     uint64_t opaque_first, opaque_count;
     uint64_t alpha_first, alpha_count;
+    uint64_t two_sided; /* how many have KILN_RECORD_DOUBLE_SIDED */
+};
+
+/* The most that any triangle which is not opaque can do to light: what a backend has to be ready for. */
+enum kiln_geometry_passage {
+    KILN_PASSAGE_NONE = 0,  /* all triangles are opaque */
+    KILN_PASSAGE_MASK = 1,  /* holes: each place lets all light through, or none */
+    KILN_PASSAGE_BLEND = 2, /* a share of the light, the same for all colours */
+    KILN_PASSAGE_TINT = 3   /* a share of the light, by colour */
 };
 
 struct kiln_geometry {
     size_t vertex_count, triangle_count, opaque_count;
+    uint32_t passage;  /* enum kiln_geometry_passage */
     float *vertices;   /* x y z; 4 floats of padding after the last, as Embree wants */
     uint32_t *indices; /* 3 a triangle */
     struct kiln_hit_record *records;
@@ -111,6 +121,18 @@ static inline void kiln_geometry_texel_corners(const struct kiln_scene *scene, c
         const struct kiln_vec2 uv = scene->texcoord_lightmap[vertex[c]];
         corner[c][0] = (double)uv.x * object->lightmap_width;
         corner[c][1] = (double)uv.y * object->lightmap_height;
+    }
+}
+
+/* The same in a lightmap whose texels are 2^shift as wide: exact. */
+static inline void kiln_geometry_map_corners(const struct kiln_scene *scene, const struct kiln_geometry *g, uint64_t triangle, uint32_t shift,
+                                             double corner[3][2])
+{
+    kiln_geometry_texel_corners(scene, g, triangle, corner);
+    const double scale = 1.0 / (double)(1u << shift);
+    for (int c = 0; c < 3 && shift > 0; c++) {
+        corner[c][0] *= scale;
+        corner[c][1] *= scale;
     }
 }
 

@@ -166,8 +166,10 @@ static int check_materials(const struct check *check)
         const struct kiln_material *m = &scene->materials[i];
         if (!is_string(check, m->name) || !is_texture(check, m->base_color_texture) || !is_texture(check, m->emission_texture))
             return damaged(check, "material %zu names a string or texture that is not there", i);
+        if (m->transmission > 0.0f && !is_texture(check, m->transmission_texture))
+            return damaged(check, "material %zu names a texture of its transmission that is not there", i);
         if (!within(m->base_color, 4, 0.0f, 1.0f) || !within(m->emission, 3, 0.0f, HUGE_VALF) || !all_finite(m->emission, 3) ||
-            !within(&m->alpha_cutoff, 1, 0.0f, HUGE_VALF) || !within(&m->metallic, 1, 0.0f, 1.0f) ||
+            !within(&m->alpha_cutoff, 1, 0.0f, HUGE_VALF) || !within(&m->metallic, 1, 0.0f, 1.0f) || !within(&m->transmission, 1, 0.0f, 1.0f) ||
             !within(&m->roughness, 1, 0.0f, 1.0f) || m->alpha_mode > KILN_ALPHA_BLEND || m->double_sided > 1)
             return damaged(check, "material %zu has a value outside its range", i);
     }

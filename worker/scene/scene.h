@@ -24,7 +24,8 @@ enum kiln_wrap { KILN_WRAP_REPEAT = 0, KILN_WRAP_CLAMP = 1, KILN_WRAP_MIRROR = 2
 enum kiln_light_kind { KILN_LIGHT_POINT = 0, KILN_LIGHT_SPOT = 1, KILN_LIGHT_DIRECTIONAL = 2 };
 enum kiln_environment_kind { KILN_ENVIRONMENT_NONE = 0, KILN_ENVIRONMENT_CONSTANT = 1, KILN_ENVIRONMENT_LATLONG = 2 };
 
-/* A material as far as diffuse transport needs it. Diffuse albedo = base_color x texture x (1 - metallic). */
+/* A material as far as diffuse transport needs it. Diffuse albedo = base_color x texture x (1 - metallic). What lets light through and
+ * how much: struct kiln_passage in worker/scene/texture.h. */
 struct kiln_material {
     uint32_t name;                 /* offset into `strings` */
     float base_color[4];           /* linear, 0..1; [3] is alpha */
@@ -36,7 +37,9 @@ struct kiln_material {
     uint32_t double_sided;         /* 0 or 1: emits and reflects on both faces */
     float metallic;                /* factor, 0..1; metal has no diffuse part */
     float roughness;
-    uint32_t reserved[2];
+    float transmission;            /* KHR_materials_transmission: share of the light that a thin wall of it lets through, 0..1 */
+    uint32_t transmission_texture; /* at the base colour's coordinates; its red channel multiplies `transmission`. KILN_NONE: none. Not
+                                      looked at where `transmission` is 0 */
 };
 
 /* An image, 8 bits a channel RGBA. Texel (0,0) is the top left, at texture coordinate (0,0) as in glTF. */
@@ -79,7 +82,8 @@ struct kiln_object {
 };
 enum {
     KILN_OBJECT_CASTER_ONLY = 1, /* stops and reflects light; its lightmap is not published */
-    KILN_OBJECT_RECEIVER_ONLY = 2 /* has a lightmap; no ray meets it */
+    KILN_OBJECT_RECEIVER_ONLY = 2, /* has a lightmap; no ray meets it */
+    KILN_OBJECT_BOTH_SIDES = 4     /* its backs have a published lightmap where they have points */
 };
 
 /* A punctual light in world space (KHR_lights_punctual). */

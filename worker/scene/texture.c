@@ -108,6 +108,25 @@ void kiln_texture_sample(const struct kiln_scene *scene, uint32_t index, float u
     }
 }
 
+/* One channel of kiln_texture_sample. */
+static float texture_channel(const struct kiln_scene *scene, uint32_t index, struct kiln_vec2 uv, int channel)
+{
+    const struct kiln_texture *t = &scene->textures[index];
+    const double x = texel_coordinate(uv.x, t->width, t->wrap_u), y = texel_coordinate(uv.y, t->height, t->wrap_v);
+    const double shift = t->nearest ? 0.0 : 0.5, left = floor(x - shift), top = floor(y - shift);
+    float corner[4] = {0};
+    for (int k = 0; k < (t->nearest ? 1 : 4); k++) {
+        const uint64_t row = wrapped((int64_t)top + (k >> 1), t->height, t->wrap_v), column = wrapped((int64_t)left + (k & 1), t->width, t->wrap_u);
+        const uint8_t code = scene->texels[t->first + 4 * (row * t->width + column) + (uint64_t)channel];
+        corner[k] = t->srgb && channel < 3 ? linear_of_srgb[code] : (float)code / 255.0f;
+    }
+    if (t->nearest)
+        return corner[0];
+    const float fx = (float)(x - 0.5 - left), fy = (float)(y - 0.5 - top);
+    const float upper = corner[0] + fx * (corner[1] - corner[0]), lower = corner[2] + fx * (corner[3] - corner[2]);
+    return upper + fy * (lower - upper);
+}
+
 static const uint32_t *corners_of(const struct kiln_scene *scene, uint64_t triangle) { return scene->triangles + 3 * triangle; }
 
 static struct kiln_vec2 interpolated(const struct kiln_vec2 *values, const uint32_t *corner, float b1, float b2)
@@ -138,6 +157,50 @@ void kiln_surface_color(const struct kiln_scene *scene, const struct kiln_mesh *
         const float scaled = c < 3 ? rgba[c] * (1.0f - m->metallic) : rgba[c];
         rgba[c] = fminf(fmaxf(scaled, 0.0f), 1.0f); /* rounding of the weights may step out by a bit */
     }
+}
+
+/* Share of a material's surface that is there, by its alpha. */
+static float coverage(const struct kiln_material *m, float alpha)
+{
+    return m->alpha_mode == KILN_ALPHA_BLEND ? alpha : m->alpha_mode == KILN_ALPHA_MASK ? (float)(alpha >= m->alpha_cutoff) : 1.0f;
+}
+
+static float transmission_at(const struct kiln_scene *scene, const struct kiln_material *m, struct kiln_vec2 uv)
+{
+    if (!(m->transmission > 0.0f) || m->transmission_texture == KILN_NONE)
+        return m->transmission;
+    return m->transmission * texture_channel(scene, m->transmission_texture, uv, 0);
+}
+
+void kiln_surface_passage(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2,
+                          struct kiln_passage *passage)
+{
+    const struct kiln_material *m = &scene->materials[scene->triangle_materials[triangle]];
+    float rgba[4];
+    kiln_surface_color(scene, mesh, triangle, b1, b2, rgba);
+    const float covered = coverage(m, rgba[3]);
+    const float let = covered * transmission_at(scene, m, interpolated(scene->texcoord_base + mesh->vertex_first, corners_of(scene, triangle), b1, b2));
+    passage->opacity = covered - let;
+    for (int c = 0; c < 3; c++)
+        passage->through[c] = (1.0f - covered) + let * rgba[c];
+}
+
+float kiln_surface_opacity(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2)
+{
+    const struct kiln_material *m = &scene->materials[scene->triangle_materials[triangle]];
+    const uint32_t *corner = corners_of(scene, triangle);
+    const struct kiln_vec2 uv = interpolated(scene->texcoord_base + mesh->vertex_first, corner, b1, b2);
+    float covered = 1.0f;
+    if (m->alpha_mode != KILN_ALPHA_OPAQUE) {
+        const uint8_t *colors = scene->colors + 4 * mesh->vertex_first;
+        const float vertex = ((1.0f - b1 - b2) * (float)colors[4 * (size_t)corner[0] + 3] + b1 * (float)colors[4 * (size_t)corner[1] + 3] +
+                              b2 * (float)colors[4 * (size_t)corner[2] + 3]) / 255.0f;
+        float alpha = m->base_color[3] * vertex;
+        if (m->base_color_texture != KILN_NONE)
+            alpha *= texture_channel(scene, m->base_color_texture, uv, 3);
+        covered = coverage(m, fminf(fmaxf(alpha, 0.0f), 1.0f));
+    }
+    return covered - covered * transmission_at(scene, m, uv);
 }
 
 void kiln_surface_emission(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2, float rgb[3])

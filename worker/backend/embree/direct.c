@@ -180,7 +180,7 @@ static void weigh_lane(struct direct_work *w, const struct embree_backend *b, ui
 }
 
 /* A packet of the target's samples at point j, from `first` on, whose random numbers are drawn. */
-static void sample_packet(struct direct_work *w, const struct embree_backend *b, struct RTCIntersectContext *context, uint32_t j, uint32_t first,
+static void sample_packet(struct direct_work *w, const struct embree_backend *b, struct embree_context *context, uint32_t j, uint32_t first,
                           uint64_t *rays)
 {
     place_lanes(w, b, j);
@@ -196,7 +196,7 @@ static void sample_packet(struct direct_work *w, const struct embree_backend *b,
 }
 
 /* All samples of the target at point j, whose choice is called `identity`. */
-static void sample_target(struct direct_work *w, const struct embree_backend *b, struct RTCIntersectContext *context, uint32_t j,
+static void sample_target(struct direct_work *w, const struct embree_backend *b, struct embree_context *context, uint32_t j,
                           uint32_t identity, uint32_t samples, struct shadow_sums *sums, uint64_t *rays)
 {
     const struct sequence *q = find_sequence(w, identity, samples);
@@ -214,7 +214,7 @@ static void sample_target(struct direct_work *w, const struct embree_backend *b,
 }
 
 /* All samples of one choice at point j. */
-static void sample_choice(struct direct_work *w, const struct embree_backend *b, struct RTCIntersectContext *context, uint32_t j,
+static void sample_choice(struct direct_work *w, const struct embree_backend *b, struct embree_context *context, uint32_t j,
                           const struct kiln_light_choice *choice, struct shadow_sums *sums, uint64_t *rays)
 {
     struct fragment_frame *f = &w->frame;
@@ -252,7 +252,7 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
     shadow_end(&w->shadows, b, context);
 }
 
-static void direct_point(struct direct_work *w, const struct embree_backend *b, struct RTCIntersectContext *context, uint32_t j,
+static void direct_point(struct direct_work *w, const struct embree_backend *b, struct embree_context *context, uint32_t j,
                          uint32_t samples, struct kiln_point_result *result, uint64_t *rays)
 {
     const struct fragment_frame *f = &w->frame;
@@ -303,7 +303,7 @@ static int direct_part(struct embree_backend *b, size_t fragment_first, size_t f
         }
 #pragma omp barrier
         const unsigned saved = embree_enter();
-        struct RTCIntersectContext context;
+        struct embree_context context;
         embree_context(b, &context);
         const double begin = embree_thread_seconds();
 #pragma omp for schedule(dynamic, 4) nowait

@@ -9,8 +9,8 @@
 #endif
 
 #include "shaders/random.h"
+#include "worker/backend/embree/passage.h"
 #include "worker/base/memory.h"
-#include "worker/scene/texture.h"
 
 unsigned embree_enter(void)
 {
@@ -30,52 +30,6 @@ void embree_leave(unsigned saved)
 #else
     (void)saved;
 #endif
-}
-
-void embree_context(const struct embree_backend *b, struct RTCIntersectContext *context)
-{
-    rtcInitIntersectContext(context);
-    context->flags = b->coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
-}
-
-/* A masked surface lets the ray through where alpha is below the cutoff; a blended one with chance 1 - alpha, by a hash of the
- * ray's own direction, so that the same ray always decides alike. */
-static bool lets_through(const struct embree_backend *b, uint32_t triangle, float u, float v, const float direction[3])
-{
-    const struct kiln_geometry *g = b->params.geometry;
-    const struct kiln_scene *scene = b->params.scene;
-    const struct kiln_hit_record *record = &g->records[triangle];
-    const struct kiln_object *object = &scene->objects[record->object];
-    const struct kiln_material *material = &scene->materials[record->material & KILN_RECORD_MATERIAL];
-    float rgba[4];
-    kiln_surface_color(scene, &scene->meshes[object->mesh], g->stored_triangle[triangle], object->flipped ? v : u,
-                       object->flipped ? u : v, rgba);
-    if (material->alpha_mode == KILN_ALPHA_MASK)
-        return rgba[3] < material->alpha_cutoff;
-    uint32_t bits[3];
-    memcpy(bits, direction, sizeof bits);
-    const uint32_t hash = kiln_hash2(kiln_hash2(bits[0], bits[1]), kiln_hash2(bits[2], triangle));
-    return (float)(hash >> 8) * 0x1p-24f >= rgba[3];
-}
-
-/* Embree's accessors for RTCRayN and RTCHitN exist in C++ only; both are N values of each field in turn (rtcore_ray.h). */
-enum { RAY_DIRECTION_X = 4, HIT_U = 3, HIT_V = 4, HIT_PRIMITIVE = 5 };
-
-static void alpha_filter(const struct RTCFilterFunctionNArguments *arguments)
-{
-    const struct embree_backend *b = arguments->geometryUserPtr;
-    const unsigned n = arguments->N;
-    const float *rays = (const float *)arguments->ray, *hits = (const float *)arguments->hit;
-    const uint32_t *identities = (const uint32_t *)arguments->hit;
-    for (unsigned i = 0; i < n; i++) {
-        if (arguments->valid[i] != -1)
-            continue;
-        const float *d = rays + (size_t)RAY_DIRECTION_X * n + i;
-        const float direction[3] = {d[0], d[n], d[2 * (size_t)n]};
-        const uint32_t triangle = embree_triangle(b, 1, identities[(size_t)HIT_PRIMITIVE * n + i]);
-        if (lets_through(b, triangle, hits[(size_t)HIT_U * n + i], hits[(size_t)HIT_V * n + i], direction))
-            arguments->valid[i] = 0;
-    }
 }
 
 static int embree_failure(RTCDevice device, const char *what, struct kiln_error *error)
@@ -98,11 +52,8 @@ static void attach(struct embree_backend *b, unsigned id, size_t first, size_t c
     rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, g->indices, first * 3 * sizeof(uint32_t),
                                3 * sizeof(uint32_t), count);
     rtcSetGeometryMask(geometry, ~0u);
-    if (id == 1) {
-        rtcSetGeometryUserData(geometry, b);
-        rtcSetGeometryIntersectFilterFunction(geometry, alpha_filter);
-        rtcSetGeometryOccludedFilterFunction(geometry, alpha_filter);
-    }
+    if (id == 1)
+        embree_set_filters(b, geometry);
     rtcCommitGeometry(geometry);
     rtcAttachGeometryByID(b->scene, geometry, id);
     rtcReleaseGeometry(geometry);
@@ -225,15 +176,15 @@ static int embree_intersect(struct kiln_backend *backend, const struct kiln_vec3
 #pragma omp parallel num_threads((int)b->threads)
     {
         const unsigned saved = embree_enter();
-        struct RTCIntersectContext context;
-        rtcInitIntersectContext(&context);
+        struct embree_context context;
+        embree_context(b, &context);
 #pragma omp for schedule(dynamic, 4096)
         for (size_t i = 0; i < count; i++) {
             struct RTCRayHit r = {.ray = {.org_x = origins[i].x, .org_y = origins[i].y, .org_z = origins[i].z, .dir_x = directions[i].x,
                                           .dir_y = directions[i].y, .dir_z = directions[i].z, .tfar = INFINITY, .mask = ~0u},
                                   .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
-            rtcIntersect1(b->scene, &context, &r);
-            hits[i] = (struct kiln_hit){.triangle = KILN_NONE};
+            hits[i] = (struct kiln_hit){.triangle = KILN_NONE, .tint = {1.0f, 1.0f, 1.0f}};
+            embree_nearest1(b, &context, &r, kiln_ray_seed(origins[i], directions[i]), hits[i].tint);
             if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID)
                 continue;
             hits[i].triangle = embree_triangle(b, r.hit.geomID, r.hit.primID);

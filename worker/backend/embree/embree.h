@@ -43,9 +43,6 @@ typedef int (*embree_trace_part)(struct embree_backend *b, size_t fragment_first
 int embree_in_parts(struct embree_backend *b, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, embree_trace_part trace,
                     uint64_t *rays, struct kiln_error *error);
 
-/* Context for incoherent or (few triangles) coherent packets. */
-void embree_context(const struct embree_backend *b, struct RTCIntersectContext *context);
-
 int embree_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible,
                     struct kiln_error *error);
 int embree_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,

@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "shaders/random.h"
+#include "worker/backend/embree/passage.h"
 #include "worker/sampling/keys.h"
 #include "worker/sampling/sequence.h"
 
@@ -12,7 +13,8 @@ static void know(struct fragment_frame *f, const struct embree_backend *b, uint3
     if (f->known_triangle == triangle)
         return;
     f->known_triangle = triangle;
-    f->known_normal = kiln_triangle_exact_normal(b->params.scene, b->params.geometry, triangle);
+    const struct kiln_vec3 front = kiln_triangle_exact_normal(b->params.scene, b->params.geometry, triangle);
+    f->known_normal = f->back ? vec3_scale(front, -1.0f) : front;
     f->known_offset = kiln_offset_distance(b->params.geometry, triangle, f->known_normal);
 }
 
@@ -31,12 +33,10 @@ static void build_whole(struct fragment_frame *f, const struct embree_backend *b
 
 static bool meets_back(const struct embree_backend *b, struct kiln_vec3 p, struct kiln_vec3 d)
 {
-    struct RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
     struct RTCRayHit r = {.ray = {.org_x = p.x, .org_y = p.y, .org_z = p.z, .dir_x = d.x, .dir_y = d.y, .dir_z = d.z, .tfar = INFINITY,
                                   .mask = ~0u},
                           .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
-    rtcIntersect1(b->scene, &context, &r);
+    embree_nearest_half(b, &r);
     if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID || r.hit.Ng_x * d.x + r.hit.Ng_y * d.y + r.hit.Ng_z * d.z <= 0.0f)
         return false;
     const uint32_t triangle = embree_triangle(b, r.hit.geomID, r.hit.primID);
@@ -61,6 +61,8 @@ static void draw_position(struct fragment_frame *frame, const struct embree_back
 {
     uint32_t triangle;
     float b1, b2;
+    if (frame->mask[j].count != 0)
+        kiln_mask_place(&frame->mask[j], &s, &t);
     kiln_footprint_sample(&frame->footprint[j], s, t, &triangle, &b1, &b2);
     const struct kiln_geometry *g = backend->params.geometry;
     know(frame, backend, triangle);
@@ -92,18 +94,18 @@ static void build_point(struct fragment_frame *f, const struct embree_backend *b
                         bool partly_buried, unsigned wish)
 {
     struct kiln_footprint *p = &f->footprint[j];
-    const struct kiln_lightmap *map = &b->surface->lightmaps[at->object];
+    const struct kiln_lightmap *map = &b->surface->lightmaps[at->map];
     const uint64_t texel = (uint64_t)at->y * map->width + at->x;
-    f->key[j] = kiln_texel_key(kiln_seed_key(b->params.seed), at->object, texel);
+    f->key[j] = kiln_texel_key(kiln_seed_key(b->params.seed), at->map, texel);
     kiln_footprint_prepare(p, b->params.scene, b->params.geometry, b->surface, at);
     if (f->smooth) {
         struct kiln_vec3 mean, shading;
         kiln_footprint_normals(p, &mean, &shading);
         f->shading[0][j] = shading.x, f->shading[1][j] = shading.y, f->shading[2][j] = shading.z;
     }
-    f->present[j] = kiln_footprint_opacity(p);
+    f->present[j] = kiln_footprint_presence(p, f->key[j], &f->mask[j]);
     f->partly_buried[j] = partly_buried;
-    f->whole[j] = p->kind == KILN_FOOTPRINT_WHOLE && !partly_buried;
+    f->whole[j] = p->kind == KILN_FOOTPRINT_WHOLE && !partly_buried && f->mask[j].count == 0;
     know(f, b, p->pieces[0]);
     f->normal[0][j] = f->known_normal.x, f->normal[1][j] = f->known_normal.y, f->normal[2][j] = f->known_normal.z;
     if (f->whole[j])
@@ -119,8 +121,9 @@ void frame_build(struct fragment_frame *frame, const struct embree_backend *back
     const struct kiln_scene *scene = backend->params.scene;
     frame->count = 0;
     frame->known_triangle = KILN_NONE;
-    frame->smooth = (scene->meshes[scene->objects[f->object].mesh].flags & KILN_MESH_SMOOTH) != 0;
-    frame->tile_key = kiln_tile_key(kiln_seed_key(backend->params.seed), f->object, f->tile);
+    frame->smooth = (scene->meshes[scene->objects[kiln_map_object(s, f->map)].mesh].flags & KILN_MESH_SMOOTH) != 0;
+    frame->back = kiln_map_back(s, f->map);
+    frame->tile_key = kiln_tile_key(kiln_seed_key(backend->params.seed), f->map, f->tile);
     struct kiln_point_cursor at = kiln_point_first(s, fragment);
     for (uint32_t k = 0; k < f->count; k++, kiln_point_next(s, &at)) {
         const bool every = (wish & FRAME_EVERY) != 0;

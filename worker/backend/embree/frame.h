@@ -11,6 +11,7 @@ struct fragment_frame {
     uint32_t count;     /* valid points */
     uint32_t tile_key;  /* hash of (seed, object, tile) */
     bool smooth;        /* some shading normal differs from the geometric one */
+    bool back;          /* of backs: all normals are those of the triangles turned round */
     uint32_t place[KILN_TILE_TEXELS]; /* of point j among the fragment's points */
     uint32_t key[KILN_TILE_TEXELS];   /* hash of (seed, object, texel) */
     bool whole[KILN_TILE_TEXELS];     /* position = origin + s edge_s + t edge_t, one normal; else use frame_position */
@@ -20,6 +21,7 @@ struct fragment_frame {
     float offset[KILN_TILE_TEXELS];     /* m along the normal that positions of a whole point carry */
     float shading[3][KILN_TILE_TEXELS]; /* unit; set where `smooth` */
     float present[KILN_TILE_TEXELS];  /* see struct kiln_point_result */
+    struct kiln_mask mask[KILN_TILE_TEXELS]; /* where something is; a point with one is never `whole` */
     /* with FRAME_EXTENT only */
     struct kiln_footprint_extent extent[KILN_TILE_TEXELS];
     struct kiln_footprint footprint[KILN_TILE_TEXELS];
@@ -35,8 +37,8 @@ enum frame_wish {
 };
 void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, unsigned wish);
 
-/* Position (offset included) and geometric normal of a sample of point j; s and t in (0,1), uniform over what of its area is not
- * buried. Returns the offset, m along the normal: light is weighed where the surface is, only its ray starts off it. */
+/* Position (offset included) and geometric normal of a sample of point j; s and t in (0,1), uniform over what of its area is there
+ * and not buried. Returns the offset, m along the normal: light is weighed where the surface is, only its ray starts off it. */
 float frame_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
                      struct kiln_vec3 *position, struct kiln_vec3 *normal);
 

@@ -9,6 +9,7 @@
 #include "worker/backend/embree/embree.h"
 #include "worker/backend/embree/frame.h"
 #include "worker/backend/embree/lookup.h"
+#include "worker/backend/embree/passage.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 #include "worker/sampling/sequence.h"
@@ -33,15 +34,17 @@ struct gather_work {
     /* smooth meshes: `normal` is then the axis half-way between geometric and shading normal, and this the geometric one */
     float facet[3][LANES], table_facet[3][LANES][TABLE];
     struct RTCRayHit8 packets[LANES / PACKET];
+    /* scenes that leave hits to chance, or tint them: what chance hangs on, of each lane's point and of each ray; and each ray's tint */
+    uint32_t chance[LANES], ray_seed[LANES];
+    float tint[LANES][3];
     /* sums a point */
-    double incident[LANES][3], irradiance[LANES][3], borrowed[LANES][3], sub_net[SUB_NETS][LANES];
-    double escaped[LANES], blocked[LANES], behind[LANES];
+    double incident[LANES][3], irradiance[LANES][3], sub_net[SUB_NETS][LANES];
+    double escaped[LANES], blocked[LANES], glass[LANES][3];
     /* what the step's rays met, in the order of lanes */
     const struct kiln_tile *hit_tile[LANES];
     const struct kiln_tile_part *split_parts[LANES];
     uint64_t hit_point[LANES]; /* surface point or KILN_NO_POINT */
     uint8_t hit_bit[LANES], hit_lane[LANES], split_hit[LANES];
-    bool hit_behind[LANES]; /* the back of a double-sided surface */
     /* Sobol' points of the pass, and scrambled for the tile: samples values each */
     uint32_t *sobol[4], *scrambled[4];
     uint8_t *sub_net_of; /* of a sample */
@@ -157,6 +160,7 @@ static void prepare(struct gather_work *w, const struct embree_backend *b, size_
         w->copy[l] = l / count;
         w->shift_u[l] = w->shift_u[j], w->shift_v[l] = w->shift_v[j];
         w->shift_s[l] = w->shift_s[j], w->shift_t[l] = w->shift_t[j];
+        w->chance[l] = kiln_hash1(kiln_hash2(w->frame.key[j], stream) + 5u);
         w->partial[l] = !w->frame.whole[j];
         for (int c = 0; c < 3; c++) {
             w->origin[c][l] = w->frame.origin[c][j];
@@ -172,10 +176,9 @@ static void prepare(struct gather_work *w, const struct embree_backend *b, size_
     memset(w->incident, 0, sizeof w->incident);
     memset(w->irradiance, 0, sizeof w->irradiance);
     memset(w->sub_net, 0, sizeof w->sub_net);
-    memset(w->borrowed, 0, sizeof w->borrowed);
+    memset(w->glass, 0, sizeof w->glass);
     memset(w->escaped, 0, sizeof w->escaped);
     memset(w->blocked, 0, sizeof w->blocked);
-    memset(w->behind, 0, sizeof w->behind);
 }
 
 /* sin(2 pi x) for |x| <= 1/4: odd polynomial, error below 3e-7. */
@@ -238,6 +241,8 @@ static uint32_t prepare_step(struct gather_work *w, const struct embree_backend 
                                                w->scrambled[3][first + c]};
         make_rays(w, c * count, (c + 1) * count, numbers);
     }
+    for (uint32_t l = 0; l < copies * count && embree_blends(b); l++)
+        w->ray_seed[l] = kiln_hash2(w->chance[l], first + w->copy[l]);
     return copies * count;
 }
 
@@ -258,17 +263,17 @@ static void fill_packets(struct gather_work *w, uint32_t lanes)
     }
 }
 
-static void trace_packets(const struct embree_backend *b, struct RTCIntersectContext *context, struct gather_work *w, uint32_t lanes)
+static void trace_packets(const struct embree_backend *b, struct embree_context *context, struct gather_work *w, uint32_t lanes)
 {
     static const int all[PACKET] __attribute__((aligned(32))) = {-1, -1, -1, -1, -1, -1, -1, -1};
     const uint32_t whole = lanes / PACKET, rest = lanes % PACKET;
     for (uint32_t p = 0; p < whole; p++)
-        rtcIntersect8(all, b->scene, context, &w->packets[p]);
+        embree_nearest8(b, context, all, &w->packets[p], &w->ray_seed[p * PACKET], &w->tint[p * PACKET]);
     if (rest != 0) {
         int valid[PACKET] __attribute__((aligned(32)));
         for (uint32_t i = 0; i < PACKET; i++)
             valid[i] = i < rest ? -1 : 0;
-        rtcIntersect8(valid, b->scene, context, &w->packets[whole]);
+        embree_nearest8(b, context, valid, &w->packets[whole], &w->ray_seed[whole * PACKET], &w->tint[whole * PACKET]);
     }
 }
 
@@ -319,11 +324,15 @@ KILN_CLONES static uint32_t find_tiles(const struct embree_backend *b, struct ga
         int32_t y = (int32_t)(record->texel[1] + u * record->texel[3] + v * record->texel[5]);
         x = x < 0 ? 0 : x > right ? right : x;
         y = y < 0 ? 0 : y > bottom ? bottom : y;
+        if (facing > 0.0f) {
+            map = &lightmaps[b->surface->object_count + record->object];
+            x >>= map->shift;
+            y >>= map->shift;
+        }
         const struct kiln_tile *tile = &tiles[map->tile_first + (uint64_t)((uint32_t)y / 8u) * map->tiles_x + (uint32_t)x / 8u];
         __builtin_prefetch(tile);
         w->hit_tile[count] = tile;
         w->hit_bit[count] = morton_of[((uint32_t)y & 7u) << 3 | ((uint32_t)x & 7u)];
-        w->hit_behind[count] = facing > 0.0f;
         w->hit_lane[count++] = (uint8_t)l;
     }
     return count;
@@ -363,16 +372,16 @@ KILN_CLONES static void find_points(const struct embree_backend *b, struct gathe
 KILN_CLONES static void collect(const struct embree_backend *b, struct gather_work *w, uint32_t step, uint32_t count)
 {
     const uint32_t first = step * w->copies;
+    const bool tints = embree_tints(b);
     for (uint32_t i = 0; i < count; i++) {
         const uint32_t l = w->hit_lane[i], j = w->point[l];
         const float facet = facet_weight(w, l);
         float rgb[3] = {0.0f, 0.0f, 0.0f}, weight = facet;
         if (w->hit_point[i] != KILN_NO_POINT && facet > 0.0f)
             kiln_radiosity_unpack(b->radiosity[w->hit_point[i]], rgb);
-        if (w->hit_behind[i]) {
-            w->behind[j] += (double)facet;
-            for (int c = 0; c < 3; c++)
-                w->borrowed[j][c] += (double)(facet * rgb[c]);
+        for (int c = 0; c < 3 && tints; c++) {
+            rgb[c] *= w->tint[l][c];
+            w->glass[j][c] += (double)(facet * (1.0f - w->tint[l][c]));
         }
         if (w->frame.smooth) {
             const struct kiln_vec3 shading = frame_shading(&w->frame, j, vec3(w->facet[0][l], w->facet[1][l], w->facet[2][l]));
@@ -410,19 +419,18 @@ static void store(const struct gather_work *w, struct kiln_point_result *results
         for (int c = 0; c < 3; c++) {
             r->incident[c] = (float)(w->incident[j][c] * scale);
             r->irradiance[c] = w->frame.smooth ? (float)(w->irradiance[j][c] * scale) : r->incident[c];
-            r->borrowed[c] = (float)(w->borrowed[j][c] * scale);
+            r->glass[c] = (float)(w->glass[j][c] * scale);
         }
         r->error = sub_net_error(w, j);
         r->present = w->frame.present[j];
         r->escaped = (float)(w->escaped[j] * scale);
         r->blocked = (float)(w->blocked[j] * scale);
-        r->behind = (float)(w->behind[j] * scale);
     }
 }
 
 static uint32_t steps_of(const struct gather_work *w) { return (w->samples + w->copies - 1) / w->copies; }
 
-static void gather_fragment(const struct embree_backend *b, struct RTCIntersectContext *context, struct gather_work *w, size_t fragment,
+static void gather_fragment(const struct embree_backend *b, struct embree_context *context, struct gather_work *w, size_t fragment,
                             uint32_t stream, struct kiln_point_result *results, uint64_t *rays)
 {
     memset(results, 0, b->surface->fragments[fragment].count * sizeof *results);
@@ -460,7 +468,7 @@ static int gather_part(struct embree_backend *b, size_t fragment_first, size_t f
         }
 #pragma omp barrier
         const unsigned saved = embree_enter();
-        struct RTCIntersectContext context;
+        struct embree_context context;
         embree_context(b, &context);
         const double begin = embree_thread_seconds();
 #pragma omp for schedule(dynamic, 4) nowait
@@ -500,7 +508,7 @@ int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch,
     if (status != KILN_OK)
         return status;
     const unsigned saved = embree_enter();
-    struct RTCIntersectContext context;
+    struct embree_context context;
     embree_context(b, &context);
     for (size_t i = 0; i < batch->fragment_count; i++) {
         prepare(w, b, batch->fragment_first + i, stream);

@@ -6,6 +6,7 @@
 #include "shaders/random.h"
 #include "worker/backend/embree/embree.h"
 #include "worker/backend/embree/lookup.h"
+#include "worker/backend/embree/passage.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/harmonics.h"
 #include "worker/sampling/sequence.h"
@@ -29,7 +30,7 @@ static void add(struct probe_sums *sums, struct kiln_dvec3 d, const double value
             sums->axes[along[a] >= 0.0 ? 2 * a : 2 * a + 1][c] += fabs(along[a]) * value[c];
 }
 
-static void gather_sphere(const struct embree_backend *b, struct RTCIntersectContext *context, struct kiln_vec3 p, uint32_t key,
+static void gather_sphere(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 p, uint32_t key,
                           uint32_t samples, struct probe_sums *sums)
 {
     const struct kiln_geometry *g = b->params.geometry;
@@ -42,8 +43,8 @@ static void gather_sphere(const struct embree_backend *b, struct RTCIntersectCon
         struct RTCRayHit r = {.ray = {.org_x = p.x, .org_y = p.y, .org_z = p.z, .dir_x = (float)d.x, .dir_y = (float)d.y, .dir_z = (float)d.z,
                                       .tfar = INFINITY, .mask = ~0u},
                               .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
-        rtcIntersect1(b->scene, context, &r);
-        float rgb[3] = {0};
+        float rgb[3] = {0}, tint[3] = {1.0f, 1.0f, 1.0f};
+        embree_nearest1(b, context, &r, kiln_hash2(key + 1u, k), tint);
         if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID) {
             sums->distance += far / samples;
             if (sky)
@@ -55,17 +56,19 @@ static void gather_sphere(const struct embree_backend *b, struct RTCIntersectCon
             if (back && (g->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0)
                 sums->back++;
             else
-                kiln_radiosity_unpack(embree_radiosity(b, triangle, r.hit.u, r.hit.v), rgb);
+                kiln_radiosity_unpack(embree_radiosity(b, triangle, r.hit.u, r.hit.v, back), rgb);
             for (int c = 0; c < 3; c++)
                 rgb[c] *= (float)(1.0 / KILN_PI);
         }
-        const double value[3] = {(double)rgb[0] * weight, (double)rgb[1] * weight, (double)rgb[2] * weight};
+        double value[3];
+        for (int c = 0; c < 3; c++)
+            value[c] = (double)(rgb[c] * tint[c]) * weight;
         add(sums, d, value);
     }
 }
 
 /* Light straight from the lights; a constant sky is met by the rays above. */
-static uint64_t gather_lights(const struct embree_backend *b, struct RTCIntersectContext *context, struct kiln_light_choice *choices,
+static uint64_t gather_lights(const struct embree_backend *b, struct embree_context *context, struct kiln_light_choice *choices,
                               struct kiln_vec3 position, uint32_t key, uint32_t samples, struct probe_sums *sums)
 {
     const struct kiln_lights *lights = b->params.lights;
@@ -88,12 +91,13 @@ static uint64_t gather_lights(const struct embree_backend *b, struct RTCIntersec
             struct RTCRay ray = {.org_x = position.x, .org_y = position.y, .org_z = position.z, .dir_x = (float)s.direction.x,
                                  .dir_y = (float)s.direction.y, .dir_z = (float)s.direction.z, .mask = ~0u,
                                  .tfar = isfinite(s.distance) ? (float)((s.distance - s.backoff) * (1.0 - 0x1p-20)) : INFINITY};
-            rtcOccluded1(b->scene, context, &ray);
+            double through[3] = {1.0, 1.0, 1.0};
+            embree_through1(b, context, &ray, through);
             rays++;
             if (ray.tfar < 0.0f)
                 continue;
             for (int c = 0; c < 3; c++)
-                s.value[c] /= choices[i].samples;
+                s.value[c] *= through[c] / choices[i].samples;
             add(sums, s.direction, s.value);
         }
     }
@@ -114,8 +118,8 @@ int embree_probes(struct kiln_backend *backend, const struct kiln_vec3 *position
 #pragma omp parallel num_threads((int)b->threads) reduction(+ : traced)
     {
         const unsigned saved = embree_enter();
-        struct RTCIntersectContext context;
-        rtcInitIntersectContext(&context);
+        struct embree_context context;
+        embree_context(b, &context);
 #pragma omp for schedule(dynamic, 4)
         for (size_t i = 0; i < count; i++) {
             const uint64_t index = index_first + i;

@@ -9,12 +9,17 @@ void shadow_begin(struct shadow_packet *packet, struct shadow_sums *sums, uint32
     packet->sums = sums;
 }
 
-void shadow_trace(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context)
+void shadow_trace(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context)
 {
-    rtcOccluded8(packet->valid, b->scene, context, &packet->rays);
+    double through[PACKET][3];
+    embree_through8(b, context, packet->valid, &packet->rays, through);
     for (uint32_t i = 0; i < PACKET; i++) {
         if (packet->valid[i] == 0 || packet->rays.tfar[i] < 0.0f) /* -inf: something is in between */
             continue;
+        for (int c = 0; c < 3 && embree_blends(b); c++) {
+            packet->incident[i][c] *= through[i][c];
+            packet->irradiance[i][c] *= through[i][c];
+        }
         for (int c = 0; c < 3; c++) {
             packet->sums->incident[c] += packet->incident[i][c];
             packet->sums->irradiance[c] += packet->irradiance[i][c];
@@ -26,7 +31,7 @@ void shadow_trace(struct shadow_packet *packet, const struct embree_backend *b, 
     }
 }
 
-static void flush(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context)
+static void flush(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context)
 {
     for (uint32_t i = 0; i < PACKET; i++)
         packet->valid[i] = i < packet->count ? -1 : 0;
@@ -34,7 +39,7 @@ static void flush(struct shadow_packet *packet, const struct embree_backend *b, 
     packet->count = 0;
 }
 
-void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context, struct kiln_vec3 p,
+void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 p,
                 const struct kiln_light_sample *sample, uint32_t index, double cosine, double shading_cosine)
 {
     const uint32_t i = packet->count++;
@@ -58,7 +63,7 @@ void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, st
         flush(packet, b, context);
 }
 
-void shadow_end(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context)
+void shadow_end(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context)
 {
     if (packet->count != 0)
         flush(packet, b, context);

@@ -2,7 +2,7 @@
 #ifndef KILN_WORKER_BACKEND_EMBREE_SHADOW_H
 #define KILN_WORKER_BACKEND_EMBREE_SHADOW_H
 
-#include "worker/backend/embree/embree.h"
+#include "worker/backend/embree/passage.h"
 
 /* What the samples of one choice of light bring: plain sums, to be divided by the number of samples. */
 struct shadow_sums {
@@ -22,11 +22,11 @@ struct shadow_packet {
 /* Starts a choice with `samples` samples, whose answers go to `sums`. */
 void shadow_begin(struct shadow_packet *packet, struct shadow_sums *sums, uint32_t samples);
 /* The ray of sample `index` from p; the cosines are those of the geometric and the shading normal. */
-void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context, struct kiln_vec3 p,
+void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 p,
                 const struct kiln_light_sample *sample, uint32_t index, double cosine, double shading_cosine);
-void shadow_end(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context);
+void shadow_end(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context);
 /* Traces the valid ones of a packet that was filled as a whole, and sums up. */
-void shadow_trace(struct shadow_packet *packet, const struct embree_backend *b, struct RTCIntersectContext *context);
+void shadow_trace(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context);
 /* How far a shadow ray goes towards a light so far away. */
 static inline float shadow_limit(double distance, double backoff) { return (float)((distance - backoff) * (1.0 - 0x1p-20)); }
 

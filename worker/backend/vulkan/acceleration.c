@@ -120,9 +120,10 @@ static VkAccelerationStructureGeometryKHR triangles_of(const struct kiln_geometr
 static int build_bottom(struct acceleration *a, const struct kiln_geometry *g, const struct gpu_buffer *vertices, const struct gpu_buffer *indices,
                         struct kiln_error *error)
 {
-    /* the alpha test may be asked more than once for a triangle: it always answers alike */
+    /* whether there is something may be asked more than once for a triangle, how much comes through may not */
+    const VkGeometryFlagsKHR once = g->passage >= KILN_PASSAGE_BLEND ? VK_GEOMETRY_NO_DUPLICATE_ANY_HIT_INVOCATION_BIT_KHR : 0;
     const VkAccelerationStructureGeometryKHR geometries[2] = {triangles_of(g, vertices, indices, VK_GEOMETRY_OPAQUE_BIT_KHR),
-                                                              triangles_of(g, vertices, indices, 0)};
+                                                              triangles_of(g, vertices, indices, once)};
     const VkAccelerationStructureBuildRangeInfoKHR ranges[2] = {
         {.primitiveCount = (uint32_t)g->opaque_count},
         {.primitiveCount = (uint32_t)(g->triangle_count - g->opaque_count), .primitiveOffset = (uint32_t)(g->opaque_count * 3 * sizeof(uint32_t))}};

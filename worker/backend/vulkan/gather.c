@@ -104,12 +104,13 @@ static int run(struct gather *g, enum vulkan_pace pace, double *seconds, struct 
 {
     g->slices = vulkan_slices_of(g->b, g->samples);
     const uint32_t rows = 4 * g->slices.per_quarter;
+    const uint32_t floats = g->b->params.geometry->passage == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
     const struct vulkan_pass pass = {.pace = pace,
                                      .states = true,
                                      .rows = rows,
                                      .work = (double)g->samples / rows,
                                      .first_guess = 1 << 19,
-                                     .scratch_bytes = (size_t)rows * g->slices.split * KILN_GPU_SLICE_FLOATS * sizeof(float),
+                                     .scratch_bytes = (size_t)rows * g->slices.split * floats * sizeof(float),
                                      .prepare = prepare,
                                      .record = record,
                                      .take = take,

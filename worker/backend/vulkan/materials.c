@@ -8,6 +8,9 @@
 _Static_assert((int)KILN_GPU_ALPHA_MASK == (int)KILN_ALPHA_MASK && (int)KILN_GPU_WRAP_CLAMP == (int)KILN_WRAP_CLAMP &&
                    (int)KILN_GPU_WRAP_MIRROR == (int)KILN_WRAP_MIRROR && KILN_GPU_NONE == KILN_NONE,
                "shaders and C disagree on a constant");
+_Static_assert((int)KILN_GPU_ALPHA_OPAQUE == (int)KILN_ALPHA_OPAQUE && (int)KILN_GPU_PASSAGE_MASK == (int)KILN_PASSAGE_MASK &&
+                   (int)KILN_GPU_PASSAGE_BLEND == (int)KILN_PASSAGE_BLEND && (int)KILN_GPU_PASSAGE_TINT == (int)KILN_PASSAGE_TINT,
+               "shaders and C disagree on what surfaces do to light");
 
 static const uint64_t most_texel_bytes = (uint64_t)1 << 30; /* of a buffer: every device allows as much in one allocation */
 
@@ -48,6 +51,8 @@ static void want_textures(struct staging *s, uint32_t triangle, const struct kil
 {
     if (triangle >= s->params->geometry->opaque_count && material->base_color_texture != KILN_NONE)
         s->wanted[material->base_color_texture] = true;
+    if (triangle >= s->params->geometry->opaque_count && material->transmission > 0.0f && material->transmission_texture != KILN_NONE)
+        s->wanted[material->transmission_texture] = true;
     if ((s->params->geometry->records[triangle].material & KILN_RECORD_EMITS) != 0 && material->emission_texture != KILN_NONE)
         s->wanted[material->emission_texture] = true;
 }
@@ -109,6 +114,10 @@ static void fill_materials(struct staging *s)
         to->alpha_mode = from->alpha_mode;
         to->base_color_texture = from->base_color_texture;
         to->emission_texture = from->emission_texture;
+        for (int c = 0; c < 3; c++)
+            to->base_color[c] = from->base_color[c] * (1.0f - from->metallic);
+        to->transmission = from->transmission;
+        to->transmission_texture = from->transmission > 0.0f ? from->transmission_texture : KILN_NONE;
     }
 }
 

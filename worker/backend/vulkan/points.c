@@ -120,6 +120,7 @@ static void workspace_destroy(struct points_workspace **workspace)
 
 /* What is known of a triangle, kept for the next point of the same one. */
 struct known {
+    bool back; /* of backs: the normal is turned round */
     uint32_t triangle;
     struct kiln_vec3 normal;
     float offset;
@@ -130,7 +131,8 @@ static void know(struct known *k, const struct maker *m, uint32_t triangle)
     if (k->triangle == triangle)
         return;
     k->triangle = triangle;
-    k->normal = kiln_triangle_exact_normal(m->p->params->scene, m->p->params->geometry, triangle);
+    const struct kiln_vec3 front = kiln_triangle_exact_normal(m->p->params->scene, m->p->params->geometry, triangle);
+    k->normal = k->back ? vec3_scale(front, -1.0f) : front;
     k->offset = kiln_offset_distance(m->p->params->geometry, triangle, k->normal);
 }
 
@@ -207,6 +209,21 @@ static void make_whole(const struct known *k, const struct kiln_footprint *f, st
     point->edge_t = f->whole.dv;
 }
 
+/* A point's mask stands behind its parts. */
+static int make_mask(struct part_list *list, struct kiln_gpu_point *point, const struct kiln_mask *mask, struct kiln_error *error)
+{
+    struct kiln_gpu_mask to = {.count = mask->count};
+    const int status = kiln_grow(&list->at, &list->room, list->count + 1, sizeof *list->at, "the parts of points", error);
+    if (status != KILN_OK)
+        return status;
+    if ((point->flags & KILN_GPU_POINT_PARTIAL) == 0)
+        point->first_part = (uint32_t)list->count;
+    point->flags |= KILN_GPU_POINT_MASKED;
+    memcpy(to.cells, mask->cells, sizeof to.cells);
+    memcpy(&list->at[list->count++], &to, sizeof to);
+    return KILN_OK;
+}
+
 static int make_point(struct maker *m, struct part_list *list, struct known *k, const struct kiln_point_cursor *at, uint32_t tile_key,
                       bool smooth, struct kiln_gpu_point *point, struct kiln_error *error)
 {
@@ -219,17 +236,20 @@ static int make_point(struct maker *m, struct part_list *list, struct known *k, 
                                      .shading = k->normal,
                                      .offset = k->offset,
                                      .tile_key = tile_key,
-                                     .key = kiln_texel_key(kiln_seed_key(params->seed), at->object, (uint64_t)at->y * s->lightmaps[at->object].width + at->x),
-                                     .present = kiln_footprint_opacity(&f)};
+                                     .key = kiln_texel_key(kiln_seed_key(params->seed), at->map, (uint64_t)at->y * s->lightmaps[at->map].width + at->x)};
+    struct kiln_mask mask;
+    point->present = kiln_footprint_presence(&f, point->key, &mask);
     if (smooth) {
         struct kiln_vec3 mean;
         kiln_footprint_normals(&f, &mean, &point->shading);
         point->flags |= KILN_GPU_POINT_SMOOTH;
     }
+    int status = KILN_OK;
     if (f.kind != KILN_FOOTPRINT_WHOLE)
-        return make_parts(m, list, k, &f, point, error);
-    make_whole(k, &f, point);
-    return KILN_OK;
+        status = make_parts(m, list, k, &f, point, error);
+    else
+        make_whole(k, &f, point);
+    return status == KILN_OK && mask.count != 0 ? make_mask(list, point, &mask, error) : status;
 }
 
 static int make_fragment(struct maker *m, struct part_list *list, struct known *k, size_t fragment, struct kiln_error *error)
@@ -237,10 +257,12 @@ static int make_fragment(struct maker *m, struct part_list *list, struct known *
     const struct kiln_surface *s = m->p->surface;
     const struct kiln_scene *scene = m->p->params->scene;
     const struct kiln_fragment *f = &s->fragments[fragment];
-    const bool smooth = (scene->meshes[scene->objects[f->object].mesh].flags & KILN_MESH_SMOOTH) != 0;
-    const uint32_t tile_key = kiln_tile_key(kiln_seed_key(m->p->params->seed), f->object, f->tile);
+    const bool smooth = (scene->meshes[scene->objects[kiln_map_object(s, f->map)].mesh].flags & KILN_MESH_SMOOTH) != 0;
+    const uint32_t tile_key = kiln_tile_key(kiln_seed_key(m->p->params->seed), f->map, f->tile);
     struct kiln_point_cursor at = kiln_point_first(s, fragment);
     int status = KILN_OK;
+    if (k->back != at.back)
+        *k = (struct known){.back = at.back, .triangle = KILN_NONE};
     for (uint32_t i = 0; i < f->count && status == KILN_OK; i++, kiln_point_next(s, &at))
         status = make_point(m, list, k, &at, tile_key, smooth, &m->w->points[at.point - m->block->first], error);
     return status;

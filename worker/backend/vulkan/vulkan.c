@@ -95,7 +95,7 @@ static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
         status = gpu_buffer_create(b->gpu, &b->scene, sizeof b->layout, GPU_DEVICE, "the scene", error);
     b->layout.records = b->records.address;
     b->layout.opaque_count = (uint32_t)g->opaque_count;
-    b->constants[VULKAN_HAS_ALPHA] = g->opaque_count < g->triangle_count;
+    b->constants[VULKAN_HAS_ALPHA] = g->passage;
     b->constants[VULKAN_LIGHT_KINDS] = b->lights.kinds;
     for (size_t i = 0; i < b->params.scene->mesh_count; i++)
         b->constants[VULKAN_HAS_SMOOTH] |= (b->params.scene->meshes[i].flags & KILN_MESH_SMOOTH) != 0;
@@ -243,7 +243,7 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
 static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
 {
     const struct kiln_surface *s = b->surface;
-    const size_t maps = b->params.scene->object_count;
+    const size_t maps = s->map_count;
     clear_surface(b);
     int status = gpu_buffer_of(b->gpu, &b->lightmaps, s->lightmaps, maps * sizeof *s->lightmaps, "the lightmaps' sizes", error);
     if (status == KILN_OK)
@@ -255,6 +255,7 @@ static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
     if (status == KILN_OK)
         status = vulkan_points_create(&b->points, b->gpu, &b->params, s, error);
     b->layout.lightmaps = b->lightmaps.address;
+    b->layout.object_count = s->object_count;
     b->layout.tiles = b->tiles.address;
     b->layout.splits = b->splits.address;
     b->layout.radiosity = b->radiosity_buffer.address;
@@ -362,7 +363,8 @@ static int intersect_some(struct vulkan_backend *b, const struct gpu_buffer *in,
     gpu_pacer_learn(&b->pacers[VULKAN_PACE_INTERSECT], count, seconds);
     const struct kiln_gpu_hit *found = out->mapped;
     for (size_t i = 0; i < count; i++)
-        hits[i] = (struct kiln_hit){.triangle = found[i].triangle, .u = found[i].u, .v = found[i].v, .distance = found[i].distance, .back = found[i].back != 0};
+        hits[i] = (struct kiln_hit){.triangle = found[i].triangle, .u = found[i].u, .v = found[i].v, .distance = found[i].distance, .back = found[i].back != 0,
+                                    .tint = {found[i].tint[0], found[i].tint[1], found[i].tint[2]}};
     return KILN_OK;
 }
 
