@@ -320,6 +320,19 @@ static int draw_preview(struct bake *b, struct kiln_error *error)
     return agree_after_phase(b, status, error);
 }
 
+static int export_beside(const struct bake *b, struct kiln_error *error)
+{
+    const struct kiln_surface *s = b->prepared->surface;
+    uint8_t *backs = NULL;
+    int status = kiln_allocate(&backs, s->object_count, 1, "the export's links", error);
+    for (uint32_t i = s->object_count; status == KILN_OK && i < s->map_count; i++)
+        backs[i - s->object_count] = s->lightmaps[i].published != 0;
+    if (status == KILN_OK)
+        status = kiln_export_beside(b->job->output, b->job->scene, b->prepared->scene, backs, "W/m2", error);
+    kiln_free(&backs);
+    return status;
+}
+
 /* scene.glb. A source that has gone or changed meanwhile, or that glTF cannot hold in one file, spoils nothing of the bake: it is said, and
  * kiln export can do it later. */
 static int write_scene(struct bake *b, struct kiln_error *error)
@@ -331,7 +344,7 @@ static int write_scene(struct bake *b, struct kiln_error *error)
     kiln_progress_phase(b->progress, "scene.glb", 0);
     if (b->rank == 0) {
         struct kiln_error own = {""};
-        status = kiln_export_beside(b->job->output, b->job->scene, b->prepared->scene, &own);
+        status = export_beside(b, &own);
         told = status == KILN_BAD_INPUT || status == KILN_NO_INPUT || status == KILN_PERMISSION;
         if (told != 0)
             (void)fprintf(stderr, "kiln: warning: no scene.glb: %s\n", own.message);

@@ -22,7 +22,9 @@ struct export {
     const char *directory, *output;
     char fallback[KILN_PATH_SIZE], folder[KILN_PATH_SIZE], scene_file[KILN_PATH_SIZE], source[KILN_PATH_SIZE];
     struct kiln_scene *scene;
+    uint8_t *backs; /* an object: it has a lightmap of its backs; NULL: none has */
     struct kiln_pages *pages;
+    json_t *run;    /* run.json */
 };
 
 /* Where the scene was when it was baked, from run.json. */
@@ -30,20 +32,37 @@ static int read_run(struct export *e, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE], *text = NULL;
     size_t size = 0;
-    json_t *run = NULL;
     int status = kiln_path_join(path, e->directory, "run.json", error);
     if (status == KILN_OK)
         status = kiln_read_file(path, RUN_MOST, &text, &size, error);
     if (status == KILN_NO_INPUT)
         return kiln_fail(error, KILN_NO_INPUT, "%.512s holds no finished bake: there is no run.json in it; bake first", e->directory);
-    if (status == KILN_OK && (run = json_loadb(text, size, 0, NULL)) == NULL)
+    if (status == KILN_OK && (e->run = json_loadb(text, size, 0, NULL)) == NULL)
         status = kiln_fail(error, KILN_BAD_INPUT, "%.512s is not as kiln writes it; bake again", path);
-    const char *source = json_string_value(json_object_get(json_object_get(run, "scene"), "path"));
+    const char *source = json_string_value(json_object_get(json_object_get(e->run, "scene"), "path"));
     if (status == KILN_OK)
         (void)snprintf(e->source, sizeof e->source, "%s", e->job->source != NULL ? e->job->source : source != NULL ? source : "");
-    json_decref(run);
     kiln_free(&text);
     return status;
+}
+
+/* Which objects have a lightmap of their backs, by run.json. */
+static int find_backs(struct export *e, struct kiln_error *error)
+{
+    const json_t *objects = json_object_get(e->run, "objects");
+    for (size_t i = 0; i < e->scene->object_count; i++) {
+        const json_t *object = json_array_get(objects, i);
+        const char *name = json_string_value(json_object_get(object, "file_name"));
+        if (name == NULL || strcmp(name, kiln_scene_string(e->scene, e->scene->objects[i].name)) != 0)
+            return kiln_fail(error, KILN_BAD_INPUT, "%.512s/run.json does not list the objects of scene.kscene; bake again", e->directory);
+        if (json_object_get(object, "lightmap_back") == NULL)
+            continue;
+        const int status = e->backs != NULL ? KILN_OK : kiln_allocate(&e->backs, e->scene->object_count, 1, "backs", error);
+        if (status != KILN_OK)
+            return status;
+        e->backs[i] = 1;
+    }
+    return KILN_OK;
 }
 
 /* The folder that the .glb goes to, made when it is not there. */
@@ -78,7 +97,7 @@ static bool is_scene_file(const char *path)
 
 static int write_all(struct export *e, struct kiln_error *error)
 {
-    const struct kiln_pages_params params = {.directory = e->directory, .folder = e->folder, .scene = e->scene,
+    const struct kiln_pages_params params = {.directory = e->directory, .folder = e->folder, .scene = e->scene, .has_back = e->backs,
                                              .format = (enum kiln_page_format)e->job->format, .range = e->job->range, .atlas = e->job->atlas};
     int status = kiln_pages_write(&e->pages, &params, error);
     if (status != KILN_OK)
@@ -86,7 +105,7 @@ static int write_all(struct export *e, struct kiln_error *error)
     const bool gltf = kiln_export_has_gltf(e->scene) && !is_scene_file(e->source);
     if (gltf && e->source[0] == '\0')
         return kiln_fail(error, KILN_NO_INPUT, "%.512s/run.json does not say where the scene is that was baked; say it with --scene", e->directory);
-    const struct kiln_export_params scene = {.source = gltf ? e->source : NULL, .scene_file = e->scene_file, .scene = e->scene, .output = e->output,
+    const struct kiln_export_params scene = {.source = gltf ? e->source : NULL, .scene_file = e->scene_file, .scene = e->scene, .output = e->output, .unit = "W/m2",
                                              .encoding = kiln_page_encoding(params.format), .links = e->pages->links, .pages = e->pages->pages,
                                              .page_count = e->pages->page_count, .coordinates = e->pages->coordinates, .drop_baked_lights = e->job->drop_baked_lights};
     return kiln_export_scene(&scene, error);
@@ -115,6 +134,8 @@ int kiln_command_export(struct kiln_job *job, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_scene_open(&e.scene, e.scene_file, error);
     if (status == KILN_OK)
+        status = find_backs(&e, error);
+    if (status == KILN_OK)
         status = make_folder(&e, error);
     if (status == KILN_OK)
         status = check_folder(&e, error);
@@ -123,6 +144,8 @@ int kiln_command_export(struct kiln_job *job, struct kiln_error *error)
     if (status == KILN_OK)
         status = tell(&e, error);
     kiln_pages_destroy(&e.pages);
+    kiln_free(&e.backs);
+    json_decref(e.run);
     kiln_scene_close(&e.scene);
     return status;
 }

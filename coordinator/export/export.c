@@ -14,12 +14,6 @@
 #include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
 
-const char *kiln_export_unit(const struct kiln_scene *scene)
-{
-    (void)scene;
-    return "W/m2";
-}
-
 bool kiln_export_has_gltf(const struct kiln_scene *scene)
 {
     const char *path = scene->source_count > 0 ? kiln_scene_string(scene, scene->sources[0].path) : "";
@@ -32,6 +26,19 @@ bool kiln_export_is_published(const struct kiln_scene *scene, size_t object)
     return (scene->objects[object].flags & KILN_OBJECT_CASTER_ONLY) == 0;
 }
 
+uint64_t kiln_export_size(const struct kiln_scene *scene)
+{
+    enum { VERTEX = 12 + 12 + 8 + 8, CORNER = 4 }; /* position, normal, two sets of coordinates */
+    const bool gltf = kiln_export_has_gltf(scene);
+    uint64_t bytes = gltf ? 0 : scene->header->sections[KILN_SECTION_TEXELS].count / 2; /* as PNG */
+    for (size_t i = 0; gltf && i < scene->source_count; i++)
+        bytes += scene->sources[i].size;
+    for (size_t i = 0; i < scene->mesh_count; i++)
+        if (!gltf || (scene->meshes[i].flags & KILN_MESH_UNWRAPPED) != 0)
+            bytes += scene->meshes[i].vertex_count * VERTEX + 3 * CORNER * scene->meshes[i].triangle_count;
+    return bytes;
+}
+
 /* ---- the plan ---- */
 
 static json_t *link_json(const struct kiln_export_params *p, size_t object)
@@ -41,10 +48,13 @@ static json_t *link_json(const struct kiln_export_params *p, size_t object)
     if (l->file == NULL)
         return json_null();
     json_t *json = json_pack("{s:s, s:i, s:i, s:[f, f], s:[f, f], s:s, s:s, s:s}", "file", l->file, "page", (int)l->page, "texCoord", 1, "scale", l->scale[0],
-                             l->scale[1], "offset", l->offset[0], l->offset[1], "quantity", "irradiance", "unit", kiln_export_unit(p->scene), "encoding",
+                             l->scale[1], "offset", l->offset[0], l->offset[1], "quantity", "irradiance", "unit", p->unit, "encoding",
                              p->encoding);
     if (p->pages[l->page].range > 0.0)
         (void)json_object_set_new(json, "range", json_real(p->pages[l->page].range));
+    if (l->back != NULL)
+        (void)json_object_set_new(json, "back", l->back_range > 0.0 ? json_pack("{s:s, s:f}", "file", l->back, "range", l->back_range)
+                                                                   : json_pack("{s:s}", "file", l->back));
     if (o->source_node != KILN_NONE)
         (void)json_object_set_new(json, "source", json_pack("{s:I, s:I}", "node", (json_int_t)o->source_node, "mesh", (json_int_t)o->source_mesh));
     return json;
@@ -151,30 +161,36 @@ int kiln_export_scene(const struct kiln_export_params *params, struct kiln_error
 
 /* ---- beside a bake ---- */
 
-static void own_files(const struct kiln_scene *scene, struct kiln_link *links, struct kiln_page_info *pages, char (*files)[KILN_PATH_SIZE / 8],
-                     size_t *page_count)
+enum { FILE_NAME = 256 }; /* a scene file's names have at most 120 bytes */
+
+/* `files`: two an object, of its lightmap and of that of its backs. */
+static void own_files(const struct kiln_scene *scene, const uint8_t *has_back, struct kiln_link *links, struct kiln_page_info *pages,
+                      char (*files)[FILE_NAME], size_t *page_count)
 {
     *page_count = 0;
     for (size_t i = 0; i < scene->object_count; i++) {
         const struct kiln_object *o = &scene->objects[i];
         if (!kiln_export_is_published(scene, i))
             continue;
-        (void)snprintf(files[i], sizeof files[i], "lightmaps/%s.exr", kiln_scene_string(scene, o->name));
-        links[i] = (struct kiln_link){.file = files[i], .page = (uint32_t)*page_count, .scale = {1.0, 1.0}};
-        pages[(*page_count)++] = (struct kiln_page_info){.file = files[i], .width = o->lightmap_width, .height = o->lightmap_height};
+        (void)snprintf(files[2 * i], FILE_NAME, "lightmaps/%s.exr", kiln_scene_string(scene, o->name));
+        (void)snprintf(files[2 * i + 1], FILE_NAME, "lightmaps/back/%s.exr", kiln_scene_string(scene, o->name));
+        links[i] = (struct kiln_link){.file = files[2 * i], .back = has_back != NULL && has_back[i] != 0 ? files[2 * i + 1] : NULL,
+                                      .page = (uint32_t)*page_count, .scale = {1.0, 1.0}};
+        pages[(*page_count)++] = (struct kiln_page_info){.file = files[2 * i], .width = o->lightmap_width, .height = o->lightmap_height};
     }
 }
 
-int kiln_export_beside(const char *directory, const char *path, const struct kiln_scene *scene, struct kiln_error *error)
+int kiln_export_beside(const char *directory, const char *path, const struct kiln_scene *scene, const uint8_t *has_back, const char *unit,
+                       struct kiln_error *error)
 {
     char scene_file[KILN_PATH_SIZE], output[KILN_PATH_SIZE];
     struct kiln_link *links = NULL;
     struct kiln_page_info *pages = NULL;
-    char(*files)[KILN_PATH_SIZE / 8] = NULL;
+    char(*files)[FILE_NAME] = NULL;
     const size_t length = strlen(path);
     const bool scene_itself = length >= 7 && strcmp(path + length - 7, ".kscene") == 0;
     struct kiln_export_params params = {.source = kiln_export_has_gltf(scene) && !scene_itself ? path : NULL, .scene_file = scene_file, .scene = scene,
-                                        .output = output, .encoding = "exr"};
+                                        .output = output, .unit = unit, .encoding = "exr"};
     int status = kiln_path_join(scene_file, directory, "scene.kscene", error);
     if (status == KILN_OK)
         status = kiln_path_join(output, directory, "scene.glb", error);
@@ -183,9 +199,9 @@ int kiln_export_beside(const char *directory, const char *path, const struct kil
     if (status == KILN_OK)
         status = kiln_allocate(&pages, scene->object_count, sizeof *pages, "the export's links", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&files, scene->object_count, sizeof *files, "the export's links", error);
+        status = kiln_allocate(&files, 2 * scene->object_count, sizeof *files, "the export's links", error);
     if (status == KILN_OK) {
-        own_files(scene, links, pages, files, &params.page_count);
+        own_files(scene, has_back, links, pages, files, &params.page_count);
         params.links = links;
         params.pages = pages;
     }

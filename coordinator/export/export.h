@@ -6,7 +6,8 @@
  *    "unit": "W/m2", "encoding": "exr", "source": {"node": 3, "mesh": 2}}
  * file: relative to the .glb; page: its place in the root's list; a page's coordinate is TEXCOORD_texCoord * scale + offset, v down, as
  * in glTF; range: with rgbm, what 1 x 1 stands for; source: indices in the source, left out where that is no glTF. A node with
- * EXT_mesh_gpu_instancing has {"instances": [link or null, one an instance]}. The root's extensions.KILN_lightmap is {"version": 1,
+ * EXT_mesh_gpu_instancing has {"instances": [link or null, one an instance]}. Where the backs of a double-sided surface have a
+ * lightmap, the link has "back": {"file", and "range" where there is one}, for the same coordinates. The root's extensions.KILN_lightmap is {"version": 1,
  * "pages": [{"file", "width", "height", "encoding"}, ...]}. The extension is used, never required. Nodes of lights that are in the
  * lightmaps have extras.kiln_baked = true. Coordinates go to TEXCOORD_1, or to the first free set where a texture uses that one.
  *
@@ -23,6 +24,8 @@
 /* Where an object's lightmap is. */
 struct kiln_link {
     const char *file; /* relative to the .glb; NULL: the object has none */
+    const char *back; /* of its backs, with the same coordinates; NULL: none */
+    double back_range; /* as struct kiln_page_info's */
     uint32_t page;
     double scale[2], offset[2];
 };
@@ -38,6 +41,7 @@ struct kiln_export_params {
     const char *scene_file; /* path of `scene` */
     const struct kiln_scene *scene;
     const char *output; /* the .glb */
+    const char *unit;     /* of the lightmaps: "W/m2" or "lx" */
     const char *encoding; /* of the pages: "exr", ... */
     const struct kiln_link *links; /* one an object */
     const struct kiln_page_info *pages;
@@ -50,16 +54,18 @@ struct kiln_export_params {
  * KILN_NO_INPUT: it is gone; KILN_CANNOT_CREATE, KILN_IO, KILN_SYSTEM. */
 int kiln_export_scene(const struct kiln_export_params *params, struct kiln_error *error);
 
-/* "W/m2" or "lx": what the lightmaps of `scene` are in. */
-const char *kiln_export_unit(const struct kiln_scene *scene);
-
 /* Whether the scene was read from glTF, and so can be exported from its source. */
 bool kiln_export_has_gltf(const struct kiln_scene *scene);
 
 /* Whether an object's lightmap is among the results. */
 bool kiln_export_is_published(const struct kiln_scene *scene, size_t object);
 
-/* DIRECTORY/scene.glb beside a bake's own lightmaps, from the source `path` (the scene as it was given to the bake). */
-int kiln_export_beside(const char *directory, const char *path, const struct kiln_scene *scene, struct kiln_error *error);
+/* About how many bytes the .glb of a scene will have. */
+uint64_t kiln_export_size(const struct kiln_scene *scene);
+
+/* DIRECTORY/scene.glb beside a bake's own lightmaps, from the source `path` (the scene as it was given to the bake). has_back[object] (or
+ * NULL): the bake has a lightmap of the object's backs, too. */
+int kiln_export_beside(const char *directory, const char *path, const struct kiln_scene *scene, const uint8_t *has_back, const char *unit,
+                       struct kiln_error *error);
 
 #endif

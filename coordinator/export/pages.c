@@ -21,13 +21,13 @@ static const char *keep_name(struct kiln_pages *pages, const char *name, const c
     return *kept;
 }
 
-/* The channels `wanted` of an object's lightmap, which has the size that the scene says. */
-static int read_lightmap(const struct kiln_pages_params *p, size_t object, const char *const *wanted, size_t count, struct kiln_image **image,
-                         struct kiln_error *error)
+/* The channels `wanted` of an object's lightmap, or of that of its backs, which has the size that the scene says. */
+static int read_lightmap(const struct kiln_pages_params *p, size_t object, bool back, const char *const *wanted, size_t count,
+                         struct kiln_image **image, struct kiln_error *error)
 {
     char name[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
     const struct kiln_object *o = &p->scene->objects[object];
-    (void)snprintf(name, sizeof name, "lightmaps/%s.exr", kiln_scene_string(p->scene, o->name));
+    (void)snprintf(name, sizeof name, "lightmaps/%s%s.exr", back ? "back/" : "", kiln_scene_string(p->scene, o->name));
     int status = kiln_path_join(path, p->directory, name, error);
     if (status == KILN_OK)
         status = kiln_exr_read(path, wanted, count, image, error);
@@ -37,23 +37,38 @@ static int read_lightmap(const struct kiln_pages_params *p, size_t object, const
     return status;
 }
 
-static int write_own_page(const struct kiln_pages_params *p, size_t object, struct kiln_pages *pages, struct kiln_error *error)
+static bool has_back(const struct kiln_pages_params *p, size_t object) { return p->has_back != NULL && p->has_back[object] != 0; }
+
+/* One lightmap as a page of its own; *file is its name, kept by the pages. */
+static int write_lightmap(const struct kiln_pages_params *p, size_t object, bool back, struct kiln_pages *pages, const char **file, double *range,
+                          struct kiln_error *error)
 {
     static const char *const wanted[] = {"R", "G", "B"};
-    const struct kiln_object *o = &p->scene->objects[object];
-    char path[KILN_PATH_SIZE];
+    char name[256], path[KILN_PATH_SIZE];
     struct kiln_image *image = NULL;
-    struct kiln_page_info *page = &pages->pages[pages->page_count];
-    *page = (struct kiln_page_info){.width = o->lightmap_width, .height = o->lightmap_height, .range = p->range};
-    page->file = keep_name(pages, kiln_scene_string(p->scene, o->name), kiln_page_ending(p->format), error);
-    int status = page->file == NULL ? KILN_SYSTEM : kiln_path_join(path, p->folder, page->file, error);
+    *range = p->range;
+    (void)snprintf(name, sizeof name, "%s%s", back ? "back/" : "", kiln_scene_string(p->scene, p->scene->objects[object].name));
+    *file = keep_name(pages, name, kiln_page_ending(p->format), error);
+    int status = *file == NULL ? KILN_SYSTEM : kiln_path_join(path, p->folder, *file, error);
     if (status == KILN_OK)
-        status = read_lightmap(p, object, wanted, 3, &image, error);
+        status = read_lightmap(p, object, back, wanted, 3, &image, error);
     if (status == KILN_OK)
-        status = kiln_page_write(path, p->format, image, &page->range, error);
-    if (status == KILN_OK)
-        pages->links[object] = (struct kiln_link){.file = page->file, .page = (uint32_t)pages->page_count++, .scale = {1.0, 1.0}};
+        status = kiln_page_write(path, p->format, image, range, error);
     kiln_image_destroy(&image);
+    return status;
+}
+
+static int write_own_page(const struct kiln_pages_params *p, size_t object, struct kiln_pages *pages, struct kiln_error *error)
+{
+    const struct kiln_object *o = &p->scene->objects[object];
+    struct kiln_page_info *page = &pages->pages[pages->page_count];
+    struct kiln_link *link = &pages->links[object];
+    *page = (struct kiln_page_info){.width = o->lightmap_width, .height = o->lightmap_height};
+    int status = write_lightmap(p, object, false, pages, &page->file, &page->range, error);
+    if (status == KILN_OK)
+        *link = (struct kiln_link){.file = page->file, .page = (uint32_t)pages->page_count++, .scale = {1.0, 1.0}};
+    if (status == KILN_OK && has_back(p, object))
+        status = write_lightmap(p, object, true, pages, &link->back, &link->back_range, error);
     return status;
 }
 
@@ -97,7 +112,7 @@ static int add_islands(struct atlas *a, size_t object, struct kiln_error *error)
     const size_t count = (size_t)o->lightmap_width * o->lightmap_height;
     struct kiln_image *image = NULL;
     uint8_t *covered = NULL;
-    int status = read_lightmap(p, object, wanted, 2, &image, error);
+    int status = read_lightmap(p, object, false, wanted, 2, &image, error);
     if (status == KILN_OK)
         status = kiln_allocate(&covered, count, 1, "covered texels", error);
     const struct kiln_image_channel *coverage = status == KILN_OK ? kiln_image_find(image, "coverage.Y") : NULL;
@@ -162,12 +177,17 @@ static void size_page(const struct atlas *a, uint32_t index, struct kiln_page_in
     page->height = (page->height + 3) / 4 * 4 < most ? (page->height + 3) / 4 * 4 : most;
 }
 
-static int draw_object(const struct atlas *a, size_t object, struct kiln_image *page, uint8_t *state, float *const to[3], struct kiln_error *error)
+static bool is_on(const struct atlas *a, size_t object, uint32_t page)
+{
+    return a->first[object] < a->first[object + 1] && a->islands.islands[a->first[object]].page == page;
+}
+
+static int draw_object(const struct atlas *a, size_t object, bool back, struct kiln_image *page, uint8_t *state, float *const to[3], struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B"};
     float *from[3];
     struct kiln_image *image = NULL;
-    int status = read_lightmap(a->params, object, names, 3, &image, error);
+    int status = read_lightmap(a->params, object, back, names, 3, &image, error);
     if (status == KILN_OK && !kiln_image_rgb(image, "", from))
         status = kiln_fail(error, KILN_BAD_INPUT, "%.512s: a lightmap has no channels R, G and B; bake again", a->params->directory);
     for (size_t i = a->first[object]; status == KILN_OK && i < a->first[object + 1]; i++)
@@ -176,7 +196,8 @@ static int draw_object(const struct atlas *a, size_t object, struct kiln_image *
     return status;
 }
 
-static int draw_page(const struct atlas *a, uint32_t index, struct kiln_image **page, struct kiln_error *error)
+/* With `back`: of the objects on it that have one. */
+static int draw_page(const struct atlas *a, uint32_t index, bool back, struct kiln_image **page, struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B"};
     const struct kiln_page_info *info = &a->pages->pages[index];
@@ -188,28 +209,46 @@ static int draw_page(const struct atlas *a, uint32_t index, struct kiln_image **
     if (status == KILN_OK)
         (void)kiln_image_rgb(*page, "", to);
     for (size_t i = 0; i < a->params->scene->object_count && status == KILN_OK; i++)
-        if (a->first[i] < a->first[i + 1] && a->islands.islands[a->first[i]].page == index)
-            status = draw_object(a, i, *page, state, to, error);
+        if (is_on(a, i, index) && (!back || has_back(a->params, i)))
+            status = draw_object(a, i, back, *page, state, to, error);
     if (status == KILN_OK)
         status = fill_page(*page, state, to, error);
     kiln_free(&state);
     return status;
 }
 
-static int write_page(const struct atlas *a, uint32_t index, struct kiln_error *error)
+static int write_side(const struct atlas *a, uint32_t index, bool back, const char **file, double *range, struct kiln_error *error)
 {
     char name[32], path[KILN_PATH_SIZE];
     struct kiln_image *image = NULL;
-    struct kiln_page_info *page = &a->pages->pages[index];
-    (void)snprintf(name, sizeof name, "page-%u", index);
-    size_page(a, index, page);
-    page->file = keep_name(a->pages, name, kiln_page_ending(a->params->format), error);
-    int status = page->file == NULL ? KILN_SYSTEM : kiln_path_join(path, a->params->folder, page->file, error);
+    *range = a->params->range;
+    (void)snprintf(name, sizeof name, "page-%u%s", index, back ? "-back" : "");
+    *file = keep_name(a->pages, name, kiln_page_ending(a->params->format), error);
+    int status = *file == NULL ? KILN_SYSTEM : kiln_path_join(path, a->params->folder, *file, error);
     if (status == KILN_OK)
-        status = draw_page(a, index, &image, error);
+        status = draw_page(a, index, back, &image, error);
     if (status == KILN_OK)
-        status = kiln_page_write(path, a->params->format, image, &page->range, error);
+        status = kiln_page_write(path, a->params->format, image, range, error);
     kiln_image_destroy(&image);
+    return status;
+}
+
+/* A page, and the one of backs with the same places, where an object on it has one. */
+static int write_page(const struct atlas *a, uint32_t index, struct kiln_error *error)
+{
+    struct kiln_page_info *page = &a->pages->pages[index];
+    const char *back = NULL;
+    double back_range = 0.0;
+    size_page(a, index, page);
+    int status = write_side(a, index, false, &page->file, &page->range, error);
+    for (size_t i = 0; i < a->params->scene->object_count && status == KILN_OK; i++) {
+        if (!is_on(a, i, index) || !has_back(a->params, i))
+            continue;
+        if (back == NULL)
+            status = write_side(a, index, true, &back, &back_range, error);
+        a->pages->links[i].back = back;
+        a->pages->links[i].back_range = back_range;
+    }
     return status;
 }
 
@@ -277,7 +316,9 @@ static int link_object(const struct atlas *a, size_t object, struct kiln_error *
         return KILN_OK;
     const struct kiln_island *island = &a->islands.islands[a->first[object]];
     const struct kiln_page_info *page = &a->pages->pages[island->page];
-    a->pages->links[object] = (struct kiln_link){.file = page->file, .page = island->page, .scale = {1.0, 1.0}};
+    a->pages->links[object].file = page->file;
+    a->pages->links[object].page = island->page;
+    a->pages->links[object].scale[0] = a->pages->links[object].scale[1] = 1.0;
     if (!is_whole(a, object))
         return move_coordinates(a, object, error);
     a->pages->links[object].scale[0] = (double)o->lightmap_width / page->width;
@@ -358,9 +399,9 @@ int kiln_pages_write(struct kiln_pages **result, const struct kiln_pages_params 
     if (status == KILN_OK)
         status = kiln_allocate(&pages->pages, objects, sizeof *pages->pages, "the pages", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&pages->names, objects, sizeof *pages->names, "the pages", error);
+        status = kiln_allocate(&pages->names, 2 * objects, sizeof *pages->names, "the pages", error);
     if (status == KILN_OK)
-        status = kiln_path_join(folder, p->folder, "lightmaps", error);
+        status = kiln_path_join(folder, p->folder, p->has_back != NULL ? "lightmaps/back" : "lightmaps", error);
     if (status == KILN_OK)
         status = kiln_make_directories(folder, error);
     if (status == KILN_OK)

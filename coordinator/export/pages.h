@@ -4,7 +4,7 @@
  * besides (one all round), are kept; islands of such texels (atlas.h), not rectangles, are packed, so two texels at least are between
  * what two islands cover. A mesh that one object has gets coordinates on the page (its link then has scale 1 and offset 0); one that several
  * share keeps its layout, which is moved as a whole. The rest of a page is filled from the nearest texels, for filters that reach further.
- * Not collective; deterministic. */
+ * Lightmaps of backs go to files of their own, beside, laid out as those of the fronts. Not collective; deterministic. */
 #ifndef KILN_COORDINATOR_EXPORT_PAGES_H
 #define KILN_COORDINATOR_EXPORT_PAGES_H
 
@@ -15,6 +15,7 @@ struct kiln_pages_params {
     const char *directory; /* of the bake */
     const char *folder;    /* where the .glb goes: pages are written to its subfolder "lightmaps" */
     const struct kiln_scene *scene;
+    const uint8_t *has_back; /* an object: the bake has a lightmap of its backs; NULL: of none */
     enum kiln_page_format format;
     double range;   /* as kiln_page_write takes it */
     uint32_t atlas; /* largest side of a page; 0: one page an object */
