@@ -90,3 +90,21 @@ class File:
         if mode == 6:
             return np.stack([order[k + 1], order[k + 2], np.full(len(k), order[0])], 1)
         return np.zeros((0, 3), np.int64)
+
+
+def write_glb(path, document, blob):
+    text = json.dumps(document).encode()
+    text += b' ' * (-len(text) % 4)
+    blob = bytes(blob) + b'\0' * (-len(blob) % 4)
+    with open(path, 'wb') as file:
+        file.write(b'glTF' + struct.pack('<II', 2, 28 + len(text) + len(blob)) + struct.pack('<I4s', len(text), b'JSON') + text)
+        file.write(struct.pack('<I4s', len(blob), b'BIN\0') + blob)
+
+
+def strip(source, target):
+    """The same scene without its second UV set."""
+    file = File(source)
+    for mesh in file.json['meshes']:
+        for primitive in mesh['primitives']:
+            primitive['attributes'].pop('TEXCOORD_1', None)
+    write_glb(target, file.json, file.binary)

@@ -32,24 +32,6 @@ def bake(scene, folder, *options, prefix=()):
     return folder
 
 
-def write_glb(path, document, blob):
-    text = json.dumps(document).encode()
-    text += b" " * (-len(text) % 4)
-    blob = bytes(blob) + b"\0" * (-len(blob) % 4)
-    with open(path, "wb") as file:
-        file.write(b"glTF" + struct.pack("<II", 2, 28 + len(text) + len(blob)) + struct.pack("<I4s", len(text), b"JSON") + text)
-        file.write(struct.pack("<I4s", len(blob), b"BIN\0") + blob)
-
-
-def strip(source, target):
-    """The same scene without its second UV set."""
-    file = gltf_file.File(source)
-    for mesh in file.json["meshes"]:
-        for primitive in mesh["primitives"]:
-            primitive["attributes"].pop("TEXCOORD_1", None)
-    write_glb(target, file.json, file.binary)
-
-
 def check(folder, scene, links):
     """scene.glb of a bake against its source and what was baked."""
     file = gltf_file.File(os.path.join(folder, "scene.glb"))
@@ -91,7 +73,7 @@ def unwrapped(folder):
     """kiln's own layout: vertices split, and nothing else changes."""
     for name, links in (("cornell_original", 8), ("two_rooms", 7)):
         scene = os.path.join(folder, name + "_bare.glb")
-        strip(os.path.join(DATA, name + ".glb"), scene)
+        gltf_file.strip(os.path.join(DATA, name + ".glb"), scene)
         check(bake(scene, os.path.join(folder, name + "_bare"), "--lightmap-size", "32"), scene, links)
 
 
@@ -277,6 +259,33 @@ def atlas(folder, there):
     assert "larger --atlas" in kiln("export", there, "-o", out, "--atlas", "16", code=65).stderr
 
 
+def backs(folder):
+    """Backs with lightmaps: a link to them for the same coordinates, on a page of an atlas too."""
+    s, scene = glb.Scene(), os.path.join(folder, "sheet.glb")
+    sheet, lamp = s.material("sheet", (0.5, 0.5, 0.5), double_sided=True), s.material("lamp", radiance=(1, 2, 3))
+    square = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 1], [1, 0, 0]], np.float32)
+    unit = [[0.1, 0.1], [0.1, 0.9], [0.9, 0.9], [0.9, 0.1]]
+    s.mesh("sheet", square, unit, [[0, 1, 2], [0, 2, 3]], sheet)
+    s.mesh("lamp", square - [0, 1, 0], unit, [[0, 1, 2], [0, 2, 3]], lamp)
+    s.write(scene)
+    there = bake(scene, os.path.join(folder, "sheet"), "--lightmap-size", "8", "--sides", "two")
+    link = gltf_file.File(os.path.join(there, "scene.glb")).json["nodes"][0]["extensions"]["KILN_lightmap"]
+    wanted = exr.rgb(os.path.join(there, link["back"]["file"]))
+    assert wanted.max() > 0 and link["back"]["file"] == "lightmaps/back/sheet.exr"
+    for options in ((), ("--atlas", "32"), ("--format", "rgbm")):
+        out = os.path.join(folder, "sheet-out" + "".join(options), "scene.glb")
+        kiln("export", there, "-o", out, "--quiet", *options)
+        file = gltf_file.File(out)
+        link = file.json["nodes"][0]["extensions"]["KILN_lightmap"]
+        assert "back" not in file.json["nodes"][1]["extensions"]["KILN_lightmap"]
+        found = decode(os.path.join(os.path.dirname(out), link["back"]["file"]), {**link, **link["back"]})
+        primitive = file.json["meshes"][0]["primitives"][0]
+        uv = file.floats(primitive["attributes"]["TEXCOORD_1"])[file.corners(primitive)].mean(1) * link["scale"] + link["offset"]
+        centre = np.array([[unit[k] for k in triangle] for triangle in ((0, 1, 2), (0, 2, 3))], np.float32).mean(1)
+        error = abs(exported.bilinear(found, uv)[0] - exported.bilinear(wanted, centre)[0]).max()
+        assert error <= wanted.max() * (0.01 if options == ("--format", "rgbm") else 1e-4), (options, error)
+
+
 def lights(folder):
     scene = os.path.join(DATA, "punctual_zoo.glb")
     there = bake(scene, os.path.join(folder, "zoo"), "--lightmap-size", "8")
@@ -325,6 +334,7 @@ def main():
         other_formats(folder)
         formats(folder, there)
         atlas(folder, there)
+        backs(folder)
         lights(folder)
         refusals(folder)
 
