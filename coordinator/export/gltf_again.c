@@ -68,7 +68,7 @@ static void join_buffers(struct again *a)
         if (json_array_size(joined) == 0)
             (void)json_array_append(joined, buffer);
     }
-    if (json_array_size(joined) == 0 && a->b.status == KILN_OK)
+    if (json_array_size(joined) == 0 && others > 0 && a->b.status == KILN_OK)
         (void)json_array_append_new(joined, json_object());
     for (size_t i = 0; a->b.status == KILN_OK && i < a->g.buffer_count; i++)
         if (a->g.buffers[i].data == NULL)
@@ -83,7 +83,9 @@ static void join_buffers(struct again *a)
             if (json_is_object(extension))
                 move_to_one_buffer(a, extension, base, renamed); /* EXT_meshopt_compression names its buffer so */
     }
-    kiln_glb_set(&a->b, a->b.root, "buffers", joined);
+    if (json_array_size(joined) > 0)
+        kiln_glb_set(&a->b, a->b.root, "buffers", json_incref(joined));
+    json_decref(joined);
     kiln_free(&renamed);
     kiln_free(&base);
 }

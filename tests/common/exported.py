@@ -127,14 +127,14 @@ def check_against_source(file, source):
             assert a.get(key) == b.get(key), '%s differ' % key
     _same_but(a.get('extensions', {}), b['extensions'], ['KILN_lightmap'], 'extensions')
     assert set(b['extensionsUsed']) == set(a.get('extensionsUsed', [])) | {'KILN_lightmap'}
-    assert len(a['nodes']) == len(b['nodes'])
-    for i, (x, y) in enumerate(zip(a['nodes'], b['nodes'])):
+    assert len(a.get('nodes', [])) == len(b.get('nodes', []))
+    for i, (x, y) in enumerate(zip(a.get('nodes', []), b.get('nodes', []))):
         assert _clean(x) == _clean(y), 'node %d differs' % i
     for i, (x, y) in enumerate(zip(a.get('images', []), b.get('images', []))):
         _same_but(x, y, ['uri', 'bufferView', 'mimeType'], 'image %d' % i)
         assert source.image(i) == file.image(i), 'the bytes of image %d differ' % i
     compared = 0
-    for m, (x, y) in enumerate(zip(a['meshes'], b['meshes'])):
+    for m, (x, y) in enumerate(zip(a.get('meshes', []), b.get('meshes', []))):
         _same_but(x, y, ['primitives'], 'mesh %d' % m)
         for p, q in zip(x['primitives'], y['primitives']):
             _same_but(p, q, ['attributes', 'indices', 'mode', 'targets'], 'a primitive of mesh %d' % m)
