@@ -2,13 +2,15 @@
 
 #include <string.h>
 
+#include "coordinator/layout/density.h"
 #include "coordinator/layout/unwrap.h"
 #include "coordinator/layout/uv_check.h"
 #include "worker/base/memory.h"
 
 enum { DEFAULT_MAX = 4096, DEFAULT_PADDING = 2, LARGEST_SIDE = 1 << 16, NOTES_MAX = 16 };
 static const double SCENE_TEXELS = 262144.0; /* 2^18: what the default density aims at */
-static const double EXPECTED_USE = 0.7;      /* share of a lightmap that our own layouts fill */
+static const double EXPECTED_USE = 0.7;      /* share of a lightmap that our own layouts fill, before one is made */
+static const double CASTER_FACTOR = 0.25;    /* on the density of an object whose lightmap nobody sees */
 
 /* An object as its lightmap sees it: area in the world, and metres a unit of u and of v (area-weighted means). */
 struct measure {
@@ -30,6 +32,9 @@ struct mesh_plan {
     struct kiln_unwrapped *unwrapped;
     struct measure measure;   /* of the reference object, in the new layout */
     struct shape shape;
+    double use;               /* share of the lightmap that the layout fills */
+    double density;           /* that it was unwrapped for, */
+    bool sized;               /* or for a size, so that the density is what came out */
 };
 
 struct planner {
@@ -38,6 +43,8 @@ struct planner {
     double texels_per_metre;
     struct mesh_plan *plans;    /* a mesh */
     struct measure *measures;   /* an object, in the file's layout */
+    struct kiln_density density; /* automatic */
+    double *densities;          /* an object: its texels a metre */
     uint64_t *source;           /* new vertices: which old one (index among all) */
     struct kiln_vec2 *uv;
     size_t vertex_count, source_capacity, uv_capacity;
@@ -63,6 +70,7 @@ static uint32_t *triangles(const struct planner *p, const struct kiln_mesh *mesh
 {
     return KILN_BUILDER_DATA(p->builder, uint32_t, KILN_SECTION_TRIANGLES) + 3 * mesh->triangle_first;
 }
+static const struct kiln_object_settings *settings_of(const struct planner *p, size_t object) { return &p->builder->object_settings[object]; }
 static const char *string(const struct planner *p, uint32_t offset)
 {
     return KILN_BUILDER_DATA(p->builder, char, KILN_SECTION_STRINGS) + offset;
@@ -158,6 +166,7 @@ static int check_mesh(struct planner *p, size_t index, struct kiln_error *error)
     mesh->surface_area = measure_triangles(positions(p, mesh), NULL, triangles(p, mesh), mesh->triangle_count, identity).area;
     mesh->uv_area = 0.0;
     plan->reference = SIZE_MAX;
+    plan->use = EXPECTED_USE;
     plan->unwrap = mesh->triangle_count > 0;
     if (mesh->triangle_count == 0)
         return KILN_OK;
@@ -188,7 +197,6 @@ static int check_mesh(struct planner *p, size_t index, struct kiln_error *error)
     return status;
 }
 
-/* Measures the objects; finds each mesh's largest. */
 static void measure_objects(struct planner *p)
 {
     for (size_t i = 0; i < object_count(p); i++) {
@@ -197,52 +205,152 @@ static void measure_objects(struct planner *p)
         struct mesh_plan *plan = &p->plans[object->mesh];
         p->measures[i] = measure_shape(&plan->shape, positions(p, mesh), plan->unwrap ? NULL : lightmap_uv(p, mesh),
                                        triangles(p, mesh), mesh->triangle_count, object->transform);
-        if (isfinite(p->measures[i].area) && p->measures[i].area > 0.0 &&
-            (plan->reference == SIZE_MAX || p->measures[i].area > p->measures[plan->reference].area))
+    }
+}
+
+/* ---- densities ---- */
+
+/* What the user makes of an object's density, */
+static double scale_of(const struct planner *p, size_t index)
+{
+    const double scale = settings_of(p, index)->density_scale;
+    return scale > 0.0 ? scale : 1.0;
+}
+
+/* and what its role does, where he says nothing. */
+static double role_factor(const struct planner *p, size_t index)
+{
+    const struct kiln_object_settings *settings = settings_of(p, index);
+    return settings->role == KILN_ROLE_CASTER_ONLY && settings->density_scale == 0.0 ? CASTER_FACTOR : 1.0;
+}
+
+/* The side that the user gives the object's lightmap; 0: it goes by density. */
+static uint32_t own_size(const struct planner *p, size_t index)
+{
+    const struct kiln_object_settings *settings = settings_of(p, index);
+    if (settings->lightmap_size > 0)
+        return settings->lightmap_size;
+    return p->params.lightmap_size == 0 ? 0 : (uint32_t)fmax(1.0, round(p->params.lightmap_size * scale_of(p, index) * role_factor(p, index)));
+}
+
+/* Objects whose size the user gives take no part; one that he scales takes part as if he had not, and is scaled then. */
+static struct kiln_density_demand demand_of(const struct planner *p, size_t index)
+{
+    const struct measure *m = &p->measures[index];
+    const struct mesh_plan *plan = &p->plans[objects(p)[index].mesh];
+    struct kiln_density_demand demand = {.factor = role_factor(p, index)};
+    if (settings_of(p, index)->lightmap_size > 0)
+        return demand;
+    demand.texels = plan->unwrap ? m->area / plan->use : m->along_u * m->along_v;
+    demand.longer = plan->unwrap ? sqrt(demand.texels) : fmax(m->along_u, m->along_v);
+    return demand;
+}
+
+/* Why an object's density is another than the common one. */
+static uint32_t reason_of(const struct planner *p, size_t index, const struct kiln_density_demand *demand)
+{
+    const double density = p->density.of[index], wanted = p->density.texels_per_metre * demand->factor;
+    if (settings_of(p, index)->lightmap_size > 0)
+        return KILN_DENSITY_SIZED;
+    if (settings_of(p, index)->density_scale > 0.0)
+        return KILN_DENSITY_SCALED;
+    if (p->params.lightmap_size > 0)
+        return settings_of(p, index)->role == KILN_ROLE_CASTER_ONLY ? KILN_DENSITY_CASTER : KILN_DENSITY_COMMON;
+    if (density > wanted * (1.0 + 1e-6))
+        return KILN_DENSITY_LEAST;
+    if (density < wanted * (1.0 - 1e-6))
+        return KILN_DENSITY_SHARE;
+    return settings_of(p, index)->role == KILN_ROLE_CASTER_ONLY ? KILN_DENSITY_CASTER : KILN_DENSITY_COMMON;
+}
+
+/* The density the user names is that of all objects, times their own factor. */
+static int name_densities(struct planner *p, struct kiln_error *error)
+{
+    p->density = (struct kiln_density){.texels_per_metre = p->params.texels_per_metre, .most_texels = INFINITY};
+    const int status = kiln_allocate(&p->density.of, object_count(p), sizeof *p->density.of, "densities", error);
+    for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++)
+        p->density.of[i] = p->params.texels_per_metre * role_factor(p, i);
+    return status;
+}
+
+static int deal_densities(struct planner *p, struct kiln_density_demand *demands, struct kiln_error *error)
+{
+    for (size_t i = 0; i < object_count(p); i++)
+        demands[i] = demand_of(p, i);
+    kiln_free(&p->density.of);
+    return p->params.texels_per_metre > 0.0 ? name_densities(p, error)
+                                            : kiln_density_choose(&p->density, demands, object_count(p), SCENE_TEXELS, error);
+}
+
+/* Each object's density, and the one they have in common. Again after meshes have been unwrapped, when it is known how well they pack. */
+static int choose_densities(struct planner *p, struct kiln_error *error)
+{
+    struct kiln_density_demand *demands = NULL;
+    int status = kiln_allocate(&demands, object_count(p), sizeof *demands, "densities", error);
+    if (status == KILN_OK && p->densities == NULL)
+        status = kiln_allocate(&p->densities, object_count(p), sizeof *p->densities, "densities", error);
+    if (status == KILN_OK)
+        status = deal_densities(p, demands, error);
+    p->texels_per_metre = p->density.texels_per_metre;
+    for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++) {
+        p->densities[i] = p->density.of[i] * scale_of(p, i);
+        objects(p)[i].density_reason = reason_of(p, i, &demands[i]);
+    }
+    kiln_free(&demands);
+    return status;
+}
+
+/* The texels that an object's surface is to have. */
+static double wanted_texels(const struct planner *p, size_t index)
+{
+    const double size = own_size(p, index), density = p->densities[index];
+    return size > 0.0 ? size * size : p->measures[index].area * density * density;
+}
+
+/* Finds each mesh's object with the most texels, the largest of several with as many: the mesh is unwrapped for that one. */
+static void find_references(struct planner *p)
+{
+    for (size_t i = 0; i < mesh_count(p); i++)
+        p->plans[i].reference = SIZE_MAX;
+    for (size_t i = 0; i < object_count(p); i++) {
+        struct mesh_plan *plan = &p->plans[objects(p)[i].mesh];
+        const double area = p->measures[i].area, texels = wanted_texels(p, i);
+        if (!isfinite(area) || !(area > 0.0))
+            continue;
+        const double most = plan->reference == SIZE_MAX ? -1.0 : wanted_texels(p, plan->reference);
+        if (texels > most || (texels == most && area > p->measures[plan->reference].area))
             plan->reference = i;
     }
 }
 
-/* The nearest, by ratio, of a few round numbers a decade. */
-static double tidy(double value)
+static int note_packing(struct planner *p, size_t index, struct kiln_error *error)
 {
-    static const double steps[] = {1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0};
-    const double decade = pow(10.0, floor(log10(value)));
-    double best = decade;
-    for (size_t i = 0; i < sizeof steps / sizeof *steps; i++)
-        if (fabs(log(steps[i] * decade / value)) < fabs(log(best / value)))
-            best = steps[i] * decade;
-    return best;
-}
-
-static double choose_density(const struct planner *p)
-{
-    if (p->params.texels_per_metre > 0.0)
-        return p->params.texels_per_metre;
-    double texels = 0.0; /* at one a metre */
-    for (size_t i = 0; i < object_count(p); i++) {
-        const struct measure *m = &p->measures[i];
-        const double own = p->plans[objects(p)[i].mesh].unwrap ? m->area / EXPECTED_USE : m->along_u * m->along_v;
-        if (isfinite(own))
-            texels += own;
-    }
-    return texels > 0.0 && isfinite(texels) ? tidy(sqrt(SCENE_TEXELS / texels)) : 1.0;
-}
-
-static int note_packing(struct planner *p, const struct kiln_mesh *mesh, const struct kiln_unwrapped *u, struct kiln_error *error)
-{
+    const struct kiln_mesh *mesh = &meshes(p)[index];
+    const struct mesh_plan *plan = &p->plans[index];
+    const struct kiln_unwrapped *u = plan->unwrapped;
     int status = KILN_OK;
     if (u->cells > 1 && note_wanted(&p->shared))
         status = kiln_builder_note(p->builder, 1, error,
                                    "mesh \"%s\": its %zu charts do not fit a lightmap of %u x %u with a texel each, so charts share texels; "
                                    "allow larger lightmaps or split the mesh",
                                    string(p, mesh->name), u->chart_count, u->width, u->height);
-    else if (p->params.lightmap_size == 0 && u->texels_per_metre < p->texels_per_metre * (1.0 - 1e-9) && note_wanted(&p->capped))
+    else if (!plan->sized && u->texels_per_metre < plan->density * (1.0 - 1e-9) && note_wanted(&p->capped))
         status = kiln_builder_note(p->builder, 1, error,
                                    "mesh \"%s\": its lightmap would be larger than %u texels a side; it has %.3g texels a metre "
                                    "instead of %.3g",
-                                   string(p, mesh->name), p->params.lightmap_max, u->texels_per_metre, p->texels_per_metre);
+                                   string(p, mesh->name), p->params.lightmap_max, u->texels_per_metre, plan->density);
     return status;
+}
+
+/* Area of the new layout, share of the unit square. */
+static double layout_area(const struct kiln_unwrapped *u, uint64_t triangle_count)
+{
+    double area = 0.0;
+    for (size_t i = 0; i < triangle_count; i++) {
+        const struct kiln_vec2 a = u->uv[u->triangles[3 * i]], b = u->uv[u->triangles[3 * i + 1]], c = u->uv[u->triangles[3 * i + 2]];
+        area += 0.5 * fabs(((double)b.x - (double)a.x) * ((double)c.y - (double)a.y) - ((double)b.y - (double)a.y) * ((double)c.x - (double)a.x));
+    }
+    return area;
 }
 
 static int unwrap_mesh(struct planner *p, size_t index, struct kiln_error *error)
@@ -254,20 +362,23 @@ static int unwrap_mesh(struct planner *p, size_t index, struct kiln_error *error
                                         .padding = p->params.padding,
                                         .size = p->params.lightmap_size,
                                         .max = p->params.lightmap_max};
-    if (plan->reference != SIZE_MAX)
+    if (plan->reference != SIZE_MAX) {
         linear_part(objects(p)[plan->reference].transform, params.linear);
-    int status = kiln_unwrap(&plan->unwrapped, positions(p, mesh), mesh->vertex_count, triangles(p, mesh), mesh->triangle_count,
-                             &params, error);
+        params.texels_per_metre = p->densities[plan->reference];
+        params.size = own_size(p, plan->reference);
+    }
+    kiln_unwrapped_destroy(&plan->unwrapped);
+    const int status = kiln_unwrap(&plan->unwrapped, positions(p, mesh), mesh->vertex_count, triangles(p, mesh), mesh->triangle_count,
+                                   &params, error);
     if (status != KILN_OK)
         return status;
-    const struct kiln_unwrapped *u = plan->unwrapped;
     mesh->flags |= KILN_MESH_UNWRAPPED;
-    for (size_t i = 0; i < mesh->triangle_count; i++) {
-        const struct kiln_vec2 a = u->uv[u->triangles[3 * i]], b = u->uv[u->triangles[3 * i + 1]], c = u->uv[u->triangles[3 * i + 2]];
-        mesh->uv_area += 0.5 * fabs(((double)b.x - (double)a.x) * ((double)c.y - (double)a.y) -
-                                    ((double)b.y - (double)a.y) * ((double)c.x - (double)a.x));
-    }
-    return note_packing(p, mesh, u, error);
+    mesh->uv_area = layout_area(plan->unwrapped, mesh->triangle_count);
+    plan->sized = params.size > 0;
+    plan->density = plan->sized ? plan->unwrapped->texels_per_metre : params.texels_per_metre;
+    if (mesh->uv_area > 0.0)
+        plan->use = mesh->uv_area;
+    return KILN_OK;
 }
 
 /* Measures an unwrapped mesh in its new layout, as all its objects show it: into `measures`. */
@@ -307,6 +418,15 @@ static void group_objects(const struct planner *p, size_t *first, size_t *member
     first[mesh_count(p)] = object_count(p);
 }
 
+/* Whether the mesh has no layout yet, or one for quite another density. */
+static bool is_stale(const struct planner *p, size_t index)
+{
+    const struct mesh_plan *plan = &p->plans[index];
+    if (!plan->unwrap || plan->unwrapped == NULL)
+        return plan->unwrap;
+    return plan->reference != SIZE_MAX && !plan->sized && fabs(p->densities[plan->reference] / plan->density - 1.0) > 0.01;
+}
+
 static int unwrap_meshes(struct planner *p, struct kiln_error *error)
 {
     size_t *first = NULL, *members = NULL;
@@ -316,7 +436,7 @@ static int unwrap_meshes(struct planner *p, struct kiln_error *error)
     if (status == KILN_OK)
         group_objects(p, first, members);
     for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++) {
-        if (!p->plans[i].unwrap)
+        if (!is_stale(p, i))
             continue;
         status = unwrap_mesh(p, i, error);
         if (status == KILN_OK)
@@ -335,32 +455,41 @@ static uint32_t side_of(const struct planner *p, double texels, uint32_t least, 
     return (uint32_t)fmin(fmax(side, 1.0), p->params.lightmap_max);
 }
 
+/* By density. *capped is set where the largest side allowed is too small. */
+static void size_by_density(const struct planner *p, size_t index, uint32_t *width, uint32_t *height, bool *capped)
+{
+    const struct mesh_plan *plan = &p->plans[objects(p)[index].mesh];
+    const struct measure m = p->measures[index];
+    const double density = p->densities[index];
+    if (!plan->unwrap || plan->reference == SIZE_MAX) {
+        *width = side_of(p, density * m.along_u, 1, capped);
+        *height = side_of(p, density * m.along_v, 1, capped);
+        return;
+    }
+    const struct kiln_unwrapped *u = plan->unwrapped;
+    /* Not so small that less than a texel is left of the padding. */
+    const uint32_t least_width = (u->width + p->params.padding - 1) / p->params.padding;
+    const uint32_t least_height = (u->height + p->params.padding - 1) / p->params.padding;
+    *width = side_of(p, u->width * (m.along_u / plan->measure.along_u) * (density / plan->density), least_width, capped);
+    *height = side_of(p, u->height * (m.along_v / plan->measure.along_v) * (density / plan->density), least_height, capped);
+}
+
 static int size_object(struct planner *p, size_t index, struct kiln_error *error)
 {
     struct kiln_object *object = &objects(p)[index];
-    const struct mesh_plan *plan = &p->plans[object->mesh];
-    if (p->params.lightmap_size > 0) {
-        object->lightmap_width = object->lightmap_height = p->params.lightmap_size;
-        return KILN_OK;
-    }
+    const uint32_t size = own_size(p, index);
     bool capped = false;
-    if (!plan->unwrap || plan->reference == SIZE_MAX) {
-        object->lightmap_width = side_of(p, p->texels_per_metre * p->measures[index].along_u, 1, &capped);
-        object->lightmap_height = side_of(p, p->texels_per_metre * p->measures[index].along_v, 1, &capped);
-    } else {
-        const struct kiln_unwrapped *u = plan->unwrapped;
-        const struct measure m = p->measures[index];
-        /* Not so small that less than a texel is left of the padding. */
-        const uint32_t least_width = (u->width + p->params.padding - 1) / p->params.padding;
-        const uint32_t least_height = (u->height + p->params.padding - 1) / p->params.padding;
-        object->lightmap_width = side_of(p, u->width * (m.along_u / plan->measure.along_u), least_width, &capped);
-        object->lightmap_height = side_of(p, u->height * (m.along_v / plan->measure.along_v), least_height, &capped);
-    }
+    if (size > 0)
+        object->lightmap_width = object->lightmap_height = size;
+    else
+        size_by_density(p, index, &object->lightmap_width, &object->lightmap_height, &capped);
+    if (capped)
+        object->density_reason = KILN_DENSITY_MAX;
     if (capped && note_wanted(&p->capped))
         return kiln_builder_note(p->builder, 1, error,
                                  "object \"%s\": its lightmap would be larger than %u texels a side and is capped there; it has fewer "
                                  "than %.3g texels a metre",
-                                 string(p, object->name), p->params.lightmap_max, p->texels_per_metre);
+                                 string(p, object->name), p->params.lightmap_max, p->densities[index]);
     return KILN_OK;
 }
 
@@ -427,6 +556,26 @@ static int rebuild_vertices(struct planner *p, struct kiln_error *error)
     return status;
 }
 
+/* Says what automatic density did with objects that are not like the others. */
+static int note_densities(struct planner *p, struct kiln_error *error)
+{
+    size_t small = 0, shared = 0;
+    int status = KILN_OK;
+    for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++) {
+        const struct kiln_object *object = &objects(p)[i];
+        small += object->density_reason == KILN_DENSITY_LEAST;
+        if (object->density_reason == KILN_DENSITY_SHARE && note_wanted(&shared))
+            status = kiln_builder_note(p->builder, 0, error,
+                                       "object \"%s\" would take most of all texels: it has its share, with %.3g texels a metre where others have %.3g; "
+                                       "density-scale or texels-per-metre change that",
+                                       string(p, object->name), p->densities[i], p->texels_per_metre);
+    }
+    if (small > 0 && status == KILN_OK)
+        status = kiln_builder_note(p->builder, 0, error, "%zu small objects have more than %.3g texels a metre, so that they are %u texels across",
+                                   small, p->texels_per_metre, p->density.least_side);
+    return status;
+}
+
 static int write_totals(struct planner *p, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -445,6 +594,27 @@ static int write_totals(struct planner *p, struct kiln_error *error)
     return status;
 }
 
+/* What unwrapped meshes take is known once they are packed: then the density is chosen again, until the sum is near the target and no
+ * object has too large a share. */
+static int unwrap_all(struct planner *p, struct kiln_error *error)
+{
+    enum { ROUNDS = 3 };
+    int status = KILN_OK;
+    for (int round = 0; round < ROUNDS && status == KILN_OK; round++) {
+        status = choose_densities(p, error);
+        if (status != KILN_OK)
+            return status;
+        find_references(p);
+        status = unwrap_meshes(p, error);
+        if (p->params.texels_per_metre > 0.0 || p->params.lightmap_size > 0)
+            break;
+    }
+    for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++)
+        if (p->plans[i].unwrap)
+            status = note_packing(p, i, error);
+    return status;
+}
+
 static int plan_layouts(struct planner *p, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -456,10 +626,11 @@ static int plan_layouts(struct planner *p, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     measure_objects(p);
-    p->texels_per_metre = choose_density(p);
-    status = unwrap_meshes(p, error);
+    status = unwrap_all(p, error);
     for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++)
         status = size_object(p, i, error);
+    if (status == KILN_OK)
+        status = note_densities(p, error);
     if (status == KILN_OK && any)
         status = rebuild_vertices(p, error);
     if (status == KILN_OK)
@@ -499,6 +670,8 @@ int kiln_layout(struct kiln_builder *builder, const struct kiln_layout_params *p
         kiln_unwrapped_destroy(&p.plans[i].unwrapped);
     kiln_free(&p.uv);
     kiln_free(&p.source);
+    kiln_free(&p.density.of);
+    kiln_free(&p.densities);
     kiln_free(&p.measures);
     kiln_free(&p.plans);
     return status;

@@ -266,6 +266,8 @@ static int check_objects(const struct check *check)
             return damaged(check, "object %zu has a transform that is not a number", i);
         if (o->lightmap_width == 0 || o->lightmap_height == 0 || o->lightmap_width > 65536 || o->lightmap_height > 65536)
             return damaged(check, "object %zu has a lightmap of %u x %u texels", i, o->lightmap_width, o->lightmap_height);
+        if (o->density_reason >= KILN_DENSITY_REASONS)
+            return damaged(check, "object %zu has its density for a reason that is none of the %d", i, (int)KILN_DENSITY_REASONS);
     }
     return check_names(check);
 }

@@ -74,11 +74,24 @@ struct kiln_object {
     uint32_t original_name;                   /* the node's name as it stood in the file */
     uint32_t source_node, source_mesh;        /* their indices in a glTF file; KILN_NONE where the source is none */
     uint32_t flags;                           /* KILN_OBJECT_* */
-    uint32_t reserved;
+    uint32_t density_reason;                  /* enum kiln_density_reason */
 };
 enum {
-    KILN_OBJECT_CASTER_ONLY = 1, /* stops and reflects light; its lightmap is not published */
-    KILN_OBJECT_RECEIVER_ONLY = 2 /* has a lightmap; no ray meets it */
+    KILN_OBJECT_CASTER_ONLY = 1,   /* stops and reflects light; its lightmap is not published */
+    KILN_OBJECT_RECEIVER_ONLY = 2, /* has a lightmap; no ray meets it */
+    KILN_OBJECT_BOTH_SIDES = 4,    /* the second side's lightmap is published, too, where the material is double-sided */
+    KILN_OBJECT_ONE_SIDE = 8       /* it is not, whatever is asked for all objects */
+};
+/* Why an object's lightmap has not the density of the header. */
+enum kiln_density_reason {
+    KILN_DENSITY_COMMON = 0, /* it has */
+    KILN_DENSITY_SHARE,      /* it would take too large a share of all texels */
+    KILN_DENSITY_LEAST,      /* it would be too few texels across */
+    KILN_DENSITY_SCALED,     /* its density-scale */
+    KILN_DENSITY_SIZED,      /* its lightmap-size */
+    KILN_DENSITY_CASTER,     /* caster-only: nobody sees its lightmap */
+    KILN_DENSITY_MAX,        /* the longest side a lightmap may have */
+    KILN_DENSITY_REASONS
 };
 
 /* A punctual light in world space (KHR_lights_punctual). */
