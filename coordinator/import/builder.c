@@ -215,6 +215,7 @@ static int fill_header(const struct kiln_builder *builder, struct kiln_scene_hea
     header->version = KILN_SCENE_VERSION;
     memcpy(header->import_hash, builder->import_hash, sizeof header->import_hash);
     header->texels_per_metre = builder->texels_per_metre;
+    header->padding_factor = builder->padding_factor;
     uint64_t offset = sizeof *header;
     for (unsigned s = 0; s < KILN_SECTION_COUNT; s++) {
         offset = aligned(offset);

@@ -20,7 +20,7 @@ struct kiln_builder {
     struct kiln_object_settings *object_settings; /* what the user says of an object; one an object, grown with the objects */
     size_t object_capacity;
     uint64_t import_hash[2];
-    float texels_per_metre;
+    float texels_per_metre, padding_factor; /* of the header */
 };
 
 /* Largest size of a coordinate, m, in a mesh and in the world: products of three stay within float. */

@@ -1,8 +1,10 @@
 #include "coordinator/layout/layout.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 #include "coordinator/layout/density.h"
+#include "coordinator/layout/padding.h"
 #include "coordinator/layout/unwrap.h"
 #include "coordinator/layout/uv_check.h"
 #include "worker/base/memory.h"
@@ -10,6 +12,8 @@
 enum { DEFAULT_MAX = 4096, DEFAULT_PADDING = 2, LARGEST_SIDE = 1 << 16, NOTES_MAX = 16 };
 static const double SCENE_TEXELS = 262144.0; /* 2^18: what the default density aims at */
 static const double EXPECTED_USE = 0.7;      /* share of a lightmap that our own layouts fill, before one is made */
+static const double PADDED_TEXELS = 1048576.0; /* 2^20: what it may come to where charts need more room between them */
+static const double CLOSE_SHARE = 0.01;      /* of the border of charts, that may lie nearer than two texels to another chart */
 static const double CASTER_FACTOR = 0.25;    /* on the density of an object whose lightmap nobody sees */
 
 /* An object as its lightmap sees it: area in the world, and metres a unit of u and of v (area-weighted means). */
@@ -35,6 +39,8 @@ struct mesh_plan {
     double use;               /* share of the lightmap that the layout fills */
     double density;           /* that it was unwrapped for, */
     bool sized;               /* or for a size, so that the density is what came out */
+    struct kiln_padding padding; /* of the lightmap it was last measured in, */
+    double padding_size[2];   /* of so many texels; 0: never */
 };
 
 struct planner {
@@ -493,6 +499,199 @@ static int size_object(struct planner *p, size_t index, struct kiln_error *error
     return KILN_OK;
 }
 
+/* ---- padding ---- */
+
+/* How far apart the charts of an object lie in a lightmap of width x height. Factors that would make a side longer than allowed
+ * are left out. */
+static int measure_padding(struct planner *p, size_t index, double width, double height, struct kiln_padding *padding, struct kiln_error *error)
+{
+    const struct kiln_mesh *mesh = &meshes(p)[objects(p)[index].mesh];
+    struct mesh_plan *plan = &p->plans[objects(p)[index].mesh];
+    int status = KILN_OK;
+    if (plan->padding_size[0] != width || plan->padding_size[1] != height)
+        status = kiln_padding_measure(&plan->padding, positions(p, mesh), lightmap_uv(p, mesh), mesh->vertex_count, triangles(p, mesh),
+                                      mesh->triangle_count, width, height, error);
+    plan->padding_size[0] = width;
+    plan->padding_size[1] = height;
+    *padding = plan->padding;
+    const double most = p->params.lightmap_max / fmax(width, height);
+    for (int i = 0; i < KILN_PADDING_STEPS; i++)
+        if (exp2((double)(i + 1) / KILN_PADDING_OCTAVE) > most)
+            padding->by_factor[i] = 0.0;
+    return status;
+}
+
+/* An object that would be right with more texels. */
+struct raise {
+    size_t object;
+    double factor, added; /* texels */
+    double worth;         /* metres of border that become right, a texel */
+};
+
+static int compare_raises(const void *a, const void *b)
+{
+    const struct raise *p = a, *q = b;
+    if (p->worth != q->worth)
+        return p->worth > q->worth ? -1 : 1;
+    return (p->object > q->object) - (p->object < q->object);
+}
+
+/* Objects with a layout of the file's whose density nobody has named. */
+static bool may_raise(const struct planner *p, size_t index)
+{
+    const struct kiln_object_settings *settings = settings_of(p, index);
+    const struct measure *m = &p->measures[index];
+    return !p->plans[objects(p)[index].mesh].unwrap && own_size(p, index) == 0 && settings->density_scale == 0.0 &&
+           settings->role != KILN_ROLE_CASTER_ONLY && isfinite(m->along_u) && isfinite(m->along_v) && m->along_u > 0.0 && m->along_v > 0.0;
+}
+
+/* What automatic density makes of `raises`: those first that are worth most, as long as the scene stays below PADDED_TEXELS. An object may come
+ * to have more than its share of all texels: light that bleeds is worse. */
+static void raise_best(struct planner *p, struct raise *raises, size_t count, double texels)
+{
+    qsort(raises, count, sizeof *raises, compare_raises);
+    for (size_t i = 0; i < count; i++) {
+        const struct raise *raise = &raises[i];
+        if (texels + raise->added > PADDED_TEXELS)
+            continue;
+        texels += raise->added;
+        p->densities[raise->object] *= raise->factor;
+        objects(p)[raise->object].density_reason = KILN_DENSITY_PADDING;
+    }
+}
+
+static struct raise raise_of(size_t object, double factor, double density, double texels, const struct kiln_padding *padding)
+{
+    const double added = texels * (factor * factor - 1.0);
+    return (struct raise){object, factor, added, padding->close / (density * added)};
+}
+
+static int raise_densities(struct planner *p, struct kiln_error *error)
+{
+    struct raise *raises = NULL;
+    size_t count = 0;
+    double texels = 0.0;
+    int status = kiln_allocate(&raises, object_count(p), sizeof *raises, "densities", error);
+    for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++) {
+        const double own = wanted_texels(p, i), density = p->densities[i];
+        struct kiln_padding padding;
+        texels += isfinite(own) ? own : 0.0;
+        if (!may_raise(p, i))
+            continue;
+        const double width = density * p->measures[i].along_u, height = density * p->measures[i].along_v;
+        texels += width * height - own; /* the whole lightmap */
+        status = measure_padding(p, i, width, height, &padding, error);
+        const double factor = status == KILN_OK ? kiln_padding_factor(&padding, CLOSE_SHARE) : 1.0;
+        if (factor > 1.0 && isfinite(factor))
+            raises[count++] = raise_of(i, factor, density, width * height, &padding);
+    }
+    if (status == KILN_OK)
+        raise_best(p, raises, count, texels);
+    kiln_free(&raises);
+    return status;
+}
+
+/* The padding of all published lightmaps. */
+struct padding_sum {
+    struct kiln_padding all;         /* as they are */
+    struct kiln_padding common;      /* as they would be if all had the density of the header, in texels of that */
+    size_t lightmaps, close, raised; /* lightmaps: of several charts; close: with more than CLOSE_SHARE */
+    double raise;                    /* the largest factor */
+    size_t worst;                    /* object */
+    double worst_share;
+};
+
+/* Whether the object's lightmap would be another if it had the density of the header. */
+static bool differs_from_common(const struct planner *p, size_t index)
+{
+    return !p->plans[objects(p)[index].mesh].unwrap && own_size(p, index) == 0 && fabs(p->densities[index] / p->texels_per_metre - 1.0) > 1e-3;
+}
+
+static int add_common(struct planner *p, size_t index, const struct kiln_padding *own, struct padding_sum *sum, struct kiln_error *error)
+{
+    const struct measure *m = &p->measures[index];
+    const double most = p->params.lightmap_max, width = fmin(p->texels_per_metre * m->along_u, most), height = fmin(p->texels_per_metre * m->along_v, most);
+    struct kiln_padding padding = *own;
+    int status = KILN_OK;
+    if (differs_from_common(p, index) && width > 0.0 && height > 0.0)
+        status = measure_padding(p, index, width, height, &padding, error);
+    kiln_padding_add(&sum->common, &padding);
+    return status;
+}
+
+static int add_object(struct planner *p, size_t index, struct padding_sum *sum, struct kiln_error *error)
+{
+    const struct kiln_object *object = &objects(p)[index];
+    struct kiln_padding padding;
+    const int status = measure_padding(p, index, object->lightmap_width, object->lightmap_height, &padding, error);
+    if (status != KILN_OK)
+        return status;
+    const double share = padding.border > 0.0 ? padding.close / padding.border : 0.0;
+    kiln_padding_add(&sum->all, &padding);
+    sum->lightmaps += padding.charts > 1;
+    sum->close += share > CLOSE_SHARE;
+    if (share > sum->worst_share) {
+        sum->worst = index;
+        sum->worst_share = share;
+    }
+    if (object->density_reason == KILN_DENSITY_PADDING) {
+        sum->raised++;
+        sum->raise = fmax(sum->raise, p->densities[index] / p->density.of[index]);
+    }
+    return add_common(p, index, &padding, sum, error);
+}
+
+static int sum_padding(struct planner *p, struct padding_sum *sum, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++)
+        if (settings_of(p, i)->role != KILN_ROLE_CASTER_ONLY && meshes(p)[objects(p)[i].mesh].triangle_count > 0)
+            status = add_object(p, i, sum, error);
+    return status;
+}
+
+/* Two digits, rounded up. */
+static double round_up(double value)
+{
+    const double unit = pow(10.0, floor(log10(value)) - 1.0);
+    return unit * ceil(value / unit - 1e-9);
+}
+
+/* What would help, as the end of a sentence. */
+static void name_remedy(const struct planner *p, double factor, char *text, size_t size)
+{
+    if (!isfinite(factor))
+        (void)snprintf(text, size, "no density would do, for charts touch or lightmaps would be larger than --lightmap-max");
+    else if (p->params.lightmap_size > 0)
+        (void)snprintf(text, size, "--lightmap-size %.0f would leave less than 1 %%", ceil(factor * p->params.lightmap_size));
+    else
+        (void)snprintf(text, size, "--texels-per-metre %.3g would leave less than 1 %%%s", round_up(factor * p->texels_per_metre),
+                       p->params.texels_per_metre > 0.0 ? "" : ", which is more texels than automatic density spends");
+}
+
+static int note_padding(struct planner *p, struct kiln_error *error)
+{
+    struct padding_sum sum = {0};
+    char remedy[192];
+    int status = sum_padding(p, &sum, error);
+    if (status == KILN_OK && sum.raised > 0)
+        status = kiln_builder_note(p->builder, 0, error,
+                                   "%zu object%s up to %.2g times the texels a metre that the scene's size would give, so that two texels lie "
+                                   "between the charts of a layout",
+                                   sum.raised, sum.raised == 1 ? " has" : "s have", sum.raise);
+    if (status != KILN_OK || sum.close == 0)
+        return status;
+    const double factor = kiln_padding_factor(&sum.common, CLOSE_SHARE);
+    p->builder->padding_factor = isfinite(factor) ? (float)factor : -1.0f;
+    name_remedy(p, factor, remedy, sizeof remedy);
+    return kiln_builder_note(p->builder, 0, error,
+                             "in %zu of %zu lightmaps with several charts some lie less than two texels apart (%zu of %zu charts, along %.2g %% of "
+                             "the length of all borders, most in \"%s\": %.2g %%), and light bleeds from one to the other; %s%s",
+                             sum.close, sum.lightmaps, sum.all.close_charts, sum.all.charts, 100.0 * sum.all.close / sum.all.border,
+                             string(p, objects(p)[sum.worst].name), 100.0 * sum.worst_share, remedy,
+                             p->params.repack ? "" : "; --repack lays the charts out anew");
+}
+
 /* Appends the mesh's vertices, in its old or its new layout, to the new vertex list. */
 static int collect_mesh(struct planner *p, size_t index, struct kiln_error *error)
 {
@@ -627,12 +826,16 @@ static int plan_layouts(struct planner *p, struct kiln_error *error)
         return status;
     measure_objects(p);
     status = unwrap_all(p, error);
+    if (status == KILN_OK && p->params.texels_per_metre == 0.0 && p->params.lightmap_size == 0)
+        status = raise_densities(p, error);
     for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++)
         status = size_object(p, i, error);
     if (status == KILN_OK)
         status = note_densities(p, error);
     if (status == KILN_OK && any)
         status = rebuild_vertices(p, error);
+    if (status == KILN_OK)
+        status = note_padding(p, error);
     if (status == KILN_OK)
         status = write_totals(p, error);
     p->builder->texels_per_metre = p->params.lightmap_size > 0 ? 0.0f : (float)p->texels_per_metre;

@@ -61,6 +61,7 @@ struct kiln_mesh {
 enum {
     KILN_MESH_SMOOTH = 1,        /* shading normals differ from geometric ones somewhere */
     KILN_MESH_UNWRAPPED = 2,     /* the lightmap layout is kiln's own */
+    KILN_MESH_REPACKED = 8,      /* and made of the charts of the mesh's own */
     KILN_MESH_HAS_EMISSION_UV = 4 /* texcoord_emission differs from texcoord_base somewhere */
 };
 
@@ -91,6 +92,7 @@ enum kiln_density_reason {
     KILN_DENSITY_SIZED,      /* its lightmap-size */
     KILN_DENSITY_CASTER,     /* caster-only: nobody sees its lightmap */
     KILN_DENSITY_MAX,        /* the longest side a lightmap may have */
+    KILN_DENSITY_PADDING,    /* two texels are to lie between its charts */
     KILN_DENSITY_REASONS
 };
 
@@ -170,7 +172,7 @@ struct kiln_scene_header {
     double centre[3];                  /* world; traced positions are relative to it. Where the detail is, not the bounds' middle */
     double bounds_min[3], bounds_max[3]; /* world, of all objects */
     float texels_per_metre;            /* the density the lightmaps were sized for; 0 when sized otherwise */
-    uint32_t reserved;
+    float padding_factor;              /* on the lightmaps' sides, from which on two texels lie between nearly all charts; 0: as they are; -1: none */
     struct {
         uint64_t offset, count;
     } sections[KILN_SECTION_COUNT];
