@@ -31,7 +31,8 @@ struct shape {
 
 /* What was decided for a mesh. */
 struct mesh_plan {
-    bool unwrap;
+    bool unwrap;              /* or repack, which is an unwrapping whose charts are given */
+    bool repack;
     size_t reference;         /* its object with the largest area; SIZE_MAX: none */
     struct kiln_unwrapped *unwrapped;
     struct measure measure;   /* of the reference object, in the new layout */
@@ -41,6 +42,7 @@ struct mesh_plan {
     bool sized;               /* or for a size, so that the density is what came out */
     struct kiln_padding padding; /* of the lightmap it was last measured in, */
     double padding_size[2];   /* of so many texels; 0: never */
+    double metres[2];         /* repack: of the reference object, a unit of u and v of the file's layout */
 };
 
 struct planner {
@@ -54,7 +56,7 @@ struct planner {
     uint64_t *source;           /* new vertices: which old one (index among all) */
     struct kiln_vec2 *uv;
     size_t vertex_count, source_capacity, uv_capacity;
-    size_t absent, refused, unclean, capped, shared; /* counts for notes */
+    size_t absent, refused, unclean, capped, shared, repacked; /* counts for notes */
 };
 
 static struct kiln_mesh *meshes(const struct planner *p) { return KILN_BUILDER_DATA(p->builder, struct kiln_mesh, KILN_SECTION_MESHES); }
@@ -374,11 +376,14 @@ static int unwrap_mesh(struct planner *p, size_t index, struct kiln_error *error
         params.size = own_size(p, plan->reference);
     }
     kiln_unwrapped_destroy(&plan->unwrapped);
-    const int status = kiln_unwrap(&plan->unwrapped, positions(p, mesh), mesh->vertex_count, triangles(p, mesh), mesh->triangle_count,
-                                   &params, error);
+    const int status = plan->repack ? kiln_repack(&plan->unwrapped, positions(p, mesh), lightmap_uv(p, mesh), mesh->vertex_count, triangles(p, mesh),
+                                                  mesh->triangle_count, plan->metres, &params, error)
+                                    : kiln_unwrap(&plan->unwrapped, positions(p, mesh), mesh->vertex_count, triangles(p, mesh),
+                                                  mesh->triangle_count, &params, error);
     if (status != KILN_OK)
         return status;
-    mesh->flags |= KILN_MESH_UNWRAPPED;
+    plan->padding_size[0] = plan->padding_size[1] = 0.0;
+    mesh->flags |= plan->repack ? KILN_MESH_UNWRAPPED | KILN_MESH_REPACKED : KILN_MESH_UNWRAPPED;
     mesh->uv_area = layout_area(plan->unwrapped, mesh->triangle_count);
     plan->sized = params.size > 0;
     plan->density = plan->sized ? plan->unwrapped->texels_per_metre : params.texels_per_metre;
@@ -521,6 +526,30 @@ static int measure_padding(struct planner *p, size_t index, double width, double
     return status;
 }
 
+/* Has the meshes packed anew whose charts lie less than two texels apart in the lightmap of their object with the most texels. */
+static int choose_repacks(struct planner *p, struct kiln_error *error)
+{
+    int status = choose_densities(p, error);
+    find_references(p);
+    for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++) {
+        struct mesh_plan *plan = &p->plans[i];
+        struct kiln_padding padding;
+        if (plan->unwrap || plan->reference == SIZE_MAX)
+            continue;
+        const struct measure *m = &p->measures[plan->reference];
+        const double size = own_size(p, plan->reference), density = p->densities[plan->reference], most = p->params.lightmap_max;
+        const double width = size > 0.0 ? size : fmin(density * m->along_u, most), height = size > 0.0 ? size : fmin(density * m->along_v, most);
+        if (!(width > 0.0 && height > 0.0))
+            continue;
+        status = measure_padding(p, plan->reference, width, height, &padding, error);
+        plan->unwrap = plan->repack = status == KILN_OK && padding.close > 0.0;
+        plan->metres[0] = m->along_u;
+        plan->metres[1] = m->along_v;
+        p->repacked += plan->repack;
+    }
+    return status;
+}
+
 /* An object that would be right with more texels. */
 struct raise {
     size_t object;
@@ -657,15 +686,15 @@ static double round_up(double value)
     return unit * ceil(value / unit - 1e-9);
 }
 
-/* What would help, as the end of a sentence. */
-static void name_remedy(const struct planner *p, double factor, char *text, size_t size)
+/* What would help, as the end of a sentence. `named`: texels a metre, or a side where the user gives that. */
+static void name_remedy(const struct planner *p, double named, char *text, size_t size)
 {
-    if (!isfinite(factor))
+    if (!isfinite(named))
         (void)snprintf(text, size, "no density would do, for charts touch or lightmaps would be larger than --lightmap-max");
     else if (p->params.lightmap_size > 0)
-        (void)snprintf(text, size, "--lightmap-size %.0f would leave less than 1 %%", ceil(factor * p->params.lightmap_size));
+        (void)snprintf(text, size, "--lightmap-size %.0f would leave less than 1 %%", named);
     else
-        (void)snprintf(text, size, "--texels-per-metre %.3g would leave less than 1 %%%s", round_up(factor * p->texels_per_metre),
+        (void)snprintf(text, size, "--texels-per-metre %.3g would leave less than 1 %%%s", named,
                        p->params.texels_per_metre > 0.0 ? "" : ", which is more texels than automatic density spends");
 }
 
@@ -682,8 +711,10 @@ static int note_padding(struct planner *p, struct kiln_error *error)
     if (status != KILN_OK || sum.close == 0)
         return status;
     const double factor = kiln_padding_factor(&sum.common, CLOSE_SHARE);
-    p->builder->padding_factor = isfinite(factor) ? (float)factor : -1.0f;
-    name_remedy(p, factor, remedy, sizeof remedy);
+    const double unit = p->params.lightmap_size > 0 ? p->params.lightmap_size : p->texels_per_metre, wanted = factor * unit;
+    const double named = isfinite(factor) ? p->params.lightmap_size > 0 ? ceil(wanted) : round_up(wanted) : INFINITY;
+    p->builder->padding_factor = isfinite(factor) ? (float)(named / unit) : -1.0f;
+    name_remedy(p, named, remedy, sizeof remedy);
     return kiln_builder_note(p->builder, 0, error,
                              "in %zu of %zu lightmaps with several charts some lie less than two texels apart (%zu of %zu charts, along %.2g %% of "
                              "the length of all borders, most in \"%s\": %.2g %%), and light bleeds from one to the other; %s%s",
@@ -781,6 +812,9 @@ static int write_totals(struct planner *p, struct kiln_error *error)
     if (p->absent > 0)
         status = kiln_builder_note(p->builder, 0, error, "%zu of %zu meshes have no second UV set and are unwrapped", p->absent,
                                    mesh_count(p));
+    if (status == KILN_OK && p->params.repack)
+        status = kiln_builder_note(p->builder, 0, error, "the charts of %zu of %zu meshes lie less than two texels apart and are laid out anew", p->repacked,
+                                   mesh_count(p));
     if (status == KILN_OK && p->refused > NOTES_MAX)
         status = kiln_builder_note(p->builder, 1, error, "%zu more second UV sets are refused", p->refused - NOTES_MAX);
     if (status == KILN_OK && p->unclean > NOTES_MAX)
@@ -818,20 +852,23 @@ static int plan_layouts(struct planner *p, struct kiln_error *error)
 {
     int status = KILN_OK;
     bool any = false;
-    for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++) {
+    for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++)
         status = check_mesh(p, i, error);
-        any = any || p->plans[i].unwrap;
-    }
     if (status != KILN_OK)
         return status;
     measure_objects(p);
-    status = unwrap_all(p, error);
+    if (p->params.repack)
+        status = choose_repacks(p, error);
+    if (status == KILN_OK)
+        status = unwrap_all(p, error);
     if (status == KILN_OK && p->params.texels_per_metre == 0.0 && p->params.lightmap_size == 0)
         status = raise_densities(p, error);
     for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++)
         status = size_object(p, i, error);
     if (status == KILN_OK)
         status = note_densities(p, error);
+    for (size_t i = 0; i < mesh_count(p); i++)
+        any = any || p->plans[i].unwrap;
     if (status == KILN_OK && any)
         status = rebuild_vertices(p, error);
     if (status == KILN_OK)

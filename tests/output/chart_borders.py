@@ -4,8 +4,8 @@
 
 A border is an edge of a triangle beyond which its chart does not go on in the layout. Samples lie along it, at most half a texel apart;
 each stands for its length in texels. What a sampler reads there, bilinearly, is compared with what it would read if the chart stood alone:
-a texel of which the chart holds the most keeps its value, any other one has that of the nearest texel of which it does. Nothing
-here is kiln's: layouts are clipped against texels anew, from scene.kscene, and values come from the EXR files.
+a texel of which the chart holds the most keeps its value, any other one has that of the nearest texel of which it does (of several at
+the same distance any one's will do). Nothing here is kiln's: layouts are clipped against texels anew, from scene.kscene, and values come from the EXR files.
 """
 import json
 import os
@@ -158,22 +158,25 @@ def owners(corner, chart, width, height):
     return owner, shared
 
 
-def nearest_own(owner, texel, chart, width, height):
-    """For each (texel, chart) the nearest texel of which the chart holds the most, -1 where there is none within REACH."""
+def nearest_own(owner, values, texel, chart, width, height):
+    """For each (texel, chart) what the texel may hold: the least and the greatest value among the nearest texels of which the chart holds
+    the most (there may be several at the same distance); NaN where there is none within REACH."""
     offsets = sorted((dx * dx + dy * dy, dy, dx) for dx in range(-REACH, REACH + 1) for dy in range(-REACH, REACH + 1))
-    found = np.full(len(texel), -1, np.int64)
+    low, high = np.full(len(texel), np.nan), np.full(len(texel), np.nan)
     x, y = texel % width, texel // width
     open_ = np.arange(len(texel))
-    for _, dy, dx in offsets:
-        if len(open_) == 0:
-            break
+    for i, (distance, dy, dx) in enumerate(offsets):
         ox, oy = x[open_] + dx, y[open_] + dy
         inside = (ox >= 0) & (oy >= 0) & (ox < width) & (oy < height)
         other = np.where(inside, oy * width + ox, 0)
         hit = inside & (owner[other] == chart[open_])
-        found[open_[hit]] = other[hit]
-        open_ = open_[~hit]
-    return found
+        at = open_[hit]
+        low[at], high[at] = np.fmin(low[at], values[other[hit]]), np.fmax(high[at], values[other[hit]])
+        if i + 1 == len(offsets) or offsets[i + 1][0] > distance:
+            open_ = open_[np.isnan(low[open_])]
+            if len(open_) == 0:
+                break
+    return low, high
 
 
 def border_samples(texel, corners, chart, border):
@@ -217,9 +220,9 @@ def measure(positions, uv, corners, values):
     read, weight = footprints(place, width, height)
     flat = values.ravel().astype(np.float64)
     got = (flat[read] * weight).sum(1)
-    source = nearest_own(owner, read.ravel(), np.repeat(own, 4), width, height).reshape(-1, 4)
-    lone = (source < 0).any(1)
-    wanted = (flat[np.maximum(source, 0)] * weight).sum(1)
+    low, high = nearest_own(owner, flat, read.ravel(), np.repeat(own, 4), width, height)
+    lone = np.isnan(low).reshape(-1, 4).any(1)
+    wanted = (np.clip(flat[read], low.reshape(-1, 4), high.reshape(-1, 4)) * weight).sum(1)
     light = flat[owner >= 0].mean() if (owner >= 0).any() else 0.0
     error = np.abs(got - wanted) / np.maximum(wanted, 1e-3 * light if light > 0 else 1.0)
     counts = weight > 1e-6
