@@ -12,6 +12,22 @@
 static const char *const light_kinds[] = {"point", "spot", "directional"};
 static const char *const environment_kinds[] = {"none", "constant", "lat-long image"};
 
+/* Why an object's density is not the common one, for people and for programs; in the order of enum kiln_density_reason. */
+static const struct {
+    const char *words, *code;
+} density_reasons[KILN_DENSITY_REASONS] = {{"", "common"},
+                                           {"less: its share of all texels", "share"},
+                                           {"more: else too few texels", "least-size"},
+                                           {"density-scale", "density-scale"},
+                                           {"lightmap-size", "lightmap-size"},
+                                           {"less: caster-only", "caster-only"},
+                                           {"less: lightmap-max", "lightmap-max"}};
+
+static const char *role_of(const struct kiln_object *o)
+{
+    return (o->flags & KILN_OBJECT_CASTER_ONLY) != 0 ? "caster-only" : (o->flags & KILN_OBJECT_RECEIVER_ONLY) != 0 ? "receiver-only" : "both";
+}
+
 enum { OBJECTS_SHOWN = 40 }; /* in the table for people; JSON has all */
 
 static double share(uint64_t part, uint64_t whole) { return whole == 0 ? 0.0 : (double)part / (double)whole; }
@@ -40,9 +56,10 @@ static json_t *objects_json(const struct kiln_look *look)
         const struct kiln_object *o = &look->scene->objects[i];
         const struct kiln_look_object *figures = &look->objects[i];
         (void)json_array_append_new(
-            list, json_pack("{s:o, s:o, s:i, s:[i, i], s:f, s:f, s:I, s:f, s:b}", "name", kiln_json_string(string_at(look, o->name)), "original_name",
+            list, json_pack("{s:o, s:o, s:i, s:[i, i], s:f, s:f, s:s, s:s, s:I, s:f, s:b}", "name", kiln_json_string(string_at(look, o->name)), "original_name",
                             kiln_json_string(string_at(look, o->original_name)), "mesh", (int)o->mesh, "lightmap", (int)o->lightmap_width,
-                            (int)o->lightmap_height, "area", figures->area, "texels_per_metre", figures->density, "points",
+                            (int)o->lightmap_height, "area", figures->area, "texels_per_metre", figures->density, "density_reason",
+                            density_reasons[o->density_reason].code, "role", role_of(o), "points",
                             (json_int_t)figures->points, "invalid_share", share(figures->invalid, figures->points), "mirrored", o->flipped != 0));
     }
     return list;
@@ -154,7 +171,10 @@ static void print_counts(const struct kiln_look *look, const struct kiln_job *jo
         (void)printf(", radiance %g %g %g W m-2 sr-1", (double)e->radiance[0], (double)e->radiance[1], (double)e->radiance[2]);
     if (e->kind == KILN_ENVIRONMENT_LATLONG)
         (void)printf(", %u x %u", e->width, e->height);
-    (void)printf("\n  density      %.3g to %.3g texels per metre, median %.3g\n", look->density_min, look->density_max, look->density_median);
+    (void)printf("\n  density      ");
+    if (s->header->texels_per_metre > 0.0f)
+        (void)printf("%.3g texels per metre; it comes to ", (double)s->header->texels_per_metre);
+    (void)printf("%.3g to %.3g texels per metre, median %.3g\n", look->density_min, look->density_max, look->density_median);
     (void)printf("  lightmaps    %llu texels, %llu of them surface points\n", (unsigned long long)look->texels, (unsigned long long)r->points);
     (void)printf("  overlap      %.3g %% of the points are shared by charts\n", 100.0 * share(r->shared_texels, r->points));
     (void)printf("  invalid      %.3g %% of the points lie inside other geometry\n", 100.0 * share(look->invalid, r->points));
@@ -163,8 +183,8 @@ static void print_counts(const struct kiln_look *look, const struct kiln_job *jo
 
 static int print_objects(const struct kiln_look *look, bool all, struct kiln_error *error)
 {
-    enum { COLUMNS = 7, CELL = 32 };
-    static const char *const head[COLUMNS] = {"object", "mesh", "layout", "triangles", "lightmap", "texels/m", "invalid"};
+    enum { COLUMNS = 8, CELL = 32 };
+    static const char *const head[COLUMNS] = {"object", "mesh", "layout", "triangles", "lightmap", "texels/m", "invalid", "density is"};
     const struct kiln_scene *s = look->scene;
     const size_t rows = all || s->object_count <= OBJECTS_SHOWN ? s->object_count : OBJECTS_SHOWN;
     const char **cells = NULL;
@@ -182,7 +202,8 @@ static int print_objects(const struct kiln_look *look, bool all, struct kiln_err
             (void)snprintf(texts[i][1], CELL, "%u x %u", o->lightmap_width, o->lightmap_height);
             (void)snprintf(texts[i][2], CELL, "%.3g", figures->density);
             (void)snprintf(texts[i][3], CELL, "%.2g %%", 100.0 * share(figures->invalid, figures->points));
-            const char *const row[COLUMNS] = {string_at(look, o->name), string_at(look, m->name), layout_of(m), texts[i][0], texts[i][1], texts[i][2], texts[i][3]};
+            const char *const row[COLUMNS] = {string_at(look, o->name), string_at(look, m->name), layout_of(m), texts[i][0], texts[i][1], texts[i][2], texts[i][3],
+                                              density_reasons[o->density_reason].words};
             memcpy(cells + (i + 1) * COLUMNS, row, sizeof row);
         }
         (void)fputc('\n', stdout);

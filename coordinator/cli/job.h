@@ -65,6 +65,8 @@ struct kiln_job {
     double texels_per_metre;
     uint32_t lightmap_size; /* 0: by density */
     uint32_t lightmap_max;  /* texels a side */
+    char *objects;          /* settings of single objects, as JSON: coordinator/import/settings.h; NULL: none */
+    bool trust_normals;     /* they decide the front of a triangle, not its winding */
     double cell_size;       /* m; 0: chosen */
     bool partition_objects;
 

@@ -7,6 +7,7 @@
 
 static const char *const backends[] = {"auto", "embree", "vulkan", NULL};
 static const char *const traversals[] = {"auto", "compute", "pipeline", "all", "binary", "four", "eight", NULL}; /* enum kiln_traversal */
+static const char *const trusts[] = {"winding", "normals", NULL};
 static const char *const methods[] = {"cells", NULL};
 static const char *const schedules[] = {"lean", "equal", NULL}; /* in the order of enum kiln_schedule */
 static const char *const exchanges[] = {"auto", "compact", "full", NULL}; /* in the order of enum kiln_exchange_form */
@@ -95,6 +96,11 @@ const struct kiln_option kiln_options[] = {
      .offset = AT(lightmap_size)},
     {.name = "lightmap-max", .group = "Lightmaps", .kind = KILN_OPTION_UINT32, .value = "TEXELS", .fallback = "4096", .minimum = 1,
      .maximum = 32768, .help = "the longest side a lightmap may have", .commands = READS_SCENE, .offset = AT(lightmap_max)},
+    {.name = "objects", .group = "Lightmaps", .kind = KILN_OPTION_RULES, .value = "RULES", .shown = "none",
+     .help = "of single objects: '{Chair*: {density-scale: 2}}'; also lightmap-size, exclude, role, sides", .commands = READS_SCENE,
+     .offset = AT(objects)},
+    {.name = "trust", .group = "Lightmaps", .kind = KILN_OPTION_CHOICE_FLAG, .fallback = "winding", .choices = trusts,
+     .help = "what decides the front of triangles wound against their normals", .commands = READS_SCENE, .offset = AT(trust_normals)},
     {.name = "half", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "false",
      .help = "half floats, where nothing overflows", .commands = KILN_FOR_BAKE, .offset = AT(half)},
     {.name = "stitch", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "true",

@@ -20,6 +20,8 @@ enum kiln_option_kind {
     KILN_OPTION_PATH,        /* a file or folder; in a job file relative to the job file's folder */
     KILN_OPTION_ENVIRONMENT, /* none | R,G,B | a path ending in .hdr or .exr */
     KILN_OPTION_POINT,       /* text "x,y,z" of three finite numbers, metres */
+    KILN_OPTION_RULES,       /* settings by pattern of objects' names: a mapping of mappings in a job file, {PATTERN: {KEY: VALUE}} in one
+                                line elsewhere; kept as JSON, see coordinator/import/settings.h */
     KILN_OPTION_CHOICE,      /* one of `choices`, kept as text */
     KILN_OPTION_CHOICE_ENUM, /* one of `choices`, kept as its index in an enum (int) */
     KILN_OPTION_CHOICE_FLAG  /* one of two `choices`, kept as bool: false for the first */

@@ -81,6 +81,7 @@ struct gltf {
     uint64_t triangles, sparse_elements, objects, expanded;
     /* what notes are made of */
     uint64_t points_and_lines, without_material, missing_texcoords, clamped_colors, without_area_objects, skipped_lights;
+    uint64_t unknown_settings;
     bool skins, morphs;
 };
 

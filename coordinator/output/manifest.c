@@ -108,7 +108,8 @@ static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *
         if (others[i] != NULL)
             status = name_file(*manifest, "", others[i], "", error);
     for (size_t i = 0; status == KILN_OK && i < scene->object_count; i++)
-        status = name_file(*manifest, "lightmaps/", kiln_scene_string(scene, scene->objects[i].name), ".exr", error);
+        if ((scene->objects[i].flags & KILN_OBJECT_CASTER_ONLY) == 0)
+            status = name_file(*manifest, "lightmaps/", kiln_scene_string(scene, scene->objects[i].name), ".exr", error);
     return status;
 }
 

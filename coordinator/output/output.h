@@ -22,7 +22,7 @@ struct kiln_lightmap_report {
     double seam_difference_before, seam_difference_after; /* root mean square over seam samples, relative to the mean */
 };
 
-/* DIR/lightmaps/OBJECT.exr for every object. Channels R G B = direct + indirect; layers direct.R.. and indirect.R.., error.Y when
+/* DIR/lightmaps/OBJECT.exr for every object but the caster-only ones. Channels R G B = direct + indirect; layers direct.R.. and indirect.R.., error.Y when
  * error_map is set, coverage.Y (share of the texel's square that the layout covers; half) and validity.Y (1 gathered, 0.5 on a
  * surface but filled from neighbours, 0 margin; half). Invalid points are filled, chart seams of an object smoothed, margins
  * dilated over the whole image. Which rank writes an object, and which ones pack it, does not change a byte: one that is large

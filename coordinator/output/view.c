@@ -38,12 +38,18 @@ static void make_ray(const struct renderer *r, uint32_t x, uint32_t y, uint32_t 
     *direction = vec3_of(dvec3_scale(way, 1.0 / dvec3_length(way)));
 }
 
-static bool is_seen(const struct kiln_geometry *g, const struct kiln_hit *hit)
+/* Not seen are the backs of single-sided surfaces, and what is caster-only, unless it emits: there is no lightmap of it. */
+static bool is_seen(const struct kiln_view_params *p, const struct kiln_hit *hit)
 {
-    return hit->triangle == KILN_NONE || !hit->back || (g->records[hit->triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0;
+    if (hit->triangle == KILN_NONE)
+        return true;
+    const struct kiln_hit_record *record = &p->geometry->records[hit->triangle];
+    if ((p->scene->objects[record->object].flags & KILN_OBJECT_CASTER_ONLY) != 0 && (record->material & KILN_RECORD_EMITS) == 0)
+        return false;
+    return !hit->back || (record->material & KILN_RECORD_DOUBLE_SIDED) != 0;
 }
 
-/* Traces rays 0..count-1; those that meet a single-sided surface from behind go on behind it. */
+/* Traces rays 0..count-1; those that meet something that is not seen go on behind it. */
 static int trace(struct renderer *r, size_t count, struct kiln_error *error)
 {
     const struct kiln_geometry *g = r->params->geometry;
@@ -51,7 +57,7 @@ static int trace(struct renderer *r, size_t count, struct kiln_error *error)
     for (int step = 0; status == KILN_OK && step < MOST_BACK_FACES; step++) {
         size_t active = 0;
         for (size_t i = 0; i < count; i++) {
-            if (is_seen(g, &r->hits[i]))
+            if (is_seen(r->params, &r->hits[i]))
                 continue;
             const float beyond = r->hits[i].distance * (1.0f + 1e-6f) + 1e-6f * g->extent;
             r->origins[i] = vec3_madd(r->origins[i], r->directions[i], beyond);
@@ -95,7 +101,7 @@ static int load_lightmaps(struct renderer *r, size_t count, struct kiln_error *e
         if (r->hits[i].triangle == KILN_NONE)
             continue;
         const uint32_t object = r->params->geometry->records[r->hits[i].triangle].object;
-        if (r->lightmaps[object].image == NULL)
+        if (r->lightmaps[object].image == NULL && (r->params->scene->objects[object].flags & KILN_OBJECT_CASTER_ONLY) == 0)
             status = load_lightmap(r, object, error);
     }
     return status;
@@ -119,7 +125,7 @@ static void shade(const struct renderer *r, const struct kiln_hit *hit, struct k
 {
     const struct kiln_view_params *p = r->params;
     rgb[0] = rgb[1] = rgb[2] = 0.0f;
-    if (hit->triangle == KILN_NONE || !is_seen(p->geometry, hit)) {
+    if (hit->triangle == KILN_NONE || !is_seen(p, hit)) {
         if (p->lights != NULL)
             kiln_environment_radiance(p->lights, dvec3_of(direction), rgb);
         return;
@@ -129,10 +135,11 @@ static void shade(const struct renderer *r, const struct kiln_hit *hit, struct k
     const uint64_t stored = p->geometry->stored_triangle[hit->triangle];
     const float x = record->texel[0] + hit->u * record->texel[2] + hit->v * record->texel[4];
     const float y = record->texel[1] + hit->u * record->texel[3] + hit->v * record->texel[5];
-    float albedo[4], irradiance[3], emission[3];
+    float albedo[4], irradiance[3] = {0.0f, 0.0f, 0.0f}, emission[3];
     kiln_surface_color(p->scene, mesh, stored, hit->u, hit->v, albedo);
     kiln_surface_emission(p->scene, mesh, stored, hit->u, hit->v, emission);
-    look_up(&r->lightmaps[record->object], x, y, irradiance);
+    if (r->lightmaps[record->object].image != NULL)
+        look_up(&r->lightmaps[record->object], x, y, irradiance);
     for (int c = 0; c < 3; c++)
         rgb[c] = albedo[c] * irradiance[c] * (float)(1.0 / KILN_PI) + emission[c];
 }
@@ -212,21 +219,49 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
     return status;
 }
 
-int kiln_view_preview(const char *directory, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
-                      const struct kiln_lights *lights, struct kiln_backend *backend, double stops, struct kiln_error *error)
+static int draw_preview(const struct kiln_view_params *seen, double stops, struct kiln_error *error)
 {
     const struct kiln_view_wish wish = {0};
-    struct kiln_view_params params = {.directory = directory, .scene = scene, .geometry = geometry, .lights = lights, .backend = backend,
-                                      .side = 2};
+    struct kiln_view_params params = *seen;
     struct kiln_image *image = NULL;
     char path[KILN_PATH_SIZE];
-    int status = kiln_path_join(path, directory, "preview.png", error);
+    int status = kiln_path_join(path, params.directory, "preview.png", error);
     if (status == KILN_OK)
-        status = kiln_view_aim(scene, &wish, &params.camera, &params.width, &params.height, error);
+        status = kiln_view_aim(params.scene, &wish, &params.camera, &params.width, &params.height, error);
     if (status == KILN_OK)
         status = kiln_view_render(&params, &image, error);
     if (status == KILN_OK)
         status = kiln_png_write(path, image, NULL, stops, error);
     kiln_image_destroy(&image);
     return status;
+}
+
+/* The bake's rays do not meet receiver-only objects: where there are such, the picture is made with a tree of its own. */
+static int draw_with_receivers(struct kiln_view_params *params, double stops, struct kiln_error *error)
+{
+    struct kiln_geometry *geometry = NULL;
+    struct kiln_backend *backend = NULL;
+    int status = kiln_geometry_create(&geometry, params->scene, error);
+    if (status == KILN_OK) {
+        kiln_geometry_meet_all(geometry);
+        const struct kiln_backend_params own = {.scene = params->scene, .geometry = geometry, .lights = params->lights, .threads = params->backend->params.threads};
+        status = kiln_backend_create(&backend, "embree", &own, error);
+    }
+    if (status == KILN_OK) {
+        params->geometry = geometry;
+        params->backend = backend;
+        status = draw_preview(params, stops, error);
+    }
+    kiln_backend_destroy(&backend);
+    kiln_geometry_destroy(&geometry);
+    return status;
+}
+
+int kiln_view_preview(const char *directory, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
+                      const struct kiln_lights *lights, struct kiln_backend *backend, double stops, struct kiln_error *error)
+{
+    struct kiln_view_params params = {.directory = directory, .scene = scene, .geometry = geometry, .lights = lights, .backend = backend,
+                                      .side = 2};
+    const bool all_met = kiln_geometry_met_count(geometry) == geometry->triangle_count;
+    return all_met ? draw_preview(&params, stops, error) : draw_with_receivers(&params, stops, error);
 }

@@ -3,7 +3,8 @@
  * Radiance of a pixel is the mean over a fixed grid of sub-pixel rays of albedo x E / pi + emission at the first hit, E looked up
  * bilinearly in DIR/lightmaps/OBJECT.exr (read when first needed; all lightmaps in view stay in memory, 12 bytes a texel), and the
  * environment where a ray leaves the scene. Single-sided surfaces are seen from the front only, as glTF has it: a ray that meets
- * one from behind goes on, so a closed room can be looked into from outside. Not collective; deterministic for one backend and
+ * one from behind goes on, so a closed room can be looked into from outside. Caster-only objects, which have no
+ * lightmap, are seen only where they emit; receiver-only ones are seen when the geometry was told so (kiln_geometry_meet_all). Not collective; deterministic for one backend and
  * instruction set. */
 #ifndef KILN_COORDINATOR_OUTPUT_VIEW_H
 #define KILN_COORDINATOR_OUTPUT_VIEW_H
