@@ -10,15 +10,14 @@
 /* Extensions a file may require: those kiln reads, and those that change nothing about diffuse light. */
 static const char *const supported[] = {
     "KHR_materials_emissive_strength", "KHR_texture_transform", "KHR_lights_punctual", "EXT_mesh_gpu_instancing", "KHR_mesh_quantization",
+    "KHR_draco_mesh_compression", "EXT_meshopt_compression",
     "KHR_materials_ior", "KHR_materials_specular", "KHR_materials_sheen", "KHR_materials_clearcoat", "KHR_materials_transmission",
     "KHR_materials_volume", "KHR_materials_unlit", "KHR_materials_iridescence", "KHR_materials_anisotropy", "KHR_materials_dispersion"};
 
 static const struct {
     const char *name, *remedy;
 } remedies[] = {
-    {"KHR_draco_mesh_compression", "export again without Draco compression"},
-    {"EXT_meshopt_compression", "export again without meshopt compression"},
-    {"KHR_meshopt_compression", "export again without meshopt compression"},
+    {"KHR_meshopt_compression", "export again with EXT_meshopt_compression or without compression"},
     {"EXT_texture_webp", "export again with PNG or JPEG textures instead of WebP"},
     {"KHR_texture_basisu", "export again with PNG or JPEG textures instead of KTX2"},
     {"EXT_texture_avif", "export again with PNG or JPEG textures instead of AVIF"},
@@ -99,6 +98,8 @@ static void close_document(struct gltf *g)
         kiln_file_unmap(&g->buffers[i].file);
         kiln_free(&g->buffers[i].owned);
     }
+    for (size_t i = 0; g->views != NULL && i < g->view_count; i++)
+        kiln_free(&g->views[i].owned);
     kiln_free(&g->buffers);
     kiln_free(&g->views);
     kiln_free(&g->accessors);
