@@ -127,6 +127,14 @@ static int take_charge(struct bake *b, struct kiln_error *error)
     return kiln_checkpoint_open(&b->checkpoint, b->communicator, b->job->output, b->job->resume, error);
 }
 
+/* What the importer saw that the user should know before the light is there. */
+static void say_notes(const struct kiln_scene *scene)
+{
+    for (size_t i = 0; i < scene->note_count; i++)
+        if (scene->notes[i].severity == KILN_NOTE_SAID)
+            (void)fprintf(stderr, "kiln: note: %s\n", kiln_scene_string(scene, scene->notes[i].text));
+}
+
 /* The bits of a bake that was begun on another machine are kept where this one can. */
 static int prepare(struct bake *b, struct kiln_error *error)
 {
@@ -135,7 +143,10 @@ static int prepare(struct bake *b, struct kiln_error *error)
     struct kiln_job job = *b->job;
     if (pin && kiln_instruction_set_common(b->communicator, before))
         job.instruction_set = (char *)(uintptr_t)before;
-    return kiln_prepare(&b->prepared, b->communicator, &job, b->scene_file, &b->phases, b->progress, error);
+    const int status = kiln_prepare(&b->prepared, b->communicator, &job, b->scene_file, &b->phases, b->progress, error);
+    if (status == KILN_OK && b->rank == 0 && !b->job->quiet)
+        say_notes(b->prepared->scene);
+    return status;
 }
 
 /* Says what the bake goes on from, when it does. */

@@ -76,7 +76,6 @@ static void write_notes(struct gltf *g)
         const char *text;
     } notes[] = {
         {g->assembly.without_area, 1, "triangles without area were left out"},
-        {g->assembly.turned_normals, 1, "triangles had normals against their winding; the winding decides, the normals were turned"},
         {g->assembly.replaced_normals, 1, "corner normals were zero or behind their triangle; the geometric normal took their place"},
         {g->points_and_lines, 0, "primitives of points or lines were left out"},
         {g->without_material, 0, "primitives have no material: they are diffuse grey, 0.8"},

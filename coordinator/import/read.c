@@ -7,6 +7,7 @@
 #include <strings.h>
 #include <xxhash.h>
 
+#include "coordinator/import/assemble.h"
 #include "coordinator/import/gltf.h"
 #include "coordinator/import/image.h"
 #include "coordinator/import/obj.h"
@@ -94,6 +95,7 @@ int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(con
     if (status != KILN_OK)
         return status;
     confine->mapped = mapped;
+    builder->trust_normals = params->trust_normals;
     switch (reader_of(confine->name)) {
     case READER_GLTF:
         status = kiln_gltf_read(confine, builder, error);
@@ -109,6 +111,8 @@ int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(con
         status = set_environment(params, confine, builder, error);
     if (status == KILN_OK)
         status = kiln_object_settings_apply(builder, params->objects, error);
+    if (status == KILN_OK)
+        status = kiln_note_winding(builder, error);
     kiln_confine_destroy(&confine);
     return status;
 }

@@ -171,7 +171,7 @@ static int apply_rules(struct kiln_builder *builder, const char *text, struct ki
         struct kiln_object_settings rule;
         status = read_rule(pattern, settings, &rule, error);
         if (status == KILN_OK && apply_rule(builder, pattern, &rule) == 0)
-            status = kiln_builder_note(builder, 1, error, "objects '%.200s': no object of the scene has a name like this; kiln info --verbose lists the names",
+            status = kiln_builder_note(builder, KILN_NOTE_SAID, error, "objects '%.200s': no object of the scene has a name like this; kiln info --verbose lists the names",
                                        pattern);
         if (status != KILN_OK)
             break;

@@ -314,7 +314,7 @@ static int check_texts(const struct check *check)
         if (!is_string(check, scene->sources[i].path))
             return damaged(check, "source %zu names a string that is not there", i);
     for (size_t i = 0; i < scene->note_count; i++)
-        if (!is_string(check, scene->notes[i].text) || scene->notes[i].severity > 1)
+        if (!is_string(check, scene->notes[i].text) || scene->notes[i].severity > KILN_NOTE_SAID)
             return damaged(check, "note %zu names a string that is not there", i);
     return KILN_OK;
 }

@@ -157,8 +157,13 @@ struct kiln_source {
     uint64_t hash[2]; /* XXH3-128 of the file's bytes */
 };
 
+enum kiln_note_severity {
+    KILN_NOTE_INFORMATION = 0,
+    KILN_NOTE_WARNING = 1,
+    KILN_NOTE_SAID = 2 /* a warning that a bake repeats: about what the user asked for, or what the light will show */
+};
 struct kiln_note {
-    uint32_t severity; /* 0 information, 1 warning */
+    uint32_t severity; /* enum kiln_note_severity */
     uint32_t text;
 };
 
