@@ -335,13 +335,19 @@ size_t kiln_edit_distance(const char *a, const char *b)
     return distance[rows][columns];
 }
 
+bool kiln_is_near(const char *name, const char *known)
+{
+    const size_t length = strlen(name), other = strlen(known);
+    return 3 * kiln_edit_distance(name, known) < (length > other ? length : other) || (length >= 3 && strncmp(name, known, length) == 0);
+}
+
 const char *kiln_option_nearest(const char *name, uint32_t commands)
 {
     const char *nearest = NULL;
     size_t least = SIZE_MAX;
     for (size_t i = 0; i < kiln_option_count; i++) {
         const size_t distance = kiln_edit_distance(name, kiln_options[i].name);
-        if ((kiln_options[i].commands & commands) != 0 && distance < least) {
+        if ((kiln_options[i].commands & commands) != 0 && distance < least && kiln_is_near(name, kiln_options[i].name)) {
             least = distance;
             nearest = kiln_options[i].name;
         }
@@ -355,10 +361,18 @@ const char *kiln_command_nearest(const char *name)
     size_t least = SIZE_MAX;
     for (size_t i = 0; i < kiln_command_count; i++) {
         const size_t distance = kiln_edit_distance(name, kiln_commands[i].name);
-        if (distance < least) {
+        if (distance < least && kiln_is_near(name, kiln_commands[i].name)) {
             least = distance;
             nearest = kiln_commands[i].name;
         }
     }
     return nearest;
+}
+
+int kiln_command_unknown(const char *name, struct kiln_error *error)
+{
+    const char *nearest = kiln_command_nearest(name);
+    if (nearest == NULL)
+        return kiln_fail(error, KILN_USAGE, "unknown command '%.200s'; kiln --help lists all", name);
+    return kiln_fail(error, KILN_USAGE, "unknown command '%.200s'; the nearest one is '%s' (kiln --help lists all)", name, nearest);
 }
