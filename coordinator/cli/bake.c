@@ -285,7 +285,8 @@ static int write_twice(struct bake *b, const struct kiln_bake_result *result, co
 
 static int write_results(struct bake *b, const char *provenance, struct kiln_error *error)
 {
-    const struct kiln_bake_result result = {.communicator = b->communicator,
+    const struct kiln_bake_result result = {.units = kiln_units_of(b->job->units, b->prepared->scene),
+                                            .communicator = b->communicator,
                                             .scene = b->prepared->scene,
                                             .geometry = b->prepared->geometry,
                                             .surface = b->prepared->surface,

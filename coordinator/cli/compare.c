@@ -17,6 +17,7 @@
 #include "coordinator/output/compare_surface.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/output/publish.h"
+#include "coordinator/output/units.h"
 #include "worker/base/memory.h"
 
 struct one {
@@ -292,6 +293,7 @@ static void print_text(const struct comparison *c)
 {
     const struct kiln_difference *d = &c->total;
     const double *place = c->ones[c->worst].worst_place;
+    const char *unit = kiln_units_of_bake(c->b)->irradiance_text;
     (void)printf("%s\n", d->identical ? "bit-identical" : "different");
     if (c->scene_a != NULL)
         (void)puts("sampled    at places spread over the surfaces, by area: the lightmaps differ in size");
@@ -299,8 +301,8 @@ static void print_text(const struct comparison *c)
                  (unsigned long long)d->interior);
     if (d->not_finite > 0)
         (void)printf("left out   %llu texels that are not finite numbers\n", (unsigned long long)d->not_finite);
-    (void)printf("mean       %.6g W/m2 (reference)\n", d->mean);
-    (void)printf("rmse       %.6g W/m2\n", d->rmse);
+    (void)printf("mean       %.6g %s (reference)\n", d->mean, unit);
+    (void)printf("rmse       %.6g %s\n", d->rmse, unit);
     if (isfinite(d->nrmse))
         (void)printf("nrmse      %.4f %% of the mean, wholly inside charts\n", 100.0 * d->nrmse);
     else
@@ -309,11 +311,11 @@ static void print_text(const struct comparison *c)
     (void)printf("psnr       %.2f dB\n", d->psnr);
     if (c->scene_a == NULL)
         (void)printf("dssim      %.6g\n", d->dssim);
-    (void)printf("dfpr       %.6g W/m2; %.6g with the brightest value as 1\n", d->dfpr, d->dfpr_unit);
+    (void)printf("dfpr       %.6g %s; %.6g with the brightest value as 1\n", d->dfpr, unit, d->dfpr_unit);
     if (c->scene_a != NULL)
-        (void)printf("worst      %.6g W/m2 at %.6g %.6g %.6g on %s\n", d->worst, place[0], place[1], place[2], c->ones[c->worst].name);
+        (void)printf("worst      %.6g %s at %.6g %.6g %.6g on %s\n", d->worst, unit, place[0], place[1], place[2], c->ones[c->worst].name);
     else
-        (void)printf("worst      %.6g W/m2 at texel (%u, %u)%s%s\n", d->worst, d->worst_x, d->worst_y, c->ones[c->worst].name[0] == '\0' ? "" : " of ",
+        (void)printf("worst      %.6g %s at texel (%u, %u)%s%s\n", d->worst, unit, d->worst_x, d->worst_y, c->ones[c->worst].name[0] == '\0' ? "" : " of ",
                      c->ones[c->worst].name);
     for (uint32_t i = 0; i < d->channel_count; i++)
         (void)printf("  %-12s rmse %.6g, mean of the difference %.6g, mean %.6g\n", d->channels[i].name, d->channels[i].rmse,

@@ -11,6 +11,7 @@ static const char *const methods[] = {"cells", NULL};
 static const char *const schedules[] = {"lean", "equal", NULL}; /* in the order of enum kiln_schedule */
 static const char *const exchanges[] = {"auto", "compact", "full", NULL}; /* in the order of enum kiln_exchange_form */
 static const char *const rebalances[] = {"auto", "never", "always", NULL}; /* in the order of enum kiln_rebalance */
+static const char *const units[] = {"auto", "radiometric", "photometric", NULL}; /* in the order of enum kiln_units_choice */
 static const char *const partitions[] = {"cells", "objects", NULL};
 static const char *const qualities[] = {"draft", "preview", "production", "reference", NULL};
 static const char *const instruction_sets[] = {"sse2", "sse4.2", "avx", "avx2", "avx512", NULL};
@@ -36,6 +37,9 @@ const struct kiln_option kiln_options[] = {
     {.name = "environment-rotation", .group = "Light", .kind = KILN_OPTION_DOUBLE, .value = "DEGREES", .fallback = "0",
      .minimum = -3600, .maximum = 3600, .help = "turns the environment about the upward axis", .commands = READS_SCENE,
      .offset = AT(environment_rotation)},
+    {.name = "units", .group = "Light", .kind = KILN_OPTION_CHOICE_ENUM, .fallback = "auto", .choices = units,
+     .help = "of lights and results: W/m2 or lux; auto: what the file says, else W/m2", .commands = KILN_FOR_BAKE | KILN_FOR_INFO,
+     .offset = AT(units)},
 
     {.name = "backend", .group = "Where it runs", .kind = KILN_OPTION_CHOICE, .fallback = "auto", .choices = backends,
      .refusal = KILN_NO_DEVICE, .help = "what traces the rays; auto: vulkan where there is a fit GPU, else embree",

@@ -13,6 +13,7 @@
 #include "coordinator/cli/json.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/output/publish.h"
+#include "coordinator/output/units.h"
 
 struct view {
     struct kiln_scene *scene;
@@ -62,7 +63,7 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
     return status == KILN_OK ? kiln_picture_make(&source, &wish, 4, &v->picture, error) : status;
 }
 
-static int write_picture(const struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
+static int write_picture(const struct view *v, const struct kiln_job *job, const char *directory, const char *path, struct kiln_error *error)
 {
     const char *dot = strrchr(path, '.');
     char viewpoint[KILN_VIEWPOINT_TEXT];
@@ -71,7 +72,7 @@ static int write_picture(const struct view *v, const struct kiln_job *job, const
     kiln_viewpoint_text(&v->picture.viewpoint, viewpoint);
     const struct kiln_exr_attribute attributes[] = {{.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
                                                     {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = "radiance"},
-                                                    {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = "W m-2 sr-1"},
+                                                    {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = kiln_units_of_bake(directory)->radiance},
                                                     {.name = "kiln:viewpoint", .kind = KILN_EXR_STRING, .text = viewpoint},
                                                     {.name = "kiln:approximate", .kind = KILN_EXR_STRING, .text = "metals: base colour x irradiance / pi"}};
     const size_t count = sizeof attributes / sizeof *attributes - (v->picture.metal > 0.0 ? 0 : 1);
@@ -122,7 +123,7 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
     if (status == KILN_OK)
         status = render(&v, job, directory, error);
     if (status == KILN_OK)
-        status = write_picture(&v, job, path, error);
+        status = write_picture(&v, job, directory, path, error);
     if (status == KILN_OK)
         status = tell(job, &v, path, error);
     kiln_image_destroy(&v.picture.image);
