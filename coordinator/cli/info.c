@@ -7,6 +7,7 @@
 #include "coordinator/cli/json.h"
 #include "coordinator/cli/look.h"
 #include "coordinator/cli/progress.h"
+#include "coordinator/output/units.h"
 #include "worker/base/memory.h"
 
 static const char *const light_kinds[] = {"point", "spot", "directional"};
@@ -144,8 +145,9 @@ static json_t *info_json(const struct kiln_look *look, const struct kiln_job *jo
                                "triangles_emissive", (json_int_t)look->emissive_triangles, "vertices", (json_int_t)s->vertex_count, "materials",
                                (int)s->material_count, "textures", (int)s->texture_count, "lights", (int)s->light_count, "cameras",
                                (int)s->camera_count);
-    return json_pack("{s:s, s:o, s:o, s:{s:[f, f, f], s:[f, f, f]}, s:{s:f, s:f, s:f}, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:I, s:f}",
-                     "status", "done", "scene", kiln_json_string(job->scene), "counts", counts, "bounds", "min", low[0], low[1], low[2], "max",
+    return json_pack("{s:s, s:o, s:o, s:s, s:s, s:{s:[f, f, f], s:[f, f, f]}, s:{s:f, s:f, s:f}, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:I, s:f}",
+                     "status", "done", "scene", kiln_json_string(job->scene), "counts", counts, "units", kiln_units_of(job->units, s)->kind,
+                     "units_because", kiln_units_reason(job->units, s), "bounds", "min", low[0], low[1], low[2], "max",
                      high[0], high[1], high[2], "texels_per_metre", "min", look->density_min, "median", look->density_median, "max",
                      look->density_max, "surface", surface_json(look), "environment", environment, "meshes", meshes_json(look), "objects",
                      objects_json(look), "materials", materials_json(look), "textures", textures_json(look), "lights", lights_json(look),
@@ -159,6 +161,7 @@ static void print_counts(const struct kiln_look *look, const struct kiln_job *jo
     const double *low = s->header->bounds_min, *high = s->header->bounds_max;
     const struct kiln_surface_report *r = &look->surface;
     const struct kiln_environment *e = s->environment;
+    const struct kiln_units *units = kiln_units_of(job->units, s);
     (void)printf("%s\n", job->scene);
     (void)printf("  objects      %zu of %zu meshes\n", s->object_count, s->mesh_count);
     (void)printf("  triangles    %zu stored, %llu with instances expanded, %llu of these emit\n", s->triangle_count,
@@ -168,9 +171,10 @@ static void print_counts(const struct kiln_look *look, const struct kiln_job *jo
                  s->header->centre[0], s->header->centre[1], s->header->centre[2]);
     (void)printf("  environment  %s", environment_kinds[e->kind]);
     if (e->kind == KILN_ENVIRONMENT_CONSTANT)
-        (void)printf(", radiance %g %g %g W m-2 sr-1", (double)e->radiance[0], (double)e->radiance[1], (double)e->radiance[2]);
+        (void)printf(", radiance %g %g %g %s", (double)e->radiance[0], (double)e->radiance[1], (double)e->radiance[2], units->radiance);
     if (e->kind == KILN_ENVIRONMENT_LATLONG)
         (void)printf(", %u x %u", e->width, e->height);
+    (void)printf("\n  units        %s, %s: %s (--units says otherwise)", units->kind, units->irradiance_text, kiln_units_reason(job->units, s));
     (void)printf("\n  density      ");
     if (s->header->texels_per_metre > 0.0f)
         (void)printf("%.3g texels per metre; it comes to ", (double)s->header->texels_per_metre);
@@ -216,9 +220,10 @@ static int print_objects(const struct kiln_look *look, bool all, struct kiln_err
     return status;
 }
 
-static void print_texts(const struct kiln_look *look)
+static void print_texts(const struct kiln_look *look, const struct kiln_job *job)
 {
     const struct kiln_scene *s = look->scene;
+    const struct kiln_units *units = kiln_units_of(job->units, s);
     if (s->camera_count > 0)
         (void)fputs("\ncameras:", stdout);
     for (size_t i = 0; i < s->camera_count; i++)
@@ -227,7 +232,7 @@ static void print_texts(const struct kiln_look *look)
     for (size_t i = 0; i < s->light_count; i++)
         (void)printf("%slight '%s': %s, %g %g %g %s\n", i == 0 ? "\n" : "", string_at(look, s->lights[i].name), light_kinds[s->lights[i].kind],
                      (double)s->lights[i].intensity[0], (double)s->lights[i].intensity[1], (double)s->lights[i].intensity[2],
-                     s->lights[i].kind == KILN_LIGHT_DIRECTIONAL ? "W m-2" : "W sr-1");
+                     s->lights[i].kind == KILN_LIGHT_DIRECTIONAL ? units->irradiance : units->intensity);
     for (size_t i = 0; i < s->note_count; i++)
         (void)printf("%s%s: %s\n", i == 0 ? "\n" : "", s->notes[i].severity != 0 ? "warning" : "note", string_at(look, s->notes[i].text));
 }
@@ -243,7 +248,7 @@ int kiln_command_info(struct kiln_job *job, struct kiln_error *error)
     } else if (status == KILN_OK) {
         print_counts(look, job);
         status = print_objects(look, job->verbose, error);
-        print_texts(look);
+        print_texts(look, job);
     }
     kiln_look_destroy(&look);
     return status;

@@ -106,10 +106,21 @@ static bool is_text(enum kiln_option_kind kind)
            kind == KILN_OPTION_CHOICE || kind == KILN_OPTION_CHOICE_ENUM || kind == KILN_OPTION_CHOICE_FLAG;
 }
 
+/* NULL: none is near. */
 static const char *nearest_key(const char *key)
 {
     const char *nearest = kiln_option_nearest(key, KILN_FOR_BAKE | KILN_FOR_PLAN);
-    return kiln_edit_distance(key, "scene") < kiln_edit_distance(key, nearest) ? "scene" : nearest;
+    if (!kiln_is_near(key, "scene"))
+        return nearest;
+    return nearest == NULL || kiln_edit_distance(key, "scene") < kiln_edit_distance(key, nearest) ? "scene" : nearest;
+}
+
+static int unknown_key(const struct reader *reader, const char *key, size_t line, const char *what, struct kiln_error *error)
+{
+    const char *nearest = nearest_key(key);
+    if (nearest == NULL)
+        return kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: %s '%.200s'; kiln bake --help lists all", reader->path, line, what, key);
+    return kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: %s '%.200s'; the nearest one is '%s'", reader->path, line, what, key, nearest);
 }
 
 /* ---- settings of single objects ---- */
@@ -249,9 +260,7 @@ static int store(struct reader *reader, const char *key, size_t key_line, const 
     const char *text = (const char *)value->data.scalar.value;
     const bool plain = value->data.scalar.style == YAML_PLAIN_SCALAR_STYLE;
     if (!scene && (option == NULL || (option->commands & (KILN_FOR_BAKE | KILN_FOR_PLAN)) == 0))
-        return kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: %s '%.200s'; the nearest one is '%s'", reader->path, key_line,
-                         option == NULL ? "unknown key" : "a job file has no key", key,
-                         nearest_key(key));
+        return unknown_key(reader, key, key_line, option == NULL ? "unknown key" : "a job file has no key", error);
     const int taken = take_key(reader, key, scene ? kiln_option_count : (size_t)(option - kiln_options), key_line, error);
     if (taken != KILN_OK)
         return taken;

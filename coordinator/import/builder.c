@@ -220,6 +220,7 @@ static int fill_header(const struct kiln_builder *builder, struct kiln_scene_hea
     header->version = KILN_SCENE_VERSION;
     memcpy(header->import_hash, builder->import_hash, sizeof header->import_hash);
     header->texels_per_metre = builder->texels_per_metre;
+    header->units = builder->units;
     uint64_t offset = sizeof *header;
     for (unsigned s = 0; s < KILN_SECTION_COUNT; s++) {
         offset = aligned(offset);

@@ -24,6 +24,7 @@ struct kiln_builder {
     size_t object_capacity;
     uint64_t import_hash[2];
     float texels_per_metre;
+    uint32_t units; /* enum kiln_scene_units */
 };
 
 /* Largest size of a coordinate, m, in a mesh and in the world: products of three stay within float. */

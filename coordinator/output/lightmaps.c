@@ -134,7 +134,7 @@ static int describe_file(const struct writer *w, uint32_t object, struct kiln_im
     const struct kiln_exr_attribute attributes[ATTRIBUTES] = {
         {.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
         {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = "irradiance about the shading normal; R G B = direct + indirect"},
-        {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = "W m-2"},
+        {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = w->result->units->irradiance},
         {.name = "kiln:object", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, o->name)},
         {.name = "kiln:originalName", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, o->original_name)},
         {.name = "kiln:mesh", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, mesh->name)},

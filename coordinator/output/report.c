@@ -113,10 +113,11 @@ static int add_lightmap(struct kiln_page *page, const char *path, const char *na
     int status = kiln_exr_read(path, wanted, 3, &image, error);
     if (status == KILN_OK)
         status = shrink(image, &small, error);
+    const struct kiln_exposure exposure = status == KILN_OK ? kiln_auto_exposure(small, NULL) : (struct kiln_exposure){1.0, INFINITY};
     if (status == KILN_OK)
         status = kiln_allocate(&bytes, (size_t)small->width * small->height * 3, 1, "a picture", error);
     if (status == KILN_OK)
-        status = kiln_tone_map(small, kiln_auto_exposure(small, NULL), INFINITY, bytes, error);
+        status = kiln_tone_map(small, exposure.scale, exposure.white, bytes, error);
     if (status == KILN_OK)
         status = kiln_png_encode(bytes, small->width, small->height, &png, &size, error);
     if (status == KILN_OK) {
@@ -308,7 +309,7 @@ static void write_page(struct report *r)
     const char *title = json_string_value(json_is_object(scene) ? field(scene, "file") : scene);
     kiln_page_add(&r->page, "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>kiln: ");
     kiln_page_text(&r->page, title == NULL ? "bake" : title);
-    kiln_page_add(&r->page, "</title><style>%s</style></head><body>\n<h1>", style);
+    kiln_page_add(&r->page, "</title><meta name=\"generator\" content=\"" KILN_MADE_BY " " KILN_VERSION "\"><style>%s</style></head><body>\n<h1>", style);
     kiln_page_text(&r->page, title == NULL ? "bake" : title);
     kiln_page_add(&r->page, "</h1>\n");
     add_preview(r);

@@ -336,7 +336,8 @@ static int check_contents(const struct check *check)
                        (unsigned long long)header->sections[KILN_SECTION_TRIANGLE_MATERIALS].count, scene->triangle_count,
                        (unsigned long long)header->sections[KILN_SECTION_ENVIRONMENT].count);
     if (!all_finite_double(header->centre, 3) || !all_finite_double(header->bounds_min, 3) ||
-        !all_finite_double(header->bounds_max, 3) || !isfinite(header->texels_per_metre) || header->texels_per_metre < 0.0f)
+        !all_finite_double(header->bounds_max, 3) || !isfinite(header->texels_per_metre) || header->texels_per_metre < 0.0f ||
+        header->units > KILN_SCENE_UNITS_BLENDER)
         return damaged(check, "the header has a value that is not a number");
     int status = check_texts(check);
     if (status == KILN_OK)

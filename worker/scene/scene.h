@@ -167,6 +167,13 @@ struct kiln_note {
     uint32_t text;
 };
 
+enum kiln_scene_units {
+    KILN_SCENE_UNITS_UNKNOWN = 0,
+    KILN_SCENE_UNITS_RADIOMETRIC = 1, /* it says so */
+    KILN_SCENE_UNITS_PHOTOMETRIC = 2, /* it says so */
+    KILN_SCENE_UNITS_BLENDER = 3      /* photometric, from the name of the exporter and punctual lights */
+};
+
 struct kiln_scene_header {
     uint32_t magic, version;
     uint64_t size;                     /* of the file, bytes */
@@ -175,7 +182,7 @@ struct kiln_scene_header {
     double centre[3];                  /* world; traced positions are relative to it. Where the detail is, not the bounds' middle */
     double bounds_min[3], bounds_max[3]; /* world, of all objects */
     float texels_per_metre;            /* the density the lightmaps were sized for; 0 when sized otherwise */
-    uint32_t reserved;
+    uint32_t units;                    /* enum kiln_scene_units: what the source says of its lights' numbers */
     struct {
         uint64_t offset, count;
     } sections[KILN_SECTION_COUNT];

@@ -16,6 +16,9 @@ void kiln_texture_codes(float linear[256]);
 /* Diffuse albedo (linear RGB, 0..1) in rgba[0..2]: base colour x vertex colour x texture x (1 - metallic); alpha in [3]. */
 void kiln_surface_color(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2,
                         float rgba[4]);
+/* The same without the factor (1 - metallic): what a metal is coloured like, which reflects nothing diffusely. */
+void kiln_surface_base_color(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2,
+                             float rgba[4]);
 /* Emitted radiance (W m-2 sr-1). */
 void kiln_surface_emission(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2,
                            float rgb[3]);
