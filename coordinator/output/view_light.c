@@ -2,6 +2,8 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
+#include <unistd.h>
 
 #include "coordinator/output/exr.h"
 #include "coordinator/output/publish.h"
@@ -162,6 +164,13 @@ static int make_coarse(struct map *map, uint32_t side, struct kiln_error *error)
     return KILN_OK;
 }
 
+/* Whether run.json says that everything was written. */
+static bool is_whole(const char *directory)
+{
+    char path[KILN_PATH_SIZE];
+    return kiln_path_join(path, directory, "run.json", NULL) == KILN_OK && access(path, F_OK) == 0;
+}
+
 static int load(struct kiln_view_maps *maps, uint32_t object, struct kiln_error *error)
 {
     static const char *const wanted[] = {"R", "G", "B"};
@@ -173,6 +182,9 @@ static int load(struct kiln_view_maps *maps, uint32_t object, struct kiln_error 
     if (length < 0 || length >= KILN_PATH_SIZE)
         return kiln_fail(error, KILN_NO_INPUT, "the path of the lightmap of object %u is too long", object);
     const int status = kiln_exr_read(path, wanted, 3, &map->image, error);
+    if (status == KILN_NO_INPUT && !is_whole(maps->source->directory))
+        return kiln_fail(error, KILN_NO_INPUT, "the bake in %s is not finished: it has no %s yet (kiln status %s says where it is)", maps->source->directory,
+                         path + strlen(maps->source->directory) + 1, maps->source->directory);
     if (status != KILN_OK)
         return status;
     if (map->image->width != o->lightmap_width || map->image->height != o->lightmap_height || !kiln_image_rgb(map->image, "", map->planes))
