@@ -151,11 +151,12 @@ static json_t *objects_json(const struct kiln_run *run)
         char path[512];
         const bool published = (scene->objects[i].flags & KILN_OBJECT_CASTER_ONLY) == 0;
         (void)snprintf(path, sizeof path, "lightmaps/%s.exr", name);
-        json_array_append_new(array, json_pack("{s:s, s:s, s:s?, s:i, s:i, s:I, s:I, s:I, s:f, s:f}", "name",
+        json_array_append_new(array, json_pack("{s:s, s:s, s:s?, s:i, s:i, s:I, s:I, s:I, s:f, s:f, s:f, s:f, s:f}", "name",
                                                kiln_scene_string(scene, scene->objects[i].original_name), "file_name", name, "lightmap", published ? path : NULL,
                                                "width", (int)scene->objects[i].lightmap_width, "height", (int)scene->objects[i].lightmap_height,
                                                "valid", (json_int_t)r->valid, "filled", (json_int_t)r->filled, "dilated", (json_int_t)r->dilated,
-                                               "seam_before", r->seam_difference_before, "seam_after", r->seam_difference_after));
+                                               "seam_before", r->seam_difference_before, "seam_after", r->seam_difference_after, "texels_per_metre",
+                                               r->texels_per_metre, "mean", r->mean, "relative_error", r->error));
     }
     return array;
 }

@@ -65,10 +65,15 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
     return status == KILN_OK ? kiln_picture_make(&source, &wish, 4, &v->picture, error) : status;
 }
 
+/* By whether metals (1) and backs without a lightmap of their own (2) are in the picture. */
+static const char *const approximations[] = {"", "metals: base colour x irradiance / pi", "backs: the front's irradiance",
+                                             "metals: base colour x irradiance / pi; backs: the front's irradiance"};
+
 static int write_picture(const struct view *v, const struct kiln_job *job, const char *directory, const char *path, struct kiln_error *error)
 {
     const char *dot = strrchr(path, '.');
     char viewpoint[KILN_VIEWPOINT_TEXT];
+    const char *approximate = approximations[(v->picture.shares.metal > 0.0) + 2 * (v->picture.shares.lent > 0.0)];
     if (dot != NULL && strcasecmp(dot, ".png") == 0)
         return kiln_picture_write(path, &v->picture, job->exposure, error);
     kiln_viewpoint_text(&v->picture.viewpoint, viewpoint);
@@ -76,8 +81,8 @@ static int write_picture(const struct view *v, const struct kiln_job *job, const
                                                     {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = job->show_texels ? "a checkerboard of texels" : "radiance"},
                                                     {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = kiln_units_of_bake(directory)->radiance},
                                                     {.name = "kiln:viewpoint", .kind = KILN_EXR_STRING, .text = viewpoint},
-                                                    {.name = "kiln:approximate", .kind = KILN_EXR_STRING, .text = "metals: base colour x irradiance / pi"}};
-    const size_t count = sizeof attributes / sizeof *attributes - (v->picture.metal > 0.0 ? 0 : 1);
+                                                    {.name = "kiln:approximate", .kind = KILN_EXR_STRING, .text = approximate}};
+    const size_t count = sizeof attributes / sizeof *attributes - (approximate[0] != '\0' ? 0 : 1);
     return kiln_exr_write(path, v->picture.image, attributes, count, error);
 }
 

@@ -169,6 +169,25 @@ static uint64_t count_covered(const struct kiln_surface *surface, uint32_t objec
     return covered;
 }
 
+/* Of what was gathered: mean luminance by area, and the standard errors' root mean square over it. */
+static void measure_map(const struct kiln_map *map, struct kiln_lightmap_report *report)
+{
+    double area = 0.0, light = 0.0, squares = 0.0;
+    for (size_t i = 0; i < kiln_map_texels(map); i++) {
+        if (map->state[i] != KILN_TEXEL_VALID)
+            continue;
+        float rgb[3];
+        for (int c = 0; c < 3; c++)
+            rgb[c] = map->planes[KILN_MAP_DIRECT + c][i] + map->planes[KILN_MAP_INDIRECT + c][i];
+        const double own = (double)map->area[i], error = (double)map->planes[KILN_MAP_ERROR][i];
+        area += own;
+        light += own * (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
+        squares += own * error * error;
+    }
+    report->mean = area > 0.0 ? light / area : 0.0;
+    report->error = report->mean > 0.0 ? sqrt(squares / area) / report->mean : 0.0;
+}
+
 /* From gathered points to a map without holes. */
 static int complete_map(const struct writer *w, uint32_t object, struct kiln_error *error)
 {
@@ -178,6 +197,7 @@ static int complete_map(const struct writer *w, uint32_t object, struct kiln_err
     struct kiln_seam_report seams = {0};
     uint32_t *nearest = NULL;
     report->object = object;
+    measure_map(map, report);
     for (size_t i = 0; i < kiln_map_texels(map); i++) {
         report->valid += map->state[i] == KILN_TEXEL_VALID;
         report->filled += map->state[i] == KILN_TEXEL_FILLED;
@@ -211,7 +231,7 @@ static int complete_map(const struct writer *w, uint32_t object, struct kiln_err
 static int finish_object(const struct writer *w, uint32_t object, struct kiln_image **image, struct file_words *words, struct kiln_error *error)
 {
     int status = complete_map(w, object, error);
-    const double density = density_of(w->maps[object]);
+    const double density = w->reports[object].texels_per_metre = density_of(w->maps[object]);
     if (status == KILN_OK)
         status = make_image(w->maps[object], w->params->error_map, image, error);
     kiln_map_destroy(&w->maps[object]);
@@ -439,7 +459,7 @@ static int gather_reports(const struct kiln_bake_result *result, const struct ki
     for (size_t first = 0; first < result->scene->object_count; first += AT_ONCE) {
         const size_t left = result->scene->object_count - first;
         const int count = (int)(left < AT_ONCE ? left : AT_ONCE);
-        /* the struct is one 32-bit number, three 64-bit ones and two doubles: joined as bytes, since the others' are all zero */
+        /* the struct is one 32-bit number, three 64-bit ones and five doubles: joined as bytes, since the others' are all zero */
         if (MPI_Reduce(own + first, rank == 0 ? reports + first : NULL, count * (int)sizeof *own, MPI_BYTE, MPI_BOR, 0,
                        result->communicator) != MPI_SUCCESS)
             return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the ranks' reports on lightmaps were gathered");

@@ -20,6 +20,8 @@ struct kiln_lightmap_report {
     uint32_t object;
     uint64_t valid, filled, dilated; /* texels: gathered here, filled from valid neighbours, margin */
     double seam_difference_before, seam_difference_after; /* root mean square over seam samples, relative to the mean */
+    double texels_per_metre; /* that the object really got */
+    double mean, error;      /* over valid texels: luminance of irradiance, by area; root mean square of the standard error, relative to it */
 };
 
 /* DIR/lightmaps/OBJECT.exr for every object but the caster-only ones. Channels R G B = direct + indirect; layers direct.R.. and indirect.R.., error.Y when

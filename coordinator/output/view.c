@@ -16,7 +16,7 @@ struct renderer {
     struct kiln_view_maps *maps;
     struct kiln_view_rays *rays;
     float *planes[3];
-    double metal; /* rays that meet a metal, each times its metalness */
+    struct kiln_view_shares shares; /* sums over rays, at first */
 };
 
 static void make_ray(const struct renderer *r, uint32_t x, uint32_t y, uint32_t sub, struct kiln_vec3 *origin, struct kiln_vec3 *direction)
@@ -31,28 +31,27 @@ static void make_ray(const struct renderer *r, uint32_t x, uint32_t y, uint32_t 
     *direction = vec3_of(dvec3_scale(way, 1.0 / dvec3_length(way)));
 }
 
-/* One pixel from its rays; returns the sum of their metalness. */
-static float shade_pixel(const struct renderer *r, size_t first, uint32_t rays, float rgb[3])
+/* One pixel from its rays. */
+static void shade_pixel(const struct renderer *r, size_t first, uint32_t rays, float rgb[3], struct kiln_view_shares *row)
 {
-    float metals = 0.0f;
     for (int c = 0; c < 3; c++)
         rgb[c] = 0.0f;
     for (size_t k = first; k < first + rays; k++) {
-        float one[3], metal;
-        kiln_view_radiance(r->maps, &r->rays->hits[k], r->rays->directions[k], one, &metal);
+        struct kiln_view_seen seen;
+        kiln_view_radiance(r->maps, &r->rays->hits[k], r->rays->directions[k], &seen);
         for (int c = 0; c < 3; c++)
-            rgb[c] += one[c] / (float)rays;
-        metals += metal;
+            rgb[c] += seen.rgb[c] / (float)rays;
+        row->metal += (double)seen.metal;
+        row->lent += (double)seen.lent;
     }
-    return metals;
 }
 
-/* Metalness is summed row by row, so that threads do not change it. */
+/* Shares are summed row by row, so that threads do not change them. */
 static int render_band(struct renderer *r, uint32_t first, uint32_t rows, struct kiln_error *error)
 {
     const uint32_t width = r->params->width, rays = r->side * r->side;
     const size_t count = (size_t)rows * width * rays;
-    double *metals = NULL;
+    struct kiln_view_shares *shares = NULL;
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < count; i++)
         make_ray(r, (uint32_t)(i / rays % width), first + (uint32_t)(i / rays / width), (uint32_t)(i % rays), &r->rays->origins[i],
@@ -61,7 +60,7 @@ static int render_band(struct renderer *r, uint32_t first, uint32_t rows, struct
     if (status == KILN_OK)
         status = kiln_view_maps_load(r->maps, r->rays->hits, count, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&metals, rows, sizeof *metals, "rows of a view", error);
+        status = kiln_allocate(&shares, rows, sizeof *shares, "rows of a view", error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(static)
@@ -69,17 +68,19 @@ static int render_band(struct renderer *r, uint32_t first, uint32_t rows, struct
         for (uint32_t x = 0; x < width; x++) {
             float rgb[3];
             const size_t pixel = (size_t)y * width + x;
-            metals[y] += (double)shade_pixel(r, pixel * rays, rays, rgb);
+            shade_pixel(r, pixel * rays, rays, rgb, &shares[y]);
             for (int c = 0; c < 3; c++)
                 r->planes[c][(size_t)first * width + pixel] = rgb[c];
         }
-    for (uint32_t y = 0; y < rows; y++)
-        r->metal += metals[y];
-    kiln_free(&metals);
+    for (uint32_t y = 0; y < rows; y++) {
+        r->shares.metal += shares[y].metal;
+        r->shares.lent += shares[y].lent;
+    }
+    kiln_free(&shares);
     return KILN_OK;
 }
 
-int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **image, double *metal, struct kiln_error *error)
+int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **image, struct kiln_view_shares *shares, struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B"};
     struct renderer r = {.params = params, .side = params->side == 0 ? 3 : params->side};
@@ -94,7 +95,8 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
         status = kiln_view_rays_create(&r.rays, row * rows, error);
     for (uint32_t y = 0; status == KILN_OK && y < params->height; y += rows)
         status = render_band(&r, y, params->height - y < rows ? params->height - y : rows, error);
-    *metal = r.metal / ((double)row * params->height);
+    const double all = (double)row * params->height;
+    *shares = (struct kiln_view_shares){r.shares.metal / all, r.shares.lent / all};
     kiln_view_rays_destroy(&r.rays);
     kiln_view_maps_destroy(&r.maps);
     if (status != KILN_OK)
@@ -111,7 +113,7 @@ static int make_picture(const struct kiln_view_source *source, const struct kiln
     *picture = (struct kiln_picture){0};
     int status = kiln_view_aim(source, wish, &params.camera, &params.width, &params.height, &picture->viewpoint, error);
     if (status == KILN_OK)
-        status = kiln_view_render(&params, &picture->image, &picture->metal, error);
+        status = kiln_view_render(&params, &picture->image, &picture->shares, error);
     if (status == KILN_OK)
         picture->exposure = log2(kiln_auto_exposure(picture->image, NULL).scale);
     return status;
@@ -155,24 +157,27 @@ void kiln_viewpoint_text(const struct kiln_viewpoint *v, char text[KILN_VIEWPOIN
 
 void kiln_picture_text(const struct kiln_picture *picture, double stops, char text[KILN_PICTURE_TEXT])
 {
-    char viewpoint[KILN_VIEWPOINT_TEXT], added[80] = "", metals[120] = "";
+    char viewpoint[KILN_VIEWPOINT_TEXT], added[80] = "", metals[120] = "", backs[120] = "";
     kiln_viewpoint_text(&picture->viewpoint, viewpoint);
     if (stops != 0.0)
         (void)snprintf(added, sizeof added, " and %+.4g asked for", stops);
-    if (picture->metal > 0.0005)
+    if (picture->shares.lent > 0.0005)
+        (void)snprintf(backs, sizeof backs, "\nbacks of double-sided surfaces, %.1f %% of it, show their fronts' light: approximate",
+                       100.0 * picture->shares.lent);
+    if (picture->shares.metal > 0.0005)
         (void)snprintf(metals, sizeof metals, "\nmetals, %.1f %% of it, are shown by their base colour under the irradiance: approximate",
-                       100.0 * picture->metal);
-    (void)snprintf(text, KILN_PICTURE_TEXT, "%s\nexposure %+.2f stops, automatic%s (--exposure STOPS adds to it)%s", viewpoint, picture->exposure, added,
-                   metals);
+                       100.0 * picture->shares.metal);
+    (void)snprintf(text, KILN_PICTURE_TEXT, "%s\nexposure %+.2f stops, automatic%s (--exposure STOPS adds to it)%s%s", viewpoint, picture->exposure, added,
+                   metals, backs);
 }
 
 json_t *kiln_picture_json(const struct kiln_picture *picture, double stops)
 {
     static const char *const kinds[] = {"camera", "given", "inside", "outside"}; /* in the order of enum kiln_view_kind */
     const struct kiln_viewpoint *v = &picture->viewpoint;
-    return json_pack("{s:{s:s, s:s*, s:[f,f,f], s:[f,f,f]}, s:{s:f, s:f}, s:f}", "viewpoint", "chosen", kinds[v->kind], "camera", v->camera, "from",
+    return json_pack("{s:{s:s, s:s*, s:[f,f,f], s:[f,f,f]}, s:{s:f, s:f}, s:f, s:f}", "viewpoint", "chosen", kinds[v->kind], "camera", v->camera, "from",
                      v->from[0], v->from[1], v->from[2], "to", v->to[0], v->to[1], v->to[2], "exposure", "automatic", picture->exposure, "added", stops,
-                     "metal_share", picture->metal);
+                     "metal_share", picture->shares.metal, "lent_share", picture->shares.lent);
 }
 
 int kiln_picture_write(const char *path, const struct kiln_picture *picture, double stops, struct kiln_error *error)

@@ -4,7 +4,9 @@
  * bilinearly in DIR/lightmaps/OBJECT.exr (read when first needed; all lightmaps in view stay in memory, 12 bytes a texel), and the
  * environment where a ray leaves the scene. A metal reflects nothing diffusely; it is shown like a diffuse surface of its base
  * colour, which is approximate, and the picture says how much of it is. Single-sided surfaces are seen from the front only, as glTF
- * has it: a ray that meets one from behind goes on. So it does through caster-only objects, which have no lightmap, unless they emit. Not collective; deterministic for one backend and instruction set: one process
+ * has it: a ray that meets one from behind goes on. So it does through caster-only objects, which have no lightmap, unless they emit.
+ * The back of a double-sided one shows lightmaps/back/OBJECT.exr where that was baked, else its front's light, and the picture says how
+ * much of it is that. Not collective; deterministic for one backend and instruction set: one process
  * draws from published files, so the number of ranks that baked them does not matter. */
 #ifndef KILN_COORDINATOR_OUTPUT_VIEW_H
 #define KILN_COORDINATOR_OUTPUT_VIEW_H
@@ -62,16 +64,21 @@ struct kiln_view_params {
     uint32_t side; /* side x side rays a pixel; 0: 3 */
 };
 
-/* Renders channels R G B, radiance. `metal`: the share of the picture whose light comes from metals and is approximate.
- * KILN_BAD_INPUT or KILN_NO_INPUT when a lightmap does not belong to the scene or is missing. */
-int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **image, double *metal, struct kiln_error *error);
+/* Shares of the picture, 0..1, that are approximate. */
+struct kiln_view_shares {
+    double metal; /* metals, in the light of diffuse surfaces */
+    double lent;  /* backs, in the light of their fronts */
+};
+
+/* Renders channels R G B, radiance. KILN_BAD_INPUT or KILN_NO_INPUT when a lightmap does not belong to the scene or is missing. */
+int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **image, struct kiln_view_shares *shares, struct kiln_error *error);
 
 /* A picture and what there is to say of it. */
 struct kiln_picture {
     struct kiln_image *image; /* radiance */
     struct kiln_viewpoint viewpoint;
     double exposure; /* automatic, stops: the picture shows radiance x 2^(exposure + stops asked for) */
-    double metal;    /* share of the picture, 0..1 */
+    struct kiln_view_shares shares;
 };
 
 /* Aims and renders, `side` x `side` rays a pixel. Receiver-only objects are in the picture, also when the source's geometry has no ray
@@ -88,7 +95,7 @@ void kiln_viewpoint_text(const struct kiln_viewpoint *viewpoint, char text[KILN_
 void kiln_picture_text(const struct kiln_picture *picture, double stops, char text[KILN_PICTURE_TEXT]);
 
 /* The same as JSON: {"viewpoint": {"chosen": "camera" | "given" | "inside" | "outside", "camera", "from", "to"}, "exposure": {"automatic",
- * "added"} in stops, "metal_share"}. */
+ * "added"} in stops, "metal_share", "lent_share"}. */
 json_t *kiln_picture_json(const struct kiln_picture *picture, double stops);
 
 /* Publishes the tone-mapped picture with that text in it (PNG's Description). */

@@ -2,6 +2,8 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
+#include <unistd.h>
 
 #include "coordinator/output/exr.h"
 #include "coordinator/output/publish.h"
@@ -106,12 +108,13 @@ struct map {
     struct kiln_image *image; /* NULL until needed */
     float *planes[3];
     float scale_x, scale_y; /* from texels of the scene's lightmap to texels here */
+    bool looked_for;        /* of backs */
 };
 
 struct kiln_view_maps {
     const struct kiln_view_source *source;
     uint32_t coarse;
-    struct map *maps; /* one an object */
+    struct map *maps; /* one an object; then one for the backs of each, where there is one */
 };
 
 int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_source *source, uint32_t coarse, struct kiln_error *error)
@@ -121,7 +124,7 @@ int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_s
         return status;
     (*maps)->source = source;
     (*maps)->coarse = coarse;
-    status = kiln_allocate(&(*maps)->maps, source->scene->object_count, sizeof *(*maps)->maps, "lightmaps in view", error);
+    status = kiln_allocate(&(*maps)->maps, 2 * source->scene->object_count, sizeof *(*maps)->maps, "lightmaps in view", error);
     if (status != KILN_OK)
         kiln_view_maps_destroy(maps);
     return status;
@@ -131,7 +134,7 @@ void kiln_view_maps_destroy(struct kiln_view_maps **maps)
 {
     if (*maps == NULL)
         return;
-    for (size_t i = 0; (*maps)->maps != NULL && i < (*maps)->source->scene->object_count; i++)
+    for (size_t i = 0; (*maps)->maps != NULL && i < 2 * (*maps)->source->scene->object_count; i++)
         kiln_image_destroy(&(*maps)->maps[i].image);
     kiln_free(&(*maps)->maps);
     kiln_free(maps);
@@ -173,17 +176,34 @@ static int make_coarse(struct map *map, uint32_t side, struct kiln_error *error)
     return KILN_OK;
 }
 
-static int load(struct kiln_view_maps *maps, uint32_t object, struct kiln_error *error)
+/* Whether run.json says that everything was written. */
+static bool is_whole(const char *directory)
+{
+    char path[KILN_PATH_SIZE];
+    return kiln_path_join(path, directory, "run.json", NULL) == KILN_OK && access(path, F_OK) == 0;
+}
+
+/* DIR/lightmaps/OBJECT.exr, or that of the backs. */
+static int map_path(const struct kiln_view_maps *maps, uint32_t object, bool back, char path[KILN_PATH_SIZE], struct kiln_error *error)
+{
+    const struct kiln_scene *scene = maps->source->scene;
+    const int length = snprintf(path, KILN_PATH_SIZE, "%s/lightmaps/%s%s.exr", maps->source->directory, back ? "back/" : "",
+                                kiln_scene_string(scene, scene->objects[object].name));
+    return length >= 0 && length < KILN_PATH_SIZE ? KILN_OK : kiln_fail(error, KILN_NO_INPUT, "the path of the lightmap of object %u is too long", object);
+}
+
+static int load(struct kiln_view_maps *maps, uint32_t object, bool back, struct kiln_error *error)
 {
     static const char *const wanted[] = {"R", "G", "B"};
-    const struct kiln_scene *scene = maps->source->scene;
-    const struct kiln_object *o = &scene->objects[object];
-    struct map *map = &maps->maps[object];
+    const struct kiln_object *o = &maps->source->scene->objects[object];
+    struct map *map = &maps->maps[object + (back ? maps->source->scene->object_count : 0)];
     char path[KILN_PATH_SIZE];
-    const int length = snprintf(path, sizeof path, "%s/lightmaps/%s.exr", maps->source->directory, kiln_scene_string(scene, o->name));
-    if (length < 0 || length >= KILN_PATH_SIZE)
-        return kiln_fail(error, KILN_NO_INPUT, "the path of the lightmap of object %u is too long", object);
-    const int status = kiln_exr_read(path, wanted, 3, &map->image, error);
+    int status = map_path(maps, object, back, path, error);
+    if (status == KILN_OK)
+        status = kiln_exr_read(path, wanted, 3, &map->image, error);
+    if (status == KILN_NO_INPUT && !is_whole(maps->source->directory))
+        return kiln_fail(error, KILN_NO_INPUT, "the bake in %s is not finished: it has no %s yet (kiln status %s says where it is)", maps->source->directory,
+                         path + strlen(maps->source->directory) + 1, maps->source->directory);
     if (status != KILN_OK)
         return status;
     if (map->image->width != o->lightmap_width || map->image->height != o->lightmap_height || !kiln_image_rgb(map->image, "", map->planes))
@@ -193,15 +213,29 @@ static int load(struct kiln_view_maps *maps, uint32_t object, struct kiln_error 
     return maps->coarse > 0 ? make_coarse(map, maps->coarse, error) : KILN_OK;
 }
 
+static bool has_back(const struct kiln_view_maps *maps, uint32_t object)
+{
+    char path[KILN_PATH_SIZE];
+    return map_path(maps, object, true, path, NULL) == KILN_OK && access(path, F_OK) == 0;
+}
+
 int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits, size_t count, struct kiln_error *error)
 {
+    const size_t objects = maps->source->scene->object_count;
     int status = KILN_OK;
     for (size_t i = 0; status == KILN_OK && i < count; i++) {
         if (hits[i].triangle == KILN_NONE)
             continue;
         const uint32_t object = maps->source->geometry->records[hits[i].triangle].object;
-        if (maps->maps[object].image == NULL && !is_unpublished(maps->source->scene, object))
-            status = load(maps, object, error);
+        struct map *front = &maps->maps[object], *back = &maps->maps[object + objects];
+        if (is_unpublished(maps->source->scene, object))
+            continue;
+        if (front->image == NULL)
+            status = load(maps, object, false, error);
+        if (status == KILN_OK && hits[i].back && !back->looked_for) {
+            back->looked_for = true;
+            status = has_back(maps, object) ? load(maps, object, true, error) : KILN_OK;
+        }
     }
     return status;
 }
@@ -219,10 +253,22 @@ static void look_up(const struct map *map, float x, float y, float rgb[3])
     }
 }
 
+static const struct map *map_of(const struct kiln_view_maps *maps, const struct kiln_hit *hit)
+{
+    const uint32_t object = maps->source->geometry->records[hit->triangle].object;
+    const struct map *back = &maps->maps[object + maps->source->scene->object_count];
+    return hit->back && back->image != NULL ? back : &maps->maps[object];
+}
+
+bool kiln_view_lends(const struct kiln_view_maps *maps, const struct kiln_hit *hit)
+{
+    return hit->back && map_of(maps, hit) == &maps->maps[maps->source->geometry->records[hit->triangle].object];
+}
+
 void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, float rgb[3])
 {
     const struct kiln_hit_record *record = &maps->source->geometry->records[hit->triangle];
-    const struct map *map = &maps->maps[record->object];
+    const struct map *map = map_of(maps, hit);
     const float x = record->texel[0] + hit->u * record->texel[2] + hit->v * record->texel[4];
     const float y = record->texel[1] + hit->u * record->texel[3] + hit->v * record->texel[5];
     rgb[0] = rgb[1] = rgb[2] = 0.0f;
@@ -246,17 +292,17 @@ static void texel_color(const struct kiln_view_source *s, const struct kiln_hit 
 
 /* ---- colour ---- */
 
-void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, struct kiln_vec3 direction, float rgb[3], float *metal)
+void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, struct kiln_vec3 direction, struct kiln_view_seen *seen)
 {
     const struct kiln_view_source *s = maps->source;
-    rgb[0] = rgb[1] = rgb[2] = *metal = 0.0f;
+    *seen = (struct kiln_view_seen){0};
     if (s->texels && kiln_view_is_seen(s, hit)) {
-        texel_color(s, hit, direction, rgb);
+        texel_color(s, hit, direction, seen->rgb);
         return;
     }
     if (!kiln_view_is_seen(s, hit)) {
         if (s->lights != NULL)
-            kiln_environment_radiance(s->lights, dvec3_of(direction), rgb);
+            kiln_environment_radiance(s->lights, dvec3_of(direction), seen->rgb);
         return;
     }
     const struct kiln_mesh *mesh = &s->scene->meshes[s->scene->objects[s->geometry->records[hit->triangle].object].mesh];
@@ -266,7 +312,8 @@ void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit
     kiln_surface_base_color(s->scene, mesh, stored, b1, b2, color);
     kiln_surface_emission(s->scene, mesh, stored, b1, b2, emission);
     kiln_view_irradiance(maps, hit, irradiance);
-    *metal = s->scene->materials[s->scene->triangle_materials[stored]].metallic;
+    seen->metal = s->scene->materials[s->scene->triangle_materials[stored]].metallic;
+    seen->lent = kiln_view_lends(maps, hit) ? 1.0f : 0.0f;
     for (int c = 0; c < 3; c++)
-        rgb[c] = color[c] * irradiance[c] * (float)(1.0 / KILN_PI) + emission[c];
+        seen->rgb[c] = color[c] * irradiance[c] * (float)(1.0 / KILN_PI) + emission[c];
 }

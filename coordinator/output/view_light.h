@@ -34,15 +34,25 @@ struct kiln_view_maps;
 int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_source *source, uint32_t coarse, struct kiln_error *error);
 void kiln_view_maps_destroy(struct kiln_view_maps **maps);
 
-/* Reads the lightmaps of the objects that hits 0..count-1 lie on. KILN_NO_INPUT, KILN_BAD_INPUT. */
+/* Reads the lightmaps that hits 0..count-1 lie on: the object's, and for hits from behind its lightmaps/back where that was baked
+ * (--sides two). KILN_NO_INPUT, KILN_BAD_INPUT. */
 int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits, size_t count, struct kiln_error *error);
 
 /* Irradiance at a hit that is seen and whose lightmap is loaded, bilinear, as a sampler that clamps at the edge; 0 where there is none,
  * on a caster-only object. Thread-safe. */
 void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, float rgb[3]);
 
-/* What is seen along a ray: base colour x E / pi + emission, or the environment; with source->texels the checkerboard. `metal`: how much of the surface is a metal, 0..1,
- * whose reflection this stands in for. Thread-safe. */
-void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, struct kiln_vec3 direction, float rgb[3], float *metal);
+/* Whether a hit is from behind and the back's light was not baked as a lightmap: the front's stands in for it. */
+bool kiln_view_lends(const struct kiln_view_maps *maps, const struct kiln_hit *hit);
+
+/* What is seen along a ray. */
+struct kiln_view_seen {
+    float rgb[3]; /* base colour x E / pi + emission, or the environment; with source->texels the checkerboard */
+    float metal;  /* how much of the surface is a metal, 0..1, whose reflection this stands in for */
+    float lent;   /* 1: a back that shows its front's light */
+};
+
+/* Thread-safe. */
+void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, struct kiln_vec3 direction, struct kiln_view_seen *seen);
 
 #endif

@@ -158,8 +158,8 @@ static double luminance_at(const struct seek *s, const struct kiln_hit *hit)
     return (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
 }
 
-/* The lightmap of a double-sided surface is its front's: what it says of the back is worth less. */
-static double trust(const struct kiln_hit *hit) { return hit->back ? 0.3 : 1.0; }
+/* The front's light says little of the back, which may well be dark. */
+static double trust(const struct seek *s, const struct kiln_hit *hit) { return kiln_view_lends(s->maps, hit) ? 0.3 : 1.0; }
 
 static void judge_place(const struct seek *s, struct place *p, size_t first)
 {
@@ -177,7 +177,7 @@ static void judge_place(const struct seek *s, struct place *p, size_t first)
         if (!kiln_view_is_seen(s->source, hit))
             behind++;
         else if (luminance_at(s, hit) > 0.0)
-            lit += trust(hit);
+            lit += trust(s, hit);
     }
     p->worth = 0.0;
     if (LOOKS - met > MOST_ESCAPING * LOOKS || behind > 1 || lit < 0.25 * met)
@@ -344,7 +344,7 @@ static struct thing thing_at(const struct seek *s, size_t ray)
     const uint64_t key = ((x * 0x9e3779b97f4a7c15u + y) * 0xc2b2ae3d27d4eb4fu + z) * 0x165667b19e3779f9u + record->object * 6u + side_of(g, hit->triangle);
     const double light = (record->material & KILN_RECORD_EMITS) != 0 || !(s->light > 0.0) ? 1.0 : fmin(1.0, luminance_at(s, hit) / (0.3 * s->light));
     const double reach = s->room > 0.0 ? fmin(1.0, (double)hit->distance / (0.4 * s->room)) : 1.0;
-    return (struct thing){key, trust(hit) * light * reach * reach / VIEW_RAYS};
+    return (struct thing){key, trust(s, hit) * light * reach * reach / VIEW_RAYS};
 }
 
 /* Viewpoint entropy of rays first..first+VIEW_RAYS-1. */
