@@ -100,6 +100,8 @@ static int import_scene(struct kiln_prepared *p, const struct kiln_job *job, con
             .environment = job->environment,
             .environment_scale = job->environment_scale,
             .environment_rotation_degrees = job->environment_rotation,
+            .objects = job->objects,
+            .trust_normals = job->trust_normals,
         };
         status = kiln_import(&params, &p->import, error);
     }

@@ -191,7 +191,9 @@ static bool parse_arguments(int argc, char **argv, struct child *child)
                                                 .environment_rotation_degrees = strtod(argv[9], NULL),
                                                 .memory_limit = strtoull(argv[10], NULL, 10),
                                                 .time_limit = (uint32_t)strtoul(argv[11], NULL, 10),
-                                                .repack = argv[13][0] != '\0'};
+                                                .objects = argv[13],
+                                                .trust_normals = strcmp(argv[14], "normals") == 0,
+                                                .repack = argv[15][0] != '\0'};
     child->program = strtoull(argv[12], NULL, 16);
     return true;
 }

@@ -110,6 +110,7 @@ static int spawn_child(const struct kiln_import_params *params, uint64_t program
     const char *environment = params->environment == NULL ? "" : params->environment;
     const char *arguments[KILN_CHILD_ARGUMENTS + 1] = {"kiln",     "import-child", params->path, part,       numbers[0], numbers[1], numbers[2],
                                                        environment, numbers[3],     numbers[4],   numbers[5], numbers[6], numbers[7],
+                                                       params->objects == NULL ? "" : params->objects, params->trust_normals ? "normals" : "winding",
                                                        params->repack ? "repack" : "", NULL};
     posix_spawn_file_actions_t actions;
     posix_spawnattr_t attributes;
@@ -258,6 +259,7 @@ static int publish(const char *part, const char *output, struct kiln_error *erro
 static int check_settings(const struct kiln_import_params *params, const struct kiln_scene *scene, struct kiln_error *error)
 {
     bool fits = !params->repack && (params->environment == NULL || params->environment[0] == '\0') &&
+                (params->objects == NULL || params->objects[0] == '\0') && !params->trust_normals &&
                 (params->environment_scale == 0.0 || params->environment_scale == 1.0) && params->environment_rotation_degrees == 0.0 &&
                 (params->texels_per_metre == 0.0 || (float)params->texels_per_metre == scene->header->texels_per_metre);
     for (size_t i = 0; i < scene->object_count && fits; i++) {
@@ -268,7 +270,7 @@ static int check_settings(const struct kiln_import_params *params, const struct 
     }
     if (fits)
         return KILN_OK;
-    return kiln_fail(error, KILN_USAGE, "%.512s: a kiln scene file has its lightmap sizes and environment already; give the original scene to change them",
+    return kiln_fail(error, KILN_USAGE, "%.512s: a kiln scene file has its lightmap sizes, environment, objects and fronts already; give the original scene to change them",
                      params->path);
 }
 

@@ -125,21 +125,16 @@ static void merge(struct kiln_object_settings *settings, const struct kiln_objec
         settings->exclude = rule->exclude;
 }
 
-static int read_rule(const json_t *json, const char **pattern, struct kiln_object_settings *rule, struct kiln_error *error)
+static int read_rule(const char *pattern, const json_t *json, struct kiln_object_settings *rule, struct kiln_error *error)
 {
     const char *key;
     json_t *value;
+    char where[300];
     int status = KILN_OK;
     *rule = (struct kiln_object_settings){0};
-    *pattern = json_string_value(json_object_get(json, "name"));
-    if (*pattern == NULL || (*pattern)[0] == '\0')
-        return kiln_fail(error, KILN_USAGE, "a rule for objects has no name or pattern; give it one");
-    char where[300];
-    (void)snprintf(where, sizeof where, "objects '%.200s'", *pattern);
+    (void)snprintf(where, sizeof where, "objects '%.200s'", pattern);
     json_object_foreach((json_t *)(uintptr_t)json, key, value) {
-        bool known = strcmp(key, "name") == 0;
-        if (known)
-            continue;
+        bool known = false;
         status = kiln_object_settings_read(rule, key, value, where, KILN_USAGE, &known, error);
         if (status == KILN_OK && !known)
             status = kiln_fail(error, KILN_USAGE, "%s: there is no setting '%.100s'; the nearest one is '%s'", where, key,
@@ -169,15 +164,17 @@ static size_t apply_rule(struct kiln_builder *builder, const char *pattern, cons
 
 static int apply_rules(struct kiln_builder *builder, const char *text, struct kiln_error *error)
 {
-    json_t *rules = json_loads(text, JSON_REJECT_DUPLICATES, NULL);
-    int status = json_is_array(rules) ? KILN_OK : kiln_fail(error, KILN_USAGE, "the rules for objects are no list of rules: %.100s", text);
-    for (size_t i = 0; i < json_array_size(rules) && status == KILN_OK; i++) {
+    const char *pattern;
+    json_t *rules = json_loads(text, JSON_REJECT_DUPLICATES, NULL), *settings;
+    int status = json_is_object(rules) ? KILN_OK : kiln_fail(error, KILN_USAGE, "the rules for objects are no JSON object: %.100s", text);
+    json_object_foreach(rules, pattern, settings) {
         struct kiln_object_settings rule;
-        const char *pattern;
-        status = read_rule(json_array_get(rules, i), &pattern, &rule, error);
+        status = read_rule(pattern, settings, &rule, error);
         if (status == KILN_OK && apply_rule(builder, pattern, &rule) == 0)
-            status = kiln_builder_note(builder, 1, error, "objects '%.200s': no object of the scene has a name like this; kiln info --verbose lists the names",
+            status = kiln_builder_note(builder, KILN_NOTE_SAID, error, "objects '%.200s': no object of the scene has a name like this; kiln info --verbose lists the names",
                                        pattern);
+        if (status != KILN_OK)
+            break;
     }
     json_decref(rules);
     return status;

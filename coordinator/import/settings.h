@@ -15,7 +15,7 @@
  * rules after earlier ones, key by key. A rule's pattern is a shell glob (*, ?, [a-z]) and stands for every object whose name, as
  * the file has it or as its lightmap is called, matches in whole.
  *
- * As text, rules are a JSON array of objects: the keys above, and "name", the pattern. */
+ * As text, rules are a JSON object: {"Chair*": {"density-scale": 2}, "Ground": {"role": "caster-only"}}. */
 #ifndef KILN_COORDINATOR_IMPORT_SETTINGS_H
 #define KILN_COORDINATOR_IMPORT_SETTINGS_H
 

@@ -435,7 +435,7 @@ static bool is_stale(const struct planner *p, size_t index)
     const struct mesh_plan *plan = &p->plans[index];
     if (!plan->unwrap || plan->unwrapped == NULL)
         return plan->unwrap;
-    return plan->reference != SIZE_MAX && !plan->sized && fabs(p->densities[plan->reference] / plan->density - 1.0) > 0.01;
+    return plan->reference != SIZE_MAX && !plan->sized && fabs(p->densities[plan->reference] / plan->density - 1.0) > 0.03;
 }
 
 static int unwrap_meshes(struct planner *p, struct kiln_error *error)

@@ -28,7 +28,7 @@ _Static_assert(sizeof(struct kiln_camera) == 80, "format");
 _Static_assert(sizeof(struct kiln_environment) == 32, "format");
 _Static_assert(sizeof(struct kiln_source) == 32, "format");
 _Static_assert(sizeof(struct kiln_note) == 8, "format");
-_Static_assert(sizeof(struct kiln_scene_header) == 128 + 16 * KILN_SECTION_COUNT, "format");
+_Static_assert(sizeof(struct kiln_scene_header) == 136 + 16 * KILN_SECTION_COUNT, "format");
 
 static const struct {
     size_t size;
@@ -316,7 +316,7 @@ static int check_texts(const struct check *check)
         if (!is_string(check, scene->sources[i].path))
             return damaged(check, "source %zu names a string that is not there", i);
     for (size_t i = 0; i < scene->note_count; i++)
-        if (!is_string(check, scene->notes[i].text) || scene->notes[i].severity > 1)
+        if (!is_string(check, scene->notes[i].text) || scene->notes[i].severity > KILN_NOTE_SAID)
             return damaged(check, "note %zu names a string that is not there", i);
     return KILN_OK;
 }
@@ -339,7 +339,7 @@ static int check_contents(const struct check *check)
                        (unsigned long long)header->sections[KILN_SECTION_ENVIRONMENT].count);
     if (!all_finite_double(header->centre, 3) || !all_finite_double(header->bounds_min, 3) ||
         !all_finite_double(header->bounds_max, 3) || !isfinite(header->texels_per_metre) || header->texels_per_metre < 0.0f ||
-        !isfinite(header->padding_factor))
+        !isfinite(header->padding_factor) || header->units > KILN_SCENE_UNITS_BLENDER)
         return damaged(check, "the header has a value that is not a number");
     int status = check_texts(check);
     if (status == KILN_OK)

@@ -162,9 +162,21 @@ struct kiln_source {
     uint64_t hash[2]; /* XXH3-128 of the file's bytes */
 };
 
+enum kiln_note_severity {
+    KILN_NOTE_INFORMATION = 0,
+    KILN_NOTE_WARNING = 1,
+    KILN_NOTE_SAID = 2 /* a warning that a bake repeats: about what the user asked for, or what the light will show */
+};
 struct kiln_note {
-    uint32_t severity; /* 0 information, 1 warning */
+    uint32_t severity; /* enum kiln_note_severity */
     uint32_t text;
+};
+
+enum kiln_scene_units {
+    KILN_SCENE_UNITS_UNKNOWN = 0,
+    KILN_SCENE_UNITS_RADIOMETRIC = 1, /* it says so */
+    KILN_SCENE_UNITS_PHOTOMETRIC = 2, /* it says so */
+    KILN_SCENE_UNITS_BLENDER = 3      /* photometric, from the name of the exporter and punctual lights */
 };
 
 struct kiln_scene_header {
@@ -176,6 +188,8 @@ struct kiln_scene_header {
     double bounds_min[3], bounds_max[3]; /* world, of all objects */
     float texels_per_metre;            /* the density the lightmaps were sized for; 0 when sized otherwise */
     float padding_factor;              /* on the lightmaps' sides, from which on two texels lie between nearly all charts; 0: as they are; -1: none */
+    uint32_t units;                    /* enum kiln_scene_units: what the source says of its lights' numbers */
+    uint32_t reserved;
     struct {
         uint64_t offset, count;
     } sections[KILN_SECTION_COUNT];
