@@ -158,13 +158,16 @@ static void take_fragment(const struct pass_work *w, const struct kiln_fragment 
 {
     struct transport_state *s = w->state;
     uint64_t own = fragment->first - w->share->surface.first;
+    /* what no ray meets takes no light from the scene */
+    const bool counts = (s->params->backend->params.scene->objects[kiln_map_object(&w->share->surface, fragment->map)].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
     *sum = (struct fragment_sum){0};
     for (uint64_t rest = fragment->mask; rest != 0; rest &= rest - 1, own++, results++) {
         float albedo[3], radiosity[3];
         transport_albedo(&w->share->surface, own, albedo);
         for (int c = 0; c < 3; c++)
             radiosity[c] = albedo[c] * results->incident[c];
-        add_energy(w, own, results, albedo, sums, sum);
+        if (counts)
+            add_energy(w, own, results, albedo, sums, sum);
         s->step.take(w->share, own, results, radiosity);
         w->share->next[own] = packed(s, fragment, (uint32_t)__builtin_ctzll(rest), radiosity);
     }

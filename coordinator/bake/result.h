@@ -5,10 +5,12 @@
 #include <mpi.h>
 
 #include "coordinator/bake/packed_error.h"
+#include "coordinator/output/units.h"
 #include "worker/backend/backend.h"
 
-/* All arrays are this rank's share (surface->count points, in global order from surface->first) and in W/m2. */
+/* All arrays are this rank's share (surface->count points, in global order from surface->first) and in units->irradiance. */
 struct kiln_bake_result {
+    const struct kiln_units *units;
     MPI_Comm communicator; /* one-sided calls are not used; every rank takes part in every output call */
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;

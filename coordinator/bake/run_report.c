@@ -112,9 +112,9 @@ static json_t *passes_json(const struct kiln_transport_report *t, const uint64_t
     return array;
 }
 
-static json_t *energy_json(const struct kiln_energy *e)
+static json_t *energy_json(const struct kiln_energy *e, const struct kiln_units *units)
 {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", "W", "emitted", rgb_json(e->emitted),
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", units->flux, "emitted", rgb_json(e->emitted),
                      "glass", rgb_json(e->glass), "absorbed",
                      rgb_json(e->absorbed), "escaped", rgb_json(e->escaped), "blocked", rgb_json(e->blocked), "ranged", rgb_json(e->ranged),
                      "left_over", rgb_json(e->left_over), "residual", e->residual, "error", e->error, "relative_residual", e->relative);
@@ -163,12 +163,16 @@ static json_t *objects_json(const struct kiln_run *run)
         const char *name = kiln_scene_string(scene, scene->objects[i].name);
         const struct kiln_lightmap_report *r = &run->lightmaps[i];
         char path[512];
+        const bool published = (scene->objects[i].flags & KILN_OBJECT_CASTER_ONLY) == 0;
         (void)snprintf(path, sizeof path, "lightmaps/%s.exr", name);
-        json_t *object = json_pack("{s:s, s:s, s:s, s:i, s:i, s:I, s:I, s:I, s:f, s:f}", "name",
-                                               kiln_scene_string(scene, scene->objects[i].original_name), "file_name", name, "lightmap", path,
-                                               "width", (int)scene->objects[i].lightmap_width, "height", (int)scene->objects[i].lightmap_height,
-                                               "valid", (json_int_t)r->valid, "filled", (json_int_t)r->filled, "dilated", (json_int_t)r->dilated,
-                                               "seam_before", r->seam_difference_before, "seam_after", r->seam_difference_after);
+        json_t *object = json_pack("{s:s, s:s, s:s?, s:i, s:i, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "name",
+                                   kiln_scene_string(scene, scene->objects[i].original_name), "file_name", name, "lightmap", published ? path : NULL,
+                                   "width", (int)scene->objects[i].lightmap_width, "height", (int)scene->objects[i].lightmap_height,
+                                   "valid", (json_int_t)r->valid, "filled", (json_int_t)r->filled, "dilated", (json_int_t)r->dilated,
+                                   "contested", (json_int_t)r->contested, "foreign", (json_int_t)r->foreign, "border_texels",
+                                   r->border, "border_disturbed", r->border_disturbed,
+                                   "seam_before", r->seam_difference_before, "seam_after", r->seam_difference_after, "texels_per_metre",
+                                   r->texels_per_metre, "mean", r->mean, "relative_error", r->error);
         if (scene->objects[i].source_node != KILN_NONE) { /* of a glTF source */
             json_object_set_new(object, "node", json_integer((json_int_t)scene->objects[i].source_node));
             json_object_set_new(object, "mesh", json_integer((json_int_t)scene->objects[i].source_mesh));
@@ -179,6 +183,25 @@ static json_t *objects_json(const struct kiln_run *run)
         json_array_append_new(array, object);
     }
     return array;
+}
+
+/* What borders of charts read of other charts, over all lightmaps, and what would help: see padding_factor in scene.h. */
+static json_t *borders_json(const struct kiln_run *run)
+{
+    const struct kiln_scene *scene = run->prepared->scene;
+    double length = 0.0, disturbed = 0.0;
+    uint64_t contested = 0, foreign = 0, lightmaps = 0;
+    for (size_t i = 0; i < scene->object_count; i++) {
+        const struct kiln_lightmap_report *r = &run->lightmaps[i];
+        length += r->border;
+        disturbed += r->border_disturbed;
+        contested += r->contested;
+        foreign += r->foreign;
+        lightmaps += r->border_disturbed > 0.0;
+    }
+    return json_pack("{s:f, s:f, s:I, s:I, s:I, s:f, s:f}", "texels", length, "disturbed_texels", disturbed, "disturbed_lightmaps",
+                     (json_int_t)lightmaps, "contested", (json_int_t)contested, "foreign", (json_int_t)foreign, "padding_factor",
+                     (double)scene->header->padding_factor, "texels_per_metre", (double)scene->header->texels_per_metre);
 }
 
 static json_t *ranks_json(const struct kiln_run *run, const uint64_t *values, int value)
@@ -290,6 +313,13 @@ static json_t *backend_json(const struct kiln_prepared *p, const uint64_t *value
                      "verified_beyond", total(values, p->ranks, RANK_BEYOND), "verified_worst", isfinite(worst) ? worst : 1e300);
 }
 
+static json_t *units_json(const struct kiln_run *run)
+{
+    const struct kiln_units *units = kiln_units_of(run->job->units, run->prepared->scene);
+    return json_pack("{s:s, s:s, s:s, s:s}", "kind", units->kind, "irradiance", units->irradiance, "radiance", units->radiance, "because",
+                     kiln_units_reason(run->job->units, run->prepared->scene));
+}
+
 static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t *error_reached, json_t *mpi, const uint64_t *values, const uint64_t *given)
 {
     const struct kiln_prepared *p = run->prepared;
@@ -309,6 +339,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "output", kiln_json_string(run->directory));
     json_object_set_new(root, "scene", scene);
     json_object_set_new(root, "job", settings_json(run->job));
+    json_object_set_new(root, "units", units_json(run));
     json_object_set_new(root, "backend", backend_json(p, values));
     json_object_set_new(root, "ranks", json_integer(p->ranks));
     json_object_set_new(root, "threads", json_integer((json_int_t)p->threads));
@@ -321,7 +352,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "bounces", passes_json(t, given));
     json_object_set_new(root, "indirect_bounces", json_integer((json_int_t)t->bounces));
     json_object_set_new(root, "tail", json_pack("{s:b, s:o, s:f}", "added", t->tail, "ratio", rgb_json(t->tail_ratio), "share", t->tail_share));
-    json_object_set_new(root, "energy", energy_json(&t->energy));
+    json_object_set_new(root, "energy", energy_json(&t->energy, kiln_units_of(run->job->units, p->scene)));
     json_object_set_new(root, "error", error_reached);
     json_object_set_new(root, "points", json_pack("{s:I, s:I, s:I, s:I, s:f, s:f, s:f}", "count", (json_int_t)p->surface_report.points, "texels",
                                                   (json_int_t)p->surface_report.texels, "invalid", total(values, p->ranks, RANK_INVALID), "shared",
@@ -338,6 +369,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
                                                       run->volume->origin[0], run->volume->origin[1], run->volume->origin[2], "spacing",
                                                       run->volume->spacing[0], run->volume->spacing[1], run->volume->spacing[2]));
     json_object_set_new(root, "objects", objects_json(run));
+    json_object_set_new(root, "borders", borders_json(run));
     return root;
 }
 

@@ -61,6 +61,8 @@ struct bake {
     struct kiln_lightmap_report *lightmaps;
     uint64_t probe_rays;
     bool exported;  /* scene.glb is there */
+    json_t *preview; /* rank 0: how it was taken; NULL: none */
+    char preview_text[KILN_VIEWPOINT_TEXT];
     json_t *report; /* rank 0: what run.json says */
 };
 
@@ -96,19 +98,31 @@ static int make_lightmap_folder(struct bake *b, struct kiln_error *error)
     return kiln_agree(b->communicator, status, error);
 }
 
+/* Rank 0. What an earlier bake left and this one will not replace goes, while its manifest still says what that is. */
+static int remove_stale(const struct bake *b, struct kiln_error *error)
+{
+    struct kiln_pruned pruned;
+    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->job->export};
+    const int status = kiln_manifest_prune(b->job->output, b->prepared->scene, b->prepared->surface, &parts, &pruned, error);
+    if (status == KILN_OK && pruned.removed > 0 && !b->job->quiet)
+        (void)fprintf(stderr, "kiln: removed %zu file%s of the bake before, which this one does not write\n", pruned.removed, pruned.removed == 1 ? "" : "s");
+    if (status == KILN_OK && pruned.kept > 0)
+        (void)fprintf(stderr, "kiln: note: %zu file%s of the bake before %s changed since, and left in place: %s first\n", pruned.kept,
+                      pruned.kept == 1 ? "" : "s", pruned.kept == 1 ? "was" : "were", pruned.first_kept);
+    return status;
+}
+
 /* The manifest and run.json of an earlier bake would vouch for results that are about to be replaced one by one: they go first. */
 static int forget_old_report(struct bake *b, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
     int status = KILN_OK;
     if (b->rank == 0) {
-        status = kiln_manifest_remove(b->job->output, error);
+        status = remove_stale(b, error);
+        if (status == KILN_OK)
+            status = kiln_manifest_remove(b->job->output, error);
         if (status == KILN_OK)
             status = kiln_path_join(path, b->job->output, "run.json", error);
-        if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
-            status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
-        if (status == KILN_OK)
-            status = kiln_path_join(path, b->job->output, "scene.glb", error);
         if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
             status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
     }
@@ -133,6 +147,14 @@ static int take_charge(struct bake *b, struct kiln_error *error)
     return kiln_checkpoint_open(&b->checkpoint, b->communicator, b->job->output, b->job->resume, error);
 }
 
+/* What the importer saw that the user should know before the light is there. */
+static void say_notes(const struct kiln_scene *scene)
+{
+    for (size_t i = 0; i < scene->note_count; i++)
+        if (scene->notes[i].severity == KILN_NOTE_SAID)
+            (void)fprintf(stderr, "kiln: note: %s\n", kiln_scene_string(scene, scene->notes[i].text));
+}
+
 /* The bits of a bake that was begun on another machine are kept where this one can. */
 static int prepare(struct bake *b, struct kiln_error *error)
 {
@@ -141,7 +163,10 @@ static int prepare(struct bake *b, struct kiln_error *error)
     struct kiln_job job = *b->job;
     if (pin && kiln_instruction_set_common(b->communicator, before))
         job.instruction_set = (char *)(uintptr_t)before;
-    return kiln_prepare(&b->prepared, b->communicator, &job, b->scene_file, &b->phases, b->progress, error);
+    const int status = kiln_prepare(&b->prepared, b->communicator, &job, b->scene_file, &b->phases, b->progress, error);
+    if (status == KILN_OK && b->rank == 0 && !b->job->quiet)
+        say_notes(b->prepared->scene);
+    return status;
 }
 
 /* Says what the bake goes on from, when it does. */
@@ -274,7 +299,8 @@ static int write_twice(struct bake *b, const struct kiln_bake_result *result, co
 
 static int write_results(struct bake *b, const char *provenance, struct kiln_error *error)
 {
-    const struct kiln_bake_result result = {.communicator = b->communicator,
+    const struct kiln_bake_result result = {.units = kiln_units_of(b->job->units, b->prepared->scene),
+                                            .communicator = b->communicator,
                                             .scene = b->prepared->scene,
                                             .geometry = b->prepared->geometry,
                                             .surface = b->prepared->surface,
@@ -307,6 +333,27 @@ static int write_results(struct bake *b, const char *provenance, struct kiln_err
     return status;
 }
 
+static int draw_picture(struct bake *b, struct kiln_error *error)
+{
+    const struct kiln_prepared *p = b->prepared;
+    const struct kiln_view_source source = {.directory = b->job->output, .scene = p->scene, .geometry = p->geometry, .lights = p->lights, .backend = p->backend};
+    const struct kiln_view_wish wish = {0};
+    struct kiln_picture picture = {0};
+    char path[KILN_PATH_SIZE];
+    int status = kiln_path_join(path, b->job->output, "preview.png", error);
+    if (status == KILN_OK)
+        status = kiln_picture_make(&source, &wish, 2, &picture, error);
+    if (status == KILN_OK)
+        status = kiln_picture_write(path, &picture, b->job->exposure, error);
+    if (status == KILN_OK)
+        b->preview = kiln_picture_json(&picture, b->job->exposure);
+    if (status == KILN_OK && !b->job->quiet) {
+        kiln_viewpoint_text(&picture.viewpoint, b->preview_text);
+    }
+    kiln_image_destroy(&picture.image);
+    return status;
+}
+
 static int draw_preview(struct bake *b, struct kiln_error *error)
 {
     if (!b->job->preview)
@@ -315,20 +362,29 @@ static int draw_preview(struct bake *b, struct kiln_error *error)
     kiln_progress_phase(b->progress, "preview", 0);
     int status = KILN_OK;
     if (b->rank == 0)
-        status = kiln_view_preview(b->job->output, b->prepared->scene, b->prepared->geometry, b->prepared->lights, b->prepared->backend,
-                                   b->job->exposure, error);
+        status = draw_picture(b, error);
     return agree_after_phase(b, status, error);
 }
 
 static int export_beside(const struct bake *b, struct kiln_error *error)
 {
     const struct kiln_surface *s = b->prepared->surface;
+    char path[KILN_PATH_SIZE];
+    struct stat source, there;
     uint8_t *backs = NULL;
-    int status = kiln_allocate(&backs, s->object_count, 1, "the export's links", error);
+    int status = kiln_path_join(path, b->job->output, "scene.glb", error);
+    if (status == KILN_OK && stat(b->job->scene, &source) == 0 && stat(path, &there) == 0 && source.st_dev == there.st_dev && source.st_ino == there.st_ino)
+        return kiln_fail(error, KILN_BAD_INPUT, "%s is the scene itself; kiln export writes it to another folder", path);
+    /* One of an earlier bake would lead to lightmaps that are no longer there. */
+    if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
+        status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
+    if (status == KILN_OK)
+        status = kiln_allocate(&backs, s->object_count, 1, "the export's links", error);
     for (uint32_t i = s->object_count; status == KILN_OK && i < s->map_count; i++)
         backs[i - s->object_count] = s->lightmaps[i].published != 0;
     if (status == KILN_OK)
-        status = kiln_export_beside(b->job->output, b->job->scene, b->prepared->scene, backs, "W/m2", error);
+        status = kiln_export_beside(b->job->output, b->job->scene, b->prepared->scene, backs,
+                                    kiln_units_of(b->job->units, b->prepared->scene)->irradiance_text, error);
     kiln_free(&backs);
     return status;
 }
@@ -371,6 +427,8 @@ static int write_report(struct bake *b, struct kiln_error *error)
     int status = KILN_OK;
     b->report = kiln_run_report(&run);
     if (b->rank == 0) {
+        if (b->preview != NULL)
+            (void)json_object_set(b->report, "preview", b->preview);
         char path[KILN_PATH_SIZE];
         char *text = json_dumps(b->report, JSON_INDENT(2));
         status = text == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: run.json")
@@ -399,6 +457,8 @@ static int tell(const struct bake *b, struct kiln_error *error)
         return kiln_json_print(json_incref(b->report), error);
     if (!b->job->quiet)
         kiln_run_table(stdout, b->report);
+    if (!b->job->json && !b->job->quiet && b->preview_text[0] != '\0')
+        (void)printf("preview.png  %s\n", b->preview_text);
     return KILN_OK;
 }
 
@@ -499,6 +559,7 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
     kiln_checkpoint_close(&b.checkpoint);
     json_decref(b.identity);
     json_decref(b.report);
+    json_decref(b.preview);
     kiln_progress_destroy(&b.progress);
     kiln_free(&b.lightmaps);
     kiln_volume_destroy(&b.volume);

@@ -184,7 +184,9 @@ static void check_meshes(struct report *r)
         const struct kiln_mesh *mesh = &s->meshes[i];
         bool closed = false;
         double volume = 0.0;
-        if ((mesh->flags & KILN_MESH_UNWRAPPED) != 0)
+        if ((mesh->flags & KILN_MESH_REPACKED) != 0)
+            add(r, INFORMATION, "mesh", text_at(r, mesh->name), "the charts of its second UV set are laid out anew; a viewer needs kiln's layout");
+        else if ((mesh->flags & KILN_MESH_UNWRAPPED) != 0)
             add(r, INFORMATION, "mesh", text_at(r, mesh->name), "it has no usable second UV set and is unwrapped; a viewer needs kiln's layout");
         r->status = closed_volume(s, mesh, &closed, &volume, r->error);
         if (closed && volume < 0.0)
@@ -199,7 +201,8 @@ static void check_objects(struct report *r)
         const struct kiln_look_object *o = &r->look->objects[i];
         const char *name = text_at(r, s->objects[i].name);
         const double ratio = r->look->density_median > 0.0 ? o->density / r->look->density_median : 1.0;
-        if (o->density > 0.0 && (ratio > density_outlier || ratio < 1.0 / density_outlier))
+        const bool chosen = s->objects[i].density_reason != KILN_DENSITY_COMMON && s->objects[i].density_reason != KILN_DENSITY_MAX;
+        if (!chosen && o->density > 0.0 && (ratio > density_outlier || ratio < 1.0 / density_outlier))
             add(r, WARNING, "object", name, "its %.3g texels per metre are far from the median of %.3g", o->density, r->look->density_median);
         if (o->points > 0 && (double)o->invalid > buried_share * (double)o->points)
             add(r, WARNING, "object", name, "%.0f %% of its surface lies inside other geometry", 100.0 * (double)o->invalid / (double)o->points);

@@ -1,4 +1,5 @@
-/* kiln compare: two lightmaps, or all lightmaps of two bakes. */
+/* kiln compare: two lightmaps, or all lightmaps of two bakes. Bakes whose lightmaps differ in size are compared at places on the
+ * surfaces. */
 #include "coordinator/output/compare.h"
 
 #include <dirent.h>
@@ -13,13 +14,17 @@
 
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
+#include "coordinator/output/compare_surface.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/output/publish.h"
+#include "coordinator/output/units.h"
 #include "worker/base/memory.h"
 
 struct one {
     char name[256]; /* of the lightmap's file; empty for two files */
     struct kiln_difference difference;
+    double worst_place[3]; /* m; sampled only */
+    uint32_t object_a, object_b; /* sampled only */
 };
 
 struct comparison {
@@ -28,7 +33,12 @@ struct comparison {
     size_t count, capacity;
     struct kiln_difference total;
     size_t worst; /* the image with the worst texel */
+    struct kiln_scene *scene_a, *scene_b; /* both or none: the lightmaps differ in size and are sampled */
+    double area; /* m2 of all objects; sampled only */
 };
+
+/* Places on the surfaces of all objects; an object has LEAST at least. */
+enum { SAMPLES = 1 << 20, SAMPLES_LEAST = 1024 };
 
 /* ---- comparing ---- */
 
@@ -66,13 +76,32 @@ static int read_pair(const struct comparison *c, size_t k, struct kiln_image **a
     return status;
 }
 
+/* At places on the object's surface, each of which stands for its part of the area. */
+static int compare_sampled(const struct comparison *c, struct one *one, const struct kiln_image *a, const struct kiln_image *b, struct kiln_error *error)
+{
+    const struct kiln_compared in_a = {c->scene_a, one->object_a, a}, in_b = {c->scene_b, one->object_b, b};
+    const double share = c->area > 0.0 ? kiln_object_area(c->scene_a, one->object_a) / c->area : 0.0;
+    struct kiln_samples samples;
+    int status = kiln_samples_take(&samples, &in_a, &in_b, (size_t)fmax(SAMPLES_LEAST, SAMPLES * share), error);
+    if (status != KILN_OK)
+        return status;
+    status = kiln_compare_images(samples.a, samples.b, &one->difference, error);
+    if (status == KILN_OK) {
+        one->difference.identical = false;
+        one->difference.weight = samples.area / (double)samples.count;
+        memcpy(one->worst_place, samples.positions[one->difference.worst_x], sizeof one->worst_place);
+    }
+    kiln_samples_destroy(&samples);
+    return status;
+}
+
 static int compare_one(struct comparison *c, size_t k, struct kiln_error *error)
 {
     struct kiln_image *a, *b;
     struct kiln_error inner = {{0}};
     int status = read_pair(c, k, &a, &b, error);
     if (status == KILN_OK) {
-        status = kiln_compare_images(a, b, &c->ones[k].difference, &inner);
+        status = c->scene_a != NULL ? compare_sampled(c, &c->ones[k], a, b, &inner) : kiln_compare_images(a, b, &c->ones[k].difference, &inner);
         if (status != KILN_OK)
             (void)kiln_fail(error, status, "%s%s%s", c->ones[k].name, c->ones[k].name[0] == '\0' ? "" : ": ", inner.message);
     }
@@ -134,6 +163,56 @@ static int list_pairs(struct comparison *c, struct kiln_error *error)
     return status;
 }
 
+/* The object whose lightmap is lightmaps/NAME. */
+static int find_object(const struct kiln_scene *scene, const char *name, const char *directory, uint32_t *object, struct kiln_error *error)
+{
+    for (*object = 0; *object < scene->object_count; (*object)++) {
+        const char *own = kiln_scene_string(scene, scene->objects[*object].name);
+        if (strncmp(own, name, strlen(own)) == 0 && strcmp(name + strlen(own), ".exr") == 0)
+            return KILN_OK;
+    }
+    return kiln_fail(error, KILN_BAD_INPUT, "'%s/scene.kscene' has no object for the lightmap '%s'", directory, name);
+}
+
+static int open_scene(const char *directory, struct kiln_scene **scene, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    const int status = kiln_path_join(path, directory, "scene.kscene", error);
+    return status == KILN_OK ? kiln_scene_open(scene, path, error) : status;
+}
+
+static void close_scenes(struct comparison *c)
+{
+    kiln_scene_close(&c->scene_a);
+    kiln_scene_close(&c->scene_b);
+}
+
+/* Opens the scenes of both bakes, and keeps them where a lightmap differs in size. Folders without scene files hold lightmaps only: these
+ * are compared texel by texel, whatever comes. */
+static int decide_how(struct comparison *c, struct kiln_error *error)
+{
+    bool same = true;
+    if (open_scene(c->a, &c->scene_a, NULL) != KILN_OK || open_scene(c->b, &c->scene_b, NULL) != KILN_OK) {
+        close_scenes(c);
+        return KILN_OK;
+    }
+    int status = KILN_OK;
+    for (size_t k = 0; status == KILN_OK && k < c->count; k++) {
+        struct one *one = &c->ones[k];
+        status = find_object(c->scene_a, one->name, c->a, &one->object_a, error);
+        if (status == KILN_OK)
+            status = find_object(c->scene_b, one->name, c->b, &one->object_b, error);
+        if (status != KILN_OK)
+            break;
+        const struct kiln_object *a = &c->scene_a->objects[one->object_a], *b = &c->scene_b->objects[one->object_b];
+        same = same && a->lightmap_width == b->lightmap_width && a->lightmap_height == b->lightmap_height;
+        c->area += kiln_object_area(c->scene_a, one->object_a);
+    }
+    if (same || status != KILN_OK)
+        close_scenes(c);
+    return same ? KILN_OK : status;
+}
+
 static int compare_all(struct comparison *c, struct kiln_error *error)
 {
     bool folder_a = false, folder_b = false;
@@ -145,6 +224,8 @@ static int compare_all(struct comparison *c, struct kiln_error *error)
                            folder_a ? c->b : c->a);
     if (status == KILN_OK)
         status = folder_a ? list_pairs(c, error) : add_one(c, "", error);
+    if (status == KILN_OK && folder_a)
+        status = decide_how(c, error);
     c->total = (struct kiln_difference){.identical = true};
     for (size_t k = 0; status == KILN_OK && k < c->count; k++) {
         status = compare_one(c, k, error);
@@ -175,6 +256,18 @@ static json_t *difference_json(const struct kiln_difference *d)
                      channels);
 }
 
+/* What differs when places were sampled: where the worst one is, and no structural similarity. */
+static void add_place(const struct comparison *c, json_t *root)
+{
+    const double *place = c->ones[c->worst].worst_place;
+    if (c->scene_a == NULL)
+        return;
+    json_object_set_new(root, "dssim", json_null());
+    json_object_set_new(json_object_get(root, "worst"), "position", json_pack("[f,f,f]", place[0], place[1], place[2]));
+    json_object_del(json_object_get(root, "worst"), "x");
+    json_object_del(json_object_get(root, "worst"), "y");
+}
+
 static int print_json(const struct comparison *c, struct kiln_error *error)
 {
     json_t *root = difference_json(&c->total);
@@ -182,6 +275,8 @@ static int print_json(const struct comparison *c, struct kiln_error *error)
         json_object_set_new(root, "status", json_string("done"));
         json_object_set_new(root, "a", json_string(c->a));
         json_object_set_new(root, "b", json_string(c->b));
+        json_object_set_new(root, "sampled", json_boolean(c->scene_a != NULL));
+        add_place(c, root);
     }
     json_t *objects = json_object();
     for (size_t k = 0; k < c->count && c->ones[k].name[0] != '\0'; k++)
@@ -197,22 +292,31 @@ static int print_json(const struct comparison *c, struct kiln_error *error)
 static void print_text(const struct comparison *c)
 {
     const struct kiln_difference *d = &c->total;
+    const double *place = c->ones[c->worst].worst_place;
+    const char *unit = kiln_units_of_bake(c->b)->irradiance_text;
     (void)printf("%s\n", d->identical ? "bit-identical" : "different");
-    (void)printf("texels     %llu valid in both, %llu of them wholly inside charts\n", (unsigned long long)d->texels, (unsigned long long)d->interior);
+    if (c->scene_a != NULL)
+        (void)puts("sampled    at places spread over the surfaces, by area: the lightmaps differ in size");
+    (void)printf("%s     %llu valid in both, %llu of them wholly inside charts\n", c->scene_a != NULL ? "places" : "texels", (unsigned long long)d->texels,
+                 (unsigned long long)d->interior);
     if (d->not_finite > 0)
         (void)printf("left out   %llu texels that are not finite numbers\n", (unsigned long long)d->not_finite);
-    (void)printf("mean       %.6g W/m2 (reference)\n", d->mean);
-    (void)printf("rmse       %.6g W/m2\n", d->rmse);
+    (void)printf("mean       %.6g %s (reference)\n", d->mean, unit);
+    (void)printf("rmse       %.6g %s\n", d->rmse, unit);
     if (isfinite(d->nrmse))
         (void)printf("nrmse      %.4f %% of the mean, wholly inside charts\n", 100.0 * d->nrmse);
     else
         (void)puts("nrmse      - (no lit texel wholly inside charts)");
     (void)printf("rel-rmse   %.4f %%\n", 100.0 * d->rel_rmse);
     (void)printf("psnr       %.2f dB\n", d->psnr);
-    (void)printf("dssim      %.6g\n", d->dssim);
-    (void)printf("dfpr       %.6g W/m2; %.6g with the brightest value as 1\n", d->dfpr, d->dfpr_unit);
-    (void)printf("worst      %.6g W/m2 at texel (%u, %u)%s%s\n", d->worst, d->worst_x, d->worst_y, c->ones[c->worst].name[0] == '\0' ? "" : " of ",
-                 c->ones[c->worst].name);
+    if (c->scene_a == NULL)
+        (void)printf("dssim      %.6g\n", d->dssim);
+    (void)printf("dfpr       %.6g %s; %.6g with the brightest value as 1\n", d->dfpr, unit, d->dfpr_unit);
+    if (c->scene_a != NULL)
+        (void)printf("worst      %.6g %s at %.6g %.6g %.6g on %s\n", d->worst, unit, place[0], place[1], place[2], c->ones[c->worst].name);
+    else
+        (void)printf("worst      %.6g %s at texel (%u, %u)%s%s\n", d->worst, unit, d->worst_x, d->worst_y, c->ones[c->worst].name[0] == '\0' ? "" : " of ",
+                     c->ones[c->worst].name);
     for (uint32_t i = 0; i < d->channel_count; i++)
         (void)printf("  %-12s rmse %.6g, mean of the difference %.6g, mean %.6g\n", d->channels[i].name, d->channels[i].rmse,
                      d->channels[i].mean_difference, d->channels[i].mean);
@@ -223,13 +327,15 @@ static int write_picture(const struct comparison *c, const char *path, struct ki
 {
     struct kiln_image *a, *b;
     uint8_t *bytes = NULL;
+    if (c->scene_a != NULL)
+        return kiln_fail(error, KILN_USAGE, "--output %s: there is no picture of lightmaps that differ in size; without it the numbers are printed", path);
     int status = read_pair(c, c->worst, &a, &b, error);
     if (status == KILN_OK)
         status = kiln_allocate(&bytes, (size_t)a->width * a->height * 3, 1, "a picture", error);
     if (status == KILN_OK)
         status = kiln_difference_picture(a, b, 0.1, bytes, error);
     if (status == KILN_OK)
-        status = kiln_png_write_bytes(path, bytes, a->width, a->height, error);
+        status = kiln_png_write_bytes(path, bytes, a->width, a->height, "difference of two lightmaps: black none, white 10 % of the mean and more", error);
     kiln_free(&bytes);
     kiln_image_destroy(&a);
     kiln_image_destroy(&b);
@@ -246,6 +352,7 @@ int kiln_command_compare(struct kiln_job *job, struct kiln_error *error)
         status = print_json(&c, error);
     else if (status == KILN_OK && !job->quiet)
         print_text(&c);
+    close_scenes(&c);
     kiln_free(&c.ones);
     return status;
 }

@@ -37,11 +37,13 @@ static int find(const char *name, const struct kiln_generator **found, struct ki
         }
         const size_t used = strlen(names), distance = kiln_edit_distance(name, kiln_generators[i].name);
         (void)snprintf(names + used, sizeof names - used, "%s%s", i == 0 ? "" : ", ", kiln_generators[i].name);
-        if (distance < least) {
+        if (distance < least && kiln_is_near(name, kiln_generators[i].name)) {
             least = distance;
             nearest = kiln_generators[i].name;
         }
     }
+    if (nearest == NULL)
+        return kiln_fail(error, KILN_USAGE, "no scene is called '%.100s'; there are: %s", name, names);
     return kiln_fail(error, KILN_USAGE, "no scene is called '%.100s'; the nearest one is '%s' (there are: %s)", name, nearest, names);
 }
 

@@ -7,10 +7,27 @@
 #include "coordinator/cli/json.h"
 #include "coordinator/cli/look.h"
 #include "coordinator/cli/progress.h"
+#include "coordinator/output/units.h"
 #include "worker/base/memory.h"
 
 static const char *const light_kinds[] = {"point", "spot", "directional"};
 static const char *const environment_kinds[] = {"none", "constant", "lat-long image"};
+
+/* Why an object's density is not the common one, for people and for programs; in the order of enum kiln_density_reason. */
+static const struct {
+    const char *words, *code;
+} density_reasons[KILN_DENSITY_REASONS] = {{"", "common"},
+                                           {"less: its share of all texels", "share"},
+                                           {"more: else too few texels", "least-size"},
+                                           {"density-scale", "density-scale"},
+                                           {"lightmap-size", "lightmap-size"},
+                                           {"less: caster-only", "caster-only"},
+                                           {"less: lightmap-max", "lightmap-max"}};
+
+static const char *role_of(const struct kiln_object *o)
+{
+    return (o->flags & KILN_OBJECT_CASTER_ONLY) != 0 ? "caster-only" : (o->flags & KILN_OBJECT_RECEIVER_ONLY) != 0 ? "receiver-only" : "both";
+}
 
 enum { OBJECTS_SHOWN = 40 }; /* in the table for people; JSON has all */
 
@@ -18,7 +35,10 @@ static double share(uint64_t part, uint64_t whole) { return whole == 0 ? 0.0 : (
 
 static const char *string_at(const struct kiln_look *look, uint32_t offset) { return kiln_scene_string(look->scene, offset); }
 
-static const char *layout_of(const struct kiln_mesh *mesh) { return (mesh->flags & KILN_MESH_UNWRAPPED) != 0 ? "unwrapped" : "own"; }
+static const char *layout_of(const struct kiln_mesh *mesh)
+{
+    return (mesh->flags & KILN_MESH_REPACKED) != 0 ? "repacked" : (mesh->flags & KILN_MESH_UNWRAPPED) != 0 ? "unwrapped" : "own";
+}
 
 static json_t *meshes_json(const struct kiln_look *look)
 {
@@ -40,9 +60,10 @@ static json_t *objects_json(const struct kiln_look *look)
         const struct kiln_object *o = &look->scene->objects[i];
         const struct kiln_look_object *figures = &look->objects[i];
         (void)json_array_append_new(
-            list, json_pack("{s:o, s:o, s:i, s:[i, i], s:f, s:f, s:I, s:f, s:b}", "name", kiln_json_string(string_at(look, o->name)), "original_name",
+            list, json_pack("{s:o, s:o, s:i, s:[i, i], s:f, s:f, s:s, s:s, s:I, s:f, s:b}", "name", kiln_json_string(string_at(look, o->name)), "original_name",
                             kiln_json_string(string_at(look, o->original_name)), "mesh", (int)o->mesh, "lightmap", (int)o->lightmap_width,
-                            (int)o->lightmap_height, "area", figures->area, "texels_per_metre", figures->density, "points",
+                            (int)o->lightmap_height, "area", figures->area, "texels_per_metre", figures->density, "density_reason",
+                            density_reasons[o->density_reason].code, "role", role_of(o), "points",
                             (json_int_t)figures->points, "invalid_share", share(figures->invalid, figures->points), "mirrored", o->flipped != 0));
     }
     return list;
@@ -127,8 +148,9 @@ static json_t *info_json(const struct kiln_look *look, const struct kiln_job *jo
                                "triangles_emissive", (json_int_t)look->emissive_triangles, "vertices", (json_int_t)s->vertex_count, "materials",
                                (int)s->material_count, "textures", (int)s->texture_count, "lights", (int)s->light_count, "cameras",
                                (int)s->camera_count);
-    return json_pack("{s:s, s:o, s:o, s:{s:[f, f, f], s:[f, f, f]}, s:{s:f, s:f, s:f}, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:I, s:f}",
-                     "status", "done", "scene", kiln_json_string(job->scene), "counts", counts, "bounds", "min", low[0], low[1], low[2], "max",
+    return json_pack("{s:s, s:o, s:o, s:s, s:s, s:{s:[f, f, f], s:[f, f, f]}, s:{s:f, s:f, s:f}, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:I, s:f}",
+                     "status", "done", "scene", kiln_json_string(job->scene), "counts", counts, "units", kiln_units_of(job->units, s)->kind,
+                     "units_because", kiln_units_reason(job->units, s), "bounds", "min", low[0], low[1], low[2], "max",
                      high[0], high[1], high[2], "texels_per_metre", "min", look->density_min, "median", look->density_median, "max",
                      look->density_max, "surface", surface_json(look), "environment", environment, "meshes", meshes_json(look), "objects",
                      objects_json(look), "materials", materials_json(look), "textures", textures_json(look), "lights", lights_json(look),
@@ -142,6 +164,7 @@ static void print_counts(const struct kiln_look *look, const struct kiln_job *jo
     const double *low = s->header->bounds_min, *high = s->header->bounds_max;
     const struct kiln_surface_report *r = &look->surface;
     const struct kiln_environment *e = s->environment;
+    const struct kiln_units *units = kiln_units_of(job->units, s);
     (void)printf("%s\n", job->scene);
     (void)printf("  objects      %zu of %zu meshes\n", s->object_count, s->mesh_count);
     (void)printf("  triangles    %zu stored, %llu with instances expanded, %llu of these emit\n", s->triangle_count,
@@ -151,10 +174,14 @@ static void print_counts(const struct kiln_look *look, const struct kiln_job *jo
                  s->header->centre[0], s->header->centre[1], s->header->centre[2]);
     (void)printf("  environment  %s", environment_kinds[e->kind]);
     if (e->kind == KILN_ENVIRONMENT_CONSTANT)
-        (void)printf(", radiance %g %g %g W m-2 sr-1", (double)e->radiance[0], (double)e->radiance[1], (double)e->radiance[2]);
+        (void)printf(", radiance %g %g %g %s", (double)e->radiance[0], (double)e->radiance[1], (double)e->radiance[2], units->radiance);
     if (e->kind == KILN_ENVIRONMENT_LATLONG)
         (void)printf(", %u x %u", e->width, e->height);
-    (void)printf("\n  density      %.3g to %.3g texels per metre, median %.3g\n", look->density_min, look->density_max, look->density_median);
+    (void)printf("\n  units        %s, %s: %s (--units says otherwise)", units->kind, units->irradiance_text, kiln_units_reason(job->units, s));
+    (void)printf("\n  density      ");
+    if (s->header->texels_per_metre > 0.0f)
+        (void)printf("%.3g texels per metre; it comes to ", (double)s->header->texels_per_metre);
+    (void)printf("%.3g to %.3g texels per metre, median %.3g\n", look->density_min, look->density_max, look->density_median);
     (void)printf("  lightmaps    %llu texels, %llu of them surface points\n", (unsigned long long)look->texels, (unsigned long long)r->points);
     (void)printf("  overlap      %.3g %% of the points are shared by charts\n", 100.0 * share(r->shared_texels, r->points));
     (void)printf("  invalid      %.3g %% of the points lie inside other geometry\n", 100.0 * share(look->invalid, r->points));
@@ -163,8 +190,8 @@ static void print_counts(const struct kiln_look *look, const struct kiln_job *jo
 
 static int print_objects(const struct kiln_look *look, bool all, struct kiln_error *error)
 {
-    enum { COLUMNS = 7, CELL = 32 };
-    static const char *const head[COLUMNS] = {"object", "mesh", "layout", "triangles", "lightmap", "texels/m", "invalid"};
+    enum { COLUMNS = 8, CELL = 32 };
+    static const char *const head[COLUMNS] = {"object", "mesh", "layout", "triangles", "lightmap", "texels/m", "invalid", "density is"};
     const struct kiln_scene *s = look->scene;
     const size_t rows = all || s->object_count <= OBJECTS_SHOWN ? s->object_count : OBJECTS_SHOWN;
     const char **cells = NULL;
@@ -182,7 +209,8 @@ static int print_objects(const struct kiln_look *look, bool all, struct kiln_err
             (void)snprintf(texts[i][1], CELL, "%u x %u", o->lightmap_width, o->lightmap_height);
             (void)snprintf(texts[i][2], CELL, "%.3g", figures->density);
             (void)snprintf(texts[i][3], CELL, "%.2g %%", 100.0 * share(figures->invalid, figures->points));
-            const char *const row[COLUMNS] = {string_at(look, o->name), string_at(look, m->name), layout_of(m), texts[i][0], texts[i][1], texts[i][2], texts[i][3]};
+            const char *const row[COLUMNS] = {string_at(look, o->name), string_at(look, m->name), layout_of(m), texts[i][0], texts[i][1], texts[i][2], texts[i][3],
+                                              density_reasons[o->density_reason].words};
             memcpy(cells + (i + 1) * COLUMNS, row, sizeof row);
         }
         (void)fputc('\n', stdout);
@@ -204,9 +232,10 @@ static void print_glass(const struct kiln_look *look, const struct kiln_material
                  m->alpha_mode == KILN_ALPHA_OPAQUE ? "" : "; holes by its alpha");
 }
 
-static void print_texts(const struct kiln_look *look)
+static void print_texts(const struct kiln_look *look, const struct kiln_job *job)
 {
     const struct kiln_scene *s = look->scene;
+    const struct kiln_units *units = kiln_units_of(job->units, s);
     if (s->camera_count > 0)
         (void)fputs("\ncameras:", stdout);
     for (size_t i = 0; i < s->camera_count; i++)
@@ -215,7 +244,7 @@ static void print_texts(const struct kiln_look *look)
     for (size_t i = 0; i < s->light_count; i++)
         (void)printf("%slight '%s': %s, %g %g %g %s\n", i == 0 ? "\n" : "", string_at(look, s->lights[i].name), light_kinds[s->lights[i].kind],
                      (double)s->lights[i].intensity[0], (double)s->lights[i].intensity[1], (double)s->lights[i].intensity[2],
-                     s->lights[i].kind == KILN_LIGHT_DIRECTIONAL ? "W m-2" : "W sr-1");
+                     s->lights[i].kind == KILN_LIGHT_DIRECTIONAL ? units->irradiance : units->intensity);
     for (size_t i = 0, shown = 0; i < s->material_count; i++)
         if (s->materials[i].transmission > 0.0f) {
             (void)fputs(shown++ == 0 ? "\n" : "", stdout);
@@ -236,7 +265,7 @@ int kiln_command_info(struct kiln_job *job, struct kiln_error *error)
     } else if (status == KILN_OK) {
         print_counts(look, job);
         status = print_objects(look, job->verbose, error);
-        print_texts(look);
+        print_texts(look, job);
     }
     kiln_look_destroy(&look);
     return status;

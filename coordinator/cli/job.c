@@ -76,17 +76,21 @@ struct word {
 static int unknown_option(const struct kiln_command *command, const char *name, struct kiln_error *error)
 {
     const struct kiln_option *elsewhere = kiln_option_find(name);
+    const bool negated = strncmp(name, "no-", 3) == 0;
+    const char *nearest = kiln_option_nearest(negated ? name + 3 : name, command->bit);
+    char near[80] = "", list[200] = "";
+    if (nearest != NULL)
+        (void)snprintf(near, sizeof near, "the nearest one is --%s%s", negated ? "no-" : "", nearest);
     if (elsewhere == NULL)
-        return kiln_fail(error, KILN_USAGE, "unknown option --%.200s; the nearest one is --%s (kiln %s --help lists all)", name,
-                         kiln_option_nearest(name, command->bit), command->name);
-    char list[200] = "";
+        return kiln_fail(error, KILN_USAGE, "unknown option --%.200s; %s%skiln %s --help lists all%s", name, near, nearest == NULL ? "" : " (",
+                         command->name, nearest == NULL ? "" : ")");
     for (size_t i = 0; i < kiln_command_count; i++)
         if ((elsewhere->commands & kiln_commands[i].bit) != 0) {
             const size_t used = strlen(list);
             (void)snprintf(list + used, sizeof list - used, "%s%s", used == 0 ? "" : ", ", kiln_commands[i].name);
         }
-    return kiln_fail(error, KILN_USAGE, "kiln %s has no option --%s; it belongs to %s (the nearest one here is --%s)", command->name, name,
-                     list, kiln_option_nearest(name, command->bit));
+    return kiln_fail(error, KILN_USAGE, "kiln %s has no option --%s; it belongs to %s%s%s%s", command->name, name, list, nearest == NULL ? "" : " (here, ",
+                     near, nearest == NULL ? "" : ")");
 }
 
 static int recognise(const struct kiln_command *command, const char *argument, struct word *word, struct kiln_error *error)
@@ -231,8 +235,7 @@ int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_err
         return kiln_fail(error, KILN_USAGE, "no command given; kiln --help lists them");
     const struct kiln_command *command = kiln_command_find(argv[1]);
     if (command == NULL)
-        return kiln_fail(error, KILN_USAGE, "unknown command '%.200s'; the nearest one is '%s' (kiln --help lists all)", argv[1],
-                         kiln_command_nearest(argv[1]));
+        return kiln_command_unknown(argv[1], error);
     struct kiln_job *made = NULL;
     struct kiln_job_owned *own = NULL;
     int status = kiln_allocate(&made, 1, sizeof *made, "the job", error);

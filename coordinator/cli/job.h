@@ -27,6 +27,9 @@ enum kiln_schedule {
     KILN_SCHEDULE_EQUAL = 1 /* the same rays in every bounce, nothing else: the reference mode */
 };
 
+/* What the lights' numbers are measured in: what the file says, or as asked. */
+enum kiln_units_choice { KILN_UNITS_AUTO = 0, KILN_UNITS_RADIOMETRIC = 1, KILN_UNITS_PHOTOMETRIC = 2 };
+
 /* Strings are owned by the job (or static); NULL means not given. */
 struct kiln_job {
     /* what the command is given besides options */
@@ -40,6 +43,7 @@ struct kiln_job {
     char *environment;          /* "none", "R,G,B" (radiance), or an .hdr or .exr lat-long image; NULL: what the scene says */
     double environment_scale;   /* factor; default 1 */
     double environment_rotation; /* degrees about +y */
+    int units; /* enum kiln_units_choice */
 
     /* where it runs */
     char *backend; /* auto | embree | vulkan */
@@ -65,6 +69,9 @@ struct kiln_job {
     double texels_per_metre;
     uint32_t lightmap_size; /* 0: by density */
     uint32_t lightmap_max;  /* texels a side */
+    bool repack;            /* lay charts that lie too close together out anew */
+    char *objects;          /* settings of single objects, as JSON: coordinator/import/settings.h; NULL: none */
+    bool trust_normals;     /* they decide the front of a triangle, not its winding */
     double cell_size;       /* m; 0: chosen */
     bool partition_objects;
 
@@ -100,6 +107,7 @@ struct kiln_job {
     uint32_t width, height;
     double exposure;      /* stops */
     char *from, *to;      /* "x,y,z": eye and target of a view */
+    bool show_texels;     /* a checkerboard of texels, no light */
     double field_of_view; /* degrees, vertical */
     uint32_t ranks;       /* plan */
     double node_memory;   /* GiB; plan */

@@ -1,7 +1,8 @@
-/* The job file: one flat YAML mapping of option names to scalars. Read through libyaml's events, so that nothing is built up
- * that the file could make large: an alias, a list or a mapping inside ends the reading at once. */
+/* The job file: one YAML mapping of option names to scalars, and under `objects` settings of single objects. Read through libyaml's events, so that nothing is built up
+ * that the file could make large: an alias, a list or a mapping elsewhere ends the reading at once. */
 #include <errno.h>
 #include <fcntl.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -10,12 +11,14 @@
 
 #include "coordinator/cli/job_private.h"
 #include "coordinator/cli/options.h"
+#include "coordinator/import/settings.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 struct reader {
     struct kiln_job *job;
     const char *path;
+    int refusal;     /* status of what is wrong in it; 0: KILN_BAD_INPUT */
     char *folder;    /* of the job file; "." when it has none */
     char *text;      /* the whole file */
     size_t length;
@@ -103,10 +106,151 @@ static bool is_text(enum kiln_option_kind kind)
            kind == KILN_OPTION_CHOICE || kind == KILN_OPTION_CHOICE_ENUM || kind == KILN_OPTION_CHOICE_FLAG;
 }
 
+/* NULL: none is near. */
 static const char *nearest_key(const char *key)
 {
     const char *nearest = kiln_option_nearest(key, KILN_FOR_BAKE | KILN_FOR_PLAN);
-    return kiln_edit_distance(key, "scene") < kiln_edit_distance(key, nearest) ? "scene" : nearest;
+    if (!kiln_is_near(key, "scene"))
+        return nearest;
+    return nearest == NULL || kiln_edit_distance(key, "scene") < kiln_edit_distance(key, nearest) ? "scene" : nearest;
+}
+
+static int unknown_key(const struct reader *reader, const char *key, size_t line, const char *what, struct kiln_error *error)
+{
+    const char *nearest = nearest_key(key);
+    if (nearest == NULL)
+        return kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: %s '%.200s'; kiln bake --help lists all", reader->path, line, what, key);
+    return kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: %s '%.200s'; the nearest one is '%s'", reader->path, line, what, key, nearest);
+}
+
+/* ---- settings of single objects ---- */
+
+static int refuse(const struct reader *reader) { return reader->refusal != 0 ? reader->refusal : KILN_BAD_INPUT; }
+
+/* true, false and numbers are what they look like, unless they stand in quotation marks. */
+static json_t *scalar_json(const yaml_event_t *event)
+{
+    const char *text = (const char *)event->data.scalar.value;
+    char *end = NULL;
+    if (event->data.scalar.style != YAML_PLAIN_SCALAR_STYLE)
+        return json_string(text);
+    if (strcmp(text, "true") == 0 || strcmp(text, "false") == 0)
+        return json_boolean(text[0] == 't');
+    const double value = strtod(text, &end);
+    if (text[0] == '\0' || text[strspn(text, "0123456789+-.eE")] != '\0' || *end != '\0' || !isfinite(value))
+        return json_string(text);
+    return value == floor(value) && fabs(value) < 0x1p53 ? json_integer((json_int_t)value) : json_real(value);
+}
+
+/* KEY: VALUE of one rule; *end at the end of the rule. */
+static int read_setting(struct reader *reader, const char *pattern, json_t *rule, bool *end, struct kiln_error *error)
+{
+    yaml_event_t key, value;
+    struct kiln_object_settings unused = {0};
+    char where[800];
+    bool known = false;
+    int status = next(reader, &key, error);
+    if (status != KILN_OK)
+        return status;
+    *end = key.type == YAML_MAPPING_END_EVENT;
+    if (!*end && (status = expect_scalar(reader, &key, "a setting", error)) == KILN_OK && (status = next(reader, &value, error)) == KILN_OK) {
+        const char *name = (const char *)key.data.scalar.value;
+        json_t *json = NULL;
+        status = expect_scalar(reader, &value, name, error);
+        (void)snprintf(where, sizeof where, "%.500s:%zu: objects '%.200s'", reader->path, line_of(&key.start_mark), pattern);
+        if (status == KILN_OK && json_object_get(rule, name) != NULL)
+            status = kiln_fail(error, refuse(reader), "%s: '%.100s' stands twice; remove one", where, name);
+        if (status == KILN_OK)
+            status = kiln_object_settings_read(&unused, name, json = scalar_json(&value), where, refuse(reader), &known, error);
+        if (status == KILN_OK && !known)
+            status = kiln_fail(error, refuse(reader), "%s: there is no setting '%.100s'; the nearest one is '%s'", where, name,
+                               kiln_object_settings_nearest(name));
+        if (status == KILN_OK)
+            (void)json_object_set(rule, name, json);
+        json_decref(json);
+        yaml_event_delete(&value);
+    }
+    yaml_event_delete(&key);
+    return status;
+}
+
+/* PATTERN: {...}; *end at the end of the rules. */
+static int read_rule(struct reader *reader, json_t *rules, bool *end, struct kiln_error *error)
+{
+    yaml_event_t key, value;
+    int status = next(reader, &key, error);
+    if (status != KILN_OK)
+        return status;
+    *end = key.type == YAML_MAPPING_END_EVENT;
+    if (!*end && (status = expect_scalar(reader, &key, "a name or pattern", error)) == KILN_OK && (status = next(reader, &value, error)) == KILN_OK) {
+        const char *pattern = (const char *)key.data.scalar.value;
+        const size_t line = line_of(&key.start_mark);
+        json_t *rule = json_object();
+        if (value.type != YAML_MAPPING_START_EVENT)
+            status = kiln_fail(error, refuse(reader), "%.500s:%zu: objects '%.200s' needs settings, such as {density-scale: 2}", reader->path, line, pattern);
+        else if (json_object_get(rules, pattern) != NULL)
+            status = kiln_fail(error, refuse(reader), "%.500s:%zu: objects '%.200s' stands twice; remove one", reader->path, line, pattern);
+        for (bool done = false; status == KILN_OK && !done;)
+            status = read_setting(reader, pattern, rule, &done, error);
+        if (status == KILN_OK && json_object_set(rules, pattern, rule) != 0)
+            status = kiln_fail(error, refuse(reader), "%.500s:%zu: objects '%.200s' is not a name in UTF-8", reader->path, line, pattern);
+        json_decref(rule);
+        yaml_event_delete(&value);
+    }
+    yaml_event_delete(&key);
+    return status;
+}
+
+/* The rules after `objects:`, of whose mapping the start has been read; kept as JSON. */
+static int read_rules(struct reader *reader, char **kept, struct kiln_error *error)
+{
+    json_t *rules = json_object();
+    int status = KILN_OK;
+    for (bool end = false; status == KILN_OK && !end;)
+        status = read_rule(reader, rules, &end, error);
+    char *text = status == KILN_OK ? json_dumps(rules, 0) : NULL;
+    json_decref(rules);
+    if (status != KILN_OK)
+        return status;
+    if (text == NULL)
+        status = kiln_fail(error, KILN_SYSTEM, "out of memory for the settings of objects");
+    else if (strlen(text) > KILN_RULES_LIMIT)
+        status = kiln_fail(error, refuse(reader), "%.500s: objects: %zu bytes of rules are too many (at most %d); use patterns, or extras in the scene", reader->path,
+                           strlen(text), KILN_RULES_LIMIT);
+    else
+        status = kiln_job_keep(reader->job, text, strlen(text), kept, error);
+    free(text);
+    return status;
+}
+
+/* ---- keys ---- */
+
+/* Whether the key has not stood before. */
+static int take_key(struct reader *reader, const char *key, size_t index, size_t line, struct kiln_error *error)
+{
+    if (reader->seen[index])
+        return kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: the key '%s' stands twice; remove one", reader->path, line, key);
+    reader->seen[index] = true;
+    return KILN_OK;
+}
+
+/* A key whose value is a mapping. */
+static int store_rules(struct reader *reader, const yaml_event_t *key, const yaml_event_t *value, struct kiln_error *error)
+{
+    const char *name = (const char *)key->data.scalar.value;
+    const struct kiln_option *option = kiln_option_find(name);
+    char *kept = NULL;
+    if (value->type != YAML_MAPPING_START_EVENT)
+        return kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: %s has lines of its own, `PATTERN: {KEY: VALUE, ...}`", reader->path,
+                         line_of(&value->start_mark), name);
+    int status = take_key(reader, name, (size_t)(option - kiln_options), line_of(&key->start_mark), error);
+    if (status == KILN_OK)
+        status = read_rules(reader, &kept, error);
+    if (status != KILN_OK || reader->only_quality)
+        return status;
+    ((struct kiln_job_owned *)reader->job->strings)->given[option - kiln_options] = true;
+    memcpy((char *)reader->job + option->offset, &kept, sizeof kept);
+    return KILN_OK;
 }
 
 static int store(struct reader *reader, const char *key, size_t key_line, const yaml_event_t *value, struct kiln_error *error)
@@ -116,13 +260,10 @@ static int store(struct reader *reader, const char *key, size_t key_line, const 
     const char *text = (const char *)value->data.scalar.value;
     const bool plain = value->data.scalar.style == YAML_PLAIN_SCALAR_STYLE;
     if (!scene && (option == NULL || (option->commands & (KILN_FOR_BAKE | KILN_FOR_PLAN)) == 0))
-        return kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: %s '%.200s'; the nearest one is '%s'", reader->path, key_line,
-                         option == NULL ? "unknown key" : "a job file has no key", key,
-                         nearest_key(key));
-    bool *seen = &reader->seen[scene ? kiln_option_count : (size_t)(option - kiln_options)];
-    if (*seen)
-        return kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: the key '%s' stands twice; remove one", reader->path, key_line, key);
-    *seen = true;
+        return unknown_key(reader, key, key_line, option == NULL ? "unknown key" : "a job file has no key", error);
+    const int taken = take_key(reader, key, scene ? kiln_option_count : (size_t)(option - kiln_options), key_line, error);
+    if (taken != KILN_OK)
+        return taken;
     const size_t line = line_of(&value->start_mark);
     if (plain && (text[0] == '\0' || strcmp(text, "~") == 0 || strcmp(text, "null") == 0))
         return kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: the key '%s' has no value; give one or remove the line", reader->path, line,
@@ -153,8 +294,10 @@ static int read_pair(struct reader *reader, bool *end, struct kiln_error *error)
     *end = key.type == YAML_MAPPING_END_EVENT;
     if (!*end && (status = expect_scalar(reader, &key, "a key", error)) == KILN_OK &&
         (status = next(reader, &value, error)) == KILN_OK) {
-        status = expect_scalar(reader, &value, (const char *)key.data.scalar.value, error);
-        if (status == KILN_OK)
+        const struct kiln_option *option = kiln_option_find((const char *)key.data.scalar.value);
+        const bool rules = option != NULL && option->kind == KILN_OPTION_RULES;
+        status = rules ? store_rules(reader, &key, &value, error) : expect_scalar(reader, &value, (const char *)key.data.scalar.value, error);
+        if (status == KILN_OK && !rules)
             status = store(reader, (const char *)key.data.scalar.value, line_of(&key.start_mark), &value, error);
         yaml_event_delete(&value);
     }
@@ -196,6 +339,26 @@ static int read_events(struct reader *reader, struct kiln_error *error)
     if (status == KILN_OK && !reader->only_quality && reader->job->scene == NULL)
         status = kiln_fail(error, KILN_BAD_INPUT, "%.500s: the key 'scene' is missing; add `scene: FILE`", reader->path);
     return status;
+}
+
+int kiln_job_rules_parse(const char *text, const char *where, int refusal, struct kiln_job *job, char **kept, struct kiln_error *error)
+{
+    static const char *const shape = "settings of objects are written as {PATTERN: {KEY: VALUE, ...}, ...}";
+    struct reader reader = {.job = job, .path = where, .refusal = refusal};
+    if (yaml_parser_initialize(&reader.parser) == 0)
+        return kiln_fail(error, KILN_SYSTEM, "out of memory for the settings of objects");
+    yaml_parser_set_input_string(&reader.parser, (const unsigned char *)text, strlen(text));
+    int status = expect(&reader, YAML_STREAM_START_EVENT, shape, error);
+    if (status == KILN_OK)
+        status = expect(&reader, YAML_DOCUMENT_START_EVENT, shape, error);
+    if (status == KILN_OK)
+        status = expect(&reader, YAML_MAPPING_START_EVENT, shape, error);
+    if (status == KILN_OK)
+        status = read_rules(&reader, kept, error);
+    if (status == KILN_OK)
+        status = expect(&reader, YAML_DOCUMENT_END_EVENT, shape, error);
+    yaml_parser_delete(&reader.parser);
+    return status == KILN_BAD_INPUT ? refusal : status;
 }
 
 static int read_file(struct kiln_job *job, const char *path, bool only_quality, struct kiln_error *error)

@@ -27,6 +27,10 @@ enum { KILN_JOB_FILE_LIMIT = 1 << 20 }; /* bytes */
  * KILN_NO_INPUT, KILN_PERMISSION, KILN_IO when it cannot be read. */
 int kiln_job_file_read(struct kiln_job *job, const char *path, struct kiln_error *error);
 
+/* Reads settings of objects from a line of YAML, `{PATTERN: {KEY: VALUE, ...}, ...}`, and keeps them as JSON. `where` names the place in
+ * messages, `status` is the code of what is refused. */
+int kiln_job_rules_parse(const char *text, const char *where, int status, struct kiln_job *job, char **kept, struct kiln_error *error);
+
 /* As kiln_job_file_read, but stores nothing except the value of the key `quality`, where that is given. */
 int kiln_job_file_read_quality(struct kiln_job *job, const char *path, struct kiln_error *error);
 

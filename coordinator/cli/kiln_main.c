@@ -11,6 +11,7 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
 #include "coordinator/cli/options.h"
+#include "coordinator/output/manifest.h"
 
 /* What the launcher says before MPI is started: Open MPI's mpirun, PMIx (srun --mpi=pmix), Slurm. Alone: rank 0 of 1. */
 static long launcher(const char *open_mpi, const char *pmix, const char *slurm, long fallback)
@@ -68,7 +69,12 @@ static int check_folder(const char *folder, struct kiln_error *error)
     struct stat status;
     if (stat(folder, &status) != 0)
         return kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "cannot read folder %.500s", folder);
-    return S_ISDIR(status.st_mode) ? KILN_OK : kiln_fail(error, KILN_NO_INPUT, "%.500s is a file; name the folder that a bake was written to", folder);
+    if (!S_ISDIR(status.st_mode))
+        return kiln_fail(error, KILN_NO_INPUT, "%.500s is a file; name the folder that a bake was written to", folder);
+    if (kiln_folder_of_bake(folder))
+        return KILN_OK;
+    return kiln_fail(error, KILN_NO_INPUT, "%.500s is not the folder of a bake: it has no run.json, scene.kscene or checkpoint; name the folder "
+                     "that kiln bake -o wrote to", folder);
 }
 
 static int prepare(struct kiln_job **job, int argc, char **argv, const struct kiln_command *command, struct kiln_error *error)
@@ -213,8 +219,7 @@ static bool answer_help(int argc, char **argv, int rank, int *status, struct kil
             name = argv[i];
     const struct kiln_command *command = name != NULL ? kiln_command_find(name) : NULL;
     if (name != NULL && command == NULL) {
-        *status = kiln_fail(error, KILN_USAGE, "unknown command '%.200s'; the nearest one is '%s' (kiln --help lists all)", name,
-                            kiln_command_nearest(name));
+        *status = kiln_command_unknown(name, error);
         return true;
     }
     /* Without any argument the screen is shown too, but nothing was done. */
@@ -245,8 +250,7 @@ int kiln_main(int argc, char **argv)
         if (command != NULL)
             status = run_alone(argc, argv, command, &json, &error);
         else
-            status = kiln_fail(&error, KILN_USAGE, "unknown command '%.200s'; the nearest one is '%s' (kiln --help lists all)", argv[1],
-                               kiln_command_nearest(argv[1]));
+            status = kiln_command_unknown(argv[1], &error);
     }
     if (status != KILN_OK && rank == 0)
         print_error(status, &error, json);

@@ -7,11 +7,14 @@
 
 static const char *const backends[] = {"auto", "embree", "vulkan", NULL};
 static const char *const traversals[] = {"auto", "compute", "pipeline", "all", "binary", "four", "eight", NULL}; /* enum kiln_traversal */
+static const char *const shows[] = {"light", "texels", NULL};
+static const char *const trusts[] = {"winding", "normals", NULL};
 static const char *const methods[] = {"cells", NULL};
 static const char *const schedules[] = {"lean", "equal", NULL}; /* in the order of enum kiln_schedule */
 static const char *const exchanges[] = {"auto", "compact", "full", NULL}; /* in the order of enum kiln_exchange_form */
 static const char *const rebalances[] = {"auto", "never", "always", NULL}; /* in the order of enum kiln_rebalance */
 static const char *const formats[] = {"exr", "exr-half", "rgbm", "rgbe", "ktx2", NULL}; /* in the order of enum kiln_page_format */
+static const char *const units[] = {"auto", "radiometric", "photometric", NULL}; /* in the order of enum kiln_units_choice */
 static const char *const partitions[] = {"cells", "objects", NULL};
 static const char *const side_choices[] = {"one", "two", NULL};
 static const char *const qualities[] = {"draft", "preview", "production", "reference", NULL};
@@ -40,6 +43,9 @@ const struct kiln_option kiln_options[] = {
     {.name = "environment-rotation", .group = "Light", .kind = KILN_OPTION_DOUBLE, .value = "DEGREES", .fallback = "0",
      .minimum = -3600, .maximum = 3600, .help = "turns the environment about the upward axis", .commands = READS_SCENE,
      .offset = AT(environment_rotation)},
+    {.name = "units", .group = "Light", .kind = KILN_OPTION_CHOICE_ENUM, .fallback = "auto", .choices = units,
+     .help = "of lights and results: W/m2 or lux; auto: what the file says, else W/m2", .commands = KILN_FOR_BAKE | KILN_FOR_INFO,
+     .offset = AT(units)},
 
     {.name = "backend", .group = "Where it runs", .kind = KILN_OPTION_CHOICE, .fallback = "auto", .choices = backends,
      .refusal = KILN_NO_DEVICE, .help = "what traces the rays; auto: vulkan where there is a fit GPU, else embree",
@@ -99,6 +105,13 @@ const struct kiln_option kiln_options[] = {
      .offset = AT(lightmap_size)},
     {.name = "lightmap-max", .group = "Lightmaps", .kind = KILN_OPTION_UINT32, .value = "TEXELS", .fallback = "4096", .minimum = 1,
      .maximum = 32768, .help = "the longest side a lightmap may have", .commands = READS_SCENE, .offset = AT(lightmap_max)},
+    {.name = "repack", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "false",
+     .help = "lay charts of given UV sets out anew that lie less than two texels apart", .commands = READS_SCENE, .offset = AT(repack)},
+    {.name = "objects", .group = "Lightmaps", .kind = KILN_OPTION_RULES, .value = "RULES", .shown = "none",
+     .help = "of single objects: '{Chair*: {density-scale: 2}}'; also lightmap-size, exclude, role, sides", .commands = READS_SCENE,
+     .offset = AT(objects)},
+    {.name = "trust", .group = "Lightmaps", .kind = KILN_OPTION_CHOICE_FLAG, .fallback = "winding", .choices = trusts,
+     .help = "what decides the front of triangles wound against their normals", .commands = READS_SCENE, .offset = AT(trust_normals)},
     {.name = "half", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "false",
      .help = "half floats, where nothing overflows", .commands = KILN_FOR_BAKE, .offset = AT(half)},
     {.name = "stitch", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "true",
@@ -175,6 +188,9 @@ const struct kiln_option kiln_options[] = {
      .maximum = 32768, .help = "of the image", .commands = KILN_FOR_VIEW, .offset = AT(height)},
     {.name = "exposure", .group = "View", .kind = KILN_OPTION_DOUBLE, .value = "STOPS", .fallback = "0", .minimum = -100, .maximum = 100,
      .help = "brighter by powers of two", .commands = KILN_FOR_VIEW | KILN_FOR_BAKE, .offset = AT(exposure)},
+
+    {.name = "show", .group = "View", .kind = KILN_OPTION_CHOICE_FLAG, .fallback = "light", .choices = shows,
+     .help = "light, or the lightmaps' texels as a checkerboard", .commands = KILN_FOR_VIEW, .offset = AT(show_texels)},
 
     {.name = "ranks", .group = "Plan", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "1", .minimum = 1, .maximum = 1048576,
      .help = "how many ranks to plan for", .commands = KILN_FOR_PLAN, .offset = AT(ranks)},
@@ -357,13 +373,19 @@ size_t kiln_edit_distance(const char *a, const char *b)
     return distance[rows][columns];
 }
 
+bool kiln_is_near(const char *name, const char *known)
+{
+    const size_t length = strlen(name), other = strlen(known);
+    return 3 * kiln_edit_distance(name, known) < (length > other ? length : other) || (length >= 3 && strncmp(name, known, length) == 0);
+}
+
 const char *kiln_option_nearest(const char *name, uint32_t commands)
 {
     const char *nearest = NULL;
     size_t least = SIZE_MAX;
     for (size_t i = 0; i < kiln_option_count; i++) {
         const size_t distance = kiln_edit_distance(name, kiln_options[i].name);
-        if ((kiln_options[i].commands & commands) != 0 && distance < least) {
+        if ((kiln_options[i].commands & commands) != 0 && distance < least && kiln_is_near(name, kiln_options[i].name)) {
             least = distance;
             nearest = kiln_options[i].name;
         }
@@ -377,10 +399,18 @@ const char *kiln_command_nearest(const char *name)
     size_t least = SIZE_MAX;
     for (size_t i = 0; i < kiln_command_count; i++) {
         const size_t distance = kiln_edit_distance(name, kiln_commands[i].name);
-        if (distance < least) {
+        if (distance < least && kiln_is_near(name, kiln_commands[i].name)) {
             least = distance;
             nearest = kiln_commands[i].name;
         }
     }
     return nearest;
+}
+
+int kiln_command_unknown(const char *name, struct kiln_error *error)
+{
+    const char *nearest = kiln_command_nearest(name);
+    if (nearest == NULL)
+        return kiln_fail(error, KILN_USAGE, "unknown command '%.200s'; kiln --help lists all", name);
+    return kiln_fail(error, KILN_USAGE, "unknown command '%.200s'; the nearest one is '%s' (kiln --help lists all)", name, nearest);
 }

@@ -20,6 +20,8 @@ enum kiln_option_kind {
     KILN_OPTION_PATH,        /* a file or folder; in a job file relative to the job file's folder */
     KILN_OPTION_ENVIRONMENT, /* none | R,G,B | a path ending in .hdr or .exr */
     KILN_OPTION_POINT,       /* text "x,y,z" of three finite numbers, metres */
+    KILN_OPTION_RULES,       /* settings by pattern of objects' names: a mapping of mappings in a job file, {PATTERN: {KEY: VALUE}} in one
+                                line elsewhere; kept as JSON, see coordinator/import/settings.h */
     KILN_OPTION_CHOICE,      /* one of `choices`, kept as text */
     KILN_OPTION_CHOICE_ENUM, /* one of `choices`, kept as its index in an enum (int) */
     KILN_OPTION_CHOICE_FLAG  /* one of two `choices`, kept as bool: false for the first */
@@ -96,10 +98,17 @@ const struct kiln_command *kiln_command_find(const char *name);
 /* Optimal string alignment distance: how many insertions, deletions, substitutions and swaps of neighbours lie between. */
 size_t kiln_edit_distance(const char *a, const char *b);
 
-/* The known name with the least edit distance from `name`; the first in the table when several are as near. For options only
- * those with a bit of `commands` count. Never NULL. */
+/* Whether `known` may have been meant by `name`: less than a third of the longer one's letters differ, or `name` is how it begins
+ * (three letters at least). */
+bool kiln_is_near(const char *name, const char *known);
+
+/* The near name with the least edit distance from `name`; the first in the table when several are as near; NULL when none is
+ * near. For options only those with a bit of `commands` count. */
 const char *kiln_option_nearest(const char *name, uint32_t commands);
 const char *kiln_command_nearest(const char *name);
+
+/* KILN_USAGE with the sentence for a command that does not exist. */
+int kiln_command_unknown(const char *name, struct kiln_error *error);
 
 /* How messages and --help call the default of an option; "" where there is none worth naming. */
 const char *kiln_option_default(const struct kiln_option *option);

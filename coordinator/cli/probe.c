@@ -8,6 +8,7 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
 #include "coordinator/output/publish.h"
+#include "coordinator/output/units.h"
 #include "coordinator/output/volume_eval.h"
 
 static const char *const axis_names[6] = {"+x", "-x", "+y", "-y", "+z", "-z"};
@@ -71,9 +72,9 @@ static int find_answer(const char *directory, const struct question *q, struct a
 
 static json_t *rgb_json(const float rgb[3]) { return json_pack("[f, f, f]", (double)rgb[0], (double)rgb[1], (double)rgb[2]); }
 
-static int print_json(const struct question *q, const struct answer *a, struct kiln_error *error)
+static int print_json(const struct question *q, const struct answer *a, const struct kiln_units *units, struct kiln_error *error)
 {
-    json_t *root = json_pack("{s:s, s:s, s:[f,f,f], s:b, s:f, s:f}", "status", "done", "units", "W m-2", "position", q->position[0],
+    json_t *root = json_pack("{s:s, s:s, s:[f,f,f], s:b, s:f, s:f}", "status", "done", "units", units->irradiance, "position", q->position[0],
                              q->position[1], q->position[2], "outside", a->outside, "validity", (double)a->light.validity, "mean_distance",
                              (double)a->light.mean_distance);
     if (root != NULL && q->has_normal) {
@@ -90,12 +91,12 @@ static int print_json(const struct question *q, const struct answer *a, struct k
     return kiln_json_print(root, error);
 }
 
-static void print_text(const struct question *q, const struct answer *a)
+static void print_text(const struct question *q, const struct answer *a, const struct kiln_units *units)
 {
     if (q->has_normal) {
-        (void)printf("irradiance %.6g %.6g %.6g W/m2\n", a->irradiance[0], a->irradiance[1], a->irradiance[2]);
+        (void)printf("irradiance %.6g %.6g %.6g %s\n", a->irradiance[0], a->irradiance[1], a->irradiance[2], units->irradiance_text);
     } else {
-        (void)puts("irradiance on faces along the axes, W/m2 (R G B)");
+        (void)printf("irradiance on faces along the axes, %s (R G B)\n", units->irradiance_text);
         for (int i = 0; i < 6; i++)
             (void)printf("  %s  %-12.6g %-12.6g %.6g\n", axis_names[i], (double)a->light.axes[i][0], (double)a->light.axes[i][1],
                          (double)a->light.axes[i][2]);
@@ -118,9 +119,10 @@ int kiln_command_probe(struct kiln_job *job, struct kiln_error *error)
         status = find_answer(job->arguments[0], &question, &answer, error);
     if (status != KILN_OK)
         return status;
+    const struct kiln_units *units = kiln_units_of_bake(job->arguments[0]);
     if (job->json)
-        return print_json(&question, &answer, error);
+        return print_json(&question, &answer, units, error);
     if (!job->quiet)
-        print_text(&question, &answer);
+        print_text(&question, &answer, units);
     return KILN_OK;
 }

@@ -123,6 +123,7 @@ static void value_text(const struct kiln_job *job, const struct kiln_option *opt
     case KILN_OPTION_PATH:
     case KILN_OPTION_ENVIRONMENT:
     case KILN_OPTION_POINT:
+    case KILN_OPTION_RULES:
     case KILN_OPTION_CHOICE:
         (void)snprintf(text, size, "%s", *(char *const *)(const void *)at);
         break;

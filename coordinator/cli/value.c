@@ -180,5 +180,7 @@ int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, cons
     if (option->kind == KILN_OPTION_POINT && !triple(text, -HUGE_VAL))
         return kiln_fail(error, status, "%s: '%.200s' is not a point; it must be three numbers with commas between, as in 0,1.5,3",
                          where, text);
+    if (option->kind == KILN_OPTION_RULES)
+        return kiln_job_rules_parse(text, where, status, job, field(job, option), error);
     return kiln_job_keep_path(job, text, option->kind == KILN_OPTION_PATH ? folder : NULL, field(job, option), error);
 }

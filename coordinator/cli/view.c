@@ -13,13 +13,14 @@
 #include "coordinator/cli/json.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/output/publish.h"
+#include "coordinator/output/units.h"
 
 struct view {
     struct kiln_scene *scene;
     struct kiln_geometry *geometry;
     struct kiln_lights *lights;
     struct kiln_backend *backend;
-    struct kiln_image *image;
+    struct kiln_picture picture;
 };
 
 static int open_scene(struct view *v, const struct kiln_job *job, const char *directory, struct kiln_error *error)
@@ -30,6 +31,8 @@ static int open_scene(struct view *v, const struct kiln_job *job, const char *di
         status = kiln_scene_open(&v->scene, path, error);
     if (status == KILN_OK)
         status = kiln_geometry_create(&v->geometry, v->scene, error);
+    if (status == KILN_OK)
+        kiln_geometry_meet_all(v->geometry);
     if (status == KILN_OK)
         status = kiln_lights_create(&v->lights, v->scene, v->geometry, error);
     if (status != KILN_OK)
@@ -52,27 +55,35 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
 {
     double from[3], to[3];
     struct kiln_view_wish wish = {.camera = job->camera, .field_of_view = job->field_of_view, .width = job->width, .height = job->height};
-    struct kiln_view_params params = {.directory = directory, .scene = v->scene, .geometry = v->geometry, .lights = v->lights,
-                                      .backend = v->backend, .side = 4};
+    const struct kiln_view_source source = {.directory = directory, .scene = v->scene, .geometry = v->geometry, .lights = v->lights,
+                                            .backend = v->backend, .texels = job->show_texels};
     int status = KILN_OK;
     if (job->from != NULL && (status = read_point("from", job->from, from, error)) == KILN_OK)
         wish.from = from;
     if (status == KILN_OK && job->to != NULL && (status = read_point("to", job->to, to, error)) == KILN_OK)
         wish.to = to;
-    if (status == KILN_OK)
-        status = kiln_view_aim(v->scene, &wish, &params.camera, &params.width, &params.height, error);
-    return status == KILN_OK ? kiln_view_render(&params, &v->image, error) : status;
+    return status == KILN_OK ? kiln_picture_make(&source, &wish, 4, &v->picture, error) : status;
 }
 
-static int write_picture(const struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
+/* By whether metals (1) and backs without a lightmap of their own (2) are in the picture. */
+static const char *const approximations[] = {"", "metals: base colour x irradiance / pi", "backs: the front's irradiance",
+                                             "metals: base colour x irradiance / pi; backs: the front's irradiance"};
+
+static int write_picture(const struct view *v, const struct kiln_job *job, const char *directory, const char *path, struct kiln_error *error)
 {
     const char *dot = strrchr(path, '.');
+    char viewpoint[KILN_VIEWPOINT_TEXT];
+    const char *approximate = approximations[(v->picture.shares.metal > 0.0) + 2 * (v->picture.shares.lent > 0.0)];
     if (dot != NULL && strcasecmp(dot, ".png") == 0)
-        return kiln_png_write(path, v->image, NULL, job->exposure, error);
+        return kiln_picture_write(path, &v->picture, job->exposure, error);
+    kiln_viewpoint_text(&v->picture.viewpoint, viewpoint);
     const struct kiln_exr_attribute attributes[] = {{.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
-                                                    {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = "radiance"},
-                                                    {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = "W m-2 sr-1"}};
-    return kiln_exr_write(path, v->image, attributes, sizeof attributes / sizeof *attributes, error);
+                                                    {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = job->show_texels ? "a checkerboard of texels" : "radiance"},
+                                                    {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = kiln_units_of_bake(directory)->radiance},
+                                                    {.name = "kiln:viewpoint", .kind = KILN_EXR_STRING, .text = viewpoint},
+                                                    {.name = "kiln:approximate", .kind = KILN_EXR_STRING, .text = approximate}};
+    const size_t count = sizeof attributes / sizeof *attributes - (approximate[0] != '\0' ? 0 : 1);
+    return kiln_exr_write(path, v->picture.image, attributes, count, error);
 }
 
 static int check_extension(const char *path, struct kiln_error *error)
@@ -85,11 +96,20 @@ static int check_extension(const char *path, struct kiln_error *error)
 
 static int tell(const struct kiln_job *job, const struct view *v, const char *path, struct kiln_error *error)
 {
-    if (job->json)
-        return kiln_json_print(json_pack("{s:s, s:o, s:i, s:i}", "status", "done", "output", kiln_json_string(path), "width", (int)v->image->width,
-                                         "height", (int)v->image->height), error);
-    if (!job->quiet)
-        (void)printf("%s: %u x %u pixels\n", path, v->image->width, v->image->height);
+    const struct kiln_image *image = v->picture.image;
+    char text[KILN_PICTURE_TEXT];
+    if (job->json) {
+        json_t *root = json_pack("{s:s, s:o, s:i, s:i}", "status", "done", "output", kiln_json_string(path), "width", (int)image->width, "height",
+                                 (int)image->height);
+        json_t *picture = kiln_picture_json(&v->picture, job->exposure);
+        (void)json_object_update(root, picture);
+        json_decref(picture);
+        return kiln_json_print(root, error);
+    }
+    if (job->quiet)
+        return KILN_OK;
+    kiln_picture_text(&v->picture, job->exposure, text);
+    (void)printf("%s: %u x %u pixels\n%s\n", path, image->width, image->height, text);
     return KILN_OK;
 }
 
@@ -110,10 +130,10 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
     if (status == KILN_OK)
         status = render(&v, job, directory, error);
     if (status == KILN_OK)
-        status = write_picture(&v, job, path, error);
+        status = write_picture(&v, job, directory, path, error);
     if (status == KILN_OK)
         status = tell(job, &v, path, error);
-    kiln_image_destroy(&v.image);
+    kiln_image_destroy(&v.picture.image);
     kiln_backend_destroy(&v.backend);
     kiln_lights_destroy(&v.lights);
     kiln_geometry_destroy(&v.geometry);

@@ -145,19 +145,45 @@ static struct kiln_vec3 unit(struct kiln_vec3 n)
     return vec3_add(vec3_of(dvec3_scale(d, 1.0 / length)), vec3(0.0f, 0.0f, 0.0f));
 }
 
+static struct kiln_vec3 opposite(struct kiln_vec3 n) { return vec3_sub(vec3(0.0f, 0.0f, 0.0f), n); }
+
+/* Corners 1 and 2 change places. */
+static void turn_triangle(struct triangle *t)
+{
+    const uint32_t corner = t->corner[1];
+    const struct kiln_vec3 position = t->position[1], normal = t->normal[1];
+    t->corner[1] = t->corner[2];
+    t->position[1] = t->position[2];
+    t->normal[1] = t->normal[2];
+    t->corner[2] = corner;
+    t->position[2] = position;
+    t->normal[2] = normal;
+    t->geometric = opposite(t->geometric);
+}
+
+/* Makes triangle and normals agree on a front; whether they did not. */
+static bool settle_front(struct triangle *t, bool trust_normals)
+{
+    float lean = 0.0f;
+    for (int c = 0; c < 3; c++) {
+        t->normal[c] = unit(t->normal[c]);
+        lean += vec3_dot(t->normal[c], t->geometric);
+    }
+    if (!(lean < 0.0f))
+        return false;
+    if (trust_normals)
+        turn_triangle(t);
+    for (int c = 0; c < 3 && !trust_normals; c++)
+        t->normal[c] = opposite(t->normal[c]);
+    return true;
+}
+
 /* Makes the three normals usable; returns how many of the file's were zero. */
 static unsigned settle_normals(struct triangle *t, bool given, struct kiln_assembly_counts *counts, uint32_t *flags)
 {
     unsigned zero = 0;
-    float lean = 0.0f;
-    for (int c = 0; c < 3 && given; c++) {
-        t->normal[c] = unit(t->normal[c]);
-        lean += vec3_dot(t->normal[c], t->geometric);
-    }
-    if (lean < 0.0f)
-        counts->turned_normals++;
     for (int c = 0; c < 3; c++) {
-        struct kiln_vec3 n = lean < 0.0f ? vec3_sub(vec3(0.0f, 0.0f, 0.0f), t->normal[c]) : t->normal[c];
+        struct kiln_vec3 n = t->normal[c];
         if (!given || vec3_dot(n, n) == 0.0f) {
             zero += given;
             n = t->geometric;
@@ -224,6 +250,8 @@ int kiln_mesh_add(struct kiln_builder *builder, uint32_t index, const struct kil
             continue;
         }
         kept++;
+        if (primitive->has_normals && settle_front(&t, builder->trust_normals))
+            builder->mesh_turned[index]++;
         const unsigned zero = settle_normals(&t, primitive->has_normals, counts, &mesh.flags);
         zero_normals += zero;
         counts->replaced_normals += zero;
@@ -289,4 +317,32 @@ int kiln_object_add(struct kiln_builder *builder, uint32_t mesh_index, const dou
     if (status == KILN_OK)
         status = kiln_builder_string(builder, original, strlen(original), &object.original_name, error);
     return status != KILN_OK ? status : kiln_builder_append(builder, KILN_SECTION_OBJECTS, &object, 1, NULL, error);
+}
+
+static int note_object(struct kiln_builder *builder, size_t index, struct kiln_error *error)
+{
+    const struct kiln_object *object = &KILN_BUILDER_DATA(builder, const struct kiln_object, KILN_SECTION_OBJECTS)[index];
+    const struct kiln_mesh *mesh = &KILN_BUILDER_DATA(builder, const struct kiln_mesh, KILN_SECTION_MESHES)[object->mesh];
+    return kiln_builder_note(builder, builder->trust_normals ? KILN_NOTE_INFORMATION : KILN_NOTE_SAID, error,
+                             "object \"%.200s\": %llu of %llu triangles have normals against their winding; %s",
+                             KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS) + object->name,
+                             (unsigned long long)builder->mesh_turned[object->mesh], (unsigned long long)mesh->triangle_count,
+                             builder->trust_normals ? "the normals decide, and the triangles were turned round"
+                                                    : "the winding decides, and the normals were turned round (--trust normals does the contrary)");
+}
+
+int kiln_note_winding(struct kiln_builder *builder, struct kiln_error *error)
+{
+    enum { NOTES_MAX = 8 };
+    size_t count = 0;
+    int status = KILN_OK;
+    for (size_t i = 0; i < builder->sections[KILN_SECTION_OBJECTS].count && status == KILN_OK; i++) {
+        const uint32_t mesh = KILN_BUILDER_DATA(builder, const struct kiln_object, KILN_SECTION_OBJECTS)[i].mesh;
+        if (builder->mesh_turned[mesh] > 0 && count++ < NOTES_MAX)
+            status = note_object(builder, i, error);
+    }
+    if (count > NOTES_MAX && status == KILN_OK)
+        status = kiln_builder_note(builder, builder->trust_normals ? KILN_NOTE_INFORMATION : KILN_NOTE_SAID, error,
+                                   "%zu more objects have triangles with normals against their winding", count - NOTES_MAX);
+    return status;
 }

@@ -2,7 +2,8 @@
  *
  * The rules, the same for all formats:
  * - The winding decides the front face (counter-clockwise). Where the three normals of a triangle lean to the other side they
- *   are turned round; a single corner normal that still leans away is replaced by the geometric one.
+ *   are turned round, or with builder->trust_normals the triangle is; a single corner normal that still leans away is replaced by the
+ *   geometric one.
  * - A missing or zero normal becomes the geometric one; a primitive whose normals are all zero is refused.
  * - A triangle without area (2 A <= 1e-12 x longest edge squared) is left out and counted.
  * - Only vertices that a kept triangle uses are stored; corners share a vertex when they come from the same vertex of the file
@@ -38,13 +39,16 @@ struct kiln_primitive {
 
 /* What was changed on the way, over all primitives that were given this struct. */
 struct kiln_assembly_counts {
-    uint64_t without_area, turned_normals, replaced_normals;
+    uint64_t without_area, replaced_normals;
 };
 
 /* Begins a mesh at the end of the builder; add primitives, then end. One mesh at a time. */
 int kiln_mesh_begin(struct kiln_builder *builder, const char *name, uint32_t *mesh, struct kiln_error *error);
 int kiln_mesh_add(struct kiln_builder *builder, uint32_t mesh, const struct kiln_primitive *primitive,
                   struct kiln_assembly_counts *counts, struct kiln_error *error);
+
+/* A note for each of the first objects with triangles wound against their normals, and one for the rest. After the last object. */
+int kiln_note_winding(struct kiln_builder *builder, struct kiln_error *error);
 
 /* Appends an object unless it has no area in the world (which *skipped tells). `transform` is checked to be finite; name
  * and original are as in struct kiln_object. `source` (NULL: not known) says where it stands in its file. */

@@ -5,6 +5,7 @@
 
 #include <stdbool.h>
 
+#include "coordinator/import/settings.h"
 #include "worker/scene/scene.h"
 
 struct kiln_builder {
@@ -16,8 +17,14 @@ struct kiln_builder {
      * the TEXCOORD_LIGHTMAP of its vertices is zero until the layout is made. */
     uint8_t *mesh_has_lightmap_uv;
     size_t mesh_capacity;
+    uint64_t *mesh_turned; /* a mesh's triangles whose normals lie against their winding; grown with the meshes */
+    size_t turned_capacity;
+    bool trust_normals;    /* such a triangle is turned round; else its normals are */
+    struct kiln_object_settings *object_settings; /* what the user says of an object; one an object, grown with the objects */
+    size_t object_capacity;
     uint64_t import_hash[2];
-    float texels_per_metre;
+    float texels_per_metre, padding_factor; /* of the header */
+    uint32_t units; /* enum kiln_scene_units */
 };
 
 /* Largest size of a coordinate, m, in a mesh and in the world: products of three stay within float. */
@@ -32,7 +39,7 @@ int kiln_builder_append(struct kiln_builder *builder, enum kiln_scene_section se
                         size_t *first, struct kiln_error *error);
 /* Adds a string (at most `length` bytes) and gives its offset. */
 int kiln_builder_string(struct kiln_builder *builder, const char *text, size_t length, uint32_t *offset, struct kiln_error *error);
-/* Adds a note (severity 0 information, 1 warning). */
+/* Adds a note of a severity as in struct kiln_note. */
 int kiln_builder_note(struct kiln_builder *builder, uint32_t severity, struct kiln_error *error, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
 /* Computes centre, bounds and hashes and writes the file to `path` (new, synced; the caller renames).

@@ -1,13 +1,14 @@
 /* How the parent and the confined child talk: argv one way, one text the other (confined.h); and what a child does to itself first.
  *
- * argv: PROGRAM import-child PATH OUTPUT TEXELS_PER_METRE SIZE MAX ENVIRONMENT SCALE ROTATION MEMORY SECONDS PROGRAM_HASH */
+ * argv: PROGRAM import-child PATH OUTPUT TEXELS_PER_METRE SIZE MAX ENVIRONMENT SCALE ROTATION MEMORY SECONDS PROGRAM_HASH OBJECTS TRUST
+ * REPACK */
 #ifndef KILN_COORDINATOR_IMPORT_CHILD_H
 #define KILN_COORDINATOR_IMPORT_CHILD_H
 
 #include "coordinator/import/confine.h"
 #include "coordinator/import/import.h"
 
-enum { KILN_CHILD_ARGUMENTS = 13 };
+enum { KILN_CHILD_ARGUMENTS = 16 };
 
 /* Dies with the parent; limits on memory, CPU time, open files and file size; a fence around files: the folder of params->path may be
  * read, that of params->output read and written, and params->environment read. */

@@ -8,7 +8,9 @@
  * Nothing is believed before it is checked, and nothing is allocated for a number that the file merely claims: accessors are
  * read in place, element by element, so a sparse or empty accessor of any count costs nothing. Limits, all reported by name:
  *   JSON objects and arrays            2^21                nodes, meshes, accessors, ...   what the JSON holds
- *   triangles stored                   65,536 + 1 for each byte of the scene's files (an index takes a byte at least)
+ *   triangles stored                   65,536 + 1 for each byte of the scene's files (an index takes a byte at least), and 64
+ *                                      for each byte of Draco data (a triangle takes a bit or two)
+ *   decompressed buffer views          65,536 + 256 bytes for each byte of meshopt data
  *   sparse elements                    65,536 + 1 a byte   objects (instances expanded)    65,536 + 1 a byte, at most 2^20
  *   triangles with instances expanded  2^30                texels                          coordinator/import/image.h
  *   image side                         16,384              depth of the node tree          none: it is walked without recursion

@@ -216,6 +216,9 @@ static void read_view(struct gltf *g, size_t index)
     }
     view->data = g->buffers[buffer].data == NULL ? NULL : g->buffers[buffer].data + offset;
     view->size = (size_t)length;
+    const json_t *compressed = gltf_extension(g, place, json, "EXT_meshopt_compression");
+    if (compressed != NULL)
+        gltf_read_meshopt(g, (struct gltf_place){"bufferViews", index, ".extensions.EXT_meshopt_compression"}, compressed, view);
 }
 
 void gltf_read_buffers(struct gltf *g)

@@ -23,6 +23,8 @@ struct gltf_view {
     const unsigned char *data;
     size_t size;
     size_t stride; /* 0: tightly packed */
+    unsigned char *owned; /* decompressed */
+    bool counted;         /* its Draco triangles are */
 };
 
 struct gltf_accessor {
@@ -79,9 +81,11 @@ struct gltf {
     struct kiln_image_budget image_budget;
     struct kiln_assembly_counts assembly;
     struct kiln_names names;
+    uint64_t draco_triangles; /* that compressed bytes may hold besides */
     uint64_t triangles, sparse_elements, objects, expanded;
     /* what notes are made of */
     uint64_t points_and_lines, without_material, missing_texcoords, clamped_colors, without_area_objects, skipped_lights;
+    uint64_t unknown_settings;
     bool skins, morphs;
 };
 
@@ -125,6 +129,24 @@ void gltf_open(struct gltf *g);
 void gltf_read_buffers(struct gltf *g);
 /* Decodes a "data:" URI into *bytes (kiln_allocate'd). */
 void gltf_decode_data(struct gltf *g, struct gltf_place place, const char *uri, unsigned char **bytes, size_t *size);
+
+/* gltf_meshopt.c: decodes EXT_meshopt_compression into view->owned, and sets data and size. */
+void gltf_read_meshopt(struct gltf *g, struct gltf_place place, const json_t *extension, struct gltf_view *view);
+
+/* gltf_draco.c. Copies of a primitive's accessors, by the name of their attribute (count 0: not used), are pointed to decompressed
+ * values; those that the extension does not name are left alone. Free the values, also after a failure. */
+enum { GLTF_DRACO_ATTRIBUTES = 6 };
+struct gltf_draco_use {
+    const char *name; /* "POSITION" */
+    struct gltf_accessor *accessor;
+};
+struct gltf_draco_values {
+    uint32_t *indices;
+    float *attributes[GLTF_DRACO_ATTRIBUTES];
+};
+void gltf_read_draco(struct gltf *g, struct gltf_place place, const json_t *primitive, struct gltf_draco_use *uses, size_t use_count,
+                     struct gltf_accessor *indices, struct gltf_draco_values *values);
+void gltf_draco_values_free(struct gltf_draco_values *values);
 
 /* gltf_accessor.c */
 void gltf_read_accessors(struct gltf *g);

@@ -14,6 +14,8 @@ struct primitive {
     unsigned mode;
     size_t corner_count;
     bool clamped_color;
+    struct gltf_accessor copies[GLTF_DRACO_ATTRIBUTES + 1]; /* of those above, where their values are compressed */
+    struct gltf_draco_values values;
 };
 
 static const struct gltf_accessor *attribute(struct gltf *g, struct gltf_place place, const json_t *attributes, const char *name,
@@ -135,6 +137,37 @@ static void read_primitive(struct gltf *g, struct gltf_place place, const json_t
                             (p->material->emission.texture != KILN_NONE && p->emission == NULL);
 }
 
+/* Puts decompressed values in the place of the accessors'. */
+static void decompress(struct gltf *g, struct gltf_place place, const json_t *json, struct primitive *p)
+{
+    char base[32], emission[32];
+    (void)snprintf(base, sizeof base, "TEXCOORD_%u", p->material == NULL ? 0 : p->material->base.texcoord);
+    (void)snprintf(emission, sizeof emission, "TEXCOORD_%u", p->material == NULL ? 0 : p->material->emission.texcoord);
+    const struct {
+        const char *name;
+        const struct gltf_accessor **accessor;
+    } used[GLTF_DRACO_ATTRIBUTES] = {{"POSITION", &p->position}, {"NORMAL", &p->normal}, {"COLOR_0", &p->color},
+                                     {"TEXCOORD_1", &p->lightmap}, {base, &p->base}, {emission, &p->emission}};
+    struct gltf_draco_use uses[GLTF_DRACO_ATTRIBUTES];
+    if (p->mode != TRIANGLES) {
+        gltf_fail(g, place, "mode", "is %u; with Draco kiln reads triangles (4)", p->mode);
+        return;
+    }
+    struct gltf_accessor *indices = &p->copies[GLTF_DRACO_ATTRIBUTES];
+    if (p->indices != NULL)
+        *indices = *p->indices;
+    for (size_t i = 0; i < GLTF_DRACO_ATTRIBUTES; i++) {
+        if (*used[i].accessor != NULL)
+            p->copies[i] = **used[i].accessor;
+        uses[i] = (struct gltf_draco_use){used[i].name, &p->copies[i]};
+    }
+    gltf_read_draco(g, place, json, uses, GLTF_DRACO_ATTRIBUTES, indices, &p->values);
+    for (size_t i = 0; i < GLTF_DRACO_ATTRIBUTES; i++)
+        if (*used[i].accessor != NULL)
+            *used[i].accessor = &p->copies[i];
+    p->indices = indices;
+}
+
 static size_t triangle_count(const struct primitive *p)
 {
     if (p->mode == TRIANGLES)
@@ -142,25 +175,17 @@ static size_t triangle_count(const struct primitive *p)
     return p->corner_count < 3 ? 0 : p->corner_count - 2;
 }
 
-/* Appends one primitive; tells whether it had a lightmap coordinate for its triangles. */
-static void add_primitive(struct gltf *g, struct gltf_place place, const json_t *json, uint32_t mesh, uint32_t index, bool *lacks_lightmap_uv)
+/* Appends one primitive; tells whether it lacks a lightmap coordinate for its triangles. */
+static void store_primitive(struct gltf *g, struct gltf_place place, struct primitive *p, uint32_t material, uint32_t mesh, uint32_t index,
+                            bool *lacks_lightmap_uv)
 {
-    struct primitive p = {0};
-    uint32_t material = KILN_NONE;
-    read_primitive(g, place, json, &p, &material);
-    if (g->status != KILN_OK)
-        return;
-    if (p.mode <= LINES_LAST) {
-        g->points_and_lines++;
-        return;
-    }
-    const size_t triangles = triangle_count(&p);
-    if (p.mode == TRIANGLES && p.corner_count % 3 != 0) {
-        gltf_fail(g, place, "indices", "has %zu corners, which is not a multiple of 3", p.corner_count);
+    const size_t triangles = triangle_count(p);
+    if (p->mode == TRIANGLES && p->corner_count % 3 != 0) {
+        gltf_fail(g, place, "indices", "has %zu corners, which is not a multiple of 3", p->corner_count);
         return;
     }
     g->triangles += triangles;
-    if (g->triangles > 65536 + g->confine->total_bytes || triangles > UINT32_MAX) {
+    if (g->triangles > 65536 + g->confine->total_bytes + g->draco_triangles || triangles > UINT32_MAX) {
         gltf_fail(g, place, "", "brings the scene to %llu triangles, more than its bytes can hold", (unsigned long long)g->triangles);
         return;
     }
@@ -170,13 +195,29 @@ static void add_primitive(struct gltf *g, struct gltf_place place, const json_t 
     }
     char where[640];
     (void)snprintf(where, sizeof where, "%.512s: %s[%zu]%s", g->confine->scene, place.array, place.index, place.below);
-    const struct kiln_primitive primitive = {.where = where, .context = &p, .vertex_count = p.position->count,
-                                             .triangle_count = triangles, .has_normals = p.normal != NULL, .material = material, .index = index,
+    const struct kiln_primitive primitive = {.where = where, .context = p, .vertex_count = p->position->count,
+                                             .triangle_count = triangles, .has_normals = p->normal != NULL, .material = material, .index = index,
                                              .corners = read_corners, .geometry = read_geometry, .attributes = read_attributes};
     if (g->status == KILN_OK)
         gltf_take(g, kiln_mesh_add(g->builder, mesh, &primitive, &g->assembly, g->error));
-    g->clamped_colors += p.clamped_color;
-    *lacks_lightmap_uv |= triangles > 0 && p.lightmap == NULL;
+    g->clamped_colors += p->clamped_color;
+    *lacks_lightmap_uv |= triangles > 0 && p->lightmap == NULL;
+}
+
+static void add_primitive(struct gltf *g, struct gltf_place place, const json_t *json, uint32_t mesh, uint32_t index, bool *lacks_lightmap_uv)
+{
+    struct primitive p = {0};
+    uint32_t material = KILN_NONE;
+    read_primitive(g, place, json, &p, &material);
+    if (g->status == KILN_OK && p.mode <= LINES_LAST) {
+        g->points_and_lines++;
+        return;
+    }
+    if (g->status == KILN_OK && gltf_extension(g, place, json, "KHR_draco_mesh_compression") != NULL)
+        decompress(g, place, json, &p);
+    if (g->status == KILN_OK)
+        store_primitive(g, place, &p, material, mesh, index, lacks_lightmap_uv);
+    gltf_draco_values_free(&p.values);
 }
 
 uint32_t gltf_mesh(struct gltf *g, uint32_t index)

@@ -372,6 +372,37 @@ static void add_instances(struct gltf *g, const struct kiln_object_source *node,
     }
 }
 
+enum { SETTING_NOTES_MAX = 16 };
+
+/* One key of a node's settings. One that kiln does not know may be a slip, or another program's: it is named and left alone. */
+static void read_setting(struct gltf *g, size_t node_index, const char *key, const json_t *value, struct kiln_object_settings *settings)
+{
+    char where[640];
+    bool known = false;
+    (void)snprintf(where, sizeof where, "%.512s: nodes[%zu].extras", g->confine->scene, node_index);
+    gltf_take(g, kiln_object_settings_read(settings, key, value, where, KILN_BAD_INPUT, &known, g->error));
+    if (g->status == KILN_OK && !known && g->unknown_settings++ < SETTING_NOTES_MAX)
+        gltf_take(g, kiln_builder_note(g->builder, 1, g->error, "nodes[%zu].extras: kiln has no setting '%.80s' for an object; the nearest one is '%s'",
+                                       node_index, key, kiln_object_settings_nearest(key)));
+}
+
+/* node.extras.kiln = {KEY: value}, and node.extras["kiln-KEY"] or ["kiln_KEY"]: see settings.h. */
+static void read_settings(struct gltf *g, size_t node_index, const json_t *node, struct kiln_object_settings *settings)
+{
+    const json_t *extras = json_object_get(node, "extras");
+    const char *key;
+    json_t *value;
+    json_object_foreach(json_object_get(extras, "kiln"), key, value) {
+        if (g->status == KILN_OK)
+            read_setting(g, node_index, key, value, settings);
+    }
+    json_object_foreach((json_t *)(uintptr_t)extras, key, value) {
+        /* "kiln_lightmap" is what an exported scene says of the lightmap it came with */
+        if (g->status == KILN_OK && (strncmp(key, "kiln-", 5) == 0 || strncmp(key, "kiln_", 5) == 0) && strcmp(key + 5, "lightmap") != 0)
+            read_setting(g, node_index, key + 5, value, settings);
+    }
+}
+
 static void add_mesh(struct gltf *g, size_t node_index, const json_t *node, const double world[12])
 {
     const struct gltf_place place = {"nodes", node_index, ""};
@@ -387,12 +418,17 @@ static void add_mesh(struct gltf *g, size_t node_index, const json_t *node, cons
     const char *original = first_name(gltf_string(g, place, node, "name"), "");
     const char *mesh_name = gltf_string(g, (struct gltf_place){"meshes", index, ""}, gltf_element(g, "meshes", index), "name");
     const char *wish = first_name(original, first_name(mesh_name, number));
+    const size_t first = g->builder->sections[KILN_SECTION_OBJECTS].count;
+    struct kiln_object_settings settings = {0};
+    read_settings(g, node_index, node, &settings);
     const json_t *instancing = gltf_extension(g, place, node, "EXT_mesh_gpu_instancing");
     const struct kiln_object_source source = {(uint32_t)node_index, index, KILN_NONE};
     if (instancing != NULL)
         add_instances(g, &source, instancing, mesh, wish, world);
     else
         add_object(g, &source, mesh, wish, original, world);
+    for (size_t i = first; i < g->builder->sections[KILN_SECTION_OBJECTS].count; i++)
+        g->builder->object_settings[i] = settings;
 }
 
 /* scenes[i].extras.environment: {"type": "constant", "radiance": [r, g, b]}, or "sunsky" with constant_sky_radiance. */

@@ -111,7 +111,9 @@ static int run_child(const struct kiln_import_params *params, uint64_t program, 
     (void)snprintf(numbers[7], NUMBER_SIZE, "%016llx", (unsigned long long)program);
     const char *environment = params->environment == NULL ? "" : params->environment;
     const char *arguments[KILN_CHILD_ARGUMENTS + 1] = {"kiln",     "import-child", params->path, part,       numbers[0], numbers[1], numbers[2],
-                                                       environment, numbers[3],     numbers[4],   numbers[5], numbers[6], numbers[7], NULL};
+                                                       environment, numbers[3],     numbers[4],   numbers[5], numbers[6], numbers[7],
+                                                       params->objects == NULL ? "" : params->objects, params->trust_normals ? "normals" : "winding",
+                                                       params->repack ? "repack" : "", NULL};
     const struct kiln_confined_call call = {.program = program_of(params), .arguments = arguments, .input = -1, .subject = params->path,
                                             .what = "importer", .seconds = wall_limit(params)};
     return kiln_confined_run(&call, error);
@@ -150,7 +152,8 @@ static int publish(const char *part, const char *output, struct kiln_error *erro
 
 static int check_settings(const struct kiln_import_params *params, const struct kiln_scene *scene, struct kiln_error *error)
 {
-    bool fits = (params->environment == NULL || params->environment[0] == '\0') &&
+    bool fits = !params->repack && (params->environment == NULL || params->environment[0] == '\0') &&
+                (params->objects == NULL || params->objects[0] == '\0') && !params->trust_normals &&
                 (params->environment_scale == 0.0 || params->environment_scale == 1.0) && params->environment_rotation_degrees == 0.0 &&
                 (params->texels_per_metre == 0.0 || (float)params->texels_per_metre == scene->header->texels_per_metre);
     for (size_t i = 0; i < scene->object_count && fits; i++) {
@@ -161,7 +164,7 @@ static int check_settings(const struct kiln_import_params *params, const struct 
     }
     if (fits)
         return KILN_OK;
-    return kiln_fail(error, KILN_USAGE, "%.512s: a kiln scene file has its lightmap sizes and environment already; give the original scene to change them",
+    return kiln_fail(error, KILN_USAGE, "%.512s: a kiln scene file has its lightmap sizes, environment, objects and fronts already; give the original scene to change them",
                      params->path);
 }
 

@@ -21,8 +21,11 @@ struct kiln_import_params {
     const char *output; /* where to put the scene file */
     double texels_per_metre;
     uint32_t lightmap_size, lightmap_max;
+    bool repack; /* as in struct kiln_layout_params */
     const char *environment; /* as in struct kiln_job; an image named by the user may lie anywhere */
     double environment_scale, environment_rotation_degrees;
+    const char *objects; /* rules for single objects, as coordinator/import/settings.h has them; NULL: none */
+    bool trust_normals;  /* where a triangle's normals lean against its winding: they decide its front, not the winding */
     uint64_t memory_limit; /* bytes; 0: 4 GiB + 64 x the size of the scene's files, at most 3/4 of the machine's memory */
     uint32_t time_limit;   /* seconds of CPU; 0: 60 + 1 a 10 MB, and for the layout 60 + 1 a 2,000 triangles */
     const char *program;   /* the kiln program that is to read; NULL: the one that runs */

@@ -307,7 +307,6 @@ static void write_notes(struct reader *r)
         uint64_t count;
         const char *text;
     } notes[] = {{r->assembly.without_area, "triangles without area were left out"},
-                 {r->assembly.turned_normals, "triangles had normals against their winding; the winding decides, the normals were turned"},
                  {r->assembly.replaced_normals, "corner normals were zero or behind their triangle; the geometric normal took their place"},
                  {r->not_triangles, "points or lines were left out (they count among the triangles without area)"},
                  {r->without_area_objects, "objects are scaled to nothing and were left out"}};

@@ -7,6 +7,7 @@
 #include <strings.h>
 #include <xxhash.h>
 
+#include "coordinator/import/assemble.h"
 #include "coordinator/import/gltf.h"
 #include "coordinator/import/image.h"
 #include "coordinator/import/obj.h"
@@ -94,6 +95,7 @@ int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(con
     if (status != KILN_OK)
         return status;
     confine->mapped = mapped;
+    builder->trust_normals = params->trust_normals;
     switch (reader_of(confine->name)) {
     case READER_GLTF:
         status = kiln_gltf_read(confine, builder, error);
@@ -107,6 +109,10 @@ int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(con
     }
     if (status == KILN_OK)
         status = set_environment(params, confine, builder, error);
+    if (status == KILN_OK)
+        status = kiln_object_settings_apply(builder, params->objects, error);
+    if (status == KILN_OK)
+        status = kiln_note_winding(builder, error);
     kiln_confine_destroy(&confine);
     return status;
 }
@@ -115,11 +121,14 @@ void kiln_import_key(const struct kiln_import_params *params, uint64_t program, 
                      const char *strings, uint64_t key[2])
 {
     char text[512];
-    const int length = snprintf(text, sizeof text, "%016llx %.17g %u %u %.17g %.17g ", (unsigned long long)program, params->texels_per_metre,
-                                params->lightmap_size, params->lightmap_max, params->environment_scale, params->environment_rotation_degrees);
+    const int length = snprintf(text, sizeof text, "%016llx %.17g %u %u %d %.17g %.17g %d ", (unsigned long long)program, params->texels_per_metre,
+                                params->lightmap_size, params->lightmap_max, params->repack, params->environment_scale,
+                                params->environment_rotation_degrees, params->trust_normals);
     const char *environment = params->environment == NULL ? "" : params->environment;
     XXH128_hash_t hash = XXH3_128bits(text, (size_t)length);
     hash = XXH3_128bits_withSeed(environment, strlen(environment), hash.low64 ^ hash.high64);
+    const char *objects = params->objects == NULL ? "" : params->objects;
+    hash = XXH3_128bits_withSeed(objects, strlen(objects), hash.low64 ^ hash.high64);
     for (size_t i = 0; i < source_count; i++) {
         const char *path = strings + sources[i].path;
         const uint64_t numbers[5] = {hash.low64, hash.high64, sources[i].size, sources[i].hash[0], sources[i].hash[1]};

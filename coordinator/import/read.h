@@ -7,8 +7,8 @@
 #include "coordinator/import/confine.h"
 #include "coordinator/import/import.h"
 
-/* Chooses the reader by the file's first bytes and name, reads, and puts the environment that the settings ask for in place of
- * the scene's. `mapped` (may be NULL) is told when another file has been mapped. The layouts are not made yet. */
+/* Chooses the reader by the file's first bytes and name, reads, puts the environment that the settings ask for in place of
+ * the scene's, and does with single objects what the document and the settings say. `mapped` (may be NULL) is told when another file has been mapped. The layouts are not made yet. */
 int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(const struct kiln_confine *), struct kiln_builder *builder,
                      struct kiln_error *error);
 

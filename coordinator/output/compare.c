@@ -237,7 +237,7 @@ static int sum_similarity(struct pair *p, struct kiln_difference *d, struct kiln
 
 static void derive(struct kiln_difference *d)
 {
-    const double texels = (double)d->texels, values = texels * d->channel_count, interior = (double)d->interior * d->channel_count;
+    const double texels = d->measure, values = texels * d->channel_count, interior = d->interior_measure * d->channel_count;
     d->rmse = values > 0.0 ? sqrt(d->squares / values) : 0.0;
     d->nrmse = d->interior_reference > 0.0 ? sqrt(d->interior_squares / interior) / (d->interior_reference / interior) : (double)NAN;
     d->rel_rmse = values > 0.0 ? sqrt(d->relative_squares / values) : 0.0;
@@ -264,7 +264,7 @@ int kiln_compare_images(const struct kiln_image *a, const struct kiln_image *b, 
 {
     struct pair p = {0};
     struct kiln_difference *d = difference;
-    *d = (struct kiln_difference){.identical = same_bits(a, b)};
+    *d = (struct kiln_difference){.identical = same_bits(a, b), .weight = 1.0};
     int status = pair_images(&p, a, b, &d->not_finite, error);
     if (status == KILN_OK) {
         d->channel_count = p.channel_count;
@@ -273,6 +273,8 @@ int kiln_compare_images(const struct kiln_image *a, const struct kiln_image *b, 
         for (size_t i = 0; i < (size_t)p.width * p.height; i++)
             if (p.used[i] != 0)
                 sum_texel(&p, i, d);
+        d->measure = (double)d->texels;
+        d->interior_measure = (double)d->interior;
         sum_relative(&p, d);
         status = sum_similarity(&p, d, error);
     }
@@ -293,21 +295,23 @@ void kiln_difference_add(struct kiln_difference *set, const struct kiln_differen
     set->interior += one->interior;
     set->not_finite += one->not_finite;
     set->identical = set->identical && one->identical;
-    set->squares += one->squares;
-    set->interior_squares += one->interior_squares;
-    set->interior_reference += one->interior_reference;
-    set->relative_squares += one->relative_squares;
-    set->lengths += one->lengths;
-    set->similarity += one->similarity;
-    set->reference += one->reference;
+    set->measure += one->weight * one->measure;
+    set->interior_measure += one->weight * one->interior_measure;
+    set->squares += one->weight * one->squares;
+    set->interior_squares += one->weight * one->interior_squares;
+    set->interior_reference += one->weight * one->interior_reference;
+    set->relative_squares += one->weight * one->relative_squares;
+    set->lengths += one->weight * one->lengths;
+    set->similarity += one->weight * one->similarity;
+    set->reference += one->weight * one->reference;
     set->peak = fmax(set->peak, one->peak);
     set->largest = fmax(set->largest, one->largest);
     set->channel_count = one->channel_count;
     for (uint32_t c = 0; c < one->channel_count; c++) {
         memcpy(set->channels[c].name, one->channels[c].name, sizeof one->channels[c].name);
-        set->channels[c].squares += one->channels[c].squares;
-        set->channels[c].differences += one->channels[c].differences;
-        set->channels[c].reference += one->channels[c].reference;
+        set->channels[c].squares += one->weight * one->channels[c].squares;
+        set->channels[c].differences += one->weight * one->channels[c].differences;
+        set->channels[c].reference += one->weight * one->channels[c].reference;
     }
     derive(set);
 }

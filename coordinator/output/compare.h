@@ -36,6 +36,8 @@ struct kiln_difference {
     uint32_t worst_x, worst_y;
     uint32_t channel_count;
     struct kiln_channel_difference channels[KILN_COMPARE_CHANNELS_MAX];
+    double weight;           /* of each texel when it is added to a set: 1, or what area a sample stands for */
+    double measure, interior_measure; /* sums of weights: what the sums below are divided by */
     /* what the metrics are made of: sums over T, or over its interior */
     double squares, interior_squares, interior_reference, relative_squares, lengths, similarity, reference, peak, largest;
 };
@@ -46,7 +48,7 @@ int kiln_compare_images(const struct kiln_image *a, const struct kiln_image *b, 
                         struct kiln_error *error);
 
 /* Adds one image's difference to that of a set (zero-initialise it, but for identical = true) with the same channels: each metric
- * is then over all texels of all images, with m and e of rel_rmse and dssim each image's own. */
+ * is then over all texels of all images, each weighing one->weight, with m and e of rel_rmse and dssim each image's own. */
 void kiln_difference_add(struct kiln_difference *set, const struct kiln_difference *one);
 
 /* A picture of the difference for people: 8-bit RGB, 3 x width x height bytes into `bytes`. The length of (a - b) over the

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <stb_image_write.h>
+#include <zlib.h>
 
 #include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
@@ -93,22 +94,55 @@ bool kiln_image_rgb(const struct kiln_image *image, const char *prefix, float *p
     return true;
 }
 
-double kiln_auto_exposure(const struct kiln_image *image, const float *mask)
+/* Luminances are counted in sixteenths of a stop, over all that a float can be. */
+enum { STOP_LEAST = -150, STOP_PARTS = 16, STOP_BINS = (128 - STOP_LEAST) * STOP_PARTS };
+
+static int bin_of(double luminance)
 {
-    float *rgb[3];
-    if (!kiln_image_rgb(image, "", rgb))
-        return 1.0;
-    const size_t count = (size_t)image->width * image->height;
-    double sum = 0.0;
-    size_t used = 0;
-    for (size_t i = 0; i < count; i++) {
-        const float luminance = kiln_rgb_luminance(rgb[0][i], rgb[1][i], rgb[2][i]);
-        if ((mask != NULL && !(mask[i] > 0.0f)) || !isfinite(luminance) || !(luminance > 0.0f))
-            continue;
-        sum += log((double)luminance);
-        used++;
+    const int bin = (int)floor((log2(luminance) - STOP_LEAST) * STOP_PARTS);
+    return bin < 0 ? 0 : bin >= STOP_BINS ? STOP_BINS - 1 : bin;
+}
+
+static int bin_at(const uint64_t bins[STOP_BINS], double below)
+{
+    uint64_t sum = 0;
+    int bin = 0;
+    for (; bin < STOP_BINS - 1; bin++) {
+        sum += bins[bin];
+        if ((double)sum > below)
+            break;
     }
-    return used == 0 ? 1.0 : 0.18 / exp(sum / (double)used);
+    return bin;
+}
+
+struct kiln_exposure kiln_auto_exposure(const struct kiln_image *image, const float *mask)
+{
+    uint64_t bins[STOP_BINS] = {0}, used = 0, kept = 0;
+    double sum = 0.0;
+    float *rgb[3];
+    const size_t count = (size_t)image->width * image->height;
+    if (!kiln_image_rgb(image, "", rgb))
+        return (struct kiln_exposure){1.0, INFINITY};
+    for (int pass = 0; pass < 2; pass++) {
+        const int low = pass == 0 ? 0 : bin_at(bins, 0.05 * (double)used), high = pass == 0 ? STOP_BINS : bin_at(bins, 0.95 * (double)used);
+        for (size_t i = 0; i < count; i++) {
+            const float luminance = kiln_rgb_luminance(rgb[0][i], rgb[1][i], rgb[2][i]);
+            if ((mask != NULL && !(mask[i] > 0.0f)) || !isfinite(luminance) || !(luminance > 0.0f))
+                continue;
+            const int bin = bin_of((double)luminance);
+            if (pass == 0) {
+                bins[bin]++;
+                used++;
+            } else if (bin >= low && bin <= high) {
+                sum += log((double)luminance);
+                kept++;
+            }
+        }
+    }
+    if (kept == 0)
+        return (struct kiln_exposure){1.0, INFINITY};
+    const double scale = 0.18 / exp(sum / (double)kept), bright = exp2((double)(bin_at(bins, 0.99 * (double)used) + 1) / STOP_PARTS + STOP_LEAST);
+    return (struct kiln_exposure){scale, fmax(0.5, scale * bright)};
 }
 
 static uint8_t srgb_byte(double linear)
@@ -189,25 +223,58 @@ int kiln_png_encode(const uint8_t *bytes, uint32_t width, uint32_t height, char 
     return kiln_png_encode_channels(bytes, width, height, 3, png, size, error);
 }
 
-int kiln_png_write_bytes(const char *path, const uint8_t *bytes, uint32_t width, uint32_t height, struct kiln_error *error)
+static void put_big_endian(uint8_t bytes[4], uint32_t value)
+{
+    for (int i = 0; i < 4; i++)
+        bytes[i] = (uint8_t)(value >> (24 - 8 * i));
+}
+
+/* Puts a chunk tEXt, KEYWORD NUL TEXT, after the header of a PNG (8 bytes of signature, 25 of IHDR). Text is Latin-1; ours is ASCII. */
+static int add_text(char **png, size_t *size, const char *keyword, const char *text, struct kiln_error *error)
+{
+    enum { HEADER = 8 + 25 };
+    const size_t length = strlen(keyword) + 1 + strlen(text), chunk = 12 + length;
+    size_t capacity = *size;
+    const int status = kiln_grow(png, &capacity, *size + chunk + 1, 1, "a PNG file's bytes", error);
+    if (status != KILN_OK)
+        return status;
+    uint8_t *at = (uint8_t *)*png + HEADER;
+    memmove(at + chunk, at, *size - HEADER);
+    put_big_endian(at, (uint32_t)length);
+    memcpy(at + 4, "tEXt", 4);
+    memcpy(at + 8, keyword, strlen(keyword) + 1);
+    memcpy(at + 8 + strlen(keyword) + 1, text, strlen(text));
+    put_big_endian(at + 8 + length, (uint32_t)crc32(crc32(0, NULL, 0), at + 4, (uInt)(length + 4)));
+    *size += chunk;
+    return KILN_OK;
+}
+
+int kiln_png_write_bytes(const char *path, const uint8_t *bytes, uint32_t width, uint32_t height, const char *description,
+                         struct kiln_error *error)
 {
     char *png = NULL;
     size_t size = 0;
     int status = kiln_png_encode(bytes, width, height, &png, &size, error);
+    if (status == KILN_OK && description != NULL)
+        status = add_text(&png, &size, "Description", description, error);
+    if (status == KILN_OK)
+        status = add_text(&png, &size, "Software", KILN_MADE_BY " " KILN_VERSION, error);
     if (status == KILN_OK)
         status = kiln_publish_bytes(path, png, size, error);
     kiln_free(&png);
     return status;
 }
 
-int kiln_png_write(const char *path, const struct kiln_image *image, const float *mask, double stops, struct kiln_error *error)
+int kiln_png_write(const char *path, const struct kiln_image *image, const float *mask, double stops, const char *description,
+                   struct kiln_error *error)
 {
+    const struct kiln_exposure exposure = kiln_auto_exposure(image, mask);
     uint8_t *bytes = NULL;
     int status = kiln_allocate(&bytes, (size_t)image->width * image->height * 3, 1, "a picture's bytes", error);
     if (status == KILN_OK)
-        status = kiln_tone_map(image, kiln_auto_exposure(image, mask) * exp2(stops), INFINITY, bytes, error);
+        status = kiln_tone_map(image, exposure.scale * exp2(stops), exposure.white, bytes, error);
     if (status == KILN_OK)
-        status = kiln_png_write_bytes(path, bytes, image->width, image->height, error);
+        status = kiln_png_write_bytes(path, bytes, image->width, image->height, description, error);
     kiln_free(&bytes);
     return status;
 }

@@ -41,9 +41,16 @@ bool kiln_image_rgb(const struct kiln_image *image, const char *prefix, float *p
 /* Rec. 709 luminance of linear RGB. */
 static inline float kiln_rgb_luminance(float r, float g, float b) { return 0.2126f * r + 0.7152f * g + 0.0722f * b; }
 
-/* What luminance is multiplied with so that the picture's logarithmic mean becomes 0.18 (Reinhard et al. 2002), over pixels
- * with finite luminance above 0 and, where `mask` is not NULL, mask > 0; 1 when there are none. Deterministic. */
-double kiln_auto_exposure(const struct kiln_image *image, const float *mask);
+/* How radiance is shown: multiplied by `scale`, and white from `white` on, after that. */
+struct kiln_exposure {
+    double scale, white;
+};
+
+/* The scale that makes the picture's logarithmic mean 0.18 (Reinhard et al. 2002), and as white what only one pixel in a hundred
+ * exceeds, but 0.5 at least. Over pixels with finite luminance above 0 and, where `mask` is not NULL, mask > 0; the mean is over
+ * what lies between the twentieth part that is darkest and the one that is brightest, so that neither a lamp nor a black corner
+ * sets it. Scale 1 and no white when there are no such pixels. Deterministic. */
+struct kiln_exposure kiln_auto_exposure(const struct kiln_image *image, const float *mask);
 
 /* Reinhard's operator on luminance, L' = s L (1 + s L / w^2) / (1 + s L) with s = exposure and white point w (infinite: the
  * plain s L / (1 + s L)), keeping hue, then linear Rec. 709 to sRGB, 8 bits, rounded. `bytes` receives 3 x width x height.
@@ -56,10 +63,13 @@ int kiln_png_encode_channels(const uint8_t *bytes, uint32_t width, uint32_t heig
 /* The same of RGB. */
 int kiln_png_encode(const uint8_t *bytes, uint32_t width, uint32_t height, char **png, size_t *size, struct kiln_error *error);
 
-/* Tone-maps (white point: infinite) and publishes a PNG file; `stops` is added to the automatic exposure, 2^stops times. */
-int kiln_png_write(const char *path, const struct kiln_image *image, const float *mask, double stops, struct kiln_error *error);
+/* Tone-maps, automatically exposed, and publishes a PNG file; `stops` is added to the automatic exposure, 2^stops times.
+ * `description` is as for kiln_png_write_bytes. */
+int kiln_png_write(const char *path, const struct kiln_image *image, const float *mask, double stops, const char *description,
+                   struct kiln_error *error);
 
-/* Publishes 8-bit RGB bytes as a PNG file. */
-int kiln_png_write_bytes(const char *path, const uint8_t *bytes, uint32_t width, uint32_t height, struct kiln_error *error);
+/* Publishes 8-bit RGB bytes as a PNG file, with KILN_MADE_BY and `description` (NULL: none) as text in it. */
+int kiln_png_write_bytes(const char *path, const uint8_t *bytes, uint32_t width, uint32_t height, const char *description,
+                         struct kiln_error *error);
 
 #endif

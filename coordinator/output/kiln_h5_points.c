@@ -223,7 +223,7 @@ static int make_datasets(struct kiln_points_writer *w, struct kiln_error *error)
     for (int c = 0; status == KILN_OK && c < w->columns; c++) {
         const struct kiln_column_info *info = &kiln_columns[c];
         const struct kiln_h5_dataset what = {.name = info->name, .type = h5_type(c), .rank = info->components > 1 ? 2 : 1,
-                                             .size = {points, info->components}, .units = info->units,
+                                             .size = {points, info->components}, .units = info->units != NULL ? info->units : w->result->units->irradiance,
                                              .chunk = {points == 0 ? 0 : w->chunk_rows, info->components},
                                              .description = info->description};
         status = kiln_h5_make(w->h5, &what, &w->datasets[c], error);

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/cli/agree.h"
+#include "coordinator/output/borders.h"
 #include "coordinator/output/exchange.h"
 #include "coordinator/output/map.h"
 #include "coordinator/output/output.h"
@@ -15,7 +16,7 @@
 #include "coordinator/output/chart_graph.h"
 #include "worker/base/memory.h"
 
-/* About 85 bytes a texel while an object is processed: some 180 MB a rank at a time, unless one lightmap is larger. */
+/* About 90 bytes a texel while an object is processed: some 180 MB a rank at a time, unless one lightmap is larger. */
 static const uint64_t texel_budget = 1ull << 21;
 
 struct writer {
@@ -136,7 +137,7 @@ static int describe_file(const struct writer *w, uint32_t object, struct kiln_im
     const struct kiln_exr_attribute attributes[ATTRIBUTES] = {
         {.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
         {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = "irradiance about the shading normal; R G B = direct + indirect"},
-        {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = "W m-2"},
+        {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = w->result->units->irradiance},
         {.name = "kiln:object", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, o->name)},
         {.name = "kiln:originalName", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, o->original_name)},
         {.name = "kiln:mesh", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, mesh->name)},
@@ -171,6 +172,25 @@ static uint64_t count_covered(const struct kiln_surface *surface, uint32_t objec
     return covered;
 }
 
+/* Of what was gathered: mean luminance by area, and the standard errors' root mean square over it. */
+static void measure_map(const struct kiln_map *map, struct kiln_lightmap_report *report)
+{
+    double area = 0.0, light = 0.0, squares = 0.0;
+    for (size_t i = 0; i < kiln_map_texels(map); i++) {
+        if (map->state[i] != KILN_TEXEL_VALID)
+            continue;
+        float rgb[3];
+        for (int c = 0; c < 3; c++)
+            rgb[c] = map->planes[KILN_MAP_DIRECT + c][i] + map->planes[KILN_MAP_INDIRECT + c][i];
+        const double own = (double)map->area[i], error = (double)map->planes[KILN_MAP_ERROR][i];
+        area += own;
+        light += own * (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
+        squares += own * error * error;
+    }
+    report->mean = area > 0.0 ? light / area : 0.0;
+    report->error = report->mean > 0.0 ? sqrt(squares / area) / report->mean : 0.0;
+}
+
 /* From gathered points to a map without holes. */
 static int complete_map(const struct writer *w, uint32_t object, struct kiln_error *error)
 {
@@ -178,8 +198,10 @@ static int complete_map(const struct writer *w, uint32_t object, struct kiln_err
     struct kiln_lightmap_report *report = &w->reports[object];
     struct kiln_chart_graph *graph = NULL;
     struct kiln_seam_report seams = {0};
+    struct kiln_border_report borders = {0};
     uint32_t *nearest = NULL;
     report->map = object;
+    measure_map(map, report);
     for (size_t i = 0; i < kiln_map_texels(map); i++) {
         report->valid += map->state[i] == KILN_TEXEL_VALID;
         report->filled += map->state[i] == KILN_TEXEL_FILLED;
@@ -198,10 +220,16 @@ static int complete_map(const struct writer *w, uint32_t object, struct kiln_err
     if (status == KILN_OK)
         status = kiln_nearest_texels(map->state, KILN_TEXEL_FILLED, map->width, map->height, nearest, error);
     if (status == KILN_OK)
+        status = kiln_borders_assign(map, graph, nearest, &borders, error);
+    if (status == KILN_OK)
         status = kiln_seams_smooth(map, graph, nearest, w->params->stitch, &seams, error);
     if (status == KILN_OK) {
         report->seam_difference_before = seams.difference_before;
         report->seam_difference_after = seams.difference_after;
+        report->contested = borders.contested;
+        report->foreign = borders.foreign;
+        report->border = borders.length;
+        report->border_disturbed = borders.length_disturbed;
         report->dilated = kiln_map_dilate(map, nearest);
     }
     kiln_free(&nearest);
@@ -213,11 +241,16 @@ static int complete_map(const struct writer *w, uint32_t object, struct kiln_err
 static int finish_object(const struct writer *w, uint32_t object, struct kiln_image **image, struct file_words *words, struct kiln_error *error)
 {
     int status = complete_map(w, object, error);
-    const double density = density_of(w->maps[object]);
+    const double density = w->reports[object].texels_per_metre = density_of(w->maps[object]);
     if (status == KILN_OK)
         status = make_image(w->maps[object], w->params->error_map, image, error);
     kiln_map_destroy(&w->maps[object]);
     return status == KILN_OK ? describe_file(w, object, *image, density, words, error) : status;
+}
+
+static bool is_published(const struct writer *w, uint32_t object)
+{
+    return (w->result->scene->objects[object].flags & KILN_OBJECT_CASTER_ONLY) == 0;
 }
 
 static int write_object(const struct writer *w, uint32_t object, struct kiln_error *error)
@@ -225,7 +258,7 @@ static int write_object(const struct writer *w, uint32_t object, struct kiln_err
     struct kiln_image *image = NULL;
     struct file_words words;
     int status = finish_object(w, object, &image, &words, error);
-    if (status == KILN_OK)
+    if (status == KILN_OK && is_published(w, object))
         status = kiln_exr_write(words.path, image, words.attributes, words.count, error);
     kiln_image_destroy(&image);
     return status;
@@ -366,16 +399,31 @@ static size_t sort_large(const struct kiln_strip_deal *strips, uint32_t *own, si
     return large;
 }
 
+/* The sizes of lightmaps as those who share the packing see them: what is not published has none. */
+static int published_sizes(const struct writer *w, struct kiln_lightmap **sizes, struct kiln_error *error)
+{
+    const size_t count = w->result->scene->object_count;
+    const int status = kiln_allocate(sizes, count, sizeof **sizes, "sizes of lightmaps", error);
+    for (size_t i = 0; status == KILN_OK && i < count; i++) {
+        (*sizes)[i] = w->result->surface->lightmaps[i];
+        if (!is_published(w, (uint32_t)i))
+            (*sizes)[i].width = (*sizes)[i].height = 0;
+    }
+    return status;
+}
+
 /* Collective. The objects whose points are here: small ones each rank for itself, then large ones all together. */
 static int write_together(const struct writer *w, const struct kiln_deal *deal, uint32_t round, uint32_t *own, size_t count,
                           struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
-    const struct kiln_lightmap *lightmaps = w->result->surface->lightmaps;
+    struct kiln_lightmap *lightmaps = NULL;
     struct kiln_strip_deal *strips = NULL;
     struct large large = {0};
     const uint64_t least = w->params->least_divided > 0 ? w->params->least_divided : KILN_STRIPS_LEAST;
-    int status = kiln_strip_deal_create(&strips, lightmaps, deal, round, w->ranks, least, error);
+    int status = published_sizes(w, &lightmaps, error);
+    if (status == KILN_OK)
+        status = kiln_strip_deal_create(&strips, lightmaps, deal, round, w->ranks, least, error);
     if (status == KILN_OK) {
         const size_t first_small = sort_large(strips, own, count);
         status = write_round(w, own + first_small, count - first_small, error);
@@ -387,6 +435,7 @@ static int write_together(const struct writer *w, const struct kiln_deal *deal, 
         status = kiln_strips_write(comm, strips, lightmaps, large.sources, large.count, error);
     destroy_large(&large);
     kiln_strip_deal_destroy(&strips);
+    kiln_free(&lightmaps);
     return status;
 }
 
@@ -420,7 +469,7 @@ static int gather_reports(const struct kiln_bake_result *result, const struct ki
     for (size_t first = 0; first < result->surface->map_count; first += AT_ONCE) {
         const size_t left = result->surface->map_count - first;
         const int count = (int)(left < AT_ONCE ? left : AT_ONCE);
-        /* the struct is one 32-bit number, three 64-bit ones and two doubles: joined as bytes, since the others' are all zero */
+        /* the struct is one 32-bit number, five 64-bit ones and seven doubles: joined as bytes, since the others' are all zero */
         if (MPI_Reduce(own + first, rank == 0 ? reports + first : NULL, count * (int)sizeof *own, MPI_BYTE, MPI_BOR, 0,
                        result->communicator) != MPI_SUCCESS)
             return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the ranks' reports on lightmaps were gathered");

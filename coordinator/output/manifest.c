@@ -204,6 +204,83 @@ int kiln_manifest_remove(const char *directory, struct kiln_error *error)
     return status;
 }
 
+/* ---- what is stale ---- */
+
+static int compare_paths(const void *a, const void *b)
+{
+    return strcmp(((const struct kiln_manifest_file *)a)->path, ((const struct kiln_manifest_file *)b)->path);
+}
+
+static int remove_file(const char *directory, const char *name, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    const int status = kiln_path_join(path, directory, name, error);
+    if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
+        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot remove %s, which an earlier bake left", path);
+    return status;
+}
+
+static bool is_there(const char *directory, const char *name)
+{
+    char path[KILN_PATH_SIZE];
+    struct stat found;
+    return kiln_path_join(path, directory, name, NULL) == KILN_OK && lstat(path, &found) == 0;
+}
+
+/* `wanted` is sorted. */
+static int prune_files(const struct kiln_manifest *before, const struct kiln_manifest *wanted, const char *directory, struct kiln_pruned *pruned,
+                       struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; status == KILN_OK && i < before->count; i++) {
+        const struct kiln_manifest_file *file = &before->files[i];
+        if (bsearch(file, wanted->files, wanted->count, sizeof *file, compare_paths) != NULL || !is_there(directory, file->path))
+            continue;
+        if (kiln_manifest_check(file, directory, NULL) == KILN_OK) {
+            status = remove_file(directory, file->path, error);
+            pruned->removed++;
+        } else if (pruned->kept++ == 0) {
+            (void)snprintf(pruned->first_kept, sizeof pruned->first_kept, "%s", file->path);
+        }
+    }
+    return status;
+}
+
+static bool is_made_by_kiln(const char *directory, const char *name)
+{
+    enum { BEGINNING = 4096 };
+    char path[KILN_PATH_SIZE], bytes[BEGINNING + sizeof KILN_MADE_BY];
+    if (kiln_path_join(path, directory, name, NULL) != KILN_OK)
+        return false;
+    const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0);
+    if (descriptor < 0)
+        return false;
+    const ssize_t got = read(descriptor, bytes, BEGINNING);
+    (void)close(descriptor);
+    return got > 0 && memmem(bytes, (size_t)got, KILN_MADE_BY, sizeof KILN_MADE_BY - 1) != NULL;
+}
+
+int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
+                        const struct kiln_manifest_parts *parts, struct kiln_pruned *pruned, struct kiln_error *error)
+{
+    static const char *const pictures[] = {"report.html", "view.png"};
+    struct kiln_manifest *before = NULL, *wanted = NULL;
+    *pruned = (struct kiln_pruned){0};
+    int status = name_files(&wanted, scene, surface, parts, error);
+    if (status == KILN_OK && kiln_manifest_read(&before, directory, NULL) == KILN_OK) {
+        qsort(wanted->files, wanted->count, sizeof *wanted->files, compare_paths);
+        status = prune_files(before, wanted, directory, pruned, error);
+    }
+    for (size_t i = 0; status == KILN_OK && i < sizeof pictures / sizeof *pictures; i++)
+        if (is_made_by_kiln(directory, pictures[i])) {
+            status = remove_file(directory, pictures[i], error);
+            pruned->removed++;
+        }
+    kiln_manifest_destroy(&before);
+    kiln_manifest_destroy(&wanted);
+    return status;
+}
+
 /* ---- reading ---- */
 
 /* A path that stays within the folder. */
@@ -268,4 +345,15 @@ void kiln_manifest_destroy(struct kiln_manifest **manifest)
         kiln_free(&(*manifest)->files[i].path);
     kiln_free(&(*manifest)->files);
     kiln_free(manifest);
+}
+
+bool kiln_folder_of_bake(const char *directory)
+{
+    static const char *const marks[] = {"run.json", "manifest", "scene.kscene", "checkpoint", "kiln.h5"};
+    char path[KILN_PATH_SIZE];
+    struct stat found;
+    for (size_t i = 0; i < sizeof marks / sizeof *marks; i++)
+        if (kiln_path_join(path, directory, marks[i], NULL) == KILN_OK && stat(path, &found) == 0)
+            return true;
+    return false;
 }

@@ -38,6 +38,21 @@ int kiln_manifest_write(MPI_Comm communicator, const char *directory, const stru
 /* Rank 0, before results are replaced: without it the folder no longer claims to be complete. */
 int kiln_manifest_remove(const char *directory, struct kiln_error *error);
 
+/* What kiln_manifest_prune did. */
+struct kiln_pruned {
+    size_t removed, kept; /* files; kept: changed since kiln wrote them, so they are somebody's own */
+    char first_kept[256];
+};
+
+/* Rank 0, before kiln_manifest_remove: removes what an earlier bake left in `directory`, by its manifest, and a bake of `scene` will
+ * not replace: lightmaps of objects that are gone, a volume or a preview that is not wanted any more; and the pictures of it that
+ * kiln report and kiln view made under their default names (KILN_MADE_BY tells them from others). A file that is not as kiln wrote
+ * it stays. Without a manifest, or with one that is damaged, only these pictures go. KILN_CANNOT_CREATE when a file cannot be
+ * removed; killed halfway, it can be called again. */
+int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
+                        const struct kiln_manifest_parts *parts, struct kiln_pruned *pruned, struct kiln_error *error);
+
+
 /* KILN_NO_INPUT without one, KILN_BAD_INPUT when it is damaged. Destroy with kiln_manifest_destroy. Not collective. */
 int kiln_manifest_read(struct kiln_manifest **manifest, const char *directory, struct kiln_error *error);
 void kiln_manifest_destroy(struct kiln_manifest **manifest);
@@ -45,5 +60,8 @@ void kiln_manifest_destroy(struct kiln_manifest **manifest);
 /* Reads the whole file and compares size and hash. KILN_BAD_INPUT with a sentence that names the file when they differ or it is
  * gone. Thread-safe. */
 int kiln_manifest_check(const struct kiln_manifest_file *file, const char *directory, struct kiln_error *error);
+
+/* Whether a bake has been at work in this folder: it has run.json, a manifest, a scene file or a checkpoint. Not collective. */
+bool kiln_folder_of_bake(const char *directory);
 
 #endif

@@ -14,6 +14,9 @@
 
 enum { KILN_PATH_SIZE = 4096 };
 
+/* Stands within the first 4,096 bytes of every page and every PNG that kiln writes. */
+#define KILN_MADE_BY "made by kiln"
+
 /* "DIR/NAME" into path. KILN_CANNOT_CREATE when it does not fit. */
 int kiln_path_join(char path[KILN_PATH_SIZE], const char *directory, const char *name, struct kiln_error *error);
 

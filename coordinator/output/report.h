@@ -6,7 +6,8 @@
 
 /* Reads DIR/run.json, DIR/preview.png and the lightmaps that run.json names and publishes `path`. Fields that run.json lacks and
  * pictures that are not there are left out of the page; a run.json that is not JSON is KILN_BAD_INPUT, none is KILN_NO_INPUT.
- * Lightmaps are shown tone-mapped, at most 320 pixels a side, at most 200 of them (the page says how many there are). */
+ * Lightmaps are shown tone-mapped, at most 160 pixels a side, at most 200 of them (the page says how many there are), each with density,
+ * validity and error. A section, a row or a column that says nothing (zeros, empty text, the balance of a single rank) is left out. */
 int kiln_report_write(const char *directory, const char *path, struct kiln_error *error);
 
 #endif

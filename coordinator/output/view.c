@@ -3,27 +3,20 @@
 #include <math.h>
 #include <stdio.h>
 
-#include "coordinator/output/exr.h"
 #include "coordinator/output/publish.h"
+#include "coordinator/output/view_light.h"
 #include "worker/base/memory.h"
-#include "worker/scene/texture.h"
 
-/* Rays of a band of pixel rows are traced together; about 2^19 of them, 25 MB. */
-enum { BAND_RAYS = 1 << 19, MOST_BACK_FACES = 64 };
+/* Rays of a band of pixel rows are traced together; about 2^19 of them, 40 MB. */
+enum { BAND_RAYS = 1 << 19 };
 
 struct renderer {
     const struct kiln_view_params *params;
     uint32_t side;
-    struct lightmap {
-        struct kiln_image *image; /* NULL until needed */
-        float *planes[3];
-    } *lightmaps; /* one an object */
-    struct kiln_vec3 *origins, *directions;
-    struct kiln_hit *hits;
-    uint32_t *active;              /* rays still under way: their place in the band */
-    struct kiln_vec3 *active_origins, *active_directions;
-    struct kiln_hit *active_hits;
+    struct kiln_view_maps *maps;
+    struct kiln_view_rays *rays;
     float *planes[3];
+    struct kiln_view_shares shares; /* sums over rays, at first */
 };
 
 static void make_ray(const struct renderer *r, uint32_t x, uint32_t y, uint32_t sub, struct kiln_vec3 *origin, struct kiln_vec3 *direction)
@@ -38,171 +31,56 @@ static void make_ray(const struct renderer *r, uint32_t x, uint32_t y, uint32_t 
     *direction = vec3_of(dvec3_scale(way, 1.0 / dvec3_length(way)));
 }
 
-static bool is_seen(const struct kiln_geometry *g, const struct kiln_hit *hit)
+/* One pixel from its rays. */
+static void shade_pixel(const struct renderer *r, size_t first, uint32_t rays, float rgb[3], struct kiln_view_shares *row)
 {
-    return hit->triangle == KILN_NONE || !hit->back || (g->records[hit->triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0;
-}
-
-/* The next hit of a ray takes the place of the last; what tints it before that tints it still. */
-static void go_on(struct kiln_hit *hit, const struct kiln_hit *next)
-{
-    const float before[3] = {hit->tint[0], hit->tint[1], hit->tint[2]};
-    *hit = *next;
     for (int c = 0; c < 3; c++)
-        hit->tint[c] *= before[c];
-}
-
-/* Traces rays 0..count-1; those that meet a single-sided surface from behind go on behind it. */
-static int trace(struct renderer *r, size_t count, struct kiln_error *error)
-{
-    const struct kiln_geometry *g = r->params->geometry;
-    int status = kiln_backend_intersect(r->params->backend, r->origins, r->directions, count, r->hits, error);
-    for (int step = 0; status == KILN_OK && step < MOST_BACK_FACES; step++) {
-        size_t active = 0;
-        for (size_t i = 0; i < count; i++) {
-            if (is_seen(g, &r->hits[i]))
-                continue;
-            const float beyond = r->hits[i].distance * (1.0f + 1e-6f) + 1e-6f * g->extent;
-            r->origins[i] = vec3_madd(r->origins[i], r->directions[i], beyond);
-            r->active[active] = (uint32_t)i;
-            r->active_origins[active] = r->origins[i];
-            r->active_directions[active++] = r->directions[i];
-        }
-        if (active == 0)
-            break;
-        status = kiln_backend_intersect(r->params->backend, r->active_origins, r->active_directions, active, r->active_hits, error);
-        for (size_t i = 0; status == KILN_OK && i < active; i++)
-            go_on(&r->hits[r->active[i]], &r->active_hits[i]);
-    }
-    return status;
-}
-
-static int load_lightmap(struct renderer *r, uint32_t object, struct kiln_error *error)
-{
-    static const char *const wanted[] = {"R", "G", "B"};
-    const struct kiln_scene *scene = r->params->scene;
-    const struct kiln_object *o = &scene->objects[object];
-    struct lightmap *lightmap = &r->lightmaps[object];
-    char path[KILN_PATH_SIZE];
-    const int length = snprintf(path, sizeof path, "%s/lightmaps/%s.exr", r->params->directory, kiln_scene_string(scene, o->name));
-    if (length < 0 || length >= KILN_PATH_SIZE)
-        return kiln_fail(error, KILN_NO_INPUT, "the path of the lightmap of object %u is too long", object);
-    const int status = kiln_exr_read(path, wanted, 3, &lightmap->image, error);
-    if (status != KILN_OK)
-        return status;
-    const struct kiln_image *map = lightmap->image;
-    if (map->width != o->lightmap_width || map->height != o->lightmap_height || !kiln_image_rgb(map, "", lightmap->planes))
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not the lightmap of this scene's object: it has %u x %u texels, the scene says %u x %u",
-                         path, map->width, map->height, o->lightmap_width, o->lightmap_height);
-    return KILN_OK;
-}
-
-static int load_lightmaps(struct renderer *r, size_t count, struct kiln_error *error)
-{
-    int status = KILN_OK;
-    for (size_t i = 0; status == KILN_OK && i < count; i++) {
-        if (r->hits[i].triangle == KILN_NONE)
-            continue;
-        const uint32_t object = r->params->geometry->records[r->hits[i].triangle].object;
-        if (r->lightmaps[object].image == NULL)
-            status = load_lightmap(r, object, error);
-    }
-    return status;
-}
-
-/* Irradiance at texel coordinate (x, y), as a sampler that clamps at the edge. */
-static void look_up(const struct lightmap *lightmap, float x, float y, float rgb[3])
-{
-    const struct kiln_image *map = lightmap->image;
-    const float fx = fminf(fmaxf(x - 0.5f, 0.0f), (float)(map->width - 1)), fy = fminf(fmaxf(y - 0.5f, 0.0f), (float)(map->height - 1));
-    const uint32_t x0 = (uint32_t)fx, y0 = (uint32_t)fy;
-    const uint32_t x1 = x0 + 1 < map->width ? x0 + 1 : x0, y1 = y0 + 1 < map->height ? y0 + 1 : y0;
-    const float wx = fx - (float)x0, wy = fy - (float)y0;
-    for (int c = 0; c < 3; c++) {
-        const float *row0 = lightmap->planes[c] + (size_t)y0 * map->width, *row1 = lightmap->planes[c] + (size_t)y1 * map->width;
-        rgb[c] = (1.0f - wy) * ((1.0f - wx) * row0[x0] + wx * row0[x1]) + wy * ((1.0f - wx) * row1[x0] + wx * row1[x1]);
+        rgb[c] = 0.0f;
+    for (size_t k = first; k < first + rays; k++) {
+        struct kiln_view_seen seen;
+        kiln_view_radiance(r->maps, &r->rays->hits[k], r->rays->directions[k], &seen);
+        for (int c = 0; c < 3; c++)
+            rgb[c] += seen.rgb[c] / (float)rays;
+        row->metal += (double)seen.metal;
+        row->lent += (double)seen.lent;
     }
 }
 
-static void shade(const struct renderer *r, const struct kiln_hit *hit, struct kiln_vec3 direction, float rgb[3])
-{
-    const struct kiln_view_params *p = r->params;
-    rgb[0] = rgb[1] = rgb[2] = 0.0f;
-    if (hit->triangle == KILN_NONE || !is_seen(p->geometry, hit)) {
-        if (p->lights != NULL)
-            kiln_environment_radiance(p->lights, dvec3_of(direction), rgb);
-        return;
-    }
-    const struct kiln_hit_record *record = &p->geometry->records[hit->triangle];
-    const struct kiln_mesh *mesh = &p->scene->meshes[p->scene->objects[record->object].mesh];
-    const uint64_t stored = p->geometry->stored_triangle[hit->triangle];
-    const float x = record->texel[0] + hit->u * record->texel[2] + hit->v * record->texel[4];
-    const float y = record->texel[1] + hit->u * record->texel[3] + hit->v * record->texel[5];
-    float albedo[4], irradiance[3], emission[3];
-    kiln_surface_color(p->scene, mesh, stored, hit->u, hit->v, albedo);
-    kiln_surface_emission(p->scene, mesh, stored, hit->u, hit->v, emission);
-    look_up(&r->lightmaps[record->object], x, y, irradiance);
-    for (int c = 0; c < 3; c++)
-        rgb[c] = albedo[c] * irradiance[c] * (float)(1.0 / KILN_PI) + emission[c];
-}
-
+/* Shares are summed row by row, so that threads do not change them. */
 static int render_band(struct renderer *r, uint32_t first, uint32_t rows, struct kiln_error *error)
 {
     const uint32_t width = r->params->width, rays = r->side * r->side;
-    const size_t pixels = (size_t)rows * width, count = pixels * rays;
+    const size_t count = (size_t)rows * width * rays;
+    struct kiln_view_shares *shares = NULL;
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < count; i++)
-        make_ray(r, (uint32_t)(i / rays % width), first + (uint32_t)(i / rays / width), (uint32_t)(i % rays), &r->origins[i], &r->directions[i]);
-    int status = trace(r, count, error);
+        make_ray(r, (uint32_t)(i / rays % width), first + (uint32_t)(i / rays / width), (uint32_t)(i % rays), &r->rays->origins[i],
+                 &r->rays->directions[i]);
+    int status = kiln_view_trace(&r->params->source, r->rays, count, error);
     if (status == KILN_OK)
-        status = load_lightmaps(r, count, error);
+        status = kiln_view_maps_load(r->maps, r->rays->hits, count, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&shares, rows, sizeof *shares, "rows of a view", error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(static)
-    for (size_t i = 0; i < pixels; i++) {
-        float sum[3] = {0};
-        for (size_t k = i * rays; k < (i + 1) * rays; k++) {
+    for (uint32_t y = 0; y < rows; y++)
+        for (uint32_t x = 0; x < width; x++) {
             float rgb[3];
-            shade(r, &r->hits[k], r->directions[k], rgb);
+            const size_t pixel = (size_t)y * width + x;
+            shade_pixel(r, pixel * rays, rays, rgb, &shares[y]);
             for (int c = 0; c < 3; c++)
-                sum[c] += rgb[c] * r->hits[k].tint[c];
+                r->planes[c][(size_t)first * width + pixel] = rgb[c];
         }
-        for (int c = 0; c < 3; c++)
-            r->planes[c][(size_t)first * width + i] = sum[c] / (float)rays;
+    for (uint32_t y = 0; y < rows; y++) {
+        r->shares.metal += shares[y].metal;
+        r->shares.lent += shares[y].lent;
     }
+    kiln_free(&shares);
     return KILN_OK;
 }
 
-static int allocate_renderer(struct renderer *r, size_t rays, struct kiln_error *error)
-{
-    int status = kiln_allocate(&r->lightmaps, r->params->scene->object_count, sizeof *r->lightmaps, "lightmaps in view", error);
-    struct kiln_vec3 **vectors[] = {&r->origins, &r->directions, &r->active_origins, &r->active_directions};
-    for (size_t i = 0; status == KILN_OK && i < sizeof vectors / sizeof *vectors; i++)
-        status = kiln_allocate(vectors[i], rays, sizeof(struct kiln_vec3), "rays of a view", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->hits, rays, sizeof *r->hits, "hits of a view", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->active_hits, rays, sizeof *r->hits, "hits of a view", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->active, rays, sizeof *r->active, "rays of a view", error);
-    return status;
-}
-
-static void destroy_renderer(struct renderer *r)
-{
-    for (size_t i = 0; r->lightmaps != NULL && i < r->params->scene->object_count; i++)
-        kiln_image_destroy(&r->lightmaps[i].image);
-    kiln_free(&r->lightmaps);
-    kiln_free(&r->origins);
-    kiln_free(&r->directions);
-    kiln_free(&r->active_origins);
-    kiln_free(&r->active_directions);
-    kiln_free(&r->hits);
-    kiln_free(&r->active_hits);
-    kiln_free(&r->active);
-}
-
-int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **image, struct kiln_error *error)
+int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **image, struct kiln_view_shares *shares, struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B"};
     struct renderer r = {.params = params, .side = params->side == 0 ? 3 : params->side};
@@ -212,30 +90,99 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
     if (status != KILN_OK)
         return status;
     (void)kiln_image_rgb(*image, "", r.planes);
-    status = allocate_renderer(&r, row * rows, error);
+    status = kiln_view_maps_create(&r.maps, &params->source, 0, error);
+    if (status == KILN_OK)
+        status = kiln_view_rays_create(&r.rays, row * rows, error);
     for (uint32_t y = 0; status == KILN_OK && y < params->height; y += rows)
         status = render_band(&r, y, params->height - y < rows ? params->height - y : rows, error);
-    destroy_renderer(&r);
+    const double all = (double)row * params->height;
+    *shares = (struct kiln_view_shares){r.shares.metal / all, r.shares.lent / all};
+    kiln_view_rays_destroy(&r.rays);
+    kiln_view_maps_destroy(&r.maps);
     if (status != KILN_OK)
         kiln_image_destroy(image);
     return status;
 }
 
-int kiln_view_preview(const char *directory, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
-                      const struct kiln_lights *lights, struct kiln_backend *backend, double stops, struct kiln_error *error)
+/* ---- pictures ---- */
+
+static int make_picture(const struct kiln_view_source *source, const struct kiln_view_wish *wish, uint32_t side, struct kiln_picture *picture,
+                        struct kiln_error *error)
 {
-    const struct kiln_view_wish wish = {0};
-    struct kiln_view_params params = {.directory = directory, .scene = scene, .geometry = geometry, .lights = lights, .backend = backend,
-                                      .side = 2};
-    struct kiln_image *image = NULL;
-    char path[KILN_PATH_SIZE];
-    int status = kiln_path_join(path, directory, "preview.png", error);
+    struct kiln_view_params params = {.source = *source, .side = side};
+    *picture = (struct kiln_picture){0};
+    int status = kiln_view_aim(source, wish, &params.camera, &params.width, &params.height, &picture->viewpoint, error);
     if (status == KILN_OK)
-        status = kiln_view_aim(scene, &wish, &params.camera, &params.width, &params.height, error);
+        status = kiln_view_render(&params, &picture->image, &picture->shares, error);
     if (status == KILN_OK)
-        status = kiln_view_render(&params, &image, error);
-    if (status == KILN_OK)
-        status = kiln_png_write(path, image, NULL, stops, error);
-    kiln_image_destroy(&image);
+        picture->exposure = log2(kiln_auto_exposure(picture->image, NULL).scale);
     return status;
+}
+
+int kiln_picture_make(const struct kiln_view_source *source, const struct kiln_view_wish *wish, uint32_t side, struct kiln_picture *picture,
+                      struct kiln_error *error)
+{
+    if (kiln_geometry_met_count(source->geometry) == source->geometry->triangle_count)
+        return make_picture(source, wish, side, picture, error);
+    struct kiln_view_source own = *source;
+    struct kiln_geometry *geometry = NULL;
+    own.backend = NULL;
+    int status = kiln_geometry_create(&geometry, source->scene, error);
+    if (status == KILN_OK) {
+        kiln_geometry_meet_all(geometry);
+        own.geometry = geometry;
+        const struct kiln_backend_params params = {.scene = source->scene, .geometry = geometry, .lights = source->lights,
+                                                   .threads = source->backend->params.threads};
+        status = kiln_backend_create(&own.backend, "embree", &params, error);
+    }
+    if (status == KILN_OK)
+        status = make_picture(&own, wish, side, picture, error);
+    kiln_backend_destroy(&own.backend);
+    kiln_geometry_destroy(&geometry);
+    return status;
+}
+
+void kiln_viewpoint_text(const struct kiln_viewpoint *v, char text[KILN_VIEWPOINT_TEXT])
+{
+    char place[200];
+    (void)snprintf(place, sizeof place, "at %.4g,%.4g,%.4g towards %.4g,%.4g,%.4g", v->from[0], v->from[1], v->from[2], v->to[0], v->to[1], v->to[2]);
+    if (v->kind == KILN_VIEW_CAMERA)
+        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen by the scene's camera '%.200s'", v->camera);
+    else if (v->kind == KILN_VIEW_GIVEN)
+        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen as asked, %s", place);
+    else
+        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen from %s, %s: the scene has no camera (kiln view --from X,Y,Z --to X,Y,Z looks from elsewhere)",
+                       v->kind == KILN_VIEW_INSIDE ? "inside" : "outside", place);
+}
+
+void kiln_picture_text(const struct kiln_picture *picture, double stops, char text[KILN_PICTURE_TEXT])
+{
+    char viewpoint[KILN_VIEWPOINT_TEXT], added[80] = "", metals[120] = "", backs[120] = "";
+    kiln_viewpoint_text(&picture->viewpoint, viewpoint);
+    if (stops != 0.0)
+        (void)snprintf(added, sizeof added, " and %+.4g asked for", stops);
+    if (picture->shares.lent > 0.0005)
+        (void)snprintf(backs, sizeof backs, "\nbacks of double-sided surfaces, %.1f %% of it, show their fronts' light: approximate",
+                       100.0 * picture->shares.lent);
+    if (picture->shares.metal > 0.0005)
+        (void)snprintf(metals, sizeof metals, "\nmetals, %.1f %% of it, are shown by their base colour under the irradiance: approximate",
+                       100.0 * picture->shares.metal);
+    (void)snprintf(text, KILN_PICTURE_TEXT, "%s\nexposure %+.2f stops, automatic%s (--exposure STOPS adds to it)%s%s", viewpoint, picture->exposure, added,
+                   metals, backs);
+}
+
+json_t *kiln_picture_json(const struct kiln_picture *picture, double stops)
+{
+    static const char *const kinds[] = {"camera", "given", "inside", "outside"}; /* in the order of enum kiln_view_kind */
+    const struct kiln_viewpoint *v = &picture->viewpoint;
+    return json_pack("{s:{s:s, s:s*, s:[f,f,f], s:[f,f,f]}, s:{s:f, s:f}, s:f, s:f}", "viewpoint", "chosen", kinds[v->kind], "camera", v->camera, "from",
+                     v->from[0], v->from[1], v->from[2], "to", v->to[0], v->to[1], v->to[2], "exposure", "automatic", picture->exposure, "added", stops,
+                     "metal_share", picture->shares.metal, "lent_share", picture->shares.lent);
+}
+
+int kiln_picture_write(const char *path, const struct kiln_picture *picture, double stops, struct kiln_error *error)
+{
+    char text[KILN_PICTURE_TEXT];
+    kiln_picture_text(picture, stops, text);
+    return kiln_png_write(path, picture->image, NULL, stops, text, error);
 }

@@ -2,7 +2,9 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/output/view.h"
+#include "coordinator/output/view_seek.h"
+
+enum { OUTSIDE = 8 }; /* ways to look at the whole scene */
 
 static const double half_degree = KILN_PI / 360.0;
 
@@ -17,7 +19,7 @@ static struct kiln_dvec3 relative(const struct kiln_scene *scene, const double w
 }
 
 /* y is up, unless that is where we look. */
-static void look(struct kiln_view_camera *camera, struct kiln_dvec3 forward)
+void kiln_view_look(struct kiln_view_camera *camera, struct kiln_dvec3 forward)
 {
     const struct kiln_dvec3 up = fabs(forward.y) > 0.999 ? dvec3(0.0, 0.0, forward.y > 0.0 ? 1.0 : -1.0) : dvec3(0.0, 1.0, 0.0);
     camera->forward = forward;
@@ -25,19 +27,25 @@ static void look(struct kiln_view_camera *camera, struct kiln_dvec3 forward)
     camera->up = dvec3_cross(camera->right, forward);
 }
 
-/* From in front, a little to the right and above, so that the sphere around the scene fits both ways. */
-static void frame_all(const struct kiln_scene *scene, struct kiln_view_camera *camera, double aspect)
+/* From a little above, as near as all corners of the scene's box are in the picture; returns the distance to the middle. `turn` 0 is in
+ * front, a little to the right; others go round by 1 / OUTSIDE of a circle. */
+static double frame_all(const struct kiln_scene *scene, int turn, struct kiln_view_camera *camera)
 {
     const struct kiln_scene_header *h = scene->header;
     const double middle[3] = {0.5 * (h->bounds_min[0] + h->bounds_max[0]), 0.5 * (h->bounds_min[1] + h->bounds_max[1]),
                               0.5 * (h->bounds_min[2] + h->bounds_max[2])};
-    const struct kiln_dvec3 size = dvec3(h->bounds_max[0] - h->bounds_min[0], h->bounds_max[1] - h->bounds_min[1],
-                                         h->bounds_max[2] - h->bounds_min[2]);
-    const double radius = fmax(0.5 * dvec3_length(size), 1e-30);
-    const double narrow = atan(camera->extent_y * fmin(1.0, aspect));
-    const struct kiln_dvec3 away = unit(dvec3(0.28, 0.22, 1.0));
-    camera->position = dvec3_add(relative(scene, middle), dvec3_scale(away, radius / sin(narrow)));
-    look(camera, dvec3_scale(away, -1.0));
+    const double phi = atan(0.28) + 2.0 * KILN_PI * turn / OUTSIDE;
+    const struct kiln_dvec3 away = unit(dvec3(sin(phi), 0.22, cos(phi))), half = dvec3(h->bounds_max[0] - middle[0], h->bounds_max[1] - middle[1],
+                                                                              h->bounds_max[2] - middle[2]);
+    double distance = 1e-30;
+    kiln_view_look(camera, dvec3_scale(away, -1.0));
+    for (int k = 0; k < 8; k++) {
+        const struct kiln_dvec3 corner = dvec3(k & 1 ? half.x : -half.x, k & 2 ? half.y : -half.y, k & 4 ? half.z : -half.z);
+        const double aside = fabs(dvec3_dot(corner, camera->right)) / camera->extent_x, above = fabs(dvec3_dot(corner, camera->up)) / camera->extent_y;
+        distance = fmax(distance, 1.05 * fmax(aside, above) + dvec3_dot(corner, away));
+    }
+    camera->position = dvec3_add(relative(scene, middle), dvec3_scale(away, distance));
+    return distance;
 }
 
 static int no_such_camera(const struct kiln_scene *scene, const char *name, struct kiln_error *error)
@@ -72,41 +80,100 @@ static void choose_size(const struct kiln_view_wish *wish, double aspect, uint32
         *height = (uint32_t)fmax(1.0, round(*width / aspect));
 }
 
-int kiln_view_aim(const struct kiln_scene *scene, const struct kiln_view_wish *wish, struct kiln_view_camera *camera, uint32_t *width,
-                  uint32_t *height, struct kiln_error *error)
+static double degrees_to_extent(double degrees) { return tan(degrees * half_degree); }
+
+/* Position and direction of one of the scene's cameras; its lens where the wish has none. */
+static void take_camera(const struct kiln_scene *scene, const struct kiln_camera *source, struct kiln_view_camera *camera)
 {
-    const struct kiln_camera *source = NULL;
-    const int status = find_camera(scene, wish->camera, &source, error);
+    camera->position = relative(scene, source->position);
+    camera->right = from_floats(source->right);
+    camera->up = from_floats(source->up);
+    camera->forward = from_floats(source->forward);
+}
+
+/* Position and direction without a camera or a wish. */
+static int find_place(const struct kiln_view_source *source, const struct kiln_view_wish *wish, struct kiln_view_camera *camera, double aspect,
+                      struct kiln_viewpoint *viewpoint, double *distance, struct kiln_error *error)
+{
+    struct kiln_view_camera inside = *camera, outside[OUTSIDE];
+    double distances[OUTSIDE], reach = 0.0;
+    bool found = false;
+    size_t best = 0;
+    for (int k = 0; k < OUTSIDE; k++) {
+        outside[k] = *camera;
+        distances[k] = frame_all(source->scene, k, &outside[k]);
+    }
+    viewpoint->kind = KILN_VIEW_OUTSIDE;
+    inside.extent_y = degrees_to_extent(wish->field_of_view > 0.0 ? wish->field_of_view : 55.0);
+    inside.extent_x = inside.extent_y * aspect;
+    const int status = wish->to != NULL ? KILN_OK : kiln_view_seek(source, outside, OUTSIDE, &inside, &found, &best, &reach, error);
+    *camera = found ? inside : outside[best];
+    *distance = found ? reach : distances[best];
+    if (found)
+        viewpoint->kind = KILN_VIEW_INSIDE;
+    return status;
+}
+
+/* World places of eye and target, for people. */
+static void note_places(const struct kiln_scene *scene, const struct kiln_view_camera *camera, double distance, struct kiln_viewpoint *viewpoint)
+{
+    const struct kiln_dvec3 to = dvec3_add(camera->position, dvec3_scale(camera->forward, distance));
+    const double from[3] = {camera->position.x, camera->position.y, camera->position.z}, target[3] = {to.x, to.y, to.z};
+    for (int c = 0; c < 3; c++) {
+        viewpoint->from[c] = from[c] + scene->header->centre[c];
+        viewpoint->to[c] = target[c] + scene->header->centre[c];
+    }
+}
+
+/* What was asked for outright comes last. */
+static int turn(const struct kiln_scene *scene, const struct kiln_view_wish *wish, struct kiln_view_camera *camera, double *distance,
+                struct kiln_error *error)
+{
+    const struct kiln_dvec3 target = wish->to != NULL ? relative(scene, wish->to) : dvec3(0.0, 0.0, 0.0);
+    const struct kiln_dvec3 way = dvec3_sub(target, camera->position);
+    *distance = dvec3_length(way);
+    if (!(*distance > 0.0))
+        return kiln_fail(error, KILN_USAGE, "the eye and its target are the same place: give --from and --to that differ");
+    kiln_view_look(camera, unit(way));
+    return KILN_OK;
+}
+
+int kiln_view_aim(const struct kiln_view_source *source, const struct kiln_view_wish *wish, struct kiln_view_camera *camera, uint32_t *width,
+                  uint32_t *height, struct kiln_viewpoint *viewpoint, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = source->scene;
+    const struct kiln_camera *own = NULL;
+    double distance = 1.0;
+    int status = find_camera(scene, wish->camera, &own, error);
     if (status != KILN_OK)
         return status;
-    *camera = (struct kiln_view_camera){.extent_y = tan(45.0 * half_degree)};
-    if (source != NULL && wish->from == NULL) {
-        camera->orthographic = source->orthographic != 0;
-        camera->extent_y = camera->orthographic ? (double)source->extent_y : tan(0.5 * (double)source->extent_y);
+    own = wish->from == NULL ? own : NULL;
+    *camera = (struct kiln_view_camera){.extent_y = degrees_to_extent(45.0)};
+    *viewpoint = (struct kiln_viewpoint){.kind = KILN_VIEW_GIVEN};
+    if (own != NULL) {
+        camera->orthographic = own->orthographic != 0;
+        camera->extent_y = camera->orthographic ? (double)own->extent_y : tan(0.5 * (double)own->extent_y);
     }
     if (wish->field_of_view > 0.0) {
         camera->orthographic = false;
-        camera->extent_y = tan(wish->field_of_view * half_degree);
+        camera->extent_y = degrees_to_extent(wish->field_of_view);
     }
-    choose_size(wish, source != NULL && wish->from == NULL && source->aspect > 0.0f ? (double)source->aspect : 4.0 / 3.0, width, height);
+    choose_size(wish, own != NULL && own->aspect > 0.0f ? (double)own->aspect : 4.0 / 3.0, width, height);
     const double aspect = (double)*width / (double)*height;
     camera->extent_x = camera->extent_y * aspect;
     if (wish->from != NULL) {
         camera->position = relative(scene, wish->from);
-    } else if (source != NULL) {
-        camera->position = relative(scene, source->position);
-        camera->right = from_floats(source->right);
-        camera->up = from_floats(source->up);
-        camera->forward = from_floats(source->forward);
+    } else if (own != NULL) {
+        take_camera(scene, own, camera);
+        viewpoint->kind = KILN_VIEW_CAMERA;
+        viewpoint->camera = kiln_scene_string(scene, own->name);
     } else {
-        frame_all(scene, camera, aspect);
+        status = find_place(source, wish, camera, aspect, viewpoint, &distance, error);
     }
-    if (wish->from == NULL && wish->to == NULL)
-        return KILN_OK;
-    const struct kiln_dvec3 target = wish->to != NULL ? relative(scene, wish->to) : dvec3(0.0, 0.0, 0.0);
-    const struct kiln_dvec3 way = dvec3_sub(target, camera->position);
-    if (!(dvec3_length(way) > 0.0))
-        return kiln_fail(error, KILN_USAGE, "the eye and its target are the same place: give --from and --to that differ");
-    look(camera, unit(way));
-    return KILN_OK;
+    if (status == KILN_OK && (wish->from != NULL || wish->to != NULL)) {
+        viewpoint->kind = KILN_VIEW_GIVEN;
+        status = turn(scene, wish, camera, &distance, error);
+    }
+    note_places(scene, camera, distance, viewpoint);
+    return status;
 }

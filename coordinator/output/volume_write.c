@@ -98,7 +98,7 @@ static int write_harmonics(struct volume_writer *w, struct kiln_error *error)
     const int status = kiln_agree(w->h5.communicator, check_finite(w, 27, "its light", error), error);
     if (status != KILN_OK)
         return status;
-    return write_array(w, "/VTKHDF/PointData/irradiance_sh", 27, "W m-2",
+    return write_array(w, "/VTKHDF/PointData/irradiance_sh", 27, w->result->units->irradiance,
                        "spherical harmonics of irradiance, component 3 i + channel (linear RGB): E(n) = sum over i of c_i Y_i(n) for unit "
                        "normal n; real orthonormal Y_00 Y_1-1 Y_10 Y_11 Y_2-2 Y_2-1 Y_20 Y_21 Y_22 in x, y, z as in Ramamoorthi and "
                        "Hanrahan 2001; the cosine is folded in (pi, 2 pi / 3, pi / 4)",
@@ -116,7 +116,7 @@ static int write_axes(struct volume_writer *w, struct kiln_error *error)
             memcpy(w->values + 3 * p, w->volume->probes[p].irradiance_axes[a], 3 * sizeof(float));
         status = kiln_agree(w->h5.communicator, check_finite(w, 3, "its light along an axis", error), error);
         if (status == KILN_OK)
-            status = write_array(w, names[a], 3, "W m-2", "irradiance on a face looking along this axis, linear RGB, estimated directly", error);
+            status = write_array(w, names[a], 3, w->result->units->irradiance, "irradiance on a face looking along this axis, linear RGB, estimated directly", error);
     }
     return status;
 }

@@ -56,12 +56,25 @@ void kiln_build_for_maps(struct kiln_build *build, const uint8_t *wanted,
     }
 }
 
+static bool publishes_backs(const struct kiln_build *build, size_t object)
+{
+    const uint32_t flags = build->scene->objects[object].flags;
+    return (flags & KILN_OBJECT_BOTH_SIDES) != 0 || (build->params->both_sides && (flags & KILN_OBJECT_ONE_SIDE) == 0);
+}
+
+/* Nobody asks for the light of backs that no ray meets and no file shows. */
+static bool has_backs(const struct kiln_build *build, size_t object)
+{
+    const bool met = (build->scene->objects[object].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
+    return build->geometry->ranges[object].two_sided > 0 && (met || publishes_backs(build, object));
+}
+
 /* How many lightmaps there are: twice as many as objects where one has backs. */
 static uint32_t count_maps(const struct kiln_build *build)
 {
     const size_t objects = build->scene->object_count;
     for (size_t o = 0; o < objects; o++)
-        if (build->geometry->ranges[o].two_sided > 0)
+        if (has_backs(build, o))
             return (uint32_t)(2 * objects);
     return (uint32_t)objects;
 }
@@ -73,9 +86,9 @@ static void size_lightmap(const struct kiln_build *build, uint32_t number, struc
     const struct kiln_object *object = &build->scene->objects[o];
     const bool back = kiln_map_back(build->surface, number);
     const bool shown = (object->flags & KILN_OBJECT_CASTER_ONLY) == 0;
-    const bool both = build->params->both_sides || (object->flags & KILN_OBJECT_BOTH_SIDES) != 0;
+    const bool both = publishes_backs(build, o);
     map->tile_first = build->surface->tile_count;
-    if (back && build->geometry->ranges[o].two_sided == 0)
+    if (back && !has_backs(build, o))
         return;
     map->published = shown && (!back || both);
     map->shift = back && !both ? 1 : 0;

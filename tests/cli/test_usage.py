@@ -36,6 +36,25 @@ class Usage(unittest.TestCase):
         }.items():
             self.refused(64, pattern, *arguments)
 
+    def test_what_is_not_near_is_not_named(self):
+        for arguments in (["frobnicate"], ["foo"], ["bake", self.scene, "--lightprobes", "3"], ["view", "out", "--xyzzy"], ["generate", "teapot"]):
+            answer = self.refused(64, "unknown|no scene is called", *arguments)
+            self.assertNotIn("nearest", answer.sentence())
+            self.assertRegex(answer.sentence(), "lists all|there are: cornell")
+        self.refused(64, "the nearest one is --no-stitch", "bake", self.scene, "--no-stich")
+        self.refused(64, "the nearest one is 'generate'", "gen")  # how it begins
+
+    def test_a_folder_that_is_no_bake(self):
+        with tempfile.TemporaryDirectory() as folder:
+            for arguments in (["view"], ["probe", "1", "2", "3"], ["report"], ["verify"], ["status"], ["stop"]):
+                answer = kiln(arguments[0], folder, *arguments[1:])
+                self.assertEqual(answer.code, 66)
+                self.assertRegex(answer.sentence(), "is not the folder of a bake: .* name the folder that kiln bake -o wrote to")
+            answer = kiln("compare", folder, folder)
+            self.assertEqual(answer.code, 66)
+            self.assertIn("is not the folder of a bake", answer.sentence())
+            self.assertEqual(os.listdir(folder), [])
+
     def test_wrong_usage_is_answered_at_once(self):
         for arguments in (["bakee"], ["bake", self.scene, "--smaples-direct", "4"], ["bake", "missing.glb"], []):
             self.assertLess(quickest(*arguments).seconds, 0.2)

@@ -202,7 +202,7 @@ static inline void synthetic_share(struct synthetic *s, int rank, int ranks)
 
 static inline struct kiln_bake_result synthetic_result(const struct synthetic *s, MPI_Comm communicator)
 {
-    return (struct kiln_bake_result){.communicator = communicator, .scene = &s->scene, .geometry = s->geometry, .surface = &s->surface,
+    return (struct kiln_bake_result){.units = kiln_units_of(KILN_UNITS_RADIOMETRIC, &s->scene), .communicator = communicator, .scene = &s->scene, .geometry = s->geometry, .surface = &s->surface,
                                      .direct = s->direct, .indirect = s->indirect, .error = s->error, .radiosity = s->radiosity};
 }
 

@@ -5,10 +5,12 @@ import subprocess
 import sys
 import tempfile
 
+import h5py
 import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
+import glb  # noqa: E402
 
 KILN = os.environ["KILN"]
 
@@ -142,8 +144,73 @@ def refusals(rng, folder):
         assert run.returncode == code and words in run.stderr, f"kiln {' '.join(arguments)}: {run}"
 
 
+def bake(scene, folder, *options):
+    run = kiln("bake", scene, "-o", folder, "--samples-probe", "0", "--no-preview", "--quiet", "--backend", "embree", *options)
+    assert run.returncode == 0, run.stderr
+    return folder
+
+
+def densities(rng, folder):
+    """Two densities of one scene: at surface positions, by area. Computed again from the surface points of A (kiln.h5) and B's lightmap
+    at the same object and coordinate."""
+    scene = os.path.join(folder, "cornell.glb")
+    assert kiln("generate", "cornell", "-o", scene, "--quiet").returncode == 0
+    coarse = bake(scene, os.path.join(folder, "coarse"), "--texels-per-metre", "6", "--quality", "draft")
+    fine = bake(scene, os.path.join(folder, "fine"), "--texels-per-metre", "14", "--quality", "draft", "--samples-direct", "64", "--samples-indirect", "128")
+    found = compare(coarse, fine)
+    assert found["sampled"] is True and found["dssim"] is None and not found["identical"] and len(found["worst"]["position"]) == 3
+    with h5py.File(os.path.join(coarse, "kiln.h5")) as file:
+        names = [n.decode() for n in file["objects/name"][...]]
+        sizes, of, texel = file["objects/lightmap"][...], file["points/object"][...], file["points/texel"][...]
+        area, valid = file["points/area"][...].astype(float), file["points/valid"][...].astype(bool)
+    sums = np.zeros(4)
+    for index, name in enumerate(names):
+        a, b = (exr.read(os.path.join(d, "lightmaps", name + ".exr")) for d in (coarse, fine))
+        own = np.flatnonzero((of == index) & valid)
+        x, y = texel[own, 0], texel[own, 1]
+        whole = a.channels["coverage.Y"][y, x] > 0.9995
+        own, x, y = own[whole], x[whole], y[whole]
+        height, width = b.channels["R"].shape
+        fx = np.clip((x + 0.5) / sizes[index, 0] * width - 0.5, 0, width - 1)
+        fy = np.clip((y + 0.5) / sizes[index, 1] * height - 0.5, 0, height - 1)
+        x0, y0 = np.minimum(fx.astype(int), max(width - 2, 0)), np.minimum(fy.astype(int), max(height - 2, 0))
+        x1, y1 = np.minimum(x0 + 1, width - 1), np.minimum(y0 + 1, height - 1)
+        wx, wy = fx - x0, fy - y0
+        for c in "RGB":
+            e = b.channels[c].astype(float)
+            at = (1 - wy) * ((1 - wx) * e[y0, x0] + wx * e[y0, x1]) + wy * ((1 - wx) * e[y1, x0] + wx * e[y1, x1])
+            difference = a.channels[c][y, x].astype(float) - at
+            sums += [(area[own] * difference ** 2).sum(), (area[own] * difference).sum(), (area[own] * at).sum(), area[own].sum()]
+    rms, bias, mean = np.sqrt(sums[0] / sums[3]), sums[1] / sums[3], sums[2] / sums[3]
+    assert abs(found["mean"] / mean - 1) < 0.03, (found["mean"], mean)  # edges are in kiln's
+    assert 0.5 * rms / mean < found["nrmse"] < 1.1 * rms / mean, (found["nrmse"], rms / mean)  # between texel centres noise is averaged
+    assert abs(np.mean([c["mean_difference"] for c in found["channels"].values()]) / mean - bias / mean) < 0.01, (found["channels"], bias)
+    # of itself there is no difference to speak of; the other way round the same distance
+    back = compare(fine, coarse)
+    assert abs(back["rmse"] / found["rmse"] - 1) < 0.02 and compare(fine, fine)["sampled"] is False and compare(fine, fine)["identical"]
+    text = kiln("compare", coarse, fine)
+    assert "spread over the surfaces" in text.stdout and "dssim" not in text.stdout, text.stdout
+    assert kiln("compare", coarse, fine, "-o", os.path.join(folder, "no.png")).returncode == 64
+    # kiln's own layouts differ with the density: still the same places
+    plain = glb.Scene()
+    plain.load(scene)
+    for mesh in plain.document["meshes"]:
+        for primitive in mesh["primitives"]:
+            primitive["attributes"].pop("TEXCOORD_1", None)
+            primitive["attributes"].pop("TEXCOORD_0", None)
+    bare = plain.write(os.path.join(folder, "bare.glb"))
+    unwrapped = bake(bare, os.path.join(folder, "unwrapped"), "--texels-per-metre", "10", "--quality", "draft", "--samples-indirect", "128")
+    other = compare(unwrapped, fine)
+    assert abs(other["mean"] / found["mean"] - 1) < 0.01 and other["nrmse"] < 1.5 * found["nrmse"], (other["nrmse"], found["nrmse"])
+    # another geometry under the same names is refused
+    plain.document["nodes"][0]["translation"] = [0.25, 0, 0]
+    moved = bake(plain.write(os.path.join(folder, "moved.glb")), os.path.join(folder, "moved"), "--texels-per-metre", "5", "--quality", "draft")
+    run = kiln("compare", moved, fine)
+    assert run.returncode == 65 and "not in the same place" in run.stderr, run.stderr
+
+
 with tempfile.TemporaryDirectory() as temporary:
     generator = np.random.default_rng(7)
-    for test in (plain_files, masked_folders, refusals):
+    for test in (plain_files, masked_folders, refusals, densities):
         test(generator, temporary)
 print("kiln compare agrees with its definitions")

@@ -26,7 +26,7 @@ MORE = {
     'godot_zdm2.glb': ('--environment', '1,1,1'),
 }
 # They need a decoder that kiln does not have, or an extension nobody knows, and say so themselves.
-REFUSED = {'draco_required.glb', 'meshopt_required.glb', 'webp_required.glb', 'unknown_required_extension_must_refuse.glb'}
+REFUSED = {'webp_required.glb', 'unknown_required_extension_must_refuse.glb'}
 SCENES = ('*.glb', '*.gltf', '*.obj')
 LONGEST_ANSWER = 5.0
 

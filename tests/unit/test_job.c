@@ -215,7 +215,13 @@ static void test_edit_distance(void **state)
     longer[5000] = '\0';
     assert_true(kiln_edit_distance(longer, "bake") >= 4); /* no overflow */
     assert_string_equal(kiln_command_nearest("bke"), "bake");
-    assert_string_equal(kiln_option_nearest("tile-size", KILN_FOR_BAKE), "cell-size");
+    assert_null(kiln_command_nearest("export-everything"));
+    assert_null(kiln_command_nearest("foo"));
+    assert_string_equal(kiln_command_nearest("gen"), "generate"); /* how it begins */
+    assert_string_equal(kiln_option_nearest("cel-size", KILN_FOR_BAKE), "cell-size");
+    assert_string_equal(kiln_option_nearest("texels", KILN_FOR_BAKE), "texels-per-metre");
+    assert_null(kiln_option_nearest("tile-size", KILN_FOR_BAKE));
+    assert_null(kiln_option_nearest("cell-size", KILN_FOR_GENERATE)); /* not one of this command's */
 }
 
 int main(void)

@@ -496,8 +496,8 @@ static struct quality check_shape(const char *name, const struct shape *s, struc
     const uint32_t width = object_of(b, object)->lightmap_width, height = object_of(b, object)->lightmap_height;
     const struct view v = view_of(b, mesh);
     const struct quality q = quality_of(&v, width, height, scale);
-    print_message("%-18s %7zu triangles %6zu charts %4u x %-4u used %4.1f %%  texels a m2 %.3f to %.3f of the mean, %.2f %% off in the mean\n", name,
-                  v.triangle_count, q.charts, width, height, 100.0 * q.use, q.ratio[0], q.ratio[1], 100.0 * q.mean_area_error);
+    print_message("%-18s %7zu triangles %6zu charts %4u x %-4u at %.3g a metre used %4.1f %%  texels a m2 %.3f to %.3f of the mean, %.2f %% off in the mean\n", name,
+                  v.triangle_count, q.charts, width, height, (double)b->texels_per_metre, 100.0 * q.use, q.ratio[0], q.ratio[1], 100.0 * q.mean_area_error);
     check_vertices(b, mesh, s);
     check_charts_apart(&v, width, height, params.padding == 0 ? 2 : (int)params.padding);
     check_samples_once(&v, width, height);
@@ -581,7 +581,7 @@ static void test_soup(void **state)
             c[k] = point(&s, x + random_unit(), y + random_unit(), z + random_unit());
         triangle(&s, c[0], c[1], c[2]);
     }
-    check_shape("soup", &s, (struct kiln_layout_params){0}, (struct bounds){0.4, 0.99, 1.01, 1000});
+    check_shape("soup", &s, (struct kiln_layout_params){.texels_per_metre = 32.0}, (struct bounds){0.4, 0.99, 1.01, 1000});
     check_shape("soup, coarse", &s, (struct kiln_layout_params){.texels_per_metre = 3.0}, (struct bounds){0.05, 0.99, 1.01, 1000});
     check_shape("soup, 512 x 512", &s, (struct kiln_layout_params){.lightmap_size = 512}, (struct bounds){0.35, 0.99, 1.01, 1000});
     free_shape(&s);
@@ -807,6 +807,83 @@ static void test_default_density(void **state)
     free_shape(&s);
 }
 
+/* A ground plane 2 km wide, a house and 60 things of 1 to 40 cm in it: `grounds` of the large ones. */
+static struct kiln_builder *plain_scene(const struct shape *floor, const struct shape *box, int grounds, int things,
+                                        const struct kiln_vec2 *uv)
+{
+    struct kiln_builder *b = new_builder();
+    const size_t plane = add_mesh(b, floor, uv), cube = add_mesh(b, box, NULL);
+    for (int i = 0; i < grounds; i++)
+        add_object(b, plane, 1000.0, 1000.0, 1000.0);
+    for (int i = 0; i < things; i++)
+        add_object(b, cube, 0.01 + 0.0065 * i, 0.01 + 0.0065 * i, 0.01 + 0.0065 * i);
+    return b;
+}
+
+static double texels_of(struct kiln_builder *b, size_t object)
+{
+    return (double)object_of(b, object)->lightmap_width * (double)object_of(b, object)->lightmap_height;
+}
+
+static double all_texels(struct kiln_builder *b)
+{
+    double sum = 0.0;
+    for (size_t i = 0; i < b->sections[KILN_SECTION_OBJECTS].count; i++)
+        sum += texels_of(b, i);
+    return sum;
+}
+
+/* Automatic density: no object has more than a quarter of all texels, or with fewer than four objects an even part; none is less than 8
+ * texels across; the sum is near 2^18; equal objects have equal lightmaps; what the user says of an object counts. */
+static void test_shares(void **state)
+{
+    (void)state;
+    struct shape floor = two_by_one(), box = {0};
+    add_box(&box, 1.0, 1.0, 1.0);
+    for (int made = 0; made < 2; made++) { /* with a layout of its own, and unwrapped */
+        for (int things = 1; things <= 60; things = 3 * things + 1) {
+            struct kiln_builder *b = plain_scene(&floor, &box, 2, things, made == 0 ? good_uv : NULL);
+            assert_int_equal(kiln_layout(b, &(struct kiln_layout_params){0}, NULL), KILN_OK);
+            const double all = all_texels(b), most = all * fmax(0.25, 1.0 / (things + 2));
+            print_message("%d things: %g texels, the grounds have %.1f %%\n", things, all, 100.0 * texels_of(b, 0) / all);
+            assert_true(all > 262144.0 / 1.5 && all < 262144.0 * 1.5);
+            for (size_t i = 0; i < (size_t)things + 2; i++) {
+                assert_true(texels_of(b, i) <= 1.03 * most && (things + 2 < 4 || texels_of(b, i) <= 0.25 * all));
+                assert_true(object_of(b, i)->lightmap_width >= 8 || object_of(b, i)->lightmap_height >= 8);
+            }
+            assert_true(texels_of(b, 0) == texels_of(b, 1));
+            if (things > 20) {
+                assert_int_equal(object_of(b, 0)->density_reason, KILN_DENSITY_SHARE);
+                assert_int_equal(object_of(b, (size_t)things + 1)->density_reason, KILN_DENSITY_COMMON);
+                assert_true(has_note(b, "would take most of all texels"));
+            }
+            kiln_builder_destroy(&b);
+        }
+    }
+    struct kiln_builder *b = plain_scene(&floor, &box, 1, 40, good_uv);
+    const size_t last = 40;
+    assert_int_equal(kiln_layout(b, &(struct kiln_layout_params){0}, NULL), KILN_OK);
+    const double side = object_of(b, last)->lightmap_width, ground = texels_of(b, 0);
+    kiln_builder_destroy(&b);
+    b = plain_scene(&floor, &box, 1, 40, good_uv);
+    b->object_settings[0].lightmap_size = 77;
+    b->object_settings[last].density_scale = 2.0;
+    b->object_settings[last - 1].role = KILN_ROLE_CASTER_ONLY;
+    assert_int_equal(kiln_layout(b, &(struct kiln_layout_params){.texels_per_metre = 300.0}, NULL), KILN_OK);
+    assert_true(texels_of(b, 0) == 77.0 * 77.0 && ground != 77.0 * 77.0 && side > 0.0);
+    assert_int_equal(object_of(b, 0)->density_reason, KILN_DENSITY_SIZED);
+    assert_int_equal(object_of(b, last)->density_reason, KILN_DENSITY_SCALED);
+    assert_int_equal(object_of(b, last - 1)->density_reason, KILN_DENSITY_CASTER);
+    /* 300 a metre on a cube of 0.2635 m: 79 texels an edge; twice that; the one before is a little smaller and has a quarter */
+    const double edge = 0.01 + 0.0065 * 39;
+    assert_true(fabs(sqrt(texels_of(b, last) * mesh_of(b, 1)->uv_area / 6.0) / (600.0 * edge) - 1.0) < 0.02);
+    assert_true(fabs(sqrt(texels_of(b, last - 1) * mesh_of(b, 1)->uv_area / 6.0) / (75.0 * (edge - 0.0065)) - 1.0) < 0.02 ||
+                object_of(b, last - 1)->lightmap_width == (object_of(b, last)->lightmap_width + 1) / 2);
+    kiln_builder_destroy(&b);
+    free_shape(&floor);
+    free_shape(&box);
+}
+
 /* Instances of very different size and shape: the padding stays, the largest has the density asked for. */
 static void test_instances(void **state)
 {
@@ -915,6 +992,7 @@ int main(void)
         cmocka_unit_test(test_overlap_tolerance),
         cmocka_unit_test(test_sizes),
         cmocka_unit_test(test_default_density),
+        cmocka_unit_test(test_shares),
         cmocka_unit_test(test_instances),
         cmocka_unit_test(test_many_meshes),
         cmocka_unit_test(test_parameters),

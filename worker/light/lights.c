@@ -47,7 +47,8 @@ static int gather_area_lights(struct kiln_lights *lights, struct kiln_error *err
 {
     size_t capacity = 0;
     for (size_t t = 0; t < lights->geometry->triangle_count; t++) {
-        if ((lights->geometry->records[t].material & KILN_RECORD_EMITS) == 0)
+        const struct kiln_hit_record *record = &lights->geometry->records[t];
+        if ((record->material & KILN_RECORD_EMITS) == 0 || (lights->scene->objects[record->object].flags & KILN_OBJECT_RECEIVER_ONLY) != 0)
             continue;
         struct kiln_area_light light;
         if (!make_area_light(lights->scene, lights->geometry, (uint32_t)t, &light))

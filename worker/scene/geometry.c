@@ -109,11 +109,17 @@ static void count_alpha(struct expansion *e)
     }
 }
 
+static bool is_unmet(const struct kiln_scene *scene, size_t object)
+{
+    return (scene->objects[object].flags & KILN_OBJECT_RECEIVER_ONLY) != 0;
+}
+
 static int plan(struct expansion *e, struct kiln_error *error)
 {
     const struct kiln_scene *scene = e->scene;
     struct kiln_geometry *g = e->geometry;
     uint64_t triangles = 0, vertices = 0, opaque = 0, alpha = 0;
+    uint64_t unmet_opaque = 0, unmet_alpha = 0; /* receiver-only objects' */
     for (size_t o = 0; o < scene->object_count; o++) {
         const uint32_t m = scene->objects[o].mesh;
         const struct kiln_mesh *mesh = &scene->meshes[m];
@@ -122,12 +128,13 @@ static int plan(struct expansion *e, struct kiln_error *error)
         e->object_vertex[o] = vertices;
         triangles += mesh->triangle_count;
         vertices += mesh->vertex_count;
-        g->ranges[o].opaque_first = opaque;
+        uint64_t *own_opaque = is_unmet(scene, o) ? &unmet_opaque : &opaque, *own_alpha = is_unmet(scene, o) ? &unmet_alpha : &alpha;
+        g->ranges[o].opaque_first = *own_opaque;
         g->ranges[o].opaque_count = mesh->triangle_count - e->mesh_alpha[m];
-        g->ranges[o].alpha_first = alpha;
+        g->ranges[o].alpha_first = *own_alpha;
         g->ranges[o].alpha_count = e->mesh_alpha[m];
-        opaque += g->ranges[o].opaque_count;
-        alpha += g->ranges[o].alpha_count;
+        *own_opaque += g->ranges[o].opaque_count;
+        *own_alpha += g->ranges[o].alpha_count;
         if (triangles >= UINT32_MAX || vertices >= UINT32_MAX || scene->triangle_count >= UINT32_MAX)
             return kiln_fail(error, KILN_BAD_INPUT,
                              "the scene has more than %u triangles or vertices once its instances are expanded (object %zu of %zu, "
@@ -136,11 +143,15 @@ static int plan(struct expansion *e, struct kiln_error *error)
                              (unsigned long long)triangles, (unsigned long long)vertices);
     }
     e->object_vertex[scene->object_count] = vertices;
-    for (size_t o = 0; o < scene->object_count; o++)
-        g->ranges[o].alpha_first += opaque;
+    for (size_t o = 0; o < scene->object_count; o++) {
+        g->ranges[o].opaque_first += is_unmet(scene, o) ? opaque : 0;
+        g->ranges[o].alpha_first += opaque + unmet_opaque + (is_unmet(scene, o) ? alpha : 0);
+    }
     g->vertex_count = vertices;
     g->triangle_count = triangles;
-    g->opaque_count = opaque;
+    g->opaque_count = opaque + unmet_opaque;
+    g->opaque_unmet = unmet_opaque;
+    g->alpha_unmet = unmet_alpha;
     return KILN_OK;
 }
 

@@ -1,7 +1,8 @@
 /* The world's triangles as every backend traces them: all objects expanded, float positions relative to the scene's centre.
  *
  * World triangles are numbered 0 .. triangle_count-1: first all opaque ones, object by object in scene order, then all with an
- * alpha mask or blending, object by object. A backend's hit gives this number and (u, v), the barycentric weights of corners 1
+ * alpha mask or blending, object by object. At the end of either part stand those of receiver-only objects, which no ray meets: a
+ * backend builds its tree over what comes before them. A backend's hit gives this number and (u, v), the barycentric weights of corners 1
  * and 2. Corner order is made counter-clockwise seen from the front also for mirrored objects: their corners 1 and 2 change
  * places, in `indices` and in the record alike. So (u, v) always speak of the world triangle's corners; where the stored
  * triangle's are wanted (kiln_surface_color and its like), kiln_geometry_stored_barycentrics translates.
@@ -47,6 +48,7 @@ enum kiln_geometry_passage {
 struct kiln_geometry {
     size_t vertex_count, triangle_count, opaque_count;
     uint32_t passage;  /* enum kiln_geometry_passage */
+    size_t opaque_unmet, alpha_unmet; /* of receiver-only objects: the last opaque ones, and the last of all */
     float *vertices;   /* x y z; 4 floats of padding after the last, as Embree wants */
     uint32_t *indices; /* 3 a triangle */
     struct kiln_hit_record *records;
@@ -69,6 +71,16 @@ int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_s
 int kiln_geometry_attach(struct kiln_geometry **geometry, const struct kiln_geometry *made, void *(*place)(const void *context, const void *there),
                          const struct kiln_allocator *memory, struct kiln_error *error);
 void kiln_geometry_destroy(struct kiln_geometry **geometry);
+
+/* How many triangles rays can meet, and the number in the world of the i-th of them. */
+static inline size_t kiln_geometry_met_count(const struct kiln_geometry *g) { return g->triangle_count - g->opaque_unmet - g->alpha_unmet; }
+static inline size_t kiln_geometry_met(const struct kiln_geometry *g, size_t i)
+{
+    return i < g->opaque_count - g->opaque_unmet ? i : i + g->opaque_unmet;
+}
+
+/* From now on rays meet all triangles: for pictures, in which receiver-only objects are seen. Before a backend is made. */
+static inline void kiln_geometry_meet_all(struct kiln_geometry *g) { g->opaque_unmet = g->alpha_unmet = 0; }
 
 /* The three corners of a world triangle, relative to the scene's centre. */
 static inline void kiln_geometry_corners(const struct kiln_geometry *g, uint64_t triangle, struct kiln_vec3 corner[3])

@@ -29,7 +29,7 @@ _Static_assert(sizeof(struct kiln_environment) == 32, "format");
 _Static_assert(sizeof(struct kiln_source) == 32, "format");
 _Static_assert(sizeof(struct kiln_note) == 8, "format");
 _Static_assert(sizeof(struct kiln_triangle_source) == 8, "format");
-_Static_assert(sizeof(struct kiln_scene_header) == 128 + 16 * KILN_SECTION_COUNT, "format");
+_Static_assert(sizeof(struct kiln_scene_header) == 136 + 16 * KILN_SECTION_COUNT, "format");
 
 static const struct {
     size_t size;
@@ -270,6 +270,8 @@ static int check_objects(const struct check *check)
             return damaged(check, "object %zu has a transform that is not a number", i);
         if (o->lightmap_width == 0 || o->lightmap_height == 0 || o->lightmap_width > 65536 || o->lightmap_height > 65536)
             return damaged(check, "object %zu has a lightmap of %u x %u texels", i, o->lightmap_width, o->lightmap_height);
+        if (o->density_reason >= KILN_DENSITY_REASONS)
+            return damaged(check, "object %zu has its density for a reason that is none of the %d", i, (int)KILN_DENSITY_REASONS);
     }
     return check_names(check);
 }
@@ -316,7 +318,7 @@ static int check_texts(const struct check *check)
         if (!is_string(check, scene->sources[i].path))
             return damaged(check, "source %zu names a string that is not there", i);
     for (size_t i = 0; i < scene->note_count; i++)
-        if (!is_string(check, scene->notes[i].text) || scene->notes[i].severity > 1)
+        if (!is_string(check, scene->notes[i].text) || scene->notes[i].severity > KILN_NOTE_SAID)
             return damaged(check, "note %zu names a string that is not there", i);
     return KILN_OK;
 }
@@ -341,7 +343,8 @@ static int check_contents(const struct check *check)
     if (known != 0 && known != scene->triangle_count)
         return damaged(check, "it has the sources of %llu triangles and %zu triangles", (unsigned long long)known, scene->triangle_count);
     if (!all_finite_double(header->centre, 3) || !all_finite_double(header->bounds_min, 3) ||
-        !all_finite_double(header->bounds_max, 3) || !isfinite(header->texels_per_metre) || header->texels_per_metre < 0.0f)
+        !all_finite_double(header->bounds_max, 3) || !isfinite(header->texels_per_metre) || header->texels_per_metre < 0.0f ||
+        !isfinite(header->padding_factor) || header->units > KILN_SCENE_UNITS_BLENDER)
         return damaged(check, "the header has a value that is not a number");
     int status = check_texts(check);
     if (status == KILN_OK)

@@ -135,7 +135,9 @@ static struct kiln_vec2 interpolated(const struct kiln_vec2 *values, const uint3
     return (struct kiln_vec2){a.x + b1 * (b.x - a.x) + b2 * (c.x - a.x), a.y + b1 * (b.y - a.y) + b2 * (c.y - a.y)};
 }
 
-void kiln_surface_color(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2, float rgba[4])
+/* Base colour x vertex colour x texture, times `kept` but for alpha. */
+static void surface_color(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2, float kept,
+                          float rgba[4])
 {
     const struct kiln_material *m = &scene->materials[scene->triangle_materials[triangle]];
     const uint32_t *corner = corners_of(scene, triangle);
@@ -154,7 +156,7 @@ void kiln_surface_color(const struct kiln_scene *scene, const struct kiln_mesh *
             rgba[c] *= sample[c];
     }
     for (int c = 0; c < 4; c++) {
-        const float scaled = c < 3 ? rgba[c] * (1.0f - m->metallic) : rgba[c];
+        const float scaled = c < 3 ? rgba[c] * kept : rgba[c];
         rgba[c] = fminf(fmaxf(scaled, 0.0f), 1.0f); /* rounding of the weights may step out by a bit */
     }
 }
@@ -201,6 +203,16 @@ float kiln_surface_opacity(const struct kiln_scene *scene, const struct kiln_mes
         covered = coverage(m, fminf(fmaxf(alpha, 0.0f), 1.0f));
     }
     return covered - covered * transmission_at(scene, m, uv);
+}
+
+void kiln_surface_color(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2, float rgba[4])
+{
+    surface_color(scene, mesh, triangle, b1, b2, 1.0f - scene->materials[scene->triangle_materials[triangle]].metallic, rgba);
+}
+
+void kiln_surface_base_color(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2, float rgba[4])
+{
+    surface_color(scene, mesh, triangle, b1, b2, 1.0f, rgba);
 }
 
 void kiln_surface_emission(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2, float rgb[3])

@@ -32,6 +32,9 @@ void kiln_surface_passage(const struct kiln_scene *scene, const struct kiln_mesh
                           struct kiln_passage *passage);
 /* Its opacity alone; cheaper. */
 float kiln_surface_opacity(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2);
+/* The same without the factor (1 - metallic): what a metal is coloured like, which reflects nothing diffusely. */
+void kiln_surface_base_color(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2,
+                             float rgba[4]);
 /* Emitted radiance (W m-2 sr-1). */
 void kiln_surface_emission(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2,
                            float rgb[3]);

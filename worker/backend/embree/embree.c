@@ -108,8 +108,9 @@ static int embree_create(struct kiln_backend **backend, const struct kiln_backen
         /* robust: rays cannot slip through the edge that two triangles share; a sealed room stays exactly black */
         rtcSetSceneFlags(b->scene, RTC_SCENE_FLAG_ROBUST);
         rtcSetSceneBuildQuality(b->scene, RTC_BUILD_QUALITY_MEDIUM);
-        attach(b, 0, 0, params->geometry->opaque_count);
-        attach(b, 1, params->geometry->opaque_count, params->geometry->triangle_count - params->geometry->opaque_count);
+        attach(b, 0, 0, params->geometry->opaque_count - params->geometry->opaque_unmet);
+        attach(b, 1, params->geometry->opaque_count,
+               params->geometry->triangle_count - params->geometry->opaque_count - params->geometry->alpha_unmet);
         rtcCommitScene(b->scene);
         status = embree_failure(b->device, "building the BVH", error);
         b->build_seconds = seconds_of(CLOCK_MONOTONIC) - start;
