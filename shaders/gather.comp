@@ -46,8 +46,8 @@ vec3 cosine_direction(vec3 n, float u, float v, out float cosine)
 }
 
 struct Sums {
-    vec3 incident, irradiance, borrowed;
-    float escaped, blocked, behind, luminance;
+    vec3 incident, irradiance;
+    float escaped, blocked, luminance;
 };
 
 void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v)
@@ -77,16 +77,12 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
         sums.escaped += facet;
         return;
     }
-    const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v);
+    const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v, hit.back);
     if (hit.back && (to.material & KILN_DOUBLE_SIDED) == 0u) {
         sums.blocked += facet;
         return;
     }
     const vec3 rgb = facet > 0.0 ? kiln_radiosity_at(to) : vec3(0.0);
-    if (hit.back) {
-        sums.behind += facet;
-        sums.borrowed += facet * rgb;
-    }
     sums.incident += facet * rgb;
     if (HAS_SMOOTH != 0u)
         sums.irradiance += weight * rgb;
@@ -100,12 +96,10 @@ void store(Sums sums, uint x, uint y)
     for (uint c = 0u; c < 3u; c++) {
         slices.at[c * step + x] = sums.incident[c];
         slices.at[(3u + c) * step + x] = HAS_SMOOTH != 0u ? sums.irradiance[c] : sums.incident[c];
-        slices.at[(6u + c) * step + x] = sums.borrowed[c];
     }
-    slices.at[9u * step + x] = sums.escaped;
-    slices.at[10u * step + x] = sums.blocked;
-    slices.at[11u * step + x] = sums.behind;
-    slices.at[12u * step + x] = sums.luminance;
+    slices.at[6u * step + x] = sums.escaped;
+    slices.at[7u * step + x] = sums.blocked;
+    slices.at[8u * step + x] = sums.luminance;
 }
 
 void kiln_kernel(uint x, uint row)
@@ -127,7 +121,7 @@ void kiln_kernel(uint x, uint row)
     const uint shift_s = kiln_hash1(key + 3u), shift_t = kiln_hash1(key + 4u);
     const bool shares = DRAW_AGAIN != 0u || (p.flags & KILN_GPU_POINT_PARTIAL) != 0u;
     WordArray sobol = WordArray(push.sobol);
-    Sums sums = Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0, 0.0);
+    Sums sums = Sums(vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0);
     vec3 position, normal;
     uint drawn = KILN_GPU_NONE;
     uint k = from;

@@ -83,14 +83,14 @@ struct fragment_sum {
 
 static size_t group_of(const struct kiln_surface *surface, const struct kiln_fragment *f)
 {
-    return (size_t)((surface->lightmaps[f->object].tile_first + f->tile) / GROUP_TILES);
+    return (size_t)((surface->lightmaps[f->map].tile_first + f->tile) / GROUP_TILES);
 }
 
 /* What becomes of the radiosity that a point sends, by a gather's rays; returns the variance of what is lost of it, times the samples. */
 static double add_sent(const struct transport_state *s, uint64_t point, const struct kiln_point_result *r, double area,
                        struct kiln_exact_sum sums[SUM_COUNT])
 {
-    const double per_unit = 1.0 / s->unit, lost = fmin(1.0, (double)r->escaped + (double)r->blocked + (double)r->behind);
+    const double per_unit = 1.0 / s->unit, lost = fmin(1.0, (double)r->escaped + (double)r->blocked);
     const bool all_arrives = !(lost > 0.0);
     float sent[3];
     double power[3];
@@ -98,12 +98,10 @@ static double add_sent(const struct transport_state *s, uint64_t point, const st
     for (int c = 0; c < 3; c++) {
         power[c] = area * (double)sent[c];
         kiln_exact_add(&sums[SUM_SENT + c], power[c], per_unit);
-        kiln_exact_add(&sums[SUM_BORROWED + c], area * (double)r->borrowed[c], per_unit);
         if (all_arrives)
             continue;
         kiln_exact_add(&sums[SUM_ESCAPED + c], power[c] * (double)r->escaped, per_unit);
         kiln_exact_add(&sums[SUM_BLOCKED + c], power[c] * (double)r->blocked, per_unit);
-        kiln_exact_add(&sums[SUM_BEHIND + c], power[c] * (double)r->behind, per_unit);
     }
     const double spread = kiln_luminance(power);
     return spread * spread * lost * (1.0 - lost);
@@ -158,7 +156,7 @@ static void take_fragment(const struct pass_work *w, const struct kiln_fragment 
     struct transport_state *s = w->state;
     uint64_t own = fragment->first - w->share->surface.first;
     /* what no ray meets takes no light from the scene */
-    const bool counts = (s->params->backend->params.scene->objects[fragment->object].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
+    const bool counts = (s->params->backend->params.scene->objects[kiln_map_object(&w->share->surface, fragment->map)].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
     *sum = (struct fragment_sum){0};
     for (uint64_t rest = fragment->mask; rest != 0; rest &= rest - 1, own++, results++) {
         float albedo[3], radiosity[3];
@@ -256,8 +254,6 @@ static int close_pass(struct transport_state *s, struct kiln_pass_report *pass, 
         pass->energy.sent[c] = kiln_exact_value(&sums[SUM_SENT + c], s->unit);
         pass->energy.escaped[c] = kiln_exact_value(&sums[SUM_ESCAPED + c], s->unit);
         pass->energy.blocked[c] = kiln_exact_value(&sums[SUM_BLOCKED + c], s->unit);
-        pass->energy.behind[c] = kiln_exact_value(&sums[SUM_BEHIND + c], s->unit);
-        pass->energy.borrowed[c] = kiln_exact_value(&sums[SUM_BORROWED + c], s->unit);
     }
     pass->energy.variance = kiln_exact_value(&sums[SUM_COUNT], s->unit_squared);
     return status;

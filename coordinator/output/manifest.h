@@ -12,6 +12,7 @@
 
 #include "coordinator/output/sealed.h"
 #include "worker/scene/scene.h"
+#include "worker/scene/surface.h"
 
 struct kiln_manifest_file {
     char *path; /* within the folder */
@@ -26,7 +27,8 @@ struct kiln_manifest {
 
 /* Collective. Hashes the results of a bake of `scene` in `directory`, a share on each rank, and writes the manifest on rank 0.
  * KILN_IO when a result is not there. */
-int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene, bool volume, bool preview,
+int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene,
+                        const struct kiln_surface *surface, bool volume, bool preview,
                         struct kiln_error *error);
 
 /* Rank 0, before results are replaced: without it the folder no longer claims to be complete. */
@@ -43,7 +45,7 @@ struct kiln_pruned {
  * kiln report and kiln view made under their default names (KILN_MADE_BY tells them from others). A file that is not as kiln wrote
  * it stays. Without a manifest, or with one that is damaged, only these pictures go. KILN_CANNOT_CREATE when a file cannot be
  * removed; killed halfway, it can be called again. */
-int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, bool volume, bool preview, struct kiln_pruned *pruned,
+int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface, bool volume, bool preview, struct kiln_pruned *pruned,
                         struct kiln_error *error);
 
 
