@@ -95,7 +95,7 @@ const struct kiln_option kiln_options[] = {
      .help = "of the random numbers", .commands = TRACES | KILN_FOR_GENERATE, .offset = AT(seed)},
 
     {.name = "texels-per-metre", .group = "Lightmaps", .kind = KILN_OPTION_DOUBLE, .value = "X", .fallback = "auto", .word = "auto",
-     .minimum = 1e-12, .maximum = 1e12, .help = "density; auto: about 2^18 texels in the scene", .commands = READS_SCENE,
+     .minimum = 1e-12, .maximum = 1e12, .help = "density; auto: about 2^18 texels in the scene, up to 2^20 where charts lie close together", .commands = READS_SCENE,
      .offset = AT(texels_per_metre)},
     {.name = "lightmap-size", .group = "Lightmaps", .kind = KILN_OPTION_UINT32, .value = "TEXELS", .fallback = "auto", .word = "auto",
      .minimum = 1, .maximum = 32768, .help = "every lightmap N x N; auto: by density", .commands = READS_SCENE,

@@ -142,7 +142,8 @@ static int describe_file(const struct writer *w, uint32_t object, struct kiln_im
         {.name = "kiln:originalName", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, o->original_name)},
         {.name = "kiln:mesh", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, mesh->name)},
         {.name = "kiln:uvSet", .kind = KILN_EXR_STRING,
-         .text = (mesh->flags & KILN_MESH_UNWRAPPED) != 0 ? "kiln's own layout; top row is v = 0" : "the mesh's second UV set; top row is v = 0"},
+         .text = (mesh->flags & KILN_MESH_REPACKED) != 0    ? "the charts of the mesh's second UV set in kiln's own layout; top row is v = 0"
+                 : (mesh->flags & KILN_MESH_UNWRAPPED) != 0 ? "kiln's own layout; top row is v = 0" : "the mesh's second UV set; top row is v = 0"},
         {.name = "kiln:precision", .kind = KILN_EXR_STRING, .text = precision},
         {.name = "kiln:texelsPerMetre", .kind = KILN_EXR_FLOAT, .number = (float)density},
         {.name = "kiln:capped", .kind = KILN_EXR_INTEGER, .integer = asked > 0.0 && density > 0.0 && density < 0.9 * asked},
