@@ -159,7 +159,7 @@ const struct kiln_option kiln_options[] = {
     {.name = "height", .group = "View", .kind = KILN_OPTION_UINT32, .value = "PIXELS", .fallback = "auto", .word = "auto", .minimum = 1,
      .maximum = 32768, .help = "of the image", .commands = KILN_FOR_VIEW, .offset = AT(height)},
     {.name = "exposure", .group = "View", .kind = KILN_OPTION_DOUBLE, .value = "STOPS", .fallback = "0", .minimum = -100, .maximum = 100,
-     .help = "brighter by powers of two", .commands = KILN_FOR_VIEW | KILN_FOR_BAKE, .offset = AT(exposure)},
+     .help = "added to the automatic exposure, powers of two", .commands = KILN_FOR_VIEW | KILN_FOR_BAKE, .offset = AT(exposure)},
 
     {.name = "ranks", .group = "Plan", .kind = KILN_OPTION_UINT32, .value = "N", .fallback = "1", .minimum = 1, .maximum = 1048576,
      .help = "how many ranks to plan for", .commands = KILN_FOR_PLAN, .offset = AT(ranks)},
