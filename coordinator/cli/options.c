@@ -171,7 +171,7 @@ const struct kiln_option kiln_options[] = {
     {.name = "height", .group = "View", .kind = KILN_OPTION_UINT32, .value = "PIXELS", .fallback = "auto", .word = "auto", .minimum = 1,
      .maximum = 32768, .help = "of the image", .commands = KILN_FOR_VIEW, .offset = AT(height)},
     {.name = "exposure", .group = "View", .kind = KILN_OPTION_DOUBLE, .value = "STOPS", .fallback = "0", .minimum = -100, .maximum = 100,
-     .help = "brighter by powers of two", .commands = KILN_FOR_VIEW | KILN_FOR_BAKE, .offset = AT(exposure)},
+     .help = "added to the automatic exposure, powers of two", .commands = KILN_FOR_VIEW | KILN_FOR_BAKE, .offset = AT(exposure)},
 
     {.name = "show", .group = "View", .kind = KILN_OPTION_CHOICE_FLAG, .fallback = "light", .choices = shows,
      .help = "light, or the lightmaps' texels as a checkerboard", .commands = KILN_FOR_VIEW, .offset = AT(show_texels)},
