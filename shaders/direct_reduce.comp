@@ -40,7 +40,7 @@ void kiln_kernel(uint x, uint y)
         return;
     const uint index = push.chunk.origin + x;
     uint rays = 0u;
-    kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0);
+    kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
     const uint state = DirectWords(push.chunk.states).at[index], step = state == KILN_GPU_STATE_BURIED ? 1u : push.pass.split;
     if (state != KILN_GPU_STATE_INVALID) {
         real3 incident = real3(0), irradiance = real3(0);

@@ -48,8 +48,8 @@ vec3 cosine_direction(vec3 n, float u, float v, out float cosine)
 const uint SLICE_FLOATS = HAS_ALPHA == KILN_GPU_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
 
 struct Sums {
-    vec3 incident, irradiance, borrowed, glass;
-    float escaped, blocked, behind, luminance;
+    vec3 incident, irradiance, glass;
+    float escaped, blocked, luminance;
 };
 
 void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed)
@@ -80,7 +80,7 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
         sums.escaped += facet;
         return;
     }
-    const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v);
+    const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v, hit.back);
     if (hit.back && (to.material & KILN_DOUBLE_SIDED) == 0u) {
         sums.blocked += facet;
         return;
@@ -89,10 +89,6 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     if (HAS_ALPHA == KILN_GPU_PASSAGE_TINT) {
         rgb *= tint;
         sums.glass += facet * (1.0 - tint);
-    }
-    if (hit.back) {
-        sums.behind += facet;
-        sums.borrowed += facet * rgb;
     }
     sums.incident += facet * rgb;
     if (HAS_SMOOTH != 0u)
@@ -107,14 +103,12 @@ void store(Sums sums, uint x, uint y)
     for (uint c = 0u; c < 3u; c++) {
         slices.at[c * step + x] = sums.incident[c];
         slices.at[(3u + c) * step + x] = HAS_SMOOTH != 0u ? sums.irradiance[c] : sums.incident[c];
-        slices.at[(6u + c) * step + x] = sums.borrowed[c];
     }
-    slices.at[9u * step + x] = sums.escaped;
-    slices.at[10u * step + x] = sums.blocked;
-    slices.at[11u * step + x] = sums.behind;
-    slices.at[12u * step + x] = sums.luminance;
+    slices.at[6u * step + x] = sums.escaped;
+    slices.at[7u * step + x] = sums.blocked;
+    slices.at[8u * step + x] = sums.luminance;
     for (uint c = 0u; c < 3u && HAS_ALPHA == KILN_GPU_PASSAGE_TINT; c++)
-        slices.at[(13u + c) * step + x] = sums.glass[c];
+        slices.at[(9u + c) * step + x] = sums.glass[c];
 }
 
 void kiln_kernel(uint x, uint row)
@@ -137,7 +131,7 @@ void kiln_kernel(uint x, uint row)
     const uint shift_s = kiln_hash1(key + 3u), shift_t = kiln_hash1(key + 4u);
     const bool shares = DRAW_AGAIN != 0u || (p.flags & (KILN_GPU_POINT_PARTIAL | KILN_GPU_POINT_MASKED)) != 0u;
     WordArray sobol = WordArray(push.sobol);
-    Sums sums = Sums(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0, 0.0);
+    Sums sums = Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0);
     vec3 position, normal;
     uint drawn = KILN_GPU_NONE;
     uint k = from;

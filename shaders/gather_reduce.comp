@@ -27,13 +27,13 @@ void kiln_kernel(uint x, uint y)
     if (x >= push.chunk.total)
         return;
     const uint index = push.chunk.origin + x;
-    kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0);
+    kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
     const uint state = WordArray(push.chunk.states).at[index];
     if (state != KILN_GPU_STATE_INVALID) {
         const uint rows = push.per_quarter * push.split, step = state == KILN_GPU_STATE_BURIED ? 1u : push.split;
         const float n = float(push.samples);
-        kiln_sum sums[12], glass[3];
-        for (uint c = 0u; c < 12u; c++)
+        kiln_sum sums[8], glass[3];
+        for (uint c = 0u; c < 8u; c++)
             sums[c] = kiln_sum(0.0, 0.0);
         for (uint c = 0u; c < 3u; c++)
             glass[c] = kiln_sum(0.0, 0.0);
@@ -43,23 +43,21 @@ void kiln_kernel(uint x, uint y)
             for (uint i = 0u; i < rows; i += step) {
                 const uint64_t row = uint64_t((q * rows + i) * SLICE_FLOATS) * push.chunk.total * 4ul;
                 FloatArray slice = FloatArray(push.slices + row);
-                for (uint c = 0u; c < 12u; c++)
+                for (uint c = 0u; c < 8u; c++)
                     kiln_add(sums[c], slice.at[c * push.chunk.total + x]);
                 for (uint c = 0u; c < 3u && HAS_ALPHA == KILN_GPU_PASSAGE_TINT; c++)
-                    kiln_add(glass[c], slice.at[(13u + c) * push.chunk.total + x]);
-                kiln_add(luminance, slice.at[12u * push.chunk.total + x]);
+                    kiln_add(glass[c], slice.at[(9u + c) * push.chunk.total + x]);
+                kiln_add(luminance, slice.at[8u * push.chunk.total + x]);
             }
             quarters[q] = mean(luminance, 0.25 * n);
         }
         for (uint c = 0u; c < 3u; c++) {
             r.incident[c] = mean(sums[c], n);
             r.irradiance[c] = mean(sums[3u + c], n);
-            r.borrowed[c] = mean(sums[6u + c], n);
             r.glass[c] = mean(glass[c], n);
         }
-        r.escaped = mean(sums[9], n);
-        r.blocked = mean(sums[10], n);
-        r.behind = mean(sums[11], n);
+        r.escaped = mean(sums[6], n);
+        r.blocked = mean(sums[7], n);
         /* Standard error of the mean of four sub-nets: more than the error of the whole net, whose parts balance one another. */
         if (push.samples >= 4u) {
             const float middle = 0.25 * (quarters[0] + quarters[1] + quarters[2] + quarters[3]);

@@ -40,9 +40,9 @@ KILN_SIZE_IS(kiln_gpu_record, 32);
 
 struct kiln_gpu_lightmap { /* struct kiln_lightmap */
     KILN_WORD64 tile_first;
-    KILN_WORD width, height, tiles_x, tiles_y;
+    KILN_WORD width, height, tiles_x, tiles_y, shift, published;
 };
-KILN_SIZE_IS(kiln_gpu_lightmap, 24);
+KILN_SIZE_IS(kiln_gpu_lightmap, 32);
 
 struct kiln_gpu_tile { /* struct kiln_tile, struct kiln_tile_part */
     KILN_WORD64 mask, first;
@@ -103,21 +103,20 @@ struct kiln_gpu_chunk {
 };
 KILN_SIZE_IS(kiln_gpu_chunk, 48);
 
-/* A gather pass sums up slices of samples, of so many floats each: incident, irradiance, borrowed (3 each), escaped, blocked, behind,
- * luminance of irradiance. */
-#define KILN_GPU_SLICE_FLOATS 13u
-#define KILN_GPU_SLICE_TINTED_FLOATS 16u /* in scenes with tinted surfaces; glass (3) is the last */
+/* A gather pass sums up slices of samples, of so many floats each: incident, irradiance (3 each), escaped, blocked, luminance of
+ * irradiance. */
+#define KILN_GPU_SLICE_FLOATS 9u
+#define KILN_GPU_SLICE_TINTED_FLOATS 12u /* in scenes with tinted surfaces: glass (3) comes last */
 
 /* ---- answers ---- */
 
 struct kiln_gpu_result { /* struct kiln_point_result */
     KILN_REAL32 irradiance[3], incident[3];
-    KILN_REAL32 error, escaped, blocked, behind;
-    KILN_REAL32 borrowed[3];
+    KILN_REAL32 error, escaped, blocked;
     KILN_REAL32 glass[3];
     KILN_REAL32 present;
 };
-KILN_SIZE_IS(kiln_gpu_result, 68);
+KILN_SIZE_IS(kiln_gpu_result, 52);
 
 #include "shaders/layout_trace.h"
 #include "shaders/layout_material.h"
@@ -130,7 +129,8 @@ struct kiln_gpu_scene {
     KILN_STRUCT kiln_gpu_materials materials;
     KILN_STRUCT kiln_gpu_lights lights;
     KILN_ADDRESS records, lightmaps, tiles, splits, radiosity;
-    KILN_WORD opaque_count, reserved; /* world triangles from opaque_count on may let rays through */
+    KILN_WORD opaque_count; /* world triangles from opaque_count on may let rays through */
+    KILN_WORD object_count; /* lightmaps from here on are those of backs: worker/scene/surface.h */
 };
 
 #endif

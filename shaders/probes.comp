@@ -72,7 +72,7 @@ void sphere_sample(inout ProbeSums sums, vec3 p, uint key, uint k)
             radiance = kiln_environment_radiance(direction);
     } else {
         sums.distance += min(hit.distance, push.far);
-        const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v);
+        const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v, hit.back);
         if (hit.back && (to.material & KILN_DOUBLE_SIDED) == 0u)
             sums.back += 1.0;
         else

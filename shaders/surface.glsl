@@ -27,6 +27,8 @@ vec3 kiln_radiosity_unpack(uvec2 packed)
                 uintBitsToFloat((packed.y >> 10 & 0x1fffffu) << 10));
 }
 
+const uint KILN_DOUBLE_SIDED = 0x80000000u; /* in kiln_landing.material */
+
 /* What a hit on world triangle `triangle` leads to. */
 struct kiln_landing {
     uint object, material; /* material as in struct kiln_hit_record, flags included */
@@ -34,15 +36,21 @@ struct kiln_landing {
     uint bit;              /* of the texel in the tile */
 };
 
-kiln_landing kiln_land(uint triangle, float u, float v)
+/* `back`: of a triangle with two sides, whose backs have a lightmap of their own. */
+kiln_landing kiln_land(uint triangle, float u, float v, bool back)
 {
     RecordHalves halves = RecordHalves(SCENE.records + uint64_t(triangle) * 32ul);
     const vec4 a = halves.at[0], b = halves.at[1];
     kiln_landing to;
     to.object = floatBitsToUint(b.z);
     to.material = floatBitsToUint(b.w);
-    const kiln_gpu_lightmap map = Lightmaps(SCENE.lightmaps).at[to.object];
-    const int x = clamp(int(a.x + u * a.z + v * b.x), 0, int(map.width) - 1), y = clamp(int(a.y + u * a.w + v * b.y), 0, int(map.height) - 1);
+    kiln_gpu_lightmap map = Lightmaps(SCENE.lightmaps).at[to.object];
+    int x = clamp(int(a.x + u * a.z + v * b.x), 0, int(map.width) - 1), y = clamp(int(a.y + u * a.w + v * b.y), 0, int(map.height) - 1);
+    if (back && (to.material & KILN_DOUBLE_SIDED) != 0u) {
+        map = Lightmaps(SCENE.lightmaps).at[SCENE.object_count + to.object];
+        x >>= map.shift;
+        y >>= map.shift;
+    }
     to.tile = SCENE.tiles + (map.tile_first + uint64_t(uint(y) >> 3) * map.tiles_x + (uint(x) >> 3)) * 16ul;
     to.bit = kiln_tile_bit(uint(x) & 7u, uint(y) & 7u);
     return to;
@@ -66,4 +74,3 @@ vec3 kiln_radiosity_at(kiln_landing to)
     return kiln_radiosity_unpack(RadiosityWords(SCENE.radiosity + point * 8ul).at[0]);
 }
 
-const uint KILN_DOUBLE_SIDED = 0x80000000u; /* in kiln_landing.material */

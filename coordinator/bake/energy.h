@@ -1,12 +1,11 @@
 /* The energy ledger: where the lights' power went, in watts, by channel.
  *
- *   emitted + borrowed = absorbed + glass + escaped + blocked + behind + ranged + left over, within the estimated error.
+ *   emitted = absorbed + glass + escaped + blocked + ranged + left over, within the estimated error.
  *
  * Tinted surfaces that light goes through take a part of it (glass); what they take of light that escapes or is blocked in the end
  * counts there.
  *
- * Light that lands on the back of a double-sided surface (behind) is not gathered there, for a lightmap has one side; and a ray
- * that meets such a back sees the front's radiosity (borrowed), as engines draw it.
+ * The backs of double-sided surfaces have points like fronts; what meets the back of a single-sided surface is blocked, and lost.
  *
  * Emission is traced from the lights (kiln_backend_emission), the direct pass gathers from the points' side, and a gather pass
  * knows both what it found (sum of area x incident) and, from the very same rays, what share of the radiosity each point
@@ -54,15 +53,14 @@ struct kiln_pass_energy {
     double incident[3];  /* sum of area x incident irradiance */
     double reflected[3]; /* sum of area x albedo x incident */
     double sent[3];      /* gather only: sum of area x radiosity gathered from */
-    double escaped[3], blocked[3], behind[3]; /* gather only: parts of `sent` that met nothing, or backs */
+    double escaped[3], blocked[3]; /* gather only: parts of `sent` that met nothing, or backs of single-sided surfaces */
     double glass[3];     /* gather only: part of `sent` that tinted surfaces took on the way to where it landed */
-    double borrowed[3];  /* gather only: part of incident found on backs of double-sided surfaces */
     double variance;     /* of the luminance of incident (+ escaped + blocked) */
 };
 
 struct kiln_energy {
-    double emitted[3], borrowed[3], absorbed[3], glass[3], escaped[3], blocked[3], behind[3], ranged[3], left_over[3];
-    double residual;       /* luminance of emitted + borrowed - all the rest */
+    double emitted[3], absorbed[3], glass[3], escaped[3], blocked[3], ranged[3], left_over[3];
+    double residual;       /* luminance of emitted - all the rest */
     double error;          /* its standard error, luminance */
     double relative;       /* |residual| / luminance of emitted; 0 without lights */
 };

@@ -83,7 +83,7 @@ struct fragment_sum {
 
 static size_t group_of(const struct kiln_surface *surface, const struct kiln_fragment *f)
 {
-    return (size_t)((surface->lightmaps[f->object].tile_first + f->tile) / GROUP_TILES);
+    return (size_t)((surface->lightmaps[f->map].tile_first + f->tile) / GROUP_TILES);
 }
 
 /* What becomes of the radiosity that a point sends, by a gather's rays; returns the variance of what is lost of it, times the samples. */
@@ -92,7 +92,7 @@ static double add_sent(const struct transport_state *s, uint64_t point, const st
 {
     const double glass[3] = {(double)r->glass[0], (double)r->glass[1], (double)r->glass[2]};
     const double per_unit = 1.0 / s->unit;
-    const double lost = fmin(1.0, (double)r->escaped + (double)r->blocked + (double)r->behind + kiln_luminance(glass));
+    const double lost = fmin(1.0, (double)r->escaped + (double)r->blocked + kiln_luminance(glass));
     const bool all_arrives = !(lost > 0.0);
     float sent[3];
     double power[3];
@@ -100,12 +100,10 @@ static double add_sent(const struct transport_state *s, uint64_t point, const st
     for (int c = 0; c < 3; c++) {
         power[c] = area * (double)sent[c];
         kiln_exact_add(&sums[SUM_SENT + c], power[c], per_unit);
-        kiln_exact_add(&sums[SUM_BORROWED + c], area * (double)r->borrowed[c], per_unit);
         if (all_arrives)
             continue;
         kiln_exact_add(&sums[SUM_ESCAPED + c], power[c] * (double)r->escaped, per_unit);
         kiln_exact_add(&sums[SUM_BLOCKED + c], power[c] * (double)r->blocked, per_unit);
-        kiln_exact_add(&sums[SUM_BEHIND + c], power[c] * (double)r->behind, per_unit);
         kiln_exact_add(&sums[SUM_GLASS + c], power[c] * glass[c], per_unit);
     }
     const double spread = kiln_luminance(power);
@@ -256,9 +254,7 @@ static int close_pass(struct transport_state *s, struct kiln_pass_report *pass, 
         pass->energy.sent[c] = kiln_exact_value(&sums[SUM_SENT + c], s->unit);
         pass->energy.escaped[c] = kiln_exact_value(&sums[SUM_ESCAPED + c], s->unit);
         pass->energy.blocked[c] = kiln_exact_value(&sums[SUM_BLOCKED + c], s->unit);
-        pass->energy.behind[c] = kiln_exact_value(&sums[SUM_BEHIND + c], s->unit);
         pass->energy.glass[c] = kiln_exact_value(&sums[SUM_GLASS + c], s->unit);
-        pass->energy.borrowed[c] = kiln_exact_value(&sums[SUM_BORROWED + c], s->unit);
     }
     pass->energy.variance = kiln_exact_value(&sums[SUM_COUNT], s->unit_squared);
     return status;

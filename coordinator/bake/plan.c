@@ -57,9 +57,9 @@ static uint64_t share_bytes(const struct kiln_surface *s)
            s->fragment_count * (sizeof *s->fragments + sizeof *s->piece_base + sizeof *s->share_base);
 }
 
-static uint64_t all_bytes(const struct kiln_surface *s, uint64_t objects)
+static uint64_t all_bytes(const struct kiln_surface *s)
 {
-    return s->tile_count * sizeof *s->tiles + s->split_count * sizeof *s->splits + objects * sizeof *s->lightmaps +
+    return s->tile_count * sizeof *s->tiles + s->split_count * sizeof *s->splits + s->map_count * sizeof *s->lightmaps +
            (s->cell_first != NULL ? s->cell_count * sizeof *s->cell_first : 0);
 }
 
@@ -108,7 +108,7 @@ static void known_memory(struct kiln_plan *plan, const struct kiln_prepared *p)
 static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *p)
 {
     struct kiln_plan_memory *m = &plan->memory;
-    const uint64_t named = m->textures + m->scene + m->geometry + m->bvh + all_bytes(p->surface, p->scene->object_count) + share_bytes(p->surface);
+    const uint64_t named = m->textures + m->scene + m->geometry + m->bvh + all_bytes(p->surface) + share_bytes(p->surface);
     const uint64_t resident = kiln_process_memory(KILN_MEMORY_NOW);
     m->program = PASS_BYTES + (resident > named + LEAST_PROGRAM_BYTES ? resident - named : LEAST_PROGRAM_BYTES);
 }
@@ -119,7 +119,7 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     struct kiln_backend_info info = {0};
     kiln_backend_info(p->backend, &info);
     m->device = on_device(p) ? info.memory : 0;
-    m->surface_all = all_bytes(share, p->scene->object_count);
+    m->surface_all = all_bytes(share);
     const double own = share->count > 0 ? (double)share_bytes(share) / (double)share->count : 0.0;
     m->surface_own = (uint64_t)(own * plan->here.light.points_most);
     m->transport = kiln_transport_bytes((uint64_t)plan->here.light.points_most, plan->surface.points);
@@ -475,6 +475,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
                                                .geometry = prepared->geometry,
                                                .cell_size = job->cell_size,
                                                .partition = job->partition_objects ? KILN_PARTITION_OBJECTS : KILN_PARTITION_CELLS,
+                                               .both_sides = job->both_sides,
                                                .ranks = job->ranks,
                                                .threads = prepared->threads};
     int status = kiln_surface_build(&share, &params, &plan->surface, error);

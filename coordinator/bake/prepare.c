@@ -176,7 +176,7 @@ static void share_map(struct kiln_prepared *p)
     s->tiles = tiles;
     s->map_is_lent = true;
     (void)move(p, &s->splits, s->split_count, sizeof *s->splits, "the split lightmap tiles");
-    (void)move(p, &s->lightmaps, p->scene->object_count, sizeof *s->lightmaps, "the lightmaps");
+    (void)move(p, &s->lightmaps, s->map_count, sizeof *s->lightmaps, "the lightmaps");
     if (s->cell_first != NULL)
         (void)move(p, &s->cell_first, s->cell_count + 1, sizeof *s->cell_first, "the cells");
     kiln_node_wait(p->node);
@@ -190,6 +190,7 @@ static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, st
                                                .geometry = p->geometry,
                                                .cell_size = job->cell_size,
                                                .partition = job->partition_objects ? KILN_PARTITION_OBJECTS : KILN_PARTITION_CELLS,
+                                               .both_sides = job->both_sides,
                                                .rank = (uint32_t)p->rank,
                                                .ranks = (uint32_t)p->ranks,
                                                .exchange = p->ranks > 1 ? &exchange : NULL,

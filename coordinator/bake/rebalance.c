@@ -48,7 +48,7 @@ static int learn_work(const struct transport_state *s, struct work *w, struct ki
 static bool begins_unit(const struct transport_state *s, size_t f)
 {
     const struct kiln_fragment *fragments = s->params->surface->fragments;
-    return s->params->job->partition_objects ? fragments[f].object != fragments[f - 1].object : fragments[f].cell != fragments[f - 1].cell;
+    return s->params->job->partition_objects ? fragments[f].map != fragments[f - 1].map : fragments[f].cell != fragments[f - 1].cell;
 }
 
 /* The own fragment before which the work reaches `ideal`, `begin` being what all before the share is; a unit's begin where one is near. */

@@ -114,8 +114,7 @@ static json_t *passes_json(const struct kiln_transport_report *t, const uint64_t
 
 static json_t *energy_json(const struct kiln_energy *e)
 {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", "W", "emitted", rgb_json(e->emitted),
-                     "borrowed", rgb_json(e->borrowed), "glass", rgb_json(e->glass), "behind", rgb_json(e->behind), "absorbed",
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", "W", "emitted", rgb_json(e->emitted), "glass", rgb_json(e->glass), "absorbed",
                      rgb_json(e->absorbed), "escaped", rgb_json(e->escaped), "blocked", rgb_json(e->blocked), "ranged", rgb_json(e->ranged),
                      "left_over", rgb_json(e->left_over), "residual", e->residual, "error", e->error, "relative_residual", e->relative);
 }
@@ -141,6 +140,20 @@ static json_t *error_json(const struct kiln_run *run)
     return json_pack("{s:f, s:f, s:f}", "mean_irradiance", mean, "rms_standard_error", rms, "mean_relative", mean > 0.0 ? rms / mean : 0.0);
 }
 
+/* What is published of the object's backs. */
+static void add_back(const struct kiln_run *run, size_t object, const char *name, json_t *json)
+{
+    const struct kiln_surface *s = run->prepared->surface;
+    const size_t map = s->object_count + object;
+    char path[512];
+    if (map >= s->map_count || s->lightmaps[map].published == 0)
+        return;
+    (void)snprintf(path, sizeof path, "lightmaps/back/%s.exr", name);
+    (void)json_object_set_new(json, "lightmap_back", json_string(path));
+    (void)json_object_set_new(json, "valid_back", json_integer((json_int_t)run->lightmaps[map].valid));
+    (void)json_object_set_new(json, "filled_back", json_integer((json_int_t)run->lightmaps[map].filled));
+}
+
 static json_t *objects_json(const struct kiln_run *run)
 {
     const struct kiln_scene *scene = run->prepared->scene;
@@ -150,11 +163,13 @@ static json_t *objects_json(const struct kiln_run *run)
         const struct kiln_lightmap_report *r = &run->lightmaps[i];
         char path[512];
         (void)snprintf(path, sizeof path, "lightmaps/%s.exr", name);
-        json_array_append_new(array, json_pack("{s:s, s:s, s:s, s:i, s:i, s:I, s:I, s:I, s:f, s:f}", "name",
+        json_t *object = json_pack("{s:s, s:s, s:s, s:i, s:i, s:I, s:I, s:I, s:f, s:f}", "name",
                                                kiln_scene_string(scene, scene->objects[i].original_name), "file_name", name, "lightmap", path,
                                                "width", (int)scene->objects[i].lightmap_width, "height", (int)scene->objects[i].lightmap_height,
                                                "valid", (json_int_t)r->valid, "filled", (json_int_t)r->filled, "dilated", (json_int_t)r->dilated,
-                                               "seam_before", r->seam_difference_before, "seam_after", r->seam_difference_after));
+                                               "seam_before", r->seam_difference_before, "seam_after", r->seam_difference_after);
+        add_back(run, i, name, object);
+        json_array_append_new(array, object);
     }
     return array;
 }

@@ -12,7 +12,7 @@ struct kiln_run {
     const struct kiln_prepared *prepared;
     const struct kiln_transport *transport;
     const struct kiln_volume_result *volume; /* size 0: none */
-    const struct kiln_lightmap_report *lightmaps; /* one an object, rank 0 */
+    const struct kiln_lightmap_report *lightmaps; /* one a lightmap of the surface, rank 0 */
     const struct kiln_phases *phases;
     uint64_t probe_rays; /* of this rank */
     const char *directory;

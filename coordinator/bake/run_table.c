@@ -1,5 +1,6 @@
 #include "coordinator/bake/run_table.h"
 
+#include <math.h>
 #include <stdbool.h>
 #include <string.h>
 
@@ -7,7 +8,7 @@
 #include "coordinator/cli/progress.h"
 
 enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32 };
-static const double NOTE_IMBALANCE = 0.05, NOTE_FILES = 0.10, NOTE_SECONDS = 1.0;
+static const double NOTE_IMBALANCE = 0.05, NOTE_FILES = 0.10, NOTE_SECONDS = 1.0, NOTE_LOST = 0.01;
 
 struct advice {
     const char *phase, *text;
@@ -94,9 +95,36 @@ static void note_files(const json_t *report, json_t *notes)
                                                         sum, worst, most, advice_for(file_advice, FILE_ADVICE, worst, "")));
 }
 
+static double luminance_of(const json_t *energy, const char *term)
+{
+    static const double weight[3] = {0.2126, 0.7152, 0.0722};
+    const json_t *rgb = json_object_get(energy, term);
+    double sum = 0.0;
+    for (size_t c = 0; c < 3; c++)
+        sum += weight[c] * json_number_value(json_array_get(rgb, c));
+    return sum;
+}
+
+/* Light that met surfaces and is in no lightmap's account: promise 4 of the design. */
+static void note_lost_light(const json_t *report, json_t *notes)
+{
+    const json_t *energy = json_object_get(report, "energy");
+    const double blocked = luminance_of(energy, "blocked"), met = luminance_of(energy, "absorbed") + luminance_of(energy, "left_over") + blocked;
+    const double residual = fabs(json_number_value(json_object_get(energy, "residual"))), error = json_number_value(json_object_get(energy, "error"));
+    if (met > 0.0 && blocked > NOTE_LOST * met)
+        (void)json_array_append_new(notes, json_sprintf("%.1f %% of the light that met surfaces met backs of single-sided ones and is lost (%.3g W); "
+                                                        "turn those faces round, or make their materials double-sided",
+                                                        100.0 * blocked / met, blocked));
+    if (met > 0.0 && residual > NOTE_LOST * met && residual > 4.0 * error)
+        (void)json_array_append_new(notes, json_sprintf("%.1f %% of the light that met surfaces is unaccounted for (%.3g W); kiln check names "
+                                                        "surfaces without texels and lightmaps that are too coarse",
+                                                        100.0 * residual / met, residual));
+}
+
 json_t *kiln_run_notes(const json_t *report)
 {
     json_t *notes = json_array();
+    note_lost_light(report, notes);
     note_imbalance(report, notes);
     note_files(report, notes);
     return notes;

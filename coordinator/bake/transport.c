@@ -282,7 +282,6 @@ static void close_ledger(struct transport_state *s)
         e->emitted[c] = light->emitted[c];
         e->escaped[c] = light->escaped[c];
         e->blocked[c] = light->blocked[c];
-        e->behind[c] = light->behind[c];
         e->ranged[c] = light->ranged[c];
         e->glass[c] = light->glass[c];
         e->absorbed[c] = r->passes[0].energy.incident[c] - r->passes[0].energy.reflected[c];
@@ -297,17 +296,14 @@ static void close_ledger(struct transport_state *s)
             e->absorbed[c] += p->energy.incident[c] - p->energy.reflected[c];
             e->escaped[c] += p->energy.escaped[c];
             e->blocked[c] += p->energy.blocked[c];
-            e->behind[c] += p->energy.behind[c];
             e->glass[c] += p->energy.glass[c];
-            e->borrowed[c] += p->energy.borrowed[c];
             e->left_over[c] += p->energy.reflected[c] - p->energy.sent[c];
         }
         variance += p->energy.variance;
     }
     double residual[3];
     for (int c = 0; c < 3; c++)
-        residual[c] = e->emitted[c] + e->borrowed[c] - e->absorbed[c] - e->escaped[c] - e->blocked[c] - e->behind[c] - e->ranged[c] - e->glass[c] -
-                      e->left_over[c];
+        residual[c] = e->emitted[c] - e->absorbed[c] - e->escaped[c] - e->blocked[c] - e->ranged[c] - e->glass[c] - e->left_over[c];
     e->residual = kiln_luminance(residual);
     e->error = sqrt(variance + kiln_luminance(emission_error) * kiln_luminance(emission_error));
     const double emitted = kiln_luminance(e->emitted);

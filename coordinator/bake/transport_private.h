@@ -9,7 +9,7 @@
 enum { FINAL_STREAM = 0xffff };
 
 /* Sums that a pass makes over its points; by channel. */
-enum { SUM_INCIDENT = 0, SUM_REFLECTED = 3, SUM_SENT = 6, SUM_ESCAPED = 9, SUM_BLOCKED = 12, SUM_BEHIND = 15, SUM_BORROWED = 18, SUM_GLASS = 21, SUM_COUNT = 24 };
+enum { SUM_INCIDENT = 0, SUM_REFLECTED = 3, SUM_SENT = 6, SUM_ESCAPED = 9, SUM_BLOCKED = 12, SUM_GLASS = 15, SUM_COUNT = 18 };
 
 /* Groups are made of tiles, not of cells: the cell size must not change a result. */
 enum { GROUP_TILES = 16 };
@@ -62,7 +62,7 @@ void transport_step_make(const struct transport_state *s, enum kiln_pass_kind ki
 /* Rounding of a texel's radiosity: by what the texel is, never by where it stands in the global order. */
 static inline uint32_t transport_pack_hash(const struct kiln_fragment *f, uint32_t bit, uint32_t stream)
 {
-    return kiln_hash2(kiln_hash2(f->object, f->tile), stream * KILN_TILE_TEXELS + bit);
+    return kiln_hash2(kiln_hash2(f->map, f->tile), stream * KILN_TILE_TEXELS + bit);
 }
 
 static inline void transport_albedo(const struct kiln_surface *surface, uint64_t own, float albedo[3])

@@ -283,7 +283,7 @@ static int write_results(struct bake *b, const char *provenance, struct kiln_err
                                               .provenance_json = provenance};
     kiln_phase(&b->phases, "lightmaps");
     kiln_progress_phase(b->progress, "lightmaps", 0);
-    int status = kiln_allocate(&b->lightmaps, b->prepared->scene->object_count, sizeof *b->lightmaps, "the lightmaps' report", error);
+    int status = kiln_allocate(&b->lightmaps, b->prepared->surface->map_count, sizeof *b->lightmaps, "the lightmaps' report", error);
     status = kiln_agree(b->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_write_lightmaps(&result, &params, b->lightmaps, error);
@@ -344,7 +344,8 @@ static int write_report(struct bake *b, struct kiln_error *error)
 static int write_manifest(struct bake *b, struct kiln_error *error)
 {
     kiln_progress_phase(b->progress, "manifest", 0);
-    const int status = kiln_manifest_write(b->communicator, b->job->output, b->prepared->scene, b->job->samples_probe != 0, b->job->preview, error);
+    const int status = kiln_manifest_write(b->communicator, b->job->output, b->prepared->scene, b->prepared->surface, b->job->samples_probe != 0,
+                                           b->job->preview, error);
     kiln_progress_finish(b->progress);
     return status;
 }

@@ -74,6 +74,7 @@ struct kiln_job {
 
     /* results */
     bool half;      /* lightmaps in half float where nothing overflows */
+    bool both_sides; /* publish lightmaps of backs */
     bool stitch;    /* smooth seams between charts; default true */
     bool error_map; /* standard error of each texel as a layer */
     bool preview;   /* write preview.png; default true */

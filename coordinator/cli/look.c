@@ -106,7 +106,11 @@ static void count_points(struct kiln_look *look, const struct kiln_surface *surf
     size_t point = 0;
     for (size_t f = 0; f < surface->fragment_count; f++) {
         const struct kiln_fragment *fragment = &surface->fragments[f];
-        struct kiln_look_object *object = &look->objects[fragment->object];
+        struct kiln_look_object *object = &look->objects[kiln_map_object(surface, fragment->map)];
+        if (kiln_map_back(surface, fragment->map)) { /* what is wrong with a layout shows on the fronts */
+            point += fragment->count;
+            continue;
+        }
         object->points += fragment->count;
         for (uint32_t k = 0; k < fragment->count; k++)
             object->invalid += !kiln_point_valid(surface, point++);

@@ -12,6 +12,7 @@ static const char *const schedules[] = {"lean", "equal", NULL}; /* in the order 
 static const char *const exchanges[] = {"auto", "compact", "full", NULL}; /* in the order of enum kiln_exchange_form */
 static const char *const rebalances[] = {"auto", "never", "always", NULL}; /* in the order of enum kiln_rebalance */
 static const char *const partitions[] = {"cells", "objects", NULL};
+static const char *const side_choices[] = {"one", "two", NULL};
 static const char *const qualities[] = {"draft", "preview", "production", "reference", NULL};
 static const char *const instruction_sets[] = {"sse2", "sse4.2", "avx", "avx2", "avx512", NULL};
 
@@ -99,6 +100,8 @@ const struct kiln_option kiln_options[] = {
      .help = "half floats, where nothing overflows", .commands = KILN_FOR_BAKE, .offset = AT(half)},
     {.name = "stitch", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "true",
      .help = "smooth the seams between charts of an object", .commands = KILN_FOR_BAKE, .offset = AT(stitch)},
+    {.name = "sides", .group = "Lightmaps", .kind = KILN_OPTION_CHOICE_FLAG, .fallback = "one", .choices = side_choices,
+     .help = "two: backs of double-sided surfaces get lightmaps too, in lightmaps/back", .commands = TRACES, .offset = AT(both_sides)},
     {.name = "error-map", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "false",
      .help = "keep each texel's standard error as a layer", .commands = KILN_FOR_BAKE, .offset = AT(error_map)},
     {.name = "preview", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "true", .help = "write preview.png",

@@ -18,6 +18,7 @@ const struct kiln_column_info kiln_columns[KILN_COLUMNS] = {
     [KILN_COLUMN_INDIRECT] = {"/irradiance/indirect", KILN_FLOAT, 3, true, "W m-2", "from other surfaces, about the shading normal, linear RGB, as gathered: not filled and seams not smoothed (the lightmaps are)"},
     [KILN_COLUMN_TOTAL] = {"/irradiance/total", KILN_FLOAT, 3, true, "W m-2", "direct + indirect, as gathered: not filled and seams not smoothed (the lightmaps are)"},
     [KILN_COLUMN_ERROR] = {"/irradiance/error", KILN_FLOAT, 1, true, "W m-2", "standard error of the luminance of total"},
+    [KILN_COLUMN_SIDE] = {"/points/side", KILN_UINT8, 1, false, "1", "0: of a front; 1: of a back, a double-sided surface seen from behind; its texels are twice as wide as the object's unless its lightmap is published"},
 };
 
 size_t kiln_column_value(int column)
@@ -65,7 +66,7 @@ static void put_point(struct kiln_rows *rows, uint64_t row, const struct kiln_ba
     }
     memcpy((double *)to[KILN_COLUMN_POSITION] + 3 * row, detail->position, sizeof detail->position);
     put_floats(to[KILN_COLUMN_NORMAL], row, detail->normal, 3);
-    ((uint32_t *)to[KILN_COLUMN_OBJECT])[row] = fragment->object;
+    ((uint32_t *)to[KILN_COLUMN_OBJECT])[row] = kiln_map_object(s, fragment->map);
     ((uint32_t *)to[KILN_COLUMN_TEXEL])[2 * row] = detail->x;
     ((uint32_t *)to[KILN_COLUMN_TEXEL])[2 * row + 1] = detail->y;
     put_floats(to[KILN_COLUMN_AREA], row, &s->area[own], 1);
@@ -76,6 +77,7 @@ static void put_point(struct kiln_rows *rows, uint64_t row, const struct kiln_ba
     put_floats(to[KILN_COLUMN_INDIRECT], row, light[1], 3);
     put_floats(to[KILN_COLUMN_TOTAL], row, light[2], 3);
     put_floats(to[KILN_COLUMN_ERROR], row, &error, 1);
+    ((uint8_t *)to[KILN_COLUMN_SIDE])[row] = kiln_map_back(s, fragment->map);
 }
 
 /* The first fragment that ends after `point`. */

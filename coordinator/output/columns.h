@@ -20,6 +20,7 @@ enum kiln_column {
     KILN_COLUMN_INDIRECT,
     KILN_COLUMN_TOTAL,
     KILN_COLUMN_ERROR,
+    KILN_COLUMN_SIDE, /* only where there are backs: the last one */
     KILN_COLUMNS
 };
 
@@ -32,6 +33,12 @@ struct kiln_column_info {
 };
 
 extern const struct kiln_column_info kiln_columns[KILN_COLUMNS];
+
+/* How many of them a surface has. */
+static inline int kiln_columns_of(const struct kiln_surface *surface)
+{
+    return surface->map_count > surface->object_count ? KILN_COLUMNS : KILN_COLUMN_SIDE;
+}
 
 /* Bytes of one component, and of one row. */
 size_t kiln_column_value(int column);

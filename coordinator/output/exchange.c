@@ -54,7 +54,11 @@ static void deal_all(struct kiln_deal *deal, const struct kiln_lightmap *maps, c
 {
     for (uint32_t r = 0; r < ranks; r++)
         heap[r] = (struct bin){.rank = r};
-    for (size_t i = 0; i < deal->object_count; i++) {
+    for (size_t i = 0; i < deal->count; i++) {
+        if (maps[order[i]].published == 0) {
+            deal->owner[order[i]] = deal->round[order[i]] = KILN_NONE;
+            continue;
+        }
         const uint64_t size = texels_of(&maps[order[i]]);
         struct bin *bin = &heap[0];
         if (bin->round_load > 0 && bin->round_load + size > budget) {
@@ -71,26 +75,26 @@ static void deal_all(struct kiln_deal *deal, const struct kiln_lightmap *maps, c
     }
 }
 
-int kiln_deal_create(struct kiln_deal **deal, const struct kiln_lightmap *lightmaps, size_t object_count, uint32_t ranks,
+int kiln_deal_create(struct kiln_deal **deal, const struct kiln_lightmap *lightmaps, size_t count, uint32_t ranks,
                      uint64_t texel_budget, struct kiln_error *error)
 {
     uint32_t *order = NULL;
     struct bin *heap = NULL;
-    int status = kiln_allocate(deal, 1, sizeof **deal, "dealing objects to ranks", error);
+    int status = kiln_allocate(deal, 1, sizeof **deal, "dealing lightmaps to ranks", error);
     if (status != KILN_OK)
         return status;
-    (*deal)->object_count = object_count;
-    status = kiln_allocate(&(*deal)->owner, object_count, sizeof(uint32_t), "dealing objects to ranks", error);
+    (*deal)->count = count;
+    status = kiln_allocate(&(*deal)->owner, count, sizeof(uint32_t), "dealing lightmaps to ranks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&(*deal)->round, object_count, sizeof(uint32_t), "dealing objects to ranks", error);
+        status = kiln_allocate(&(*deal)->round, count, sizeof(uint32_t), "dealing lightmaps to ranks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&order, object_count, sizeof *order, "dealing objects to ranks", error);
+        status = kiln_allocate(&order, count, sizeof *order, "dealing lightmaps to ranks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&heap, ranks, sizeof *heap, "dealing objects to ranks", error);
+        status = kiln_allocate(&heap, ranks, sizeof *heap, "dealing lightmaps to ranks", error);
     if (status == KILN_OK) {
-        for (size_t i = 0; i < object_count; i++)
+        for (size_t i = 0; i < count; i++)
             order[i] = (uint32_t)i;
-        qsort_r(order, object_count, sizeof *order, compare_sizes, (void *)(uintptr_t)lightmaps);
+        qsort_r(order, count, sizeof *order, compare_sizes, (void *)(uintptr_t)lightmaps);
         deal_all(*deal, lightmaps, order, heap, ranks, texel_budget);
     }
     kiln_free(&order);
@@ -131,21 +135,26 @@ struct kiln_exchange {
     MPI_Datatype type;
 };
 
+/* SIZE_MAX: nobody wants it. */
 static size_t bucket_of(const struct kiln_exchange *e, size_t fragment)
 {
-    const uint32_t object = e->result->surface->fragments[fragment].object;
-    return (size_t)e->deal->round[object] * (size_t)e->ranks + e->deal->owner[object];
+    const uint32_t map = e->result->surface->fragments[fragment].map;
+    if (e->deal->owner[map] == KILN_NONE)
+        return SIZE_MAX;
+    return (size_t)e->deal->round[map] * (size_t)e->ranks + e->deal->owner[map];
 }
 
 static void sort_fragments(struct kiln_exchange *e)
 {
     const size_t fragments = e->result->surface->fragment_count, buckets = (size_t)e->deal->rounds * (size_t)e->ranks;
     for (size_t f = 0; f < fragments; f++)
-        e->bucket_first[bucket_of(e, f) + 1]++;
+        if (bucket_of(e, f) != SIZE_MAX)
+            e->bucket_first[bucket_of(e, f) + 1]++;
     for (size_t b = 0; b < buckets; b++)
         e->bucket_first[b + 1] += e->bucket_first[b];
     for (size_t f = 0; f < fragments; f++)
-        e->order[e->bucket_first[bucket_of(e, f)]++] = f;
+        if (bucket_of(e, f) != SIZE_MAX)
+            e->order[e->bucket_first[bucket_of(e, f)]++] = f;
     for (size_t b = buckets; b > 0; b--)
         e->bucket_first[b] = e->bucket_first[b - 1];
     e->bucket_first[0] = 0;
@@ -222,11 +231,11 @@ static int pack_fragment(const struct kiln_exchange *e, size_t fragment, struct 
     const struct kiln_bake_result *r = e->result;
     const uint64_t offset = kiln_fragment_offset(r->surface, fragment);
     struct kiln_point_detail details[KILN_TILE_TEXELS];
-    const uint32_t count = kiln_fragment_details(r, fragment, details), object = r->surface->fragments[fragment].object;
+    const uint32_t count = kiln_fragment_details(r, fragment, details), map = r->surface->fragments[fragment].map;
     for (uint32_t i = 0; i < count; i++) {
         const uint64_t point = offset + i;
         struct kiln_texel_record *record = &out[i];
-        *record = (struct kiln_texel_record){.object = object, .x = details[i].x, .y = details[i].y, .triangle = details[i].triangle,
+        *record = (struct kiln_texel_record){.map = map, .x = details[i].x, .y = details[i].y, .triangle = details[i].triangle,
                                              .valid = kiln_point_valid(r->surface, point),
                                              .area = r->surface->area[point], .coverage = details[i].coverage};
         memcpy(&record->values[KILN_MAP_DIRECT], r->direct + 3 * point, 3 * sizeof(float));
@@ -235,7 +244,7 @@ static int pack_fragment(const struct kiln_exchange *e, size_t fragment, struct 
         for (int p = 0; record->valid != 0 && p < KILN_MAP_PLANES; p++)
             if (!isfinite(record->values[p]))
                 return kiln_fail(error, KILN_BUG, "object '%s', texel (%u, %u): the light gathered there is not a finite number",
-                                 kiln_scene_string(r->scene, r->scene->objects[object].name), record->x, record->y);
+                                 kiln_scene_string(r->scene, r->scene->objects[kiln_map_object(r->surface, map)].name), record->x, record->y);
     }
     return KILN_OK;
 }

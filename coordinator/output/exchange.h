@@ -9,19 +9,19 @@
 #include "coordinator/bake/result.h"
 #include "coordinator/output/map.h"
 
-/* Who writes which object when: the same on all ranks. Pure arithmetic on sizes. */
+/* Who writes which lightmap when: the same on all ranks. Pure arithmetic on sizes. What is not published has the owner KILN_NONE. */
 struct kiln_deal {
-    size_t object_count;
+    size_t count;
     uint32_t rounds;
-    uint32_t *owner, *round; /* one an object */
+    uint32_t *owner, *round; /* one a lightmap */
 };
-int kiln_deal_create(struct kiln_deal **deal, const struct kiln_lightmap *lightmaps, size_t object_count, uint32_t ranks,
+int kiln_deal_create(struct kiln_deal **deal, const struct kiln_lightmap *lightmaps, size_t count, uint32_t ranks,
                      uint64_t texel_budget, struct kiln_error *error);
 void kiln_deal_destroy(struct kiln_deal **deal);
 
 /* One point on its way. `triangle` is the world triangle of its first piece. */
 struct kiln_texel_record {
-    uint32_t object, x, y, triangle, valid;
+    uint32_t map, x, y, triangle, valid;
     float area, coverage;
     float values[KILN_MAP_PLANES];
 };

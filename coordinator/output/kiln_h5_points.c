@@ -22,6 +22,7 @@ struct kiln_points_writer {
     int rank, ranks;
     uint64_t chunk_rows;
     uint64_t *starts; /* ranks + 1: global points */
+    int columns; /* of kiln_columns */
     hid_t datasets[KILN_COLUMNS];
     struct kiln_rows rows, tail; /* of the batch; of the last own chunk, from the ranks after this one */
     uint8_t *shuffled, *packed;  /* both with one place a part */
@@ -41,6 +42,8 @@ static hid_t h5_type(int column)
         return H5T_NATIVE_UINT8;
     }
 }
+
+static size_t columns_of(const struct kiln_points_writer *w) { return (size_t)w->columns; }
 
 /* ---- which chunk is whose ---- */
 
@@ -83,10 +86,10 @@ static int owner_of(const struct kiln_points_writer *w, uint64_t point)
     return rank;
 }
 
-static size_t row_bytes(void)
+static size_t row_bytes(int columns)
 {
     size_t bytes = 0;
-    for (int c = 0; c < KILN_COLUMNS; c++)
+    for (int c = 0; c < columns; c++)
         bytes += kiln_column_row(c);
     return bytes;
 }
@@ -102,15 +105,15 @@ static size_t place_in_chunk(const struct kiln_points_writer *w, int column)
 
 static size_t place_of(const struct kiln_points_writer *w, size_t part)
 {
-    return part / KILN_COLUMNS * place_in_chunk(w, KILN_COLUMNS) + place_in_chunk(w, (int)(part % KILN_COLUMNS));
+    return part / columns_of(w) * place_in_chunk(w, w->columns) + place_in_chunk(w, (int)(part % columns_of(w)));
 }
 
 /* ---- rows at the border of ranks ---- */
 
 /* Between rows of columns and one message of `count` rows, column after column. */
-static void move_rows(const struct kiln_rows *rows, uint64_t at, uint64_t count, uint8_t *message, bool out)
+static void move_rows(const struct kiln_rows *rows, int columns, uint64_t at, uint64_t count, uint8_t *message, bool out)
 {
-    for (int c = 0; c < KILN_COLUMNS; c++) {
+    for (int c = 0; c < columns; c++) {
         uint8_t *column = (uint8_t *)rows->column[c] + at * kiln_column_row(c);
         const size_t bytes = count * kiln_column_row(c);
         memcpy(out ? message : column, out ? column : message, bytes);
@@ -130,8 +133,8 @@ static int send_head(struct kiln_points_writer *w, struct kiln_error *error)
     if (first == last)
         return KILN_OK;
     kiln_rows_fill(&w->rows, w->result, first, last);
-    move_rows(&w->rows, 0, last - first, w->packed, true);
-    const int sent = MPI_Send(w->packed, (int)((last - first) * row_bytes()), MPI_BYTE, owner_of(w, first), TAG_ROWS, w->result->communicator);
+    move_rows(&w->rows, w->columns, 0, last - first, w->packed, true);
+    const int sent = MPI_Send(w->packed, (int)((last - first) * row_bytes(w->columns)), MPI_BYTE, owner_of(w, first), TAG_ROWS, w->result->communicator);
     return sent == MPI_SUCCESS ? KILN_OK : mpi_failed(error);
 }
 
@@ -141,9 +144,9 @@ static int receive_tail(struct kiln_points_writer *w, struct kiln_error *error)
         const uint64_t first = w->starts[r], count = head_end(w, r) - first;
         if (count == 0 || owner_of(w, first) != w->rank)
             continue;
-        if (MPI_Recv(w->packed, (int)(count * row_bytes()), MPI_BYTE, r, TAG_ROWS, w->result->communicator, MPI_STATUS_IGNORE) != MPI_SUCCESS)
+        if (MPI_Recv(w->packed, (int)(count * row_bytes(w->columns)), MPI_BYTE, r, TAG_ROWS, w->result->communicator, MPI_STATUS_IGNORE) != MPI_SUCCESS)
             return mpi_failed(error);
-        move_rows(&w->tail, first % w->chunk_rows, count, w->packed, false);
+        move_rows(&w->tail, w->columns, first % w->chunk_rows, count, w->packed, false);
     }
     return KILN_OK;
 }
@@ -165,15 +168,15 @@ static void fill_batch(struct kiln_points_writer *w)
     const uint64_t own_end = w->starts[w->rank + 1], first = w->batch.first * w->chunk_rows, last = first + w->batch.count * w->chunk_rows;
     const uint64_t own = minimum(own_end, last) - first;
     kiln_rows_fill(&w->rows, w->result, first, first + own);
-    for (int c = 0; c < KILN_COLUMNS && own_end < last; c++)
+    for (int c = 0; c < w->columns && own_end < last; c++)
         memcpy((uint8_t *)w->rows.column[c] + own * kiln_column_row(c),
                (uint8_t *)w->tail.column[c] + own_end % w->chunk_rows * kiln_column_row(c), (last - own_end) * kiln_column_row(c));
 }
 
 static int pack_part(struct kiln_points_writer *w, size_t part, struct kiln_error *error)
 {
-    const int column = (int)(part % KILN_COLUMNS);
-    const size_t chunk = part / KILN_COLUMNS, place = place_of(w, part);
+    const int column = (int)(part % columns_of(w));
+    const size_t chunk = part / columns_of(w), place = place_of(w, part);
     const uint8_t *values = (const uint8_t *)w->rows.column[column] + chunk * w->chunk_rows * kiln_column_row(column);
     size_t bytes = 0;
     const int status = kiln_chunk_pack(values, w->chunk_rows * kiln_columns[column].components, kiln_column_value(column),
@@ -186,7 +189,7 @@ static int pack_part(struct kiln_points_writer *w, size_t part, struct kiln_erro
 static size_t close_up(struct kiln_points_writer *w)
 {
     size_t at = 0;
-    for (size_t part = 0; part < w->batch.count * KILN_COLUMNS; part++) {
+    for (size_t part = 0; part < w->batch.count * columns_of(w); part++) {
         memmove(w->packed + at, w->packed + place_of(w, part), w->batch.bytes[part]);
         at += w->batch.bytes[part];
     }
@@ -201,7 +204,7 @@ static int pack_batch(struct kiln_points_writer *w, uint64_t pass, struct kiln_e
         return KILN_OK;
     fill_batch(w);
 #pragma omp parallel for schedule(dynamic, 1)
-    for (size_t part = 0; part < w->batch.count * KILN_COLUMNS; part++) {
+    for (size_t part = 0; part < w->batch.count * columns_of(w); part++) {
         struct kiln_error mine = {{0}};
         const int result = pack_part(w, part, &mine);
 #pragma omp critical(kiln_pack_batch)
@@ -217,7 +220,7 @@ static int make_datasets(struct kiln_points_writer *w, struct kiln_error *error)
 {
     const uint64_t points = w->result->surface->point_count;
     int status = KILN_OK;
-    for (int c = 0; status == KILN_OK && c < KILN_COLUMNS; c++) {
+    for (int c = 0; status == KILN_OK && c < w->columns; c++) {
         const struct kiln_column_info *info = &kiln_columns[c];
         const struct kiln_h5_dataset what = {.name = info->name, .type = h5_type(c), .rank = info->components > 1 ? 2 : 1,
                                              .size = {points, info->components}, .units = info->units,
@@ -230,7 +233,7 @@ static int make_datasets(struct kiln_points_writer *w, struct kiln_error *error)
 
 static int close_datasets(struct kiln_points_writer *w, int status, struct kiln_error *error)
 {
-    for (int c = 0; c < KILN_COLUMNS; c++) {
+    for (int c = 0; c < w->columns; c++) {
         if (w->datasets[c] >= 0 && H5Dclose(w->datasets[c]) < 0 && status == KILN_OK)
             status = kiln_h5_failed(w->h5, "close the dataset", kiln_columns[c].name, error);
         w->datasets[c] = H5I_INVALID_HID;
@@ -241,9 +244,9 @@ static int close_datasets(struct kiln_points_writer *w, int status, struct kiln_
 static int write_batch(struct kiln_points_writer *w, struct kiln_error *error)
 {
     const uint8_t *from = w->packed;
-    for (size_t part = 0; part < w->batch.count * KILN_COLUMNS; part++) {
-        const int column = (int)(part % KILN_COLUMNS);
-        const hsize_t offset[2] = {(w->batch.first + part / KILN_COLUMNS) * w->chunk_rows, 0};
+    for (size_t part = 0; part < w->batch.count * columns_of(w); part++) {
+        const int column = (int)(part % columns_of(w));
+        const hsize_t offset[2] = {(w->batch.first + part / columns_of(w)) * w->chunk_rows, 0};
         if (H5Dwrite_chunk(w->datasets[column], H5P_DEFAULT, 0, offset, w->batch.bytes[part], from) < 0)
             return kiln_h5_failed(w->h5, "write", kiln_columns[column].name, error);
         from += w->batch.bytes[part];
@@ -272,7 +275,7 @@ static int write_pass(struct kiln_points_writer *w, uint64_t pass, struct kiln_e
             continue;
         if (MPI_Recv(&w->batch, (int)sizeof w->batch, MPI_BYTE, r, TAG_SIZES, comm, MPI_STATUS_IGNORE) != MPI_SUCCESS)
             return mpi_failed(error);
-        for (size_t part = 0; part < count * KILN_COLUMNS; part++)
+        for (size_t part = 0; part < count * columns_of(w); part++)
             bytes += w->batch.bytes[part];
         if (MPI_Recv(w->packed, (int)bytes, MPI_BYTE, r, TAG_PACKED, comm, MPI_STATUS_IGNORE) != MPI_SUCCESS)
             return mpi_failed(error);
@@ -318,10 +321,10 @@ static bool has_extent(hid_t dataset, int column, uint64_t points)
     return right;
 }
 
-static bool has_extents(hid_t file, uint64_t points)
+static bool has_extents(hid_t file, int columns, uint64_t points)
 {
     bool right = true;
-    for (int c = 0; right && c < KILN_COLUMNS; c++) {
+    for (int c = 0; right && c < columns; c++) {
         const hid_t dataset = H5Dopen2(file, kiln_columns[c].name, H5P_DEFAULT);
         right = has_extent(dataset, c, points);
         if (dataset >= 0)
@@ -336,7 +339,7 @@ static bool read_packed(struct kiln_points_writer *w, hid_t dataset)
     const size_t room = kiln_chunk_bound(w->chunk_rows * kiln_column_row(KILN_COLUMN_TOTAL));
     bool good = true;
     for (uint64_t chunk = 0; good && chunk < w->batch.count; chunk++) {
-        const size_t part = chunk * KILN_COLUMNS + KILN_COLUMN_TOTAL;
+        const size_t part = chunk * columns_of(w) + KILN_COLUMN_TOTAL;
         const hsize_t offset[2] = {(w->batch.first + chunk) * w->chunk_rows, 0};
         hsize_t bytes = 0;
         uint32_t skipped = 0;
@@ -364,7 +367,7 @@ static bool same_total(const struct kiln_points_writer *w, uint64_t point, const
 
 static bool same_chunk(struct kiln_points_writer *w, uint64_t chunk)
 {
-    const size_t part = chunk * KILN_COLUMNS + KILN_COLUMN_TOTAL, place = place_of(w, part);
+    const size_t part = chunk * columns_of(w) + KILN_COLUMN_TOTAL, place = place_of(w, part);
     const uint64_t first = (w->batch.first + chunk) * w->chunk_rows, last = minimum(first + w->chunk_rows, w->result->surface->point_count);
     float *found = (float *)w->rows.column[KILN_COLUMN_TOTAL] + 3 * chunk * w->chunk_rows;
     if (kiln_chunk_unpack(w->packed + place, w->batch.bytes[part], 3 * w->chunk_rows, sizeof(float), w->shuffled + place, found, NULL) != KILN_OK)
@@ -395,7 +398,7 @@ int kiln_points_check(struct kiln_points_writer *w, const char *path, struct kil
     (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
     const hid_t file = H5Fopen(path, H5F_ACC_RDONLY, H5P_DEFAULT);
     int status = file < 0 ? kiln_fail(error, KILN_IO, "'%s' cannot be opened as HDF5", path) : KILN_OK;
-    if (status == KILN_OK && !has_extents(file, w->result->surface->point_count))
+    if (status == KILN_OK && !has_extents(file, w->columns, w->result->surface->point_count))
         status = kiln_fail(error, KILN_IO, "'%s': not all points are there", path);
     const hid_t dataset = status == KILN_OK ? H5Dopen2(file, kiln_columns[KILN_COLUMN_TOTAL].name, H5P_DEFAULT) : H5I_INVALID_HID;
     if (status == KILN_OK && !same_totals(w, dataset))
@@ -410,7 +413,7 @@ int kiln_points_check(struct kiln_points_writer *w, const char *path, struct kil
 uint64_t kiln_points_largest(uint64_t points)
 {
     const uint64_t held = points < CHUNK_ROWS ? points : round_up(points, CHUNK_ROWS) * CHUNK_ROWS;
-    return held * (row_bytes() + 1) + (held / CHUNK_ROWS + 1) * KILN_COLUMNS * 256;
+    return held * (row_bytes(KILN_COLUMNS) + 1) + (held / CHUNK_ROWS + 1) * KILN_COLUMNS * 256;
 }
 
 /* ---- the writer ---- */
@@ -435,7 +438,7 @@ static int allocate(struct kiln_points_writer *w, struct kiln_error *error)
 {
     const uint64_t own = minimum(first_chunk(w, w->rank + 1) - first_chunk(w, w->rank), BATCH);
     const uint64_t held = w->rank == 0 ? minimum(first_chunk(w, w->ranks), BATCH) : own;
-    const size_t chunks = own > 0 ? own : 1, places = place_in_chunk(w, KILN_COLUMNS); /* one for what goes to another rank's chunk */
+    const size_t chunks = own > 0 ? own : 1, places = place_in_chunk(w, w->columns); /* one for what goes to another rank's chunk */
     int status = kiln_rows_allocate(&w->rows, chunks * w->chunk_rows, error);
     if (status == KILN_OK)
         status = kiln_rows_allocate(&w->tail, w->chunk_rows, error);
@@ -452,9 +455,10 @@ int kiln_points_writer_create(struct kiln_points_writer **writer, const struct k
     if (status == KILN_OK) {
         struct kiln_points_writer *w = *writer;
         w->result = result;
+        w->columns = kiln_columns_of(result->surface);
         w->chunk_rows = minimum(result->surface->point_count, CHUNK_ROWS);
         w->chunk_rows = w->chunk_rows == 0 ? 1 : w->chunk_rows;
-        for (int c = 0; c < KILN_COLUMNS; c++)
+        for (int c = 0; c < w->columns; c++)
             w->datasets[c] = H5I_INVALID_HID;
         if (MPI_Comm_rank(result->communicator, &w->rank) != MPI_SUCCESS || MPI_Comm_size(result->communicator, &w->ranks) != MPI_SUCCESS)
             status = mpi_failed(error);

@@ -22,7 +22,7 @@ struct writer {
     const struct kiln_bake_result *result;
     const struct kiln_output_params *params;
     struct kiln_lightmap_report *reports; /* own objects' are filled in */
-    struct kiln_map **maps;               /* one an object; those of this rank and round exist */
+    struct kiln_map **maps;               /* one a lightmap; those of this rank and round exist */
     const char *folder;
     uint32_t ranks;
     int64_t seed;
@@ -108,7 +108,9 @@ struct file_words {
 static int name_file(const struct writer *w, uint32_t object, struct file_words *words, struct kiln_error *error)
 {
     char name[KILN_PATH_SIZE];
-    const int length = snprintf(name, sizeof name, "%s.exr", kiln_scene_string(w->result->scene, w->result->scene->objects[object].name));
+    const struct kiln_object *o = &w->result->scene->objects[kiln_map_object(w->result->surface, object)];
+    const int length = snprintf(name, sizeof name, "%s%s.exr", kiln_map_back(w->result->surface, object) ? "back/" : "",
+                                kiln_scene_string(w->result->scene, o->name));
     if (length <= 0 || length >= KILN_PATH_SIZE)
         return kiln_fail(error, KILN_CANNOT_CREATE, "object %u has too long a name for a file", object);
     return kiln_path_join(words->path, w->folder, name, error);
@@ -121,7 +123,7 @@ static int describe_file(const struct writer *w, uint32_t object, struct kiln_im
                          struct kiln_error *error)
 {
     const struct kiln_scene *scene = w->result->scene;
-    const struct kiln_object *o = &scene->objects[object];
+    const struct kiln_object *o = &scene->objects[kiln_map_object(w->result->surface, object)];
     const struct kiln_mesh *mesh = &scene->meshes[o->mesh];
     const char *precision = choose_precision(w->params, image);
     for (size_t c = 0; strcmp(precision, "half") == 0 && c < image->channel_count; c++)
@@ -177,7 +179,7 @@ static int complete_map(const struct writer *w, uint32_t object, struct kiln_err
     struct kiln_chart_graph *graph = NULL;
     struct kiln_seam_report seams = {0};
     uint32_t *nearest = NULL;
-    report->object = object;
+    report->map = object;
     for (size_t i = 0; i < kiln_map_texels(map); i++) {
         report->valid += map->state[i] == KILN_TEXEL_VALID;
         report->filled += map->state[i] == KILN_TEXEL_FILLED;
@@ -186,7 +188,7 @@ static int complete_map(const struct writer *w, uint32_t object, struct kiln_err
     if (report->valid + report->filled != covered)
         return kiln_fail(error, KILN_BUG, "object %u: %llu of its %llu points arrived where its lightmap is written", object,
                          (unsigned long long)(report->valid + report->filled), (unsigned long long)covered);
-    int status = kiln_chart_graph_create(&graph, w->result->scene, w->result->scene->objects[object].mesh, map->width, map->height, error);
+    int status = kiln_chart_graph_create(&graph, w->result->scene, w->result->scene->objects[kiln_map_object(w->result->surface, object)].mesh, map->width, map->height, error);
     if (status == KILN_OK) {
         chart_texels(map, graph);
         status = kiln_map_fill(map, error);
@@ -274,9 +276,9 @@ static int begin_large(const struct writer *w, const uint32_t *objects, size_t c
 static void put_point(void *context, const struct kiln_texel_record *record)
 {
     const struct writer *w = context;
-    struct kiln_map *map = w->maps[record->object];
+    struct kiln_map *map = w->maps[record->map];
     const size_t texel = (size_t)record->y * map->width + record->x;
-    const struct kiln_mesh *mesh = &w->result->scene->meshes[w->result->scene->objects[record->object].mesh];
+    const struct kiln_mesh *mesh = &w->result->scene->meshes[w->result->scene->objects[kiln_map_object(w->result->surface, record->map)].mesh];
     map->state[texel] = record->valid != 0 ? KILN_TEXEL_VALID : KILN_TEXEL_FILLED;
     map->area[texel] = record->area;
     map->coverage[texel] = record->coverage;
@@ -298,7 +300,7 @@ static int open_round(const struct writer *w, const struct kiln_deal *deal, uint
                       struct kiln_error *error)
 {
     *count = 0;
-    for (size_t i = 0; i < deal->object_count; i++) {
+    for (size_t i = 0; i < deal->count; i++) {
         if (deal->owner[i] != rank || deal->round[i] != round)
             continue;
         const struct kiln_lightmap *lightmap = &w->result->surface->lightmaps[i];
@@ -396,7 +398,7 @@ static int write_rounds(struct writer *w, const struct kiln_deal *deal, uint32_t
     int status = kiln_exchange_create(&exchange, w->result, deal, 0, error); /* collective */
     if (status != KILN_OK)
         return status;
-    status = kiln_agree(comm, kiln_allocate(&own, deal->object_count, sizeof *own, "objects to write", error), error);
+    status = kiln_agree(comm, kiln_allocate(&own, deal->count, sizeof *own, "objects to write", error), error);
     for (uint32_t round = 0; status == KILN_OK && round < deal->rounds; round++) {
         size_t count = 0;
         status = kiln_agree(comm, open_round(w, deal, rank, round, own, &count, error), error);
@@ -415,23 +417,35 @@ static int gather_reports(const struct kiln_bake_result *result, const struct ki
                           struct kiln_lightmap_report *reports, struct kiln_error *error)
 {
     enum { AT_ONCE = 1 << 16 };
-    for (size_t first = 0; first < result->scene->object_count; first += AT_ONCE) {
-        const size_t left = result->scene->object_count - first;
+    for (size_t first = 0; first < result->surface->map_count; first += AT_ONCE) {
+        const size_t left = result->surface->map_count - first;
         const int count = (int)(left < AT_ONCE ? left : AT_ONCE);
         /* the struct is one 32-bit number, three 64-bit ones and two doubles: joined as bytes, since the others' are all zero */
         if (MPI_Reduce(own + first, rank == 0 ? reports + first : NULL, count * (int)sizeof *own, MPI_BYTE, MPI_BOR, 0,
                        result->communicator) != MPI_SUCCESS)
             return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the ranks' reports on lightmaps were gathered");
     }
-    for (size_t i = 0; rank != 0 && i < result->scene->object_count; i++)
-        reports[i] = (struct kiln_lightmap_report){.object = (uint32_t)i};
+    for (size_t i = 0; rank != 0 && i < result->surface->map_count; i++)
+        reports[i] = (struct kiln_lightmap_report){.map = (uint32_t)i};
     return KILN_OK;
+}
+
+static int make_folders(const struct kiln_surface *surface, const char *folder, struct kiln_error *error)
+{
+    bool backs = false;
+    for (uint32_t i = surface->object_count; i < surface->map_count; i++)
+        backs = backs || surface->lightmaps[i].published != 0;
+    char back[KILN_PATH_SIZE];
+    int status = kiln_make_directory(folder, error);
+    if (status == KILN_OK && backs)
+        status = kiln_path_join(back, folder, "back", error);
+    return status == KILN_OK && backs ? kiln_make_directory(back, error) : status;
 }
 
 int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                          struct kiln_lightmap_report *reports, struct kiln_error *error)
 {
-    const size_t objects = result->scene->object_count;
+    const size_t maps = result->surface->map_count;
     struct writer w = {.result = result, .params = params};
     struct kiln_deal *deal = NULL;
     char folder[KILN_PATH_SIZE];
@@ -443,19 +457,19 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     w.has_seed = kiln_provenance_seed(params->provenance_json, &w.seed);
     int status = kiln_path_join(folder, params->directory, "lightmaps", error);
     if (status == KILN_OK && rank == 0)
-        status = kiln_make_directory(folder, error);
+        status = make_folders(result->surface, folder, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&w.reports, objects, sizeof *w.reports, "reports on lightmaps", error);
+        status = kiln_allocate(&w.reports, maps, sizeof *w.reports, "reports on lightmaps", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&w.maps, objects, sizeof(struct kiln_map *), "lightmaps", error);
+        status = kiln_allocate(&w.maps, maps, sizeof(struct kiln_map *), "lightmaps", error);
     if (status == KILN_OK)
-        status = kiln_deal_create(&deal, result->surface->lightmaps, objects, (uint32_t)ranks, texel_budget, error);
+        status = kiln_deal_create(&deal, result->surface->lightmaps, maps, (uint32_t)ranks, texel_budget, error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
         status = write_rounds(&w, deal, (uint32_t)rank, error);
     if (status == KILN_OK && reports != NULL)
         status = kiln_agree(result->communicator, gather_reports(result, w.reports, rank, reports, error), error);
-    for (size_t i = 0; w.maps != NULL && i < objects; i++)
+    for (size_t i = 0; w.maps != NULL && i < maps; i++)
         kiln_map_destroy(&w.maps[i]);
     kiln_free(&w.maps);
     kiln_free(&w.reports);

@@ -97,18 +97,23 @@ static int name_file(struct kiln_manifest *m, const char *folder, const char *na
 }
 
 /* The same on all ranks. */
-static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *scene, bool volume, bool preview, struct kiln_error *error)
+static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *scene, const struct kiln_surface *surface, bool volume, bool preview,
+                      struct kiln_error *error)
 {
     const char *const others[] = {"run.json", "scene.kscene", "kiln.h5", volume ? "volume.hdf" : NULL, preview ? "preview.png" : NULL};
     const size_t other_count = sizeof others / sizeof *others;
     int status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&(*manifest)->files, other_count + scene->object_count, sizeof *(*manifest)->files, "the manifest", error);
+        status = kiln_allocate(&(*manifest)->files, other_count + surface->map_count, sizeof *(*manifest)->files, "the manifest", error);
     for (size_t i = 0; status == KILN_OK && i < other_count; i++)
         if (others[i] != NULL)
             status = name_file(*manifest, "", others[i], "", error);
-    for (size_t i = 0; status == KILN_OK && i < scene->object_count; i++)
-        status = name_file(*manifest, "lightmaps/", kiln_scene_string(scene, scene->objects[i].name), ".exr", error);
+    for (uint32_t i = 0; status == KILN_OK && i < surface->map_count; i++) {
+        const struct kiln_object *object = &scene->objects[kiln_map_object(surface, i)];
+        const char *folder = kiln_map_back(surface, i) ? "lightmaps/back/" : "lightmaps/";
+        if (surface->lightmaps[i].published != 0)
+            status = name_file(*manifest, folder, kiln_scene_string(scene, object->name), ".exr", error);
+    }
     return status;
 }
 
@@ -166,15 +171,15 @@ static int publish(const struct kiln_manifest *m, const char *directory, const u
     return status;
 }
 
-int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene, bool volume, bool preview,
-                        struct kiln_error *error)
+int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene,
+                        const struct kiln_surface *surface, bool volume, bool preview, struct kiln_error *error)
 {
     struct kiln_manifest *m = NULL;
     uint64_t *values = NULL;
     int rank = 0, ranks = 1;
     (void)MPI_Comm_rank(communicator, &rank);
     (void)MPI_Comm_size(communicator, &ranks);
-    int status = name_files(&m, scene, volume, preview, error);
+    int status = name_files(&m, scene, surface, volume, preview, error);
     if (status == KILN_OK)
         status = kiln_allocate(&values, 3 * m->count, sizeof *values, "the results' hashes", error);
     if (status == KILN_OK)

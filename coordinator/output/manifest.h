@@ -12,6 +12,7 @@
 
 #include "coordinator/output/sealed.h"
 #include "worker/scene/scene.h"
+#include "worker/scene/surface.h"
 
 struct kiln_manifest_file {
     char *path; /* within the folder */
@@ -26,7 +27,8 @@ struct kiln_manifest {
 
 /* Collective. Hashes the results of a bake of `scene` in `directory`, a share on each rank, and writes the manifest on rank 0.
  * KILN_IO when a result is not there. */
-int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene, bool volume, bool preview,
+int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene,
+                        const struct kiln_surface *surface, bool volume, bool preview,
                         struct kiln_error *error);
 
 /* Rank 0, before results are replaced: without it the folder no longer claims to be complete. */

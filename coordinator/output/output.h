@@ -15,19 +15,19 @@ struct kiln_output_params {
     const char *provenance_json; /* what ran, as one JSON object: kept as an attribute of the HDF5 files; no time stamps */
 };
 
-/* What kiln_write_lightmaps reports for run.json, one an object, on rank 0 (others: zero counts). */
+/* What kiln_write_lightmaps reports for run.json, one a lightmap of the surface, on rank 0 (others: zero counts). */
 struct kiln_lightmap_report {
-    uint32_t object;
+    uint32_t map;
     uint64_t valid, filled, dilated; /* texels: gathered here, filled from valid neighbours, margin */
     double seam_difference_before, seam_difference_after; /* root mean square over seam samples, relative to the mean */
 };
 
-/* DIR/lightmaps/OBJECT.exr for every object. Channels R G B = direct + indirect; layers direct.R.. and indirect.R.., error.Y when
+/* DIR/lightmaps/OBJECT.exr for every object, and DIR/lightmaps/back/OBJECT.exr for backs, where they are published. Channels R G B = direct + indirect; layers direct.R.. and indirect.R.., error.Y when
  * error_map is set, coverage.Y (share of the texel's square that the layout covers; half) and validity.Y (1 gathered, 0.5 on a
  * surface but filled from neighbours, 0 margin; half). Invalid points are filled, chart seams of an object smoothed, margins
  * dilated over the whole image. Which rank writes an object, and which ones pack it, does not change a byte: one that is large
  * beside what other ranks have to write is packed by several (strips.h). With `half` a file whose values would leave
- * half precision is written as float, and its attribute kiln:precision says why. `reports` has scene->object_count entries or is
+ * half precision is written as float, and its attribute kiln:precision says why. `reports` has surface->map_count entries or is
  * NULL; if it is given on one rank it is given on all. */
 int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                          struct kiln_lightmap_report *reports, struct kiln_error *error);

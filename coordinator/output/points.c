@@ -19,15 +19,16 @@ static struct triangle_view view_triangle(const struct kiln_bake_result *result,
     return view;
 }
 
-/* Weights of corners 1 and 2 at the centroid of the triangle's part in the texel, and that part's area in texels. */
-static double piece_centroid(const struct kiln_scene *scene, const struct triangle_view *view, uint32_t x, uint32_t y, double *b1,
-                             double *b2)
+/* Weights of corners 1 and 2 at the centroid of the triangle's part in the texel, and that part's area in texels. `scale`: of the
+ * lightmap's sides beside the object's own. */
+static double piece_centroid(const struct kiln_scene *scene, const struct triangle_view *view, uint32_t x, uint32_t y, double scale,
+                             double *b1, double *b2)
 {
     double corner[3][2];
     for (int c = 0; c < 3; c++) {
         const struct kiln_vec2 uv = scene->texcoord_lightmap[view->vertex[c]];
-        corner[c][0] = (double)uv.x * view->object->lightmap_width - x;
-        corner[c][1] = (double)uv.y * view->object->lightmap_height - y;
+        corner[c][0] = (double)uv.x * view->object->lightmap_width * scale - x;
+        corner[c][1] = (double)uv.y * view->object->lightmap_height * scale - y;
     }
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid = {0.5, 0.5, 1.0 / 3.0, 1.0 / 3.0};
     const uint32_t count = kiln_clip_triangle(corner, 0.0, 0.0, 1.0, 1.0, polygon);
@@ -76,22 +77,23 @@ static void add_normal(const struct kiln_scene *scene, const struct triangle_vie
     *normal = dvec3_add(*normal, dvec3_scale(transform_normal(view->object->transform, local), share));
 }
 
-static void describe(const struct kiln_bake_result *result, uint32_t object, const uint32_t *pieces, const float *shares,
+static void describe(const struct kiln_bake_result *result, const struct kiln_point_cursor *at, const uint32_t *pieces, const float *shares,
                      uint32_t piece_count, struct kiln_point_detail *detail)
 {
+    const double scale = 1.0 / (double)(1u << at->shift), side = at->back ? -1.0 : 1.0;
     struct kiln_dvec3 normal = dvec3(0.0, 0.0, 0.0);
     double coverage = 0.0, before = 0.0;
     for (uint32_t i = 0; i < piece_count; i++) {
         const double until = i + 1 < piece_count ? (double)shares[i] : 1.0;
-        const struct triangle_view view = view_triangle(result, object, pieces[i]);
+        const struct triangle_view view = view_triangle(result, at->object, pieces[i]);
         double b1, b2;
-        coverage += piece_centroid(result->scene, &view, detail->x, detail->y, &b1, &b2);
+        coverage += piece_centroid(result->scene, &view, detail->x, detail->y, scale, &b1, &b2);
         add_position(result->scene, &view, b1, b2, until - before, detail->position);
         add_normal(result->scene, &view, b1, b2, until - before, &normal);
         before = until;
     }
     const double length = dvec3_length(normal);
-    const struct kiln_vec3 unit = vec3_of(length > 0.0 ? dvec3_scale(normal, 1.0 / length) : normal);
+    const struct kiln_vec3 unit = vec3_of(length > 0.0 ? dvec3_scale(normal, side / length) : normal);
     detail->normal[0] = unit.x;
     detail->normal[1] = unit.y;
     detail->normal[2] = unit.z;
@@ -107,7 +109,7 @@ uint32_t kiln_fragment_details(const struct kiln_bake_result *result, size_t fra
         const uint32_t *pieces = s->pieces + at.piece;
         const uint32_t piece_count = kiln_piece_count(s, at.point);
         details[i] = (struct kiln_point_detail){.x = at.x, .y = at.y, .triangle = pieces[0]};
-        describe(result, at.object, pieces, s->shares + at.share, piece_count, &details[i]);
+        describe(result, &at, pieces, s->shares + at.share, piece_count, &details[i]);
         if (kiln_point_whole(s, at.point))
             details[i].coverage = 1.0f;
     }

@@ -35,7 +35,7 @@ static bool is_divided(const struct work *w, size_t object)
 
 static void weigh(struct work *w)
 {
-    for (size_t i = 0; i < w->deal->object_count; i++)
+    for (size_t i = 0; i < w->deal->count; i++)
         if (in_round(w, i)) {
             const uint64_t work = (KILN_FINISH_WORK + KILN_PACK_WORK) * texels_of(&w->lightmaps[i]);
             w->load[w->deal->owner[i]] += work;
@@ -43,7 +43,7 @@ static void weigh(struct work *w)
         }
     for (uint32_t r = 0; r < w->ranks; r++)
         w->fixed[r] = w->load[r];
-    for (size_t i = 0; i < w->deal->object_count; i++)
+    for (size_t i = 0; i < w->deal->count; i++)
         if (is_divided(w, i))
             w->fixed[w->deal->owner[i]] -= KILN_PACK_WORK * texels_of(&w->lightmaps[i]);
 }
@@ -110,7 +110,7 @@ static int list_strips(struct kiln_strip_deal *strips, struct work *w, struct ki
 {
     uint32_t *objects = NULL;
     size_t count = 0, divided = 0;
-    for (size_t i = 0; i < w->deal->object_count; i++)
+    for (size_t i = 0; i < w->deal->count; i++)
         if (is_divided(w, i)) {
             divided++;
             count += strips_of(&w->lightmaps[i]);
@@ -118,7 +118,7 @@ static int list_strips(struct kiln_strip_deal *strips, struct work *w, struct ki
     int status = kiln_allocate(&objects, divided, sizeof *objects, "dealing strips", error);
     if (status == KILN_OK)
         status = kiln_allocate(&strips->strips, count, sizeof *strips->strips, "dealing strips", error);
-    for (size_t i = 0, next = 0; status == KILN_OK && i < w->deal->object_count; i++)
+    for (size_t i = 0, next = 0; status == KILN_OK && i < w->deal->count; i++)
         if (is_divided(w, i))
             objects[next++] = (uint32_t)i;
     if (status == KILN_OK)

@@ -31,10 +31,10 @@ struct kiln_block {
     size_t count, capacity;
     double area;
     uint64_t shared_texels;
-    uint32_t object;
+    uint32_t map; /* lightmap */
 };
 
-/* What a rank should own whole, cells or objects, with what all ranks found of each. */
+/* What a rank should own whole, cells or lightmaps, with what all ranks found of each. */
 struct kiln_units {
     uint64_t count;
     uint64_t *points;         /* unit */
@@ -54,7 +54,7 @@ struct kiln_build {
     struct kiln_grid grid;
     uint32_t *vertex_chart;
     double *object_area; /* m2, of its triangles */
-    uint64_t *object_block; /* object: its first block; one more at the end */
+    uint64_t *map_block;    /* lightmap: its first block; one more at the end */
     struct kiln_block *blocks;     /* all; parts are in own ones */
     uint64_t own_first, own_end;   /* blocks that this rank covers */
     uint64_t *cell_codes;          /* of the occupied cells, ascending */
@@ -68,11 +68,10 @@ struct kiln_build {
 void kiln_build_fail(struct kiln_build *build, int status, const struct kiln_error *error);
 bool kiln_build_failed(struct kiln_build *build);
 
-/* Calls work(build, object, threads) for every object: small ones side by side on one thread each, large ones one after the
- * other on all. `work` reports through kiln_build_fail. Objects that `wanted` (NULL: all) marks 0 are left out. */
-void kiln_build_for_objects(struct kiln_build *build, const uint8_t *wanted,
-                            void (*work)(struct kiln_build *build, uint32_t object, uint32_t threads, const void *context),
-                            const void *context);
+/* Calls work(build, map, threads) for every lightmap: small ones side by side on one thread each, large ones one after the
+ * other on all. `work` reports through kiln_build_fail. Those that `wanted` (NULL: all) marks 0 are left out. */
+void kiln_build_for_maps(struct kiln_build *build, const uint8_t *wanted,
+                         void (*work)(struct kiln_build *build, uint32_t map, uint32_t threads, const void *context), const void *context);
 
 /* The steps in order, collective. Each returns a status, the same on all ranks, and writes the sentence into build->error. */
 int kiln_build_measure(struct kiln_build *build); /* lightmaps, grid, blocks, which are whose */

@@ -68,8 +68,10 @@ static void bin_in(uint64_t tile, uint32_t triangle, uint64_t *place, uint32_t *
 static void bin(const struct kiln_coverage *c, uint32_t triangle, uint64_t *place, uint32_t *out)
 {
     double corner[3][2];
-    kiln_geometry_texel_corners(c->scene, c->geometry, triangle, corner);
+    kiln_geometry_map_corners(c->scene, c->geometry, triangle, c->shift, corner);
     if (!(kiln_geometry_triangle_area(c->geometry, triangle) > 0.0))
+        return;
+    if (c->back && (c->geometry->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0)
         return;
     if (is_collapsed(corner)) {
         const uint32_t x = held(mean(corner, 0), 1.0, c->width), y = held(mean(corner, 1), 1.0, c->height);
@@ -106,18 +108,19 @@ static void sort_tile(uint32_t *triangles, uint64_t count)
 }
 
 int kiln_coverage_create(struct kiln_coverage *coverage, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
-                         uint32_t object, uint32_t threads, struct kiln_error *error)
+                         const struct kiln_surface *surface, uint32_t map, uint32_t threads, struct kiln_error *error)
 {
-    const uint32_t width = scene->objects[object].lightmap_width, height = scene->objects[object].lightmap_height;
+    const struct kiln_lightmap *lightmap = &surface->lightmaps[map];
     *coverage = (struct kiln_coverage){.scene = scene,
                                        .geometry = geometry,
-                                       .object = object,
-                                       .width = width,
-                                       .height = height,
-                                       .tiles_x = (width - 1) / KILN_TILE_SIDE + 1,
-                                       .tiles_y = (height - 1) / KILN_TILE_SIDE + 1};
+                                       .width = lightmap->width,
+                                       .height = lightmap->height,
+                                       .tiles_x = lightmap->tiles_x,
+                                       .tiles_y = lightmap->tiles_y,
+                                       .shift = lightmap->shift,
+                                       .back = kiln_map_back(surface, map)};
     struct kiln_coverage *c = coverage;
-    const struct kiln_object_range *range = &geometry->ranges[object];
+    const struct kiln_object_range *range = &geometry->ranges[kiln_map_object(surface, map)];
     const uint64_t tiles = (uint64_t)c->tiles_x * c->tiles_y, count = range->opaque_count + range->alpha_count;
     const int team = (int)threads;
     int status = kiln_allocate(&c->tile_first, tiles + 2, sizeof *c->tile_first, "an object's tiles", error);
@@ -198,7 +201,7 @@ static void cover(const struct kiln_coverage *c, const struct tile_window *windo
                   struct kiln_coverage_scratch *scratch)
 {
     double corner[3][2];
-    kiln_geometry_texel_corners(c->scene, c->geometry, triangle, corner);
+    kiln_geometry_map_corners(c->scene, c->geometry, triangle, c->shift, corner);
     const double texels = 0.5 * fabs(kiln_clip_twice_area(corner));
     const double area = kiln_geometry_triangle_area(c->geometry, triangle);
     const double x0 = window->x, y0 = window->y;

@@ -11,7 +11,8 @@
 struct kiln_coverage {
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
-    uint32_t object, width, height, tiles_x, tiles_y;
+    uint32_t width, height, tiles_x, tiles_y, shift; /* as in the lightmap */
+    bool back;            /* only triangles with two sides */
     uint64_t *tile_first; /* tile: its first entry of `triangles`; one more at the end */
     uint32_t *triangles;  /* world triangles, ascending within a tile */
 };
@@ -31,9 +32,9 @@ struct kiln_coverage_scratch {
     size_t count, capacity;
 };
 
-/* Not collective. Runs on `threads` threads; the result does not depend on it. KILN_SYSTEM. */
+/* Of lightmap `map`, whose size the surface has. Not collective. Runs on `threads` threads; the result does not depend on it. KILN_SYSTEM. */
 int kiln_coverage_create(struct kiln_coverage *coverage, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
-                         uint32_t object, uint32_t threads, struct kiln_error *error);
+                         const struct kiln_surface *surface, uint32_t map, uint32_t threads, struct kiln_error *error);
 void kiln_coverage_destroy(struct kiln_coverage *coverage);
 
 /* Puts the pieces of tile `tile` (y * tiles_x + x) into scratch->pieces: by triangle, ascending. Triangles without area in the

@@ -122,7 +122,7 @@ static struct parcel pack(const struct kiln_block *block, const struct kiln_part
 {
     return (struct parcel){.fragment = {.first = part->first,
                                         .mask = part->mask,
-                                        .object = block->object,
+                                        .map = block->map,
                                         .tile = part->tile,
                                         .cell = part->cell,
                                         .count = (uint32_t)kiln_part_points(part)},

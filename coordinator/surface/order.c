@@ -149,7 +149,7 @@ static int rank_cells(struct kiln_build *build)
 
 static uint64_t unit_of(const struct kiln_build *build, const struct kiln_block *block, const struct kiln_part *part)
 {
-    return build->params->partition == KILN_PARTITION_CELLS ? part->cell : block->object;
+    return build->params->partition == KILN_PARTITION_CELLS ? part->cell : block->map;
 }
 
 /* Gives own parts their places in global order. All parts stand by object and tile already, over the ranks too, so a stable counting
@@ -172,7 +172,7 @@ static int allocate_units(struct kiln_build *build, uint64_t **sums, uint64_t **
     const char *what = "the units of the partition";
     struct kiln_units *units = &build->units;
     units->count =
-        build->params->partition == KILN_PARTITION_CELLS ? build->surface->cell_count : (uint64_t)build->scene->object_count;
+        build->params->partition == KILN_PARTITION_CELLS ? build->surface->cell_count : (uint64_t)build->surface->map_count;
     int status = kiln_allocate(&units->points, units->count, sizeof *units->points, what, build->error);
     if (status == KILN_OK)
         status = kiln_allocate(&units->first_point, units->count + 1, sizeof *units->first_point, what, build->error);
@@ -273,7 +273,7 @@ static void write_block(struct map_writer *writer, const struct kiln_block *bloc
         count = parts_of_tile(block, i);
         for (size_t k = 0; k < count; k++)
             mask |= parts[k].mask;
-        write_entry(writer, s->lightmaps[block->object].tile_first + parts->tile, mask,
+        write_entry(writer, s->lightmaps[block->map].tile_first + parts->tile, mask,
                     count > 1 ? KILN_TILE_SPLIT | writer->split : parts->first);
         for (size_t k = 0; k < count && count > 1; k++)
             write_entry(writer, s->tile_count + writer->split++, parts[k].mask, parts[k].first);

@@ -4,7 +4,7 @@
 #include "coordinator/surface/charts.h"
 #include "worker/base/memory.h"
 
-/* An object with more tiles or triangles than these is worked on by all threads together. */
+/* A lightmap with more tiles or triangles than these is worked on by all threads together. */
 enum { LARGE_TILES = 4096, LARGE_TRIANGLES = 65536 };
 
 void kiln_build_fail(struct kiln_build *build, int status, const struct kiln_error *error)
@@ -22,28 +22,28 @@ bool kiln_build_failed(struct kiln_build *build)
     return __atomic_load_n(&build->status, __ATOMIC_RELAXED) != KILN_OK;
 }
 
-static uint64_t triangles_of(const struct kiln_build *build, size_t object)
+static uint64_t triangles_of(const struct kiln_build *build, size_t map)
 {
-    const struct kiln_object_range *range = &build->geometry->ranges[object];
-    return range->opaque_count + range->alpha_count;
+    const struct kiln_surface *s = build->surface;
+    const struct kiln_object_range *range = &build->geometry->ranges[kiln_map_object(s, (uint32_t)map)];
+    return kiln_map_back(s, (uint32_t)map) ? range->two_sided : range->opaque_count + range->alpha_count;
 }
 
-static uint64_t tiles_of(const struct kiln_build *build, size_t object)
+static uint64_t tiles_of(const struct kiln_build *build, size_t map)
 {
-    const struct kiln_lightmap *map = &build->surface->lightmaps[object];
-    return (uint64_t)map->tiles_x * map->tiles_y;
+    const struct kiln_lightmap *lightmap = &build->surface->lightmaps[map];
+    return (uint64_t)lightmap->tiles_x * lightmap->tiles_y;
 }
 
-static bool is_large(const struct kiln_build *build, size_t object)
+static bool is_large(const struct kiln_build *build, size_t map)
 {
-    return tiles_of(build, object) > LARGE_TILES || triangles_of(build, object) > LARGE_TRIANGLES;
+    return tiles_of(build, map) > LARGE_TILES || triangles_of(build, map) > LARGE_TRIANGLES;
 }
 
-void kiln_build_for_objects(struct kiln_build *build, const uint8_t *wanted,
-                            void (*work)(struct kiln_build *build, uint32_t object, uint32_t threads, const void *context),
-                            const void *context)
+void kiln_build_for_maps(struct kiln_build *build, const uint8_t *wanted,
+                         void (*work)(struct kiln_build *build, uint32_t map, uint32_t threads, const void *context), const void *context)
 {
-    const size_t count = build->scene->object_count;
+    const size_t count = build->surface->map_count;
     const int team = (int)build->threads;
 #pragma omp parallel for schedule(dynamic) num_threads(team)
     for (size_t o = 0; o < count; o++) {
@@ -56,59 +56,88 @@ void kiln_build_for_objects(struct kiln_build *build, const uint8_t *wanted,
     }
 }
 
+/* How many lightmaps there are: twice as many as objects where one has backs. */
+static uint32_t count_maps(const struct kiln_build *build)
+{
+    const size_t objects = build->scene->object_count;
+    for (size_t o = 0; o < objects; o++)
+        if (build->geometry->ranges[o].two_sided > 0)
+            return (uint32_t)(2 * objects);
+    return (uint32_t)objects;
+}
+
+/* That of backs is as fine as that of the front where people look at it, and takes a quarter of its points where only rays do. */
+static void size_lightmap(const struct kiln_build *build, uint32_t number, struct kiln_lightmap *map)
+{
+    const uint32_t o = kiln_map_object(build->surface, number);
+    const struct kiln_object *object = &build->scene->objects[o];
+    const bool back = kiln_map_back(build->surface, number);
+    const bool shown = (object->flags & KILN_OBJECT_CASTER_ONLY) == 0;
+    const bool both = build->params->both_sides || (object->flags & KILN_OBJECT_BOTH_SIDES) != 0;
+    map->tile_first = build->surface->tile_count;
+    if (back && build->geometry->ranges[o].two_sided == 0)
+        return;
+    map->published = shown && (!back || both);
+    map->shift = back && !both ? 1 : 0;
+    map->width = (object->lightmap_width - 1) / (1u << map->shift) + 1;
+    map->height = (object->lightmap_height - 1) / (1u << map->shift) + 1;
+    map->tiles_x = (map->width - 1) / KILN_TILE_SIDE + 1;
+    map->tiles_y = (map->height - 1) / KILN_TILE_SIDE + 1;
+}
+
 static int place_lightmaps(struct kiln_build *build)
 {
     const struct kiln_scene *scene = build->scene;
     struct kiln_surface *surface = build->surface;
-    int status = kiln_allocate(&surface->lightmaps, scene->object_count, sizeof *surface->lightmaps, "the lightmaps", build->error);
+    if (scene->object_count > UINT32_MAX / 2)
+        return kiln_fail(build->error, KILN_BAD_INPUT, "the scene has %zu objects and at most %u are possible: join some", scene->object_count,
+                         UINT32_MAX / 2);
+    surface->object_count = (uint32_t)scene->object_count;
+    surface->map_count = count_maps(build);
+    int status = kiln_allocate(&surface->lightmaps, surface->map_count, sizeof *surface->lightmaps, "the lightmaps", build->error);
     if (status == KILN_OK)
-        status = kiln_allocate(&build->object_block, scene->object_count + 1, sizeof *build->object_block, "the lightmaps", build->error);
+        status = kiln_allocate(&build->map_block, (size_t)surface->map_count + 1, sizeof *build->map_block, "the lightmaps", build->error);
     if (status != KILN_OK)
         return status;
-    for (size_t o = 0; o < scene->object_count; o++) {
-        const struct kiln_object *object = &scene->objects[o];
+    for (uint32_t o = 0; o < surface->map_count; o++) {
         struct kiln_lightmap *map = &surface->lightmaps[o];
-        map->width = object->lightmap_width;
-        map->height = object->lightmap_height;
-        map->tiles_x = (map->width - 1) / KILN_TILE_SIDE + 1;
-        map->tiles_y = (map->height - 1) / KILN_TILE_SIDE + 1;
-        map->tile_first = surface->tile_count;
+        size_lightmap(build, o, map);
         if (tiles_of(build, o) >= UINT32_MAX)
             return kiln_fail(build->error, KILN_BAD_INPUT,
                              "object '%s': a lightmap of %u x %u texels is larger than kiln can hold: lower --texels-per-metre or set "
                              "--lightmap-max",
-                             kiln_scene_string(scene, object->name), map->width, map->height);
+                             kiln_scene_string(scene, scene->objects[kiln_map_object(surface, o)].name), map->width, map->height);
         surface->tile_count += tiles_of(build, o);
-        build->object_block[o + 1] = build->object_block[o] + (tiles_of(build, o) - 1) / KILN_BLOCK_TILES + 1;
+        build->map_block[o + 1] = build->map_block[o] + (tiles_of(build, o) + KILN_BLOCK_TILES - 1) / KILN_BLOCK_TILES;
         build->report->texels += (uint64_t)map->width * map->height;
     }
     return KILN_OK;
 }
 
-/* Work of covering a tile of `object`, about. A texel within a triangle takes some 50 ns; a triangle takes 4 times as much whatever its size,
+/* Work of covering a tile of a lightmap, about. A texel within a triangle takes some 50 ns; a triangle takes 4 times as much whatever its size,
  * and each texel along its edges, where it has to be clipped, 10 times: there are as many as the root of those within. */
-static double work_of_tile(const struct kiln_build *build, size_t object)
+static double work_of_tile(const struct kiln_build *build, size_t map)
 {
-    const double triangles = (double)triangles_of(build, object), texels = (double)tiles_of(build, object) * KILN_TILE_TEXELS;
+    const double triangles = (double)triangles_of(build, map), texels = (double)tiles_of(build, map) * KILN_TILE_TEXELS;
     return triangles == 0.0 ? 0.0 : KILN_TILE_TEXELS * (texels + 4.0 * triangles + 10.0 * sqrt(triangles * texels)) / texels;
 }
 
-/* Says which blocks are whose object's, and deals them out. */
+/* Says which blocks are of which lightmap, and deals them out. */
 static int cut_blocks(struct kiln_build *build)
 {
-    const uint64_t count = build->object_block[build->scene->object_count];
+    const uint64_t count = build->map_block[build->surface->map_count];
     uint64_t *work = NULL, *cuts = NULL;
     int status = kiln_allocate(&work, count, sizeof *work, "the work of the ranks", build->error);
     if (status == KILN_OK)
         status = kiln_allocate(&cuts, (size_t)build->workers + 1, sizeof *cuts, "the work of the ranks", build->error);
     if (status != KILN_OK)
         goto end;
-    for (size_t o = 0; o < build->scene->object_count; o++) {
+    for (size_t o = 0; o < build->surface->map_count; o++) {
         const double work_a_tile = work_of_tile(build, o);
         uint64_t tiles = tiles_of(build, o);
-        for (uint64_t b = build->object_block[o]; b < build->object_block[o + 1]; b++) {
+        for (uint64_t b = build->map_block[o]; b < build->map_block[o + 1]; b++) {
             const uint64_t here = tiles < KILN_BLOCK_TILES ? tiles : KILN_BLOCK_TILES;
-            build->blocks[b].object = (uint32_t)o;
+            build->blocks[b].map = (uint32_t)o;
             work[b] = (uint64_t)((double)here * work_a_tile);
             tiles -= here;
         }
@@ -129,7 +158,7 @@ int kiln_build_measure(struct kiln_build *build)
     if (status == KILN_OK)
         status = kiln_allocate(&build->object_area, scene->object_count, sizeof *build->object_area, "the objects' areas", build->error);
     if (status == KILN_OK)
-        status = kiln_allocate(&build->blocks, build->object_block[scene->object_count], sizeof *build->blocks,
+        status = kiln_allocate(&build->blocks, build->map_block[build->surface->map_count], sizeof *build->blocks,
                                "the blocks of lightmap tiles", build->error);
     if (status == KILN_OK)
         status = cut_blocks(build);
@@ -245,11 +274,11 @@ static double area_of(const struct kiln_build *build, uint32_t object)
     return area;
 }
 
-static void cover_object(struct kiln_build *build, uint32_t object, uint32_t threads, const void *context)
+static void cover_map(struct kiln_build *build, uint32_t number, uint32_t threads, const void *context)
 {
     (void)context;
-    const struct kiln_lightmap *map = &build->surface->lightmaps[object];
-    const uint64_t tiles = tiles_of(build, object), block_first = build->object_block[object], block_last = build->object_block[object + 1];
+    const struct kiln_lightmap *map = &build->surface->lightmaps[number];
+    const uint64_t tiles = tiles_of(build, number), block_first = build->map_block[number], block_last = build->map_block[number + 1];
     const uint64_t own_first = block_first > build->own_first ? block_first : build->own_first;
     const uint64_t own_end = block_last < build->own_end ? block_last : build->own_end;
     struct kiln_error error;
@@ -257,13 +286,13 @@ static void cover_object(struct kiln_build *build, uint32_t object, uint32_t thr
     uint32_t *order = NULL;
     uint32_t side = 1;
     const int team = (int)threads;
-    if (triangles_of(build, object) == 0 || own_first >= own_end)
+    if (triangles_of(build, number) == 0 || own_first >= own_end)
         return;
-    if (own_first == block_first)
-        build->object_area[object] = area_of(build, object);
-    int status = kiln_allocate(&order, tiles, sizeof *order, "the order of an object's tiles", &error);
+    if (own_first == block_first && !kiln_map_back(build->surface, number))
+        build->object_area[number] = area_of(build, number);
+    int status = kiln_allocate(&order, tiles, sizeof *order, "the order of a lightmap's tiles", &error);
     if (status == KILN_OK)
-        status = kiln_coverage_create(&coverage, build->scene, build->geometry, object, threads, &error);
+        status = kiln_coverage_create(&coverage, build->scene, build->geometry, build->surface, number, threads, &error);
     if (status != KILN_OK) {
         kiln_build_fail(build, status, &error);
         goto end;
@@ -296,17 +325,17 @@ end:
     kiln_free(&order);
 }
 
-/* The charts of the objects that own blocks are of, for as long as those are covered. */
+/* The charts of the meshes that own blocks are of, for as long as those are covered. */
 static int cover_own(struct kiln_build *build)
 {
     uint8_t *wanted = NULL;
     int status = kiln_allocate(&wanted, build->scene->mesh_count, sizeof *wanted, "the meshes to cover", build->error);
     for (uint64_t b = build->own_first; b < build->own_end && status == KILN_OK; b++)
-        wanted[build->scene->objects[build->blocks[b].object].mesh] = 1;
+        wanted[build->scene->objects[kiln_map_object(build->surface, build->blocks[b].map)].mesh] = 1;
     if (status == KILN_OK)
         status = kiln_charts_find(&build->vertex_chart, build->scene, wanted, build->threads, build->error);
     if (status == KILN_OK) {
-        kiln_build_for_objects(build, NULL, cover_object, NULL);
+        kiln_build_for_maps(build, NULL, cover_map, NULL);
         status = build->status;
     }
     kiln_free(&build->vertex_chart);
@@ -329,8 +358,8 @@ static void take_sums(void *taker, const void *records, size_t count)
         struct kiln_block *block = &build->blocks[sums[i].block];
         block->area = sums[i].area;
         block->shared_texels = sums[i].shared_texels;
-        if (build->object_block[block->object] == sums[i].block)
-            build->object_area[block->object] = sums[i].object_area;
+        if (block->map < build->surface->object_count && build->map_block[block->map] == sums[i].block)
+            build->object_area[block->map] = sums[i].object_area;
     }
 }
 
@@ -342,7 +371,8 @@ static int exchange_sums(struct kiln_build *build, int status)
         status = kiln_allocate(&sums, count, sizeof *sums, "the areas of lightmap tiles", build->error);
     for (size_t i = 0; i < count && status == KILN_OK; i++) {
         const struct kiln_block *block = &build->blocks[build->own_first + i];
-        sums[i] = (struct block_sums){build->own_first + i, block->shared_texels, block->area, build->object_area[block->object]};
+        const double whole = block->map < build->surface->object_count ? build->object_area[block->map] : 0.0;
+        sums[i] = (struct block_sums){build->own_first + i, block->shared_texels, block->area, whole};
     }
     status = build->exchange->all(build->exchange->context, status, sums, count, sizeof *sums, take_sums, build, build->error);
     kiln_free(&sums);
@@ -354,7 +384,7 @@ static void report_areas(struct kiln_build *build)
     struct kiln_surface_report *report = build->report;
     for (size_t o = 0; o < build->scene->object_count; o++) {
         double area = 0.0;
-        for (uint64_t b = build->object_block[o]; b < build->object_block[o + 1]; b++) {
+        for (uint64_t b = build->map_block[o]; b < build->map_block[o + 1]; b++) {
             area += build->blocks[b].area;
             report->shared_texels += build->blocks[b].shared_texels;
         }

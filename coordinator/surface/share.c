@@ -83,7 +83,7 @@ static void sample_polygon(const struct kiln_build *build, uint32_t triangle, co
 }
 
 static void add_piece_color(const struct kiln_build *build, const struct kiln_coverage_piece *piece, uint32_t x, uint32_t y,
-                            double total, struct color_sum *sum)
+                            uint32_t shift, double total, struct color_sum *sum)
 {
     const struct kiln_hit_record *record = &build->geometry->records[piece->triangle];
     if (build->scene->materials[record->material & KILN_RECORD_MATERIAL].base_color_texture == KILN_NONE) {
@@ -91,7 +91,7 @@ static void add_piece_color(const struct kiln_build *build, const struct kiln_co
         return;
     }
     double corner[3][2], local[3][2];
-    kiln_geometry_texel_corners(build->scene, build->geometry, piece->triangle, corner);
+    kiln_geometry_map_corners(build->scene, build->geometry, piece->triangle, shift, corner);
     kiln_clip_local(corner, x, y, local);
     if (piece->whole)
         sample_square(build, piece->triangle, local, piece->area, sum);
@@ -138,7 +138,7 @@ static int keep_largest(struct share_scratch *scratch, uint32_t *order, uint32_t
 
 struct point_place {
     uint64_t point, piece, share; /* where the next point's data go */
-    uint32_t x, y;                /* its texel */
+    uint32_t x, y, shift;         /* its texel; as in the lightmap */
 };
 
 static int fill_point(struct kiln_build *build, struct share_scratch *scratch, uint32_t *order, uint32_t count,
@@ -159,7 +159,7 @@ static int fill_point(struct kiln_build *build, struct share_scratch *scratch, u
     struct color_sum color = {0};
     for (uint32_t i = 0; i < count; i++) {
         const struct kiln_coverage_piece *piece = &pieces[order[i]];
-        add_piece_color(build, piece, place->x, place->y, kept, &color);
+        add_piece_color(build, piece, place->x, place->y, place->shift, kept, &color);
         s->pieces[place->piece++] = piece->triangle;
         sum += piece->area;
         if (i + 1 < count)
@@ -204,7 +204,7 @@ static int fill_fragment(struct kiln_build *build, const struct kiln_coverage *c
     int status = kiln_coverage_tile(coverage, fragment->tile, &scratch->coverage, error);
     if (status == KILN_OK)
         status = sort_pieces(scratch, first, error);
-    struct point_place place = {fragment->first - s->first, s->piece_base[f], s->share_base[f], 0, 0};
+    struct point_place place = {fragment->first - s->first, s->piece_base[f], s->share_base[f], 0, 0, coverage->shift};
     for (uint64_t rest = fragment->mask; rest != 0 && status == KILN_OK; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
         place.x = fragment->tile % coverage->tiles_x * KILN_TILE_SIDE + kiln_morton8_x(bit);
@@ -215,25 +215,25 @@ static int fill_fragment(struct kiln_build *build, const struct kiln_coverage *c
     return status;
 }
 
-struct own_objects {
-    uint64_t *first;     /* object: its first entry of `fragments`; one more at the end */
-    uint64_t *fragments; /* own fragments, by object */
-    uint8_t *wanted;     /* object: has own fragments */
+struct own_maps {
+    uint64_t *first;     /* lightmap: its first entry of `fragments`; one more at the end */
+    uint64_t *fragments; /* own fragments, by lightmap */
+    uint8_t *wanted;     /* lightmap: has own fragments */
 };
 
-static void fill_object(struct kiln_build *build, uint32_t object, uint32_t threads, const void *context)
+static void fill_map(struct kiln_build *build, uint32_t map, uint32_t threads, const void *context)
 {
-    const struct own_objects *objects = context;
+    const struct own_maps *maps = context;
     struct kiln_error error;
     struct kiln_coverage coverage = {0};
-    const int status = kiln_coverage_create(&coverage, build->scene, build->geometry, object, threads, &error);
+    const int status = kiln_coverage_create(&coverage, build->scene, build->geometry, build->surface, map, threads, &error);
     if (status != KILN_OK) {
         kiln_build_fail(build, status, &error);
         return;
     }
     const int team = (int)threads;
-    const uint64_t *fragments = objects->fragments + objects->first[object];
-    const uint64_t count = objects->first[object + 1] - objects->first[object];
+    const uint64_t *fragments = maps->fragments + maps->first[map];
+    const uint64_t count = maps->first[map + 1] - maps->first[map];
 #pragma omp parallel num_threads(team)
     {
         struct share_scratch scratch = {0};
@@ -253,30 +253,30 @@ static void fill_object(struct kiln_build *build, uint32_t object, uint32_t thre
     kiln_coverage_destroy(&coverage);
 }
 
-static int group_by_object(struct kiln_build *build, struct own_objects *own)
+static int group_by_map(struct kiln_build *build, struct own_maps *own)
 {
     const struct kiln_surface *s = build->surface;
-    const size_t objects = build->scene->object_count;
-    const char *what = "the own fragments of each object";
+    const size_t maps = s->map_count;
+    const char *what = "the own fragments of each lightmap";
     uint64_t *place = NULL;
-    int status = kiln_allocate(&own->first, objects + 1, sizeof *own->first, what, build->error);
+    int status = kiln_allocate(&own->first, maps + 1, sizeof *own->first, what, build->error);
     if (status == KILN_OK)
         status = kiln_allocate(&own->fragments, s->fragment_count, sizeof *own->fragments, what, build->error);
     if (status == KILN_OK)
-        status = kiln_allocate(&own->wanted, objects, sizeof *own->wanted, what, build->error);
+        status = kiln_allocate(&own->wanted, maps, sizeof *own->wanted, what, build->error);
     if (status == KILN_OK)
-        status = kiln_allocate(&place, objects, sizeof *place, what, build->error);
+        status = kiln_allocate(&place, maps, sizeof *place, what, build->error);
     if (status != KILN_OK)
         goto end;
     for (size_t f = 0; f < s->fragment_count; f++)
-        own->first[s->fragments[f].object + 1]++;
-    for (size_t o = 0; o < objects; o++) {
+        own->first[s->fragments[f].map + 1]++;
+    for (size_t o = 0; o < maps; o++) {
         own->wanted[o] = own->first[o + 1] > 0;
         place[o] = own->first[o];
         own->first[o + 1] += own->first[o];
     }
     for (size_t f = 0; f < s->fragment_count; f++)
-        own->fragments[place[s->fragments[f].object]++] = f;
+        own->fragments[place[s->fragments[f].map]++] = f;
 end:
     kiln_free(&place);
     return status;
@@ -285,7 +285,7 @@ end:
 int kiln_build_share(struct kiln_build *build)
 {
     struct kiln_surface *s = build->surface;
-    struct own_objects own = {0};
+    struct own_maps own = {0};
     int status = kiln_allocate(&s->piece_count, s->count, sizeof *s->piece_count, "the surface points", build->error);
     if (status == KILN_OK)
         status = kiln_allocate(&s->pieces, s->piece_base[s->fragment_count], sizeof *s->pieces, "the pieces", build->error);
@@ -298,9 +298,9 @@ int kiln_build_share(struct kiln_build *build)
     if (status == KILN_OK)
         status = kiln_allocate(&s->visible, s->count, sizeof *s->visible, "the surface points", build->error);
     if (status == KILN_OK)
-        status = group_by_object(build, &own);
+        status = group_by_map(build, &own);
     if (status == KILN_OK) {
-        kiln_build_for_objects(build, own.wanted, fill_object, &own);
+        kiln_build_for_maps(build, own.wanted, fill_map, &own);
         status = build->status;
     }
     kiln_free(&own.first);

@@ -42,15 +42,25 @@ static const struct kiln_surface_exchange alone = {.agree = agree_alone, .sum = 
 
 /* ---- building ---- */
 
+/* The tiles of backs stand behind all those of fronts. */
+static uint64_t count_back_points(const struct kiln_surface *s)
+{
+    uint64_t count = 0;
+    const uint64_t first = s->map_count > s->object_count ? s->lightmaps[s->object_count].tile_first : s->tile_count;
+    for (uint64_t t = first; t < s->tile_count; t++)
+        count += (uint64_t)__builtin_popcountll(s->tiles[t].mask);
+    return count;
+}
+
 static void release(struct kiln_build *build)
 {
     if (build->blocks != NULL) {
-        const uint64_t count = build->object_block[build->scene->object_count];
+        const uint64_t count = build->map_block[build->surface->map_count];
         for (uint64_t b = 0; b < count; b++)
             kiln_free(&build->blocks[b].parts);
     }
     kiln_free(&build->blocks);
-    kiln_free(&build->object_block);
+    kiln_free(&build->map_block);
     kiln_free(&build->object_area);
     kiln_free(&build->vertex_chart);
     kiln_free(&build->cell_codes);
@@ -95,6 +105,7 @@ int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_
     status = find_parts(&build, status);
     if (status == KILN_OK) {
         report->cells_occupied = build.surface->cell_count;
+        report->back_points = count_back_points(build.surface);
         report->cells_total = build.grid.count[0] * build.grid.count[1] * build.grid.count[2];
         report->cell_size = build.grid.size;
         for (int axis = 0; axis < 3; axis++)
@@ -106,7 +117,7 @@ int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_
         *surface = build.surface;
         build.surface = NULL;
     }
-    kiln_surface_destroy(&build.surface);
     release(&build);
+    kiln_surface_destroy(&build.surface);
     return status;
 }

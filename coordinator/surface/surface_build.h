@@ -2,6 +2,7 @@
 #ifndef KILN_COORDINATOR_SURFACE_SURFACE_BUILD_H
 #define KILN_COORDINATOR_SURFACE_SURFACE_BUILD_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "worker/scene/surface.h"
@@ -33,6 +34,7 @@ struct kiln_surface_params {
     double cell_size;                     /* m; 0: chosen from the scene alone, never from the number of ranks: a 24th of the
                                            * longest side, doubled until an occupied cell holds 1024 points on the mean */
     enum kiln_partition partition;
+    bool both_sides;                      /* lightmaps of backs are published, and as fine as those of fronts, of all objects */
     uint32_t rank, ranks;                 /* whose share is wanted */
     const struct kiln_surface_exchange *exchange; /* between all `ranks`, which then divide the work; NULL: this one does it alone */
     uint32_t threads; /* 0: all */
@@ -40,12 +42,13 @@ struct kiln_surface_params {
 
 /* What was found, the same on all ranks but for `own_*`. Shares are 0..1. */
 struct kiln_surface_report {
-    uint64_t points, texels;
+    uint64_t points, texels;    /* of fronts and backs */
+    uint64_t back_points;
     uint64_t cells_occupied, cells_total;
     double cell_size;           /* m */
     uint64_t cells[3];          /* grid */
     uint64_t fragments;
-    double area;                /* m2, sum of all points' areas */
+    double area;                /* m2, sum of the areas of all points of fronts */
     double geometry_area;       /* m2, sum of all triangles' areas */
     double worst_object_area_error; /* largest |sum of texel areas / surface area - 1| over objects with area */
     uint32_t worst_object;
@@ -65,6 +68,8 @@ struct kiln_surface_report {
  * area in the world have no points; one without area in the lightmap alone belongs wholly to the texel of its centroid there. A texel that triangles of several charts touch keeps all their pieces. Pieces
  * stand in order of world triangle number; of more than 32767 in one texel the 32767 largest are kept, and their shares made
  * to end at 1 (the point's area stays that of all).
+ *
+ * An object that has triangles with two sides (KILN_RECORD_DOUBLE_SIDED) has a second lightmap with the points of their backs.
  *
  * A point lies in the cell that holds the centroid of its covered part. With KILN_PARTITION_OBJECTS a tile is one fragment
  * whatever cells it lies in, and the fragment's `cell` is that of its first point.

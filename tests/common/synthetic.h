@@ -134,10 +134,11 @@ static inline void synthetic_surface(struct synthetic *s)
     uint64_t piece = 0, share = 0;
     for (uint32_t o = 0; o < 2; o++) {
         const uint32_t width = s->objects[o].lightmap_width, height = s->objects[o].lightmap_height;
-        f->lightmaps[o] = (struct kiln_lightmap){f->tile_count, width, height, (width + 7) / 8, (height + 7) / 8};
+        f->lightmaps[o] = (struct kiln_lightmap){f->tile_count, width, height, (width + 7) / 8, (height + 7) / 8, 0, 1};
+        f->object_count = f->map_count = 2;
         f->cell_first[o] = f->point_count;
         for (uint32_t tile = 0; tile < f->lightmaps[o].tiles_x * f->lightmaps[o].tiles_y; tile++, f->tile_count++) {
-            struct kiln_fragment fragment = {.first = f->point_count, .object = o, .tile = tile, .cell = o};
+            struct kiln_fragment fragment = {.first = f->point_count, .map = o, .tile = tile, .cell = o};
             f->piece_base[f->fragment_count] = piece;
             f->share_base[f->fragment_count] = share;
             for (uint32_t bit = 0; bit < 64; bit++) {

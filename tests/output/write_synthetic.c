@@ -37,7 +37,7 @@ static int write_all(const char *directory, bool half, bool divided, int rank, i
     struct kiln_lightmap_report reports[2];
     status = kiln_write_lightmaps(&result, &params, reports, error);
     for (int i = 0; status == KILN_OK && rank == 0 && i < 2; i++)
-        printf("%u %llu %llu %llu %.9g %.9g\n", reports[i].object, (unsigned long long)reports[i].valid,
+        printf("%u %llu %llu %llu %.9g %.9g\n", reports[i].map, (unsigned long long)reports[i].valid,
                (unsigned long long)reports[i].filled, (unsigned long long)reports[i].dilated, reports[i].seam_difference_before,
                reports[i].seam_difference_after);
     if (status == KILN_OK)

@@ -28,6 +28,7 @@ static void make(struct scene *s, const uint32_t (*sizes)[2], size_t objects, ui
     for (size_t i = 0; i < objects; i++) {
         s->lightmaps[i].width = sizes[i][0];
         s->lightmaps[i].height = sizes[i][1];
+        s->lightmaps[i].published = 1;
     }
     assert_int_equal(kiln_deal_create(&s->deal, s->lightmaps, objects, ranks, budget, NULL), 0);
     assert_int_equal(kiln_strip_deal_create(&s->strips, s->lightmaps, s->deal, 0, ranks, least, NULL), 0);
@@ -75,7 +76,7 @@ static void check_complete(const struct scene *s)
 static double unevenness(const struct scene *s)
 {
     double load[RANKS] = {0}, total = 0.0, most = 0.0;
-    for (size_t i = 0; i < s->deal->object_count; i++) {
+    for (size_t i = 0; i < s->deal->count; i++) {
         const double size = (double)s->lightmaps[i].width * s->lightmaps[i].height;
         if (s->deal->round[i] != 0)
             continue;

@@ -104,7 +104,7 @@ static void areas_add_up(void **state)
 
 static uint64_t morton_of_tile(const struct kiln_surface *s, const struct kiln_fragment *f)
 {
-    const uint32_t x = f->tile % s->lightmaps[f->object].tiles_x, y = f->tile / s->lightmaps[f->object].tiles_x;
+    const uint32_t x = f->tile % s->lightmaps[f->map].tiles_x, y = f->tile / s->lightmaps[f->map].tiles_x;
     uint64_t code = 0;
     for (uint32_t bit = 0; bit < 32; bit++)
         code |= (uint64_t)(x >> bit & 1) << (2 * bit) | (uint64_t)(y >> bit & 1) << (2 * bit + 1);
@@ -128,8 +128,8 @@ static void check_order(const struct built *b, enum kiln_partition partition)
         if (before != NULL) {
             const bool same_cell = !cells || before->cell == f->cell;
             assert_true(!cells || before->cell <= f->cell);
-            assert_true(!same_cell || before->object <= f->object);
-            if (same_cell && before->object == f->object)
+            assert_true(!same_cell || before->map <= f->map);
+            if (same_cell && before->map == f->map)
                 assert_true(morton_of_tile(s, before) < morton_of_tile(s, f));
         }
         before = f;

@@ -8,9 +8,10 @@
  *   direct   E = sum over lights of the mean of L V cos / p
  *   gather   E = mean over cosine-distributed directions about n of B(hit); the lightmap's value, about the shading
  *            normal, is the same mean weighted by max(0, s.w) / (n.w) (drawn about the axis between both, see the backend)
- * Rays that meet the back of a single-sided surface bring nothing and count as blocked; rays that meet nothing as escaped, with
- * what tinted glass took of them on the way. Surfaces that let light through (struct kiln_passage): a shadow ray brings the product of
- * what they let through; a gather ray meets one with a chance that is its opacity, and is tinted by those that it passes; a point's
+ * Rays that meet the back of a double-sided surface find the radiosity of the back's own points. Rays that meet the back of a
+ * single-sided surface, or of a solid's (worker/scene/solids.h), bring nothing and count as blocked; rays that meet nothing as escaped,
+ * with what tinted glass took of them on the way. Surfaces that let light through (struct kiln_passage): a shadow ray brings the product
+ * of what they let through; a gather ray meets one with a chance that is its opacity, and is tinted by those that it passes; a point's
  * samples lie where its surface is there.
  *
  * Determinism: results are functions of (seed, object, texel, stream, sample) and the scene alone: any batch, thread count or
@@ -68,8 +69,6 @@ struct kiln_point_result {
     float error;         /* standard error of the luminance of `irradiance` (an upper estimate: from the spread of 4 sub-nets) */
     float escaped;       /* share of gather rays that met nothing (0 in the direct pass) */
     float blocked;       /* share of gather rays that met the back of a single-sided surface (0 in the direct pass) */
-    float behind;        /* share of gather rays that met the back of a double-sided surface (0 in the direct pass) */
-    float borrowed[3];   /* part of `incident` gathered there: the front's radiosity, seen from behind, W/m2 */
     float glass[3];      /* by colour: share of what gather rays find that tinted surfaces on the way take; 0 without any */
     float present;       /* mean opacity of the point (kiln_surface_opacity): share of its area that is there to be lit; 1 for opaque ones */
 };
@@ -115,9 +114,9 @@ struct kiln_probe_result {
 
 /* Where light that leaves the lights goes: traced from the lights, independent of the direct pass. Watts, RGB. */
 struct kiln_emission_result {
-    double emitted[3], received[3], blocked[3], behind[3], escaped[3]; /* blocked, behind: on backs of single-, double-sided surfaces */
-    double ranged[3];                                                  /* cut off by a light's range */
-    double glass[3];                                                   /* taken by tinted surfaces that it went through */
+    double emitted[3], received[3], blocked[3], escaped[3]; /* blocked: on backs of single-sided surfaces */
+    double ranged[3];                                       /* cut off by a light's range */
+    double glass[3];                                        /* taken by tinted surfaces that it went through */
     double error[3]; /* standard error of `received` */
 };
 

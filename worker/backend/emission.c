@@ -192,7 +192,7 @@ static void land(const struct emission *e, const struct particle *p, const struc
     double *target = out->escaped, kept = 1.0;
     if (hit->triangle != KILN_NONE) {
         const bool double_sided = (e->params->geometry->records[hit->triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0;
-        target = !hit->back ? out->received : double_sided ? out->behind : out->blocked;
+        target = !hit->back || double_sided ? out->received : out->blocked;
         if (p->ranged != NULL)
             kept = kiln_point_light_range(p->ranged, (double)hit->distance);
     }
@@ -230,7 +230,6 @@ static void combine(const struct kiln_emission_result groups[GROUPS], struct kil
             result->emitted[c] += groups[i].emitted[c] / GROUPS;
             result->received[c] += groups[i].received[c] / GROUPS;
             result->blocked[c] += groups[i].blocked[c] / GROUPS;
-            result->behind[c] += groups[i].behind[c] / GROUPS;
             result->escaped[c] += groups[i].escaped[c] / GROUPS;
             result->ranged[c] += groups[i].ranged[c] / GROUPS;
             result->glass[c] += groups[i].glass[c] / GROUPS;

@@ -61,8 +61,8 @@ static bool is_sound(const struct kiln_point_result *r)
 
 static struct texel texel_of(const struct kiln_surface *s, const struct kiln_fragment *f, uint64_t mask)
 {
-    const uint32_t bit = (uint32_t)__builtin_ctzll(mask), tiles_x = s->lightmaps[f->object].tiles_x;
-    return (struct texel){.object = f->object, .x = f->tile % tiles_x * 8 + kiln_morton8_x(bit), .y = f->tile / tiles_x * 8 + kiln_morton8_y(bit)};
+    const uint32_t bit = (uint32_t)__builtin_ctzll(mask), tiles_x = s->lightmaps[f->map].tiles_x;
+    return (struct texel){.object = kiln_map_object(s, f->map), .x = f->tile % tiles_x * 8 + kiln_morton8_x(bit), .y = f->tile / tiles_x * 8 + kiln_morton8_y(bit)};
 }
 
 static void compare_texel(struct tally *t, const struct kiln_point_result *got, const struct kiln_point_result *expected, struct texel texel)
@@ -165,7 +165,7 @@ static bool is_chosen(const struct verify_backend *v, const struct kiln_fragment
 {
     const uint64_t seed = v->base.params.seed;
     uint32_t hash = kiln_hash2(kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32)), 0x76657269u);
-    hash = kiln_hash2(kiln_hash2(kiln_hash2(hash, f->object), f->tile), stream);
+    hash = kiln_hash2(kiln_hash2(kiln_hash2(hash, f->map), f->tile), stream);
     return (double)hash < v->base.params.verify_share * 0x1p32;
 }
 

@@ -9,7 +9,7 @@
 static void local_corners(const struct kiln_footprint *f, uint32_t triangle, double local[3][2])
 {
     double corner[3][2];
-    kiln_geometry_texel_corners(f->scene, f->geometry, triangle, corner);
+    kiln_geometry_map_corners(f->scene, f->geometry, triangle, f->shift, corner);
     kiln_clip_local(corner, f->x, f->y, local);
 }
 
@@ -82,6 +82,8 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
     f->shares = surface->shares + at->share;
     f->x = at->x;
     f->y = at->y;
+    f->shift = at->shift;
+    f->back = at->back;
     if (kiln_point_whole(surface, at->point)) {
         f->kind = KILN_FOOTPRINT_WHOLE;
         prepare_whole(f);
@@ -394,8 +396,9 @@ void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_
             soft = piece_normal(f, largest);
     }
     flat = unit(flat);
-    *geometric = vec3_of(flat);
-    *shading = smooth && dvec3_length(soft) >= 1e-3 && dvec3_dot(soft, flat) > 0.0 ? vec3_of(unit(soft)) : *geometric;
+    const double side = f->back ? -1.0 : 1.0;
+    *geometric = vec3_of(dvec3_scale(flat, side));
+    *shading = smooth && dvec3_length(soft) >= 1e-3 && dvec3_dot(soft, flat) > 0.0 ? vec3_of(dvec3_scale(unit(soft), side)) : *geometric;
 }
 
 float kiln_offset_distance(const struct kiln_geometry *geometry, uint32_t triangle, struct kiln_vec3 n)

@@ -23,7 +23,10 @@ struct kiln_point_cursor {
     uint64_t piece; /* its first piece */
     uint64_t share; /* its first share, if it has more than one piece */
     uint64_t rest;  /* texels of the fragment from this point on */
-    uint32_t object, x, y; /* its texel; undefined behind the last point */
+    uint32_t map, x, y;    /* its texel; undefined behind the last point */
+    uint32_t object;
+    uint32_t shift;        /* of the lightmap */
+    bool back;             /* the point is of the backs: normals are those of the triangles turned round */
     uint32_t tile_x, tile_y; /* first texel of the tile */
 };
 
@@ -39,12 +42,15 @@ static inline void kiln_point_locate(struct kiln_point_cursor *at)
 static inline struct kiln_point_cursor kiln_point_first(const struct kiln_surface *s, size_t fragment)
 {
     const struct kiln_fragment *f = &s->fragments[fragment];
-    const uint32_t tiles_x = s->lightmaps[f->object].tiles_x;
+    const uint32_t tiles_x = s->lightmaps[f->map].tiles_x;
     struct kiln_point_cursor at = {.point = f->first - s->first,
                                    .piece = s->piece_base[fragment],
                                    .share = s->share_base[fragment],
                                    .rest = f->mask,
-                                   .object = f->object,
+                                   .map = f->map,
+                                   .object = kiln_map_object(s, f->map),
+                                   .shift = s->lightmaps[f->map].shift,
+                                   .back = kiln_map_back(s, f->map),
                                    .tile_x = f->tile % tiles_x * KILN_TILE_SIDE,
                                    .tile_y = f->tile / tiles_x * KILN_TILE_SIDE};
     kiln_point_locate(&at);
@@ -83,7 +89,9 @@ struct kiln_footprint {
     const float *shares;    /* cumulative, piece_count - 1 of them: the last ends at 1 */
     uint32_t piece_count;
     uint32_t x, y;          /* the texel */
+    uint32_t shift;         /* of the lightmap */
     uint8_t kind;           /* enum kiln_footprint_kind */
+    bool back;              /* of backs: kiln_footprint_normals turns round what the triangles say */
     union {
         /* KILN_FOOTPRINT_WHOLE: the point at (s, t) in the texel's square, both 0..1, is origin + s du + t dv (relative to the
          * scene's centre, on the surface), and its weights are b[0] + s b_du[0] + t b_dv[0] of corner 1, [1] of corner 2. */

@@ -4,6 +4,7 @@
 #include <stdbool.h>
 
 #include "worker/base/memory.h"
+#include "worker/scene/solids.h"
 
 enum { CHUNK = 1 << 16 }; /* triangles or vertices one thread takes at a time, so that one large mesh keeps all threads busy */
 
@@ -257,6 +258,12 @@ static void find_bounds(struct kiln_geometry *g)
     g->extent = fmaxf(x, fmaxf(y, z));
 }
 
+static void count_two_sided(struct kiln_geometry *g)
+{
+    for (size_t t = 0; t < g->triangle_count; t++)
+        g->ranges[g->records[t].object].two_sided += (g->records[t].material & KILN_RECORD_DOUBLE_SIDED) != 0 ? 1 : 0;
+}
+
 /* An array of the geometry itself. */
 static int kept(struct kiln_geometry *g, void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
 {
@@ -331,7 +338,11 @@ int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_s
     if (status == KILN_OK) {
         expand_triangles(&e);
         find_bounds(e.geometry);
+        status = kiln_solids_close(e.geometry, scene, error);
+    }
+    if (status == KILN_OK) {
         find_passage(scene, e.geometry);
+        count_two_sided(e.geometry);
         *geometry = e.geometry;
         e.geometry = NULL;
     }

@@ -22,7 +22,7 @@
 struct kiln_hit_record {
     float texel[6];
     uint32_t object;
-    uint32_t material; /* bit 31: double-sided; bit 30: emits; the rest: index of the material */
+    uint32_t material; /* bit 31: double-sided, and no part of a solid (worker/scene/solids.h); bit 30: emits; the rest: index of the material */
 };
 #define KILN_RECORD_DOUBLE_SIDED 0x80000000u
 #define KILN_RECORD_EMITS 0x40000000u
@@ -33,6 +33,7 @@ struct kiln_hit_record {
 struct kiln_object_range {
     uint64_t opaque_first, opaque_count;
     uint64_t alpha_first, alpha_count;
+    uint64_t two_sided; /* how many have KILN_RECORD_DOUBLE_SIDED */
 };
 
 /* The most that any triangle which is not opaque can do to light: what a backend has to be ready for. */
@@ -120,6 +121,18 @@ static inline void kiln_geometry_texel_corners(const struct kiln_scene *scene, c
         const struct kiln_vec2 uv = scene->texcoord_lightmap[vertex[c]];
         corner[c][0] = (double)uv.x * object->lightmap_width;
         corner[c][1] = (double)uv.y * object->lightmap_height;
+    }
+}
+
+/* The same in a lightmap whose texels are 2^shift as wide: exact. */
+static inline void kiln_geometry_map_corners(const struct kiln_scene *scene, const struct kiln_geometry *g, uint64_t triangle, uint32_t shift,
+                                             double corner[3][2])
+{
+    kiln_geometry_texel_corners(scene, g, triangle, corner);
+    const double scale = 1.0 / (double)(1u << shift);
+    for (int c = 0; c < 3 && shift > 0; c++) {
+        corner[c][0] *= scale;
+        corner[c][1] *= scale;
     }
 }
 

@@ -81,7 +81,8 @@ struct kiln_object {
 };
 enum {
     KILN_OBJECT_CASTER_ONLY = 1, /* stops and reflects light; its lightmap is not published */
-    KILN_OBJECT_RECEIVER_ONLY = 2 /* has a lightmap; no ray meets it */
+    KILN_OBJECT_RECEIVER_ONLY = 2, /* has a lightmap; no ray meets it */
+    KILN_OBJECT_BOTH_SIDES = 4     /* its backs have a published lightmap where they have points */
 };
 
 /* A punctual light in world space (KHR_lights_punctual). */

@@ -1,8 +1,13 @@
 /* Surface points: the texels of all lightmaps that lie on geometry, and how to find them from a hit.
  *
- * Every object's lightmap is cut into tiles of 8 x 8 texels. In a tile, texel (x, y), 0 <= x, y < 8, has the bit
- * kiln_morton8(x, y). Surface points have a global index: by cell along a Morton curve, then by object, then by tile in
- * Morton order, then by bit (with partition by objects: by object, then by tile, then by bit). The points of one tile that
+ * Every object has a lightmap for its front. Where a triangle has two sides (KILN_RECORD_DOUBLE_SIDED), its object has a second one for
+ * the backs, with the same layout; its texels are twice as wide unless it is published, for it is only seen by rays. The points of a back
+ * have the same surface as those of the front, normals that point the other way, and light of their own. Lightmaps are numbered: object
+ * o's front is lightmap o, its back lightmap object_count + o.
+ *
+ * Every lightmap is cut into tiles of 8 x 8 texels. In a tile, texel (x, y), 0 <= x, y < 8, has the bit
+ * kiln_morton8(x, y). Surface points have a global index: by cell along a Morton curve, then by lightmap, then by tile in
+ * Morton order, then by bit (with partition by objects: by lightmap, then by tile, then by bit). The points of one tile that
  * lie in one cell are a *fragment*: contiguous, at most 64, the smallest unit of work. A tile that lies in several cells has
  * several fragments (with partition by objects a tile is one fragment, its `cell` that of its first point). A rank owns a
  * contiguous range of fragments, so a contiguous range of points.
@@ -35,14 +40,16 @@ struct kiln_lightmap {
     uint64_t tile_first;
     uint32_t width, height;
     uint32_t tiles_x, tiles_y;
+    uint32_t shift;     /* its texels are 2^shift as wide and high as those that the scene gives the object */
+    uint32_t published; /* 1: it is written as a file */
 };
 
 /* The points of one tile in one cell. */
 struct kiln_fragment {
     uint64_t first; /* global index of its first point */
     uint64_t mask;
-    uint32_t object;
-    uint32_t tile; /* y * tiles_x + x within the object */
+    uint32_t map;  /* lightmap */
+    uint32_t tile; /* y * tiles_x + x within the lightmap */
     uint32_t cell; /* index among the occupied cells */
     uint32_t count;
 };
@@ -57,7 +64,9 @@ struct kiln_surface {
     uint64_t tile_count, split_count;
     struct kiln_tile *tiles;
     struct kiln_tile_part *splits;
-    struct kiln_lightmap *lightmaps; /* one an object */
+    uint32_t object_count;
+    uint32_t map_count;              /* object_count; or twice that, where some object has backs */
+    struct kiln_lightmap *lightmaps; /* map_count; of an object without backs the second has no tiles */
     uint64_t cell_count;             /* occupied cells */
     uint64_t *cell_first;            /* cell_count + 1: global index of each cell's first point (cells partition only; else NULL) */
     bool map_is_lent;                /* tiles, splits, lightmaps and cell_first are somebody else's to free */
@@ -95,10 +104,14 @@ static inline uint32_t kiln_morton8(uint32_t x, uint32_t y)
 static inline uint32_t kiln_morton8_x(uint32_t bit) { return (bit & 1u) | (bit >> 1 & 2u) | (bit >> 2 & 4u); }
 static inline uint32_t kiln_morton8_y(uint32_t bit) { return (bit >> 1 & 1u) | (bit >> 2 & 2u) | (bit >> 3 & 4u); }
 
-/* Global index of the point at texel (x, y) of `object`, or KILN_NO_POINT. (x, y) must lie inside the lightmap. */
-static inline uint64_t kiln_surface_find(const struct kiln_surface *s, uint32_t object, uint32_t x, uint32_t y)
+/* The object that a lightmap is of, and whether it is the one of its backs. */
+static inline uint32_t kiln_map_object(const struct kiln_surface *s, uint32_t map) { return map < s->object_count ? map : map - s->object_count; }
+static inline bool kiln_map_back(const struct kiln_surface *s, uint32_t map) { return map >= s->object_count; }
+
+/* Global index of the point at texel (x, y) of lightmap `number`, or KILN_NO_POINT. (x, y) must lie inside it. */
+static inline uint64_t kiln_surface_find(const struct kiln_surface *s, uint32_t number, uint32_t x, uint32_t y)
 {
-    const struct kiln_lightmap *map = &s->lightmaps[object];
+    const struct kiln_lightmap *map = &s->lightmaps[number];
     const struct kiln_tile *tile = &s->tiles[map->tile_first + (uint64_t)(y / 8) * map->tiles_x + x / 8];
     const uint64_t bit = 1ull << kiln_morton8(x % 8, y % 8);
     if ((tile->mask & bit) == 0)

@@ -13,7 +13,8 @@ static void know(struct fragment_frame *f, const struct embree_backend *b, uint3
     if (f->known_triangle == triangle)
         return;
     f->known_triangle = triangle;
-    f->known_normal = kiln_triangle_exact_normal(b->params.scene, b->params.geometry, triangle);
+    const struct kiln_vec3 front = kiln_triangle_exact_normal(b->params.scene, b->params.geometry, triangle);
+    f->known_normal = f->back ? vec3_scale(front, -1.0f) : front;
     f->known_offset = kiln_offset_distance(b->params.geometry, triangle, f->known_normal);
 }
 
@@ -93,9 +94,9 @@ static void build_point(struct fragment_frame *f, const struct embree_backend *b
                         bool partly_buried, unsigned wish)
 {
     struct kiln_footprint *p = &f->footprint[j];
-    const struct kiln_lightmap *map = &b->surface->lightmaps[at->object];
+    const struct kiln_lightmap *map = &b->surface->lightmaps[at->map];
     const uint64_t texel = (uint64_t)at->y * map->width + at->x;
-    f->key[j] = kiln_texel_key(kiln_seed_key(b->params.seed), at->object, texel);
+    f->key[j] = kiln_texel_key(kiln_seed_key(b->params.seed), at->map, texel);
     kiln_footprint_prepare(p, b->params.scene, b->params.geometry, b->surface, at);
     if (f->smooth) {
         struct kiln_vec3 mean, shading;
@@ -120,8 +121,9 @@ void frame_build(struct fragment_frame *frame, const struct embree_backend *back
     const struct kiln_scene *scene = backend->params.scene;
     frame->count = 0;
     frame->known_triangle = KILN_NONE;
-    frame->smooth = (scene->meshes[scene->objects[f->object].mesh].flags & KILN_MESH_SMOOTH) != 0;
-    frame->tile_key = kiln_tile_key(kiln_seed_key(backend->params.seed), f->object, f->tile);
+    frame->smooth = (scene->meshes[scene->objects[kiln_map_object(s, f->map)].mesh].flags & KILN_MESH_SMOOTH) != 0;
+    frame->back = kiln_map_back(s, f->map);
+    frame->tile_key = kiln_tile_key(kiln_seed_key(backend->params.seed), f->map, f->tile);
     struct kiln_point_cursor at = kiln_point_first(s, fragment);
     for (uint32_t k = 0; k < f->count; k++, kiln_point_next(s, &at)) {
         const bool every = (wish & FRAME_EVERY) != 0;

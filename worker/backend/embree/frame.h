@@ -11,6 +11,7 @@ struct fragment_frame {
     uint32_t count;     /* valid points */
     uint32_t tile_key;  /* hash of (seed, object, tile) */
     bool smooth;        /* some shading normal differs from the geometric one */
+    bool back;          /* of backs: all normals are those of the triangles turned round */
     uint32_t place[KILN_TILE_TEXELS]; /* of point j among the fragment's points */
     uint32_t key[KILN_TILE_TEXELS];   /* hash of (seed, object, texel) */
     bool whole[KILN_TILE_TEXELS];     /* position = origin + s edge_s + t edge_t, one normal; else use frame_position */

@@ -38,14 +38,13 @@ struct gather_work {
     uint32_t chance[LANES], ray_seed[LANES];
     float tint[LANES][3];
     /* sums a point */
-    double incident[LANES][3], irradiance[LANES][3], borrowed[LANES][3], sub_net[SUB_NETS][LANES];
-    double escaped[LANES], blocked[LANES], behind[LANES], glass[LANES][3];
+    double incident[LANES][3], irradiance[LANES][3], sub_net[SUB_NETS][LANES];
+    double escaped[LANES], blocked[LANES], glass[LANES][3];
     /* what the step's rays met, in the order of lanes */
     const struct kiln_tile *hit_tile[LANES];
     const struct kiln_tile_part *split_parts[LANES];
     uint64_t hit_point[LANES]; /* surface point or KILN_NO_POINT */
     uint8_t hit_bit[LANES], hit_lane[LANES], split_hit[LANES];
-    bool hit_behind[LANES]; /* the back of a double-sided surface */
     /* Sobol' points of the pass, and scrambled for the tile: samples values each */
     uint32_t *sobol[4], *scrambled[4];
     uint8_t *sub_net_of; /* of a sample */
@@ -177,11 +176,9 @@ static void prepare(struct gather_work *w, const struct embree_backend *b, size_
     memset(w->incident, 0, sizeof w->incident);
     memset(w->irradiance, 0, sizeof w->irradiance);
     memset(w->sub_net, 0, sizeof w->sub_net);
-    memset(w->borrowed, 0, sizeof w->borrowed);
     memset(w->glass, 0, sizeof w->glass);
     memset(w->escaped, 0, sizeof w->escaped);
     memset(w->blocked, 0, sizeof w->blocked);
-    memset(w->behind, 0, sizeof w->behind);
 }
 
 /* sin(2 pi x) for |x| <= 1/4: odd polynomial, error below 3e-7. */
@@ -327,11 +324,15 @@ KILN_CLONES static uint32_t find_tiles(const struct embree_backend *b, struct ga
         int32_t y = (int32_t)(record->texel[1] + u * record->texel[3] + v * record->texel[5]);
         x = x < 0 ? 0 : x > right ? right : x;
         y = y < 0 ? 0 : y > bottom ? bottom : y;
+        if (facing > 0.0f) {
+            map = &lightmaps[b->surface->object_count + record->object];
+            x >>= map->shift;
+            y >>= map->shift;
+        }
         const struct kiln_tile *tile = &tiles[map->tile_first + (uint64_t)((uint32_t)y / 8u) * map->tiles_x + (uint32_t)x / 8u];
         __builtin_prefetch(tile);
         w->hit_tile[count] = tile;
         w->hit_bit[count] = morton_of[((uint32_t)y & 7u) << 3 | ((uint32_t)x & 7u)];
-        w->hit_behind[count] = facing > 0.0f;
         w->hit_lane[count++] = (uint8_t)l;
     }
     return count;
@@ -382,11 +383,6 @@ KILN_CLONES static void collect(const struct embree_backend *b, struct gather_wo
             rgb[c] *= w->tint[l][c];
             w->glass[j][c] += (double)(facet * (1.0f - w->tint[l][c]));
         }
-        if (w->hit_behind[i]) {
-            w->behind[j] += (double)facet;
-            for (int c = 0; c < 3; c++)
-                w->borrowed[j][c] += (double)(facet * rgb[c]);
-        }
         if (w->frame.smooth) {
             const struct kiln_vec3 shading = frame_shading(&w->frame, j, vec3(w->facet[0][l], w->facet[1][l], w->facet[2][l]));
             const float cosine = shading.x * w->ray_direction[0][l] + shading.y * w->ray_direction[1][l] + shading.z * w->ray_direction[2][l];
@@ -423,14 +419,12 @@ static void store(const struct gather_work *w, struct kiln_point_result *results
         for (int c = 0; c < 3; c++) {
             r->incident[c] = (float)(w->incident[j][c] * scale);
             r->irradiance[c] = w->frame.smooth ? (float)(w->irradiance[j][c] * scale) : r->incident[c];
-            r->borrowed[c] = (float)(w->borrowed[j][c] * scale);
             r->glass[c] = (float)(w->glass[j][c] * scale);
         }
         r->error = sub_net_error(w, j);
         r->present = w->frame.present[j];
         r->escaped = (float)(w->escaped[j] * scale);
         r->blocked = (float)(w->blocked[j] * scale);
-        r->behind = (float)(w->behind[j] * scale);
     }
 }
 

@@ -56,7 +56,7 @@ static void gather_sphere(const struct embree_backend *b, struct embree_context 
             if (back && (g->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0)
                 sums->back++;
             else
-                kiln_radiosity_unpack(embree_radiosity(b, triangle, r.hit.u, r.hit.v), rgb);
+                kiln_radiosity_unpack(embree_radiosity(b, triangle, r.hit.u, r.hit.v, back), rgb);
             for (int c = 0; c < 3; c++)
                 rgb[c] *= (float)(1.0 / KILN_PI);
         }

@@ -192,7 +192,7 @@ static int check(const struct run *r, const struct flight *flight, const struct 
         stopped = stopped || results[i].error < 0.0f;
     if (stopped)
         return kiln_fail(error, KILN_NO_DEVICE, "%s ends long loops early, and a surface point of object %u needs one; use another device or --backend embree",
-                             gpu_about(r->b->gpu)->name, r->b->surface->fragments[flight->fragment_first].object);
+                             gpu_about(r->b->gpu)->name, r->b->surface->fragments[flight->fragment_first].map);
     return KILN_OK;
 }
 

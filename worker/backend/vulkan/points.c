@@ -120,6 +120,7 @@ static void workspace_destroy(struct points_workspace **workspace)
 
 /* What is known of a triangle, kept for the next point of the same one. */
 struct known {
+    bool back; /* of backs: the normal is turned round */
     uint32_t triangle;
     struct kiln_vec3 normal;
     float offset;
@@ -130,7 +131,8 @@ static void know(struct known *k, const struct maker *m, uint32_t triangle)
     if (k->triangle == triangle)
         return;
     k->triangle = triangle;
-    k->normal = kiln_triangle_exact_normal(m->p->params->scene, m->p->params->geometry, triangle);
+    const struct kiln_vec3 front = kiln_triangle_exact_normal(m->p->params->scene, m->p->params->geometry, triangle);
+    k->normal = k->back ? vec3_scale(front, -1.0f) : front;
     k->offset = kiln_offset_distance(m->p->params->geometry, triangle, k->normal);
 }
 
@@ -234,7 +236,7 @@ static int make_point(struct maker *m, struct part_list *list, struct known *k, 
                                      .shading = k->normal,
                                      .offset = k->offset,
                                      .tile_key = tile_key,
-                                     .key = kiln_texel_key(kiln_seed_key(params->seed), at->object, (uint64_t)at->y * s->lightmaps[at->object].width + at->x)};
+                                     .key = kiln_texel_key(kiln_seed_key(params->seed), at->map, (uint64_t)at->y * s->lightmaps[at->map].width + at->x)};
     struct kiln_mask mask;
     point->present = kiln_footprint_presence(&f, point->key, &mask);
     if (smooth) {
@@ -255,10 +257,12 @@ static int make_fragment(struct maker *m, struct part_list *list, struct known *
     const struct kiln_surface *s = m->p->surface;
     const struct kiln_scene *scene = m->p->params->scene;
     const struct kiln_fragment *f = &s->fragments[fragment];
-    const bool smooth = (scene->meshes[scene->objects[f->object].mesh].flags & KILN_MESH_SMOOTH) != 0;
-    const uint32_t tile_key = kiln_tile_key(kiln_seed_key(m->p->params->seed), f->object, f->tile);
+    const bool smooth = (scene->meshes[scene->objects[kiln_map_object(s, f->map)].mesh].flags & KILN_MESH_SMOOTH) != 0;
+    const uint32_t tile_key = kiln_tile_key(kiln_seed_key(m->p->params->seed), f->map, f->tile);
     struct kiln_point_cursor at = kiln_point_first(s, fragment);
     int status = KILN_OK;
+    if (k->back != at.back)
+        *k = (struct known){.back = at.back, .triangle = KILN_NONE};
     for (uint32_t i = 0; i < f->count && status == KILN_OK; i++, kiln_point_next(s, &at))
         status = make_point(m, list, k, &at, tile_key, smooth, &m->w->points[at.point - m->block->first], error);
     return status;

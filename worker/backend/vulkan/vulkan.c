@@ -243,7 +243,7 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
 static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
 {
     const struct kiln_surface *s = b->surface;
-    const size_t maps = b->params.scene->object_count;
+    const size_t maps = s->map_count;
     clear_surface(b);
     int status = gpu_buffer_of(b->gpu, &b->lightmaps, s->lightmaps, maps * sizeof *s->lightmaps, "the lightmaps' sizes", error);
     if (status == KILN_OK)
@@ -255,6 +255,7 @@ static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
     if (status == KILN_OK)
         status = vulkan_points_create(&b->points, b->gpu, &b->params, s, error);
     b->layout.lightmaps = b->lightmaps.address;
+    b->layout.object_count = s->object_count;
     b->layout.tiles = b->tiles.address;
     b->layout.splits = b->splits.address;
     b->layout.radiosity = b->radiosity_buffer.address;
