@@ -106,7 +106,7 @@ KILN_SIZE_IS(kiln_gpu_chunk, 48);
 /* A gather pass sums up slices of samples, of so many floats each: incident, irradiance (3 each), escaped, blocked, luminance of
  * irradiance. */
 #define KILN_GPU_SLICE_FLOATS 9u
-#define KILN_GPU_SLICE_TINTED_FLOATS 12u /* in scenes with tinted surfaces: glass (3) comes last */
+#define KILN_GPU_SLICE_TINTED_FLOATS 12u /* in scenes with tinted surfaces; glass (3) is the last */
 
 /* ---- answers ---- */
 

@@ -9,7 +9,7 @@
 /* Options of bake whose values are part of a result, */
 static const char *const counting[] = {"environment", "environment-scale", "environment-rotation", "method", "bounces", "tail", "schedule",
                                        "samples-direct", "samples-bounce", "samples-indirect", "seed", "texels-per-metre", "lightmap-size",
-                                       "lightmap-max", "half", "stitch", "sides", "error-map", "cell-size", "partition", "probe-spacing", "samples-probe", "exchange"};
+                                       "lightmap-max", "repack", "half", "stitch", "sides", "error-map", "cell-size", "partition", "probe-spacing", "samples-probe", "exchange"};
 /* and those that only say where, how fast, how long and with how many words. The quality is in the samples. */
 static const char *const other[] = {"output", "backend", "threads", "instruction-set", "quality", "preview", "exposure", "json", "quiet",
                                     "verbose", "resume", "checkpoint-every", "max-time", "watchdog", "device", "devices", "traversal", "dispatch-time", "device-memory", "verify-share",

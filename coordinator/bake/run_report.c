@@ -114,7 +114,8 @@ static json_t *passes_json(const struct kiln_transport_report *t, const uint64_t
 
 static json_t *energy_json(const struct kiln_energy *e)
 {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", "W", "emitted", rgb_json(e->emitted), "glass", rgb_json(e->glass), "absorbed",
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", "W", "emitted", rgb_json(e->emitted),
+                     "glass", rgb_json(e->glass), "absorbed",
                      rgb_json(e->absorbed), "escaped", rgb_json(e->escaped), "blocked", rgb_json(e->blocked), "ranged", rgb_json(e->ranged),
                      "left_over", rgb_json(e->left_over), "residual", e->residual, "error", e->error, "relative_residual", e->relative);
 }
@@ -163,15 +164,36 @@ static json_t *objects_json(const struct kiln_run *run)
         const struct kiln_lightmap_report *r = &run->lightmaps[i];
         char path[512];
         (void)snprintf(path, sizeof path, "lightmaps/%s.exr", name);
-        json_t *object = json_pack("{s:s, s:s, s:s, s:i, s:i, s:I, s:I, s:I, s:f, s:f}", "name",
-                                               kiln_scene_string(scene, scene->objects[i].original_name), "file_name", name, "lightmap", path,
-                                               "width", (int)scene->objects[i].lightmap_width, "height", (int)scene->objects[i].lightmap_height,
-                                               "valid", (json_int_t)r->valid, "filled", (json_int_t)r->filled, "dilated", (json_int_t)r->dilated,
-                                               "seam_before", r->seam_difference_before, "seam_after", r->seam_difference_after);
+        json_t *object = json_pack("{s:s, s:s, s:s, s:i, s:i, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f, s:f}", "name",
+                                   kiln_scene_string(scene, scene->objects[i].original_name), "file_name", name, "lightmap", path,
+                                   "width", (int)scene->objects[i].lightmap_width, "height", (int)scene->objects[i].lightmap_height,
+                                   "valid", (json_int_t)r->valid, "filled", (json_int_t)r->filled, "dilated", (json_int_t)r->dilated,
+                                   "contested", (json_int_t)r->contested, "foreign", (json_int_t)r->foreign, "border_texels",
+                                   r->border, "border_disturbed", r->border_disturbed,
+                                   "seam_before", r->seam_difference_before, "seam_after", r->seam_difference_after);
         add_back(run, i, name, object);
         json_array_append_new(array, object);
     }
     return array;
+}
+
+/* What borders of charts read of other charts, over all lightmaps, and what would help: see padding_factor in scene.h. */
+static json_t *borders_json(const struct kiln_run *run)
+{
+    const struct kiln_scene *scene = run->prepared->scene;
+    double length = 0.0, disturbed = 0.0;
+    uint64_t contested = 0, foreign = 0, lightmaps = 0;
+    for (size_t i = 0; i < scene->object_count; i++) {
+        const struct kiln_lightmap_report *r = &run->lightmaps[i];
+        length += r->border;
+        disturbed += r->border_disturbed;
+        contested += r->contested;
+        foreign += r->foreign;
+        lightmaps += r->border_disturbed > 0.0;
+    }
+    return json_pack("{s:f, s:f, s:I, s:I, s:I, s:f, s:f}", "texels", length, "disturbed_texels", disturbed, "disturbed_lightmaps",
+                     (json_int_t)lightmaps, "contested", (json_int_t)contested, "foreign", (json_int_t)foreign, "padding_factor",
+                     (double)scene->header->padding_factor, "texels_per_metre", (double)scene->header->texels_per_metre);
 }
 
 static json_t *ranks_json(const struct kiln_run *run, const uint64_t *values, int value)
@@ -327,6 +349,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
                                                       run->volume->origin[0], run->volume->origin[1], run->volume->origin[2], "spacing",
                                                       run->volume->spacing[0], run->volume->spacing[1], run->volume->spacing[2]));
     json_object_set_new(root, "objects", objects_json(run));
+    json_object_set_new(root, "borders", borders_json(run));
     return root;
 }
 

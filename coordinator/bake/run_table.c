@@ -8,7 +8,7 @@
 #include "coordinator/cli/progress.h"
 
 enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32 };
-static const double NOTE_IMBALANCE = 0.05, NOTE_FILES = 0.10, NOTE_SECONDS = 1.0, NOTE_LOST = 0.01;
+static const double NOTE_IMBALANCE = 0.05, NOTE_FILES = 0.10, NOTE_SECONDS = 1.0, NOTE_LOST = 0.01, NOTE_BORDERS = 0.01;
 
 struct advice {
     const char *phase, *text;
@@ -109,7 +109,7 @@ static double luminance_of(const json_t *energy, const char *term)
 static void note_lost_light(const json_t *report, json_t *notes)
 {
     const json_t *energy = json_object_get(report, "energy");
-    const double blocked = luminance_of(energy, "blocked"), met = luminance_of(energy, "absorbed") + luminance_of(energy, "left_over") + blocked;
+    const double blocked = luminance_of(energy, "blocked"), met = luminance_of(energy, "absorbed") + luminance_of(energy, "glass") + luminance_of(energy, "left_over") + blocked;
     const double residual = fabs(json_number_value(json_object_get(energy, "residual"))), error = json_number_value(json_object_get(energy, "error"));
     if (met > 0.0 && blocked > NOTE_LOST * met)
         (void)json_array_append_new(notes, json_sprintf("%.1f %% of the light that met surfaces met backs of single-sided ones and is lost (%.3g W); "
@@ -121,12 +121,43 @@ static void note_lost_light(const json_t *report, json_t *notes)
                                                         100.0 * residual / met, residual));
 }
 
+static double number_of(const json_t *object, const char *key) { return json_number_value(json_object_get(object, key)); }
+
+/* The density, or the size of lightmaps, at which two texels lie between charts. */
+static void name_padding(const json_t *borders, char *text, size_t size)
+{
+    const double factor = number_of(borders, "padding_factor"), density = number_of(borders, "texels_per_metre");
+    if (factor < 0.0)
+        (void)snprintf(text, size, "%s", "no density would do, for charts touch or lightmaps would be larger than --lightmap-max; ");
+    else if (factor > 0.0 && density > 0.0)
+        (void)snprintf(text, size, "--texels-per-metre %.3g would leave less than 1 %%; ", factor * density);
+    else if (factor > 0.0)
+        (void)snprintf(text, size, "lightmaps %.3g times as large a side would leave less than 1 %%; ", factor);
+    else
+        text[0] = '\0';
+}
+
+/* Light that bleeds between charts, from a share of their borders on. */
+static void note_borders(const json_t *report, json_t *notes)
+{
+    const json_t *borders = json_object_get(report, "borders");
+    const double share = number_of(borders, "disturbed_texels") / number_of(borders, "texels");
+    char padding[160];
+    if (!(share > NOTE_BORDERS))
+        return;
+    name_padding(borders, padding, sizeof padding);
+    (void)json_array_append_new(notes, json_sprintf("along %.2g %% of the borders of charts, in %.0f lightmaps, light of another chart is read, for less "
+                                                    "than two texels lie between them; %s--repack lays such charts out anew",
+                                                    100.0 * share, number_of(borders, "disturbed_lightmaps"), padding));
+}
+
 json_t *kiln_run_notes(const json_t *report)
 {
     json_t *notes = json_array();
     note_lost_light(report, notes);
     note_imbalance(report, notes);
     note_files(report, notes);
+    note_borders(report, notes);
     return notes;
 }
 

@@ -184,7 +184,9 @@ static void check_meshes(struct report *r)
         const struct kiln_mesh *mesh = &s->meshes[i];
         bool closed = false;
         double volume = 0.0;
-        if ((mesh->flags & KILN_MESH_UNWRAPPED) != 0)
+        if ((mesh->flags & KILN_MESH_REPACKED) != 0)
+            add(r, INFORMATION, "mesh", text_at(r, mesh->name), "the charts of its second UV set are laid out anew; a viewer needs kiln's layout");
+        else if ((mesh->flags & KILN_MESH_UNWRAPPED) != 0)
             add(r, INFORMATION, "mesh", text_at(r, mesh->name), "it has no usable second UV set and is unwrapped; a viewer needs kiln's layout");
         r->status = closed_volume(s, mesh, &closed, &volume, r->error);
         if (closed && volume < 0.0)

@@ -18,7 +18,10 @@ static double share(uint64_t part, uint64_t whole) { return whole == 0 ? 0.0 : (
 
 static const char *string_at(const struct kiln_look *look, uint32_t offset) { return kiln_scene_string(look->scene, offset); }
 
-static const char *layout_of(const struct kiln_mesh *mesh) { return (mesh->flags & KILN_MESH_UNWRAPPED) != 0 ? "unwrapped" : "own"; }
+static const char *layout_of(const struct kiln_mesh *mesh)
+{
+    return (mesh->flags & KILN_MESH_REPACKED) != 0 ? "repacked" : (mesh->flags & KILN_MESH_UNWRAPPED) != 0 ? "unwrapped" : "own";
+}
 
 static json_t *meshes_json(const struct kiln_look *look)
 {

@@ -65,6 +65,7 @@ struct kiln_job {
     double texels_per_metre;
     uint32_t lightmap_size; /* 0: by density */
     uint32_t lightmap_max;  /* texels a side */
+    bool repack;            /* lay charts that lie too close together out anew */
     double cell_size;       /* m; 0: chosen */
     bool partition_objects;
 

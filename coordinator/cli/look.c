@@ -19,6 +19,7 @@ static int import_scene(struct kiln_look *look, const struct kiln_job *job, stru
                                               .texels_per_metre = job->texels_per_metre,
                                               .lightmap_size = job->lightmap_size,
                                               .lightmap_max = job->lightmap_max,
+                                              .repack = job->repack,
                                               .environment = job->environment,
                                               .environment_scale = job->environment_scale,
                                               .environment_rotation_degrees = job->environment_rotation};

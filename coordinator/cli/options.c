@@ -96,6 +96,8 @@ const struct kiln_option kiln_options[] = {
      .offset = AT(lightmap_size)},
     {.name = "lightmap-max", .group = "Lightmaps", .kind = KILN_OPTION_UINT32, .value = "TEXELS", .fallback = "4096", .minimum = 1,
      .maximum = 32768, .help = "the longest side a lightmap may have", .commands = READS_SCENE, .offset = AT(lightmap_max)},
+    {.name = "repack", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "false",
+     .help = "lay charts of given UV sets out anew that lie less than two texels apart", .commands = READS_SCENE, .offset = AT(repack)},
     {.name = "half", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "false",
      .help = "half floats, where nothing overflows", .commands = KILN_FOR_BAKE, .offset = AT(half)},
     {.name = "stitch", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "true",

@@ -30,6 +30,7 @@ void kiln_builder_destroy(struct kiln_builder **pointer)
     for (unsigned s = 0; s < KILN_SECTION_COUNT; s++)
         kiln_free(&builder->sections[s].data);
     kiln_free(&builder->mesh_has_lightmap_uv);
+    kiln_free(&builder->object_settings);
     kiln_free(pointer);
 }
 
@@ -49,6 +50,13 @@ int kiln_builder_append(struct kiln_builder *builder, enum kiln_scene_section se
         if (status != KILN_OK)
             return status;
         memset(builder->mesh_has_lightmap_uv + old, 0, count);
+    }
+    if (section == KILN_SECTION_OBJECTS) {
+        status = kiln_grow(&builder->object_settings, &builder->object_capacity, old + count, sizeof *builder->object_settings, "objects", error);
+        if (status != KILN_OK)
+            return status;
+        for (size_t i = 0; i < count; i++)
+            builder->object_settings[old + i] = (struct kiln_object_settings){0};
     }
     if (count > 0) {
         unsigned char *target = (unsigned char *)builder->sections[section].data + old * size;
@@ -207,6 +215,7 @@ static int fill_header(const struct kiln_builder *builder, struct kiln_scene_hea
     header->version = KILN_SCENE_VERSION;
     memcpy(header->import_hash, builder->import_hash, sizeof header->import_hash);
     header->texels_per_metre = builder->texels_per_metre;
+    header->padding_factor = builder->padding_factor;
     uint64_t offset = sizeof *header;
     for (unsigned s = 0; s < KILN_SECTION_COUNT; s++) {
         offset = aligned(offset);

@@ -5,6 +5,7 @@
 
 #include <stdbool.h>
 
+#include "coordinator/import/settings.h"
 #include "worker/scene/scene.h"
 
 struct kiln_builder {
@@ -16,8 +17,10 @@ struct kiln_builder {
      * the TEXCOORD_LIGHTMAP of its vertices is zero until the layout is made. */
     uint8_t *mesh_has_lightmap_uv;
     size_t mesh_capacity;
+    struct kiln_object_settings *object_settings; /* what the user says of an object; one an object, grown with the objects */
+    size_t object_capacity;
     uint64_t import_hash[2];
-    float texels_per_metre;
+    float texels_per_metre, padding_factor; /* of the header */
 };
 
 /* Largest size of a coordinate, m, in a mesh and in the world: products of three stay within float. */

@@ -152,7 +152,7 @@ static int read_layout_write(const struct child *child, struct kiln_error *error
 {
     const struct kiln_import_params *params = &child->params;
     const struct kiln_layout_params layout = {.texels_per_metre = params->texels_per_metre, .lightmap_size = params->lightmap_size,
-                                              .lightmap_max = params->lightmap_max};
+                                              .lightmap_max = params->lightmap_max, .repack = params->repack};
     struct kiln_builder *builder = NULL;
     int status = kiln_builder_create(&builder, error);
     if (status == KILN_OK)
@@ -190,7 +190,8 @@ static bool parse_arguments(int argc, char **argv, struct child *child)
                                                 .environment_scale = strtod(argv[8], NULL),
                                                 .environment_rotation_degrees = strtod(argv[9], NULL),
                                                 .memory_limit = strtoull(argv[10], NULL, 10),
-                                                .time_limit = (uint32_t)strtoul(argv[11], NULL, 10)};
+                                                .time_limit = (uint32_t)strtoul(argv[11], NULL, 10),
+                                                .repack = argv[13][0] != '\0'};
     child->program = strtoull(argv[12], NULL, 16);
     return true;
 }

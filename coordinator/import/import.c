@@ -109,7 +109,8 @@ static int spawn_child(const struct kiln_import_params *params, uint64_t program
     (void)snprintf(numbers[7], NUMBER_SIZE, "%016llx", (unsigned long long)program);
     const char *environment = params->environment == NULL ? "" : params->environment;
     const char *arguments[KILN_CHILD_ARGUMENTS + 1] = {"kiln",     "import-child", params->path, part,       numbers[0], numbers[1], numbers[2],
-                                                       environment, numbers[3],     numbers[4],   numbers[5], numbers[6], numbers[7], NULL};
+                                                       environment, numbers[3],     numbers[4],   numbers[5], numbers[6], numbers[7],
+                                                       params->repack ? "repack" : "", NULL};
     posix_spawn_file_actions_t actions;
     posix_spawnattr_t attributes;
     sigset_t none, all;
@@ -256,7 +257,7 @@ static int publish(const char *part, const char *output, struct kiln_error *erro
 
 static int check_settings(const struct kiln_import_params *params, const struct kiln_scene *scene, struct kiln_error *error)
 {
-    bool fits = (params->environment == NULL || params->environment[0] == '\0') &&
+    bool fits = !params->repack && (params->environment == NULL || params->environment[0] == '\0') &&
                 (params->environment_scale == 0.0 || params->environment_scale == 1.0) && params->environment_rotation_degrees == 0.0 &&
                 (params->texels_per_metre == 0.0 || (float)params->texels_per_metre == scene->header->texels_per_metre);
     for (size_t i = 0; i < scene->object_count && fits; i++) {

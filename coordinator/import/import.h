@@ -21,6 +21,7 @@ struct kiln_import_params {
     const char *output; /* where to put the scene file */
     double texels_per_metre;
     uint32_t lightmap_size, lightmap_max;
+    bool repack; /* as in struct kiln_layout_params */
     const char *environment; /* as in struct kiln_job; an image named by the user may lie anywhere */
     double environment_scale, environment_rotation_degrees;
     uint64_t memory_limit; /* bytes; 0: 4 GiB + 64 x the size of the scene's files, at most 3/4 of the machine's memory */

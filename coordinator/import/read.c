@@ -115,8 +115,8 @@ void kiln_import_key(const struct kiln_import_params *params, uint64_t program, 
                      const char *strings, uint64_t key[2])
 {
     char text[512];
-    const int length = snprintf(text, sizeof text, "%016llx %.17g %u %u %.17g %.17g ", (unsigned long long)program, params->texels_per_metre,
-                                params->lightmap_size, params->lightmap_max, params->environment_scale, params->environment_rotation_degrees);
+    const int length = snprintf(text, sizeof text, "%016llx %.17g %u %u %d %.17g %.17g ", (unsigned long long)program, params->texels_per_metre,
+                                params->lightmap_size, params->lightmap_max, params->repack, params->environment_scale, params->environment_rotation_degrees);
     const char *environment = params->environment == NULL ? "" : params->environment;
     XXH128_hash_t hash = XXH3_128bits(text, (size_t)length);
     hash = XXH3_128bits_withSeed(environment, strlen(environment), hash.low64 ^ hash.high64);

@@ -1,14 +1,20 @@
 #include "coordinator/layout/layout.h"
 
+#include <stdlib.h>
 #include <string.h>
 
+#include "coordinator/layout/density.h"
+#include "coordinator/layout/padding.h"
 #include "coordinator/layout/unwrap.h"
 #include "coordinator/layout/uv_check.h"
 #include "worker/base/memory.h"
 
 enum { DEFAULT_MAX = 4096, DEFAULT_PADDING = 2, LARGEST_SIDE = 1 << 16, NOTES_MAX = 16 };
 static const double SCENE_TEXELS = 262144.0; /* 2^18: what the default density aims at */
-static const double EXPECTED_USE = 0.7;      /* share of a lightmap that our own layouts fill */
+static const double EXPECTED_USE = 0.7;      /* share of a lightmap that our own layouts fill, before one is made */
+static const double PADDED_TEXELS = 1048576.0; /* 2^20: what it may come to where charts need more room between them */
+static const double CLOSE_SHARE = 0.01;      /* of the border of charts, that may lie nearer than two texels to another chart */
+static const double CASTER_FACTOR = 0.25;    /* on the density of an object whose lightmap nobody sees */
 
 /* An object as its lightmap sees it: area in the world, and metres a unit of u and of v (area-weighted means). */
 struct measure {
@@ -25,11 +31,18 @@ struct shape {
 
 /* What was decided for a mesh. */
 struct mesh_plan {
-    bool unwrap;
+    bool unwrap;              /* or repack, which is an unwrapping whose charts are given */
+    bool repack;
     size_t reference;         /* its object with the largest area; SIZE_MAX: none */
     struct kiln_unwrapped *unwrapped;
     struct measure measure;   /* of the reference object, in the new layout */
     struct shape shape;
+    double use;               /* share of the lightmap that the layout fills */
+    double density;           /* that it was unwrapped for, */
+    bool sized;               /* or for a size, so that the density is what came out */
+    struct kiln_padding padding; /* of the lightmap it was last measured in, */
+    double padding_size[2];   /* of so many texels; 0: never */
+    double metres[2];         /* repack: of the reference object, a unit of u and v of the file's layout */
 };
 
 struct planner {
@@ -38,10 +51,12 @@ struct planner {
     double texels_per_metre;
     struct mesh_plan *plans;    /* a mesh */
     struct measure *measures;   /* an object, in the file's layout */
+    struct kiln_density density; /* automatic */
+    double *densities;          /* an object: its texels a metre */
     uint64_t *source;           /* new vertices: which old one (index among all) */
     struct kiln_vec2 *uv;
     size_t vertex_count, source_capacity, uv_capacity;
-    size_t absent, refused, unclean, capped, shared; /* counts for notes */
+    size_t absent, refused, unclean, capped, shared, repacked; /* counts for notes */
 };
 
 static struct kiln_mesh *meshes(const struct planner *p) { return KILN_BUILDER_DATA(p->builder, struct kiln_mesh, KILN_SECTION_MESHES); }
@@ -63,6 +78,7 @@ static uint32_t *triangles(const struct planner *p, const struct kiln_mesh *mesh
 {
     return KILN_BUILDER_DATA(p->builder, uint32_t, KILN_SECTION_TRIANGLES) + 3 * mesh->triangle_first;
 }
+static const struct kiln_object_settings *settings_of(const struct planner *p, size_t object) { return &p->builder->object_settings[object]; }
 static const char *string(const struct planner *p, uint32_t offset)
 {
     return KILN_BUILDER_DATA(p->builder, char, KILN_SECTION_STRINGS) + offset;
@@ -158,6 +174,7 @@ static int check_mesh(struct planner *p, size_t index, struct kiln_error *error)
     mesh->surface_area = measure_triangles(positions(p, mesh), NULL, triangles(p, mesh), mesh->triangle_count, identity).area;
     mesh->uv_area = 0.0;
     plan->reference = SIZE_MAX;
+    plan->use = EXPECTED_USE;
     plan->unwrap = mesh->triangle_count > 0;
     if (mesh->triangle_count == 0)
         return KILN_OK;
@@ -188,7 +205,6 @@ static int check_mesh(struct planner *p, size_t index, struct kiln_error *error)
     return status;
 }
 
-/* Measures the objects; finds each mesh's largest. */
 static void measure_objects(struct planner *p)
 {
     for (size_t i = 0; i < object_count(p); i++) {
@@ -197,52 +213,152 @@ static void measure_objects(struct planner *p)
         struct mesh_plan *plan = &p->plans[object->mesh];
         p->measures[i] = measure_shape(&plan->shape, positions(p, mesh), plan->unwrap ? NULL : lightmap_uv(p, mesh),
                                        triangles(p, mesh), mesh->triangle_count, object->transform);
-        if (isfinite(p->measures[i].area) && p->measures[i].area > 0.0 &&
-            (plan->reference == SIZE_MAX || p->measures[i].area > p->measures[plan->reference].area))
+    }
+}
+
+/* ---- densities ---- */
+
+/* What the user makes of an object's density, */
+static double scale_of(const struct planner *p, size_t index)
+{
+    const double scale = settings_of(p, index)->density_scale;
+    return scale > 0.0 ? scale : 1.0;
+}
+
+/* and what its role does, where he says nothing. */
+static double role_factor(const struct planner *p, size_t index)
+{
+    const struct kiln_object_settings *settings = settings_of(p, index);
+    return settings->role == KILN_ROLE_CASTER_ONLY && settings->density_scale == 0.0 ? CASTER_FACTOR : 1.0;
+}
+
+/* The side that the user gives the object's lightmap; 0: it goes by density. */
+static uint32_t own_size(const struct planner *p, size_t index)
+{
+    const struct kiln_object_settings *settings = settings_of(p, index);
+    if (settings->lightmap_size > 0)
+        return settings->lightmap_size;
+    return p->params.lightmap_size == 0 ? 0 : (uint32_t)fmax(1.0, round(p->params.lightmap_size * scale_of(p, index) * role_factor(p, index)));
+}
+
+/* Objects whose size the user gives take no part; one that he scales takes part as if he had not, and is scaled then. */
+static struct kiln_density_demand demand_of(const struct planner *p, size_t index)
+{
+    const struct measure *m = &p->measures[index];
+    const struct mesh_plan *plan = &p->plans[objects(p)[index].mesh];
+    struct kiln_density_demand demand = {.factor = role_factor(p, index)};
+    if (settings_of(p, index)->lightmap_size > 0)
+        return demand;
+    demand.texels = plan->unwrap ? m->area / plan->use : m->along_u * m->along_v;
+    demand.longer = plan->unwrap ? sqrt(demand.texels) : fmax(m->along_u, m->along_v);
+    return demand;
+}
+
+/* Why an object's density is another than the common one. */
+static uint32_t reason_of(const struct planner *p, size_t index, const struct kiln_density_demand *demand)
+{
+    const double density = p->density.of[index], wanted = p->density.texels_per_metre * demand->factor;
+    if (settings_of(p, index)->lightmap_size > 0)
+        return KILN_DENSITY_SIZED;
+    if (settings_of(p, index)->density_scale > 0.0)
+        return KILN_DENSITY_SCALED;
+    if (p->params.lightmap_size > 0)
+        return settings_of(p, index)->role == KILN_ROLE_CASTER_ONLY ? KILN_DENSITY_CASTER : KILN_DENSITY_COMMON;
+    if (density > wanted * (1.0 + 1e-6))
+        return KILN_DENSITY_LEAST;
+    if (density < wanted * (1.0 - 1e-6))
+        return KILN_DENSITY_SHARE;
+    return settings_of(p, index)->role == KILN_ROLE_CASTER_ONLY ? KILN_DENSITY_CASTER : KILN_DENSITY_COMMON;
+}
+
+/* The density the user names is that of all objects, times their own factor. */
+static int name_densities(struct planner *p, struct kiln_error *error)
+{
+    p->density = (struct kiln_density){.texels_per_metre = p->params.texels_per_metre, .most_texels = INFINITY};
+    const int status = kiln_allocate(&p->density.of, object_count(p), sizeof *p->density.of, "densities", error);
+    for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++)
+        p->density.of[i] = p->params.texels_per_metre * role_factor(p, i);
+    return status;
+}
+
+static int deal_densities(struct planner *p, struct kiln_density_demand *demands, struct kiln_error *error)
+{
+    for (size_t i = 0; i < object_count(p); i++)
+        demands[i] = demand_of(p, i);
+    kiln_free(&p->density.of);
+    return p->params.texels_per_metre > 0.0 ? name_densities(p, error)
+                                            : kiln_density_choose(&p->density, demands, object_count(p), SCENE_TEXELS, error);
+}
+
+/* Each object's density, and the one they have in common. Again after meshes have been unwrapped, when it is known how well they pack. */
+static int choose_densities(struct planner *p, struct kiln_error *error)
+{
+    struct kiln_density_demand *demands = NULL;
+    int status = kiln_allocate(&demands, object_count(p), sizeof *demands, "densities", error);
+    if (status == KILN_OK && p->densities == NULL)
+        status = kiln_allocate(&p->densities, object_count(p), sizeof *p->densities, "densities", error);
+    if (status == KILN_OK)
+        status = deal_densities(p, demands, error);
+    p->texels_per_metre = p->density.texels_per_metre;
+    for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++) {
+        p->densities[i] = p->density.of[i] * scale_of(p, i);
+        objects(p)[i].density_reason = reason_of(p, i, &demands[i]);
+    }
+    kiln_free(&demands);
+    return status;
+}
+
+/* The texels that an object's surface is to have. */
+static double wanted_texels(const struct planner *p, size_t index)
+{
+    const double size = own_size(p, index), density = p->densities[index];
+    return size > 0.0 ? size * size : p->measures[index].area * density * density;
+}
+
+/* Finds each mesh's object with the most texels, the largest of several with as many: the mesh is unwrapped for that one. */
+static void find_references(struct planner *p)
+{
+    for (size_t i = 0; i < mesh_count(p); i++)
+        p->plans[i].reference = SIZE_MAX;
+    for (size_t i = 0; i < object_count(p); i++) {
+        struct mesh_plan *plan = &p->plans[objects(p)[i].mesh];
+        const double area = p->measures[i].area, texels = wanted_texels(p, i);
+        if (!isfinite(area) || !(area > 0.0))
+            continue;
+        const double most = plan->reference == SIZE_MAX ? -1.0 : wanted_texels(p, plan->reference);
+        if (texels > most || (texels == most && area > p->measures[plan->reference].area))
             plan->reference = i;
     }
 }
 
-/* The nearest, by ratio, of a few round numbers a decade. */
-static double tidy(double value)
+static int note_packing(struct planner *p, size_t index, struct kiln_error *error)
 {
-    static const double steps[] = {1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0};
-    const double decade = pow(10.0, floor(log10(value)));
-    double best = decade;
-    for (size_t i = 0; i < sizeof steps / sizeof *steps; i++)
-        if (fabs(log(steps[i] * decade / value)) < fabs(log(best / value)))
-            best = steps[i] * decade;
-    return best;
-}
-
-static double choose_density(const struct planner *p)
-{
-    if (p->params.texels_per_metre > 0.0)
-        return p->params.texels_per_metre;
-    double texels = 0.0; /* at one a metre */
-    for (size_t i = 0; i < object_count(p); i++) {
-        const struct measure *m = &p->measures[i];
-        const double own = p->plans[objects(p)[i].mesh].unwrap ? m->area / EXPECTED_USE : m->along_u * m->along_v;
-        if (isfinite(own))
-            texels += own;
-    }
-    return texels > 0.0 && isfinite(texels) ? tidy(sqrt(SCENE_TEXELS / texels)) : 1.0;
-}
-
-static int note_packing(struct planner *p, const struct kiln_mesh *mesh, const struct kiln_unwrapped *u, struct kiln_error *error)
-{
+    const struct kiln_mesh *mesh = &meshes(p)[index];
+    const struct mesh_plan *plan = &p->plans[index];
+    const struct kiln_unwrapped *u = plan->unwrapped;
     int status = KILN_OK;
     if (u->cells > 1 && note_wanted(&p->shared))
         status = kiln_builder_note(p->builder, 1, error,
                                    "mesh \"%s\": its %zu charts do not fit a lightmap of %u x %u with a texel each, so charts share texels; "
                                    "allow larger lightmaps or split the mesh",
                                    string(p, mesh->name), u->chart_count, u->width, u->height);
-    else if (p->params.lightmap_size == 0 && u->texels_per_metre < p->texels_per_metre * (1.0 - 1e-9) && note_wanted(&p->capped))
+    else if (!plan->sized && u->texels_per_metre < plan->density * (1.0 - 1e-9) && note_wanted(&p->capped))
         status = kiln_builder_note(p->builder, 1, error,
                                    "mesh \"%s\": its lightmap would be larger than %u texels a side; it has %.3g texels a metre "
                                    "instead of %.3g",
-                                   string(p, mesh->name), p->params.lightmap_max, u->texels_per_metre, p->texels_per_metre);
+                                   string(p, mesh->name), p->params.lightmap_max, u->texels_per_metre, plan->density);
     return status;
+}
+
+/* Area of the new layout, share of the unit square. */
+static double layout_area(const struct kiln_unwrapped *u, uint64_t triangle_count)
+{
+    double area = 0.0;
+    for (size_t i = 0; i < triangle_count; i++) {
+        const struct kiln_vec2 a = u->uv[u->triangles[3 * i]], b = u->uv[u->triangles[3 * i + 1]], c = u->uv[u->triangles[3 * i + 2]];
+        area += 0.5 * fabs(((double)b.x - (double)a.x) * ((double)c.y - (double)a.y) - ((double)b.y - (double)a.y) * ((double)c.x - (double)a.x));
+    }
+    return area;
 }
 
 static int unwrap_mesh(struct planner *p, size_t index, struct kiln_error *error)
@@ -254,20 +370,26 @@ static int unwrap_mesh(struct planner *p, size_t index, struct kiln_error *error
                                         .padding = p->params.padding,
                                         .size = p->params.lightmap_size,
                                         .max = p->params.lightmap_max};
-    if (plan->reference != SIZE_MAX)
+    if (plan->reference != SIZE_MAX) {
         linear_part(objects(p)[plan->reference].transform, params.linear);
-    int status = kiln_unwrap(&plan->unwrapped, positions(p, mesh), mesh->vertex_count, triangles(p, mesh), mesh->triangle_count,
-                             &params, error);
+        params.texels_per_metre = p->densities[plan->reference];
+        params.size = own_size(p, plan->reference);
+    }
+    kiln_unwrapped_destroy(&plan->unwrapped);
+    const int status = plan->repack ? kiln_repack(&plan->unwrapped, positions(p, mesh), lightmap_uv(p, mesh), mesh->vertex_count, triangles(p, mesh),
+                                                  mesh->triangle_count, plan->metres, &params, error)
+                                    : kiln_unwrap(&plan->unwrapped, positions(p, mesh), mesh->vertex_count, triangles(p, mesh),
+                                                  mesh->triangle_count, &params, error);
     if (status != KILN_OK)
         return status;
-    const struct kiln_unwrapped *u = plan->unwrapped;
-    mesh->flags |= KILN_MESH_UNWRAPPED;
-    for (size_t i = 0; i < mesh->triangle_count; i++) {
-        const struct kiln_vec2 a = u->uv[u->triangles[3 * i]], b = u->uv[u->triangles[3 * i + 1]], c = u->uv[u->triangles[3 * i + 2]];
-        mesh->uv_area += 0.5 * fabs(((double)b.x - (double)a.x) * ((double)c.y - (double)a.y) -
-                                    ((double)b.y - (double)a.y) * ((double)c.x - (double)a.x));
-    }
-    return note_packing(p, mesh, u, error);
+    plan->padding_size[0] = plan->padding_size[1] = 0.0;
+    mesh->flags |= plan->repack ? KILN_MESH_UNWRAPPED | KILN_MESH_REPACKED : KILN_MESH_UNWRAPPED;
+    mesh->uv_area = layout_area(plan->unwrapped, mesh->triangle_count);
+    plan->sized = params.size > 0;
+    plan->density = plan->sized ? plan->unwrapped->texels_per_metre : params.texels_per_metre;
+    if (mesh->uv_area > 0.0)
+        plan->use = mesh->uv_area;
+    return KILN_OK;
 }
 
 /* Measures an unwrapped mesh in its new layout, as all its objects show it: into `measures`. */
@@ -307,6 +429,15 @@ static void group_objects(const struct planner *p, size_t *first, size_t *member
     first[mesh_count(p)] = object_count(p);
 }
 
+/* Whether the mesh has no layout yet, or one for quite another density. */
+static bool is_stale(const struct planner *p, size_t index)
+{
+    const struct mesh_plan *plan = &p->plans[index];
+    if (!plan->unwrap || plan->unwrapped == NULL)
+        return plan->unwrap;
+    return plan->reference != SIZE_MAX && !plan->sized && fabs(p->densities[plan->reference] / plan->density - 1.0) > 0.01;
+}
+
 static int unwrap_meshes(struct planner *p, struct kiln_error *error)
 {
     size_t *first = NULL, *members = NULL;
@@ -316,7 +447,7 @@ static int unwrap_meshes(struct planner *p, struct kiln_error *error)
     if (status == KILN_OK)
         group_objects(p, first, members);
     for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++) {
-        if (!p->plans[i].unwrap)
+        if (!is_stale(p, i))
             continue;
         status = unwrap_mesh(p, i, error);
         if (status == KILN_OK)
@@ -335,33 +466,261 @@ static uint32_t side_of(const struct planner *p, double texels, uint32_t least, 
     return (uint32_t)fmin(fmax(side, 1.0), p->params.lightmap_max);
 }
 
+/* By density. *capped is set where the largest side allowed is too small. */
+static void size_by_density(const struct planner *p, size_t index, uint32_t *width, uint32_t *height, bool *capped)
+{
+    const struct mesh_plan *plan = &p->plans[objects(p)[index].mesh];
+    const struct measure m = p->measures[index];
+    const double density = p->densities[index];
+    if (!plan->unwrap || plan->reference == SIZE_MAX) {
+        *width = side_of(p, density * m.along_u, 1, capped);
+        *height = side_of(p, density * m.along_v, 1, capped);
+        return;
+    }
+    const struct kiln_unwrapped *u = plan->unwrapped;
+    /* Not so small that less than a texel is left of the padding. */
+    const uint32_t least_width = (u->width + p->params.padding - 1) / p->params.padding;
+    const uint32_t least_height = (u->height + p->params.padding - 1) / p->params.padding;
+    *width = side_of(p, u->width * (m.along_u / plan->measure.along_u) * (density / plan->density), least_width, capped);
+    *height = side_of(p, u->height * (m.along_v / plan->measure.along_v) * (density / plan->density), least_height, capped);
+}
+
 static int size_object(struct planner *p, size_t index, struct kiln_error *error)
 {
     struct kiln_object *object = &objects(p)[index];
-    const struct mesh_plan *plan = &p->plans[object->mesh];
-    if (p->params.lightmap_size > 0) {
-        object->lightmap_width = object->lightmap_height = p->params.lightmap_size;
-        return KILN_OK;
-    }
+    const uint32_t size = own_size(p, index);
     bool capped = false;
-    if (!plan->unwrap || plan->reference == SIZE_MAX) {
-        object->lightmap_width = side_of(p, p->texels_per_metre * p->measures[index].along_u, 1, &capped);
-        object->lightmap_height = side_of(p, p->texels_per_metre * p->measures[index].along_v, 1, &capped);
-    } else {
-        const struct kiln_unwrapped *u = plan->unwrapped;
-        const struct measure m = p->measures[index];
-        /* Not so small that less than a texel is left of the padding. */
-        const uint32_t least_width = (u->width + p->params.padding - 1) / p->params.padding;
-        const uint32_t least_height = (u->height + p->params.padding - 1) / p->params.padding;
-        object->lightmap_width = side_of(p, u->width * (m.along_u / plan->measure.along_u), least_width, &capped);
-        object->lightmap_height = side_of(p, u->height * (m.along_v / plan->measure.along_v), least_height, &capped);
-    }
+    if (size > 0)
+        object->lightmap_width = object->lightmap_height = size;
+    else
+        size_by_density(p, index, &object->lightmap_width, &object->lightmap_height, &capped);
+    if (capped)
+        object->density_reason = KILN_DENSITY_MAX;
     if (capped && note_wanted(&p->capped))
         return kiln_builder_note(p->builder, 1, error,
                                  "object \"%s\": its lightmap would be larger than %u texels a side and is capped there; it has fewer "
                                  "than %.3g texels a metre",
-                                 string(p, object->name), p->params.lightmap_max, p->texels_per_metre);
+                                 string(p, object->name), p->params.lightmap_max, p->densities[index]);
     return KILN_OK;
+}
+
+/* ---- padding ---- */
+
+/* How far apart the charts of an object lie in a lightmap of width x height. Factors that would make a side longer than allowed
+ * are left out. */
+static int measure_padding(struct planner *p, size_t index, double width, double height, struct kiln_padding *padding, struct kiln_error *error)
+{
+    const struct kiln_mesh *mesh = &meshes(p)[objects(p)[index].mesh];
+    struct mesh_plan *plan = &p->plans[objects(p)[index].mesh];
+    int status = KILN_OK;
+    if (plan->padding_size[0] != width || plan->padding_size[1] != height)
+        status = kiln_padding_measure(&plan->padding, positions(p, mesh), lightmap_uv(p, mesh), mesh->vertex_count, triangles(p, mesh),
+                                      mesh->triangle_count, width, height, error);
+    plan->padding_size[0] = width;
+    plan->padding_size[1] = height;
+    *padding = plan->padding;
+    const double most = p->params.lightmap_max / fmax(width, height);
+    for (int i = 0; i < KILN_PADDING_STEPS; i++)
+        if (exp2((double)(i + 1) / KILN_PADDING_OCTAVE) > most)
+            padding->by_factor[i] = 0.0;
+    return status;
+}
+
+/* Has the meshes packed anew whose charts lie less than two texels apart in the lightmap of their object with the most texels. */
+static int choose_repacks(struct planner *p, struct kiln_error *error)
+{
+    int status = choose_densities(p, error);
+    find_references(p);
+    for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++) {
+        struct mesh_plan *plan = &p->plans[i];
+        struct kiln_padding padding;
+        if (plan->unwrap || plan->reference == SIZE_MAX)
+            continue;
+        const struct measure *m = &p->measures[plan->reference];
+        const double size = own_size(p, plan->reference), density = p->densities[plan->reference], most = p->params.lightmap_max;
+        const double width = size > 0.0 ? size : fmin(density * m->along_u, most), height = size > 0.0 ? size : fmin(density * m->along_v, most);
+        if (!(width > 0.0 && height > 0.0))
+            continue;
+        status = measure_padding(p, plan->reference, width, height, &padding, error);
+        plan->unwrap = plan->repack = status == KILN_OK && padding.close > 0.0;
+        plan->metres[0] = m->along_u;
+        plan->metres[1] = m->along_v;
+        p->repacked += plan->repack;
+    }
+    return status;
+}
+
+/* An object that would be right with more texels. */
+struct raise {
+    size_t object;
+    double factor, added; /* texels */
+    double worth;         /* metres of border that become right, a texel */
+};
+
+static int compare_raises(const void *a, const void *b)
+{
+    const struct raise *p = a, *q = b;
+    if (p->worth != q->worth)
+        return p->worth > q->worth ? -1 : 1;
+    return (p->object > q->object) - (p->object < q->object);
+}
+
+/* Objects with a layout of the file's whose density nobody has named. */
+static bool may_raise(const struct planner *p, size_t index)
+{
+    const struct kiln_object_settings *settings = settings_of(p, index);
+    const struct measure *m = &p->measures[index];
+    return !p->plans[objects(p)[index].mesh].unwrap && own_size(p, index) == 0 && settings->density_scale == 0.0 &&
+           settings->role != KILN_ROLE_CASTER_ONLY && isfinite(m->along_u) && isfinite(m->along_v) && m->along_u > 0.0 && m->along_v > 0.0;
+}
+
+/* What automatic density makes of `raises`: those first that are worth most, as long as the scene stays below PADDED_TEXELS. An object may come
+ * to have more than its share of all texels: light that bleeds is worse. */
+static void raise_best(struct planner *p, struct raise *raises, size_t count, double texels)
+{
+    qsort(raises, count, sizeof *raises, compare_raises);
+    for (size_t i = 0; i < count; i++) {
+        const struct raise *raise = &raises[i];
+        if (texels + raise->added > PADDED_TEXELS)
+            continue;
+        texels += raise->added;
+        p->densities[raise->object] *= raise->factor;
+        objects(p)[raise->object].density_reason = KILN_DENSITY_PADDING;
+    }
+}
+
+static struct raise raise_of(size_t object, double factor, double density, double texels, const struct kiln_padding *padding)
+{
+    const double added = texels * (factor * factor - 1.0);
+    return (struct raise){object, factor, added, padding->close / (density * added)};
+}
+
+static int raise_densities(struct planner *p, struct kiln_error *error)
+{
+    struct raise *raises = NULL;
+    size_t count = 0;
+    double texels = 0.0;
+    int status = kiln_allocate(&raises, object_count(p), sizeof *raises, "densities", error);
+    for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++) {
+        const double own = wanted_texels(p, i), density = p->densities[i];
+        struct kiln_padding padding;
+        texels += isfinite(own) ? own : 0.0;
+        if (!may_raise(p, i))
+            continue;
+        const double width = density * p->measures[i].along_u, height = density * p->measures[i].along_v;
+        texels += width * height - own; /* the whole lightmap */
+        status = measure_padding(p, i, width, height, &padding, error);
+        const double factor = status == KILN_OK ? kiln_padding_factor(&padding, CLOSE_SHARE) : 1.0;
+        if (factor > 1.0 && isfinite(factor))
+            raises[count++] = raise_of(i, factor, density, width * height, &padding);
+    }
+    if (status == KILN_OK)
+        raise_best(p, raises, count, texels);
+    kiln_free(&raises);
+    return status;
+}
+
+/* The padding of all published lightmaps. */
+struct padding_sum {
+    struct kiln_padding all;         /* as they are */
+    struct kiln_padding common;      /* as they would be if all had the density of the header, in texels of that */
+    size_t lightmaps, close, raised; /* lightmaps: of several charts; close: with more than CLOSE_SHARE */
+    double raise;                    /* the largest factor */
+    size_t worst;                    /* object */
+    double worst_share;
+};
+
+/* Whether the object's lightmap would be another if it had the density of the header. */
+static bool differs_from_common(const struct planner *p, size_t index)
+{
+    return !p->plans[objects(p)[index].mesh].unwrap && own_size(p, index) == 0 && fabs(p->densities[index] / p->texels_per_metre - 1.0) > 1e-3;
+}
+
+static int add_common(struct planner *p, size_t index, const struct kiln_padding *own, struct padding_sum *sum, struct kiln_error *error)
+{
+    const struct measure *m = &p->measures[index];
+    const double most = p->params.lightmap_max, width = fmin(p->texels_per_metre * m->along_u, most), height = fmin(p->texels_per_metre * m->along_v, most);
+    struct kiln_padding padding = *own;
+    int status = KILN_OK;
+    if (differs_from_common(p, index) && width > 0.0 && height > 0.0)
+        status = measure_padding(p, index, width, height, &padding, error);
+    kiln_padding_add(&sum->common, &padding);
+    return status;
+}
+
+static int add_object(struct planner *p, size_t index, struct padding_sum *sum, struct kiln_error *error)
+{
+    const struct kiln_object *object = &objects(p)[index];
+    struct kiln_padding padding;
+    const int status = measure_padding(p, index, object->lightmap_width, object->lightmap_height, &padding, error);
+    if (status != KILN_OK)
+        return status;
+    const double share = padding.border > 0.0 ? padding.close / padding.border : 0.0;
+    kiln_padding_add(&sum->all, &padding);
+    sum->lightmaps += padding.charts > 1;
+    sum->close += share > CLOSE_SHARE;
+    if (share > sum->worst_share) {
+        sum->worst = index;
+        sum->worst_share = share;
+    }
+    if (object->density_reason == KILN_DENSITY_PADDING) {
+        sum->raised++;
+        sum->raise = fmax(sum->raise, p->densities[index] / p->density.of[index]);
+    }
+    return add_common(p, index, &padding, sum, error);
+}
+
+static int sum_padding(struct planner *p, struct padding_sum *sum, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++)
+        if (settings_of(p, i)->role != KILN_ROLE_CASTER_ONLY && meshes(p)[objects(p)[i].mesh].triangle_count > 0)
+            status = add_object(p, i, sum, error);
+    return status;
+}
+
+/* Two digits, rounded up. */
+static double round_up(double value)
+{
+    const double unit = pow(10.0, floor(log10(value)) - 1.0);
+    return unit * ceil(value / unit - 1e-9);
+}
+
+/* What would help, as the end of a sentence. `named`: texels a metre, or a side where the user gives that. */
+static void name_remedy(const struct planner *p, double named, char *text, size_t size)
+{
+    if (!isfinite(named))
+        (void)snprintf(text, size, "no density would do, for charts touch or lightmaps would be larger than --lightmap-max");
+    else if (p->params.lightmap_size > 0)
+        (void)snprintf(text, size, "--lightmap-size %.0f would leave less than 1 %%", named);
+    else
+        (void)snprintf(text, size, "--texels-per-metre %.3g would leave less than 1 %%%s", named,
+                       p->params.texels_per_metre > 0.0 ? "" : ", which is more texels than automatic density spends");
+}
+
+static int note_padding(struct planner *p, struct kiln_error *error)
+{
+    struct padding_sum sum = {0};
+    char remedy[192];
+    int status = sum_padding(p, &sum, error);
+    if (status == KILN_OK && sum.raised > 0)
+        status = kiln_builder_note(p->builder, 0, error,
+                                   "%zu object%s up to %.2g times the texels a metre that the scene's size would give, so that two texels lie "
+                                   "between the charts of a layout",
+                                   sum.raised, sum.raised == 1 ? " has" : "s have", sum.raise);
+    if (status != KILN_OK || sum.close == 0)
+        return status;
+    const double factor = kiln_padding_factor(&sum.common, CLOSE_SHARE);
+    const double unit = p->params.lightmap_size > 0 ? p->params.lightmap_size : p->texels_per_metre, wanted = factor * unit;
+    const double named = isfinite(factor) ? p->params.lightmap_size > 0 ? ceil(wanted) : round_up(wanted) : INFINITY;
+    p->builder->padding_factor = isfinite(factor) ? (float)(named / unit) : -1.0f;
+    name_remedy(p, named, remedy, sizeof remedy);
+    return kiln_builder_note(p->builder, 0, error,
+                             "in %zu of %zu lightmaps with several charts some lie less than two texels apart (%zu of %zu charts, along %.2g %% of "
+                             "the length of all borders, most in \"%s\": %.2g %%), and light bleeds from one to the other; %s%s",
+                             sum.close, sum.lightmaps, sum.all.close_charts, sum.all.charts, 100.0 * sum.all.close / sum.all.border,
+                             string(p, objects(p)[sum.worst].name), 100.0 * sum.worst_share, remedy,
+                             p->params.repack ? "" : "; --repack lays the charts out anew");
 }
 
 /* Appends the mesh's vertices, in its old or its new layout, to the new vertex list. */
@@ -427,11 +786,34 @@ static int rebuild_vertices(struct planner *p, struct kiln_error *error)
     return status;
 }
 
+/* Says what automatic density did with objects that are not like the others. */
+static int note_densities(struct planner *p, struct kiln_error *error)
+{
+    size_t small = 0, shared = 0;
+    int status = KILN_OK;
+    for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++) {
+        const struct kiln_object *object = &objects(p)[i];
+        small += object->density_reason == KILN_DENSITY_LEAST;
+        if (object->density_reason == KILN_DENSITY_SHARE && note_wanted(&shared))
+            status = kiln_builder_note(p->builder, 0, error,
+                                       "object \"%s\" would take most of all texels: it has its share, with %.3g texels a metre where others have %.3g; "
+                                       "density-scale or texels-per-metre change that",
+                                       string(p, object->name), p->densities[i], p->texels_per_metre);
+    }
+    if (small > 0 && status == KILN_OK)
+        status = kiln_builder_note(p->builder, 0, error, "%zu small objects have more than %.3g texels a metre, so that they are %u texels across",
+                                   small, p->texels_per_metre, p->density.least_side);
+    return status;
+}
+
 static int write_totals(struct planner *p, struct kiln_error *error)
 {
     int status = KILN_OK;
     if (p->absent > 0)
         status = kiln_builder_note(p->builder, 0, error, "%zu of %zu meshes have no second UV set and are unwrapped", p->absent,
+                                   mesh_count(p));
+    if (status == KILN_OK && p->params.repack)
+        status = kiln_builder_note(p->builder, 0, error, "the charts of %zu of %zu meshes lie less than two texels apart and are laid out anew", p->repacked,
                                    mesh_count(p));
     if (status == KILN_OK && p->refused > NOTES_MAX)
         status = kiln_builder_note(p->builder, 1, error, "%zu more second UV sets are refused", p->refused - NOTES_MAX);
@@ -445,23 +827,52 @@ static int write_totals(struct planner *p, struct kiln_error *error)
     return status;
 }
 
+/* What unwrapped meshes take is known once they are packed: then the density is chosen again, until the sum is near the target and no
+ * object has too large a share. */
+static int unwrap_all(struct planner *p, struct kiln_error *error)
+{
+    enum { ROUNDS = 3 };
+    int status = KILN_OK;
+    for (int round = 0; round < ROUNDS && status == KILN_OK; round++) {
+        status = choose_densities(p, error);
+        if (status != KILN_OK)
+            return status;
+        find_references(p);
+        status = unwrap_meshes(p, error);
+        if (p->params.texels_per_metre > 0.0 || p->params.lightmap_size > 0)
+            break;
+    }
+    for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++)
+        if (p->plans[i].unwrap)
+            status = note_packing(p, i, error);
+    return status;
+}
+
 static int plan_layouts(struct planner *p, struct kiln_error *error)
 {
     int status = KILN_OK;
     bool any = false;
-    for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++) {
+    for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++)
         status = check_mesh(p, i, error);
-        any = any || p->plans[i].unwrap;
-    }
     if (status != KILN_OK)
         return status;
     measure_objects(p);
-    p->texels_per_metre = choose_density(p);
-    status = unwrap_meshes(p, error);
+    if (p->params.repack)
+        status = choose_repacks(p, error);
+    if (status == KILN_OK)
+        status = unwrap_all(p, error);
+    if (status == KILN_OK && p->params.texels_per_metre == 0.0 && p->params.lightmap_size == 0)
+        status = raise_densities(p, error);
     for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++)
         status = size_object(p, i, error);
+    if (status == KILN_OK)
+        status = note_densities(p, error);
+    for (size_t i = 0; i < mesh_count(p); i++)
+        any = any || p->plans[i].unwrap;
     if (status == KILN_OK && any)
         status = rebuild_vertices(p, error);
+    if (status == KILN_OK)
+        status = note_padding(p, error);
     if (status == KILN_OK)
         status = write_totals(p, error);
     p->builder->texels_per_metre = p->params.lightmap_size > 0 ? 0.0f : (float)p->texels_per_metre;
@@ -499,6 +910,8 @@ int kiln_layout(struct kiln_builder *builder, const struct kiln_layout_params *p
         kiln_unwrapped_destroy(&p.plans[i].unwrapped);
     kiln_free(&p.uv);
     kiln_free(&p.source);
+    kiln_free(&p.density.of);
+    kiln_free(&p.densities);
     kiln_free(&p.measures);
     kiln_free(&p.plans);
     return status;

@@ -10,6 +10,7 @@ struct kiln_layout_params {
     uint32_t lightmap_size;  /* every lightmap N x N; 0: by density */
     uint32_t lightmap_max;   /* cap on a side; default 4096 */
     uint32_t padding;        /* texels between charts; default 2, which holds under bilinear filtering */
+    bool repack;             /* lay the charts of given layouts out anew where less than two texels lie between them */
 };
 
 /* For each mesh: checks the second UV set (inside 0..1, finite, no overlap between triangles beyond what rounding at chart

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "coordinator/layout/pack.h"
+#include "coordinator/layout/padding.h"
 #include "worker/base/memory.h"
 
 static int add_vertex(struct kiln_unwrapped *u, uint32_t source, struct kiln_vec2 uv, uint32_t *index, struct kiln_error *error)
@@ -84,24 +85,18 @@ static int lay_vertices(struct kiln_unwrapped *u, const struct kiln_topology *t,
     return status;
 }
 
-int kiln_unwrap(struct kiln_unwrapped **unwrapped, const struct kiln_vec3 *positions, size_t vertex_count,
-                const uint32_t *triangles, size_t triangle_count, const struct kiln_unwrap_params *params, struct kiln_error *error)
+/* Packs the charts and lays the vertices out. */
+static int lay_out(struct kiln_unwrapped **unwrapped, const struct kiln_topology *topology, const struct kiln_charts *charts,
+                   const struct kiln_unwrap_params *params, struct kiln_error *error)
 {
-    struct kiln_topology *topology = NULL;
-    struct kiln_charts *charts = NULL;
-    struct kiln_unwrapped *u = NULL;
     const uint32_t side = params->size > 0 ? params->size : 1;
     struct kiln_packing packing = {.width = side, .height = side, .cells = 1, .texels_per_metre = params->texels_per_metre};
     const struct kiln_pack_params pack = {.texels_per_metre = params->size > 0 ? 0.0 : params->texels_per_metre,
                                           .padding = params->padding,
                                           .limit = params->size > 0 ? params->size : params->max,
                                           .exact = params->size > 0};
-    *unwrapped = NULL;
+    struct kiln_unwrapped *u = NULL;
     int status = kiln_allocate(&u, 1, sizeof *u, "unwrapping a mesh", error);
-    if (status == KILN_OK)
-        status = kiln_topology_create(&topology, positions, vertex_count, triangles, triangle_count, params->linear, error);
-    if (status == KILN_OK)
-        status = kiln_charts_create(&charts, topology, params->texels_per_metre, error);
     if (status == KILN_OK && charts->count > 0)
         status = kiln_pack(&packing, charts, topology, &pack, error);
     if (status == KILN_OK)
@@ -118,8 +113,122 @@ int kiln_unwrap(struct kiln_unwrapped **unwrapped, const struct kiln_vec3 *posit
         kiln_unwrapped_destroy(&u);
     }
     kiln_free(&packing.maps);
+    return status;
+}
+
+int kiln_unwrap(struct kiln_unwrapped **unwrapped, const struct kiln_vec3 *positions, size_t vertex_count,
+                const uint32_t *triangles, size_t triangle_count, const struct kiln_unwrap_params *params, struct kiln_error *error)
+{
+    struct kiln_topology *topology = NULL;
+    struct kiln_charts *charts = NULL;
+    *unwrapped = NULL;
+    int status = kiln_topology_create(&topology, positions, vertex_count, triangles, triangle_count, params->linear, error);
+    if (status == KILN_OK)
+        status = kiln_charts_create(&charts, topology, params->texels_per_metre, error);
+    if (status == KILN_OK)
+        status = lay_out(unwrapped, topology, charts, params, error);
     kiln_charts_destroy(&charts);
     kiln_topology_destroy(&topology);
+    return status;
+}
+
+/* ---- charts that are given ---- */
+
+/* The layout as a flat mesh, in metres. */
+static int flat_topology(struct kiln_topology *t, const struct kiln_vec2 *uv, size_t vertex_count, const uint32_t *triangles,
+                         size_t triangle_count, const double metres[2], struct kiln_error *error)
+{
+    *t = (struct kiln_topology){.vertex_count = vertex_count, .triangle_count = triangle_count, .triangles = triangles};
+    int status = kiln_allocate(&t->points, vertex_count, sizeof *t->points, "a mesh's layout", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&t->areas, triangle_count, sizeof *t->areas, "a mesh's layout", error);
+    for (size_t i = 0; i < vertex_count && status == KILN_OK; i++)
+        t->points[i] = dvec3(metres[0] * (double)uv[i].x, metres[1] * (double)uv[i].y, 0.0);
+    for (size_t i = 0; i < triangle_count && status == KILN_OK; i++) {
+        const uint32_t *c = triangles + 3 * i;
+        const struct kiln_dvec3 a = dvec3_sub(t->points[c[1]], t->points[c[0]]), b = dvec3_sub(t->points[c[2]], t->points[c[0]]);
+        t->areas[i] = 0.5 * fabs(a.x * b.y - a.y * b.x);
+        t->degenerate_count += !(t->areas[i] > 0.0);
+    }
+    return status;
+}
+
+/* The chart's box and area, from its triangles. */
+static void measure_chart(struct kiln_chart *chart, const struct kiln_topology *t, const uint32_t *order)
+{
+    double low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
+    for (size_t k = 0; k < 3 * (size_t)chart->count; k++) {
+        const struct kiln_dvec3 p = t->points[t->triangles[3 * (size_t)order[chart->first + k / 3] + k % 3]];
+        low[0] = fmin(low[0], p.x);
+        low[1] = fmin(low[1], p.y);
+        high[0] = fmax(high[0], p.x);
+        high[1] = fmax(high[1], p.y);
+    }
+    for (size_t k = 0; k < chart->count; k++)
+        chart->area += t->areas[order[chart->first + k]];
+    chart->u = dvec3(1.0, 0.0, 0.0);
+    chart->v = dvec3(0.0, 1.0, 0.0);
+    for (int k = 0; k < 2; k++)
+        chart->offset[k] = -low[k];
+    chart->width = high[0] - low[0];
+    chart->height = high[1] - low[1];
+    chart->rectangular = chart->area >= (1.0 - 1e-5) * chart->width * chart->height;
+}
+
+/* Triangles with an area, chart by chart; charts without any are left out. */
+static int fill_charts(struct kiln_charts *charts, const struct kiln_topology *t, const uint32_t *chart, size_t count, struct kiln_error *error)
+{
+    uint32_t *first = NULL;
+    int status = kiln_allocate(&first, count + 1, sizeof *first, "a mesh's charts", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&charts->order, t->triangle_count, sizeof *charts->order, "a mesh's charts", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&charts->charts, count, sizeof *charts->charts, "a mesh's charts", error);
+    for (size_t i = 0; i < t->triangle_count && status == KILN_OK; i++)
+        first[chart[i] + 1] += t->areas[i] > 0.0;
+    for (size_t c = 0; c < count && status == KILN_OK; c++) {
+        first[c + 1] += first[c];
+        if (first[c + 1] > first[c])
+            charts->charts[charts->count++] = (struct kiln_chart){.first = first[c], .count = first[c + 1] - first[c]};
+    }
+    for (size_t i = 0; i < t->triangle_count && status == KILN_OK; i++)
+        if (t->areas[i] > 0.0) {
+            charts->order[first[chart[i]]++] = (uint32_t)i; /* leaves each mark at the end of its chart */
+            charts->order_count++;
+        }
+    for (size_t c = 0; c < charts->count && status == KILN_OK; c++)
+        measure_chart(&charts->charts[c], t, charts->order);
+    kiln_free(&first);
+    return status;
+}
+
+int kiln_repack(struct kiln_unwrapped **unwrapped, const struct kiln_vec3 *positions, const struct kiln_vec2 *uv, size_t vertex_count,
+                const uint32_t *triangles, size_t triangle_count, const double metres[2], const struct kiln_unwrap_params *params,
+                struct kiln_error *error)
+{
+    struct kiln_topology topology = {0};
+    struct kiln_charts charts = {0};
+    uint32_t *chart = NULL;
+    uint8_t *borders = NULL;
+    size_t count = 0;
+    *unwrapped = NULL;
+    int status = flat_topology(&topology, uv, vertex_count, triangles, triangle_count, metres, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&chart, triangle_count, sizeof *chart, "a mesh's charts", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&borders, triangle_count, 1, "a mesh's charts", error);
+    if (status == KILN_OK)
+        status = kiln_padding_charts(positions, uv, vertex_count, triangles, triangle_count, chart, borders, &count, error);
+    if (status == KILN_OK)
+        status = fill_charts(&charts, &topology, chart, count, error);
+    if (status == KILN_OK)
+        status = lay_out(unwrapped, &topology, &charts, params, error);
+    kiln_free(&charts.charts);
+    kiln_free(&charts.order);
+    kiln_free(&borders);
+    kiln_free(&chart);
+    kiln_free(&topology.points);
+    kiln_free(&topology.areas);
     return status;
 }
 

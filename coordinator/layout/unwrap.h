@@ -33,6 +33,13 @@ struct kiln_unwrapped {
  * Deterministic. Destroy with kiln_unwrapped_destroy. */
 int kiln_unwrap(struct kiln_unwrapped **unwrapped, const struct kiln_vec3 *positions, size_t vertex_count,
                 const uint32_t *triangles, size_t triangle_count, const struct kiln_unwrap_params *params, struct kiln_error *error);
+/* The same for a mesh that has a layout: its charts (as kiln_padding_charts finds them) keep shape, size against each other, and sense, and are
+ * packed anew; a rectangle may be stretched as kiln_pack says. `metres`: a unit of u and of v in the space whose areas count; `linear`
+ * in `params` is not read. Triangles without area in the layout are what degenerate ones are to kiln_unwrap. */
+int kiln_repack(struct kiln_unwrapped **unwrapped, const struct kiln_vec3 *positions, const struct kiln_vec2 *uv, size_t vertex_count,
+                const uint32_t *triangles, size_t triangle_count, const double metres[2], const struct kiln_unwrap_params *params,
+                struct kiln_error *error);
+
 void kiln_unwrapped_destroy(struct kiln_unwrapped **unwrapped);
 
 #endif

@@ -25,6 +25,7 @@ struct builder {
     struct half_edge *halves;
     size_t half_count;
     uint32_t *parent;        /* union-find over triangles */
+    uint8_t *inner;          /* a triangle: bit k is set where its chart goes on beyond edge k */
     struct kiln_chart_graph *graph;
     size_t edge_capacity;
 };
@@ -134,6 +135,8 @@ static int join(struct builder *b, const struct half_edge *first, const struct h
     if (length2(edge.texel[0][0], edge.texel[1][0]) < SAME_TEXEL && length2(edge.texel[0][1], edge.texel[1][1]) < SAME_TEXEL) {
         const uint32_t p = find_root(b->parent, first->triangle), q = find_root(b->parent, second->triangle);
         b->parent[p > q ? p : q] = p < q ? p : q;
+        b->inner[first->triangle] |= (uint8_t)(1u << first->corner);
+        b->inner[second->triangle] |= (uint8_t)(1u << second->corner);
         return KILN_OK;
     }
     if (vec3_dot(normals[0][0], normals[1][0]) < KILN_SEAM_COSINE || vec3_dot(normals[0][1], normals[1][1]) < KILN_SEAM_COSINE)
@@ -172,6 +175,35 @@ static void number_charts(struct builder *b)
     }
 }
 
+static struct kiln_border_edge border_edge(const struct builder *b, uint32_t triangle, uint32_t corner)
+{
+    struct kiln_border_edge edge = {.chart = b->graph->chart[triangle]};
+    for (uint32_t e = 0; e < 2; e++) {
+        const struct kiln_vec2 uv = b->scene->texcoord_lightmap[b->mesh->vertex_first + vertex_of(b, triangle, corner + e)];
+        edge.texel[e][0] = uv.x * b->width;
+        edge.texel[e][1] = uv.y * b->height;
+    }
+    return edge;
+}
+
+static int list_borders(struct builder *b, struct kiln_error *error)
+{
+    struct kiln_chart_graph *graph = b->graph;
+    size_t capacity = 0;
+    int status = KILN_OK;
+    for (uint32_t i = 0; i < 3 * graph->triangle_count && status == KILN_OK; i++) {
+        if ((b->inner[i / 3] >> (i % 3) & 1u) != 0)
+            continue;
+        const struct kiln_border_edge edge = border_edge(b, i / 3, i % 3);
+        if (!(length2(edge.texel[0], edge.texel[1]) > 0.0f))
+            continue;
+        status = kiln_grow(&graph->borders, &capacity, graph->border_count + 1, sizeof edge, "borders of charts", error);
+        if (status == KILN_OK)
+            graph->borders[graph->border_count++] = edge;
+    }
+    return status;
+}
+
 int kiln_chart_graph_create(struct kiln_chart_graph **graph, const struct kiln_scene *scene, uint32_t mesh, uint32_t width,
                          uint32_t height, struct kiln_error *error)
 {
@@ -185,6 +217,8 @@ int kiln_chart_graph_create(struct kiln_chart_graph **graph, const struct kiln_s
     if (status == KILN_OK)
         status = kiln_allocate(&b.parent, triangles, sizeof(uint32_t), "a mesh's charts", error);
     if (status == KILN_OK)
+        status = kiln_allocate(&b.inner, triangles, 1, "a mesh's charts", error);
+    if (status == KILN_OK)
         status = weld_vertices(&b, error);
     if (status == KILN_OK)
         status = list_halves(&b, error);
@@ -193,11 +227,14 @@ int kiln_chart_graph_create(struct kiln_chart_graph **graph, const struct kiln_s
             b.parent[i] = i;
         status = join_all(&b, error);
     }
-    if (status == KILN_OK)
+    if (status == KILN_OK) {
         number_charts(&b);
+        status = list_borders(&b, error);
+    }
     kiln_free(&b.weld);
     kiln_free(&b.halves);
     kiln_free(&b.parent);
+    kiln_free(&b.inner);
     if (status != KILN_OK)
         kiln_chart_graph_destroy(graph);
     return status;
@@ -209,5 +246,6 @@ void kiln_chart_graph_destroy(struct kiln_chart_graph **graph)
         return;
     kiln_free(&(*graph)->chart);
     kiln_free(&(*graph)->edges);
+    kiln_free(&(*graph)->borders);
     kiln_free(graph);
 }

@@ -1,4 +1,4 @@
-/* How the triangles of a mesh hang together on its lightmap layout: which chart each is in, and where charts meet in space. */
+/* How the triangles of a mesh hang together on its lightmap layout: which chart each is in, where charts end, and where they meet in space. */
 #ifndef KILN_COORDINATOR_OUTPUT_CHART_GRAPH_H
 #define KILN_COORDINATOR_OUTPUT_CHART_GRAPH_H
 
@@ -10,10 +10,17 @@ struct kiln_seam_edge {
     float texel[2][2][2]; /* side, end, x y */
 };
 
+/* An edge of a triangle beyond which its chart does not go on. */
+struct kiln_border_edge {
+    uint32_t chart;
+    float texel[2][2]; /* end, x y */
+};
+
 struct kiln_chart_graph {
-    size_t triangle_count, chart_count, edge_count;
+    size_t triangle_count, chart_count, edge_count, border_count;
     uint32_t *chart; /* one a triangle of the mesh */
     struct kiln_seam_edge *edges;
+    struct kiln_border_edge *borders; /* by triangle; none is a point on the layout */
 };
 
 /* Shading normals that differ more than this at either end make a hard edge, where irradiance may jump: no seam. */

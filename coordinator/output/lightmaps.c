@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/cli/agree.h"
+#include "coordinator/output/borders.h"
 #include "coordinator/output/exchange.h"
 #include "coordinator/output/map.h"
 #include "coordinator/output/output.h"
@@ -15,7 +16,7 @@
 #include "coordinator/output/chart_graph.h"
 #include "worker/base/memory.h"
 
-/* About 85 bytes a texel while an object is processed: some 180 MB a rank at a time, unless one lightmap is larger. */
+/* About 90 bytes a texel while an object is processed: some 180 MB a rank at a time, unless one lightmap is larger. */
 static const uint64_t texel_budget = 1ull << 21;
 
 struct writer {
@@ -178,6 +179,7 @@ static int complete_map(const struct writer *w, uint32_t object, struct kiln_err
     struct kiln_lightmap_report *report = &w->reports[object];
     struct kiln_chart_graph *graph = NULL;
     struct kiln_seam_report seams = {0};
+    struct kiln_border_report borders = {0};
     uint32_t *nearest = NULL;
     report->map = object;
     for (size_t i = 0; i < kiln_map_texels(map); i++) {
@@ -198,10 +200,16 @@ static int complete_map(const struct writer *w, uint32_t object, struct kiln_err
     if (status == KILN_OK)
         status = kiln_nearest_texels(map->state, KILN_TEXEL_FILLED, map->width, map->height, nearest, error);
     if (status == KILN_OK)
+        status = kiln_borders_assign(map, graph, nearest, &borders, error);
+    if (status == KILN_OK)
         status = kiln_seams_smooth(map, graph, nearest, w->params->stitch, &seams, error);
     if (status == KILN_OK) {
         report->seam_difference_before = seams.difference_before;
         report->seam_difference_after = seams.difference_after;
+        report->contested = borders.contested;
+        report->foreign = borders.foreign;
+        report->border = borders.length;
+        report->border_disturbed = borders.length_disturbed;
         report->dilated = kiln_map_dilate(map, nearest);
     }
     kiln_free(&nearest);
@@ -420,7 +428,7 @@ static int gather_reports(const struct kiln_bake_result *result, const struct ki
     for (size_t first = 0; first < result->surface->map_count; first += AT_ONCE) {
         const size_t left = result->surface->map_count - first;
         const int count = (int)(left < AT_ONCE ? left : AT_ONCE);
-        /* the struct is one 32-bit number, three 64-bit ones and two doubles: joined as bytes, since the others' are all zero */
+        /* the struct is one 32-bit number, five 64-bit ones and four doubles: joined as bytes, since the others' are all zero */
         if (MPI_Reduce(own + first, rank == 0 ? reports + first : NULL, count * (int)sizeof *own, MPI_BYTE, MPI_BOR, 0,
                        result->communicator) != MPI_SUCCESS)
             return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the ranks' reports on lightmaps were gathered");

@@ -1,5 +1,5 @@
 /* One object's lightmap on its way to a file: gathered points in, every texel of the image filled out. Nothing is collective;
- * all of it is deterministic and looks at this one object alone. The order is: put, fill, nearest, smooth, dilate. */
+ * all of it is deterministic and looks at this one object alone. The order is: put, fill, nearest, assign (borders.h), smooth, dilate. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_H
 #define KILN_COORDINATOR_OUTPUT_MAP_H
 
@@ -49,7 +49,7 @@ int kiln_map_fill(struct kiln_map *map, struct kiln_error *error);
 int kiln_nearest_texels(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t *nearest,
                         struct kiln_error *error);
 
-/* Every margin texel takes the values of its nearest texel on a surface. Returns how many there were (0 when all is margin). */
+/* Every margin texel takes the values of the texel on a surface that it stands for. Returns how many there were (0 when all is margin). */
 uint64_t kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest);
 
 #endif

@@ -19,13 +19,15 @@ struct kiln_output_params {
 struct kiln_lightmap_report {
     uint32_t map;
     uint64_t valid, filled, dilated; /* texels: gathered here, filled from valid neighbours, margin */
+    uint64_t contested, foreign; /* texels that several charts read: of the margin, of a chart (borders.h) */
+    double border, border_disturbed; /* texels of chart borders, and of those that read another chart */
     double seam_difference_before, seam_difference_after; /* root mean square over seam samples, relative to the mean */
 };
 
 /* DIR/lightmaps/OBJECT.exr for every object, and DIR/lightmaps/back/OBJECT.exr for backs, where they are published. Channels R G B = direct + indirect; layers direct.R.. and indirect.R.., error.Y when
  * error_map is set, coverage.Y (share of the texel's square that the layout covers; half) and validity.Y (1 gathered, 0.5 on a
  * surface but filled from neighbours, 0 margin; half). Invalid points are filled, chart seams of an object smoothed, margins
- * dilated over the whole image. Which rank writes an object, and which ones pack it, does not change a byte: one that is large
+ * dilated over the whole image, each texel from the chart that reads it. Which rank writes an object, and which ones pack it, does not change a byte: one that is large
  * beside what other ranks have to write is packed by several (strips.h). With `half` a file whose values would leave
  * half precision is written as float, and its attribute kiln:precision says why. `reports` has surface->map_count entries or is
  * NULL; if it is given on one rank it is given on all. */

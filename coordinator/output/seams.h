@@ -28,7 +28,7 @@ struct kiln_seam_report {
 };
 
 /* Changes the map's direct and indirect planes at texels of seams; `nearest` as from kiln_nearest_texels with
- * KILN_TEXEL_FILLED. With smooth false only measures. The map is filled; its margin need not be. Deterministic. */
+ * KILN_TEXEL_FILLED, and kiln_borders_assign. With smooth false only measures. The map is filled; its margin need not be. Deterministic. */
 int kiln_seams_smooth(struct kiln_map *map, const struct kiln_chart_graph *graph, const uint32_t *nearest, bool smooth,
                       struct kiln_seam_report *report, struct kiln_error *error);
 

@@ -73,7 +73,7 @@ static void size_lightmap(const struct kiln_build *build, uint32_t number, struc
     const struct kiln_object *object = &build->scene->objects[o];
     const bool back = kiln_map_back(build->surface, number);
     const bool shown = (object->flags & KILN_OBJECT_CASTER_ONLY) == 0;
-    const bool both = build->params->both_sides || (object->flags & KILN_OBJECT_BOTH_SIDES) != 0;
+    const bool both = (object->flags & KILN_OBJECT_BOTH_SIDES) != 0 || (build->params->both_sides && (object->flags & KILN_OBJECT_ONE_SIDE) == 0);
     map->tile_first = build->surface->tile_count;
     if (back && build->geometry->ranges[o].two_sided == 0)
         return;

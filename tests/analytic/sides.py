@@ -14,31 +14,11 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..'
 import glb  # noqa: E402
 import harness  # noqa: E402
 
-FACES = [((0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)), ((1, 0, 0), (0, 0, 0), (0, 1, 0), (1, 1, 0)), ((1, 0, 1), (1, 0, 0), (1, 1, 0), (1, 1, 1)),
-         ((0, 0, 0), (0, 0, 1), (0, 1, 1), (0, 1, 0)), ((0, 1, 1), (1, 1, 1), (1, 1, 0), (0, 1, 0)), ((0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1))]
-
-
-def box(scene, name, low, high, material, inward=()):
-    """One mesh of six quads that face outwards, but for those listed; each has a cell of a layout of 3 x 2."""
-    low, high = np.array(low, float), np.array(high, float)
-    positions, layout, triangles = [], [], []
-    for i, face in enumerate(FACES):
-        corners = [low + np.array(c) * (high - low) for c in face]
-        a = len(positions)
-        positions += corners
-        u, v = i % 3 / 3, i // 3 / 2
-        layout += [(u + s * 0.9 / 3 + 0.05 / 3, v + t * 0.9 / 2 + 0.05 / 2) for s, t in ((0, 1), (1, 1), (1, 0), (0, 0))]
-        order = [(a, a + 1, a + 2), (a, a + 2, a + 3)]
-        triangles += [t[::-1] for t in order] if i in inward else order
-    # every face has corners of its own, so that normals are flat and a winding can be turned alone
-    scene.mesh(name, positions, layout, triangles, material)
-
-
 def sealed(path, inward):
     scene = glb.Scene()
     grey = scene.material('grey', (0.5, 0.5, 0.5), double_sided=True)
-    box(scene, 'box', (-1, -1, -1), (1, 1, 1), grey, inward)
-    box(scene, 'crate', (-0.3, -0.7, -0.3), (0.3, -0.1, 0.3), grey)
+    glb.box(scene, 'box', (-1, -1, -1), (1, 1, 1), grey, inward)
+    glb.box(scene, 'crate', (-0.3, -0.7, -0.3), (0.3, -0.1, 0.3), grey)
     half = math.sqrt(0.5)
     scene.light('sun', {'type': 'directional', 'intensity': 1000.0}, rotation=[-half * 0.9, 0.3, 0.1, math.sqrt(1 - 0.405 - 0.1)])
     scene.environment((100, 100, 100))
@@ -115,7 +95,7 @@ def check_furnace(kiln, checks, table):
     scene = glb.Scene()
     wall = scene.material('wall', (rho,) * 3, (e,) * 3)
     paper = scene.material('paper', (rho,) * 3, (e,) * 3, double_sided=True)
-    box(scene, 'room', (-1, -1, -1), (1, 1, 1), wall, range(6))
+    glb.box(scene, 'room', (-1, -1, -1), (1, 1, 1), wall, range(6))
     scene.quad('sheet', [(-0.6, -0.2, 0.5), (0.5, 0.1, 0.6), (0.6, 0.3, -0.5), (-0.5, 0.0, -0.6)], paper)
     bake = kiln.bake(scene.write(os.path.join(kiln.scratch, 'furnace.glb')), '--texels-per-metre', 8, '--samples-direct', kiln.samples(256),
                      '--samples-bounce', 32, '--samples-indirect', kiln.samples(256), '--samples-probe', 0)
@@ -133,26 +113,11 @@ def check_furnace(kiln, checks, table):
     bake.remove()
 
 
-def partition_room(path, twin):
-    """A room whose middle wall, with a door in it, is one double-sided quad or two single-sided ones back to back; a lamp on one side."""
-    scene = glb.Scene()
-    white = scene.material('white', (0.7, 0.6, 0.5))
-    lamp = scene.material('lamp', (0, 0, 0), (20, 20, 20))
-    middle = scene.material('middle', (0.7, 0.3, 0.6), double_sided=not twin)
-    box(scene, 'room', (-2, 0, -1), (2, 2, 1), white, range(6))
-    scene.quad('lamp', [(-1.2, 1.95, -0.2), (-0.8, 1.95, -0.2), (-0.8, 1.95, 0.2), (-1.2, 1.95, 0.2)], lamp)
-    gap = 1e-4 if twin else 0.0
-    scene.quad('lit', [(-gap, 0, -1), (-gap, 0, 0.4), (-gap, 2, 0.4), (-gap, 2, -1)], middle)
-    if twin:
-        scene.quad('dark', [(gap, 0, 0.4), (gap, 0, -1), (gap, 2, -1), (gap, 2, 0.4)], middle)
-    return scene.write(path)
-
-
 def check_twin(kiln, checks, table):
     """Means of what both scenes have, by place."""
     found = []
     for twin in (False, True):
-        bake = kiln.bake(partition_room(os.path.join(kiln.scratch, 'partition.glb'), twin), '--texels-per-metre', 8, '--samples-direct', kiln.samples(128),
+        bake = kiln.bake(glb.partition_room(os.path.join(kiln.scratch, 'partition.glb'), twin), '--texels-per-metre', 8, '--samples-direct', kiln.samples(128),
                          '--samples-bounce', kiln.samples(128), '--samples-indirect', kiln.samples(512), '--samples-probe', 0, '--sides', 'two')
         if not checks.baked(bake):
             return

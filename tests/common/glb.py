@@ -113,6 +113,41 @@ class Scene:
         return path
 
 
+FACES = [((0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)), ((1, 0, 0), (0, 0, 0), (0, 1, 0), (1, 1, 0)), ((1, 0, 1), (1, 0, 0), (1, 1, 0), (1, 1, 1)),
+         ((0, 0, 0), (0, 0, 1), (0, 1, 1), (0, 1, 0)), ((0, 1, 1), (1, 1, 1), (1, 1, 0), (0, 1, 0)), ((0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1))]
+
+
+def box(scene, name, low, high, material, inward=()):
+    """One mesh of six quads that face outwards, but for those listed; each has a cell of a layout of 3 x 2."""
+    low, high = np.array(low, float), np.array(high, float)
+    positions, layout, triangles = [], [], []
+    for i, face in enumerate(FACES):
+        corners = [low + np.array(c) * (high - low) for c in face]
+        a = len(positions)
+        positions += corners
+        u, v = i % 3 / 3, i // 3 / 2
+        layout += [(u + s * 0.9 / 3 + 0.05 / 3, v + t * 0.9 / 2 + 0.05 / 2) for s, t in ((0, 1), (1, 1), (1, 0), (0, 0))]
+        order = [(a, a + 1, a + 2), (a, a + 2, a + 3)]
+        triangles += [t[::-1] for t in order] if i in inward else order
+    # every face has corners of its own, so that normals are flat and a winding can be turned alone
+    scene.mesh(name, positions, layout, triangles, material)
+
+
+def partition_room(path, twin):
+    """A room whose middle wall, with a door in it, is one double-sided quad or two single-sided ones back to back; a lamp on one side."""
+    scene = Scene()
+    white = scene.material('white', (0.7, 0.6, 0.5))
+    lamp = scene.material('lamp', (0, 0, 0), (20, 20, 20))
+    middle = scene.material('middle', (0.7, 0.3, 0.6), double_sided=not twin)
+    box(scene, 'room', (-2, 0, -1), (2, 2, 1), white, range(6))
+    scene.quad('lamp', [(-1.2, 1.95, -0.2), (-0.8, 1.95, -0.2), (-0.8, 1.95, 0.2), (-1.2, 1.95, 0.2)], lamp)
+    gap = 1e-4 if twin else 0.0
+    scene.quad('lit', [(-gap, 0, -1), (-gap, 0, 0.4), (-gap, 2, 0.4), (-gap, 2, -1)], middle)
+    if twin:
+        scene.quad('dark', [(gap, 0, 0.4), (gap, 0, -1), (gap, 2, -1), (gap, 2, 0.4)], middle)
+    return scene.write(path)
+
+
 def without_normals(path, copy):
     """Writes the scene without its normals, which glTF defines as flat: what closed forms of facets are about."""
     scene = Scene()

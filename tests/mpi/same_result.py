@@ -34,8 +34,10 @@ def datasets(path):
 def lightmaps(bake):
     result = {}
     for entry in bake.run['objects']:
-        with open(os.path.join(bake.directory, entry['lightmap']), 'rb') as f:
-            result[entry['name']] = hashlib.sha256(f.read()).hexdigest()
+        for key in ('lightmap', 'lightmap_back'):
+            if key in entry:
+                with open(os.path.join(bake.directory, entry[key]), 'rb') as f:
+                    result[entry['name'] + ' ' + key] = hashlib.sha256(f.read()).hexdigest()
     return result
 
 
@@ -50,9 +52,9 @@ def pixels(bake):
 
 def points(bake):
     p = bake.points
-    order = np.lexsort((p.x, p.y, p.object))
+    order = np.lexsort((p.x, p.y, p.side, p.object))
     return [hashlib.sha256(np.ascontiguousarray(a[order]).tobytes()).hexdigest() for a in (
-        p.object, p.x, p.y, p.area, p.valid, p.direct, p.indirect, p.total, p.error)]
+        p.object, p.side, p.x, p.y, p.area, p.valid, p.direct, p.indirect, p.total, p.error)]
 
 
 class Result:
@@ -154,8 +156,12 @@ def main():
     first = try_all(checks, kiln, table, 'cornell_original', cornell, ['--lightmap-size', 32, '--cell-size', 1], RANKS, (1, 2), ('cells', 'objects'))
     try_all(checks, kiln, table, 'punctual_zoo', zoo, ['--lightmap-size', 24], (1, 3, 8), (1, 2), ('cells', 'objects'))
     try_all(checks, kiln, table, 'several chunks of points', cornell, ['--lightmap-size', 128, '--cell-size', 1], (1, 3, 5), (2,), ('cells', 'objects'))
+    two_sides = glb.partition_room(os.path.join(kiln.scratch, 'two_sides.glb'), False)
+    try_all(checks, kiln, table, 'double-sided', two_sides, ['--lightmap-size', 24, '--cell-size', 0.7], (1, 3, 8), (1, 2), ('cells', 'objects'))
+    try_all(checks, kiln, table, 'both sides published', two_sides, ['--lightmap-size', 24, '--sides', 'two'], (1, 3), (2,), ('cells',))
     try_cell_sizes(checks, kiln, table, 'cornell_original', cornell, ['--lightmap-size', 32], (0.3, 1, 2.7, 100))
     try_cell_sizes(checks, kiln, table, 'punctual_zoo', zoo, ['--lightmap-size', 24], (0.5, 50))
+    try_cell_sizes(checks, kiln, table, 'double-sided', two_sides, ['--lightmap-size', 24], (0.4, 50))
     try_odd_scenes(checks, kiln, table)
     other = kiln.bake(cornell, *OPTIONS, '--lightmap-size', 32, '--seed', 1)
     if checks.baked(other) and first is not None:

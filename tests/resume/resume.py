@@ -31,6 +31,7 @@ import numpy as np
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, '..', 'common'))
+import glb  # noqa: E402
 import harness  # noqa: E402
 
 STOPPED, LOST, BAD_INPUT, SYSTEM, CANNOT_CREATE, IO, PERMISSION = 75, 76, 65, 71, 73, 74, 77
@@ -119,9 +120,9 @@ def digest(values):
 def result(folder):
     """{file or dataset: hash} of all that a bake leaves; what differs with the number of ranks is left out."""
     found = {}
-    for path in sorted(glob.glob(os.path.join(folder, 'lightmaps', '*.exr'))):
+    for path in sorted(glob.glob(os.path.join(folder, 'lightmaps', '**', '*.exr'), recursive=True)):
         with open(path, 'rb') as f:
-            found[os.path.basename(path)] = hashlib.sha256(f.read()).hexdigest()
+            found[os.path.relpath(path, folder)] = hashlib.sha256(f.read()).hexdigest()
     for name in ('kiln.h5', 'volume.hdf'):
         with h5py.File(os.path.join(folder, name), 'r') as f:
             def visit(key, item, name=name):
@@ -194,9 +195,9 @@ def same(checks, tool, reference, folder, process, what):
         checks.that(not os.path.exists(os.path.join(folder, 'checkpoint')), '%s: the checkpoint is still there' % what, process)
 
 
-def reference_of(checks, tool, *more):
+def reference_of(checks, tool, *more, **how):
     folder = tool.folder()
-    process = tool.bake(folder, '--checkpoint-every', 0, *more, threads=2)
+    process = tool.bake(folder, '--checkpoint-every', 0, *more, threads=2, **how)
     if not checks.that(process.status == 0, 'the reference ended with %d' % process.status, process):
         checks.end()
     return result(folder), process.seconds
@@ -439,10 +440,10 @@ def try_ends(checks, tool):
     print('%d ranks killed at the end; mpirun killed twice, and the ranks gone after %.1f s at most' % (done, longest))
 
 
-def interrupted(tool, checks, ranks=0, threads=1, after=2, more=()):
+def interrupted(tool, checks, ranks=0, threads=1, after=2, more=(), **how):
     """A folder with a bake stopped in the middle, once it has written so many generations."""
     folder = tool.folder()
-    process = tool.start(folder, *OFTEN, *more, ranks=ranks, threads=threads)
+    process = tool.start(folder, *OFTEN, *more, ranks=ranks, threads=threads, **how)
     number = lambda: max([int(g[-6:]) for g in generations(folder)], default=0)
     wait_for(lambda: number() >= after or process.poll() is not None)
     for rank in ranks_of(process):
@@ -459,6 +460,10 @@ def try_layouts(checks, tool):
         folder = interrupted(tool, checks, ranks=before, after=2 + i)
         same(checks, tool, reference, folder, tool.bake(folder, ranks=after, threads=threads), '%d ranks, then %d' % (before, after))
         shutil.rmtree(folder, ignore_errors=True)
+    scene = glb.partition_room(os.path.join(tool.scratch, 'two_sides.glb'), False)
+    reference, _ = reference_of(checks, tool, '--sides', 'two', scene=scene)
+    folder = interrupted(tool, checks, ranks=2, more=('--sides', 'two'), scene=scene)
+    same(checks, tool, reference, folder, tool.bake(folder, '--sides', 'two', ranks=3, scene=scene), 'double-sided, 2 ranks, then 3')
 
 
 def try_signals(checks, tool):

@@ -9,6 +9,7 @@ import sys
 import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
+import glb  # noqa: E402
 import harness  # noqa: E402
 
 OPTIONS = ('--samples-direct', 16, '--samples-bounce', 4, '--samples-indirect', 24, '--samples-probe', 16)
@@ -30,7 +31,7 @@ WAYS = (  # name, ranks, options, environment
 def bits(bake):
     """{what: hash} of all that is a result: points by object and texel, and lightmaps."""
     p = bake.points
-    order = np.lexsort((p.x, p.y, p.object))
+    order = np.lexsort((p.x, p.y, p.side, p.object))
     found = {n: hashlib.sha256(np.ascontiguousarray(getattr(p, n)[order]).tobytes()).hexdigest() for n in ('direct', 'indirect', 'total', 'error', 'valid')}
     for name in bake.names():
         found[name] = hashlib.sha256(np.ascontiguousarray(bake.lightmap(name).irradiance).tobytes()).hexdigest()
@@ -44,7 +45,8 @@ def main():
     checks = harness.Checks()
     cornell = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
     some = ('dispatches of 1 ms', '3 ranks, dispatches of 2 ms', 'lost')
-    for scene, density, ways in ((cornell, 4, [w[0] for w in WAYS]), (harness.own_scene('punctual_zoo.glb'), 2, some)):
+    for scene, density, ways in ((cornell, 4, [w[0] for w in WAYS]), (harness.own_scene('punctual_zoo.glb'), 2, some),
+                                 (glb.partition_room(os.path.join(kiln.scratch, 'two_sides.glb'), False), 3, some)):
         options = OPTIONS + ('--texels-per-metre', density)
         first = kiln.bake(scene, *options)
         if not checks.baked(first):

@@ -9,9 +9,9 @@
  *   gather   E = mean over cosine-distributed directions about n of B(hit); the lightmap's value, about the shading
  *            normal, is the same mean weighted by max(0, s.w) / (n.w) (drawn about the axis between both, see the backend)
  * Rays that meet the back of a double-sided surface find the radiosity of the back's own points. Rays that meet the back of a
- * single-sided surface, or of a solid's (worker/scene/solids.h), bring nothing and count as blocked; rays that meet nothing as escaped,
- * with what tinted glass took of them on the way. Surfaces that let light through (struct kiln_passage): a shadow ray brings the product
- * of what they let through; a gather ray meets one with a chance that is its opacity, and is tinted by those that it passes; a point's
+ * single-sided surface, or of a solid's (worker/scene/solids.h), bring nothing and count as blocked; rays that meet nothing as escaped, with
+ * what tinted glass took of them on the way. Surfaces that let light through (struct kiln_passage): a shadow ray brings the product of
+ * what they let through; a gather ray meets one with a chance that is its opacity, and is tinted by those that it passes; a point's
  * samples lie where its surface is there.
  *
  * Determinism: results are functions of (seed, object, texel, stream, sample) and the scene alone: any batch, thread count or

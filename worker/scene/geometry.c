@@ -341,8 +341,8 @@ int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_s
         status = kiln_solids_close(e.geometry, scene, error);
     }
     if (status == KILN_OK) {
-        find_passage(scene, e.geometry);
         count_two_sided(e.geometry);
+        find_passage(scene, e.geometry);
         *geometry = e.geometry;
         e.geometry = NULL;
     }

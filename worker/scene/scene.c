@@ -268,6 +268,8 @@ static int check_objects(const struct check *check)
             return damaged(check, "object %zu has a transform that is not a number", i);
         if (o->lightmap_width == 0 || o->lightmap_height == 0 || o->lightmap_width > 65536 || o->lightmap_height > 65536)
             return damaged(check, "object %zu has a lightmap of %u x %u texels", i, o->lightmap_width, o->lightmap_height);
+        if (o->density_reason >= KILN_DENSITY_REASONS)
+            return damaged(check, "object %zu has its density for a reason that is none of the %d", i, (int)KILN_DENSITY_REASONS);
     }
     return check_names(check);
 }
@@ -336,7 +338,8 @@ static int check_contents(const struct check *check)
                        (unsigned long long)header->sections[KILN_SECTION_TRIANGLE_MATERIALS].count, scene->triangle_count,
                        (unsigned long long)header->sections[KILN_SECTION_ENVIRONMENT].count);
     if (!all_finite_double(header->centre, 3) || !all_finite_double(header->bounds_min, 3) ||
-        !all_finite_double(header->bounds_max, 3) || !isfinite(header->texels_per_metre) || header->texels_per_metre < 0.0f)
+        !all_finite_double(header->bounds_max, 3) || !isfinite(header->texels_per_metre) || header->texels_per_metre < 0.0f ||
+        !isfinite(header->padding_factor))
         return damaged(check, "the header has a value that is not a number");
     int status = check_texts(check);
     if (status == KILN_OK)

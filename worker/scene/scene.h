@@ -64,6 +64,7 @@ struct kiln_mesh {
 enum {
     KILN_MESH_SMOOTH = 1,        /* shading normals differ from geometric ones somewhere */
     KILN_MESH_UNWRAPPED = 2,     /* the lightmap layout is kiln's own */
+    KILN_MESH_REPACKED = 8,      /* and made of the charts of the mesh's own */
     KILN_MESH_HAS_EMISSION_UV = 4 /* texcoord_emission differs from texcoord_base somewhere */
 };
 
@@ -77,12 +78,25 @@ struct kiln_object {
     uint32_t original_name;                   /* the node's name as it stood in the file */
     uint32_t source_node, source_mesh;        /* their indices in a glTF file; KILN_NONE where the source is none */
     uint32_t flags;                           /* KILN_OBJECT_* */
-    uint32_t reserved;
+    uint32_t density_reason;                  /* enum kiln_density_reason */
 };
 enum {
-    KILN_OBJECT_CASTER_ONLY = 1, /* stops and reflects light; its lightmap is not published */
+    KILN_OBJECT_CASTER_ONLY = 1,   /* stops and reflects light; its lightmap is not published */
     KILN_OBJECT_RECEIVER_ONLY = 2, /* has a lightmap; no ray meets it */
-    KILN_OBJECT_BOTH_SIDES = 4     /* its backs have a published lightmap where they have points */
+    KILN_OBJECT_BOTH_SIDES = 4,    /* the second side's lightmap is published, too, where the material is double-sided */
+    KILN_OBJECT_ONE_SIDE = 8       /* it is not, whatever is asked for all objects */
+};
+/* Why an object's lightmap has not the density of the header. */
+enum kiln_density_reason {
+    KILN_DENSITY_COMMON = 0, /* it has */
+    KILN_DENSITY_SHARE,      /* it would take too large a share of all texels */
+    KILN_DENSITY_LEAST,      /* it would be too few texels across */
+    KILN_DENSITY_SCALED,     /* its density-scale */
+    KILN_DENSITY_SIZED,      /* its lightmap-size */
+    KILN_DENSITY_CASTER,     /* caster-only: nobody sees its lightmap */
+    KILN_DENSITY_MAX,        /* the longest side a lightmap may have */
+    KILN_DENSITY_PADDING,    /* two texels are to lie between its charts */
+    KILN_DENSITY_REASONS
 };
 
 /* A punctual light in world space (KHR_lights_punctual). */
@@ -161,7 +175,7 @@ struct kiln_scene_header {
     double centre[3];                  /* world; traced positions are relative to it. Where the detail is, not the bounds' middle */
     double bounds_min[3], bounds_max[3]; /* world, of all objects */
     float texels_per_metre;            /* the density the lightmaps were sized for; 0 when sized otherwise */
-    uint32_t reserved;
+    float padding_factor;              /* on the lightmaps' sides, from which on two texels lie between nearly all charts; 0: as they are; -1: none */
     struct {
         uint64_t offset, count;
     } sections[KILN_SECTION_COUNT];
