@@ -7,6 +7,7 @@
 #include "coordinator/bake/process_memory.h"
 #include "coordinator/bake/transport.h"
 #include "coordinator/bake/volume.h"
+#include "coordinator/export/export.h"
 #include "worker/base/memory.h"
 #include "worker/scene/radiosity.h"
 
@@ -145,7 +146,8 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
     plan->volume_bytes = (uint64_t)((double)(plan->probes * sizeof(struct kiln_probe_result)) * PROBE_DISK);
     plan->scene_bytes = p->scene->mapped_bytes;
     plan->preview_bytes = job->preview ? (uint64_t)PREVIEW_DISK : 0;
-    plan->disk_bytes = plan->lightmap_bytes + plan->h5_bytes + plan->volume_bytes + plan->scene_bytes + plan->preview_bytes;
+    plan->export_bytes = job->export ? kiln_export_size(p->scene) : 0;
+    plan->disk_bytes = plan->lightmap_bytes + plan->h5_bytes + plan->volume_bytes + plan->scene_bytes + plan->preview_bytes + plan->export_bytes;
     plan->checkpoint_bytes = (uint64_t)(points * CHECKPOINT_POINT);
 }
 

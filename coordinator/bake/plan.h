@@ -47,7 +47,7 @@ struct kiln_plan {
     struct kiln_plan_memory memory;
     struct kiln_plan_seconds seconds;
     uint64_t triangles;
-    uint64_t lightmap_bytes, h5_bytes, volume_bytes, scene_bytes, preview_bytes; /* of the results, compressed (estimated) */
+    uint64_t lightmap_bytes, h5_bytes, volume_bytes, scene_bytes, preview_bytes, export_bytes; /* of the results, compressed (estimated) */
     uint64_t disk_bytes;       /* their sum */
     uint64_t checkpoint_bytes; /* of a generation; two are kept while the bake runs */
     uint64_t probes;

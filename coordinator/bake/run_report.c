@@ -173,6 +173,12 @@ static json_t *objects_json(const struct kiln_run *run)
                                    r->border, "border_disturbed", r->border_disturbed,
                                    "seam_before", r->seam_difference_before, "seam_after", r->seam_difference_after, "texels_per_metre",
                                    r->texels_per_metre, "mean", r->mean, "relative_error", r->error);
+        if (scene->objects[i].source_node != KILN_NONE) { /* of a glTF source */
+            json_object_set_new(object, "node", json_integer((json_int_t)scene->objects[i].source_node));
+            json_object_set_new(object, "mesh", json_integer((json_int_t)scene->objects[i].source_mesh));
+        }
+        if (scene->objects[i].source_instance != KILN_NONE)
+            json_object_set_new(object, "instance", json_integer((json_int_t)scene->objects[i].source_instance));
         add_back(run, i, name, object);
         json_array_append_new(array, object);
     }
@@ -323,6 +329,10 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     const double traced = tracing_seconds(phases);
     json_t *scene = scene_json(p);
     json_object_set_new(scene, "file", kiln_json_string(run->job->scene));
+    char *path = realpath(run->job->scene, NULL); /* where kiln export looks for it */
+    if (path != NULL)
+        json_object_set_new(scene, "path", kiln_json_string(path));
+    free(path);
     json_t *root = json_object();
     json_object_set_new(root, "status", json_string("done"));
     json_object_set_new(root, "kiln", json_string(KILN_VERSION));

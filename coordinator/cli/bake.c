@@ -15,6 +15,7 @@
 #include "coordinator/cli/agree.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
+#include "coordinator/export/export.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/publish.h"
 #include "coordinator/output/view.h"
@@ -61,6 +62,7 @@ struct bake {
     uint64_t probe_rays;
     json_t *preview; /* rank 0: how it was taken; NULL: none */
     char preview_text[KILN_VIEWPOINT_TEXT];
+    bool exported;  /* scene.glb is there */
     json_t *report; /* rank 0: what run.json says */
 };
 
@@ -100,8 +102,8 @@ static int make_lightmap_folder(struct bake *b, struct kiln_error *error)
 static int remove_stale(const struct bake *b, struct kiln_error *error)
 {
     struct kiln_pruned pruned;
-    const int status = kiln_manifest_prune(b->job->output, b->prepared->scene, b->prepared->surface, b->job->samples_probe != 0, b->job->preview,
-                                           &pruned, error);
+    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->job->export};
+    const int status = kiln_manifest_prune(b->job->output, b->prepared->scene, b->prepared->surface, &parts, &pruned, error);
     if (status == KILN_OK && pruned.removed > 0 && !b->job->quiet)
         (void)fprintf(stderr, "kiln: removed %zu file%s of the bake before, which this one does not write\n", pruned.removed, pruned.removed == 1 ? "" : "s");
     if (status == KILN_OK && pruned.kept > 0)
@@ -121,6 +123,10 @@ static int forget_old_report(struct bake *b, struct kiln_error *error)
             status = kiln_manifest_remove(b->job->output, error);
         if (status == KILN_OK)
             status = kiln_path_join(path, b->job->output, "run.json", error);
+        if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
+            status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
+        if (status == KILN_OK)
+            status = kiln_path_join(path, b->job->output, "scene.glb", error);
         if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
             status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
     }
@@ -364,6 +370,43 @@ static int draw_preview(struct bake *b, struct kiln_error *error)
     return agree_after_phase(b, status, error);
 }
 
+static int export_beside(const struct bake *b, struct kiln_error *error)
+{
+    const struct kiln_surface *s = b->prepared->surface;
+    uint8_t *backs = NULL;
+    int status = kiln_allocate(&backs, s->object_count, 1, "the export's links", error);
+    for (uint32_t i = s->object_count; status == KILN_OK && i < s->map_count; i++)
+        backs[i - s->object_count] = s->lightmaps[i].published != 0;
+    if (status == KILN_OK)
+        status = kiln_export_beside(b->job->output, b->job->scene, b->prepared->scene, backs,
+                                    kiln_units_of(b->job->units, b->prepared->scene)->irradiance_text, error);
+    kiln_free(&backs);
+    return status;
+}
+
+/* scene.glb. A source that has gone or changed meanwhile, or that glTF cannot hold in one file, spoils nothing of the bake: it is said, and
+ * kiln export can do it later. */
+static int write_scene(struct bake *b, struct kiln_error *error)
+{
+    int status = KILN_OK, told = 0;
+    if (!b->job->export)
+        return KILN_OK;
+    kiln_phase(&b->phases, "scene.glb");
+    kiln_progress_phase(b->progress, "scene.glb", 0);
+    if (b->rank == 0) {
+        struct kiln_error own = {""};
+        status = export_beside(b, &own);
+        told = status == KILN_BAD_INPUT || status == KILN_NO_INPUT || status == KILN_PERMISSION;
+        if (told != 0)
+            (void)fprintf(stderr, "kiln: warning: no scene.glb: %s\n", own.message);
+        else if (status != KILN_OK)
+            *error = own;
+    }
+    (void)MPI_Bcast(&told, 1, MPI_INT, 0, b->communicator);
+    b->exported = told == 0;
+    return agree_after_phase(b, told != 0 ? KILN_OK : status, error);
+}
+
 /* run.json says that everything it names is there. */
 static int write_report(struct bake *b, struct kiln_error *error)
 {
@@ -396,8 +439,8 @@ static int write_report(struct bake *b, struct kiln_error *error)
 static int write_manifest(struct bake *b, struct kiln_error *error)
 {
     kiln_progress_phase(b->progress, "manifest", 0);
-    const int status = kiln_manifest_write(b->communicator, b->job->output, b->prepared->scene, b->prepared->surface, b->job->samples_probe != 0,
-                                           b->job->preview, error);
+    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->exported};
+    const int status = kiln_manifest_write(b->communicator, b->job->output, b->prepared->scene, b->prepared->surface, &parts, error);
     kiln_progress_finish(b->progress);
     return status;
 }
@@ -450,6 +493,8 @@ static int run(struct bake *b, struct kiln_error *error)
     if (status == KILN_OK)
         status = write_results(b, provenance, error);
     free(provenance);
+    if (status == KILN_OK)
+        status = write_scene(b, error);
     if (status == KILN_OK)
         status = draw_preview(b, error);
     if (status == KILN_OK)

@@ -78,7 +78,7 @@ static void overview(FILE *stream)
                   KILN_VERSION);
     for (size_t i = 0; i < kiln_command_count; i++)
         (void)fprintf(stream, "  %-10s%s\n", kiln_commands[i].name, kiln_commands[i].summary);
-    (void)fprintf(stream, "\nkiln COMMAND --help shows a command's examples, options, units and defaults.\n");
+    (void)fprintf(stream, "kiln COMMAND --help shows a command's examples, options, units and defaults.\n");
 }
 
 void kiln_help(FILE *stream, const struct kiln_command *command)

@@ -48,8 +48,9 @@ static json_t *seconds_json(const struct kiln_plan *p)
 
 static json_t *disk_json(const struct kiln_plan *p)
 {
-    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "lightmaps", (json_int_t)p->lightmap_bytes, "kiln_h5", (json_int_t)p->h5_bytes, "volume",
-                     (json_int_t)p->volume_bytes, "scene", (json_int_t)p->scene_bytes, "preview", (json_int_t)p->preview_bytes, "total",
+    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "lightmaps", (json_int_t)p->lightmap_bytes, "kiln_h5", (json_int_t)p->h5_bytes, "volume",
+                     (json_int_t)p->volume_bytes, "scene", (json_int_t)p->scene_bytes, "preview", (json_int_t)p->preview_bytes, "export",
+                     (json_int_t)p->export_bytes, "total",
                      (json_int_t)p->disk_bytes, "checkpoint", (json_int_t)p->checkpoint_bytes);
 }
 
@@ -146,8 +147,8 @@ static void print_time(const struct kiln_plan *p)
     if (p->here.ranks > 1)
         print_balance(&p->here.light);
     (void)printf("  results    %10.2f s\n  in all     %10.2f s\n\n", s->write, s->total);
-    (void)printf("disk: %.1f MiB: lightmaps %.1f, kiln.h5 %.1f, volume.hdf %.1f, scene %.1f; while it runs two checkpoints of %.1f MiB\n",
-                 mebibytes(p->disk_bytes), mebibytes(p->lightmap_bytes), mebibytes(p->h5_bytes), mebibytes(p->volume_bytes), mebibytes(p->scene_bytes),
+    (void)printf("disk: %.1f MiB: lightmaps %.1f, kiln.h5 %.1f, volume.hdf %.1f, scene %.1f, scene.glb %.1f; while it runs two checkpoints of %.1f MiB\n",
+                 mebibytes(p->disk_bytes), mebibytes(p->lightmap_bytes), mebibytes(p->h5_bytes), mebibytes(p->volume_bytes), mebibytes(p->scene_bytes), mebibytes(p->export_bytes),
                  mebibytes(p->checkpoint_bytes));
 }
 

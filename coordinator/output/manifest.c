@@ -97,10 +97,11 @@ static int name_file(struct kiln_manifest *m, const char *folder, const char *na
 }
 
 /* The same on all ranks. */
-static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *scene, const struct kiln_surface *surface, bool volume, bool preview,
-                      struct kiln_error *error)
+static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *scene, const struct kiln_surface *surface,
+                      const struct kiln_manifest_parts *parts, struct kiln_error *error)
 {
-    const char *const others[] = {"run.json", "scene.kscene", "kiln.h5", volume ? "volume.hdf" : NULL, preview ? "preview.png" : NULL};
+    const char *const others[] = {"run.json", "scene.kscene", "kiln.h5", parts->volume ? "volume.hdf" : NULL,
+                                  parts->preview ? "preview.png" : NULL, parts->scene ? "scene.glb" : NULL};
     const size_t other_count = sizeof others / sizeof *others;
     int status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
     if (status == KILN_OK)
@@ -172,14 +173,14 @@ static int publish(const struct kiln_manifest *m, const char *directory, const u
 }
 
 int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene,
-                        const struct kiln_surface *surface, bool volume, bool preview, struct kiln_error *error)
+                        const struct kiln_surface *surface, const struct kiln_manifest_parts *parts, struct kiln_error *error)
 {
     struct kiln_manifest *m = NULL;
     uint64_t *values = NULL;
     int rank = 0, ranks = 1;
     (void)MPI_Comm_rank(communicator, &rank);
     (void)MPI_Comm_size(communicator, &ranks);
-    int status = name_files(&m, scene, surface, volume, preview, error);
+    int status = name_files(&m, scene, surface, parts, error);
     if (status == KILN_OK)
         status = kiln_allocate(&values, 3 * m->count, sizeof *values, "the results' hashes", error);
     if (status == KILN_OK)
@@ -259,13 +260,13 @@ static bool is_made_by_kiln(const char *directory, const char *name)
     return got > 0 && memmem(bytes, (size_t)got, KILN_MADE_BY, sizeof KILN_MADE_BY - 1) != NULL;
 }
 
-int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface, bool volume, bool preview,
-                        struct kiln_pruned *pruned, struct kiln_error *error)
+int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
+                        const struct kiln_manifest_parts *parts, struct kiln_pruned *pruned, struct kiln_error *error)
 {
     static const char *const pictures[] = {"report.html", "view.png"};
     struct kiln_manifest *before = NULL, *wanted = NULL;
     *pruned = (struct kiln_pruned){0};
-    int status = name_files(&wanted, scene, surface, volume, preview, error);
+    int status = name_files(&wanted, scene, surface, parts, error);
     if (status == KILN_OK && kiln_manifest_read(&before, directory, NULL) == KILN_OK) {
         qsort(wanted->files, wanted->count, sizeof *wanted->files, compare_paths);
         status = prune_files(before, wanted, directory, pruned, error);

@@ -25,11 +25,15 @@ struct kiln_manifest {
     size_t count;
 };
 
+/* Results that not every bake has. */
+struct kiln_manifest_parts {
+    bool volume, preview, scene; /* volume.hdf, preview.png, scene.glb */
+};
+
 /* Collective. Hashes the results of a bake of `scene` in `directory`, a share on each rank, and writes the manifest on rank 0.
  * KILN_IO when a result is not there. */
 int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene,
-                        const struct kiln_surface *surface, bool volume, bool preview,
-                        struct kiln_error *error);
+                        const struct kiln_surface *surface, const struct kiln_manifest_parts *parts, struct kiln_error *error);
 
 /* Rank 0, before results are replaced: without it the folder no longer claims to be complete. */
 int kiln_manifest_remove(const char *directory, struct kiln_error *error);
@@ -45,9 +49,8 @@ struct kiln_pruned {
  * kiln report and kiln view made under their default names (KILN_MADE_BY tells them from others). A file that is not as kiln wrote
  * it stays. Without a manifest, or with one that is damaged, only these pictures go. KILN_CANNOT_CREATE when a file cannot be
  * removed; killed halfway, it can be called again. */
-int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface, bool volume, bool preview,
-                        struct kiln_pruned *pruned, struct kiln_error *error);
-
+int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
+                        const struct kiln_manifest_parts *parts, struct kiln_pruned *pruned, struct kiln_error *error);
 
 /* KILN_NO_INPUT without one, KILN_BAD_INPUT when it is damaged. Destroy with kiln_manifest_destroy. Not collective. */
 int kiln_manifest_read(struct kiln_manifest **manifest, const char *directory, struct kiln_error *error);
