@@ -118,7 +118,7 @@ class Reference:
         return fit, around.min(0), around.max(0), texel
 
 
-def places(scene, reference, count, seed, size):
+def places(scene, reference, count, seed):
     """`count` random places on the scene's surfaces, by area, where the reference has an answer: a list of dicts, and how many
     were asked for in vain (buried, or on objects without a texel near)."""
     rng, found, vain = np.random.default_rng(seed), [], 0
