@@ -150,11 +150,18 @@ static json_t *objects_json(const struct kiln_run *run)
         const struct kiln_lightmap_report *r = &run->lightmaps[i];
         char path[512];
         (void)snprintf(path, sizeof path, "lightmaps/%s.exr", name);
-        json_array_append_new(array, json_pack("{s:s, s:s, s:s, s:i, s:i, s:I, s:I, s:I, s:f, s:f}", "name",
+        json_t *object = json_pack("{s:s, s:s, s:s, s:i, s:i, s:I, s:I, s:I, s:f, s:f}", "name",
                                                kiln_scene_string(scene, scene->objects[i].original_name), "file_name", name, "lightmap", path,
                                                "width", (int)scene->objects[i].lightmap_width, "height", (int)scene->objects[i].lightmap_height,
                                                "valid", (json_int_t)r->valid, "filled", (json_int_t)r->filled, "dilated", (json_int_t)r->dilated,
-                                               "seam_before", r->seam_difference_before, "seam_after", r->seam_difference_after));
+                                               "seam_before", r->seam_difference_before, "seam_after", r->seam_difference_after);
+        if (scene->objects[i].source_node != KILN_NONE) { /* of a glTF source */
+            json_object_set_new(object, "node", json_integer((json_int_t)scene->objects[i].source_node));
+            json_object_set_new(object, "mesh", json_integer((json_int_t)scene->objects[i].source_mesh));
+        }
+        if (scene->objects[i].source_instance != KILN_NONE)
+            json_object_set_new(object, "instance", json_integer((json_int_t)scene->objects[i].source_instance));
+        json_array_append_new(array, object);
     }
     return array;
 }
@@ -277,6 +284,10 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     const double traced = tracing_seconds(phases);
     json_t *scene = scene_json(p);
     json_object_set_new(scene, "file", kiln_json_string(run->job->scene));
+    char *path = realpath(run->job->scene, NULL); /* where kiln export looks for it */
+    if (path != NULL)
+        json_object_set_new(scene, "path", kiln_json_string(path));
+    free(path);
     json_t *root = json_object();
     json_object_set_new(root, "status", json_string("done"));
     json_object_set_new(root, "kiln", json_string(KILN_VERSION));

@@ -15,6 +15,7 @@
 #include "coordinator/cli/agree.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
+#include "coordinator/export/export.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/publish.h"
 #include "coordinator/output/view.h"
@@ -59,6 +60,7 @@ struct bake {
     struct kiln_volume_result volume;
     struct kiln_lightmap_report *lightmaps;
     uint64_t probe_rays;
+    bool exported;  /* scene.glb is there */
     json_t *report; /* rank 0: what run.json says */
 };
 
@@ -103,6 +105,10 @@ static int forget_old_report(struct bake *b, struct kiln_error *error)
         status = kiln_manifest_remove(b->job->output, error);
         if (status == KILN_OK)
             status = kiln_path_join(path, b->job->output, "run.json", error);
+        if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
+            status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
+        if (status == KILN_OK)
+            status = kiln_path_join(path, b->job->output, "scene.glb", error);
         if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
             status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
     }
@@ -314,6 +320,29 @@ static int draw_preview(struct bake *b, struct kiln_error *error)
     return agree_after_phase(b, status, error);
 }
 
+/* scene.glb. A source that has gone or changed meanwhile, or that glTF cannot hold in one file, spoils nothing of the bake: it is said, and
+ * kiln export can do it later. */
+static int write_scene(struct bake *b, struct kiln_error *error)
+{
+    int status = KILN_OK, told = 0;
+    if (!b->job->export)
+        return KILN_OK;
+    kiln_phase(&b->phases, "scene.glb");
+    kiln_progress_phase(b->progress, "scene.glb", 0);
+    if (b->rank == 0) {
+        struct kiln_error own = {""};
+        status = kiln_export_beside(b->job->output, b->job->scene, b->prepared->scene, &own);
+        told = status == KILN_BAD_INPUT || status == KILN_NO_INPUT || status == KILN_PERMISSION;
+        if (told != 0)
+            (void)fprintf(stderr, "kiln: warning: no scene.glb: %s\n", own.message);
+        else if (status != KILN_OK)
+            *error = own;
+    }
+    (void)MPI_Bcast(&told, 1, MPI_INT, 0, b->communicator);
+    b->exported = told == 0;
+    return agree_after_phase(b, told != 0 ? KILN_OK : status, error);
+}
+
 /* run.json says that everything it names is there. */
 static int write_report(struct bake *b, struct kiln_error *error)
 {
@@ -344,7 +373,8 @@ static int write_report(struct bake *b, struct kiln_error *error)
 static int write_manifest(struct bake *b, struct kiln_error *error)
 {
     kiln_progress_phase(b->progress, "manifest", 0);
-    const int status = kiln_manifest_write(b->communicator, b->job->output, b->prepared->scene, b->job->samples_probe != 0, b->job->preview, error);
+    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->exported};
+    const int status = kiln_manifest_write(b->communicator, b->job->output, b->prepared->scene, &parts, error);
     kiln_progress_finish(b->progress);
     return status;
 }
@@ -395,6 +425,8 @@ static int run(struct bake *b, struct kiln_error *error)
     if (status == KILN_OK)
         status = write_results(b, provenance, error);
     free(provenance);
+    if (status == KILN_OK)
+        status = write_scene(b, error);
     if (status == KILN_OK)
         status = draw_preview(b, error);
     if (status == KILN_OK)

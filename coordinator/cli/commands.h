@@ -20,11 +20,14 @@ int kiln_command_report(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_bench(struct kiln_job *job, struct kiln_error *error); /* (MPI) */
 int kiln_command_submit(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_verify(struct kiln_job *job, struct kiln_error *error);
+int kiln_command_export(struct kiln_job *job, struct kiln_error *error);
 
 int kiln_command_status(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_stop(struct kiln_job *job, struct kiln_error *error);
 
 /* Not a command for users: the confined child that reads a scene (coordinator/import/child.c). argv as it was spawned. */
 int kiln_import_child(int argc, char **argv);
+/* The same for the one that writes a scene with its lightmaps (coordinator/export/child.c). */
+int kiln_export_child(int argc, char **argv);
 
 #endif

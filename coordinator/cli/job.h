@@ -77,6 +77,7 @@ struct kiln_job {
     bool stitch;    /* smooth seams between charts; default true */
     bool error_map; /* standard error of each texel as a layer */
     bool preview;   /* write preview.png; default true */
+    bool export;    /* write scene.glb; default true */
 
     /* checkpoints and limits, seconds; 0: none */
     bool resume; /* go on from a checkpoint that is there; default true */
@@ -117,6 +118,13 @@ struct kiln_job {
     uint32_t tries;                       /* in one allocation, when nodes are lost */
     char *array, *setup;
     bool dry_run;
+
+    /* export */
+    char *source;           /* the scene that was baked; NULL: where run.json says */
+    int format;             /* enum kiln_page_format */
+    double range;           /* of rgbm; 0: each page's largest value */
+    uint32_t atlas;         /* largest side of a page; 0: one page an object */
+    bool drop_baked_lights; /* leave the lights out that are in the lightmaps */
 
     bool answered; /* by the command: its JSON object is on stdout, though it fails */
     void *strings; /* private: what the job owns */

@@ -110,6 +110,8 @@ static int run(const struct kiln_command *command, struct kiln_job *job, struct 
         return kiln_command_stop(job, error);
     case KILN_FOR_VERIFY:
         return kiln_command_verify(job, error);
+    case KILN_FOR_EXPORT:
+        return kiln_command_export(job, error);
     case KILN_FOR_ALL:
         break;
     }
@@ -225,6 +227,8 @@ int kiln_main(int argc, char **argv)
 {
     if (argc > 1 && strcmp(argv[1], "import-child") == 0)
         return kiln_import_child(argc, argv);
+    if (argc > 1 && strcmp(argv[1], "export-child") == 0)
+        return kiln_export_child(argc, argv);
     struct kiln_error error = {{0}};
     int status = KILN_OK;
     bool json = has_argument(argc, argv, "--json");

@@ -11,6 +11,7 @@ static const char *const methods[] = {"cells", NULL};
 static const char *const schedules[] = {"lean", "equal", NULL}; /* in the order of enum kiln_schedule */
 static const char *const exchanges[] = {"auto", "compact", "full", NULL}; /* in the order of enum kiln_exchange_form */
 static const char *const rebalances[] = {"auto", "never", "always", NULL}; /* in the order of enum kiln_rebalance */
+static const char *const formats[] = {"exr", "exr-half", "rgbm", "rgbe", "ktx2", NULL}; /* in the order of enum kiln_page_format */
 static const char *const partitions[] = {"cells", "objects", NULL};
 static const char *const qualities[] = {"draft", "preview", "production", "reference", NULL};
 static const char *const instruction_sets[] = {"sse2", "sse4.2", "avx", "avx2", "avx512", NULL};
@@ -26,8 +27,10 @@ const struct kiln_option kiln_options[] = {
     {.name = "output", .group = "Files", .kind = KILN_OPTION_PATH, .value = "PATH",
      .help = "where the result goes, also -o; a folder of bake (SCENE-bake), plan, bench, submit; else a file",
      .commands = KILN_FOR_BAKE | KILN_FOR_VIEW | KILN_FOR_COMPARE | KILN_FOR_GENERATE | KILN_FOR_REPORT | KILN_FOR_BENCH |
-                 KILN_FOR_SUBMIT | KILN_FOR_PLAN,
+                 KILN_FOR_SUBMIT | KILN_FOR_PLAN | KILN_FOR_EXPORT,
      .offset = AT(output)},
+    {.name = "scene", .group = "Files", .kind = KILN_OPTION_PATH, .value = "SCENE", .shown = "where it was baked from",
+     .help = "the scene file that was baked, should it have moved", .commands = KILN_FOR_EXPORT, .offset = AT(source)},
     {.name = "environment", .group = "Light", .kind = KILN_OPTION_ENVIRONMENT, .value = "none|R,G,B|IMAGE",
      .shown = "the scene's own", .help = "light from outside: constant radiance, or a lat-long .hdr or .exr",
      .commands = READS_SCENE, .offset = AT(environment)},
@@ -103,6 +106,19 @@ const struct kiln_option kiln_options[] = {
      .help = "keep each texel's standard error as a layer", .commands = KILN_FOR_BAKE, .offset = AT(error_map)},
     {.name = "preview", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "true", .help = "write preview.png",
      .commands = KILN_FOR_BAKE, .offset = AT(preview)},
+    {.name = "export", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "true",
+     .help = "write scene.glb: the scene with the lightmaps' coordinates and links", .commands = KILN_FOR_BAKE, .offset = AT(export)},
+    {.name = "format", .group = "Lightmaps", .kind = KILN_OPTION_CHOICE_ENUM, .fallback = "exr", .choices = formats,
+     .help = "of the pages: OpenEXR, PNG with a common multiplier or exponent, KTX2 of half floats (no BC6H)", .commands = KILN_FOR_EXPORT,
+     .offset = AT(format)},
+    {.name = "range", .group = "Lightmaps", .kind = KILN_OPTION_DOUBLE, .value = "E", .fallback = "auto", .word = "auto", .minimum = 1e-30,
+     .maximum = 1e30, .help = "irradiance that rgbm's 1 x 1 stands for, more is an error; auto: each page's largest", .commands = KILN_FOR_EXPORT,
+     .offset = AT(range)},
+    {.name = "atlas", .group = "Lightmaps", .kind = KILN_OPTION_UINT32, .value = "TEXELS", .fallback = "off", .word = "off", .minimum = 16,
+     .maximum = 32768, .help = "many objects on a page of at most N x N, texels as they are", .commands = KILN_FOR_EXPORT, .offset = AT(atlas)},
+    {.name = "drop-baked-lights", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "false",
+     .help = "leave punctual lights out, whose light is in the lightmaps; else they are marked", .commands = KILN_FOR_EXPORT,
+     .offset = AT(drop_baked_lights)},
 
     {.name = "cell-size", .group = "Cells and probes", .kind = KILN_OPTION_DOUBLE, .value = "METRES", .fallback = "auto", .word = "auto",
      .minimum = 1e-12, .maximum = 1e12, .help = "side of a radiance cell", .commands = TRACES, .offset = AT(cell_size)},
@@ -273,6 +289,9 @@ const struct kiln_command kiln_commands[] = {
      .summary = "where a bake is, from any node", .examples = {"kiln status out", "kiln status out --json"}},
     {.name = "stop", .bit = KILN_FOR_STOP, .arguments = "DIR", .minimum = 1, .maximum = 1, .folder = true,
      .summary = "end a running bake politely: it saves first", .examples = {"kiln stop out"}},
+    {.name = "export", .bit = KILN_FOR_EXPORT, .arguments = "DIR", .minimum = 1, .maximum = 1, .folder = true,
+     .summary = "the scene with its lightmaps, as engines take it",
+     .examples = {"kiln export out -o level/scene.glb", "kiln export out -o level/scene.glb --drop-baked-lights"}},
     {.name = "verify", .bit = KILN_FOR_VERIFY, .arguments = "DIR", .minimum = 1, .maximum = 1, .folder = true,
      .summary = "whether every result is as it was written", .examples = {"kiln verify out", "kiln verify out --json"}},
 };

@@ -40,7 +40,8 @@ enum kiln_command_bit {
     KILN_FOR_STATUS = 2048,
     KILN_FOR_STOP = 4096,
     KILN_FOR_VERIFY = 8192,
-    KILN_FOR_ALL = 16383
+    KILN_FOR_EXPORT = 16384,
+    KILN_FOR_ALL = 32767
 };
 
 struct kiln_option {

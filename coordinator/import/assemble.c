@@ -172,7 +172,8 @@ static unsigned settle_normals(struct triangle *t, bool given, struct kiln_assem
     return zero;
 }
 
-static int store_triangle(struct kiln_builder *builder, struct kiln_mesh *mesh, const struct kiln_primitive *primitive,
+/* `k`: which of the primitive's triangles it is. */
+static int store_triangle(struct kiln_builder *builder, struct kiln_mesh *mesh, const struct kiln_primitive *primitive, size_t k,
                           const struct triangle *t, struct vertex_table *table, struct kiln_error *error)
 {
     uint32_t corner[3];
@@ -199,6 +200,9 @@ static int store_triangle(struct kiln_builder *builder, struct kiln_mesh *mesh, 
     int status = kiln_builder_append(builder, KILN_SECTION_TRIANGLES, corner, 1, NULL, error);
     if (status == KILN_OK)
         status = kiln_builder_append(builder, KILN_SECTION_TRIANGLE_MATERIALS, &primitive->material, 1, NULL, error);
+    const struct kiln_triangle_source source = {primitive->index, (uint32_t)k};
+    if (status == KILN_OK)
+        status = kiln_builder_append(builder, KILN_SECTION_TRIANGLE_SOURCES, &source, 1, NULL, error);
     mesh->triangle_count++;
     return status;
 }
@@ -223,7 +227,7 @@ int kiln_mesh_add(struct kiln_builder *builder, uint32_t index, const struct kil
         const unsigned zero = settle_normals(&t, primitive->has_normals, counts, &mesh.flags);
         zero_normals += zero;
         counts->replaced_normals += zero;
-        status = store_triangle(builder, &mesh, primitive, &t, &table, error);
+        status = store_triangle(builder, &mesh, primitive, k, &t, &table, error);
     }
     kiln_free(&table.slots);
     if (status == KILN_OK && kept > 0 && zero_normals == 3 * kept)
@@ -256,7 +260,7 @@ static double determinant(const double m[12])
 }
 
 int kiln_object_add(struct kiln_builder *builder, uint32_t mesh_index, const double transform[12], const char *name,
-                    const char *original, const char *where, bool *skipped, struct kiln_error *error)
+                    const char *original, const struct kiln_object_source *source, const char *where, bool *skipped, struct kiln_error *error)
 {
     const struct kiln_mesh *mesh = &KILN_BUILDER_DATA(builder, const struct kiln_mesh, KILN_SECTION_MESHES)[mesh_index];
     *skipped = false;
@@ -274,7 +278,12 @@ int kiln_object_add(struct kiln_builder *builder, uint32_t mesh_index, const dou
         *skipped = true;
         return KILN_OK;
     }
-    struct kiln_object object = {.mesh = mesh_index, .flipped = det < 0.0, .source_node = KILN_NONE, .source_mesh = KILN_NONE};
+    struct kiln_object object = {.mesh = mesh_index, .flipped = det < 0.0, .source_node = KILN_NONE, .source_mesh = KILN_NONE, .source_instance = KILN_NONE};
+    if (source != NULL) {
+        object.source_node = source->node;
+        object.source_mesh = source->mesh;
+        object.source_instance = source->instance;
+    }
     memcpy(object.transform, transform, sizeof object.transform);
     int status = kiln_builder_string(builder, name, strlen(name), &object.name, error);
     if (status == KILN_OK)

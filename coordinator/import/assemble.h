@@ -29,6 +29,7 @@ struct kiln_primitive {
     size_t triangle_count;
     bool has_normals;
     uint32_t material;
+    uint32_t index; /* which of its mesh's primitives in the file: kept with each triangle, see struct kiln_triangle_source */
     /* Corners of triangle k as the file has them. */
     void (*corners)(void *context, size_t triangle, uint32_t corner[3]);
     void (*geometry)(void *context, uint32_t vertex, struct kiln_vec3 *position, struct kiln_vec3 *normal);
@@ -46,8 +47,11 @@ int kiln_mesh_add(struct kiln_builder *builder, uint32_t mesh, const struct kiln
                   struct kiln_assembly_counts *counts, struct kiln_error *error);
 
 /* Appends an object unless it has no area in the world (which *skipped tells). `transform` is checked to be finite; name
- * and original are as in struct kiln_object. */
+ * and original are as in struct kiln_object. `source` (NULL: not known) says where it stands in its file. */
+struct kiln_object_source {
+    uint32_t node, mesh, instance; /* as in struct kiln_object */
+};
 int kiln_object_add(struct kiln_builder *builder, uint32_t mesh, const double transform[12], const char *name, const char *original,
-                    const char *where, bool *skipped, struct kiln_error *error);
+                    const struct kiln_object_source *source, const char *where, bool *skipped, struct kiln_error *error);
 
 #endif

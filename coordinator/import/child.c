@@ -84,7 +84,7 @@ static void set_limits(const struct kiln_import_params *params)
     limit(RLIMIT_CPU, params->time_limit != 0 ? params->time_limit : default_seconds(0));
 }
 
-static void (*follower(const struct kiln_import_params *params))(const struct kiln_confine *)
+void (*kiln_child_follower(const struct kiln_import_params *params))(const struct kiln_confine *)
 {
     if (params->memory_limit == 0)
         return params->time_limit == 0 ? follow_both : follow_memory;
@@ -146,6 +146,14 @@ static void fence_files(const struct kiln_import_params *params)
     (void)close(rules);
 }
 
+void kiln_child_confine(const struct kiln_import_params *params)
+{
+    /* Whoever waited for the answer is gone: so is the reason to work. */
+    (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
+    set_limits(params);
+    fence_files(params);
+}
+
 /* ---- the work ---- */
 
 static int read_layout_write(const struct child *child, struct kiln_error *error)
@@ -156,7 +164,7 @@ static int read_layout_write(const struct child *child, struct kiln_error *error
     struct kiln_builder *builder = NULL;
     int status = kiln_builder_create(&builder, error);
     if (status == KILN_OK)
-        status = kiln_import_read(params, follower(params), builder, error);
+        status = kiln_import_read(params, kiln_child_follower(params), builder, error);
     if (status == KILN_OK) {
         limit_layout_time(params, builder);
         status = kiln_layout(builder, &layout, error);
@@ -195,7 +203,7 @@ static bool parse_arguments(int argc, char **argv, struct child *child)
     return true;
 }
 
-static void answer(int status, const char *sentence)
+void kiln_child_answer(int status, const char *sentence)
 {
     char text[sizeof(struct kiln_error) + 16];
     const int length = snprintf(text, sizeof text, "%d\n%s", status, sentence);
@@ -215,11 +223,8 @@ int kiln_import_child(int argc, char **argv)
         (void)fprintf(stderr, "import-child is a part of kiln that it starts itself\n");
         return KILN_USAGE;
     }
-    /* Whoever waited for the answer is gone: so is the reason to work. */
-    (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
-    set_limits(&child.params);
-    fence_files(&child.params);
+    kiln_child_confine(&child.params);
     const int status = read_layout_write(&child, &error);
-    answer(status, error.message);
+    kiln_child_answer(status, error.message);
     return status;
 }

@@ -1,10 +1,22 @@
-/* How the parent and the confined child talk: argv one way, one text the other. Private to import.c and child.c.
+/* How the parent and the confined child talk: argv one way, one text the other (confined.h); and what a child does to itself first.
  *
- * argv: PROGRAM import-child PATH OUTPUT TEXELS_PER_METRE SIZE MAX ENVIRONMENT SCALE ROTATION MEMORY SECONDS PROGRAM_HASH
- * Standard output, at the end: the exit status in decimal, a line feed, and the sentence (empty on success). */
+ * argv: PROGRAM import-child PATH OUTPUT TEXELS_PER_METRE SIZE MAX ENVIRONMENT SCALE ROTATION MEMORY SECONDS PROGRAM_HASH */
 #ifndef KILN_COORDINATOR_IMPORT_CHILD_H
 #define KILN_COORDINATOR_IMPORT_CHILD_H
 
+#include "coordinator/import/confine.h"
+#include "coordinator/import/import.h"
+
 enum { KILN_CHILD_ARGUMENTS = 13 };
+
+/* Dies with the parent; limits on memory, CPU time, open files and file size; a fence around files: the folder of params->path may be
+ * read, that of params->output read and written, and params->environment read. */
+void kiln_child_confine(const struct kiln_import_params *params);
+
+/* For struct kiln_confine's `mapped`: lets the limits that were not set by the user follow the bytes of the scene's files. */
+void (*kiln_child_follower(const struct kiln_import_params *params))(const struct kiln_confine *);
+
+/* The child's last word on standard output: status and sentence. */
+void kiln_child_answer(int status, const char *sentence);
 
 #endif

@@ -68,6 +68,13 @@ static void check_asset(struct gltf *g)
         gltf_fail(g, place, "asset.minVersion", "is '%.20s'; kiln reads glTF 2.0", least);
 }
 
+void gltf_check(struct gltf *g)
+{
+    check_asset(g);
+    if (g->status == KILN_OK)
+        check_extensions(g);
+}
+
 /* One note a kind, with numbers: a scene with a million oddities gets no million notes. */
 static void write_notes(struct gltf *g)
 {
@@ -93,7 +100,7 @@ static void write_notes(struct gltf *g)
             gltf_take(g, kiln_builder_note(g->builder, notes[i].severity, g->error, "%llu %s", (unsigned long long)notes[i].count, notes[i].text));
 }
 
-static void close_document(struct gltf *g)
+void gltf_close(struct gltf *g)
 {
     for (size_t i = 0; g->buffers != NULL && i < g->buffer_count; i++) {
         kiln_file_unmap(&g->buffers[i].file);
@@ -113,13 +120,13 @@ static void close_document(struct gltf *g)
 
 int kiln_gltf_read(struct kiln_confine *confine, struct kiln_builder *builder, struct kiln_error *error)
 {
-    static void (*const steps[])(struct gltf *) = {gltf_open, check_asset, check_extensions, gltf_read_buffers, gltf_read_accessors,
+    static void (*const steps[])(struct gltf *) = {gltf_open, gltf_check, gltf_read_buffers, gltf_read_accessors,
                                                    gltf_read_materials, gltf_read_scene, write_notes};
     struct gltf g = {.confine = confine, .builder = builder, .error = error};
     for (size_t i = 0; i < sizeof steps / sizeof steps[0] && g.status == KILN_OK; i++)
         steps[i](&g);
     if (g.status == KILN_OK && builder->sections[KILN_SECTION_MATERIALS].count == 0)
         (void)gltf_default_material(&g); /* a scene file has one at least */
-    close_document(&g);
+    gltf_close(&g);
     return g.status;
 }

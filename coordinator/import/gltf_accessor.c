@@ -6,7 +6,7 @@
 
 enum { BYTE = 5120, UNSIGNED_BYTE = 5121, SHORT = 5122, UNSIGNED_SHORT = 5123, UNSIGNED_INT = 5125, FLOAT = 5126 };
 
-static size_t component_size(unsigned component)
+size_t gltf_component_size(unsigned component)
 {
     switch (component) {
     case BYTE:
@@ -38,7 +38,7 @@ static unsigned component_count(const char *type)
 /* Columns of matrices begin at multiples of four bytes. */
 static size_t element_size(const char *type, unsigned component, unsigned components)
 {
-    const size_t size = component_size(component);
+    const size_t size = gltf_component_size(component);
     if (strncmp(type, "MAT", 3) != 0)
         return size * components;
     const size_t side = components == 4 ? 2 : components == 9 ? 3 : 4;
@@ -67,7 +67,7 @@ static const unsigned char *checked_range(struct gltf *g, struct gltf_place plac
 
 static void check_sparse_order(struct gltf *g, struct gltf_place place, const struct gltf_accessor *accessor)
 {
-    const struct gltf_accessor indices = {.data = accessor->sparse_indices, .stride = component_size(accessor->sparse_component),
+    const struct gltf_accessor indices = {.data = accessor->sparse_indices, .stride = gltf_component_size(accessor->sparse_component),
                                           .count = accessor->sparse_count, .component = accessor->sparse_component, .components = 1};
     uint64_t next = 0;
     for (size_t i = 0; i < accessor->sparse_count; i++) {
@@ -104,7 +104,7 @@ static void read_sparse(struct gltf *g, struct gltf_place place, const json_t *s
                   (unsigned long long)g->sparse_elements);
         return;
     }
-    const size_t index_size = component_size(accessor->sparse_component);
+    const size_t index_size = gltf_component_size(accessor->sparse_component);
     accessor->sparse_indices = checked_range(g, place, index_view, index_offset, count, index_size, index_size);
     accessor->sparse_values = checked_range(g, place, value_view, value_offset, count, size, size);
     accessor->sparse_count = count;
@@ -120,7 +120,7 @@ static void read_accessor(struct gltf *g, size_t index)
     const char *type = gltf_string(g, place, json, "type");
     accessor->component = (unsigned)gltf_needed(g, place, json, "componentType", 0, 65535);
     accessor->components = component_count(type);
-    if (g->status == KILN_OK && component_size(accessor->component) == 0)
+    if (g->status == KILN_OK && gltf_component_size(accessor->component) == 0)
         gltf_fail(g, place, "componentType", "is %u, not one of 5120 to 5123, 5125, 5126", accessor->component);
     if (g->status == KILN_OK && accessor->components == 0)
         gltf_fail(g, place, "type", "is '%.20s', which glTF does not know", type == NULL ? "" : type);
@@ -193,10 +193,10 @@ static float component_value(const unsigned char *at, unsigned component, bool n
 }
 
 /* Where element `index` stands: among the sparse values when it is one of them (found by bisection), else in the view. */
-static const unsigned char *element(const struct gltf_accessor *accessor, size_t index)
+const unsigned char *gltf_accessor_element(const struct gltf_accessor *accessor, size_t index)
 {
     if (accessor->sparse_count > 0) {
-        const struct gltf_accessor indices = {.data = accessor->sparse_indices, .stride = component_size(accessor->sparse_component),
+        const struct gltf_accessor indices = {.data = accessor->sparse_indices, .stride = gltf_component_size(accessor->sparse_component),
                                               .count = accessor->sparse_count, .component = accessor->sparse_component, .components = 1};
         size_t low = 0, high = accessor->sparse_count;
         while (low < high) {
@@ -207,23 +207,23 @@ static const unsigned char *element(const struct gltf_accessor *accessor, size_t
                 high = middle;
         }
         if (low < accessor->sparse_count && gltf_accessor_index(&indices, low) == index)
-            return accessor->sparse_values + low * component_size(accessor->component) * accessor->components;
+            return accessor->sparse_values + low * gltf_component_size(accessor->component) * accessor->components;
     }
     return accessor->data == NULL ? NULL : accessor->data + index * accessor->stride;
 }
 
 void gltf_accessor_float(const struct gltf_accessor *accessor, size_t index, float *values)
 {
-    const unsigned char *at = element(accessor, index);
+    const unsigned char *at = gltf_accessor_element(accessor, index);
     const unsigned count = accessor->components < 4 ? accessor->components : 4;
-    const size_t size = component_size(accessor->component);
+    const size_t size = gltf_component_size(accessor->component);
     for (unsigned c = 0; c < count; c++)
         values[c] = at == NULL ? 0.0f : component_value(at + c * size, accessor->component, accessor->normalized);
 }
 
 uint32_t gltf_accessor_index(const struct gltf_accessor *accessor, size_t index)
 {
-    const unsigned char *at = element(accessor, index);
+    const unsigned char *at = gltf_accessor_element(accessor, index);
     if (at == NULL)
         return 0;
     switch (accessor->component) {
@@ -240,4 +240,18 @@ uint32_t gltf_accessor_index(const struct gltf_accessor *accessor, size_t index)
         return value;
     }
     }
+}
+
+double gltf_accessor_raw(const struct gltf_accessor *accessor, size_t index, unsigned c)
+{
+    const unsigned char *at = gltf_accessor_element(accessor, index);
+    if (at == NULL)
+        return 0.0;
+    at += c * gltf_component_size(accessor->component);
+    if (accessor->component == UNSIGNED_INT) {
+        uint32_t value;
+        memcpy(&value, at, sizeof value);
+        return (double)value;
+    }
+    return (double)component_value(at, accessor->component, false);
 }

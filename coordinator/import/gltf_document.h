@@ -1,4 +1,4 @@
-/* Private to coordinator/import/gltf*.c: the parsed document, typed access to its JSON, and its accessors.
+/* Private to coordinator/import/gltf*.c and coordinator/export, which writes the document again: the parsed document, typed access to its JSON, and its accessors.
  *
  * Failure is sticky: the first fault of any getter is written to `error` and kept in `status`; later calls return harmless
  * defaults and keep the first sentence. Callers look at `status` before they act on what they read. */
@@ -131,13 +131,27 @@ void gltf_read_accessors(struct gltf *g);
  * accessor says so, else taken as they are. */
 void gltf_accessor_float(const struct gltf_accessor *accessor, size_t index, float *values);
 uint32_t gltf_accessor_index(const struct gltf_accessor *accessor, size_t index);
+/* The bytes of element `index` (not of a matrix): its components one after the other; NULL: zeros. */
+const unsigned char *gltf_accessor_element(const struct gltf_accessor *accessor, size_t index);
+size_t gltf_component_size(unsigned component);
+/* Component `c` of element `index` as it is stored, not normalised. */
+double gltf_accessor_raw(const struct gltf_accessor *accessor, size_t index, unsigned c);
 
 /* gltf_material.c */
 void gltf_read_materials(struct gltf *g);
 uint32_t gltf_default_material(struct gltf *g);
 
-/* gltf_mesh.c: appends the mesh on first use; KILN_NONE when it has no triangle. */
+/* gltf_mesh.c: corners of triangle k of a primitive (mode 4, 5 or 6; `indices` may be NULL), in the order that the front's
+ * counter-clockwise sense gives them. */
+void gltf_triangle(unsigned mode, const struct gltf_accessor *indices, size_t k, uint32_t corner[3]);
+
+/* Appends the mesh on first use; KILN_NONE when it has no triangle. */
 uint32_t gltf_mesh(struct gltf *g, uint32_t index);
+
+/* gltf.c: asset.version and extensionsRequired are what kiln reads. */
+void gltf_check(struct gltf *g);
+/* What is borrowed from the files is given back. */
+void gltf_close(struct gltf *g);
 
 /* gltf_node.c: node tree, objects, lights, cameras, environment. */
 void gltf_read_scene(struct gltf *g);

@@ -37,21 +37,21 @@ static const struct gltf_accessor *texcoord(struct gltf *g, struct gltf_place pl
     return attribute(g, place, attributes, name, 2, 2, count);
 }
 
-static uint32_t source_index(const struct primitive *p, size_t k)
+void gltf_triangle(unsigned mode, const struct gltf_accessor *indices, size_t k, uint32_t corner[3])
 {
-    return p->indices == NULL ? (uint32_t)k : gltf_accessor_index(p->indices, k);
+    size_t at[3] = {3 * k, 3 * k + 1, 3 * k + 2};
+    if (mode == STRIP) /* every other triangle of a strip turns the other way */
+        at[0] = k, at[1] = k + 1 + k % 2, at[2] = k + 2 - k % 2;
+    else if (mode == FAN) /* the specification's order: (k + 1, k + 2, 0) */
+        at[0] = k + 1, at[1] = k + 2, at[2] = 0;
+    for (int c = 0; c < 3; c++)
+        corner[c] = indices == NULL ? (uint32_t)at[c] : gltf_accessor_index(indices, at[c]);
 }
 
 static void read_corners(void *context, size_t k, uint32_t corner[3])
 {
     const struct primitive *p = context;
-    size_t at[3] = {3 * k, 3 * k + 1, 3 * k + 2};
-    if (p->mode == STRIP) /* every other triangle of a strip turns the other way */
-        at[0] = k, at[1] = k + 1 + k % 2, at[2] = k + 2 - k % 2;
-    else if (p->mode == FAN) /* the specification's order: (k + 1, k + 2, 0) */
-        at[0] = k + 1, at[1] = k + 2, at[2] = 0;
-    for (int c = 0; c < 3; c++)
-        corner[c] = source_index(p, at[c]);
+    gltf_triangle(p->mode, p->indices, k, corner);
 }
 
 static void read_geometry(void *context, uint32_t vertex, struct kiln_vec3 *position, struct kiln_vec3 *normal)
@@ -143,7 +143,7 @@ static size_t triangle_count(const struct primitive *p)
 }
 
 /* Appends one primitive; tells whether it had a lightmap coordinate for its triangles. */
-static void add_primitive(struct gltf *g, struct gltf_place place, const json_t *json, uint32_t mesh, bool *lacks_lightmap_uv)
+static void add_primitive(struct gltf *g, struct gltf_place place, const json_t *json, uint32_t mesh, uint32_t index, bool *lacks_lightmap_uv)
 {
     struct primitive p = {0};
     uint32_t material = KILN_NONE;
@@ -160,7 +160,7 @@ static void add_primitive(struct gltf *g, struct gltf_place place, const json_t 
         return;
     }
     g->triangles += triangles;
-    if (g->triangles > 65536 + g->confine->total_bytes) {
+    if (g->triangles > 65536 + g->confine->total_bytes || triangles > UINT32_MAX) {
         gltf_fail(g, place, "", "brings the scene to %llu triangles, more than its bytes can hold", (unsigned long long)g->triangles);
         return;
     }
@@ -171,7 +171,7 @@ static void add_primitive(struct gltf *g, struct gltf_place place, const json_t 
     char where[640];
     (void)snprintf(where, sizeof where, "%.512s: %s[%zu]%s", g->confine->scene, place.array, place.index, place.below);
     const struct kiln_primitive primitive = {.where = where, .context = &p, .vertex_count = p.position->count,
-                                             .triangle_count = triangles, .has_normals = p.normal != NULL, .material = material,
+                                             .triangle_count = triangles, .has_normals = p.normal != NULL, .material = material, .index = index,
                                              .corners = read_corners, .geometry = read_geometry, .attributes = read_attributes};
     if (g->status == KILN_OK)
         gltf_take(g, kiln_mesh_add(g->builder, mesh, &primitive, &g->assembly, g->error));
@@ -202,7 +202,7 @@ uint32_t gltf_mesh(struct gltf *g, uint32_t index)
         const struct gltf_place at = {"meshes", index, below};
         const json_t *primitive = json_array_get(primitives, i);
         if (json_is_object(primitive))
-            add_primitive(g, at, primitive, mesh, &lacks_lightmap_uv);
+            add_primitive(g, at, primitive, mesh, (uint32_t)i, &lacks_lightmap_uv);
         else
             gltf_fail(g, at, "", "is not an object");
     }

@@ -302,8 +302,10 @@ static void add_camera(struct gltf *g, size_t node_index, const json_t *node, co
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_CAMERAS, &camera, 1, NULL, g->error));
 }
 
-static void add_object(struct gltf *g, size_t node_index, uint32_t mesh, const char *wish, const char *original, const double world[12])
+static void add_object(struct gltf *g, const struct kiln_object_source *source, uint32_t mesh, const char *wish, const char *original,
+                       const double world[12])
 {
+    const size_t node_index = source->node;
     char name[KILN_NAME_LENGTH + 1], where[640];
     bool skipped = false;
     (void)snprintf(where, sizeof where, "%.512s: nodes[%zu]", g->confine->scene, node_index);
@@ -318,18 +320,19 @@ static void add_object(struct gltf *g, size_t node_index, uint32_t mesh, const c
     if (g->status == KILN_OK)
         gltf_take(g, kiln_names_unique(&g->names, wish, name, g->error));
     if (g->status == KILN_OK)
-        gltf_take(g, kiln_object_add(g->builder, mesh, world, name, original, where, &skipped, g->error));
+        gltf_take(g, kiln_object_add(g->builder, mesh, world, name, original, source, where, &skipped, g->error));
     g->without_area_objects += skipped;
 }
 
 /* EXT_mesh_gpu_instancing: each instance is an object of its own. */
-static void add_instances(struct gltf *g, size_t node_index, const json_t *extension, uint32_t mesh, const char *name, const double world[12])
+static void add_instances(struct gltf *g, const struct kiln_object_source *node, const json_t *extension, uint32_t mesh, const char *name,
+                          const double world[12])
 {
     static const struct {
         const char *name;
         unsigned components;
     } kinds[3] = {{"TRANSLATION", 3}, {"ROTATION", 4}, {"SCALE", 3}};
-    const struct gltf_place place = {"nodes", node_index, ".extensions.EXT_mesh_gpu_instancing"};
+    const struct gltf_place place = {"nodes", node->node, ".extensions.EXT_mesh_gpu_instancing"};
     const json_t *attributes = gltf_object(g, place, extension, "attributes");
     const struct gltf_accessor *accessors[3] = {NULL, NULL, NULL};
     size_t count = 0;
@@ -364,7 +367,8 @@ static void add_instances(struct gltf *g, size_t node_index, const json_t *exten
         multiply(world, local, placed);
         char wish[160];
         (void)snprintf(wish, sizeof wish, "%.100s_%zu", name, i);
-        add_object(g, node_index, mesh, wish, name, placed);
+        const struct kiln_object_source source = {node->node, node->mesh, (uint32_t)i};
+        add_object(g, &source, mesh, wish, name, placed);
     }
 }
 
@@ -384,10 +388,11 @@ static void add_mesh(struct gltf *g, size_t node_index, const json_t *node, cons
     const char *mesh_name = gltf_string(g, (struct gltf_place){"meshes", index, ""}, gltf_element(g, "meshes", index), "name");
     const char *wish = first_name(original, first_name(mesh_name, number));
     const json_t *instancing = gltf_extension(g, place, node, "EXT_mesh_gpu_instancing");
+    const struct kiln_object_source source = {(uint32_t)node_index, index, KILN_NONE};
     if (instancing != NULL)
-        add_instances(g, node_index, instancing, mesh, wish, world);
+        add_instances(g, &source, instancing, mesh, wish, world);
     else
-        add_object(g, node_index, mesh, wish, original, world);
+        add_object(g, &source, mesh, wish, original, world);
 }
 
 /* scenes[i].extras.environment: {"type": "constant", "radiance": [r, g, b]}, or "sunsky" with constant_sky_radiance. */

@@ -259,7 +259,7 @@ static void add_node(struct reader *r, const struct aiNode *node, const double w
         return;
     take(r, kiln_names_unique(&r->names, node->mName.data, name, r->error));
     if (r->status == KILN_OK)
-        take(r, kiln_object_add(r->builder, mesh, world, name, node->mName.data, r->confine->scene, &skipped, r->error));
+        take(r, kiln_object_add(r->builder, mesh, world, name, node->mName.data, NULL, r->confine->scene, &skipped, r->error));
     r->without_area_objects += skipped;
 }
 

@@ -164,7 +164,8 @@ static void take_bytes(void *context, void *data, int size)
     sink->size += (size_t)size;
 }
 
-int kiln_png_encode(const uint8_t *bytes, uint32_t width, uint32_t height, char **png, size_t *size, struct kiln_error *error)
+int kiln_png_encode_channels(const uint8_t *bytes, uint32_t width, uint32_t height, int channels, char **png, size_t *size,
+                             struct kiln_error *error)
 {
     *png = NULL;
     *size = 0;
@@ -172,7 +173,7 @@ int kiln_png_encode(const uint8_t *bytes, uint32_t width, uint32_t height, char 
     if (width == 0 || height == 0 || (uint64_t)width * height > 256ull << 20)
         return kiln_fail(error, KILN_CANNOT_CREATE, "a PNG of %u x %u pixels cannot be made (1 to 2^28 pixels)", width, height);
     struct sink sink = {.error = error};
-    if (!stbi_write_png_to_func(take_bytes, &sink, (int)width, (int)height, 3, bytes, (int)(3 * width)) && sink.status == KILN_OK)
+    if (!stbi_write_png_to_func(take_bytes, &sink, (int)width, (int)height, channels, bytes, channels * (int)width) && sink.status == KILN_OK)
         sink.status = kiln_fail(error, KILN_SYSTEM, "out of memory for a PNG of %u x %u pixels", width, height);
     if (sink.status != KILN_OK) {
         kiln_free(&sink.bytes);
@@ -181,6 +182,11 @@ int kiln_png_encode(const uint8_t *bytes, uint32_t width, uint32_t height, char 
     *png = sink.bytes;
     *size = sink.size;
     return KILN_OK;
+}
+
+int kiln_png_encode(const uint8_t *bytes, uint32_t width, uint32_t height, char **png, size_t *size, struct kiln_error *error)
+{
+    return kiln_png_encode_channels(bytes, width, height, 3, png, size, error);
 }
 
 int kiln_png_write_bytes(const char *path, const uint8_t *bytes, uint32_t width, uint32_t height, struct kiln_error *error)

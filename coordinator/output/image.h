@@ -50,7 +50,10 @@ double kiln_auto_exposure(const struct kiln_image *image, const float *mask);
  * KILN_BAD_INPUT when the image has no R, G, B. Pixels that are not finite become magenta: an error must be seen. */
 int kiln_tone_map(const struct kiln_image *image, double exposure, double white, uint8_t *bytes, struct kiln_error *error);
 
-/* 8-bit RGB bytes to a PNG file's bytes in memory (*png from kiln_allocate). */
+/* 8-bit bytes of `channels` (3: RGB, 4: RGB and alpha as it is) to a PNG file's bytes in memory (*png from kiln_allocate). */
+int kiln_png_encode_channels(const uint8_t *bytes, uint32_t width, uint32_t height, int channels, char **png, size_t *size,
+                             struct kiln_error *error);
+/* The same of RGB. */
 int kiln_png_encode(const uint8_t *bytes, uint32_t width, uint32_t height, char **png, size_t *size, struct kiln_error *error);
 
 /* Tone-maps (white point: infinite) and publishes a PNG file; `stops` is added to the automatic exposure, 2^stops times. */

@@ -97,9 +97,11 @@ static int name_file(struct kiln_manifest *m, const char *folder, const char *na
 }
 
 /* The same on all ranks. */
-static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *scene, bool volume, bool preview, struct kiln_error *error)
+static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *scene, const struct kiln_manifest_parts *parts,
+                      struct kiln_error *error)
 {
-    const char *const others[] = {"run.json", "scene.kscene", "kiln.h5", volume ? "volume.hdf" : NULL, preview ? "preview.png" : NULL};
+    const char *const others[] = {"run.json", "scene.kscene", "kiln.h5", parts->volume ? "volume.hdf" : NULL,
+                                  parts->preview ? "preview.png" : NULL, parts->scene ? "scene.glb" : NULL};
     const size_t other_count = sizeof others / sizeof *others;
     int status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
     if (status == KILN_OK)
@@ -166,15 +168,15 @@ static int publish(const struct kiln_manifest *m, const char *directory, const u
     return status;
 }
 
-int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene, bool volume, bool preview,
-                        struct kiln_error *error)
+int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene,
+                        const struct kiln_manifest_parts *parts, struct kiln_error *error)
 {
     struct kiln_manifest *m = NULL;
     uint64_t *values = NULL;
     int rank = 0, ranks = 1;
     (void)MPI_Comm_rank(communicator, &rank);
     (void)MPI_Comm_size(communicator, &ranks);
-    int status = name_files(&m, scene, volume, preview, error);
+    int status = name_files(&m, scene, parts, error);
     if (status == KILN_OK)
         status = kiln_allocate(&values, 3 * m->count, sizeof *values, "the results' hashes", error);
     if (status == KILN_OK)

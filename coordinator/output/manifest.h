@@ -24,10 +24,15 @@ struct kiln_manifest {
     size_t count;
 };
 
+/* Results that not every bake has. */
+struct kiln_manifest_parts {
+    bool volume, preview, scene; /* volume.hdf, preview.png, scene.glb */
+};
+
 /* Collective. Hashes the results of a bake of `scene` in `directory`, a share on each rank, and writes the manifest on rank 0.
  * KILN_IO when a result is not there. */
-int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene, bool volume, bool preview,
-                        struct kiln_error *error);
+int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene,
+                        const struct kiln_manifest_parts *parts, struct kiln_error *error);
 
 /* Rank 0, before results are replaced: without it the folder no longer claims to be complete. */
 int kiln_manifest_remove(const char *directory, struct kiln_error *error);

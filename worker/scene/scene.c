@@ -28,6 +28,7 @@ _Static_assert(sizeof(struct kiln_camera) == 80, "format");
 _Static_assert(sizeof(struct kiln_environment) == 32, "format");
 _Static_assert(sizeof(struct kiln_source) == 32, "format");
 _Static_assert(sizeof(struct kiln_note) == 8, "format");
+_Static_assert(sizeof(struct kiln_triangle_source) == 8, "format");
 _Static_assert(sizeof(struct kiln_scene_header) == 128 + 16 * KILN_SECTION_COUNT, "format");
 
 static const struct {
@@ -54,6 +55,7 @@ static const struct {
     [KILN_SECTION_TRIANGLE_MATERIALS] = {sizeof(uint32_t), "triangle materials"},
     [KILN_SECTION_SOURCES] = {sizeof(struct kiln_source), "sources"},
     [KILN_SECTION_NOTES] = {sizeof(struct kiln_note), "notes"},
+    [KILN_SECTION_TRIANGLE_SOURCES] = {sizeof(struct kiln_triangle_source), "triangle sources"},
 };
 
 size_t kiln_scene_element_size(enum kiln_scene_section section)
@@ -333,6 +335,9 @@ static int check_contents(const struct check *check)
         return damaged(check, "it has %llu materials for %zu triangles and %llu environments",
                        (unsigned long long)header->sections[KILN_SECTION_TRIANGLE_MATERIALS].count, scene->triangle_count,
                        (unsigned long long)header->sections[KILN_SECTION_ENVIRONMENT].count);
+    const uint64_t known = header->sections[KILN_SECTION_TRIANGLE_SOURCES].count;
+    if (known != 0 && known != scene->triangle_count)
+        return damaged(check, "it has the sources of %llu triangles and %zu triangles", (unsigned long long)known, scene->triangle_count);
     if (!all_finite_double(header->centre, 3) || !all_finite_double(header->bounds_min, 3) ||
         !all_finite_double(header->bounds_max, 3) || !isfinite(header->texels_per_metre) || header->texels_per_metre < 0.0f)
         return damaged(check, "the header has a value that is not a number");
@@ -373,6 +378,7 @@ static void set_pointers(struct kiln_scene *scene, const unsigned char *base)
     scene->triangle_materials = SECTION(KILN_SECTION_TRIANGLE_MATERIALS);
     scene->sources = SECTION(KILN_SECTION_SOURCES);
     scene->notes = SECTION(KILN_SECTION_NOTES);
+    scene->triangle_sources = header->sections[KILN_SECTION_TRIANGLE_SOURCES].count > 0 ? SECTION(KILN_SECTION_TRIANGLE_SOURCES) : NULL;
 #undef SECTION
     scene->material_count = (size_t)header->sections[KILN_SECTION_MATERIALS].count;
     scene->texture_count = (size_t)header->sections[KILN_SECTION_TEXTURES].count;

@@ -16,7 +16,7 @@
 #include "worker/base/vector.h"
 
 #define KILN_SCENE_MAGIC 0x4e434b4cu /* "LKCN" */
-#define KILN_SCENE_VERSION 2u
+#define KILN_SCENE_VERSION 3u /* 3: triangle sources */
 #define KILN_NONE 0xffffffffu /* "no texture", "no material", ... */
 
 enum kiln_alpha_mode { KILN_ALPHA_OPAQUE = 0, KILN_ALPHA_MASK = 1, KILN_ALPHA_BLEND = 2 };
@@ -74,7 +74,7 @@ struct kiln_object {
     uint32_t original_name;                   /* the node's name as it stood in the file */
     uint32_t source_node, source_mesh;        /* their indices in a glTF file; KILN_NONE where the source is none */
     uint32_t flags;                           /* KILN_OBJECT_* */
-    uint32_t reserved;
+    uint32_t source_instance;                 /* which of its node's instances (EXT_mesh_gpu_instancing); KILN_NONE: it has none */
 };
 enum {
     KILN_OBJECT_CASTER_ONLY = 1, /* stops and reflects light; its lightmap is not published */
@@ -134,7 +134,14 @@ enum kiln_scene_section {
     KILN_SECTION_TRIANGLE_MATERIALS, /* uint32_t a triangle */
     KILN_SECTION_SOURCES,            /* struct kiln_source: the files the scene was made from */
     KILN_SECTION_NOTES,              /* struct kiln_note: what the importer saw, changed or left out */
+    KILN_SECTION_TRIANGLE_SOURCES,   /* struct kiln_triangle_source a triangle, or none: where it stands in its source's mesh */
     KILN_SECTION_COUNT
+};
+
+/* Of the source's mesh object.source_mesh: which of its primitives, and which triangle of that, as the file counts them (strips and fans
+ * too). Its corners are those of the file, in the same order or with the last two exchanged. */
+struct kiln_triangle_source {
+    uint32_t primitive, triangle;
 };
 
 struct kiln_source {
@@ -186,6 +193,7 @@ struct kiln_scene {
     const uint32_t *triangle_materials;
     const struct kiln_source *sources;
     const struct kiln_note *notes;
+    const struct kiln_triangle_source *triangle_sources; /* NULL: none */
     size_t material_count, texture_count, mesh_count, object_count, light_count, camera_count;
     size_t vertex_count, triangle_count; /* stored; instances not expanded */
     size_t source_count, note_count;

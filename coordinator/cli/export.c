@@ -1,0 +1,128 @@
+/* kiln export DIR: the scene with its lightmaps, as engines take it. */
+#include "coordinator/export/export.h"
+
+#include <errno.h>
+#include <jansson.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "coordinator/cli/commands.h"
+#include "coordinator/cli/json.h"
+#include "coordinator/export/pages.h"
+#include "coordinator/output/publish.h"
+#include "worker/base/memory.h"
+
+enum { RUN_MOST = 1 << 30 };
+
+struct export {
+    const struct kiln_job *job;
+    const char *directory, *output;
+    char fallback[KILN_PATH_SIZE], folder[KILN_PATH_SIZE], scene_file[KILN_PATH_SIZE], source[KILN_PATH_SIZE];
+    struct kiln_scene *scene;
+    struct kiln_pages *pages;
+};
+
+/* Where the scene was when it was baked, from run.json. */
+static int read_run(struct export *e, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE], *text = NULL;
+    size_t size = 0;
+    json_t *run = NULL;
+    int status = kiln_path_join(path, e->directory, "run.json", error);
+    if (status == KILN_OK)
+        status = kiln_read_file(path, RUN_MOST, &text, &size, error);
+    if (status == KILN_NO_INPUT)
+        return kiln_fail(error, KILN_NO_INPUT, "%.512s holds no finished bake: there is no run.json in it; bake first", e->directory);
+    if (status == KILN_OK && (run = json_loadb(text, size, 0, NULL)) == NULL)
+        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s is not as kiln writes it; bake again", path);
+    const char *source = json_string_value(json_object_get(json_object_get(run, "scene"), "path"));
+    if (status == KILN_OK)
+        (void)snprintf(e->source, sizeof e->source, "%s", e->job->source != NULL ? e->job->source : source != NULL ? source : "");
+    json_decref(run);
+    kiln_free(&text);
+    return status;
+}
+
+/* The folder that the .glb goes to, made when it is not there. */
+static int make_folder(struct export *e, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    if (e->job->output == NULL)
+        status = kiln_path_join(e->fallback, e->directory, "export/scene.glb", error);
+    e->output = e->job->output != NULL ? e->job->output : e->fallback;
+    const char *slash = strrchr(e->output, '/'), *dot = strrchr(e->output, '.');
+    if (status == KILN_OK && (dot == NULL || strcmp(dot, ".glb") != 0))
+        return kiln_fail(error, KILN_USAGE, "--output %.512s: a scene is exported as a .glb file", e->output);
+    (void)snprintf(e->folder, sizeof e->folder, "%.*s", slash == NULL ? 1 : slash == e->output ? 1 : (int)(slash - e->output),
+                   slash == NULL ? "." : e->output);
+    return status == KILN_OK ? kiln_make_directories(e->folder, error) : status;
+}
+
+/* The bake's own folder is refused: its files are in its manifest, and its lightmaps have the names that pages would get. */
+static int check_folder(const struct export *e, struct kiln_error *error)
+{
+    struct stat a, b;
+    if (stat(e->folder, &a) == 0 && stat(e->directory, &b) == 0 && a.st_dev == b.st_dev && a.st_ino == b.st_ino)
+        return kiln_fail(error, KILN_USAGE, "--output %.512s: the bake's own files stay as they were written; name a file in another folder", e->output);
+    return KILN_OK;
+}
+
+static bool is_scene_file(const char *path)
+{
+    const size_t length = strlen(path);
+    return length >= 7 && strcmp(path + length - 7, ".kscene") == 0;
+}
+
+static int write_all(struct export *e, struct kiln_error *error)
+{
+    const struct kiln_pages_params params = {.directory = e->directory, .folder = e->folder, .scene = e->scene,
+                                             .format = (enum kiln_page_format)e->job->format, .range = e->job->range, .atlas = e->job->atlas};
+    int status = kiln_pages_write(&e->pages, &params, error);
+    if (status != KILN_OK)
+        return status;
+    const bool gltf = kiln_export_has_gltf(e->scene) && !is_scene_file(e->source);
+    if (gltf && e->source[0] == '\0')
+        return kiln_fail(error, KILN_NO_INPUT, "%.512s/run.json does not say where the scene is that was baked; say it with --scene", e->directory);
+    const struct kiln_export_params scene = {.source = gltf ? e->source : NULL, .scene_file = e->scene_file, .scene = e->scene, .output = e->output,
+                                             .encoding = kiln_page_encoding(params.format), .links = e->pages->links, .pages = e->pages->pages,
+                                             .page_count = e->pages->page_count, .drop_baked_lights = e->job->drop_baked_lights};
+    return kiln_export_scene(&scene, error);
+}
+
+static int tell(const struct export *e, struct kiln_error *error)
+{
+    uint64_t texels = 0;
+    for (size_t i = 0; i < e->pages->page_count; i++)
+        texels += (uint64_t)e->pages->pages[i].width * e->pages->pages[i].height;
+    if (e->job->json)
+        return kiln_json_print(json_pack("{s:s, s:o, s:I, s:I, s:f}", "status", "done", "output", kiln_json_string(e->output), "pages",
+                                         (json_int_t)e->pages->page_count, "texels", (json_int_t)texels, "used", e->pages->used), error);
+    if (!e->job->quiet)
+        (void)printf("%s: %zu objects, %zu pages, %.2f million texels, %.1f %% of them used\n", e->output, e->scene->object_count, e->pages->page_count,
+                     1e-6 * (double)texels, 100.0 * e->pages->used);
+    return KILN_OK;
+}
+
+int kiln_command_export(struct kiln_job *job, struct kiln_error *error)
+{
+    struct export e = {.job = job, .directory = job->arguments[0]};
+    int status = read_run(&e, error);
+    if (status == KILN_OK)
+        status = kiln_path_join(e.scene_file, e.directory, "scene.kscene", error);
+    if (status == KILN_OK)
+        status = kiln_scene_open(&e.scene, e.scene_file, error);
+    if (status == KILN_OK)
+        status = make_folder(&e, error);
+    if (status == KILN_OK)
+        status = check_folder(&e, error);
+    if (status == KILN_OK)
+        status = write_all(&e, error);
+    if (status == KILN_OK)
+        status = tell(&e, error);
+    kiln_pages_destroy(&e.pages);
+    kiln_scene_close(&e.scene);
+    return status;
+}

@@ -1,0 +1,483 @@
+/* The lightmap's coordinates, from kiln's triangles back to the corners of the source's primitives.
+ *
+ * A vertex of the file whose corners lie in several charts is there once for each: then all attributes (of morph targets too) are copied,
+ * byte for byte, into new accessors, and the primitive becomes a list of triangles. Where no vertex has to be split, and most are used,
+ * only the coordinates are added. Where the file's own TEXCOORD_1 is what was baked, nothing changes. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "coordinator/export/again.h"
+#include "worker/base/memory.h"
+
+enum { FIRST_SET = 1, SETS_MOST = 64, TRIANGLES = 4, NAME = 32 };
+
+/* One place in the layout that a vertex of the file has: the vertex as it will be written. */
+struct place {
+    struct kiln_vec2 uv;
+    uint32_t source; /* which vertex of the file */
+    uint32_t next;   /* another place of the same vertex, or KILN_NONE */
+    uint32_t vertex; /* its number in the new primitive */
+};
+
+struct patch {
+    struct again *a;
+    struct gltf_place where;
+    json_t *json;
+    const struct gltf_accessor *position, *indices;
+    unsigned mode;
+    size_t triangle_count;
+    uint32_t *place_of; /* 3 a triangle: its corners' places; KILN_NONE: not known (yet) */
+    uint32_t *first;    /* a vertex of the file: its first place, or KILN_NONE */
+    struct place *places;
+    size_t place_count, place_capacity;
+    size_t used; /* vertices of the file that have a place */
+    bool changed; /* from what TEXCOORD_1 says */
+};
+
+static void take(struct again *a, int status)
+{
+    if (a->b.status == KILN_OK)
+        a->b.status = status;
+}
+
+/* ---- which set ---- */
+
+/* Whether a texture below `json` uses set 1. */
+static bool uses_set(const json_t *json)
+{
+    const char *key;
+    json_t *value;
+    size_t i;
+    if (json_is_array(json))
+        json_array_foreach(json, i, value)
+            if (uses_set(value))
+                return true;
+    if (json_is_object(json) && json_integer_value(json_object_get(json, "texCoord")) == FIRST_SET)
+        return true;
+    json_object_foreach((json_t *)(uintptr_t)json, key, value)
+        if (uses_set(value))
+            return true;
+    return false;
+}
+
+static const json_t *accessor_of(const json_t *primitive, unsigned set)
+{
+    char name[NAME];
+    (void)snprintf(name, sizeof name, "TEXCOORD_%u", set);
+    return json_object_get(json_object_get(primitive, "attributes"), name);
+}
+
+/* The set that a mesh's new coordinates go to: 1, unless a texture of one of its materials uses that: then the first that is free. */
+static uint32_t choose_set(const struct again *a, const json_t *primitives)
+{
+    const json_t *materials = json_object_get(a->b.root, "materials");
+    bool texture = false;
+    for (size_t i = 0; i < json_array_size(primitives); i++) {
+        const json_t *primitive = json_array_get(primitives, i), *material = json_object_get(primitive, "material");
+        texture |= accessor_of(primitive, FIRST_SET) != NULL && json_is_integer(material) &&
+                   uses_set(json_array_get(materials, (size_t)json_integer_value(material)));
+    }
+    for (uint32_t set = texture ? FIRST_SET + 1 : FIRST_SET; texture && set < SETS_MOST; set++) {
+        bool taken = false;
+        for (size_t i = 0; i < json_array_size(primitives); i++)
+            taken |= accessor_of(json_array_get(primitives, i), set) != NULL;
+        if (!taken)
+            return set;
+    }
+    return FIRST_SET;
+}
+
+/* ---- places ---- */
+
+static uint32_t add_place(struct patch *p, uint32_t source, struct kiln_vec2 uv)
+{
+    take(p->a, kiln_grow(&p->places, &p->place_capacity, p->place_count + 1, sizeof *p->places, "vertices of the exported scene", p->a->b.error));
+    if (p->a->b.status != KILN_OK)
+        return KILN_NONE;
+    p->used += p->first[source] == KILN_NONE;
+    p->places[p->place_count] = (struct place){.uv = uv, .source = source, .next = KILN_NONE};
+    return (uint32_t)p->place_count++;
+}
+
+/* The place of a vertex at `uv`, made when it is new; the first made stays the first. */
+static uint32_t place_at(struct patch *p, uint32_t source, struct kiln_vec2 uv)
+{
+    uint32_t last = KILN_NONE;
+    for (uint32_t i = p->first[source]; i != KILN_NONE; last = i, i = p->places[i].next)
+        if (memcmp(&p->places[i].uv, &uv, sizeof uv) == 0)
+            return i;
+    const uint32_t made = add_place(p, source, uv);
+    if (last == KILN_NONE)
+        p->first[source] = made;
+    else if (made != KILN_NONE)
+        p->places[last].next = made;
+    return made;
+}
+
+static bool same_position(const struct gltf_accessor *accessor, uint32_t vertex, struct kiln_vec3 position)
+{
+    struct kiln_vec3 own = {0};
+    gltf_accessor_float(accessor, vertex, &own.x);
+    return own.x == position.x && own.y == position.y && own.z == position.z;
+}
+
+/* Corners of the file in the order of the scene file's triangle: as they are, or with the last two exchanged. */
+static bool match_corners(const struct patch *p, const struct kiln_mesh *mesh, uint64_t triangle, uint32_t corner[3], uint32_t slot[3])
+{
+    const struct kiln_scene *scene = p->a->scene;
+    const struct kiln_vec3 *positions = scene->positions + mesh->vertex_first;
+    const uint32_t *own = scene->triangles + 3 * triangle;
+    for (unsigned turn = 0; turn < 2; turn++) {
+        bool same = true;
+        for (unsigned c = 0; c < 3; c++) {
+            slot[c] = turn != 0 && c > 0 ? 3 - c : c;
+            same = same && same_position(p->position, corner[slot[c]], positions[own[c]]);
+        }
+        if (same)
+            return true;
+    }
+    return false;
+}
+
+static void read_corners(const struct patch *p, size_t k, uint32_t corner[3])
+{
+    gltf_triangle(p->mode, p->indices, k, corner);
+    for (int c = 0; c < 3; c++)
+        if (corner[c] >= p->position->count)
+            gltf_fail(&p->a->g, p->where, "indices", "name vertex %u of %zu", corner[c], p->position->count);
+    take(p->a, p->a->g.status);
+}
+
+/* A triangle of the scene file: its corners get the places that the layout gives them. */
+static void place_triangle(struct patch *p, const struct kiln_mesh *mesh, uint64_t triangle)
+{
+    const struct kiln_scene *scene = p->a->scene;
+    const uint32_t k = scene->triangle_sources[triangle].triangle, *own = scene->triangles + 3 * triangle;
+    uint32_t corner[3], slot[3];
+    if (k < p->triangle_count)
+        read_corners(p, k, corner);
+    if (p->a->b.status == KILN_OK && (k >= p->triangle_count || !match_corners(p, mesh, triangle, corner, slot)))
+        take(p->a, kiln_fail(p->a->b.error, KILN_BAD_INPUT, "%.512s: %s[%zu]%s: triangle %u is not the one that was baked; bake again", p->a->b.subject,
+                             p->where.array, p->where.index, p->where.below, k));
+    for (int c = 0; c < 3 && p->a->b.status == KILN_OK; c++)
+        p->place_of[3 * (size_t)k + slot[c]] = place_at(p, corner[slot[c]], scene->texcoord_lightmap[mesh->vertex_first + own[c]]);
+}
+
+/* Triangles without area have no place in the layout: their corners take one that their vertex has, or one of another corner, or 0. */
+static void place_rest(struct patch *p)
+{
+    for (size_t k = 0; k < p->triangle_count && p->a->b.status == KILN_OK; k++) {
+        uint32_t *places = p->place_of + 3 * k, corner[3];
+        struct kiln_vec2 uv = {0.0f, 0.0f};
+        if (places[0] != KILN_NONE)
+            continue;
+        read_corners(p, k, corner);
+        for (int c = 2; c >= 0 && p->a->b.status == KILN_OK; c--)
+            if (p->first[corner[c]] != KILN_NONE)
+                uv = p->places[p->first[corner[c]]].uv;
+        for (int c = 0; c < 3 && p->a->b.status == KILN_OK; c++)
+            places[c] = p->first[corner[c]] != KILN_NONE ? p->first[corner[c]] : place_at(p, corner[c], uv);
+    }
+}
+
+/* Whether TEXCOORD_1 says the same. */
+static bool is_unchanged(const struct patch *p)
+{
+    const json_t *index = accessor_of(p->json, FIRST_SET);
+    if (index == NULL || json_integer_value(index) < 0 || (size_t)json_integer_value(index) >= p->a->g.accessor_count)
+        return false;
+    const struct gltf_accessor *own = &p->a->g.accessors[json_integer_value(index)];
+    for (size_t i = 0; i < p->place_count && own->components == 2 && own->count == p->position->count; i++) {
+        struct kiln_vec2 uv;
+        gltf_accessor_float(own, p->places[i].source, &uv.x);
+        if (uv.x != p->places[i].uv.x || uv.y != p->places[i].uv.y)
+            return false;
+    }
+    return own->components == 2 && own->count == p->position->count;
+}
+
+/* ---- writing ---- */
+
+/* NULL without memory, which kiln_glb_append notices. */
+static json_t *accessor_json(uint32_t view, unsigned component, size_t count, const char *type)
+{
+    return json_pack("{s:i, s:i, s:I, s:s}", "bufferView", (int)view, "componentType", (int)component, "count", (json_int_t)count, "type", type);
+}
+
+/* The primitive's attribute: the lightmap's set, and the sets below it where they are not there, for glTF wants none left out. */
+static void set_texcoord(struct patch *p, uint32_t set, uint32_t accessor)
+{
+    json_t *attributes = json_object_get(p->json, "attributes");
+    char name[NAME];
+    for (uint32_t s = 0; s <= set; s++) {
+        (void)snprintf(name, sizeof name, "TEXCOORD_%u", s);
+        if (s == set || json_object_get(attributes, name) == NULL)
+            kiln_glb_set(&p->a->b, attributes, name, json_integer(accessor));
+    }
+}
+
+/* Coordinates for all vertices of the file; those that no triangle uses lie at 0. */
+static void add_coordinates(struct patch *p, uint32_t set)
+{
+    struct kiln_glb_build *b = &p->a->b;
+    unsigned char *bytes;
+    const size_t count = p->position->count;
+    const uint32_t view = kiln_glb_view(b, count * sizeof(struct kiln_vec2), 0, KILN_GLTF_ARRAY_BUFFER, &bytes);
+    for (size_t v = 0; v < count && bytes != NULL; v++) {
+        const struct kiln_vec2 nothing = {0.0f, 0.0f};
+        memcpy(bytes + v * sizeof nothing, p->first[v] == KILN_NONE ? &nothing : &p->places[p->first[v]].uv, sizeof nothing);
+    }
+    set_texcoord(p, set, kiln_glb_append(b, b->root, "accessors", accessor_json(view, KILN_GLTF_FLOAT, count, "VEC2")));
+}
+
+/* New numbers: first places in the order of the file's vertices, then the others in the order in which they were made. `order` gets the
+ * place of each new vertex. */
+static void number_places(struct patch *p, uint32_t *order)
+{
+    uint32_t next = 0;
+    for (size_t v = 0; v < p->position->count; v++)
+        if (p->first[v] != KILN_NONE) {
+            p->places[p->first[v]].vertex = next;
+            order[next++] = p->first[v];
+        }
+    for (size_t i = 0; i < p->place_count; i++)
+        if (p->first[p->places[i].source] != i) {
+            p->places[i].vertex = next;
+            order[next++] = (uint32_t)i;
+        }
+}
+
+/* min and max, of those accessors that have them: of the elements that are there now. */
+static void set_bounds(struct patch *p, json_t *made, const json_t *old, const struct gltf_accessor *accessor, const uint32_t *order)
+{
+    if (json_object_get(old, "min") == NULL && json_object_get(old, "max") == NULL)
+        return;
+    json_t *low = json_array(), *high = json_array();
+    for (unsigned c = 0; c < accessor->components; c++) {
+        double least = INFINITY, most = -INFINITY;
+        for (size_t v = 0; v < p->place_count; v++) {
+            const double value = gltf_accessor_raw(accessor, p->places[order[v]].source, c);
+            least = fmin(least, value);
+            most = fmax(most, value);
+        }
+        (void)json_array_append_new(low, accessor->component == KILN_GLTF_FLOAT ? json_real(least) : json_integer((json_int_t)least));
+        (void)json_array_append_new(high, accessor->component == KILN_GLTF_FLOAT ? json_real(most) : json_integer((json_int_t)most));
+    }
+    kiln_glb_set(&p->a->b, made, "min", low);
+    kiln_glb_set(&p->a->b, made, "max", high);
+}
+
+/* Copies an attribute's elements to a new accessor. */
+static uint32_t copy_attribute(struct patch *p, const char *name, uint32_t index, const uint32_t *order)
+{
+    struct kiln_glb_build *b = &p->a->b;
+    const struct gltf_accessor *accessor = &p->a->g.accessors[index];
+    const json_t *old = json_array_get(json_object_get(b->root, "accessors"), index);
+    const char *type = json_string_value(json_object_get(old, "type"));
+    const size_t size = gltf_component_size(accessor->component) * accessor->components, stride = (size + 3) / 4 * 4;
+    unsigned char *bytes;
+    if (accessor->count != p->position->count || type == NULL || strncmp(type, "MAT", 3) == 0) {
+        gltf_fail(&p->a->g, p->where, name, "is accessor %u, whose elements are not one for each of %zu vertices", index, p->position->count);
+        take(p->a, p->a->g.status);
+        return 0;
+    }
+    const uint32_t view = kiln_glb_view(b, stride * p->place_count, stride == size ? 0 : stride, KILN_GLTF_ARRAY_BUFFER, &bytes);
+    for (size_t v = 0; v < p->place_count && bytes != NULL; v++) {
+        const unsigned char *from = gltf_accessor_element(accessor, p->places[order[v]].source);
+        memset(bytes + v * stride, 0, stride);
+        if (from != NULL)
+            memcpy(bytes + v * stride, from, size);
+    }
+    json_t *made = accessor_json(view, accessor->component, p->place_count, type);
+    if (accessor->normalized)
+        kiln_glb_set(b, made, "normalized", json_true());
+    set_bounds(p, made, old, accessor, order);
+    static const char *const kept[] = {"name", "extras"};
+    for (size_t i = 0; i < sizeof kept / sizeof kept[0]; i++)
+        if (json_object_get(old, kept[i]) != NULL)
+            kiln_glb_set(b, made, kept[i], json_incref(json_object_get(old, kept[i])));
+    return kiln_glb_append(b, b->root, "accessors", made);
+}
+
+/* All of a primitive's or a morph target's attributes but the one called `left_out`. */
+static void copy_attributes(struct patch *p, json_t *attributes, const char *left_out, const uint32_t *order)
+{
+    const char *name;
+    json_t *value;
+    void *next;
+    json_object_foreach_safe(attributes, next, name, value) {
+        if (p->a->b.status != KILN_OK || (left_out != NULL && strcmp(name, left_out) == 0))
+            continue;
+        const uint32_t index = gltf_index(&p->a->g, p->where, attributes, name, p->a->g.accessor_count);
+        take(p->a, p->a->g.status);
+        if (p->a->b.status == KILN_OK)
+            kiln_glb_set(&p->a->b, attributes, name, json_integer(copy_attribute(p, name, index, order)));
+    }
+}
+
+static void write_indices(struct patch *p)
+{
+    struct kiln_glb_build *b = &p->a->b;
+    const bool small = p->place_count <= UINT16_MAX;
+    const size_t size = small ? 2 : 4, count = 3 * p->triangle_count;
+    unsigned char *bytes;
+    const uint32_t view = kiln_glb_view(b, size * count, 0, KILN_GLTF_ELEMENT_ARRAY_BUFFER, &bytes);
+    for (size_t i = 0; i < count && bytes != NULL; i++) {
+        const uint32_t index = p->places[p->place_of[i]].vertex;
+        for (size_t k = 0; k < size; k++)
+            bytes[i * size + k] = (unsigned char)(index >> (8 * k));
+    }
+    json_t *made = accessor_json(view, small ? KILN_GLTF_UNSIGNED_SHORT : KILN_GLTF_UNSIGNED_INT, count, "SCALAR");
+    kiln_glb_set(b, p->json, "indices", json_integer(kiln_glb_append(b, b->root, "accessors", made)));
+    (void)json_object_del(p->json, "mode");
+}
+
+/* The lightmap's coordinates in the order of the new vertices. */
+static void write_coordinates(struct patch *p, uint32_t set, const uint32_t *order)
+{
+    struct kiln_glb_build *b = &p->a->b;
+    unsigned char *bytes;
+    const uint32_t view = kiln_glb_view(b, p->place_count * sizeof(struct kiln_vec2), 0, KILN_GLTF_ARRAY_BUFFER, &bytes);
+    for (size_t v = 0; v < p->place_count && bytes != NULL; v++)
+        memcpy(bytes + v * sizeof(struct kiln_vec2), &p->places[order[v]].uv, sizeof(struct kiln_vec2));
+    set_texcoord(p, set, kiln_glb_append(b, b->root, "accessors", accessor_json(view, KILN_GLTF_FLOAT, p->place_count, "VEC2")));
+}
+
+static void rewrite(struct patch *p, uint32_t set)
+{
+    uint32_t *order = NULL;
+    char name[NAME];
+    const json_t *targets = json_object_get(p->json, "targets");
+    (void)snprintf(name, sizeof name, "TEXCOORD_%u", set);
+    take(p->a, kiln_allocate(&order, p->place_count, sizeof *order, "vertices of the exported scene", p->a->b.error));
+    if (p->a->b.status == KILN_OK)
+        number_places(p, order);
+    if (p->a->b.status == KILN_OK)
+        copy_attributes(p, json_object_get(p->json, "attributes"), name, order);
+    for (size_t i = 0; i < json_array_size(targets) && p->a->b.status == KILN_OK; i++)
+        copy_attributes(p, json_array_get(targets, i), NULL, order);
+    if (p->a->b.status == KILN_OK)
+        write_coordinates(p, set, order);
+    if (p->a->b.status == KILN_OK)
+        write_indices(p);
+    kiln_free(&order);
+}
+
+/* ---- primitives ---- */
+
+static bool begin_patch(struct patch *p)
+{
+    struct gltf *g = &p->a->g;
+    const json_t *attributes = gltf_object(g, p->where, p->json, "attributes");
+    const uint32_t position = gltf_index(g, p->where, attributes, "POSITION", g->accessor_count);
+    const uint32_t indices = gltf_index(g, p->where, p->json, "indices", g->accessor_count);
+    p->mode = (unsigned)gltf_whole(g, p->where, p->json, "mode", 0, 6, TRIANGLES);
+    if (g->status == KILN_OK && position == KILN_NONE)
+        gltf_fail(g, p->where, "attributes.POSITION", "is missing");
+    take(p->a, g->status);
+    if (p->a->b.status != KILN_OK || p->mode < TRIANGLES)
+        return false;
+    p->position = &g->accessors[position];
+    p->indices = indices == KILN_NONE ? NULL : &g->accessors[indices];
+    const size_t corners = p->indices == NULL ? p->position->count : p->indices->count;
+    p->triangle_count = p->mode == TRIANGLES ? corners / 3 : corners < 3 ? 0 : corners - 2;
+    take(p->a, kiln_allocate(&p->place_of, 3 * p->triangle_count, sizeof *p->place_of, "corners of the exported scene", p->a->b.error));
+    if (p->a->b.status == KILN_OK)
+        take(p->a, kiln_allocate(&p->first, p->position->count, sizeof *p->first, "vertices of the exported scene", p->a->b.error));
+    if (p->a->b.status != KILN_OK)
+        return false;
+    memset(p->place_of, 0xff, 3 * p->triangle_count * sizeof *p->place_of);
+    memset(p->first, 0xff, p->position->count * sizeof *p->first);
+    return p->triangle_count > 0;
+}
+
+/* Places for a primitive of mesh `mesh`, whose triangles are a run of the mesh's from *next on. Tells whether they are new. */
+static void place_primitive(struct patch *p, const struct kiln_mesh *mesh, uint32_t index, uint64_t *next)
+{
+    const uint64_t end = mesh->triangle_first + mesh->triangle_count;
+    for (; *next < end && p->a->scene->triangle_sources[*next].primitive == index && p->a->b.status == KILN_OK; ++*next)
+        place_triangle(p, mesh, *next);
+    if (p->a->b.status == KILN_OK)
+        p->changed = !is_unchanged(p);
+    if (p->a->b.status == KILN_OK)
+        place_rest(p);
+}
+
+/* What is written is not compressed: the extension, where there is one, would still say what was. */
+static bool drop_compression(json_t *primitive)
+{
+    json_t *extensions = json_object_get(primitive, "extensions");
+    const bool dropped = json_object_del(extensions, "KHR_draco_mesh_compression") == 0;
+    if (extensions != NULL && json_object_size(extensions) == 0)
+        (void)json_object_del(primitive, "extensions");
+    return dropped;
+}
+
+static void write_primitive(struct patch *p, uint32_t set)
+{
+    const bool compressed = drop_compression(p->json);
+    if (!compressed && p->place_count == p->used && 2 * p->used >= p->position->count)
+        add_coordinates(p, set);
+    else
+        rewrite(p, set);
+}
+
+static void end_patch(struct patch *p)
+{
+    kiln_free(&p->places);
+    kiln_free(&p->first);
+    kiln_free(&p->place_of);
+}
+
+/* Goes through the mesh's primitives: once to see whether any has new coordinates, and once more to write those. */
+static bool patch_primitives(struct again *a, size_t index, const struct kiln_mesh *mesh, json_t *primitives, bool write, uint32_t set)
+{
+    uint64_t next = mesh->triangle_first;
+    bool changed = false;
+    for (size_t i = 0; i < json_array_size(primitives) && a->b.status == KILN_OK; i++) {
+        char below[40];
+        (void)snprintf(below, sizeof below, ".primitives[%zu]", i);
+        struct patch p = {.a = a, .where = {"meshes", index, below}, .json = json_array_get(primitives, i)};
+        if (begin_patch(&p))
+            place_primitive(&p, mesh, (uint32_t)i, &next);
+        if (write && p.position != NULL && a->b.status == KILN_OK && p.triangle_count > 0 && (p.changed || set != FIRST_SET))
+            write_primitive(&p, set);
+        changed |= p.changed;
+        end_patch(&p);
+    }
+    if (a->b.status == KILN_OK && next != mesh->triangle_first + mesh->triangle_count)
+        take(a, kiln_fail(a->b.error, KILN_BAD_INPUT, "%.512s: meshes[%zu] is not the one that was baked; bake again", a->b.subject, index));
+    return changed;
+}
+
+static void patch_mesh(struct again *a, size_t index, const struct kiln_mesh *mesh)
+{
+    json_t *primitives = gltf_array(&a->g, (struct gltf_place){"meshes", index, ""}, gltf_element(&a->g, "meshes", index), "primitives");
+    take(a, a->g.status);
+    a->set_of[index] = FIRST_SET;
+    if (a->b.status != KILN_OK || !patch_primitives(a, index, mesh, primitives, false, FIRST_SET) || a->b.status != KILN_OK)
+        return;
+    a->set_of[index] = choose_set(a, primitives);
+    (void)patch_primitives(a, index, mesh, primitives, true, a->set_of[index]);
+}
+
+void kiln_again_meshes(struct again *a)
+{
+    const struct kiln_scene *scene = a->scene;
+    uint8_t *done = NULL;
+    if (scene->triangle_sources == NULL && scene->triangle_count > 0)
+        take(a, kiln_fail(a->b.error, KILN_BAD_INPUT, "%.512s: the bake's scene file does not say where its triangles come from; bake again", a->b.subject));
+    take(a, kiln_allocate(&done, a->g.mesh_count, 1, "meshes", a->b.error));
+    for (size_t i = 0; i < scene->object_count && a->b.status == KILN_OK; i++) {
+        const struct kiln_object *o = &scene->objects[i];
+        if (o->source_mesh >= a->g.mesh_count || o->source_node >= gltf_length(&a->g, "nodes"))
+            take(a, kiln_fail(a->b.error, KILN_BAD_INPUT, "%.512s: it has no mesh %u or node %u, which were baked; bake again", a->b.subject, o->source_mesh,
+                              o->source_node));
+        if (a->b.status != KILN_OK || done[o->source_mesh])
+            continue;
+        done[o->source_mesh] = 1;
+        patch_mesh(a, o->source_mesh, &scene->meshes[o->mesh]);
+    }
+    kiln_free(&done);
+}

@@ -1,0 +1,196 @@
+#include "coordinator/export/export.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "coordinator/export/child.h"
+#include "coordinator/import/confined.h"
+#include "coordinator/output/publish.h"
+#include "worker/base/memory.h"
+
+const char *kiln_export_unit(const struct kiln_scene *scene)
+{
+    (void)scene;
+    return "W/m2";
+}
+
+bool kiln_export_has_gltf(const struct kiln_scene *scene)
+{
+    const char *path = scene->source_count > 0 ? kiln_scene_string(scene, scene->sources[0].path) : "";
+    const char *dot = strrchr(path, '.');
+    return scene->triangle_sources != NULL && dot != NULL && (strcasecmp(dot, ".glb") == 0 || strcasecmp(dot, ".gltf") == 0);
+}
+
+bool kiln_export_is_published(const struct kiln_scene *scene, size_t object)
+{
+    return (scene->objects[object].flags & KILN_OBJECT_CASTER_ONLY) == 0;
+}
+
+/* ---- the plan ---- */
+
+static json_t *link_json(const struct kiln_export_params *p, size_t object)
+{
+    const struct kiln_link *l = &p->links[object];
+    const struct kiln_object *o = &p->scene->objects[object];
+    if (l->file == NULL)
+        return json_null();
+    json_t *json = json_pack("{s:s, s:i, s:i, s:[f, f], s:[f, f], s:s, s:s, s:s}", "file", l->file, "page", (int)l->page, "texCoord", 1, "scale", l->scale[0],
+                             l->scale[1], "offset", l->offset[0], l->offset[1], "quantity", "irradiance", "unit", kiln_export_unit(p->scene), "encoding",
+                             p->encoding);
+    if (p->pages[l->page].range > 0.0)
+        (void)json_object_set_new(json, "range", json_real(p->pages[l->page].range));
+    if (o->source_node != KILN_NONE)
+        (void)json_object_set_new(json, "source", json_pack("{s:I, s:I}", "node", (json_int_t)o->source_node, "mesh", (json_int_t)o->source_mesh));
+    return json;
+}
+
+static json_t *page_json(const struct kiln_export_params *p, size_t index)
+{
+    const struct kiln_page_info *page = &p->pages[index];
+    json_t *json = json_pack("{s:s, s:I, s:I, s:s}", "file", page->file, "width", (json_int_t)page->width, "height", (json_int_t)page->height, "encoding",
+                             p->encoding);
+    if (page->range > 0.0)
+        (void)json_object_set_new(json, "range", json_real(page->range));
+    return json;
+}
+
+/* What the child is to know, as text (from malloc). NULL without memory. */
+static char *plan_text(const struct kiln_export_params *p)
+{
+    json_t *objects = json_array(), *pages = json_array();
+    int failed = 0;
+    for (size_t i = 0; i < p->scene->object_count; i++)
+        failed |= json_array_append_new(objects, link_json(p, i));
+    for (size_t i = 0; i < p->page_count; i++)
+        failed |= json_array_append_new(pages, page_json(p, i));
+    json_t *plan = json_pack("{s:o, s:{s:i, s:o}, s:b}", "objects", objects, "root", "version", 1, "pages", pages, "drop_baked_lights",
+                             (int)p->drop_baked_lights);
+    char *text = failed != 0 || plan == NULL ? NULL : json_dumps(plan, JSON_COMPACT);
+    json_decref(plan);
+    return text;
+}
+
+/* An unnamed file that holds the plan, at its beginning. */
+static int plan_file(const struct kiln_export_params *p, int *descriptor, struct kiln_error *error)
+{
+    char *text = plan_text(p);
+    *descriptor = text == NULL ? -1 : memfd_create("kiln export", MFD_CLOEXEC);
+    int status = text == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: the export's plan")
+                 : *descriptor < 0 ? kiln_fail_errno(error, KILN_SYSTEM, "a file in memory cannot be made") : KILN_OK;
+    if (status == KILN_OK)
+        status = kiln_write_all(*descriptor, text, strlen(text), 0, "the export's plan", error);
+    if (status == KILN_OK && lseek(*descriptor, 0, SEEK_SET) != 0)
+        status = kiln_fail_errno(error, KILN_SYSTEM, "a file in memory cannot be read");
+    free(text);
+    return status;
+}
+
+/* ---- the child ---- */
+
+static double wall_limit(const struct kiln_export_params *p)
+{
+    struct stat status;
+    const double bytes = p->source != NULL && stat(p->source, &status) == 0 ? (double)status.st_size : 0.0;
+    return 600.0 + 10.0 * (bytes + (double)p->scene->mapped_bytes) / 1e6;
+}
+
+static int run_child(const struct kiln_export_params *p, const char *temporary, struct kiln_error *error)
+{
+    int plan = -1;
+    const char *arguments[KILN_EXPORT_CHILD_ARGUMENTS + 1] = {"kiln", "export-child", p->source != NULL ? p->source : "", p->scene_file, temporary, NULL};
+    int status = plan_file(p, &plan, error);
+    if (status == KILN_OK) {
+        const struct kiln_confined_call call = {.arguments = arguments, .input = plan, .subject = p->source != NULL ? p->source : p->scene_file,
+                                                .what = "exporter", .seconds = wall_limit(p)};
+        status = kiln_confined_run(&call, error);
+    }
+    if (plan >= 0)
+        (void)close(plan);
+    return status;
+}
+
+/* What readers do first, before they do: the header and the file's length. */
+static int check_written(const char *path, struct kiln_error *error)
+{
+    unsigned char header[12] = {0};
+    struct stat found;
+    FILE *file = fopen(path, "rbe");
+    const bool read = file != NULL && fread(header, 1, sizeof header, file) == sizeof header && fstat(fileno(file), &found) == 0;
+    if (file != NULL)
+        (void)fclose(file);
+    const uint64_t length = (uint64_t)header[8] | (uint64_t)header[9] << 8 | (uint64_t)header[10] << 16 | (uint64_t)header[11] << 24;
+    if (!read || memcmp(header, "glTF", 4) != 0 || length != (uint64_t)found.st_size)
+        return kiln_fail(error, KILN_IO, "%.512s was not written whole", path);
+    return KILN_OK;
+}
+
+int kiln_export_scene(const struct kiln_export_params *params, struct kiln_error *error)
+{
+    char temporary[KILN_PATH_SIZE];
+    if (params->source != NULL && access(params->source, R_OK) != 0)
+        return kiln_fail_errno(error, errno == EACCES ? KILN_PERMISSION : KILN_NO_INPUT,
+                               "%.512s: the scene that was baked cannot be read; say where it is with --scene", params->source);
+    int status = kiln_publish_name(temporary, params->output, error);
+    if (status == KILN_OK)
+        status = run_child(params, temporary, error);
+    if (status == KILN_OK)
+        status = check_written(temporary, error);
+    if (status == KILN_OK)
+        return kiln_publish_finish(temporary, params->output, error);
+    kiln_publish_abandon(temporary);
+    return status;
+}
+
+/* ---- beside a bake ---- */
+
+static void own_files(const struct kiln_scene *scene, struct kiln_link *links, struct kiln_page_info *pages, char (*files)[KILN_PATH_SIZE / 8],
+                     size_t *page_count)
+{
+    *page_count = 0;
+    for (size_t i = 0; i < scene->object_count; i++) {
+        const struct kiln_object *o = &scene->objects[i];
+        if (!kiln_export_is_published(scene, i))
+            continue;
+        (void)snprintf(files[i], sizeof files[i], "lightmaps/%s.exr", kiln_scene_string(scene, o->name));
+        links[i] = (struct kiln_link){.file = files[i], .page = (uint32_t)*page_count, .scale = {1.0, 1.0}};
+        pages[(*page_count)++] = (struct kiln_page_info){.file = files[i], .width = o->lightmap_width, .height = o->lightmap_height};
+    }
+}
+
+int kiln_export_beside(const char *directory, const char *path, const struct kiln_scene *scene, struct kiln_error *error)
+{
+    char scene_file[KILN_PATH_SIZE], output[KILN_PATH_SIZE];
+    struct kiln_link *links = NULL;
+    struct kiln_page_info *pages = NULL;
+    char(*files)[KILN_PATH_SIZE / 8] = NULL;
+    const size_t length = strlen(path);
+    const bool scene_itself = length >= 7 && strcmp(path + length - 7, ".kscene") == 0;
+    struct kiln_export_params params = {.source = kiln_export_has_gltf(scene) && !scene_itself ? path : NULL, .scene_file = scene_file, .scene = scene,
+                                        .output = output, .encoding = "exr"};
+    int status = kiln_path_join(scene_file, directory, "scene.kscene", error);
+    if (status == KILN_OK)
+        status = kiln_path_join(output, directory, "scene.glb", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&links, scene->object_count, sizeof *links, "the export's links", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&pages, scene->object_count, sizeof *pages, "the export's links", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&files, scene->object_count, sizeof *files, "the export's links", error);
+    if (status == KILN_OK) {
+        own_files(scene, links, pages, files, &params.page_count);
+        params.links = links;
+        params.pages = pages;
+    }
+    if (status == KILN_OK)
+        status = kiln_export_scene(&params, error);
+    kiln_free(&files);
+    kiln_free(&pages);
+    kiln_free(&links);
+    return status;
+}

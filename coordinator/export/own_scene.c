@@ -1,0 +1,296 @@
+/* A .glb from kiln's own scene file: what it keeps of a scene whose source is no glTF. One node an object; a mesh's triangles are grouped
+ * by material. Vertices, coordinates and textures are those that were baked. */
+#include <math.h>
+#include <string.h>
+
+#include "coordinator/cli/json.h"
+#include "coordinator/export/child.h"
+#include "coordinator/output/image.h"
+#include "worker/base/memory.h"
+
+struct own {
+    struct kiln_glb_build b;
+    const struct kiln_scene *scene;
+    json_t *plan;
+    bool emission_set; /* emission has coordinates of its own somewhere: TEXCOORD_2, for all meshes */
+};
+
+static json_t *name_of(const struct own *o, uint32_t offset) { return kiln_json_string(kiln_scene_string(o->scene, offset)); }
+
+/* ---- textures and materials ---- */
+
+static void add_texture(struct own *o, const struct kiln_texture *t)
+{
+    static const int wraps[] = {10497, 33071, 33648}; /* in the order of enum kiln_wrap */
+    char *png = NULL;
+    size_t size = 0;
+    unsigned char *bytes;
+    if (o->b.status == KILN_OK)
+        o->b.status = kiln_png_encode_channels(o->scene->texels + t->first, t->width, t->height, 4, &png, &size, o->b.error);
+    const uint32_t view = kiln_glb_view(&o->b, size, 0, 0, &bytes);
+    if (bytes != NULL)
+        memcpy(bytes, png, size);
+    kiln_free(&png);
+    const uint32_t image = kiln_glb_append(&o->b, o->b.root, "images", json_pack("{s:s, s:i}", "mimeType", "image/png", "bufferView", (int)view));
+    const uint32_t sampler = kiln_glb_append(&o->b, o->b.root, "samplers",
+                                             json_pack("{s:i, s:i, s:i}", "magFilter", t->nearest ? 9728 : 9729, "wrapS", wraps[t->wrap_u], "wrapT",
+                                                       wraps[t->wrap_v]));
+    (void)kiln_glb_append(&o->b, o->b.root, "textures", json_pack("{s:i, s:i}", "sampler", (int)sampler, "source", (int)image));
+}
+
+static json_t *texture_use(uint32_t texture, int set) { return json_pack("{s:i, s:i}", "index", (int)texture, "texCoord", set); }
+
+static void set_emission(struct own *o, json_t *json, const struct kiln_material *m)
+{
+    const float most = fmaxf(m->emission[0], fmaxf(m->emission[1], m->emission[2]));
+    const double scale = most > 1.0f ? (double)most : 1.0;
+    if (!(most > 0.0f))
+        return;
+    kiln_glb_set(&o->b, json, "emissiveFactor", json_pack("[f, f, f]", (double)m->emission[0] / scale, (double)m->emission[1] / scale,
+                                                          (double)m->emission[2] / scale));
+    if (m->emission_texture != KILN_NONE)
+        kiln_glb_set(&o->b, json, "emissiveTexture", texture_use(m->emission_texture, o->emission_set ? 2 : 0));
+    if (most > 1.0f) {
+        kiln_glb_set(&o->b, json, "extensions", json_pack("{s:{s:f}}", "KHR_materials_emissive_strength", "emissiveStrength", scale));
+        kiln_glb_use(&o->b, "KHR_materials_emissive_strength");
+    }
+}
+
+static void add_material(struct own *o, const struct kiln_material *m)
+{
+    static const char *const modes[] = {"OPAQUE", "MASK", "BLEND"};
+    json_t *surface = json_pack("{s:[f, f, f, f], s:f, s:f}", "baseColorFactor", (double)m->base_color[0], (double)m->base_color[1],
+                                (double)m->base_color[2], (double)m->base_color[3], "metallicFactor", (double)m->metallic, "roughnessFactor",
+                                (double)m->roughness);
+    if (m->base_color_texture != KILN_NONE)
+        kiln_glb_set(&o->b, surface, "baseColorTexture", texture_use(m->base_color_texture, 0));
+    json_t *json = json_pack("{s:o, s:o, s:s, s:b}", "name", name_of(o, m->name), "pbrMetallicRoughness", surface, "alphaMode", modes[m->alpha_mode],
+                             "doubleSided", (int)m->double_sided);
+    if (m->alpha_mode == KILN_ALPHA_MASK)
+        kiln_glb_set(&o->b, json, "alphaCutoff", json_real((double)m->alpha_cutoff));
+    set_emission(o, json, m);
+    (void)kiln_glb_append(&o->b, o->b.root, "materials", json);
+}
+
+/* ---- meshes ---- */
+
+static uint32_t add_accessor(struct own *o, const void *data, size_t count, size_t element, int component, const char *type, int target, json_t **json)
+{
+    unsigned char *bytes;
+    const uint32_t view = kiln_glb_view(&o->b, count * element, 0, target, &bytes);
+    if (bytes != NULL)
+        memcpy(bytes, data, count * element);
+    *json = json_pack("{s:i, s:i, s:I, s:s}", "bufferView", (int)view, "componentType", component, "count", (json_int_t)count, "type", type);
+    return kiln_glb_append(&o->b, o->b.root, "accessors", *json);
+}
+
+static json_t *add_attribute(struct own *o, const void *data, const struct kiln_mesh *mesh, size_t element, const char *type)
+{
+    json_t *json;
+    const char *first = (const char *)data + mesh->vertex_first * element;
+    return json_integer(add_accessor(o, first, mesh->vertex_count, element, KILN_GLTF_FLOAT, type, KILN_GLTF_ARRAY_BUFFER, &json));
+}
+
+static json_t *add_positions(struct own *o, const struct kiln_mesh *mesh)
+{
+    const struct kiln_vec3 *p = o->scene->positions + mesh->vertex_first;
+    struct kiln_vec3 low = p[0], high = p[0];
+    json_t *json;
+    for (uint64_t v = 1; v < mesh->vertex_count; v++) {
+        low = vec3(fminf(low.x, p[v].x), fminf(low.y, p[v].y), fminf(low.z, p[v].z));
+        high = vec3(fmaxf(high.x, p[v].x), fmaxf(high.y, p[v].y), fmaxf(high.z, p[v].z));
+    }
+    const uint32_t index = add_accessor(o, p, mesh->vertex_count, sizeof *p, KILN_GLTF_FLOAT, "VEC3", KILN_GLTF_ARRAY_BUFFER, &json);
+    kiln_glb_set(&o->b, json, "min", json_pack("[f, f, f]", (double)low.x, (double)low.y, (double)low.z));
+    kiln_glb_set(&o->b, json, "max", json_pack("[f, f, f]", (double)high.x, (double)high.y, (double)high.z));
+    return json_integer(index);
+}
+
+static bool is_white(const uint8_t *colors, size_t count)
+{
+    for (size_t i = 0; i < 4 * count; i++)
+        if (colors[i] != 255)
+            return false;
+    return true;
+}
+
+static json_t *add_attributes(struct own *o, const struct kiln_mesh *mesh)
+{
+    const struct kiln_scene *s = o->scene;
+    const uint8_t *colors = s->colors + 4 * mesh->vertex_first;
+    json_t *attributes = json_object(), *json;
+    kiln_glb_set(&o->b, attributes, "POSITION", add_positions(o, mesh));
+    kiln_glb_set(&o->b, attributes, "NORMAL", add_attribute(o, s->normals, mesh, sizeof *s->normals, "VEC3"));
+    kiln_glb_set(&o->b, attributes, "TEXCOORD_0", add_attribute(o, s->texcoord_base, mesh, sizeof *s->texcoord_base, "VEC2"));
+    kiln_glb_set(&o->b, attributes, "TEXCOORD_1", add_attribute(o, s->texcoord_lightmap, mesh, sizeof *s->texcoord_lightmap, "VEC2"));
+    if (o->emission_set)
+        kiln_glb_set(&o->b, attributes, "TEXCOORD_2", add_attribute(o, s->texcoord_emission, mesh, sizeof *s->texcoord_emission, "VEC2"));
+    if (!is_white(colors, mesh->vertex_count)) {
+        const uint32_t index = add_accessor(o, colors, mesh->vertex_count, 4, KILN_GLTF_UNSIGNED_BYTE, "VEC4", KILN_GLTF_ARRAY_BUFFER, &json);
+        kiln_glb_set(&o->b, json, "normalized", json_true());
+        kiln_glb_set(&o->b, attributes, "COLOR_0", json_integer(index));
+    }
+    return attributes;
+}
+
+/* The triangles of one material, from the first on that has it. `done`, a triangle: it has been written. */
+static void add_primitive(struct own *o, const struct kiln_mesh *mesh, json_t *mesh_json, json_t *attributes, uint64_t first, uint8_t *done)
+{
+    const struct kiln_scene *s = o->scene;
+    const uint32_t material = s->triangle_materials[mesh->triangle_first + first];
+    uint32_t *indices = NULL;
+    size_t count = 0;
+    json_t *json;
+    o->b.status = kiln_allocate(&indices, 3 * (mesh->triangle_count - first), sizeof *indices, "indices of the exported scene", o->b.error);
+    for (uint64_t t = first; t < mesh->triangle_count && o->b.status == KILN_OK; t++) {
+        if (done[t] || s->triangle_materials[mesh->triangle_first + t] != material)
+            continue;
+        done[t] = 1;
+        memcpy(indices + count, s->triangles + 3 * (mesh->triangle_first + t), 3 * sizeof *indices);
+        count += 3;
+    }
+    if (o->b.status == KILN_OK) {
+        const uint32_t index = add_accessor(o, indices, count, sizeof *indices, KILN_GLTF_UNSIGNED_INT, "SCALAR", KILN_GLTF_ELEMENT_ARRAY_BUFFER, &json);
+        (void)kiln_glb_append(&o->b, mesh_json, "primitives",
+                              json_pack("{s:O, s:i, s:i}", "attributes", attributes, "indices", (int)index, "material", (int)material));
+    }
+    kiln_free(&indices);
+}
+
+static void add_mesh(struct own *o, const struct kiln_mesh *mesh)
+{
+    uint8_t *done = NULL;
+    json_t *json = json_pack("{s:o, s:[]}", "name", name_of(o, mesh->name), "primitives"), *attributes = add_attributes(o, mesh);
+    if (o->b.status == KILN_OK)
+        o->b.status = kiln_allocate(&done, mesh->triangle_count, 1, "triangles of the exported scene", o->b.error);
+    for (uint64_t t = 0; t < mesh->triangle_count && o->b.status == KILN_OK; t++)
+        if (!done[t])
+            add_primitive(o, mesh, json, attributes, t, done);
+    json_decref(attributes);
+    (void)kiln_glb_append(&o->b, o->b.root, "meshes", json);
+    kiln_free(&done);
+}
+
+/* ---- nodes ---- */
+
+/* Appends a node and shows it in the scene. */
+static void add_node(struct own *o, json_t *node)
+{
+    const uint32_t index = kiln_glb_append(&o->b, o->b.root, "nodes", node);
+    json_t *scene = json_array_get(json_object_get(o->b.root, "scenes"), 0);
+    (void)kiln_glb_append(&o->b, scene, "nodes", json_integer(index));
+}
+
+/* Columns one after the other, from a row-major 3 x 4. */
+static json_t *matrix_json(const double m[12])
+{
+    json_t *array = json_array();
+    for (int c = 0; c < 4; c++)
+        for (int r = 0; r < 4; r++)
+            (void)json_array_append_new(array, json_real(r < 3 ? m[4 * r + c] : c == 3 ? 1.0 : 0.0));
+    return array;
+}
+
+static void add_object(struct own *o, size_t index)
+{
+    static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    const struct kiln_object *object = &o->scene->objects[index];
+    json_t *link = json_array_get(json_object_get(o->plan, "objects"), index);
+    json_t *node = json_pack("{s:o, s:i}", "name", name_of(o, object->name), "mesh", (int)object->mesh);
+    if (memcmp(identity, object->transform, sizeof identity) != 0)
+        kiln_glb_set(&o->b, node, "matrix", matrix_json(object->transform));
+    if (!json_is_null(link))
+        kiln_export_link(&o->b, node, link);
+    add_node(o, node);
+}
+
+/* With columns right, up, backward. */
+static json_t *placed(const double position[3], struct kiln_vec3 right, struct kiln_vec3 up, struct kiln_vec3 forward)
+{
+    const struct kiln_vec3 columns[3] = {right, up, vec3_scale(forward, -1.0f)};
+    double m[12];
+    for (int c = 0; c < 3; c++) {
+        m[c] = (double)columns[c].x;
+        m[4 + c] = (double)columns[c].y;
+        m[8 + c] = (double)columns[c].z;
+        m[4 * c + 3] = position[c];
+    }
+    return matrix_json(m);
+}
+
+static json_t *light_json(const struct own *o, const struct kiln_light *l)
+{
+    static const char *const kinds[] = {"point", "spot", "directional"};
+    const double most = fmax((double)l->intensity[0], fmax((double)l->intensity[1], (double)l->intensity[2])), scale = most > 0.0 ? most : 1.0;
+    json_t *json = json_pack("{s:o, s:s, s:[f, f, f], s:f}", "name", name_of(o, l->name), "type", kinds[l->kind], "color", (double)l->intensity[0] / scale,
+                             (double)l->intensity[1] / scale, (double)l->intensity[2] / scale, "intensity", most);
+    if (l->range > 0.0f)
+        (void)json_object_set_new(json, "range", json_real((double)l->range));
+    if (l->kind == KILN_LIGHT_SPOT)
+        (void)json_object_set_new(json, "spot", json_pack("{s:f, s:f}", "innerConeAngle", acos((double)l->cos_inner), "outerConeAngle",
+                                                          acos((double)l->cos_outer)));
+    return json;
+}
+
+static void add_light(struct own *o, const struct kiln_light *l)
+{
+    json_t *extensions = kiln_glb_object(&o->b, o->b.root, "extensions");
+    json_t *lights = extensions == NULL ? NULL : kiln_glb_object(&o->b, extensions, "KHR_lights_punctual");
+    const uint32_t index = kiln_glb_append(&o->b, lights, "lights", light_json(o, l));
+    const struct kiln_vec3 forward = {l->direction[0], l->direction[1], l->direction[2]};
+    const struct kiln_vec3 away = fabsf(forward.y) < 0.9f ? vec3(0.0f, 1.0f, 0.0f) : vec3(1.0f, 0.0f, 0.0f);
+    const struct kiln_vec3 right = vec3_normalize(vec3_cross(forward, away)), up = vec3_cross(right, forward);
+    kiln_glb_use(&o->b, "KHR_lights_punctual");
+    add_node(o, json_pack("{s:o, s:o, s:{s:{s:i}}, s:{s:b}}", "name", name_of(o, l->name), "matrix", placed(l->position, right, up, forward),
+                          "extensions", "KHR_lights_punctual", "light", (int)index, "extras", "kiln_baked", 1));
+}
+
+static void add_camera(struct own *o, const struct kiln_camera *c)
+{
+    static const double near = 0.01, far = 1e4;
+    const double extent = (double)c->extent_y, aspect = c->aspect > 0.0f ? (double)c->aspect : 1.0;
+    json_t *lens = c->orthographic ? json_pack("{s:f, s:f, s:f, s:f}", "xmag", extent * aspect, "ymag", extent, "znear", near, "zfar", far)
+                                   : json_pack("{s:f, s:f}", "yfov", extent, "znear", near);
+    if (!c->orthographic && c->aspect > 0.0f)
+        kiln_glb_set(&o->b, lens, "aspectRatio", json_real(aspect));
+    const char *kind = c->orthographic ? "orthographic" : "perspective";
+    const uint32_t index = kiln_glb_append(&o->b, o->b.root, "cameras", json_pack("{s:s, s:o}", "type", kind, kind, lens));
+    add_node(o, json_pack("{s:o, s:o, s:i}", "name", name_of(o, c->name), "matrix", placed(c->position, vec3(c->right[0], c->right[1], c->right[2]),
+                          vec3(c->up[0], c->up[1], c->up[2]), vec3(c->forward[0], c->forward[1], c->forward[2])), "camera",
+                          (int)index));
+}
+
+static void begin(struct own *o)
+{
+    const struct kiln_environment *e = o->scene->environment;
+    o->b.root = json_pack("{s:{s:s, s:s}, s:i, s:[{}]}", "asset", "version", "2.0", "generator", "kiln " KILN_VERSION, "scene", 0, "scenes");
+    json_t *scene = json_array_get(json_object_get(o->b.root, "scenes"), 0);
+    if (e->kind == KILN_ENVIRONMENT_CONSTANT)
+        kiln_glb_set(&o->b, scene, "extras", json_pack("{s:{s:s, s:[f, f, f]}}", "environment", "type", "constant", "radiance", (double)e->radiance[0],
+                                                       (double)e->radiance[1], (double)e->radiance[2]));
+    for (size_t i = 0; i < o->scene->mesh_count; i++)
+        o->emission_set |= (o->scene->meshes[i].flags & KILN_MESH_HAS_EMISSION_UV) != 0;
+}
+
+int kiln_export_own(const struct kiln_export_task *task, struct kiln_error *error)
+{
+    const struct kiln_scene *s = task->scene;
+    struct own o = {.b = {.subject = task->scene_file, .error = error}, .scene = s, .plan = task->plan};
+    begin(&o);
+    for (size_t i = 0; i < s->texture_count && o.b.status == KILN_OK; i++)
+        add_texture(&o, &s->textures[i]);
+    for (size_t i = 0; i < s->material_count && o.b.status == KILN_OK; i++)
+        add_material(&o, &s->materials[i]);
+    for (size_t i = 0; i < s->mesh_count && o.b.status == KILN_OK; i++)
+        add_mesh(&o, &s->meshes[i]);
+    for (size_t i = 0; i < s->object_count && o.b.status == KILN_OK; i++)
+        add_object(&o, i);
+    for (size_t i = 0; i < s->light_count && !json_is_true(json_object_get(task->plan, "drop_baked_lights")) && o.b.status == KILN_OK; i++)
+        add_light(&o, &s->lights[i]);
+    for (size_t i = 0; i < s->camera_count && o.b.status == KILN_OK; i++)
+        add_camera(&o, &s->cameras[i]);
+    kiln_export_root(&o.b, task->plan);
+    const int status = o.b.status == KILN_OK ? kiln_glb_build_write(&o.b, task->output) : o.b.status;
+    kiln_glb_build_free(&o.b);
+    return status;
+}

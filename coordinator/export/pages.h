@@ -1,0 +1,36 @@
+/* The lightmaps of a finished bake as pages beside an exported scene: one an object, or several objects on a page (an atlas).
+ *
+ * In an atlas, texels are copied as they are: nothing is resampled. An object keeps the texels that its layout covers and those that a
+ * bilinear filter reads there besides (one all round); its outline of such texels, not its rectangle, is what is packed, so objects
+ * lie in each other's gaps, and two texels at least are between what two objects' layouts cover. The rest of a page is filled from the
+ * nearest texels, for filters that reach further. Not collective; deterministic. */
+#ifndef KILN_COORDINATOR_EXPORT_PAGES_H
+#define KILN_COORDINATOR_EXPORT_PAGES_H
+
+#include "coordinator/export/export.h"
+#include "coordinator/export/page_format.h"
+
+struct kiln_pages_params {
+    const char *directory; /* of the bake */
+    const char *folder;    /* where the .glb goes: pages are written to its subfolder "lightmaps" */
+    const struct kiln_scene *scene;
+    enum kiln_page_format format;
+    double range;   /* as kiln_page_write takes it */
+    uint32_t atlas; /* largest side of a page; 0: one page an object */
+};
+
+struct kiln_pages {
+    struct kiln_link *links; /* one an object */
+    struct kiln_page_info *pages;
+    size_t page_count;
+    double used; /* share of the pages' texels that some object keeps; 1 without an atlas */
+    char **names;
+    size_t name_count;
+};
+
+/* Reads the lightmaps, writes the pages. KILN_BAD_INPUT when an object does not fit a page, or a value does not fit the format.
+ * Destroy with kiln_pages_destroy. */
+int kiln_pages_write(struct kiln_pages **pages, const struct kiln_pages_params *params, struct kiln_error *error);
+void kiln_pages_destroy(struct kiln_pages **pages);
+
+#endif

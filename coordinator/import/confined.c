@@ -1,0 +1,135 @@
+#include "coordinator/import/confined.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <spawn.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+extern char **environ;
+
+static double now(void)
+{
+    struct timespec t;
+    (void)clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static const char *program_of(const struct kiln_confined_call *call) { return call->program != NULL ? call->program : "/proc/self/exe"; }
+
+static int spawn_child(const struct kiln_confined_call *call, int pipe_write, pid_t *pid, struct kiln_error *error)
+{
+    posix_spawn_file_actions_t actions;
+    posix_spawnattr_t attributes;
+    sigset_t none, all;
+    (void)sigemptyset(&none);
+    (void)sigfillset(&all);
+    if (posix_spawn_file_actions_init(&actions) != 0)
+        return kiln_fail(error, KILN_SYSTEM, "out of memory for a child process");
+    if (posix_spawnattr_init(&attributes) != 0) {
+        (void)posix_spawn_file_actions_destroy(&actions);
+        return kiln_fail(error, KILN_SYSTEM, "out of memory for a child process");
+    }
+    /* Nothing of ours goes along: no descriptor (MPI has sockets open), no signal mask or handler. */
+    errno = call->input >= 0 ? posix_spawn_file_actions_adddup2(&actions, call->input, STDIN_FILENO)
+                             : posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+    if (errno == 0)
+        errno = posix_spawn_file_actions_adddup2(&actions, pipe_write, STDOUT_FILENO);
+    if (errno == 0)
+        errno = posix_spawn_file_actions_addclosefrom_np(&actions, 3);
+    if (errno == 0)
+        errno = posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETSIGMASK);
+    if (errno == 0)
+        errno = posix_spawnattr_setsigdefault(&attributes, &all);
+    if (errno == 0)
+        errno = posix_spawnattr_setsigmask(&attributes, &none);
+    if (errno == 0)
+        errno = posix_spawn(pid, program_of(call), &actions, &attributes, (char *const *)(uintptr_t)call->arguments, environ);
+    const int status = errno == 0 ? KILN_OK : kiln_fail_errno(error, KILN_SYSTEM, "%s: the %s cannot be started", program_of(call), call->what);
+    (void)posix_spawn_file_actions_destroy(&actions);
+    (void)posix_spawnattr_destroy(&attributes);
+    return status;
+}
+
+/* Reads until the child closes the pipe; false when the wall clock ran out first. */
+static bool listen(int pipe_read, double deadline, char *text, size_t size)
+{
+    size_t length = 0;
+    for (;;) {
+        struct pollfd wait = {.fd = pipe_read, .events = POLLIN};
+        const double left = deadline - now();
+        if (left <= 0.0)
+            return false;
+        const int ready = poll(&wait, 1, left < 3600.0 ? (int)(left * 1000.0) + 1 : 3600000);
+        if (ready == 0 || (ready < 0 && errno == EINTR))
+            continue;
+        char block[1024];
+        const ssize_t count = read(pipe_read, block, sizeof block);
+        if (count < 0 && errno == EINTR)
+            continue;
+        if (count <= 0)
+            break;
+        const size_t kept = (size_t)count < size - 1 - length ? (size_t)count : size - 1 - length;
+        memcpy(text + length, block, kept);
+        length += kept;
+    }
+    text[length] = '\0';
+    return true;
+}
+
+static int wait_for(pid_t pid)
+{
+    int state = 0;
+    while (waitpid(pid, &state, 0) < 0)
+        if (errno != EINTR)
+            return -1;
+    return state;
+}
+
+/* What became of the child, as a status and a sentence. */
+static int judge(const struct kiln_confined_call *call, int state, const char *text, struct kiln_error *error)
+{
+    char *rest;
+    const long status = strtol(text, &rest, 10);
+    if (rest != text && *rest == '\n' && status == KILN_OK && WIFEXITED(state) && WEXITSTATUS(state) == 0)
+        return KILN_OK;
+    if (rest != text && *rest == '\n' && status != KILN_OK)
+        return kiln_fail(error, (int)status, "%s", rest + 1);
+    if (WIFSIGNALED(state) && (WTERMSIG(state) == SIGXCPU))
+        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it took more CPU time than its size warrants; simplify the scene", call->subject);
+    if (WIFSIGNALED(state))
+        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s died (signal %d: %s) on this file; repair it or export it again as glTF",
+                         call->subject, call->what, WTERMSIG(state), strsignal(WTERMSIG(state)));
+    return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s died (exit status %d, no answer) on this file; repair it or export it again as glTF",
+                     call->subject, call->what, WIFEXITED(state) ? WEXITSTATUS(state) : -1);
+}
+
+int kiln_confined_run(const struct kiln_confined_call *call, struct kiln_error *error)
+{
+    int ends[2];
+    pid_t pid = -1;
+    char text[sizeof(struct kiln_error) + 64];
+    if (pipe2(ends, O_CLOEXEC) != 0)
+        return kiln_fail_errno(error, KILN_SYSTEM, "a pipe to the %s cannot be made", call->what);
+    int status = spawn_child(call, ends[1], &pid, error);
+    (void)close(ends[1]);
+    if (status == KILN_OK) {
+        const bool answered = listen(ends[0], now() + call->seconds, text, sizeof text);
+        if (!answered)
+            (void)kill(pid, SIGKILL);
+        const int state = wait_for(pid);
+        status = answered ? judge(call, state, text, error)
+                          : kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it took longer than %.0f s; simplify the scene", call->subject,
+                                      call->seconds);
+    }
+    (void)close(ends[0]);
+    return status;
+}
