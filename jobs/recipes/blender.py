@@ -33,7 +33,10 @@ LAYER = 'kiln'
 def entry_of(thing):
     """The lightmap entry of an imported object, {} where it has none: kept in extras, which Blender makes custom properties."""
     entry = thing.get('kiln_lightmap')
-    return entry.to_dict() if entry is not None else {}
+    entry = entry.to_dict() if entry is not None else {}
+    if 'instances' in entry:
+        print('kiln: %s is drawn as instances, each with a lightmap of its own: left out' % thing.name)
+    return entry if 'file' in entry else {}
 
 
 def import_scene(folder):
@@ -41,7 +44,8 @@ def import_scene(folder):
     before = set(bpy.data.objects)
     bpy.ops.import_scene.gltf(filepath=os.path.join(folder, 'scene.glb'))
     new = [o for o in bpy.data.objects if o not in before]
-    return [(o, entry_of(o)) for o in new if o.type == 'MESH' and entry_of(o)], new
+    entries = [(o, entry_of(o)) for o in new if o.type == 'MESH']
+    return [(o, e) for o, e in entries if e], new
 
 
 def page_place(entry):
@@ -185,14 +189,13 @@ def put_on_import(folder):
     return [(thing, entry, thing.data.uv_layers[entry['texCoord']].name) for thing, entry in import_scene(folder)[0]]
 
 
-def switch_off_lights():
-    """Baked lights, and Blender's world, would light a second time."""
-    lights = [o for o in bpy.data.objects if o.type == 'LIGHT']
+def switch_off_lights(all_of_them):
+    """Hides the lights that are in the lightmaps, which would light a second time: those that scene.glb marks, or, in a file of your
+    own, all. Blender's world is left as it is: it lights no emission."""
+    lights = [o for o in bpy.data.objects if o.type == 'LIGHT' and (all_of_them or o.get('kiln_baked'))]
     for light in lights:
         light.hide_render = True
         light.hide_set(True)
-    if bpy.context.scene.world is None:
-        bpy.context.scene.world = bpy.data.worlds.new(LAYER)
     return len(lights)
 
 
@@ -212,7 +215,7 @@ def apply(folder, own_objects, exposure=None):
     if not lit:
         raise RuntimeError('no object has a lightmap: is %s what kiln bake wrote?' % os.path.join(folder, 'scene.glb'))
     images = {put_lightmap(thing, entry, folder, layer) for thing, entry, layer in lit}
-    lights = switch_off_lights()
+    lights = switch_off_lights(own_objects)
     if exposure is None:
         exposure = math.log2(math.pi / mean_irradiance(images))
     bpy.context.scene.view_settings.exposure = max(-32.0, min(32.0, exposure))

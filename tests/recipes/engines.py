@@ -1,7 +1,7 @@
 """Does a bake arrive in an engine? Scenes without a lightmap layout are baked; the engine loads DIR/scene.glb and the lightmaps by its own
 means and by the recipe in jobs/recipes, and what it shows at 200 random places is compared with the irradiance there (stage.py says how).
 
-  engines.py three|blender --kiln KILN [--scene FILE.glb [--lamp X Y Z SIDE]] [--places N] [--density D] [--pictures FOLDER]
+  engines.py three|blender --kiln KILN [--scene FILE.glb [--lamp X Y Z SIDE]] [--places N] [--density D] [--atlas N] [--pictures FOLDER]
 
 three needs Chromium and a folder with three in it, named by KILN_THREE (npm install --prefix FOLDER three); blender needs Blender. --lamp replaces
 the scene's lights by a square lamp that looks down: noise and hard shadows would hide what is looked for. README.md, 'Longer runs', has the run
@@ -59,7 +59,14 @@ class Stage:
         self.good = checks.baked(self.bake) and checks.baked(reference)
         if not self.good:
             return
-        self.scene = stage.Scene(os.path.join(self.bake.directory, 'scene.glb'))
+        self.folder = self.bake.directory
+        if arguments.atlas:
+            self.folder = os.path.join(kiln.scratch, self.name + '_atlas')
+            p = kiln.command('export', self.bake.directory, '-o', os.path.join(self.folder, 'scene.glb'), '--atlas', arguments.atlas)
+            self.good = checks.that(p.status == 0, 'kiln export --atlas ended with %d' % p.status, p)
+            if not self.good:
+                return
+        self.scene = stage.Scene(os.path.join(self.folder, 'scene.glb'))
         self.found, vain = stage.places(self.scene, stage.Reference(reference), arguments.places, 3)
         checks.that(len(self.found) == arguments.places, '%s: only %d places have an answer' % (self.name, len(self.found)))
         self.request = dict(reach=stage.reach_of(self.scene), places=[
@@ -83,7 +90,7 @@ def in_three(checks, table, kiln, stages, arguments):
     if not os.path.exists(os.path.join(modules, 'three', 'package.json')):
         harness.skip('KILN_THREE names no folder with three: npm install --prefix FOLDER three')
     for s in stages():
-        folders = {'': HERE, 'recipe': os.path.join(stage.RECIPES, 'three'), 'bake': s.bake.directory, 'node_modules': modules}
+        folders = {'': HERE, 'recipe': os.path.join(stage.RECIPES, 'three'), 'bake': s.folder, 'node_modules': modules}
         server = browser.Server(folders, {'places.json': json.dumps(s.request).encode()})
         answer = browser.ask(chromium, server, 'probe.html', 600)
         server.close()
@@ -118,7 +125,7 @@ def in_blender(checks, table, kiln, stages, arguments):
         if checks.that(made.status == 0, 'Blender makes no file of its own of %s' % s.name, made):
             runs.append((' own file', files['own.json'], (files['own.blend'],)))
         for what, result, blend in runs:
-            p = blender(probe, recipe, s.bake.directory, files['places.json'], result, *picture, blend=blend)
+            p = blender(probe, recipe, s.folder, files['places.json'], result, *picture, blend=blend)
             picture = []
             if not checks.that(p.status == 0 and os.path.exists(result), 'blender.py ended with %d' % p.status, p):
                 print(p.stdout[-3000:])
@@ -138,16 +145,19 @@ def main():
     arguments, kiln = harness.start(
         __doc__, lambda p: p.add_argument('engine', choices=sorted(ENGINES)), lambda p: p.add_argument('--scene', metavar='FILE.glb'),
         lambda p: p.add_argument('--lamp', nargs=4, type=float, metavar=('X', 'Y', 'Z', 'SIDE')), lambda p: p.add_argument('--places', type=int, default=200),
-        lambda p: p.add_argument('--density', type=float, metavar='TEXELS_PER_METRE'), lambda p: p.add_argument('--pictures', metavar='FOLDER'))
+        lambda p: p.add_argument('--density', type=float, metavar='TEXELS_PER_METRE'),
+        lambda p: p.add_argument('--atlas', type=int, default=0, metavar='TEXELS', help='look at what kiln export --atlas makes of the bake'), lambda p: p.add_argument('--pictures', metavar='FOLDER'))
     if arguments.pictures:
         os.makedirs(arguments.pictures, exist_ok=True)
     checks = harness.Checks()
     scenes = [arguments.scene] if arguments.scene else [harness.own_scene(n) for n in ('cornell_original.glb', 'punctual_zoo.glb')]
     if not arguments.scene:
-        arguments.density = arguments.density or 8
+        arguments.density = arguments.density or 12
 
     def stages():
         for path in scenes:
+            if not arguments.scene:  # the second has its lightmaps on pages: scale and offset
+                arguments.atlas = 0 if path == scenes[0] else 512
             s = Stage(kiln, checks, path, arguments)
             if s.good:
                 yield s

@@ -168,6 +168,7 @@ def judge(checks, table, engine, found, seen, tolerance, share):
     for f, e, r, least, most in failed[:8]:
         print('   %s at %s: seen %.5g, reference %.5g, around it %.5g to %.5g' % (f['name'], np.round(f['position'], 4), e, r, least, most))
     checks.that(hidden <= 0.1 * len(found), '%s: %d of %d places are hidden or not drawn' % (engine, hidden, len(found)))
+    checks.that(within >= 0.9, '%s: only %.1f %% of the places are within %.0f %%' % (engine, 100 * within, 100 * tolerance))
     checks.that(len(d) > 0 and len(failed) <= (1 - share) * len(d), '%s: %d of %d places are off' % (engine, len(failed), len(d)))
 
 

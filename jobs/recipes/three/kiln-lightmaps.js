@@ -11,7 +11,8 @@
  * - rows: EXRLoader stores an EXR's bottom row first, which puts it at v = 0. In glTF v = 0 is the top row: flipY = true.
  * - UV set: TEXCOORD_1 is `uv1`: texture.channel = 1. Scale and offset go to texture.repeat and texture.offset.
  * - floats: EXRLoader makes half floats unless told; lux of a sunlit floor do not fit in them (65504 is the largest).
- * - lights: those that were baked light the scene twice unless they are switched off.
+ * - lights: those that are in the lightmaps (extras.kiln_baked) light the scene twice unless they are switched off, or left out of the
+ *   file by kiln export --drop-baked-lights.
  */
 import * as THREE from 'three';
 import { EXRLoader } from 'three/addons/loaders/EXRLoader.js';
@@ -33,6 +34,7 @@ function bakedNodes(root) {
   const found = [];
   root.traverse((object) => {
     const entry = object.userData.kiln_lightmap ?? object.userData.gltfExtensions?.KILN_lightmap;
+    if (entry?.instances !== undefined) console.warn(`kiln: ${object.name} is drawn as instances, each with a lightmap of its own: left out`);
     if (entry?.file !== undefined) found.push([object, entry]);
   });
   return found;
@@ -71,9 +73,8 @@ export async function applyKilnLightmaps(gltf, base, { intensity = 1, type = THR
   }
   let lights = 0;
   gltf.scene.traverse((object) => {
-    if (!object.isLight || keepLights) return;
-    object.visible = false;
-    lights++;
+    if (!object.userData.kiln_baked || keepLights) return;
+    for (const light of [object, ...object.children].filter((o) => o.isLight)) { light.visible = false; lights++; }
   });
   return { nodes: nodes.length, pages: pages.size, lights, unit: nodes[0][1].unit };
 }
