@@ -2,8 +2,8 @@
 
   blender --background -noaudio --factory-startup --python cycles_blender.py -- NAME FOLDER SIDE SAMPLES BOUNCES [--single-sided] [--no-bake]
 
-Writes FOLDER/scene.glb with the exporter's own defaults (which mark every material double-sided) but with lights, and FOLDER/NAME_OBJECT.exr of
-E / pi in W/m2, rows from the top as in glTF, alpha where Cycles found the surface. Every object has a second UV map, unwrapped by Blender.
+Writes FOLDER/scene.glb with the exporter's own defaults (which mark every material double-sided) but with lights, and FOLDER/OBJECT_1.exr and _2
+(two seeds, SAMPLES each) of E / pi in W/m2, rows from the top as in glTF, alpha where Cycles found the surface. Every object has a second UV map, unwrapped by Blender.
 
   sunny      a room with walls of 20 cm, a window, a sun and a sky (the world, which glTF does not hold: kiln's --environment), table, ball
   flat       two rooms and a door, walls without thickness, point lamps, a box, a sheet of paper that hangs in the light
@@ -160,7 +160,7 @@ def flat():
 def furnished():
     paint, wood, green = material('paint', (0.7, 0.72, 0.7)), material('wood', (0.45, 0.3, 0.2)), material('green', (0.1, 0.5, 0.2))
     shell('room', (0, 0, 0), (4, 5, 2.8), paint)
-    glow = box('glow', (1.4, 2.0, 2.70), (2.6, 3.0, 2.75), material('glow', (0.5, 0.5, 0.5), 12.0))
+    glow = box('glow', (1.4, 2.0, 2.30), (2.6, 3.0, 2.35), material('glow', (0.5, 0.5, 0.5), 12.0))
     subdivide(glow, 5)
     joined('shelf', [box('b', (0.05, 1.0, 0.3 + 0.5 * i), (0.40, 2.6, 0.32 + 0.5 * i), wood) for i in range(4)] +
            [box('b', (0.05, 0.98, 0), (0.40, 1.0, 1.9), wood), box('b', (0.05, 2.6, 0), (0.40, 2.62, 1.9), wood)])
@@ -184,7 +184,7 @@ def unwrap(thing):
     thing.data.uv_layers.active = thing.data.uv_layers.new(name='Lightmap')
     bpy.ops.object.mode_set(mode='EDIT')
     bpy.ops.mesh.select_all(action='SELECT')
-    bpy.ops.uv.smart_project(angle_limit=math.radians(66), island_margin=0.04, scale_to_bounds=False)
+    bpy.ops.uv.smart_project(angle_limit=math.radians(66), island_margin=0.02, scale_to_bounds=False)
     bpy.ops.object.mode_set(mode='OBJECT')
     thing.data.uv_layers.active_index = 0
     thing.data.uv_layers[0].active_render = True
@@ -216,7 +216,7 @@ def set_up(samples, bounces, sky):
     background.inputs['Color'].default_value, background.inputs['Strength'].default_value = (1.0, 1.0, 1.0, 1.0), sky
     scene.render.engine = 'CYCLES'
     c = scene.cycles
-    c.device, c.samples, c.seed, c.use_denoising, c.use_adaptive_sampling = 'CPU', samples, 1, False, False
+    c.device, c.samples, c.use_denoising, c.use_adaptive_sampling = 'CPU', samples, False, False
     c.max_bounces = c.diffuse_bounces = bounces
     c.sample_clamp_direct = c.sample_clamp_indirect = c.light_sampling_threshold = c.blur_glossy = 0.0
     bake = scene.render.bake
@@ -262,8 +262,10 @@ def main():
     for m in bpy.data.materials:
         make_diffuse(m)
     set_up(int(samples), int(bounces), sky)
-    for thing in meshes():
-        bake(thing, int(side), os.path.join(folder, thing.name.replace(' ', '_') + '.exr'))
+    for seed in (1, 2):
+        bpy.context.scene.cycles.seed = seed
+        for thing in meshes():
+            bake(thing, int(side), os.path.join(folder, '%s_%d.exr' % (thing.name.replace(' ', '_'), seed)))
 
 
 main()
