@@ -88,7 +88,7 @@ static int write_all(struct export *e, struct kiln_error *error)
         return kiln_fail(error, KILN_NO_INPUT, "%.512s/run.json does not say where the scene is that was baked; say it with --scene", e->directory);
     const struct kiln_export_params scene = {.source = gltf ? e->source : NULL, .scene_file = e->scene_file, .scene = e->scene, .output = e->output,
                                              .encoding = kiln_page_encoding(params.format), .links = e->pages->links, .pages = e->pages->pages,
-                                             .page_count = e->pages->page_count, .drop_baked_lights = e->job->drop_baked_lights};
+                                             .page_count = e->pages->page_count, .coordinates = e->pages->coordinates, .drop_baked_lights = e->job->drop_baked_lights};
     return kiln_export_scene(&scene, error);
 }
 

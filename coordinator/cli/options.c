@@ -115,7 +115,7 @@ const struct kiln_option kiln_options[] = {
      .maximum = 1e30, .help = "irradiance that rgbm's 1 x 1 stands for, more is an error; auto: each page's largest", .commands = KILN_FOR_EXPORT,
      .offset = AT(range)},
     {.name = "atlas", .group = "Lightmaps", .kind = KILN_OPTION_UINT32, .value = "TEXELS", .fallback = "off", .word = "off", .minimum = 16,
-     .maximum = 32768, .help = "many objects on a page of at most N x N, texels as they are", .commands = KILN_FOR_EXPORT, .offset = AT(atlas)},
+     .maximum = 16384, .help = "many objects on a page of at most N x N, texels as they are", .commands = KILN_FOR_EXPORT, .offset = AT(atlas)},
     {.name = "drop-baked-lights", .group = "Lightmaps", .kind = KILN_OPTION_FLAG, .fallback = "false",
      .help = "leave punctual lights out, whose light is in the lightmaps; else they are marked", .commands = KILN_FOR_EXPORT,
      .offset = AT(drop_baked_lights)},

@@ -10,6 +10,7 @@ struct again {
     struct kiln_glb_build b; /* its root is g's */
     const struct kiln_scene *scene;
     json_t *plan;
+    const struct kiln_vec2 *coordinates; /* a vertex of the scene */
     uint32_t *set_of; /* a mesh: which TEXCOORD holds the lightmap's coordinates */
 };
 

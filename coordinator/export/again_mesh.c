@@ -161,7 +161,7 @@ static void place_triangle(struct patch *p, const struct kiln_mesh *mesh, uint64
         take(p->a, kiln_fail(p->a->b.error, KILN_BAD_INPUT, "%.512s: %s[%zu]%s: triangle %u is not the one that was baked; bake again", p->a->b.subject,
                              p->where.array, p->where.index, p->where.below, k));
     for (int c = 0; c < 3 && p->a->b.status == KILN_OK; c++)
-        p->place_of[3 * (size_t)k + slot[c]] = place_at(p, corner[slot[c]], scene->texcoord_lightmap[mesh->vertex_first + own[c]]);
+        p->place_of[3 * (size_t)k + slot[c]] = place_at(p, corner[slot[c]], p->a->coordinates[mesh->vertex_first + own[c]]);
 }
 
 /* Triangles without area have no place in the layout: their corners take one that their vertex has, or one of another corner, or 0. */

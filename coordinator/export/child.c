@@ -7,6 +7,8 @@
 #include "coordinator/import/child.h"
 #include "worker/base/memory.h"
 
+enum { READ_BYTES = 1 << 16 };
+
 void kiln_export_link(struct kiln_glb_build *b, json_t *node, json_t *link)
 {
     json_t *extensions = kiln_glb_object(b, node, "extensions"), *extras = kiln_glb_object(b, node, "extras");
@@ -31,7 +33,21 @@ static int open_task(struct kiln_export_task *task, struct kiln_error *error)
     const int status = kiln_scene_open(&task->scene, task->scene_file, error);
     if (status != KILN_OK)
         return status;
-    task->plan = json_loadf(stdin, JSON_REJECT_DUPLICATES, &report);
+    size_t size = 0, capacity = 0, got = 1;
+    while (got > 0) {
+        const int grown = kiln_grow(&task->input, &capacity, size + READ_BYTES, 1, "the export's plan", error);
+        if (grown != KILN_OK)
+            return grown;
+        got = fread(task->input + size, 1, READ_BYTES, stdin);
+        size += got;
+    }
+    const size_t length = strnlen(task->input, size), moved = task->scene->vertex_count * sizeof *task->coordinates;
+    task->plan = json_loadb(task->input, length, JSON_REJECT_DUPLICATES, &report);
+    task->coordinates = task->scene->texcoord_lightmap;
+    if (length < size && size - length - 1 == moved) { /* to the input's beginning, where they are aligned */
+        memmove(task->input, task->input + length + 1, moved);
+        task->coordinates = (const struct kiln_vec2 *)(const void *)task->input;
+    }
     if (task->plan == NULL || json_array_size(json_object_get(task->plan, "objects")) != task->scene->object_count)
         return kiln_fail(error, KILN_BUG, "the export's plan does not fit %.512s", task->scene_file);
     return KILN_OK;
@@ -53,6 +69,7 @@ int kiln_export_child(int argc, char **argv)
         status = own ? kiln_export_own(&task, &error) : kiln_export_gltf(&task, kiln_child_follower(&limits), &error);
     }
     json_decref(task.plan);
+    kiln_free(&task.input);
     kiln_scene_close(&task.scene);
     kiln_child_answer(status, error.message);
     return status;

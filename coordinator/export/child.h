@@ -2,6 +2,7 @@
  *
  * argv: PROGRAM export-child SOURCE SCENE_FILE OUTPUT [SOURCE is "" where the export is made from kiln's own scene file alone]
  * standard input, one JSON object (ours, trusted):
+ * and, where coordinates have moved, a zero byte and a struct kiln_vec2 for each vertex of the scene:
  *   {"objects": [LINK or null, one an object], "root": ROOT, "drop_baked_lights": false}
  * LINK is what the node of an object gets as extensions.KILN_lightmap (texCoord is settled by the child), ROOT what the file itself gets. */
 #ifndef KILN_COORDINATOR_EXPORT_CHILD_H
@@ -17,7 +18,9 @@ enum { KILN_EXPORT_CHILD_ARGUMENTS = 5 };
 struct kiln_export_task {
     const char *source, *scene_file, *output;
     struct kiln_scene *scene;
+    char *input; /* all of standard input */
     json_t *plan;
+    const struct kiln_vec2 *coordinates; /* a vertex: the lightmap's */
 };
 
 /* The source's glTF with TEXCOORD_1 as baked and the plan's links, written to task->output. `mapped` as in struct kiln_confine.

@@ -24,7 +24,7 @@ bool kiln_export_has_gltf(const struct kiln_scene *scene)
 {
     const char *path = scene->source_count > 0 ? kiln_scene_string(scene, scene->sources[0].path) : "";
     const char *dot = strrchr(path, '.');
-    return scene->triangle_sources != NULL && dot != NULL && (strcasecmp(dot, ".glb") == 0 || strcasecmp(dot, ".gltf") == 0);
+    return (scene->triangle_sources != NULL || scene->triangle_count == 0) && dot != NULL && (strcasecmp(dot, ".glb") == 0 || strcasecmp(dot, ".gltf") == 0);
 }
 
 bool kiln_export_is_published(const struct kiln_scene *scene, size_t object)
@@ -85,6 +85,8 @@ static int plan_file(const struct kiln_export_params *p, int *descriptor, struct
                  : *descriptor < 0 ? kiln_fail_errno(error, KILN_SYSTEM, "a file in memory cannot be made") : KILN_OK;
     if (status == KILN_OK)
         status = kiln_write_all(*descriptor, text, strlen(text), 0, "the export's plan", error);
+    if (status == KILN_OK && p->coordinates != NULL) /* after the text's last byte, 0 */
+        status = kiln_write_all(*descriptor, p->coordinates, p->scene->vertex_count * sizeof *p->coordinates, strlen(text) + 1, "the export's plan", error);
     if (status == KILN_OK && lseek(*descriptor, 0, SEEK_SET) != 0)
         status = kiln_fail_errno(error, KILN_SYSTEM, "a file in memory cannot be read");
     free(text);

@@ -42,6 +42,7 @@ struct kiln_export_params {
     const struct kiln_link *links; /* one an object */
     const struct kiln_page_info *pages;
     size_t page_count;
+    const struct kiln_vec2 *coordinates; /* a vertex of the scene, in place of texcoord_lightmap; NULL: that */
     bool drop_baked_lights;
 };
 

@@ -321,7 +321,7 @@ int kiln_export_gltf(const struct kiln_export_task *task, void (*mapped)(const s
 {
     struct kiln_confine *confine = NULL;
     struct kiln_builder *builder = NULL;
-    struct again a = {.scene = task->scene, .plan = task->plan, .b = {.subject = task->source, .error = error}};
+    struct again a = {.scene = task->scene, .plan = task->plan, .coordinates = task->coordinates, .b = {.subject = task->source, .error = error}};
     int status = kiln_confine_create(&confine, task->source, error);
     if (status == KILN_OK)
         status = kiln_builder_create(&builder, error);

@@ -12,6 +12,7 @@ struct own {
     struct kiln_glb_build b;
     const struct kiln_scene *scene;
     json_t *plan;
+    const struct kiln_vec2 *coordinates;
     bool emission_set; /* emission has coordinates of its own somewhere: TEXCOORD_2, for all meshes */
 };
 
@@ -122,7 +123,7 @@ static json_t *add_attributes(struct own *o, const struct kiln_mesh *mesh)
     kiln_glb_set(&o->b, attributes, "POSITION", add_positions(o, mesh));
     kiln_glb_set(&o->b, attributes, "NORMAL", add_attribute(o, s->normals, mesh, sizeof *s->normals, "VEC3"));
     kiln_glb_set(&o->b, attributes, "TEXCOORD_0", add_attribute(o, s->texcoord_base, mesh, sizeof *s->texcoord_base, "VEC2"));
-    kiln_glb_set(&o->b, attributes, "TEXCOORD_1", add_attribute(o, s->texcoord_lightmap, mesh, sizeof *s->texcoord_lightmap, "VEC2"));
+    kiln_glb_set(&o->b, attributes, "TEXCOORD_1", add_attribute(o, o->coordinates, mesh, sizeof *o->coordinates, "VEC2"));
     if (o->emission_set)
         kiln_glb_set(&o->b, attributes, "TEXCOORD_2", add_attribute(o, s->texcoord_emission, mesh, sizeof *s->texcoord_emission, "VEC2"));
     if (!is_white(colors, mesh->vertex_count)) {
@@ -275,7 +276,7 @@ static void begin(struct own *o)
 int kiln_export_own(const struct kiln_export_task *task, struct kiln_error *error)
 {
     const struct kiln_scene *s = task->scene;
-    struct own o = {.b = {.subject = task->scene_file, .error = error}, .scene = s, .plan = task->plan};
+    struct own o = {.b = {.subject = task->scene_file, .error = error}, .scene = s, .plan = task->plan, .coordinates = task->coordinates};
     begin(&o);
     for (size_t i = 0; i < s->texture_count && o.b.status == KILN_OK; i++)
         add_texture(&o, &s->textures[i]);

@@ -3,7 +3,9 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "coordinator/export/atlas.h"
 #include "coordinator/output/exr.h"
+#include "coordinator/output/map.h"
 #include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
 
@@ -20,8 +22,8 @@ static const char *keep_name(struct kiln_pages *pages, const char *name, const c
 }
 
 /* The channels `wanted` of an object's lightmap, which has the size that the scene says. */
-int kiln_pages_read(const struct kiln_pages_params *p, size_t object, const char *const *wanted, size_t count, struct kiln_image **image,
-                    struct kiln_error *error)
+static int read_lightmap(const struct kiln_pages_params *p, size_t object, const char *const *wanted, size_t count, struct kiln_image **image,
+                         struct kiln_error *error)
 {
     char name[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
     const struct kiln_object *o = &p->scene->objects[object];
@@ -46,7 +48,7 @@ static int write_own_page(const struct kiln_pages_params *p, size_t object, stru
     page->file = keep_name(pages, kiln_scene_string(p->scene, o->name), kiln_page_ending(p->format), error);
     int status = page->file == NULL ? KILN_SYSTEM : kiln_path_join(path, p->folder, page->file, error);
     if (status == KILN_OK)
-        status = kiln_pages_read(p, object, wanted, 3, &image, error);
+        status = read_lightmap(p, object, wanted, 3, &image, error);
     if (status == KILN_OK)
         status = kiln_page_write(path, p->format, image, &page->range, error);
     if (status == KILN_OK)
@@ -54,6 +56,293 @@ static int write_own_page(const struct kiln_pages_params *p, size_t object, stru
     kiln_image_destroy(&image);
     return status;
 }
+
+static int write_own_pages(const struct kiln_pages_params *p, struct kiln_pages *pages, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; i < p->scene->object_count && status == KILN_OK; i++)
+        if (kiln_export_is_published(p->scene, i))
+            status = write_own_page(p, i, pages, error);
+    return status;
+}
+
+/* ---- atlas ---- */
+
+struct atlas {
+    const struct kiln_pages_params *params;
+    struct kiln_pages *pages;
+    struct kiln_islands islands;
+    size_t *first;   /* an object: its first island; one more at the end */
+    uint32_t *users; /* a mesh: how many objects with a lightmap have it */
+};
+
+/* An object that shares its mesh keeps its layout as it is, for the coordinates are the mesh's. */
+static bool is_whole(const struct atlas *a, size_t object) { return a->users[a->params->scene->objects[object].mesh] > 1; }
+
+static int misfit(const struct kiln_pages_params *p, size_t object, struct kiln_error *error)
+{
+    const struct kiln_object *o = &p->scene->objects[object];
+    return kiln_fail(error, KILN_BAD_INPUT,
+                     "object '%s': its lightmap of %u x %u texels does not fit a page of %u x %u; give a larger --atlas, or bake it with fewer texels "
+                     "(--texels-per-metre, --lightmap-max)",
+                     kiln_scene_string(p->scene, o->name), o->lightmap_width, o->lightmap_height, p->atlas, p->atlas);
+}
+
+/* The islands of what the object's layout covers. */
+static int add_islands(struct atlas *a, size_t object, struct kiln_error *error)
+{
+    const struct kiln_pages_params *p = a->params;
+    static const char *const wanted[] = {"coverage.Y", "validity.Y"};
+    const struct kiln_object *o = &p->scene->objects[object];
+    const size_t count = (size_t)o->lightmap_width * o->lightmap_height;
+    struct kiln_image *image = NULL;
+    uint8_t *covered = NULL;
+    int status = read_lightmap(p, object, wanted, 2, &image, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&covered, count, 1, "covered texels", error);
+    const struct kiln_image_channel *coverage = status == KILN_OK ? kiln_image_find(image, "coverage.Y") : NULL;
+    const struct kiln_image_channel *validity = status == KILN_OK ? kiln_image_find(image, "validity.Y") : NULL;
+    if (status == KILN_OK && (coverage == NULL || validity == NULL))
+        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s: the lightmap of '%s' has no coverage and validity; bake again", p->directory,
+                           kiln_scene_string(p->scene, o->name));
+    for (size_t i = 0; status == KILN_OK && i < count; i++)
+        covered[i] = coverage->values[i] > 0.0f || validity->values[i] > 0.25f; /* coverage is a half: the least may have become 0 */
+    if (status == KILN_OK)
+        status = kiln_islands_add(&a->islands, covered, o->lightmap_width, o->lightmap_height, is_whole(a, object), (uint32_t)object, error);
+    kiln_free(&covered);
+    kiln_image_destroy(&image);
+    return status;
+}
+
+/* Copies an island's texels; beyond its lightmap's edge those at the edge. */
+static void copy_texels(struct kiln_image *page, uint8_t *state, float *const to[3], const struct kiln_island *o, const struct kiln_image *image,
+                        float *const from[3])
+{
+    for (size_t i = 0; i < o->run_count; i++) {
+        const struct kiln_island_run *run = &o->runs[i];
+        const int64_t v = (int64_t)o->top + run->row, y = v < 0 ? 0 : v >= image->height ? (int64_t)image->height - 1 : v;
+        for (uint32_t k = run->first; k < run->end; k++) {
+            const int64_t u = (int64_t)o->left + k, x = u < 0 ? 0 : u >= image->width ? (int64_t)image->width - 1 : u;
+            const size_t target = (size_t)(o->y + run->row) * page->width + o->x + k, source = (size_t)y * image->width + (size_t)x;
+            for (int c = 0; c < 3; c++)
+                to[c][target] = from[c][source];
+            state[target] = 1;
+        }
+    }
+}
+
+/* What no object keeps takes the values of the nearest texel that one does. */
+static int fill_page(const struct kiln_image *page, const uint8_t *state, float *const planes[3], struct kiln_error *error)
+{
+    const size_t count = (size_t)page->width * page->height;
+    uint32_t *nearest = NULL;
+    int status = kiln_allocate(&nearest, count, sizeof *nearest, "nearest texels", error);
+    if (status == KILN_OK)
+        status = kiln_nearest_texels(state, 1, page->width, page->height, nearest, error);
+    for (size_t i = 0; status == KILN_OK && i < count; i++)
+        for (int c = 0; nearest[i] != KILN_NONE && c < 3; c++)
+            planes[c][i] = planes[c][nearest[i]];
+    kiln_free(&nearest);
+    return status;
+}
+
+/* As large as what lies on it asks for; multiples of 4, for block compression. */
+static void size_page(const struct atlas *a, uint32_t index, struct kiln_page_info *page)
+{
+    const uint32_t most = a->params->atlas;
+    *page = (struct kiln_page_info){.range = a->params->range};
+    for (size_t i = 0; i < a->islands.count; i++) {
+        const struct kiln_island *o = &a->islands.islands[i];
+        if (o->page != index)
+            continue;
+        page->width = o->x + o->width > page->width ? o->x + o->width : page->width;
+        page->height = o->y + o->height > page->height ? o->y + o->height : page->height;
+    }
+    page->width = (page->width + 3) / 4 * 4 < most ? (page->width + 3) / 4 * 4 : most;
+    page->height = (page->height + 3) / 4 * 4 < most ? (page->height + 3) / 4 * 4 : most;
+}
+
+static int draw_object(const struct atlas *a, size_t object, struct kiln_image *page, uint8_t *state, float *const to[3], struct kiln_error *error)
+{
+    static const char *const names[] = {"R", "G", "B"};
+    float *from[3];
+    struct kiln_image *image = NULL;
+    int status = read_lightmap(a->params, object, names, 3, &image, error);
+    if (status == KILN_OK && !kiln_image_rgb(image, "", from))
+        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s: a lightmap has no channels R, G and B; bake again", a->params->directory);
+    for (size_t i = a->first[object]; status == KILN_OK && i < a->first[object + 1]; i++)
+        copy_texels(page, state, to, &a->islands.islands[i], image, from);
+    kiln_image_destroy(&image);
+    return status;
+}
+
+static int draw_page(const struct atlas *a, uint32_t index, struct kiln_image **page, struct kiln_error *error)
+{
+    static const char *const names[] = {"R", "G", "B"};
+    const struct kiln_page_info *info = &a->pages->pages[index];
+    float *to[3];
+    uint8_t *state = NULL;
+    int status = kiln_image_create(page, info->width, info->height, names, 3, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&state, (size_t)info->width * info->height, 1, "a page", error);
+    if (status == KILN_OK)
+        (void)kiln_image_rgb(*page, "", to);
+    for (size_t i = 0; i < a->params->scene->object_count && status == KILN_OK; i++)
+        if (a->first[i] < a->first[i + 1] && a->islands.islands[a->first[i]].page == index)
+            status = draw_object(a, i, *page, state, to, error);
+    if (status == KILN_OK)
+        status = fill_page(*page, state, to, error);
+    kiln_free(&state);
+    return status;
+}
+
+static int write_page(const struct atlas *a, uint32_t index, struct kiln_error *error)
+{
+    char name[32], path[KILN_PATH_SIZE];
+    struct kiln_image *image = NULL;
+    struct kiln_page_info *page = &a->pages->pages[index];
+    (void)snprintf(name, sizeof name, "page-%u", index);
+    size_page(a, index, page);
+    page->file = keep_name(a->pages, name, kiln_page_ending(a->params->format), error);
+    int status = page->file == NULL ? KILN_SYSTEM : kiln_path_join(path, a->params->folder, page->file, error);
+    if (status == KILN_OK)
+        status = draw_page(a, index, &image, error);
+    if (status == KILN_OK)
+        status = kiln_page_write(path, a->params->format, image, &page->range, error);
+    kiln_image_destroy(&image);
+    return status;
+}
+
+/* ---- coordinates ---- */
+
+/* The island that a texel of the lightmap belongs to, by a grid that is one larger on each side (number + 1; 0: none), or the nearest one. */
+static uint32_t island_at(const uint32_t *grid, int64_t width, int64_t height, int64_t x, int64_t y)
+{
+    for (int64_t ring = 0; ring < (width > height ? width : height) + 2; ring++)
+        for (int64_t v = y - ring; v <= y + ring; v++)
+            for (int64_t u = x - ring; u <= x + ring; u += v == y - ring || v == y + ring || ring == 0 ? 1 : 2 * ring)
+                if (u >= -1 && u <= width && v >= -1 && v <= height && grid[(v + 1) * (width + 2) + u + 1] != 0)
+                    return grid[(v + 1) * (width + 2) + u + 1] - 1;
+    return 0;
+}
+
+static void draw_grid(uint32_t *grid, const struct kiln_object *o, const struct kiln_island *islands, size_t count)
+{
+    const size_t stride = (size_t)o->lightmap_width + 2;
+    for (size_t i = 0; i < count; i++)
+        for (size_t k = 0; k < islands[i].run_count; k++) {
+            const struct kiln_island_run *run = &islands[i].runs[k];
+            const size_t row = (size_t)(islands[i].top + 1) + run->row;
+            for (uint32_t x = run->first; x < run->end; x++)
+                grid[row * stride + (size_t)(islands[i].left + 1) + x] = (uint32_t)i + 1;
+        }
+}
+
+static int64_t texel_of(float coordinate, uint32_t side)
+{
+    const int64_t texel = (int64_t)((double)coordinate * side);
+    return texel < 0 ? 0 : texel >= (int64_t)side ? (int64_t)side - 1 : texel;
+}
+
+/* The mesh's coordinates on the page: each vertex goes with its island, by whole texels. */
+static int move_coordinates(const struct atlas *a, size_t object, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = a->params->scene;
+    const struct kiln_object *o = &scene->objects[object];
+    const struct kiln_mesh *mesh = &scene->meshes[o->mesh];
+    const struct kiln_island *islands = a->islands.islands + a->first[object];
+    const struct kiln_page_info *page = &a->pages->pages[islands->page];
+    uint32_t *grid = NULL;
+    const int status = kiln_allocate(&grid, ((size_t)o->lightmap_width + 2) * ((size_t)o->lightmap_height + 2), sizeof *grid, "islands", error);
+    if (status != KILN_OK)
+        return status;
+    draw_grid(grid, o, islands, a->first[object + 1] - a->first[object]);
+    for (uint64_t v = mesh->vertex_first; v < mesh->vertex_first + mesh->vertex_count; v++) {
+        const struct kiln_vec2 uv = scene->texcoord_lightmap[v];
+        const struct kiln_island *own = &islands[island_at(grid, o->lightmap_width, o->lightmap_height, texel_of(uv.x, o->lightmap_width),
+                                                           texel_of(uv.y, o->lightmap_height))];
+        a->pages->coordinates[v] = (struct kiln_vec2){
+            (float)(((double)uv.x * o->lightmap_width + (double)own->x - own->left) / page->width),
+            (float)(((double)uv.y * o->lightmap_height + (double)own->y - own->top) / page->height)};
+    }
+    kiln_free(&grid);
+    return KILN_OK;
+}
+
+/* page uv = TEXCOORD x scale + offset: an object's texels lie on the page's. */
+static int link_object(const struct atlas *a, size_t object, struct kiln_error *error)
+{
+    const struct kiln_object *o = &a->params->scene->objects[object];
+    if (a->first[object] == a->first[object + 1])
+        return KILN_OK;
+    const struct kiln_island *island = &a->islands.islands[a->first[object]];
+    const struct kiln_page_info *page = &a->pages->pages[island->page];
+    a->pages->links[object] = (struct kiln_link){.file = page->file, .page = island->page, .scale = {1.0, 1.0}};
+    if (!is_whole(a, object))
+        return move_coordinates(a, object, error);
+    a->pages->links[object].scale[0] = (double)o->lightmap_width / page->width;
+    a->pages->links[object].scale[1] = (double)o->lightmap_height / page->height;
+    a->pages->links[object].offset[0] = ((double)island->x - island->left) / page->width;
+    a->pages->links[object].offset[1] = ((double)island->y - island->top) / page->height;
+    return KILN_OK;
+}
+
+static double used_share(const struct atlas *a)
+{
+    double used = 0.0, all = 0.0;
+    for (size_t i = 0; i < a->islands.count; i++)
+        used += (double)a->islands.islands[i].texels;
+    for (size_t i = 0; i < a->pages->page_count; i++)
+        all += (double)a->pages->pages[i].width * a->pages->pages[i].height;
+    return all > 0.0 ? used / all : 1.0;
+}
+
+/* Islands of all objects, and the coordinates as they are before any moves. */
+static int begin_atlas(struct atlas *a, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = a->params->scene;
+    int status = kiln_allocate(&a->first, scene->object_count + 1, sizeof *a->first, "islands", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&a->users, scene->mesh_count, sizeof *a->users, "meshes", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&a->pages->coordinates, scene->vertex_count, sizeof *a->pages->coordinates, "coordinates on pages", error);
+    if (status != KILN_OK)
+        return status;
+    memcpy(a->pages->coordinates, scene->texcoord_lightmap, scene->vertex_count * sizeof *a->pages->coordinates);
+    for (size_t i = 0; i < scene->object_count; i++)
+        a->users[scene->objects[i].mesh] += kiln_export_is_published(scene, i);
+    for (size_t i = 0; i < scene->object_count && status == KILN_OK; i++) {
+        a->first[i] = a->islands.count;
+        if (kiln_export_is_published(scene, i))
+            status = add_islands(a, i, error);
+    }
+    a->first[scene->object_count] = a->islands.count;
+    return status;
+}
+
+static int write_atlas(const struct kiln_pages_params *p, struct kiln_pages *pages, struct kiln_error *error)
+{
+    struct atlas a = {.params = p, .pages = pages};
+    uint32_t count = 0, group = KILN_NONE;
+    int status = begin_atlas(&a, error);
+    if (status == KILN_OK)
+        status = kiln_atlas_pack(&a.islands, p->atlas, &count, &group, error);
+    if (group != KILN_NONE)
+        status = misfit(p, group, error);
+    pages->page_count = status == KILN_OK ? count : 0;
+    for (uint32_t i = 0; i < pages->page_count && status == KILN_OK; i++)
+        status = write_page(&a, i, error);
+    for (size_t i = 0; i < p->scene->object_count && status == KILN_OK; i++)
+        status = link_object(&a, i, error);
+    if (status == KILN_OK)
+        pages->used = used_share(&a);
+    kiln_free(&a.users);
+    kiln_free(&a.first);
+    kiln_islands_free(&a.islands);
+    return status;
+}
+
+/* ---- */
 
 int kiln_pages_write(struct kiln_pages **result, const struct kiln_pages_params *p, struct kiln_error *error)
 {
@@ -74,9 +363,8 @@ int kiln_pages_write(struct kiln_pages **result, const struct kiln_pages_params 
         status = kiln_path_join(folder, p->folder, "lightmaps", error);
     if (status == KILN_OK)
         status = kiln_make_directories(folder, error);
-    for (size_t i = 0; i < objects && status == KILN_OK; i++)
-        if (kiln_export_is_published(p->scene, i))
-            status = write_own_page(p, i, pages, error);
+    if (status == KILN_OK)
+        status = p->atlas == 0 ? write_own_pages(p, pages, error) : write_atlas(p, pages, error);
     if (status != KILN_OK)
         kiln_pages_destroy(&pages);
     *result = pages;
@@ -90,6 +378,7 @@ void kiln_pages_destroy(struct kiln_pages **pointer)
         return;
     for (size_t i = 0; i < pages->name_count; i++)
         kiln_free(&pages->names[i]);
+    kiln_free(&pages->coordinates);
     kiln_free(&pages->names);
     kiln_free(&pages->pages);
     kiln_free(&pages->links);

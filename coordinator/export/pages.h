@@ -1,9 +1,10 @@
 /* The lightmaps of a finished bake as pages beside an exported scene: one an object, or several objects on a page (an atlas).
  *
- * In an atlas, texels are copied as they are: nothing is resampled. An object keeps the texels that its layout covers and those that a
- * bilinear filter reads there besides (one all round); its outline of such texels, not its rectangle, is what is packed, so objects
- * lie in each other's gaps, and two texels at least are between what two objects' layouts cover. The rest of a page is filled from the
- * nearest texels, for filters that reach further. Not collective; deterministic. */
+ * In an atlas, texels are copied as they are: nothing is resampled. What a layout covers, and the texels that a bilinear filter reads there
+ * besides (one all round), are kept; islands of such texels (atlas.h), not rectangles, are packed, so two texels at least are between
+ * what two islands cover. A mesh that one object has gets coordinates on the page (its link then has scale 1 and offset 0); one that several
+ * share keeps its layout, which is moved as a whole. The rest of a page is filled from the nearest texels, for filters that reach further.
+ * Not collective; deterministic. */
 #ifndef KILN_COORDINATOR_EXPORT_PAGES_H
 #define KILN_COORDINATOR_EXPORT_PAGES_H
 
@@ -23,7 +24,8 @@ struct kiln_pages {
     struct kiln_link *links; /* one an object */
     struct kiln_page_info *pages;
     size_t page_count;
-    double used; /* share of the pages' texels that some object keeps; 1 without an atlas */
+    struct kiln_vec2 *coordinates; /* a vertex of the scene: TEXCOORD_1 with these pages; NULL: as baked */
+    double used; /* share of the pages' texels that some island keeps; 1 without an atlas */
     char **names;
     size_t name_count;
 };

@@ -33,4 +33,4 @@ def quickest(*arguments, tries=5):
     return min((kiln(*arguments) for _ in range(tries)), key=lambda answer: answer.seconds)
 
 
-COMMANDS = ["bake", "plan", "info", "check", "view", "compare", "probe", "generate", "report", "bench", "submit", "status", "stop", "verify"]
+COMMANDS = ["bake", "plan", "info", "check", "view", "compare", "probe", "generate", "report", "bench", "submit", "status", "stop", "verify", "export"]
