@@ -79,11 +79,21 @@ def ask(chromium, server, page, timeout):
         shutil.rmtree(profile, ignore_errors=True)
 
 
-def screenshot(chromium, server, page, path, size=(960, 720), timeout=120):
-    """A picture of the page once it has drawn: its own timers are let run for a minute of virtual time at most."""
+def _shown(chromium, server, page, flags, timeout):
+    """Opens the page, lets its own clock run for a minute at most, and returns what Chromium prints."""
     profile = tempfile.mkdtemp(prefix='kiln-chromium-')
     try:
-        subprocess.run([chromium, *FLAGS, '--user-data-dir=' + profile, '--window-size=%d,%d' % size, '--virtual-time-budget=60000',
-                        '--screenshot=' + path, server.url(page)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=timeout, check=True)
+        return subprocess.run([chromium, *FLAGS, '--user-data-dir=' + profile, '--virtual-time-budget=60000', *flags, server.url(page)],
+                              stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=timeout, check=True).stdout.decode('utf-8', 'replace')
     finally:
         shutil.rmtree(profile, ignore_errors=True)
+
+
+def screenshot(chromium, server, page, path, size=(960, 720), timeout=300):
+    """A picture of the page once it has drawn."""
+    _shown(chromium, server, page, ['--window-size=%d,%d' % size, '--screenshot=' + path], timeout)
+
+
+def document(chromium, server, page, timeout=300):
+    """The page's text once it has drawn, as HTML."""
+    return _shown(chromium, server, page, ['--dump-dom'], timeout)

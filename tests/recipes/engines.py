@@ -1,7 +1,7 @@
 """Does a bake arrive in an engine? Scenes without a lightmap layout are baked; the engine loads DIR/scene.glb and the lightmaps by its own
 means and by the recipe in jobs/recipes, and what it shows at 200 random places is compared with the irradiance there (stage.py says how).
 
-  engines.py three|blender --kiln KILN [--scene FILE.glb [--lamp X Y Z SIDE]] [--places N] [--density D] [--atlas N] [--pictures FOLDER]
+  engines.py [three] [blender] --kiln KILN [--scene FILE.glb [--lamp X Y Z SIDE]] [--places N] [--density D] [--atlas N] [--pictures FOLDER]
 
 three needs Chromium and a folder with three in it, named by KILN_THREE (npm install --prefix FOLDER three); blender needs Blender. --lamp replaces
 the scene's lights by a square lamp that looks down: noise and hard shadows would hide what is looked for. README.md, 'Longer runs', has the run
@@ -83,13 +83,23 @@ def radiance(checks, engine, seen, tolerance):
     return sum(over)
 
 
+def three_modules():
+    return os.path.join(os.environ.get('KILN_THREE', ''), 'node_modules')
+
+
+def missing(engine):
+    """What is not installed, as a sentence, or None."""
+    if engine == 'blender':
+        return None if shutil.which('blender') else "blender is not installed (Debian's package blender)"
+    if browser.find() is None:
+        return "chromium is not installed (Debian's package chromium)"
+    there = os.path.exists(os.path.join(three_modules(), 'three', 'package.json'))
+    return None if there else 'KILN_THREE names no folder with three: npm install --prefix FOLDER three'
+
+
 def in_three(checks, table, kiln, stages, arguments):
-    chromium, modules = browser.find(), os.path.join(os.environ.get('KILN_THREE', ''), 'node_modules')
-    if chromium is None:
-        harness.skip("chromium is not installed (Debian's package chromium)")
-    if not os.path.exists(os.path.join(modules, 'three', 'package.json')):
-        harness.skip('KILN_THREE names no folder with three: npm install --prefix FOLDER three')
-    for s in stages():
+    chromium, modules = browser.find(), three_modules()
+    for s in stages:
         folders = {'': HERE, 'recipe': os.path.join(stage.RECIPES, 'three'), 'bake': s.folder, 'node_modules': modules}
         server = browser.Server(folders, {'places.json': json.dumps(s.request).encode()})
         answer = browser.ask(chromium, server, 'probe.html', 600)
@@ -100,10 +110,12 @@ def in_three(checks, table, kiln, stages, arguments):
         checks.that(answer['done']['nodes'] == len(s.bake.run['objects']), 'three.js: %d of %d objects got a lightmap' % (
             answer['done']['nodes'], len(s.bake.run['objects'])))
         radiance(checks, 'three.js', answer['places'], ALBEDO_TOLERANCE)
+        server = browser.Server({**folders, '': folders['recipe']}, {})
+        page = browser.document(chromium, server, 'index.html?bake=bake/')
+        checks.that('<title>ready</title>' in page, 'index.html does not draw: ' + page[:2000])
         if arguments.pictures:
-            server = browser.Server({**folders, '': folders['recipe']}, {})
             browser.screenshot(chromium, server, 'index.html?bake=bake/', os.path.join(arguments.pictures, 'three-%s.png' % s.name))
-            server.close()
+        server.close()
 
 
 def blender(script, *arguments, blend=()):
@@ -112,9 +124,7 @@ def blender(script, *arguments, blend=()):
 
 
 def in_blender(checks, table, kiln, stages, arguments):
-    if shutil.which('blender') is None:
-        harness.skip("blender is not installed (Debian's package blender)")
-    for s in stages():
+    for s in stages:
         files = {n: os.path.join(kiln.scratch, s.name + n) for n in ('places.json', 'seen.json', 'own.blend', 'own.json')}
         with open(files['places.json'], 'w') as f:
             json.dump(s.request, f)
@@ -143,25 +153,24 @@ ENGINES = {'three': in_three, 'blender': in_blender}
 
 def main():
     arguments, kiln = harness.start(
-        __doc__, lambda p: p.add_argument('engine', choices=sorted(ENGINES)), lambda p: p.add_argument('--scene', metavar='FILE.glb'),
+        __doc__, lambda p: p.add_argument('engines', nargs='+', choices=sorted(ENGINES)), lambda p: p.add_argument('--scene', metavar='FILE.glb'),
         lambda p: p.add_argument('--lamp', nargs=4, type=float, metavar=('X', 'Y', 'Z', 'SIDE')), lambda p: p.add_argument('--places', type=int, default=200),
         lambda p: p.add_argument('--density', type=float, metavar='TEXELS_PER_METRE'),
         lambda p: p.add_argument('--atlas', type=int, default=0, metavar='TEXELS', help='look at what kiln export --atlas makes of the bake'), lambda p: p.add_argument('--pictures', metavar='FOLDER'))
+    for engine in arguments.engines:
+        if missing(engine):
+            harness.skip(missing(engine))
     if arguments.pictures:
         os.makedirs(arguments.pictures, exist_ok=True)
-    checks = harness.Checks()
-    scenes = [arguments.scene] if arguments.scene else [harness.own_scene(n) for n in ('cornell_original.glb', 'punctual_zoo.glb')]
-    if not arguments.scene:
+    checks, stages = harness.Checks(), []
+    if arguments.scene:
+        stages.append(Stage(kiln, checks, arguments.scene, arguments))
+    else:
         arguments.density = arguments.density or 12
-
-    def stages():
-        for path in scenes:
-            if not arguments.scene:  # the second has its lightmaps on pages: scale and offset
-                arguments.atlas = 0 if path == scenes[0] else 512
-            s = Stage(kiln, checks, path, arguments)
-            if s.good:
-                yield s
-    ENGINES[arguments.engine](checks, stage.table, kiln, stages, arguments)
+        for name, arguments.atlas in (('cornell_original.glb', 0), ('punctual_zoo.glb', 512)):  # its own lightmaps, and one page of all
+            stages.append(Stage(kiln, checks, harness.own_scene(name), arguments))
+    for engine in arguments.engines:
+        ENGINES[engine](checks, stage.table, kiln, [s for s in stages if s.good], arguments)
     checks.end()
 
 
