@@ -143,6 +143,7 @@ class Points:
             self.normal = get('points/normal').astype(np.float64)
             self.object = get('points/object').astype(np.int64)
             self.x, self.y = get('points/texel').astype(np.int64).reshape(-1, 2).T
+            self.side = get('points/side') if 'points/side' in f else np.zeros(len(self.object), np.uint8)
             self.area = get('points/area').astype(np.float64)
             self.valid = get('points/valid').astype(bool)
             self.direct = get('irradiance/direct').astype(np.float64)
@@ -151,9 +152,9 @@ class Points:
             self.error = get('irradiance/error').astype(np.float64)
         self.count = len(self.area)
 
-    def of(self, index):
-        """Indices of the valid points of object number `index`."""
-        return np.flatnonzero((self.object == index) & self.valid)
+    def of(self, index, side=0):
+        """Indices of the valid points of object number `index`: of its fronts, or with side 1 of its backs."""
+        return np.flatnonzero((self.object == index) & (self.side == side) & self.valid)
 
 
 class Bake:
@@ -228,8 +229,8 @@ def energy(report):
     sum is made here, from the ledger's parts; kiln's own residual must say the same."""
     e = report['energy']
     channels = lambda key: np.asarray(e[key], np.float64)
-    emitted = channels('emitted') + channels('borrowed')
-    gone = sum(channels(k) for k in ('absorbed', 'escaped', 'blocked', 'behind', 'ranged', 'left_over'))
+    emitted = channels('emitted')
+    gone = sum(channels(k) for k in ('absorbed', 'glass', 'escaped', 'blocked', 'ranged', 'left_over'))
     residual, power = float(LUMINANCE @ (emitted - gone)), float(LUMINANCE @ emitted)
     if not np.isfinite([residual, power, e['error']]).all():
         return 'not finite: %s' % json.dumps(e), False

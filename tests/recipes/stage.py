@@ -100,7 +100,7 @@ class Reference:
         """(E, least, most, texel) of luminance and colour at a place, or None where no texel is near: `least` and `most` are those
         of the points around it, E a (3,) array."""
         p = self.points
-        own = np.flatnonzero(p.valid & (self.names[p.object] == name) & (p.normal @ normal > 0.8))
+        own = np.flatnonzero(p.valid & (p.side == 0) & (self.names[p.object] == name) & (p.normal @ normal > 0.8))
         if len(own) == 0:
             return None
         away = p.position[own] - position

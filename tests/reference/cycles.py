@@ -35,7 +35,7 @@ def compare(checks, table, interior, bake, folder, unit):
     for index, name in enumerate(bake.names()):
         pair = [harness.read_exr(os.path.join(folder, '%s_%d.exr' % (name.replace(' ', '_'), seed)))[0] for seed in (1, 2)]
         cycles = [math.pi * np.stack([c[k] for k in 'RGB'], -1).astype(float) @ harness.LUMINANCE for c in pair]
-        covered, all_own = pair[0]['A'] > 0.5, np.flatnonzero(points.object == index)
+        covered, all_own = pair[0]['A'] > 0.5, np.flatnonzero((points.object == index) & (points.side == 0))  # Cycles bakes fronts
         own = all_own[points.valid[all_own]]
         own = own[covered[points.y[own], points.x[own]]]
         weight = points.area[own] / points.area[own].sum()
