@@ -144,9 +144,12 @@ def sunny():
 
 def flat():
     paint, blue, grey = material('paint', (0.75, 0.75, 0.75)), material('blue', (0.15, 0.25, 0.7)), material('grey', (0.4, 0.4, 0.4))
-    shell('room', (0, 0, 0), (7, 4, 2.6), paint, 'xXyYZ')
-    shell('boards', (0, 0, 0), (7, 4, 2.6), grey, 'z')
-    # one sheet between the rooms, seen from both sides, with a door
+    # each room has walls and a floor of its own: a texel that lies on both sides of a wall without thickness would let light through
+    shell('big', (0, 0, 0), (4, 4, 2.6), paint, 'xyYZ')
+    shell('big boards', (0, 0, 0), (4, 4, 2.6), grey, 'z')
+    shell('small', (4, 0, 0), (7, 4, 2.6), paint, 'XyYZ')
+    shell('small boards', (4, 0, 0), (7, 4, 2.6), grey, 'z')
+    # one sheet between them, seen from both sides, with a door
     joined('between', [sheet('b', [(4, 0, 0), (4, 1.5, 0), (4, 1.5, 2.6), (4, 0, 2.6)], blue),
                        sheet('b', [(4, 2.5, 0), (4, 4, 0), (4, 4, 2.6), (4, 2.5, 2.6)], blue),
                        sheet('b', [(4, 1.5, 2.1), (4, 2.5, 2.1), (4, 2.5, 2.6), (4, 1.5, 2.6)], blue)])
