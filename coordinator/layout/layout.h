@@ -14,7 +14,8 @@ struct kiln_layout_params {
 };
 
 /* Where the density is chosen here, an object with a layout of its file's gets what puts two texels between its charts (padding.h) along all
- * but 1 % of their borders, as long as the scene stays below 2^20 texels: those objects first where a texel is worth most. Where charts
+ * but 1 % of their borders, up to four times the density, as long as the scene stays below 2^20 texels: those objects first where a
+ * texel is worth most. Where charts
  * lie closer in what comes out, a note says in how many lightmaps and along how much of the borders, and which density would do; the
  * header's padding_factor says the latter, too.
  *
