@@ -125,10 +125,6 @@ static int forget_old_report(struct bake *b, struct kiln_error *error)
             status = kiln_path_join(path, b->job->output, "run.json", error);
         if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
             status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
-        if (status == KILN_OK)
-            status = kiln_path_join(path, b->job->output, "scene.glb", error);
-        if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
-            status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
     }
     return kiln_agree(b->communicator, status, error);
 }
@@ -373,8 +369,17 @@ static int draw_preview(struct bake *b, struct kiln_error *error)
 static int export_beside(const struct bake *b, struct kiln_error *error)
 {
     const struct kiln_surface *s = b->prepared->surface;
+    char path[KILN_PATH_SIZE];
+    struct stat source, there;
     uint8_t *backs = NULL;
-    int status = kiln_allocate(&backs, s->object_count, 1, "the export's links", error);
+    int status = kiln_path_join(path, b->job->output, "scene.glb", error);
+    if (status == KILN_OK && stat(b->job->scene, &source) == 0 && stat(path, &there) == 0 && source.st_dev == there.st_dev && source.st_ino == there.st_ino)
+        return kiln_fail(error, KILN_BAD_INPUT, "%s is the scene itself; kiln export writes it to another folder", path);
+    /* One of an earlier bake would lead to lightmaps that are no longer there. */
+    if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
+        status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
+    if (status == KILN_OK)
+        status = kiln_allocate(&backs, s->object_count, 1, "the export's links", error);
     for (uint32_t i = s->object_count; status == KILN_OK && i < s->map_count; i++)
         backs[i - s->object_count] = s->lightmaps[i].published != 0;
     if (status == KILN_OK)

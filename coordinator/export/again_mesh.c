@@ -25,6 +25,11 @@ struct patch {
     struct gltf_place where;
     json_t *json;
     const struct gltf_accessor *position, *indices;
+    /* Of a primitive with Draco compression: its accessors with decoded values. */
+    bool compressed;
+    struct gltf_draco_use uses[GLTF_DRACO_ATTRIBUTES];
+    struct gltf_accessor copies[GLTF_DRACO_ATTRIBUTES + 1];
+    struct gltf_draco_values values;
     unsigned mode;
     size_t triangle_count;
     uint32_t *place_of; /* 3 a triangle: its corners' places; KILN_NONE: not known (yet) */
@@ -86,6 +91,41 @@ static uint32_t choose_set(const struct again *a, const json_t *primitives)
             return set;
     }
     return FIRST_SET;
+}
+
+/* ---- compression ---- */
+
+/* An attribute's accessor: that of the file, or what was decoded for it. */
+static const struct gltf_accessor *accessor_named(const struct patch *p, const char *name, uint32_t index)
+{
+    for (size_t i = 0; p->compressed && i < GLTF_DRACO_ATTRIBUTES; i++)
+        if (p->uses[i].name != NULL && strcmp(p->uses[i].name, name) == 0)
+            return p->uses[i].accessor;
+    return &p->a->g.accessors[index];
+}
+
+/* Decodes a primitive with KHR_draco_mesh_compression: values become floats. */
+static void decompress(struct patch *p, const json_t *attributes)
+{
+    struct gltf *g = &p->a->g;
+    const uint32_t indices = gltf_index(g, p->where, p->json, "indices", g->accessor_count);
+    const char *name;
+    json_t *value;
+    size_t count = 0;
+    json_object_foreach((json_t *)(uintptr_t)attributes, name, value) {
+        const uint32_t index = gltf_index(g, p->where, attributes, name, g->accessor_count);
+        if (g->status == KILN_OK && (count == GLTF_DRACO_ATTRIBUTES || strncmp(name, "JOINTS_", 7) == 0))
+            gltf_fail(g, p->where, "attributes", "are compressed with Draco, and kiln does not write %s of such again", name);
+        if (g->status != KILN_OK)
+            return;
+        p->copies[count] = g->accessors[index];
+        p->uses[count] = (struct gltf_draco_use){name, &p->copies[count]};
+        count++;
+    }
+    if (indices != KILN_NONE)
+        p->copies[GLTF_DRACO_ATTRIBUTES] = g->accessors[indices];
+    gltf_read_draco(g, p->where, p->json, p->uses, count, &p->copies[GLTF_DRACO_ATTRIBUTES], &p->values);
+    p->compressed = true;
 }
 
 /* ---- places ---- */
@@ -187,7 +227,7 @@ static bool is_unchanged(const struct patch *p)
     const json_t *index = accessor_of(p->json, FIRST_SET);
     if (index == NULL || json_integer_value(index) < 0 || (size_t)json_integer_value(index) >= p->a->g.accessor_count)
         return false;
-    const struct gltf_accessor *own = &p->a->g.accessors[json_integer_value(index)];
+    const struct gltf_accessor *own = accessor_named(p, "TEXCOORD_1", (uint32_t)json_integer_value(index));
     for (size_t i = 0; i < p->place_count && own->components == 2 && own->count == p->position->count; i++) {
         struct kiln_vec2 uv;
         gltf_accessor_float(own, p->places[i].source, &uv.x);
@@ -272,7 +312,7 @@ static void set_bounds(struct patch *p, json_t *made, const json_t *old, const s
 static uint32_t copy_attribute(struct patch *p, const char *name, uint32_t index, const uint32_t *order)
 {
     struct kiln_glb_build *b = &p->a->b;
-    const struct gltf_accessor *accessor = &p->a->g.accessors[index];
+    const struct gltf_accessor *accessor = accessor_named(p, name, index);
     const json_t *old = json_array_get(json_object_get(b->root, "accessors"), index);
     const char *type = json_string_value(json_object_get(old, "type"));
     const size_t size = gltf_component_size(accessor->component) * accessor->components, stride = (size + 3) / 4 * 4;
@@ -378,8 +418,13 @@ static bool begin_patch(struct patch *p)
     take(p->a, g->status);
     if (p->a->b.status != KILN_OK || p->mode < TRIANGLES)
         return false;
-    p->position = &g->accessors[position];
-    p->indices = indices == KILN_NONE ? NULL : &g->accessors[indices];
+    if (gltf_extension(g, p->where, p->json, "KHR_draco_mesh_compression") != NULL)
+        decompress(p, attributes);
+    take(p->a, g->status);
+    if (p->a->b.status != KILN_OK)
+        return false;
+    p->position = accessor_named(p, "POSITION", position);
+    p->indices = p->compressed ? &p->copies[GLTF_DRACO_ATTRIBUTES] : indices == KILN_NONE ? NULL : &g->accessors[indices];
     const size_t corners = p->indices == NULL ? p->position->count : p->indices->count;
     p->triangle_count = p->mode == TRIANGLES ? corners / 3 : corners < 3 ? 0 : corners - 2;
     take(p->a, kiln_allocate(&p->place_of, 3 * p->triangle_count, sizeof *p->place_of, "corners of the exported scene", p->a->b.error));
@@ -425,6 +470,7 @@ static void write_primitive(struct patch *p, uint32_t set)
 
 static void end_patch(struct patch *p)
 {
+    gltf_draco_values_free(&p->values);
     kiln_free(&p->places);
     kiln_free(&p->first);
     kiln_free(&p->place_of);

@@ -144,6 +144,35 @@ static void take_image(struct again *a, size_t index)
         kiln_file_unmap(&file);
 }
 
+/* ---- extensions ---- */
+
+static void forget_name(json_t *root, const char *list, const char *name)
+{
+    json_t *array = json_object_get(root, list);
+    for (size_t i = json_array_size(array); i-- > 0;) {
+        const char *text = json_string_value(json_array_get(array, i));
+        if (text != NULL && strcmp(text, name) == 0)
+            (void)json_array_remove(array, i);
+    }
+    if (array != NULL && json_array_size(array) == 0)
+        (void)json_object_del(root, list);
+}
+
+/* Meshes whose coordinates are new are no longer compressed; where none is, nothing asks for a decoder any more. */
+static void settle_compression(struct again *a)
+{
+    static const char name[] = "KHR_draco_mesh_compression";
+    const json_t *meshes = json_object_get(a->b.root, "meshes");
+    for (size_t i = 0; i < json_array_size(meshes); i++) {
+        const json_t *primitives = json_object_get(json_array_get(meshes, i), "primitives");
+        for (size_t k = 0; k < json_array_size(primitives); k++)
+            if (json_object_get(json_object_get(json_array_get(primitives, k), "extensions"), name) != NULL)
+                return;
+    }
+    forget_name(a->b.root, "extensionsUsed", name);
+    forget_name(a->b.root, "extensionsRequired", name);
+}
+
 /* ---- nodes ---- */
 
 /* The link as the node's mesh needs it. New reference. */
@@ -238,18 +267,6 @@ static void drop_light(json_t *node)
         (void)json_object_del(node, "extensions");
 }
 
-static void forget_name(json_t *root, const char *list, const char *name)
-{
-    json_t *array = json_object_get(root, list);
-    for (size_t i = json_array_size(array); i-- > 0;) {
-        const char *text = json_string_value(json_array_get(array, i));
-        if (text != NULL && strcmp(text, name) == 0)
-            (void)json_array_remove(array, i);
-    }
-    if (array != NULL && json_array_size(array) == 0)
-        (void)json_object_del(root, list);
-}
-
 /* The light of all punctual lights of the scene is in the lightmaps: they are marked, or left out. */
 static void settle_lights(struct again *a)
 {
@@ -313,6 +330,7 @@ static void edit(struct again *a)
         a->b.status = check_sources(a); /* images of their own */
     if (a->b.status == KILN_OK)
         kiln_again_meshes(a);
+    settle_compression(a);
     if (a->b.status == KILN_OK)
         link_nodes(a);
     settle_lights(a);

@@ -11,6 +11,7 @@ import exr  # noqa: E402
 import gltf_file  # noqa: E402
 
 NONE = 0xffffffff
+VERSION, HEADER = 3, 136  # of the scene file
 SECTIONS = ['strings', 'materials', 'textures', 'texels', 'meshes', 'objects', 'lights', 'cameras', 'environment', 'environment_texels', 'positions',
             'normals', 'texcoord_base', 'texcoord_emission', 'texcoord_lightmap', 'colors', 'triangles', 'triangle_materials', 'sources', 'notes',
             'triangle_sources']
@@ -29,8 +30,8 @@ class SceneFile:
     def __init__(self, path):
         with open(path, 'rb') as file:
             data = file.read()
-        assert struct.unpack_from('<II', data) == (0x4e434b4c, 3), 'another version of the scene file'
-        places = struct.unpack_from('<%dQ' % (2 * len(SECTIONS)), data, 128)
+        assert struct.unpack_from('<II', data) == (0x4e434b4c, VERSION), 'another version of the scene file'
+        places = struct.unpack_from('<%dQ' % (2 * len(SECTIONS)), data, HEADER)
         for i, name in enumerate(SECTIONS):
             if name in TYPES:
                 setattr(self, name, np.frombuffer(data, TYPES[name], places[2 * i + 1], places[2 * i]))

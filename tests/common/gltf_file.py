@@ -104,7 +104,7 @@ def write_glb(path, document, blob):
 def strip(source, target):
     """The same scene without its second UV set."""
     file = File(source)
-    for mesh in file.json['meshes']:
+    for mesh in file.json.get('meshes', []):
         for primitive in mesh['primitives']:
             primitive['attributes'].pop('TEXCOORD_1', None)
     write_glb(target, file.json, file.binary)

@@ -306,12 +306,18 @@ def refusals(folder):
     there = bake(scene, os.path.join(folder, "moves"), "--lightmap-size", "8")
     nothing = os.path.join(folder, "nothing")
     os.makedirs(nothing)
-    assert "no finished bake" in kiln("export", nothing, "-o", out, code=66).stderr
+    assert "bake" in kiln("export", nothing, "-o", out, code=66).stderr
     assert "own files" in kiln("export", there, "-o", os.path.join(there, "scene.glb"), code=64).stderr
     assert ".glb" in kiln("export", there, "-o", os.path.join(folder, "scene.fbx"), code=64).stderr
     os.rename(scene, scene + ".moved.glb")
     assert "--scene" in kiln("export", there, "-o", out, code=66).stderr
     assert "not from this file" in kiln("export", there, "-o", out, "--scene", scene + ".moved.glb", code=65).stderr
+    itself = os.path.join(folder, "itself")
+    os.makedirs(itself)
+    shutil.copy(os.path.join(DATA, "two_rooms.glb"), os.path.join(itself, "scene.glb"))
+    bake(os.path.join(itself, "scene.glb"), itself, "--lightmap-size", "8")
+    with open(os.path.join(itself, "scene.glb"), "rb") as a, open(os.path.join(DATA, "two_rooms.glb"), "rb") as b:
+        assert a.read() == b.read(), "the bake has written over its scene"
     other = os.path.join(folder, "elsewhere")
     os.makedirs(other)
     os.rename(scene + ".moved.glb", os.path.join(other, "moves.glb"))
