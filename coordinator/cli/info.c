@@ -22,7 +22,9 @@ static const struct {
                                            {"density-scale", "density-scale"},
                                            {"lightmap-size", "lightmap-size"},
                                            {"less: caster-only", "caster-only"},
-                                           {"less: lightmap-max", "lightmap-max"}};
+                                           {"less: lightmap-max", "lightmap-max"},
+                                           {"more: two texels between charts", "padding"}};
+_Static_assert(sizeof density_reasons / sizeof *density_reasons == KILN_DENSITY_REASONS && KILN_DENSITY_PADDING == 7, "a row for each reason");
 
 static const char *role_of(const struct kiln_object *o)
 {

@@ -818,19 +818,29 @@ static int rebuild_vertices(struct planner *p, struct kiln_error *error)
     return status;
 }
 
+static int note_share(struct planner *p, size_t index, double at_one, struct kiln_error *error)
+{
+    const struct kiln_object *object = &objects(p)[index];
+    return kiln_builder_note(p->builder, 0, error,
+                             "object \"%s\" would have %.0f %% of all texels if all had the same density: it has its share, %.3g texels a metre where "
+                             "others have %.3g (density-scale for it, or --texels-per-metre for all, change that)",
+                             string(p, object->name), 100.0 * demand_of(p, index).texels / at_one, p->densities[index], p->texels_per_metre);
+}
+
 /* Says what automatic density did with objects that are not like the others. */
 static int note_densities(struct planner *p, struct kiln_error *error)
 {
     size_t small = 0, shared = 0;
+    double at_one = 0.0; /* texels, at one a metre */
     int status = KILN_OK;
+    for (size_t i = 0; i < object_count(p); i++) {
+        const double texels = demand_of(p, i).texels;
+        at_one += isfinite(texels) ? texels : 0.0;
+    }
     for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++) {
-        const struct kiln_object *object = &objects(p)[i];
-        small += object->density_reason == KILN_DENSITY_LEAST;
-        if (object->density_reason == KILN_DENSITY_SHARE && note_wanted(&shared))
-            status = kiln_builder_note(p->builder, 0, error,
-                                       "object \"%s\" would take most of all texels: it has its share, with %.3g texels a metre where others have %.3g; "
-                                       "density-scale or texels-per-metre change that",
-                                       string(p, object->name), p->densities[i], p->texels_per_metre);
+        small += objects(p)[i].density_reason == KILN_DENSITY_LEAST;
+        if (objects(p)[i].density_reason == KILN_DENSITY_SHARE && note_wanted(&shared))
+            status = note_share(p, i, at_one, error);
     }
     if (small > 0 && status == KILN_OK)
         status = kiln_builder_note(p->builder, 0, error, "%zu small objects have more than %.3g texels a metre, so that they are %u texels across",
