@@ -11,6 +11,8 @@
  * - rows: EXRLoader stores an EXR's bottom row first, which puts it at v = 0. In glTF v = 0 is the top row: flipY = true.
  * - UV set: TEXCOORD_1 is `uv1`: texture.channel = 1. Scale and offset go to texture.repeat and texture.offset.
  * - floats: EXRLoader makes half floats unless told; lux of a sunlit floor do not fit in them (65504 is the largest).
+ * - channels: a bake's own EXRs hold direct and indirect light too, which EXRLoader of r155 cannot skip (r170 and r187 do): for it write
+ *   pages of RGB alone, kiln export --atlas 4096.
  * - lights: those that are in the lightmaps (extras.kiln_baked) light the scene twice unless they are switched off, or left out of the
  *   file by kiln export --drop-baked-lights.
  */
