@@ -60,9 +60,9 @@ struct bake {
     struct kiln_volume_result volume;
     struct kiln_lightmap_report *lightmaps;
     uint64_t probe_rays;
-    bool exported;  /* scene.glb is there */
     json_t *preview; /* rank 0: how it was taken; NULL: none */
     char preview_text[KILN_VIEWPOINT_TEXT];
+    bool exported;  /* scene.glb is there */
     json_t *report; /* rank 0: what run.json says */
 };
 

@@ -106,7 +106,8 @@ static int write_all(struct export *e, struct kiln_error *error)
     const bool gltf = kiln_export_has_gltf(e->scene) && !is_scene_file(e->source);
     if (gltf && e->source[0] == '\0')
         return kiln_fail(error, KILN_NO_INPUT, "%.512s/run.json does not say where the scene is that was baked; say it with --scene", e->directory);
-    const struct kiln_export_params scene = {.source = gltf ? e->source : NULL, .scene_file = e->scene_file, .scene = e->scene, .output = e->output, .unit = kiln_units_of_bake(e->directory)->irradiance_text,
+    const struct kiln_export_params scene = {.source = gltf ? e->source : NULL, .scene_file = e->scene_file, .scene = e->scene, .output = e->output,
+                                             .unit = kiln_units_of_bake(e->directory)->irradiance_text,
                                              .encoding = kiln_page_encoding(params.format), .links = e->pages->links, .pages = e->pages->pages,
                                              .page_count = e->pages->page_count, .coordinates = e->pages->coordinates, .drop_baked_lights = e->job->drop_baked_lights};
     return kiln_export_scene(&scene, error);

@@ -16,13 +16,15 @@ static const char *const environment_kinds[] = {"none", "constant", "lat-long im
 /* Why an object's density is not the common one, for people and for programs; in the order of enum kiln_density_reason. */
 static const struct {
     const char *words, *code;
-} density_reasons[KILN_DENSITY_REASONS] = {{"", "common"},
-                                           {"less: its share of all texels", "share"},
-                                           {"more: else too few texels", "least-size"},
-                                           {"density-scale", "density-scale"},
-                                           {"lightmap-size", "lightmap-size"},
-                                           {"less: caster-only", "caster-only"},
-                                           {"less: lightmap-max", "lightmap-max"}};
+} density_reasons[] = {{"", "common"},
+                       {"less: its share of all texels", "share"},
+                       {"more: else too few texels", "least-size"},
+                       {"density-scale", "density-scale"},
+                       {"lightmap-size", "lightmap-size"},
+                       {"less: caster-only", "caster-only"},
+                       {"less: lightmap-max", "lightmap-max"},
+                       {"more: two texels between charts", "padding"}};
+_Static_assert(sizeof density_reasons / sizeof *density_reasons == KILN_DENSITY_REASONS, "a row for each reason");
 
 static const char *role_of(const struct kiln_object *o)
 {

@@ -13,8 +13,8 @@ static const char *const methods[] = {"cells", NULL};
 static const char *const schedules[] = {"lean", "equal", NULL}; /* in the order of enum kiln_schedule */
 static const char *const exchanges[] = {"auto", "compact", "full", NULL}; /* in the order of enum kiln_exchange_form */
 static const char *const rebalances[] = {"auto", "never", "always", NULL}; /* in the order of enum kiln_rebalance */
-static const char *const formats[] = {"exr", "exr-half", "rgbm", "rgbe", "ktx2", NULL}; /* in the order of enum kiln_page_format */
 static const char *const units[] = {"auto", "radiometric", "photometric", NULL}; /* in the order of enum kiln_units_choice */
+static const char *const formats[] = {"exr", "exr-half", "rgbm", "rgbe", "ktx2", NULL}; /* in the order of enum kiln_page_format */
 static const char *const partitions[] = {"cells", "objects", NULL};
 static const char *const side_choices[] = {"one", "two", NULL};
 static const char *const qualities[] = {"draft", "preview", "production", "reference", NULL};
@@ -98,7 +98,7 @@ const struct kiln_option kiln_options[] = {
      .help = "of the random numbers", .commands = TRACES | KILN_FOR_GENERATE, .offset = AT(seed)},
 
     {.name = "texels-per-metre", .group = "Lightmaps", .kind = KILN_OPTION_DOUBLE, .value = "X", .fallback = "auto", .word = "auto",
-     .minimum = 1e-12, .maximum = 1e12, .help = "density; auto: about 2^18 texels in the scene", .commands = READS_SCENE,
+     .minimum = 1e-12, .maximum = 1e12, .help = "density; auto: about 2^18 texels in the scene, up to 2^20 where charts lie close together", .commands = READS_SCENE,
      .offset = AT(texels_per_metre)},
     {.name = "lightmap-size", .group = "Lightmaps", .kind = KILN_OPTION_UINT32, .value = "TEXELS", .fallback = "auto", .word = "auto",
      .minimum = 1, .maximum = 32768, .help = "every lightmap N x N; auto: by density", .commands = READS_SCENE,
@@ -187,7 +187,7 @@ const struct kiln_option kiln_options[] = {
     {.name = "height", .group = "View", .kind = KILN_OPTION_UINT32, .value = "PIXELS", .fallback = "auto", .word = "auto", .minimum = 1,
      .maximum = 32768, .help = "of the image", .commands = KILN_FOR_VIEW, .offset = AT(height)},
     {.name = "exposure", .group = "View", .kind = KILN_OPTION_DOUBLE, .value = "STOPS", .fallback = "0", .minimum = -100, .maximum = 100,
-     .help = "brighter by powers of two", .commands = KILN_FOR_VIEW | KILN_FOR_BAKE, .offset = AT(exposure)},
+     .help = "added to the automatic exposure, powers of two", .commands = KILN_FOR_VIEW | KILN_FOR_BAKE, .offset = AT(exposure)},
 
     {.name = "show", .group = "View", .kind = KILN_OPTION_CHOICE_FLAG, .fallback = "light", .choices = shows,
      .help = "light, or the lightmaps' texels as a checkerboard", .commands = KILN_FOR_VIEW, .offset = AT(show_texels)},

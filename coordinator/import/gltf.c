@@ -67,13 +67,6 @@ static void check_asset(struct gltf *g)
         gltf_fail(g, place, "asset.minVersion", "is '%.20s'; kiln reads glTF 2.0", least);
 }
 
-void gltf_check(struct gltf *g)
-{
-    check_asset(g);
-    if (g->status == KILN_OK)
-        check_extensions(g);
-}
-
 /* "radiometric" or "photometric" under the extras of an object. */
 static uint32_t units_said(const json_t *object)
 {
@@ -107,6 +100,13 @@ static void find_units(struct gltf *g)
     if (emits(g->builder))
         gltf_take(g, kiln_builder_note(g->builder, 1, g->error, "Blender exported the lamps in candela and lux, 683 for a watt, but emitting surfaces in "
                                        "watts: beside the lamps these are 683 times too dark; export with the lighting mode 'Unitless' or 'Raw' instead"));
+}
+
+void gltf_check(struct gltf *g)
+{
+    check_asset(g);
+    if (g->status == KILN_OK)
+        check_extensions(g);
 }
 
 /* One note a kind, with numbers: a scene with a million oddities gets no million notes. */

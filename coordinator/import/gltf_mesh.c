@@ -175,7 +175,7 @@ static size_t triangle_count(const struct primitive *p)
     return p->corner_count < 3 ? 0 : p->corner_count - 2;
 }
 
-/* Appends one primitive; tells whether it lacks a lightmap coordinate for its triangles. */
+/* Appends primitive number `index` of the mesh; tells whether it lacks a lightmap coordinate for its triangles. */
 static void store_primitive(struct gltf *g, struct gltf_place place, struct primitive *p, uint32_t material, uint32_t mesh, uint32_t index,
                             bool *lacks_lightmap_uv)
 {

@@ -14,6 +14,7 @@ static const double SCENE_TEXELS = 262144.0; /* 2^18: what the default density a
 static const double EXPECTED_USE = 0.7;      /* share of a lightmap that our own layouts fill, before one is made */
 static const double PADDED_TEXELS = 1048576.0; /* 2^20: what it may come to where charts need more room between them */
 static const double CLOSE_SHARE = 0.01;      /* of the border of charts, that may lie nearer than two texels to another chart */
+static const double RAISE_MAX = 4.0;         /* times the density, for that */
 static const double CASTER_FACTOR = 0.25;    /* on the density of an object whose lightmap nobody sees */
 
 /* An object as its lightmap sees it: area in the world, and metres a unit of u and of v (area-weighted means). */
@@ -29,6 +30,11 @@ struct shape {
     struct measure measure;
 };
 
+struct sized_padding {
+    double width, height; /* texels */
+    struct kiln_padding padding;
+};
+
 /* What was decided for a mesh. */
 struct mesh_plan {
     bool unwrap;              /* or repack, which is an unwrapping whose charts are given */
@@ -40,8 +46,8 @@ struct mesh_plan {
     double use;               /* share of the lightmap that the layout fills */
     double density;           /* that it was unwrapped for, */
     bool sized;               /* or for a size, so that the density is what came out */
-    struct kiln_padding padding; /* of the lightmap it was last measured in, */
-    double padding_size[2];   /* of so many texels; 0: never */
+    struct sized_padding *paddings; /* of the lightmaps it was measured in */
+    size_t padding_count, padding_capacity;
     double metres[2];         /* repack: of the reference object, a unit of u and v of the file's layout */
 };
 
@@ -382,7 +388,7 @@ static int unwrap_mesh(struct planner *p, size_t index, struct kiln_error *error
                                                   mesh->triangle_count, &params, error);
     if (status != KILN_OK)
         return status;
-    plan->padding_size[0] = plan->padding_size[1] = 0.0;
+    plan->padding_count = 0;
     mesh->flags |= plan->repack ? KILN_MESH_UNWRAPPED | KILN_MESH_REPACKED : KILN_MESH_UNWRAPPED;
     mesh->uv_area = layout_area(plan->unwrapped, mesh->triangle_count);
     plan->sized = params.size > 0;
@@ -506,19 +512,45 @@ static int size_object(struct planner *p, size_t index, struct kiln_error *error
 
 /* ---- padding ---- */
 
-/* How far apart the charts of an object lie in a lightmap of width x height. Factors that would make a side longer than allowed
- * are left out. */
+/* Objects of a mesh that are stretched in many ways are not all measured: it takes the time of many imports. */
+enum { PADDINGS_MAX = 12 };
+
+/* The measurement whose lightmap is most like one of width x height; *difference: of the logarithms of the sides, 0 when it is the same. */
+static const struct sized_padding *likest_padding(const struct mesh_plan *plan, double width, double height, double *difference)
+{
+    const struct sized_padding *best = NULL;
+    *difference = INFINITY;
+    for (size_t i = 0; i < plan->padding_count; i++) {
+        const struct sized_padding *p = &plan->paddings[i];
+        const double own = fabs(log(width / p->width)) + fabs(log(height / p->height));
+        if (own < *difference) {
+            *difference = own;
+            best = p;
+        }
+    }
+    return best;
+}
+
+/* How far apart the charts of an object lie in a lightmap of width x height; from the likest lightmaps of PADDINGS_MAX, where the mesh's
+ * have more sizes. Factors that would make a side longer than allowed are left out. */
 static int measure_padding(struct planner *p, size_t index, double width, double height, struct kiln_padding *padding, struct kiln_error *error)
 {
     const struct kiln_mesh *mesh = &meshes(p)[objects(p)[index].mesh];
     struct mesh_plan *plan = &p->plans[objects(p)[index].mesh];
+    double difference = 0.0;
+    const struct sized_padding *likest = likest_padding(plan, width, height, &difference);
     int status = KILN_OK;
-    if (plan->padding_size[0] != width || plan->padding_size[1] != height)
-        status = kiln_padding_measure(&plan->padding, positions(p, mesh), lightmap_uv(p, mesh), mesh->vertex_count, triangles(p, mesh),
+    if (difference > 0.0 && plan->padding_count < PADDINGS_MAX) {
+        status = kiln_grow(&plan->paddings, &plan->padding_capacity, plan->padding_count + 1, sizeof *plan->paddings, "padding of layouts", error);
+        if (status != KILN_OK)
+            return status;
+        struct sized_padding *made = &plan->paddings[plan->padding_count++];
+        *made = (struct sized_padding){.width = width, .height = height};
+        status = kiln_padding_measure(&made->padding, positions(p, mesh), lightmap_uv(p, mesh), mesh->vertex_count, triangles(p, mesh),
                                       mesh->triangle_count, width, height, error);
-    plan->padding_size[0] = width;
-    plan->padding_size[1] = height;
-    *padding = plan->padding;
+        likest = made;
+    }
+    *padding = likest->padding;
     const double most = p->params.lightmap_max / fmax(width, height);
     for (int i = 0; i < KILN_PADDING_STEPS; i++)
         if (exp2((double)(i + 1) / KILN_PADDING_OCTAVE) > most)
@@ -611,7 +643,7 @@ static int raise_densities(struct planner *p, struct kiln_error *error)
         texels += width * height - own; /* the whole lightmap */
         status = measure_padding(p, i, width, height, &padding, error);
         const double factor = status == KILN_OK ? kiln_padding_factor(&padding, CLOSE_SHARE) : 1.0;
-        if (factor > 1.0 && isfinite(factor))
+        if (factor > 1.0 && factor <= RAISE_MAX)
             raises[count++] = raise_of(i, factor, density, width * height, &padding);
     }
     if (status == KILN_OK)
@@ -786,19 +818,29 @@ static int rebuild_vertices(struct planner *p, struct kiln_error *error)
     return status;
 }
 
+static int note_share(struct planner *p, size_t index, double at_one, struct kiln_error *error)
+{
+    const struct kiln_object *object = &objects(p)[index];
+    return kiln_builder_note(p->builder, 0, error,
+                             "object \"%s\" would have %.0f %% of all texels if all had the same density: it has its share, %.3g texels a metre where "
+                             "others have %.3g (density-scale for it, or --texels-per-metre for all, change that)",
+                             string(p, object->name), 100.0 * demand_of(p, index).texels / at_one, p->densities[index], p->texels_per_metre);
+}
+
 /* Says what automatic density did with objects that are not like the others. */
 static int note_densities(struct planner *p, struct kiln_error *error)
 {
     size_t small = 0, shared = 0;
+    double at_one = 0.0; /* texels, at one a metre */
     int status = KILN_OK;
+    for (size_t i = 0; i < object_count(p); i++) {
+        const double texels = demand_of(p, i).texels;
+        at_one += isfinite(texels) ? texels : 0.0;
+    }
     for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++) {
-        const struct kiln_object *object = &objects(p)[i];
-        small += object->density_reason == KILN_DENSITY_LEAST;
-        if (object->density_reason == KILN_DENSITY_SHARE && note_wanted(&shared))
-            status = kiln_builder_note(p->builder, 0, error,
-                                       "object \"%s\" would take most of all texels: it has its share, with %.3g texels a metre where others have %.3g; "
-                                       "density-scale or texels-per-metre change that",
-                                       string(p, object->name), p->densities[i], p->texels_per_metre);
+        small += objects(p)[i].density_reason == KILN_DENSITY_LEAST;
+        if (objects(p)[i].density_reason == KILN_DENSITY_SHARE && note_wanted(&shared))
+            status = note_share(p, i, at_one, error);
     }
     if (small > 0 && status == KILN_OK)
         status = kiln_builder_note(p->builder, 0, error, "%zu small objects have more than %.3g texels a metre, so that they are %u texels across",
@@ -895,6 +937,12 @@ static int check_params(struct kiln_layout_params *params, struct kiln_error *er
     return KILN_OK;
 }
 
+static void free_plan(struct mesh_plan *plan)
+{
+    kiln_unwrapped_destroy(&plan->unwrapped);
+    kiln_free(&plan->paddings);
+}
+
 int kiln_layout(struct kiln_builder *builder, const struct kiln_layout_params *params, struct kiln_error *error)
 {
     struct planner p = {.builder = builder, .params = *params};
@@ -907,7 +955,7 @@ int kiln_layout(struct kiln_builder *builder, const struct kiln_layout_params *p
     if (status == KILN_OK)
         status = plan_layouts(&p, error);
     for (size_t i = 0; p.plans != NULL && i < mesh_count(&p); i++)
-        kiln_unwrapped_destroy(&p.plans[i].unwrapped);
+        free_plan(&p.plans[i]);
     kiln_free(&p.uv);
     kiln_free(&p.source);
     kiln_free(&p.density.of);

@@ -142,7 +142,8 @@ static int describe_file(const struct writer *w, uint32_t object, struct kiln_im
         {.name = "kiln:originalName", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, o->original_name)},
         {.name = "kiln:mesh", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, mesh->name)},
         {.name = "kiln:uvSet", .kind = KILN_EXR_STRING,
-         .text = (mesh->flags & KILN_MESH_UNWRAPPED) != 0 ? "kiln's own layout; top row is v = 0" : "the mesh's second UV set; top row is v = 0"},
+         .text = (mesh->flags & KILN_MESH_REPACKED) != 0    ? "the charts of the mesh's second UV set in kiln's own layout; top row is v = 0"
+                 : (mesh->flags & KILN_MESH_UNWRAPPED) != 0 ? "kiln's own layout; top row is v = 0" : "the mesh's second UV set; top row is v = 0"},
         {.name = "kiln:precision", .kind = KILN_EXR_STRING, .text = precision},
         {.name = "kiln:texelsPerMetre", .kind = KILN_EXR_FLOAT, .number = (float)density},
         {.name = "kiln:capped", .kind = KILN_EXR_INTEGER, .integer = asked > 0.0 && density > 0.0 && density < 0.9 * asked},
@@ -248,17 +249,12 @@ static int finish_object(const struct writer *w, uint32_t object, struct kiln_im
     return status == KILN_OK ? describe_file(w, object, *image, density, words, error) : status;
 }
 
-static bool is_published(const struct writer *w, uint32_t object)
-{
-    return (w->result->scene->objects[object].flags & KILN_OBJECT_CASTER_ONLY) == 0;
-}
-
 static int write_object(const struct writer *w, uint32_t object, struct kiln_error *error)
 {
     struct kiln_image *image = NULL;
     struct file_words words;
     int status = finish_object(w, object, &image, &words, error);
-    if (status == KILN_OK && is_published(w, object))
+    if (status == KILN_OK)
         status = kiln_exr_write(words.path, image, words.attributes, words.count, error);
     kiln_image_destroy(&image);
     return status;
@@ -399,31 +395,16 @@ static size_t sort_large(const struct kiln_strip_deal *strips, uint32_t *own, si
     return large;
 }
 
-/* The sizes of lightmaps as those who share the packing see them: what is not published has none. */
-static int published_sizes(const struct writer *w, struct kiln_lightmap **sizes, struct kiln_error *error)
-{
-    const size_t count = w->result->scene->object_count;
-    const int status = kiln_allocate(sizes, count, sizeof **sizes, "sizes of lightmaps", error);
-    for (size_t i = 0; status == KILN_OK && i < count; i++) {
-        (*sizes)[i] = w->result->surface->lightmaps[i];
-        if (!is_published(w, (uint32_t)i))
-            (*sizes)[i].width = (*sizes)[i].height = 0;
-    }
-    return status;
-}
-
 /* Collective. The objects whose points are here: small ones each rank for itself, then large ones all together. */
 static int write_together(const struct writer *w, const struct kiln_deal *deal, uint32_t round, uint32_t *own, size_t count,
                           struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
-    struct kiln_lightmap *lightmaps = NULL;
+    const struct kiln_lightmap *lightmaps = w->result->surface->lightmaps;
     struct kiln_strip_deal *strips = NULL;
     struct large large = {0};
     const uint64_t least = w->params->least_divided > 0 ? w->params->least_divided : KILN_STRIPS_LEAST;
-    int status = published_sizes(w, &lightmaps, error);
-    if (status == KILN_OK)
-        status = kiln_strip_deal_create(&strips, lightmaps, deal, round, w->ranks, least, error);
+    int status = kiln_strip_deal_create(&strips, lightmaps, deal, round, w->ranks, least, error);
     if (status == KILN_OK) {
         const size_t first_small = sort_large(strips, own, count);
         status = write_round(w, own + first_small, count - first_small, error);
@@ -435,7 +416,6 @@ static int write_together(const struct writer *w, const struct kiln_deal *deal, 
         status = kiln_strips_write(comm, strips, lightmaps, large.sources, large.count, error);
     destroy_large(&large);
     kiln_strip_deal_destroy(&strips);
-    kiln_free(&lightmaps);
     return status;
 }
 

@@ -52,7 +52,6 @@ struct kiln_pruned {
 int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
                         const struct kiln_manifest_parts *parts, struct kiln_pruned *pruned, struct kiln_error *error);
 
-
 /* KILN_NO_INPUT without one, KILN_BAD_INPUT when it is damaged. Destroy with kiln_manifest_destroy. Not collective. */
 int kiln_manifest_read(struct kiln_manifest **manifest, const char *directory, struct kiln_error *error);
 void kiln_manifest_destroy(struct kiln_manifest **manifest);

@@ -266,6 +266,25 @@ def with_holes(cases):
     cases.row('with holes', bake, off)
 
 
+def all_kinds(path):
+    """A scene with every kind of surface that lets light through, lit by a lamp and whatever else is asked for: for other tests."""
+    scene = glb.Scene()
+    yy, xx = np.mgrid[0:16, 0:16]
+    image = np.zeros((16, 16, 4), int) + 220
+    image[..., 3] = 255 * ((xx // 3 + yy // 4) % 2)
+    leaf, ramp = texture(scene, image), image.copy()
+    ramp[..., 3] = 16 * xx
+    ramp[..., 0] = 15 * yy
+    ramp = texture(scene, ramp)
+    flat(scene, 'floor', 0.0, 0.0, 2.0, 0.0, scene.material('floor', (0.6, 0.5, 0.4)))
+    flat(scene, 'leaf', -1.2, 0.2, 0.7, 0.8, pane(scene, 'leaf', (0.6, 0.7, 0.3), mask=True, base_texture=leaf))
+    flat(scene, 'blend', 0.2, -1.1, 0.7, 0.9, pane(scene, 'blend', (0.9, 0.6, 0.3), alpha=0.8, base_texture=ramp), up=False)
+    flat(scene, 'green', 0.9, 0.8, 0.8, 1.1, pane(scene, 'green', GLASS['green'], transmission=0.7, transmission_texture=ramp), cuts=3)
+    box(scene, 'box', (-0.6, 0.1, 0.5), (0.1, 0.7, 1.2), pane(scene, 'red', GLASS['red'], alpha=0.7, transmission=0.8))
+    scene.light('lamp', {'type': 'point', 'intensity': 30.0}, translation=[0.2, 2.0, 0.1])
+    return scene.write(path)
+
+
 def main():
     _, kiln = harness.start(__doc__)
     checks = harness.Checks()

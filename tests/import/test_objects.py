@@ -103,7 +103,7 @@ class Objects(importing.Case):
 
     # ---- light ----
 
-    BAKE = ("--texels-per-metre", 8, "--samples-direct", 64, "--samples-indirect", 256, "--samples-probe", 0, "--bounces", 2, "--json")
+    BAKE = ("--texels-per-metre", 8, "--samples-direct", 64, "--samples-indirect", 256, "--samples-probe", 0, "--bounces", 2, "--json", "--no-preview")
 
     def bake(self, name, path, *options, backend="embree"):
         """What run.json says, and the lightmaps' means over the half of the floor under the awning and the other, and of the awning."""
@@ -120,37 +120,56 @@ class Objects(importing.Case):
                 channels, _ = exr.read(os.path.join(out, entry["lightmap"]))
                 means[entry["name"]] = channels["G"]
         floor = means.get("Floor")
-        self.assertEqual(kiln("verify", out).code, 0)
-        self.assertEqual(kiln("view", out, "-o", os.path.join(out, "v.exr"), "--from", "1,0.3,5", "--to", "1,0.9,0", "--width", 64).code, 0)
-        picture, _ = exr.read(os.path.join(out, "v.exr"))
-        return run, float(floor[:, floor.shape[1] * 5 // 8:floor.shape[1] * 7 // 8].mean()), means, picture["G"]
+        return run, float(floor[:, floor.shape[1] * 5 // 8:floor.shape[1] * 7 // 8].mean()), means
 
-    def roles(self, backend):
-        run, shaded, _, seen = self.bake("plain", self.scene, backend=backend)
-        _, without, _, unseen = self.bake("without", self.scene, "--objects", "{Awning: {exclude: true}}", backend=backend)
-        self.assertGreater(without, 4 * shaded, "the awning shades the floor")
-        receiver, met, means, pictured = self.bake("receiver", self.scene, "--objects", "{Awning: {role: receiver-only}}", backend=backend)
+    def view(self, name, *options):
+        out = os.path.join(self.at, name)
+        self.assertEqual(kiln("verify", out).code, 0)
+        answer = kiln("view", out, "-o", os.path.join(out, "v.exr"), "--from", "1,0.3,5", "--to", "1,0.9,0", "--width", 64, "--backend", "embree", *options)
+        self.assertEqual(answer.code, 0, answer.err)
+        return exr.read(os.path.join(out, "v.exr"))[0]["G"]
+
+    def receiver(self, backend):
+        _, without, _ = self.bake("without", self.scene, "--objects", "{Awning: {exclude: true}}", backend=backend)
+        receiver, met, means = self.bake("receiver", self.scene, "--objects", "{Awning: {role: receiver-only}}", "--preview", backend=backend)
         self.assertAlmostEqual(met / without, 1.0, delta=0.01, msg="no ray meets it")
         self.assertGreater(means["Awning"].mean(), 0.3, "it sees the lit floor")
         self.assertLess(receiver["energy"]["relative_residual"], 0.02)
-        self.assertGreater(abs(pictured - unseen).max(), 0.02, "it is in pictures")
-        caster, stopped, means, hidden = self.bake("caster", self.scene, "--objects", "{Awning: {role: caster-only}}", backend=backend)
+        return without
+
+    def test_receiver_on_vulkan(self):
+        self.receiver("vulkan")
+
+    def test_roles(self):
+        without = self.receiver("embree")
+        _, shaded, _ = self.bake("plain", self.scene, "--preview")
+        self.assertGreater(without, 4 * shaded, "the awning shades the floor")
+        unseen, seen = self.view("without"), self.view("receiver")
+        self.assertGreater(abs(seen - unseen).max(), 0.02, "a receiver is in pictures")
+        caster, stopped, means = self.bake("caster", self.scene, "--objects", "{Awning: {role: caster-only}}")
         self.assertAlmostEqual(stopped / shaded, 1.0, delta=0.03, msg="it stops and reflects light all the same")
         self.assertNotIn("Awning", means)
         self.assertFalse(os.path.exists(os.path.join(self.at, "caster", "lightmaps", "Awning.exr")))
         self.assertTrue([o for o in caster["objects"] if o["name"] == "Awning" and o["lightmap"] is None])
+        plain, hidden = self.view("plain"), self.view("caster")
+        self.assertGreater(abs(plain - hidden).max(), 0.02, "there is no lightmap to show it with")
         lit = scene(os.path.join(self.at, "lit.glb"), lit_awning=True)
-        _, glowing, _, _ = self.bake("lit", lit, backend=backend)
+        _, glowing, _ = self.bake("lit", lit)
         self.assertGreater(glowing, 5 * shaded)
-        _, dark, _, _ = self.bake("unlit", lit, "--objects", "{Awning: {role: receiver-only}}", backend=backend)
+        _, dark, _ = self.bake("unlit", lit, "--objects", "{Awning: {role: receiver-only}}")
         self.assertAlmostEqual(dark / without, 1.0, delta=0.01, msg="a lamp that no ray meets lights nothing")
-        del run, seen, hidden
 
-    def test_roles(self):
-        self.roles("embree")
-
-    def test_roles_on_vulkan(self):
-        self.roles("vulkan")
+    def test_texels_are_shown(self):
+        """Squares alternate: along the middle row of the floor seen from above, as often as it has texels."""
+        self.bake("plain", self.scene)
+        out = os.path.join(self.at, "plain")
+        answer = kiln("view", out, "--show", "texels", "-o", os.path.join(out, "t.exr"), "--from", "-1,3,0.001", "--to", "-1,0,0", "--width", 400, "--height",
+                      400, "--field-of-view", 30, "--backend", "embree")
+        self.assertEqual(answer.code, 0, answer.err)
+        row = exr.read(os.path.join(out, "t.exr"))[0]["G"][100]
+        # 400 pixels see 2 x 3 m x tan 15 degrees of a floor of 8 texels a metre
+        changes = int(((row[1:] > 0.5 * row.max()) != (row[:-1] > 0.5 * row.max())).sum())
+        self.assertAlmostEqual(changes, 8 * 6 * 0.26795, delta=1)
 
     def test_large_caster_on_ranks(self):
         """A caster-only lightmap so large that ranks would share its packing is not written either, and the others are."""

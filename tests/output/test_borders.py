@@ -101,7 +101,8 @@ def too_coarse(folder, scene, density, least, *options):
 def main(arguments):
     with tempfile.TemporaryDirectory(prefix="kiln-borders-") as folder:
         if arguments == ["--sponza"]:
-            too_coarse(folder, os.path.join(SHARED, "third_party", "crytek_sponza.glb"), "4", 0.05, "--environment", "1,1,1")
+            too_coarse(folder, os.path.join(SHARED, "third_party", "crytek_sponza.glb"), "4", 0.05, "--environment", "1,1,1",
+                       "--bounces", "1", "--samples-direct", "4", "--samples-bounce", "1", "--samples-indirect", "8")
             return
         cornell(folder)
         two_rooms(folder, os.path.join(REPOSITORY, "tests", "data", "two_rooms.glb"))

@@ -593,7 +593,7 @@ def try_refusals(checks, tool):
         process = tool.bake(folder, '--' + name, value)
         checks.that(process.status == BAD_INPUT and 'in the checkpoint' in process.stderr and name in process.stderr,
                     '--%s %s was not refused with a table: %d' % (name, value, process.status), process)
-    for flag in ('--tail', '--half', '--no-stitch', '--no-error-map'):
+    for flag in ('--tail', '--half', '--repack', '--no-stitch', '--no-error-map'):
         process = tool.bake(folder, flag)
         checks.that(process.status == BAD_INPUT, '%s was not refused: %d' % (flag, process.status), process)
     changed = os.path.join(tool.scratch, 'cornell.glb')

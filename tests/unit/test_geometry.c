@@ -201,6 +201,49 @@ static void chunks_fit_together(void **state)
     fixture_destroy(f);
 }
 
+/* Of three instances with 4 opaque and 3 alpha triangles the middle one is receiver-only: rays meet what comes before its triangles in
+ * either part, and each of the others once. */
+static void receivers_come_last(void **state)
+{
+    (void)state;
+    struct fixture *f = fixture_create();
+    fixture_material(f, 1.0f, 1.0f, 1.0f);
+    fixture_material(f, 1.0f, 1.0f, 1.0f);
+    f->materials[1].alpha_mode = KILN_ALPHA_BLEND;
+    f->materials[1].base_color[3] = 0.5f;
+    const uint32_t mesh = fixture_mesh(f);
+    for (uint32_t i = 0; i < 7; i++) {
+        for (int c = 0; c < 3; c++)
+            fixture_vertex(f, i, c == 1, c == 2, 0.1 * i, 0.1 * c);
+        fixture_triangle(f, 3 * i, 3 * i + 1, 3 * i + 2, i % 2);
+    }
+    for (int i = 0; i < 3; i++)
+        fixture_object(f, mesh, NULL, 16, 16);
+    f->objects[1].flags = KILN_OBJECT_RECEIVER_ONLY;
+    struct kiln_geometry *g = create(f);
+    assert_int_equal(g->triangle_count, 21);
+    assert_int_equal(g->opaque_count, 12);
+    assert_int_equal(g->opaque_unmet, 4);
+    assert_int_equal(g->alpha_unmet, 3);
+    assert_int_equal(kiln_geometry_met_count(g), 14);
+    bool met[21] = {false};
+    for (size_t i = 0; i < 14; i++) {
+        const size_t t = kiln_geometry_met(g, i);
+        assert_true(t < 21 && !met[t] && g->records[t].object != 1);
+        met[t] = true;
+    }
+    for (uint32_t t = 0; t < 21; t++) {
+        const struct kiln_object_range *r = &g->ranges[g->records[t].object];
+        const bool alpha = t >= g->opaque_count;
+        assert_int_equal(alpha, g->stored_triangle[t] % 2);
+        assert_true(alpha ? t >= r->alpha_first && t < r->alpha_first + r->alpha_count : t >= r->opaque_first && t < r->opaque_first + r->opaque_count);
+    }
+    kiln_geometry_meet_all(g);
+    assert_int_equal(kiln_geometry_met_count(g), 21);
+    kiln_geometry_destroy(&g);
+    fixture_destroy(f);
+}
+
 static void positions_keep_their_digits(void **state)
 {
     (void)state;
@@ -241,7 +284,7 @@ int main(void)
         cmocka_unit_test(passage_is_the_most_of_all),
         cmocka_unit_test(fronts_look_out),     cmocka_unit_test(corners_agree),
         cmocka_unit_test(opaque_come_first),   cmocka_unit_test(chunks_fit_together),
-        cmocka_unit_test(positions_keep_their_digits), cmocka_unit_test(empty_and_impossible),
+        cmocka_unit_test(positions_keep_their_digits), cmocka_unit_test(receivers_come_last), cmocka_unit_test(empty_and_impossible),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -266,6 +266,33 @@ static void glass(void **state)
 #define PIXEL "\"images\":[{\"uri\":\"data:image/png;base64," \
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mP8z8BQDwAEhQGAhKmMIQAAAABJRU5ErkJggg==\"}]"
 
+/* A transmission texture at the base colour's coordinates, or alone, is looked up; at others it counts as its mean. The pixel is red. */
+static void glass_has_a_texture(void **state)
+{
+    struct fixture *f = *state;
+    accepted(f, HEAD ACCESSORS("") "," PIXEL ",\"textures\":[{\"source\":0}],\"materials\":["
+                "{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}},\"extensions\":{\"KHR_materials_transmission\":"
+                "{\"transmissionFactor\":0.5,\"transmissionTexture\":{\"index\":0}}}},"
+                "{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}},\"extensions\":{\"KHR_materials_transmission\":"
+                "{\"transmissionFactor\":0.5,\"transmissionTexture\":{\"index\":0,\"texCoord\":1}}}},"
+                "{\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":0.5,\"transmissionTexture\":{\"index\":0,\"texCoord\":1}}}}],"
+                "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"TEXCOORD_1\":2},\"indices\":3,\"material\":2}]}]," ONE_NODE "}");
+    const struct kiln_material *m = DATA(struct kiln_material, KILN_SECTION_MATERIALS);
+    const struct kiln_texture *t = DATA(struct kiln_texture, KILN_SECTION_TEXTURES);
+    assert_true(m[0].transmission_texture != KILN_NONE && m[0].base_color_texture != m[0].transmission_texture);
+    assert_int_equal(t[m[0].transmission_texture].srgb, 0);
+    assert_int_equal(t[m[0].base_color_texture].srgb, 1);
+    assert_int_equal(m[1].transmission_texture, KILN_NONE);
+    near((double)m[1].transmission, 0.5); /* x 1: the red of the pixel */
+    assert_int_equal(m[2].transmission_texture, m[0].transmission_texture);
+    assert_int_equal(m[2].base_color_texture, KILN_NONE);
+    const struct kiln_vec2 *uv = DATA(struct kiln_vec2, KILN_SECTION_TEXCOORD_BASE);
+    bool moved = false;
+    for (int v = 0; v < 4; v++)
+        moved = moved || uv[v].x != 0.0f || uv[v].y != 0.0f;
+    assert_true(moved); /* they are TEXCOORD_1's */
+}
+
 static void texture_transforms_follow_the_specification(void **state)
 {
     struct fixture *f = *state;
@@ -377,7 +404,7 @@ int main(void)
                                        TEST(winding_decides_and_normals_follow),
                                        TEST(triangles_without_area_are_left_out),
                                        TEST(sparse_values_replace),
-                                       TEST(materials), TEST(glass),
+                                       TEST(materials), TEST(glass), TEST(glass_has_a_texture),
                                        TEST(texture_transforms_follow_the_specification),
                                        TEST(colors_are_normalised),
                                        TEST(instances_are_objects),

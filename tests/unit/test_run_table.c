@@ -47,6 +47,35 @@ static void test_notes(void **state)
     assert_int_equal(note_count(json_array(), ""), 0);
 }
 
+/* The note on borders of charts, of which a tenth or a two hundredth reads other charts; NULL: there is none. */
+static json_t *border_note(double disturbed, double factor, double density)
+{
+    json_t *report = report_of(json_array());
+    (void)json_object_set_new(report, "borders", json_pack("{s:f, s:f, s:i, s:f, s:f}", "texels", 1000.0, "disturbed_texels", disturbed,
+                                                           "disturbed_lightmaps", 3, "padding_factor", factor, "texels_per_metre", density));
+    json_t *notes = kiln_run_notes(report), *note = json_incref(json_array_get(notes, 0));
+    json_decref(notes);
+    json_decref(report);
+    return note;
+}
+
+static void assert_border_note(double factor, double density, const char *part)
+{
+    json_t *note = border_note(100.0, factor, density);
+    assert_non_null(strstr(json_string_value(note), "along 10 % of the borders of charts, in 3 lightmaps"));
+    assert_non_null(strstr(json_string_value(note), part));
+    json_decref(note);
+}
+
+static void test_borders(void **state)
+{
+    (void)state;
+    assert_null(border_note(5.0, 2.0, 4.0));
+    assert_border_note(1.55, 4.0, "--texels-per-metre 6.2 would leave");
+    assert_border_note(1.5, 0.0, "lightmaps 1.5 times as large a side");
+    assert_border_note(-1.0, 4.0, "no density would do");
+}
+
 static void test_table(void **state)
 {
     (void)state;
@@ -69,6 +98,6 @@ static void test_table(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_notes), cmocka_unit_test(test_table)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_notes), cmocka_unit_test(test_borders), cmocka_unit_test(test_table)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,6 +1,6 @@
 """No kernel leaves its buffers, and none uses what was never written: bakes with guarded buffers (KILN_VULKAN_GUARD, see worker/backend/vulkan/gpu.h)
 come to their end, with the same bits as without. The cases run every kernel of a bake, in every layout of the BVH, with every kind of light, with
-and without alpha, smooth normals, and points that are partly buried. On a software device only; all else is skipped.
+and without alpha and glass, smooth normals, and points that are partly buried. On a software device only; all else is skipped.
 """
 import concurrent.futures
 import hashlib
@@ -10,12 +10,15 @@ import sys
 import h5py
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'analytic'))
+import glass  # noqa: E402
 import harness  # noqa: E402
 import same_bits  # noqa: E402
 
 # More than one slice of a probe's samples, quarters that differ by a sample, choices of lights with few samples and with many.
 OPTIONS = ('--quality', 'draft', '--samples-direct', 19, '--samples-bounce', 4, '--samples-indirect', 21, '--samples-probe', 18)
 SKY = 'sky.hdr'
+GLASS = 'glass.glb'  # made when wanted
 CASES = (  # scene, options of all its bakes, guarded bakes: guard, ranks, more options
     ('two_rooms.glb', ('--texels-per-metre', 2), (('after', 0, ()), ('after', 2, ('--dispatch-time', 1)))),
     ('cornell.glb', ('--texels-per-metre', 3), (('before', 0, ('--traversal', 'binary')), ('after', 0, ('--verify-share', 0.2)))),
@@ -23,10 +26,13 @@ CASES = (  # scene, options of all its bakes, guarded bakes: guard, ranks, more 
     ('punctual_zoo.glb', ('--lightmap-max', 12, '--environment', '0.1,0.2,0.3'), (('after', 0, ()),)),
     ('textured_emitter.glb', ('--lightmap-max', 16), (('after', 0, ('--traversal', 'all')),)),
     ('many_lights.glb', ('--lightmap-max', 4), (('after', 0, ()),)),
+    (GLASS, ('--lightmap-size', 6, '--environment', '0.1,0.2,0.3'), (('after', 2, ()), ('before', 0, ('--traversal', 'eight')))),
 )
 
 
-def scene_path(name):
+def scene_path(kiln, name):
+    if name == GLASS:
+        return glass.all_kinds(os.path.join(kiln.scratch, name))
     places = (os.path.join(harness.REPOSITORY, 'jobs'), harness.DATA, os.path.join(harness.DATA, 'analytic'))
     return next(os.path.join(p, name) for p in places if os.path.exists(os.path.join(p, name)))
 
@@ -61,13 +67,13 @@ def run_case(kiln, checks, device, case):
     if SKY in case[1]:
         write_sky(os.path.join(kiln.scratch, SKY))
     kiln.environment['KILN_VULKAN_GUARD'] = '0'
-    plain = kiln.bake(scene_path(name), *options)
+    plain = kiln.bake(scene_path(kiln, name), *options)
     if not checks.baked(plain):
         return
     wanted = bits(plain)
     for guard, ranks, more in ways:
         kiln.environment['KILN_VULKAN_GUARD'] = guard
-        bake = kiln.bake(scene_path(name), *options, *more, ranks=ranks)
+        bake = kiln.bake(scene_path(kiln, name), *options, *more, ranks=ranks)
         if not checks.baked(bake):
             continue
         found = bits(bake)

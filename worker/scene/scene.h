@@ -84,8 +84,8 @@ struct kiln_object {
 enum {
     KILN_OBJECT_CASTER_ONLY = 1,   /* stops and reflects light; its lightmap is not published */
     KILN_OBJECT_RECEIVER_ONLY = 2, /* has a lightmap; no ray meets it */
-    KILN_OBJECT_BOTH_SIDES = 4,    /* the second side's lightmap is published, too, where the material is double-sided */
-    KILN_OBJECT_ONE_SIDE = 8       /* it is not, whatever is asked for all objects */
+    KILN_OBJECT_BOTH_SIDES = 4,    /* its backs have a published lightmap where they have points */
+    KILN_OBJECT_ONE_SIDE = 8       /* they have not, whatever is asked for all objects */
 };
 /* Why an object's lightmap has not the density of the header. */
 enum kiln_density_reason {
