@@ -13,7 +13,7 @@ static const char *const counting[] = {"environment", "environment-scale", "envi
 /* and those that only say where, how fast, how long and with how many words. The quality is in the samples. */
 static const char *const other[] = {"output", "backend", "threads", "instruction-set", "quality", "preview", "exposure", "json", "quiet",
                                     "verbose", "resume", "checkpoint-every", "max-time", "watchdog", "device", "devices", "traversal", "dispatch-time", "device-memory", "verify-share",
-                                    "trace", "share-ranks", "give-away", "rebalance", "exchange-limit", "units"}; /* units name the numbers and change none */
+                                    "trace", "share-ranks", "give-away", "rebalance", "exchange-limit", "units", "export"}; /* units name the numbers and change none */
 
 static bool is_among(const char *name, const char *const *list, size_t count)
 {

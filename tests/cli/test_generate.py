@@ -111,7 +111,9 @@ class Generate(unittest.TestCase):
             answer = kiln("info", path, "--json", "--lightmap-size", 64)
             self.assertEqual(answer.code, 0, answer.err)
             info = json.loads(answer.out)
-            self.assertEqual(sorted(note["text"] for note in info["notes"]), expected.get(name, []), name)
+            # lightmaps of 64 x 64 are too small for some layouts, which is said
+            found = sorted(note["text"] for note in info["notes"] if "lightmaps with several charts" not in note["text"])
+            self.assertEqual(found, expected.get(name, []), name)
             self.assertEqual(len(info["meshes"]), report["meshes"])
             self.assertEqual(len(info["cameras"]), 1)
 

@@ -20,7 +20,7 @@ SECTIONS = {"strings": 0, "meshes": 4, "objects": 5, "positions": 10, "lightmap"
 MESH = np.dtype([("name", "<u4"), ("flags", "<u4"), ("vertex_first", "<u8"), ("vertex_count", "<u8"), ("triangle_first", "<u8"),
                  ("triangle_count", "<u8"), ("area", "<f8"), ("uv_area", "<f8")])
 OBJECT = np.dtype([("name", "<u4"), ("mesh", "<u4"), ("transform", "<f8", 12), ("width", "<u4"), ("height", "<u4"), ("flipped", "<u4"),
-                   ("original", "<u4"), ("node", "<u4"), ("source_mesh", "<u4"), ("flags", "<u4"), ("reserved", "<u4")])
+                   ("original", "<u4"), ("node", "<u4"), ("source_mesh", "<u4"), ("flags", "<u4"), ("density_reason", "<u4"), ("instance", "<u4"), ("unused", "<u4")])
 SAME_TEXEL = 1 / 64  # corners closer than this on the layout are one
 REACH = 6            # texels within which a chart's nearest texel is looked for
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -32,7 +32,7 @@ class Scene:
     def __init__(self, path):
         with open(path, "rb") as file:
             data = file.read()
-        header = np.frombuffer(data, "<u8", 40, 128).reshape(20, 2)
+        header = np.frombuffer(data, "<u8", 42, 136).reshape(21, 2)
 
         def section(name, kind, each=1):
             first, count = (int(v) for v in header[SECTIONS[name]])
