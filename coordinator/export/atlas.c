@@ -4,29 +4,12 @@
 #include <string.h>
 
 #include "coordinator/layout/raster.h"
+#include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
 enum { CLASSES = 24 }; /* of size: half octaves of the longer side, up to 2^12 and all beyond */
 
 /* ---- islands ---- */
-
-/* Union-find over texels; the root is the smallest of its set, so labels do not depend on the order of unions. */
-static uint32_t root_of(uint32_t *parent, uint32_t i)
-{
-    while (parent[i] != i)
-        i = parent[i] = parent[parent[i]];
-    return i;
-}
-
-static void unite(uint32_t *parent, uint32_t a, uint32_t b)
-{
-    a = root_of(parent, a);
-    b = root_of(parent, b);
-    if (a < b)
-        parent[b] = a;
-    else
-        parent[a] = b;
-}
 
 /* Joins wanted texels that are less than three apart: they would share a neighbour. */
 static void join_near(uint32_t *parent, const uint8_t *wanted, int64_t width, int64_t height)
@@ -38,7 +21,7 @@ static void join_near(uint32_t *parent, const uint8_t *wanted, int64_t width, in
             for (int64_t v = y; v <= y + 2 && v < height; v++)
                 for (int64_t u = v == y ? x + 1 : x - 2; u <= x + 2 && u < width; u++)
                     if (u >= 0 && wanted[v * width + u] != 0)
-                        unite(parent, (uint32_t)(y * width + x), (uint32_t)(v * width + u));
+                        kiln_sets_join(parent, (uint32_t)(y * width + x), (uint32_t)(v * width + u));
         }
 }
 
@@ -50,7 +33,7 @@ static uint32_t label(uint32_t *labels, uint32_t *parent, const uint8_t *wanted,
     uint32_t count = 0;
     for (uint32_t i = 0; i < width * height; i++)
         if (wanted[i] != 0)
-            parent[i] = root_of(parent, i); /* roots come before all others of their set */
+            parent[i] = kiln_sets_root(parent, i); /* roots come before all others of their set */
     for (uint32_t i = 0; i < width * height; i++) {
         if (wanted[i] == 0)
             continue;

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "coordinator/layout/topology.h"
+#include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
 enum { CELLS_MAX = 1 << 22, CELL_ENTRIES = 8, RINGS_MAX = 16, ENTRIES_MAX = 1 << 26 };
@@ -55,15 +56,6 @@ static int join_vertices(uint32_t *first, const struct kiln_vec3 *positions, con
     return KILN_OK;
 }
 
-static uint32_t root_of(uint32_t *parent, uint32_t i)
-{
-    while (parent[i] != i) {
-        parent[i] = parent[parent[i]];
-        i = parent[i];
-    }
-    return i;
-}
-
 /* An edge in the table: its first triangle and corner, + 1, or 0. */
 struct edge_table {
     uint32_t *entries;
@@ -89,8 +81,7 @@ static void join_edge(struct edge_table *table, const uint32_t *first, const uin
         edge_ends(first, triangles, other, &other_low, &other_high);
         if (other_low != low || other_high != high)
             continue;
-        const uint32_t p = root_of(parent, edge / 3), q = root_of(parent, other / 3);
-        parent[p > q ? p : q] = p < q ? p : q;
+        kiln_sets_join(parent, edge / 3, other / 3);
         borders[edge / 3] &= (uint8_t)~(1u << edge % 3);
         borders[other / 3] &= (uint8_t)~(1u << other % 3);
         return;
@@ -126,7 +117,7 @@ int kiln_padding_charts(const struct kiln_vec3 *positions, const struct kiln_vec
     if (status == KILN_OK)
         status = join_triangles(first, triangles, triangle_count, parent, borders, error);
     for (uint32_t t = 0; t < triangle_count && status == KILN_OK; t++) {
-        const uint32_t root = root_of(parent, t); /* the least of its set, so numbered already unless it is t */
+        const uint32_t root = kiln_sets_root(parent, t); /* the least of its set, so numbered already unless it is t */
         chart[t] = root == t ? (uint32_t)(*chart_count)++ : chart[root];
     }
     kiln_free(&first);

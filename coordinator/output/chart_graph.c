@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
 /* Layout points closer than this, in texels, are the same point there. */
@@ -102,15 +103,6 @@ static int list_halves(struct builder *b, struct kiln_error *error)
     return KILN_OK;
 }
 
-static uint32_t find_root(uint32_t *parent, uint32_t i)
-{
-    while (parent[i] != i) {
-        parent[i] = parent[parent[i]];
-        i = parent[i];
-    }
-    return i;
-}
-
 /* The vertex of the half edge at its lower (end 0) or higher (end 1) welded point. */
 static uint32_t vertex_at(const struct builder *b, const struct half_edge *half, int end)
 {
@@ -133,8 +125,7 @@ static int join(struct builder *b, const struct half_edge *first, const struct h
             normals[s][e] = b->scene->normals[vertex];
         }
     if (length2(edge.texel[0][0], edge.texel[1][0]) < SAME_TEXEL && length2(edge.texel[0][1], edge.texel[1][1]) < SAME_TEXEL) {
-        const uint32_t p = find_root(b->parent, first->triangle), q = find_root(b->parent, second->triangle);
-        b->parent[p > q ? p : q] = p < q ? p : q;
+        kiln_sets_join(b->parent, first->triangle, second->triangle);
         b->inner[first->triangle] |= (uint8_t)(1u << first->corner);
         b->inner[second->triangle] |= (uint8_t)(1u << second->corner);
         return KILN_OK;
@@ -170,7 +161,7 @@ static void number_charts(struct builder *b)
 {
     struct kiln_chart_graph *t = b->graph;
     for (uint32_t i = 0; i < t->triangle_count; i++) {
-        const uint32_t root = find_root(b->parent, i); /* the smallest of its set, so numbered already unless it is i */
+        const uint32_t root = kiln_sets_root(b->parent, i); /* the smallest of its set, so numbered already unless it is i */
         t->chart[i] = root == i ? (uint32_t)t->chart_count++ : t->chart[root];
     }
 }

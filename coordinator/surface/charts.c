@@ -2,27 +2,8 @@
 
 #include <string.h>
 
+#include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
-
-/* Indices are relative to the mesh; a root is its own parent and the least of its set. */
-static uint32_t root_of(uint32_t *parent, uint32_t v)
-{
-    while (parent[v] != v) {
-        parent[v] = parent[parent[v]];
-        v = parent[v];
-    }
-    return v;
-}
-
-static void join(uint32_t *parent, uint32_t a, uint32_t b)
-{
-    a = root_of(parent, a);
-    b = root_of(parent, b);
-    if (a < b)
-        parent[b] = a;
-    else
-        parent[a] = b;
-}
 
 struct vertex_key {
     uint32_t words[5];
@@ -70,7 +51,7 @@ static int join_equal(uint32_t *parent, const struct kiln_scene *scene, const st
         if (table[slot] == 0)
             table[slot] = (uint32_t)v + 1;
         else
-            join(parent, (uint32_t)v, table[slot] - 1);
+            kiln_sets_join(parent, (uint32_t)v, table[slot] - 1);
     }
     kiln_free(&table);
     return KILN_OK;
@@ -85,11 +66,11 @@ static int find_in_mesh(uint32_t *parent, const struct kiln_scene *scene, const 
         return status;
     for (uint64_t t = 0; t < mesh->triangle_count; t++) {
         const uint32_t *corner = scene->triangles + 3 * (mesh->triangle_first + t);
-        join(parent, corner[0], corner[1]);
-        join(parent, corner[0], corner[2]);
+        kiln_sets_join(parent, corner[0], corner[1]);
+        kiln_sets_join(parent, corner[0], corner[2]);
     }
     for (uint64_t v = 0; v < mesh->vertex_count; v++)
-        parent[v] = root_of(parent, (uint32_t)v);
+        parent[v] = kiln_sets_root(parent, (uint32_t)v);
     return KILN_OK;
 }
 

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
 /* A closed sheet folded on itself has no volume: this share of its area times its extent. */
@@ -68,25 +69,6 @@ static int by_vertices(const void *a, const void *b)
     return p->triangle < q->triangle ? -1 : p->triangle > q->triangle;
 }
 
-static uint32_t root_of(uint32_t *parent, uint32_t i)
-{
-    while (parent[i] != i) {
-        parent[i] = parent[parent[i]];
-        i = parent[i];
-    }
-    return i;
-}
-
-static void join(uint32_t *parent, uint32_t a, uint32_t b)
-{
-    a = root_of(parent, a);
-    b = root_of(parent, b);
-    if (a < b)
-        parent[b] = a;
-    else
-        parent[a] = b;
-}
-
 static size_t list_edges(const struct kiln_scene *scene, const struct kiln_mesh *mesh, const uint32_t *welded, struct edge *edges)
 {
     size_t count = 0;
@@ -146,24 +128,21 @@ static int judge_pieces(const struct kiln_scene *scene, const struct kiln_mesh *
 static int number_pieces(const struct kiln_mesh *mesh, const struct edge *edges, size_t edge_count, struct pieces *pieces, struct kiln_error *error)
 {
     uint32_t *parent = pieces->of;
-    for (uint64_t t = 0; t < mesh->triangle_count; t++)
-        parent[t] = (uint32_t)t;
+    kiln_sets_begin(parent, mesh->triangle_count);
     for (size_t i = 1; i < edge_count; i++)
         if (edges[i].low == edges[i - 1].low && edges[i].high == edges[i - 1].high)
-            join(parent, edges[i].triangle, edges[i - 1].triangle);
-    for (uint64_t t = 0; t < mesh->triangle_count; t++) { /* a root is the least of its set, so its number is known before it is asked for */
-        const uint32_t root = root_of(parent, (uint32_t)t);
-        pieces->count += root == t ? 1 : 0;
-    }
+            kiln_sets_join(parent, edges[i].triangle, edges[i - 1].triangle);
+    for (uint64_t t = 0; t < mesh->triangle_count; t++)
+        pieces->count += kiln_sets_root(parent, (uint32_t)t) == t ? 1 : 0;
     uint32_t *number = NULL;
     int status = kiln_allocate(&pieces->closed, pieces->count, sizeof *pieces->closed, "the pieces of a mesh", error);
     if (status == KILN_OK)
         status = kiln_allocate(&number, mesh->triangle_count, sizeof *number, "the pieces of a mesh", error);
     if (status != KILN_OK)
         return status;
-    uint32_t next = 0;
+    uint32_t next = 0; /* a root is the least of its set, so its number is known before it is asked for */
     for (uint64_t t = 0; t < mesh->triangle_count; t++)
-        number[t] = root_of(parent, (uint32_t)t) == t ? next++ : number[root_of(parent, (uint32_t)t)];
+        number[t] = kiln_sets_root(parent, (uint32_t)t) == t ? next++ : number[kiln_sets_root(parent, (uint32_t)t)];
     memcpy(pieces->of, number, mesh->triangle_count * sizeof *number);
     kiln_free(&number);
     memset(pieces->closed, 1, pieces->count);
