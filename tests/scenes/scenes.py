@@ -68,8 +68,8 @@ def check_outputs(checks, name, bake):
     with h5py.File(os.path.join(bake.directory, 'volume.hdf'), 'r') as f:
         for field, data in f['VTKHDF/PointData'].items():
             numbers_are_good(checks, '%s: volume.hdf %s' % (name, field), data[...], process, negative=field == 'irradiance_sh')
-    left = [f for f in os.listdir(bake.directory) if f not in ('run.json', 'kiln.h5', 'volume.hdf', 'lightmaps', 'scene.kscene', 'manifest')]
-    checks.that(not left, '%s: the folder also holds %s' % (name, left), process)
+    found, wanted = set(os.listdir(bake.directory)), {'run.json', 'kiln.h5', 'volume.hdf', 'lightmaps', 'scene.kscene', 'scene.glb', 'manifest'}
+    checks.that(found == wanted, '%s: the folder holds also %s, and not %s' % (name, sorted(found - wanted), sorted(wanted - found)), process)
     if name in TWICE:
         return harness.energy(bake.run)[0]
     return checks.energy(bake, name)
