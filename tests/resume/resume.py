@@ -412,6 +412,7 @@ def kill_mpirun(checks, tool, subject, stopped):
     segments = belongings(ranks)
     if stopped:
         os.kill(ranks[1], signal.SIGSTOP)
+        wait_for(lambda: state_of(ranks[1]) == 'T')  # the kernel wakes and ends what stands still when its parent goes, not what is about to
     began = time.monotonic()
     process.kill()
     process.wait()
