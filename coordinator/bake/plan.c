@@ -29,7 +29,7 @@ static const uint64_t LIGHTMAP_BUDGET = 1ull << 21;  /* texels under way on a ra
 static const double RECORD_BYTES = 2 * 58.0;         /* a point on its way to the lightmap's writer: sent and received */
 static const double H5_ROW = 113.0, H5_KEPT = 90.0;  /* bytes a point of kiln.h5 in hand; of them still held afterwards */
 static const uint64_t ROWS_AT_ONCE = 1ull << 18;
-static const uint64_t PREVIEW_BYTES = 48ull << 20;   /* rays of a band */
+static const uint64_t PREVIEW_BYTES = 62ull << 20;   /* rays of a band, 120 bytes each */
 static const double PREVIEW_TEXEL = 12.0;            /* lightmaps in view */
 static const double CHECKPOINT_POINT = 44.0;         /* bytes on disk */
 static const double RESULT_BYTES = 6 * sizeof(float) + sizeof(uint16_t); /* of a point, that move with it besides its surface */

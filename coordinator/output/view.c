@@ -7,7 +7,7 @@
 #include "coordinator/output/view_light.h"
 #include "worker/base/memory.h"
 
-/* Rays of a band of pixel rows are traced together; about 2^19 of them, 40 MB. */
+/* Rays of a band of pixel rows are traced together; about 2^19 of them, 63 MB. */
 enum { BAND_RAYS = 1 << 19 };
 
 struct renderer {
