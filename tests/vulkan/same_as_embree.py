@@ -24,10 +24,11 @@ OWN = ('cornell_original.glb', 'two_rooms.glb', 'punctual_zoo.glb', 'many_lights
        'cornell_huge_1e6.glb', 'cornell_tiny_1e-6.glb', 'cornell_offset_1e5.glb', 'cornell_spheres.glb')
 
 
-def scenes(wanted):
+def scenes(wanted, own_only):
     found = [('cornell', os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb'))]
     found += [(name, harness.own_scene(name)) for name in OWN]
-    found.append(('crytek_sponza.glb', os.path.join(harness.SHARED, 'third_party', 'crytek_sponza.glb')))
+    if not own_only:
+        found.append(('crytek_sponza.glb', os.path.join(harness.SHARED, 'third_party', 'crytek_sponza.glb')))
     return [(n, p) for n, p in found if p and os.path.exists(p) and (not wanted or n in wanted)]
 
 
@@ -73,6 +74,7 @@ def compare(checks, name, samples, embree, vulkan, again, table):
 
 def main():
     add = lambda p: (p.add_argument('scenes', nargs='*', help='only these'), p.add_argument('--full', action='store_true', help="the scenes' own density"),
+                     p.add_argument('--own', action='store_true', help='no scene of others, which are large'),
                      p.add_argument('--points', type=int, help='so many points instead'),
                      p.add_argument('--traversal', default='auto', help='of the Vulkan backend'),
                      p.add_argument('--samples', type=int, nargs='*', default=[64, 4096]))
@@ -80,7 +82,7 @@ def main():
     checks = harness.Checks()
     table = harness.Table(('scene', 26), ('samples', 7), ('points', 8), ('beyond', 6), ('Embree', 6), ('worst/5s', 8), ('mean ratio', 10), ('vulkan s', 8), ('embree s', 8), ('energy of vulkan', 36))
     for samples in arguments.samples:
-        for name, path in scenes(arguments.scenes):
+        for name, path in scenes(arguments.scenes, arguments.own):
             if samples > 1000 and name in SLOW and not (arguments.full or arguments.points or arguments.scenes):
                 continue
             options = ['--samples-direct', samples, '--samples-bounce', max(4, samples // 16), '--samples-indirect', samples, '--samples-probe', 0]
