@@ -14,7 +14,7 @@ import time
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
 import harness  # noqa: E402
 
-MEMORY, DISK, TIME = 0.10, 0.10, 0.30
+MEMORY, DISK = 0.10, 0.10
 FLIPS = 120
 
 
@@ -36,29 +36,22 @@ def folder_bytes(folder):
 
 
 def prediction(kiln, folder):
-    """Three scenes. Other tests slow the machine now and then: for the time the better of two tries counts."""
+    """Three scenes. Time is printed only, for machines are shared: run it by hand on a quiet one."""
     failures = []
     for scene, options, ranks in [('cornell', [], 1), ('rooms', ['--columns', 3, '--rows', 2], 2), ('city', ['--triangles', 200000], 1)]:
         path, out = os.path.join(folder, scene + '.glb'), os.path.join(folder, scene)
         run(kiln, 'generate', scene, '-o', path, *options)
-        worst = None
-        for _ in range(2):
-            plan = json.loads(run(kiln, 'plan', path, '--ranks', ranks, '--ranks-per-node', ranks, '--json'))
-            shutil.rmtree(out, ignore_errors=True)
-            run(kiln, 'bake', path, '-o', out, '--quiet', ranks=ranks)
-            with open(os.path.join(out, 'run.json')) as file:
-                report = json.load(file)
-            off = {'memory': plan['memory_per_rank']['total'] / report['memory']['peak_rank'] - 1,
-                   'disk': plan['disk_bytes']['total'] / folder_bytes(out) - 1, 'time': plan['seconds']['total'] / report['seconds'] - 1}
-            if worst is None or abs(off['time']) < abs(worst['time']):
-                worst = off
-            if abs(worst['time']) <= TIME:
-                break
-        print('%-8s on %d: memory %+5.1f %%, disk %+5.1f %%, time %+5.1f %%' % (scene, ranks, *(100 * worst[k] for k in ('memory', 'disk', 'time'))))
+        plan = json.loads(run(kiln, 'plan', path, '--ranks', ranks, '--ranks-per-node', ranks, '--json'))
+        run(kiln, 'bake', path, '-o', out, '--quiet', ranks=ranks)
+        with open(os.path.join(out, 'run.json')) as file:
+            report = json.load(file)
+        off = {'memory': plan['memory_per_rank']['total'] / report['memory']['peak_rank'] - 1,
+               'disk': plan['disk_bytes']['total'] / folder_bytes(out) - 1, 'time': plan['seconds']['total'] / report['seconds'] - 1}
+        print('%-8s on %d: memory %+5.1f %%, disk %+5.1f %%, time %+5.1f %%' % (scene, ranks, *(100 * off[k] for k in ('memory', 'disk', 'time'))))
         assert plan['points'] == report['points']['count'] and plan['seconds']['calibration'] <= 30
-        for what, most in (('memory', MEMORY), ('disk', DISK)):  # time is printed only: machines are shared
-            if abs(worst[what]) > most:
-                failures.append('%s: %s is %+.1f %% off' % (scene, what, 100 * worst[what]))
+        for what, most in (('memory', MEMORY), ('disk', DISK)):
+            if abs(off[what]) > most:
+                failures.append('%s: %s is %+.1f %% off' % (scene, what, 100 * off[what]))
     assert not failures, '; '.join(failures)
 
 
