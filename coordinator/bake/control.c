@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "coordinator/bake/status_file.h"
+#include "coordinator/bake/waiting.h"
 #include "coordinator/bake/watchdog.h"
 #include "coordinator/cli/agree.h"
 #include "coordinator/output/publish.h"
@@ -282,14 +283,18 @@ enum kiln_event kiln_control_poll(struct kiln_control *c, bool done, double shar
 enum kiln_event kiln_control_wait(struct kiln_control *c, bool done, double share, int failed, bool (*news)(void *context), void *context)
 {
     struct timespec pause = {0, 10000};
+    enum kiln_event event;
+    kiln_waiting_begin("a wait for the end of the pass");
     for (;;) {
-        const enum kiln_event event = kiln_control_poll(c, done, share, 0.0, failed);
+        event = kiln_control_poll(c, done, share, 0.0, failed);
         if (event != KILN_EVENT_NONE || (news != NULL && news(context)))
-            return event;
+            break;
         (void)nanosleep(&pause, NULL); /* the cores may be wanted by a rank that is not done */
         if (pause.tv_nsec < 1000000)
             pause.tv_nsec += pause.tv_nsec / 2;
     }
+    kiln_waiting_end();
+    return event;
 }
 
 void kiln_control_meet(struct kiln_control *c)
@@ -300,14 +305,16 @@ void kiln_control_meet(struct kiln_control *c)
     if (c->ranks == 1)
         return;
     (void)MPI_Ibarrier(c->communicator, &all);
+    kiln_waiting_begin("a wait for all ranks");
     for (;;) {
         (void)MPI_Test(&all, &here, MPI_STATUS_IGNORE);
         if (here != 0)
-            return;
+            break;
         (void)nanosleep(&pause, NULL);
         if (pause.tv_nsec < 1000000)
             pause.tv_nsec += pause.tv_nsec / 2;
     }
+    kiln_waiting_end();
 }
 
 enum kiln_event kiln_control_between(struct kiln_control *c, uint64_t bytes)

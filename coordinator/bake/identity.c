@@ -30,48 +30,11 @@ bool kiln_identity_counts(const char *name, bool *known)
     return counts;
 }
 
-static json_t *number_json(const struct kiln_option *option, double value, const char *format)
-{
-    char text[64];
-    if (option->word != NULL && value == option->word_value)
-        return json_string(option->word);
-    (void)snprintf(text, sizeof text, format, value);
-    return json_string(text);
-}
-
-/* An option's value as text. */
 static json_t *value_json(const struct kiln_job *job, const struct kiln_option *option)
 {
-    const void *at = (const char *)job + option->offset;
-    char text[64];
-    switch (option->kind) {
-    case KILN_OPTION_FLAG:
-        return json_string(*(const bool *)at ? "on" : "off");
-    case KILN_OPTION_CHOICE_FLAG:
-        return json_string(option->choices[*(const bool *)at ? 1 : 0]);
-    case KILN_OPTION_CHOICE_ENUM:
-        return json_string(option->choices[*(const int *)at]);
-    case KILN_OPTION_UINT32:
-        return number_json(option, (double)*(const uint32_t *)at, "%.0f");
-    case KILN_OPTION_INT64:
-        return number_json(option, (double)*(const int64_t *)at, "%.0f");
-    case KILN_OPTION_UINT64:
-        (void)snprintf(text, sizeof text, "%llu", (unsigned long long)*(const uint64_t *)at);
-        return json_string(text);
-    case KILN_OPTION_DOUBLE:
-        return number_json(option, *(const double *)at, "%.17g");
-    case KILN_OPTION_STRING:
-    case KILN_OPTION_PATH:
-    case KILN_OPTION_ENVIRONMENT:
-    case KILN_OPTION_POINT:
-    case KILN_OPTION_RULES:
-    case KILN_OPTION_CHOICE: {
-        const char *value = *(char *const *)at;
-        json_t *json = json_string(value != NULL ? value : "not given");
-        return json != NULL ? json : json_string("not UTF-8");
-    }
-    }
-    return NULL;
+    char room[KILN_OPTION_TEXT];
+    json_t *json = json_string(kiln_option_text(job, option, room));
+    return json != NULL ? json : json_string("not UTF-8");
 }
 
 json_t *kiln_identity_make(const struct kiln_job *job, const struct kiln_prepared *prepared)

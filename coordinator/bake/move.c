@@ -3,6 +3,7 @@
 #include <limits.h>
 #include <string.h>
 
+#include "coordinator/cli/agree.h"
 #include "worker/base/memory.h"
 
 enum { TAG_MOVE = 13 };
@@ -28,8 +29,9 @@ static struct common common_of(const uint64_t *a, const uint64_t *b)
 
 static MPI_Request *new_request(struct move *m)
 {
-    if (kiln_grow(&m->requests, &m->room, m->count + 1, sizeof *m->requests, "messages", NULL) != KILN_OK)
-        MPI_Abort(m->communicator, KILN_SYSTEM); /* others wait for it already */
+    struct kiln_error error;
+    if (kiln_grow(&m->requests, &m->room, m->count + 1, sizeof *m->requests, "messages that move points", &error) != KILN_OK)
+        kiln_give_up(KILN_SYSTEM, &error); /* others wait for it already */
     return &m->requests[m->count++];
 }
 

@@ -1,18 +1,16 @@
 #include "coordinator/bake/node_memory.h"
 
-#include <stdlib.h>
+#include <stdatomic.h>
+#include <stdio.h>
 #include <string.h>
-#include <sys/statvfs.h>
 #include <time.h>
 
+#include "coordinator/bake/shared_memory.h"
+#include "coordinator/bake/waiting.h"
 #include "coordinator/cli/agree.h"
 
-/* Where Open MPI's shared windows lie; what is left there for others. */
-#define SHARED_FOLDER "/dev/shm"
-enum { SPARE_BYTES = 16 << 20 };
-
 struct block {
-    MPI_Win window; /* MPI_WIN_NULL: from kiln_allocate */
+    uint64_t shared; /* bytes of shared memory; 0: from kiln_allocate */
     void *here;
     const void *there; /* on the leader */
 };
@@ -20,7 +18,7 @@ struct block {
 struct kiln_node_memory {
     MPI_Comm communicator;
     int rank, ranks;
-    bool full;
+    bool full, told;
     uint64_t bytes;
     struct block *blocks;
     size_t count, room;
@@ -47,7 +45,6 @@ int kiln_node_create(struct kiln_node_memory **node, MPI_Comm communicator, uint
     (void)MPI_Comm_rank(host, &n->rank);
     (void)MPI_Comm_split(host, most > 0 ? n->rank / (int)most : 0, 0, &n->communicator);
     (void)MPI_Comm_free(&host);
-    (void)MPI_Comm_set_errhandler(n->communicator, MPI_ERRORS_RETURN); /* a window that cannot be had is no reason to die */
     (void)MPI_Comm_rank(n->communicator, &n->rank);
     (void)MPI_Comm_size(n->communicator, &n->ranks);
     *node = n;
@@ -61,12 +58,10 @@ void kiln_node_destroy(struct kiln_node_memory **node)
         return;
     for (size_t i = n->count; i > 0; i--) {
         struct block *b = &n->blocks[i - 1];
-        if (b->window == MPI_WIN_NULL) {
+        if (b->shared != 0)
+            kiln_shared_release(&b->here, b->shared);
+        else
             kiln_free(&b->here);
-            continue;
-        }
-        (void)MPI_Win_unlock_all(b->window);
-        (void)MPI_Win_free(&b->window);
     }
     kiln_free(&n->blocks);
     (void)MPI_Comm_free(&n->communicator);
@@ -79,28 +74,30 @@ MPI_Comm kiln_node_communicator(const struct kiln_node_memory *node) { return no
 bool kiln_node_full(const struct kiln_node_memory *node) { return node->full; }
 uint64_t kiln_node_bytes(const struct kiln_node_memory *node) { return node->bytes; }
 
-/* Whether the leader may ask for so much: a window beyond what the file system has would be granted, and kill the process that writes to it. */
-static bool has_room(uint64_t bytes)
+/* Once a node. */
+static void say_why_not(struct kiln_node_memory *n, const struct kiln_error *why)
 {
-    struct statvfs system;
-    if (getenv("OMPI_MCA_osc_sm_backing_directory") != NULL || statvfs(SHARED_FOLDER, &system) != 0)
-        return true;
-    return (uint64_t)system.f_bavail * system.f_frsize >= bytes + SPARE_BYTES;
+    if (n->rank == 0 && !n->told)
+        (void)fprintf(stderr, "kiln: warning: what the ranks of a host could share each of them keeps for itself, which takes more memory: %s\n", why->message);
+    n->told = true;
 }
 
-/* Collective. A window of the leader's `bytes`; false, on all ranks, when one of them gets none. */
-static bool open_window(const struct kiln_node_memory *n, uint64_t bytes, struct block *block)
+/* Collective. Shared memory of the leader's; the same status on all. */
+static int open_block(const struct kiln_node_memory *n, uint64_t bytes, struct block *block, struct kiln_error *error)
 {
-    void *own = NULL;
-    int unit = 1, good = MPI_Win_allocate_shared(n->rank == 0 ? (MPI_Aint)bytes : 0, 1, MPI_INFO_NULL, n->communicator, &own, &block->window) ==
-                         MPI_SUCCESS;
-    (void)MPI_Allreduce(MPI_IN_PLACE, &good, 1, MPI_INT, MPI_LAND, n->communicator);
-    if (good == 0)
-        return false;
-    MPI_Aint size;
-    (void)MPI_Win_shared_query(block->window, 0, &size, &unit, &block->here);
-    (void)MPI_Win_lock_all(MPI_MODE_NOCHECK, block->window);
-    return true;
+    struct kiln_shared_key key = {0};
+    const int made = n->rank == 0 ? kiln_shared_make(&block->here, &key, bytes, error) : KILN_OK;
+    int status = kiln_agree(n->communicator, made, error);
+    if (status == KILN_OK) {
+        struct kiln_shared_key leader = key;
+        (void)MPI_Bcast(&leader, (int)sizeof leader, MPI_BYTE, 0, n->communicator);
+        status = kiln_agree(n->communicator, n->rank != 0 ? kiln_shared_open(&block->here, &leader, error) : KILN_OK, error);
+    }
+    kiln_shared_seal(&key);
+    if (status != KILN_OK)
+        kiln_shared_release(&block->here, bytes);
+    block->shared = bytes;
+    return status;
 }
 
 static int add_block(struct kiln_node_memory *n, const struct block *block, uint64_t bytes)
@@ -110,30 +107,33 @@ static int add_block(struct kiln_node_memory *n, const struct block *block, uint
     return KILN_OK;
 }
 
+static int make_own_block(struct kiln_node_memory *n, uint64_t bytes, void **here, struct kiln_error *error)
+{
+    struct block block = {0};
+    const int status = kiln_allocate(&block.here, bytes, 1, "the memory of a node", error);
+    *here = block.here;
+    block.there = block.here;
+    return status == KILN_OK ? add_block(n, &block, bytes) : status;
+}
+
 /* Collective, with the leader's `bytes` the same on all. */
 static int make_block(struct kiln_node_memory *n, uint64_t bytes, void **here, struct kiln_error *error)
 {
-    struct block block = {.window = MPI_WIN_NULL};
-    int status = kiln_grow(&n->blocks, &n->room, n->count + 1, sizeof *n->blocks, "the blocks of a node", error);
-    if (n->ranks == 1) {
-        if (status == KILN_OK)
-            status = kiln_allocate(&block.here, bytes, 1, "the memory of a node", error);
-        *here = block.here;
-        block.there = block.here;
-        return status == KILN_OK ? add_block(n, &block, bytes) : status;
-    }
-    status = kiln_agree(n->communicator, status, error);
-    if (status != KILN_OK)
-        return status;
-    int64_t room = n->rank == 0 && !n->full && has_room(bytes);
-    (void)MPI_Bcast(&room, 1, MPI_INT64_T, 0, n->communicator);
-    if (room == 0 || !open_window(n, bytes, &block)) {
+    struct block block = {0};
+    struct kiln_error why = {{0}};
+    int status = kiln_grow(&n->blocks, &n->room, n->count + 1, sizeof *n->blocks, "the blocks of a node", &why);
+    if (n->ranks == 1)
+        return status == KILN_OK ? make_own_block(n, bytes, here, error) : kiln_fail(error, status, "%s", why.message);
+    status = kiln_agree(n->communicator, status, &why);
+    if (status == KILN_OK && n->full)
+        return kiln_fail(error, KILN_SYSTEM, "the ranks of this host share no memory");
+    if (status == KILN_OK)
+        status = open_block(n, bytes, &block, &why);
+    if (status != KILN_OK) {
         n->full = true;
-        return kiln_fail(error, KILN_SYSTEM, "the node has no shared memory for another %llu bytes: enlarge " SHARED_FOLDER,
-                         (unsigned long long)bytes);
+        say_why_not(n, &why);
+        return kiln_fail(error, status, "%s", why.message);
     }
-    if (n->rank == 0)
-        memset(block.here, 0, bytes);
     uint64_t there = (uint64_t)(uintptr_t)block.here;
     (void)MPI_Bcast(&there, 1, MPI_UINT64_T, 0, n->communicator);
     block.there = (const void *)(uintptr_t)there;
@@ -166,56 +166,72 @@ int kiln_node_block(struct kiln_node_memory *node, void *pointer, size_t count, 
 /* ---- parts ---- */
 
 struct kiln_node_parts {
-    MPI_Win window; /* MPI_WIN_NULL: from kiln_allocate */
-    void *part[];   /* one a rank */
+    int ranks;
+    bool is_shared; /* or from kiln_allocate */
+    struct {
+        void *at;
+        uint64_t bytes;
+    } part[]; /* one a rank */
 };
 
-/* Collective. Whether the leader finds room for all ranks' parts. */
-static bool parts_have_room(const struct kiln_node_memory *n, uint64_t bytes)
+/* Collective. Each rank makes its own part, and opens the others'. */
+static int open_parts(const struct kiln_node_memory *n, struct kiln_node_parts *p, uint64_t bytes, struct kiln_shared_key *keys, struct kiln_error *error)
 {
-    (void)MPI_Allreduce(MPI_IN_PLACE, &bytes, 1, MPI_UINT64_T, MPI_SUM, n->communicator);
-    int64_t room = n->rank == 0 && has_room(bytes);
-    (void)MPI_Bcast(&room, 1, MPI_INT64_T, 0, n->communicator);
-    return room != 0;
-}
-
-/* Collective. */
-static bool open_parts(const struct kiln_node_memory *n, struct kiln_node_parts *p, uint64_t bytes)
-{
-    MPI_Info info;
-    void *own = NULL;
-    (void)MPI_Info_create(&info);
-    (void)MPI_Info_set(info, "alloc_shared_noncontig", "true");
-    int good = MPI_Win_allocate_shared((MPI_Aint)bytes, 1, info, n->communicator, &own, &p->window) == MPI_SUCCESS;
-    (void)MPI_Info_free(&info);
-    (void)MPI_Allreduce(MPI_IN_PLACE, &good, 1, MPI_INT, MPI_LAND, n->communicator);
-    if (good == 0)
-        return false;
-    for (int r = 0; r < n->ranks; r++) {
-        MPI_Aint size;
-        int unit;
-        (void)MPI_Win_shared_query(p->window, r, &size, &unit, &p->part[r]);
+    struct kiln_shared_key own = {0};
+    int status = kiln_agree(n->communicator, kiln_shared_make(&p->part[n->rank].at, &own, bytes, error), error);
+    p->part[n->rank].bytes = bytes;
+    if (status == KILN_OK) {
+        (void)MPI_Allgather(&own, (int)sizeof own, MPI_BYTE, keys, (int)sizeof own, MPI_BYTE, n->communicator);
+        for (int r = 0; r < n->ranks && status == KILN_OK; r++) {
+            if (r != n->rank)
+                status = kiln_shared_open(&p->part[r].at, &keys[r], error);
+            p->part[r].bytes = keys[r].bytes;
+        }
+        status = kiln_agree(n->communicator, status, error);
     }
-    (void)MPI_Win_lock_all(MPI_MODE_NOCHECK, p->window);
-    memset(p->part[n->rank], 0, bytes);
-    return true;
+    kiln_shared_seal(&own);
+    return status;
 }
 
-int kiln_node_parts_create(struct kiln_node_parts **parts, const struct kiln_node_memory *node, uint64_t bytes, const char *what,
-                           struct kiln_error *error)
+static void close_parts(struct kiln_node_parts *p)
+{
+    for (int r = 0; r < p->ranks; r++)
+        kiln_shared_release(&p->part[r].at, p->part[r].bytes);
+}
+
+/* Collective on the node. */
+static int share_parts(struct kiln_node_memory *n, struct kiln_node_parts *p, uint64_t bytes, const char *what, struct kiln_error *error)
+{
+    struct kiln_shared_key *keys = NULL;
+    struct kiln_error why = {{0}};
+    int status = p != NULL ? kiln_allocate(&keys, (size_t)n->ranks, sizeof *keys, what, &why) : kiln_fail(&why, KILN_SYSTEM, "out of memory: %s", what);
+    status = kiln_agree(n->communicator, status, &why);
+    if (status == KILN_OK) {
+        status = open_parts(n, p, bytes, keys, &why);
+        if (status != KILN_OK)
+            close_parts(p);
+    }
+    kiln_free(&keys);
+    if (status == KILN_OK)
+        return KILN_OK;
+    say_why_not(n, &why);
+    return kiln_fail(error, status, "%s", why.message);
+}
+
+int kiln_node_parts_create(struct kiln_node_parts **parts, struct kiln_node_memory *node, uint64_t bytes, const char *what, struct kiln_error *error)
 {
     const int ranks = node != NULL ? node->ranks : 1;
     struct kiln_node_parts *p = NULL;
     bytes = (bytes + 64) / 64 * 64;
     int status = kiln_allocate(&p, 1, sizeof *p + (size_t)ranks * sizeof *p->part, what, error);
-    if (status == KILN_OK)
-        p->window = MPI_WIN_NULL;
-    if (status == KILN_OK && ranks == 1)
-        status = kiln_allocate(&p->part[0], bytes, 1, what, error);
+    if (status == KILN_OK) {
+        p->ranks = ranks;
+        p->is_shared = ranks > 1;
+    }
     if (ranks > 1)
-        status = kiln_agree(node->communicator, status, error);
-    if (status == KILN_OK && ranks > 1 && (!parts_have_room(node, bytes) || !open_parts(node, p, bytes)))
-        status = kiln_fail(error, KILN_SYSTEM, "the node has no shared memory for %s: enlarge " SHARED_FOLDER, what);
+        status = share_parts(node, p, bytes, what, error);
+    else if (status == KILN_OK)
+        status = kiln_allocate(&p->part[0].at, bytes, 1, what, error);
     if (status != KILN_OK)
         kiln_free(&p);
     *parts = p;
@@ -227,16 +243,14 @@ void kiln_node_parts_destroy(struct kiln_node_parts **parts)
     struct kiln_node_parts *p = *parts;
     if (p == NULL)
         return;
-    if (p->window == MPI_WIN_NULL) {
-        kiln_free(&p->part[0]);
-    } else {
-        (void)MPI_Win_unlock_all(p->window);
-        (void)MPI_Win_free(&p->window);
-    }
+    if (p->is_shared)
+        close_parts(p);
+    else
+        kiln_free(&p->part[0].at);
     kiln_free(parts);
 }
 
-void *kiln_node_part(const struct kiln_node_parts *parts, int rank) { return parts->part[rank]; }
+void *kiln_node_part(const struct kiln_node_parts *parts, int rank) { return parts->part[rank].at; }
 
 /* ---- building ---- */
 
@@ -281,14 +295,17 @@ struct kiln_allocator kiln_node_allocator(struct kiln_node_memory *node)
 static void sleep_until(MPI_Request *request)
 {
     struct timespec pause = {0, 20000};
-    for (int complete = 0;;) {
+    int complete = 0;
+    kiln_waiting_begin("a wait for the ranks of its host");
+    for (;;) {
         (void)MPI_Test(request, &complete, MPI_STATUS_IGNORE);
         if (complete != 0)
-            return;
+            break;
         (void)nanosleep(&pause, NULL);
         if (pause.tv_nsec < 2000000)
             pause.tv_nsec += pause.tv_nsec / 2;
     }
+    kiln_waiting_end();
 }
 
 /* Takes part in what the leader does; gives its status. */
@@ -346,13 +363,9 @@ void kiln_node_wait(const struct kiln_node_memory *node)
 {
     if (node->ranks == 1)
         return;
-    for (size_t i = 0; i < node->count; i++)
-        if (node->blocks[i].window != MPI_WIN_NULL)
-            (void)MPI_Win_sync(node->blocks[i].window);
+    atomic_thread_fence(memory_order_seq_cst);
     MPI_Request request;
     (void)MPI_Ibarrier(node->communicator, &request);
     sleep_until(&request);
-    for (size_t i = 0; i < node->count; i++)
-        if (node->blocks[i].window != MPI_WIN_NULL)
-            (void)MPI_Win_sync(node->blocks[i].window);
+    atomic_thread_fence(memory_order_seq_cst);
 }

@@ -1,9 +1,9 @@
-/* Memory that the ranks of one node share: blocks that one of them, the leader, fills and all see (MPI-3 shared-memory windows).
+/* Memory that the ranks of one node share: blocks that one of them, the leader, fills and all see (shared_memory.h).
  *
- * Blocks are made by all ranks of the node together, and live until the node memory is destroyed. When a node's shared memory is full
- * (in a container /dev/shm may be 64 MiB) or MPI offers none, making a block fails on all ranks of the node alike and
+ * Blocks are made by all ranks of the node together, and live until the node memory is destroyed. When one of them cannot have a block
+ * (no memory, a limit of its own), making it fails on all ranks of the node alike, the leader says why, and
  * kiln_node_full says so from then on: what was to be shared is then made by every rank for itself. A rank alone on its node
- * needs no windows: its blocks come from kiln_allocate.
+ * shares with nobody: its blocks come from kiln_allocate.
  *
  * A block has the page placement of who touches it first, the leader. */
 #ifndef KILN_COORDINATOR_BAKE_NODE_MEMORY_H
@@ -44,10 +44,9 @@ void *kiln_node_place(const void *node, const void *there);
 /* Memory of which each rank of a node has a part, and all see all parts. Unlike blocks it can be given back; kiln_node_bytes leaves it out, for
  * it is each rank's own. A part has the page placement of its owner. */
 struct kiln_node_parts;
-/* Collective on the node. A zeroed part of `bytes` for this rank; all get the same status, KILN_SYSTEM when the node's shared memory has no
- * room (which does not make it full). With `node` NULL not collective: this rank's part is all there is. Destroy with kiln_node_parts_destroy. */
-int kiln_node_parts_create(struct kiln_node_parts **parts, const struct kiln_node_memory *node, uint64_t bytes, const char *what,
-                           struct kiln_error *error);
+/* Collective on the node. A zeroed part of `bytes` for this rank; all get the same status, KILN_SYSTEM when one of them cannot have its part
+ * or see another's (which does not make the node full; the leader says why). With `node` NULL not collective: this rank's part is all there is. Destroy with kiln_node_parts_destroy. */
+int kiln_node_parts_create(struct kiln_node_parts **parts, struct kiln_node_memory *node, uint64_t bytes, const char *what, struct kiln_error *error);
 /* Collective on the node. */
 void kiln_node_parts_destroy(struct kiln_node_parts **parts);
 /* The part of the node's rank `rank`; with `node` NULL of rank 0. */

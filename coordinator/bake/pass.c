@@ -221,10 +221,23 @@ static void show_pass(const struct transport_state *s)
     kiln_control_begin(s->params->control, text);
 }
 
-int transport_pass_begin(struct transport_state *s, struct kiln_error *error)
+int transport_make_room(struct kiln_transport_report *report, size_t passes, struct kiln_error *error)
+{
+    return kiln_grow(&report->passes, &report->pass_room, passes, sizeof *report->passes, "the passes' report", error);
+}
+
+static int add_pass(struct transport_state *s, struct kiln_error *error)
 {
     struct kiln_transport_report *report = &s->out->report;
-    report->passes[report->pass_count++] = (struct kiln_pass_report){.kind = s->step.kind, .bounce = s->step.bounce, .samples = s->step.samples};
+    const int status = transport_make_room(report, report->pass_count + 1, error);
+    if (status == KILN_OK)
+        report->passes[report->pass_count++] = (struct kiln_pass_report){.kind = s->step.kind, .bounce = s->step.bounce, .samples = s->step.samples};
+    return status;
+}
+
+int transport_pass_begin(struct transport_state *s, struct kiln_error *error)
+{
+    int status = add_pass(s, error);
     memset(s->sums, 0, sizeof s->sums);
     s->variance.value = 0;
     memset(s->group_now, 0, s->group_count * sizeof *s->group_now);
@@ -232,7 +245,8 @@ int transport_pass_begin(struct transport_state *s, struct kiln_error *error)
     s->measured = true;
     s->todo_first = 0;
     s->todo_count = s->params->surface->fragment_count > 0 ? 1 : 0;
-    int status = kiln_grow(&s->todo, &s->todo_room, 1, sizeof *s->todo, "what a pass has to do", error);
+    if (status == KILN_OK)
+        status = kiln_grow(&s->todo, &s->todo_room, 1, sizeof *s->todo, "what a pass has to do", error);
     if (status == KILN_OK)
         s->todo[0] = (struct kiln_range){0, s->params->surface->fragment_count};
     if (status == KILN_OK)

@@ -46,14 +46,11 @@ void kiln_phase_rest(struct kiln_phases *phases, double before)
     kiln_phase_add(phases, "other", fmax(rest, 0.0));
 }
 
-json_t *kiln_phases_json(const struct kiln_phases *phases, MPI_Comm communicator)
+json_t *kiln_phases_json(const struct kiln_phases *phases, MPI_Comm communicator, double *all)
 {
     int rank, ranks;
     (void)MPI_Comm_rank(communicator, &rank);
     (void)MPI_Comm_size(communicator, &ranks);
-    double *all = rank == 0 ? calloc((size_t)ranks * KILN_PHASES_MAX, sizeof *all) : NULL;
-    if (rank == 0 && all == NULL)
-        MPI_Abort(communicator, KILN_SYSTEM);
     (void)MPI_Gather(phases->seconds, KILN_PHASES_MAX, MPI_DOUBLE, all, KILN_PHASES_MAX, MPI_DOUBLE, 0, communicator);
     if (rank != 0)
         return NULL;
@@ -72,6 +69,5 @@ json_t *kiln_phases_json(const struct kiln_phases *phases, MPI_Comm communicator
         json_array_append_new(array, json_pack("{s:s, s:{s:f, s:f, s:f}, s:f, s:o}", "name", phases->name[i], "seconds", "min", low, "avg",
                                                mean, "max", high, "imbalance", mean > 0.0 ? high / mean - 1.0 : 0.0, "per_rank", per_rank));
     }
-    free(all);
     return array;
 }

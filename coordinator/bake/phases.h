@@ -30,7 +30,8 @@ void kiln_phase_add(struct kiln_phases *phases, const char *name, double seconds
  * earlier runs of the same bake, whose parts of some phases were added. */
 void kiln_phase_rest(struct kiln_phases *phases, double before);
 
-/* Collective. On rank 0 an array of {name, seconds: {min, avg, max}, imbalance, per_rank: []}, elsewhere NULL. */
-json_t *kiln_phases_json(const struct kiln_phases *phases, MPI_Comm communicator);
+/* Collective. On rank 0 an array of {name, seconds: {min, avg, max}, imbalance, per_rank: []}, elsewhere NULL. `all`: rank 0's room for
+ * KILN_PHASES_MAX values a rank. */
+json_t *kiln_phases_json(const struct kiln_phases *phases, MPI_Comm communicator, double *all);
 
 #endif

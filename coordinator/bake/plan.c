@@ -469,7 +469,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
                    struct kiln_error *error)
 {
     *plan = (struct kiln_plan){.triangles = prepared->geometry->triangle_count,
-                               .bounces = job->bounces < 0 ? TYPICAL_BOUNCES : (uint32_t)(job->bounces < KILN_BOUNCES_MAX ? job->bounces : KILN_BOUNCES_MAX)};
+                               .bounces = job->bounces < 0 ? TYPICAL_BOUNCES : (uint32_t)job->bounces};
     known_memory(plan, prepared);
     measure_program(plan, prepared);
     struct kiln_surface *share = NULL;

@@ -8,6 +8,7 @@
 
 #include "coordinator/bake/process_memory.h"
 #include "coordinator/bake/run_table.h"
+#include "coordinator/cli/agree.h"
 #include "coordinator/cli/json.h"
 #include "coordinator/output/sealed.h"
 #include "worker/base/memory.h"
@@ -373,27 +374,58 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     return root;
 }
 
-json_t *kiln_run_report(const struct kiln_run *run)
+/* What the ranks' numbers are brought together in. */
+struct gathered {
+    uint64_t *values; /* rank 0: RANK_VALUES a rank */
+    double *phases;   /* rank 0: KILN_PHASES_MAX a rank */
+    uint64_t *given;  /* one a pass */
+};
+
+/* Collective. */
+static int make_room(const struct kiln_run *run, struct gathered *g, struct kiln_error *error)
 {
     const struct kiln_prepared *p = run->prepared;
+    const size_t ranks = (size_t)p->ranks;
+    int status = kiln_allocate(&g->given, run->transport->report.pass_count, sizeof *g->given, "the report", error);
+    if (status == KILN_OK && p->rank == 0)
+        status = kiln_allocate(&g->values, ranks * RANK_VALUES, sizeof *g->values, "the report", error);
+    if (status == KILN_OK && p->rank == 0)
+        status = kiln_allocate(&g->phases, ranks * KILN_PHASES_MAX, sizeof *g->phases, "the report", error);
+    return kiln_agree(p->communicator, status, error);
+}
+
+/* Collective. */
+static void gather(const struct kiln_run *run, struct gathered *g)
+{
+    const struct kiln_prepared *p = run->prepared;
+    const struct kiln_transport_report *t = &run->transport->report;
     uint64_t own[RANK_VALUES] = {0};
     own_values(run, own);
-    uint64_t *values = p->rank == 0 ? calloc((size_t)p->ranks * RANK_VALUES, sizeof *values) : NULL;
-    if (p->rank == 0 && values == NULL)
-        MPI_Abort(p->communicator, KILN_SYSTEM);
-    (void)MPI_Gather(own, RANK_VALUES, MPI_UINT64_T, values, RANK_VALUES, MPI_UINT64_T, 0, p->communicator);
-    uint64_t given[KILN_BOUNCES_MAX + 2] = {0};
-    for (size_t i = 0; i < run->transport->report.pass_count; i++)
-        given[i] = run->transport->report.passes[i].given;
-    (void)MPI_Reduce(p->rank == 0 ? MPI_IN_PLACE : given, given, KILN_BOUNCES_MAX + 2, MPI_UINT64_T, MPI_SUM, 0, p->communicator);
-    json_t *phases = kiln_phases_json(run->phases, p->communicator);
-    json_t *error_reached = error_json(run), *mpi = mpi_json(run);
-    if (p->rank != 0) {
-        json_decref(error_reached);
-        return NULL;
+    (void)MPI_Gather(own, RANK_VALUES, MPI_UINT64_T, g->values, RANK_VALUES, MPI_UINT64_T, 0, p->communicator);
+    for (size_t i = 0; i < t->pass_count; i++)
+        g->given[i] = t->passes[i].given;
+    (void)MPI_Reduce(p->rank == 0 ? MPI_IN_PLACE : g->given, g->given, (int)t->pass_count, MPI_UINT64_T, MPI_SUM, 0, p->communicator);
+}
+
+int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_error *error)
+{
+    const struct kiln_prepared *p = run->prepared;
+    struct gathered g = {NULL};
+    *report = NULL;
+    const int status = make_room(run, &g, error);
+    if (status == KILN_OK) {
+        gather(run, &g);
+        json_t *phases = kiln_phases_json(run->phases, p->communicator, g.phases);
+        json_t *error_reached = error_json(run), *mpi = mpi_json(run);
+        if (p->rank == 0) {
+            *report = report_on_root(run, phases, error_reached, mpi, g.values, g.given);
+            json_object_set_new(*report, "notes", kiln_run_notes(*report));
+        } else {
+            json_decref(error_reached);
+        }
     }
-    json_t *root = report_on_root(run, phases, error_reached, mpi, values, given);
-    json_object_set_new(root, "notes", kiln_run_notes(root));
-    free(values);
-    return root;
+    kiln_free(&g.values);
+    kiln_free(&g.phases);
+    kiln_free(&g.given);
+    return status;
 }

@@ -23,6 +23,6 @@ struct kiln_run {
 char *kiln_provenance(const struct kiln_job *job, const struct kiln_prepared *prepared);
 
 /* Collective. Makes the report; rank 0 gets it, the others NULL. json_decref it. */
-json_t *kiln_run_report(const struct kiln_run *run);
+int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_error *error);
 
 #endif

@@ -51,7 +51,7 @@ struct extent {
 };
 
 struct kiln_shares {
-    const struct kiln_node_memory *node;   /* NULL: nothing is lent */
+    struct kiln_node_memory *node;         /* NULL: nothing is lent */
     struct kiln_surface *surface;
     int count, own;
     struct kiln_node_parts *parts[PLACES]; /* NULL: of the surface, as it was built */
@@ -178,7 +178,7 @@ static int make_results(struct kiln_shares *s, struct kiln_error *error)
     return status == KILN_OK ? make_somewhere(s, OF_WORK, error) : status;
 }
 
-int kiln_shares_create(struct kiln_shares **shares, const struct kiln_node_memory *node, struct kiln_surface *surface, bool lend,
+int kiln_shares_create(struct kiln_shares **shares, struct kiln_node_memory *node, struct kiln_surface *surface, bool lend,
                        struct kiln_error *error)
 {
     const int ranks = kiln_node_ranks(node);

@@ -31,7 +31,7 @@ struct kiln_shares;
 
 /* Collective on the node. The surface's own arrays now belong to the shares: with `lend` (the same on the node) they are moved.
  * The results are zero. KILN_SYSTEM for 2^32 fragments or more. Destroy with kiln_shares_destroy. */
-int kiln_shares_create(struct kiln_shares **shares, const struct kiln_node_memory *node, struct kiln_surface *surface, bool lend,
+int kiln_shares_create(struct kiln_shares **shares, struct kiln_node_memory *node, struct kiln_surface *surface, bool lend,
                        struct kiln_error *error);
 /* Collective on the node. Of a surface whose arrays were moved only the map is left. */
 void kiln_shares_destroy(struct kiln_shares **shares);

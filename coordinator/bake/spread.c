@@ -4,6 +4,7 @@
 #include <sched.h>
 #include <string.h>
 
+#include "coordinator/bake/waiting.h"
 #include "coordinator/cli/agree.h"
 #include "worker/scene/radiosity.h"
 
@@ -109,13 +110,14 @@ static int make_lanes(struct kiln_spread *x, struct kiln_error *error)
     for (int i = 0; i < most && status == KILN_OK && x->nodes > 1; i++) {
         MPI_Comm communicator;
         (void)MPI_Comm_split(x->params.communicator, i % ranks == rank ? 0 : MPI_UNDEFINED, 0, &communicator);
-        if (communicator == MPI_COMM_NULL)
-            continue;
-        struct lane *lane = &x->lanes[x->lane_count++];
-        *lane = (struct lane){.communicator = communicator, .own = i == rank};
-        status = fill_lane(x, lane, error);
+        if (communicator != MPI_COMM_NULL) {
+            struct lane *lane = &x->lanes[x->lane_count++];
+            *lane = (struct lane){.communicator = communicator, .own = i == rank};
+            status = fill_lane(x, lane, error);
+        }
+        status = kiln_agree(x->params.communicator, status, error); /* ranks of other lanes too: the next split is everybody's */
     }
-    return kiln_agree(x->params.communicator, status, error);
+    return status;
 }
 
 int kiln_spread_create(struct kiln_spread **spread, const struct kiln_spread_params *params, struct kiln_error *error)
@@ -175,8 +177,9 @@ static uint64_t group_begin(uint64_t count, uint32_t group, uint32_t groups) { r
 
 static MPI_Request *new_request(struct lane *lane)
 {
-    if (kiln_grow(&lane->requests, &lane->request_room, lane->request_count + 1, sizeof *lane->requests, "messages", NULL) != KILN_OK)
-        MPI_Abort(lane->communicator, KILN_SYSTEM); /* others wait for it already */
+    struct kiln_error error;
+    if (kiln_grow(&lane->requests, &lane->request_room, lane->request_count + 1, sizeof *lane->requests, "messages between nodes", &error) != KILN_OK)
+        kiln_give_up(KILN_SYSTEM, &error); /* others wait for it already */
     return &lane->requests[lane->request_count++];
 }
 
@@ -295,6 +298,7 @@ void kiln_spread_advance(struct kiln_spread *x, const uint64_t *next, uint64_t d
 static void drive(struct kiln_spread *x, const uint64_t *next, uint32_t groups)
 {
     const uint32_t all = x->params.groups;
+    kiln_waiting_begin("a wait for radiosity");
     for (bool busy = true; busy;) {
         busy = false;
         for (size_t i = 0; i < x->lane_count; i++) {
@@ -309,6 +313,7 @@ static void drive(struct kiln_spread *x, const uint64_t *next, uint32_t groups)
         if (busy)
             (void)sched_yield(); /* a rank that is not done may want the core */
     }
+    kiln_waiting_end();
 }
 
 /* This rank's part of all points, from `incoming` to `values`. */

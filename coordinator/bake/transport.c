@@ -154,7 +154,7 @@ static int more_bounces(struct transport_state *s, size_t done, bool *more, stru
     const int64_t wanted = s->params->job->bounces;
     bool enough = false;
     const int status = wanted < 0 ? settled(s, done, &enough, error) : KILN_OK;
-    *more = wanted >= 0 ? (int64_t)done + 1 < wanted : done < KILN_BOUNCES_MAX - 2 && !enough;
+    *more = wanted >= 0 ? (int64_t)done + 1 < wanted : done < KILN_BOUNCES_ALL && !enough;
     return status;
 }
 
@@ -175,7 +175,7 @@ static bool next_equal(const struct transport_state *s, struct transport_step *s
 {
     const struct kiln_job *job = s->params->job;
     const struct kiln_transport_report *report = &s->out->report;
-    const int64_t most = job->bounces >= 0 && job->bounces < KILN_BOUNCES_MAX - 1 ? job->bounces : KILN_BOUNCES_MAX - 2;
+    const int64_t most = job->bounces >= 0 ? job->bounces : KILN_BOUNCES_ALL;
     const uint32_t bounce = (uint32_t)report->pass_count;
     transport_step_make(s, KILN_PASS_BOUNCE, bounce, step);
     if (job->bounces < 0 && bounce > 1) { /* without a tail: until what is left is below 1e-5 of all */
@@ -332,11 +332,8 @@ static void publish_radiosity(struct transport_state *s)
 
 static int allocate(struct transport_state *s, struct kiln_error *error)
 {
-    struct kiln_transport *t = s->out;
-    int status = kiln_allocate(&t->report.passes, KILN_BOUNCES_MAX + 2, sizeof *t->report.passes, "the passes' report", error);
     s->group_count = (size_t)(s->params->surface->tile_count / GROUP_TILES) + 1;
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->group_now, s->group_count, sizeof *s->group_now, "the groups' powers", error);
+    int status = kiln_allocate(&s->group_now, s->group_count, sizeof *s->group_now, "the groups' powers", error);
     if (status == KILN_OK)
         status = kiln_allocate(&s->group_before, s->group_count, sizeof *s->group_before, "the groups' powers", error);
     if (status == KILN_OK)

@@ -14,7 +14,7 @@
 #include "coordinator/cli/job.h"
 #include "coordinator/cli/progress.h"
 
-enum { KILN_BOUNCES_MAX = 256 };
+enum { KILN_BOUNCES_ALL = 254 }; /* at most so many where their number is not given */
 
 enum kiln_pass_kind { KILN_PASS_DIRECT, KILN_PASS_BOUNCE, KILN_PASS_FINAL };
 
@@ -41,8 +41,8 @@ struct kiln_pass_report {
 };
 
 struct kiln_transport_report {
-    struct kiln_pass_report *passes; /* pass_count of them */
-    size_t pass_count;
+    struct kiln_pass_report *passes; /* pass_count of them, and room for pass_room */
+    size_t pass_count, pass_room;
     uint32_t bounces;       /* indirect bounces gathered one by one or summed for the final gather */
     bool tail;              /* a geometric tail was added */
     double tail_ratio[3];   /* power of one bounce over that of the one before, at the end */

@@ -71,6 +71,8 @@ static inline void transport_albedo(const struct kiln_surface *surface, uint64_t
         albedo[c] = (float)surface->albedo[3 * own + (uint64_t)c] * (1.0f / 65535.0f);
 }
 
+/* Room for so many passes in a report (pass.c). */
+int transport_make_room(struct kiln_transport_report *report, size_t passes, struct kiln_error *error);
 /* Collective (pass.c). Begins s->step as the report's next pass, with all own fragments to do. */
 int transport_pass_begin(struct transport_state *s, struct kiln_error *error);
 /* Collective. Does what is to do in s->step, the report's last pass, which gets this rank's time and the energies of all ranks. */

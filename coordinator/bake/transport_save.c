@@ -8,6 +8,7 @@
 
 #define WRITE_BYTES 20e6 /* a second, at the slowest disk that is not taken for a dead one */
 
+enum { PASSES_MOST = 10002 }; /* with the most bounces that can be asked for */
 enum { POINT_BYTES = 12 + 12 + 2 + 2 + 8 + 8 };
 
 /* What all ranks have the same. */
@@ -206,6 +207,12 @@ int transport_stop(struct transport_state *s, bool finished, struct kiln_error *
 
 /* ---- reading ---- */
 
+static int no_such_pass(unsigned kind, struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_IO, "the checkpoint has a pass of kind %u and there are %d kinds; give --no-resume to start from the beginning", kind,
+                     KILN_PASS_FINAL + 1);
+}
+
 static int restore_state(struct transport_state *s, bool *finished, struct kiln_error *error)
 {
     const struct kiln_checkpoint *c = s->params->checkpoint;
@@ -214,6 +221,8 @@ static int restore_state(struct transport_state *s, bool *finished, struct kiln_
     int status = kiln_checkpoint_read(c, "state", 0, 1, sizeof state, &state, error);
     if (status != KILN_OK)
         return status;
+    if (state.kind > KILN_PASS_FINAL)
+        return no_such_pass(state.kind, error);
     *finished = state.finished != 0;
     r->bounces = state.bounces;
     r->tail = state.tail != 0;
@@ -237,12 +246,18 @@ static int restore_passes(struct transport_state *s, struct kiln_error *error)
     struct kiln_transport_report *r = &s->out->report;
     uint64_t first, count;
     kiln_checkpoint_part_range(s->params->checkpoint, 0, "passes", &first, &count);
-    if (count > KILN_BOUNCES_MAX)
-        return kiln_fail(error, KILN_IO, "the checkpoint has %llu passes and at most %d are possible; give --no-resume to start from the beginning",
-                         (unsigned long long)count, (int)KILN_BOUNCES_MAX);
+    if (count == 0 || count > PASSES_MOST)
+        return kiln_fail(error, KILN_IO, "the checkpoint has %llu passes and 1 to %d are possible; give --no-resume to start from the beginning",
+                         (unsigned long long)count, (int)PASSES_MOST);
+    int status = transport_make_room(r, (size_t)count, error);
+    if (status == KILN_OK)
+        status = kiln_checkpoint_read(s->params->checkpoint, "passes", 0, count, sizeof *r->passes, r->passes, error);
+    if (status != KILN_OK)
+        return status;
     r->pass_count = (size_t)count;
-    const int status = kiln_checkpoint_read(s->params->checkpoint, "passes", 0, count, sizeof *r->passes, r->passes, error);
     for (size_t i = 0; i < r->pass_count; i++) { /* these are of the ranks that did them */
+        if ((unsigned)r->passes[i].kind > KILN_PASS_FINAL)
+            return no_such_pass((unsigned)r->passes[i].kind, error);
         r->passes[i].rays = 0;
         r->passes[i].given = r->passes[i].taken = 0;
         r->passes[i].seconds = r->passes[i].exchange_seconds = 0.0;

@@ -11,10 +11,17 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "coordinator/bake/activity.h"
+#include "coordinator/bake/waiting.h"
 #include "coordinator/cli/agree.h"
 #include "worker/base/memory.h"
 
-enum { TAG_SIGN = 7, HOST = 64, PHASE = 48, ABORT_SECONDS = 10 };
+enum { TAG_SIGN = 7, HOST = 64, PHASE = 48, CALL = 40, ABORT_SECONDS = 10 };
+
+#define NETWORK_BYTES 10e6   /* a second, at the slowest network that is not taken for a dead one */
+#define PATIENCE_SHARE (1.0 / 3.0) /* of the limit, while all ranks wait for each other */
+#define PATIENCE_LEAST 5.0   /* s */
+#define DISK_LIMITS 10.0     /* limits that a disk may take for one read or write */
 
 /* What a rank says of itself. */
 struct sign {
@@ -22,7 +29,12 @@ struct sign {
     double share;  /* of a pass */
     double batch;  /* s, its last one */
     double away;   /* s since it came back from that; 0: it is in no pass */
-    int32_t last;  /* no other will come */
+    char call[CALL]; /* it waits for others in, when it does */
+    double waits;    /* s without a step forward there; 0: it does not wait */
+    double grace;    /* s more that the present call may take */
+    double idle;     /* s in which it has done nothing at all, nor waited for others */
+    double disk;     /* s in one read or write */
+    int32_t last;    /* no other will come */
 };
 
 struct witness {
@@ -39,6 +51,9 @@ struct kiln_watchdog {
     MPI_Request sending;
     struct sign sent;
     double last_look;
+    struct kiln_activity activity; /* the thread's */
+    uint64_t steps;                /* kiln_waiting.steps, since `still` */
+    double still;
     const char *halt; /* where this rank is to stand still, for tests; NULL: nowhere */
     pthread_t thread;
     bool thread_runs;
@@ -49,7 +64,7 @@ struct kiln_watchdog {
     struct sign own;
     double back; /* when this rank came back from its last batch; 0: it is in no pass */
     const char *blocking;
-    double blocking_until;
+    double blocking_until, blocking_grace;
 };
 
 static double now(void)
@@ -113,6 +128,73 @@ static void listen(struct kiln_watchdog *w)
     w->last_look = now();
 }
 
+/* ---- ranks that wait for each other ---- */
+
+static bool is_alike(const struct sign *a, const struct sign *b) { return strcmp(a->call, b->call) == 0 && strcmp(a->phase, b->phase) == 0; }
+
+static int count_alike(const struct kiln_watchdog *w, int rank)
+{
+    int count = 0;
+    for (int r = 0; r < w->ranks; r++)
+        count += is_alike(&w->witnesses[r].sign, &w->witnesses[rank].sign);
+    return count;
+}
+
+/* The first of `most` ranks or fewer that stand where no rank before it does; -1: none. */
+static int next_place(const struct kiln_watchdog *w, int after, int fewest, int most)
+{
+    for (int r = after; r < w->ranks; r++) {
+        int same = 0;
+        while (!is_alike(&w->witnesses[same].sign, &w->witnesses[r].sign))
+            same++;
+        const int count = same == r ? count_alike(w, r) : 0;
+        if (count >= fewest && count <= most)
+            return r;
+    }
+    return -1;
+}
+
+static void say_place_of(const struct kiln_watchdog *w, int rank, const char *before)
+{
+    const struct sign *sign = &w->witnesses[rank].sign;
+    const int others = count_alike(w, rank) - 1;
+    (void)fprintf(stderr, "%srank %d on %s", before, rank, w->hosts[rank]);
+    if (others > 0)
+        (void)fprintf(stderr, " and %d other%s", others, others == 1 ? "" : "s");
+    (void)fprintf(stderr, " in %s ('%s')", sign->call, sign->phase);
+}
+
+/* Few ranks in a place are named before many: it is they who went astray. */
+static void say_who_waits_where(const struct kiln_watchdog *w, double seconds)
+{
+    enum { PLACES = 6 };
+    int said = 0;
+    (void)fprintf(stderr, "kiln: error: all ranks wait for each other, and none has come on for %.0f s:", seconds);
+    for (int size = 1; size <= w->ranks && said < PLACES; size++)
+        for (int r = next_place(w, 0, size, size); r >= 0 && said < PLACES; r = next_place(w, r + 1, size, size))
+            say_place_of(w, r, said++ == 0 ? " " : "; ");
+    (void)fprintf(stderr, ". The job ends; run the same command again, and should this come again, report it\n");
+}
+
+/* Rank 0. A rank whose last sign is old may have come on since: its silence is judged, and not this. */
+static void judge_all(struct kiln_watchdog *w)
+{
+    double least = INFINITY, grace = 0.0;
+    for (int r = 0; r < w->ranks; r++) {
+        const struct sign *sign = &w->witnesses[r].sign;
+        if (sign->last != 0 || !(sign->waits > 0.0) || now() - w->witnesses[r].seen > 3.0 * w->period + 1.0)
+            return;
+        least = fmin(least, sign->waits);
+        grace = fmax(grace, sign->grace);
+    }
+    if (least <= fmax(PATIENCE_LEAST, PATIENCE_SHARE * w->limit) + grace)
+        return;
+    say_who_waits_where(w, least);
+    end_job(w);
+}
+
+/* ---- single ranks ---- */
+
 static void judge(const struct kiln_watchdog *w, int rank)
 {
     const struct sign *sign = &w->witnesses[rank].sign;
@@ -125,6 +207,11 @@ static void judge(const struct kiln_watchdog *w, int rank)
     else if (sign->away > fmax(w->limit, 4.0 * sign->batch))
         (void)fprintf(stderr, "kiln: error: rank %d on %s has not come back from its work for %.1f s, and the others wait for it; it is in '%s'", rank,
                       w->hosts[rank], sign->away, sign->phase);
+    else if (sign->idle > w->limit)
+        (void)fprintf(stderr, "kiln: error: rank %d on %s has neither computed nor read nor written nor waited for other ranks for %.1f s; it is in '%s'", rank,
+                      w->hosts[rank], sign->idle, sign->phase);
+    else if (sign->disk > DISK_LIMITS * w->limit)
+        (void)fprintf(stderr, "kiln: error: rank %d on %s has waited for a disk for %.1f s; it is in '%s'", rank, w->hosts[rank], sign->disk, sign->phase);
     else
         return;
     if (sign->share >= 0.0)
@@ -142,6 +229,8 @@ static void watch_others(struct kiln_watchdog *w)
     listen(w);
     for (int rank = first; rank < end; rank++)
         judge(w, rank);
+    if (w->rank == 0)
+        judge_all(w);
 }
 
 /* It cannot know who is missing, but the job does not hang. */
@@ -158,6 +247,25 @@ static void say_place(struct sign *sign, const char *phase)
     sign->share = -1.0;
 }
 
+/* What the process does, or waits for. */
+static void look_at_oneself(struct kiln_watchdog *w, struct sign *sign, double time)
+{
+    struct kiln_waiting waiting;
+    kiln_waiting_look(&waiting);
+    kiln_activity_ask(&w->activity, time);
+    if (waiting.call == NULL || waiting.steps != w->steps)
+        w->still = time;
+    w->steps = waiting.steps;
+    sign->disk = kiln_activity_disk(&w->activity);
+    if (waiting.call != NULL && !(sign->disk > 0.0)) {
+        (void)snprintf(sign->call, sizeof sign->call, "%s", waiting.call);
+        sign->waits = time - w->still;
+        sign->grace += (double)waiting.bytes / NETWORK_BYTES;
+    }
+    if (waiting.call == NULL && !(sign->away > 0.0)) /* within a pass it is `away` that counts: a device may be at work */
+        sign->idle = kiln_activity_idle(&w->activity);
+}
+
 static void *run(void *data)
 {
     struct kiln_watchdog *w = data;
@@ -166,13 +274,17 @@ static void *run(void *data)
         const double time = now();
         struct sign sign = w->own;
         sign.away = w->back > 0.0 ? time - w->back : 0.0;
-        if (w->blocking != NULL)
+        if (w->blocking != NULL) {
             say_place(&sign, w->blocking);
+            sign.grace = w->blocking_grace;
+        }
         const char *overdue = w->blocking != NULL && time > w->blocking_until ? w->blocking : NULL;
         (void)pthread_mutex_unlock(&w->mutex);
         if (overdue != NULL)
             give_up(w, overdue);
+        look_at_oneself(w, &sign, time);
         tell(w, &sign);
+        w->witnesses[w->rank] = (struct witness){.seen = time, .sign = sign};
         watch_others(w);
         struct timespec until;
         (void)clock_gettime(CLOCK_REALTIME, &until);
@@ -276,8 +388,10 @@ int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator,
 {
     struct kiln_watchdog *w = NULL;
     *watchdog = NULL;
-    if (!is_possible(communicator, limit))
+    if (!is_possible(communicator, limit)) {
+        (void)alarm(0);
         return KILN_OK;
+    }
     int status = kiln_agree(communicator, kiln_allocate(&w, 1, sizeof *w, "the watchdog", error), error);
     if (status != KILN_OK) {
         kiln_free(&w);
@@ -295,15 +409,39 @@ int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator,
     if (status == KILN_OK) {
         begin_watch(w);
         status = start_thread(w, error);
-        if (kiln_agree(communicator, status, error) == KILN_OK) {
+        status = kiln_agree(communicator, status, error);
+        if (status == KILN_OK) {
+            (void)alarm(0); /* see kiln_watchdog_start */
             *watchdog = w;
             return KILN_OK;
         }
-        status = status == KILN_OK ? KILN_SYSTEM : status;
     }
     stop_thread(w);
     free_all(&w);
     return status;
+}
+
+/* ---- before and after: without MPI, by the alarm clock ---- */
+
+static char start_text[300]; /* for the handler, which gets nothing else */
+
+static void end_start(int number)
+{
+    (void)number;
+    (void)!write(STDERR_FILENO, start_text, strlen(start_text));
+    _exit(KILN_RANK_LOST);
+}
+
+void kiln_watchdog_start(int rank, double seconds)
+{
+    char host[HOST] = "";
+    if (!(seconds > 0.0))
+        return;
+    (void)gethostname(host, sizeof host - 1);
+    (void)snprintf(start_text, sizeof start_text, "kiln: error: rank %d on %s has waited for the other ranks for %.0f s, and they have not all started: one of them "
+                   "is lost, or does something else; give all ranks the same command, and run it again\n", rank, host, ceil(seconds));
+    (void)signal(SIGALRM, end_start);
+    (void)alarm((unsigned)fmin(ceil(seconds), 1e6));
 }
 
 static void end_now(int number)
@@ -380,6 +518,7 @@ void kiln_watchdog_blocking(struct kiln_watchdog *w, const char *what, double se
     (void)pthread_mutex_lock(&w->mutex);
     w->blocking = what;
     w->blocking_until = now() + 2.0 * w->limit + seconds;
+    w->blocking_grace = seconds;
     (void)pthread_mutex_unlock(&w->mutex);
     if (what != NULL)
         halt_at(w, what);

@@ -4,12 +4,19 @@
  * communicator of its own, while the process's main thread computes, waits in MPI, reads or writes. A sign says where the rank stands. A
  * rank whose last one is older than the limit is named on stderr with its host and place, and the job is aborted with KILN_RANK_LOST.
  *
- * Covered so from create to destroy, which is all of a bake but MPI_Init and MPI_Finalize: a process that is stopped, a host that is lost or
- * frozen, a network that is cut. Of a process that lives but does not come on, the watchdog knows in two places: a rank that does not come
- * back from a batch of a pass within the limit, and within four times its batch before, is named in the same way; and a rank that
- * waits in a call for longer than kiln_watchdog_blocking grants says so and ends the job, without a name. Everything else that a living
- * process does (import, BVH, surface, lightmaps, files, preview) may take as long as it takes. A rank that died is noticed by mpirun,
- * which names it and ends the others.
+ * Covered so from create to destroy: a process that is stopped, a host that is lost or frozen, a network that is cut. MPI_Init and what is
+ * before create, and MPI_Finalize, have a deadline by the alarm clock. Of processes that live but do not come on:
+ *
+ * - Ranks that wait for each other. A sign says in which call of MPI its rank waits, if it does, and since when nothing has moved there
+ *   (waiting.h). When that is so on all ranks for a third of the limit (at least 5 s), and for the time that what they move takes
+ *   at 10 MB/s or kiln_watchdog_blocking grants, rank 0 says who waits where and ends the job. Where one rank is still at work, none is judged.
+ * - A rank that in a pass does not come back from a batch within the limit, and within four times its batch before.
+ * - A rank that, in no pass, neither computes nor reads nor writes nor waits for others for the limit (activity.h); that one read or
+ *   write takes ten times as long. A device's work outside passes is in dispatches far shorter than that.
+ * - A rank that waits in a call for longer than kiln_watchdog_blocking grants says so and ends the job, without a name.
+ *
+ * Whatever else a living process does (import, BVH, surface, lightmaps, files, preview) may take as long as it takes. A rank that died is noticed
+ * by mpirun, which names it and ends the others.
  *
  * The thread needs MPI_THREAD_MULTIPLE; where MPI has less there is no watchdog, and rank 0 says so.
  *
@@ -22,6 +29,10 @@
 #include "worker/base/status.h"
 
 struct kiln_watchdog;
+
+/* Before MPI_Init: the process ends itself (KILN_RANK_LOST), with a sentence, when it has not come through kiln_watchdog_create within so many seconds
+ * (0: it may wait for ever). */
+void kiln_watchdog_start(int rank, double seconds);
 
 /* Collective. `limit` in seconds; 0, or a single rank: *watchdog is NULL, which all functions here take. Destroy with kiln_watchdog_destroy. */
 int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator, double limit, struct kiln_error *error);

@@ -424,9 +424,8 @@ static int write_report(struct bake *b, struct kiln_error *error)
                                  .phases = &b->phases,
                                  .probe_rays = b->probe_rays,
                                  .directory = b->job->output};
-    int status = KILN_OK;
-    b->report = kiln_run_report(&run);
-    if (b->rank == 0) {
+    int status = kiln_run_report(&b->report, &run, error);
+    if (status == KILN_OK && b->rank == 0) {
         if (b->preview != NULL)
             (void)json_object_set(b->report, "preview", b->preview);
         char path[KILN_PATH_SIZE];

@@ -1,5 +1,6 @@
 /* From the command line to a command and back to an exit code. */
 #include <errno.h>
+#include <math.h>
 #include <mpi.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,10 +8,13 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "coordinator/bake/waiting.h"
+#include "coordinator/bake/watchdog.h"
 #include "coordinator/cli/agree.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
 #include "coordinator/cli/options.h"
+#include "coordinator/cli/same_job.h"
 #include "coordinator/output/manifest.h"
 
 /* What the launcher says before MPI is started: Open MPI's mpirun, PMIx (srun --mpi=pmix), Slurm. Alone: rank 0 of 1. */
@@ -25,6 +29,12 @@ static long launcher(const char *open_mpi, const char *pmix, const char *slurm, 
             return value;
     }
     return fallback;
+}
+
+/* Whether this process is one of several that a launcher has started; a batch script's own processes are not. */
+static bool is_launched(void)
+{
+    return launcher("OMPI_COMM_WORLD_SIZE", NULL, NULL, 1) > 1 || (getenv("PMIX_RANK") != NULL && launcher(NULL, NULL, "SLURM_NTASKS", 1) > 1);
 }
 
 static bool has_argument(int argc, char **argv, const char *text)
@@ -160,34 +170,94 @@ static int run_alone(int argc, char **argv, const struct kiln_command *command, 
     return status;
 }
 
-/* Under a launcher MPI starts before the job is read, so that ranks of different minds can tell each other. Alone a wrong
- * command line is answered without it. */
+enum { START_SECONDS = 30 }; /* that ranks may take at least to come together */
+
+/* What MPI itself cannot do is said as everything else is. */
+static void say_mpi_failed(MPI_Comm *communicator, int *code, ...)
+{
+    struct kiln_waiting waiting;
+    struct kiln_error error;
+    char text[MPI_MAX_ERROR_STRING] = "";
+    int length, kind = MPI_ERR_OTHER;
+    (void)communicator;
+    (void)PMPI_Error_class(*code, &kind);
+    (void)PMPI_Error_string(*code, text, &length);
+    kiln_waiting_look(&waiting);
+    const int status = kind == MPI_ERR_NO_MEM ? KILN_SYSTEM : KILN_RANK_LOST;
+    (void)kiln_fail(&error, status, "%s failed: %s", waiting.call != NULL ? waiting.call : "MPI", text);
+    kiln_give_up(status, &error);
+}
+
+static void catch_mpi_errors(void)
+{
+    MPI_Errhandler handler;
+    if (MPI_Comm_create_errhandler(say_mpi_failed, &handler) != MPI_SUCCESS)
+        return;
+    (void)MPI_Comm_set_errhandler(MPI_COMM_WORLD, handler);
+    (void)MPI_Comm_set_errhandler(MPI_COMM_SELF, handler);
+    (void)MPI_Errhandler_free(&handler);
+}
+
+/* `many`: within `seconds` (0: whenever) all ranks have to be there, and to come as far as a watchdog's begin. */
+static int start_mpi(bool many, int *rank, double seconds, struct kiln_error *error)
+{
+    int provided = MPI_THREAD_SINGLE;
+    (void)setenv("OMPI_MCA_sharedfp", "individual", 0); /* shares file pointers through no file, and leaves none when killed */
+    if (many)
+        kiln_watchdog_start(*rank, seconds);
+    else /* alone: Open MPI need not start a daemon of its own for one process */
+        (void)setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);
+    kiln_waiting_follow();
+    /* many: for the watchdog's thread */
+    if (MPI_Init_thread(NULL, NULL, many ? MPI_THREAD_MULTIPLE : MPI_THREAD_FUNNELED, &provided) != MPI_SUCCESS)
+        return kiln_fail(error, KILN_SITE, "MPI does not start; check the installation of Open MPI");
+    catch_mpi_errors();
+    (void)MPI_Comm_rank(MPI_COMM_WORLD, rank);
+    if (provided < MPI_THREAD_FUNNELED)
+        return kiln_fail(error, KILN_SITE, "this MPI library does not work beside threads (MPI_THREAD_FUNNELED is needed)");
+    return KILN_OK;
+}
+
+static double start_seconds(double limit) { return limit > 0.0 ? fmax(2.0 * limit, START_SECONDS) : 0.0; }
+
+/* Collective. A bake has a watchdog of its own, which knows its phases. */
+static int run_watched(const struct kiln_command *command, struct kiln_job *job, struct kiln_error *error)
+{
+    struct kiln_watchdog *watchdog = NULL;
+    if (command->bit == KILN_FOR_BAKE)
+        return run(command, job, error);
+    int status = kiln_watchdog_create(&watchdog, MPI_COMM_WORLD, job->watchdog, error);
+    if (status == KILN_OK) {
+        kiln_watchdog_phase(watchdog, command->name);
+        status = run(command, job, error);
+    }
+    kiln_watchdog_destroy(&watchdog);
+    return status;
+}
+
+/* Alone a wrong command line is answered without MPI; of many ranks each tells the others what it has read. */
 static int run_with_mpi(int argc, char **argv, const struct kiln_command *command, bool many, int rank, struct kiln_error *error)
 {
     struct kiln_job *job = NULL;
-    int status = many ? KILN_OK : prepare(&job, argc, argv, command, error), provided = MPI_THREAD_SINGLE;
     bool started = false;
-    if (status != KILN_OK)
-        goto end;
-    if (!many) { /* alone: Open MPI need not start a daemon of its own for one process, nor share file pointers through its folder */
-        (void)setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);
-        (void)setenv("OMPI_MCA_sharedfp", "individual", 0); /* leaves no name with a process number when killed */
+    int status = prepare(&job, argc, argv, command, error);
+    if (status == KILN_OK || many) {
+        const double limit = job != NULL ? job->watchdog : 4.0 * START_SECONDS;
+        struct kiln_error mpi = {{0}};
+        const int start = start_mpi(many, &rank, start_seconds(limit), &mpi);
+        started = start != KILN_SITE;
+        if (start != KILN_OK) {
+            status = start;
+            *error = mpi;
+        }
     }
-    /* many: for the watchdog's thread */
-    if (MPI_Init_thread(NULL, NULL, many ? MPI_THREAD_MULTIPLE : MPI_THREAD_FUNNELED, &provided) != MPI_SUCCESS) {
-        status = kiln_fail(error, KILN_SITE, "MPI does not start; check the installation of Open MPI");
-        goto end;
+    if (started) {
+        status = kiln_agree(MPI_COMM_WORLD, status, error);
+        if (status == KILN_OK)
+            status = kiln_same_job(MPI_COMM_WORLD, command->name, job, error);
+        if (status == KILN_OK)
+            status = kiln_agree(MPI_COMM_WORLD, flush_output(run_watched(command, job, error), error), error);
     }
-    started = true;
-    (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
-    if (provided < MPI_THREAD_FUNNELED)
-        status = kiln_fail(error, KILN_SITE, "this MPI library does not work beside threads (MPI_THREAD_FUNNELED is needed)");
-    else if (many)
-        status = prepare(&job, argc, argv, command, error);
-    status = kiln_agree(MPI_COMM_WORLD, status, error);
-    if (status == KILN_OK)
-        status = kiln_agree(MPI_COMM_WORLD, flush_output(run(command, job, error), error), error);
-end:
     if (job != NULL && job->verbose)
         print_usage(rank);
     if (status != KILN_OK && rank == 0)
@@ -198,13 +268,36 @@ end:
     return status;
 }
 
+/* What one process does needs no MPI, but were it rank 0 of ranks that another command was given to, they would wait for it: they meet first. */
+static int meet_others(int argc, char **argv, int *rank, struct kiln_error *error)
+{
+    struct kiln_error own = {{0}};
+    int status = start_mpi(true, rank, start_seconds(2.0 * START_SECONDS), &own);
+    if (status == KILN_OK)
+        status = kiln_agree(MPI_COMM_WORLD, KILN_OK, &own);
+    if (status == KILN_OK)
+        status = kiln_same_job(MPI_COMM_WORLD, argc > 1 ? argv[1] : "help", NULL, &own);
+    if (status != KILN_SITE)
+        (void)MPI_Finalize();
+    (void)alarm(0);
+    if (status != KILN_OK)
+        *error = own;
+    return status;
+}
+
+/* Or for the version. */
+static bool asks_for_help(int argc, char **argv)
+{
+    return argc < 2 || strcmp(argv[1], "help") == 0 || has_argument(argc, argv, "--help") || has_argument(argc, argv, "-h") ||
+           has_argument(argc, argv, "--version");
+}
+
 /* Help and version need no job. Returns false when the command line asks for neither. */
 static bool answer_help(int argc, char **argv, int rank, int *status, struct kiln_error *error)
 {
-    const bool help = argc < 2 || strcmp(argv[1], "help") == 0 || has_argument(argc, argv, "--help") || has_argument(argc, argv, "-h");
-    const bool version = !help && has_argument(argc, argv, "--version");
-    if (!help && !version)
+    if (!asks_for_help(argc, argv))
         return false;
+    const bool version = argc > 1 && strcmp(argv[1], "help") != 0 && !has_argument(argc, argv, "--help") && !has_argument(argc, argv, "-h");
     *status = KILN_OK;
     if (rank != 0)
         return true;
@@ -238,12 +331,15 @@ int kiln_main(int argc, char **argv)
     int status = KILN_OK;
     bool json = has_argument(argc, argv, "--json");
     const bool many = launcher("OMPI_COMM_WORLD_SIZE", NULL, "SLURM_NTASKS", 1) > 1;
-    const int rank = (int)launcher("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "SLURM_PROCID", 0);
-    if (!answer_help(argc, argv, rank, &status, &error)) {
-        const struct kiln_command *command = kiln_command_find(argv[1]);
-        /* A bench that starts mpirun must not be in an MPI job of its own. */
-        const bool starts_mpi = command != NULL && command->bit == KILN_FOR_BENCH && has_argument(argc, argv, "scaling");
-        if (command != NULL && command->mpi && !starts_mpi)
+    int rank = (int)launcher("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "SLURM_PROCID", 0);
+    const struct kiln_command *command = argc > 1 ? kiln_command_find(argv[1]) : NULL;
+    /* A bench that starts mpirun must not be in an MPI job of its own. */
+    const bool starts_mpi = command != NULL && command->bit == KILN_FOR_BENCH && has_argument(argc, argv, "scaling");
+    const bool needs_mpi = command != NULL && command->mpi && !starts_mpi && !asks_for_help(argc, argv);
+    if (is_launched() && !needs_mpi && !starts_mpi)
+        status = meet_others(argc, argv, &rank, &error);
+    if (status == KILN_OK && !answer_help(argc, argv, rank, &status, &error)) {
+        if (needs_mpi)
             return run_with_mpi(argc, argv, command, many, rank, &error);
         if (rank != 0)
             return KILN_OK; /* one process does it */

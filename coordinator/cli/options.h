@@ -119,6 +119,10 @@ const char *kiln_option_default(const struct kiln_option *option);
 int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where, int status,
                     const char *folder, struct kiln_error *error);
 
+/* An option's value in the job as text, as it could be given: the job's own string, a static one, or written to `room`. */
+enum { KILN_OPTION_TEXT = 64 };
+const char *kiln_option_text(const struct kiln_job *job, const struct kiln_option *option, char room[KILN_OPTION_TEXT]);
+
 /* The screens of `kiln help` (command NULL) and `kiln COMMAND --help`. */
 void kiln_help(FILE *stream, const struct kiln_command *command);
 

@@ -82,9 +82,9 @@ int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, 
 /* What is left of a file that HDF5 failed to close must not come to MPI_Finalize. */
 static void give_up(const struct kiln_h5 *h5, int status, const struct kiln_error *error)
 {
-    (void)fprintf(stderr, "kiln: error: %s\n", error != NULL ? error->message : h5->path);
-    (void)fflush(stderr);
-    (void)MPI_Abort(h5->communicator, status);
+    struct kiln_error path;
+    (void)kiln_fail(&path, status, "'%s' cannot be closed", h5->path);
+    kiln_give_up(status, error != NULL ? error : &path);
 }
 
 /* Collective. Again where a signal interrupted it, and only there: a sync that is repeated after another failure succeeds, and hides it. */

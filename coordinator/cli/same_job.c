@@ -1,0 +1,193 @@
+#include "coordinator/cli/same_job.h"
+
+#include <fcntl.h>
+#include <limits.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+#include "coordinator/cli/agree.h"
+#include "coordinator/cli/options.h"
+#include "worker/base/memory.h"
+
+enum { SAMPLES = 64, SAMPLE_BYTES = 1 << 16 }; /* of a file: files of up to 4 MiB are read whole */
+
+static const char *const own_matters[] = {"threads", "device", "device-memory", "dispatch-time", "verbose"};
+
+/* Names and values in turn, each with its 0. */
+struct list {
+    char *text;
+    size_t size, room;
+    int status;
+    struct kiln_error *error;
+};
+
+static void add_text(struct list *list, const char *text)
+{
+    const size_t length = strlen(text) + 1;
+    if (list->status == KILN_OK)
+        list->status = kiln_grow(&list->text, &list->room, list->size + length, 1, "the job of all ranks", list->error);
+    if (list->status != KILN_OK)
+        return;
+    memcpy(list->text + list->size, text, length);
+    list->size += length;
+}
+
+static void add(struct list *list, const char *name, const char *value)
+{
+    add_text(list, name);
+    add_text(list, value);
+}
+
+/* ---- files ---- */
+
+/* Size and samples of the bytes, as text. What cannot be read is told from what can; why is said by who needs it. */
+static void describe_file(const char *path, char *text, size_t size)
+{
+    static const char unreadable[] = "cannot be read";
+    char *bytes = NULL;
+    struct stat file;
+    uint64_t hash = 0;
+    const int descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    bool good = descriptor >= 0 && fstat(descriptor, &file) == 0 && S_ISREG(file.st_mode) &&
+                kiln_allocate(&bytes, SAMPLE_BYTES, 1, "a sample of a file", NULL) == KILN_OK;
+    const uint64_t rest = good && file.st_size > SAMPLE_BYTES ? (uint64_t)file.st_size - SAMPLE_BYTES : 0;
+    for (uint64_t i = 0; good && i < SAMPLES; i++) {
+        const uint64_t at = rest / (SAMPLES - 1) * i + rest % (SAMPLES - 1) * i / (SAMPLES - 1);
+        const ssize_t got = pread(descriptor, bytes, SAMPLE_BYTES, (off_t)at);
+        good = got >= 0;
+        if (good)
+            hash = XXH3_64bits_withSeed(bytes, (size_t)got, hash);
+    }
+    if (descriptor >= 0)
+        (void)close(descriptor);
+    kiln_free(&bytes);
+    if (good)
+        (void)snprintf(text, size, "%lld bytes, %016llx", (long long)file.st_size, (unsigned long long)hash);
+    else
+        (void)snprintf(text, size, "%s", unreadable);
+}
+
+static void add_scene(struct list *list, const char *path)
+{
+    char text[64], value[400];
+    const char *slash = strrchr(path, '/');
+    describe_file(path, text, sizeof text);
+    (void)snprintf(value, sizeof value, "%.300s (%s)", slash != NULL ? slash + 1 : path, text);
+    add(list, "the scene", value);
+}
+
+/* ---- the list ---- */
+
+static bool is_own_matter(const char *name)
+{
+    for (size_t i = 0; i < sizeof own_matters / sizeof *own_matters; i++)
+        if (strcmp(name, own_matters[i]) == 0)
+            return true;
+    return false;
+}
+
+/* The scene comes first: other arguments and options may follow from it. */
+static void add_job(struct list *list, const struct kiln_job *job)
+{
+    const struct kiln_command *command = kiln_command_find(job->command);
+    if (job->scene != NULL)
+        add_scene(list, job->scene);
+    for (size_t i = command->scene ? 1 : 0; i < job->argument_count; i++)
+        if (job->arguments[i] != job->scene)
+            add(list, "the argument", job->arguments[i]);
+    for (size_t i = 0; i < kiln_option_count; i++) {
+        const struct kiln_option *option = &kiln_options[i];
+        char name[80], room[KILN_OPTION_TEXT];
+        if ((option->commands & command->bit) == 0 || is_own_matter(option->name))
+            continue;
+        (void)snprintf(name, sizeof name, "--%s", option->name);
+        add(list, name, kiln_option_text(job, option, room));
+    }
+}
+
+static void add_build(struct list *list)
+{
+    char library[MPI_MAX_LIBRARY_VERSION_STRING] = "", text[64];
+    int length;
+    describe_file("/proc/self/exe", text, sizeof text);
+    add(list, "kiln", KILN_VERSION);
+    add(list, "the build of kiln", text);
+    if (MPI_Get_library_version(library, &length) == MPI_SUCCESS)
+        add(list, "the MPI library", library);
+}
+
+/* ---- comparing ---- */
+
+static const char *next(const char *at, const char *end)
+{
+    const char *after = at < end ? at + strlen(at) + 1 : end;
+    return after < end ? after : NULL;
+}
+
+/* The first entry that this rank has otherwise than rank 0. Both lists are in the same order. */
+static int compare(const struct list *own, const char *first, size_t first_size, struct kiln_error *error)
+{
+    const char *a = own->text, *b = first, *a_end = own->text + own->size, *b_end = first + first_size;
+    char host[64] = "";
+    int rank = 0;
+    (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+    (void)gethostname(host, sizeof host - 1);
+    while (a != NULL && b != NULL) {
+        const char *own_value = next(a, a_end), *value = next(b, b_end);
+        const bool same = strcmp(a, b) == 0;
+        if (own_value == NULL || value == NULL)
+            break;
+        if (same && strcmp(own_value, value) != 0)
+            return kiln_fail(error, KILN_USAGE, "rank %d on %s has another %s than rank 0: '%.500s', and rank 0 '%.500s'; give all ranks the same command, "
+                             "files and program", rank, host, strncmp(a, "the ", 4) == 0 ? a + 4 : a, own_value, value);
+        if (!same)
+            return kiln_fail(error, KILN_USAGE, "rank %d on %s has %s '%.500s' where rank 0 has %s '%.500s'; give all ranks the same command, files and "
+                             "program", rank, host, a, own_value, b, value);
+        a = next(own_value, a_end);
+        b = next(value, b_end);
+    }
+    if (a == NULL && b == NULL)
+        return KILN_OK;
+    return kiln_fail(error, KILN_USAGE, "rank %d on %s was given %s arguments than rank 0; give all ranks the same command", rank, host,
+                     a != NULL ? "more" : "fewer");
+}
+
+/* Rank 0's list, on all. Collective. */
+static int learn_first(MPI_Comm communicator, const struct list *own, char **first, uint64_t *size, struct kiln_error *error)
+{
+    int rank;
+    (void)MPI_Comm_rank(communicator, &rank);
+    *size = own->size;
+    (void)MPI_Bcast(size, 1, MPI_UINT64_T, 0, communicator);
+    int status = *size <= INT_MAX ? kiln_allocate(first, (size_t)*size, 1, "the job of rank 0", error)
+                                  : kiln_fail(error, KILN_USAGE, "the job is %llu bytes long", (unsigned long long)*size);
+    status = kiln_agree(communicator, status, error);
+    if (status != KILN_OK)
+        return status;
+    if (rank == 0)
+        memcpy(*first, own->text, own->size);
+    (void)MPI_Bcast(*first, (int)*size, MPI_BYTE, 0, communicator);
+    return KILN_OK;
+}
+
+int kiln_same_job(MPI_Comm communicator, const char *command, const struct kiln_job *job, struct kiln_error *error)
+{
+    struct list own = {.error = error};
+    char *first = NULL;
+    uint64_t size = 0;
+    add(&own, "the command", command);
+    add_build(&own);
+    if (job != NULL)
+        add_job(&own, job);
+    int status = kiln_agree(communicator, own.status, error);
+    if (status == KILN_OK)
+        status = learn_first(communicator, &own, &first, &size, error);
+    if (status == KILN_OK)
+        status = kiln_agree(communicator, compare(&own, first, (size_t)size, error), error);
+    kiln_free(&own.text);
+    kiln_free(&first);
+    return status;
+}
