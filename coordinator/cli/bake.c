@@ -74,7 +74,7 @@ static int make_folder(struct bake *b, struct kiln_error *error)
         b->made_folder = stat(b->job->output, &there) != 0;
         status = kiln_make_directories(b->job->output, error);
         if (status == KILN_OK && b->job->trace != NULL)
-            status = kiln_trace_check(b->job->trace, error);
+            status = kiln_publish_check(NULL, b->job->trace, error);
     }
     return kiln_agree(b->communicator, status, error);
 }
@@ -88,12 +88,11 @@ static void forget_folder(const struct bake *b)
 
 static int make_lightmap_folder(struct bake *b, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE];
+    struct kiln_folder folder;
     int status = KILN_OK;
     if (b->rank == 0) {
-        status = kiln_path_join(path, b->job->output, "lightmaps", error);
-        if (status == KILN_OK)
-            status = kiln_make_directory(path, error);
+        status = kiln_folder_open(&folder, b->job->output, "lightmaps", true, error);
+        kiln_folder_close(&folder);
     }
     return kiln_agree(b->communicator, status, error);
 }
@@ -115,16 +114,13 @@ static int remove_stale(const struct bake *b, struct kiln_error *error)
 /* The manifest and run.json of an earlier bake would vouch for results that are about to be replaced one by one: they go first. */
 static int forget_old_report(struct bake *b, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE];
     int status = KILN_OK;
     if (b->rank == 0) {
         status = remove_stale(b, error);
         if (status == KILN_OK)
             status = kiln_manifest_remove(b->job->output, error);
-        if (status == KILN_OK)
-            status = kiln_path_join(path, b->job->output, "run.json", error);
-        if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
-            status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
+        if (status == KILN_OK && kiln_unlink_below(b->job->output, "run.json") != 0 && errno != ENOENT)
+            status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s/run.json", b->job->output);
     }
     return kiln_agree(b->communicator, status, error);
 }
@@ -339,12 +335,9 @@ static int draw_picture(struct bake *b, struct kiln_error *error)
     const struct kiln_view_source source = {.directory = b->job->output, .scene = p->scene, .geometry = p->geometry, .lights = p->lights, .backend = p->backend};
     const struct kiln_view_wish wish = {0};
     struct kiln_picture picture = {0};
-    char path[KILN_PATH_SIZE];
-    int status = kiln_path_join(path, b->job->output, "preview.png", error);
+    int status = kiln_picture_make(&source, &wish, 2, &picture, error);
     if (status == KILN_OK)
-        status = kiln_picture_make(&source, &wish, 2, &picture, error);
-    if (status == KILN_OK)
-        status = kiln_picture_write(path, &picture, b->job->exposure, error);
+        status = kiln_picture_write(b->job->output, "preview.png", &picture, b->job->exposure, error);
     if (status == KILN_OK)
         b->preview = kiln_picture_json(&picture, b->job->exposure);
     if (status == KILN_OK && !b->job->quiet) {
@@ -376,7 +369,7 @@ static int export_beside(const struct bake *b, struct kiln_error *error)
     if (status == KILN_OK && stat(b->job->scene, &source) == 0 && stat(path, &there) == 0 && source.st_dev == there.st_dev && source.st_ino == there.st_ino)
         return kiln_fail(error, KILN_BAD_INPUT, "%s is the scene itself; kiln export writes it to another folder", path);
     /* One of an earlier bake would lead to lightmaps that are no longer there. */
-    if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
+    if (status == KILN_OK && kiln_unlink_below(b->job->output, "scene.glb") != 0 && errno != ENOENT)
         status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
     if (status == KILN_OK)
         status = kiln_allocate(&backs, s->object_count, 1, "the export's links", error);
@@ -429,12 +422,9 @@ static int write_report(struct bake *b, struct kiln_error *error)
     if (b->rank == 0) {
         if (b->preview != NULL)
             (void)json_object_set(b->report, "preview", b->preview);
-        char path[KILN_PATH_SIZE];
         char *text = json_dumps(b->report, JSON_INDENT(2));
         status = text == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: run.json")
-                              : kiln_path_join(path, b->job->output, "run.json", error);
-        if (status == KILN_OK)
-            status = kiln_publish_bytes(path, text, strlen(text), error);
+                              : kiln_publish_bytes_below(b->job->output, "run.json", text, strlen(text), error);
         free(text);
     }
     return kiln_agree(b->communicator, status, error);

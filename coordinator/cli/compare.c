@@ -335,7 +335,7 @@ static int write_picture(const struct comparison *c, const char *path, struct ki
     if (status == KILN_OK)
         status = kiln_difference_picture(a, b, 0.1, bytes, error);
     if (status == KILN_OK)
-        status = kiln_png_write_bytes(path, bytes, a->width, a->height, "difference of two lightmaps: black none, white 10 % of the mean and more", error);
+        status = kiln_png_write_bytes(NULL, path, bytes, a->width, a->height, "difference of two lightmaps: black none, white 10 % of the mean and more", error);
     kiln_free(&bytes);
     kiln_image_destroy(&a);
     kiln_image_destroy(&b);

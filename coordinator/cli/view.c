@@ -75,7 +75,7 @@ static int write_picture(const struct view *v, const struct kiln_job *job, const
     char viewpoint[KILN_VIEWPOINT_TEXT];
     const char *approximate = approximations[(v->picture.shares.metal > 0.0) + 2 * (v->picture.shares.lent > 0.0)];
     if (dot != NULL && strcasecmp(dot, ".png") == 0)
-        return kiln_picture_write(path, &v->picture, job->exposure, error);
+        return kiln_picture_write(NULL, path, &v->picture, job->exposure, error);
     kiln_viewpoint_text(&v->picture.viewpoint, viewpoint);
     const struct kiln_exr_attribute attributes[] = {{.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
                                                     {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = job->show_texels ? "a checkerboard of texels" : "radiance"},
