@@ -366,5 +366,5 @@ void kiln_checkpoint_remove(struct kiln_checkpoint *c)
         for (size_t i = 0; i < count; i++)
             checkpoint_remove_generation(c->directory, false, generations[i]);
     kiln_free(&generations);
-    checkpoint_remove_folder(c->directory);
+    kiln_checkpoint_remove_folder(c->directory);
 }

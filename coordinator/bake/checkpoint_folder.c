@@ -156,7 +156,7 @@ int checkpoint_publish_generation(const char *directory, uint64_t generation, st
     return status;
 }
 
-void checkpoint_remove_folder(const char *directory)
+void kiln_checkpoint_remove_folder(const char *directory)
 {
     struct kiln_folder folder;
     if (kiln_folder_open(&folder, directory, NULL, false, NULL) == KILN_OK)

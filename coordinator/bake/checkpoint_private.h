@@ -50,7 +50,5 @@ int checkpoint_list(const char *directory, bool writing, uint64_t **generations,
 void checkpoint_remove_generation(const char *directory, bool writing, uint64_t generation);
 /* Rank 0: gives an unfinished one its name, and syncs. */
 int checkpoint_publish_generation(const char *directory, uint64_t generation, struct kiln_error *error);
-/* Rank 0: removes DIR/checkpoint, if it is empty. */
-void checkpoint_remove_folder(const char *directory);
 
 #endif

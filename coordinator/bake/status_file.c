@@ -30,7 +30,7 @@ static double seconds_now(void)
 static const char status_name[] = "checkpoint/status.json", stop_name[] = "checkpoint/stop";
 
 /* Field 22 of /proc/PID/stat; the name before it may hold anything, but ends with the last bracket. 0: no such process. */
-static uint64_t start_of(int64_t process)
+uint64_t kiln_process_started(int64_t process)
 {
     char path[64], text[1024];
     (void)snprintf(path, sizeof path, "/proc/%lld/stat", (long long)process);
@@ -53,7 +53,7 @@ void kiln_bake_status_sign(struct kiln_bake_status *status)
     if (gethostname(status->host, sizeof status->host - 1) != 0)
         (void)snprintf(status->host, sizeof status->host, "unknown");
     status->process = getpid();
-    status->started = start_of(status->process);
+    status->started = kiln_process_started(status->process);
     status->updated = seconds_now();
 }
 
@@ -125,9 +125,9 @@ bool kiln_bake_status_alive(const char *directory, const struct kiln_bake_status
     if (strcmp(s->state, "running") != 0)
         return false;
     kiln_bake_status_sign(&here);
-    if (strcmp(here.host, s->host) == 0 && start_of(s->process) == s->started)
+    if (strcmp(here.host, s->host) == 0 && kiln_process_started(s->process) == s->started)
         return true;
-    if (strcmp(here.host, s->host) == 0 && start_of(s->process) != 0)
+    if (strcmp(here.host, s->host) == 0 && kiln_process_started(s->process) != 0)
         return false;
     /* another host, or one that has the same name but processes of its own, as containers have */
     if (here.updated - s->updated > OLD_SECONDS || (strcmp(here.host, s->host) == 0 && here.updated - s->updated > WATCH_SECONDS))

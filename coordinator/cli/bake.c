@@ -15,6 +15,7 @@
 #include "coordinator/cli/agree.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
+#include "coordinator/cli/output_name.h"
 #include "coordinator/export/export.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/publish.h"
@@ -73,8 +74,6 @@ static int make_folder(struct bake *b, struct kiln_error *error)
         struct stat there;
         b->made_folder = stat(b->job->output, &there) != 0;
         status = kiln_make_directories(b->job->output, error);
-        if (status == KILN_OK && b->job->trace != NULL)
-            status = kiln_publish_check(NULL, b->job->trace, error);
     }
     return kiln_agree(b->communicator, status, error);
 }
@@ -116,7 +115,9 @@ static int forget_old_report(struct bake *b, struct kiln_error *error)
 {
     int status = KILN_OK;
     if (b->rank == 0) {
-        status = remove_stale(b, error);
+        status = kiln_control_check_folder(b->control, error);
+        if (status == KILN_OK)
+            status = remove_stale(b, error);
         if (status == KILN_OK)
             status = kiln_manifest_remove(b->job->output, error);
         if (status == KILN_OK && kiln_unlink_below(b->job->output, "run.json") != 0 && errno != ENOENT)
@@ -141,6 +142,40 @@ static int take_charge(struct bake *b, struct kiln_error *error)
         return status;
     kiln_control_follow(b->control, b->progress);
     return kiln_checkpoint_open(&b->checkpoint, b->communicator, b->job->output, b->job->resume, error);
+}
+
+/* In a folder that is another bake's there is no place for it. */
+static int drop_trace(struct bake *b, int status)
+{
+    kiln_trace_destroy(&b->trace);
+    b->phases.trace = NULL;
+    return status;
+}
+
+/* Before any work: what stands where results and the timeline are to go. Collective. */
+static int check_outputs(struct bake *b, struct kiln_error *error)
+{
+    static const struct kiln_manifest_parts all = {.volume = true, .preview = true, .scene = true};
+    const struct kiln_output_name trace = {.option = "--trace", .path = b->job->trace, .inputs = {b->job->scene, b->job->arguments[0], b->job->environment},
+                                           .bakes = {b->job->output}};
+    int status = KILN_OK;
+    if (b->rank == 0) {
+        status = kiln_manifest_look(b->job->output, NULL, NULL, &all, error);
+        if (status == KILN_OK && b->job->trace != NULL)
+            status = kiln_output_name_check(&trace, error);
+    }
+    status = kiln_agree(b->communicator, status, error);
+    return status == KILN_OK ? KILN_OK : drop_trace(b, status);
+}
+
+/* Before the first pass: whether each lightmap can be put in its place. Collective. */
+static int check_lightmaps(const struct bake *b, struct kiln_error *error)
+{
+    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->job->export};
+    int status = KILN_OK;
+    if (b->rank == 0)
+        status = kiln_manifest_look(b->job->output, b->prepared->scene, b->prepared->surface, &parts, error);
+    return kiln_agree(b->communicator, status, error);
 }
 
 /* What the importer saw that the user should know before the light is there. */
@@ -467,8 +502,11 @@ static int run(struct bake *b, struct kiln_error *error)
     int status = make_folder(b, error);
     if (status == KILN_OK)
         status = take_charge(b, error);
+    status = status == KILN_OK ? check_outputs(b, error) : drop_trace(b, status);
     if (status == KILN_OK)
         status = prepare(b, error);
+    if (status == KILN_OK)
+        status = check_lightmaps(b, error);
     if (status == KILN_OK)
         status = compare_with_checkpoint(b, error);
     if (status == KILN_OK)

@@ -8,9 +8,11 @@
 
 #include <jansson.h>
 
+#include "coordinator/bake/lock.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/devices.h"
 #include "coordinator/cli/json.h"
+#include "coordinator/cli/output_name.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/output/publish.h"
 #include "coordinator/output/units.h"
@@ -125,6 +127,11 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
     }
     if (status == KILN_OK)
         status = check_extension(path, error);
+    const struct kiln_output_name name = {.option = "--output", .path = path, .bakes = {directory}};
+    if (status == KILN_OK)
+        status = kiln_output_name_check(&name, error);
+    if (status == KILN_OK && job->output == NULL)
+        status = kiln_lock_refuse(directory, error);
     if (status == KILN_OK)
         status = open_scene(&v, job, directory, error);
     if (status == KILN_OK)

@@ -100,14 +100,14 @@ static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *
 {
     const char *const others[] = {"run.json", "scene.kscene", "kiln.h5", parts->volume ? "volume.hdf" : NULL,
                                   parts->preview ? "preview.png" : NULL, parts->scene ? "scene.glb" : NULL};
-    const size_t other_count = sizeof others / sizeof *others;
+    const size_t other_count = sizeof others / sizeof *others, maps = surface != NULL ? surface->map_count : 0;
     int status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&(*manifest)->files, other_count + surface->map_count, sizeof *(*manifest)->files, "the manifest", error);
+        status = kiln_allocate(&(*manifest)->files, other_count + maps, sizeof *(*manifest)->files, "the manifest", error);
     for (size_t i = 0; status == KILN_OK && i < other_count; i++)
         if (others[i] != NULL)
             status = name_file(*manifest, "", others[i], "", error);
-    for (uint32_t i = 0; status == KILN_OK && i < surface->map_count; i++) {
+    for (uint32_t i = 0; status == KILN_OK && i < maps; i++) {
         const struct kiln_object *object = &scene->objects[kiln_map_object(surface, i)];
         const char *folder = kiln_map_back(surface, i) ? "lightmaps/back/" : "lightmaps/";
         if (surface->lightmaps[i].published != 0)
@@ -271,11 +271,13 @@ int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, c
 int kiln_manifest_look(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
                        const struct kiln_manifest_parts *parts, struct kiln_error *error)
 {
-    static const char *const others[] = {"run.json", "manifest", "kiln.h5"};
+    static const char *const folders[] = {"lightmaps", "lightmaps/back", "checkpoint"};
     struct kiln_manifest *wanted = NULL;
-    int status = name_files(&wanted, scene, surface, parts, error);
-    for (size_t i = 0; status == KILN_OK && i < sizeof others / sizeof *others; i++)
-        status = kiln_check_below(directory, others[i], false, error);
+    int status = kiln_check_below(directory, NAME, false, error);
+    for (size_t i = 0; status == KILN_OK && i < sizeof folders / sizeof *folders; i++)
+        status = kiln_check_below(directory, folders[i], true, error);
+    if (status == KILN_OK)
+        status = name_files(&wanted, scene, surface, parts, error);
     for (size_t i = 0; status == KILN_OK && i < wanted->count; i++)
         status = kiln_check_below(directory, wanted->files[i].path, false, error);
     kiln_manifest_destroy(&wanted);

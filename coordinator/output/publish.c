@@ -105,10 +105,10 @@ static int name_place(struct kiln_publish *p, const char *directory, const char 
         return kiln_fail(error, KILN_CANNOT_CREATE, "the path '%.200s...' is too long for a file's name", name);
     int status = directory != NULL ? kiln_folder_open(&p->folder, directory, folder, false, error)
                                    : kiln_folder_open(&p->folder, folder[0] == '\0' ? "." : folder, NULL, false, error);
-    if (status == KILN_NO_INPUT)
-        status = KILN_CANNOT_CREATE;
+    if (status != KILN_OK && directory == NULL)
+        return cannot_create("the file", name, error);
     if (status != KILN_OK)
-        return status;
+        return status == KILN_NO_INPUT ? KILN_CANNOT_CREATE : status;
     (void)snprintf(p->base, sizeof p->base, "%s", base);
     (void)snprintf(p->aside, sizeof p->aside, ".%s.part", base);
     (void)snprintf(p->opens, sizeof p->opens, "/proc/self/fd/%d/%s", p->folder.descriptor, p->aside);
