@@ -16,6 +16,7 @@
 #include "coordinator/import/read.h"
 #include "coordinator/output/publish.h"
 #include "worker/base/calls.h"
+#include "worker/base/mapped.h"
 #include "worker/base/memory.h"
 
 enum { PATH_SIZE = 4096 + 64, NUMBER_SIZE = 40 };
@@ -62,7 +63,9 @@ static bool source_unchanged(struct kiln_confine *confine, const struct kiln_imp
         same = kiln_confine_map(confine, NULL, path, "", &file, NULL) == KILN_OK;
     }
     if (same) {
+        kiln_mapped_watch(file.data, file.size, params->path);
         const XXH128_hash_t hash = XXH3_128bits(file.data, file.size);
+        kiln_mapped_forget(file.data);
         same = file.size == source->size && hash.low64 == source->hash[0] && hash.high64 == source->hash[1];
         kiln_file_unmap(&file);
     }
