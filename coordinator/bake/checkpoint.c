@@ -20,19 +20,23 @@ static int damaged(struct kiln_error *error, const char *path, const char *how)
     return kiln_fail(error, KILN_IO, "'%s' %s", path, how);
 }
 
-static int open_file(const char *path, int *descriptor, uint64_t *size, struct kiln_error *error)
+/* A file of `generation`; `path` receives its name for sentences. */
+static int open_part(const struct kiln_checkpoint *c, uint64_t generation, size_t part, char path[KILN_PATH_SIZE], int *descriptor, uint64_t *size,
+                     struct kiln_error *error)
 {
+    char name[CHECKPOINT_NAME];
     struct stat found;
-    *descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0);
-    if (*descriptor < 0)
-        return kiln_fail_errno(error, KILN_IO, "'%s' cannot be opened", path);
-    if (fstat(*descriptor, &found) == 0 && S_ISREG(found.st_mode)) {
-        *size = (uint64_t)found.st_size;
-        return KILN_OK;
-    }
-    (void)close(*descriptor);
+    checkpoint_file_name(name, false, generation, part);
     *descriptor = -1;
-    return damaged(error, path, "is not a plain file");
+    int status = kiln_path_join(path, c->directory, name, error);
+    if (status == KILN_OK)
+        status = kiln_open_below(c->directory, name, O_RDONLY, 0, descriptor, error);
+    if (status != KILN_OK)
+        return KILN_IO; /* whatever is wrong with it: it is not whole */
+    if (fstat(*descriptor, &found) != 0)
+        return kiln_fail_errno(error, KILN_IO, "'%s' cannot be examined", path);
+    *size = (uint64_t)found.st_size;
+    return KILN_OK;
 }
 
 static int read_at(int descriptor, const char *path, uint64_t offset, uint64_t size, void *bytes, struct kiln_error *error)
@@ -108,14 +112,17 @@ static int parse_manifest(struct kiln_checkpoint *c, const char *path, const cha
     return status;
 }
 
-/* Collective: rank 0 reads the manifest of c->path and hands it to all. */
-static int share_manifest(struct kiln_checkpoint *c, struct kiln_error *error)
+/* Collective: rank 0 reads the manifest and hands it to all. */
+static int share_manifest(struct kiln_checkpoint *c, uint64_t generation, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE], *text = NULL;
+    char path[KILN_PATH_SIZE], name[CHECKPOINT_NAME], *text = NULL;
     size_t size = 0;
-    int status = kiln_path_join(path, c->path, "manifest", error);
+    checkpoint_manifest_name(name, false, generation);
+    int status = kiln_path_join(path, c->directory, name, error);
+    if (status == KILN_OK)
+        (void)snprintf(c->path, sizeof c->path, "%.*s", (int)(strrchr(path, '/') - path), path);
     if (status == KILN_OK && c->rank == 0)
-        status = kiln_read_file(path, MANIFEST_MOST, &text, &size, error);
+        status = kiln_read_file_below(c->directory, name, MANIFEST_MOST, &text, &size, error);
     if (status != KILN_OK && status != KILN_SYSTEM)
         status = KILN_IO; /* whatever is wrong with it: it is not whole */
     status = kiln_agree(c->communicator, status, error);
@@ -132,14 +139,12 @@ static int share_manifest(struct kiln_checkpoint *c, struct kiln_error *error)
     return status;
 }
 
-static int verify_part(const struct kiln_checkpoint *c, size_t part, void *buffer, size_t room, XXH3_state_t *hash, struct kiln_error *error)
+static int verify_part(const struct kiln_checkpoint *c, uint64_t generation, size_t part, void *buffer, size_t room, XXH3_state_t *hash, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE], digits[KILN_HASH_TEXT];
     int descriptor = -1;
     uint64_t size = 0;
-    int status = checkpoint_part_path(path, c->path, part, error);
-    if (status == KILN_OK)
-        status = open_file(path, &descriptor, &size, error);
+    int status = open_part(c, generation, part, path, &descriptor, &size, error);
     if (status == KILN_OK && size != c->parts[part].bytes)
         status = kiln_fail(error, KILN_IO, "'%s' has %llu bytes instead of %llu", path, (unsigned long long)size,
                            (unsigned long long)c->parts[part].bytes);
@@ -160,7 +165,7 @@ static int verify_part(const struct kiln_checkpoint *c, size_t part, void *buffe
 }
 
 /* Collective: every file is read by one rank. */
-static int verify_parts(const struct kiln_checkpoint *c, struct kiln_error *error)
+static int verify_parts(const struct kiln_checkpoint *c, uint64_t generation, struct kiln_error *error)
 {
     enum { ROOM = 1 << 20 };
     void *buffer = NULL;
@@ -169,7 +174,7 @@ static int verify_parts(const struct kiln_checkpoint *c, struct kiln_error *erro
     if (status == KILN_OK && hash == NULL)
         status = kiln_fail(error, KILN_SYSTEM, "out of memory: checking a checkpoint");
     for (size_t i = (size_t)c->rank; i < c->part_count && status == KILN_OK; i += (size_t)c->ranks)
-        status = verify_part(c, i, buffer, ROOM, hash, error);
+        status = verify_part(c, generation, i, buffer, ROOM, hash, error);
     kiln_free(&buffer);
     (void)XXH3_freeState(hash);
     return kiln_agree(c->communicator, status, error);
@@ -187,11 +192,9 @@ static void forget(struct kiln_checkpoint *c)
 /* Collective: opens one generation. KILN_IO: it is not whole. */
 static int try_generation(struct kiln_checkpoint *c, uint64_t generation, struct kiln_error *error)
 {
-    int status = checkpoint_generation_path(c->path, c->folder, false, generation, error);
+    int status = share_manifest(c, generation, error);
     if (status == KILN_OK)
-        status = share_manifest(c, error);
-    if (status == KILN_OK)
-        status = verify_parts(c, error);
+        status = verify_parts(c, generation, error);
     if (status == KILN_OK)
         c->generation = generation;
     else
@@ -204,11 +207,11 @@ static int survey(const struct kiln_checkpoint *c, uint64_t **generations, size_
 {
     uint64_t *unfinished = NULL;
     size_t unfinished_count = 0;
-    int status = checkpoint_list(c->folder, true, &unfinished, &unfinished_count, error);
+    int status = checkpoint_list(c->directory, true, &unfinished, &unfinished_count, error);
     for (size_t i = 0; status == KILN_OK && i < unfinished_count; i++)
-        checkpoint_remove_generation(c->folder, true, unfinished[i]);
+        checkpoint_remove_generation(c->directory, true, unfinished[i]);
     kiln_free(&unfinished);
-    return status == KILN_OK ? checkpoint_list(c->folder, false, generations, count, error) : status;
+    return status == KILN_OK ? checkpoint_list(c->directory, false, generations, count, error) : status;
 }
 
 int kiln_checkpoint_open(struct kiln_checkpoint **checkpoint, MPI_Comm communicator, const char *directory, bool take, struct kiln_error *error)
@@ -222,7 +225,8 @@ int kiln_checkpoint_open(struct kiln_checkpoint **checkpoint, MPI_Comm communica
         c->communicator = communicator;
         (void)MPI_Comm_rank(communicator, &c->rank);
         (void)MPI_Comm_size(communicator, &c->ranks);
-        status = kiln_path_join(c->folder, directory, "checkpoint", error);
+        if (snprintf(c->directory, sizeof c->directory, "%s", directory) >= (int)sizeof c->directory)
+            status = kiln_fail(error, KILN_CANNOT_CREATE, "the path '%.200s...' is too long", directory);
         if (status == KILN_OK && c->rank == 0)
             status = survey(c, &generations, &found, error);
     }
@@ -248,7 +252,7 @@ int kiln_checkpoint_open(struct kiln_checkpoint **checkpoint, MPI_Comm communica
     }
     if (c != NULL && c->rank == 0 && c->generation != 0)
         for (size_t i = 0; i < found && generations[i] > c->generation; i++)
-            checkpoint_remove_generation(c->folder, false, generations[i]);
+            checkpoint_remove_generation(c->directory, false, generations[i]);
     kiln_free(&generations);
     *checkpoint = c;
     if (status != KILN_OK)
@@ -298,9 +302,7 @@ static int read_from(const struct kiln_checkpoint *c, size_t part, uint64_t offs
     char path[KILN_PATH_SIZE];
     int descriptor = -1;
     uint64_t size;
-    int status = checkpoint_part_path(path, c->path, part, error);
-    if (status == KILN_OK)
-        status = open_file(path, &descriptor, &size, error);
+    int status = open_part(c, c->generation, part, path, &descriptor, &size, error);
     if (status == KILN_OK)
         status = read_at(descriptor, path, offset, bytes, values, error);
     if (descriptor >= 0)
@@ -362,7 +364,7 @@ void kiln_checkpoint_remove(struct kiln_checkpoint *c)
         return;
     if (survey(c, &generations, &count, NULL) == KILN_OK)
         for (size_t i = 0; i < count; i++)
-            checkpoint_remove_generation(c->folder, false, generations[i]);
+            checkpoint_remove_generation(c->directory, false, generations[i]);
     kiln_free(&generations);
-    (void)rmdir(c->folder);
+    kiln_checkpoint_remove_folder(c->directory);
 }

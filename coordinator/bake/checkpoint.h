@@ -78,6 +78,9 @@ int kiln_checkpoint_read_part(const struct kiln_checkpoint *checkpoint, size_t p
 /* Collective. Removes all generations, and the folder when nothing else is in it. Nothing there is fine, and what cannot be removed stays. */
 void kiln_checkpoint_remove(struct kiln_checkpoint *checkpoint);
 
+/* Rank 0 only: removes DIR/checkpoint, if it is empty. */
+void kiln_checkpoint_remove_folder(const char *directory);
+
 /* Rank 0 only, without MPI: whether there is a generation's folder in the bake folder, and the newest one's number. For `kiln status`. */
 bool kiln_checkpoint_newest(const char *directory, uint64_t *generation);
 

@@ -4,24 +4,42 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "coordinator/bake/checkpoint_private.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
-int checkpoint_generation_path(char path[KILN_PATH_SIZE], const char *folder, bool writing, uint64_t generation, struct kiln_error *error)
+#define FOLDER "checkpoint"
+
+enum { FOLDER_NAME = 40 }; /* of a generation, in the checkpoint's */
+
+static void name_of(char name[FOLDER_NAME], bool writing, uint64_t generation)
 {
-    char name[48];
-    (void)snprintf(name, sizeof name, "%s-%06llu", writing ? ".writing" : "gen", (unsigned long long)generation);
-    return kiln_path_join(path, folder, name, error);
+    (void)snprintf(name, FOLDER_NAME, "%s-%06llu", writing ? ".writing" : "gen", (unsigned long long)generation);
 }
 
-int checkpoint_part_path(char path[KILN_PATH_SIZE], const char *generation, size_t part, struct kiln_error *error)
+int checkpoint_open_generation(struct kiln_folder *folder, const char *directory, bool writing, uint64_t generation, bool make, struct kiln_error *error)
 {
-    char name[32];
-    (void)snprintf(name, sizeof name, "part-%05zu", part);
-    return kiln_path_join(path, generation, name, error);
+    char name[FOLDER_NAME], below[CHECKPOINT_NAME];
+    name_of(name, writing, generation);
+    (void)snprintf(below, sizeof below, FOLDER "/%s", name);
+    return kiln_folder_open(folder, directory, below, make, error);
+}
+
+void checkpoint_file_name(char name[CHECKPOINT_NAME], bool writing, uint64_t generation, size_t part)
+{
+    char folder[FOLDER_NAME];
+    name_of(folder, writing, generation);
+    (void)snprintf(name, CHECKPOINT_NAME, FOLDER "/%s/part-%05zu", folder, part);
+}
+
+void checkpoint_manifest_name(char name[CHECKPOINT_NAME], bool writing, uint64_t generation)
+{
+    char folder[FOLDER_NAME];
+    name_of(folder, writing, generation);
+    (void)snprintf(name, CHECKPOINT_NAME, FOLDER "/%s/manifest", folder);
 }
 
 /* The number in "PREFIX-000012". */
@@ -42,16 +60,24 @@ static int newest_first(const void *a, const void *b)
     return (x < y) - (x > y);
 }
 
-int checkpoint_list(const char *folder, bool writing, uint64_t **generations, size_t *count, struct kiln_error *error)
+/* The entries of an open folder; close them with closedir. */
+static DIR *entries_of(int descriptor)
+{
+    const int copy = openat(descriptor, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    DIR *entries = copy < 0 ? NULL : fdopendir(copy);
+    if (entries == NULL && copy >= 0)
+        (void)close(copy);
+    return entries;
+}
+
+static int list_open(const struct kiln_folder *folder, bool writing, uint64_t **generations, size_t *count, struct kiln_error *error)
 {
     size_t room = 0;
     int status = KILN_OK;
-    *generations = NULL;
-    *count = 0;
-    DIR *directory = opendir(folder);
-    if (directory == NULL)
-        return errno == ENOENT || errno == ENOTDIR ? KILN_OK : kiln_fail_errno(error, 0, "the folder '%s' cannot be read", folder);
-    for (const struct dirent *entry; status == KILN_OK && (entry = readdir(directory)) != NULL;) {
+    DIR *entries = entries_of(folder->descriptor);
+    if (entries == NULL)
+        return kiln_fail_errno(error, 0, "the folder '%s' cannot be read", folder->path);
+    for (const struct dirent *entry; status == KILN_OK && (entry = readdir(entries)) != NULL;) {
         uint64_t number;
         if (!number_of(entry->d_name, writing ? ".writing-" : "gen-", &number))
             continue;
@@ -59,55 +85,92 @@ int checkpoint_list(const char *folder, bool writing, uint64_t **generations, si
         if (status == KILN_OK)
             (*generations)[(*count)++] = number;
     }
-    (void)closedir(directory);
+    (void)closedir(entries);
     if (*count > 1)
         qsort(*generations, *count, sizeof **generations, newest_first);
     return status;
 }
 
-void checkpoint_remove_generation(const char *folder, bool writing, uint64_t generation)
+int checkpoint_list(const char *directory, bool writing, uint64_t **generations, size_t *count, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE], aside[KILN_PATH_SIZE], file[KILN_PATH_SIZE];
-    if (checkpoint_generation_path(path, folder, writing, generation, NULL) != KILN_OK)
-        return;
-    /* A generation that is half removed must not look like one that was damaged. */
-    if (!writing && checkpoint_generation_path(aside, folder, true, generation, NULL) == KILN_OK && kiln_rename(path, aside) == 0)
-        memcpy(path, aside, sizeof path);
-    DIR *directory = opendir(path);
-    if (directory == NULL)
-        return;
-    for (const struct dirent *entry; (entry = readdir(directory)) != NULL;) {
-        const bool ours = strncmp(entry->d_name, "part-", 5) == 0 || strcmp(entry->d_name, "manifest") == 0 ||
-                          strcmp(entry->d_name, ".manifest.part") == 0;
-        if (ours && kiln_path_join(file, path, entry->d_name, NULL) == KILN_OK)
-            (void)kiln_unlink(file);
-    }
-    (void)closedir(directory);
-    (void)rmdir(path);
+    struct kiln_folder folder;
+    *generations = NULL;
+    *count = 0;
+    int status = kiln_folder_open(&folder, directory, FOLDER, false, error);
+    if (status == KILN_NO_INPUT)
+        return KILN_OK;
+    if (status == KILN_OK)
+        status = list_open(&folder, writing, generations, count, error);
+    kiln_folder_close(&folder);
+    return status;
 }
 
-int checkpoint_sync_folder(const char *path, struct kiln_error *error)
+static void empty_generation(int generation)
 {
-    const int descriptor = kiln_open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
-    if (descriptor < 0)
-        return kiln_fail_errno(error, KILN_IO, "the folder '%s' cannot be opened to sync it", path);
-    const int failed = kiln_fsync(descriptor) != 0 && errno != EINVAL; /* some file systems have nothing to sync for a folder */
-    const int status = failed ? kiln_fail_errno(error, KILN_IO, "the folder '%s' cannot be synced to disk", path) : KILN_OK;
-    (void)close(descriptor);
+    DIR *entries = entries_of(generation);
+    if (entries == NULL)
+        return;
+    for (const struct dirent *entry; (entry = readdir(entries)) != NULL;) {
+        const bool ours = strncmp(entry->d_name, "part-", 5) == 0 || strcmp(entry->d_name, "manifest") == 0 ||
+                          strcmp(entry->d_name, ".manifest.part") == 0;
+        if (ours)
+            (void)unlinkat(generation, entry->d_name, 0);
+    }
+    (void)closedir(entries);
+}
+
+void checkpoint_remove_generation(const char *directory, bool writing, uint64_t generation)
+{
+    struct kiln_folder folder;
+    char name[FOLDER_NAME], aside[FOLDER_NAME];
+    if (kiln_folder_open(&folder, directory, FOLDER, false, NULL) != KILN_OK)
+        return;
+    name_of(name, writing, generation);
+    name_of(aside, true, generation);
+    /* A generation that is half removed must not look like one that was damaged. */
+    if (!writing && renameat(folder.descriptor, name, folder.descriptor, aside) == 0)
+        memcpy(name, aside, sizeof name);
+    const int inside = openat(folder.descriptor, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+    if (inside >= 0) {
+        empty_generation(inside);
+        (void)close(inside);
+        (void)unlinkat(folder.descriptor, name, AT_REMOVEDIR);
+    } else if (errno == ELOOP || errno == ENOTDIR) {
+        (void)unlinkat(folder.descriptor, name, 0); /* a link or a file that somebody put there: that alone goes */
+    }
+    kiln_folder_close(&folder);
+}
+
+int checkpoint_publish_generation(const char *directory, uint64_t generation, struct kiln_error *error)
+{
+    struct kiln_folder folder;
+    char from[FOLDER_NAME], to[FOLDER_NAME];
+    name_of(from, true, generation);
+    name_of(to, false, generation);
+    int status = kiln_folder_open(&folder, directory, FOLDER, false, error);
+    if (status == KILN_OK && renameat(folder.descriptor, from, folder.descriptor, to) != 0)
+        status = kiln_fail_errno(error, KILN_IO, "'%s/%s' cannot be renamed to '%s'", folder.path, from, to);
+    if (status == KILN_OK)
+        status = kiln_folder_sync(&folder, error);
+    kiln_folder_close(&folder);
     return status;
+}
+
+void kiln_checkpoint_remove_folder(const char *directory)
+{
+    struct kiln_folder folder;
+    if (kiln_folder_open(&folder, directory, NULL, false, NULL) == KILN_OK)
+        (void)unlinkat(folder.descriptor, FOLDER, AT_REMOVEDIR); /* unless there is something in it */
+    kiln_folder_close(&folder);
 }
 
 bool kiln_checkpoint_newest(const char *directory, uint64_t *generation)
 {
-    char folder[KILN_PATH_SIZE];
     uint64_t *generations = NULL;
     size_t count = 0;
-    bool found = false;
-    if (kiln_path_join(folder, directory, "checkpoint", NULL) == KILN_OK &&
-        checkpoint_list(folder, false, &generations, &count, NULL) == KILN_OK && count > 0) {
+    const bool found = checkpoint_list(directory, false, &generations, &count, NULL) == KILN_OK && count > 0;
+    if (found)
         *generation = generations[0];
-        found = true;
-    }
     kiln_free(&generations);
     return found;
 }

@@ -6,7 +6,7 @@
 #include "coordinator/output/publish.h"
 #include "coordinator/output/sealed.h"
 
-enum { KILN_CHECKPOINT_FORMAT = 2 };
+enum { KILN_CHECKPOINT_FORMAT = 2, CHECKPOINT_NAME = 96 };
 
 /* Where an array lies in a file. */
 struct checkpoint_block {
@@ -24,29 +24,31 @@ struct checkpoint_part {
 struct kiln_checkpoint {
     MPI_Comm communicator;
     int rank, ranks;
-    char folder[KILN_PATH_SIZE]; /* DIR/checkpoint */
+    char directory[KILN_PATH_SIZE]; /* of the bake */
     /* the open generation */
     uint64_t generation;
     json_t *manifest;
     struct checkpoint_part *parts;
     size_t part_count;
-    char path[KILN_PATH_SIZE]; /* its folder */
+    char path[KILN_PATH_SIZE]; /* its folder, for sentences */
     /* writing */
     uint64_t newest;             /* the highest number there is or was */
     uint64_t written, last_bytes;
     double seconds;
 };
 
-/* FOLDER/gen-N, or FOLDER/.writing-N */
-int checkpoint_generation_path(char path[KILN_PATH_SIZE], const char *folder, bool writing, uint64_t generation, struct kiln_error *error);
-int checkpoint_part_path(char path[KILN_PATH_SIZE], const char *generation, size_t part, struct kiln_error *error);
+/* DIR/checkpoint/gen-N, or DIR/checkpoint/.writing-N, open (folder.h). */
+int checkpoint_open_generation(struct kiln_folder *folder, const char *directory, bool writing, uint64_t generation, bool make, struct kiln_error *error);
+/* Names of its files, within DIR. */
+void checkpoint_file_name(char name[CHECKPOINT_NAME], bool writing, uint64_t generation, size_t part);
+void checkpoint_manifest_name(char name[CHECKPOINT_NAME], bool writing, uint64_t generation);
 
-/* Rank 0: the generations in `folder`, newest first; *generations is from kiln_allocate. A folder that is not there has none.
+/* Rank 0: the generations of the bake folder, newest first; *generations is from kiln_allocate. Without a checkpoint there are none.
  * With `writing` the unfinished ones. */
-int checkpoint_list(const char *folder, bool writing, uint64_t **generations, size_t *count, struct kiln_error *error);
-/* Rank 0: removes one, that is, the files that a generation has and then the folder. */
-void checkpoint_remove_generation(const char *folder, bool writing, uint64_t generation);
-/* Rank 0: syncs a folder. */
-int checkpoint_sync_folder(const char *path, struct kiln_error *error);
+int checkpoint_list(const char *directory, bool writing, uint64_t **generations, size_t *count, struct kiln_error *error);
+/* Rank 0: removes one, that is, the files that a generation has and then the folder; of a link, the link. */
+void checkpoint_remove_generation(const char *directory, bool writing, uint64_t generation);
+/* Rank 0: gives an unfinished one its name, and syncs. */
+int checkpoint_publish_generation(const char *directory, uint64_t generation, struct kiln_error *error);
 
 #endif

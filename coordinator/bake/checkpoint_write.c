@@ -22,38 +22,42 @@ static double free_bytes(const char *path)
 static int make_room(const struct kiln_checkpoint *c, uint64_t bytes, struct kiln_error *error)
 {
     const double needed = 1.2 * (double)bytes + 16384.0; /* the manifest, the status file, folders */
-    double there = free_bytes(c->folder);
+    double there = free_bytes(c->directory);
     if (there >= 0.0 && there < needed) {
         uint64_t *generations = NULL;
         size_t count = 0;
-        int status = checkpoint_list(c->folder, false, &generations, &count, error);
+        int status = checkpoint_list(c->directory, false, &generations, &count, error);
         for (size_t i = count; status == KILN_OK && i-- > 1;)
-            checkpoint_remove_generation(c->folder, false, generations[i]);
+            checkpoint_remove_generation(c->directory, false, generations[i]);
         kiln_free(&generations);
         if (status != KILN_OK)
             return status;
-        there = free_bytes(c->folder);
+        there = free_bytes(c->directory);
     }
     if (there >= 0.0 && there < needed)
         return kiln_fail(error, KILN_IO, "the disk of '%s' has %.3f MB left and a checkpoint needs %.3f MB: make room and run the same command "
-                         "again; the last checkpoint is whole", c->folder, there * 1e-6, needed * 1e-6);
+                         "again; the last checkpoint is whole", c->directory, there * 1e-6, needed * 1e-6);
     return KILN_OK;
 }
 
 /* Rank 0: the folder of the next generation, empty. */
-static int begin(const struct kiln_checkpoint *c, uint64_t bytes, uint64_t generation, char path[KILN_PATH_SIZE], struct kiln_error *error)
+static int begin(const struct kiln_checkpoint *c, uint64_t bytes, uint64_t generation, struct kiln_error *error)
 {
-    char above[KILN_PATH_SIZE];
-    int status = kiln_make_directory(c->folder, error);
-    if (status == KILN_OK && c->written == 0) /* the folder of all generations has an entry to be kept, too */
-        status = kiln_path_join(above, c->folder, "..", error);
-    if (status == KILN_OK && c->written == 0)
-        status = checkpoint_sync_folder(above, error);
+    struct kiln_folder folder;
+    int status = kiln_folder_open(&folder, c->directory, "checkpoint", true, error);
+    kiln_folder_close(&folder);
+    if (status == KILN_OK && c->written == 0) { /* the folder of all generations has an entry to be kept, too */
+        status = kiln_folder_open(&folder, c->directory, NULL, false, error);
+        if (status == KILN_OK)
+            status = kiln_folder_sync(&folder, error);
+        kiln_folder_close(&folder);
+    }
     if (status == KILN_OK)
         status = make_room(c, bytes, error);
     if (status == KILN_OK) {
-        checkpoint_remove_generation(c->folder, true, generation);
-        status = kiln_make_directory(path, error);
+        checkpoint_remove_generation(c->directory, true, generation);
+        status = checkpoint_open_generation(&folder, c->directory, true, generation, true, error);
+        kiln_folder_close(&folder);
     }
     return status;
 }
@@ -82,17 +86,20 @@ static int write_block(int descriptor, XXH3_state_t *hash, const struct kiln_blo
     return status;
 }
 
-static int write_part(const struct kiln_checkpoint *c, const char *generation, const struct kiln_block *blocks, size_t count,
+static int write_part(const struct kiln_checkpoint *c, uint64_t generation, const struct kiln_block *blocks, size_t count,
                       struct checkpoint_part *part, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE];
+    char path[KILN_PATH_SIZE], name[CHECKPOINT_NAME];
     int descriptor = -1;
     XXH3_state_t *hash = XXH3_createState();
+    checkpoint_file_name(name, true, generation, (size_t)c->rank);
     int status = hash == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: a checkpoint's hash") : KILN_OK;
     if (status == KILN_OK)
-        status = checkpoint_part_path(path, generation, (size_t)c->rank, error);
+        status = kiln_path_join(path, c->directory, name, error);
     if (status == KILN_OK)
-        status = kiln_publish_open(path, &descriptor, error);
+        status = kiln_open_below(c->directory, name, O_WRONLY | O_CREAT | O_EXCL, 0666, &descriptor, error);
+    if (status == KILN_NO_INPUT)
+        status = KILN_CANNOT_CREATE;
     if (status == KILN_OK)
         (void)XXH3_128bits_reset(hash);
     for (size_t i = 0; i < count && status == KILN_OK; i++) {
@@ -140,31 +147,26 @@ static json_t *manifest_json(const json_t *identity, uint64_t generation, const 
 }
 
 /* Rank 0: everything is written; from here on the generation counts. */
-static int publish(struct kiln_checkpoint *c, const char *path, uint64_t generation, const json_t *identity, const struct checkpoint_part *parts,
+static int publish(struct kiln_checkpoint *c, uint64_t generation, const json_t *identity, const struct checkpoint_part *parts,
                    struct kiln_error *error)
 {
-    char manifest[KILN_PATH_SIZE], final[KILN_PATH_SIZE], *text = NULL;
+    char name[CHECKPOINT_NAME], *text = NULL;
     size_t size = 0;
     json_t *json = manifest_json(identity, generation, parts, (size_t)c->ranks);
     int status = kiln_seal(json, JSON_COMPACT, &text, &size, "a checkpoint's manifest", error);
     json_decref(json);
+    checkpoint_manifest_name(name, true, generation);
     if (status == KILN_OK)
-        status = kiln_path_join(manifest, path, "manifest", error);
+        status = kiln_publish_bytes_below(c->directory, name, text, size, error);
     if (status == KILN_OK)
-        status = kiln_publish_bytes(manifest, text, size, error);
-    if (status == KILN_OK)
-        status = checkpoint_generation_path(final, c->folder, false, generation, error);
-    if (status == KILN_OK && kiln_rename(path, final) != 0)
-        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be renamed to '%s'", path, final);
-    if (status == KILN_OK)
-        status = checkpoint_sync_folder(c->folder, error);
+        status = checkpoint_publish_generation(c->directory, generation, error);
     kiln_free(&text);
     if (status == KILN_OK) {
         uint64_t *generations = NULL;
         size_t count = 0;
-        if (checkpoint_list(c->folder, false, &generations, &count, NULL) == KILN_OK)
+        if (checkpoint_list(c->directory, false, &generations, &count, NULL) == KILN_OK)
             for (size_t i = 2; i < count; i++)
-                checkpoint_remove_generation(c->folder, false, generations[i]);
+                checkpoint_remove_generation(c->directory, false, generations[i]);
         kiln_free(&generations);
     }
     return status;
@@ -177,24 +179,23 @@ int kiln_checkpoint_write(struct kiln_checkpoint *c, const json_t *identity, con
     const uint64_t generation = c->newest + 1;
     uint64_t bytes = sum_bytes(blocks, block_count), all = 0;
     struct checkpoint_part own = {0}, *parts = NULL;
-    char path[KILN_PATH_SIZE];
     (void)MPI_Allreduce(&bytes, &all, 1, MPI_UINT64_T, MPI_SUM, c->communicator);
-    int status = checkpoint_generation_path(path, c->folder, true, generation, error);
-    if (status == KILN_OK && c->rank == 0)
+    int status = KILN_OK;
+    if (c->rank == 0)
         status = kiln_allocate(&parts, (size_t)c->ranks, sizeof *parts, "a checkpoint's manifest", error);
     if (status == KILN_OK && c->rank == 0)
-        status = begin(c, all, generation, path, error);
+        status = begin(c, all, generation, error);
     status = kiln_agree(c->communicator, status, error);
     if (status == KILN_OK)
-        status = kiln_agree(c->communicator, write_part(c, path, blocks, block_count, &own, error), error);
+        status = kiln_agree(c->communicator, write_part(c, generation, blocks, block_count, &own, error), error);
     if (status == KILN_OK) {
         (void)MPI_Gather(&own, (int)sizeof own, MPI_BYTE, parts, (int)sizeof own, MPI_BYTE, 0, c->communicator);
         if (c->rank == 0)
-            status = publish(c, path, generation, identity, parts, error);
+            status = publish(c, generation, identity, parts, error);
         status = kiln_agree(c->communicator, status, error);
     }
     if (status != KILN_OK && c->rank == 0)
-        checkpoint_remove_generation(c->folder, true, generation);
+        checkpoint_remove_generation(c->directory, true, generation);
     if (status == KILN_OK) {
         c->newest = generation;
         c->written++;

@@ -8,6 +8,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "coordinator/bake/checkpoint.h"
+#include "coordinator/bake/lock.h"
 #include "coordinator/bake/status_file.h"
 #include "coordinator/bake/waiting.h"
 #include "coordinator/bake/watchdog.h"
@@ -44,6 +46,7 @@ struct kiln_control {
     pthread_cond_t wake;
     bool leave;
     struct kiln_bake_status status;
+    struct kiln_lock *lock; /* rank 0: of the folder */
 };
 
 static double seconds_now(clockid_t clock)
@@ -67,6 +70,7 @@ static void *write_status(void *data)
         status.updated = seconds_now(CLOCK_REALTIME);
         status.seconds = status.updated - status.seconds;
         kiln_bake_status_write(c->params.directory, &status);
+        kiln_lock_beat(c->lock);
         (void)pthread_mutex_lock(&c->mutex);
         struct timespec until;
         (void)clock_gettime(CLOCK_REALTIME, &until);
@@ -117,23 +121,19 @@ void kiln_control_follow(struct kiln_control *c, struct kiln_progress *progress)
 
 /* ---- life ---- */
 
-/* Rank 0: nobody else may be writing here. */
-static int claim_folder(const char *directory, struct kiln_error *error)
+/* Rank 0: nobody else may be writing here. An older kiln takes no lock, but says that it is there. */
+static int claim_folder(struct kiln_lock **lock, const char *directory, struct kiln_error *error)
 {
-    char folder[KILN_PATH_SIZE];
+    struct kiln_folder folder;
     struct kiln_bake_status before;
-    int status = kiln_path_join(folder, directory, "checkpoint", error);
-    bool busy = status == KILN_OK;
-    for (int look = 0; look < 6 && busy; look++) { /* a job that is being ended may take a moment */
-        const struct timespec pause = {0, look > 0 ? 100000000 : 0};
-        (void)nanosleep(&pause, NULL);
-        busy = kiln_bake_status_read(directory, &before, NULL) == KILN_OK && kiln_bake_status_alive(directory, &before);
-    }
-    if (busy)
+    int status = kiln_lock_take(lock, directory, error);
+    if (status == KILN_OK && kiln_bake_status_read(directory, &before, NULL) == KILN_OK && kiln_bake_status_alive(directory, &before))
         status = kiln_fail(error, KILN_CANNOT_CREATE, "another bake is at work in %.500s (process %lld on %s): wait for it, end it with "
                            "'kiln stop %.500s', or choose another folder", directory, (long long)before.process, before.host, directory);
-    if (status == KILN_OK)
-        status = kiln_make_directory(folder, error);
+    if (status == KILN_OK) {
+        status = kiln_folder_open(&folder, directory, "checkpoint", true, error);
+        kiln_folder_close(&folder);
+    }
     if (status == KILN_OK)
         kiln_stop_forget(directory);
     return status;
@@ -160,7 +160,7 @@ int kiln_control_create(struct kiln_control **control, const struct kiln_control
     kiln_bake_status_sign(&c->status);
     c->status.seconds = c->status.updated - (MPI_Wtime() - params->begin); /* when the run began; the thread makes seconds of it */
     *control = c;
-    status = kiln_agree(c->communicator, c->rank == 0 ? claim_folder(params->directory, error) : KILN_OK, error);
+    status = kiln_agree(c->communicator, c->rank == 0 ? claim_folder(&c->lock, params->directory, error) : KILN_OK, error);
     if (status != KILN_OK) {
         kiln_control_destroy(control);
         return status;
@@ -176,25 +176,17 @@ void kiln_control_destroy(struct kiln_control **control)
     if (c == NULL)
         return;
     stop_thread(c);
+    kiln_lock_release(&c->lock);
     (void)MPI_Comm_free(&c->communicator);
     (void)pthread_cond_destroy(&c->wake);
     (void)pthread_mutex_destroy(&c->mutex);
     kiln_free(control);
 }
 
-void kiln_control_conclude(struct kiln_control *c, int status, const char *message, bool remove)
+int kiln_control_check_folder(const struct kiln_control *c, struct kiln_error *error) { return kiln_lock_check(c->lock, error); }
+
+static void write_last_word(struct kiln_control *c, int status, const char *message)
 {
-    stop_thread(c);
-    if (c->rank != 0)
-        return;
-    kiln_stop_forget(c->params.directory);
-    if (remove) {
-        kiln_bake_status_remove(c->params.directory);
-        char folder[KILN_PATH_SIZE];
-        if (kiln_path_join(folder, c->params.directory, "checkpoint", NULL) == KILN_OK)
-            (void)rmdir(folder); /* unless there is something in it */
-        return;
-    }
     struct kiln_bake_status last = c->status;
     (void)snprintf(last.state, sizeof last.state, "%s", status == KILN_STOPPED ? "stopped" : "failed");
     (void)snprintf(last.message, sizeof last.message, "%s", message);
@@ -202,6 +194,23 @@ void kiln_control_conclude(struct kiln_control *c, int status, const char *messa
     last.updated = seconds_now(CLOCK_REALTIME);
     last.seconds = last.updated - last.seconds;
     kiln_bake_status_write(c->params.directory, &last);
+}
+
+void kiln_control_conclude(struct kiln_control *c, int status, const char *message, bool remove)
+{
+    stop_thread(c);
+    if (c->rank != 0)
+        return;
+    if (kiln_lock_check(c->lock, NULL) == KILN_OK) { /* else it is another bake's by now */
+        kiln_stop_forget(c->params.directory);
+        if (remove) {
+            kiln_bake_status_remove(c->params.directory);
+            kiln_checkpoint_remove_folder(c->params.directory);
+        } else {
+            write_last_word(c, status, message);
+        }
+    }
+    kiln_lock_release(&c->lock);
 }
 
 /* ---- rounds ---- */

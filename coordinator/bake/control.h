@@ -80,7 +80,11 @@ void kiln_control_blocking(struct kiln_control *control, const char *what, doubl
 /* KILN_STOPPED with its sentence: what asked to stop ("SIGUSR1", "kiln stop", "--max-time"), once a checkpoint is written. */
 int kiln_stopped(const struct kiln_control *control, struct kiln_error *error);
 
-/* Rank 0: the last word in the status file; with `remove` the file goes instead. Call it before kiln_control_destroy. */
+/* Rank 0, before results are replaced: whether the folder is still this bake's (kiln_lock_check). */
+int kiln_control_check_folder(const struct kiln_control *control, struct kiln_error *error);
+
+/* Rank 0: the last word in the status file; with `remove` the file goes instead; then the folder is given free. Call it before
+ * kiln_control_destroy. */
 void kiln_control_conclude(struct kiln_control *control, int status, const char *message, bool remove);
 
 #endif

@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -25,15 +26,11 @@ static double seconds_now(void)
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-static int path_of(char path[KILN_PATH_SIZE], const char *directory, const char *name, struct kiln_error *error)
-{
-    char folder[KILN_PATH_SIZE];
-    const int status = kiln_path_join(folder, directory, "checkpoint", error);
-    return status == KILN_OK ? kiln_path_join(path, folder, name, error) : status;
-}
+/* Within the folder of the bake. */
+static const char status_name[] = "checkpoint/status.json", stop_name[] = "checkpoint/stop";
 
 /* Field 22 of /proc/PID/stat; the name before it may hold anything, but ends with the last bracket. 0: no such process. */
-static uint64_t start_of(int64_t process)
+uint64_t kiln_process_started(int64_t process)
 {
     char path[64], text[1024];
     (void)snprintf(path, sizeof path, "/proc/%lld/stat", (long long)process);
@@ -56,27 +53,26 @@ void kiln_bake_status_sign(struct kiln_bake_status *status)
     if (gethostname(status->host, sizeof status->host - 1) != 0)
         (void)snprintf(status->host, sizeof status->host, "unknown");
     status->process = getpid();
-    status->started = start_of(status->process);
+    status->started = kiln_process_started(status->process);
     status->updated = seconds_now();
 }
 
 void kiln_bake_status_write(const char *directory, const struct kiln_bake_status *s)
 {
-    char path[KILN_PATH_SIZE], aside[KILN_PATH_SIZE];
-    if (path_of(path, directory, "status.json", NULL) != KILN_OK || path_of(aside, directory, ".status.json.part", NULL) != KILN_OK)
-        return;
+    struct kiln_publish place;
+    int descriptor = -1;
     json_t *json = json_pack("{s:s, s:s, s:f, s:f, s:f, s:i, s:s, s:I, s:I, s:f, s:I, s:I, s:f, s:i, s:o}", "state", s->state, "phase", s->phase,
                              "share", s->share, "left", s->left, "seconds", s->seconds, "ranks", (int)s->ranks, "host", s->host, "process",
                              (json_int_t)s->process, "started", (json_int_t)s->started, "updated", s->updated, "beat", (json_int_t)s->beat,
                              "generation", (json_int_t)s->generation, "saved", s->saved, "code", (int)s->code, "message", kiln_json_string(s->message));
     char *text = json != NULL ? json_dumps(json, JSON_INDENT(1)) : NULL;
-    const int descriptor = text != NULL ? kiln_open(aside, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0666) : -1;
-    if (descriptor >= 0) { /* not synced: after a power cut it would say nothing that still holds */
-        const bool written = kiln_write_all(descriptor, text, strlen(text), 0, aside, NULL) == KILN_OK;
-        if (kiln_close(descriptor) == 0 && written)
-            (void)kiln_rename(aside, path);
-        else
-            (void)unlink(aside);
+    if (text != NULL && kiln_publish_begin(&place, directory, status_name, NULL) == KILN_OK) {
+        bool written = kiln_publish_open(&place, &descriptor, NULL) == KILN_OK &&
+                       kiln_write_all(descriptor, text, strlen(text), 0, status_name, NULL) == KILN_OK;
+        if (descriptor >= 0)
+            written = kiln_close(descriptor) == 0 && written;
+        if (!written || kiln_publish_replace(&place, NULL) != KILN_OK) /* not synced: after a power cut it would say nothing that still holds */
+            kiln_publish_abandon(&place);
     }
     free(text);
     json_decref(json);
@@ -90,11 +86,9 @@ static void take_text(const json_t *json, const char *key, char *text, size_t si
 
 int kiln_bake_status_read(const char *directory, struct kiln_bake_status *s, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE], *text = NULL;
+    char *text = NULL;
     size_t size = 0;
-    int status = path_of(path, directory, "status.json", error);
-    if (status == KILN_OK)
-        status = kiln_read_file(path, 1 << 20, &text, &size, error);
+    const int status = kiln_read_file_below(directory, status_name, 1 << 20, &text, &size, error);
     if (status != KILN_OK)
         return status;
     json_t *json = json_loadb(text, size, 0, NULL);
@@ -116,20 +110,13 @@ int kiln_bake_status_read(const char *directory, struct kiln_bake_status *s, str
     s->beat = (uint64_t)json_integer_value(json_object_get(json, "beat"));
     s->generation = (uint64_t)json_integer_value(json_object_get(json, "generation"));
     json_decref(json);
-    return s->state[0] != '\0' ? KILN_OK : kiln_fail(error, KILN_BAD_INPUT, "'%s' is not the status of a bake", path);
-}
-
-static void remove_file(const char *directory, const char *name)
-{
-    char path[KILN_PATH_SIZE];
-    if (path_of(path, directory, name, NULL) == KILN_OK)
-        (void)unlink(path);
+    return s->state[0] != '\0' ? KILN_OK : kiln_fail(error, KILN_BAD_INPUT, "'%s/%s' is not the status of a bake", directory, status_name);
 }
 
 void kiln_bake_status_remove(const char *directory)
 {
-    remove_file(directory, "status.json");
-    remove_file(directory, ".status.json.part");
+    (void)kiln_unlink_below(directory, status_name);
+    (void)kiln_unlink_below(directory, "checkpoint/.status.json.part");
 }
 
 bool kiln_bake_status_alive(const char *directory, const struct kiln_bake_status *s)
@@ -138,9 +125,9 @@ bool kiln_bake_status_alive(const char *directory, const struct kiln_bake_status
     if (strcmp(s->state, "running") != 0)
         return false;
     kiln_bake_status_sign(&here);
-    if (strcmp(here.host, s->host) == 0 && start_of(s->process) == s->started)
+    if (strcmp(here.host, s->host) == 0 && kiln_process_started(s->process) == s->started)
         return true;
-    if (strcmp(here.host, s->host) == 0 && start_of(s->process) != 0)
+    if (strcmp(here.host, s->host) == 0 && kiln_process_started(s->process) != 0)
         return false;
     /* another host, or one that has the same name but processes of its own, as containers have */
     if (here.updated - s->updated > OLD_SECONDS || (strcmp(here.host, s->host) == 0 && here.updated - s->updated > WATCH_SECONDS))
@@ -156,21 +143,21 @@ bool kiln_bake_status_alive(const char *directory, const struct kiln_bake_status
 
 int kiln_stop_request(const char *directory, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE];
-    int status = path_of(path, directory, "stop", error);
-    if (status != KILN_OK)
-        return status;
-    const int descriptor = kiln_open(path, O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
-    if (descriptor < 0)
-        return kiln_fail_errno(error, errno == EACCES || errno == EPERM ? KILN_PERMISSION : KILN_CANNOT_CREATE, "'%s' cannot be created", path);
-    (void)close(descriptor);
-    return KILN_OK;
+    int descriptor = -1;
+    const int status = kiln_open_below(directory, stop_name, O_WRONLY | O_CREAT, 0666, &descriptor, error);
+    if (descriptor >= 0)
+        (void)close(descriptor);
+    return status == KILN_OK || status == KILN_PERMISSION ? status : KILN_CANNOT_CREATE;
 }
 
 bool kiln_stop_requested(const char *directory)
 {
-    char path[KILN_PATH_SIZE];
-    return path_of(path, directory, "stop", NULL) == KILN_OK && access(path, F_OK) == 0;
+    struct kiln_folder folder;
+    struct stat found;
+    const bool asked = kiln_folder_open(&folder, directory, "checkpoint", false, NULL) == KILN_OK &&
+                       fstatat(folder.descriptor, "stop", &found, AT_SYMLINK_NOFOLLOW) == 0 && S_ISREG(found.st_mode);
+    kiln_folder_close(&folder);
+    return asked;
 }
 
-void kiln_stop_forget(const char *directory) { remove_file(directory, "stop"); }
+void kiln_stop_forget(const char *directory) { (void)kiln_unlink_below(directory, stop_name); }

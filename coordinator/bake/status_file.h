@@ -43,6 +43,9 @@ void kiln_bake_status_remove(const char *directory);
  * watched for up to three seconds unless it is old. */
 bool kiln_bake_status_alive(const char *directory, const struct kiln_bake_status *status);
 
+/* When a process of this host started, in the kernel's ticks; 0: there is none, or it is dead. */
+uint64_t kiln_process_started(int64_t process);
+
 /* The request to stop. */
 int kiln_stop_request(const char *directory, struct kiln_error *error);
 bool kiln_stop_requested(const char *directory);

@@ -55,19 +55,6 @@ void kiln_trace_destroy(struct kiln_trace **trace)
     kiln_free(trace);
 }
 
-int kiln_trace_check(const char *path, struct kiln_error *error)
-{
-    char temporary[KILN_PATH_SIZE];
-    int descriptor = -1, status = kiln_publish_name(temporary, path, error);
-    if (status == KILN_OK)
-        status = kiln_publish_open(temporary, &descriptor, error);
-    if (descriptor >= 0)
-        (void)close(descriptor);
-    if (status == KILN_OK)
-        kiln_publish_abandon(temporary);
-    return status;
-}
-
 void kiln_trace_add(struct kiln_trace *trace, enum kiln_trace_row row, const char *name, double begin, double end, int64_t count)
 {
     if (trace == NULL || kiln_grow(&trace->events, &trace->room, trace->count + 1, sizeof *trace->events, "the trace", NULL) != KILN_OK)

@@ -19,9 +19,6 @@ struct kiln_trace;
 int kiln_trace_create(struct kiln_trace **trace, MPI_Comm communicator, struct kiln_error *error);
 void kiln_trace_destroy(struct kiln_trace **trace);
 
-/* Whether a file can be written at `path`: better said before the bake than after it. Not collective. */
-int kiln_trace_check(const char *path, struct kiln_error *error);
-
 /* From `begin` to `end`, MPI_Wtime(). `count` says how much was done (points, bytes); negative: nothing to say. `name` is copied. What finds no
  * memory is left out. A NULL trace takes nothing. */
 void kiln_trace_add(struct kiln_trace *trace, enum kiln_trace_row row, const char *name, double begin, double end, int64_t count);

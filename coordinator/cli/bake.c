@@ -15,6 +15,7 @@
 #include "coordinator/cli/agree.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
+#include "coordinator/cli/output_name.h"
 #include "coordinator/export/export.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/publish.h"
@@ -73,8 +74,6 @@ static int make_folder(struct bake *b, struct kiln_error *error)
         struct stat there;
         b->made_folder = stat(b->job->output, &there) != 0;
         status = kiln_make_directories(b->job->output, error);
-        if (status == KILN_OK && b->job->trace != NULL)
-            status = kiln_trace_check(b->job->trace, error);
     }
     return kiln_agree(b->communicator, status, error);
 }
@@ -88,12 +87,11 @@ static void forget_folder(const struct bake *b)
 
 static int make_lightmap_folder(struct bake *b, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE];
+    struct kiln_folder folder;
     int status = KILN_OK;
     if (b->rank == 0) {
-        status = kiln_path_join(path, b->job->output, "lightmaps", error);
-        if (status == KILN_OK)
-            status = kiln_make_directory(path, error);
+        status = kiln_folder_open(&folder, b->job->output, "lightmaps", true, error);
+        kiln_folder_close(&folder);
     }
     return kiln_agree(b->communicator, status, error);
 }
@@ -115,16 +113,15 @@ static int remove_stale(const struct bake *b, struct kiln_error *error)
 /* The manifest and run.json of an earlier bake would vouch for results that are about to be replaced one by one: they go first. */
 static int forget_old_report(struct bake *b, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE];
     int status = KILN_OK;
     if (b->rank == 0) {
-        status = remove_stale(b, error);
+        status = kiln_control_check_folder(b->control, error);
+        if (status == KILN_OK)
+            status = remove_stale(b, error);
         if (status == KILN_OK)
             status = kiln_manifest_remove(b->job->output, error);
-        if (status == KILN_OK)
-            status = kiln_path_join(path, b->job->output, "run.json", error);
-        if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
-            status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
+        if (status == KILN_OK && kiln_unlink_below(b->job->output, "run.json") != 0 && errno != ENOENT)
+            status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s/run.json", b->job->output);
     }
     return kiln_agree(b->communicator, status, error);
 }
@@ -145,6 +142,40 @@ static int take_charge(struct bake *b, struct kiln_error *error)
         return status;
     kiln_control_follow(b->control, b->progress);
     return kiln_checkpoint_open(&b->checkpoint, b->communicator, b->job->output, b->job->resume, error);
+}
+
+/* In a folder that is another bake's there is no place for it. */
+static int drop_trace(struct bake *b, int status)
+{
+    kiln_trace_destroy(&b->trace);
+    b->phases.trace = NULL;
+    return status;
+}
+
+/* Before any work: what stands where results and the timeline are to go. Collective. */
+static int check_outputs(struct bake *b, struct kiln_error *error)
+{
+    static const struct kiln_manifest_parts all = {.volume = true, .preview = true, .scene = true};
+    const struct kiln_output_name trace = {.option = "--trace", .path = b->job->trace, .inputs = {b->job->scene, b->job->arguments[0], b->job->environment},
+                                           .bakes = {b->job->output}};
+    int status = KILN_OK;
+    if (b->rank == 0) {
+        status = kiln_manifest_look(b->job->output, NULL, NULL, &all, error);
+        if (status == KILN_OK && b->job->trace != NULL)
+            status = kiln_output_name_check(&trace, error);
+    }
+    status = kiln_agree(b->communicator, status, error);
+    return status == KILN_OK ? KILN_OK : drop_trace(b, status);
+}
+
+/* Before the first pass: whether each lightmap can be put in its place. Collective. */
+static int check_lightmaps(const struct bake *b, struct kiln_error *error)
+{
+    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->job->export};
+    int status = KILN_OK;
+    if (b->rank == 0)
+        status = kiln_manifest_look(b->job->output, b->prepared->scene, b->prepared->surface, &parts, error);
+    return kiln_agree(b->communicator, status, error);
 }
 
 /* What the importer saw that the user should know before the light is there. */
@@ -339,12 +370,9 @@ static int draw_picture(struct bake *b, struct kiln_error *error)
     const struct kiln_view_source source = {.directory = b->job->output, .scene = p->scene, .geometry = p->geometry, .lights = p->lights, .backend = p->backend};
     const struct kiln_view_wish wish = {0};
     struct kiln_picture picture = {0};
-    char path[KILN_PATH_SIZE];
-    int status = kiln_path_join(path, b->job->output, "preview.png", error);
+    int status = kiln_picture_make(&source, &wish, 2, &picture, error);
     if (status == KILN_OK)
-        status = kiln_picture_make(&source, &wish, 2, &picture, error);
-    if (status == KILN_OK)
-        status = kiln_picture_write(path, &picture, b->job->exposure, error);
+        status = kiln_picture_write(b->job->output, "preview.png", &picture, b->job->exposure, error);
     if (status == KILN_OK)
         b->preview = kiln_picture_json(&picture, b->job->exposure);
     if (status == KILN_OK && !b->job->quiet) {
@@ -376,7 +404,7 @@ static int export_beside(const struct bake *b, struct kiln_error *error)
     if (status == KILN_OK && stat(b->job->scene, &source) == 0 && stat(path, &there) == 0 && source.st_dev == there.st_dev && source.st_ino == there.st_ino)
         return kiln_fail(error, KILN_BAD_INPUT, "%s is the scene itself; kiln export writes it to another folder", path);
     /* One of an earlier bake would lead to lightmaps that are no longer there. */
-    if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
+    if (status == KILN_OK && kiln_unlink_below(b->job->output, "scene.glb") != 0 && errno != ENOENT)
         status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
     if (status == KILN_OK)
         status = kiln_allocate(&backs, s->object_count, 1, "the export's links", error);
@@ -428,12 +456,9 @@ static int write_report(struct bake *b, struct kiln_error *error)
     if (status == KILN_OK && b->rank == 0) {
         if (b->preview != NULL)
             (void)json_object_set(b->report, "preview", b->preview);
-        char path[KILN_PATH_SIZE];
         char *text = json_dumps(b->report, JSON_INDENT(2));
         status = text == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: run.json")
-                              : kiln_path_join(path, b->job->output, "run.json", error);
-        if (status == KILN_OK)
-            status = kiln_publish_bytes(path, text, strlen(text), error);
+                              : kiln_publish_bytes_below(b->job->output, "run.json", text, strlen(text), error);
         free(text);
     }
     return kiln_agree(b->communicator, status, error);
@@ -476,8 +501,11 @@ static int run(struct bake *b, struct kiln_error *error)
     int status = make_folder(b, error);
     if (status == KILN_OK)
         status = take_charge(b, error);
+    status = status == KILN_OK ? check_outputs(b, error) : drop_trace(b, status);
     if (status == KILN_OK)
         status = prepare(b, error);
+    if (status == KILN_OK)
+        status = check_lightmaps(b, error);
     if (status == KILN_OK)
         status = compare_with_checkpoint(b, error);
     if (status == KILN_OK)

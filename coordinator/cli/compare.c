@@ -14,6 +14,7 @@
 
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
+#include "coordinator/cli/output_name.h"
 #include "coordinator/output/compare_surface.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/output/publish.h"
@@ -335,7 +336,7 @@ static int write_picture(const struct comparison *c, const char *path, struct ki
     if (status == KILN_OK)
         status = kiln_difference_picture(a, b, 0.1, bytes, error);
     if (status == KILN_OK)
-        status = kiln_png_write_bytes(path, bytes, a->width, a->height, "difference of two lightmaps: black none, white 10 % of the mean and more", error);
+        status = kiln_png_write_bytes(NULL, path, bytes, a->width, a->height, "difference of two lightmaps: black none, white 10 % of the mean and more", error);
     kiln_free(&bytes);
     kiln_image_destroy(&a);
     kiln_image_destroy(&b);
@@ -345,7 +346,10 @@ static int write_picture(const struct comparison *c, const char *path, struct ki
 int kiln_command_compare(struct kiln_job *job, struct kiln_error *error)
 {
     struct comparison c = {.a = job->arguments[0], .b = job->arguments[1]};
-    int status = compare_all(&c, error);
+    const struct kiln_output_name name = {.option = "--output", .path = job->output, .inputs = {c.a, c.b}, .bakes = {c.a, c.b}};
+    int status = job->output != NULL ? kiln_output_name_check(&name, error) : KILN_OK;
+    if (status == KILN_OK)
+        status = compare_all(&c, error);
     if (status == KILN_OK && job->output != NULL)
         status = write_picture(&c, job->output, error);
     if (status == KILN_OK && job->json)

@@ -9,8 +9,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "coordinator/bake/lock.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
+#include "coordinator/cli/output_name.h"
 #include "coordinator/export/pages.h"
 #include "coordinator/output/publish.h"
 #include "coordinator/output/units.h"
@@ -141,6 +143,11 @@ int kiln_command_export(struct kiln_job *job, struct kiln_error *error)
         status = make_folder(&e, error);
     if (status == KILN_OK)
         status = check_folder(&e, error);
+    const struct kiln_output_name name = {.option = "--output", .path = e.output, .inputs = {e.source}, .bakes = {e.directory}};
+    if (status == KILN_OK)
+        status = kiln_output_name_check(&name, error);
+    if (status == KILN_OK)
+        status = kiln_lock_refuse(e.directory, error);
     if (status == KILN_OK)
         status = write_all(&e, error);
     if (status == KILN_OK)

@@ -7,6 +7,7 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
 #include "coordinator/cli/options.h"
+#include "coordinator/cli/output_name.h"
 #include "coordinator/generate/scenes.h"
 
 static void list(void)
@@ -98,6 +99,9 @@ int kiln_command_generate(struct kiln_job *job, struct kiln_error *error)
         status = kiln_fail(error, KILN_USAGE, "say where the scene goes: kiln generate %s -o %s.glb", generator->name, generator->name);
     if (status == KILN_OK && (strlen(job->output) < 5 || strcmp(job->output + strlen(job->output) - 4, ".glb") != 0))
         status = kiln_fail(error, KILN_USAGE, "-o %.200s: the file's name must end in .glb", job->output);
+    const struct kiln_output_name name = {.option = "--output", .path = job->output};
+    if (status == KILN_OK)
+        status = kiln_output_name_check(&name, error);
     if (status == KILN_OK)
         status = kiln_glb_create(&glb, error);
     const struct kiln_generate_params params = {.triangles = job->triangles,

@@ -189,7 +189,7 @@ int kiln_job_default_output(struct kiln_job *job, const char *path, const char *
     const char *name = slash == NULL ? path : slash + 1, *dot = strrchr(name, '.');
     const size_t length = dot == NULL || dot == name ? strlen(name) : (size_t)(dot - name);
     char text[300];
-    (void)snprintf(text, sizeof text, "%.*s%s", length < 240 ? (int)length : 240, name, ending);
+    (void)snprintf(text, sizeof text, "%s%.*s%s", name[0] == '-' ? "./" : "", length < 240 ? (int)length : 240, name, ending);
     return kiln_job_keep(job, text, strlen(text), &job->output, error);
 }
 

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "coordinator/bake/plan.h"
@@ -277,8 +278,12 @@ int kiln_command_plan(struct kiln_job *job, struct kiln_error *error)
     int rank, status = KILN_OK;
     (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
     if (rank == 0) { /* one process plans for all */
-        struct kiln_temporary temporary;
-        status = kiln_temporary_make(&temporary, error);
+        struct kiln_temporary temporary = {.descriptor = -1};
+        struct stat there;
+        if (job->output != NULL && stat(job->output, &there) == 0 && !S_ISDIR(there.st_mode))
+            status = kiln_fail(error, KILN_CANNOT_CREATE, "--output %.500s is no folder: choose another name", job->output);
+        if (status == KILN_OK)
+            status = kiln_temporary_make(&temporary, error);
         if (status == KILN_OK)
             status = plan_here(job, temporary.scene_file, error);
         kiln_temporary_remove(&temporary);

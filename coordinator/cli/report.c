@@ -5,8 +5,10 @@
 
 #include <jansson.h>
 
+#include "coordinator/bake/lock.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
+#include "coordinator/cli/output_name.h"
 #include "coordinator/output/publish.h"
 
 int kiln_command_report(struct kiln_job *job, struct kiln_error *error)
@@ -18,6 +20,11 @@ int kiln_command_report(struct kiln_job *job, struct kiln_error *error)
         status = kiln_path_join(fallback, job->arguments[0], "report.html", error);
         path = fallback;
     }
+    const struct kiln_output_name name = {.option = "--output", .path = path, .bakes = {job->arguments[0]}};
+    if (status == KILN_OK)
+        status = kiln_output_name_check(&name, error);
+    if (status == KILN_OK && job->output == NULL)
+        status = kiln_lock_refuse(job->arguments[0], error);
     if (status == KILN_OK)
         status = kiln_report_write(job->arguments[0], path, error);
     if (status != KILN_OK)

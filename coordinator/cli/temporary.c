@@ -1,26 +1,53 @@
 #include "coordinator/cli/temporary.h"
 
+#include <errno.h>
+#include <fcntl.h>
+#include <signal.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <unistd.h>
+
+#include "coordinator/output/folder.h"
+#include "worker/base/calls.h"
+
+/* Where the file system makes none without a name. No signal that can be put off comes between the two calls. */
+static int make_and_unlink(const char *folder)
+{
+    char path[KILN_PATH_SIZE];
+    sigset_t all, before;
+    if (kiln_path_join(path, folder, "kiln-XXXXXX", NULL) != KILN_OK) {
+        errno = ENAMETOOLONG;
+        return -1;
+    }
+    (void)sigfillset(&all);
+    (void)pthread_sigmask(SIG_SETMASK, &all, &before);
+    const int descriptor = mkostemp(path, O_CLOEXEC);
+    const int number = errno;
+    if (descriptor >= 0)
+        (void)unlink(path);
+    (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
+    errno = number;
+    return descriptor;
+}
 
 int kiln_temporary_make(struct kiln_temporary *temporary, struct kiln_error *error)
 {
     const char *base = getenv("TMPDIR");
+    const char *folder = base != NULL && base[0] != '\0' ? base : "/tmp";
     temporary->scene_file[0] = '\0';
-    int status = kiln_path_join(temporary->folder, base != NULL && base[0] != '\0' ? base : "/tmp", "kiln-XXXXXX", error);
-    if (status == KILN_OK && mkdtemp(temporary->folder) == NULL) {
-        status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot create a folder like %.500s", temporary->folder);
-        temporary->folder[0] = '\0';
-    }
-    if (status == KILN_OK)
-        status = kiln_path_join(temporary->scene_file, temporary->folder, "scene.kscene", error);
-    return status;
+    temporary->descriptor = kiln_open(folder, O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
+    if (temporary->descriptor < 0)
+        temporary->descriptor = make_and_unlink(folder);
+    if (temporary->descriptor < 0)
+        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "a temporary file in %.500s cannot be created", folder);
+    (void)snprintf(temporary->scene_file, sizeof temporary->scene_file, "/proc/self/fd/%d", temporary->descriptor);
+    return KILN_OK;
 }
 
-void kiln_temporary_remove(const struct kiln_temporary *temporary)
+void kiln_temporary_remove(struct kiln_temporary *temporary)
 {
-    if (temporary->scene_file[0] != '\0')
-        (void)unlink(temporary->scene_file);
-    if (temporary->folder[0] != '\0')
-        (void)rmdir(temporary->folder);
+    if (temporary->descriptor >= 0 && temporary->scene_file[0] != '\0')
+        (void)close(temporary->descriptor);
+    temporary->descriptor = -1;
+    temporary->scene_file[0] = '\0';
 }

@@ -175,6 +175,9 @@ int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, cons
     }
     if (text[0] == '\0')
         return kiln_fail(error, status, "%s: is empty; it must be %s", where, option->value);
+    const bool writes = strcmp(option->name, "output") == 0 || strcmp(option->name, "trace") == 0;
+    if (writes && text[0] == '-') /* other programs would take it for an option */
+        return kiln_fail(error, status, "%s: '%.200s' begins with '-': write './%.200s' if that is what the file is to be called", where, text, text);
     if (option->kind == KILN_OPTION_ENVIRONMENT)
         return set_environment(job, option, text, where, status, folder, error);
     if (option->kind == KILN_OPTION_POINT && !triple(text, -HUGE_VAL))

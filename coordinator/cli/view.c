@@ -8,9 +8,11 @@
 
 #include <jansson.h>
 
+#include "coordinator/bake/lock.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/devices.h"
 #include "coordinator/cli/json.h"
+#include "coordinator/cli/output_name.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/output/publish.h"
 #include "coordinator/output/units.h"
@@ -75,7 +77,7 @@ static int write_picture(const struct view *v, const struct kiln_job *job, const
     char viewpoint[KILN_VIEWPOINT_TEXT];
     const char *approximate = approximations[(v->picture.shares.metal > 0.0) + 2 * (v->picture.shares.lent > 0.0)];
     if (dot != NULL && strcasecmp(dot, ".png") == 0)
-        return kiln_picture_write(path, &v->picture, job->exposure, error);
+        return kiln_picture_write(NULL, path, &v->picture, job->exposure, error);
     kiln_viewpoint_text(&v->picture.viewpoint, viewpoint);
     const struct kiln_exr_attribute attributes[] = {{.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
                                                     {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = job->show_texels ? "a checkerboard of texels" : "radiance"},
@@ -125,6 +127,11 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
     }
     if (status == KILN_OK)
         status = check_extension(path, error);
+    const struct kiln_output_name name = {.option = "--output", .path = path, .bakes = {directory}};
+    if (status == KILN_OK)
+        status = kiln_output_name_check(&name, error);
+    if (status == KILN_OK && job->output == NULL)
+        status = kiln_lock_refuse(directory, error);
     if (status == KILN_OK)
         status = open_scene(&v, job, directory, error);
     if (status == KILN_OK)

@@ -10,20 +10,21 @@
 
 #include "coordinator/export/glb_build.h"
 #include "coordinator/import/confine.h"
+#include "coordinator/import/confined.h"
 #include "worker/scene/scene.h"
 
 enum { KILN_EXPORT_CHILD_ARGUMENTS = 5 };
 #define KILN_LIGHTMAP_EXTENSION "KILN_lightmap"
 
 struct kiln_export_task {
-    const char *source, *scene_file, *output;
+    const char *source, *scene_file, *output; /* output: for sentences */
     struct kiln_scene *scene;
     char *input; /* all of standard input */
     json_t *plan;
     const struct kiln_vec2 *coordinates; /* a vertex: the lightmap's */
 };
 
-/* The source's glTF with TEXCOORD_1 as baked and the plan's links, written to task->output. `mapped` as in struct kiln_confine.
+/* The source's glTF with TEXCOORD_1 as baked and the plan's links, written to the descriptor KILN_CHILD_OUTPUT. `mapped` as in struct kiln_confine.
  * KILN_BAD_INPUT when the source is not the one that was baked. */
 int kiln_export_gltf(const struct kiln_export_task *task, void (*mapped)(const struct kiln_confine *), struct kiln_error *error);
 

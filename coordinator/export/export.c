@@ -12,6 +12,7 @@
 #include "coordinator/export/child.h"
 #include "coordinator/import/confined.h"
 #include "coordinator/output/publish.h"
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 bool kiln_export_has_gltf(const struct kiln_scene *scene)
@@ -112,13 +113,13 @@ static double wall_limit(const struct kiln_export_params *p)
     return 600.0 + 10.0 * (bytes + (double)p->scene->mapped_bytes) / 1e6;
 }
 
-static int run_child(const struct kiln_export_params *p, const char *temporary, struct kiln_error *error)
+static int run_child(const struct kiln_export_params *p, const char *temporary, int output, struct kiln_error *error)
 {
     int plan = -1;
     const char *arguments[KILN_EXPORT_CHILD_ARGUMENTS + 1] = {"kiln", "export-child", p->source != NULL ? p->source : "", p->scene_file, temporary, NULL};
     int status = plan_file(p, &plan, error);
     if (status == KILN_OK) {
-        const struct kiln_confined_call call = {.arguments = arguments, .input = plan, .subject = p->source != NULL ? p->source : p->scene_file,
+        const struct kiln_confined_call call = {.arguments = arguments, .input = plan, .output = output, .subject = p->source != NULL ? p->source : p->scene_file,
                                                 .what = "exporter", .seconds = wall_limit(p)};
         status = kiln_confined_run(&call, error);
     }
@@ -128,34 +129,36 @@ static int run_child(const struct kiln_export_params *p, const char *temporary, 
 }
 
 /* What readers do first, before they do: the header and the file's length. */
-static int check_written(const char *path, struct kiln_error *error)
+static int check_written(int file, const char *name, struct kiln_error *error)
 {
     unsigned char header[12] = {0};
     struct stat found;
-    FILE *file = fopen(path, "rbe");
-    const bool read = file != NULL && fread(header, 1, sizeof header, file) == sizeof header && fstat(fileno(file), &found) == 0;
-    if (file != NULL)
-        (void)fclose(file);
+    const bool read = pread(file, header, sizeof header, 0) == (ssize_t)sizeof header && fstat(file, &found) == 0;
     const uint64_t length = (uint64_t)header[8] | (uint64_t)header[9] << 8 | (uint64_t)header[10] << 16 | (uint64_t)header[11] << 24;
     if (!read || memcmp(header, "glTF", 4) != 0 || length != (uint64_t)found.st_size)
-        return kiln_fail(error, KILN_IO, "%.512s was not written whole", path);
+        return kiln_fail(error, KILN_IO, "%.512s was not written whole", name);
     return KILN_OK;
 }
 
 int kiln_export_scene(const struct kiln_export_params *params, struct kiln_error *error)
 {
-    char temporary[KILN_PATH_SIZE];
+    struct kiln_publish place;
+    int file = -1;
     if (params->source != NULL && access(params->source, R_OK) != 0)
         return kiln_fail_errno(error, errno == EACCES ? KILN_PERMISSION : KILN_NO_INPUT,
                                "%.512s: the scene that was baked cannot be read; say where it is with --scene", params->source);
-    int status = kiln_publish_name(temporary, params->output, error);
+    int status = kiln_publish_begin(&place, params->directory, params->output, error);
     if (status == KILN_OK)
-        status = run_child(params, temporary, error);
+        status = kiln_publish_open(&place, &file, error);
     if (status == KILN_OK)
-        status = check_written(temporary, error);
+        status = run_child(params, place.temporary, file, error);
     if (status == KILN_OK)
-        return kiln_publish_finish(temporary, params->output, error);
-    kiln_publish_abandon(temporary);
+        status = check_written(file, place.temporary, error);
+    if (file >= 0 && kiln_close(file) != 0 && status == KILN_OK)
+        status = kiln_fail_errno(error, KILN_IO, "%.512s cannot be closed", place.temporary);
+    if (status == KILN_OK)
+        return kiln_publish_finish(&place, error);
+    kiln_publish_abandon(&place);
     return status;
 }
 
@@ -183,17 +186,15 @@ static void own_files(const struct kiln_scene *scene, const uint8_t *has_back, s
 int kiln_export_beside(const char *directory, const char *path, const struct kiln_scene *scene, const uint8_t *has_back, const char *unit,
                        struct kiln_error *error)
 {
-    char scene_file[KILN_PATH_SIZE], output[KILN_PATH_SIZE];
+    char scene_file[KILN_PATH_SIZE];
     struct kiln_link *links = NULL;
     struct kiln_page_info *pages = NULL;
     char(*files)[FILE_NAME] = NULL;
     const size_t length = strlen(path);
     const bool scene_itself = length >= 7 && strcmp(path + length - 7, ".kscene") == 0;
     struct kiln_export_params params = {.source = kiln_export_has_gltf(scene) && !scene_itself ? path : NULL, .scene_file = scene_file, .scene = scene,
-                                        .output = output, .unit = unit, .encoding = "exr"};
+                                        .directory = directory, .output = "scene.glb", .unit = unit, .encoding = "exr"};
     int status = kiln_path_join(scene_file, directory, "scene.kscene", error);
-    if (status == KILN_OK)
-        status = kiln_path_join(output, directory, "scene.glb", error);
     if (status == KILN_OK)
         status = kiln_allocate(&links, scene->object_count, sizeof *links, "the export's links", error);
     if (status == KILN_OK)

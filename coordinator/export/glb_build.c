@@ -151,10 +151,10 @@ static void put_buffer(struct kiln_glb_build *b, struct out *out, size_t size)
     put_padding(b, out, aligned(size, 4) - size, '\0');
 }
 
-int kiln_glb_build_write(struct kiln_glb_build *b, const char *path)
+int kiln_glb_build_write(struct kiln_glb_build *b, int file, const char *name)
 {
     const size_t size = b->base + b->added_size;
-    struct out out = {.file = -1, .path = path};
+    struct out out = {.file = file, .path = name};
     unsigned char header[GLB_HEADER];
     char *text = NULL;
     settle_buffer(b, size);
@@ -165,8 +165,6 @@ int kiln_glb_build_write(struct kiln_glb_build *b, const char *path)
     if (b->status == KILN_OK && whole > UINT32_MAX)
         b->status = kiln_fail(b->error, KILN_BAD_INPUT, "%.512s: the exported scene takes %zu bytes, more than the 4 GiB that a .glb can hold; split it",
                               b->subject, whole);
-    if (b->status == KILN_OK)
-        b->status = kiln_publish_open(path, &out.file, b->error);
     if (b->status == KILN_OK) {
         memcpy(header, "glTF", 4);
         little32(header + 4, 2);
@@ -180,10 +178,8 @@ int kiln_glb_build_write(struct kiln_glb_build *b, const char *path)
             put_buffer(b, &out, size);
         }
         if (b->status == KILN_OK && kiln_fsync(out.file) != 0)
-            b->status = kiln_fail_errno(b->error, KILN_IO, "%.512s cannot be written", path);
+            b->status = kiln_fail_errno(b->error, KILN_IO, "%.512s cannot be written", name);
     }
-    if (out.file >= 0 && kiln_close(out.file) != 0 && b->status == KILN_OK)
-        b->status = kiln_fail_errno(b->error, KILN_IO, "%.512s cannot be closed", path);
     free(text);
     return b->status;
 }

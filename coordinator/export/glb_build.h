@@ -50,8 +50,8 @@ void kiln_glb_set(struct kiln_glb_build *b, json_t *object, const char *key, jso
 /* Lists an extension under extensionsUsed, once. */
 void kiln_glb_use(struct kiln_glb_build *b, const char *extension);
 
-/* Writes the file at `path`, which must not exist, and syncs it. KILN_BAD_INPUT when it would pass 4 GiB. */
-int kiln_glb_build_write(struct kiln_glb_build *b, const char *path);
+/* Writes the open, empty file and syncs it; `name` is for sentences. KILN_BAD_INPUT when it would pass 4 GiB. */
+int kiln_glb_build_write(struct kiln_glb_build *b, int file, const char *name);
 
 /* Releases everything, the JSON too. */
 void kiln_glb_build_free(struct kiln_glb_build *b);

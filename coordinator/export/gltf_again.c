@@ -355,7 +355,7 @@ int kiln_export_gltf(const struct kiln_export_task *task, void (*mapped)(const s
     open_source(&a);
     if (a.b.status == KILN_OK)
         edit(&a);
-    status = a.b.status == KILN_OK ? kiln_glb_build_write(&a.b, task->output) : a.b.status;
+    status = a.b.status == KILN_OK ? kiln_glb_build_write(&a.b, KILN_CHILD_OUTPUT, task->output) : a.b.status;
     kiln_free(&a.set_of);
     kiln_glb_build_free(&a.b);
     gltf_close(&a.g);

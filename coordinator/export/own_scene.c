@@ -291,7 +291,7 @@ int kiln_export_own(const struct kiln_export_task *task, struct kiln_error *erro
     for (size_t i = 0; i < s->camera_count && o.b.status == KILN_OK; i++)
         add_camera(&o, &s->cameras[i]);
     kiln_export_root(&o.b, task->plan);
-    const int status = o.b.status == KILN_OK ? kiln_glb_build_write(&o.b, task->output) : o.b.status;
+    const int status = o.b.status == KILN_OK ? kiln_glb_build_write(&o.b, KILN_CHILD_OUTPUT, task->output) : o.b.status;
     kiln_glb_build_free(&o.b);
     return status;
 }

@@ -38,7 +38,7 @@ static int check_values(const char *path, float *const planes[3], uint32_t width
 
 /* ---- EXR ---- */
 
-static int write_exr(const char *path, float *const planes[3], uint32_t width, uint32_t height, bool half, struct kiln_error *error)
+static int write_exr(const char *directory, const char *name, float *const planes[3], uint32_t width, uint32_t height, bool half, struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B"};
     const struct kiln_exr_attribute attributes[] = {{.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
@@ -51,7 +51,7 @@ static int write_exr(const char *path, float *const planes[3], uint32_t width, u
         channel->half = half;
     }
     if (status == KILN_OK)
-        status = kiln_exr_write(path, image, attributes, sizeof attributes / sizeof attributes[0], error);
+        status = kiln_exr_write_below(directory, name, image, attributes, sizeof attributes / sizeof attributes[0], error);
     kiln_image_destroy(&image);
     return status;
 }
@@ -84,7 +84,7 @@ static void rgbe(const double rgb[3], double range, uint8_t out[4])
     out[3] = (uint8_t)(exponent + 128);
 }
 
-static int write_png(const char *path, float *const planes[3], uint32_t width, uint32_t height, double range,
+static int write_png(const char *directory, const char *name, float *const planes[3], uint32_t width, uint32_t height, double range,
                      void (*encode)(const double[3], double, uint8_t[4]), struct kiln_error *error)
 {
     const size_t count = (size_t)width * height;
@@ -99,7 +99,7 @@ static int write_png(const char *path, float *const planes[3], uint32_t width, u
     if (status == KILN_OK)
         status = kiln_png_encode_channels(bytes, width, height, 4, &png, &size, error);
     if (status == KILN_OK)
-        status = kiln_publish_bytes(path, png, size, error);
+        status = kiln_publish_bytes_below(directory, name, png, size, error);
     kiln_free(&png);
     kiln_free(&bytes);
     return status;
@@ -172,7 +172,7 @@ static void put_head(unsigned char *bytes, uint32_t width, uint32_t height, size
     memcpy(w + 4, "KTXwriter\0kiln", 15);
 }
 
-static int write_ktx2(const char *path, float *const planes[3], uint32_t width, uint32_t height, struct kiln_error *error)
+static int write_ktx2(const char *directory, const char *name, float *const planes[3], uint32_t width, uint32_t height, struct kiln_error *error)
 {
     const size_t count = (size_t)width * height, head = KTX_INDEX + KTX_LEVEL + KTX_DFD + KTX_ORIENTATION + KTX_WRITER, level = (head + 7) / 8 * 8;
     unsigned char *bytes = NULL;
@@ -185,7 +185,7 @@ static int write_ktx2(const char *path, float *const planes[3], uint32_t width, 
             put(bytes + level + 8 * i + 2 * c, half_of(planes[c][i]), 2);
         put(bytes + level + 8 * i + 6, 0x3c00u, 2);
     }
-    status = kiln_publish_bytes(path, bytes, level + 8 * count, error);
+    status = kiln_publish_bytes_below(directory, name, bytes, level + 8 * count, error);
     kiln_free(&bytes);
     return status;
 }
@@ -207,14 +207,14 @@ static double most_of(enum kiln_page_format format, double range)
     }
 }
 
-int kiln_page_write(const char *path, enum kiln_page_format format, const struct kiln_image *image, double *range, struct kiln_error *error)
+int kiln_page_write(const char *directory, const char *name, enum kiln_page_format format, const struct kiln_image *image, double *range, struct kiln_error *error)
 {
     float *planes[3];
     double largest;
     if (!kiln_image_rgb(image, "", planes))
-        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: the lightmap has no channels R, G and B", path);
+        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: the lightmap has no channels R, G and B", name);
     const char *remedy = format == KILN_PAGE_RGBM && *range > 0.0 ? "give a larger --range, or none" : "choose --format exr";
-    int status = check_values(path, planes, image->width, (size_t)image->width * image->height, most_of(format, *range), remedy, &largest, error);
+    int status = check_values(name, planes, image->width, (size_t)image->width * image->height, most_of(format, *range), remedy, &largest, error);
     if (status != KILN_OK)
         return status;
     if (format != KILN_PAGE_RGBM)
@@ -223,12 +223,12 @@ int kiln_page_write(const char *path, enum kiln_page_format format, const struct
         *range = largest > 0.0 ? largest : 1.0;
     switch (format) {
     case KILN_PAGE_RGBM:
-        return write_png(path, planes, image->width, image->height, *range, rgbm, error);
+        return write_png(directory, name, planes, image->width, image->height, *range, rgbm, error);
     case KILN_PAGE_RGBE:
-        return write_png(path, planes, image->width, image->height, 0.0, rgbe, error);
+        return write_png(directory, name, planes, image->width, image->height, 0.0, rgbe, error);
     case KILN_PAGE_KTX2:
-        return write_ktx2(path, planes, image->width, image->height, error);
+        return write_ktx2(directory, name, planes, image->width, image->height, error);
     default:
-        return write_exr(path, planes, image->width, image->height, format == KILN_PAGE_EXR_HALF, error);
+        return write_exr(directory, name, planes, image->width, image->height, format == KILN_PAGE_EXR_HALF, error);
     }
 }

@@ -20,6 +20,6 @@ const char *kiln_page_ending(enum kiln_page_format format);
 /* Publishes the channels R, G and B of `image` as the file `path`. *range, for rgbm: what 1 x 1 stands for; 0 asks for the image's
  * largest value and gives it (1 where all is black); other formats set it to 0. KILN_BAD_INPUT when a value is not finite, negative, or
  * more than the format or the range holds. */
-int kiln_page_write(const char *path, enum kiln_page_format format, const struct kiln_image *image, double *range, struct kiln_error *error);
+int kiln_page_write(const char *directory, const char *name, enum kiln_page_format format, const struct kiln_image *image, double *range, struct kiln_error *error);
 
 #endif

@@ -44,16 +44,16 @@ static int write_lightmap(const struct kiln_pages_params *p, size_t object, bool
                           struct kiln_error *error)
 {
     static const char *const wanted[] = {"R", "G", "B"};
-    char name[256], path[KILN_PATH_SIZE];
+    char name[256];
     struct kiln_image *image = NULL;
     *range = p->range;
     (void)snprintf(name, sizeof name, "%s%s", back ? "back/" : "", kiln_scene_string(p->scene, p->scene->objects[object].name));
     *file = keep_name(pages, name, kiln_page_ending(p->format), error);
-    int status = *file == NULL ? KILN_SYSTEM : kiln_path_join(path, p->folder, *file, error);
+    int status = *file == NULL ? KILN_SYSTEM : KILN_OK;
     if (status == KILN_OK)
         status = read_lightmap(p, object, back, wanted, 3, &image, error);
     if (status == KILN_OK)
-        status = kiln_page_write(path, p->format, image, range, error);
+        status = kiln_page_write(p->folder, *file, p->format, image, range, error);
     kiln_image_destroy(&image);
     return status;
 }
@@ -219,16 +219,16 @@ static int draw_page(const struct atlas *a, uint32_t index, bool back, struct ki
 
 static int write_side(const struct atlas *a, uint32_t index, bool back, const char **file, double *range, struct kiln_error *error)
 {
-    char name[32], path[KILN_PATH_SIZE];
+    char name[32];
     struct kiln_image *image = NULL;
     *range = a->params->range;
     (void)snprintf(name, sizeof name, "page-%u%s", index, back ? "-back" : "");
     *file = keep_name(a->pages, name, kiln_page_ending(a->params->format), error);
-    int status = *file == NULL ? KILN_SYSTEM : kiln_path_join(path, a->params->folder, *file, error);
+    int status = *file == NULL ? KILN_SYSTEM : KILN_OK;
     if (status == KILN_OK)
         status = draw_page(a, index, back, &image, error);
     if (status == KILN_OK)
-        status = kiln_page_write(path, a->params->format, image, range, error);
+        status = kiln_page_write(a->params->folder, *file, a->params->format, image, range, error);
     kiln_image_destroy(&image);
     return status;
 }
@@ -387,7 +387,7 @@ static int write_atlas(const struct kiln_pages_params *p, struct kiln_pages *pag
 
 int kiln_pages_write(struct kiln_pages **result, const struct kiln_pages_params *p, struct kiln_error *error)
 {
-    char folder[KILN_PATH_SIZE];
+    struct kiln_folder folder = {.descriptor = -1};
     struct kiln_pages *pages = NULL;
     const size_t objects = p->scene->object_count;
     *result = NULL;
@@ -401,9 +401,8 @@ int kiln_pages_write(struct kiln_pages **result, const struct kiln_pages_params 
     if (status == KILN_OK)
         status = kiln_allocate(&pages->names, 2 * objects, sizeof *pages->names, "the pages", error);
     if (status == KILN_OK)
-        status = kiln_path_join(folder, p->folder, p->has_back != NULL ? "lightmaps/back" : "lightmaps", error);
-    if (status == KILN_OK)
-        status = kiln_make_directories(folder, error);
+        status = kiln_folder_open(&folder, p->folder, p->has_back != NULL ? "lightmaps/back" : "lightmaps", true, error);
+    kiln_folder_close(&folder);
     if (status == KILN_OK)
         status = p->atlas == 0 ? write_own_pages(p, pages, error) : write_atlas(p, pages, error);
     if (status != KILN_OK)

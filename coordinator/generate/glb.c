@@ -400,16 +400,16 @@ static int write_file(struct kiln_glb *glb, const char *path, const char *text, 
     if ((double)glb->totals.bytes > KILN_GLB_LARGEST)
         return kiln_fail(error, KILN_USAGE, "the scene needs %llu bytes and a .glb ends at %.0f; ask for fewer triangles",
                          (unsigned long long)glb->totals.bytes, KILN_GLB_LARGEST);
-    char temporary[KILN_PATH_SIZE];
+    struct kiln_publish place;
     struct target target = {.path = path};
-    int status = kiln_publish_claim(temporary, path, &target.descriptor, error);
+    int status = kiln_publish_claim(&place, NULL, path, &target.descriptor, error);
     if (status != KILN_OK)
         return status;
     status = write_chunks(&target, glb, text, length, error);
     if (status == KILN_OK)
-        status = kiln_publish_finish(temporary, path, error);
+        status = kiln_publish_finish(&place, error);
     else
-        kiln_publish_abandon(temporary);
+        kiln_publish_abandon(&place);
     if (kiln_close(target.descriptor) != 0 && status == KILN_OK)
         status = kiln_fail_errno(error, KILN_IO, "'%.500s' cannot be closed", path);
     return status;

@@ -233,27 +233,19 @@ static int fill_header(const struct kiln_builder *builder, struct kiln_scene_hea
     return world_bounds(builder, header, error);
 }
 
-int kiln_builder_write(struct kiln_builder *builder, const char *path, struct kiln_error *error)
+int kiln_builder_write_to(struct kiln_builder *builder, int file, const char *name, struct kiln_error *error)
 {
     struct kiln_scene_header header;
-    void *map = MAP_FAILED;
     int status = fill_header(builder, &header, error);
     if (status != KILN_OK)
         return status;
-    const int file = kiln_open(path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0666);
-    if (file < 0)
-        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "%s: the scene file cannot be created", path);
     /* The blocks are reserved first: on a full disk a store into the map would be a signal instead of a sentence. */
     errno = kiln_reserve(file, (off_t)header.size);
-    if (errno != 0) {
-        status = kiln_fail_errno(error, KILN_IO, "%s: no room for a scene file of %llu bytes", path, (unsigned long long)header.size);
-        goto done;
-    }
-    map = mmap(NULL, (size_t)header.size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
-    if (map == MAP_FAILED) {
-        status = kiln_fail_errno(error, KILN_SYSTEM, "%s: the scene file of %llu bytes cannot be mapped", path, (unsigned long long)header.size);
-        goto done;
-    }
+    if (errno != 0)
+        return kiln_fail_errno(error, KILN_IO, "%s: no room for a scene file of %llu bytes", name, (unsigned long long)header.size);
+    void *map = mmap(NULL, (size_t)header.size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+    if (map == MAP_FAILED)
+        return kiln_fail_errno(error, KILN_SYSTEM, "%s: the scene file of %llu bytes cannot be mapped", name, (unsigned long long)header.size);
     unsigned char *bytes = map;
     for (unsigned s = 0; s < KILN_SECTION_COUNT; s++)
         if (builder->sections[s].count > 0)
@@ -262,10 +254,17 @@ int kiln_builder_write(struct kiln_builder *builder, const char *path, struct ki
     kiln_scene_content_hash(&header, bytes + sizeof header, header.content_hash);
     memcpy(bytes, &header, sizeof header);
     if (msync(map, (size_t)header.size, MS_SYNC) != 0 || kiln_fsync(file) != 0)
-        status = kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be written", path);
-done:
-    if (map != MAP_FAILED)
-        (void)munmap(map, (size_t)header.size);
+        status = kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be written", name);
+    (void)munmap(map, (size_t)header.size);
+    return status;
+}
+
+int kiln_builder_write(struct kiln_builder *builder, const char *path, struct kiln_error *error)
+{
+    const int file = kiln_open(path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0666);
+    if (file < 0)
+        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "%s: the scene file cannot be created", path);
+    int status = kiln_builder_write_to(builder, file, path, error);
     if (kiln_close(file) != 0 && status == KILN_OK)
         status = kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be closed", path);
     if (status != KILN_OK)

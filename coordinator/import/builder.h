@@ -45,5 +45,7 @@ int kiln_builder_note(struct kiln_builder *builder, uint32_t severity, struct ki
 /* Computes centre, bounds and hashes and writes the file to `path` (new, synced; the caller renames).
  * KILN_BAD_INPUT when an object reaches beyond KILN_COORDINATE_MAX. */
 int kiln_builder_write(struct kiln_builder *builder, const char *path, struct kiln_error *error);
+/* The same into an open, empty file (O_RDWR), which stays open; `name` is for sentences. */
+int kiln_builder_write_to(struct kiln_builder *builder, int file, const char *name, struct kiln_error *error);
 
 #endif

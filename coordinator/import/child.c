@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "coordinator/cli/commands.h"
+#include "coordinator/import/confined.h"
 #include "coordinator/import/read.h"
 #include "coordinator/layout/layout.h"
 #include "worker/base/memory.h"
@@ -134,15 +135,13 @@ static void fence_files(const struct kiln_import_params *params)
     const int rules = (int)syscall(SYS_landlock_create_ruleset, &attributes, sizeof attributes, 0);
     if (rules < 0)
         return; /* an older kernel: openat2 stands alone */
-    char *folder = realpath(params->path, NULL), *target = strdup(params->output);
+    char *folder = realpath(params->path, NULL);
     cut_to_folder(folder);
-    cut_to_folder(target);
     const bool image = params->environment != NULL && access(params->environment, F_OK) == 0;
-    if (folder != NULL && target != NULL && allow(rules, folder, read) == 0 && allow(rules, target, read | write) == 0 &&
+    if (folder != NULL && allow(rules, folder, read) == 0 &&
         (!image || allow(rules, params->environment, LANDLOCK_ACCESS_FS_READ_FILE) == 0) && prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0)
         (void)syscall(SYS_landlock_restrict_self, rules, 0);
     free(folder);
-    free(target);
     (void)close(rules);
 }
 
@@ -173,7 +172,7 @@ static int read_layout_write(const struct child *child, struct kiln_error *error
         kiln_import_key(params, child->program, KILN_BUILDER_DATA(builder, const struct kiln_source, KILN_SECTION_SOURCES),
                         builder->sections[KILN_SECTION_SOURCES].count, KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS),
                         builder->import_hash);
-        status = kiln_builder_write(builder, params->output, error);
+        status = kiln_builder_write_to(builder, KILN_CHILD_OUTPUT, params->output, error);
     }
     kiln_builder_destroy(&builder);
     if (status == KILN_SYSTEM && strncmp(error->message, "out of memory", 13) == 0) {

@@ -38,13 +38,15 @@ static int spawn_child(const struct kiln_confined_call *call, int pipe_write, pi
         (void)posix_spawn_file_actions_destroy(&actions);
         return kiln_fail(error, KILN_SYSTEM, "out of memory for a child process");
     }
-    /* Nothing of ours goes along: no descriptor (MPI has sockets open), no signal mask or handler. */
+    /* Nothing else of ours goes along: no descriptor (MPI has sockets open), no signal mask or handler. */
     errno = call->input >= 0 ? posix_spawn_file_actions_adddup2(&actions, call->input, STDIN_FILENO)
                              : posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
     if (errno == 0)
         errno = posix_spawn_file_actions_adddup2(&actions, pipe_write, STDOUT_FILENO);
     if (errno == 0)
-        errno = posix_spawn_file_actions_addclosefrom_np(&actions, 3);
+        errno = call->output < KILN_CHILD_OUTPUT ? 0 : posix_spawn_file_actions_adddup2(&actions, call->output, KILN_CHILD_OUTPUT);
+    if (errno == 0)
+        errno = posix_spawn_file_actions_addclosefrom_np(&actions, call->output < KILN_CHILD_OUTPUT ? KILN_CHILD_OUTPUT : KILN_CHILD_OUTPUT + 1);
     if (errno == 0)
         errno = posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETSIGMASK);
     if (errno == 0)

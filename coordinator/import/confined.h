@@ -6,17 +6,20 @@
 
 #include "worker/base/status.h"
 
+enum { KILN_CHILD_OUTPUT = 3 };
+
 struct kiln_confined_call {
     const char *program;          /* path of the kiln program; NULL: the one that runs */
     const char *const *arguments; /* argv, ends with NULL */
     int input;                    /* descriptor that becomes its standard input; -1: /dev/null */
+    int output;                   /* descriptor that becomes its number KILN_CHILD_OUTPUT: what it has to write; below 3: none */
     const char *subject;          /* the file it reads: begins the sentences on what became of it */
     const char *what;             /* "importer": what it is called in them */
     double seconds;               /* of wall clock, after which it is killed */
 };
 
 /* Starts the child, waits for it, and passes its status and sentence on. A crash or a limit that was reached is KILN_BAD_INPUT: the file
- * is at fault. Nothing of ours goes along: no descriptor, no signal mask or handler. Not collective. */
+ * is at fault. Nothing of ours goes along: no other descriptor, no signal mask or handler. Not collective. */
 int kiln_confined_run(const struct kiln_confined_call *call, struct kiln_error *error);
 
 #endif

@@ -16,6 +16,7 @@
 #include "coordinator/import/read.h"
 #include "coordinator/output/publish.h"
 #include "worker/base/calls.h"
+#include "worker/base/mapped.h"
 #include "worker/base/memory.h"
 
 enum { PATH_SIZE = 4096 + 64, NUMBER_SIZE = 40 };
@@ -62,7 +63,9 @@ static bool source_unchanged(struct kiln_confine *confine, const struct kiln_imp
         same = kiln_confine_map(confine, NULL, path, "", &file, NULL) == KILN_OK;
     }
     if (same) {
+        kiln_mapped_watch(file.data, file.size, params->path);
         const XXH128_hash_t hash = XXH3_128bits(file.data, file.size);
+        kiln_mapped_forget(file.data);
         same = file.size == source->size && hash.low64 == source->hash[0] && hash.high64 == source->hash[1];
         kiln_file_unmap(&file);
     }
@@ -98,7 +101,7 @@ static double wall_limit(const struct kiln_import_params *params)
     return 600.0 + 10.0 * (params->time_limit != 0 ? (double)params->time_limit : bytes / 1e6);
 }
 
-static int run_child(const struct kiln_import_params *params, uint64_t program, const char *part, struct kiln_error *error)
+static int run_child(const struct kiln_import_params *params, uint64_t program, int file, const char *part, struct kiln_error *error)
 {
     char numbers[8][NUMBER_SIZE];
     (void)snprintf(numbers[0], NUMBER_SIZE, "%.17g", params->texels_per_metre);
@@ -114,38 +117,21 @@ static int run_child(const struct kiln_import_params *params, uint64_t program, 
                                                        environment, numbers[3],     numbers[4],   numbers[5], numbers[6], numbers[7],
                                                        params->objects == NULL ? "" : params->objects, params->trust_normals ? "normals" : "winding",
                                                        params->repack ? "repack" : "", NULL};
-    const struct kiln_confined_call call = {.program = program_of(params), .arguments = arguments, .input = -1, .subject = params->path,
+    const struct kiln_confined_call call = {.program = program_of(params), .arguments = arguments, .input = -1, .output = file, .subject = params->path,
                                             .what = "importer", .seconds = wall_limit(params)};
     return kiln_confined_run(&call, error);
 }
 
 /* ---- putting the result in place ---- */
 
-static int sync_folder(const char *path, struct kiln_error *error)
-{
-    char folder[PATH_SIZE];
-    const char *slash = strrchr(path, '/');
-    (void)snprintf(folder, sizeof folder, "%.*s", slash == NULL ? 1 : slash == path ? 1 : (int)(slash - path), slash == NULL ? "." : path);
-    const int descriptor = kiln_open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
-    if (descriptor < 0)
-        return kiln_fail_errno(error, KILN_IO, "%s: the folder cannot be opened", folder);
-    /* Some file systems cannot sync a folder and say EINVAL; the rename is as safe there as it gets. */
-    const int failed = kiln_fsync(descriptor) != 0 && errno != EINVAL;
-    const int status = failed ? kiln_fail_errno(error, KILN_IO, "%s: the folder cannot be synced", folder) : KILN_OK;
-    (void)close(descriptor);
-    return status;
-}
-
-static int publish(const char *part, const char *output, struct kiln_error *error)
+/* Looks at it as readers will, before they do. */
+static int check_made(const char *opens, const char *name, struct kiln_error *error)
 {
     struct kiln_scene *scene = NULL;
-    int status = kiln_scene_open(&scene, part, error); /* what readers will do, before they do */
+    struct kiln_error own = {""};
+    const int status = kiln_scene_open(&scene, opens, &own);
     kiln_scene_close(&scene);
-    if (status != KILN_OK)
-        return status == KILN_BAD_INPUT ? KILN_BUG : status;
-    if (kiln_rename(part, output) != 0)
-        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "%s: the scene file cannot be put in place", output);
-    return sync_folder(output, error);
+    return status == KILN_OK ? KILN_OK : kiln_fail(error, status == KILN_BAD_INPUT ? KILN_BUG : status, "%s is not whole: %s", name, own.message);
 }
 
 /* ---- a scene file as input ---- */
@@ -168,26 +154,7 @@ static int check_settings(const struct kiln_import_params *params, const struct 
                      params->path);
 }
 
-static int copy_bytes(const char *from, const struct kiln_scene *scene, const char *to, struct kiln_error *error)
-{
-    const int file = kiln_open(to, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0666);
-    if (file < 0)
-        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "%s: the scene file cannot be created", to);
-    const char *bytes = (const char *)scene->header;
-    int status = KILN_OK;
-    for (size_t at = 0; at < scene->mapped_bytes && status == KILN_OK;) {
-        const ssize_t count = write(file, bytes + at, scene->mapped_bytes - at);
-        if (count < 0 && errno != EINTR)
-            status = kiln_fail_errno(error, KILN_IO, "%s: copying %s failed", to, from);
-        at += count > 0 ? (size_t)count : 0;
-    }
-    if (status == KILN_OK && kiln_fsync(file) != 0)
-        status = kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be synced", to);
-    (void)close(file);
-    return status;
-}
-
-static int take_scene_file(const struct kiln_import_params *params, const char *part, bool *same, struct kiln_error *error)
+static int take_scene_file(const struct kiln_import_params *params, int file, bool *same, struct kiln_error *error)
 {
     struct kiln_scene *scene = NULL;
     struct stat a, b;
@@ -196,7 +163,7 @@ static int take_scene_file(const struct kiln_import_params *params, const char *
         status = check_settings(params, scene, error);
     *same = status == KILN_OK && stat(params->path, &a) == 0 && stat(params->output, &b) == 0 && a.st_dev == b.st_dev && a.st_ino == b.st_ino;
     if (status == KILN_OK && !*same)
-        status = copy_bytes(params->path, scene, part, error);
+        status = kiln_write_all(file, scene->header, scene->mapped_bytes, 0, params->output, error);
     kiln_scene_close(&scene);
     return status;
 }
@@ -207,27 +174,44 @@ static bool is_scene_file(const char *path)
     return length >= 7 && strcmp(path + length - 7, ".kscene") == 0;
 }
 
-/* One process at a time; whoever had to wait may find it done. */
-static int make(const struct kiln_import_params *params, uint64_t program, bool scene_file, struct kiln_import_report *report,
-                struct kiln_error *error)
+/* Into the open, empty file. */
+static int fill(const struct kiln_import_params *params, uint64_t program, int file, const char *name, bool *same, struct kiln_error *error)
 {
-    char part[KILN_PATH_SIZE];
+    return is_scene_file(params->path) ? take_scene_file(params, file, same, error) : run_child(params, program, file, name, error);
+}
+
+/* A file without a name, of our own. */
+static int fill_own(const struct kiln_import_params *params, uint64_t program, int file, struct kiln_error *error)
+{
+    bool same = false;
+    const int status = fill(params, program, file, params->output, &same, error);
+    return status == KILN_OK ? check_made(params->output, "the scene file", error) : status;
+}
+
+/* One process at a time; whoever had to wait may find it done. */
+static int make(const struct kiln_import_params *params, uint64_t program, struct kiln_import_report *report, struct kiln_error *error)
+{
+    const char *slash = strrchr(params->output, '/');
+    char folder[KILN_PATH_SIZE];
+    struct kiln_publish place;
     int claim = -1;
     bool same = false;
-    int status = kiln_publish_claim(part, params->output, &claim, error);
+    (void)snprintf(folder, sizeof folder, "%.*s", slash == NULL ? 1 : slash == params->output ? 1 : (int)(slash - params->output),
+                   slash == NULL ? "." : params->output);
+    int status = kiln_publish_claim(&place, folder, slash == NULL ? params->output : slash + 1, &claim, error);
     if (status != KILN_OK)
         return status;
-    if (scene_file)
-        status = take_scene_file(params, part, &same, error);
-    else if (is_fresh(params, program))
+    if (!is_scene_file(params->path) && is_fresh(params, program))
         report->cached = true;
     else
-        status = run_child(params, program, part, error);
+        status = fill(params, program, claim, place.temporary, &same, error);
     const bool made = status == KILN_OK && !same && !report->cached;
     if (made)
-        status = publish(part, params->output, error);
-    if (!made || status != KILN_OK)
-        kiln_publish_abandon(part);
+        status = check_made(place.opens, params->output, error);
+    if (made && status == KILN_OK)
+        status = kiln_publish_finish(&place, error);
+    else
+        kiln_publish_abandon(&place);
     (void)close(claim);
     return status;
 }
@@ -236,15 +220,16 @@ int kiln_import(const struct kiln_import_params *params, struct kiln_import_repo
 {
     uint64_t program = 0;
     const double start = now();
+    const int own = kiln_own_descriptor(params->output);
     report->cached = false;
     if (access(params->path, F_OK) != 0)
         return kiln_fail_errno(error, errno == EACCES ? KILN_PERMISSION : KILN_NO_INPUT, "%.512s: the scene cannot be opened", params->path);
     const bool scene_file = is_scene_file(params->path);
     int status = scene_file ? KILN_OK : hash_program(params, &program, error);
-    if (status == KILN_OK && !scene_file)
+    if (status == KILN_OK && !scene_file && own < 0)
         report->cached = is_fresh(params, program);
     if (status == KILN_OK && !report->cached)
-        status = make(params, program, scene_file, report, error);
+        status = own >= 0 ? fill_own(params, program, own, error) : make(params, program, report, error);
     report->seconds = now() - start;
     return status;
 }

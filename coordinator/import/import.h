@@ -18,7 +18,7 @@
 /* Zero means default in every field. */
 struct kiln_import_params {
     const char *path;   /* scene file; a kiln scene file (.kscene) is taken as it is */
-    const char *output; /* where to put the scene file */
+    const char *output; /* where to put the scene file; "/proc/self/fd/N": into that open, empty file */
     double texels_per_metre;
     uint32_t lightmap_size, lightmap_max;
     bool repack; /* as in struct kiln_layout_params */

@@ -60,7 +60,7 @@ static void clean(const char *wish, char name[KILN_NAME_LENGTH + 1])
     for (; wish[length] != '\0' && length < KILN_NAME_LENGTH - SUFFIX_LENGTH; length++) {
         const char c = wish[length];
         const int plain = (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_' || c == '-' || c == '.';
-        name[length] = plain && !(length == 0 && c == '.') ? c : '_';
+        name[length] = plain && !(length == 0 && (c == '.' || c == '-')) ? c : '_';
     }
     name[length] = '\0';
     if (length == 0)

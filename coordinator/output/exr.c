@@ -197,12 +197,14 @@ size_t exr_count_same(const struct kiln_image_channel *mine, const struct kiln_i
     return same;
 }
 
-static int read_back(const char *path, const struct kiln_image *image, struct kiln_error *error)
+static int read_back(const struct kiln_publish *place, const struct kiln_image *image, struct kiln_error *error)
 {
     struct kiln_image *found = NULL;
-    int status = kiln_exr_read(path, NULL, 0, &found, error);
-    if (status != KILN_OK)
-        return status == KILN_BAD_INPUT ? KILN_IO : status; /* the file is our own */
+    struct kiln_error own = {""};
+    const char *path = place->temporary;
+    int status = kiln_exr_read(place->opens, NULL, 0, &found, &own);
+    if (status != KILN_OK) /* the file is our own */
+        return kiln_fail(error, status == KILN_BAD_INPUT ? KILN_IO : status, "'%s' does not read back as it was written: %s", path, own.message);
     if (found->width != image->width || found->height != image->height || found->channel_count != image->channel_count)
         status = kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: other size or channels", path);
     const size_t pixels = (size_t)image->width * image->height;
@@ -235,28 +237,35 @@ int exr_check_image(const char *path, const struct kiln_image *image, struct kil
     return check_halves(path, image, error);
 }
 
+int kiln_exr_write_below(const char *directory, const char *name, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
+                         size_t attribute_count, struct kiln_error *error)
+{
+    struct kiln_publish place;
+    int status = exr_check_image(name, image, error);
+    if (status == KILN_OK)
+        status = kiln_publish_begin(&place, directory, name, error);
+    if (status != KILN_OK)
+        return status;
+    struct exr_output_stream stream = {.path = place.temporary, .error = error};
+    if ((status = kiln_publish_open(&place, &stream.descriptor, error)) != KILN_OK) {
+        kiln_publish_close(&place);
+        return status;
+    }
+    status = write_file(&stream, image, attributes, attribute_count);
+    if (kiln_close(stream.descriptor) != 0 && status == KILN_OK)
+        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be closed", place.temporary);
+    if (status == KILN_OK)
+        status = read_back(&place, image, error);
+    if (status == KILN_OK)
+        return kiln_publish_finish(&place, error);
+    kiln_publish_abandon(&place);
+    return status;
+}
+
 int kiln_exr_write(const char *path, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
                    size_t attribute_count, struct kiln_error *error)
 {
-    int status = exr_check_image(path, image, error);
-    char temporary[KILN_PATH_SIZE];
-    if (status == KILN_OK)
-        status = kiln_publish_name(temporary, path, error);
-    if (status != KILN_OK)
-        return status;
-    struct exr_output_stream stream = {.path = temporary, .error = error};
-    if ((status = kiln_publish_open(temporary, &stream.descriptor, error)) != KILN_OK)
-        return status;
-    status = write_file(&stream, image, attributes, attribute_count);
-    if (kiln_close(stream.descriptor) != 0 && status == KILN_OK)
-        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be closed", temporary);
-    if (status == KILN_OK)
-        status = read_back(temporary, image, error);
-    if (status != KILN_OK) {
-        kiln_publish_abandon(temporary);
-        return status;
-    }
-    return kiln_publish_finish(temporary, path, error);
+    return kiln_exr_write_below(NULL, path, image, attributes, attribute_count, error);
 }
 
 /* ---- reading ---- */

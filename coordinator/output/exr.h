@@ -20,6 +20,9 @@ struct kiln_exr_attribute {
 /* Publishes the image. A channel marked `half` is rounded to 16 bits: the caller has seen to it that nothing exceeds
  * KILN_HALF_MAX (KILN_BUG otherwise, nothing written). The file is read back whole and compared with the image before it gets
  * its name. KILN_CANNOT_CREATE, KILN_PERMISSION, KILN_IO, KILN_SYSTEM. Same image and attributes, same bytes. */
+int kiln_exr_write_below(const char *directory, const char *name, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
+                         size_t attribute_count, struct kiln_error *error);
+/* The same at a path that a user gave. */
 int kiln_exr_write(const char *path, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
                    size_t attribute_count, struct kiln_error *error);
 

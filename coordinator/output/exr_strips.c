@@ -169,7 +169,7 @@ int kiln_exr_strip_pack(const struct kiln_image *image, uint32_t y, struct kiln_
 
 struct kiln_exr_file {
     const struct kiln_image *image;
-    char path[KILN_PATH_SIZE], temporary[KILN_PATH_SIZE];
+    struct kiln_publish place;
     struct exr_output_stream stream; /* its descriptor is -1 when closed */
     exr_context_t context;
     uint32_t written, strips;
@@ -180,7 +180,7 @@ struct kiln_exr_file {
 /* What the stream could not write has a sentence of its own. */
 static int stream_failed(struct kiln_exr_file *f, const char *act, exr_result_t code, struct kiln_error *error)
 {
-    return f->stream.status != KILN_OK ? f->stream.status : exr_failed(KILN_IO, f->temporary, act, code, error);
+    return f->stream.status != KILN_OK ? f->stream.status : exr_failed(KILN_IO, f->place.temporary, act, code, error);
 }
 
 static int begin_file(struct kiln_exr_file *f, const struct kiln_exr_attribute *attributes, size_t attribute_count, struct kiln_error *error)
@@ -191,9 +191,9 @@ static int begin_file(struct kiln_exr_file *f, const struct kiln_exr_attribute *
     setup.user_data = &f->stream;
     setup.write_fn = exr_write_stream;
     f->stream.error = error;
-    exr_result_t code = exr_start_write(&f->context, f->temporary, EXR_WRITE_FILE_DIRECTLY, &setup);
+    exr_result_t code = exr_start_write(&f->context, f->place.temporary, EXR_WRITE_FILE_DIRECTLY, &setup);
     if (code != EXR_ERR_SUCCESS)
-        return exr_failed(KILN_CANNOT_CREATE, f->temporary, "started", code, error);
+        return exr_failed(KILN_CANNOT_CREATE, f->place.temporary, "started", code, error);
     code = exr_declare(f->context, f->image, attributes, attribute_count);
     if (code == EXR_ERR_SUCCESS)
         code = exr_get_scanlines_per_chunk(f->context, 0, &rows);
@@ -202,12 +202,12 @@ static int begin_file(struct kiln_exr_file *f, const struct kiln_exr_attribute *
     if (code != EXR_ERR_SUCCESS)
         return stream_failed(f, "started", code, error);
     if (rows != KILN_EXR_ROWS || strips != (int32_t)f->strips)
-        return kiln_fail(error, KILN_BUG, "'%s': the library packs %d rows at a time in %d strips, not %d in %u", f->temporary, (int)rows,
+        return kiln_fail(error, KILN_BUG, "'%s': the library packs %d rows at a time in %d strips, not %d in %u", f->place.temporary, (int)rows,
                          (int)strips, KILN_EXR_ROWS, f->strips);
     return KILN_OK;
 }
 
-int kiln_exr_file_create(struct kiln_exr_file **file, const char *path, const struct kiln_image *image,
+int kiln_exr_file_create(struct kiln_exr_file **file, const char *directory, const char *name, const struct kiln_image *image,
                          const struct kiln_exr_attribute *attributes, size_t attribute_count, struct kiln_error *error)
 {
     int status = kiln_allocate(file, 1, sizeof **file, "a lightmap's file", error);
@@ -216,15 +216,15 @@ int kiln_exr_file_create(struct kiln_exr_file **file, const char *path, const st
     struct kiln_exr_file *f = *file;
     f->image = image;
     f->strips = (image->height + KILN_EXR_ROWS - 1) / KILN_EXR_ROWS;
-    f->stream = (struct exr_output_stream){.descriptor = -1, .path = f->temporary};
-    (void)snprintf(f->path, sizeof f->path, "%s", path);
-    status = exr_check_image(path, image, error);
+    f->stream = (struct exr_output_stream){.descriptor = -1, .path = f->place.temporary};
+    f->place = (struct kiln_publish){.folder = {.descriptor = -1}, .stream = -1, .scratch = -1};
+    status = exr_check_image(name, image, error);
     if (status == KILN_OK)
         status = kiln_allocate(&f->hashes, f->strips, sizeof *f->hashes, "a lightmap's strips", error);
     if (status == KILN_OK)
-        status = kiln_publish_name(f->temporary, path, error);
+        status = kiln_publish_begin(&f->place, directory, name, error);
     if (status == KILN_OK)
-        status = kiln_publish_open(f->temporary, &f->stream.descriptor, error);
+        status = kiln_publish_open(&f->place, &f->stream.descriptor, error);
     if (status == KILN_OK) {
         f->there = true;
         status = begin_file(f, attributes, attribute_count, error);
@@ -237,7 +237,7 @@ int kiln_exr_file_create(struct kiln_exr_file **file, const char *path, const st
 int kiln_exr_file_append(struct kiln_exr_file *f, const void *bytes, size_t size, uint64_t hash, struct kiln_error *error)
 {
     if (f->written >= f->strips)
-        return kiln_fail(error, KILN_BUG, "'%s': more than its %u strips are to be written", f->temporary, f->strips);
+        return kiln_fail(error, KILN_BUG, "'%s': more than its %u strips are to be written", f->place.temporary, f->strips);
     f->stream.error = error;
     const exr_result_t code = exr_write_scanline_chunk(f->context, 0, (int)(f->written * KILN_EXR_ROWS), bytes, size);
     if (code != EXR_ERR_SUCCESS)
@@ -253,10 +253,10 @@ static int close_file(struct kiln_exr_file *f, struct kiln_error *error)
     const exr_result_t code = exr_finish(&f->context);
     int status = code == EXR_ERR_SUCCESS && f->stream.status == KILN_OK ? KILN_OK : stream_failed(f, "finished", code, error);
     if (close(f->stream.descriptor) != 0 && status == KILN_OK)
-        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be closed", f->temporary);
+        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be closed", f->place.temporary);
     f->stream.descriptor = -1;
     if (status == KILN_OK && f->written != f->strips)
-        status = kiln_fail(error, KILN_BUG, "'%s': %u of %u strips were written", f->temporary, f->written, f->strips);
+        status = kiln_fail(error, KILN_BUG, "'%s': %u of %u strips were written", f->place.temporary, f->written, f->strips);
     return status;
 }
 
@@ -294,9 +294,9 @@ static int read_back(const struct kiln_exr_file *f, struct kiln_error *error)
     setup.error_handler_fn = exr_stay_silent;
     setup.flags = EXR_CONTEXT_FLAG_DISABLE_CHUNK_RECONSTRUCTION;
     exr_context_t file = NULL;
-    const exr_result_t code = exr_start_read(&file, f->temporary, &setup);
+    const exr_result_t code = exr_start_read(&file, f->place.opens, &setup);
     if (code != EXR_ERR_SUCCESS)
-        return exr_failed(KILN_IO, f->temporary, "read", code, error);
+        return exr_failed(KILN_IO, f->place.temporary, "read", code, error);
     const bool header = same_header(file, f->image);
     uint32_t good = header ? f->strips : 0;
 #pragma omp parallel for schedule(dynamic, 4) reduction(min : good)
@@ -305,9 +305,9 @@ static int read_back(const struct kiln_exr_file *f, struct kiln_error *error)
             good = s;
     (void)exr_finish(&file);
     if (!header)
-        return kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: other size or channels", f->temporary);
+        return kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: other size or channels", f->place.temporary);
     if (good < f->strips)
-        return kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: row %u and the following", f->temporary,
+        return kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: row %u and the following", f->place.temporary,
                          good * KILN_EXR_ROWS);
     return KILN_OK;
 }
@@ -320,7 +320,7 @@ int kiln_exr_file_publish(struct kiln_exr_file *f, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     f->there = false; /* removed when it cannot be published */
-    return kiln_publish_finish(f->temporary, f->path, error);
+    return kiln_publish_finish(&f->place, error);
 }
 
 void kiln_exr_file_destroy(struct kiln_exr_file **file)
@@ -334,7 +334,8 @@ void kiln_exr_file_destroy(struct kiln_exr_file **file)
     if (f->stream.descriptor >= 0)
         (void)close(f->stream.descriptor);
     if (f->there)
-        kiln_publish_abandon(f->temporary);
+        kiln_publish_abandon(&f->place);
+    kiln_publish_close(&f->place);
     kiln_free(&f->hashes);
     kiln_free(file);
 }

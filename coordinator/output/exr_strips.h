@@ -26,9 +26,9 @@ int kiln_exr_strip_pack(const struct kiln_image *image, uint32_t y, struct kiln_
 
 struct kiln_exr_file;
 
-/* Begins the file `path` with the image's size, channels and the attributes; its values are only looked at to refuse what kiln_exr_write
+/* Begins the file DIRECTORY/NAME (publish.h) with the image's size, channels and the attributes; its values are only looked at to refuse what kiln_exr_write
  * refuses, and with the same statuses. The image is borrowed until the file is destroyed. */
-int kiln_exr_file_create(struct kiln_exr_file **file, const char *path, const struct kiln_image *image,
+int kiln_exr_file_create(struct kiln_exr_file **file, const char *directory, const char *name, const struct kiln_image *image,
                          const struct kiln_exr_attribute *attributes, size_t attribute_count, struct kiln_error *error);
 
 /* The next strip from the top. */

@@ -51,9 +51,10 @@ static hid_t collective_transfer(void)
     return transfer;
 }
 
-int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, struct kiln_error *error)
+int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const struct kiln_publish *place, struct kiln_error *error)
 {
-    *h5 = (struct kiln_h5){.file = H5I_INVALID_HID, .transfer = H5I_INVALID_HID, .path = path, .communicator = communicator};
+    *h5 = (struct kiln_h5){.file = H5I_INVALID_HID, .transfer = H5I_INVALID_HID, .path = place->temporary, .opens = place->opens,
+                           .communicator = communicator};
     if (MPI_Comm_rank(communicator, &h5->rank) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
     (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL); /* our sentence instead of its trace */
@@ -63,10 +64,10 @@ int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, 
                             error);
     if (status == KILN_OK) {
         const hid_t list = timeless(H5P_FILE_CREATE);
-        h5->file = H5Fcreate(path, H5F_ACC_EXCL, list, access);
+        h5->file = H5Fcreate(place->opens, H5F_ACC_EXCL, list, access);
         (void)release(list, H5Pclose);
         if (h5->file < 0)
-            status = kiln_fail(error, KILN_CANNOT_CREATE, "'%s' cannot be created as HDF5", path);
+            status = kiln_fail(error, KILN_CANNOT_CREATE, "'%s' cannot be created as HDF5", place->temporary);
         status = kiln_agree(communicator, status, error);
     }
     if (access >= 0)
@@ -111,7 +112,7 @@ int kiln_h5_close(struct kiln_h5 *h5, int status, struct kiln_error *error)
             status = flush(h5, error); /* the same on all ranks */
         if (status != KILN_OK) {
             if (h5->rank == 0)
-                (void)!truncate(h5->path, 0); /* it is of no use, whether this works or not */
+                (void)!truncate(h5->opens, 0); /* it is of no use, whether this works or not */
             (void)MPI_Barrier(h5->communicator);
         }
         if (H5Fclose(h5->file) < 0)

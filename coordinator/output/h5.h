@@ -11,18 +11,19 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "coordinator/output/publish.h"
 #include "worker/base/status.h"
 
 /* An open file and how it is written. */
 struct kiln_h5 {
     hid_t file, transfer; /* transfer: collective */
-    const char *path;
+    const char *path, *opens; /* for sentences; to open it by */
     MPI_Comm communicator;
     int rank;
 };
 
-/* Collective. Makes the file new (latest format that HDF5 1.10 readers know, collective metadata). On failure nothing is open. */
-int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const char *path, struct kiln_error *error);
+/* Collective. Makes the file aside new (publish.h, where it was begun on every rank; borrowed until it is closed; latest format that HDF5 1.10 readers know, collective metadata). On failure nothing is open. */
+int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const struct kiln_publish *place, struct kiln_error *error);
 
 /* Collective; the ranks agree on the worst `status`. Flushes and closes; closes also what failed before. Returns `status` when it is
  * not 0. A new file that failed is emptied first: HDF5 1.10 cannot let go of a file whose last bytes do not fit the disk, and

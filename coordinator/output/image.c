@@ -249,7 +249,7 @@ static int add_text(char **png, size_t *size, const char *keyword, const char *t
     return KILN_OK;
 }
 
-int kiln_png_write_bytes(const char *path, const uint8_t *bytes, uint32_t width, uint32_t height, const char *description,
+int kiln_png_write_bytes(const char *directory, const char *name, const uint8_t *bytes, uint32_t width, uint32_t height, const char *description,
                          struct kiln_error *error)
 {
     char *png = NULL;
@@ -260,12 +260,12 @@ int kiln_png_write_bytes(const char *path, const uint8_t *bytes, uint32_t width,
     if (status == KILN_OK)
         status = add_text(&png, &size, "Software", KILN_MADE_BY " " KILN_VERSION, error);
     if (status == KILN_OK)
-        status = kiln_publish_bytes(path, png, size, error);
+        status = kiln_publish_bytes_below(directory, name, png, size, error);
     kiln_free(&png);
     return status;
 }
 
-int kiln_png_write(const char *path, const struct kiln_image *image, const float *mask, double stops, const char *description,
+int kiln_png_write(const char *directory, const char *name, const struct kiln_image *image, const float *mask, double stops, const char *description,
                    struct kiln_error *error)
 {
     const struct kiln_exposure exposure = kiln_auto_exposure(image, mask);
@@ -274,7 +274,7 @@ int kiln_png_write(const char *path, const struct kiln_image *image, const float
     if (status == KILN_OK)
         status = kiln_tone_map(image, exposure.scale * exp2(stops), exposure.white, bytes, error);
     if (status == KILN_OK)
-        status = kiln_png_write_bytes(path, bytes, image->width, image->height, description, error);
+        status = kiln_png_write_bytes(directory, name, bytes, image->width, image->height, description, error);
     kiln_free(&bytes);
     return status;
 }

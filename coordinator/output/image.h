@@ -63,13 +63,13 @@ int kiln_png_encode_channels(const uint8_t *bytes, uint32_t width, uint32_t heig
 /* The same of RGB. */
 int kiln_png_encode(const uint8_t *bytes, uint32_t width, uint32_t height, char **png, size_t *size, struct kiln_error *error);
 
-/* Tone-maps, automatically exposed, and publishes a PNG file; `stops` is added to the automatic exposure, 2^stops times.
+/* Tone-maps, automatically exposed, and publishes a PNG file at a place (publish.h); `stops` is added to the automatic exposure, 2^stops times.
  * `description` is as for kiln_png_write_bytes. */
-int kiln_png_write(const char *path, const struct kiln_image *image, const float *mask, double stops, const char *description,
+int kiln_png_write(const char *directory, const char *name, const struct kiln_image *image, const float *mask, double stops, const char *description,
                    struct kiln_error *error);
 
 /* Publishes 8-bit RGB bytes as a PNG file, with KILN_MADE_BY and `description` (NULL: none) as text in it. */
-int kiln_png_write_bytes(const char *path, const uint8_t *bytes, uint32_t width, uint32_t height, const char *description,
+int kiln_png_write_bytes(const char *directory, const char *name, const uint8_t *bytes, uint32_t width, uint32_t height, const char *description,
                          struct kiln_error *error);
 
 #endif

@@ -138,13 +138,13 @@ static int write_small(struct kiln_h5 *h5, const struct kiln_bake_result *result
 }
 
 static int write_file(struct kiln_points_writer *writer, const struct kiln_bake_result *result, const struct kiln_output_params *params,
-                      const char *path, int rank, struct kiln_error *error)
+                      const struct kiln_publish *place, int rank, struct kiln_error *error)
 {
     struct kiln_h5 h5 = {.file = H5I_INVALID_HID, .transfer = H5I_INVALID_HID};
     uint64_t *cell_points = NULL;
     int status = count_cells(result, &cell_points, error);
     if (status == KILN_OK && rank == 0) {
-        status = kiln_h5_create(&h5, MPI_COMM_SELF, path, error);
+        status = kiln_h5_create(&h5, MPI_COMM_SELF, place, error);
         if (status == KILN_OK)
             status = write_small(&h5, result, params, cell_points, error);
     }
@@ -165,30 +165,29 @@ static uint64_t largest_size(const struct kiln_bake_result *result)
 
 int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE], temporary[KILN_PATH_SIZE];
+    struct kiln_publish place;
     struct kiln_points_writer *writer = NULL;
     int rank = 0;
     if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
-    int status = kiln_path_join(path, params->directory, "kiln.h5", error);
-    if (status == KILN_OK) /* every rank needs the name; removing a left-over twice does no harm before the agreement */
-        status = kiln_publish_name(temporary, path, error);
+    /* every rank reads it back; removing a left-over twice does no harm before the agreement */
+    int status = kiln_publish_begin(&place, params->directory, "kiln.h5", error);
     if (status == KILN_OK && rank == 0)
-        kiln_publish_sweep(temporary);
+        kiln_publish_sweep(&place);
     if (status == KILN_OK && rank == 0)
         status = kiln_require_space(params->directory, largest_size(result), error);
     status = kiln_agree(result->communicator, status, error);
-    if (status != KILN_OK)
-        return status;
-    status = kiln_points_writer_create(&writer, result, error);
     if (status == KILN_OK)
-        status = write_file(writer, result, params, temporary, rank, error);
+        status = kiln_points_writer_create(&writer, result, error);
     if (status == KILN_OK)
-        status = kiln_points_check(writer, temporary, error);
+        status = write_file(writer, result, params, &place, rank, error);
+    if (status == KILN_OK)
+        status = kiln_points_check(writer, &place, error);
     kiln_points_writer_destroy(&writer);
     if (rank == 0 && status != KILN_OK)
-        kiln_publish_abandon(temporary);
+        kiln_publish_abandon(&place);
     if (status == KILN_OK)
-        status = kiln_agree(result->communicator, rank == 0 ? kiln_publish_finish(temporary, path, error) : KILN_OK, error);
+        status = kiln_agree(result->communicator, rank == 0 ? kiln_publish_finish(&place, error) : KILN_OK, error);
+    kiln_publish_close(&place);
     return status;
 }

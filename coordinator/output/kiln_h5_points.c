@@ -393,10 +393,11 @@ static bool same_totals(struct kiln_points_writer *w, hid_t dataset)
     return false;
 }
 
-int kiln_points_check(struct kiln_points_writer *w, const char *path, struct kiln_error *error)
+int kiln_points_check(struct kiln_points_writer *w, const struct kiln_publish *place, struct kiln_error *error)
 {
+    const char *path = place->temporary;
     (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
-    const hid_t file = H5Fopen(path, H5F_ACC_RDONLY, H5P_DEFAULT);
+    const hid_t file = H5Fopen(place->opens, H5F_ACC_RDONLY, H5P_DEFAULT);
     int status = file < 0 ? kiln_fail(error, KILN_IO, "'%s' cannot be opened as HDF5", path) : KILN_OK;
     if (status == KILN_OK && !has_extents(file, w->columns, w->result->surface->point_count))
         status = kiln_fail(error, KILN_IO, "'%s': not all points are there", path);

@@ -19,7 +19,7 @@ int kiln_points_write(struct kiln_points_writer *writer, struct kiln_h5 *h5, str
 
 /* Collective, after the file was closed. All columns must be as long as they should, and the whole of /irradiance/total what it was
  * made from. */
-int kiln_points_check(struct kiln_points_writer *writer, const char *path, struct kiln_error *error);
+int kiln_points_check(struct kiln_points_writer *writer, const struct kiln_publish *place, struct kiln_error *error);
 
 /* What the columns take in a file if nothing can be compressed. */
 uint64_t kiln_points_largest(uint64_t points);

@@ -24,7 +24,6 @@ struct writer {
     const struct kiln_output_params *params;
     struct kiln_lightmap_report *reports; /* own objects' are filled in */
     struct kiln_map **maps;               /* one a lightmap; those of this rank and round exist */
-    const char *folder;
     uint32_t ranks;
     int64_t seed;
     bool has_seed;
@@ -101,20 +100,19 @@ enum { ATTRIBUTES = 14 };
 
 /* What an object's file is called, and says besides its values. */
 struct file_words {
-    char path[KILN_PATH_SIZE], seed[32];
+    char name[KILN_PATH_SIZE], seed[32];
     struct kiln_exr_attribute attributes[ATTRIBUTES];
     size_t count;
 };
 
 static int name_file(const struct writer *w, uint32_t object, struct file_words *words, struct kiln_error *error)
 {
-    char name[KILN_PATH_SIZE];
     const struct kiln_object *o = &w->result->scene->objects[kiln_map_object(w->result->surface, object)];
-    const int length = snprintf(name, sizeof name, "%s%s.exr", kiln_map_back(w->result->surface, object) ? "back/" : "",
+    const int length = snprintf(words->name, sizeof words->name, "lightmaps/%s%s.exr", kiln_map_back(w->result->surface, object) ? "back/" : "",
                                 kiln_scene_string(w->result->scene, o->name));
     if (length <= 0 || length >= KILN_PATH_SIZE)
         return kiln_fail(error, KILN_CANNOT_CREATE, "object %u has too long a name for a file", object);
-    return kiln_path_join(words->path, w->folder, name, error);
+    return KILN_OK;
 }
 
 static int integer_of(uint64_t number) { return (int)(number > INT32_MAX ? INT32_MAX : number); }
@@ -255,7 +253,7 @@ static int write_object(const struct writer *w, uint32_t object, struct kiln_err
     struct file_words words;
     int status = finish_object(w, object, &image, &words, error);
     if (status == KILN_OK)
-        status = kiln_exr_write(words.path, image, words.attributes, words.count, error);
+        status = kiln_exr_write_below(w->params->directory, words.name, image, words.attributes, words.count, error);
     kiln_image_destroy(&image);
     return status;
 }
@@ -294,7 +292,7 @@ static int begin_large(const struct writer *w, const uint32_t *objects, size_t c
         large->count = i + 1;
         status = finish_object(w, objects[i], &large->images[i], &words, error);
         if (status == KILN_OK)
-            status = kiln_exr_file_create(&large->files[i], words.path, large->images[i], words.attributes, words.count, error);
+            status = kiln_exr_file_create(&large->files[i], w->params->directory, words.name, large->images[i], words.attributes, words.count, error);
         large->sources[i] = (struct kiln_strip_source){.object = objects[i], .image = large->images[i], .file = large->files[i]};
     }
     return status;
@@ -459,16 +457,15 @@ static int gather_reports(const struct kiln_bake_result *result, const struct ki
     return KILN_OK;
 }
 
-static int make_folders(const struct kiln_surface *surface, const char *folder, struct kiln_error *error)
+static int make_folders(const struct kiln_surface *surface, const char *directory, struct kiln_error *error)
 {
+    struct kiln_folder made;
     bool backs = false;
     for (uint32_t i = surface->object_count; i < surface->map_count; i++)
         backs = backs || surface->lightmaps[i].published != 0;
-    char back[KILN_PATH_SIZE];
-    int status = kiln_make_directory(folder, error);
-    if (status == KILN_OK && backs)
-        status = kiln_path_join(back, folder, "back", error);
-    return status == KILN_OK && backs ? kiln_make_directory(back, error) : status;
+    const int status = kiln_folder_open(&made, directory, backs ? "lightmaps/back" : "lightmaps", true, error);
+    kiln_folder_close(&made);
+    return status;
 }
 
 int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,
@@ -477,16 +474,12 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     const size_t maps = result->surface->map_count;
     struct writer w = {.result = result, .params = params};
     struct kiln_deal *deal = NULL;
-    char folder[KILN_PATH_SIZE];
     int rank = 0, ranks = 1;
     if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS || MPI_Comm_size(result->communicator, &ranks) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
-    w.folder = folder;
     w.ranks = (uint32_t)ranks;
     w.has_seed = kiln_provenance_seed(params->provenance_json, &w.seed);
-    int status = kiln_path_join(folder, params->directory, "lightmaps", error);
-    if (status == KILN_OK && rank == 0)
-        status = make_folders(result->surface, folder, error);
+    int status = rank == 0 ? make_folders(result->surface, params->directory, error) : KILN_OK;
     if (status == KILN_OK)
         status = kiln_allocate(&w.reports, maps, sizeof *w.reports, "reports on lightmaps", error);
     if (status == KILN_OK)

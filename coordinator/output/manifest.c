@@ -35,19 +35,17 @@ static int read_whole(int descriptor, const char *path, XXH3_state_t *state, cha
     }
 }
 
-static int hash_file(const char *path, uint64_t *bytes, XXH128_hash_t *hash, struct kiln_error *error)
+static int hash_file(const char *directory, const char *name, uint64_t *bytes, XXH128_hash_t *hash, struct kiln_error *error)
 {
-    struct stat found;
+    char path[KILN_PATH_SIZE];
+    int descriptor = -1;
     char *buffer = NULL;
     XXH3_state_t *state = XXH3_createState();
-    int status = KILN_OK;
-    const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0);
-    if (state == NULL)
+    int status = kiln_path_join(path, directory, name, error);
+    if (status == KILN_OK && state == NULL)
         status = kiln_fail(error, KILN_SYSTEM, "out of memory: the hash of '%s'", path);
-    else if (descriptor < 0)
-        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be opened", path);
-    else if (fstat(descriptor, &found) != 0 || !S_ISREG(found.st_mode))
-        status = kiln_fail(error, KILN_IO, "'%s' is not a plain file", path);
+    if (status == KILN_OK && kiln_open_below(directory, name, O_RDONLY, 0, &descriptor, error) != KILN_OK)
+        status = KILN_IO;
     if (status == KILN_OK)
         status = kiln_allocate(&buffer, READ_BYTES, 1, "a file's bytes", error);
     if (status == KILN_OK) {
@@ -70,7 +68,7 @@ int kiln_manifest_check(const struct kiln_manifest_file *file, const char *direc
     XXH128_hash_t hash;
     int status = kiln_path_join(path, directory, file->path, error);
     if (status == KILN_OK)
-        status = hash_file(path, &bytes, &hash, error);
+        status = hash_file(directory, file->path, &bytes, &hash, error);
     if (status != KILN_OK)
         return KILN_BAD_INPUT;
     kiln_hash_text(hash.high64, hash.low64, text);
@@ -102,14 +100,14 @@ static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *
 {
     const char *const others[] = {"run.json", "scene.kscene", "kiln.h5", parts->volume ? "volume.hdf" : NULL,
                                   parts->preview ? "preview.png" : NULL, parts->scene ? "scene.glb" : NULL};
-    const size_t other_count = sizeof others / sizeof *others;
+    const size_t other_count = sizeof others / sizeof *others, maps = surface != NULL ? surface->map_count : 0;
     int status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&(*manifest)->files, other_count + surface->map_count, sizeof *(*manifest)->files, "the manifest", error);
+        status = kiln_allocate(&(*manifest)->files, other_count + maps, sizeof *(*manifest)->files, "the manifest", error);
     for (size_t i = 0; status == KILN_OK && i < other_count; i++)
         if (others[i] != NULL)
             status = name_file(*manifest, "", others[i], "", error);
-    for (uint32_t i = 0; status == KILN_OK && i < surface->map_count; i++) {
+    for (uint32_t i = 0; status == KILN_OK && i < maps; i++) {
         const struct kiln_object *object = &scene->objects[kiln_map_object(surface, i)];
         const char *folder = kiln_map_back(surface, i) ? "lightmaps/back/" : "lightmaps/";
         if (surface->lightmaps[i].published != 0)
@@ -123,11 +121,8 @@ static int hash_own(const struct kiln_manifest *m, const char *directory, int ra
 {
     int status = KILN_OK;
     for (size_t i = (size_t)rank; i < m->count && status == KILN_OK; i += (size_t)ranks) {
-        char path[KILN_PATH_SIZE];
         XXH128_hash_t hash = {0};
-        status = kiln_path_join(path, directory, m->files[i].path, error);
-        if (status == KILN_OK)
-            status = hash_file(path, &values[3 * i], &hash, error);
+        status = hash_file(directory, m->files[i].path, &values[3 * i], &hash, error);
         values[3 * i + 1] = hash.high64;
         values[3 * i + 2] = hash.low64;
     }
@@ -158,15 +153,13 @@ static json_t *manifest_json(const struct kiln_manifest *m, const uint64_t *valu
 
 static int publish(const struct kiln_manifest *m, const char *directory, const uint64_t *values, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE], *text = NULL;
+    char *text = NULL;
     size_t size = 0;
     json_t *json = manifest_json(m, values);
     const bool whole = json_array_size(json_object_get(json, "files")) == m->count;
-    int status = kiln_path_join(path, directory, NAME, error);
+    int status = kiln_seal(whole ? json : NULL, JSON_INDENT(1), &text, &size, "the manifest", error);
     if (status == KILN_OK)
-        status = kiln_seal(whole ? json : NULL, JSON_INDENT(1), &text, &size, "the manifest", error);
-    if (status == KILN_OK)
-        status = kiln_publish_bytes(path, text, size, error);
+        status = kiln_publish_bytes_below(directory, NAME, text, size, error);
     kiln_free(&text);
     json_decref(json);
     return status;
@@ -197,11 +190,9 @@ int kiln_manifest_write(MPI_Comm communicator, const char *directory, const stru
 
 int kiln_manifest_remove(const char *directory, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE];
-    const int status = kiln_path_join(path, directory, NAME, error);
-    if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
-        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
-    return status;
+    if (kiln_unlink_below(directory, NAME) != 0 && errno != ENOENT)
+        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s/%s", directory, NAME);
+    return KILN_OK;
 }
 
 /* ---- what is stale ---- */
@@ -213,11 +204,9 @@ static int compare_paths(const void *a, const void *b)
 
 static int remove_file(const char *directory, const char *name, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE];
-    const int status = kiln_path_join(path, directory, name, error);
-    if (status == KILN_OK && kiln_unlink(path) != 0 && errno != ENOENT)
-        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot remove %s, which an earlier bake left", path);
-    return status;
+    if (kiln_unlink_below(directory, name) != 0 && errno != ENOENT)
+        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot remove %s/%s, which an earlier bake left", directory, name);
+    return KILN_OK;
 }
 
 static bool is_there(const char *directory, const char *name)
@@ -249,11 +238,9 @@ static int prune_files(const struct kiln_manifest *before, const struct kiln_man
 static bool is_made_by_kiln(const char *directory, const char *name)
 {
     enum { BEGINNING = 4096 };
-    char path[KILN_PATH_SIZE], bytes[BEGINNING + sizeof KILN_MADE_BY];
-    if (kiln_path_join(path, directory, name, NULL) != KILN_OK)
-        return false;
-    const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0);
-    if (descriptor < 0)
+    char bytes[BEGINNING + sizeof KILN_MADE_BY];
+    int descriptor = -1;
+    if (kiln_open_below(directory, name, O_RDONLY, 0, &descriptor, NULL) != KILN_OK)
         return false;
     const ssize_t got = read(descriptor, bytes, BEGINNING);
     (void)close(descriptor);
@@ -277,6 +264,22 @@ int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, c
             pruned->removed++;
         }
     kiln_manifest_destroy(&before);
+    kiln_manifest_destroy(&wanted);
+    return status;
+}
+
+int kiln_manifest_look(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
+                       const struct kiln_manifest_parts *parts, struct kiln_error *error)
+{
+    static const char *const folders[] = {"lightmaps", "lightmaps/back", "checkpoint"};
+    struct kiln_manifest *wanted = NULL;
+    int status = kiln_check_below(directory, NAME, false, error);
+    for (size_t i = 0; status == KILN_OK && i < sizeof folders / sizeof *folders; i++)
+        status = kiln_check_below(directory, folders[i], true, error);
+    if (status == KILN_OK)
+        status = name_files(&wanted, scene, surface, parts, error);
+    for (size_t i = 0; status == KILN_OK && i < wanted->count; i++)
+        status = kiln_check_below(directory, wanted->files[i].path, false, error);
     kiln_manifest_destroy(&wanted);
     return status;
 }

@@ -52,6 +52,11 @@ struct kiln_pruned {
 int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
                         const struct kiln_manifest_parts *parts, struct kiln_pruned *pruned, struct kiln_error *error);
 
+/* Rank 0, before the first pass: whether every result of a bake of `scene` can be put in its place (without scene and surface, NULL: those that have
+ * the same names in every bake). KILN_CANNOT_CREATE with what is in the way: a link, a folder, a device. */
+int kiln_manifest_look(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
+                       const struct kiln_manifest_parts *parts, struct kiln_error *error);
+
 /* KILN_NO_INPUT without one, KILN_BAD_INPUT when it is damaged. Destroy with kiln_manifest_destroy. Not collective. */
 int kiln_manifest_read(struct kiln_manifest **manifest, const char *directory, struct kiln_error *error);
 void kiln_manifest_destroy(struct kiln_manifest **manifest);

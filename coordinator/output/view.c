@@ -180,9 +180,9 @@ json_t *kiln_picture_json(const struct kiln_picture *picture, double stops)
                      "metal_share", picture->shares.metal, "lent_share", picture->shares.lent);
 }
 
-int kiln_picture_write(const char *path, const struct kiln_picture *picture, double stops, struct kiln_error *error)
+int kiln_picture_write(const char *directory, const char *name, const struct kiln_picture *picture, double stops, struct kiln_error *error)
 {
     char text[KILN_PICTURE_TEXT];
     kiln_picture_text(picture, stops, text);
-    return kiln_png_write(path, picture->image, NULL, stops, text, error);
+    return kiln_png_write(directory, name, picture->image, NULL, stops, text, error);
 }

@@ -98,7 +98,7 @@ void kiln_picture_text(const struct kiln_picture *picture, double stops, char te
  * "added"} in stops, "metal_share", "lent_share"}. */
 json_t *kiln_picture_json(const struct kiln_picture *picture, double stops);
 
-/* Publishes the tone-mapped picture with that text in it (PNG's Description). */
-int kiln_picture_write(const char *path, const struct kiln_picture *picture, double stops, struct kiln_error *error);
+/* Publishes the tone-mapped picture at a place (publish.h) with that text in it (PNG's Description). */
+int kiln_picture_write(const char *directory, const char *name, const struct kiln_picture *picture, double stops, struct kiln_error *error);
 
 #endif

@@ -176,23 +176,28 @@ static int write_header(struct volume_writer *w, const struct kiln_output_params
 }
 
 /* Through the reader that everybody else uses: the first and the last own probe. */
-static int read_back(const struct volume_writer *w, const char *path, struct kiln_error *error)
+static int read_back(const struct volume_writer *w, const struct kiln_publish *place, struct kiln_error *error)
 {
+    struct kiln_error why = {""};
+    const char *path = place->temporary;
     const struct kiln_volume_result *v = w->volume;
     struct kiln_volume *volume = NULL;
-    int status = kiln_volume_open(&volume, path, error);
+    int status = kiln_volume_open(&volume, place->opens, &why);
     for (uint64_t k = 0; status == KILN_OK && v->count > 0 && k < 2; k++) {
         const uint64_t own = k == 0 ? 0 : v->count - 1, index = v->first + own;
         const uint64_t at[3] = {index % v->size[0], index / v->size[0] % v->size[1], index / (v->size[0] * v->size[1])};
         struct kiln_volume_probe probe;
-        status = kiln_volume_read(volume, at, &probe, error);
+        status = kiln_volume_read(volume, at, &probe, &why);
         for (int c = 0; status == KILN_OK && c < 3; c++)
             if (probe.harmonics[8][c] != (float)(kiln_harmonics_cosine(8) * (double)v->probes[own].radiance[8][c]) ||
                 probe.axes[5][c] != v->probes[own].irradiance_axes[5][c] || probe.mean_distance != v->probes[own].mean_distance)
-                status = kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: probe %llu", path, (unsigned long long)index);
+                status = kiln_fail(&why, KILN_IO, "probe %llu", (unsigned long long)index);
     }
     kiln_volume_close(&volume);
-    return status == KILN_BAD_INPUT ? KILN_IO : status; /* the file is our own */
+    if (status == KILN_OK)
+        return KILN_OK;
+    /* the file is our own */
+    return kiln_fail(error, status == KILN_BAD_INPUT ? KILN_IO : status, "'%s' does not read back as it was written: %s", path, why.message);
 }
 
 /* What the file takes if nothing in it could be compressed: chunks at the border are whole. */
@@ -209,23 +214,21 @@ static uint64_t largest_size(const struct kiln_volume_result *volume)
 int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_volume_result *volume,
                       const struct kiln_output_params *params, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE], temporary[KILN_PATH_SIZE];
+    struct kiln_publish place;
     struct volume_writer w = {.result = result, .volume = volume};
     int rank = 0;
     if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
-    int status = kiln_path_join(path, params->directory, "volume.hdf", error);
-    if (status == KILN_OK)
-        status = kiln_publish_name(temporary, path, error);
+    int status = kiln_publish_begin(&place, params->directory, "volume.hdf", error);
     if (status == KILN_OK && rank == 0)
-        kiln_publish_sweep(temporary);
+        kiln_publish_sweep(&place);
     if (status == KILN_OK && rank == 0)
         status = kiln_require_space(params->directory, largest_size(volume), error);
     if (status == KILN_OK)
         status = kiln_allocate(&w.values, volume->count, 27 * sizeof(float), "the volume's values", error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
-        status = kiln_h5_create(&w.h5, result->communicator, temporary, error);
+        status = kiln_h5_create(&w.h5, result->communicator, &place, error);
     else
         rank = -1; /* nothing was made that needs removing */
     if (status == KILN_OK) {
@@ -239,11 +242,12 @@ int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_v
         status = kiln_agree(result->communicator, kiln_h5_close(&w.h5, status, error), error);
     }
     if (status == KILN_OK)
-        status = kiln_agree(result->communicator, read_back(&w, temporary, error), error);
+        status = kiln_agree(result->communicator, read_back(&w, &place, error), error);
     if (rank == 0 && status != KILN_OK)
-        kiln_publish_abandon(temporary);
+        kiln_publish_abandon(&place);
     if (status == KILN_OK)
-        status = kiln_agree(result->communicator, rank == 0 ? kiln_publish_finish(temporary, path, error) : KILN_OK, error);
+        status = kiln_agree(result->communicator, rank == 0 ? kiln_publish_finish(&place, error) : KILN_OK, error);
+    kiln_publish_close(&place);
     kiln_free(&w.values);
     return status;
 }

@@ -61,7 +61,7 @@ static struct kiln_exr_file *append_strips(const char *path, const struct kiln_i
 {
     struct kiln_exr_file *file = NULL;
     struct kiln_error error = {{0}};
-    assert_int_equal(kiln_exr_file_create(&file, path, image, attributes, attribute_count, &error), 0);
+    assert_int_equal(kiln_exr_file_create(&file, NULL, path, image, attributes, attribute_count, &error), 0);
     for (uint32_t y = 0; y < end; y += KILN_EXR_ROWS) {
         struct kiln_image_channel channels[KILN_EXR_CHANNELS];
         struct kiln_image alone = *image;

@@ -22,7 +22,10 @@ static int status_of_errno(int number)
     case EACCES:
     case EPERM:
         return KILN_PERMISSION;
-    case ENOENT:
+    case ENOENT: /* there is no file of such a name, nor can there be */
+    case ENAMETOOLONG:
+    case ENOTDIR:
+    case ELOOP:
         return KILN_NO_INPUT;
     case ENOMEM:
         return KILN_SYSTEM;

@@ -14,6 +14,7 @@
 #include <xxhash.h>
 
 #include "worker/base/calls.h"
+#include "worker/base/mapped.h"
 #include "worker/base/memory.h"
 
 enum { SECTION_ALIGNMENT = 64 };
@@ -416,6 +417,7 @@ static int map_file(struct kiln_scene *scene, const char *path, void **base, str
         return kiln_fail_errno(error, KILN_SYSTEM, "%s: the scene file of %lld bytes cannot be mapped", path, (long long)status.st_size);
     scene->mapped_bytes = (size_t)status.st_size;
     scene->header = *base;
+    kiln_mapped_watch(*base, scene->mapped_bytes, path);
     return KILN_OK;
 }
 
@@ -454,8 +456,10 @@ void kiln_scene_close(struct kiln_scene **pointer)
     struct kiln_scene *scene = *pointer;
     if (scene == NULL)
         return;
-    if (scene->header != NULL)
+    if (scene->header != NULL) {
+        kiln_mapped_forget(scene->header);
         (void)munmap((void *)(uintptr_t)scene->header, scene->mapped_bytes);
+    }
     if (scene->descriptor >= 0)
         (void)close(scene->descriptor);
     kiln_free(pointer);
