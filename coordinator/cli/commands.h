@@ -29,5 +29,7 @@ int kiln_command_stop(struct kiln_job *job, struct kiln_error *error);
 int kiln_import_child(int argc, char **argv);
 /* The same for the one that writes a scene with its lightmaps (coordinator/export/child.c). */
 int kiln_export_child(int argc, char **argv);
+/* The same for the one that takes results apart (coordinator/output/read/reader_child.c). */
+int kiln_reader_child(int argc, char **argv);
 
 #endif

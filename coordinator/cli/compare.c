@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <jansson.h>
 
@@ -16,8 +17,8 @@
 #include "coordinator/cli/json.h"
 #include "coordinator/cli/output_name.h"
 #include "coordinator/output/compare_surface.h"
-#include "coordinator/output/exr.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/output/image.h"
+#include "coordinator/output/read/results.h"
 #include "coordinator/output/units.h"
 #include "worker/base/memory.h"
 
@@ -34,6 +35,8 @@ struct comparison {
     size_t count, capacity;
     struct kiln_difference total;
     size_t worst; /* the image with the worst texel */
+    struct kiln_results *results_a, *results_b; /* folders */
+    struct kiln_reader *reader;                 /* files */
     struct kiln_scene *scene_a, *scene_b; /* both or none: the lightmaps differ in size and are sampled */
     double area; /* m2 of all objects; sampled only */
 };
@@ -52,28 +55,26 @@ static int is_folder(const char *path, bool *folder, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Paths of the k-th image of both. */
-static int image_paths(const struct comparison *c, size_t k, char a[KILN_PATH_SIZE], char b[KILN_PATH_SIZE], struct kiln_error *error)
+static int read_file(struct kiln_reader *reader, const char *path, struct kiln_image **image, struct kiln_error *error)
 {
-    char name[300];
-    if (c->ones[k].name[0] == '\0') {
-        const bool fits = snprintf(a, KILN_PATH_SIZE, "%s", c->a) < KILN_PATH_SIZE && snprintf(b, KILN_PATH_SIZE, "%s", c->b) < KILN_PATH_SIZE;
-        return fits ? KILN_OK : kiln_fail(error, KILN_USAGE, "a path to compare is longer than %d bytes", KILN_PATH_SIZE - 1);
-    }
-    (void)snprintf(name, sizeof name, "lightmaps/%s", c->ones[k].name);
-    const int status = kiln_path_join(a, c->a, name, error);
-    return status == KILN_OK ? kiln_path_join(b, c->b, name, error) : status;
+    int descriptor;
+    int status = kiln_open_plain(path, &descriptor, error);
+    if (status != KILN_OK)
+        return status;
+    status = kiln_reader_image(reader, descriptor, path, NULL, 0, image, error);
+    (void)close(descriptor);
+    return status;
 }
 
 static int read_pair(const struct comparison *c, size_t k, struct kiln_image **a, struct kiln_image **b, struct kiln_error *error)
 {
-    char path_a[KILN_PATH_SIZE], path_b[KILN_PATH_SIZE];
+    char name[300];
     *a = *b = NULL;
-    int status = image_paths(c, k, path_a, path_b, error);
+    const bool files = c->ones[k].name[0] == '\0';
+    (void)snprintf(name, sizeof name, "lightmaps/%s", c->ones[k].name);
+    int status = files ? read_file(c->reader, c->a, a, error) : kiln_results_image(c->results_a, name, NULL, 0, a, error);
     if (status == KILN_OK)
-        status = kiln_exr_read(path_a, NULL, 0, a, error);
-    if (status == KILN_OK)
-        status = kiln_exr_read(path_b, NULL, 0, b, error);
+        status = files ? read_file(c->reader, c->b, b, error) : kiln_results_image(c->results_b, name, NULL, 0, b, error);
     return status;
 }
 
@@ -124,15 +125,19 @@ static int add_one(struct comparison *c, const char *name, struct kiln_error *er
 static int compare_names(const void *a, const void *b) { return strcmp(((const struct one *)a)->name, ((const struct one *)b)->name); }
 
 /* Names of the lightmaps in a bake's folder, in the order of their bytes. */
-static int list_lightmaps(struct comparison *c, const char *directory, struct kiln_error *error)
+static int list_lightmaps(struct comparison *c, const struct kiln_results *results, const char *directory, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE];
-    int status = kiln_path_join(path, directory, "lightmaps", error);
+    int descriptor;
+    struct kiln_error why = {""};
+    int status = kiln_results_folder(results, "lightmaps", &descriptor, &why);
     if (status != KILN_OK)
+        return kiln_fail(error, status, "'%s' is not the folder of a bake: %s", directory, why.message);
+    DIR *folder = fdopendir(descriptor);
+    if (folder == NULL) {
+        status = kiln_fail_errno(error, KILN_SYSTEM, "'%s/lightmaps' cannot be read", directory);
+        (void)close(descriptor);
         return status;
-    DIR *folder = opendir(path);
-    if (folder == NULL)
-        return kiln_fail_errno(error, 0, "'%s' is not the folder of a bake: '%s' cannot be read", directory, path);
+    }
     const struct dirent *entry;
     while (status == KILN_OK && (entry = readdir(folder)) != NULL) {
         const size_t length = strlen(entry->d_name);
@@ -149,9 +154,13 @@ static int list_lightmaps(struct comparison *c, const char *directory, struct ki
 static int list_pairs(struct comparison *c, struct kiln_error *error)
 {
     struct comparison other = {0};
-    int status = list_lightmaps(c, c->a, error);
+    int status = kiln_results_open(&c->results_a, c->a, error);
     if (status == KILN_OK)
-        status = list_lightmaps(&other, c->b, error);
+        status = kiln_results_open(&c->results_b, c->b, error);
+    if (status == KILN_OK)
+        status = list_lightmaps(c, c->results_a, c->a, error);
+    if (status == KILN_OK)
+        status = list_lightmaps(&other, c->results_b, c->b, error);
     for (size_t i = 0; status == KILN_OK && (i < c->count || i < other.count); i++) {
         const int order = i >= c->count ? 1 : i >= other.count ? -1 : strcmp(c->ones[i].name, other.ones[i].name);
         if (order != 0)
@@ -175,13 +184,6 @@ static int find_object(const struct kiln_scene *scene, const char *name, const c
     return kiln_fail(error, KILN_BAD_INPUT, "'%s/scene.kscene' has no object for the lightmap '%s'", directory, name);
 }
 
-static int open_scene(const char *directory, struct kiln_scene **scene, struct kiln_error *error)
-{
-    char path[KILN_PATH_SIZE];
-    const int status = kiln_path_join(path, directory, "scene.kscene", error);
-    return status == KILN_OK ? kiln_scene_open(scene, path, error) : status;
-}
-
 static void close_scenes(struct comparison *c)
 {
     kiln_scene_close(&c->scene_a);
@@ -193,11 +195,11 @@ static void close_scenes(struct comparison *c)
 static int decide_how(struct comparison *c, struct kiln_error *error)
 {
     bool same = true;
-    if (open_scene(c->a, &c->scene_a, NULL) != KILN_OK || open_scene(c->b, &c->scene_b, NULL) != KILN_OK) {
-        close_scenes(c);
+    if (!kiln_results_has(c->results_a, "scene.kscene") || !kiln_results_has(c->results_b, "scene.kscene"))
         return KILN_OK;
-    }
-    int status = KILN_OK;
+    int status = kiln_results_scene(c->results_a, &c->scene_a, error);
+    if (status == KILN_OK)
+        status = kiln_results_scene(c->results_b, &c->scene_b, error);
     for (size_t k = 0; status == KILN_OK && k < c->count; k++) {
         struct one *one = &c->ones[k];
         status = find_object(c->scene_a, one->name, c->a, &one->object_a, error);
@@ -211,7 +213,7 @@ static int decide_how(struct comparison *c, struct kiln_error *error)
     }
     if (same || status != KILN_OK)
         close_scenes(c);
-    return same ? KILN_OK : status;
+    return status;
 }
 
 static int compare_all(struct comparison *c, struct kiln_error *error)
@@ -225,6 +227,8 @@ static int compare_all(struct comparison *c, struct kiln_error *error)
                            folder_a ? c->b : c->a);
     if (status == KILN_OK)
         status = folder_a ? list_pairs(c, error) : add_one(c, "", error);
+    if (status == KILN_OK && !folder_a)
+        status = kiln_reader_create(&c->reader, 0, error);
     if (status == KILN_OK && folder_a)
         status = decide_how(c, error);
     c->total = (struct kiln_difference){.identical = true};
@@ -294,7 +298,7 @@ static void print_text(const struct comparison *c)
 {
     const struct kiln_difference *d = &c->total;
     const double *place = c->ones[c->worst].worst_place;
-    const char *unit = kiln_units_of_bake(c->b)->irradiance_text;
+    const char *unit = c->results_b != NULL ? kiln_units_of_bake(c->results_b)->irradiance_text : "W/m2";
     (void)printf("%s\n", d->identical ? "bit-identical" : "different");
     if (c->scene_a != NULL)
         (void)puts("sampled    at places spread over the surfaces, by area: the lightmaps differ in size");
@@ -357,6 +361,9 @@ int kiln_command_compare(struct kiln_job *job, struct kiln_error *error)
     else if (status == KILN_OK && !job->quiet)
         print_text(&c);
     close_scenes(&c);
+    kiln_reader_destroy(&c.reader);
+    kiln_results_close(&c.results_a);
+    kiln_results_close(&c.results_b);
     kiln_free(&c.ones);
     return status;
 }

@@ -18,12 +18,11 @@
 #include "coordinator/output/units.h"
 #include "worker/base/memory.h"
 
-enum { RUN_MOST = 1 << 30 };
-
 struct export {
     const struct kiln_job *job;
     const char *directory, *output;
     char fallback[KILN_PATH_SIZE], folder[KILN_PATH_SIZE], scene_file[KILN_PATH_SIZE], source[KILN_PATH_SIZE];
+    struct kiln_results *results;
     struct kiln_scene *scene;
     uint8_t *backs; /* an object: it has a lightmap of its backs; NULL: none has */
     struct kiln_pages *pages;
@@ -33,19 +32,14 @@ struct export {
 /* Where the scene was when it was baked, from run.json. */
 static int read_run(struct export *e, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE], *text = NULL;
-    size_t size = 0;
-    int status = kiln_path_join(path, e->directory, "run.json", error);
+    int status = kiln_results_open(&e->results, e->directory, error);
     if (status == KILN_OK)
-        status = kiln_read_file(path, RUN_MOST, &text, &size, error);
+        status = kiln_results_json(e->results, "run.json", &e->run, error);
     if (status == KILN_NO_INPUT)
         return kiln_fail(error, KILN_NO_INPUT, "%.512s holds no finished bake: there is no run.json in it; bake first", e->directory);
-    if (status == KILN_OK && (e->run = json_loadb(text, size, 0, NULL)) == NULL)
-        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s is not as kiln writes it; bake again", path);
     const char *source = json_string_value(json_object_get(json_object_get(e->run, "scene"), "path"));
     if (status == KILN_OK)
         (void)snprintf(e->source, sizeof e->source, "%s", e->job->source != NULL ? e->job->source : source != NULL ? source : "");
-    kiln_free(&text);
     return status;
 }
 
@@ -100,7 +94,7 @@ static bool is_scene_file(const char *path)
 
 static int write_all(struct export *e, struct kiln_error *error)
 {
-    const struct kiln_pages_params params = {.directory = e->directory, .folder = e->folder, .scene = e->scene, .has_back = e->backs,
+    const struct kiln_pages_params params = {.directory = e->directory, .results = e->results, .folder = e->folder, .scene = e->scene, .has_back = e->backs,
                                              .format = (enum kiln_page_format)e->job->format, .range = e->job->range, .atlas = e->job->atlas};
     int status = kiln_pages_write(&e->pages, &params, error);
     if (status != KILN_OK)
@@ -109,7 +103,7 @@ static int write_all(struct export *e, struct kiln_error *error)
     if (gltf && e->source[0] == '\0')
         return kiln_fail(error, KILN_NO_INPUT, "%.512s/run.json does not say where the scene is that was baked; say it with --scene", e->directory);
     const struct kiln_export_params scene = {.source = gltf ? e->source : NULL, .scene_file = e->scene_file, .scene = e->scene, .output = e->output,
-                                             .unit = kiln_units_of_bake(e->directory)->irradiance_text,
+                                             .unit = kiln_units_of_bake(e->results)->irradiance_text,
                                              .encoding = kiln_page_encoding(params.format), .links = e->pages->links, .pages = e->pages->pages,
                                              .page_count = e->pages->page_count, .coordinates = e->pages->coordinates, .drop_baked_lights = e->job->drop_baked_lights};
     return kiln_export_scene(&scene, error);
@@ -136,7 +130,7 @@ int kiln_command_export(struct kiln_job *job, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_path_join(e.scene_file, e.directory, "scene.kscene", error);
     if (status == KILN_OK)
-        status = kiln_scene_open(&e.scene, e.scene_file, error);
+        status = kiln_results_scene(e.results, &e.scene, error);
     if (status == KILN_OK)
         status = find_backs(&e, error);
     if (status == KILN_OK)
@@ -156,5 +150,6 @@ int kiln_command_export(struct kiln_job *job, struct kiln_error *error)
     kiln_free(&e.backs);
     json_decref(e.run);
     kiln_scene_close(&e.scene);
+    kiln_results_close(&e.results);
     return status;
 }

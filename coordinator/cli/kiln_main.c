@@ -327,6 +327,8 @@ int kiln_main(int argc, char **argv)
         return kiln_import_child(argc, argv);
     if (argc > 1 && strcmp(argv[1], "export-child") == 0)
         return kiln_export_child(argc, argv);
+    if (argc > 1 && strcmp(argv[1], "read-child") == 0)
+        return kiln_reader_child(argc, argv);
     struct kiln_error error = {{0}};
     int status = KILN_OK;
     bool json = has_argument(argc, argv, "--json");

@@ -2,14 +2,15 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <unistd.h>
 
 #include <jansson.h>
 
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
 #include "coordinator/output/publish.h"
+#include "coordinator/output/read/results.h"
 #include "coordinator/output/units.h"
-#include "coordinator/output/volume_eval.h"
 
 static const char *const axis_names[6] = {"+x", "-x", "+y", "-y", "+z", "-z"};
 
@@ -55,18 +56,17 @@ static int read_question(const struct kiln_job *job, struct question *q, struct 
     return KILN_OK;
 }
 
-static int find_answer(const char *directory, const struct question *q, struct answer *a, struct kiln_error *error)
+static int find_answer(struct kiln_results *results, const struct question *q, struct answer *a, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
-    struct kiln_volume *volume = NULL;
-    int status = kiln_path_join(path, directory, "volume.hdf", error);
+    int descriptor;
+    int status = kiln_results_file(results, "volume.hdf", &descriptor, path, error);
     if (status == KILN_OK)
-        status = kiln_volume_open(&volume, path, error);
-    if (status == KILN_OK)
-        status = kiln_volume_light(volume, q->position, &a->light, &a->outside, error);
+        status = kiln_reader_light(kiln_results_reader(results), descriptor, path, q->position, &a->light, &a->outside, error);
     if (status == KILN_OK && q->has_normal)
         kiln_volume_irradiance(&a->light, q->normal, a->irradiance);
-    kiln_volume_close(&volume);
+    if (descriptor >= 0)
+        (void)close(descriptor);
     return status;
 }
 
@@ -114,12 +114,18 @@ int kiln_command_probe(struct kiln_job *job, struct kiln_error *error)
 {
     struct question question = {{0}, {0}, false};
     struct answer answer = {.outside = false};
+    struct kiln_results *results = NULL;
+    const struct kiln_units *units = NULL;
     int status = read_question(job, &question, error);
     if (status == KILN_OK)
-        status = find_answer(job->arguments[0], &question, &answer, error);
+        status = kiln_results_open(&results, job->arguments[0], error);
+    if (status == KILN_OK)
+        status = find_answer(results, &question, &answer, error);
+    if (status == KILN_OK)
+        units = kiln_units_of_bake(results);
+    kiln_results_close(&results);
     if (status != KILN_OK)
         return status;
-    const struct kiln_units *units = kiln_units_of_bake(job->arguments[0]);
     if (job->json)
         return print_json(&question, &answer, units, error);
     if (!job->quiet)

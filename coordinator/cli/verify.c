@@ -1,13 +1,15 @@
 /* kiln verify DIR: whether every file of a finished bake is as it was written, and holds what it can hold. */
 #include <jansson.h>
+#include <omp.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
-#include "coordinator/output/manifest.h"
 #include "coordinator/output/publish.h"
 #include "coordinator/output/ranges.h"
+#include "coordinator/output/read/results.h"
 #include "worker/base/memory.h"
 
 struct verdict {
@@ -15,34 +17,37 @@ struct verdict {
     struct kiln_error error;
 };
 
-/* Only what is as it was written is looked into. HDF5 is not for several threads: those files wait for one another. */
-static void check_file(const struct kiln_manifest_file *file, const char *directory, struct verdict *verdict)
+/* Only what is as it was written is looked into, by a reader of the thread's own. */
+static void check_file(const struct kiln_results *results, const struct kiln_manifest_file *file, struct kiln_reader *reader, struct verdict *verdict)
 {
     char path[KILN_PATH_SIZE];
-    const char *dot = strrchr(file->path, '.');
-    verdict->status = kiln_manifest_check(file, directory, &verdict->error);
-    if (verdict->status == KILN_OK)
-        verdict->status = kiln_path_join(path, directory, file->path, &verdict->error);
-    if (verdict->status != KILN_OK)
-        return;
-    if (dot != NULL && (strcmp(dot, ".h5") == 0 || strcmp(dot, ".hdf") == 0)) {
-#pragma omp critical(kiln_verify_h5)
-        verdict->status = kiln_ranges_check(path, &verdict->error);
-    } else {
-        verdict->status = kiln_ranges_check(path, &verdict->error);
-    }
+    int descriptor;
+    verdict->status = kiln_results_file(results, file->path, &descriptor, path, &verdict->error);
+    if (verdict->status == KILN_OK && kiln_ranges_has(path))
+        verdict->status = kiln_reader_ranges(reader, descriptor, path, &verdict->error);
+    if (descriptor >= 0)
+        (void)close(descriptor);
 }
 
-static int check_all(const struct kiln_manifest *m, const char *directory, struct verdict **verdicts, struct kiln_error *error)
+static int check_all(const struct kiln_results *results, struct verdict **verdicts, struct kiln_error *error)
 {
-    const int status = kiln_allocate(verdicts, m->count, sizeof **verdicts, "the files' verdicts", error);
-    if (status != KILN_OK)
-        return status;
+    const struct kiln_manifest *m = kiln_results_manifest(results);
+    const int threads = omp_get_max_threads();
+    struct kiln_reader **readers = NULL;
+    int status = kiln_allocate(verdicts, m->count, sizeof **verdicts, "the files' verdicts", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&readers, (size_t)threads, sizeof *readers, "readers", error);
+    for (int t = 0; status == KILN_OK && t < threads; t++)
+        status = kiln_reader_create(&readers[t], 1, error);
     struct verdict *v = *verdicts;
-#pragma omp parallel for schedule(dynamic, 1)
+#pragma omp parallel for schedule(dynamic, 1) if (status == KILN_OK)
     for (size_t i = 0; i < m->count; i++)
-        check_file(&m->files[i], directory, &v[i]);
-    return KILN_OK;
+        if (status == KILN_OK)
+            check_file(results, &m->files[i], readers[omp_get_thread_num()], &v[i]);
+    for (int t = 0; readers != NULL && t < threads; t++)
+        kiln_reader_destroy(&readers[t]);
+    kiln_free(&readers);
+    return status;
 }
 
 static int print_json(struct kiln_job *job, const struct kiln_manifest *m, const struct verdict *v, size_t bad, uint64_t bytes, struct kiln_error *error)
@@ -82,17 +87,17 @@ static int conclude(struct kiln_job *job, const struct kiln_manifest *m, const s
 
 int kiln_command_verify(struct kiln_job *job, struct kiln_error *error)
 {
-    struct kiln_manifest *manifest = NULL;
+    struct kiln_results *results = NULL;
     struct verdict *verdicts = NULL;
     const char *directory = job->arguments[0];
-    int status = kiln_manifest_read(&manifest, directory, error);
-    if (status == KILN_NO_INPUT)
+    int status = kiln_results_open(&results, directory, error);
+    if (status == KILN_NO_INPUT || (status == KILN_OK && kiln_results_manifest(results) == NULL))
         status = kiln_fail(error, KILN_NO_INPUT, "%.500s has no manifest: the bake in it is not finished (kiln status says where it is)", directory);
     if (status == KILN_OK)
-        status = check_all(manifest, directory, &verdicts, error);
+        status = check_all(results, &verdicts, error);
     if (status == KILN_OK)
-        status = conclude(job, manifest, verdicts, error);
+        status = conclude(job, kiln_results_manifest(results), verdicts, error);
     kiln_free(&verdicts);
-    kiln_manifest_destroy(&manifest);
+    kiln_results_close(&results);
     return status;
 }

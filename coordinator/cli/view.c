@@ -18,6 +18,7 @@
 #include "coordinator/output/units.h"
 
 struct view {
+    struct kiln_results *results;
     struct kiln_scene *scene;
     struct kiln_geometry *geometry;
     struct kiln_lights *lights;
@@ -27,10 +28,9 @@ struct view {
 
 static int open_scene(struct view *v, const struct kiln_job *job, const char *directory, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE];
-    int status = kiln_path_join(path, directory, "scene.kscene", error);
+    int status = kiln_results_open(&v->results, directory, error);
     if (status == KILN_OK)
-        status = kiln_scene_open(&v->scene, path, error);
+        status = kiln_results_scene(v->results, &v->scene, error);
     if (status == KILN_OK)
         status = kiln_geometry_create(&v->geometry, v->scene, error);
     if (status == KILN_OK)
@@ -57,7 +57,7 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
 {
     double from[3], to[3];
     struct kiln_view_wish wish = {.camera = job->camera, .field_of_view = job->field_of_view, .width = job->width, .height = job->height};
-    const struct kiln_view_source source = {.directory = directory, .scene = v->scene, .geometry = v->geometry, .lights = v->lights,
+    const struct kiln_view_source source = {.directory = directory, .results = v->results, .scene = v->scene, .geometry = v->geometry, .lights = v->lights,
                                             .backend = v->backend, .texels = job->show_texels};
     int status = KILN_OK;
     if (job->from != NULL && (status = read_point("from", job->from, from, error)) == KILN_OK)
@@ -71,7 +71,7 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
 static const char *const approximations[] = {"", "metals: base colour x irradiance / pi", "backs: the front's irradiance",
                                              "metals: base colour x irradiance / pi; backs: the front's irradiance"};
 
-static int write_picture(const struct view *v, const struct kiln_job *job, const char *directory, const char *path, struct kiln_error *error)
+static int write_picture(const struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
 {
     const char *dot = strrchr(path, '.');
     char viewpoint[KILN_VIEWPOINT_TEXT];
@@ -81,7 +81,7 @@ static int write_picture(const struct view *v, const struct kiln_job *job, const
     kiln_viewpoint_text(&v->picture.viewpoint, viewpoint);
     const struct kiln_exr_attribute attributes[] = {{.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
                                                     {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = job->show_texels ? "a checkerboard of texels" : "radiance"},
-                                                    {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = kiln_units_of_bake(directory)->radiance},
+                                                    {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = kiln_units_of_bake(v->results)->radiance},
                                                     {.name = "kiln:viewpoint", .kind = KILN_EXR_STRING, .text = viewpoint},
                                                     {.name = "kiln:approximate", .kind = KILN_EXR_STRING, .text = approximate}};
     const size_t count = sizeof attributes / sizeof *attributes - (approximate[0] != '\0' ? 0 : 1);
@@ -137,7 +137,7 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
     if (status == KILN_OK)
         status = render(&v, job, directory, error);
     if (status == KILN_OK)
-        status = write_picture(&v, job, directory, path, error);
+        status = write_picture(&v, job, path, error);
     if (status == KILN_OK)
         status = tell(job, &v, path, error);
     kiln_image_destroy(&v.picture.image);
@@ -145,5 +145,6 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
     kiln_lights_destroy(&v.lights);
     kiln_geometry_destroy(&v.geometry);
     kiln_scene_close(&v.scene);
+    kiln_results_close(&v.results);
     return status;
 }

@@ -10,7 +10,7 @@
 
 #include "coordinator/export/glb_build.h"
 #include "coordinator/import/confine.h"
-#include "coordinator/import/confined.h"
+#include "coordinator/confined/confined.h"
 #include "worker/scene/scene.h"
 
 enum { KILN_EXPORT_CHILD_ARGUMENTS = 5 };

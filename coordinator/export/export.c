@@ -10,7 +10,7 @@
 #include <unistd.h>
 
 #include "coordinator/export/child.h"
-#include "coordinator/import/confined.h"
+#include "coordinator/confined/confined.h"
 #include "coordinator/output/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"

@@ -4,7 +4,6 @@
 #include <string.h>
 
 #include "coordinator/export/atlas.h"
-#include "coordinator/output/exr.h"
 #include "coordinator/output/map.h"
 #include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
@@ -25,14 +24,12 @@ static const char *keep_name(struct kiln_pages *pages, const char *name, const c
 static int read_lightmap(const struct kiln_pages_params *p, size_t object, bool back, const char *const *wanted, size_t count,
                          struct kiln_image **image, struct kiln_error *error)
 {
-    char name[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
+    char name[KILN_PATH_SIZE];
     const struct kiln_object *o = &p->scene->objects[object];
     (void)snprintf(name, sizeof name, "lightmaps/%s%s.exr", back ? "back/" : "", kiln_scene_string(p->scene, o->name));
-    int status = kiln_path_join(path, p->directory, name, error);
-    if (status == KILN_OK)
-        status = kiln_exr_read(path, wanted, count, image, error);
+    int status = kiln_results_image(p->results, name, wanted, count, image, error);
     if (status == KILN_OK && ((*image)->width != o->lightmap_width || (*image)->height != o->lightmap_height))
-        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s has %u x %u texels where the scene says %u x %u; bake again", path, (*image)->width,
+        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s has %u x %u texels where the scene says %u x %u; bake again", name, (*image)->width,
                            (*image)->height, o->lightmap_width, o->lightmap_height);
     return status;
 }

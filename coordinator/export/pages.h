@@ -10,9 +10,11 @@
 
 #include "coordinator/export/export.h"
 #include "coordinator/export/page_format.h"
+#include "coordinator/output/read/results.h"
 
 struct kiln_pages_params {
-    const char *directory; /* of the bake */
+    const char *directory;        /* of the bake */
+    struct kiln_results *results; /* the same */
     const char *folder;    /* where the .glb goes: pages are written to its subfolder "lightmaps" */
     const struct kiln_scene *scene;
     const uint8_t *has_back; /* an object: the bake has a lightmap of its backs; NULL: of none */

@@ -14,7 +14,7 @@
 #include <unistd.h>
 
 #include "coordinator/cli/commands.h"
-#include "coordinator/import/confined.h"
+#include "coordinator/confined/confined.h"
 #include "coordinator/import/read.h"
 #include "coordinator/layout/layout.h"
 #include "worker/base/memory.h"

@@ -12,7 +12,7 @@
 #include <xxhash.h>
 
 #include "coordinator/import/child.h"
-#include "coordinator/import/confined.h"
+#include "coordinator/confined/confined.h"
 #include "coordinator/import/read.h"
 #include "coordinator/output/publish.h"
 #include "worker/base/calls.h"

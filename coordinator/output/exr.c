@@ -1,5 +1,7 @@
 #include "coordinator/output/exr_private.h"
 
+#include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <omp.h>
 #include <string.h>
@@ -278,16 +280,63 @@ static bool is_wanted(const char *name, const char *const *wanted, size_t count)
     return wanted == NULL;
 }
 
-/* Deflate packs at most about 1030 : 1, so a header that promises more than that lies. */
-static int check_size(const char *path, uint64_t width, uint64_t height, uint64_t bytes_per_pixel, struct kiln_error *error)
+/* The file that is read: by its descriptor alone. */
+struct input_stream {
+    int descriptor;
+    const char *path; /* for sentences */
+    int64_t bytes;
+};
+
+static int64_t input_size(exr_const_context_t context, void *user)
 {
-    struct stat found;
-    if (stat(path, &found) != 0)
-        return kiln_fail_errno(error, 0, "'%s' cannot be examined", path);
-    const uint64_t possible = (uint64_t)found.st_size * 1100u + 4096u;
+    (void)context;
+    return ((const struct input_stream *)user)->bytes;
+}
+
+/* As many bytes as there are: the library asks for more at times. */
+static int64_t read_stream(exr_const_context_t context, void *user, void *buffer, uint64_t size, uint64_t offset, exr_stream_error_func_ptr_t report)
+{
+    const struct input_stream *stream = user;
+    uint64_t done = 0;
+    (void)context;
+    (void)report;
+    if (offset > INT64_MAX || size > INT64_MAX - offset)
+        return -1;
+    while (done < size) {
+        const ssize_t got = pread(stream->descriptor, (char *)buffer + done, size - done, (off_t)(offset + done));
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got < 0)
+            return -1;
+        if (got == 0)
+            break;
+        done += (uint64_t)got;
+    }
+    return (int64_t)done;
+}
+
+/* What the first eight bytes say, before the library reads on: one part of scanlines. */
+static int check_kind(const struct input_stream *stream, struct kiln_error *error)
+{
+    enum { SCANLINES = 2, LONG_NAMES = 0x400 };
+    static const uint8_t magic[4] = {0x76, 0x2f, 0x31, 0x01};
+    uint8_t start[8] = {0};
+    if (read_stream(NULL, (void *)(uintptr_t)stream, start, sizeof start, 0, NULL) != (int64_t)sizeof start || memcmp(start, magic, sizeof magic) != 0)
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' cannot be read as OpenEXR: its first bytes are not those of one", stream->path);
+    const unsigned version = (unsigned)start[4] | (unsigned)start[5] << 8 | (unsigned)start[6] << 16 | (unsigned)start[7] << 24;
+    if ((version & ~(unsigned)LONG_NAMES) != SCANLINES)
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is an OpenEXR file in tiles, of several parts or deep: only plain ones of scanlines are read here",
+                         stream->path);
+    return KILN_OK;
+}
+
+/* Deflate packs at most about 1030 : 1, so a header that promises more than that lies. */
+static int check_size(const struct input_stream *stream, uint64_t width, uint64_t height, uint64_t bytes_per_pixel, struct kiln_error *error)
+{
+    const uint64_t possible = (uint64_t)stream->bytes * 1100u + 4096u;
     if (width == 0 || height == 0 || width > possible / height || bytes_per_pixel > possible / (width * height))
         return kiln_fail(error, KILN_BAD_INPUT, "'%s' claims %llu x %llu pixels, more than its %lld bytes can hold: it is damaged",
-                         path, (unsigned long long)width, (unsigned long long)height, (long long)found.st_size);
+                         stream->path, (unsigned long long)width, (unsigned long long)height, (long long)stream->bytes);
     return KILN_OK;
 }
 
@@ -385,9 +434,10 @@ exr_result_t exr_read_chunks(exr_const_context_t file, int32_t top, const struct
     return failure;
 }
 
-static int read_part(exr_const_context_t file, const char *path, const char *const *wanted, size_t wanted_count,
+static int read_part(exr_const_context_t file, const struct input_stream *stream, const char *const *wanted, size_t wanted_count,
                      struct kiln_image **image, struct kiln_error *error)
 {
+    const char *path = stream->path;
     exr_storage_t storage;
     exr_attr_box2i_t window;
     exr_result_t code = exr_get_storage(file, 0, &storage);
@@ -405,7 +455,7 @@ static int read_part(exr_const_context_t file, const char *path, const char *con
                      ? kiln_fail(error, KILN_BAD_INPUT, "'%s' has a data window without pixels or too wide", path)
                      : list_channels(file, path, wanted, wanted_count, &names, &count, &bytes_per_pixel, error);
     if (status == KILN_OK)
-        status = check_size(path, (uint64_t)width, (uint64_t)height, bytes_per_pixel, error);
+        status = check_size(stream, (uint64_t)width, (uint64_t)height, bytes_per_pixel, error);
     if (status == KILN_OK)
         status = kiln_image_create(image, (uint32_t)width, (uint32_t)height, names, count, error);
     if (status == KILN_OK)
@@ -418,20 +468,40 @@ static int read_part(exr_const_context_t file, const char *path, const char *con
     return status;
 }
 
-int kiln_exr_read(const char *path, const char *const *wanted, size_t wanted_count, struct kiln_image **image,
-                  struct kiln_error *error)
+int kiln_exr_read_open(int descriptor, const char *path, const char *const *wanted, size_t wanted_count, struct kiln_image **image,
+                       struct kiln_error *error)
 {
+    struct stat found;
     *image = NULL;
-    if (access(path, R_OK) != 0)
-        return kiln_fail_errno(error, 0, "'%s' cannot be opened", path);
+    if (fstat(descriptor, &found) != 0 || !S_ISREG(found.st_mode))
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a plain file", path);
+    struct input_stream stream = {descriptor, path, (int64_t)found.st_size};
+    int status = check_kind(&stream, error);
+    if (status != KILN_OK)
+        return status;
     exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
     setup.error_handler_fn = exr_stay_silent;
+    setup.user_data = &stream;
+    setup.read_fn = read_stream;
+    setup.size_fn = input_size;
     setup.flags = EXR_CONTEXT_FLAG_DISABLE_CHUNK_RECONSTRUCTION;
     exr_context_t file = NULL;
     const exr_result_t code = exr_start_read(&file, path, &setup);
     if (code != EXR_ERR_SUCCESS)
         return exr_failed(KILN_BAD_INPUT, path, "read", code, error);
-    const int status = read_part(file, path, wanted, wanted_count, image, error);
+    status = read_part(file, &stream, wanted, wanted_count, image, error);
     (void)exr_finish(&file);
+    return status;
+}
+
+int kiln_exr_read(const char *path, const char *const *wanted, size_t wanted_count, struct kiln_image **image,
+                  struct kiln_error *error)
+{
+    *image = NULL;
+    const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0); /* a pipe in the place of a file must not hang us */
+    if (descriptor < 0)
+        return kiln_fail_errno(error, 0, "'%s' cannot be opened", path);
+    const int status = kiln_exr_read_open(descriptor, path, wanted, wanted_count, image, error);
+    (void)close(descriptor);
     return status;
 }

@@ -26,10 +26,13 @@ int kiln_exr_write_below(const char *directory, const char *name, const struct k
 int kiln_exr_write(const char *path, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
                    size_t attribute_count, struct kiln_error *error);
 
-/* Reads the first part of a scanline file: the channels named in `wanted` that it has (all half and float channels when
- * `wanted` is NULL). Sizes that the file's own length cannot hold are refused before anything is allocated. Tiled, deep and
- * subsampled files are refused with KILN_BAD_INPUT. */
+/* Reads a scanline file: the channels named in `wanted` that it has (all half and float channels when `wanted` is NULL). Sizes that the file's
+ * own length cannot hold are refused before anything is allocated. Tiled, deep and subsampled files, those of several parts and what is no
+ * plain file are refused with KILN_BAD_INPUT. Files that somebody else may have written are read in a confined child (read/reader.h). */
 int kiln_exr_read(const char *path, const char *const *wanted, size_t wanted_count, struct kiln_image **image,
                   struct kiln_error *error);
+/* The same of an open file; `path` is for sentences. */
+int kiln_exr_read_open(int descriptor, const char *path, const char *const *wanted, size_t wanted_count, struct kiln_image **image,
+                       struct kiln_error *error);
 
 #endif

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <stb_image_write.h>
 #include <zlib.h>
 
@@ -51,6 +52,21 @@ int kiln_image_fill(struct kiln_image *image, struct kiln_error *error)
     return status;
 }
 
+int kiln_image_share(struct kiln_image *image, int memory, struct kiln_error *error)
+{
+    const size_t values = (size_t)image->width * image->height, bytes = values * image->channel_count * sizeof(float);
+    if (bytes == 0)
+        return KILN_OK;
+    void *map = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE, memory, 0);
+    if (map == MAP_FAILED)
+        return kiln_fail_errno(error, KILN_SYSTEM, "the %zu bytes of an image cannot be mapped", bytes);
+    image->shared = map;
+    image->shared_bytes = bytes;
+    for (size_t i = 0; i < image->channel_count; i++)
+        image->channels[i].values = (float *)map + i * values;
+    return KILN_OK;
+}
+
 int kiln_image_create(struct kiln_image **image, uint32_t width, uint32_t height, const char *const *names, size_t count,
                       struct kiln_error *error)
 {
@@ -66,7 +82,9 @@ void kiln_image_destroy(struct kiln_image **image)
 {
     if (*image == NULL)
         return;
-    if ((*image)->channels != NULL)
+    if ((*image)->shared != NULL)
+        (void)munmap((*image)->shared, (*image)->shared_bytes);
+    else if ((*image)->channels != NULL)
         for (size_t i = 0; i < (*image)->channel_count; i++)
             kiln_free(&(*image)->channels[i].values);
     kiln_free(&(*image)->channels);

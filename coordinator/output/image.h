@@ -21,6 +21,8 @@ struct kiln_image {
     uint32_t width, height;
     size_t channel_count;
     struct kiln_image_channel *channels;
+    void *shared; /* where all values lie when kiln_image_share has put them there; else NULL */
+    size_t shared_bytes;
 };
 
 /* Makes an image with these channels, all zero. Names must be unique and shorter than KILN_CHANNEL_NAME_SIZE. */
@@ -30,6 +32,9 @@ int kiln_image_create(struct kiln_image **image, uint32_t width, uint32_t height
 int kiln_image_create_empty(struct kiln_image **image, uint32_t width, uint32_t height, const char *const *names, size_t count,
                             struct kiln_error *error);
 int kiln_image_fill(struct kiln_image *image, struct kiln_error *error);
+/* Lets an image without values have those in a file in memory, which is as long as they are: channel after channel. The descriptor is
+ * borrowed. */
+int kiln_image_share(struct kiln_image *image, int memory, struct kiln_error *error);
 void kiln_image_destroy(struct kiln_image **image);
 
 /* The channel of that name or NULL. */

@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <jansson.h>
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,10 +13,11 @@
 
 #include "coordinator/cli/agree.h"
 #include "coordinator/output/publish.h"
+#include "coordinator/output/read/json_text.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
-enum { READ_BYTES = 1 << 20, MANIFEST_MOST = 1 << 30 };
+enum { READ_BYTES = 1 << 20 };
 static const char NAME[] = "manifest";
 
 /* ---- one file ---- */
@@ -35,17 +37,11 @@ static int read_whole(int descriptor, const char *path, XXH3_state_t *state, cha
     }
 }
 
-static int hash_file(const char *directory, const char *name, uint64_t *bytes, XXH128_hash_t *hash, struct kiln_error *error)
+static int hash_open(int descriptor, const char *path, uint64_t *bytes, XXH128_hash_t *hash, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE];
-    int descriptor = -1;
     char *buffer = NULL;
     XXH3_state_t *state = XXH3_createState();
-    int status = kiln_path_join(path, directory, name, error);
-    if (status == KILN_OK && state == NULL)
-        status = kiln_fail(error, KILN_SYSTEM, "out of memory: the hash of '%s'", path);
-    if (status == KILN_OK && kiln_open_below(directory, name, O_RDONLY, 0, &descriptor, error) != KILN_OK)
-        status = KILN_IO;
+    int status = state == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: the hash of '%s'", path) : KILN_OK;
     if (status == KILN_OK)
         status = kiln_allocate(&buffer, READ_BYTES, 1, "a file's bytes", error);
     if (status == KILN_OK) {
@@ -54,30 +50,58 @@ static int hash_file(const char *directory, const char *name, uint64_t *bytes, X
     }
     if (status == KILN_OK)
         *hash = XXH3_128bits_digest(state);
-    if (descriptor >= 0)
-        (void)close(descriptor);
     (void)XXH3_freeState(state);
     kiln_free(&buffer);
     return status;
 }
 
-int kiln_manifest_check(const struct kiln_manifest_file *file, const char *directory, struct kiln_error *error)
+static int hash_file(const char *directory, const char *name, uint64_t *bytes, XXH128_hash_t *hash, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE], text[KILN_HASH_TEXT];
-    uint64_t bytes = 0;
-    XXH128_hash_t hash;
-    int status = kiln_path_join(path, directory, file->path, error);
+    char path[KILN_PATH_SIZE];
+    int descriptor = -1;
+    int status = kiln_path_join(path, directory, name, error);
+    if (status == KILN_OK && kiln_open_below(directory, name, O_RDONLY, 0, &descriptor, error) != KILN_OK)
+        status = KILN_IO;
     if (status == KILN_OK)
-        status = hash_file(directory, file->path, &bytes, &hash, error);
-    if (status != KILN_OK)
-        return KILN_BAD_INPUT;
-    kiln_hash_text(hash.high64, hash.low64, text);
-    if (bytes != file->bytes)
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' has %llu bytes and was written with %llu", path, (unsigned long long)bytes,
+        status = hash_open(descriptor, path, bytes, hash, error);
+    if (descriptor >= 0)
+        (void)close(descriptor);
+    return status;
+}
+
+int kiln_manifest_compare(const struct kiln_manifest_file *file, int descriptor, const char *path, struct kiln_error *error)
+{
+    struct stat found;
+    char text[KILN_HASH_TEXT];
+    uint64_t bytes = 0;
+    XXH128_hash_t hash = {0};
+    if (fstat(descriptor, &found) != 0)
+        return kiln_fail_errno(error, KILN_BAD_INPUT, "'%s' cannot be examined", path);
+    if ((uint64_t)found.st_size != file->bytes) /* before it is read: it may be far longer */
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' has %llu bytes and was written with %llu", path, (unsigned long long)found.st_size,
                          (unsigned long long)file->bytes);
+    const int status = hash_open(descriptor, path, &bytes, &hash, error);
+    if (status != KILN_OK)
+        return status == KILN_SYSTEM ? status : KILN_BAD_INPUT;
+    (void)lseek(descriptor, 0, SEEK_SET);
+    kiln_hash_text(hash.high64, hash.low64, text);
     if (strcmp(text, file->hash) != 0)
         return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not as it was written: its hash is %s and was %s", path, text, file->hash);
     return KILN_OK;
+}
+
+int kiln_manifest_check(const struct kiln_manifest_file *file, const char *directory, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    int descriptor = -1;
+    int status = kiln_path_join(path, directory, file->path, error);
+    if (status == KILN_OK)
+        status = kiln_open_below(directory, file->path, O_RDONLY, 0, &descriptor, error);
+    if (status == KILN_OK)
+        status = kiln_manifest_compare(file, descriptor, path, error);
+    if (descriptor >= 0)
+        (void)close(descriptor);
+    return status == KILN_OK ? KILN_OK : KILN_BAD_INPUT;
 }
 
 /* ---- writing ---- */
@@ -286,17 +310,27 @@ int kiln_manifest_look(const char *directory, const struct kiln_scene *scene, co
 
 /* ---- reading ---- */
 
-/* A path that stays within the folder. */
+/* A path that stays within the folder, of names that a file system takes. */
 static bool is_inside(const char *path)
 {
-    return path[0] != '\0' && path[0] != '/' && strncmp(path, "../", 3) != 0 && strstr(path, "/../") == NULL && strcmp(path, "..") != 0;
+    const size_t length = strlen(path);
+    if (length == 0 || length >= KILN_PATH_SIZE || path[0] == '/')
+        return false;
+    for (const char *at = path; at != NULL; at = strchr(at, '/'), at = at == NULL ? NULL : at + 1) {
+        const size_t step = strcspn(at, "/");
+        if (step == 0 || step > NAME_MAX || (step <= 2 && strncmp(at, "..", step) == 0))
+            return false;
+    }
+    return true;
 }
+
+static bool is_hash(const char *text) { return strlen(text) == KILN_HASH_TEXT - 1 && strspn(text, "0123456789abcdef") == KILN_HASH_TEXT - 1; }
 
 static int take_file(struct kiln_manifest *m, const json_t *entry, const char *manifest_path, struct kiln_error *error)
 {
     const char *path = json_string_value(json_object_get(entry, "path")), *hash = json_string_value(json_object_get(entry, "xxh3_128"));
     const json_t *bytes = json_object_get(entry, "bytes");
-    if (path == NULL || hash == NULL || strlen(hash) != KILN_HASH_TEXT - 1 || !json_is_integer(bytes) || !is_inside(path))
+    if (path == NULL || hash == NULL || !is_hash(hash) || !json_is_integer(bytes) || json_integer_value(bytes) < 0 || !is_inside(path))
         return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: entry %zu of its files is not whole", manifest_path, m->count);
     struct kiln_manifest_file *file = &m->files[m->count];
     const int status = name_file(m, "", path, "", error);
@@ -315,19 +349,21 @@ static int take_files(struct kiln_manifest *m, const json_t *json, const char *p
     int status = kiln_allocate(&m->files, json_array_size(files), sizeof *m->files, "the manifest", error);
     for (size_t i = 0; status == KILN_OK && i < json_array_size(files); i++)
         status = take_file(m, json_array_get(files, i), path, error);
-    return status;
+    if (status != KILN_OK)
+        return status;
+    qsort(m->files, m->count, sizeof *m->files, compare_paths);
+    for (size_t i = 1; i < m->count; i++) /* else one file could be read as often as it is listed */
+        if (strcmp(m->files[i - 1].path, m->files[i].path) == 0)
+            return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: it lists %.200s twice", path, m->files[i].path);
+    return KILN_OK;
 }
 
-int kiln_manifest_read(struct kiln_manifest **manifest, const char *directory, struct kiln_error *error)
+int kiln_manifest_parse(struct kiln_manifest **manifest, const char *path, const char *text, size_t size, struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE], *text = NULL;
-    size_t size = 0;
-    json_t *json = NULL;
     *manifest = NULL;
-    int status = kiln_path_join(path, directory, NAME, error);
-    if (status == KILN_OK)
-        status = kiln_read_file(path, MANIFEST_MOST, &text, &size, error);
-    if (status == KILN_OK && (json = kiln_unseal(text, size)) == NULL)
+    json_t *json = kiln_unseal(text, size);
+    int status = KILN_OK;
+    if (json == NULL)
         status = kiln_fail(error, KILN_BAD_INPUT, "'%s' is not as it was written: it does not end with its own hash; the results cannot be checked, bake again", path);
     if (status == KILN_OK)
         status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
@@ -336,6 +372,19 @@ int kiln_manifest_read(struct kiln_manifest **manifest, const char *directory, s
     if (status != KILN_OK)
         kiln_manifest_destroy(manifest);
     json_decref(json);
+    return status;
+}
+
+int kiln_manifest_read(struct kiln_manifest **manifest, const char *directory, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE], *text = NULL;
+    size_t size = 0;
+    *manifest = NULL;
+    int status = kiln_path_join(path, directory, NAME, error);
+    if (status == KILN_OK)
+        status = kiln_read_file(path, KILN_JSON_BYTES_MOST, &text, &size, error);
+    if (status == KILN_OK)
+        status = kiln_manifest_parse(manifest, path, text, size, error);
     kiln_free(&text);
     return status;
 }

@@ -21,7 +21,7 @@ struct kiln_manifest_file {
 };
 
 struct kiln_manifest {
-    struct kiln_manifest_file *files;
+    struct kiln_manifest_file *files; /* as read: in the order of paths, each once, all below the folder */
     size_t count;
 };
 
@@ -59,11 +59,16 @@ int kiln_manifest_look(const char *directory, const struct kiln_scene *scene, co
 
 /* KILN_NO_INPUT without one, KILN_BAD_INPUT when it is damaged. Destroy with kiln_manifest_destroy. Not collective. */
 int kiln_manifest_read(struct kiln_manifest **manifest, const char *directory, struct kiln_error *error);
+/* The same from the text of the file called `path`. */
+int kiln_manifest_parse(struct kiln_manifest **manifest, const char *path, const char *text, size_t size, struct kiln_error *error);
 void kiln_manifest_destroy(struct kiln_manifest **manifest);
 
 /* Reads the whole file and compares size and hash. KILN_BAD_INPUT with a sentence that names the file when they differ or it is
  * gone. Thread-safe. */
 int kiln_manifest_check(const struct kiln_manifest_file *file, const char *directory, struct kiln_error *error);
+
+/* The same of a file that is open, from its beginning on, where the descriptor stands again afterwards; `path` is for sentences. */
+int kiln_manifest_compare(const struct kiln_manifest_file *file, int descriptor, const char *path, struct kiln_error *error);
 
 /* Whether a bake has been at work in this folder: it has run.json, a manifest, a scene file or a checkpoint. Not collective. */
 bool kiln_folder_of_bake(const char *directory);

@@ -41,12 +41,19 @@ void kiln_page_free(struct kiln_page *page) { kiln_free(&page->text); }
 
 void kiln_page_text(struct kiln_page *page, const char *text)
 {
-    for (; *text != '\0'; text++) {
-        const char *escaped = *text == '<' ? "&lt;" : *text == '>' ? "&gt;" : *text == '&' ? "&amp;" : *text == '"' ? "&quot;" : NULL;
-        if (escaped != NULL)
-            kiln_page_add(page, "%s", escaped);
-        else
-            kiln_page_add(page, "%c", *text);
+    while (*text != '\0') {
+        const size_t plain = strcspn(text, "<>&\"");
+        char *at = room(page, plain);
+        if (at == NULL)
+            return;
+        memcpy(at, text, plain);
+        at[plain] = '\0';
+        page->size += plain;
+        text += plain;
+        if (*text != '\0') {
+            kiln_page_add(page, "%s", *text == '<' ? "&lt;" : *text == '>' ? "&gt;" : *text == '&' ? "&amp;" : "&quot;");
+            text++;
+        }
     }
 }
 
@@ -99,8 +106,10 @@ void kiln_page_bars(struct kiln_page *page, const char *unit, const double *valu
     const double step = count > 0 ? (width - left) / (double)count : width;
     const size_t every = count > 32 ? count / 16 : 1; /* names that do not run into each other */
     kiln_page_add(page, "<svg viewBox=\"0 0 %.0f %.0f\" width=\"%.0f\" role=\"img\">", width, height + 30.0, width);
-    kiln_page_add(page, "<text x=\"%.0f\" y=\"12\" text-anchor=\"end\">%.4g</text><text x=\"%.0f\" y=\"26\" text-anchor=\"end\">%s</text>",
-                  left - 6.0, largest, left - 6.0, unit);
+    kiln_page_add(page, "<text x=\"%.0f\" y=\"12\" text-anchor=\"end\">%.4g</text><text x=\"%.0f\" y=\"26\" text-anchor=\"end\">",
+                  left - 6.0, largest, left - 6.0);
+    kiln_page_text(page, unit);
+    kiln_page_add(page, "</text>");
     kiln_page_add(page, "<text x=\"%.0f\" y=\"%.0f\" text-anchor=\"end\">%.3g</text>", left - 6.0, height, logarithmic ? largest * 1e-6 : 0.0);
     kiln_page_add(page, "<line x1=\"%.0f\" y1=\"%.0f\" x2=\"%.0f\" y2=\"%.0f\"/>", left, height, width, height);
     for (size_t i = 0; i < count; i++) {
@@ -110,7 +119,9 @@ void kiln_page_bars(struct kiln_page *page, const char *unit, const double *valu
             kiln_page_text(page, names[i]);
         else
             kiln_page_add(page, "%d", number_from + (int)i);
-        kiln_page_add(page, ": %.6g %s</title></rect>", values[i], unit);
+        kiln_page_add(page, ": %.6g ", values[i]);
+        kiln_page_text(page, unit);
+        kiln_page_add(page, "</title></rect>");
         if (i % every != 0)
             continue;
         kiln_page_add(page, "<text x=\"%.2f\" y=\"%.0f\" text-anchor=\"middle\">", x + 0.5 * step, height + 16.0);

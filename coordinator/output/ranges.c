@@ -4,8 +4,12 @@
 #include <jansson.h>
 #include <math.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "coordinator/output/exr.h"
+#include "coordinator/output/read/h5_file.h"
+#include "coordinator/output/read/json_text.h"
+#include "coordinator/output/read/results.h"
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
@@ -46,10 +50,10 @@ static int check_channel(const char *path, const struct kiln_image *image, const
     return KILN_OK;
 }
 
-static int check_exr(const char *path, struct kiln_error *error)
+static int check_exr(int descriptor, const char *path, struct kiln_error *error)
 {
     struct kiln_image *image = NULL;
-    int status = kiln_exr_read(path, NULL, 0, &image, error);
+    int status = kiln_exr_read_open(descriptor, path, NULL, 0, &image, error);
     for (size_t c = 0; status == KILN_OK && c < image->channel_count; c++)
         status = check_channel(path, image, &image->channels[c], error);
     kiln_image_destroy(&image);
@@ -63,7 +67,6 @@ enum { BLOCK_VALUES = 1 << 20, DIMENSIONS_MOST = 8 };
 struct h5_check {
     const char *path;
     double *values; /* BLOCK_VALUES */
-    int status;
     struct kiln_error *error;
 };
 
@@ -104,79 +107,92 @@ static int check_rows(const struct h5_check *check, const char *name, hid_t data
     return status;
 }
 
-/* H5Ovisit: 1 ends it. */
-static herr_t visit(hid_t file, const char *name, const H5O_info_t *info, void *context)
+static int check_dataset(void *context, const char *name, hid_t dataset)
 {
-    struct h5_check *check = context;
-    char full[512];
-    if (info->type != H5O_TYPE_DATASET)
-        return 0;
-    (void)snprintf(full, sizeof full, "/%s", name);
-    const hid_t dataset = H5Dopen2(file, name, H5P_DEFAULT), type = dataset >= 0 ? H5Dget_type(dataset) : -1;
-    const hid_t space = dataset >= 0 ? H5Dget_space(dataset) : -1;
+    const struct h5_check *check = context;
+    const hid_t type = H5Dget_type(dataset), space = H5Dget_space(dataset);
+    int status = KILN_OK;
     if (type < 0 || space < 0)
-        check->status = kiln_fail(check->error, KILN_BAD_INPUT, "'%s': %s cannot be opened", check->path, full);
+        status = kiln_fail(check->error, KILN_BAD_INPUT, "'%s': %s cannot be opened", check->path, name);
     else if (H5Tget_class(type) == H5T_FLOAT)
-        check->status = check_rows(check, full, dataset, space);
+        status = check_rows(check, name, dataset, space);
     if (space >= 0)
         (void)H5Sclose(space);
     if (type >= 0)
         (void)H5Tclose(type);
-    if (dataset >= 0)
-        (void)H5Dclose(dataset);
-    return check->status != KILN_OK;
+    return status;
 }
 
-static int check_h5(const char *path, struct kiln_error *error)
+static int check_h5(int descriptor, const char *path, struct kiln_error *error)
 {
     struct h5_check check = {.path = path, .error = error};
-    H5E_auto2_t print;
-    void *print_data;
-    (void)H5Eget_auto2(H5E_DEFAULT, &print, &print_data);
-    (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
-    check.status = kiln_allocate(&check.values, BLOCK_VALUES, sizeof *check.values, "values to check", error);
-    const hid_t file = check.status == KILN_OK ? H5Fopen(path, H5F_ACC_RDONLY, H5P_DEFAULT) : -1;
-    if (check.status == KILN_OK && file < 0)
-        check.status = kiln_fail(error, KILN_BAD_INPUT, "'%s' cannot be opened as HDF5", path);
-    if (file >= 0) {
-        if (H5Ovisit(file, H5_INDEX_NAME, H5_ITER_INC, visit, &check) < 0 && check.status == KILN_OK)
-            check.status = kiln_fail(error, KILN_BAD_INPUT, "'%s' cannot be read as HDF5", path);
-        (void)H5Fclose(file);
-    }
-    (void)H5Eset_auto2(H5E_DEFAULT, print, print_data);
+    struct kiln_h5_file *file = NULL;
+    int status = kiln_allocate(&check.values, BLOCK_VALUES, sizeof *check.values, "values to check", error);
+    if (status == KILN_OK)
+        status = kiln_h5_file_open(&file, descriptor, path, error);
+    if (status == KILN_OK)
+        status = kiln_h5_file_visit(file, check_dataset, &check, error);
+    kiln_h5_file_close(&file);
     kiln_free(&check.values);
-    return check.status;
+    return status;
 }
 
 /* ---- others ---- */
 
-static int check_json(const char *path, struct kiln_error *error)
+static int check_json(int descriptor, const char *path, struct kiln_error *error)
 {
-    json_error_t where;
-    json_t *json = json_load_file(path, 0, &where);
-    if (json == NULL)
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not JSON: line %d: %s", path, where.line, where.text);
+    char *text = NULL;
+    size_t size = 0;
+    int status = kiln_read_open(descriptor, path, KILN_JSON_BYTES_MOST, &text, &size, error);
+    json_t *json = status == KILN_OK ? kiln_json_text(text, size, path, error) : NULL;
+    if (status == KILN_OK && json == NULL)
+        status = KILN_BAD_INPUT;
     json_decref(json);
-    return KILN_OK;
+    kiln_free(&text);
+    return status;
 }
 
-static int check_scene(const char *path, struct kiln_error *error)
+static int check_scene(int descriptor, const char *path, struct kiln_error *error)
 {
     struct kiln_scene *scene = NULL;
-    const int status = kiln_scene_open(&scene, path, error);
+    const int status = kiln_scene_open_descriptor(&scene, dup(descriptor), path, error);
     kiln_scene_close(&scene);
     return status;
 }
 
-int kiln_ranges_check(const char *path, struct kiln_error *error)
+/* ---- all ---- */
+
+static const struct kind {
+    const char *ending;
+    int (*check)(int descriptor, const char *path, struct kiln_error *error);
+} kinds[] = {{".exr", check_exr}, {".h5", check_h5}, {".hdf", check_h5}, {".json", check_json}, {".kscene", check_scene}};
+
+static const struct kind *kind_of(const char *path)
 {
-    static const struct {
-        const char *ending;
-        int (*check)(const char *path, struct kiln_error *error);
-    } kinds[] = {{".exr", check_exr}, {".h5", check_h5}, {".hdf", check_h5}, {".json", check_json}, {".kscene", check_scene}};
     const char *dot = strrchr(path, '.');
     for (size_t i = 0; dot != NULL && i < sizeof kinds / sizeof *kinds; i++)
         if (strcmp(dot, kinds[i].ending) == 0)
-            return kinds[i].check(path, error);
-    return KILN_OK;
+            return &kinds[i];
+    return NULL;
+}
+
+bool kiln_ranges_has(const char *path) { return kind_of(path) != NULL; }
+
+int kiln_ranges_check_open(int descriptor, const char *path, struct kiln_error *error)
+{
+    const struct kind *kind = kind_of(path);
+    return kind != NULL ? kind->check(descriptor, path, error) : KILN_OK;
+}
+
+int kiln_ranges_check(const char *path, struct kiln_error *error)
+{
+    int descriptor;
+    if (!kiln_ranges_has(path))
+        return KILN_OK;
+    int status = kiln_open_plain(path, &descriptor, error);
+    if (status != KILN_OK)
+        return status;
+    status = kiln_ranges_check_open(descriptor, path, error);
+    (void)close(descriptor);
+    return status;
 }

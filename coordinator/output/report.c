@@ -7,9 +7,9 @@
 
 #include <jansson.h>
 
-#include "coordinator/output/exr.h"
 #include "coordinator/output/page.h"
 #include "coordinator/output/publish.h"
+#include "coordinator/output/read/results.h"
 #include "worker/base/memory.h"
 
 enum { PICTURE_SIDE = 160, MOST_PICTURES = 200, MOST_BARS = 4096 };
@@ -22,7 +22,7 @@ static const char style[] = "body{font:15px/1.45 system-ui,sans-serif;margin:2em
                             "svg{max-width:100%}svg text{font-size:12px;fill:#444}svg rect{fill:#b5532a}svg line{stroke:#888}";
 
 struct report {
-    const char *directory;
+    struct kiln_results *results;
     const json_t *run;
     struct kiln_page page;
 };
@@ -80,6 +80,16 @@ static bool is_shown(const json_t *value)
     return !json_is_object(value) && !(json_is_array(value) && (json_array_size(value) > 4 || json_is_object(json_array_get(value, 0)))) && !says_nothing(value);
 }
 
+/* A field's name, with blanks for underscores. */
+static void add_words(struct kiln_page *page, const char *name)
+{
+    char words[128];
+    (void)snprintf(words, sizeof words, "%s", name);
+    for (char *c = words; *c != '\0'; c++)
+        *c = *c == '_' ? ' ' : *c;
+    kiln_page_text(page, words);
+}
+
 /* A heading (NULL: none) and a table of the fields of an object that say something, names with blanks for underscores. Nothing at all
  * when there are none. */
 static void add_object(struct kiln_page *page, const char *title, const json_t *object)
@@ -94,8 +104,7 @@ static void add_object(struct kiln_page *page, const char *title, const json_t *
             kiln_page_add(page, "<h2>%s</h2>\n", title);
         kiln_page_add(page, "%s<tr><td>", any ? "" : "<table>");
         any = true;
-        for (const char *c = name; *c != '\0'; c++)
-            kiln_page_text(page, (const char[]){*c == '_' ? ' ' : *c, '\0'});
+        add_words(page, name);
         kiln_page_add(page, "</td><td>");
         add_value(page, value);
         kiln_page_add(page, "</td></tr>\n");
@@ -142,14 +151,15 @@ static void add_caption(struct kiln_page *page, const json_t *object, const stru
         kiln_page_add(page, "<br>standard error %.2g %% of the mean", 100.0 * error);
 }
 
-static int add_lightmap(struct kiln_page *page, const char *path, const char *name, const json_t *object, struct kiln_error *error)
+static int add_lightmap(struct report *r, const char *file, const char *name, const json_t *object, struct kiln_error *error)
 {
     static const char *const wanted[] = {"R", "G", "B"};
+    struct kiln_page *page = &r->page;
     struct kiln_image *image = NULL, *small = NULL;
     uint8_t *bytes = NULL;
     char *png = NULL;
     size_t size = 0;
-    int status = kiln_exr_read(path, wanted, 3, &image, error);
+    int status = kiln_results_image(r->results, file, wanted, 3, &image, error);
     if (status == KILN_OK)
         status = shrink(image, &small, error);
     const struct kiln_exposure exposure = status == KILN_OK ? kiln_auto_exposure(small, NULL) : (struct kiln_exposure){1.0, INFINITY};
@@ -192,14 +202,10 @@ static void add_lightmaps(struct report *r)
     for (size_t i = 0; i < count && i < MOST_PICTURES; i++) {
         const json_t *object = json_array_get(objects, i);
         const char *file = json_string_value(field(object, "lightmap")), *name = json_string_value(field(object, "name"));
-        char path[KILN_PATH_SIZE];
         struct kiln_error why = {{0}};
         if (file == NULL || !stays_inside(file))
             continue;
-        int status = kiln_path_join(path, r->directory, file, &why);
-        if (status == KILN_OK)
-            status = add_lightmap(&r->page, path, name == NULL ? file : name, object, &why);
-        if (status != KILN_OK) { /* the page says what it cannot show */
+        if (add_lightmap(r, file, name == NULL ? file : name, object, &why) != KILN_OK) { /* the page says what it cannot show */
             kiln_page_add(&r->page, "<p>");
             kiln_page_text(&r->page, why.message);
             kiln_page_add(&r->page, "</p>\n");
@@ -237,9 +243,9 @@ static void add_viewpoint(struct report *r)
 
 static void add_preview(struct report *r)
 {
-    char path[KILN_PATH_SIZE], *png = NULL;
+    char *png = NULL;
     size_t size = 0;
-    if (kiln_path_join(path, r->directory, "preview.png", NULL) == KILN_OK && kiln_read_file(path, 64u << 20, &png, &size, NULL) == KILN_OK) {
+    if (kiln_results_bytes(r->results, "preview.png", 64u << 20, &png, &size, NULL) == KILN_OK) {
         kiln_page_add(&r->page, "<p>");
         kiln_page_png(&r->page, png, size, "preview");
         kiln_page_add(&r->page, "</p>\n");
@@ -301,7 +307,7 @@ static void plot_ranks(struct report *r)
     }
     if (ranks <= 1 || !open_series(r, &s, ranks)) /* one rank has nobody to be balanced with */
         return;
-    for (size_t i = 0; i < json_array_size(phases); i++)
+    for (size_t i = 0; i < json_array_size(phases) && i < MOST_BARS; i++)
         for (size_t rank = 0; rank < s.count; rank++) {
             const double seconds = number(json_array_get(field(json_array_get(phases, i), "per_rank"), rank));
             s.values[rank] += isfinite(seconds) ? seconds : 0.0;
@@ -454,25 +460,19 @@ static void write_page(struct report *r)
 
 int kiln_report_write(const char *directory, const char *path, struct kiln_error *error)
 {
-    char source[KILN_PATH_SIZE], *text = NULL;
-    size_t size = 0;
-    json_error_t place;
     json_t *run = NULL;
-    int status = kiln_path_join(source, directory, "run.json", error);
+    struct kiln_results *results = NULL;
+    int status = kiln_results_open(&results, directory, error);
     if (status == KILN_OK)
-        status = kiln_read_file(source, 1u << 30, &text, &size, error);
-    if (status == KILN_OK) {
-        run = json_loadb(text, size, 0, &place);
-        if (!json_is_object(run))
-            status = kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a report of a bake: line %d: %s", source, place.line,
-                               run == NULL ? place.text : "not a JSON object");
-    }
-    struct report report = {.directory = directory, .run = run, .page = {.error = error}};
+        status = kiln_results_json(results, "run.json", &run, error);
+    if (status == KILN_OK && !json_is_object(run))
+        status = kiln_fail(error, KILN_BAD_INPUT, "'%s/run.json' is not a report of a bake: it is not a JSON object", directory);
+    struct report report = {.results = results, .run = run, .page = {.error = error}};
     if (status == KILN_OK) {
         write_page(&report);
         status = kiln_page_publish(&report.page, path);
     }
-    kiln_free(&text);
     json_decref(run);
+    kiln_results_close(&results);
     return status;
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 #include <xxhash.h>
 
+#include "coordinator/output/read/json_text.h"
 #include "worker/base/memory.h"
 
 static const char KEY[] = "xxh3_128 ";
@@ -52,5 +53,5 @@ json_t *kiln_unseal(const char *text, size_t size)
     if (size < TAIL)
         return NULL;
     write_tail(text, size - TAIL, tail);
-    return memcmp(text + size - TAIL, tail, TAIL) == 0 ? json_loadb(text, size - TAIL, 0, NULL) : NULL;
+    return memcmp(text + size - TAIL, tail, TAIL) == 0 ? kiln_json_text(text, size - TAIL, "", NULL) : NULL;
 }

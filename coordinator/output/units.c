@@ -3,9 +3,6 @@
 #include <jansson.h>
 #include <string.h>
 
-#include "coordinator/output/publish.h"
-#include "worker/base/memory.h"
-
 static const struct kiln_units radiometric = {"radiometric", "W m-2", "W/m2", "W m-2 sr-1", "W sr-1", "W"};
 static const struct kiln_units photometric = {"photometric", "lx", "lx", "cd m-2", "cd", "lm"};
 
@@ -22,18 +19,15 @@ const char *kiln_units_reason(int choice, const struct kiln_scene *scene)
     return choice != KILN_UNITS_AUTO ? "asked for" : reasons[scene->header->units]; /* in the order of enum kiln_scene_units */
 }
 
-const struct kiln_units *kiln_units_of_bake(const char *directory)
+const struct kiln_units *kiln_units_of_bake(const struct kiln_results *results)
 {
-    char path[KILN_PATH_SIZE], *text = NULL;
-    size_t size = 0;
+    json_t *run = NULL;
     const struct kiln_units *found = &radiometric;
-    if (kiln_path_join(path, directory, "run.json", NULL) == KILN_OK && kiln_read_file(path, 1u << 30, &text, &size, NULL) == KILN_OK) {
-        json_t *run = json_loadb(text, size, 0, NULL);
+    if (kiln_results_json(results, "run.json", &run, NULL) == KILN_OK) {
         const char *kind = json_string_value(json_object_get(json_object_get(run, "units"), "kind"));
         if (kind != NULL && strcmp(kind, photometric.kind) == 0)
             found = &photometric;
-        json_decref(run);
     }
-    kiln_free(&text);
+    json_decref(run);
     return found;
 }

@@ -9,6 +9,7 @@
 #define KILN_COORDINATOR_OUTPUT_UNITS_H
 
 #include "coordinator/cli/job.h"
+#include "coordinator/output/read/results.h"
 #include "worker/scene/scene.h"
 
 struct kiln_units {
@@ -26,7 +27,7 @@ const struct kiln_units *kiln_units_of(int choice, const struct kiln_scene *scen
 /* Why, in words: "asked for", "Blender's exporter writes lights so", ... */
 const char *kiln_units_reason(int choice, const struct kiln_scene *scene);
 
-/* Those of a finished bake, as DIR/run.json has them; radiometric where it does not say. Not collective. */
-const struct kiln_units *kiln_units_of_bake(const char *directory);
+/* Those of a finished bake, as its run.json has them; radiometric where it does not say. Not collective. */
+const struct kiln_units *kiln_units_of_bake(const struct kiln_results *results);
 
 #endif

@@ -14,12 +14,14 @@
 #include <jansson.h>
 
 #include "coordinator/output/image.h"
+#include "coordinator/output/read/results.h"
 #include "worker/backend/backend.h"
 #include "worker/light/lights.h"
 
 /* What is looked at. All borrowed. */
 struct kiln_view_source {
     const char *directory; /* of the bake: lightmaps are read from it */
+    struct kiln_results *results; /* the same folder, when somebody else may have written it; NULL: this process has just done so */
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
     const struct kiln_lights *lights; /* for the environment; NULL: black */

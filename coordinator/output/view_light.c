@@ -192,13 +192,15 @@ static bool is_whole(const char *directory)
     return kiln_path_join(path, directory, "run.json", NULL) == KILN_OK && access(path, F_OK) == 0;
 }
 
-/* DIR/lightmaps/OBJECT.exr, or that of the backs. */
-static int map_path(const struct kiln_view_maps *maps, uint32_t object, bool back, char path[KILN_PATH_SIZE], struct kiln_error *error)
+/* lightmaps/OBJECT.exr, or that of the backs, and its path. */
+static int map_path(const struct kiln_view_maps *maps, uint32_t object, bool back, char name[KILN_PATH_SIZE], char path[KILN_PATH_SIZE],
+                    struct kiln_error *error)
 {
     const struct kiln_scene *scene = maps->source->scene;
-    const int length = snprintf(path, KILN_PATH_SIZE, "%s/lightmaps/%s%s.exr", maps->source->directory, back ? "back/" : "",
-                                kiln_scene_string(scene, scene->objects[object].name));
-    return length >= 0 && length < KILN_PATH_SIZE ? KILN_OK : kiln_fail(error, KILN_NO_INPUT, "the path of the lightmap of object %u is too long", object);
+    const int length = snprintf(name, KILN_PATH_SIZE, "lightmaps/%s%s.exr", back ? "back/" : "", kiln_scene_string(scene, scene->objects[object].name));
+    if (length < 0 || length >= KILN_PATH_SIZE || kiln_path_join(path, maps->source->directory, name, NULL) != KILN_OK)
+        return kiln_fail(error, KILN_NO_INPUT, "the path of the lightmap of object %u is too long", object);
+    return KILN_OK;
 }
 
 static int load(struct kiln_view_maps *maps, uint32_t object, bool back, struct kiln_error *error)
@@ -206,10 +208,11 @@ static int load(struct kiln_view_maps *maps, uint32_t object, bool back, struct 
     static const char *const wanted[] = {"R", "G", "B"};
     const struct kiln_object *o = &maps->source->scene->objects[object];
     struct map *map = &maps->maps[object + (back ? maps->source->scene->object_count : 0)];
-    char path[KILN_PATH_SIZE];
-    int status = map_path(maps, object, back, path, error);
+    char name[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
+    int status = map_path(maps, object, back, name, path, error);
     if (status == KILN_OK)
-        status = kiln_exr_read(path, wanted, 3, &map->image, error);
+        status = maps->source->results != NULL ? kiln_results_image(maps->source->results, name, wanted, 3, &map->image, error)
+                                               : kiln_exr_read(path, wanted, 3, &map->image, error);
     if (status == KILN_NO_INPUT && !is_whole(maps->source->directory))
         return kiln_fail(error, KILN_NO_INPUT, "the bake in %s is not finished: it has no %s yet (kiln status %s says where it is)", maps->source->directory,
                          path + strlen(maps->source->directory) + 1, maps->source->directory);
@@ -224,8 +227,10 @@ static int load(struct kiln_view_maps *maps, uint32_t object, bool back, struct 
 
 static bool has_back(const struct kiln_view_maps *maps, uint32_t object)
 {
-    char path[KILN_PATH_SIZE];
-    return map_path(maps, object, true, path, NULL) == KILN_OK && access(path, F_OK) == 0;
+    char name[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
+    if (map_path(maps, object, true, name, path, NULL) != KILN_OK)
+        return false;
+    return maps->source->results != NULL ? kiln_results_has(maps->source->results, name) : access(path, F_OK) == 0;
 }
 
 int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits, size_t count, struct kiln_error *error)

@@ -6,6 +6,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "coordinator/output/read/h5_file.h"
+#include "coordinator/output/read/results.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/harmonics.h"
 
@@ -21,7 +23,9 @@ static const struct {
 
 struct kiln_volume {
     char *path;
-    hid_t file, datasets[ARRAYS];
+    int own; /* a descriptor to close with it; -1: the file is the caller's */
+    struct kiln_h5_file *file;
+    hid_t datasets[ARRAYS];
     uint64_t size[3];
     double origin[3], spacing[3];
 };
@@ -34,8 +38,11 @@ static int not_a_volume(const char *path, const char *what, struct kiln_error *e
 static bool read_attribute(hid_t file, const char *name, hid_t type, hsize_t count, void *values)
 {
     const hid_t attribute = H5Aopen_by_name(file, "/VTKHDF", name, H5P_DEFAULT, H5P_DEFAULT);
-    const hid_t space = attribute < 0 ? H5I_INVALID_HID : H5Aget_space(attribute);
-    const bool good = space >= 0 && H5Sget_simple_extent_npoints(space) == (hssize_t)count && H5Aread(attribute, type, values) >= 0;
+    const hid_t space = attribute < 0 ? H5I_INVALID_HID : H5Aget_space(attribute), stored = attribute < 0 ? H5I_INVALID_HID : H5Aget_type(attribute);
+    const bool plain = stored >= 0 && (H5Tget_class(stored) == H5T_INTEGER || H5Tget_class(stored) == H5T_FLOAT) && H5Tget_size(stored) <= 8;
+    const bool good = plain && space >= 0 && H5Sget_simple_extent_npoints(space) == (hssize_t)count && H5Aread(attribute, type, values) >= 0;
+    if (stored >= 0)
+        (void)H5Tclose(stored);
     if (space >= 0)
         (void)H5Sclose(space);
     if (attribute >= 0)
@@ -46,9 +53,10 @@ static bool read_attribute(hid_t file, const char *name, hid_t type, hsize_t cou
 static int read_grid(struct kiln_volume *v, struct kiln_error *error)
 {
     int64_t extent[6];
-    if (!read_attribute(v->file, "WholeExtent", H5T_NATIVE_INT64, 6, extent) ||
-        !read_attribute(v->file, "Origin", H5T_NATIVE_DOUBLE, 3, v->origin) ||
-        !read_attribute(v->file, "Spacing", H5T_NATIVE_DOUBLE, 3, v->spacing))
+    const hid_t file = kiln_h5_file_id(v->file);
+    if (!read_attribute(file, "WholeExtent", H5T_NATIVE_INT64, 6, extent) ||
+        !read_attribute(file, "Origin", H5T_NATIVE_DOUBLE, 3, v->origin) ||
+        !read_attribute(file, "Spacing", H5T_NATIVE_DOUBLE, 3, v->spacing))
         return not_a_volume(v->path, "the grid's attributes are missing", error);
     for (int i = 0; i < 3; i++) {
         if (extent[2 * i] != 0 || extent[2 * i + 1] < 0 || extent[2 * i + 1] >= INT64_MAX || !(v->spacing[i] > 0.0) ||
@@ -63,7 +71,7 @@ static int open_array(struct kiln_volume *v, int array, struct kiln_error *error
 {
     char name[64] = "/VTKHDF/PointData/";
     strcat(name, arrays[array].name);
-    v->datasets[array] = H5Dopen2(v->file, name, H5P_DEFAULT);
+    v->datasets[array] = H5Dopen2(kiln_h5_file_id(v->file), name, H5P_DEFAULT);
     const hid_t space = v->datasets[array] < 0 ? H5I_INVALID_HID : H5Dget_space(v->datasets[array]);
     hsize_t size[8] = {0};
     const int rank = space < 0 || H5Sget_simple_extent_ndims(space) > 4 ? -1 : H5Sget_simple_extent_dims(space, size, NULL);
@@ -75,28 +83,40 @@ static int open_array(struct kiln_volume *v, int array, struct kiln_error *error
     return KILN_OK;
 }
 
-int kiln_volume_open(struct kiln_volume **volume, const char *path, struct kiln_error *error)
+int kiln_volume_open_file(struct kiln_volume **volume, int descriptor, const char *path, struct kiln_error *error)
 {
-    *volume = NULL;
-    if (access(path, R_OK) != 0)
-        return kiln_fail_errno(error, 0, "'%s' cannot be opened", path);
     int status = kiln_allocate(volume, 1, sizeof **volume, "an irradiance volume", error);
     if (status != KILN_OK)
         return status;
     struct kiln_volume *v = *volume;
-    v->file = H5I_INVALID_HID;
+    v->own = -1;
     for (int a = 0; a < ARRAYS; a++)
         v->datasets[a] = H5I_INVALID_HID;
-    (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
     if ((status = kiln_allocate(&v->path, strlen(path) + 1, 1, "a path", error)) == KILN_OK) {
         memcpy(v->path, path, strlen(path) + 1);
-        v->file = H5Fopen(path, H5F_ACC_RDONLY, H5P_DEFAULT);
-        status = v->file < 0 ? not_a_volume(path, "HDF5 cannot open it", error) : read_grid(v, error);
+        status = kiln_h5_file_open(&v->file, descriptor, v->path, error);
     }
+    if (status == KILN_OK)
+        status = read_grid(v, error);
     for (int a = 0; status == KILN_OK && a < ARRAYS; a++)
         status = open_array(v, a, error);
     if (status != KILN_OK)
         kiln_volume_close(volume);
+    return status;
+}
+
+int kiln_volume_open(struct kiln_volume **volume, const char *path, struct kiln_error *error)
+{
+    int descriptor;
+    *volume = NULL;
+    int status = kiln_open_plain(path, &descriptor, error);
+    if (status != KILN_OK)
+        return status;
+    status = kiln_volume_open_file(volume, descriptor, path, error);
+    if (status == KILN_OK)
+        (*volume)->own = descriptor;
+    else
+        (void)close(descriptor);
     return status;
 }
 
@@ -108,8 +128,9 @@ void kiln_volume_close(struct kiln_volume **volume)
     for (int a = 0; a < ARRAYS; a++)
         if (v->datasets[a] >= 0)
             (void)H5Dclose(v->datasets[a]);
-    if (v->file >= 0)
-        (void)H5Fclose(v->file);
+    kiln_h5_file_close(&v->file);
+    if (v->own >= 0)
+        (void)close(v->own);
     kiln_free(&v->path);
     kiln_free(volume);
 }
@@ -211,8 +232,12 @@ int kiln_volume_light(const struct kiln_volume *v, const double position[3], str
                          "or bake with a smaller --probe-spacing",
                          v->path, position[0], position[1], position[2]);
     float values[VALUES];
-    for (int i = 0; i < VALUES; i++)
+    for (int i = 0; i < VALUES; i++) {
         values[i] = (float)(sum[i] / total);
+        if (!isfinite(values[i]))
+            return kiln_fail(error, KILN_BAD_INPUT, "'%s': a probe around (%g, %g, %g) has a value that is not a number; bake again", v->path, position[0],
+                             position[1], position[2]);
+    }
     memcpy(light, values, sizeof values);
     return KILN_OK;
 }

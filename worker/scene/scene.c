@@ -400,10 +400,6 @@ static void set_pointers(struct kiln_scene *scene, const unsigned char *base)
 
 static int map_file(struct kiln_scene *scene, const char *path, void **base, struct kiln_error *error)
 {
-    /* Without O_NONBLOCK a FIFO of that name would hold the program for ever. */
-    scene->descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0);
-    if (scene->descriptor < 0)
-        return kiln_fail_errno(error, 0, "%s: the scene file cannot be opened", path);
     struct stat status;
     if (fstat(scene->descriptor, &status) != 0)
         return kiln_fail_errno(error, 0, "%s: the scene file cannot be examined", path);
@@ -423,11 +419,24 @@ static int map_file(struct kiln_scene *scene, const char *path, void **base, str
 
 int kiln_scene_open(struct kiln_scene **result, const char *path, struct kiln_error *error)
 {
+    *result = NULL;
+    /* Without O_NONBLOCK a FIFO of that name would hold the program for ever. */
+    const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0);
+    if (descriptor < 0)
+        return kiln_fail_errno(error, 0, "%s: the scene file cannot be opened", path);
+    return kiln_scene_open_descriptor(result, descriptor, path, error);
+}
+
+int kiln_scene_open_descriptor(struct kiln_scene **result, int descriptor, const char *path, struct kiln_error *error)
+{
     struct kiln_scene *scene = NULL;
     int status = kiln_allocate(&scene, 1, sizeof *scene, "the scene", error);
-    if (status != KILN_OK)
+    if (status != KILN_OK) {
+        (void)close(descriptor);
+        *result = NULL;
         return status;
-    scene->descriptor = -1;
+    }
+    scene->descriptor = descriptor;
     void *base = NULL;
     status = map_file(scene, path, &base, error);
     if (status != KILN_OK)

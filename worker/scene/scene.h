@@ -244,6 +244,8 @@ void kiln_scene_content_hash(const struct kiln_scene_header *header, const void 
 /* Maps `path` and checks it whole: header, hash, bounds of every section, every index, every number finite. Not collective.
  * KILN_NO_INPUT, KILN_BAD_INPUT (not a scene file, damaged, other version), KILN_SYSTEM. Destroy with kiln_scene_close. */
 int kiln_scene_open(struct kiln_scene **scene, const char *path, struct kiln_error *error);
+/* The same of an open file, which is the scene's from now on, also on failure; `path` is for sentences. */
+int kiln_scene_open_descriptor(struct kiln_scene **scene, int descriptor, const char *path, struct kiln_error *error);
 void kiln_scene_close(struct kiln_scene **scene);
 
 static inline const char *kiln_scene_string(const struct kiln_scene *scene, uint32_t offset) { return scene->strings + offset; }

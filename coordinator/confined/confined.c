@@ -1,4 +1,4 @@
-#include "coordinator/import/confined.h"
+#include "coordinator/confined/confined.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -25,7 +25,7 @@ static double now(void)
 
 static const char *program_of(const struct kiln_confined_call *call) { return call->program != NULL ? call->program : "/proc/self/exe"; }
 
-static int spawn_child(const struct kiln_confined_call *call, int pipe_write, pid_t *pid, struct kiln_error *error)
+int kiln_confined_start(const struct kiln_confined_call *call, int answer, pid_t *pid, struct kiln_error *error)
 {
     posix_spawn_file_actions_t actions;
     posix_spawnattr_t attributes;
@@ -42,7 +42,7 @@ static int spawn_child(const struct kiln_confined_call *call, int pipe_write, pi
     errno = call->input >= 0 ? posix_spawn_file_actions_adddup2(&actions, call->input, STDIN_FILENO)
                              : posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
     if (errno == 0)
-        errno = posix_spawn_file_actions_adddup2(&actions, pipe_write, STDOUT_FILENO);
+        errno = posix_spawn_file_actions_adddup2(&actions, answer, STDOUT_FILENO);
     if (errno == 0)
         errno = call->output < KILN_CHILD_OUTPUT ? 0 : posix_spawn_file_actions_adddup2(&actions, call->output, KILN_CHILD_OUTPUT);
     if (errno == 0)
@@ -87,13 +87,32 @@ static bool listen(int pipe_read, double deadline, char *text, size_t size)
     return true;
 }
 
-static int wait_for(pid_t pid)
+int kiln_confined_wait(pid_t pid)
 {
     int state = 0;
     while (waitpid(pid, &state, 0) < 0)
         if (errno != EINTR)
             return -1;
     return state;
+}
+
+static const char *costly(const struct kiln_confined_call *call) { return call->costly != NULL ? call->costly : "simplify the scene"; }
+
+int kiln_confined_died(const struct kiln_confined_call *call, int state, struct kiln_error *error)
+{
+    const char *remedy = call->crashed != NULL ? call->crashed : "repair it or export it again as glTF";
+    if (WIFSIGNALED(state) && (WTERMSIG(state) == SIGXCPU))
+        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it took more CPU time than its size warrants; %s", call->subject, costly(call));
+    if (WIFSIGNALED(state))
+        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s died (signal %d: %s) on this file; %s", call->subject, call->what, WTERMSIG(state),
+                         strsignal(WTERMSIG(state)), remedy);
+    return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s died (exit status %d, no answer) on this file; %s", call->subject, call->what,
+                     WIFEXITED(state) ? WEXITSTATUS(state) : -1, remedy);
+}
+
+int kiln_confined_late(const struct kiln_confined_call *call, struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it took longer than %.0f s; %s", call->subject, call->seconds, costly(call));
 }
 
 /* What became of the child, as a status and a sentence. */
@@ -105,13 +124,7 @@ static int judge(const struct kiln_confined_call *call, int state, const char *t
         return KILN_OK;
     if (rest != text && *rest == '\n' && status != KILN_OK)
         return kiln_fail(error, (int)status, "%s", rest + 1);
-    if (WIFSIGNALED(state) && (WTERMSIG(state) == SIGXCPU))
-        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it took more CPU time than its size warrants; simplify the scene", call->subject);
-    if (WIFSIGNALED(state))
-        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s died (signal %d: %s) on this file; repair it or export it again as glTF",
-                         call->subject, call->what, WTERMSIG(state), strsignal(WTERMSIG(state)));
-    return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s died (exit status %d, no answer) on this file; repair it or export it again as glTF",
-                     call->subject, call->what, WIFEXITED(state) ? WEXITSTATUS(state) : -1);
+    return kiln_confined_died(call, state, error);
 }
 
 int kiln_confined_run(const struct kiln_confined_call *call, struct kiln_error *error)
@@ -121,16 +134,14 @@ int kiln_confined_run(const struct kiln_confined_call *call, struct kiln_error *
     char text[sizeof(struct kiln_error) + 64];
     if (pipe2(ends, O_CLOEXEC) != 0)
         return kiln_fail_errno(error, KILN_SYSTEM, "a pipe to the %s cannot be made", call->what);
-    int status = spawn_child(call, ends[1], &pid, error);
+    int status = kiln_confined_start(call, ends[1], &pid, error);
     (void)close(ends[1]);
     if (status == KILN_OK) {
         const bool answered = listen(ends[0], now() + call->seconds, text, sizeof text);
         if (!answered)
             (void)kill(pid, SIGKILL);
-        const int state = wait_for(pid);
-        status = answered ? judge(call, state, text, error)
-                          : kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it took longer than %.0f s; simplify the scene", call->subject,
-                                      call->seconds);
+        const int state = kiln_confined_wait(pid);
+        status = answered ? judge(call, state, text, error) : kiln_confined_late(call, error);
     }
     (void)close(ends[0]);
     return status;

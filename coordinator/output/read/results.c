@@ -1,0 +1,259 @@
+#include "coordinator/output/read/results.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <linux/openat2.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include "coordinator/output/publish.h"
+#include "coordinator/output/read/json_text.h"
+#include "worker/base/calls.h"
+#include "worker/base/memory.h"
+
+struct kiln_results {
+    const char *directory;
+    int descriptor; /* of the folder */
+    struct kiln_manifest *manifest; /* in the order of paths */
+    struct kiln_reader *reader;
+};
+
+/* ---- opening ---- */
+
+static int open_below(int folder, const char *name, uint64_t flags)
+{
+    const struct open_how how = {.flags = flags | O_CLOEXEC, .resolve = RESOLVE_BENEATH | RESOLVE_NO_SYMLINKS | RESOLVE_NO_MAGICLINKS};
+    long descriptor;
+    do
+        descriptor = syscall(SYS_openat2, folder, name, &how, sizeof how);
+    while (descriptor < 0 && (errno == EINTR || errno == EAGAIN)); /* EAGAIN: the kernel saw a rename on the way */
+    return (int)descriptor;
+}
+
+static int open_failed(const char *path, struct kiln_error *error)
+{
+    if (errno == ELOOP || errno == EXDEV)
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is behind a symbolic link or leads out of the bake's folder: put the file itself there", path);
+    if (errno == ENXIO || errno == ENODEV)
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a plain file", path);
+    if (errno == ENOSYS)
+        return kiln_fail(error, KILN_SITE, "'%s': this kernel has no openat2(2), which confines readers to their folder; Linux 5.6 or later is needed", path);
+    return kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "'%s' cannot be opened", path);
+}
+
+/* Closes the descriptor unless it is a plain file's. */
+static int want_plain(int *descriptor, const char *path, struct kiln_error *error)
+{
+    struct stat found;
+    if (fstat(*descriptor, &found) == 0 && S_ISREG(found.st_mode))
+        return KILN_OK;
+    (void)close(*descriptor);
+    *descriptor = -1;
+    return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a plain file", path);
+}
+
+int kiln_open_plain(const char *path, int *descriptor, struct kiln_error *error)
+{
+    *descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY, 0);
+    return *descriptor < 0 ? open_failed(path, error) : want_plain(descriptor, path, error);
+}
+
+/* The manifest's entry, NULL when it has none. */
+static const struct kiln_manifest_file *find_entry(const struct kiln_manifest *m, const char *name)
+{
+    size_t low = 0, high = m->count;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        const int order = strcmp(m->files[middle].path, name);
+        if (order == 0)
+            return &m->files[middle];
+        if (order < 0)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return NULL;
+}
+
+static int compare_with_manifest(const struct kiln_results *r, const char *name, int descriptor, const char *path, struct kiln_error *error)
+{
+    const struct kiln_manifest_file *file = r->manifest != NULL ? find_entry(r->manifest, name) : NULL;
+    if (r->manifest == NULL)
+        return KILN_OK;
+    if (file == NULL)
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not among the files that the bake wrote, by its manifest: bake again, or remove the manifest", path);
+    return kiln_manifest_compare(file, descriptor, path, error);
+}
+
+int kiln_results_file(const struct kiln_results *r, const char *name, int *descriptor, char path[], struct kiln_error *error)
+{
+    *descriptor = -1;
+    int status = kiln_path_join(path, r->directory, name, error);
+    if (status != KILN_OK)
+        return KILN_NO_INPUT;
+    *descriptor = open_below(r->descriptor, name, O_RDONLY | O_NONBLOCK | O_NOCTTY);
+    status = *descriptor < 0 ? open_failed(path, error) : want_plain(descriptor, path, error);
+    if (status == KILN_OK)
+        status = compare_with_manifest(r, name, *descriptor, path, error);
+    if (status != KILN_OK && *descriptor >= 0) {
+        (void)close(*descriptor);
+        *descriptor = -1;
+    }
+    return status;
+}
+
+bool kiln_results_has(const struct kiln_results *r, const char *name)
+{
+    const int descriptor = open_below(r->descriptor, name, O_PATH);
+    if (descriptor < 0)
+        return errno == ELOOP || errno == EXDEV; /* a link, which is an error for whoever opens it, not an absence */
+    (void)close(descriptor);
+    return true;
+}
+
+int kiln_results_folder(const struct kiln_results *r, const char *name, int *descriptor, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    const int status = kiln_path_join(path, r->directory, name, error);
+    *descriptor = status == KILN_OK ? open_below(r->descriptor, name, O_RDONLY | O_DIRECTORY) : -1;
+    return status != KILN_OK || *descriptor >= 0 ? status : open_failed(path, error);
+}
+
+/* ---- reading ---- */
+
+static int read_all(int descriptor, const char *path, size_t size, char *bytes, struct kiln_error *error)
+{
+    for (size_t at = 0; at < size;) {
+        const ssize_t got = pread(descriptor, bytes + at, size - at, (off_t)at);
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got <= 0)
+            return got < 0 ? kiln_fail_errno(error, KILN_IO, "'%s' cannot be read at byte %zu", path, at)
+                           : kiln_fail(error, KILN_IO, "'%s' ended at byte %zu of %zu while it was read", path, at, size);
+        at += (size_t)got;
+    }
+    return KILN_OK;
+}
+
+int kiln_read_open(int descriptor, const char *path, size_t most, char **bytes, size_t *size, struct kiln_error *error)
+{
+    struct stat found;
+    *bytes = NULL;
+    *size = 0;
+    if (fstat(descriptor, &found) != 0)
+        return kiln_fail_errno(error, KILN_IO, "'%s' cannot be examined", path);
+    if ((uint64_t)found.st_size > most)
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' has %lld bytes, more than the %zu expected at most", path, (long long)found.st_size, most);
+    int status = kiln_allocate(bytes, (size_t)found.st_size + 1, 1, "a file's bytes", error);
+    if (status == KILN_OK)
+        status = read_all(descriptor, path, (size_t)found.st_size, *bytes, error);
+    if (status == KILN_OK)
+        *size = (size_t)found.st_size;
+    else
+        kiln_free(bytes);
+    return status;
+}
+
+int kiln_results_bytes(const struct kiln_results *r, const char *name, size_t most, char **bytes, size_t *size, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    int descriptor;
+    *bytes = NULL;
+    *size = 0;
+    int status = kiln_results_file(r, name, &descriptor, path, error);
+    if (status == KILN_OK)
+        status = kiln_read_open(descriptor, path, most, bytes, size, error);
+    if (descriptor >= 0)
+        (void)close(descriptor);
+    return status;
+}
+
+int kiln_results_json(const struct kiln_results *r, const char *name, json_t **json, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE], *text = NULL;
+    size_t size = 0;
+    *json = NULL;
+    int status = kiln_results_bytes(r, name, KILN_JSON_BYTES_MOST, &text, &size, error);
+    if (status == KILN_OK)
+        status = kiln_path_join(path, r->directory, name, error);
+    if (status == KILN_OK && (*json = kiln_json_text(text, size, path, error)) == NULL)
+        status = KILN_BAD_INPUT;
+    kiln_free(&text);
+    return status;
+}
+
+int kiln_results_image(struct kiln_results *r, const char *name, const char *const *wanted, size_t count, struct kiln_image **image,
+                       struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    int descriptor;
+    *image = NULL;
+    int status = kiln_results_file(r, name, &descriptor, path, error);
+    if (status == KILN_OK)
+        status = kiln_reader_image(r->reader, descriptor, path, wanted, count, image, error);
+    if (descriptor >= 0)
+        (void)close(descriptor);
+    return status;
+}
+
+int kiln_results_scene(const struct kiln_results *r, struct kiln_scene **scene, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    int descriptor;
+    *scene = NULL;
+    const int status = kiln_results_file(r, "scene.kscene", &descriptor, path, error);
+    return status == KILN_OK ? kiln_scene_open_descriptor(scene, descriptor, path, error) : status;
+}
+
+/* ---- the folder ---- */
+
+const struct kiln_manifest *kiln_results_manifest(const struct kiln_results *r) { return r->manifest; }
+
+struct kiln_reader *kiln_results_reader(struct kiln_results *r) { return r->reader; }
+
+static int read_manifest(struct kiln_results *r, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE], *text = NULL;
+    size_t size = 0;
+    int status = kiln_path_join(path, r->directory, "manifest", error);
+    if (status == KILN_OK)
+        status = kiln_results_bytes(r, "manifest", KILN_JSON_BYTES_MOST, &text, &size, error);
+    if (status == KILN_OK)
+        status = kiln_manifest_parse(&r->manifest, path, text, size, error);
+    kiln_free(&text);
+    return status == KILN_NO_INPUT ? KILN_OK : status;
+}
+
+int kiln_results_open(struct kiln_results **results, const char *directory, struct kiln_error *error)
+{
+    int status = kiln_allocate(results, 1, sizeof **results, "a bake's folder", error);
+    if (status != KILN_OK)
+        return status;
+    struct kiln_results *r = *results;
+    r->directory = directory;
+    r->descriptor = kiln_open(directory, O_PATH | O_DIRECTORY | O_CLOEXEC, 0);
+    if (r->descriptor < 0)
+        status = kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "'%s' cannot be opened", directory);
+    if (status == KILN_OK)
+        status = kiln_reader_create(&r->reader, 0, error);
+    if (status == KILN_OK)
+        status = read_manifest(r, error);
+    if (status != KILN_OK)
+        kiln_results_close(results);
+    return status;
+}
+
+void kiln_results_close(struct kiln_results **results)
+{
+    struct kiln_results *r = *results;
+    if (r == NULL)
+        return;
+    if (r->descriptor >= 0)
+        (void)close(r->descriptor);
+    kiln_reader_destroy(&r->reader);
+    kiln_manifest_destroy(&r->manifest);
+    kiln_free(results);
+}
