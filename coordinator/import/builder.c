@@ -233,29 +233,57 @@ static int fill_header(const struct kiln_builder *builder, struct kiln_scene_hea
     return world_bounds(builder, header, error);
 }
 
+static int write_all(int file, const void *data, size_t size, uint64_t offset)
+{
+    const unsigned char *bytes = data;
+    for (size_t at = 0; at < size;) {
+        const ssize_t count = pwrite(file, bytes + at, size - at, (off_t)(offset + at));
+        if (count < 0 && errno != EINTR)
+            return -1;
+        at += count > 0 ? (size_t)count : 0;
+    }
+    return 0;
+}
+
+/* Writes each section and gives its memory back. */
+static int write_sections(struct kiln_builder *builder, int file, const struct kiln_scene_header *header)
+{
+    for (unsigned s = 0; s < KILN_SECTION_COUNT; s++) {
+        const size_t size = builder->sections[s].count * kiln_scene_element_size((enum kiln_scene_section)s);
+        if (write_all(file, builder->sections[s].data, size, header->sections[s].offset) != 0)
+            return -1;
+        kiln_free(&builder->sections[s].data);
+        builder->sections[s].count = builder->sections[s].capacity = 0;
+    }
+    return 0;
+}
+
+/* The hash is that of what stands in the file. */
+static int hash_file(int file, const char *path, struct kiln_scene_header *header, struct kiln_error *error)
+{
+    void *map = mmap(NULL, (size_t)header->size, PROT_READ, MAP_SHARED, file, 0);
+    if (map == MAP_FAILED)
+        return kiln_fail_errno(error, KILN_SYSTEM, "%s: the scene file of %llu bytes cannot be mapped", path, (unsigned long long)header->size);
+    kiln_scene_content_hash(header, (const unsigned char *)map + sizeof *header, header->content_hash);
+    (void)munmap(map, (size_t)header->size);
+    return KILN_OK;
+}
+
 int kiln_builder_write_to(struct kiln_builder *builder, int file, const char *name, struct kiln_error *error)
 {
     struct kiln_scene_header header;
     int status = fill_header(builder, &header, error);
     if (status != KILN_OK)
         return status;
-    /* The blocks are reserved first: on a full disk a store into the map would be a signal instead of a sentence. */
+    /* The blocks are reserved first: a full disk is noticed before anything is written. */
     errno = kiln_reserve(file, (off_t)header.size);
     if (errno != 0)
         return kiln_fail_errno(error, KILN_IO, "%s: no room for a scene file of %llu bytes", name, (unsigned long long)header.size);
-    void *map = mmap(NULL, (size_t)header.size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
-    if (map == MAP_FAILED)
-        return kiln_fail_errno(error, KILN_SYSTEM, "%s: the scene file of %llu bytes cannot be mapped", name, (unsigned long long)header.size);
-    unsigned char *bytes = map;
-    for (unsigned s = 0; s < KILN_SECTION_COUNT; s++)
-        if (builder->sections[s].count > 0)
-            memcpy(bytes + header.sections[s].offset, builder->sections[s].data,
-                   builder->sections[s].count * kiln_scene_element_size((enum kiln_scene_section)s));
-    kiln_scene_content_hash(&header, bytes + sizeof header, header.content_hash);
-    memcpy(bytes, &header, sizeof header);
-    if (msync(map, (size_t)header.size, MS_SYNC) != 0 || kiln_fsync(file) != 0)
+    if (write_sections(builder, file, &header) != 0)
+        return kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be written", name);
+    status = hash_file(file, name, &header, error);
+    if (status == KILN_OK && (write_all(file, &header, sizeof header, 0) != 0 || kiln_fsync(file) != 0))
         status = kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be written", name);
-    (void)munmap(map, (size_t)header.size);
     return status;
 }
 

@@ -42,7 +42,8 @@ int kiln_builder_string(struct kiln_builder *builder, const char *text, size_t l
 /* Adds a note of a severity as in struct kiln_note. */
 int kiln_builder_note(struct kiln_builder *builder, uint32_t severity, struct kiln_error *error, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
-/* Computes centre, bounds and hashes and writes the file to `path` (new, synced; the caller renames).
+/* Computes centre, bounds and hashes and writes the file to `path` (new, synced; the caller renames). The builder's sections are empty
+ * afterwards: a scene of many texels stands in memory once, not twice.
  * KILN_BAD_INPUT when an object reaches beyond KILN_COORDINATE_MAX. */
 int kiln_builder_write(struct kiln_builder *builder, const char *path, struct kiln_error *error);
 /* The same into an open, empty file (O_RDWR), which stays open; `name` is for sentences. */

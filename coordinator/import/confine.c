@@ -66,6 +66,7 @@ void kiln_confine_destroy(struct kiln_confine **pointer)
         (void)close(confine->descriptor);
     kiln_free(&confine->folder);
     kiln_free(&confine->name);
+    kiln_free(&confine->seen);
     kiln_free(pointer);
 }
 
@@ -161,6 +162,46 @@ static int open_failed(const struct kiln_confine *confine, const char *path, con
     }
 }
 
+static uint64_t *seen_slot(const struct kiln_confine *confine, const uint64_t key[2])
+{
+    size_t slot = (size_t)key[0] & (confine->seen_size - 1);
+    while ((confine->seen[slot][0] | confine->seen[slot][1]) != 0 && memcmp(confine->seen[slot], key, sizeof confine->seen[slot]) != 0)
+        slot = (slot + 1) & (confine->seen_size - 1);
+    return confine->seen[slot];
+}
+
+static int seen_grow(struct kiln_confine *confine, struct kiln_error *error)
+{
+    struct kiln_confine old = *confine;
+    confine->seen = NULL;
+    confine->seen_size = old.seen_size == 0 ? 64 : 2 * old.seen_size;
+    const int status = kiln_allocate(&confine->seen, confine->seen_size, sizeof *confine->seen, "the scene's files", error);
+    if (status != KILN_OK) {
+        *confine = old;
+        return status;
+    }
+    for (size_t i = 0; i < old.seen_size; i++)
+        if ((old.seen[i][0] | old.seen[i][1]) != 0)
+            memcpy(seen_slot(confine, old.seen[i]), old.seen[i], sizeof old.seen[i]);
+    kiln_free(&old.seen);
+    return KILN_OK;
+}
+
+/* Whether these bytes are met for the first time; *fresh tells. */
+static int remember(struct kiln_confine *confine, const void *bytes, size_t size, bool *fresh, struct kiln_error *error)
+{
+    const XXH128_hash_t hash = XXH3_128bits(bytes, size);
+    const uint64_t key[2] = {hash.low64, hash.high64};
+    const int status = 2 * (confine->seen_used + 1) > confine->seen_size ? seen_grow(confine, error) : KILN_OK;
+    if (status != KILN_OK)
+        return status;
+    uint64_t *slot = seen_slot(confine, key);
+    *fresh = (slot[0] | slot[1]) == 0;
+    confine->seen_used += *fresh;
+    memcpy(slot, key, sizeof key);
+    return KILN_OK;
+}
+
 static int map_descriptor(struct kiln_confine *confine, int descriptor, const char *path, const char *place, struct kiln_file *file,
                           struct kiln_error *error)
 {
@@ -181,24 +222,25 @@ static int map_descriptor(struct kiln_confine *confine, int descriptor, const ch
                                (long long)status.st_size, SHOWN, path);
     }
     file->data = map;
-    confine->total_bytes += file->size;
-    if (confine->mapped != NULL)
+    const uint64_t identity[2] = {(uint64_t)status.st_dev, (uint64_t)status.st_ino};
+    bool fresh = false;
+    const int result = remember(confine, identity, sizeof identity, &fresh, error);
+    confine->total_bytes += fresh ? file->size : 0;
+    if (fresh && confine->mapped != NULL)
         confine->mapped(confine);
-    return KILN_OK;
+    return result;
 }
 
-static int record_source(struct kiln_builder *builder, const char *path, const struct kiln_file *file, struct kiln_error *error)
+static int record_source(struct kiln_confine *confine, struct kiln_builder *builder, const char *path, const struct kiln_file *file,
+                         struct kiln_error *error)
 {
-    if (builder == NULL)
-        return KILN_OK;
-    const char *strings = KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS);
-    const struct kiln_source *sources = KILN_BUILDER_DATA(builder, const struct kiln_source, KILN_SECTION_SOURCES);
-    for (size_t i = 0; i < builder->sections[KILN_SECTION_SOURCES].count; i++)
-        if (strcmp(strings + sources[i].path, path) == 0)
-            return KILN_OK;
+    bool fresh = false;
+    int status = builder == NULL ? KILN_OK : remember(confine, path, strlen(path), &fresh, error);
+    if (status != KILN_OK || !fresh)
+        return status;
     const XXH128_hash_t hash = XXH3_128bits(file->data, file->size);
     struct kiln_source source = {.size = file->size, .hash = {hash.low64, hash.high64}};
-    const int status = kiln_builder_string(builder, path, PATH_MAX, &source.path, error);
+    status = kiln_builder_string(builder, path, PATH_MAX, &source.path, error);
     return status != KILN_OK ? status : kiln_builder_append(builder, KILN_SECTION_SOURCES, &source, 1, NULL, error);
 }
 
@@ -212,7 +254,7 @@ int kiln_confine_map(struct kiln_confine *confine, struct kiln_builder *builder,
     int status = map_descriptor(confine, descriptor, path, place, file, error);
     (void)close(descriptor);
     if (status == KILN_OK)
-        status = record_source(builder, path, file, error);
+        status = record_source(confine, builder, path, file, error);
     if (status != KILN_OK)
         kiln_file_unmap(file);
     return status;
@@ -234,7 +276,7 @@ int kiln_confine_map_named(struct kiln_confine *confine, struct kiln_builder *bu
         (void)close(descriptor);
     }
     if (status == KILN_OK)
-        status = record_source(builder, real, file, error);
+        status = record_source(confine, builder, real, file, error);
     if (status != KILN_OK)
         kiln_file_unmap(file);
     free(real);

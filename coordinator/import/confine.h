@@ -22,7 +22,9 @@ struct kiln_confine {
     char *folder;           /* real path of the folder */
     char *name;             /* the scene's file name in it */
     int descriptor;         /* of the folder */
-    uint64_t total_bytes;   /* of all files mapped so far: what limits on expansion are measured against */
+    uint64_t total_bytes;   /* of all files mapped so far, each counted once: what limits on expansion are measured against */
+    uint64_t (*seen)[2];    /* a table of what was mapped: hashes of (device, inode) and of recorded paths; zeros: free */
+    size_t seen_size, seen_used;
     void (*mapped)(const struct kiln_confine *); /* called after total_bytes has grown; may be NULL */
 };
 

@@ -145,7 +145,8 @@ void gltf_close(struct gltf *g)
     kiln_free(&g->views);
     kiln_free(&g->accessors);
     kiln_free(&g->materials);
-    kiln_free(&g->images);
+    kiln_images_destroy(&g->images);
+    kiln_free(&g->image_of);
     kiln_free(&g->texture_of);
     kiln_free(&g->mesh_of);
     kiln_names_destroy(&g->names);

@@ -50,13 +50,6 @@ struct gltf_material {
     struct gltf_texture_use base, emission; /* base: also for a transmission texture that has the same coordinates, or is alone */
 };
 
-/* Each image is decoded once. */
-struct gltf_image {
-    uint64_t first;
-    uint32_t width, height;
-    bool decoded;
-};
-
 #define GLTF_UNREAD 0xfffffffeu /* a mesh nobody has asked for yet */
 
 struct gltf {
@@ -72,13 +65,13 @@ struct gltf {
     struct gltf_view *views;
     struct gltf_accessor *accessors;
     struct gltf_material *materials; /* as many as the file has; builder materials have the same indices */
-    struct gltf_image *images;
+    struct kiln_images images;
+    struct kiln_image *image_of; /* glTF image -> its picture, once decoded */
     uint32_t *texture_of;   /* glTF texture -> builder texture or KILN_NONE: its colours are sRGB-coded; after these, one for each again
                                whose colours are linear */
     uint32_t *mesh_of;      /* glTF mesh -> builder mesh, KILN_NONE (nothing to see) or GLTF_UNREAD */
     size_t buffer_count, view_count, accessor_count, material_count, image_count, texture_count, mesh_count;
     uint32_t default_material; /* builder's, or KILN_NONE until needed */
-    struct kiln_image_budget image_budget;
     struct kiln_assembly_counts assembly;
     struct kiln_names names;
     uint64_t draco_triangles; /* that compressed bytes may hold besides */

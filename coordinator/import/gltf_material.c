@@ -66,18 +66,16 @@ static void image_place(const struct gltf *g, uint32_t image, char where[640])
 
 static void decode_image(struct gltf *g, uint32_t index)
 {
-    struct gltf_image *image = &g->images[index];
     struct image_bytes bytes = {0};
     char where[640];
-    if (image->decoded)
+    if (g->image_of[index].decoded)
         return;
     image_open(g, index, &bytes);
     image_place(g, index, where);
+    const struct kiln_image_bytes encoded = {.data = bytes.data, .size = bytes.size, .where = where};
     if (g->status == KILN_OK)
-        gltf_take(g, kiln_image_append(g->builder, &g->image_budget, bytes.data, bytes.size, false, where, &image->first, &image->width,
-                                       &image->height, g->error));
+        gltf_take(g, kiln_image_append(&g->images, &encoded, &g->image_of[index], g->error));
     image_close(&bytes);
-    image->decoded = g->status == KILN_OK;
 }
 
 static uint32_t wrap_mode(struct gltf *g, struct gltf_place place, const json_t *json, const char *key)
@@ -122,9 +120,9 @@ static uint32_t builder_texture(struct gltf *g, uint32_t texture, bool srgb)
         decode_image(g, image);
     if (g->status != KILN_OK)
         return KILN_NONE;
-    result.first = g->images[image].first;
-    result.width = g->images[image].width;
-    result.height = g->images[image].height;
+    result.first = g->image_of[image].first;
+    result.width = g->image_of[image].width;
+    result.height = g->image_of[image].height;
     size_t index = 0;
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_TEXTURES, &result, 1, &index, g->error));
     *known = (uint32_t)index;
@@ -166,17 +164,21 @@ static bool same_coordinates(const struct gltf_texture_use *a, const struct gltf
 /* Mean of one channel of an image, 0..1, for textures that count as their mean. */
 static double image_mean(struct gltf *g, uint32_t texture, unsigned channel)
 {
-    const uint32_t image = source_image(g, texture);
+    const uint32_t index = source_image(g, texture);
     struct image_bytes bytes = {0};
-    double mean = 0.0;
     char where[640];
-    if (g->status == KILN_OK)
-        image_open(g, image, &bytes);
-    image_place(g, image, where);
-    if (g->status == KILN_OK)
-        gltf_take(g, kiln_image_mean(&g->image_budget, bytes.data, bytes.size, channel, where, &mean, g->error));
-    image_close(&bytes);
-    return mean;
+    if (g->status != KILN_OK)
+        return 0.0;
+    struct kiln_image *image = &g->image_of[index];
+    if (!image->averaged) {
+        image_open(g, index, &bytes);
+        image_place(g, index, where);
+        const struct kiln_image_bytes encoded = {.data = bytes.data, .size = bytes.size, .where = where};
+        if (g->status == KILN_OK)
+            gltf_take(g, kiln_image_mean(&g->images, &encoded, image, g->error));
+        image_close(&bytes);
+    }
+    return image->mean[channel];
 }
 
 /* A material that lets light through. Its texture is looked up at the base colour's coordinates; where it has others, it counts as its
@@ -351,7 +353,8 @@ void gltf_read_materials(struct gltf *g)
     if (g->status == KILN_OK)
         gltf_take(g, kiln_allocate(&g->materials, g->material_count, sizeof *g->materials, "materials", g->error));
     if (g->status == KILN_OK)
-        gltf_take(g, kiln_allocate(&g->images, g->image_count, sizeof *g->images, "images", g->error));
+        gltf_take(g, kiln_allocate(&g->image_of, g->image_count, sizeof *g->image_of, "images", g->error));
+    g->images = (struct kiln_images){.confine = g->confine, .builder = g->builder};
     if (g->status == KILN_OK)
         gltf_take(g, kiln_allocate(&g->texture_of, 2 * g->texture_count, sizeof *g->texture_of, "textures", g->error));
     if (g->status != KILN_OK)

@@ -25,7 +25,7 @@ struct reader {
     const struct aiScene *scene;
     struct kiln_names names;
     struct kiln_assembly_counts assembly;
-    struct kiln_image_budget budget;
+    struct kiln_images images;
     uint64_t not_triangles, without_area_objects;
 };
 
@@ -130,6 +130,7 @@ static uint32_t add_texture(struct reader *r, const struct aiMaterial *material,
         aiGetMaterialTexture(material, type, 0, &name, NULL, NULL, NULL, NULL, NULL, NULL) != aiReturn_SUCCESS)
         return KILN_NONE;
     struct kiln_texture texture = {.srgb = 1};
+    struct kiln_image image = {0};
     struct kiln_file file;
     char path[PATH_LENGTH + 1], where[640];
     size_t index = KILN_NONE;
@@ -137,8 +138,10 @@ static uint32_t add_texture(struct reader *r, const struct aiMaterial *material,
     take(r, kiln_confine_map(r->confine, r->builder, plain_path(name.data, path), what, &file, r->error));
     if (r->status != KILN_OK)
         return KILN_NONE;
-    take(r, kiln_image_append(r->builder, &r->budget, file.data, file.size, true, where, &texture.first, &texture.width, &texture.height, r->error));
+    const struct kiln_image_bytes bytes = {.data = file.data, .size = file.size, .any_format = true, .where = where};
+    take(r, kiln_image_append(&r->images, &bytes, &image, r->error));
     kiln_file_unmap(&file);
+    texture.first = image.first, texture.width = image.width, texture.height = image.height;
     if (r->status == KILN_OK)
         take(r, kiln_builder_append(r->builder, KILN_SECTION_TEXTURES, &texture, 1, &index, r->error));
     return (uint32_t)index;
@@ -336,7 +339,7 @@ static void check_text(struct reader *r)
 
 int kiln_obj_read(struct kiln_confine *confine, struct kiln_builder *builder, struct kiln_error *error)
 {
-    struct reader r = {.confine = confine, .builder = builder, .error = error};
+    struct reader r = {.confine = confine, .builder = builder, .error = error, .images = {.confine = confine, .builder = builder}};
     check_text(&r);
     if (r.status != KILN_OK)
         return r.status;
@@ -356,5 +359,6 @@ int kiln_obj_read(struct kiln_confine *confine, struct kiln_builder *builder, st
     if (r.scene != NULL)
         aiReleaseImport(r.scene);
     kiln_names_destroy(&r.names);
+    kiln_images_destroy(&r.images);
     return r.status;
 }

@@ -59,6 +59,19 @@ static int read_environment_image(const struct kiln_import_params *params, struc
     return status;
 }
 
+/* Whether the brightest texel, scaled, can still be summed. */
+static int check_texels(const struct kiln_builder *builder, const struct kiln_environment *environment, struct kiln_error *error)
+{
+    const float *texels = KILN_BUILDER_DATA(builder, const float, KILN_SECTION_ENVIRONMENT_TEXELS);
+    float most = 0.0f;
+    for (size_t i = 0; i < builder->sections[KILN_SECTION_ENVIRONMENT_TEXELS].count; i++)
+        most = fmaxf(most, texels[i] * environment->radiance[i % 3]);
+    if (most <= KILN_ENVIRONMENT_RADIANCE_MAX)
+        return KILN_OK;
+    return kiln_fail(error, KILN_USAGE, "the environment's brightest texel, scaled, is %g, more than %g; give a smaller --environment-scale",
+                     (double)most, (double)KILN_ENVIRONMENT_RADIANCE_MAX);
+}
+
 /* The environment the user asks for, or the scene's own, scaled and turned. */
 static int set_environment(const struct kiln_import_params *params, struct kiln_confine *confine, struct kiln_builder *builder,
                            struct kiln_error *error)
@@ -82,6 +95,9 @@ static int set_environment(const struct kiln_import_params *params, struct kiln_
             return kiln_fail(error, KILN_USAGE, "environment scale %g makes a radiance of %g; give a scale from 0 on", scale, value);
         environment.radiance[c] = (float)value;
     }
+    const int status = check_texels(builder, &environment, error);
+    if (status != KILN_OK)
+        return status;
     environment.rotation = (float)(fmod(params->environment_rotation_degrees, 360.0) * KILN_PI / 180.0);
     KILN_BUILDER_DATA(builder, struct kiln_environment, KILN_SECTION_ENVIRONMENT)[0] = environment;
     return KILN_OK;

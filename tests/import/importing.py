@@ -32,11 +32,12 @@ class Answer:
         return json.loads(self.out)
 
 
-def kiln(*arguments, timeout=300, folder=None):
-    """Runs kiln; `memory` is the most that it or its importer held."""
+def kiln(*arguments, timeout=300, folder=None, space=None):
+    """Runs kiln; `memory` is the most that it or its importer held. `space`: a limit of its address space, in bytes."""
     begin = time.monotonic()
+    confine = (lambda: resource.setrlimit(resource.RLIMIT_AS, (space, space))) if space and not SANITIZED else None
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        child = subprocess.Popen([KILN, *map(str, arguments)], stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=folder)
+        child = subprocess.Popen([KILN, *map(str, arguments)], stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=folder, preexec_fn=confine)
         while True:
             pid, status, usage = os.wait4(child.pid, os.WNOHANG)
             if pid != 0:
@@ -52,8 +53,8 @@ def kiln(*arguments, timeout=300, folder=None):
                       usage.ru_maxrss * 1024)
 
 
-def info(path, *options):
-    return kiln("info", path, "--json", *options)
+def info(path, *options, **limits):
+    return kiln("info", path, "--json", *options, **limits)
 
 
 class Case(unittest.TestCase):

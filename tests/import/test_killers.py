@@ -19,6 +19,27 @@ def bomb_png(side, depth=8):
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, depth, 0, 0, 0, 0)) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
 
 
+def flat_jpeg(width, height, sof=0xC0, scans=1, data=None):
+    """A grey JPEG whose codes take one bit: two bits for each block of 64 pixels."""
+    segment = lambda marker, body: struct.pack(">BBH", 0xFF, marker, len(body) + 2) + body
+    head = b"\xff\xd8" + segment(0xDB, b"\0" + b"\1" * 64) + segment(sof, struct.pack(">BHHB", 8, height, width, 1) + b"\1\x11\0")
+    head += segment(0xC4, b"\0" + b"\1" + b"\0" * 15 + b"\0") + segment(0xC4, b"\x10" + b"\1" + b"\0" * 15 + b"\0")
+    blocks = ((width + 7) // 8) * ((height + 7) // 8)
+    body = b"\0" * ((2 * blocks + 7) // 8) if data is None else data
+    return head + (segment(0xDA, b"\1\1\0" + (b"\0\0\0" if sof == 0xC2 else b"\0\x3f\0")) + body) * scans + b"\xff\xd9"
+
+
+def textured(images, key="baseColorTexture", materials=None):
+    """A scene whose materials use one image each, in turn."""
+    count = materials or len(images)
+    return importing.quad(images=images, textures=[{"source": i} for i in range(len(images))],
+                          materials=[{"pbrMetallicRoughness": {key: {"index": i % len(images)}}} for i in range(count)])
+
+
+def data_uri(data):
+    return "data:image/png;base64," + base64.b64encode(data).decode()
+
+
 class Killers(importing.Case):
     def setUp(self):
         self.place = self.folder()
@@ -107,6 +128,38 @@ class Killers(importing.Case):
             self.assertIn("images[0]", answer.err)
             self.assertLess(answer.memory, importing.MEMORY)
             self.assertLess(answer.seconds, importing.QUICK)
+
+    def test_pictures_that_claim_more_than_they_hold(self):
+        """A header of any size costs nothing before its bytes have been looked at."""
+        self.accepted(self.write(textured([{"uri": data_uri(flat_jpeg(512, 256))}])), "--lightmap-size", "16")
+        png = bomb_png(64)
+        claimed = png[:16] + struct.pack(">II", 5700, 5700) + png[24:]
+        for data in (claimed, flat_jpeg(4000, 4000, data=b"\0" * 9), flat_jpeg(64, 64, scans=900), flat_jpeg(2048, 2048, 0xC2, scans=900, data=b"\0"),
+                     flat_jpeg(10000, 10000), bomb_png(5000)[:-40] + b"\0" * 40):
+            answer = self.killed(textured([{"uri": data_uri(data)}]), "images[0]")
+            self.assertLess(answer.memory, importing.MEMORY // 2)
+
+    def test_a_flipped_bit_in_a_picture(self):
+        png = bytearray(bomb_png(64))
+        png[60] ^= 4
+        self.killed(textured([{"uri": data_uri(bytes(png))}]), "images[0]")
+
+    def test_one_picture_by_many_names(self):
+        """Equal bytes are decoded once; what a few bytes are made to stand for is bounded."""
+        importing.write(self.place, "a.png", bomb_png(2000))
+        names = [{"uri": "./" * (i % 500) + "a.png"} for i in range(1000)]
+        for key in ("baseColorTexture", "metallicRoughnessTexture"):
+            self.survived(textured(names, key))
+        self.survived(textured(names[:1], "metallicRoughnessTexture", 1000))
+        data = bomb_png(5000)
+        overlapping = textured([{"bufferView": i, "mimeType": "image/png"} for i in range(1000)])
+        tail = b"\0" * 1000  # each view is another picture, of nearly the same bytes
+        buffers = [{"byteLength": len(data) + 1000, "uri": data_uri(data + tail)}]
+        overlapping["buffers"] += buffers
+        overlapping["bufferViews"] += [{"buffer": 1, "byteLength": len(data) + i} for i in range(1000)]
+        for image in overlapping["images"]:
+            image["bufferView"] += 2
+        self.killed(overlapping, "images[")
 
     def test_pictures_of_wrong_dimensions(self):
         for width, height in ((0, 1), (1, 0), (65535, 65535), (2147483647, 1), (20000, 1)):

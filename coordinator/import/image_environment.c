@@ -1,0 +1,100 @@
+/* Environments: the limits, and what is done with their values. */
+#include <math.h>
+#include <string.h>
+
+#include "coordinator/import/image.h"
+#include "coordinator/import/image_formats.h"
+
+static int judge(int64_t w, int64_t h, size_t size, const char *where, struct kiln_error *error)
+{
+    const uint64_t earned = size > KILN_ENVIRONMENT_TEXELS_MAX ? KILN_ENVIRONMENT_TEXELS_MAX
+                                                               : KILN_ENVIRONMENT_TEXELS_FREE + KILN_ENVIRONMENT_TEXELS_PER_BYTE * size;
+    const uint64_t most = earned < KILN_ENVIRONMENT_TEXELS_MAX ? earned : KILN_ENVIRONMENT_TEXELS_MAX;
+    if (w <= 0 || h <= 0 || w > KILN_ENVIRONMENT_SIDE_MAX || h > KILN_ENVIRONMENT_SIDE_MAX || (uint64_t)(w * h) > most)
+        return kiln_fail(error, KILN_BAD_INPUT, "%s is %lld x %lld pixels; an environment of %zu bytes may have up to %llu pixels, and no side above %d",
+                         where, (long long)w, (long long)h, size, (unsigned long long)most, KILN_ENVIRONMENT_SIDE_MAX);
+    return KILN_OK;
+}
+
+static int append_texels(struct kiln_builder *builder, int64_t w, int64_t h, float **texels, struct kiln_error *error)
+{
+    size_t first = 0;
+    const int status = kiln_builder_append(builder, KILN_SECTION_ENVIRONMENT_TEXELS, NULL, 3 * (size_t)w * (size_t)h, &first, error);
+    if (status == KILN_OK)
+        *texels = KILN_BUILDER_DATA(builder, float, KILN_SECTION_ENVIRONMENT_TEXELS) + first;
+    return status;
+}
+
+static int append_radiance(struct kiln_builder *builder, const unsigned char *bytes, size_t size, const char *where, uint32_t *width,
+                           uint32_t *height, struct kiln_error *error)
+{
+    size_t rows = 0;
+    float *texels = NULL;
+    int status = kiln_radiance_measure(bytes, size, where, width, height, &rows, error);
+    if (status == KILN_OK)
+        status = judge(*width, *height, size, where, error);
+    if (status == KILN_OK)
+        status = kiln_radiance_decode(bytes, size, where, *width, *height, rows, NULL, error);
+    if (status == KILN_OK)
+        status = append_texels(builder, *width, *height, &texels, error);
+    if (status == KILN_OK)
+        status = kiln_radiance_decode(bytes, size, where, *width, *height, rows, texels, error);
+    return status;
+}
+
+static int append_exr(struct kiln_builder *builder, const unsigned char *bytes, size_t size, const char *where, uint32_t *width,
+                      uint32_t *height, struct kiln_error *error)
+{
+    struct kiln_exr *exr = NULL;
+    int64_t w = 0, h = 0;
+    float *texels = NULL;
+    int status = kiln_exr_open(&exr, bytes, size, where, error);
+    if (status == KILN_OK) {
+        kiln_exr_size(exr, &w, &h);
+        status = judge(w, h, size, where, error);
+    }
+    if (status == KILN_OK)
+        status = kiln_exr_decode(exr, NULL, error);
+    if (status == KILN_OK)
+        status = append_texels(builder, w, h, &texels, error);
+    if (status == KILN_OK)
+        status = kiln_exr_decode(exr, texels, error);
+    kiln_exr_close(&exr);
+    *width = (uint32_t)w;
+    *height = (uint32_t)h;
+    return status;
+}
+
+/* Makes the values fit to be light. */
+static int settle(struct kiln_builder *builder, float *texels, uint32_t width, uint32_t height, const char *where, struct kiln_error *error)
+{
+    size_t negative = 0;
+    for (size_t i = 0; i < 3 * (size_t)width * height; i++) {
+        const size_t x = i / 3 % width, y = i / 3 / width;
+        if (!isfinite(texels[i]))
+            return kiln_fail(error, KILN_BAD_INPUT, "%s: pixel (%zu, %zu) is infinite or not a number; repair the image", where, x, y);
+        if (texels[i] > KILN_ENVIRONMENT_RADIANCE_MAX)
+            return kiln_fail(error, KILN_BAD_INPUT, "%s: pixel (%zu, %zu) is %g, more than %g; repair the image", where, x, y,
+                             (double)texels[i], (double)KILN_ENVIRONMENT_RADIANCE_MAX);
+        if (texels[i] < 0.0f) {
+            texels[i] = 0.0f;
+            negative++;
+        }
+    }
+    return negative == 0 ? KILN_OK : kiln_builder_note(builder, 1, error, "%s: %zu negative values were set to 0", where, negative);
+}
+
+int kiln_image_append_environment(struct kiln_builder *builder, const unsigned char *bytes, size_t size, const char *where,
+                                  uint32_t *width, uint32_t *height, struct kiln_error *error)
+{
+    int status;
+    if (size >= 4 && memcmp(bytes, "\x76\x2f\x31\x01", 4) == 0)
+        status = append_exr(builder, bytes, size, where, width, height, error);
+    else if (size >= 10 && (memcmp(bytes, "#?RADIANCE", 10) == 0 || memcmp(bytes, "#?RGBE", 6) == 0))
+        status = append_radiance(builder, bytes, size, where, width, height, error);
+    else
+        status = kiln_fail(error, KILN_BAD_INPUT, "%s is neither Radiance (.hdr) nor OpenEXR (.exr); convert it", where);
+    if (status != KILN_OK)
+        return status;
+    return settle(builder, KILN_BUILDER_DATA(builder, float, KILN_SECTION_ENVIRONMENT_TEXELS), *width, *height, where, error);
+}

@@ -1,0 +1,177 @@
+/* Radiance RGBE pictures, as Radiance's own ra_* programs and every present one write them: rows from the top, each flat or with
+ * the run lengths of 1991. Own code because stb_image neither minds the end of the file nor looks at the run lengths before it
+ * allocates. Values are mantissa x 2^(exponent - 136), exposure is not undone: the same as stb_image's. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "coordinator/import/image_formats.h"
+#include "worker/base/status.h"
+
+enum { LINE_MAX_BYTES = 4096, RUN_WIDTH_MIN = 8, RUN_WIDTH_MAX = 32767, RUN_MOST = 127 };
+
+static int broken(const char *where, struct kiln_error *error, const char *reason)
+{
+    return kiln_fail(error, KILN_BAD_INPUT, "%s is a broken image (%s); save it again", where, reason);
+}
+
+/* ---- header ---- */
+
+/* The line from *at on, without its end; NULL where none ends. */
+static const char *next_line(const unsigned char *bytes, size_t size, size_t *at, size_t *length)
+{
+    const size_t left = size - *at;
+    const unsigned char *line = bytes + *at, *end = memchr(line, '\n', left < LINE_MAX_BYTES ? left : LINE_MAX_BYTES);
+    if (end == NULL)
+        return NULL;
+    *length = (size_t)(end - line);
+    *at += *length + 1;
+    return (const char *)line;
+}
+
+static bool is(const char *line, size_t length, const char *text) { return length == strlen(text) && memcmp(line, text, length) == 0; }
+
+/* Digits up to a value of 2^31; false where there are none. */
+static bool number(const char **at, const char *end, uint32_t *value)
+{
+    const char *first = *at;
+    for (*value = 0; *at < end && **at >= '0' && **at <= '9' && *value < 100000000; ++*at)
+        *value = 10 * *value + (uint32_t)(**at - '0');
+    return *at > first;
+}
+
+static bool word(const char **at, const char *end, const char *text)
+{
+    const size_t length = strlen(text);
+    if ((size_t)(end - *at) < length || memcmp(*at, text, length) != 0)
+        return false;
+    *at += length;
+    return true;
+}
+
+/* "-Y 4 +X 8": rows from the top, each from the left. */
+static bool parse_resolution(const char *line, size_t length, uint32_t *width, uint32_t *height)
+{
+    const char *at = line, *end = line + length;
+    return word(&at, end, "-Y ") && number(&at, end, height) && word(&at, end, " +X ") && number(&at, end, width) && at == end;
+}
+
+int kiln_radiance_measure(const unsigned char *bytes, size_t size, const char *where, uint32_t *width, uint32_t *height, size_t *rows,
+                          struct kiln_error *error)
+{
+    size_t at = 0, length;
+    bool rgbe = false;
+    const char *line = next_line(bytes, size, &at, &length);
+    while (line != NULL && (line = next_line(bytes, size, &at, &length)) != NULL && length > 0) {
+        rgbe |= is(line, length, "FORMAT=32-bit_rle_rgbe");
+        if (is(line, length, "FORMAT=32-bit_rle_xyze"))
+            return kiln_fail(error, KILN_BAD_INPUT, "%s is a Radiance image in XYZ; convert it to RGB (ra_xyze -r)", where);
+    }
+    line = line == NULL ? NULL : next_line(bytes, size, &at, &length);
+    if (line == NULL || !rgbe)
+        return kiln_fail(error, KILN_BAD_INPUT, "%s cannot be read as a Radiance image (%s); give an .hdr or .exr", where,
+                         line == NULL ? "its header has no end" : "it has no line FORMAT=32-bit_rle_rgbe");
+    if (!parse_resolution(line, length, width, height))
+        return kiln_fail(error, KILN_BAD_INPUT, "%s cannot be read as a Radiance image (its size is given as '%.*s', not as -Y HEIGHT +X WIDTH); turn it upright and save it again",
+                         where, length < 40 ? (int)length : 40, line);
+    *rows = at;
+    return KILN_OK;
+}
+
+/* ---- rows ---- */
+
+/* Bytes still to come. */
+struct stream {
+    const unsigned char *at, *end;
+};
+
+static size_t left_of(const struct stream *s) { return (size_t)(s->end - s->at); }
+
+static bool has_runs(const struct stream *s, uint32_t width)
+{
+    return width >= RUN_WIDTH_MIN && width <= RUN_WIDTH_MAX && left_of(s) >= 4 && s->at[0] == 2 && s->at[1] == 2 && s->at[2] < 128;
+}
+
+/* One channel of a row, from runs (128 + length, value) and dumps (length, values). With target NULL only walked over. */
+static const char *read_channel(struct stream *s, uint32_t width, unsigned char *target)
+{
+    for (uint32_t x = 0; x < width;) {
+        if (left_of(s) < 2)
+            return "it is cut off";
+        const bool run = s->at[0] > 128;
+        const uint32_t count = run ? s->at[0] - 128u : s->at[0];
+        const size_t stored = run ? 1 : count;
+        s->at++;
+        if (count == 0 || count > width - x)
+            return "a run length leads out of its row";
+        if (left_of(s) < stored)
+            return "it is cut off";
+        if (target != NULL && run)
+            memset(target + x, s->at[0], count);
+        else if (target != NULL)
+            memcpy(target + x, s->at, count);
+        s->at += stored;
+        x += count;
+    }
+    return NULL;
+}
+
+static const char *read_runs(struct stream *s, uint32_t width, unsigned char *planes)
+{
+    const uint32_t said = (uint32_t)s->at[2] << 8 | s->at[3];
+    if (said != width)
+        return "a row is not as long as the image is wide";
+    s->at += 4;
+    for (size_t c = 0; c < 4; c++) {
+        const char *reason = read_channel(s, width, planes == NULL ? NULL : planes + c * width);
+        if (reason != NULL)
+            return reason;
+    }
+    return NULL;
+}
+
+static void convert(const unsigned char *pixel, size_t stride, float rgb[3])
+{
+    const unsigned exponent = pixel[3 * stride];
+    const float factor = exponent == 0 ? 0.0f : ldexpf(1.0f, (int)exponent - 136);
+    for (size_t c = 0; c < 3; c++)
+        rgb[c] = (float)pixel[c * stride] * factor;
+}
+
+/* A row of four bytes a pixel. A pixel (1, 1, 1, n) repeats the one before it, in files from before 1991. */
+static const char *read_flat(struct stream *s, uint32_t width, float *rgb)
+{
+    if (left_of(s) / 4 < width)
+        return "it is cut off";
+    for (uint32_t x = 0; x < width; x++, s->at += 4) {
+        if (s->at[0] == 1 && s->at[1] == 1 && s->at[2] == 1)
+            return "it has run lengths of before 1991, which kiln does not read";
+        if (rgb != NULL)
+            convert(s->at, 1, rgb + 3 * (size_t)x);
+    }
+    return NULL;
+}
+
+/* `rgb` NULL: the rows are walked over. */
+static const char *read_row(struct stream *s, uint32_t width, float *rgb)
+{
+    unsigned char planes[4 * RUN_WIDTH_MAX];
+    if (!has_runs(s, width))
+        return read_flat(s, width, rgb);
+    const char *reason = read_runs(s, width, rgb == NULL ? NULL : planes);
+    for (uint32_t x = 0; reason == NULL && rgb != NULL && x < width; x++)
+        convert(planes + x, width, rgb + 3 * (size_t)x);
+    return reason;
+}
+
+int kiln_radiance_decode(const unsigned char *bytes, size_t size, const char *where, uint32_t width, uint32_t height, size_t rows,
+                         float *rgb, struct kiln_error *error)
+{
+    struct stream s = {bytes + rows, bytes + size};
+    for (size_t y = 0; y < height; y++) {
+        const char *reason = read_row(&s, width, rgb == NULL ? NULL : rgb + 3 * y * width);
+        if (reason != NULL)
+            return broken(where, error, reason);
+    }
+    return KILN_OK;
+}
