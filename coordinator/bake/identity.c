@@ -6,12 +6,14 @@
 #include "coordinator/cli/options.h"
 #include "coordinator/output/sealed.h"
 
-/* Options of bake whose values are part of a result, */
+/* Options of bake whose values decide the light on the surfaces, or how a checkpoint's points are ordered, */
 static const char *const counting[] = {"environment", "environment-scale", "environment-rotation", "method", "bounces", "tail", "schedule",
                                        "samples-direct", "samples-bounce", "samples-indirect", "seed", "texels-per-metre", "lightmap-size",
-                                       "lightmap-max", "repack", "objects", "trust", "half", "stitch", "sides", "error-map", "cell-size", "partition", "probe-spacing", "samples-probe", "exchange"};
-/* and those that only say where, how fast, how long and with how many words. The quality is in the samples. */
-static const char *const other[] = {"output", "backend", "threads", "instruction-set", "quality", "preview", "exposure", "json", "quiet",
+                                       "lightmap-max", "repack", "objects", "trust", "sides", "cell-size", "partition", "exchange"};
+/* those that decide the probes alone, */
+static const char *const probing[] = {"probe-spacing", "samples-probe"};
+/* and those that only say where, how fast, how long, with how many words, and what files are made of the light. The quality is in the samples. */
+static const char *const other[] = {"output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "error-map", "preview", "exposure", "json", "quiet",
                                     "verbose", "resume", "checkpoint-every", "max-time", "watchdog", "device", "devices", "traversal", "dispatch-time", "device-memory", "verify-share",
                                     "trace", "share-ranks", "give-away", "rebalance", "exchange-limit", "units", "export"}; /* units name the numbers and change none */
 
@@ -26,8 +28,9 @@ static bool is_among(const char *name, const char *const *list, size_t count)
 bool kiln_identity_counts(const char *name, bool *known)
 {
     const bool counts = is_among(name, counting, sizeof counting / sizeof *counting);
-    *known = counts || is_among(name, other, sizeof other / sizeof *other);
-    return counts;
+    const bool probes = is_among(name, probing, sizeof probing / sizeof *probing);
+    *known = counts || probes || is_among(name, other, sizeof other / sizeof *other);
+    return counts || probes;
 }
 
 static json_t *number_json(const struct kiln_option *option, double value, const char *format)
@@ -74,20 +77,27 @@ static json_t *value_json(const struct kiln_job *job, const struct kiln_option *
     return NULL;
 }
 
+static json_t *values_json(const struct kiln_job *job, const char *const *names, size_t count)
+{
+    json_t *values = json_object();
+    for (size_t i = 0; i < count; i++) {
+        const struct kiln_option *option = kiln_option_find_for(names[i], KILN_FOR_BAKE);
+        if (option != NULL)
+            (void)json_object_set_new(values, names[i], value_json(job, option));
+    }
+    return values;
+}
+
 json_t *kiln_identity_make(const struct kiln_job *job, const struct kiln_prepared *prepared)
 {
     const struct kiln_scene *scene = prepared->scene;
-    json_t *fields = json_object(), *sources = json_object();
-    for (size_t i = 0; i < sizeof counting / sizeof *counting; i++) {
-        const struct kiln_option *option = kiln_option_find_for(counting[i], KILN_FOR_BAKE);
-        if (option != NULL)
-            (void)json_object_set_new(fields, counting[i], value_json(job, option));
-    }
+    json_t *fields = values_json(job, counting, sizeof counting / sizeof *counting), *sources = json_object();
+    json_t *probes = values_json(job, probing, sizeof probing / sizeof *probing);
     for (size_t i = 0; i < scene->source_count; i++)
         (void)json_object_set_new(sources, kiln_scene_string(scene, scene->sources[i].path), kiln_hash_json(scene->sources[i].hash));
     (void)json_object_set_new(fields, "scene content", kiln_hash_json(scene->header->content_hash));
     (void)json_object_set_new(fields, "kiln", json_string(KILN_VERSION));
-    return json_pack("{s:o, s:o, s:{s:s, s:s}}", "fields", fields, "sources", sources, "machine", "backend", prepared->backend->api->name,
+    return json_pack("{s:o, s:o, s:o, s:{s:s, s:s}}", "fields", fields, "probes", probes, "sources", sources, "machine", "backend", prepared->backend->api->name,
                      "instruction set", prepared->instruction_set);
 }
 
@@ -128,6 +138,12 @@ static void compare_objects(struct rows *rows, const json_t *then, const json_t 
         if (json_object_get(now, key) == NULL)
             add_row(rows, name, text_of(value), "-");
     }
+}
+
+bool kiln_identity_same_probes(const json_t *then, const json_t *now)
+{
+    const json_t *old = json_object_get(then, "probes"), *new = json_object_get(now, "probes");
+    return old != NULL && new != NULL && json_equal(old, new) != 0;
 }
 
 int kiln_identity_compare(const json_t *then, const json_t *now, const char *directory, char *note, size_t note_size, struct kiln_error *error)

@@ -14,6 +14,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#define STOP_SECONDS 0.2 /* between two looks whether to stop */
+
 extern char **environ;
 
 static double now(void)
@@ -59,16 +61,17 @@ static int spawn_child(const struct kiln_confined_call *call, int pipe_write, pi
     return status;
 }
 
-/* Reads until the child closes the pipe; false when the wall clock ran out first. */
-static bool listen(int pipe_read, double deadline, char *text, size_t size)
+/* Reads until the child closes the pipe; false when the wall clock ran out first, or somebody asked to stop. */
+static bool listen(int pipe_read, double deadline, const struct kiln_stop *stop, char *text, size_t size)
 {
+    const double longest = stop != NULL ? STOP_SECONDS : 3600.0;
     size_t length = 0;
     for (;;) {
         struct pollfd wait = {.fd = pipe_read, .events = POLLIN};
         const double left = deadline - now();
-        if (left <= 0.0)
+        if (left <= 0.0 || kiln_stop_asked(stop))
             return false;
-        const int ready = poll(&wait, 1, left < 3600.0 ? (int)(left * 1000.0) + 1 : 3600000);
+        const int ready = poll(&wait, 1, (int)((left < longest ? left : longest) * 1000.0) + 1);
         if (ready == 0 || (ready < 0 && errno == EINTR))
             continue;
         char block[1024];
@@ -122,12 +125,13 @@ int kiln_confined_run(const struct kiln_confined_call *call, struct kiln_error *
     int status = spawn_child(call, ends[1], &pid, error);
     (void)close(ends[1]);
     if (status == KILN_OK) {
-        const bool answered = listen(ends[0], now() + call->seconds, text, sizeof text);
+        const bool answered = listen(ends[0], now() + call->seconds, call->stop, text, sizeof text);
         if (!answered)
             (void)kill(pid, SIGKILL);
         const int state = wait_for(pid);
-        status = answered ? judge(call, state, text, error)
-                          : kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it took longer than %.0f s; simplify the scene", call->subject,
+        status = answered                      ? judge(call, state, text, error)
+                 : kiln_stop_asked(call->stop) ? kiln_give_up(error)
+                                               : kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it took longer than %.0f s; simplify the scene", call->subject,
                                       call->seconds);
     }
     (void)close(ends[0]);

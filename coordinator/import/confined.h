@@ -4,7 +4,7 @@
 #ifndef KILN_COORDINATOR_IMPORT_CONFINED_H
 #define KILN_COORDINATOR_IMPORT_CONFINED_H
 
-#include "worker/base/status.h"
+#include "worker/base/stop.h"
 
 struct kiln_confined_call {
     const char *program;          /* path of the kiln program; NULL: the one that runs */
@@ -13,6 +13,7 @@ struct kiln_confined_call {
     const char *subject;          /* the file it reads: begins the sentences on what became of it */
     const char *what;             /* "importer": what it is called in them */
     double seconds;               /* of wall clock, after which it is killed */
+    const struct kiln_stop *stop; /* borrowed; NULL: none. The child is killed then: KILN_STOPPED */
 };
 
 /* Starts the child, waits for it, and passes its status and sentence on. A crash or a limit that was reached is KILN_BAD_INPUT: the file

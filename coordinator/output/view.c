@@ -94,7 +94,7 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
     if (status == KILN_OK)
         status = kiln_view_rays_create(&r.rays, row * rows, error);
     for (uint32_t y = 0; status == KILN_OK && y < params->height; y += rows)
-        status = render_band(&r, y, params->height - y < rows ? params->height - y : rows, error);
+        status = kiln_stop_asked(params->source.stop) ? kiln_give_up(error) : render_band(&r, y, params->height - y < rows ? params->height - y : rows, error);
     const double all = (double)row * params->height;
     *shares = (struct kiln_view_shares){r.shares.metal / all, r.shares.lent / all};
     kiln_view_rays_destroy(&r.rays);
@@ -132,7 +132,7 @@ int kiln_picture_make(const struct kiln_view_source *source, const struct kiln_v
         kiln_geometry_meet_all(geometry);
         own.geometry = geometry;
         const struct kiln_backend_params params = {.scene = source->scene, .geometry = geometry, .lights = source->lights,
-                                                   .threads = source->backend->params.threads};
+                                                   .threads = source->backend->params.threads, .stop = source->stop};
         status = kiln_backend_create(&own.backend, "embree", &params, error);
     }
     if (status == KILN_OK)
