@@ -14,6 +14,7 @@
 #include "coordinator/cli/agree.h"
 #include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 
 /* What asks to stop besides signals, whose numbers are smaller; when several do, the largest is named. */
 enum { REASON_MAX_TIME = 1000, REASON_FILE };
@@ -208,7 +209,7 @@ void kiln_control_conclude(struct kiln_control *c, int status, const char *messa
     }
     struct kiln_bake_status last = c->status;
     (void)snprintf(last.state, sizeof last.state, "%s", status == KILN_STOPPED ? "stopped" : "failed");
-    (void)snprintf(last.message, sizeof last.message, "%s", message);
+    kiln_text_copy(last.message, sizeof last.message, message);
     last.code = status;
     last.updated = seconds_now(CLOCK_REALTIME);
     last.seconds = last.updated - last.seconds;

@@ -5,6 +5,7 @@
 
 #include "coordinator/cli/options.h"
 #include "coordinator/output/sealed.h"
+#include "worker/base/text.h"
 
 /* Options of bake whose values decide the light on the surfaces, or how a checkpoint's points are ordered, */
 static const char *const counting[] = {"environment", "environment-scale", "environment-rotation", "method", "bounces", "tail", "schedule",
@@ -116,8 +117,10 @@ static const char *text_of(const json_t *json) { return json_is_string(json) ? j
 
 static void add_row(struct rows *rows, const char *name, const char *then, const char *now)
 {
+    char cells[3][104];
     const size_t used = strlen(rows->text);
-    (void)snprintf(rows->text + used, sizeof rows->text - used, "\n  %-22.60s %-34.100s %.100s", name, then, now);
+    (void)snprintf(rows->text + used, sizeof rows->text - used, "\n  %-22s %-34s %s", kiln_text_plain(cells[0], 61, name),
+                   kiln_text_plain(cells[1], sizeof cells[1], then), kiln_text_plain(cells[2], sizeof cells[2], now));
     rows->count++;
 }
 
@@ -148,13 +151,14 @@ bool kiln_identity_same_probes(const json_t *then, const json_t *now)
 
 int kiln_identity_compare(const json_t *then, const json_t *now, const char *directory, char *note, size_t note_size, struct kiln_error *error)
 {
-    struct rows rows = {{0}, 0}, machine = {{0}, 0};
+    struct rows rows = {"", 0}, machine = {"", 0};
+    add_row(&rows, "field", "in the checkpoint", "now");
+    rows.count = 0;
     compare_objects(&rows, json_object_get(then, "fields"), json_object_get(now, "fields"), "");
     if (rows.count > 0) { /* a source that changed without a trace in the scene is no reason to refuse */
         compare_objects(&rows, json_object_get(then, "sources"), json_object_get(now, "sources"), "file ");
-        return kiln_fail(error, KILN_BAD_INPUT, "the checkpoint in %.300s/checkpoint is of another job; repeat the command that it was made with, "
-                         "or give --no-resume to discard it and start from the beginning\n  %-22s %-34s %s%s", directory, "field", "in the checkpoint",
-                         "now", rows.text);
+        return kiln_fail_table(error, KILN_BAD_INPUT, rows.text, "the checkpoint in %.300s/checkpoint is of another job; repeat the command that it was "
+                               "made with, or give --no-resume to discard it and start from the beginning", directory);
     }
     compare_objects(&machine, json_object_get(then, "machine"), json_object_get(now, "machine"), "");
     const json_t *old = json_object_get(then, "machine"), *new = json_object_get(now, "machine");

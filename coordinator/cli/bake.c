@@ -21,6 +21,7 @@
 #include "coordinator/output/view.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 
 struct bake {
     struct kiln_job *job;
@@ -93,7 +94,7 @@ static int remove_stale(const struct bake *b, struct kiln_error *error)
     if (status == KILN_OK && pruned.removed > 0 && !b->job->quiet)
         (void)fprintf(stderr, "kiln: removed %zu file%s of the bake before, which this one does not write\n", pruned.removed, pruned.removed == 1 ? "" : "s");
     if (status == KILN_OK && pruned.kept > 0)
-        (void)fprintf(stderr, "kiln: note: %zu file%s of the bake before %s changed since, and left in place: %s first\n", pruned.kept,
+        kiln_print(stderr, "kiln: note: %zu file%s of the bake before %s changed since, and left in place: %s first\n", pruned.kept,
                       pruned.kept == 1 ? "" : "s", pruned.kept == 1 ? "was" : "were", pruned.first_kept);
     return status;
 }
@@ -138,7 +139,7 @@ static void say_notes(const struct kiln_scene *scene)
 {
     for (size_t i = 0; i < scene->note_count; i++)
         if (scene->notes[i].severity == KILN_NOTE_SAID)
-            (void)fprintf(stderr, "kiln: note: %s\n", kiln_scene_string(scene, scene->notes[i].text));
+            kiln_print(stderr, "kiln: note: %s\n", kiln_scene_string(scene, scene->notes[i].text));
 }
 
 /* Says what the bake goes on from, when it does. */
@@ -160,7 +161,7 @@ static int compare_with_checkpoint(struct bake *b, const struct kiln_prepared *p
     (void)fprintf(stderr, "kiln: going on from checkpoint %llu, written %s ago (--no-resume would start from the beginning)\n",
                   (unsigned long long)kiln_checkpoint_generation(b->checkpoint), kiln_duration_text((double)time(NULL) - written, age, sizeof age));
     if (note[0] != '\0')
-        (void)fprintf(stderr, "kiln: note: %s\n", note);
+        kiln_print(stderr, "kiln: note: %s\n", note);
     if (!b->same_probes && b->job->samples_probe != 0 && kiln_checkpoint_has(b->checkpoint, "probes"))
         (void)fprintf(stderr, "kiln: note: the checkpoint's probes are of other settings (--probe-spacing, --samples-probe): they are gathered anew, "
                       "the light on surfaces is not\n");
@@ -453,7 +454,7 @@ static int write_scene(struct bake *b, struct kiln_error *error)
         status = export_beside(b, &own);
         told = status == KILN_BAD_INPUT || status == KILN_NO_INPUT || status == KILN_PERMISSION;
         if (told != 0)
-            (void)fprintf(stderr, "kiln: warning: no scene.glb: %s\n", own.message);
+            kiln_print(stderr, "kiln: warning: no scene.glb: %s\n", own.message);
         else if (status != KILN_OK)
             *error = own;
     }
@@ -508,7 +509,7 @@ static int tell(const struct bake *b, struct kiln_error *error)
     if (!b->job->quiet)
         kiln_run_table(stdout, b->report);
     if (!b->job->json && !b->job->quiet && b->preview_text[0] != '\0')
-        (void)printf("preview.png  %s\n", b->preview_text);
+        kiln_print(stdout, "preview.png  %s\n", b->preview_text);
     return KILN_OK;
 }
 

@@ -8,6 +8,7 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
 #include "coordinator/output/publish.h"
+#include "worker/base/text.h"
 
 int kiln_command_report(struct kiln_job *job, struct kiln_error *error)
 {
@@ -25,6 +26,6 @@ int kiln_command_report(struct kiln_job *job, struct kiln_error *error)
     if (job->json)
         return kiln_json_print(json_pack("{s:s, s:o}", "status", "done", "output", kiln_json_string(path)), error);
     if (!job->quiet)
-        (void)puts(path);
+        kiln_print(stdout, "%s\n", path);
     return KILN_OK;
 }

@@ -6,6 +6,7 @@
 #include "coordinator/output/publish.h"
 #include "coordinator/output/view_light.h"
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 
 /* Rays of a band of pixel rows are traced together; about 2^19 of them, 63 MB. */
 enum { BAND_RAYS = 1 << 19 };
@@ -147,7 +148,7 @@ void kiln_viewpoint_text(const struct kiln_viewpoint *v, char text[KILN_VIEWPOIN
     char place[200];
     (void)snprintf(place, sizeof place, "at %.4g,%.4g,%.4g towards %.4g,%.4g,%.4g", v->from[0], v->from[1], v->from[2], v->to[0], v->to[1], v->to[2]);
     if (v->kind == KILN_VIEW_CAMERA)
-        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen by the scene's camera '%.200s'", v->camera);
+        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen by the scene's camera '%s'", kiln_text_plain(place, sizeof place, v->camera));
     else if (v->kind == KILN_VIEW_GIVEN)
         (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen as asked, %s", place);
     else
