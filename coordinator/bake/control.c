@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -16,6 +17,7 @@
 #include "coordinator/cli/agree.h"
 #include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 
 /* What asks to stop besides signals, whose numbers are smaller; when several do, the largest is named. */
 enum { REASON_MAX_TIME = 1000, REASON_FILE };
@@ -24,12 +26,14 @@ enum { VALUE_BUSY, VALUE_STOP, VALUE_SAVE, VALUE_FAILED, VALUES };
 #define COST_SHARE 50.0        /* a checkpoint after a bounce may cost one part in so many */
 #define COST_START 0.02        /* s, and bytes a second, while none has been written yet */
 #define COST_BYTES 300e6
-#define FILE_LOOK_SECONDS 0.25 /* between two looks for the request to stop */
+#define LOOK_MS 250         /* between two looks for the file that asks to stop, on rank 0 */
+#define OTHERS_LOOK_MS 1000 /* and on the others */
 
 struct kiln_control {
     struct kiln_control_params params;
     MPI_Comm communicator; /* of its own */
     int rank, ranks;
+    double monotonic_begin; /* params.begin, on that clock */
     /* the present round */
     bool posted;
     MPI_Request round;
@@ -37,8 +41,11 @@ struct kiln_control {
     int reason;
     /* saving */
     double last_saved, cost;
-    double next_look;
-    bool file_asks;
+    /* what any thread may ask */
+    struct kiln_stop stop;
+    atomic_int heard; /* the reason, once there is one */
+    atomic_llong next_look; /* ms */
+    pthread_mutex_t looking; /* held by who looks for the file */
     /* shared with the thread */
     pthread_t thread;
     bool thread_runs;
@@ -119,6 +126,8 @@ static void note_progress(void *data, const char *name, uint64_t done, uint64_t 
 
 void kiln_control_follow(struct kiln_control *c, struct kiln_progress *progress) { kiln_progress_observe(progress, note_progress, c); }
 
+static bool asked(void *context);
+
 /* ---- life ---- */
 
 /* Rank 0: nobody else may be writing here. An older kiln takes no lock, but says that it is there. */
@@ -155,6 +164,9 @@ int kiln_control_create(struct kiln_control **control, const struct kiln_control
     (void)MPI_Comm_size(c->communicator, &c->ranks);
     (void)pthread_mutex_init(&c->mutex, NULL);
     (void)pthread_cond_init(&c->wake, NULL);
+    (void)pthread_mutex_init(&c->looking, NULL);
+    c->stop = (struct kiln_stop){asked, c};
+    c->monotonic_begin = seconds_now(CLOCK_MONOTONIC) - (MPI_Wtime() - params->begin);
     c->last_saved = MPI_Wtime();
     c->status = (struct kiln_bake_status){.state = "running", .phase = "start", .share = -1.0, .left = -1.0, .ranks = c->ranks};
     kiln_bake_status_sign(&c->status);
@@ -180,6 +192,7 @@ void kiln_control_destroy(struct kiln_control **control)
     (void)MPI_Comm_free(&c->communicator);
     (void)pthread_cond_destroy(&c->wake);
     (void)pthread_mutex_destroy(&c->mutex);
+    (void)pthread_mutex_destroy(&c->looking);
     kiln_free(control);
 }
 
@@ -189,7 +202,7 @@ static void write_last_word(struct kiln_control *c, int status, const char *mess
 {
     struct kiln_bake_status last = c->status;
     (void)snprintf(last.state, sizeof last.state, "%s", status == KILN_STOPPED ? "stopped" : "failed");
-    (void)snprintf(last.message, sizeof last.message, "%s", message);
+    kiln_text_copy(last.message, sizeof last.message, message);
     last.code = status;
     last.updated = seconds_now(CLOCK_REALTIME);
     last.seconds = last.updated - last.seconds;
@@ -215,20 +228,52 @@ void kiln_control_conclude(struct kiln_control *c, int status, const char *messa
 
 /* ---- rounds ---- */
 
-/* What asks this rank to stop; 0: nothing. */
-static int asked_to_stop(struct kiln_control *c)
+/* What asks this rank to stop, of its signals, the clock and the file; 0: nothing. Any thread, and at most one of them waits for the disk. */
+static int hear(struct kiln_control *c)
 {
-    const double now = MPI_Wtime();
-    int reason = (int)*c->params.signal;
-    if (c->rank != 0)
+    struct timespec now;
+    int reason = atomic_load_explicit(&c->heard, memory_order_relaxed);
+    if (reason != 0)
         return reason;
-    if (now >= c->next_look) {
-        c->next_look = now + FILE_LOOK_SECONDS;
-        c->file_asks = c->file_asks || kiln_stop_requested(c->params.directory);
+    reason = (int)*c->params.signal;
+    (void)clock_gettime(CLOCK_MONOTONIC_COARSE, &now);
+    const long long milliseconds = 1000 * (long long)now.tv_sec + now.tv_nsec / 1000000;
+    if (reason == 0 && milliseconds >= atomic_load_explicit(&c->next_look, memory_order_relaxed) && pthread_mutex_trylock(&c->looking) == 0) {
+        if (kiln_stop_requested(c->params.directory))
+            reason = REASON_FILE;
+        else if (c->params.max_time > 0.0 && seconds_now(CLOCK_MONOTONIC) - c->monotonic_begin >= c->params.max_time)
+            reason = REASON_MAX_TIME;
+        atomic_store_explicit(&c->next_look, milliseconds + (c->rank == 0 ? LOOK_MS : OTHERS_LOOK_MS), memory_order_relaxed);
+        (void)pthread_mutex_unlock(&c->looking);
     }
-    if (c->params.max_time > 0.0 && now - c->params.begin >= c->params.max_time)
-        reason = REASON_MAX_TIME;
-    return c->file_asks ? REASON_FILE : reason;
+    if (reason != 0)
+        atomic_store_explicit(&c->heard, reason, memory_order_relaxed);
+    return reason;
+}
+
+/* In rounds: rank 0 watches the clock and the file for all. */
+static int asked_to_stop(struct kiln_control *c) { return c->rank == 0 ? hear(c) : (int)*c->params.signal; }
+
+/* kiln_stop: where ranks work without rounds. A signal that reached this rank alone is passed on by the file that the others look for. */
+static bool asked(void *context)
+{
+    struct kiln_control *c = context;
+    const bool knew = atomic_load_explicit(&c->heard, memory_order_relaxed) != 0;
+    const int reason = hear(c);
+    if (reason != 0 && reason < REASON_MAX_TIME && c->ranks > 1 && !knew)
+        (void)kiln_stop_request(c->params.directory, NULL);
+    return reason != 0;
+}
+
+const struct kiln_stop *kiln_control_stop(const struct kiln_control *c) { return &c->stop; }
+
+/* The least is the one that is not passed on. */
+void kiln_control_why(struct kiln_control *c)
+{
+    int reason = hear(c), least = 0;
+    reason = reason != 0 ? reason : REASON_FILE + 1;
+    (void)MPI_Allreduce(&reason, &least, 1, MPI_INT, MPI_MIN, c->communicator);
+    c->reason = least;
 }
 
 static void post(struct kiln_control *c, bool done, int failed)
@@ -362,6 +407,8 @@ static const char *reason_text(const struct kiln_control *c)
         return "SIGTERM";
     case SIGINT:
         return "SIGINT";
+    case SIGHUP:
+        return "SIGHUP";
     default:
         return "a signal";
     }
@@ -370,4 +417,13 @@ static const char *reason_text(const struct kiln_control *c)
 int kiln_stopped(const struct kiln_control *c, struct kiln_error *error)
 {
     return kiln_fail(error, KILN_STOPPED, "stopped by %s; a checkpoint was written, and the same command goes on from it", reason_text(c));
+}
+
+int kiln_stopped_early(const struct kiln_control *c, uint64_t generation, struct kiln_error *error)
+{
+    if (generation == 0)
+        return kiln_fail(error, KILN_STOPPED, "stopped by %s before any light was computed: there is nothing to keep, and the same command starts from "
+                         "the beginning", reason_text(c));
+    return kiln_fail(error, KILN_STOPPED, "stopped by %s before any more light was computed; checkpoint %llu is kept, and the same command goes on from it",
+                     reason_text(c), (unsigned long long)generation);
 }

@@ -5,7 +5,9 @@
  * has failed; when a round is complete all ranks hold the same answer and do the same. Nobody waits in a round, and a pass
  * ends with the first round in which all are done. A signal therefore need not reach all ranks, and reaching one twice does no harm.
  *
- * What asks to stop: SIGUSR1, SIGTERM, SIGINT on any rank; on rank 0 the file that `kiln stop` leaves, and --max-time.
+ * What asks to stop: SIGUSR1, SIGTERM, SIGINT, SIGHUP on any rank; the file that `kiln stop` leaves, and --max-time. In passes rank 0 looks
+ * for these two and the rounds spread the word. Where ranks work on without rounds (import, BVH, surface, files) each looks for itself,
+ * through kiln_control_stop, gives up with KILN_STOPPED, and the agreement on that phase's errors tells the others, which have looked too.
  *
  * Who has fallen silent is the watchdog's business (watchdog.h), which is told here where a rank stands.
  *
@@ -20,7 +22,7 @@
 
 #include "coordinator/bake/watchdog.h"
 #include "coordinator/cli/progress.h"
-#include "worker/base/status.h"
+#include "worker/base/stop.h"
 
 struct kiln_control_params {
     MPI_Comm communicator;
@@ -77,8 +79,18 @@ void kiln_control_saved(struct kiln_control *control, uint64_t generation, doubl
 /* kiln_watchdog_blocking. */
 void kiln_control_blocking(struct kiln_control *control, const char *what, double seconds);
 
+/* What asks to stop outside passes; lives as long as the control. A signal that has reached one rank only becomes known to the others through
+ * the same file as `kiln stop` leaves: within about a second, or what their file system takes to show it. */
+const struct kiln_stop *kiln_control_stop(const struct kiln_control *control);
+
+/* Collective. After a phase that all ranks left with KILN_STOPPED: learns why, for the sentences below. */
+void kiln_control_why(struct kiln_control *control);
+
 /* KILN_STOPPED with its sentence: what asked to stop ("SIGUSR1", "kiln stop", "--max-time"), once a checkpoint is written. */
 int kiln_stopped(const struct kiln_control *control, struct kiln_error *error);
+
+/* The same when nothing was written: `generation` is that of the checkpoint which the bake went on from, 0: none. */
+int kiln_stopped_early(const struct kiln_control *control, uint64_t generation, struct kiln_error *error);
 
 /* Rank 0, before results are replaced: whether the folder is still this bake's (kiln_lock_check). */
 int kiln_control_check_folder(const struct kiln_control *control, struct kiln_error *error);

@@ -5,13 +5,16 @@
 
 #include "coordinator/cli/options.h"
 #include "coordinator/output/sealed.h"
+#include "worker/base/text.h"
 
-/* Options of bake whose values are part of a result, */
+/* Options of bake whose values decide the light on the surfaces, or how a checkpoint's points are ordered, */
 static const char *const counting[] = {"environment", "environment-scale", "environment-rotation", "method", "bounces", "tail", "schedule",
                                        "samples-direct", "samples-bounce", "samples-indirect", "seed", "texels-per-metre", "lightmap-size",
-                                       "lightmap-max", "repack", "objects", "trust", "half", "stitch", "sides", "error-map", "cell-size", "partition", "probe-spacing", "samples-probe", "exchange"};
-/* and those that only say where, how fast, how long and with how many words. The quality is in the samples. */
-static const char *const other[] = {"output", "backend", "threads", "instruction-set", "quality", "preview", "exposure", "json", "quiet",
+                                       "lightmap-max", "repack", "objects", "trust", "sides", "cell-size", "partition", "exchange"};
+/* those that decide the probes alone, */
+static const char *const probing[] = {"probe-spacing", "samples-probe"};
+/* and those that only say where, how fast, how long, with how many words, and what files are made of the light. The quality is in the samples. */
+static const char *const other[] = {"output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "error-map", "preview", "exposure", "json", "quiet",
                                     "verbose", "resume", "checkpoint-every", "max-time", "watchdog", "device", "devices", "traversal", "dispatch-time", "device-memory", "verify-share",
                                     "trace", "share-ranks", "give-away", "rebalance", "exchange-limit", "units", "export"}; /* units name the numbers and change none */
 
@@ -26,8 +29,9 @@ static bool is_among(const char *name, const char *const *list, size_t count)
 bool kiln_identity_counts(const char *name, bool *known)
 {
     const bool counts = is_among(name, counting, sizeof counting / sizeof *counting);
-    *known = counts || is_among(name, other, sizeof other / sizeof *other);
-    return counts;
+    const bool probes = is_among(name, probing, sizeof probing / sizeof *probing);
+    *known = counts || probes || is_among(name, other, sizeof other / sizeof *other);
+    return counts || probes;
 }
 
 static json_t *value_json(const struct kiln_job *job, const struct kiln_option *option)
@@ -37,20 +41,27 @@ static json_t *value_json(const struct kiln_job *job, const struct kiln_option *
     return json != NULL ? json : json_string("not UTF-8");
 }
 
+static json_t *values_json(const struct kiln_job *job, const char *const *names, size_t count)
+{
+    json_t *values = json_object();
+    for (size_t i = 0; i < count; i++) {
+        const struct kiln_option *option = kiln_option_find_for(names[i], KILN_FOR_BAKE);
+        if (option != NULL)
+            (void)json_object_set_new(values, names[i], value_json(job, option));
+    }
+    return values;
+}
+
 json_t *kiln_identity_make(const struct kiln_job *job, const struct kiln_prepared *prepared)
 {
     const struct kiln_scene *scene = prepared->scene;
-    json_t *fields = json_object(), *sources = json_object();
-    for (size_t i = 0; i < sizeof counting / sizeof *counting; i++) {
-        const struct kiln_option *option = kiln_option_find_for(counting[i], KILN_FOR_BAKE);
-        if (option != NULL)
-            (void)json_object_set_new(fields, counting[i], value_json(job, option));
-    }
+    json_t *fields = values_json(job, counting, sizeof counting / sizeof *counting), *sources = json_object();
+    json_t *probes = values_json(job, probing, sizeof probing / sizeof *probing);
     for (size_t i = 0; i < scene->source_count; i++)
         (void)json_object_set_new(sources, kiln_scene_string(scene, scene->sources[i].path), kiln_hash_json(scene->sources[i].hash));
     (void)json_object_set_new(fields, "scene content", kiln_hash_json(scene->header->content_hash));
     (void)json_object_set_new(fields, "kiln", json_string(KILN_VERSION));
-    return json_pack("{s:o, s:o, s:{s:s, s:s}}", "fields", fields, "sources", sources, "machine", "backend", prepared->backend->api->name,
+    return json_pack("{s:o, s:o, s:o, s:{s:s, s:s}}", "fields", fields, "probes", probes, "sources", sources, "machine", "backend", prepared->backend->api->name,
                      "instruction set", prepared->instruction_set);
 }
 
@@ -69,8 +80,10 @@ static const char *text_of(const json_t *json) { return json_is_string(json) ? j
 
 static void add_row(struct rows *rows, const char *name, const char *then, const char *now)
 {
+    char cells[3][104];
     const size_t used = strlen(rows->text);
-    (void)snprintf(rows->text + used, sizeof rows->text - used, "\n  %-22.60s %-34.100s %.100s", name, then, now);
+    (void)snprintf(rows->text + used, sizeof rows->text - used, "\n  %-22s %-34s %s", kiln_text_plain(cells[0], 61, name),
+                   kiln_text_plain(cells[1], sizeof cells[1], then), kiln_text_plain(cells[2], sizeof cells[2], now));
     rows->count++;
 }
 
@@ -93,15 +106,22 @@ static void compare_objects(struct rows *rows, const json_t *then, const json_t 
     }
 }
 
+bool kiln_identity_same_probes(const json_t *then, const json_t *now)
+{
+    const json_t *old = json_object_get(then, "probes"), *new = json_object_get(now, "probes");
+    return old != NULL && new != NULL && json_equal(old, new) != 0;
+}
+
 int kiln_identity_compare(const json_t *then, const json_t *now, const char *directory, char *note, size_t note_size, struct kiln_error *error)
 {
-    struct rows rows = {{0}, 0}, machine = {{0}, 0};
+    struct rows rows = {"", 0}, machine = {"", 0};
+    add_row(&rows, "field", "in the checkpoint", "now");
+    rows.count = 0;
     compare_objects(&rows, json_object_get(then, "fields"), json_object_get(now, "fields"), "");
     if (rows.count > 0) { /* a source that changed without a trace in the scene is no reason to refuse */
         compare_objects(&rows, json_object_get(then, "sources"), json_object_get(now, "sources"), "file ");
-        return kiln_fail(error, KILN_BAD_INPUT, "the checkpoint in %.300s/checkpoint is of another job; repeat the command that it was made with, "
-                         "or give --no-resume to discard it and start from the beginning\n  %-22s %-34s %s%s", directory, "field", "in the checkpoint",
-                         "now", rows.text);
+        return kiln_fail_table(error, KILN_BAD_INPUT, rows.text, "the checkpoint in %.300s/checkpoint is of another job; repeat the command that it was "
+                               "made with, or give --no-resume to discard it and start from the beginning", directory);
     }
     compare_objects(&machine, json_object_get(then, "machine"), json_object_get(now, "machine"), "");
     const json_t *old = json_object_get(then, "machine"), *new = json_object_get(now, "machine");

@@ -10,7 +10,7 @@
 
 static const char *const pass_names[] = {"direct light", "bounce", "final gather"}; /* in the order of enum kiln_pass_kind */
 
-#define RATE_START 1e6    /* rays a second and thread, to begin with */
+#define RATE_START 2e4    /* rays a second and thread, to begin with: little, so that the first batch is short however slow they are */
 
 static void take_direct(const struct kiln_share *share, uint64_t own, const struct kiln_point_result *r, float radiosity[3])
 {

@@ -11,7 +11,7 @@
 #include "coordinator/cli/devices.h"
 #include "worker/base/memory.h"
 
-enum { BATCH_FRAGMENTS = 4096 };
+enum { FIRST_FRAGMENTS = 256, MOST_FRAGMENTS = 1 << 16 }; /* of a batch of the validity pass */
 
 static const char *const instruction_sets[] = {"sse2", "sse4.2", "avx", "avx2", "avx512"};
 enum { SETS = 5 };
@@ -86,7 +86,25 @@ static int learn_about_ranks(struct kiln_prepared *p, const struct kiln_job *job
     return kiln_node_create(&p->node, p->communicator, job->share_ranks, error);
 }
 
-static int import_scene(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file, struct kiln_error *error)
+static const struct kiln_prepare_care careless = {0};
+
+static const struct kiln_stop *stop_of(const struct kiln_prepare_care *care) { return care->control != NULL ? kiln_control_stop(care->control) : NULL; }
+
+/* Collective. Between steps of which none looks by itself. */
+static int go_on(const struct kiln_prepared *p, const struct kiln_prepare_care *care, int status, struct kiln_error *error)
+{
+    if (status == KILN_OK && kiln_stop_asked(stop_of(care)))
+        status = kiln_give_up(error);
+    return kiln_agree(p->communicator, status, error);
+}
+
+static int refuse(const struct kiln_prepared *p, const struct kiln_prepare_care *care, struct kiln_error *error)
+{
+    return care->refuse != NULL ? care->refuse(care->context, p, error) : KILN_OK;
+}
+
+static int import_scene(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file, const struct kiln_prepare_care *care,
+                        struct kiln_error *error)
 {
     int status = KILN_OK;
     if (p->rank == 0) {
@@ -102,10 +120,11 @@ static int import_scene(struct kiln_prepared *p, const struct kiln_job *job, con
             .environment_rotation_degrees = job->environment_rotation,
             .objects = job->objects,
             .trust_normals = job->trust_normals,
+            .stop = stop_of(care),
         };
         status = kiln_import(&params, &p->import, error);
     }
-    return kiln_agree(p->communicator, status, error);
+    return go_on(p, care, status, error);
 }
 
 /* kiln_node_builder */
@@ -129,14 +148,17 @@ static int share_geometry(struct kiln_prepared *p, struct kiln_error *error)
     return p->geometry != NULL ? KILN_OK : kiln_geometry_attach(&p->geometry, &made, kiln_node_place, &memory, error);
 }
 
-static int build_world(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file, struct kiln_error *error)
+static int build_world(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file, const struct kiln_prepare_care *care,
+                       struct kiln_error *error)
 {
     int status = agree_on_instruction_set(p, job->instruction_set, error);
     if (status == KILN_OK)
         status = kiln_scene_open(&p->scene, scene_file, error);
-    status = kiln_agree(p->communicator, status, error);
+    status = go_on(p, care, status, error);
     if (status == KILN_OK)
-        status = kiln_agree(p->communicator, share_geometry(p, error), error);
+        status = refuse(p, care, error);
+    if (status == KILN_OK)
+        status = go_on(p, care, share_geometry(p, error), error);
     if (status == KILN_OK)
         status = kiln_lights_create(&p->lights, p->scene, p->geometry, error);
     if (status == KILN_OK) {
@@ -145,7 +167,8 @@ static int build_world(struct kiln_prepared *p, const struct kiln_job *job, cons
                                              .lights = p->lights,
                                              .threads = p->threads,
                                              .instruction_set = p->instruction_set,
-                                             .seed = job->seed};
+                                             .seed = job->seed,
+                                             .stop = stop_of(care)};
         kiln_devices_choose(job, p->node_rank, p->node_ranks, &params);
         status = kiln_backend_create(&p->backend, job->backend != NULL ? job->backend : "auto", &params, error);
     }
@@ -185,7 +208,7 @@ static void share_map(struct kiln_prepared *p)
     kiln_node_wait(p->node);
 }
 
-static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, struct kiln_error *error)
+static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_prepare_care *care, struct kiln_error *error)
 {
     struct kiln_surface_meeting meeting = {.communicator = p->communicator};
     const struct kiln_surface_exchange exchange = kiln_surface_exchange_over(&meeting);
@@ -197,31 +220,80 @@ static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, st
                                                .rank = (uint32_t)p->rank,
                                                .ranks = (uint32_t)p->ranks,
                                                .exchange = p->ranks > 1 ? &exchange : NULL,
-                                               .threads = p->threads};
+                                               .threads = p->threads,
+                                               .stop = stop_of(care)};
     int status = kiln_surface_build(&p->surface, &params, &p->surface_report, error);
     if (status == KILN_OK)
         share_map(p);
     if (status == KILN_OK)
         status = kiln_backend_set_surface(p->backend, p->surface, error);
-    return kiln_agree(p->communicator, status, error);
+    status = go_on(p, care, status, error);
+    return status == KILN_OK ? refuse(p, care, error) : status;
 }
 
-static int find_valid_points(struct kiln_prepared *p, struct kiln_progress *progress, struct kiln_error *error)
+/* ---- validity ---- */
+
+/* The pass under way on this rank. */
+struct validity_work {
+    struct kiln_prepared *p;
+    struct kiln_control *control; /* NULL: none */
+    struct kiln_progress *progress;
+    size_t next, batch; /* fragments */
+};
+
+static int run_batch(struct validity_work *w, double *seconds, struct kiln_error *error)
 {
+    const struct kiln_surface *s = w->p->surface;
+    const size_t left = s->fragment_count - w->next, count = left < w->batch ? left : w->batch;
+    const double start = MPI_Wtime(), wanted = w->control != NULL ? kiln_control_batch_seconds(w->control) : 1.0;
+    const int status = kiln_backend_validity(w->p->backend, w->next, count, s->visible, error);
+    *seconds = MPI_Wtime() - start;
+    w->next += count;
+    kiln_progress_advance(w->progress, w->next);
+    if (*seconds < 0.5 * wanted)
+        w->batch = 2 * w->batch < MOST_FRAGMENTS ? 2 * w->batch : MOST_FRAGMENTS;
+    else if (*seconds > 2.0 * wanted && w->batch > 1)
+        w->batch /= 2;
+    return status;
+}
+
+/* Until this rank is done, and with a control until all ranks are, or one says otherwise. */
+static int run_validity(struct validity_work *w, struct kiln_error *error)
+{
+    const size_t count = w->p->surface->fragment_count;
     int status = KILN_OK;
-    const size_t count = p->surface->fragment_count;
-    for (size_t first = 0; first < count && status == KILN_OK; first += BATCH_FRAGMENTS) {
-        const size_t batch = count - first < BATCH_FRAGMENTS ? count - first : BATCH_FRAGMENTS;
-        status = kiln_backend_validity(p->backend, first, batch, p->surface->visible, error);
-        kiln_progress_advance(progress, first + batch);
+    for (;;) {
+        enum kiln_event event = KILN_EVENT_DONE;
+        double seconds = 0.0;
+        const bool works = status == KILN_OK && w->next < count;
+        if (works)
+            status = run_batch(w, &seconds, error);
+        const bool done = w->next == count;
+        const double share = count > 0 ? (double)w->next / (double)count : 1.0;
+        if (w->control != NULL)
+            event = works ? kiln_control_poll(w->control, done, share, seconds, status) : kiln_control_wait(w->control, done, share, status, NULL, NULL);
+        else if (status == KILN_OK && !done)
+            event = KILN_EVENT_NONE;
+        if (event == KILN_EVENT_DONE || event == KILN_EVENT_FAIL)
+            return kiln_agree(w->p->communicator, status, error);
+        if (event == KILN_EVENT_STOP) /* there is nothing yet that is worth a checkpoint */
+            return kiln_agree(w->p->communicator, status != KILN_OK ? status : kiln_give_up(error), error);
     }
-    return kiln_agree(p->communicator, status, error);
+}
+
+static int find_valid_points(struct kiln_prepared *p, const struct kiln_prepare_care *care, struct kiln_progress *progress, struct kiln_error *error)
+{
+    struct validity_work w = {.p = p, .control = care->control, .progress = progress, .batch = FIRST_FRAGMENTS};
+    if (w.control != NULL)
+        kiln_control_begin(w.control, "validity");
+    return run_validity(&w, error);
 }
 
 int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job, const char *scene_file,
-                 struct kiln_phases *phases, struct kiln_progress *progress, struct kiln_error *error)
+                 struct kiln_phases *phases, struct kiln_progress *progress, const struct kiln_prepare_care *care, struct kiln_error *error)
 {
     struct kiln_prepared *p = NULL;
+    care = care != NULL ? care : &careless;
     int status = kiln_agree(communicator, kiln_allocate(&p, 1, sizeof *p, "the run", error), error);
     if (status == KILN_OK) {
         p->communicator = communicator;
@@ -230,22 +302,22 @@ int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const s
     if (status == KILN_OK) {
         kiln_phase(phases, "import");
         kiln_progress_phase(progress, "import", 0);
-        status = import_scene(p, job, scene_file, error);
+        status = import_scene(p, job, scene_file, care, error);
     }
     if (status == KILN_OK) {
         kiln_phase(phases, "scene and BVH");
         kiln_progress_phase(progress, "scene and BVH", 0);
-        status = build_world(p, job, scene_file, error);
+        status = build_world(p, job, scene_file, care, error);
     }
     if (status == KILN_OK) {
         kiln_phase(phases, "surface points");
         kiln_progress_phase(progress, "surface points", 0);
-        status = build_surface(p, job, error);
+        status = build_surface(p, job, care, error);
     }
     if (status == KILN_OK) {
         kiln_phase(phases, "validity");
         kiln_progress_phase(progress, "validity", p->surface->fragment_count);
-        status = find_valid_points(p, progress, error);
+        status = find_valid_points(p, care, progress, error);
     }
     kiln_phase(phases, NULL);
     if (status != KILN_OK)

@@ -19,6 +19,7 @@ struct kiln_bake_result {
     const float *indirect; /* 3 a point */
     const uint16_t *error; /* standard error of the luminance of direct + indirect, 1 a point, kiln_error_pack */
     const uint64_t *radiosity; /* all points: packed total radiosity (albedo x irradiance), for views and probes */
+    const struct kiln_stop *stop; /* what asks to end before all files are written; NULL: nothing does */
 };
 
 /* The irradiance volume: a regular grid of probes, this rank's share of them a contiguous range of z-major order

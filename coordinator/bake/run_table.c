@@ -6,6 +6,7 @@
 
 #include "coordinator/bake/phases.h"
 #include "coordinator/cli/progress.h"
+#include "worker/base/text.h"
 
 enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32 };
 static const double NOTE_IMBALANCE = 0.05, NOTE_FILES = 0.10, NOTE_SECONDS = 1.0, NOTE_LOST = 0.01, NOTE_BORDERS = 0.01;
@@ -234,7 +235,7 @@ void kiln_run_table(FILE *stream, const json_t *report)
     print_time(stream, report);
     print_memory(stream, report);
     print_reached(stream, report);
-    (void)fprintf(stream, "results in %s\n", output != NULL ? output : "?");
+    kiln_print(stream, "results in %s\n", output != NULL ? output : "?");
     json_array_foreach(json_object_get(report, "notes"), index, note)
-        (void)fprintf(stream, "NOTE %s\n", json_string_value(note));
+        kiln_print(stream, "NOTE %s\n", json_string_value(note));
 }

@@ -15,6 +15,7 @@
 #include "coordinator/output/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 
 #define OLD_SECONDS 15.0 /* a file that has not changed for so long belongs to nobody */
 #define WATCH_SECONDS 3.0
@@ -61,8 +62,8 @@ void kiln_bake_status_write(const char *directory, const struct kiln_bake_status
 {
     struct kiln_publish place;
     int descriptor = -1;
-    json_t *json = json_pack("{s:s, s:s, s:f, s:f, s:f, s:i, s:s, s:I, s:I, s:f, s:I, s:I, s:f, s:i, s:o}", "state", s->state, "phase", s->phase,
-                             "share", s->share, "left", s->left, "seconds", s->seconds, "ranks", (int)s->ranks, "host", s->host, "process",
+    json_t *json = json_pack("{s:s, s:o, s:f, s:f, s:f, s:i, s:o, s:I, s:I, s:f, s:I, s:I, s:f, s:i, s:o}", "state", s->state, "phase", kiln_json_string(s->phase),
+                             "share", s->share, "left", s->left, "seconds", s->seconds, "ranks", (int)s->ranks, "host", kiln_json_string(s->host), "process",
                              (json_int_t)s->process, "started", (json_int_t)s->started, "updated", s->updated, "beat", (json_int_t)s->beat,
                              "generation", (json_int_t)s->generation, "saved", s->saved, "code", (int)s->code, "message", kiln_json_string(s->message));
     char *text = json != NULL ? json_dumps(json, JSON_INDENT(1)) : NULL;
@@ -81,7 +82,7 @@ void kiln_bake_status_write(const char *directory, const struct kiln_bake_status
 static void take_text(const json_t *json, const char *key, char *text, size_t size)
 {
     const char *value = json_string_value(json_object_get(json, key));
-    (void)snprintf(text, size, "%s", value != NULL ? value : "");
+    kiln_text_copy(text, size, value != NULL ? value : "");
 }
 
 int kiln_bake_status_read(const char *directory, struct kiln_bake_status *s, struct kiln_error *error)

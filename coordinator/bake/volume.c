@@ -6,7 +6,7 @@
 #include "coordinator/cli/agree.h"
 #include "worker/base/memory.h"
 
-enum { PROBES_ALONG = 16, BATCH_FIRST = 64, BATCH_LEAST = 256, BATCH_MOST = 1 << 16, BATCH_RAYS = 1 << 24 };
+enum { PROBES_ALONG = 16, BATCH_LEAST = 256, BATCH_MOST = 1 << 16, BATCH_RAYS = 1 << 24 };
 
 int kiln_volume_grid(struct kiln_volume_result *volume, const struct kiln_scene *scene, double spacing, struct kiln_error *error)
 {
@@ -67,7 +67,7 @@ static int restore(struct volume_work *w, int rank, int ranks, struct kiln_error
 {
     const struct kiln_checkpoint *c = w->params->checkpoint;
     const uint64_t first = w->volume->first, count = w->volume->count;
-    if (kiln_checkpoint_generation(c) == 0 || !kiln_checkpoint_has(c, "probes"))
+    if (!w->params->restore || kiln_checkpoint_generation(c) == 0 || !kiln_checkpoint_has(c, "probes"))
         return KILN_OK;
     int status = kiln_checkpoint_read(c, "probes", first, count, sizeof *w->probes, w->probes, error);
     if (status == KILN_OK)
@@ -148,6 +148,19 @@ static int gather_all(struct volume_work *w, struct kiln_error *error)
     }
 }
 
+int kiln_volume_save_all(const struct kiln_volume_result *volume, const struct kiln_volume_params *params, uint64_t *rays, struct kiln_error *error)
+{
+    struct volume_work w = {.params = params, .volume = (struct kiln_volume_result *)(uintptr_t)volume, .rays = rays};
+    w.probes = (struct kiln_probe_result *)(uintptr_t)volume->probes;
+    int status = kiln_agree(params->communicator, kiln_allocate(&w.done, volume->count, 1, "the probes", error), error);
+    if (status == KILN_OK && volume->count > 0)
+        memset(w.done, 1, volume->count);
+    if (status == KILN_OK)
+        status = save(&w, true, error);
+    kiln_free(&w.done);
+    return status;
+}
+
 int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_params *params, uint64_t *rays, struct kiln_error *error)
 {
     int rank, ranks;
@@ -160,7 +173,7 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
     volume->first = total * (uint64_t)rank / (uint64_t)ranks;
     volume->count = total * ((uint64_t)rank + 1) / (uint64_t)ranks - volume->first;
     struct volume_work w = {.params = params, .volume = volume, .batch_most = batch_size(params->samples), .rays = rays};
-    w.batch = w.batch_most < BATCH_FIRST ? w.batch_most : BATCH_FIRST;
+    w.batch = 1; /* one may take a second, where it has many samples */
     status = kiln_allocate(&w.probes, volume->count, sizeof *w.probes, "the probes", error);
     if (status == KILN_OK)
         status = kiln_allocate(&w.done, volume->count, 1, "the probes", error);

@@ -19,7 +19,8 @@ struct kiln_volume_params {
     uint32_t samples;
     struct kiln_progress *progress;
     struct kiln_control *control;
-    const struct kiln_checkpoint *checkpoint; /* probes in its open generation are not gathered again */
+    const struct kiln_checkpoint *checkpoint;
+    bool restore;                 /* probes in its open generation are of these settings, and not gathered again */
     kiln_volume_save save;
     void *context;                            /* of save */
 };
@@ -32,5 +33,8 @@ int kiln_volume_grid(struct kiln_volume_result *volume, const struct kiln_scene 
 /* Collective. KILN_STOPPED when something asked to stop. Fills the grid and this rank's range of probes; `rays` is added to. Destroy with kiln_volume_destroy. */
 int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_params *params, uint64_t *rays, struct kiln_error *error);
 void kiln_volume_destroy(struct kiln_volume_result *volume);
+
+/* Collective. Writes a checkpoint with all probes of a volume that is complete, and returns KILN_STOPPED, or why it cannot. */
+int kiln_volume_save_all(const struct kiln_volume_result *volume, const struct kiln_volume_params *params, uint64_t *rays, struct kiln_error *error);
 
 #endif

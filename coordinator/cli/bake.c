@@ -1,7 +1,6 @@
 /* kiln bake: the whole path from scene to files. */
 #include <errno.h>
 #include <math.h>
-#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -16,29 +15,14 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
 #include "coordinator/cli/output_name.h"
+#include "coordinator/cli/process.h"
 #include "coordinator/export/export.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/publish.h"
 #include "coordinator/output/view.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
-
-static volatile sig_atomic_t stop_signal; /* the one thing a signal handler can write to */
-
-static void note_signal(int number) { stop_signal = number; }
-
-/* The second SIGINT ends the process at once: files only get their names when they are complete. SIGTERM and SIGUSR1 may well come
- * more than once from a queue, and mean the same each time. A warning of the queue that comes when all is done already must not make a
- * finished bake look like a lost rank. */
-static void catch_signals(bool on)
-{
-    const struct sigaction again = {.sa_handler = on ? note_signal : SIG_DFL, .sa_flags = SA_RESTART};
-    const struct sigaction warning = {.sa_handler = on ? note_signal : SIG_IGN, .sa_flags = SA_RESTART};
-    const struct sigaction once = {.sa_handler = on ? note_signal : SIG_DFL, .sa_flags = (int)SA_RESETHAND | SA_RESTART};
-    (void)sigaction(SIGINT, &once, NULL);
-    (void)sigaction(SIGTERM, &again, NULL);
-    (void)sigaction(SIGUSR1, &warning, NULL);
-}
+#include "worker/base/text.h"
 
 struct bake {
     struct kiln_job *job;
@@ -61,6 +45,9 @@ struct bake {
     struct kiln_volume_result volume;
     struct kiln_lightmap_report *lightmaps;
     uint64_t probe_rays;
+    bool same_probes; /* those of the checkpoint that is gone on from may be taken */
+    bool saves;       /* within passes, and among the probes: who stops there has written a checkpoint */
+    bool light_done;  /* all but the files */
     json_t *preview; /* rank 0: how it was taken; NULL: none */
     char preview_text[KILN_VIEWPOINT_TEXT];
     bool exported;  /* scene.glb is there */
@@ -105,7 +92,7 @@ static int remove_stale(const struct bake *b, struct kiln_error *error)
     if (status == KILN_OK && pruned.removed > 0 && !b->job->quiet)
         (void)fprintf(stderr, "kiln: removed %zu file%s of the bake before, which this one does not write\n", pruned.removed, pruned.removed == 1 ? "" : "s");
     if (status == KILN_OK && pruned.kept > 0)
-        (void)fprintf(stderr, "kiln: note: %zu file%s of the bake before %s changed since, and left in place: %s first\n", pruned.kept,
+        kiln_print(stderr, "kiln: note: %zu file%s of the bake before %s changed since, and left in place: %s first\n", pruned.kept,
                       pruned.kept == 1 ? "" : "s", pruned.kept == 1 ? "was" : "were", pruned.first_kept);
     return status;
 }
@@ -136,7 +123,7 @@ static int take_charge(struct bake *b, struct kiln_error *error)
                                                .checkpoint_every = b->job->checkpoint_every,
                                                .watchdog = b->watchdog,
                                                .limit = b->job->watchdog,
-                                               .signal = &stop_signal};
+                                               .signal = kiln_process_signal()};
     int status = kiln_control_create(&b->control, &params, error);
     if (status != KILN_OK)
         return status;
@@ -168,14 +155,11 @@ static int check_outputs(struct bake *b, struct kiln_error *error)
     return status == KILN_OK ? KILN_OK : drop_trace(b, status);
 }
 
-/* Before the first pass: whether each lightmap can be put in its place. Collective. */
-static int check_lightmaps(const struct bake *b, struct kiln_error *error)
+/* Rank 0. Whether each lightmap can be put in its place. */
+static int check_lightmaps(const struct bake *b, const struct kiln_prepared *p, struct kiln_error *error)
 {
     const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->job->export};
-    int status = KILN_OK;
-    if (b->rank == 0)
-        status = kiln_manifest_look(b->job->output, b->prepared->scene, b->prepared->surface, &parts, error);
-    return kiln_agree(b->communicator, status, error);
+    return kiln_manifest_look(b->job->output, p->scene, p->surface, &parts, error);
 }
 
 /* What the importer saw that the user should know before the light is there. */
@@ -183,7 +167,60 @@ static void say_notes(const struct kiln_scene *scene)
 {
     for (size_t i = 0; i < scene->note_count; i++)
         if (scene->notes[i].severity == KILN_NOTE_SAID)
-            (void)fprintf(stderr, "kiln: note: %s\n", kiln_scene_string(scene, scene->notes[i].text));
+            kiln_print(stderr, "kiln: note: %s\n", kiln_scene_string(scene, scene->notes[i].text));
+}
+
+/* Says what the bake goes on from, when it does. */
+static int compare_with_checkpoint(struct bake *b, const struct kiln_prepared *prepared, struct kiln_error *error)
+{
+    char note[400];
+    b->identity = kiln_identity_make(b->job, prepared);
+    int status = kiln_agree(b->communicator, b->identity != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the bake's identity"), error);
+    if (status == KILN_OK && !b->job->resume)
+        kiln_checkpoint_remove(b->checkpoint);
+    if (status != KILN_OK || kiln_checkpoint_generation(b->checkpoint) == 0)
+        return status;
+    status = kiln_identity_compare(kiln_checkpoint_identity(b->checkpoint), b->identity, b->job->output, note, sizeof note, error);
+    b->same_probes = kiln_identity_same_probes(kiln_checkpoint_identity(b->checkpoint), b->identity);
+    if (status != KILN_OK || b->rank != 0 || b->job->quiet)
+        return status;
+    char age[48];
+    const double written = kiln_checkpoint_written(b->checkpoint);
+    (void)fprintf(stderr, "kiln: going on from checkpoint %llu, written %s ago (--no-resume would start from the beginning)\n",
+                  (unsigned long long)kiln_checkpoint_generation(b->checkpoint), kiln_duration_text((double)time(NULL) - written, age, sizeof age));
+    if (note[0] != '\0')
+        kiln_print(stderr, "kiln: note: %s\n", note);
+    if (!b->same_probes && b->job->samples_probe != 0 && kiln_checkpoint_has(b->checkpoint, "probes"))
+        (void)fprintf(stderr, "kiln: note: the checkpoint's probes are of other settings (--probe-spacing, --samples-probe): they are gathered anew, "
+                      "the light on surfaces is not\n");
+    return status;
+}
+
+/* Rank 0. What no machine of this size can hold, or this disk. */
+static int check_room(const struct bake *b, const struct kiln_prepared *p, const struct kiln_volume_result *volume, struct kiln_error *error)
+{
+    const double memory = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
+    const uint64_t probes = volume->size[0] * volume->size[1] * volume->size[2];
+    const double needed = (double)probes / p->ranks * p->node_ranks * (double)sizeof(struct kiln_probe_result);
+    if (memory > 0.0 && needed > memory)
+        return kiln_fail(error, KILN_SYSTEM, "%llu probes take %.1f GiB on this host, which has %.1f GiB: use a larger --probe-spacing, or more hosts",
+                         (unsigned long long)probes, needed / 0x1p30, memory / 0x1p30);
+    return p->surface == NULL ? KILN_OK
+                              : kiln_require_space(b->job->output, kiln_h5_space(p->scene, p->surface) + (probes > 0 ? kiln_volume_space(volume) : 0), error);
+}
+
+/* kiln_prepare_care: all that can be refused is refused before the first ray. */
+static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_error *error)
+{
+    struct bake *b = context;
+    struct kiln_volume_result volume = {0};
+    int status = b->job->samples_probe != 0 ? kiln_volume_grid(&volume, p->scene, b->job->probe_spacing, error) : KILN_OK;
+    if (status == KILN_OK && b->rank == 0 && p->surface != NULL)
+        status = check_lightmaps(b, p, error);
+    if (status == KILN_OK && b->rank == 0)
+        status = check_room(b, p, &volume, error);
+    status = kiln_agree(b->communicator, status, error);
+    return status == KILN_OK && p->surface != NULL ? compare_with_checkpoint(b, p, error) : status;
 }
 
 /* The bits of a bake that was begun on another machine are kept where this one can. */
@@ -194,31 +231,10 @@ static int prepare(struct bake *b, struct kiln_error *error)
     struct kiln_job job = *b->job;
     if (pin && kiln_instruction_set_common(b->communicator, before))
         job.instruction_set = (char *)(uintptr_t)before;
-    const int status = kiln_prepare(&b->prepared, b->communicator, &job, b->scene_file, &b->phases, b->progress, error);
+    const struct kiln_prepare_care care = {.control = b->control, .refuse = look_ahead, .context = b};
+    const int status = kiln_prepare(&b->prepared, b->communicator, &job, b->scene_file, &b->phases, b->progress, &care, error);
     if (status == KILN_OK && b->rank == 0 && !b->job->quiet)
         say_notes(b->prepared->scene);
-    return status;
-}
-
-/* Says what the bake goes on from, when it does. */
-static int compare_with_checkpoint(struct bake *b, struct kiln_error *error)
-{
-    char note[400];
-    b->identity = kiln_identity_make(b->job, b->prepared);
-    int status = kiln_agree(b->communicator, b->identity != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the bake's identity"), error);
-    if (status == KILN_OK && !b->job->resume)
-        kiln_checkpoint_remove(b->checkpoint);
-    if (status != KILN_OK || kiln_checkpoint_generation(b->checkpoint) == 0)
-        return status;
-    status = kiln_identity_compare(kiln_checkpoint_identity(b->checkpoint), b->identity, b->job->output, note, sizeof note, error);
-    if (status != KILN_OK || b->rank != 0 || b->job->quiet)
-        return status;
-    char age[48];
-    const double written = kiln_checkpoint_written(b->checkpoint);
-    (void)fprintf(stderr, "kiln: going on from checkpoint %llu, written %s ago (--no-resume would start from the beginning)\n",
-                  (unsigned long long)kiln_checkpoint_generation(b->checkpoint), kiln_duration_text((double)time(NULL) - written, age, sizeof age));
-    if (note[0] != '\0')
-        (void)fprintf(stderr, "kiln: note: %s\n", note);
     return status;
 }
 
@@ -256,6 +272,7 @@ static int transport_light(struct bake *b, struct kiln_error *error)
                                                          .checkpoint = b->checkpoint,
                                                          .identity = b->identity,
                                                          .threads = b->prepared->threads};
+    b->saves = true;
     status = kiln_transport_run(&b->transport, &b->transport_params, error);
     if (status != KILN_OK)
         return status;
@@ -280,22 +297,28 @@ static int save_volume(void *context, const struct kiln_block *blocks, size_t co
     return status == KILN_OK && stop ? kiln_stopped(b->control, error) : status;
 }
 
+static struct kiln_volume_params volume_params(struct bake *b)
+{
+    return (struct kiln_volume_params){.communicator = b->communicator,
+                                       .backend = b->prepared->backend,
+                                       .scene = b->prepared->scene,
+                                       .radiosity = b->transport->radiosity,
+                                       .spacing = b->job->probe_spacing,
+                                       .samples = b->job->samples_probe,
+                                       .progress = b->progress,
+                                       .control = b->control,
+                                       .checkpoint = b->checkpoint,
+                                       .restore = b->same_probes,
+                                       .save = save_volume,
+                                       .context = b};
+}
+
 static int gather_volume(struct bake *b, struct kiln_error *error)
 {
     if (b->job->samples_probe == 0)
         return KILN_OK;
     kiln_phase(&b->phases, "probes");
-    const struct kiln_volume_params params = {.communicator = b->communicator,
-                                              .backend = b->prepared->backend,
-                                              .scene = b->prepared->scene,
-                                              .radiosity = b->transport->radiosity,
-                                              .spacing = b->job->probe_spacing,
-                                              .samples = b->job->samples_probe,
-                                              .progress = b->progress,
-                                              .control = b->control,
-                                              .checkpoint = b->checkpoint,
-                                              .save = save_volume,
-                                              .context = b};
+    const struct kiln_volume_params params = volume_params(b);
     const int status = kiln_volume_run(&b->volume, &params, &b->probe_rays, error);
     kiln_phase(&b->phases, NULL);
     return status;
@@ -338,7 +361,8 @@ static int write_results(struct bake *b, const char *provenance, struct kiln_err
                                             .direct = b->transport->direct,
                                             .indirect = b->transport->indirect,
                                             .error = b->transport->error,
-                                            .radiosity = b->transport->radiosity};
+                                            .radiosity = b->transport->radiosity,
+                                            .stop = kiln_control_stop(b->control)};
     const struct kiln_output_params params = {.directory = b->job->output,
                                               .half = b->job->half,
                                               .stitch = b->job->stitch,
@@ -367,7 +391,8 @@ static int write_results(struct bake *b, const char *provenance, struct kiln_err
 static int draw_picture(struct bake *b, struct kiln_error *error)
 {
     const struct kiln_prepared *p = b->prepared;
-    const struct kiln_view_source source = {.directory = b->job->output, .scene = p->scene, .geometry = p->geometry, .lights = p->lights, .backend = p->backend};
+    const struct kiln_view_source source = {.directory = b->job->output, .scene = p->scene, .geometry = p->geometry, .lights = p->lights, .backend = p->backend,
+                                            .stop = kiln_control_stop(b->control)};
     const struct kiln_view_wish wish = {0};
     struct kiln_picture picture = {0};
     int status = kiln_picture_make(&source, &wish, 2, &picture, error);
@@ -412,7 +437,7 @@ static int export_beside(const struct bake *b, struct kiln_error *error)
         backs[i - s->object_count] = s->lightmaps[i].published != 0;
     if (status == KILN_OK)
         status = kiln_export_beside(b->job->output, b->job->scene, b->prepared->scene, backs,
-                                    kiln_units_of(b->job->units, b->prepared->scene)->irradiance_text, error);
+                                    kiln_units_of(b->job->units, b->prepared->scene)->irradiance_text, kiln_control_stop(b->control), error);
     kiln_free(&backs);
     return status;
 }
@@ -431,7 +456,7 @@ static int write_scene(struct bake *b, struct kiln_error *error)
         status = export_beside(b, &own);
         told = status == KILN_BAD_INPUT || status == KILN_NO_INPUT || status == KILN_PERMISSION;
         if (told != 0)
-            (void)fprintf(stderr, "kiln: warning: no scene.glb: %s\n", own.message);
+            kiln_print(stderr, "kiln: warning: no scene.glb: %s\n", own.message);
         else if (status != KILN_OK)
             *error = own;
     }
@@ -482,7 +507,7 @@ static int tell(const struct bake *b, struct kiln_error *error)
     if (!b->job->quiet)
         kiln_run_table(stdout, b->report);
     if (!b->job->json && !b->job->quiet && b->preview_text[0] != '\0')
-        (void)printf("preview.png  %s\n", b->preview_text);
+        kiln_print(stdout, "preview.png  %s\n", b->preview_text);
     return KILN_OK;
 }
 
@@ -496,26 +521,18 @@ static void note_checkpoints(struct bake *b)
         kiln_phase_add(&b->phases, "checkpoints", seconds);
 }
 
-static int run(struct bake *b, struct kiln_error *error)
+static int run_phases(struct bake *b, struct kiln_error *error)
 {
-    int status = make_folder(b, error);
-    if (status == KILN_OK)
-        status = take_charge(b, error);
-    status = status == KILN_OK ? check_outputs(b, error) : drop_trace(b, status);
-    if (status == KILN_OK)
-        status = prepare(b, error);
-    if (status == KILN_OK)
-        status = check_lightmaps(b, error);
-    if (status == KILN_OK)
-        status = compare_with_checkpoint(b, error);
+    int status = prepare(b, error);
     if (status == KILN_OK)
         status = transport_light(b, error);
     if (status == KILN_OK)
         status = gather_volume(b, error);
-    if (status == KILN_OK)
-        note_checkpoints(b);
-    if (status == KILN_OK)
-        status = forget_old_report(b, error);
+    if (status != KILN_OK)
+        return status;
+    b->light_done = true;
+    note_checkpoints(b);
+    status = forget_old_report(b, error);
     if (status == KILN_OK)
         status = make_lightmap_folder(b, error);
     if (status != KILN_OK)
@@ -532,6 +549,33 @@ static int run(struct bake *b, struct kiln_error *error)
     if (status == KILN_OK)
         status = write_report(b, error);
     return status == KILN_OK ? write_manifest(b, error) : status;
+}
+
+/* After KILN_STOPPED, on all ranks: says what is kept. In passes and among the probes that was done already, with what is computed; here it is
+ * that nothing is yet, or all but some of the files. Collective. */
+static int end_early(struct bake *b, struct kiln_error *error)
+{
+    kiln_phase(&b->phases, NULL);
+    if (!b->light_done && b->saves)
+        return KILN_STOPPED;
+    kiln_control_why(b->control);
+    if (!b->light_done)
+        return kiln_stopped_early(b->control, b->job->resume ? kiln_checkpoint_generation(b->checkpoint) : 0, error);
+    const struct kiln_volume_params params = volume_params(b);
+    if (b->job->samples_probe != 0)
+        return kiln_volume_save_all(&b->volume, &params, &b->probe_rays, error);
+    return save_volume(b, NULL, 0, true, error);
+}
+
+static int run(struct bake *b, struct kiln_error *error)
+{
+    int status = make_folder(b, error);
+    if (status == KILN_OK)
+        status = take_charge(b, error);
+    status = status == KILN_OK ? check_outputs(b, error) : drop_trace(b, status);
+    if (status == KILN_OK)
+        status = run_phases(b, error);
+    return status == KILN_STOPPED ? end_early(b, error) : status;
 }
 
 /* The status file's last word: of interest while there is something to go on from. */
@@ -563,7 +607,6 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
     b.begin = MPI_Wtime();
     b.progress = b.rank == 0 && job->quiet ? kiln_progress_create_silent() : kiln_progress_create(job->quiet, b.rank);
     kiln_phase(&b.phases, NULL);
-    catch_signals(true);
     int status = kiln_watchdog_create(&b.watchdog, b.communicator, job->watchdog, error);
     if (status == KILN_OK && job->trace != NULL)
         status = kiln_trace_create(&b.trace, b.communicator, error);
@@ -580,7 +623,7 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
         conclude(&b, status, error);
     if (status != KILN_OK)
         forget_folder(&b);
-    catch_signals(false);
+    kiln_process_release();
     kiln_progress_observe(b.progress, NULL, NULL);
     kiln_control_destroy(&b.control);
     kiln_checkpoint_close(&b.checkpoint);

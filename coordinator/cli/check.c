@@ -9,6 +9,7 @@
 #include "coordinator/cli/json.h"
 #include "coordinator/cli/look.h"
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 
 static const double density_outlier = 4.0, buried_share = 0.5, bright_albedo = 0.98;
 
@@ -235,9 +236,9 @@ static void print_report(const struct report *r, const struct kiln_job *job)
             const struct problem *p = &r->problems[i];
             warnings += (int)p->severity == severity && severity == WARNING;
             if ((int)p->severity == severity)
-                (void)printf("%s: %s: %s\n", severity == WARNING ? "warning" : "note", p->place, p->text);
+                kiln_print(stdout, "%s: %s: %s\n", severity == WARNING ? "warning" : "note", p->place, p->text);
         }
-    (void)printf("%s: %zu warning%s, %zu note%s\n", job->scene, warnings, warnings == 1 ? "" : "s", r->count - warnings, r->count - warnings == 1 ? "" : "s");
+    kiln_print(stdout, "%s: %zu warning%s, %zu note%s\n", job->scene, warnings, warnings == 1 ? "" : "s", r->count - warnings, r->count - warnings == 1 ? "" : "s");
 }
 
 int kiln_command_check(struct kiln_job *job, struct kiln_error *error)

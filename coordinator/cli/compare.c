@@ -21,6 +21,7 @@
 #include "coordinator/output/read/results.h"
 #include "coordinator/output/units.h"
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 
 struct one {
     char name[256]; /* of the lightmap's file; empty for two files */
@@ -318,12 +319,12 @@ static void print_text(const struct comparison *c)
         (void)printf("dssim      %.6g\n", d->dssim);
     (void)printf("dfpr       %.6g %s; %.6g with the brightest value as 1\n", d->dfpr, unit, d->dfpr_unit);
     if (c->scene_a != NULL)
-        (void)printf("worst      %.6g %s at %.6g %.6g %.6g on %s\n", d->worst, unit, place[0], place[1], place[2], c->ones[c->worst].name);
+        kiln_print(stdout, "worst      %.6g %s at %.6g %.6g %.6g on %s\n", d->worst, unit, place[0], place[1], place[2], c->ones[c->worst].name);
     else
-        (void)printf("worst      %.6g %s at texel (%u, %u)%s%s\n", d->worst, unit, d->worst_x, d->worst_y, c->ones[c->worst].name[0] == '\0' ? "" : " of ",
+        kiln_print(stdout, "worst      %.6g %s at texel (%u, %u)%s%s\n", d->worst, unit, d->worst_x, d->worst_y, c->ones[c->worst].name[0] == '\0' ? "" : " of ",
                      c->ones[c->worst].name);
     for (uint32_t i = 0; i < d->channel_count; i++)
-        (void)printf("  %-12s rmse %.6g, mean of the difference %.6g, mean %.6g\n", d->channels[i].name, d->channels[i].rmse,
+        kiln_print(stdout, "  %-12s rmse %.6g, mean of the difference %.6g, mean %.6g\n", d->channels[i].name, d->channels[i].rmse,
                      d->channels[i].mean_difference, d->channels[i].mean);
 }
 

@@ -6,6 +6,7 @@
 #include "coordinator/bake/prepare.h"
 #include "coordinator/cli/json.h"
 #include "worker/backend/vulkan/gpu.h"
+#include "worker/base/text.h"
 
 enum { MOST_DEVICES = 64, UUID_TEXT = 37 };
 
@@ -53,7 +54,7 @@ static json_t *list_json(const struct gpu_description *list, size_t count, const
 
 static void print_device(const struct gpu_description *d)
 {
-    (void)printf("vulkan %u  %s%s\n", d->index, d->name, d->software ? " (software)" : "");
+    kiln_print(stdout, "vulkan %u  %s%s\n", d->index, d->name, d->software ? " (software)" : "");
     if (!d->fit)
         (void)printf("          cannot be used: it lacks %s\n", d->lacks);
     if (d->driver[0] != '\0')

@@ -17,6 +17,7 @@
 #include "coordinator/output/publish.h"
 #include "coordinator/output/units.h"
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 
 struct export {
     const struct kiln_job *job;
@@ -118,7 +119,7 @@ static int tell(const struct export *e, struct kiln_error *error)
         return kiln_json_print(json_pack("{s:s, s:o, s:I, s:I, s:f}", "status", "done", "output", kiln_json_string(e->output), "pages",
                                          (json_int_t)e->pages->page_count, "texels", (json_int_t)texels, "used", e->pages->used), error);
     if (!e->job->quiet)
-        (void)printf("%s: %zu objects, %zu pages, %.2f million texels, %.1f %% of them used\n", e->output, e->scene->object_count, e->pages->page_count,
+        kiln_print(stdout, "%s: %zu objects, %zu pages, %.2f million texels, %.1f %% of them used\n", e->output, e->scene->object_count, e->pages->page_count,
                      1e-6 * (double)texels, 100.0 * e->pages->used);
     return KILN_OK;
 }

@@ -9,6 +9,7 @@
 #include "coordinator/cli/options.h"
 #include "coordinator/cli/output_name.h"
 #include "coordinator/generate/scenes.h"
+#include "worker/base/text.h"
 
 static void list(void)
 {
@@ -69,7 +70,7 @@ static int report(const struct kiln_job *job, const struct kiln_generator *gener
     kiln_glb_totals(glb, &totals);
     if (!job->json) {
         if (!job->quiet)
-            (void)printf("%s: %s, %" PRIu64 " triangles (%" PRIu64 " with instances) in %" PRIu64 " meshes, %" PRIu64
+            kiln_print(stdout, "%s: %s, %" PRIu64 " triangles (%" PRIu64 " with instances) in %" PRIu64 " meshes, %" PRIu64
                          " nodes, %.2f MB\n",
                          job->output, generator->name, totals.triangles, totals.triangles_placed, totals.meshes, totals.nodes,
                          (double)totals.bytes * 1e-6);

@@ -9,6 +9,7 @@
 #include "coordinator/cli/progress.h"
 #include "coordinator/output/units.h"
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 
 static const char *const light_kinds[] = {"point", "spot", "directional"};
 static const char *const environment_kinds[] = {"none", "constant", "lat-long image"};
@@ -167,7 +168,7 @@ static void print_counts(const struct kiln_look *look, const struct kiln_job *jo
     const struct kiln_surface_report *r = &look->surface;
     const struct kiln_environment *e = s->environment;
     const struct kiln_units *units = kiln_units_of(job->units, s);
-    (void)printf("%s\n", job->scene);
+    kiln_print(stdout, "%s\n", job->scene);
     (void)printf("  objects      %zu of %zu meshes\n", s->object_count, s->mesh_count);
     (void)printf("  triangles    %zu stored, %llu with instances expanded, %llu of these emit\n", s->triangle_count,
                  (unsigned long long)look->expanded, (unsigned long long)look->emissive_triangles);
@@ -228,7 +229,7 @@ static int print_objects(const struct kiln_look *look, bool all, struct kiln_err
 static void print_glass(const struct kiln_look *look, const struct kiln_material *m)
 {
     const double t = (double)m->transmission * (1.0 - (double)m->metallic);
-    (void)printf("glass '%s': lets %.3g %.3g %.3g through%s%s%s\n", string_at(look, m->name), t * (double)m->base_color[0], t * (double)m->base_color[1],
+    kiln_print(stdout, "glass '%s': lets %.3g %.3g %.3g through%s%s%s\n", string_at(look, m->name), t * (double)m->base_color[0], t * (double)m->base_color[1],
                  t * (double)m->base_color[2], m->base_color_texture != KILN_NONE ? ", times its base colour's texture" : "",
                  m->transmission_texture != KILN_NONE ? ", times its transmission's texture" : "",
                  m->alpha_mode == KILN_ALPHA_OPAQUE ? "" : "; holes by its alpha");
@@ -241,19 +242,21 @@ static void print_texts(const struct kiln_look *look, const struct kiln_job *job
     if (s->camera_count > 0)
         (void)fputs("\ncameras:", stdout);
     for (size_t i = 0; i < s->camera_count; i++)
-        (void)printf(" '%s'", string_at(look, s->cameras[i].name));
+        kiln_print(stdout, " '%s'", string_at(look, s->cameras[i].name));
     (void)fputs(s->camera_count > 0 ? "\n" : "", stdout);
+    (void)fputs(s->light_count > 0 ? "\n" : "", stdout);
     for (size_t i = 0; i < s->light_count; i++)
-        (void)printf("%slight '%s': %s, %g %g %g %s\n", i == 0 ? "\n" : "", string_at(look, s->lights[i].name), light_kinds[s->lights[i].kind],
-                     (double)s->lights[i].intensity[0], (double)s->lights[i].intensity[1], (double)s->lights[i].intensity[2],
-                     s->lights[i].kind == KILN_LIGHT_DIRECTIONAL ? units->irradiance : units->intensity);
+        kiln_print(stdout, "light '%s': %s, %g %g %g %s\n", string_at(look, s->lights[i].name), light_kinds[s->lights[i].kind],
+                   (double)s->lights[i].intensity[0], (double)s->lights[i].intensity[1], (double)s->lights[i].intensity[2],
+                   s->lights[i].kind == KILN_LIGHT_DIRECTIONAL ? units->irradiance : units->intensity);
     for (size_t i = 0, shown = 0; i < s->material_count; i++)
         if (s->materials[i].transmission > 0.0f) {
             (void)fputs(shown++ == 0 ? "\n" : "", stdout);
             print_glass(look, &s->materials[i]);
         }
+    (void)fputs(s->note_count > 0 ? "\n" : "", stdout);
     for (size_t i = 0; i < s->note_count; i++)
-        (void)printf("%s%s: %s\n", i == 0 ? "\n" : "", s->notes[i].severity != 0 ? "warning" : "note", string_at(look, s->notes[i].text));
+        kiln_print(stdout, "%s: %s\n", s->notes[i].severity != 0 ? "warning" : "note", string_at(look, s->notes[i].text));
 }
 
 int kiln_command_info(struct kiln_job *job, struct kiln_error *error)

@@ -14,6 +14,7 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/json.h"
 #include "coordinator/cli/options.h"
+#include "coordinator/cli/process.h"
 #include "coordinator/cli/same_job.h"
 #include "coordinator/output/manifest.h"
 
@@ -323,6 +324,9 @@ static bool answer_help(int argc, char **argv, int rank, int *status, struct kil
 
 int kiln_main(int argc, char **argv)
 {
+    kiln_process_begin();
+    if (argc > 1 && strcmp(argv[1], "bake") == 0)
+        kiln_process_catch();
     if (argc > 1 && strcmp(argv[1], "import-child") == 0)
         return kiln_import_child(argc, argv);
     if (argc > 1 && strcmp(argv[1], "export-child") == 0)

@@ -152,8 +152,8 @@ const struct kiln_option kiln_options[] = {
     {.name = "checkpoint-every", .group = "Checkpoints and limits", .kind = KILN_OPTION_DOUBLE, .value = "SECONDS", .fallback = "300",
      .minimum = 0, .maximum = 1e9, .help = "and after bounces, while that costs less than 2 %; 0: only when stopped",
      .commands = KILN_FOR_BAKE, .offset = AT(checkpoint_every)},
-    {.name = "max-time", .group = "Checkpoints and limits", .kind = KILN_OPTION_DOUBLE, .value = "SECONDS", .shown = "none", .minimum = 0,
-     .maximum = 1e9, .help = "save and end with 75 after so long; the same command goes on", .commands = KILN_FOR_BAKE, .offset = AT(max_time)},
+    {.name = "max-time", .group = "Checkpoints and limits", .kind = KILN_OPTION_DOUBLE, .value = "SECONDS", .fallback = "none", .word = "none",
+     .minimum = 1e-3, .maximum = 1e9, .help = "save and end with 75 after so long; the same command goes on", .commands = KILN_FOR_BAKE, .offset = AT(max_time)},
     {.name = "watchdog", .group = "Checkpoints and limits", .kind = KILN_OPTION_DOUBLE, .value = "SECONDS", .fallback = "60", .minimum = 0,
      .maximum = 1e9, .help = "end with 76 when a rank gives no sign of life for so long; 0: never", .commands = KILN_FOR_BAKE, .offset = AT(watchdog)},
 

@@ -10,6 +10,10 @@
 
 #include "coordinator/cli/job.h"
 
+/* m: no place that an option names may be farther off; more than any scene's size (kiln_scene_open's bound), and small enough that the squares
+ * that tracers take fit a float. */
+#define KILN_PLACE_MOST 1e15
+
 enum kiln_option_kind {
     KILN_OPTION_FLAG,        /* bool; --name, --no-name; true or false in a job file */
     KILN_OPTION_UINT32,      /* whole number */
@@ -19,7 +23,7 @@ enum kiln_option_kind {
     KILN_OPTION_STRING,      /* any text */
     KILN_OPTION_PATH,        /* a file or folder; in a job file relative to the job file's folder */
     KILN_OPTION_ENVIRONMENT, /* none | R,G,B | a path ending in .hdr or .exr */
-    KILN_OPTION_POINT,       /* text "x,y,z" of three finite numbers, metres */
+    KILN_OPTION_POINT,       /* text "x,y,z" of three numbers within KILN_PLACE_MOST, metres */
     KILN_OPTION_RULES,       /* settings by pattern of objects' names: a mapping of mappings in a job file, {PATTERN: {KEY: VALUE}} in one
                                 line elsewhere; kept as JSON, see coordinator/import/settings.h */
     KILN_OPTION_CHOICE,      /* one of `choices`, kept as text */

@@ -259,7 +259,7 @@ static int plan_here(struct kiln_job *job, const char *scene_file, struct kiln_e
     struct kiln_plan *plan = NULL;
     int status = kiln_allocate(&plan, 1, sizeof *plan, "the plan", error);
     if (status == KILN_OK)
-        status = kiln_prepare(&prepared, MPI_COMM_SELF, job, scene_file, &phases, NULL, error);
+        status = kiln_prepare(&prepared, MPI_COMM_SELF, job, scene_file, &phases, NULL, NULL, error);
     if (status == KILN_OK)
         status = kiln_plan_make(plan, prepared, job, &phases, error);
     if (status == KILN_OK && job->json)

@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 
 #define REDRAW_SECONDS 0.1
 #define LINE_SECONDS 9.0 /* and looked at once a second: a line every ten seconds at least */
@@ -319,16 +320,17 @@ static size_t character_count(const char *text)
 
 void kiln_table_print(FILE *stream, const char *const *cells, size_t rows, size_t columns, uint32_t right)
 {
+    char plain[1024];
     for (size_t row = 0; row < rows; row++) {
         size_t pending = 0; /* blanks owed, printed only when something follows */
         for (size_t column = 0; column < columns; column++) {
             size_t width = 0;
             for (size_t i = 0; i < rows; i++) {
                 const char *other = cells[i * columns + column];
-                const size_t length = other != NULL ? character_count(other) : 0;
+                const size_t length = other != NULL ? character_count(kiln_text_plain(plain, sizeof plain, other)) : 0;
                 width = length > width ? length : width;
             }
-            const char *cell = cells[row * columns + column] != NULL ? cells[row * columns + column] : "";
+            const char *cell = kiln_text_plain(plain, sizeof plain, cells[row * columns + column] != NULL ? cells[row * columns + column] : "");
             const size_t padding = width - character_count(cell);
             const bool to_right = column < 32 && (right >> column & 1) != 0;
             pending += to_right ? padding : 0;

@@ -40,7 +40,7 @@ void kiln_progress_finish(struct kiln_progress *progress);
 void kiln_progress_destroy(struct kiln_progress **progress);
 
 /* Prints `rows` rows of `columns` cells (row by row; NULL is empty) in aligned columns, two blanks between, no blanks at line
- * ends. Bit i of `right` aligns column i to the right. Width is counted in UTF-8 characters. */
+ * ends. Cells go through kiln_text_plain and show 1,023 bytes at most. Bit i of `right` aligns column i to the right. Width is counted in UTF-8 characters. */
 void kiln_table_print(FILE *stream, const char *const *cells, size_t rows, size_t columns, uint32_t right);
 
 /* Writes seconds for people: "0.35 s", "12.3 s", "3 min 05 s", "2 h 07 min". Returns `text`. */

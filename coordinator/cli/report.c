@@ -10,6 +10,7 @@
 #include "coordinator/cli/json.h"
 #include "coordinator/cli/output_name.h"
 #include "coordinator/output/publish.h"
+#include "worker/base/text.h"
 
 int kiln_command_report(struct kiln_job *job, struct kiln_error *error)
 {
@@ -32,6 +33,6 @@ int kiln_command_report(struct kiln_job *job, struct kiln_error *error)
     if (job->json)
         return kiln_json_print(json_pack("{s:s, s:o}", "status", "done", "output", kiln_json_string(path)), error);
     if (!job->quiet)
-        (void)puts(path);
+        kiln_print(stdout, "%s\n", path);
     return KILN_OK;
 }

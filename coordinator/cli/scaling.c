@@ -20,6 +20,7 @@
 #include "coordinator/output/page.h"
 #include "coordinator/output/publish.h"
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 
 extern char **environ;
 
@@ -426,9 +427,9 @@ static void print_text(const struct bench *b)
     }
     for (int weak = 0; weak < 2; weak++) {
         sentence(b, weak != 0, text, sizeof text);
-        (void)printf("%s\n", text);
+        kiln_print(stdout, "%s\n", text);
     }
-    (void)printf("%s/scaling.csv, %s/scaling.svg\n", b->job->output, b->job->output);
+    kiln_print(stdout, "%s/scaling.csv, %s/scaling.svg\n", b->job->output, b->job->output);
 }
 
 static int print_json(const struct bench *b, struct kiln_error *error)

@@ -12,6 +12,7 @@
 #include "coordinator/cli/json.h"
 #include "coordinator/cli/progress.h"
 #include "coordinator/output/publish.h"
+#include "worker/base/text.h"
 
 /* What is known, and in one word what that means: running, lost, stopped, failed, done. */
 struct found {
@@ -61,10 +62,10 @@ static const char *advice(const struct found *f)
 static int print_json(const struct found *f, struct kiln_error *error)
 {
     const struct kiln_bake_status *s = &f->status;
-    json_t *json = json_pack("{s:s, s:s}", "status", "done", "state", f->state);
+    json_t *json = json_pack("{s:s, s:o}", "status", "done", "state", kiln_json_string(f->state));
     if (s->state[0] != '\0') {
-        json_t *more = json_pack("{s:s, s:f, s:i, s:s, s:I, s:f}", "phase", s->phase, "seconds", s->seconds, "ranks", (int)s->ranks, "host", s->host,
-                                 "process", (json_int_t)s->process, "seconds_since_sign_of_life", fmax(0.0, f->now - s->updated));
+        json_t *more = json_pack("{s:o, s:f, s:i, s:o, s:I, s:f}", "phase", kiln_json_string(s->phase), "seconds", s->seconds, "ranks", (int)s->ranks, "host",
+                                 kiln_json_string(s->host), "process", (json_int_t)s->process, "seconds_since_sign_of_life", fmax(0.0, f->now - s->updated));
         (void)json_object_update(json, more);
         json_decref(more);
     }
@@ -84,30 +85,36 @@ static int print_json(const struct found *f, struct kiln_error *error)
     return kiln_json_print(json, error);
 }
 
+static void print_phase(const struct found *f)
+{
+    const struct kiln_bake_status *s = &f->status;
+    char duration[48], share[32] = "", left[80] = "";
+    if (s->share >= 0.0)
+        (void)snprintf(share, sizeof share, ", %.0f %%", 100.0 * s->share);
+    if (s->left >= 0.0 && strcmp(f->state, "running") == 0)
+        (void)snprintf(left, sizeof left, ", %s left of it", kiln_duration_text(s->left, duration, sizeof duration));
+    kiln_print(stdout, "phase        %s%s%s\n", s->phase, share, left);
+    (void)printf("running for  %s", kiln_duration_text(s->seconds, duration, sizeof duration));
+    (void)printf("; last sign of life %s ago\n", kiln_duration_text(fmax(0.0, f->now - s->updated), duration, sizeof duration));
+}
+
 static void print_text(const struct found *f)
 {
     const struct kiln_bake_status *s = &f->status;
     char text[48];
-    (void)printf("state        %s", f->state);
     if (s->state[0] != '\0')
-        (void)printf(", %d rank%s, rank 0 is process %lld on %s", s->ranks, s->ranks == 1 ? "" : "s", (long long)s->process, s->host);
-    (void)printf("\n");
-    if (s->phase[0] != '\0') {
-        (void)printf("phase        %s", s->phase);
-        if (s->share >= 0.0)
-            (void)printf(", %.0f %%", 100.0 * s->share);
-        if (s->left >= 0.0 && strcmp(f->state, "running") == 0)
-            (void)printf(", %s left of it", kiln_duration_text(s->left, text, sizeof text));
-        (void)printf("\nrunning for  %s", kiln_duration_text(s->seconds, text, sizeof text));
-        (void)printf("; last sign of life %s ago\n", kiln_duration_text(fmax(0.0, f->now - s->updated), text, sizeof text));
-    }
+        kiln_print(stdout, "state        %s, %d rank%s, rank 0 is process %lld on %s\n", f->state, s->ranks, s->ranks == 1 ? "" : "s", (long long)s->process, s->host);
+    else
+        kiln_print(stdout, "state        %s\n", f->state);
+    if (s->phase[0] != '\0')
+        print_phase(f);
     if (f->has_generation && s->saved > 0.0)
         (void)printf("checkpoint   %llu, %s ago\n", (unsigned long long)f->generation,
                      kiln_duration_text(fmax(0.0, f->now - s->saved), text, sizeof text));
     else
         (void)printf(f->has_generation ? "checkpoint   %llu\n" : "checkpoint   none\n", (unsigned long long)f->generation);
     if (s->message[0] != '\0')
-        (void)printf("ended        with %d: %s\n", s->code, s->message);
+        kiln_print(stdout, "ended        with %d: %s\n", s->code, s->message);
     (void)printf("next         %s\n", advice(f));
 }
 

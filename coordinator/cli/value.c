@@ -8,6 +8,8 @@
 #include "coordinator/cli/job_private.h"
 #include "coordinator/cli/options.h"
 
+#define MOST_RADIANCE 1e30
+
 static void *field(struct kiln_job *job, const struct kiln_option *option) { return (char *)job + option->offset; }
 
 /* Digits, signs, one point and an exponent: keeps out what strtod takes besides (nan, inf, hexadecimal, leading blanks). */
@@ -124,28 +126,46 @@ static int set_choice(struct kiln_job *job, const struct kiln_option *option, co
                      option->name, text, list);
 }
 
-/* Three numbers between commas, all of them at least `minimum`. */
-static bool triple(const char *text, double minimum)
+/* Three numbers between commas. */
+static bool triple(const char *text, double values[3])
 {
     char part[64];
     for (int i = 0; i < 3; i++) {
         const size_t length = strcspn(text, ",");
-        double value;
         if (length >= sizeof part)
             return false;
         memcpy(part, text, length);
         part[length] = '\0';
-        if (!decimal(part, &value) || value < minimum || text[length] != (i < 2 ? ',' : '\0'))
+        if (!decimal(part, &values[i]) || text[length] != (i < 2 ? ',' : '\0'))
             return false;
         text += length + 1;
     }
     return true;
 }
 
+static int set_point(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where, int status,
+                     struct kiln_error *error)
+{
+    double place[3];
+    if (!triple(text, place))
+        return kiln_fail(error, status, "%s: '%.200s' is not a point; it must be three numbers with commas between, as in 0,1.5,3", where, text);
+    for (int axis = 0; axis < 3; axis++)
+        if (fabs(place[axis]) > KILN_PLACE_MOST)
+            return kiln_fail(error, status, "%s: %g is out of range; each of X,Y,Z must be a number from %g to %g", where, place[axis], -KILN_PLACE_MOST,
+                             KILN_PLACE_MOST);
+    return kiln_job_keep(job, text, strlen(text), field(job, option), error);
+}
+
 static int set_environment(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where, int status,
                            const char *folder, struct kiln_error *error)
 {
-    if (strcmp(text, "none") == 0 || triple(text, 0))
+    double radiance[3];
+    const bool colour = triple(text, radiance);
+    for (int c = 0; colour && c < 3; c++)
+        if (radiance[c] < 0.0 || radiance[c] > MOST_RADIANCE)
+            return kiln_fail(error, status, "%s: a radiance of %g is out of range; each of R,G,B must be a number from 0 to %g", where, radiance[c],
+                             MOST_RADIANCE);
+    if (colour || strcmp(text, "none") == 0)
         return kiln_job_keep(job, text, strlen(text), field(job, option), error);
     const char *dot = strrchr(text, '.');
     if (dot == NULL || (strcasecmp(dot, ".hdr") != 0 && strcasecmp(dot, ".exr") != 0))
@@ -180,9 +200,8 @@ int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, cons
         return kiln_fail(error, status, "%s: '%.200s' begins with '-': write './%.200s' if that is what the file is to be called", where, text, text);
     if (option->kind == KILN_OPTION_ENVIRONMENT)
         return set_environment(job, option, text, where, status, folder, error);
-    if (option->kind == KILN_OPTION_POINT && !triple(text, -HUGE_VAL))
-        return kiln_fail(error, status, "%s: '%.200s' is not a point; it must be three numbers with commas between, as in 0,1.5,3",
-                         where, text);
+    if (option->kind == KILN_OPTION_POINT)
+        return set_point(job, option, text, where, status, error);
     if (option->kind == KILN_OPTION_RULES)
         return kiln_job_rules_parse(text, where, status, job, field(job, option), error);
     return kiln_job_keep_path(job, text, option->kind == KILN_OPTION_PATH ? folder : NULL, field(job, option), error);

@@ -16,6 +16,7 @@
 #include "coordinator/output/exr.h"
 #include "coordinator/output/publish.h"
 #include "coordinator/output/units.h"
+#include "worker/base/text.h"
 
 struct view {
     struct kiln_results *results;
@@ -111,7 +112,8 @@ static int tell(const struct kiln_job *job, const struct view *v, const char *pa
     if (job->quiet)
         return KILN_OK;
     kiln_picture_text(&v->picture, job->exposure, text);
-    (void)printf("%s: %u x %u pixels\n%s\n", path, image->width, image->height, text);
+    kiln_print(stdout, "%s: %u x %u pixels\n", path, image->width, image->height);
+    (void)puts(text); /* some lines, whose names are plain */
     return KILN_OK;
 }
 

@@ -14,6 +14,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#define STOP_SECONDS 0.2 /* between two looks whether to stop */
+
 extern char **environ;
 
 static double now(void)
@@ -61,16 +63,17 @@ int kiln_confined_start(const struct kiln_confined_call *call, int answer, pid_t
     return status;
 }
 
-/* Reads until the child closes the pipe; false when the wall clock ran out first. */
-static bool listen(int pipe_read, double deadline, char *text, size_t size)
+/* Reads until the child closes the pipe; false when the wall clock ran out first, or somebody asked to stop. */
+static bool listen(int pipe_read, double deadline, const struct kiln_stop *stop, char *text, size_t size)
 {
+    const double longest = stop != NULL ? STOP_SECONDS : 3600.0;
     size_t length = 0;
     for (;;) {
         struct pollfd wait = {.fd = pipe_read, .events = POLLIN};
         const double left = deadline - now();
-        if (left <= 0.0)
+        if (left <= 0.0 || kiln_stop_asked(stop))
             return false;
-        const int ready = poll(&wait, 1, left < 3600.0 ? (int)(left * 1000.0) + 1 : 3600000);
+        const int ready = poll(&wait, 1, (int)((left < longest ? left : longest) * 1000.0) + 1);
         if (ready == 0 || (ready < 0 && errno == EINTR))
             continue;
         char block[1024];
@@ -137,11 +140,13 @@ int kiln_confined_run(const struct kiln_confined_call *call, struct kiln_error *
     int status = kiln_confined_start(call, ends[1], &pid, error);
     (void)close(ends[1]);
     if (status == KILN_OK) {
-        const bool answered = listen(ends[0], now() + call->seconds, text, sizeof text);
+        const bool answered = listen(ends[0], now() + call->seconds, call->stop, text, sizeof text);
         if (!answered)
             (void)kill(pid, SIGKILL);
         const int state = kiln_confined_wait(pid);
-        status = answered ? judge(call, state, text, error) : kiln_confined_late(call, error);
+        status = answered                      ? judge(call, state, text, error)
+                 : kiln_stop_asked(call->stop) ? kiln_give_up(error)
+                                               : kiln_confined_late(call, error);
     }
     (void)close(ends[0]);
     return status;

@@ -6,7 +6,7 @@
 
 #include <sys/types.h>
 
-#include "worker/base/status.h"
+#include "worker/base/stop.h"
 
 enum { KILN_CHILD_OUTPUT = 3 };
 
@@ -20,6 +20,7 @@ struct kiln_confined_call {
     const char *crashed;          /* what to do about a file that makes it crash; NULL: "repair it or export it again as glTF" */
     const char *costly;           /* and about one that takes too long; NULL: "simplify the scene" */
     double seconds;               /* of wall clock, after which it is killed */
+    const struct kiln_stop *stop; /* borrowed; NULL: none. The child is killed then: KILN_STOPPED */
 };
 
 /* Starts the child, waits for it, and passes its status and sentence on. A crash or a limit that was reached is KILN_BAD_INPUT: the file

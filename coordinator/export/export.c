@@ -120,7 +120,7 @@ static int run_child(const struct kiln_export_params *p, const char *temporary, 
     int status = plan_file(p, &plan, error);
     if (status == KILN_OK) {
         const struct kiln_confined_call call = {.arguments = arguments, .input = plan, .output = output, .subject = p->source != NULL ? p->source : p->scene_file,
-                                                .what = "exporter", .seconds = wall_limit(p)};
+                                                .what = "exporter", .seconds = wall_limit(p), .stop = p->stop};
         status = kiln_confined_run(&call, error);
     }
     if (plan >= 0)
@@ -184,7 +184,7 @@ static void own_files(const struct kiln_scene *scene, const uint8_t *has_back, s
 }
 
 int kiln_export_beside(const char *directory, const char *path, const struct kiln_scene *scene, const uint8_t *has_back, const char *unit,
-                       struct kiln_error *error)
+                       const struct kiln_stop *stop, struct kiln_error *error)
 {
     char scene_file[KILN_PATH_SIZE];
     struct kiln_link *links = NULL;
@@ -193,7 +193,7 @@ int kiln_export_beside(const char *directory, const char *path, const struct kil
     const size_t length = strlen(path);
     const bool scene_itself = length >= 7 && strcmp(path + length - 7, ".kscene") == 0;
     struct kiln_export_params params = {.source = kiln_export_has_gltf(scene) && !scene_itself ? path : NULL, .scene_file = scene_file, .scene = scene,
-                                        .directory = directory, .output = "scene.glb", .unit = unit, .encoding = "exr"};
+                                        .directory = directory, .output = "scene.glb", .unit = unit, .encoding = "exr", .stop = stop};
     int status = kiln_path_join(scene_file, directory, "scene.kscene", error);
     if (status == KILN_OK)
         status = kiln_allocate(&links, scene->object_count, sizeof *links, "the export's links", error);

@@ -19,6 +19,7 @@
 #include <jansson.h>
 #include <stdbool.h>
 
+#include "worker/base/stop.h"
 #include "worker/scene/scene.h"
 
 /* Where an object's lightmap is. */
@@ -48,6 +49,7 @@ struct kiln_export_params {
     size_t page_count;
     const struct kiln_vec2 *coordinates; /* a vertex of the scene, in place of texcoord_lightmap; NULL: that */
     bool drop_baked_lights;
+    const struct kiln_stop *stop; /* borrowed; NULL: none. KILN_STOPPED then, and nothing is left */
 };
 
 /* Writes the .glb aside, syncs it and renames it. KILN_BAD_INPUT: the source is not the one that was baked, or cannot be written again;
@@ -66,6 +68,6 @@ uint64_t kiln_export_size(const struct kiln_scene *scene);
 /* DIRECTORY/scene.glb beside a bake's own lightmaps, from the source `path` (the scene as it was given to the bake). has_back[object] (or
  * NULL): the bake has a lightmap of the object's backs, too. */
 int kiln_export_beside(const char *directory, const char *path, const struct kiln_scene *scene, const uint8_t *has_back, const char *unit,
-                       struct kiln_error *error);
+                       const struct kiln_stop *stop, struct kiln_error *error);
 
 #endif

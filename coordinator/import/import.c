@@ -118,7 +118,7 @@ static int run_child(const struct kiln_import_params *params, uint64_t program, 
                                                        params->objects == NULL ? "" : params->objects, params->trust_normals ? "normals" : "winding",
                                                        params->repack ? "repack" : "", NULL};
     const struct kiln_confined_call call = {.program = program_of(params), .arguments = arguments, .input = -1, .output = file, .subject = params->path,
-                                            .what = "importer", .seconds = wall_limit(params)};
+                                            .what = "importer", .seconds = wall_limit(params), .stop = params->stop};
     return kiln_confined_run(&call, error);
 }
 
@@ -140,7 +140,7 @@ static int check_settings(const struct kiln_import_params *params, const struct 
 {
     bool fits = !params->repack && (params->environment == NULL || params->environment[0] == '\0') &&
                 (params->objects == NULL || params->objects[0] == '\0') && !params->trust_normals &&
-                (params->environment_scale == 0.0 || params->environment_scale == 1.0) && params->environment_rotation_degrees == 0.0 &&
+                params->environment_scale == 1.0 && params->environment_rotation_degrees == 0.0 &&
                 (params->texels_per_metre == 0.0 || (float)params->texels_per_metre == scene->header->texels_per_metre);
     for (size_t i = 0; i < scene->object_count && fits; i++) {
         const struct kiln_object *o = &scene->objects[i];

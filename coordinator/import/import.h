@@ -13,9 +13,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "worker/base/status.h"
+#include "worker/base/stop.h"
 
-/* Zero means default in every field. */
+/* Zero means default in every field but environment_scale. */
 struct kiln_import_params {
     const char *path;   /* scene file; a kiln scene file (.kscene) is taken as it is */
     const char *output; /* where to put the scene file; "/proc/self/fd/N": into that open, empty file */
@@ -23,12 +23,14 @@ struct kiln_import_params {
     uint32_t lightmap_size, lightmap_max;
     bool repack; /* as in struct kiln_layout_params */
     const char *environment; /* as in struct kiln_job; an image named by the user may lie anywhere */
-    double environment_scale, environment_rotation_degrees;
+    double environment_scale; /* factor; 1: as it is, 0: no light from outside */
+    double environment_rotation_degrees;
     const char *objects; /* rules for single objects, as coordinator/import/settings.h has them; NULL: none */
     bool trust_normals;  /* where a triangle's normals lean against its winding: they decide its front, not the winding */
     uint64_t memory_limit; /* bytes; 0: 4 GiB + 64 x the size of the scene's files, at most 3/4 of the machine's memory */
     uint32_t time_limit;   /* seconds of CPU; 0: 60 + 1 a 10 MB, and for the layout 60 + 1 a 2,000 triangles */
     const char *program;   /* the kiln program that is to read; NULL: the one that runs */
+    const struct kiln_stop *stop; /* borrowed; NULL: none. KILN_STOPPED then, and nothing is left */
 };
 
 struct kiln_import_report {

@@ -29,13 +29,15 @@ static enum reader reader_of(const char *name)
     return READER_NONE;
 }
 
-/* "R,G,B", three numbers from 0; false when it is something else. */
+#define MOST_RADIANCE 1e30
+
+/* "R,G,B", three numbers from 0 to MOST_RADIANCE; false when it is something else. */
 static bool parse_radiance(const char *text, float rgb[3])
 {
     for (int c = 0; c < 3; c++) {
         char *rest;
         const double value = strtod(text, &rest);
-        if (rest == text || *rest != (c < 2 ? ',' : '\0') || !(value >= 0.0 && value <= 1e30))
+        if (rest == text || *rest != (c < 2 ? ',' : '\0') || !(value >= 0.0 && value <= MOST_RADIANCE))
             return false;
         rgb[c] = (float)value;
         text = rest + 1;
@@ -88,16 +90,18 @@ static int set_environment(const struct kiln_import_params *params, struct kiln_
                 return status;
         }
     }
-    const double scale = params->environment_scale == 0.0 ? 1.0 : params->environment_scale;
     for (int c = 0; c < 3; c++) {
-        const double value = (double)environment.radiance[c] * scale;
-        if (!(value >= 0.0 && value <= 1e30))
-            return kiln_fail(error, KILN_USAGE, "environment scale %g makes a radiance of %g; give a scale from 0 on", scale, value);
+        const double value = (double)environment.radiance[c] * params->environment_scale;
+        if (!(value >= 0.0 && value <= 1.0001 * MOST_RADIANCE)) /* a float may lie above what it was given as */
+            return kiln_fail(error, KILN_USAGE, "--environment-scale %g makes a radiance of %g of the environment's %g: at most %g is possible",
+                             params->environment_scale, value, (double)environment.radiance[c], MOST_RADIANCE);
         environment.radiance[c] = (float)value;
     }
     const int status = check_texels(builder, &environment, error);
     if (status != KILN_OK)
         return status;
+    if (params->environment_scale == 0.0)
+        environment = (struct kiln_environment){.kind = KILN_ENVIRONMENT_NONE};
     environment.rotation = (float)(fmod(params->environment_rotation_degrees, 360.0) * KILN_PI / 180.0);
     KILN_BUILDER_DATA(builder, struct kiln_environment, KILN_SECTION_ENVIRONMENT)[0] = environment;
     return KILN_OK;

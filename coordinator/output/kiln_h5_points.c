@@ -296,7 +296,7 @@ int kiln_points_write(struct kiln_points_writer *w, struct kiln_h5 *h5, struct k
     int own = KILN_OK; /* what rank 0 could not write is known to the others one pass later */
     for (uint64_t pass = 0; status == KILN_OK && pass < passes; pass++) {
         if (own == KILN_OK)
-            own = pack_batch(w, pass, error);
+            own = kiln_stop_asked(w->result->stop) ? kiln_give_up(error) : pack_batch(w, pass, error);
         status = kiln_agree(comm, own, error);
         if (status != KILN_OK)
             break;
@@ -381,7 +381,7 @@ static bool same_chunk(struct kiln_points_writer *w, uint64_t chunk)
 static bool same_totals(struct kiln_points_writer *w, hid_t dataset)
 {
     bool same = dataset >= 0;
-    for (uint64_t pass = 0; same; pass++) {
+    for (uint64_t pass = 0; same && !kiln_stop_asked(w->result->stop); pass++) {
         batch_of(w, w->rank, pass, &w->batch.first, &w->batch.count);
         if (w->batch.count == 0)
             return true;
@@ -403,7 +403,7 @@ int kiln_points_check(struct kiln_points_writer *w, const struct kiln_publish *p
         status = kiln_fail(error, KILN_IO, "'%s': not all points are there", path);
     const hid_t dataset = status == KILN_OK ? H5Dopen2(file, kiln_columns[KILN_COLUMN_TOTAL].name, H5P_DEFAULT) : H5I_INVALID_HID;
     if (status == KILN_OK && !same_totals(w, dataset))
-        status = kiln_fail(error, KILN_IO, "'%s': %s does not read back as it was written", path, kiln_columns[KILN_COLUMN_TOTAL].name);
+        status = kiln_stop_asked(w->result->stop) ? kiln_give_up(error) : kiln_fail(error, KILN_IO, "'%s': %s does not read back as it was written", path, kiln_columns[KILN_COLUMN_TOTAL].name);
     if (dataset >= 0)
         (void)H5Dclose(dataset);
     if (file >= 0)

@@ -249,6 +249,8 @@ static int finish_object(const struct writer *w, uint32_t object, struct kiln_im
 
 static int write_object(const struct writer *w, uint32_t object, struct kiln_error *error)
 {
+    if (kiln_stop_asked(w->result->stop))
+        return kiln_give_up(error);
     struct kiln_image *image = NULL;
     struct file_words words;
     int status = finish_object(w, object, &image, &words, error);
@@ -290,7 +292,7 @@ static int begin_large(const struct writer *w, const uint32_t *objects, size_t c
     for (size_t i = 0; status == KILN_OK && i < count; i++) {
         struct file_words words;
         large->count = i + 1;
-        status = finish_object(w, objects[i], &large->images[i], &words, error);
+        status = kiln_stop_asked(w->result->stop) ? kiln_give_up(error) : finish_object(w, objects[i], &large->images[i], &words, error);
         if (status == KILN_OK)
             status = kiln_exr_file_create(&large->files[i], w->params->directory, words.name, large->images[i], words.attributes, words.count, error);
         large->sources[i] = (struct kiln_strip_source){.object = objects[i], .image = large->images[i], .file = large->files[i]};

@@ -1,5 +1,5 @@
 /* Everything a bake leaves in its folder. All functions here that take a kiln_bake_result are collective over its
- * communicator; an error on one rank is an error on all, with the first failing rank's sentence.
+ * communicator; an error on one rank is an error on all, with the first failing rank's sentence. So is KILN_STOPPED, when result->stop says so.
  *
  * Files are written under a temporary name in the same folder, re-read and checked, synced, and renamed when complete: a
  * reader never sees half a file, and a published file is never opened for writing again. */
@@ -40,10 +40,14 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
 /* DIR/kiln.h5, packed by all ranks and threads and written by rank 0: /points (position, normal, object, texel, area, albedo,
  * valid, cell), /irradiance (direct, indirect, total, error), /objects, /cells, provenance as attributes; `units` and `description`
  * on every dataset. */
+/* What the file takes at most, for which there must be room before it is begun. */
+uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface *surface);
 int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params, struct kiln_error *error);
 
 /* DIR/volume.hdf, VTKHDF ImageData: PointData irradiance_sh (27 components, the nine coefficients of irradiance divided by
  * nothing: E(n) = sum_i c_i Y_i(n)), irradiance_posx ... irradiance_negz, validity, mean_distance. */
+/* As kiln_h5_space; of the volume its size is looked at. */
+uint64_t kiln_volume_space(const struct kiln_volume_result *volume);
 int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_volume_result *volume,
                       const struct kiln_output_params *params, struct kiln_error *error);
 

@@ -6,6 +6,7 @@
 #include "coordinator/output/publish.h"
 #include "coordinator/output/view_light.h"
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 
 /* Rays of a band of pixel rows are traced together; about 2^19 of them, 63 MB. */
 enum { BAND_RAYS = 1 << 19 };
@@ -94,7 +95,7 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
     if (status == KILN_OK)
         status = kiln_view_rays_create(&r.rays, row * rows, error);
     for (uint32_t y = 0; status == KILN_OK && y < params->height; y += rows)
-        status = render_band(&r, y, params->height - y < rows ? params->height - y : rows, error);
+        status = kiln_stop_asked(params->source.stop) ? kiln_give_up(error) : render_band(&r, y, params->height - y < rows ? params->height - y : rows, error);
     const double all = (double)row * params->height;
     *shares = (struct kiln_view_shares){r.shares.metal / all, r.shares.lent / all};
     kiln_view_rays_destroy(&r.rays);
@@ -132,7 +133,7 @@ int kiln_picture_make(const struct kiln_view_source *source, const struct kiln_v
         kiln_geometry_meet_all(geometry);
         own.geometry = geometry;
         const struct kiln_backend_params params = {.scene = source->scene, .geometry = geometry, .lights = source->lights,
-                                                   .threads = source->backend->params.threads};
+                                                   .threads = source->backend->params.threads, .stop = source->stop};
         status = kiln_backend_create(&own.backend, "embree", &params, error);
     }
     if (status == KILN_OK)
@@ -147,7 +148,7 @@ void kiln_viewpoint_text(const struct kiln_viewpoint *v, char text[KILN_VIEWPOIN
     char place[200];
     (void)snprintf(place, sizeof place, "at %.4g,%.4g,%.4g towards %.4g,%.4g,%.4g", v->from[0], v->from[1], v->from[2], v->to[0], v->to[1], v->to[2]);
     if (v->kind == KILN_VIEW_CAMERA)
-        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen by the scene's camera '%.200s'", v->camera);
+        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen by the scene's camera '%s'", kiln_text_plain(place, sizeof place, v->camera));
     else if (v->kind == KILN_VIEW_GIVEN)
         (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen as asked, %s", place);
     else

@@ -27,6 +27,7 @@ struct kiln_view_source {
     const struct kiln_lights *lights; /* for the environment; NULL: black */
     struct kiln_backend *backend;
     bool texels; /* a checkerboard of the lightmaps' texels in the place of light */
+    const struct kiln_stop *stop; /* borrowed; NULL: none. KILN_STOPPED then */
 };
 
 struct kiln_view_camera {

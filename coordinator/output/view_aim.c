@@ -138,6 +138,17 @@ static int turn(const struct kiln_scene *scene, const struct kiln_view_wish *wis
     return KILN_OK;
 }
 
+/* What tracers take squares of must fit a float. */
+static int check_place(const struct kiln_view_camera *camera, struct kiln_error *error)
+{
+    const double most = 1e18, place[3] = {camera->position.x, camera->position.y, camera->position.z};
+    for (int axis = 0; axis < 3; axis++)
+        if (!(fabs(place[axis]) <= most))
+            return kiln_fail(error, KILN_BAD_INPUT, "the eye is %g m from the scene's centre along %c, and at most %g m are possible: give --from nearer to it",
+                             place[axis], "xyz"[axis], most);
+    return KILN_OK;
+}
+
 int kiln_view_aim(const struct kiln_view_source *source, const struct kiln_view_wish *wish, struct kiln_view_camera *camera, uint32_t *width,
                   uint32_t *height, struct kiln_viewpoint *viewpoint, struct kiln_error *error)
 {
@@ -174,6 +185,8 @@ int kiln_view_aim(const struct kiln_view_source *source, const struct kiln_view_
         viewpoint->kind = KILN_VIEW_GIVEN;
         status = turn(scene, wish, camera, &distance, error);
     }
+    if (status == KILN_OK)
+        status = check_place(camera, error);
     note_places(scene, camera, distance, viewpoint);
     return status;
 }

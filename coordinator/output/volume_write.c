@@ -200,8 +200,8 @@ static int read_back(const struct volume_writer *w, const struct kiln_publish *p
     return kiln_fail(error, status == KILN_BAD_INPUT ? KILN_IO : status, "'%s' does not read back as it was written: %s", path, why.message);
 }
 
-/* What the file takes if nothing in it could be compressed: chunks at the border are whole. */
-static uint64_t largest_size(const struct kiln_volume_result *volume)
+/* If nothing in it could be compressed: chunks at the border are whole. */
+uint64_t kiln_volume_space(const struct kiln_volume_result *volume)
 {
     uint64_t probes = 1;
     for (int i = 0; i < 3; i++) {
@@ -223,7 +223,7 @@ int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_v
     if (status == KILN_OK && rank == 0)
         kiln_publish_sweep(&place);
     if (status == KILN_OK && rank == 0)
-        status = kiln_require_space(params->directory, largest_size(volume), error);
+        status = kiln_require_space(params->directory, kiln_volume_space(volume), error);
     if (status == KILN_OK)
         status = kiln_allocate(&w.values, volume->count, 27 * sizeof(float), "the volume's values", error);
     status = kiln_agree(result->communicator, status, error);

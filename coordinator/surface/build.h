@@ -64,7 +64,7 @@ struct kiln_build {
     struct kiln_error *error;
 };
 
-/* Keeps the first failure. Thread-safe. */
+/* Keeps the first failure, or that somebody asked to stop. Thread-safe. */
 void kiln_build_fail(struct kiln_build *build, int status, const struct kiln_error *error);
 bool kiln_build_failed(struct kiln_build *build);
 

@@ -17,9 +17,9 @@ int kiln_grid_choose(struct kiln_grid *grid, const struct kiln_geometry *geometr
                          cell_size);
     if (cell_size > 0.0 && cells_along(longest, cell_size) > most_along_side)
         return kiln_fail(error, KILN_BAD_INPUT,
-                         "cells of %g m are too small for a scene %g m long (at most 2^20 fit along a side): give at least %g m, or "
-                         "0 to have the size chosen",
-                         cell_size, longest, longest / most_along_side);
+                         "cells of %g m are too small for a scene %g m long (at most 2^20 fit along a side): --cell-size %g would do, or "
+                         "auto",
+                         cell_size, longest, 1.001 * longest / most_along_side);
     const double size = cell_size > 0.0 ? cell_size : longest > 0.0 ? longest / CELLS_ALONG_LONGEST : 1.0;
     *grid = (struct kiln_grid){.origin = low, .size = size};
     grid->count[0] = (uint64_t)cells_along(side.x, size);

@@ -19,6 +19,10 @@ void kiln_build_fail(struct kiln_build *build, int status, const struct kiln_err
 
 bool kiln_build_failed(struct kiln_build *build)
 {
+    if (kiln_stop_asked(build->params->stop)) {
+        struct kiln_error error;
+        kiln_build_fail(build, kiln_give_up(&error), &error);
+    }
     return __atomic_load_n(&build->status, __ATOMIC_RELAXED) != KILN_OK;
 }
 

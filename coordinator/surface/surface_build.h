@@ -5,6 +5,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "worker/base/stop.h"
 #include "worker/scene/surface.h"
 
 enum kiln_partition { KILN_PARTITION_CELLS = 0, KILN_PARTITION_OBJECTS = 1 };
@@ -38,6 +39,7 @@ struct kiln_surface_params {
     uint32_t rank, ranks;                 /* whose share is wanted */
     const struct kiln_surface_exchange *exchange; /* between all `ranks`, which then divide the work; NULL: this one does it alone */
     uint32_t threads; /* 0: all */
+    const struct kiln_stop *stop; /* borrowed; NULL: none. KILN_STOPPED then, on all ranks */
 };
 
 /* What was found, the same on all ranks but for `own_*`. Shares are 0..1. */

@@ -8,7 +8,7 @@
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     const char *path = fuzz_file(data, size, size >= 4 && memcmp(data, "glTF", 4) == 0 ? "scene.glb" : "scene.gltf");
-    const struct kiln_import_params params = {.path = path};
+    const struct kiln_import_params params = {.path = path, .environment_scale = 1.0};
     const struct kiln_layout_params layout = {.lightmap_size = 16};
     struct kiln_builder *builder = NULL;
     struct kiln_scene *scene = NULL;

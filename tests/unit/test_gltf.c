@@ -92,7 +92,7 @@ static int read_text(struct fixture *f, const char *text)
     (void)fclose(file);
     kiln_builder_destroy(&f->builder);
     assert_int_equal(kiln_builder_create(&f->builder, NULL), KILN_OK);
-    const struct kiln_import_params params = {.path = f->scene};
+    const struct kiln_import_params params = {.path = f->scene, .environment_scale = 1.0};
     f->error.message[0] = '\0';
     return kiln_import_read(&params, NULL, f->builder, &f->error);
 }

@@ -46,7 +46,7 @@ static int set_up(void **state)
     (void)snprintf(f->output, sizeof f->output, "%s/scene.kscene", f->folder);
     (void)snprintf(f->other, sizeof f->other, "%s/other.kscene", f->folder);
     put(f->scene, triangle);
-    f->params = (struct kiln_import_params){.path = f->scene, .output = f->output, .program = getenv("KILN")};
+    f->params = (struct kiln_import_params){.path = f->scene, .output = f->output, .environment_scale = 1.0, .program = getenv("KILN")};
     *state = f;
     return 0;
 }

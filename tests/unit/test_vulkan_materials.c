@@ -231,7 +231,7 @@ static void imported_scene(struct device *device, const char *path)
     const int descriptor = mkstemp(output);
     assert_true(descriptor >= 0);
     (void)close(descriptor);
-    struct kiln_import_params params = {.path = path, .output = output, .program = getenv("KILN")};
+    struct kiln_import_params params = {.path = path, .output = output, .environment_scale = 1.0, .program = getenv("KILN")};
     struct kiln_import_report report = {0};
     struct kiln_error error = {0};
     struct kiln_scene *scene = NULL;

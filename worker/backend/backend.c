@@ -46,6 +46,8 @@ static int create_best(struct kiln_backend **backend, const struct kiln_backend_
     if (has_gpu()) {
         if (create(backend, &kiln_backend_vulkan, params, &why) == KILN_OK)
             return KILN_OK;
+        if (kiln_stop_asked(params->stop))
+            return kiln_give_up(error);
         (void)fprintf(stderr, "kiln: warning: %s; using Embree\n", why.message);
     }
     return create(backend, &kiln_backend_embree, params, error);

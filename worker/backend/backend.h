@@ -25,7 +25,7 @@
 #include <string.h>
 
 #include "shaders/random.h"
-#include "worker/base/status.h"
+#include "worker/base/stop.h"
 #include "worker/scene/scene.h"
 #include "worker/scene/geometry.h"
 #include "worker/scene/surface.h"
@@ -60,6 +60,7 @@ struct kiln_backend_params {
     uint64_t device_memory;      /* bytes; 0: what the device has */
     bool goes_on;                /* with Embree once the device has failed for good (worker/backend/fallback.h) */
     double verify_share;         /* of the fragments, traced again with Embree (worker/backend/verify.h); 0: none */
+    const struct kiln_stop *stop; /* ends creation, emission and validity early, with KILN_STOPPED; NULL: nothing does */
 };
 
 /* Three floats a point; see kiln_radiosity_pack for how radiosity is kept. */

@@ -212,6 +212,8 @@ static int trace_group(const struct emission *e, uint32_t group, uint32_t sample
     begin_group(e, &w, group, samples);
     for (size_t count; (count = deal(e, &w)) > 0;) {
         make_batch(e, w.base, count);
+        if (kiln_stop_asked(e->params->stop))
+            return kiln_give_up(error);
         const int status = e->backend->api->intersect(e->backend, e->origins, e->directions, count, e->hits, error);
         if (status != KILN_OK)
             return status;

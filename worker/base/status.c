@@ -5,13 +5,39 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "worker/base/text.h"
+
+/* Whatever names and files are quoted in it, the sentence is one line that no terminal acts on. */
+static void take(struct kiln_error *error, const char *format, va_list arguments) __attribute__((format(printf, 2, 0)));
+static void take(struct kiln_error *error, const char *format, va_list arguments)
+{
+    char text[sizeof error->message];
+    const int length = vsnprintf(text, sizeof text, format, arguments);
+    if (length >= (int)sizeof text)
+        kiln_text_trim(text);
+    (void)kiln_text_plain(error->message, sizeof error->message, text);
+}
+
 int kiln_fail(struct kiln_error *error, int status, const char *format, ...)
 {
     if (error != NULL) {
         va_list arguments;
         va_start(arguments, format);
-        (void)vsnprintf(error->message, sizeof error->message, format, arguments);
+        take(error, format, arguments);
         va_end(arguments);
+    }
+    return status;
+}
+
+int kiln_fail_table(struct kiln_error *error, int status, const char *table, const char *format, ...)
+{
+    if (error != NULL) {
+        va_list arguments;
+        va_start(arguments, format);
+        take(error, format, arguments);
+        va_end(arguments);
+        const size_t used = strlen(error->message);
+        kiln_text_copy(error->message + used, sizeof error->message - used, table);
     }
     return status;
 }
@@ -42,10 +68,10 @@ int kiln_fail_errno(struct kiln_error *error, int status, const char *format, ..
     if (error != NULL) {
         va_list arguments;
         va_start(arguments, format);
-        const int length = vsnprintf(error->message, sizeof error->message, format, arguments);
+        take(error, format, arguments);
         va_end(arguments);
-        if (length >= 0 && (size_t)length < sizeof error->message)
-            (void)snprintf(error->message + length, sizeof error->message - (size_t)length, ": %s", strerror(number));
+        const size_t used = strlen(error->message);
+        (void)snprintf(error->message + used, sizeof error->message - used, ": %s", strerror(number));
     }
     return status;
 }

@@ -59,6 +59,13 @@ static void attach(struct embree_backend *b, unsigned id, size_t first, size_t c
     rtcReleaseGeometry(geometry);
 }
 
+/* Embree's threads ask while they build. */
+static bool goes_on(void *context, double share)
+{
+    (void)share;
+    return !kiln_stop_asked(context);
+}
+
 static void embree_destroy(struct kiln_backend **backend)
 {
     struct embree_backend *b = (struct embree_backend *)*backend;
@@ -111,8 +118,12 @@ static int embree_create(struct kiln_backend **backend, const struct kiln_backen
         attach(b, 0, 0, params->geometry->opaque_count - params->geometry->opaque_unmet);
         attach(b, 1, params->geometry->opaque_count,
                params->geometry->triangle_count - params->geometry->opaque_count - params->geometry->alpha_unmet);
+        if (params->stop != NULL)
+            rtcSetSceneProgressMonitorFunction(b->scene, goes_on, (void *)(uintptr_t)params->stop);
         rtcCommitScene(b->scene);
         status = embree_failure(b->device, "building the BVH", error);
+        if (kiln_stop_asked(params->stop))
+            status = kiln_give_up(error);
         b->build_seconds = seconds_of(CLOCK_MONOTONIC) - start;
         (void)snprintf(b->device_text, sizeof b->device_text, "Embree %ld.%ld.%ld, %s, %u thread%s",
                        rtcGetDeviceProperty(b->device, RTC_DEVICE_PROPERTY_VERSION_MAJOR),
