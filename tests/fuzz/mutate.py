@@ -256,10 +256,13 @@ class Worker:
     def run(self, arguments, name, number):
         """The outcome, and whether it was traced."""
         if self.chosen('traced', name, number):
-            calls = 'trace=open,openat,openat2,creat,unlink,unlinkat,rename,renameat,renameat2,mkdir,mkdirat,rmdir,link,linkat,symlink,symlinkat,truncate,connect'
-            return run_program(['strace', '-f', '-qq', '-y', '-s', '5000', '-o', os.path.join(self.folder, 'calls'), '-e', calls, self.options.kiln, *arguments], self.folder, {}), True
+            return run_program(self.strace() + [self.options.kiln, *arguments], self.folder, {}), True
         leaks = self.chosen('leaks', name, number) and arguments[0] != 'bake'  # MPI's own are many
         return self.servers[arguments[0] == 'bake'].run(arguments, leaks), False
+
+    def strace(self):
+        calls = 'trace=open,openat,openat2,creat,unlink,unlinkat,rename,renameat,renameat2,mkdir,mkdirat,rmdir,link,linkat,symlink,symlinkat,truncate,connect'
+        return ['strace', '-f', '-qq', '-y', '-s', '5000', '-o', os.path.join(self.folder, 'calls'), '-e', calls]
 
     def confirm(self, name, number, outcome, wrong):
         """Over the limits with sanitizers or under strace: what does the release build say?"""
@@ -432,7 +435,7 @@ def run_one(options, seeds):
     return 1 if wrong else 0
 
 
-def arguments():
+def arguments(more=()):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--kiln', default=os.environ.get('KILN'), help='the program, a release build')
     parser.add_argument('--server', default=os.environ.get('KILN_FUZZ_SERVER', os.path.join(readers.REPOSITORY, 'build', 'asan', 'tests', 'fuzz_server')))
@@ -446,20 +449,29 @@ def arguments():
     parser.add_argument('--every', type=float, default=60, help='seconds between lines of progress')
     parser.add_argument('--case', help='READER:NUMBER, only this one')
     parser.add_argument('--keep', help='where failing cases are kept (a new temporary folder)')
+    for name, how in more:
+        parser.add_argument(name, **how)
     return parser.parse_args()
 
 
-def main():
-    options = arguments()
+def prepare(options):
+    """Completes the options; False: skipped, and said why."""
     if not options.kiln or not os.access(options.kiln, os.X_OK) or not os.access(options.server, os.X_OK):
         print('skipped: %s or %s is not built.' % (options.kiln, options.server))
-        return 77
+        return False
     options.kiln, options.server = os.path.abspath(options.kiln), os.path.abspath(options.server)
     if options.traced and shutil.which('strace') is None:
         print('strace is not installed: only the watched folder tells of accesses elsewhere')
         options.traced = 0
     options.keep, options.keep_all = options.keep or os.path.join(tempfile.gettempdir(), 'kiln-fuzz-failures-%d' % os.getpid()), False
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    return True
+
+
+def main():
+    options = arguments()
+    if not prepare(options):
+        return 77
     print('seed %s' % options.seed, flush=True)
     with tempfile.TemporaryDirectory(prefix='kiln-fuzz-') as options.work:
         seeds = os.path.join(options.work, 'seeds')
