@@ -1,0 +1,504 @@
+"""Whatever kiln reads, one row each in READERS: how a case of it is made, and the command that reads it.
+
+A case is a folder, `case` in the work folder, that holds all that the command may read, and `given`, where it may write. make(r, w) writes the
+files and returns the arguments of kiln."""
+import base64
+import ctypes
+import glob
+import json
+import os
+import re
+import shutil
+import struct
+import subprocess
+import sys
+
+import numpy as np
+
+import formats
+import hdf5
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+REPOSITORY = os.path.dirname(os.path.dirname(HERE))
+sys.path.insert(0, os.path.join(REPOSITORY, 'tests', 'common'))
+import exr as exr_file  # noqa: E402
+
+SMALL = ('--lightmap-size', '4')
+BAKE = ('--backend', 'embree', '--lightmap-size', '4', '--samples-direct', '1', '--samples-bounce', '2', '--samples-indirect', '2', '--bounces', '2', '--samples-probe', '2',
+        '--probe-spacing', '0.5', '--error-map', '--no-preview', '--threads', '1', '--quiet', '--watchdog', '0')
+SECTIONS = ('strings', 'materials', 'textures', 'texels', 'meshes', 'objects', 'lights', 'cameras', 'environment', 'environment texels', 'positions', 'normals',
+            'base', 'emission', 'lightmap', 'colors', 'triangles', 'triangle materials', 'sources', 'notes', 'triangle sources')
+HEADER, SECTION_TABLE = 472, 136  # sizes in a scene file: of the header, and of what stands before its table of sections
+
+
+class Hash128(ctypes.Structure):
+    _fields_ = [('low', ctypes.c_uint64), ('high', ctypes.c_uint64)]
+
+
+XXHASH = ctypes.CDLL('libxxhash.so.0')
+XXHASH.XXH3_128bits.restype = Hash128
+XXHASH.XXH3_128bits.argtypes = (ctypes.c_char_p, ctypes.c_size_t)
+XXHASH.XXH3_64bits.restype = ctypes.c_uint64
+XXHASH.XXH3_64bits.argtypes = (ctypes.c_char_p, ctypes.c_size_t)
+XXHASH.XXH3_128bits_withSeed.restype = Hash128
+XXHASH.XXH3_128bits_withSeed.argtypes = (ctypes.c_char_p, ctypes.c_size_t, ctypes.c_uint64)
+
+
+def xxh3(data):
+    value = XXHASH.XXH3_128bits(data, len(data))
+    return '%016x%016x' % (value.high, value.low)
+
+
+def seal(text):
+    """JSON with its hash as the last line (coordinator/output/sealed.h)."""
+    text = text if text.endswith(b'\n') else text + b'\n'
+    return text + b'xxh3_128 ' + xxh3(text).encode() + b'\n'
+
+
+def unseal(data):
+    return data[:data.rindex(b'xxh3_128 ')]
+
+
+def seal_scene(data):
+    """A scene file whose size and hash are right (kiln_scene_content_hash)."""
+    if len(data) < HEADER:
+        return data
+    data = data[:8] + struct.pack('<Q', len(data)) + bytes(16) + data[32:]
+    rest = data[HEADER:]
+    value = XXHASH.XXH3_128bits_withSeed(rest, len(rest), XXHASH.XXH3_64bits(data[:HEADER], HEADER))
+    return data[:16] + struct.pack('<QQ', value.low, value.high) + data[32:]
+
+
+def read(path):
+    with open(path, 'rb') as file:
+        return file.read()
+
+
+def write(path, data):
+    with open(path, 'wb') as file:
+        file.write(data)
+
+
+# ---- good files to begin with ----
+
+def quad(textured=True, uri='image.png'):
+    """A square as a .gltf, with an image of its own file."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]], '<f4').tobytes() + np.array([[0, 0], [1, 0], [1, 1], [0, 1]], '<f4').tobytes() + np.array([0, 2, 1, 0, 3, 2], '<u2').tobytes()
+    material = {'pbrMetallicRoughness': {'baseColorTexture': {'index': 0}}, 'emissiveTexture': {'index': 0}, 'emissiveFactor': [1, 1, 1]} if textured else {'emissiveFactor': [1, 1, 1]}
+    tree = {'asset': {'version': '2.0'}, 'scene': 0, 'scenes': [{'nodes': [0]}], 'nodes': [{'mesh': 0, 'name': 'square'}],
+            'meshes': [{'primitives': [{'attributes': {'POSITION': 0, 'TEXCOORD_0': 1}, 'indices': 2, 'material': 0}]}], 'materials': [material],
+            'buffers': [{'byteLength': len(points), 'uri': 'data:application/octet-stream;base64,' + base64.b64encode(points).decode()}],
+            'bufferViews': [{'buffer': 0, 'byteLength': 48}, {'buffer': 0, 'byteOffset': 48, 'byteLength': 32}, {'buffer': 0, 'byteOffset': 80, 'byteLength': 12}],
+            'accessors': [{'bufferView': 0, 'componentType': 5126, 'count': 4, 'type': 'VEC3', 'min': [0, 0, 0], 'max': [1, 0, 1]},
+                          {'bufferView': 1, 'componentType': 5126, 'count': 4, 'type': 'VEC2'}, {'bufferView': 2, 'componentType': 5123, 'count': 6, 'type': 'SCALAR'}]}
+    if textured:
+        tree['images'], tree['textures'] = [{'uri': uri}], [{'source': 0}]
+    return json.dumps(tree).encode()
+
+
+def images_of(glb):
+    chunks = formats.glb_parts(glb)
+    tree = json.loads(chunks[0][1])
+    views = [tree['bufferViews'][i['bufferView']] for i in tree.get('images', []) if 'bufferView' in i]
+    return [chunks[1][1][v.get('byteOffset', 0):][:v['byteLength']] for v in views]
+
+
+def radiance(width, height, packed):
+    head = b'#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=1\n\n-Y %d +X %d\n' % (height, width)
+    texels = [bytes((10 * y & 255, 20 * x & 255, 100, 128 + (x & 1))) for y in range(height) for x in range(width)]
+    if not packed:
+        return head + b''.join(texels)
+    rows = []
+    for y in range(height):
+        row = texels[y * width:(y + 1) * width]
+        rows.append(b'\2\2' + struct.pack('>H', width) + b''.join(bytes([width]) + bytes(t[c] for t in row) if c < 2 else bytes((128 + width, row[0][c])) for c in range(4)))
+    return head + b''.join(rows)
+
+
+class Seeds:
+    """Good files, made once a run: from the repository, and by one small bake and two that were stopped (by one rank and by two)."""
+
+    def __init__(self, folder, program, environment):
+        self.folder, self.program, self.environment = folder, program, environment
+        corpus = os.path.join(HERE, 'corpus', 'seeds')
+        self.glb = [read(p) for p in sorted(glob.glob(os.path.join(corpus, '*.glb')))] + [read(os.path.join(REPOSITORY, 'tests', 'data', 'punctual_zoo.glb')),
+                                                                                          read(os.path.join(REPOSITORY, 'jobs', 'furnace.glb'))]
+        chunked = [formats.glb_parts(g) for g in self.glb]
+        self.gltf = [quad(), quad(False), read(os.path.join(corpus, 'data_uri.gltf'))] + [self.inlined(c) for c in chunked if len(c) > 1 and len(c[1][1]) < 9000]
+        self.obj = [(read(os.path.join(corpus, n + '.obj')), read(os.path.join(corpus, n + '.mtl'))) for n in ('box_ok', 'cornell_original')]
+        pictures = images_of(read(os.path.join(corpus, 'image_formats.glb'))) + images_of(read(os.path.join(corpus, 'alpha_modes.glb')))
+        self.png = [p for p in pictures if p[:4] == b'\x89PNG']
+        self.jpeg = [p for p in pictures if p[:2] == b'\xff\xd8']
+        self.hdr = [radiance(4, 2, False), radiance(16, 8, True), radiance(9, 3, True)]
+        self.exr = self.exr_files()
+        self.bake = self.made_bake()
+        self.checkpoints = [c for c in (self.stopped(1), self.stopped(2)) if c]
+        self.blocks = {name: hdf5.blocks(read(os.path.join(self.bake, name))) for name in ('kiln.h5', 'volume.hdf')}
+
+    @staticmethod
+    def inlined(chunks):
+        tree = json.loads(chunks[0][1])
+        tree['buffers'][0]['uri'] = 'data:application/octet-stream;base64,' + base64.b64encode(chunks[1][1]).decode()
+        return json.dumps(tree).encode()
+
+    def exr_files(self):
+        rng = np.random.default_rng(1)
+        path, made = os.path.join(self.folder, 'seed.exr'), []
+        for names, half, packing, size in (('RGB', (), 'ZIP', (4, 8)), ('RGB', ('R', 'G', 'B'), 'NONE', (3, 5)), ('Y', (), 'ZIPS', (8, 16)), ('RGBA', ('A',), 'ZIP', (40, 20))):
+            exr_file.write(path, {c: rng.random(size, np.float32) for c in names}, half, packing)
+            made.append(read(path))
+        os.unlink(path)
+        return made
+
+    def run(self, words, codes):
+        ended = subprocess.run(words, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False, timeout=300)
+        if ended.returncode not in codes:
+            sys.exit('a seed cannot be made: %s ended with %d\n%s' % (' '.join(words), ended.returncode, ended.stdout))
+
+    def scene(self):
+        """As a scene file: a checkpoint fits it, whichever build of the program goes on."""
+        return os.path.join(self.bake, 'scene.kscene')
+
+    def made_bake(self):
+        target, scene = os.path.join(self.folder, 'bake'), os.path.join(self.folder, 'scene.glb')
+        shutil.copy(os.path.join(REPOSITORY, 'jobs', 'furnace.glb'), scene)
+        self.run([self.program, 'bake', scene, '-o', target, *BAKE], (0,))
+        return target
+
+    def stopped(self, ranks):
+        """A bake that ended with a checkpoint."""
+        target = os.path.join(self.folder, 'stopped%d' % ranks)
+        launcher = ['mpirun', '--bind-to', 'none', '--oversubscribe', '-n', str(ranks)] if ranks > 1 else []
+        if ranks > 1 and shutil.which('mpirun') is None:
+            return None
+        self.run([*launcher, self.program, 'bake', self.scene(), '-o', target, *BAKE, '--max-time', '0.000001'], (75,))
+        return target
+
+
+# ---- cases ----
+
+class Work:
+    """Where cases are: `case` and its files, made anew for each."""
+
+    def __init__(self, folder, seeds):
+        self.folder, self.seeds = folder, seeds
+        self.case, self.given, self.outside = (os.path.join(folder, n) for n in ('case', 'given', 'outside'))
+        for path in (self.case, self.given, self.outside, os.path.join(folder, 'tmp')):
+            os.makedirs(path, exist_ok=True)
+        for name in ('secret.bin', 'secret.png', 'secret.mtl', 'x', 'secret.hdr'):
+            write(os.path.join(self.outside, name), b'what must stay unread\n' * 3)
+        shutil.copy(os.path.join(seeds.bake, 'volume.hdf'), os.path.join(self.outside, 'secret.hdf'))
+        self.references = ['../outside/secret.bin', os.path.join(self.outside, 'secret.bin'), 'file://' + os.path.join(self.outside, 'secret.png'), '..%2foutside%2fsecret.bin',
+                           '..\\outside\\secret.bin', 'link/secret.bin', 'link/secret.png', './link/../link/secret.hdr', '../outside', '/dev/zero', '/etc/passwd', '/proc/self/environ', 'fifo', 'a/../../outside/x']
+        self.hdf5 = [os.path.join(self.outside, 'secret.hdf'), os.path.join(self.outside, 'secret.bin'), '../outside/secret.hdf', '../../outside/secret.hdf', os.path.join(self.case, 'fifo'),
+                     '/etc/passwd', '/dev/zero', 'fifo', '../fifo', 'secret.hdf', 'run.json']
+
+    def clean(self):
+        for folder in (self.case, self.given, os.path.join(self.folder, 'tmp')):
+            for entry in os.scandir(folder):
+                if entry.is_dir(follow_symlinks=False):
+                    shutil.rmtree(entry.path)
+                else:
+                    os.unlink(entry.path)
+        os.symlink('../outside', os.path.join(self.case, 'link'))
+        os.mkfifo(os.path.join(self.case, 'fifo'))
+
+    def put(self, name, data):
+        write(os.path.join(self.case, name), data)
+        return os.path.join(self.case, name)
+
+    def copy(self, name, source):
+        target = os.path.join(self.case, name)
+        shutil.copytree(source, target)
+        return target
+
+    def output(self, name):
+        return os.path.join(self.given, name)
+
+
+def look(r, path, *more):
+    return [r.choice(('info', 'info', 'info', 'check')), path, *SMALL, *more]
+
+
+def make_gltf(r, w):
+    w.put('image.png', w.seeds.png[0])
+    w.put('a.png', w.seeds.png[1])
+    return look(r, w.put('scene.gltf', formats.gltf_text(r, r.choice(w.seeds.gltf))))
+
+
+def make_glb(r, w):
+    more = ('--repack',) if r.random() < 0.1 else ('--trust', 'normals') if r.random() < 0.1 else ()
+    return look(r, w.put('scene.glb', formats.glb(r, r.choice(w.seeds.glb))), *more)
+
+
+def make_image(r, w, kind):
+    seed = r.choice(getattr(w.seeds, kind))
+    w.put('image.png', getattr(formats, kind)(r, seed))
+    return ['info', w.put('scene.gltf', quad()), *SMALL]
+
+
+def make_environment(r, w, kind):
+    seed = r.choice(getattr(w.seeds, kind))
+    name = 'sky.' + (kind if r.random() < 0.97 else r.choice(('hdr', 'exr', 'png')))
+    path = w.put(name, getattr(formats, kind)(r, seed))
+    return ['info', w.put('scene.gltf', quad(False)), '--environment', path, *SMALL]
+
+
+def make_obj(r, w):
+    text, library = r.choice(w.seeds.obj)
+    for name in ('box_ok.mtl', 'cornell_original.mtl'):
+        w.put(name, library)
+    return look(r, w.put('scene.obj', formats.obj(r, text)))
+
+
+def make_mtl(r, w):
+    text, library = r.choice(w.seeds.obj)
+    w.put('a.png', w.seeds.png[0])
+    library = library + b'map_Kd a.png\n' if r.random() < 0.5 else library
+    library = formats.mtl(r, library)
+    for name in ('box_ok.mtl', 'cornell_original.mtl'):
+        w.put(name, library)
+    return look(r, w.put('scene.obj', text))
+
+
+def option_names(cache=[]):
+    """The keys of a job file, from the table of options."""
+    if not cache:
+        text = read(os.path.join(REPOSITORY, 'coordinator', 'cli', 'options.c')).decode()
+        cache += sorted(set(re.findall(r'{\.name = "([a-z-]+)"', text))) + ['scene', 'objects', 'no-such-key']
+    return cache
+
+
+JOBS = [b'# a job\nscene: scene.gltf\nquality: draft\nlightmap-size: 8\nbounces: all\nerror-map: true\n',
+        b'scene: scene.gltf\ntexels-per-metre: 16\nprobe-spacing: 0.5\nschedule: equal\nbounces: 12\nenvironment: "1,1,1"\nseed: 7\n',
+        b'scene: scene.gltf\nobjects:\n  "sq*": {density-scale: 2, role: both}\n  square:\n    lightmap-size: 4\n    sides: two\n',
+        b'scene: scene.gltf\nbackend: embree\nthreads: 2\npartition: cells\nmax-time: 60\ncheckpoint-every: 10\nexposure: 1.5\n']
+
+
+def make_job(r, w):
+    w.put('scene.gltf', quad(False))
+    job = w.put('job.yaml', formats.yaml(r, r.choice(JOBS), option_names()))
+    if r.random() < 0.4:
+        return ['submit', job, '--dry-run', '-o', w.output('bake')]
+    return ['info', job, *SMALL]
+
+
+def scene_file(r, data):
+    """Numbers of the header, of the table of sections or within one section; the hash is made right."""
+    kind = r.random()
+    for _ in range(r.choice((1, 1, 2))):
+        if kind < 0.15:
+            data = formats.field(r, data, r.choice((0, 4)), 4) if r.random() < 0.3 else formats.field(r, data, r.randrange(32, SECTION_TABLE, 8), 8)
+        elif kind < 0.45:
+            data = formats.field(r, data, SECTION_TABLE + 8 * r.randrange(2 * len(SECTIONS)), 8)
+        elif kind < 0.97:
+            filled = [i for i in range(len(SECTIONS)) if struct.unpack_from('<Q', data, SECTION_TABLE + 16 * i + 8)[0] > 0]
+            i = r.choice(filled)
+            first = struct.unpack_from('<Q', data, SECTION_TABLE + 16 * i)[0]
+            later = [o for o in (struct.unpack_from('<Q', data, SECTION_TABLE + 16 * j)[0] for j in filled) if o > first]
+            end = min(later + [len(data)])
+            if not first < end <= len(data):
+                return data
+            part = data[first:end]
+            part = formats.floats(r, part) if r.random() < 0.7 else formats.havoc(r, part, 2)[:len(part)].ljust(len(part), b'\0')
+            data = data[:first] + part + data[end:]
+        else:
+            return formats.havoc(r, data)
+    return data
+
+
+def make_scene_file(r, w):
+    data = scene_file(r, read(os.path.join(w.seeds.bake, 'scene.kscene')))
+    return [r.choice(('info', 'check')), w.put('scene.kscene', seal_scene(data) if r.random() < 0.95 else data)]
+
+
+def reseal_bake(folder, name):
+    """The manifest says of this file what is now true."""
+    path = os.path.join(folder, 'manifest')
+    manifest = json.loads(unseal(read(path)))
+    data = read(os.path.join(folder, name))
+    for entry in manifest['files']:
+        if entry['path'] == name:
+            entry['bytes'], entry['xxh3_128'] = len(data), xxh3(data)
+    write(path, seal(json.dumps(manifest).encode()))
+
+
+def asked(r, w, folder, *weighted):
+    """A command that reads a bake; `weighted`: (name, weight)."""
+    names, weights = zip(*weighted)
+    command = r.choices(names, weights)[0]
+    place = ('0.3', '0.4', '0.5') if r.random() < 0.7 else tuple(repr(r.uniform(-2, 2)) for _ in range(3))
+    return {'verify': ['verify', folder], 'probe': ['probe', folder, *place], 'view': ['view', folder, '-o', w.output('view.png'), '--width', '16', '--height', '16'],
+            'report': ['report', folder, '-o', w.output('report.html')], 'compare': ['compare', folder, w.seeds.bake] if r.random() < 0.5 else ['compare', w.seeds.bake, folder],
+            'export': ['export', folder, '-o', w.output('scene.glb')], 'status': ['status', folder, *(('--json',) if r.random() < 0.5 else ())],
+            'info': ['info', os.path.join(folder, 'scene.kscene')], 'look': ['info', os.path.join(folder, 'scene.glb'), *SMALL],
+            'again': ['bake', w.seeds.scene(), '-o', folder, *BAKE]}[command]
+
+
+def make_hdf5(r, w, name, *weighted):
+    folder = w.copy('bake', w.seeds.bake)
+    path = os.path.join(folder, name)
+    if r.random() < 0.5:
+        hdf5.structure(r, path, w.hdf5)
+    else:
+        write(path, hdf5.raw(r, read(path), w.seeds.blocks[name]))
+    reseal_bake(folder, name)
+    return asked(r, w, folder, *weighted)
+
+
+def make_lightmap(r, w):
+    folder = w.copy('bake', w.seeds.bake)
+    name = r.choice(sorted(os.path.relpath(p, folder) for p in glob.glob(os.path.join(folder, 'lightmaps', '**', '*.exr'), recursive=True)))
+    path = os.path.join(folder, name)
+    if r.random() < 0.02:
+        os.unlink(path)
+        os.mkfifo(path)
+    elif r.random() < 0.02:
+        os.unlink(path)
+        os.symlink(os.path.join(w.outside, 'secret.bin'), path)
+    else:
+        write(path, formats.exr(r, read(path)))
+        reseal_bake(folder, name)
+    return asked(r, w, folder, ('verify', 4), ('compare', 3), ('view', 1), ('report', 2), ('export', 1))
+
+
+def make_bake_scene(r, w):
+    folder = w.copy('bake', w.seeds.bake)
+    path = os.path.join(folder, 'scene.kscene')
+    write(path, seal_scene(scene_file(r, read(path))))
+    reseal_bake(folder, 'scene.kscene')
+    return asked(r, w, folder, ('verify', 2), ('info', 2), ('view', 1), ('report', 2), ('export', 2), ('compare', 1))
+
+
+def make_bake_glb(r, w):
+    folder = w.copy('bake', w.seeds.bake)
+    path = os.path.join(folder, 'scene.glb')
+    write(path, formats.glb(r, read(path)))
+    reseal_bake(folder, 'scene.glb')
+    return asked(r, w, folder, ('verify', 1), ('look', 3), ('export', 2), ('report', 1))
+
+
+def mutated_json(r, text):
+    if r.random() < 0.1:
+        return formats.mutate_json_text(r, text)
+    return formats.dumps(formats.mutate_tree(r, json.loads(text)))
+
+
+def make_run(r, w):
+    folder = w.copy('bake', w.seeds.bake)
+    path = os.path.join(folder, 'run.json')
+    write(path, mutated_json(r, read(path)))
+    reseal_bake(folder, 'run.json')
+    return asked(r, w, folder, ('report', 4), ('status', 3), ('export', 2), ('view', 1), ('probe', 2), ('verify', 2), ('compare', 2), ('again', 0.1))
+
+
+def make_manifest(r, w):
+    folder = w.copy('bake', w.seeds.bake)
+    path = os.path.join(folder, 'manifest')
+    tree = json.loads(unseal(read(path)))
+    if r.random() < 0.5:
+        entry = r.choice(tree['files'])
+        entry[r.choice(('path', 'path', 'bytes', 'xxh3_128'))] = r.choice((formats.word(r), formats.integer(r), formats.word(r)))
+        text = formats.dumps(tree)
+    else:
+        text = mutated_json(r, json.dumps(tree).encode())
+    write(path, seal(text) if r.random() < 0.95 else text)
+    return asked(r, w, folder, ('verify', 20), ('report', 3), ('status', 3), ('probe', 3), ('compare', 2), ('again', 1))
+
+
+def resume(w, folder, whole):
+    return ['bake', w.seeds.scene(), '-o', folder, *BAKE, *(() if whole else ('--max-time', '0.000001'))]
+
+
+def generation_of(folder):
+    return sorted(glob.glob(os.path.join(folder, 'checkpoint', 'gen-*')))[-1]
+
+
+def make_checkpoint_manifest(r, w):
+    folder = w.copy('bake', r.choice(w.seeds.checkpoints))
+    path = os.path.join(generation_of(folder), 'manifest')
+    tree = json.loads(unseal(read(path)))
+    if r.random() < 0.6:
+        part = r.choice(tree['parts'])
+        if r.random() < 0.75 and part['blocks']:
+            block = r.choice(part['blocks'])
+            i = r.randrange(len(block))
+            block[i] = formats.word(r) if i == 0 and r.random() < 0.5 else formats.integer(r, block[i] if i else 0)
+        elif r.random() < 0.3:
+            part['blocks'] = part['blocks'] * r.choice((2, 20)) if r.random() < 0.5 else part['blocks'][:-1]
+        elif r.random() < 0.5:
+            tree['parts'] = tree['parts'] * r.choice((2, 300)) if r.random() < 0.5 else tree['parts'][:-1]
+        else:
+            part['bytes'] = formats.integer(r, part['bytes'])
+        text = formats.dumps(tree)
+    else:
+        text = mutated_json(r, json.dumps(tree).encode())
+    write(path, seal(text) if r.random() < 0.95 else text)
+    return resume(w, folder, r.random() < 0.1)
+
+
+def make_checkpoint_part(r, w):
+    folder = w.copy('bake', r.choice(w.seeds.checkpoints))
+    generation = generation_of(folder)
+    path = r.choice(sorted(glob.glob(os.path.join(generation, 'part-*'))))
+    manifest = os.path.join(generation, 'manifest')
+    tree = json.loads(unseal(read(manifest)))
+    part = tree['parts'][int(path.rsplit('-', 1)[1])]
+    data = read(path)
+    if r.random() < 0.02:
+        os.unlink(path)
+        r.choice((lambda: os.mkfifo(path), lambda: os.symlink(os.path.join(w.outside, 'secret.bin'), path), lambda: os.mkdir(path)))()
+    else:
+        blocks = [b for b in part['blocks'] if b[2] * b[3] > 0]
+        if blocks and r.random() < 0.8:
+            block = r.choice(blocks)
+            first, size = block[4], block[2] * block[3]
+            piece = data[first:first + size]
+            for _ in range(r.choice((1, 3, 50))):
+                at = r.randrange(size)
+                wide = min(size - at, r.choice((1, 4, 8)))
+                value = formats.packed(formats.integer(r), wide) if r.random() < 0.5 else struct.pack('<d', r.choice(formats.NUMBERS + [float('nan'), float('inf')]))[:wide]
+                piece = piece[:at] + value + piece[at + wide:]
+            data = data[:first] + piece + data[first + size:]
+        else:
+            data = formats.havoc(r, data)
+        write(path, data)
+        part['bytes'], part['xxh3_128'] = len(data), xxh3(data)
+        write(manifest, seal(json.dumps(tree).encode()))
+    return resume(w, folder, r.random() < 0.15)
+
+
+def make_status(r, w):
+    folder = w.copy('bake', r.choice(w.seeds.checkpoints))
+    path = os.path.join(folder, 'checkpoint', 'status.json')
+    text = read(path) if os.path.exists(path) else STATUS
+    write(path, mutated_json(r, text) if r.random() < 0.85 else formats.havoc(r, text))
+    return ['status', folder, *(('--json',) if r.random() < 0.5 else ())]
+
+
+STATUS = json.dumps({'state': 'stopped', 'phase': 'direct', 'share': 0.5, 'left': 3.0, 'seconds': 12.0, 'ranks': 2, 'host': 'node1', 'process': 12345, 'started': 1, 'updated': 1.7e9,
+                     'beat': 3, 'generation': 1, 'saved': 1.7e9, 'code': 75, 'message': 'stopped as asked'}).encode()
+
+# name: (share of the cases, make)
+READERS = {
+    'gltf': (14, make_gltf),
+    'glb': (12, make_glb),
+    'png': (7, lambda r, w: make_image(r, w, 'png')),
+    'jpeg': (6, lambda r, w: make_image(r, w, 'jpeg')),
+    'hdr': (7, lambda r, w: make_environment(r, w, 'hdr')),
+    'exr': (7, lambda r, w: make_environment(r, w, 'exr')),
+    'obj': (8, make_obj),
+    'mtl': (5, make_mtl),
+    'job': (7, make_job),
+    'scene': (5, make_scene_file),
+    'kiln.h5': (3, lambda r, w: make_hdf5(r, w, 'kiln.h5', ('verify', 6), ('report', 2), ('compare', 1), ('view', 0.5))),
+    'volume.hdf': (4, lambda r, w: make_hdf5(r, w, 'volume.hdf', ('probe', 6), ('verify', 4), ('report', 1))),
+    'lightmap': (3, make_lightmap),
+    'bake scene': (2, make_bake_scene),
+    'bake glb': (1, make_bake_glb),
+    'run': (2, make_run),
+    'manifest': (2, make_manifest),
+    'checkpoint': (1.5, make_checkpoint_manifest),
+    'part': (1.5, make_checkpoint_part),
+    'status': (2, make_status),
+}
