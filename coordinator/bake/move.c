@@ -31,7 +31,7 @@ static MPI_Request *new_request(struct move *m)
 {
     struct kiln_error error;
     if (kiln_grow(&m->requests, &m->room, m->count + 1, sizeof *m->requests, "messages that move points", &error) != KILN_OK)
-        kiln_give_up(KILN_SYSTEM, &error); /* others wait for it already */
+        kiln_end_all_ranks(KILN_SYSTEM, &error); /* others wait for it already */
     return &m->requests[m->count++];
 }
 

@@ -179,7 +179,7 @@ static MPI_Request *new_request(struct lane *lane)
 {
     struct kiln_error error;
     if (kiln_grow(&lane->requests, &lane->request_room, lane->request_count + 1, sizeof *lane->requests, "messages between nodes", &error) != KILN_OK)
-        kiln_give_up(KILN_SYSTEM, &error); /* others wait for it already */
+        kiln_end_all_ranks(KILN_SYSTEM, &error); /* others wait for it already */
     return &lane->requests[lane->request_count++];
 }
 

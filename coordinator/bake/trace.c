@@ -109,7 +109,7 @@ static int receive(const struct kiln_trace *t, int rank, struct kiln_page *page)
     (void)MPI_Get_count(&from, MPI_CHAR, &length);
     const int status = kiln_allocate(&bytes, (size_t)length + 1, 1, "the trace", page->error);
     if (status != KILN_OK)
-        kiln_give_up(status, page->error); /* the others are sending */
+        kiln_end_all_ranks(status, page->error); /* the others are sending */
     (void)MPI_Recv(bytes, length, MPI_CHAR, rank, TAG, t->communicator, MPI_STATUS_IGNORE);
     kiln_page_add(page, "%s", bytes);
     kiln_free(&bytes);

@@ -20,7 +20,7 @@ static void name_rank(struct kiln_error *sentence)
     (void)kiln_fail(sentence, KILN_SYSTEM, "rank %d on %s: %s", rank, host, told.message);
 }
 
-void kiln_give_up(int status, const struct kiln_error *error)
+void kiln_end_all_ranks(int status, const struct kiln_error *error)
 {
     struct kiln_error sentence = *error;
     name_rank(&sentence);

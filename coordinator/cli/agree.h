@@ -15,6 +15,6 @@ int kiln_agree(MPI_Comm communicator, int status, struct kiln_error *error);
 
 /* Not collective, and does not return: for a failure where others already wait for this rank's messages. Says the sentence, with rank and host,
  * and ends all ranks with the status. */
-void kiln_give_up(int status, const struct kiln_error *error) __attribute__((noreturn));
+void kiln_end_all_ranks(int status, const struct kiln_error *error) __attribute__((noreturn));
 
 #endif

@@ -186,7 +186,7 @@ static void say_mpi_failed(MPI_Comm *communicator, int *code, ...)
     kiln_waiting_look(&waiting);
     const int status = kind == MPI_ERR_NO_MEM ? KILN_SYSTEM : KILN_RANK_LOST;
     (void)kiln_fail(&error, status, "%s failed: %s", waiting.call != NULL ? waiting.call : "MPI", text);
-    kiln_give_up(status, &error);
+    kiln_end_all_ranks(status, &error);
 }
 
 static void catch_mpi_errors(void)

@@ -85,7 +85,7 @@ static void give_up(const struct kiln_h5 *h5, int status, const struct kiln_erro
 {
     struct kiln_error path;
     (void)kiln_fail(&path, status, "'%s' cannot be closed", h5->path);
-    kiln_give_up(status, error != NULL ? error : &path);
+    kiln_end_all_ranks(status, error != NULL ? error : &path);
 }
 
 /* Collective. Again where a signal interrupted it, and only there: a sync that is repeated after another failure succeeds, and hides it. */
