@@ -2,6 +2,7 @@
 #include <errno.h>
 #include <math.h>
 #include <mpi.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
@@ -321,17 +322,40 @@ static bool answer_help(int argc, char **argv, int rank, int *status, struct kil
     return true;
 }
 
-int kiln_main(int argc, char **argv)
+/* Some libraries end the process with exit(1) when they cannot go on (OpenMP's, without threads): for the functions that exit calls, which get nothing. */
+static struct {
+    volatile sig_atomic_t at_work;
+    char text[240];
+} departure;
+
+static void say_departure(void)
 {
-    if (argc > 1 && strcmp(argv[1], "import-child") == 0)
-        return kiln_import_child(argc, argv);
-    if (argc > 1 && strcmp(argv[1], "export-child") == 0)
-        return kiln_export_child(argc, argv);
+    if (departure.at_work == 0)
+        return;
+    (void)!write(STDERR_FILENO, departure.text, strlen(departure.text));
+    _exit(KILN_SYSTEM);
+}
+
+static void watch_departure(bool many, int rank)
+{
+    char host[64] = "", who[96] = "";
+    (void)gethostname(host, sizeof host - 1);
+    if (many)
+        (void)snprintf(who, sizeof who, "rank %d on %s: ", rank, host);
+    (void)snprintf(departure.text, sizeof departure.text, "kiln: error: %sa library ended the process, for the reason above; where it is threads, raise ulimit -u "
+                   "or give fewer --threads\n", who);
+    departure.at_work = 1;
+    (void)atexit(say_departure);
+}
+
+static int run_command_line(int argc, char **argv)
+{
     struct kiln_error error = {{0}};
     int status = KILN_OK;
     bool json = has_argument(argc, argv, "--json");
     const bool many = launcher("OMPI_COMM_WORLD_SIZE", NULL, "SLURM_NTASKS", 1) > 1;
     int rank = (int)launcher("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "SLURM_PROCID", 0);
+    watch_departure(many, rank);
     const struct kiln_command *command = argc > 1 ? kiln_command_find(argv[1]) : NULL;
     /* A bench that starts mpirun must not be in an MPI job of its own. */
     const bool starts_mpi = command != NULL && command->bit == KILN_FOR_BENCH && has_argument(argc, argv, "scaling");
@@ -350,5 +374,16 @@ int kiln_main(int argc, char **argv)
     }
     if (status != KILN_OK && rank == 0)
         print_error(status, &error, json);
+    return status;
+}
+
+int kiln_main(int argc, char **argv)
+{
+    if (argc > 1 && strcmp(argv[1], "import-child") == 0)
+        return kiln_import_child(argc, argv);
+    if (argc > 1 && strcmp(argv[1], "export-child") == 0)
+        return kiln_export_child(argc, argv);
+    const int status = run_command_line(argc, argv);
+    departure.at_work = 0;
     return status;
 }
