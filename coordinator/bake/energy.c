@@ -2,6 +2,7 @@
 
 #include <math.h>
 
+#include "coordinator/cli/agree.h"
 #include "worker/base/memory.h"
 
 enum { LIMBS = 4 };
@@ -18,9 +19,11 @@ double kiln_exact_unit(double scale)
 int kiln_exact_reduce(MPI_Comm communicator, struct kiln_exact_sum *sums, size_t count, struct kiln_error *error)
 {
     int64_t *limbs = NULL;
-    const int status = kiln_allocate(&limbs, count * LIMBS, sizeof *limbs, "the sums over ranks", error);
-    if (status != KILN_OK)
+    const int status = kiln_agree(communicator, kiln_allocate(&limbs, count * LIMBS, sizeof *limbs, "the sums over ranks", error), error);
+    if (status != KILN_OK) {
+        kiln_free(&limbs);
         return status;
+    }
     for (size_t i = 0; i < count; i++) { /* 32 bits a limb, the highest signed: sums over 2^31 ranks do not overflow */
         __int128 rest = sums[i].value;
         for (int k = 0; k < LIMBS - 1; k++) {

@@ -27,7 +27,6 @@ struct kiln_node_memory {
 /* What the leader has for those who wait. */
 struct call {
     int64_t end;
-    int64_t status;
     uint64_t bytes;
 };
 
@@ -308,8 +307,8 @@ static void sleep_until(MPI_Request *request)
     kiln_waiting_end();
 }
 
-/* Takes part in what the leader does; gives its status. */
-static int attend(struct kiln_node_memory *n)
+/* Takes part in what the leader does. */
+static void attend(struct kiln_node_memory *n)
 {
     struct call call;
     for (;;) {
@@ -318,28 +317,24 @@ static int attend(struct kiln_node_memory *n)
         (void)MPI_Ibcast(&call, sizeof call, MPI_BYTE, 0, n->communicator, &request);
         sleep_until(&request);
         if (call.end != 0)
-            return (int)call.status;
+            return;
         (void)make_block(n, call.bytes, &here, NULL);
     }
 }
 
 int kiln_node_build(struct kiln_node_memory *node, kiln_node_builder build, void *context, struct kiln_error *error)
 {
-    int status;
+    int status = KILN_OK;
     if (node->rank == 0) {
         const struct kiln_allocator memory = kiln_node_allocator(node);
         status = build(context, &memory, error);
-        struct call last = {.end = 1, .status = status};
+        struct call last = {.end = 1};
         tell(node, &last);
     } else {
-        status = attend(node);
+        attend(node);
     }
-    struct kiln_error sentence = {{0}};
-    if (status != KILN_OK && error != NULL)
-        sentence = *error;
-    kiln_node_broadcast(node, &sentence, sizeof sentence);
-    if (status != KILN_OK && error != NULL)
-        *error = sentence;
+    if (node->ranks > 1)
+        status = kiln_agree(node->communicator, status, error);
     kiln_node_wait(node);
     return status;
 }

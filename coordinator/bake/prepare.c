@@ -148,6 +148,18 @@ static int share_geometry(struct kiln_prepared *p, struct kiln_error *error)
     return p->geometry != NULL ? KILN_OK : kiln_geometry_attach(&p->geometry, &made, kiln_node_place, &memory, error);
 }
 
+/* Collective. Hosts whose folders only have the same name have other files in them, or old ones. */
+static int check_same_scene(const struct kiln_prepared *p, const char *scene_file, struct kiln_error *error)
+{
+    uint64_t first[2];
+    const uint64_t *own = p->scene->header->content_hash;
+    memcpy(first, own, sizeof first);
+    (void)MPI_Bcast(first, 2, MPI_UINT64_T, 0, p->communicator);
+    const int status = memcmp(first, own, sizeof first) == 0 ? KILN_OK : kiln_fail(error, KILN_SITE, "%s is not the file that rank 0 has written: "
+                                                                                    "choose a folder that all hosts share", scene_file);
+    return kiln_agree(p->communicator, status, error);
+}
+
 static int build_world(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file, const struct kiln_prepare_care *care,
                        struct kiln_error *error)
 {
@@ -155,6 +167,8 @@ static int build_world(struct kiln_prepared *p, const struct kiln_job *job, cons
     if (status == KILN_OK)
         status = kiln_scene_open(&p->scene, scene_file, error);
     status = go_on(p, care, status, error);
+    if (status == KILN_OK)
+        status = check_same_scene(p, scene_file, error);
     if (status == KILN_OK)
         status = refuse(p, care, error);
     if (status == KILN_OK)
@@ -222,7 +236,7 @@ static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, co
                                                .exchange = p->ranks > 1 ? &exchange : NULL,
                                                .threads = p->threads,
                                                .stop = stop_of(care)};
-    int status = kiln_surface_build(&p->surface, &params, &p->surface_report, error);
+    int status = kiln_agree(p->communicator, kiln_surface_build(&p->surface, &params, &p->surface_report, error), error);
     if (status == KILN_OK)
         share_map(p);
     if (status == KILN_OK)

@@ -100,7 +100,7 @@ static int make_text(const struct kiln_trace *t, struct kiln_page *page, struct 
 }
 
 /* Rank 0: takes another rank's text. */
-static int receive(const struct kiln_trace *t, int rank, struct kiln_page *page)
+static void receive(const struct kiln_trace *t, int rank, struct kiln_page *page)
 {
     MPI_Status from;
     int length;
@@ -113,7 +113,6 @@ static int receive(const struct kiln_trace *t, int rank, struct kiln_page *page)
     (void)MPI_Recv(bytes, length, MPI_CHAR, rank, TAG, t->communicator, MPI_STATUS_IGNORE);
     kiln_page_add(page, "%s", bytes);
     kiln_free(&bytes);
-    return page->status;
 }
 
 int kiln_trace_write(const struct kiln_trace *trace, const char *path, struct kiln_error *error)
@@ -122,8 +121,9 @@ int kiln_trace_write(const struct kiln_trace *trace, const char *path, struct ki
     int status = kiln_agree(trace->communicator, make_text(trace, &page, error), error);
     if (status == KILN_OK && trace->rank != 0)
         (void)MPI_Send(page.text, (int)page.size, MPI_CHAR, 0, TAG, trace->communicator);
-    for (int r = 1; r < trace->ranks && trace->rank == 0 && status == KILN_OK; r++)
-        status = receive(trace, r, &page);
+    for (int r = 1; r < trace->ranks && trace->rank == 0 && status == KILN_OK; r++) /* the page keeps its first failure: all that is sent is taken */
+        receive(trace, r, &page);
+    status = status == KILN_OK ? page.status : status;
     if (status == KILN_OK && trace->rank == 0) {
         kiln_page_add(&page, "\n]}\n");
         status = kiln_page_publish(&page, path);

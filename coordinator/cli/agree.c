@@ -1,5 +1,6 @@
 #include "coordinator/cli/agree.h"
 
+#include <stdbool.h>
 #include <stdio.h>
 #include <unistd.h>
 
@@ -8,7 +9,7 @@ static int lost(struct kiln_error *error)
     return kiln_fail(error, KILN_RANK_LOST, "a rank was lost while the ranks compared their results; run the same command again");
 }
 
-/* Whose memory or threads are at an end only the rank knows: as all print the same sentence, it has to say so. */
+/* As all have the same sentence, it has to say whose it is. */
 static void name_rank(struct kiln_error *sentence)
 {
     struct kiln_error told = *sentence;
@@ -30,27 +31,47 @@ void kiln_end_all_ranks(int status, const struct kiln_error *error)
     _exit(status);
 }
 
+/* Whether a failure of this kind is of the rank or its host; the others are the job's. */
+static bool is_of_the_rank(int status)
+{
+    switch (status) {
+    case KILN_NO_INPUT:
+    case KILN_NO_DEVICE:
+    case KILN_BUG:
+    case KILN_SYSTEM:
+    case KILN_CANNOT_CREATE:
+    case KILN_IO:
+    case KILN_PERMISSION:
+    case KILN_SITE:
+        return true;
+    default:
+        return false;
+    }
+}
+
 int kiln_agree(MPI_Comm communicator, int status, struct kiln_error *error)
 {
     struct {
         int status, rank;
-    } own = {status, 0}, worst = {status, 0};
-    int ranks = 1;
-    if (MPI_Comm_rank(communicator, &own.rank) != MPI_SUCCESS || MPI_Comm_size(communicator, &ranks) != MPI_SUCCESS)
+    } own[2] = {{status, 0}, {-status, 0}}, most[2] = {{status, 0}, {-status, 0}};
+    int rank = 0;
+    if (MPI_Comm_rank(communicator, &rank) != MPI_SUCCESS)
         return lost(error);
-    /* On equal values MAXLOC keeps the lowest rank. */
-    if (MPI_Allreduce(&own, &worst, 1, MPI_2INT, MPI_MAXLOC, communicator) != MPI_SUCCESS)
+    own[0].rank = own[1].rank = rank;
+    /* The worst status and, of the second pair, the best. On equal values MAXLOC keeps the lowest rank. */
+    if (MPI_Allreduce(own, most, 2, MPI_2INT, MPI_MAXLOC, communicator) != MPI_SUCCESS)
         return lost(error);
-    if (worst.status == KILN_OK)
+    const int worst = most[0].status, best = -most[1].status;
+    if (worst == KILN_OK)
         return KILN_OK;
     struct kiln_error sentence = {{0}};
-    if (worst.rank == own.rank && error != NULL)
+    if (most[0].rank == rank && error != NULL)
         sentence = *error;
-    if (worst.rank == own.rank && worst.status == KILN_SYSTEM && ranks > 1)
+    if (most[0].rank == rank && best != worst && is_of_the_rank(worst))
         name_rank(&sentence);
-    if (MPI_Bcast(&sentence, (int)sizeof sentence, MPI_BYTE, worst.rank, communicator) != MPI_SUCCESS)
+    if (MPI_Bcast(&sentence, (int)sizeof sentence, MPI_BYTE, most[0].rank, communicator) != MPI_SUCCESS)
         return lost(error);
     if (error != NULL)
         *error = sentence;
-    return worst.status;
+    return worst;
 }

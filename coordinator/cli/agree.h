@@ -8,8 +8,8 @@
 
 /* Collective over `communicator`. Each rank brings its own status and, when that is not 0, its sentence. Every rank returns
  * the worst (largest) status and holds the sentence of the first rank that failed with it; 0 leaves `error` alone. Call it
- * after any step that may fail on some ranks only, before the next collective call. Where several ranks agree, the sentence of
- * a failure that is the rank's own (KILN_SYSTEM: memory, threads) begins with "rank N on HOST: ". `error` may be NULL on any rank. A failing
+ * after any step that may fail on some ranks only, before the next collective call. Unless all fail alike, the sentence of a failure
+ * that is of the rank or its host (memory, threads, files, devices; not usage or input) begins with "rank N on HOST: ". `error` may be NULL on any rank. A failing
  * MPI call inside gives KILN_RANK_LOST where the communicator returns errors instead of aborting. */
 int kiln_agree(MPI_Comm communicator, int status, struct kiln_error *error);
 

@@ -2,12 +2,14 @@
 #include <errno.h>
 #include <math.h>
 #include <mpi.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "coordinator/bake/prepare.h"
 #include "coordinator/bake/waiting.h"
 #include "coordinator/bake/watchdog.h"
 #include "coordinator/cli/agree.h"
@@ -16,6 +18,7 @@
 #include "coordinator/cli/options.h"
 #include "coordinator/cli/process.h"
 #include "coordinator/cli/same_job.h"
+#include "coordinator/cli/threads.h"
 #include "coordinator/output/manifest.h"
 
 /* What the launcher says before MPI is started: Open MPI's mpirun, PMIx (srun --mpi=pmix), Slurm. Alone: rank 0 of 1. */
@@ -171,7 +174,42 @@ static int run_alone(int argc, char **argv, const struct kiln_command *command, 
     return status;
 }
 
+/* Some libraries end the process when they cannot go on: OpenMP's with exit(1) where it gets no thread, C++ ones by what they throw. For functions
+ * that are called then, and get nothing. */
+static struct {
+    volatile sig_atomic_t at_work;
+    char who[96];
+} departure;
+
+static void leave(const char *what)
+{
+    char text[600];
+    (void)snprintf(text, sizeof text, "kiln: error: %sa library ended the process: %.300s; more memory, or more threads (ulimit -u), or fewer --threads may help\n",
+                   departure.who, what);
+    (void)!write(STDERR_FILENO, text, strlen(text));
+    _exit(KILN_SYSTEM);
+}
+
+static void say_departure(void)
+{
+    if (departure.at_work != 0)
+        leave("it says why above");
+}
+
+static void watch_departure(bool many, int rank)
+{
+    char host[64] = "";
+    (void)gethostname(host, sizeof host - 1);
+    if (many)
+        (void)snprintf(departure.who, sizeof departure.who, "rank %d on %s: ", rank, host);
+    departure.at_work = 1;
+    (void)atexit(say_departure);
+    kiln_on_uncaught(leave);
+}
+
 enum { START_SECONDS = 30 }; /* that ranks may take at least to come together */
+enum { MPI_THREADS = 3, OTHER_THREADS = 6 }; /* Open MPI's; these and the watchdog's and the status file's */
+
 
 /* What MPI itself cannot do is said as everything else is. */
 static void say_mpi_failed(MPI_Comm *communicator, int *code, ...)
@@ -236,12 +274,25 @@ static int run_watched(const struct kiln_command *command, struct kiln_job *job,
     return status;
 }
 
+/* Without any thread MPI cannot start, and this rank cannot tell the others. */
+static int check_threads(const struct kiln_job *job, bool many, struct kiln_error *error)
+{
+    const int ranks = (int)launcher("OMPI_COMM_WORLD_LOCAL_SIZE", NULL, NULL, 1);
+    if (many && kiln_threads_check(MPI_THREADS, error) != KILN_OK) {
+        (void)fprintf(stderr, "kiln: error: %s%s\n", departure.who, error->message);
+        _exit(KILN_SYSTEM);
+    }
+    return kiln_threads_check((job->threads != 0 ? job->threads : kiln_own_cores(ranks)) + OTHER_THREADS, error);
+}
+
 /* Alone a wrong command line is answered without MPI; of many ranks each tells the others what it has read. */
 static int run_with_mpi(int argc, char **argv, const struct kiln_command *command, bool many, int rank, struct kiln_error *error)
 {
     struct kiln_job *job = NULL;
     bool started = false;
     int status = prepare(&job, argc, argv, command, error);
+    if (status == KILN_OK)
+        status = check_threads(job, many, error);
     if (status == KILN_OK || many) {
         const double limit = job != NULL ? job->watchdog : 4.0 * START_SECONDS;
         struct kiln_error mpi = {{0}};
@@ -322,22 +373,14 @@ static bool answer_help(int argc, char **argv, int rank, int *status, struct kil
     return true;
 }
 
-int kiln_main(int argc, char **argv)
+static int run_command_line(int argc, char **argv)
 {
-    kiln_process_begin();
-    if (argc > 1 && strcmp(argv[1], "bake") == 0)
-        kiln_process_catch();
-    if (argc > 1 && strcmp(argv[1], "import-child") == 0)
-        return kiln_import_child(argc, argv);
-    if (argc > 1 && strcmp(argv[1], "export-child") == 0)
-        return kiln_export_child(argc, argv);
-    if (argc > 1 && strcmp(argv[1], "read-child") == 0)
-        return kiln_reader_child(argc, argv);
     struct kiln_error error = {{0}};
     int status = KILN_OK;
     bool json = has_argument(argc, argv, "--json");
     const bool many = launcher("OMPI_COMM_WORLD_SIZE", NULL, "SLURM_NTASKS", 1) > 1;
     int rank = (int)launcher("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "SLURM_PROCID", 0);
+    watch_departure(many, rank);
     const struct kiln_command *command = argc > 1 ? kiln_command_find(argv[1]) : NULL;
     /* A bench that starts mpirun must not be in an MPI job of its own. */
     const bool starts_mpi = command != NULL && command->bit == KILN_FOR_BENCH && has_argument(argc, argv, "scaling");
@@ -356,5 +399,21 @@ int kiln_main(int argc, char **argv)
     }
     if (status != KILN_OK && rank == 0)
         print_error(status, &error, json);
+    return status;
+}
+
+int kiln_main(int argc, char **argv)
+{
+    kiln_process_begin();
+    if (argc > 1 && strcmp(argv[1], "bake") == 0)
+        kiln_process_catch();
+    if (argc > 1 && strcmp(argv[1], "import-child") == 0)
+        return kiln_import_child(argc, argv);
+    if (argc > 1 && strcmp(argv[1], "export-child") == 0)
+        return kiln_export_child(argc, argv);
+    if (argc > 1 && strcmp(argv[1], "read-child") == 0)
+        return kiln_reader_child(argc, argv);
+    const int status = run_command_line(argc, argv);
+    departure.at_work = 0;
     return status;
 }

@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <limits.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -43,38 +44,46 @@ static void add(struct list *list, const char *name, const char *value)
 
 /* ---- files ---- */
 
-/* Size and samples of the bytes, as text. What cannot be read is told from what can; why is said by who needs it. */
-static void describe_file(const char *path, char *text, size_t size)
+/* Chained over samples that lie evenly in the file. */
+static bool hash_samples(int descriptor, uint64_t size, char *bytes, uint64_t *hash)
 {
-    static const char unreadable[] = "cannot be read";
+    const uint64_t rest = size > SAMPLE_BYTES ? size - SAMPLE_BYTES : 0;
+    *hash = 0;
+    for (uint64_t i = 0; i < SAMPLES; i++) {
+        const ssize_t got = pread(descriptor, bytes, SAMPLE_BYTES, (off_t)(rest / (SAMPLES - 1) * i + rest % (SAMPLES - 1) * i / (SAMPLES - 1)));
+        if (got < 0)
+            return false;
+        *hash = XXH3_64bits_withSeed(bytes, (size_t)got, *hash);
+    }
+    return true;
+}
+
+/* Size and samples of the bytes, as text. */
+static void describe_file(struct list *list, const char *path, char *text, size_t size)
+{
     char *bytes = NULL;
     struct stat file;
     uint64_t hash = 0;
+    text[0] = '\0';
+    if (list->status == KILN_OK)
+        list->status = kiln_allocate(&bytes, SAMPLE_BYTES, 1, "a sample of a file", list->error);
+    if (list->status != KILN_OK)
+        return;
     const int descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-    bool good = descriptor >= 0 && fstat(descriptor, &file) == 0 && S_ISREG(file.st_mode) &&
-                kiln_allocate(&bytes, SAMPLE_BYTES, 1, "a sample of a file", NULL) == KILN_OK;
-    const uint64_t rest = good && file.st_size > SAMPLE_BYTES ? (uint64_t)file.st_size - SAMPLE_BYTES : 0;
-    for (uint64_t i = 0; good && i < SAMPLES; i++) {
-        const uint64_t at = rest / (SAMPLES - 1) * i + rest % (SAMPLES - 1) * i / (SAMPLES - 1);
-        const ssize_t got = pread(descriptor, bytes, SAMPLE_BYTES, (off_t)at);
-        good = got >= 0;
-        if (good)
-            hash = XXH3_64bits_withSeed(bytes, (size_t)got, hash);
-    }
+    if (descriptor < 0 || fstat(descriptor, &file) != 0 || !hash_samples(descriptor, (uint64_t)file.st_size, bytes, &hash))
+        list->status = kiln_fail_errno(list->error, 0, "cannot read %.500s", path);
+    else
+        (void)snprintf(text, size, "%lld bytes, %016llx", (long long)file.st_size, (unsigned long long)hash);
     if (descriptor >= 0)
         (void)close(descriptor);
     kiln_free(&bytes);
-    if (good)
-        (void)snprintf(text, size, "%lld bytes, %016llx", (long long)file.st_size, (unsigned long long)hash);
-    else
-        (void)snprintf(text, size, "%s", unreadable);
 }
 
 static void add_scene(struct list *list, const char *path)
 {
     char text[64], value[400];
     const char *slash = strrchr(path, '/');
-    describe_file(path, text, sizeof text);
+    describe_file(list, path, text, sizeof text);
     (void)snprintf(value, sizeof value, "%.300s (%s)", slash != NULL ? slash + 1 : path, text);
     add(list, "the scene", value);
 }
@@ -112,7 +121,7 @@ static void add_build(struct list *list)
 {
     char library[MPI_MAX_LIBRARY_VERSION_STRING] = "", text[64];
     int length;
-    describe_file("/proc/self/exe", text, sizeof text);
+    describe_file(list, "/proc/self/exe", text, sizeof text);
     add(list, "kiln", KILN_VERSION);
     add(list, "the build of kiln", text);
     if (MPI_Get_library_version(library, &length) == MPI_SUCCESS)

@@ -3,6 +3,7 @@
     resume.py --kiln PATH kills       kill -9 a random rank of four at random moments (KILN_KILLS of them, KILN_SEED)
     resume.py --kiln PATH ends        kill -9 a rank when the job is about to end (KILN_ENDS times, KILN_SEED), and mpirun itself
     resume.py --kiln PATH layouts     go on with other numbers of ranks and threads
+    resume.py --kiln PATH bounces     hundreds of bounces, stopped and gone on with after the 256th
     resume.py --kiln PATH signals     SIGUSR1, SIGTERM, SIGINT, kiln stop, --max-time: 75, and what kiln status says
     resume.py --kiln PATH refusals    another scene or setting is refused, with a table
     resume.py --kiln PATH damage      flipped bits, cut and missing files: noticed, the generation before is used (KILN_FLIPS, KILN_SEED)
@@ -467,6 +468,34 @@ def try_layouts(checks, tool):
     same(checks, tool, reference, folder, tool.bake(folder, '--sides', 'two', ranks=3, scene=scene), 'double-sided, 2 ranks, then 3')
 
 
+def try_bounces(checks, tool):
+    """More passes than an array of a fixed size would hold, at a stretch and in two."""
+    few = ('--lightmap-size', 8, '--samples-direct', 4, '--samples-bounce', 2, '--samples-indirect', 4, '--samples-probe', 4, '--no-export', '--checkpoint-every', 0)
+    scene = SCENES[2]
+    for more, passes in ((('--bounces', 258), 259), (('--bounces', 300, '--schedule', 'equal'), 301), (('--bounces', 1000), 1001)):
+        folder = tool.folder()
+        process = tool.bake(folder, *few, *more, scene=scene)
+        if checks.that(process.status == 0, '%s: ended with %d' % (' '.join(map(str, more)), process.status), process):
+            with open(os.path.join(folder, 'run.json')) as f:
+                run = json.load(f)
+            checks.that(len(run['bounces']) == passes and run['indirect_bounces'] == passes - 1,
+                        '%s: %d passes and %d bounces' % (more, len(run['bounces']), run['indirect_bounces']))
+    many = (*few, '--lightmap-size', 32, '--bounces', 1500)
+    reference, _ = reference_of(checks, tool, *many, scene=scene)
+    folder = tool.folder()
+    process = tool.start(folder, *many, ranks=2, scene=scene)
+
+    def bounce():
+        phase = tool.run('status', folder, '--json') if os.path.exists(os.path.join(folder, 'checkpoint')) else None
+        words = phase.json().get('phase', '').split() if phase is not None and phase.status == 0 else []
+        return int(words[1]) if words[:1] == ['bounce'] else 0
+    wait_for(lambda: bounce() > 256 or process.poll() is not None)
+    tool.run('stop', folder)
+    status = finish(process)
+    checks.that(status == STOPPED, 'stopped after 256 bounces it ended with %s, not 75: %s' % (status, text(folder)[-400:]))
+    same(checks, tool, reference, folder, tool.bake(folder, *many, scene=scene), 'stopped after 256 bounces')
+
+
 def try_signals(checks, tool):
     reference, seconds = reference_of(checks, tool)
     for number in (signal.SIGUSR1, signal.SIGTERM, signal.SIGINT):
@@ -883,7 +912,7 @@ def try_cost(checks, tool):
             print('%d ranks, --checkpoint-every %s: %.2f s, %+.1f %%' % (max(ranks, 1), every, min(values), 100 * (min(values) / base - 1)))
 
 
-PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'signals': try_signals, 'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults, 'interrupted': try_interrupted,
+PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'bounces': try_bounces, 'signals': try_signals, 'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults, 'interrupted': try_interrupted,
          'warnings': try_warnings, 'watchdog': try_watchdog, 'halts': try_halts, 'cost': try_cost}
 
 
