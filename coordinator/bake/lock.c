@@ -215,7 +215,8 @@ static int make_own(struct kiln_lock *lock, struct kiln_error *error)
     (void)unlinkat(lock->folder.descriptor, lock->aside, 0);
     lock->descriptor = openat(lock->folder.descriptor, lock->aside, O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
     if (lock->descriptor < 0)
-        return kiln_fail_errno(error, errno == EACCES || errno == EPERM ? KILN_PERMISSION : KILN_CANNOT_CREATE, "'%s' cannot be created", path);
+        return kiln_fail_errno(error, errno == EACCES || errno == EPERM ? KILN_PERMISSION : errno == ENOENT ? KILN_NO_INPUT : KILN_CANNOT_CREATE,
+                               "'%s' cannot be created", path);
     lock->locks = set_lock(lock->descriptor) == GOT;
     return write_self(lock->descriptor, lock->locks, path, error);
 }

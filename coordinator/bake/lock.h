@@ -20,7 +20,7 @@
 
 struct kiln_lock;
 
-/* KILN_CANNOT_CREATE with the holder when another has it. */
+/* KILN_CANNOT_CREATE with the holder when another has it; KILN_NO_INPUT when there is no such folder. */
 int kiln_lock_take(struct kiln_lock **lock, const char *directory, struct kiln_error *error);
 /* Removes the file. NULL is fine. */
 void kiln_lock_release(struct kiln_lock **lock);

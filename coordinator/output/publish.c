@@ -208,7 +208,7 @@ static int open_aside(const struct kiln_publish *p, int flags)
 int kiln_publish_open(struct kiln_publish *p, int *descriptor, struct kiln_error *error)
 {
     *descriptor = open_aside(p, O_RDWR | O_CREAT | O_EXCL);
-    return *descriptor >= 0 ? KILN_OK : cannot_create("the file", p->temporary, error);
+    return *descriptor >= 0 ? KILN_OK : cannot_create("the file", p->path, error);
 }
 
 int kiln_publish_reopen(const struct kiln_publish *p, int *descriptor, struct kiln_error *error)
