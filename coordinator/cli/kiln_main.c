@@ -171,6 +171,8 @@ static int run_with_mpi(int argc, char **argv, const struct kiln_command *comman
         goto end;
     if (!many) { /* alone: Open MPI need not start a daemon of its own for one process, nor share file pointers through its folder */
         (void)setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);
+        /* nor make a folder in TMPDIR: processes that start at the same time get in each other's way there, and a killed one leaves it */
+        (void)setenv("OMPI_MCA_orte_create_session_dirs", "0", 0);
         (void)setenv("OMPI_MCA_sharedfp", "individual", 0); /* leaves no name with a process number when killed */
     }
     /* many: for the watchdog's thread */
