@@ -63,7 +63,7 @@ static int newest_first(const void *a, const void *b)
 /* The entries of an open folder; close them with closedir. */
 static DIR *entries_of(int descriptor)
 {
-    const int copy = openat(descriptor, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    const int copy = kiln_openat(descriptor, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
     DIR *entries = copy < 0 ? NULL : fdopendir(copy);
     if (entries == NULL && copy >= 0)
         (void)close(copy);
@@ -114,7 +114,7 @@ static void empty_generation(int generation)
         const bool ours = strncmp(entry->d_name, "part-", 5) == 0 || strcmp(entry->d_name, "manifest") == 0 ||
                           strcmp(entry->d_name, ".manifest.part") == 0;
         if (ours)
-            (void)unlinkat(generation, entry->d_name, 0);
+            (void)kiln_unlinkat(generation, entry->d_name, 0);
     }
     (void)closedir(entries);
 }
@@ -128,15 +128,15 @@ void checkpoint_remove_generation(const char *directory, bool writing, uint64_t 
     name_of(name, writing, generation);
     name_of(aside, true, generation);
     /* A generation that is half removed must not look like one that was damaged. */
-    if (!writing && renameat(folder.descriptor, name, folder.descriptor, aside) == 0)
+    if (!writing && kiln_renameat(folder.descriptor, name, aside) == 0)
         memcpy(name, aside, sizeof name);
-    const int inside = openat(folder.descriptor, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+    const int inside = kiln_openat(folder.descriptor, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC, 0);
     if (inside >= 0) {
         empty_generation(inside);
         (void)close(inside);
-        (void)unlinkat(folder.descriptor, name, AT_REMOVEDIR);
+        (void)kiln_unlinkat(folder.descriptor, name, AT_REMOVEDIR);
     } else if (errno == ELOOP || errno == ENOTDIR) {
-        (void)unlinkat(folder.descriptor, name, 0); /* a link or a file that somebody put there: that alone goes */
+        (void)kiln_unlinkat(folder.descriptor, name, 0); /* a link or a file that somebody put there: that alone goes */
     }
     kiln_folder_close(&folder);
 }
@@ -148,7 +148,7 @@ int checkpoint_publish_generation(const char *directory, uint64_t generation, st
     name_of(from, true, generation);
     name_of(to, false, generation);
     int status = kiln_folder_open(&folder, directory, FOLDER, false, error);
-    if (status == KILN_OK && renameat(folder.descriptor, from, folder.descriptor, to) != 0)
+    if (status == KILN_OK && kiln_renameat(folder.descriptor, from, to) != 0)
         status = kiln_fail_errno(error, KILN_IO, "'%s/%s' cannot be renamed to '%s'", folder.path, from, to);
     if (status == KILN_OK)
         status = kiln_folder_sync(&folder, error);
@@ -160,7 +160,7 @@ void kiln_checkpoint_remove_folder(const char *directory)
 {
     struct kiln_folder folder;
     if (kiln_folder_open(&folder, directory, NULL, false, NULL) == KILN_OK)
-        (void)unlinkat(folder.descriptor, FOLDER, AT_REMOVEDIR); /* unless there is something in it */
+        (void)kiln_unlinkat(folder.descriptor, FOLDER, AT_REMOVEDIR); /* unless there is something in it */
     kiln_folder_close(&folder);
 }
 

@@ -136,6 +136,11 @@ static int claim_folder(struct kiln_lock **lock, const char *directory, struct k
     struct kiln_folder folder;
     struct kiln_bake_status before;
     int status = kiln_lock_take(lock, directory, error);
+    for (int i = 0; i < 3 && status == KILN_NO_INPUT; i++) { /* a bake that was refused took the folder with it that it had made */
+        status = kiln_make_directories(directory, error);
+        if (status == KILN_OK)
+            status = kiln_lock_take(lock, directory, error);
+    }
     if (status == KILN_OK && kiln_bake_status_read(directory, &before, NULL) == KILN_OK && kiln_bake_status_alive(directory, &before))
         status = kiln_fail(error, KILN_CANNOT_CREATE, "another bake is at work in %.500s (process %lld on %s): wait for it, end it with "
                            "'kiln stop %.500s', or choose another folder", directory, (long long)before.process, before.host, directory);

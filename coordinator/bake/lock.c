@@ -15,6 +15,7 @@
 #include "coordinator/bake/status_file.h"
 #include "coordinator/cli/json.h"
 #include "coordinator/output/publish.h"
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 #define LEASE_SECONDS 15.0 /* for a host that is not this one, without locks */
@@ -128,9 +129,9 @@ static int refuse(const char *directory, const struct holder *holder, struct kil
 
 enum { GOT, HELD, NO_LOCKS };
 
-static int set_lock(int descriptor)
+static int set_lock(int descriptor, short type)
 {
-    struct flock whole = {.l_type = F_WRLCK, .l_whence = SEEK_SET};
+    struct flock whole = {.l_type = type, .l_whence = SEEK_SET};
     const char *seam = getenv("KILN_LOCKS");
     int result;
     if (seam != NULL && strcmp(seam, "none") == 0)
@@ -152,7 +153,7 @@ static bool is_named(const struct kiln_folder *folder, int descriptor)
 
 /* ---- leases ---- */
 
-static int open_lock(const struct kiln_folder *folder, int flags) { return openat(folder->descriptor, NAME, flags | O_NOFOLLOW | O_CLOEXEC | O_NONBLOCK); }
+static int open_lock(const struct kiln_folder *folder, int flags) { return kiln_openat(folder->descriptor, NAME, flags | O_NOFOLLOW | O_CLOEXEC | O_NONBLOCK, 0666); }
 
 /* Whether the file is changed or replaced while it is watched. It is opened anew each time: that makes network file systems ask their server. */
 static bool moves(const struct kiln_folder *folder, const struct stat *judged, double seconds)
@@ -192,14 +193,27 @@ static void remove_stale(const struct kiln_lock *lock, const struct stat *judged
     char stale[sizeof lock->aside + 8];
     struct stat moved;
     (void)snprintf(stale, sizeof stale, "%s.old", lock->aside);
-    if (renameat(folder, NAME, folder, stale) != 0)
+    if (kiln_renameat(folder, NAME, stale) != 0)
         return;
     if (fstatat(folder, stale, &moved, AT_SYMLINK_NOFOLLOW) == 0 && !same_file(&moved, judged))
         (void)linkat(folder, stale, folder, NAME, 0);
-    (void)unlinkat(folder, stale, 0);
+    (void)kiln_unlinkat(folder, stale, 0);
 }
 
 /* ---- taking ---- */
+
+/* A file that is open for writing would keep its file system from being made read-only: the lock is handed to a descriptor that is not. It is a
+ * read lock then, which write locks cannot pass either. */
+static void keep_for_reading(struct kiln_lock *lock)
+{
+    const int reads = kiln_openat(lock->folder.descriptor, lock->aside, O_RDONLY | O_NOFOLLOW | O_CLOEXEC, 0);
+    if (reads >= 0 && (!lock->locks || (set_lock(lock->descriptor, F_RDLCK) == GOT && set_lock(reads, F_RDLCK) == GOT))) {
+        (void)close(lock->descriptor);
+        lock->descriptor = reads;
+    } else if (reads >= 0) {
+        (void)close(reads);
+    }
+}
 
 static int make_own(struct kiln_lock *lock, struct kiln_error *error)
 {
@@ -212,12 +226,16 @@ static int make_own(struct kiln_lock *lock, struct kiln_error *error)
     int status = kiln_path_join(path, lock->folder.path, NAME, error);
     if (status != KILN_OK)
         return status;
-    (void)unlinkat(lock->folder.descriptor, lock->aside, 0);
-    lock->descriptor = openat(lock->folder.descriptor, lock->aside, O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
+    (void)kiln_unlinkat(lock->folder.descriptor, lock->aside, 0);
+    lock->descriptor = kiln_openat(lock->folder.descriptor, lock->aside, O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
     if (lock->descriptor < 0)
-        return kiln_fail_errno(error, errno == EACCES || errno == EPERM ? KILN_PERMISSION : KILN_CANNOT_CREATE, "'%s' cannot be created", path);
-    lock->locks = set_lock(lock->descriptor) == GOT;
-    return write_self(lock->descriptor, lock->locks, path, error);
+        return kiln_fail_errno(error, errno == EACCES || errno == EPERM ? KILN_PERMISSION : errno == ENOENT ? KILN_NO_INPUT : KILN_CANNOT_CREATE,
+                               "'%s' cannot be created", path);
+    lock->locks = set_lock(lock->descriptor, F_WRLCK) == GOT;
+    status = write_self(lock->descriptor, lock->locks, path, error);
+    if (status == KILN_OK)
+        keep_for_reading(lock);
+    return status;
 }
 
 /* Whether our file has got the name. A network may lose the answer: then the number of links tells. */
@@ -231,7 +249,7 @@ static bool link_own(const struct kiln_lock *lock, int *number)
     if (!linked && *number != EEXIST && *number != ENOENT) { /* no links here: made under its name at once */
         const int made = open_lock(&lock->folder, O_RDWR | O_CREAT | O_EXCL);
         *number = made < 0 ? errno : 0;
-        linked = made >= 0 && renameat(folder, lock->aside, folder, NAME) == 0; /* over the empty one, which is ours */
+        linked = made >= 0 && kiln_renameat(folder, lock->aside, NAME) == 0; /* over the empty one, which is ours */
         if (made >= 0)
             (void)close(made);
     }
@@ -244,7 +262,7 @@ enum verdict { TAKEN, BUSY, AGAIN };
 static enum verdict judge(const struct kiln_lock *lock, int descriptor, struct holder *holder)
 {
     struct stat judged;
-    const int folder = lock->folder.descriptor, state = lock->locks ? set_lock(descriptor) : NO_LOCKS;
+    const int folder = lock->folder.descriptor, state = lock->locks ? set_lock(descriptor, F_WRLCK) : NO_LOCKS;
     read_holder(descriptor, holder);
     if (state == HELD)
         return BUSY;
@@ -253,7 +271,7 @@ static enum verdict judge(const struct kiln_lock *lock, int descriptor, struct h
     if (is_alive(&lock->folder, holder, &judged, state == GOT))
         return BUSY;
     if (state == GOT) /* nobody else may replace it now */
-        return is_named(&lock->folder, descriptor) && renameat(folder, lock->aside, folder, NAME) == 0 ? TAKEN : AGAIN;
+        return is_named(&lock->folder, descriptor) && kiln_renameat(folder, lock->aside, NAME) == 0 ? TAKEN : AGAIN;
     remove_stale(lock, &judged);
     return AGAIN;
 }
@@ -306,7 +324,7 @@ static int take(struct kiln_lock *lock, struct kiln_error *error)
 static void sweep(const struct kiln_lock *lock)
 {
     struct stat own, found;
-    const int copy = openat(lock->folder.descriptor, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    const int copy = kiln_openat(lock->folder.descriptor, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
     DIR *entries = copy < 0 ? NULL : fdopendir(copy);
     if (entries == NULL && copy >= 0)
         (void)close(copy);
@@ -315,7 +333,7 @@ static void sweep(const struct kiln_lock *lock)
     for (const struct dirent *entry; (entry = readdir(entries)) != NULL;)
         if (strncmp(entry->d_name, NAME, sizeof NAME - 1) == 0 && entry->d_name[sizeof NAME - 1] == '.' &&
             fstatat(lock->folder.descriptor, entry->d_name, &found, AT_SYMLINK_NOFOLLOW) == 0 && found.st_mtim.tv_sec + 60 < own.st_mtim.tv_sec)
-            (void)unlinkat(lock->folder.descriptor, entry->d_name, 0);
+            (void)kiln_unlinkat(lock->folder.descriptor, entry->d_name, 0);
 end:
     if (entries != NULL)
         (void)closedir(entries);
@@ -335,7 +353,7 @@ int kiln_lock_take(struct kiln_lock **result, const char *directory, struct kiln
     if (status == KILN_OK)
         status = take(lock, error);
     if (lock->folder.descriptor >= 0 && lock->aside[0] != '\0')
-        (void)unlinkat(lock->folder.descriptor, lock->aside, 0);
+        (void)kiln_unlinkat(lock->folder.descriptor, lock->aside, 0);
     if (status == KILN_OK) {
         sweep(lock);
         *result = lock;
@@ -354,7 +372,7 @@ void kiln_lock_release(struct kiln_lock **pointer)
     if (lock == NULL)
         return;
     if (is_named(&lock->folder, lock->descriptor))
-        (void)unlinkat(lock->folder.descriptor, NAME, 0);
+        (void)kiln_unlinkat(lock->folder.descriptor, NAME, 0);
     (void)close(lock->descriptor);
     kiln_folder_close(&lock->folder);
     kiln_free(pointer);
@@ -375,7 +393,7 @@ int kiln_lock_refuse(const char *directory, struct kiln_error *error)
     struct kiln_folder folder;
     struct holder holder;
     struct stat judged;
-    struct flock whole = {.l_type = F_RDLCK, .l_whence = SEEK_SET};
+    struct flock whole = {.l_type = F_WRLCK, .l_whence = SEEK_SET};
     int status = kiln_folder_open(&folder, directory, NULL, false, NULL) == KILN_OK ? KILN_OK : KILN_NO_INPUT;
     const int descriptor = status == KILN_OK ? open_lock(&folder, O_RDONLY) : -1;
     status = KILN_OK;

@@ -1,8 +1,8 @@
 /* DIR/.kiln.lock: one bake at a time in a folder, from before anything is written there until after everything is.
  *
  * The file says who holds it, as one JSON object: host, boot, process, started, since, command, locks. It is written aside and linked to its name,
- * so it is never seen half. The holder has a write lock of its open file description on it (fcntl, F_OFD_SETLK: it ends with the process, whatever
- * ends that, and goes over NFS and Lustre); who gets that lock on a file that is there may replace it. What a killed bake left is thus taken over
+ * so it is never seen half. The holder has a lock of its open file description on it (fcntl, F_OFD_SETLK: it ends with the process, whatever
+ * ends that, and goes over NFS and Lustre); who gets a write lock on a file that is there may replace it. What a killed bake left is thus taken over
  * at once.
  *
  * Where the file system has no locks, the file itself is the lock, as a lease: its holder has the file server set its time once a second
@@ -20,7 +20,7 @@
 
 struct kiln_lock;
 
-/* KILN_CANNOT_CREATE with the holder when another has it. */
+/* KILN_CANNOT_CREATE with the holder when another has it; KILN_NO_INPUT when there is no such folder. */
 int kiln_lock_take(struct kiln_lock **lock, const char *directory, struct kiln_error *error);
 /* Removes the file. NULL is fine. */
 void kiln_lock_release(struct kiln_lock **lock);

@@ -104,6 +104,8 @@ static int forget_old_report(struct bake *b, struct kiln_error *error)
     if (b->rank == 0) {
         status = kiln_control_check_folder(b->control, error);
         if (status == KILN_OK)
+            status = kiln_scene_check_unchanged(b->prepared->scene, b->scene_file, error);
+        if (status == KILN_OK)
             status = remove_stale(b, error);
         if (status == KILN_OK)
             status = kiln_manifest_remove(b->job->output, error);

@@ -242,10 +242,13 @@ static int start_mpi(bool many, int *rank, double seconds, struct kiln_error *er
 {
     int provided = MPI_THREAD_SINGLE;
     (void)setenv("OMPI_MCA_sharedfp", "individual", 0); /* shares file pointers through no file, and leaves none when killed */
-    if (many)
+    if (many) {
         kiln_watchdog_start(*rank, seconds);
-    else /* alone: Open MPI need not start a daemon of its own for one process */
+    } else { /* alone: Open MPI need not start a daemon of its own for one process */
         (void)setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);
+        /* nor make a folder in TMPDIR: processes that start at the same time get in each other's way there, and a killed one leaves it */
+        (void)setenv("OMPI_MCA_orte_create_session_dirs", "0", 0);
+    }
     kiln_waiting_follow();
     /* many: for the watchdog's thread */
     if (MPI_Init_thread(NULL, NULL, many ? MPI_THREAD_MULTIPLE : MPI_THREAD_FUNNELED, &provided) != MPI_SUCCESS)

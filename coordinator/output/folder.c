@@ -94,10 +94,7 @@ static int enter(struct kiln_folder *folder, const char *name, bool make, struct
         return kiln_fail(error, KILN_CANNOT_CREATE, "'%s' leads out of the folder", path);
     if (make && mkdirat(folder->descriptor, name, 0777) != 0 && errno != EEXIST)
         return cannot_create(path, error);
-    int next;
-    do
-        next = openat(folder->descriptor, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
-    while (next < 0 && errno == EINTR);
+    const int next = kiln_openat(folder->descriptor, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC, 0);
     if (next < 0)
         return refuse(folder->descriptor, name, path, "folder", error);
     (void)close(folder->descriptor);
@@ -170,9 +167,7 @@ int kiln_open_below(const char *directory, const char *name, int flags, mode_t m
         status = open_parent(&folder, directory, name, &base, error);
     if (status != KILN_OK)
         return status;
-    do
-        *descriptor = openat(folder.descriptor, base, flags | O_NOFOLLOW | O_CLOEXEC | O_NONBLOCK, mode);
-    while (*descriptor < 0 && errno == EINTR);
+    *descriptor = kiln_openat(folder.descriptor, base, flags | O_NOFOLLOW | O_CLOEXEC | O_NONBLOCK, mode);
     if (*descriptor < 0) {
         status = refuse(folder.descriptor, base, path, "file", error);
     } else if (fstat(*descriptor, &found) != 0 || !S_ISREG(found.st_mode)) {
@@ -190,10 +185,7 @@ int kiln_unlink_below(const char *directory, const char *name)
     const char *base;
     if (open_parent(&folder, directory, name, &base, NULL) != KILN_OK)
         return -1;
-    int result;
-    do
-        result = unlinkat(folder.descriptor, base, 0);
-    while (result != 0 && errno == EINTR);
+    const int result = kiln_unlinkat(folder.descriptor, base, 0);
     const int number = errno;
     kiln_folder_close(&folder);
     errno = number;

@@ -148,14 +148,7 @@ static int begin(struct kiln_publish *p, const char *directory, const char *name
     return status;
 }
 
-static int unlink_aside(const struct kiln_publish *p)
-{
-    int result;
-    do
-        result = unlinkat(p->folder.descriptor, p->aside, 0);
-    while (result != 0 && errno == EINTR);
-    return result;
-}
+static int unlink_aside(const struct kiln_publish *p) { return kiln_unlinkat(p->folder.descriptor, p->aside, 0); }
 
 int kiln_publish_begin(struct kiln_publish *p, const char *directory, const char *name, struct kiln_error *error)
 {
@@ -180,7 +173,7 @@ void kiln_publish_close(struct kiln_publish *p)
 /* Where it fails there is nothing in the way: the name itself is for kiln_publish_begin. */
 void kiln_publish_sweep(const struct kiln_publish *p)
 {
-    const int copy = p->folder.descriptor < 0 ? -1 : openat(p->folder.descriptor, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    const int copy = p->folder.descriptor < 0 ? -1 : kiln_openat(p->folder.descriptor, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
     DIR *directory = copy < 0 ? NULL : fdopendir(copy);
     if (directory == NULL) {
         if (copy >= 0)
@@ -190,25 +183,19 @@ void kiln_publish_sweep(const struct kiln_publish *p)
     const size_t length = strlen(p->aside);
     for (const struct dirent *entry; (entry = readdir(directory)) != NULL;)
         if (strncmp(entry->d_name, p->aside, length) == 0 && entry->d_name[length] != '\0')
-            (void)unlinkat(p->folder.descriptor, entry->d_name, 0);
+            (void)kiln_unlinkat(p->folder.descriptor, entry->d_name, 0);
     (void)closedir(directory);
 }
 
 static int open_aside(const struct kiln_publish *p, int flags)
 {
-    int descriptor;
-    if (p->stream >= 0)
-        return fcntl(p->scratch, F_DUPFD_CLOEXEC, 3);
-    do
-        descriptor = openat(p->folder.descriptor, p->aside, flags | O_NOFOLLOW | O_CLOEXEC, 0666);
-    while (descriptor < 0 && errno == EINTR);
-    return descriptor;
+    return p->stream >= 0 ? fcntl(p->scratch, F_DUPFD_CLOEXEC, 3) : kiln_openat(p->folder.descriptor, p->aside, flags | O_NOFOLLOW | O_CLOEXEC, 0666);
 }
 
 int kiln_publish_open(struct kiln_publish *p, int *descriptor, struct kiln_error *error)
 {
     *descriptor = open_aside(p, O_RDWR | O_CREAT | O_EXCL);
-    return *descriptor >= 0 ? KILN_OK : cannot_create("the file", p->temporary, error);
+    return *descriptor >= 0 ? KILN_OK : cannot_create("the file", p->path, error);
 }
 
 int kiln_publish_reopen(const struct kiln_publish *p, int *descriptor, struct kiln_error *error)
@@ -285,14 +272,7 @@ static int sync_aside(const struct kiln_publish *p, struct kiln_error *error)
     return status;
 }
 
-static int rename_aside(const struct kiln_publish *p)
-{
-    int result;
-    do
-        result = renameat(p->folder.descriptor, p->aside, p->folder.descriptor, p->base);
-    while (result != 0 && errno == EINTR);
-    return result;
-}
+static int rename_aside(const struct kiln_publish *p) { return kiln_renameat(p->folder.descriptor, p->aside, p->base); }
 
 /* A reader that goes away must not end us without a word. */
 static ssize_t write_without_signal(int descriptor, const void *bytes, size_t size)

@@ -754,12 +754,12 @@ def full_disk(checks, tool, reference, mount):
     same(checks, tool, reference, moved, process, 'after a full disk')
 
 
-CALLS = ('pwrite64', 'pwritev', 'fsync', 'rename', 'openat')
+CALLS = ('pwrite64', 'pwritev', 'fsync', 'renameat', 'openat')
 
 
 def traced(tool, folder, *words):
     line = tool.line(folder, *OFTEN, scene=SCENES[2], threads=2)
-    return harness.run(['strace', '-f', '-o', folder + '.calls', *words, *line], 120, harness.MPI_ENVIRONMENT)
+    return harness.run(['strace', '-f', '-y', '-o', folder + '.calls', *words, *line], 120, harness.MPI_ENVIRONMENT)
 
 
 def calls_of(folder):
@@ -771,7 +771,7 @@ def calls_of(folder):
         call = words.split('(')[0]
         if thread == lines[0][0] and call in CALLS:
             count[call] += 1
-            if call not in ('openat', 'rename') or folder in words:
+            if call not in ('openat', 'renameat') or folder in words:
                 found[call].append(count[call])
     return found
 

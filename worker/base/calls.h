@@ -36,20 +36,31 @@ static inline int kiln_close(int descriptor)
     return result != 0 && errno == EINTR ? 0 : result;
 }
 
-static inline int kiln_rename(const char *from, const char *to)
+/* `mode` is of consequence with O_CREAT only. */
+static inline int kiln_openat(int folder, const char *name, int flags, mode_t mode)
+{
+    int descriptor;
+    do
+        descriptor = openat(folder, name, flags, mode);
+    while (descriptor < 0 && errno == EINTR);
+    return descriptor;
+}
+
+/* Within one folder. */
+static inline int kiln_renameat(int folder, const char *from, const char *to)
 {
     int result;
     do
-        result = rename(from, to);
+        result = renameat(folder, from, folder, to);
     while (result != 0 && errno == EINTR);
     return result;
 }
 
-static inline int kiln_unlink(const char *path)
+static inline int kiln_unlinkat(int folder, const char *name, int flags)
 {
     int result;
     do
-        result = unlink(path);
+        result = unlinkat(folder, name, flags);
     while (result != 0 && errno == EINTR);
     return result;
 }

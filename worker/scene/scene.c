@@ -413,6 +413,7 @@ static int map_file(struct kiln_scene *scene, const char *path, void **base, str
         return kiln_fail_errno(error, KILN_SYSTEM, "%s: the scene file of %lld bytes cannot be mapped", path, (long long)status.st_size);
     scene->mapped_bytes = (size_t)status.st_size;
     scene->header = *base;
+    scene->modified = status.st_mtim;
     kiln_mapped_watch(*base, scene->mapped_bytes, path);
     return KILN_OK;
 }
@@ -458,6 +459,21 @@ done:
         kiln_scene_close(&scene);
     *result = scene;
     return status;
+}
+
+int kiln_scene_check_unchanged(const struct kiln_scene *scene, const char *path, struct kiln_error *error)
+{
+    struct stat now;
+    uint64_t hash[2];
+    bool same = fstat(scene->descriptor, &now) == 0 && (size_t)now.st_size == scene->mapped_bytes;
+    if (same && (now.st_mtim.tv_sec != scene->modified.tv_sec || now.st_mtim.tv_nsec != scene->modified.tv_nsec)) {
+        /* some networks change the time of what stays as it is */
+        kiln_scene_content_hash(scene->header, scene->header + 1, hash);
+        same = memcmp(hash, scene->header->content_hash, sizeof hash) == 0;
+    }
+    if (same)
+        return KILN_OK;
+    return kiln_fail(error, KILN_IO, "'%s' was changed while it was in use: nothing may write to it while kiln runs; run the same command again", path);
 }
 
 void kiln_scene_close(struct kiln_scene **pointer)

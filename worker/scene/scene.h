@@ -11,6 +11,7 @@
 
 #include <stddef.h>
 #include <stdint.h>
+#include <time.h>
 
 #include "worker/base/status.h"
 #include "worker/base/vector.h"
@@ -232,6 +233,7 @@ struct kiln_scene {
     size_t source_count, note_count;
     size_t mapped_bytes;
     int descriptor; /* private */
+    struct timespec modified; /* private: when the file was, as it was opened */
 };
 
 /* Element size of a section in bytes, and its name for messages. */
@@ -247,6 +249,8 @@ int kiln_scene_open(struct kiln_scene **scene, const char *path, struct kiln_err
 /* The same of an open file, which is the scene's from now on, also on failure; `path` is for sentences. */
 int kiln_scene_open_descriptor(struct kiln_scene **scene, int descriptor, const char *path, struct kiln_error *error);
 void kiln_scene_close(struct kiln_scene **scene);
+/* KILN_IO when the file was written to since it was opened: what was read from it may be anything. `path` is for the sentence. */
+int kiln_scene_check_unchanged(const struct kiln_scene *scene, const char *path, struct kiln_error *error);
 
 static inline const char *kiln_scene_string(const struct kiln_scene *scene, uint32_t offset) { return scene->strings + offset; }
 
