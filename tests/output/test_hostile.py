@@ -35,7 +35,7 @@ class Answer:
         self.code, self.out, self.err, self.cpu, self.memory = code, out, err, cpu, memory
 
 
-def kiln(*arguments, timeout=60):
+def kiln(*arguments, timeout=float(os.environ.get("KILN_TIMEOUT", "60"))):
     """CPU time and memory are of kiln and its children, each."""
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         child = subprocess.Popen([KILN, *arguments], stdin=subprocess.DEVNULL, stdout=out, stderr=err)
