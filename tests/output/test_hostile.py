@@ -393,11 +393,117 @@ def texts(base, folder):
         shutil.rmtree(bake)
 
 
+# ---- checkpoints ----
+
+def checkpoints(base, folder):
+    """Parts and manifests that fit each other, with counts and values that lie: refused with a sentence, or passed over; nothing crashes."""
+    scene, stopped = os.path.join(folder, "cornell.glb"), os.path.join(folder, "stopped")
+    assert kiln("generate", "cornell", "-o", scene, "--quiet").code == 0
+    command = ["bake", scene, "-o", None, "--texels-per-metre", "4", "--samples-indirect", "1000000", "--bounces", "2", "--no-preview", "--samples-probe",
+               "0", "--quiet", "--backend", "embree", "--max-time", "0.3"]
+    run = kiln(*[stopped if a is None else a for a in command])
+    assert run.code == 75, run.err
+
+    def block(manifest, name):
+        return next(b for b in manifest["parts"][0]["blocks"] if b[0] == name)
+
+    def values(name, kind, change):
+        def act(manifest, data):
+            _, _, count, size, offset = block(manifest, name)
+            array = np.frombuffer(bytes(data[offset:offset + count * size]), dtype=kind).copy()
+            change(array)
+            data[offset:offset + count * size] = array.tobytes()
+        return act
+
+    def entry(name, place, value):
+        def act(manifest, data):
+            block(manifest, name)[place] = value
+        return act
+
+    def fill(value, first=0, last=None):
+        def act(array):
+            array[first:last] = value
+        return act
+
+    cases = {
+        "infinite light": values("direct", "f4", fill(np.inf)),
+        "light that is no number": values("sum", "f4", fill(np.nan)),
+        "no unit": values("state", "f8", fill(0.0)),
+        "a pass of no kind": values("state", "u4", fill(77, 0, 1)),
+        "bounces without end": values("state", "u4", fill(0xffffffff, 0, 6)),
+        "groups that are no number": values("group_total", "f8", fill(np.nan)),
+        "an array that begins beyond all points": entry("direct", 1, (1 << 63) - 1),
+        "an array longer than its file": entry("direct", 2, (1 << 62)),
+        "an array beyond its file": entry("direct", 4, (1 << 62)),
+        "elements of 2^40 bytes": entry("direct", 3, 1 << 40),
+        "a million passes": entry("passes", 2, 1000000),
+        "no passes": entry("passes", 2, 0),
+        "no part": lambda manifest, data: manifest.update(parts=[]),
+        "parts that are none": lambda manifest, data: manifest.update(parts=[None, 3]),
+        "a part of fewer than no bytes": lambda manifest, data: manifest["parts"][0].update(bytes=-1),
+        "a format without a version": lambda manifest, data: (manifest.update(format=99), manifest.pop("kiln")),
+        "done ranges beyond all points": values("done", "u8", fill((1 << 64) - 1)),
+        "groups that are not there": values("own_groups", "u8", fill((1 << 64) - 1)),
+    }
+    for label, change in cases.items():
+        bake = fresh(stopped, folder, "resumed")
+        generation = os.path.join(bake, "checkpoint", sorted(n for n in os.listdir(os.path.join(bake, "checkpoint")) if n.startswith("gen-"))[-1])
+        with open(os.path.join(generation, "part-00000"), "rb") as file:
+            data = bytearray(file.read())
+        manifest = sealing.read(os.path.join(generation, "manifest"))
+        change(manifest, data)
+        with open(os.path.join(generation, "part-00000"), "wb") as file:
+            file.write(data)
+        if manifest["parts"] and manifest["parts"][0] is not None:
+            manifest["parts"][0]["xxh3_128"] = sealing.hash_of(data)
+        sealing.write(os.path.join(generation, "manifest"), manifest)
+        answer = kiln(*[bake if a is None else a for a in command])
+        told = answer.err.strip()
+        print(f"a checkpoint with {label}: {answer.code}, {answer.cpu:.2f} s, {answer.memory >> 20} MiB: {told[:200]}")
+        # passed over or of no consequence: the bake goes on to its time limit
+        if answer.code not in (65, 74, 75) or (answer.code != 75 and "kiln: error: " not in told) or answer.memory > (4 << 30 if SANITIZED else 1 << 29):
+            failures.append(f"a checkpoint with {label} ended with {answer.code}, {answer.memory >> 20} MiB")
+        if answer.code == 75 and label.startswith(("infinite", "light", "no unit", "bounces")):
+            failures.append(f"a checkpoint with {label} was gone on with")
+        shutil.rmtree(bake)
+
+
+# ---- what is opened ----
+
+def fence(base, folder):
+    """No system call names a file outside the bake's folder that the bake's files name. As strace sees it."""
+    if shutil.which("strace") is None:
+        print("the fence is not looked at: strace is not here")
+        return
+    other = os.path.join(folder, "other.h5")
+    with h5py.File(other, "w") as file:
+        file["data"] = np.full((4, 4, 4), 0.987654, dtype=np.float32)
+    changes = {"external storage": dict(change=external(other)), "a virtual dataset": dict(change=virtual(other)),
+               "an external link": dict(after=lambda file: file.__setitem__("look", h5py.ExternalLink(other, "/data")))}
+    for label, made in changes.items():
+        bake = fresh(base, folder, "fence")
+        volume(os.path.join(bake, "volume.hdf"), **made)
+        sealing.fit(bake, "volume.hdf")
+        for command in (["verify", bake], ["probe", bake, *PLACE]):
+            log = os.path.join(folder, "log")
+            traced = subprocess.run(["strace", "-f", "-qq", "-e", "trace=open,openat,openat2,readlink,execve,connect", "-o", log, KILN, *command],
+                                    capture_output=True, text=True)
+            with open(log) as file:
+                calls = file.read()
+            if "volume.hdf" not in calls:
+                print("the fence is not looked at: strace cannot trace here: " + traced.stderr[:200])
+                return
+            print(f"{label}, {command[0]}: {len(calls.splitlines())} calls")
+            if other in calls:
+                failures.append(f"{label}: {command[0]} opens {other}")
+        shutil.rmtree(bake)
+
+
 def main():
     if not sealing.available():
         print("skipped: libxxhash.so.0 is not here, which makes manifests fit")
         sys.exit(77)
-    parts = sys.argv[1:] or ["volumes", "shared_volumes", "places", "pictures", "texts"]
+    parts = sys.argv[1:] or ["volumes", "shared_volumes", "places", "pictures", "texts", "checkpoints", "fence"]
     with tempfile.TemporaryDirectory() as folder:
         scene, base = os.path.join(folder, "cornell.glb"), os.path.join(folder, "base")
         assert kiln("generate", "cornell", "-o", scene, "--quiet").code == 0
