@@ -76,22 +76,19 @@ def fresh(base, folder, name):
     return copy
 
 
-def probe_and_verify(label, base, folder, make, word=None, name="volume.hdf", commands=("probe", "verify")):
-    """`make(path)` puts a file at `name`; read as it is, with a manifest that fits, and against the manifest of the bake."""
-    bake = fresh(base, folder, label)
+def probe_and_verify(label, base, folder, make, word=None):
+    """`make(path)` puts a volume in the place of the bake's; some are read without a manifest too, and with the one of the bake."""
+    name, bake = "volume.hdf", fresh(base, folder, label)
     path = os.path.join(bake, name)
     os.remove(path)
     make(path)
-    manifest = os.path.join(bake, "manifest")
-    if "probe" in commands:
-        expect(label + ", probe, other manifest", kiln("probe", bake, *PLACE), word="written" if os.path.isfile(path) and not os.path.islink(path) else None)
-    if not sealing.fit(bake, name):
-        expect(label + ", verify", kiln("verify", bake))
-    else:
-        for command in commands:
-            expect(f"{label}, {command}", kiln(command, bake, *(PLACE if command == "probe" else [])), word=word)
-    os.remove(manifest)
-    if "probe" in commands:
+    if label.startswith(("raw data of another", "verify_hdf5")):
+        expect(label + ", probe, other manifest", kiln("probe", bake, *PLACE), word="written")
+    assert sealing.fit(bake, name)
+    expect(f"{label}, probe", kiln("probe", bake, *PLACE), word=word)
+    expect(f"{label}, verify", kiln("verify", bake), word=word)
+    if label.startswith("raw data"):
+        os.remove(os.path.join(bake, "manifest"))
         expect(label + ", probe, no manifest", kiln("probe", bake, *PLACE), word=word)
     shutil.rmtree(bake)
 
@@ -295,7 +292,7 @@ def places(base, folder):
                     break
                 if not manifest:
                     os.remove(os.path.join(bake, "manifest"))
-                for command in commands + ((["verify", None],) if manifest else ()):
+                for command in commands + ((["verify", None],) if manifest and kind in ("link", "FIFO") else ()):
                     expect(f"{name} is a {kind}, {command[0]}", kiln(*[bake if a is None else a for a in command]))
             shutil.rmtree(bake)
     for name in ("lightmaps", "manifest"):
@@ -342,10 +339,9 @@ def pictures(base, folder):
         bake = fresh(base, folder, "picture")
         with open(os.path.join(bake, "lightmaps", "floor.exr"), "wb") as file:
             file.write(data)
-        expect(label + ", compare, other manifest", kiln("compare", bake, base), word="written")
         sealing.fit(bake, "lightmaps/floor.exr")
-        for command in (["verify", bake], ["compare", bake, base], ["view", bake, "--width", "40", "-o", os.path.join(folder, "v.png")],
-                        ["compare", os.path.join(bake, "lightmaps", "floor.exr"), good]):
+        commands = [["verify", bake], ["compare", bake, base], ["compare", os.path.join(bake, "lightmaps", "floor.exr"), good]]
+        for command in commands + ([["view", bake, "--width", "40", "-o", os.path.join(folder, "v.png")]] if label.startswith(("a header", "chunks")) else []):
             expect(f"{label}, {command[0]}", kiln(*command))
         report = kiln("report", bake, "-o", os.path.join(folder, "report.html")) # says in the page what it cannot show
         expect(label + ", report", report, code=0)
@@ -400,7 +396,7 @@ def checkpoints(base, folder):
     scene, stopped = os.path.join(folder, "cornell.glb"), os.path.join(folder, "stopped")
     assert kiln("generate", "cornell", "-o", scene, "--quiet").code == 0
     command = ["bake", scene, "-o", None, "--texels-per-metre", "4", "--samples-indirect", "1000000", "--bounces", "2", "--no-preview", "--samples-probe",
-               "0", "--quiet", "--backend", "embree", "--max-time", "0.3"]
+               "0", "--quiet", "--backend", "embree", "--threads", "1", "--max-time", "0.1"]
     run = kiln(*[stopped if a is None else a for a in command])
     assert run.code == 75, run.err
 
