@@ -13,7 +13,7 @@
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
-enum { MANIFEST_MOST = 1 << 30 };
+enum { MANIFEST_MOST = 1 << 28, PARTS_MOST = 1 << 20 }; /* bytes; ranks that wrote */
 
 static int damaged(struct kiln_error *error, const char *path, const char *how)
 {
@@ -73,9 +73,10 @@ static bool read_part_entry(const json_t *json, struct checkpoint_part *part)
 {
     const json_t *blocks = json_object_get(json, "blocks");
     const char *hash = json_string_value(json_object_get(json, "xxh3_128"));
-    part->bytes = (uint64_t)json_integer_value(json_object_get(json, "bytes"));
+    const json_int_t bytes = json_integer_value(json_object_get(json, "bytes"));
+    part->bytes = (uint64_t)bytes;
     part->block_count = (uint32_t)json_array_size(blocks);
-    if (hash == NULL || strlen(hash) != 32 || json_array_size(blocks) > KILN_BLOCKS_MAX)
+    if (hash == NULL || strlen(hash) != 32 || bytes < 0 || json_array_size(blocks) > KILN_BLOCKS_MAX)
         return false;
     memcpy(part->hash, hash, sizeof part->hash);
     for (uint32_t i = 0; i < part->block_count; i++) {
@@ -94,16 +95,19 @@ static int parse_manifest(struct kiln_checkpoint *c, const char *path, const cha
     if (c->manifest == NULL)
         return damaged(error, path, "is cut off or damaged: it does not end with its hash");
     const json_t *format = json_object_get(c->manifest, "format"), *parts = json_object_get(c->manifest, "parts");
+    const char *written_by = json_string_value(json_object_get(c->manifest, "kiln"));
     const char *written_order = json_string_value(json_object_get(c->manifest, "byte_order"));
     if (!json_is_integer(format))
         return damaged(error, path, "is not a checkpoint's manifest");
     if (json_integer_value(format) != KILN_CHECKPOINT_FORMAT)
         return kiln_fail(error, KILN_BAD_INPUT, "the checkpoint %s is of format %lld, and kiln %s reads format %d: finish it with kiln %s, or give "
                          "--no-resume to start from the beginning", path, (long long)json_integer_value(format), KILN_VERSION,
-                         (int)KILN_CHECKPOINT_FORMAT, json_string_value(json_object_get(c->manifest, "kiln")));
+                         (int)KILN_CHECKPOINT_FORMAT, written_by != NULL ? written_by : "of that time");
     if (written_order == NULL || strcmp(written_order, order) != 0)
         return kiln_fail(error, KILN_BAD_INPUT, "the checkpoint %s was written by a machine with another byte order: give --no-resume to start "
                          "from the beginning", path);
+    if (json_array_size(parts) == 0 || json_array_size(parts) > PARTS_MOST)
+        return damaged(error, path, "is not a checkpoint's manifest");
     c->part_count = json_array_size(parts);
     const int status = kiln_allocate(&c->parts, c->part_count, sizeof *c->parts, "a checkpoint's table of files", error);
     for (size_t i = 0; status == KILN_OK && i < c->part_count; i++)
@@ -310,28 +314,35 @@ static int read_from(const struct kiln_checkpoint *c, size_t part, uint64_t offs
     return status;
 }
 
+/* The file whose array has element `at`, looked for from file `from` on: files are in the order of what they hold. NULL: none has. */
+static const struct checkpoint_block *block_with(const struct kiln_checkpoint *c, const char *name, size_t size, uint64_t at, size_t from, size_t *part)
+{
+    for (size_t i = 0; i < c->part_count; i++) {
+        *part = (from + i) % c->part_count;
+        const struct checkpoint_block *b = find_block(c, *part, name);
+        if (b != NULL && b->size == size && at >= b->first && at - b->first < b->count)
+            return b;
+    }
+    return NULL;
+}
+
 int kiln_checkpoint_read(const struct kiln_checkpoint *c, const char *name, uint64_t first, uint64_t count, size_t size, void *values,
                          struct kiln_error *error)
 {
-    uint64_t got = 0;
-    for (size_t i = 0; i < c->part_count && got < count; i++) {
-        const struct checkpoint_block *b = find_block(c, i, name);
-        if (b == NULL || b->size != size)
-            continue;
-        const uint64_t from = b->first > first ? b->first : first;
-        const uint64_t end = b->first + b->count < first + count ? b->first + b->count : first + count;
-        if (from >= end)
-            continue;
-        const int status = read_from(c, i, b->offset + (from - b->first) * size, (end - from) * size,
-                                     (char *)values + (from - first) * size, error);
+    size_t part = 0;
+    for (uint64_t got = 0; got < count;) { /* each element from one file, however their ranges may overlap */
+        const uint64_t at = first + got;
+        const struct checkpoint_block *b = block_with(c, name, size, at, part, &part);
+        if (b == NULL)
+            return kiln_fail(error, KILN_IO, "the checkpoint %s has %llu of %llu values of '%s' from %llu on; give --no-resume to start from the beginning",
+                             c->path, (unsigned long long)got, (unsigned long long)count, name, (unsigned long long)first);
+        const uint64_t left = b->count - (at - b->first), step = left < count - got ? left : count - got;
+        const int status = read_from(c, part, b->offset + (at - b->first) * size, step * size, (char *)values + got * size, error);
         if (status != KILN_OK)
             return status;
-        got += end - from;
+        got += step;
     }
-    if (got == count)
-        return KILN_OK;
-    return kiln_fail(error, KILN_IO, "the checkpoint %s has %llu of %llu values of '%s' from %llu on; give --no-resume to start from the beginning",
-                     c->path, (unsigned long long)got, (unsigned long long)count, name, (unsigned long long)first);
+    return KILN_OK;
 }
 
 int kiln_checkpoint_read_part(const struct kiln_checkpoint *c, size_t part, const char *name, size_t size, void *values, uint64_t *count,

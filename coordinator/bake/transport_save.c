@@ -1,4 +1,5 @@
 #include <assert.h>
+#include <math.h>
 #include <string.h>
 #include <time.h>
 
@@ -213,6 +214,22 @@ static int no_such_pass(unsigned kind, struct kiln_error *error)
                      KILN_PASS_FINAL + 1);
 }
 
+static int no_such_value(const char *name, struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_IO, "the checkpoint has values in '%s' that no bake can have; give --no-resume to start from the beginning", name);
+}
+
+static bool state_is_sane(const struct saved_state *state)
+{
+    enum { BOUNCES_MOST = 1 << 20 };
+    bool sane = state->bounce <= BOUNCES_MOST && state->bounces <= BOUNCES_MOST && isfinite(state->tail_share) && isfinite(state->seconds) &&
+                state->seconds >= 0.0;
+    sane = sane && isfinite(state->unit) && state->unit > 0.0 && isfinite(state->unit_squared) && state->unit_squared > 0.0;
+    for (int c = 0; c < 3; c++)
+        sane = sane && isfinite(state->tail_ratio[c]);
+    return sane;
+}
+
 static int restore_state(struct transport_state *s, bool *finished, struct kiln_error *error)
 {
     const struct kiln_checkpoint *c = s->params->checkpoint;
@@ -232,6 +249,8 @@ static int restore_state(struct transport_state *s, bool *finished, struct kiln_
     memcpy(r->tail_ratio, state.tail_ratio, sizeof r->tail_ratio);
     s->unit = state.unit;
     s->unit_squared = state.unit_squared;
+    if (!state_is_sane(&state))
+        return no_such_value("state", error);
     transport_step_make(s, (enum kiln_pass_kind)state.kind, state.bounce, &s->step);
     if (*finished)
         return KILN_OK;
@@ -265,6 +284,45 @@ static int restore_passes(struct transport_state *s, struct kiln_error *error)
     return status;
 }
 
+/* What a bake can have come to: sums of these are taken in fixed point, where others have no place. */
+static bool floats_are_sane(const float *values, uint64_t count)
+{
+    bool sane = true;
+    for (uint64_t i = 0; i < count; i++)
+        sane = sane && fabsf(values[i]) < 1e36f; /* not so for what is no number */
+    return sane;
+}
+
+static bool doubles_are_sane(const double *values, size_t count)
+{
+    bool sane = true;
+    for (size_t i = 0; i < count; i++)
+        sane = sane && isfinite(values[i]);
+    return sane;
+}
+
+static bool errors_are_sane(const uint16_t *values, uint64_t count)
+{
+    bool sane = true;
+    for (uint64_t i = 0; i < count; i++)
+        sane = sane && isfinite(kiln_error_unpack(values[i]));
+    return sane;
+}
+
+static int check_points(const struct transport_state *s, bool finished, struct kiln_error *error)
+{
+    const uint64_t count = s->params->surface->count;
+    if (!floats_are_sane(s->out->direct, 3 * count))
+        return no_such_value("direct", error);
+    if (!floats_are_sane(s->own->sum, 3 * count))
+        return no_such_value("sum", error);
+    if (!errors_are_sane(s->out->error, count))
+        return no_such_value("error", error);
+    if (!finished && (!doubles_are_sane(s->group_before, s->group_count) || !doubles_are_sane(s->group_total, s->group_count)))
+        return no_such_value("group_total", error);
+    return KILN_OK;
+}
+
 static int restore_points(struct transport_state *s, bool finished, struct kiln_error *error)
 {
     const struct kiln_checkpoint *c = s->params->checkpoint;
@@ -279,7 +337,7 @@ static int restore_points(struct transport_state *s, bool finished, struct kiln_
         status = kiln_checkpoint_read(c, "next", first, count, sizeof *s->own->next, s->own->next, error);
     if (status == KILN_OK && !finished && s->step.kind != KILN_PASS_DIRECT)
         status = kiln_checkpoint_read(c, "source", first, count, sizeof *s->out->radiosity, s->out->radiosity + first, error);
-    return status;
+    return status == KILN_OK ? check_points(s, finished, error) : status;
 }
 
 /* What is buried was found by the backend that began; another one may see a point at the edge otherwise. */

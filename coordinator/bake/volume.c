@@ -72,8 +72,10 @@ static int restore(struct volume_work *w, int rank, int ranks, struct kiln_error
     int status = kiln_checkpoint_read(c, "probes", first, count, sizeof *w->probes, w->probes, error);
     if (status == KILN_OK)
         status = kiln_checkpoint_read(c, "probes_done", first, count, 1, w->done, error);
-    for (uint64_t i = 0; i < count; i++)
+    for (uint64_t i = 0; i < count; i++) {
+        w->done[i] = w->done[i] != 0;
         w->finished += w->done[i];
+    }
     for (size_t part = (size_t)rank; status == KILN_OK && part < kiln_checkpoint_parts(c); part += (size_t)ranks) {
         uint64_t *rays = NULL, one = 0;
         status = kiln_checkpoint_read_part(c, part, "probe_rays", sizeof *rays, &rays, &one, error);

@@ -315,19 +315,51 @@ static int64_t read_stream(exr_const_context_t context, void *user, void *buffer
     return (int64_t)done;
 }
 
-/* What the first eight bytes say, before the library reads on: one part of scanlines. */
-static int check_kind(const struct input_stream *stream, struct kiln_error *error)
+enum { HEADER_MOST = 1 << 20, ATTRIBUTES_MOST = 256, CHANNELS_BYTES_MOST = 1 << 15 };
+
+static uint32_t little_endian(const uint8_t *bytes) { return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24; }
+
+/* Whether the attributes end before the bytes do, are not too many, and the list of channels is not too long: the library's time for it grows
+ * with its square. An attribute is a name and a type, each with a zero byte, a size of four bytes, and as many bytes. */
+static bool attributes_are_sane(const uint8_t *bytes, size_t size)
+{
+    size_t at = 8;
+    for (int count = 0; count <= ATTRIBUTES_MOST && at < size; count++) {
+        const size_t name = strnlen((const char *)bytes + at, size - at);
+        if (name == 0)
+            return true; /* the header's end */
+        const size_t type_at = at + name + 1 < size ? at + name + 1 : size, type = strnlen((const char *)bytes + type_at, size - type_at);
+        const size_t value_at = type_at + type + 1 + 4;
+        if (value_at > size)
+            return false;
+        const uint32_t value = little_endian(bytes + value_at - 4);
+        if (value > size - value_at || (value > CHANNELS_BYTES_MOST && strcmp((const char *)bytes + type_at, "chlist") == 0))
+            return false;
+        at = value_at + value;
+    }
+    return false;
+}
+
+/* Before the library reads the header: one part of scanlines, described in a sane number of words. */
+static int check_header(const struct input_stream *stream, struct kiln_error *error)
 {
     enum { SCANLINES = 2, LONG_NAMES = 0x400 };
     static const uint8_t magic[4] = {0x76, 0x2f, 0x31, 0x01};
-    uint8_t start[8] = {0};
-    if (read_stream(NULL, (void *)(uintptr_t)stream, start, sizeof start, 0, NULL) != (int64_t)sizeof start || memcmp(start, magic, sizeof magic) != 0)
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' cannot be read as OpenEXR: its first bytes are not those of one", stream->path);
-    const unsigned version = (unsigned)start[4] | (unsigned)start[5] << 8 | (unsigned)start[6] << 16 | (unsigned)start[7] << 24;
-    if ((version & ~(unsigned)LONG_NAMES) != SCANLINES)
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is an OpenEXR file in tiles, of several parts or deep: only plain ones of scanlines are read here",
-                         stream->path);
-    return KILN_OK;
+    const size_t size = stream->bytes < HEADER_MOST ? (size_t)stream->bytes : HEADER_MOST;
+    uint8_t *bytes = NULL;
+    int status = kiln_allocate(&bytes, size, 1, "a header of OpenEXR", error);
+    if (status != KILN_OK)
+        return status;
+    if (read_stream(NULL, (void *)(uintptr_t)stream, bytes, size, 0, NULL) != (int64_t)size || size < 8 || memcmp(bytes, magic, sizeof magic) != 0)
+        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' cannot be read as OpenEXR: its first bytes are not those of one", stream->path);
+    else if ((little_endian(bytes + 4) & ~(uint32_t)LONG_NAMES) != SCANLINES)
+        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' is an OpenEXR file in tiles, of several parts or deep: only plain ones of scanlines are read here",
+                           stream->path);
+    else if (!attributes_are_sane(bytes, size))
+        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' cannot be read as OpenEXR: its header is damaged, longer than 1 MiB, or lists hundreds of channels",
+                           stream->path);
+    kiln_free(&bytes);
+    return status;
 }
 
 /* Deflate packs at most about 1030 : 1, so a header that promises more than that lies. */
@@ -476,7 +508,7 @@ int kiln_exr_read_open(int descriptor, const char *path, const char *const *want
     if (fstat(descriptor, &found) != 0 || !S_ISREG(found.st_mode))
         return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a plain file", path);
     struct input_stream stream = {descriptor, path, (int64_t)found.st_size};
-    int status = check_kind(&stream, error);
+    int status = check_header(&stream, error);
     if (status != KILN_OK)
         return status;
     exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;

@@ -228,9 +228,27 @@ static int check_vertices(const struct check *check)
     return KILN_OK;
 }
 
+/* No two meshes have a vertex or a triangle in common, so that checking all of them takes no longer than reading the file. */
+static int check_meshes(const struct check *check)
+{
+    const struct kiln_scene *scene = check->scene;
+    uint64_t vertices = 0, triangles = 0;
+    int status = KILN_OK;
+    for (size_t i = 0; i < scene->mesh_count && status == KILN_OK; i++) {
+        const struct kiln_mesh *m = &scene->meshes[i];
+        if (m->vertex_count > scene->vertex_count - vertices || m->triangle_count > scene->triangle_count - triangles)
+            return damaged(check, "mesh %zu has vertices or triangles that others have too, or that are not there", i);
+        vertices += m->vertex_count;
+        triangles += m->triangle_count;
+        status = check_mesh(check, i);
+    }
+    return status;
+}
+
 static bool is_file_name(const char *name)
 {
-    if (name[0] == '\0' || name[0] == '.')
+    enum { NAME_MOST = 200 }; /* with an ending it is still one for every file system */
+    if (name[0] == '\0' || name[0] == '.' || strnlen(name, NAME_MOST + 1) > NAME_MOST)
         return false;
     return strspn(name, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-") == strlen(name);
 }
@@ -350,8 +368,8 @@ static int check_contents(const struct check *check)
     int status = check_texts(check);
     if (status == KILN_OK)
         status = check_materials(check);
-    for (size_t i = 0; i < scene->mesh_count && status == KILN_OK; i++)
-        status = check_mesh(check, i);
+    if (status == KILN_OK)
+        status = check_meshes(check);
     if (status == KILN_OK)
         status = check_vertices(check);
     if (status == KILN_OK)
