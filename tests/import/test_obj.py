@@ -152,7 +152,7 @@ class Obj(importing.Case):
     def test_many_of_everything(self):
         """Nothing takes time that grows with the square of the file."""
         square = SQUARE + "vt 0 0\n"
-        many = 100000
+        many = 40000
         materials = "".join("newmtl m%d\nKd 0.5 0.5 0.5\n" % i for i in range(many))
         comb = "v 0 0 0\nv 1 0 0\n" + "".join("v %.9g %.9g 0\n" % (1 - i / 4998, 0.5 + i % 2) for i in range(4998))
         for name, text, mtl in (("materials", "mtllib m.mtl\n" + square + "f 1 2 3\n", materials),
