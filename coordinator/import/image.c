@@ -30,7 +30,7 @@ static const char *kind_of_stranger(const struct kiln_image_bytes *bytes)
         size_t length;
     } known[] = {{"\xabKTX 20\xbb", "a KTX2 (Basis Universal) image", 8}, {"DDS ", "a DDS image", 4}, {"GIF8", "a GIF image", 4},
                  {"8BPS", "a Photoshop image", 4}, {"BM", "a BMP image", 2}, {"#?", "a Radiance image", 2},
-                 {"\x76\x2f\x31\x01", "an OpenEXR image", 4}, {"II*", "a TIFF image", 4}, {"MM", "a TIFF image", 4}};
+                 {"\x76\x2f\x31\x01", "an OpenEXR image", 4}, {"II*", "a TIFF image", 4}, {"MM\0*", "a TIFF image", 4}};
     if (bytes->size >= 12 && starts(bytes, "RIFF", 4) && memcmp(bytes->data + 8, "WEBP", 4) == 0)
         return "a WebP image";
     for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)

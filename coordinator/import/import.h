@@ -1,4 +1,4 @@
-/* From a scene file somebody else wrote (glTF 2.0 .gltf/.glb, OBJ and what Assimp reads) to kiln's own scene file.
+/* From a scene file somebody else wrote (glTF 2.0 .gltf/.glb, OBJ) to kiln's own scene file.
  *
  * The reading happens in a child process of this same program ("kiln import-child ..."), with limits on memory, CPU time,
  * open files and file size, which may open files only beneath the scene's own folder. A crash there, a limit reached or a

@@ -1,364 +1,621 @@
 #include "coordinator/import/obj.h"
 
-#include <assimp/cfileio.h>
-#include <assimp/cimport.h>
-#include <assimp/material.h>
-#include <assimp/postprocess.h>
-#include <assimp/scene.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include <strings.h>
+#include <xxhash.h>
 
 #include "coordinator/import/assemble.h"
-#include "coordinator/import/image.h"
 #include "coordinator/import/names.h"
+#include "coordinator/import/obj_document.h"
+#include "coordinator/import/obj_polygon.h"
 #include "worker/base/memory.h"
 
-enum { PATH_LENGTH = 1024 };
+/* A vertex as faces name it; KILN_NONE: without. */
+struct corner {
+    uint32_t position, texcoord, normal;
+};
+
+/* What makes corners equal. */
+struct corner_value {
+    struct kiln_vec3 position, normal;
+    struct kiln_vec2 texcoord;
+    uint8_t color[4];
+};
+
+/* Consecutive faces of one object and material. */
+struct part {
+    size_t corner_first, corner_count, triangle_first, triangle_count;
+    uint32_t material;
+    uint32_t next; /* of the same object, or KILN_NONE */
+    bool normals, texcoords;
+};
+
+struct object {
+    size_t name; /* into names_text */
+    uint32_t first, last; /* parts, or KILN_NONE */
+};
 
 struct reader {
     struct kiln_confine *confine;
     struct kiln_builder *builder;
     struct kiln_error *error;
-    int status;
-    const struct aiScene *scene;
+    struct obj_text text;
+    struct obj_materials materials;
+    /* numbers of the file */
+    struct kiln_vec3 *positions, *normals;
+    struct kiln_vec2 *texcoords;
+    uint8_t (*colors)[4]; /* NULL: no vertex has one */
+    size_t position_count, position_capacity, normal_count, normal_capacity, texcoord_count, texcoord_capacity, color_count, color_capacity;
+    /* faces; both index within their part */
+    struct corner *corners;
+    uint32_t (*triangles)[3];
+    size_t corner_count, corner_capacity, triangle_count, triangle_capacity;
+    uint32_t *slots; /* table of the present part's corners: index + 1; what lies outside the part is free */
+    size_t slot_count;
+    struct obj_polygon polygon;
+    uint32_t *face; /* corners of the face that is read */
+    size_t face_capacity;
+    struct part *parts;
+    struct object *objects;
+    size_t part_count, part_capacity, object_count, object_capacity;
+    char *names_text;
+    size_t names_size, names_capacity;
+    struct obj_symbols object_names;
     struct kiln_names names;
     struct kiln_assembly_counts assembly;
-    struct kiln_images images;
-    uint64_t not_triangles, without_area_objects;
+    size_t group;     /* name of the active group, into names_text */
+    uint32_t object;  /* KILN_NONE: none yet */
+    uint32_t material;
+    bool part_open;   /* faces go on with the last part */
+    uint64_t lines, free_form, strange, strange_line, without_area_objects;
+    char strange_word[41];
 };
 
-static void take(struct reader *r, int status)
+/* ---- v, vt, vn ---- */
+
+/* Room for one more of a list whose elements faces count from 1. */
+static int room(struct reader *r, void *list, size_t *capacity, size_t count, size_t size, const char *what)
 {
-    if (r->status == KILN_OK)
-        r->status = status;
+    if (count >= KILN_NONE)
+        return obj_fail(&r->text, "more than 2^32 - 1 elements of one kind", NULL);
+    return kiln_grow(list, capacity, count + 1, size, what, r->error);
 }
 
-/* ---- files as Assimp opens them ---- */
-
-struct open_file {
-    struct kiln_file file;
-    size_t at;
-};
-
-static size_t file_read(struct aiFile *file, char *buffer, size_t size, size_t count)
+/* Vertices before the first that has a colour are white. */
+static int add_color(struct reader *r, const double *rgb)
 {
-    struct open_file *f = (struct open_file *)(void *)file->UserData;
-    if (size == 0)
-        return 0;
-    const size_t whole = (f->file.size - f->at) / size < count ? (f->file.size - f->at) / size : count;
-    memcpy(buffer, f->file.data + f->at, whole * size);
-    f->at += whole * size;
-    return whole;
+    const int status = kiln_grow(&r->colors, &r->color_capacity, r->position_count, sizeof *r->colors, "vertex colours", r->error);
+    if (status != KILN_OK)
+        return status;
+    memset(r->colors + r->color_count, 255, (r->position_count - r->color_count) * sizeof *r->colors);
+    for (size_t c = 0; c < 3 && rgb != NULL; c++)
+        r->colors[r->position_count - 1][c] = (uint8_t)((float)fmin(fmax(rgb[c], 0.0), 1.0) * 255.0f + 0.5f);
+    r->color_count = r->position_count;
+    return KILN_OK;
 }
 
-static size_t file_write(struct aiFile *file, const char *buffer, size_t size, size_t count)
+static int read_position(struct reader *r)
 {
-    (void)file;
-    (void)buffer;
-    (void)size;
-    (void)count;
-    return 0;
+    double n[6];
+    size_t count;
+    int status = obj_numbers(&r->text, "v", n, 3, 6, &count);
+    if (status == KILN_OK && count == 5)
+        return obj_fail(&r->text, "five numbers after v: neither x y z w nor x y z and a colour", NULL);
+    if (status == KILN_OK)
+        status = room(r, &r->positions, &r->position_capacity, r->position_count, sizeof *r->positions, "vertices");
+    if (status != KILN_OK)
+        return status;
+    const double w = count == 4 ? n[3] : 1.0;
+    const struct kiln_vec3 p = vec3((float)(n[0] / w), (float)(n[1] / w), (float)(n[2] / w));
+    if (!isfinite(p.x) || !isfinite(p.y) || !isfinite(p.z))
+        return obj_fail(&r->text, "a vertex that its w, 0 or nearly, makes infinite", NULL);
+    r->positions[r->position_count++] = vec3_add(p, vec3(0.0f, 0.0f, 0.0f)); /* 0 and -0 are one place */
+    return count == 6 || r->color_count > 0 ? add_color(r, count == 6 ? n + 3 : NULL) : KILN_OK;
 }
 
-static size_t file_tell(struct aiFile *file) { return ((struct open_file *)(void *)file->UserData)->at; }
-static size_t file_size(struct aiFile *file) { return ((struct open_file *)(void *)file->UserData)->file.size; }
-static void file_flush(struct aiFile *file) { (void)file; }
-
-static enum aiReturn file_seek(struct aiFile *file, size_t offset, enum aiOrigin origin)
+static int read_texcoord(struct reader *r)
 {
-    struct open_file *f = (struct open_file *)(void *)file->UserData;
-    const size_t base = origin == aiOrigin_SET ? 0 : origin == aiOrigin_CUR ? f->at : f->file.size;
-    const size_t target = base + offset; /* "backwards" arrives as a huge offset and wraps round to the right place */
-    if (target > f->file.size)
-        return aiReturn_FAILURE;
-    f->at = target;
-    return aiReturn_SUCCESS;
+    double n[3] = {0};
+    size_t count;
+    int status = obj_numbers(&r->text, "vt", n, 1, 3, &count);
+    if (status == KILN_OK)
+        status = room(r, &r->texcoords, &r->texcoord_capacity, r->texcoord_count, sizeof *r->texcoords, "texture coordinates");
+    if (status == KILN_OK)
+        r->texcoords[r->texcoord_count++] = (struct kiln_vec2){(float)n[0], (float)n[1]};
+    return status;
 }
 
-/* Names in OBJ and MTL files are no URIs: taken as they stand, but for the backslashes of another system. */
-static const char *plain_path(const char *name, char path[PATH_LENGTH + 1])
+static int read_normal(struct reader *r)
 {
-    while (name[0] == '.' && (name[1] == '/' || name[1] == '\\'))
-        name += 2;
-    size_t length = 0;
-    for (; name[length] != '\0' && length < PATH_LENGTH; length++)
-        path[length] = name[length] == '\\' ? '/' : name[length];
-    path[length] = '\0';
-    return path;
+    double n[3];
+    size_t count;
+    int status = obj_numbers(&r->text, "vn", n, 3, 3, &count);
+    if (status == KILN_OK)
+        status = room(r, &r->normals, &r->normal_capacity, r->normal_count, sizeof *r->normals, "normals");
+    if (status == KILN_OK)
+        r->normals[r->normal_count++] = vec3_add(vec3((float)n[0], (float)n[1], (float)n[2]), vec3(0.0f, 0.0f, 0.0f));
+    return status;
 }
 
-static struct aiFile *file_open(struct aiFileIO *io, const char *name, const char *mode)
+/* ---- objects, groups, materials ---- */
+
+static int keep_name(struct reader *r, struct obj_word name, size_t *offset)
 {
-    struct reader *r = (struct reader *)(void *)io->UserData;
-    struct open_file *f = NULL;
-    struct aiFile *result = NULL;
-    struct kiln_error error = {""};
-    char path[PATH_LENGTH + 1], place[160];
-    if (r->status != KILN_OK || mode[0] != 'r')
-        return NULL;
-    (void)snprintf(place, sizeof place, "mtllib '%.100s'", name);
-    if (kiln_allocate(&f, 1, sizeof *f, "a file", &error) == KILN_OK && kiln_allocate(&result, 1, sizeof *result, "a file", &error) == KILN_OK &&
-        kiln_confine_map(r->confine, r->builder, plain_path(name, path), place, &f->file, &error) == KILN_OK) {
-        *result = (struct aiFile){.ReadProc = file_read, .WriteProc = file_write, .TellProc = file_tell, .FileSizeProc = file_size,
-                                  .SeekProc = file_seek, .FlushProc = file_flush, .UserData = (aiUserData)(void *)f};
-        return result;
+    const int status = kiln_grow(&r->names_text, &r->names_capacity, r->names_size + name.length + 1, 1, "names", r->error);
+    if (status != KILN_OK)
+        return status;
+    memcpy(r->names_text + r->names_size, name.text, name.length);
+    r->names_text[r->names_size + name.length] = '\0';
+    *offset = r->names_size;
+    r->names_size += name.length + 1;
+    return KILN_OK;
+}
+
+static int open_object(struct reader *r, struct obj_word name)
+{
+    uint32_t known = (uint32_t)r->object_count;
+    if (r->object_count >= KILN_NONE)
+        return obj_fail(&r->text, "more than 2^32 - 1 objects", NULL);
+    int status = kiln_grow(&r->objects, &r->object_capacity, r->object_count + 1, sizeof *r->objects, "objects", r->error);
+    if (status == KILN_OK)
+        status = obj_symbol(&r->object_names, name.text, name.length, &known, r->error);
+    struct object object = {.first = KILN_NONE, .last = KILN_NONE};
+    if (status == KILN_OK)
+        status = keep_name(r, name, &object.name);
+    if (status != KILN_OK)
+        return status;
+    r->object = (uint32_t)r->object_count;
+    r->objects[r->object_count++] = object;
+    r->part_open = false;
+    return KILN_OK;
+}
+
+static int read_object(struct reader *r)
+{
+    const struct obj_word name = obj_rest(&r->text);
+    uint32_t known = KILN_NONE;
+    if (name.length == 0)
+        return KILN_OK;
+    /* A name that is new gets the number its object will have. */
+    known = (uint32_t)r->object_count;
+    const int status = obj_symbol(&r->object_names, name.text, name.length, &known, r->error);
+    if (status != KILN_OK || known == r->object_count)
+        return status != KILN_OK ? status : open_object(r, name);
+    r->part_open = r->part_open && known == r->object;
+    r->object = known;
+    return KILN_OK;
+}
+
+static int read_group(struct reader *r)
+{
+    const struct obj_word name = obj_rest(&r->text);
+    if (obj_is(name, r->names_text + r->group))
+        return KILN_OK;
+    const int status = open_object(r, name);
+    r->group = status == KILN_OK ? r->objects[r->object].name : 0;
+    return status;
+}
+
+static int read_use(struct reader *r)
+{
+    uint32_t material = 0;
+    const int status = obj_find_material(&r->materials, obj_rest(&r->text), &material);
+    r->part_open = r->part_open && material == r->material;
+    r->material = material;
+    return status;
+}
+
+static int read_libraries(struct reader *r)
+{
+    const struct obj_word names = obj_rest(&r->text);
+    return names.length == 0 ? obj_fail(&r->text, "mtllib without the name of a file", NULL) : obj_read_libraries(&r->materials, names);
+}
+
+static int open_part(struct reader *r)
+{
+    int status = KILN_OK;
+    if (r->part_open)
+        return KILN_OK;
+    if (r->part_count >= KILN_NONE)
+        return obj_fail(&r->text, "more than 2^32 - 1 changes of object and material", NULL);
+    if (r->object == KILN_NONE)
+        status = open_object(r, (struct obj_word){"defaultobject", 13});
+    if (status == KILN_OK)
+        status = kiln_grow(&r->parts, &r->part_capacity, r->part_count + 1, sizeof *r->parts, "faces of one material", r->error);
+    if (status != KILN_OK)
+        return status;
+    const uint32_t index = (uint32_t)r->part_count++;
+    struct object *object = &r->objects[r->object];
+    r->parts[index] = (struct part){.corner_first = r->corner_count, .triangle_first = r->triangle_count, .material = r->material, .next = KILN_NONE};
+    if (object->last == KILN_NONE)
+        object->first = index;
+    else
+        r->parts[object->last].next = index;
+    object->last = index;
+    r->part_open = true;
+    return KILN_OK;
+}
+
+/* ---- f ---- */
+
+static struct corner_value value_of(const struct reader *r, const struct corner *corner)
+{
+    struct corner_value value;
+    memset(&value, 0, sizeof value);
+    value.position = r->positions[corner->position];
+    if (corner->normal != KILN_NONE)
+        value.normal = r->normals[corner->normal];
+    if (corner->texcoord != KILN_NONE)
+        value.texcoord = r->texcoords[corner->texcoord];
+    if (corner->position < r->color_count)
+        memcpy(value.color, r->colors[corner->position], sizeof value.color);
+    else
+        memset(value.color, 255, sizeof value.color);
+    return value;
+}
+
+static size_t first_slot(const struct reader *r, const struct corner_value *value) { return (size_t)XXH3_64bits(value, sizeof *value) & (r->slot_count - 1); }
+
+static bool is_free(const struct reader *r, size_t slot, const struct part *part) { return r->slots[slot] <= part->corner_first; }
+
+/* Doubles the table and puts the part's corners into it. */
+static int grow_slots(struct reader *r, const struct part *part)
+{
+    kiln_free(&r->slots);
+    r->slot_count = r->slot_count == 0 ? 256 : 2 * r->slot_count;
+    const int status = kiln_allocate(&r->slots, r->slot_count, sizeof *r->slots, "the corners of faces", r->error);
+    for (size_t i = 0; status == KILN_OK && i < part->corner_count; i++) {
+        const struct corner_value value = value_of(r, &r->corners[part->corner_first + i]);
+        size_t slot = first_slot(r, &value);
+        while (!is_free(r, slot, part))
+            slot = (slot + 1) & (r->slot_count - 1);
+        r->slots[slot] = (uint32_t)(part->corner_first + i + 1);
     }
-    /* Assimp goes on without the file; what was wrong with it fails the import all the same. */
-    take(r, kiln_fail(r->error, KILN_BAD_INPUT, "%s", error.message));
-    kiln_free(&f);
-    kiln_free(&result);
-    return NULL;
+    return status;
 }
 
-static void file_close(struct aiFileIO *io, struct aiFile *file)
+/* The number in its part of a corner with these values. */
+static int find_corner(struct reader *r, const struct corner *corner, uint32_t *index)
 {
-    (void)io;
-    struct open_file *f = (struct open_file *)(void *)file->UserData;
-    kiln_file_unmap(&f->file);
-    kiln_free(&f);
-    kiln_free(&file);
+    struct part *part = &r->parts[r->part_count - 1];
+    if (2 * (part->corner_count + 1) > r->slot_count) {
+        const int grown = grow_slots(r, part);
+        if (grown != KILN_OK)
+            return grown;
+    }
+    const struct corner_value value = value_of(r, corner);
+    size_t slot = first_slot(r, &value);
+    for (; !is_free(r, slot, part); slot = (slot + 1) & (r->slot_count - 1)) {
+        const struct corner_value other = value_of(r, &r->corners[r->slots[slot] - 1]);
+        if (memcmp(&other, &value, sizeof value) == 0) {
+            *index = (uint32_t)(r->slots[slot] - 1 - part->corner_first);
+            return KILN_OK;
+        }
+    }
+    const int status = room(r, &r->corners, &r->corner_capacity, r->corner_count, sizeof *r->corners, "the corners of faces");
+    if (status != KILN_OK)
+        return status;
+    r->corners[r->corner_count++] = *corner;
+    r->slots[slot] = (uint32_t)r->corner_count;
+    *index = (uint32_t)part->corner_count++;
+    return KILN_OK;
 }
 
-/* ---- materials ---- */
-
-static uint32_t add_texture(struct reader *r, const struct aiMaterial *material, enum aiTextureType type, const char *what)
+/* One index of a corner; *at is moved behind it. False: it is no number, or leads nowhere. */
+static bool parse_index(const char **at, const char *end, size_t count, uint32_t *index)
 {
-    struct aiString name;
-    if (aiGetMaterialTextureCount(material, type) == 0 ||
-        aiGetMaterialTexture(material, type, 0, &name, NULL, NULL, NULL, NULL, NULL, NULL) != aiReturn_SUCCESS)
-        return KILN_NONE;
-    struct kiln_texture texture = {.srgb = 1};
-    struct kiln_image image = {0};
-    struct kiln_file file;
-    char path[PATH_LENGTH + 1], where[640];
-    size_t index = KILN_NONE;
-    (void)snprintf(where, sizeof where, "%.512s: %s", r->confine->scene, what);
-    take(r, kiln_confine_map(r->confine, r->builder, plain_path(name.data, path), what, &file, r->error));
-    if (r->status != KILN_OK)
-        return KILN_NONE;
-    const struct kiln_image_bytes bytes = {.data = file.data, .size = file.size, .any_format = true, .where = where};
-    take(r, kiln_image_append(&r->images, &bytes, &image, r->error));
-    kiln_file_unmap(&file);
-    texture.first = image.first, texture.width = image.width, texture.height = image.height;
-    if (r->status == KILN_OK)
-        take(r, kiln_builder_append(r->builder, KILN_SECTION_TEXTURES, &texture, 1, &index, r->error));
-    return (uint32_t)index;
-}
-
-static bool color_of(const struct aiMaterial *material, const char *key, float rgb[3])
-{
-    struct aiColor4D color;
-    if (aiGetMaterialColor(material, key, 0, 0, &color) != aiReturn_SUCCESS)
+    const bool back = *at < end && **at == '-';
+    const char *first = *at + (back || (*at < end && **at == '+'));
+    uint64_t value = 0;
+    for (*at = first; *at < end && **at >= '0' && **at <= '9'; ++*at)
+        value = value > UINT32_MAX ? value : 10 * value + (uint64_t)(**at - '0');
+    if (*at == first || value == 0 || value > count)
         return false;
-    rgb[0] = color.r, rgb[1] = color.g, rgb[2] = color.b;
+    *index = (uint32_t)(back ? count - value : value - 1);
     return true;
 }
 
-static void check_range(struct reader *r, const char *name, const char *what, const float *values, int count, float high)
-{
-    for (int i = 0; i < count; i++)
-        if (!(values[i] >= 0.0f && values[i] <= high))
-            take(r, kiln_fail(r->error, KILN_BAD_INPUT, "%.512s: material '%.80s': %s is %g, outside 0 to %g; repair the material file",
-                              r->confine->scene, name, what, (double)values[i], (double)high));
-}
+/* How much of a text of this length a sentence repeats. */
+static int shown(size_t length, int most) { return length < (size_t)most ? (int)length : most; }
 
-static void add_material(struct reader *r, const struct aiMaterial *source)
+/* "7", "7/1", "7//3", "7/1/3". */
+static int parse_corner(struct reader *r, struct obj_word word, struct corner *corner)
 {
-    struct kiln_material material = {.base_color = {0.8f, 0.8f, 0.8f, 1.0f}, .base_color_texture = KILN_NONE, .emission_texture = KILN_NONE,
-                                     .transmission_texture = KILN_NONE, .alpha_cutoff = 0.5f, .roughness = 1.0f};
-    struct aiString name = {0};
-    (void)aiGetMaterialString(source, "?mat.name", 0, 0, &name);
-    (void)color_of(source, "$clr.diffuse", material.base_color);
-    (void)color_of(source, "$clr.emissive", material.emission);
-    ai_real opacity = 1.0f;
-    unsigned count = 1;
-    if (aiGetMaterialFloatArray(source, "$mat.opacity", 0, 0, &opacity, &count) == aiReturn_SUCCESS)
-        material.base_color[3] = (float)opacity;
-    check_range(r, name.data, "Kd or d", material.base_color, 4, 1.0f);
-    check_range(r, name.data, "Ke", material.emission, 3, 1e30f);
-    if (material.base_color[3] < 1.0f)
-        material.alpha_mode = KILN_ALPHA_BLEND;
-    material.base_color_texture = add_texture(r, source, aiTextureType_DIFFUSE, "map_Kd");
-    material.emission_texture = add_texture(r, source, aiTextureType_EMISSIVE, "map_Ke");
-    if (material.emission_texture != KILN_NONE && material.emission[0] + material.emission[1] + material.emission[2] == 0.0f)
-        material.emission[0] = material.emission[1] = material.emission[2] = 1.0f;
-    if (r->status == KILN_OK && aiGetMaterialTextureCount(source, aiTextureType_OPACITY) > 0)
-        take(r, kiln_builder_note(r->builder, 1, r->error, "material '%.80s': its opacity map is left out", name.data));
-    if (r->status == KILN_OK)
-        take(r, kiln_builder_string(r->builder, name.data, strlen(name.data), &material.name, r->error));
-    if (r->status == KILN_OK)
-        take(r, kiln_builder_append(r->builder, KILN_SECTION_MATERIALS, &material, 1, NULL, r->error));
-}
-
-/* ---- meshes ---- */
-
-static void read_corners(void *context, size_t k, uint32_t corner[3])
-{
-    const struct aiMesh *mesh = context;
-    for (unsigned c = 0; c < 3; c++)
-        corner[c] = mesh->mFaces[k].mNumIndices == 3 ? mesh->mFaces[k].mIndices[c] : 0; /* a point or line: no area, left out */
-}
-
-static void read_geometry(void *context, uint32_t v, struct kiln_vec3 *position, struct kiln_vec3 *normal)
-{
-    const struct aiMesh *mesh = context;
-    *position = vec3(mesh->mVertices[v].x, mesh->mVertices[v].y, mesh->mVertices[v].z);
-    if (mesh->mNormals != NULL)
-        *normal = vec3(mesh->mNormals[v].x, mesh->mNormals[v].y, mesh->mNormals[v].z);
-}
-
-static void read_attributes(void *context, uint32_t v, struct kiln_attributes *out)
-{
-    const struct aiMesh *mesh = context;
-    if (mesh->mTextureCoords[0] != NULL) {
-        out->base = (struct kiln_vec2){mesh->mTextureCoords[0][v].x, 1.0f - mesh->mTextureCoords[0][v].y};
-        out->emission = out->lightmap = out->base;
+    static const char *const kinds[3] = {"v", "vt", "vn"};
+    const size_t counts[3] = {r->position_count, r->texcoord_count, r->normal_count};
+    uint32_t indices[3] = {KILN_NONE, KILN_NONE, KILN_NONE};
+    const char *at = word.text, *end = at + word.length;
+    for (int kind = 0; kind < 3; kind++) {
+        const char *first = at;
+        if ((kind == 0 || (at < end && *at != '/')) && !parse_index(&at, end, counts[kind], &indices[kind])) {
+            return kiln_fail(r->error, KILN_BAD_INPUT, "%.512s: line %llu: face corner '%.*s' names %s %.*s of %zu; repair the file or export it again",
+                             r->confine->scene, (unsigned long long)r->text.line, shown(word.length, 40), word.text, kinds[kind],
+                             shown((size_t)(end - first), 20), first, counts[kind]);
+        }
+        if (at == end)
+            break;
+        if (*at != '/' || kind == 2)
+            return obj_fail(&r->text, "not a face corner:", &word);
+        at++;
     }
-    if (mesh->mColors[0] == NULL)
-        return;
-    const float color[4] = {mesh->mColors[0][v].r, mesh->mColors[0][v].g, mesh->mColors[0][v].b, mesh->mColors[0][v].a};
-    for (int c = 0; c < 4; c++)
-        out->color[c] = (uint8_t)(fminf(fmaxf(color[c], 0.0f), 1.0f) * 255.0f + 0.5f);
+    *corner = (struct corner){indices[0], indices[1], indices[2]};
+    return KILN_OK;
 }
 
-/* All faces of a node are one mesh. */
-static uint32_t add_mesh(struct reader *r, const struct aiNode *node)
+static int add_triangles(struct reader *r, size_t count)
 {
-    uint32_t index = KILN_NONE;
-    bool layout = true;
-    take(r, kiln_mesh_begin(r->builder, node->mName.data, &index, r->error));
-    for (unsigned i = 0; i < node->mNumMeshes && r->status == KILN_OK; i++) {
-        const struct aiMesh *mesh = r->scene->mMeshes[node->mMeshes[i]];
-        char where[640];
-        (void)snprintf(where, sizeof where, "%.512s: mesh '%.80s'", r->confine->scene, mesh->mName.data);
-        const struct kiln_primitive primitive = {.where = where, .context = (void *)(uintptr_t)mesh, .vertex_count = mesh->mNumVertices,
-                                                 .triangle_count = mesh->mNumFaces, .has_normals = mesh->mNormals != NULL,
-                                                 .material = mesh->mMaterialIndex, .corners = read_corners, .geometry = read_geometry,
-                                                 .attributes = read_attributes};
-        const struct kiln_material *material = &KILN_BUILDER_DATA(r->builder, struct kiln_material, KILN_SECTION_MATERIALS)[mesh->mMaterialIndex];
-        layout &= mesh->mTextureCoords[0] != NULL && material->base_color_texture == KILN_NONE && material->emission_texture == KILN_NONE;
-        for (unsigned k = 0; k < mesh->mNumFaces; k++)
-            r->not_triangles += mesh->mFaces[k].mNumIndices != 3;
-        take(r, kiln_mesh_add(r->builder, index, &primitive, &r->assembly, r->error));
-    }
-    if (r->status != KILN_OK)
-        return KILN_NONE;
-    if (KILN_BUILDER_DATA(r->builder, struct kiln_mesh, KILN_SECTION_MESHES)[index].triangle_count == 0) {
-        r->builder->sections[KILN_SECTION_MESHES].count--;
-        return KILN_NONE;
-    }
-    r->builder->mesh_has_lightmap_uv[index] = layout;
-    return index;
+    struct part *part = &r->parts[r->part_count - 1];
+    if (!obj_polygon_cut(&r->polygon, count))
+        return obj_fail(&r->text, "a face that is not convex and has more than 4096 corners; cut it into triangles", NULL);
+    const int status = kiln_grow(&r->triangles, &r->triangle_capacity, r->triangle_count + count - 2, sizeof *r->triangles, "triangles", r->error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t k = 0; k < count - 2; k++)
+        for (size_t c = 0; c < 3; c++)
+            r->triangles[r->triangle_count + k][c] = r->face[r->polygon.triangles[3 * k + c]];
+    r->triangle_count += count - 2;
+    part->triangle_count += count - 2;
+    return KILN_OK;
 }
 
-static void add_node(struct reader *r, const struct aiNode *node, const double world[12])
+static int read_face(struct reader *r)
 {
-    char name[KILN_NAME_LENGTH + 1];
-    bool skipped = false;
-    const uint32_t mesh = add_mesh(r, node);
-    if (mesh == KILN_NONE)
-        return;
-    take(r, kiln_names_unique(&r->names, node->mName.data, name, r->error));
-    if (r->status == KILN_OK)
-        take(r, kiln_object_add(r->builder, mesh, world, name, node->mName.data, NULL, r->confine->scene, &skipped, r->error));
-    r->without_area_objects += skipped;
+    struct obj_word word;
+    size_t count = 0;
+    int status = open_part(r);
+    struct part *part = r->parts + r->part_count - 1;
+    for (; status == KILN_OK && obj_next_word(&r->text, &word); count++) {
+        struct corner corner;
+        status = parse_corner(r, word, &corner);
+        if (status == KILN_OK)
+            status = obj_polygon_room(&r->polygon, count + 1, r->error);
+        if (status == KILN_OK)
+            status = kiln_grow(&r->face, &r->face_capacity, count + 1, sizeof *r->face, "the corners of a face", r->error);
+        if (status == KILN_OK)
+            status = find_corner(r, &corner, &r->face[count]);
+        if (status != KILN_OK)
+            return status;
+        r->polygon.points[count] = r->positions[corner.position];
+        part->normals |= corner.normal != KILN_NONE;
+        part->texcoords |= corner.texcoord != KILN_NONE;
+    }
+    r->lines += count < 3;
+    return status != KILN_OK || count < 3 ? status : add_triangles(r, count);
 }
 
-struct visit {
-    const struct aiNode *node;
-    double world[12];
+/* ---- the file ---- */
+
+static int read_line(struct reader *r)
+{
+    r->lines++;
+    return KILN_OK;
+}
+
+static int read_free_form(struct reader *r)
+{
+    r->free_form++;
+    return KILN_OK;
+}
+
+static int read_nothing(struct reader *r)
+{
+    (void)r;
+    return KILN_OK;
+}
+
+static const struct {
+    const char *keyword;
+    int (*read)(struct reader *r);
+} statements[] = {{"v", read_position}, {"vt", read_texcoord}, {"vn", read_normal}, {"f", read_face}, {"fo", read_face}, {"usemtl", read_use},
+                  {"g", read_group}, {"o", read_object}, {"mtllib", read_libraries}, {"l", read_line}, {"p", read_line}, {"s", read_nothing},
+                  {"lod", read_nothing}, {"bevel", read_nothing}, {"c_interp", read_nothing}, {"d_interp", read_nothing}, {"mg", read_nothing},
+                  {"usemap", read_nothing}, {"maplib", read_nothing}, {"shadow_obj", read_nothing}, {"trace_obj", read_nothing},
+                  {"vp", read_free_form}, {"cstype", read_free_form}, {"deg", read_free_form}, {"bmat", read_free_form}, {"step", read_free_form},
+                  {"curv", read_free_form}, {"curv2", read_free_form}, {"surf", read_free_form}, {"parm", read_free_form}, {"trim", read_free_form},
+                  {"hole", read_free_form}, {"scrv", read_free_form}, {"sp", read_free_form}, {"end", read_free_form}, {"con", read_free_form}};
+
+static int read_statement(struct reader *r, struct obj_word keyword)
+{
+    for (size_t i = 0; i < sizeof statements / sizeof statements[0]; i++)
+        if (obj_is(keyword, statements[i].keyword))
+            return statements[i].read(r);
+    if (r->strange++ == 0) {
+        r->strange_line = r->text.line;
+        (void)snprintf(r->strange_word, sizeof r->strange_word, "%.*s", keyword.length < 40 ? (int)keyword.length : 40, keyword.text);
+    }
+    return KILN_OK;
+}
+
+static int read_text(struct reader *r)
+{
+    struct kiln_file file;
+    struct obj_word keyword;
+    int status = kiln_confine_map(r->confine, r->builder, r->confine->name, "the scene", &file, r->error);
+    if (status != KILN_OK)
+        return status;
+    status = obj_text_open(&r->text, &file, r->confine->scene, "", r->error);
+    while (status == KILN_OK && obj_next_line(&r->text, &keyword))
+        status = read_statement(r, keyword);
+    obj_text_close(&r->text);
+    kiln_file_unmap(&file);
+    if (status == KILN_OK && r->triangle_count == 0)
+        status = kiln_fail(r->error, KILN_BAD_INPUT, "%.512s: it has no face among its %zu vertices; there is nothing to bake", r->confine->scene, r->position_count);
+    return status;
+}
+
+/* ---- into the builder ---- */
+
+struct view {
+    const struct reader *reader;
+    const struct part *part;
+    const struct obj_material *material;
 };
 
-/* The tree, without recursion; children in the file's order. */
-static void add_tree(struct reader *r)
+static void give_corners(void *context, size_t k, uint32_t corner[3])
 {
-    struct visit *stack = NULL;
-    size_t capacity = 0, depth = 1;
-    take(r, kiln_grow(&stack, &capacity, 1, sizeof *stack, "nodes", r->error));
-    if (r->status != KILN_OK)
-        return;
-    stack[0] = (struct visit){r->scene->mRootNode, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
-    while (depth > 0 && r->status == KILN_OK) {
-        const struct visit parent = stack[--depth];
-        const struct aiMatrix4x4 *m = &parent.node->mTransformation;
-        const double local[12] = {(double)m->a1, (double)m->a2, (double)m->a3, (double)m->a4, (double)m->b1, (double)m->b2,
-                                  (double)m->b3, (double)m->b4, (double)m->c1, (double)m->c2, (double)m->c3, (double)m->c4};
-        double world[12];
-        for (int row = 0; row < 3; row++)
-            for (int c = 0; c < 4; c++) {
-                world[4 * row + c] = c == 3 ? parent.world[4 * row + 3] : 0.0;
-                for (int k = 0; k < 3; k++)
-                    world[4 * row + c] += parent.world[4 * row + k] * local[4 * k + c];
-            }
-        if (parent.node->mNumMeshes > 0)
-            add_node(r, parent.node, world);
-        const unsigned children = parent.node->mNumChildren;
-        take(r, kiln_grow(&stack, &capacity, depth + children, sizeof *stack, "nodes", r->error));
-        for (unsigned i = 0; i < children && r->status == KILN_OK; i++) {
-            stack[depth].node = parent.node->mChildren[children - 1 - i];
-            memcpy(stack[depth++].world, world, sizeof world);
-        }
-    }
-    kiln_free(&stack);
+    const struct view *view = context;
+    memcpy(corner, view->reader->triangles[view->part->triangle_first + k], 3 * sizeof *corner);
 }
 
-static void write_notes(struct reader *r)
+static void give_geometry(void *context, uint32_t v, struct kiln_vec3 *position, struct kiln_vec3 *normal)
+{
+    const struct view *view = context;
+    const struct corner_value value = value_of(view->reader, &view->reader->corners[view->part->corner_first + v]);
+    *position = value.position;
+    *normal = value.normal;
+}
+
+static struct kiln_vec2 mapped(struct kiln_vec2 t, const struct obj_map *map)
+{
+    if (map->moved)
+        t = (struct kiln_vec2){map->scale[0] * t.x + map->offset[0], map->scale[1] * t.y + map->offset[1]};
+    return (struct kiln_vec2){t.x, 1.0f - t.y};
+}
+
+static void give_attributes(void *context, uint32_t v, struct kiln_attributes *out)
+{
+    const struct view *view = context;
+    const struct corner_value value = value_of(view->reader, &view->reader->corners[view->part->corner_first + v]);
+    memcpy(out->color, value.color, sizeof value.color);
+    if (!view->part->texcoords)
+        return;
+    out->base = mapped(value.texcoord, &view->material->diffuse_map);
+    out->emission = view->material->emission_map.path != 0 ? mapped(value.texcoord, &view->material->emission_map) : out->base;
+    out->lightmap = (struct kiln_vec2){value.texcoord.x, 1.0f - value.texcoord.y};
+}
+
+static int add_part(struct reader *r, const char *name, uint32_t mesh, const struct part *part)
+{
+    char where[640];
+    struct view view = {r, part, &r->materials.list[part->material]};
+    (void)snprintf(where, sizeof where, "%.512s: object '%.80s'", r->confine->scene, name);
+    const struct kiln_primitive primitive = {.where = where, .context = &view, .vertex_count = part->corner_count, .triangle_count = part->triangle_count,
+                                             .has_normals = part->normals, .material = part->material, .corners = give_corners,
+                                             .geometry = give_geometry, .attributes = give_attributes};
+    return kiln_mesh_add(r->builder, mesh, &primitive, &r->assembly, r->error);
+}
+
+/* All parts of an object are one mesh. */
+static int add_mesh(struct reader *r, const struct object *object, uint32_t *mesh)
+{
+    const char *name = r->names_text + object->name;
+    bool layout = true;
+    int status = kiln_mesh_begin(r->builder, name, mesh, r->error);
+    for (uint32_t i = object->first; status == KILN_OK && i != KILN_NONE; i = r->parts[i].next) {
+        const struct part *part = &r->parts[i];
+        const struct obj_material *material = &r->materials.list[part->material];
+        if (part->triangle_count == 0)
+            continue;
+        layout &= part->texcoords && material->diffuse_map.path == 0 && material->emission_map.path == 0;
+        status = add_part(r, name, *mesh, part);
+    }
+    if (status != KILN_OK)
+        return status;
+    if (KILN_BUILDER_DATA(r->builder, struct kiln_mesh, KILN_SECTION_MESHES)[*mesh].triangle_count == 0) {
+        r->builder->sections[KILN_SECTION_MESHES].count--;
+        *mesh = KILN_NONE;
+        return KILN_OK;
+    }
+    r->builder->mesh_has_lightmap_uv[*mesh] = layout;
+    return KILN_OK;
+}
+
+static int add_object(struct reader *r, const struct object *object)
+{
+    static const double here[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    const char *original = r->names_text + object->name;
+    char name[KILN_NAME_LENGTH + 1];
+    bool skipped = false;
+    uint32_t mesh = KILN_NONE;
+    int status = object->first == KILN_NONE ? KILN_OK : add_mesh(r, object, &mesh);
+    if (status != KILN_OK || mesh == KILN_NONE)
+        return status;
+    status = kiln_names_unique(&r->names, original, name, r->error);
+    if (status == KILN_OK)
+        status = kiln_object_add(r->builder, mesh, here, name, original, NULL, r->confine->scene, &skipped, r->error);
+    r->without_area_objects += skipped;
+    return status;
+}
+
+static int note_materials(struct reader *r)
+{
+    uint64_t undefined = 0;
+    const char *first = "";
+    for (size_t i = 1; i < r->materials.count; i++) {
+        if (r->materials.list[i].defined)
+            continue;
+        first = undefined++ == 0 ? r->materials.text + r->materials.list[i].name : first;
+    }
+    if (undefined == 0)
+        return KILN_OK;
+    return kiln_builder_note(r->builder, 1, r->error, "%llu materials are in no material file and are diffuse grey, 0.6 (the first: '%.80s')",
+                             (unsigned long long)undefined, first);
+}
+
+/* One note a kind, with numbers. */
+static int write_notes(struct reader *r)
 {
     const struct {
         uint64_t count;
         const char *text;
     } notes[] = {{r->assembly.without_area, "triangles without area were left out"},
                  {r->assembly.replaced_normals, "corner normals were zero or behind their triangle; the geometric normal took their place"},
-                 {r->not_triangles, "points or lines were left out (they count among the triangles without area)"},
-                 {r->without_area_objects, "objects are scaled to nothing and were left out"}};
-    for (size_t i = 0; i < sizeof notes / sizeof notes[0]; i++)
+                 {r->lines, "points or lines were left out"},
+                 {r->without_area_objects, "objects are scaled to nothing and were left out"},
+                 {r->free_form, "statements of free-form curves and surfaces were left out; export them as polygons"},
+                 {r->materials.physical, "statements Pr, Pm or their maps were left out: roughness and metal play no part"}};
+    int status = KILN_OK;
+    for (size_t i = 0; i < sizeof notes / sizeof notes[0] && status == KILN_OK; i++)
         if (notes[i].count > 0)
-            take(r, kiln_builder_note(r->builder, 1, r->error, "%llu %s", (unsigned long long)notes[i].count, notes[i].text));
-    const struct kiln_environment none = {0};
-    take(r, kiln_builder_append(r->builder, KILN_SECTION_ENVIRONMENT, &none, 1, NULL, r->error));
+            status = kiln_builder_note(r->builder, 1, r->error, "%llu %s", (unsigned long long)notes[i].count, notes[i].text);
+    if (status == KILN_OK && r->strange > 0)
+        status = kiln_builder_note(r->builder, 1, r->error, "%llu statements that kiln does not know were left out (the first: '%.40s' in line %llu)",
+                                   (unsigned long long)r->strange, r->strange_word, (unsigned long long)r->strange_line);
+    return status == KILN_OK ? note_materials(r) : status;
 }
 
-/* Reads the scene's own file once before Assimp does, when it is an OBJ in a one-byte encoding. */
-static void check_text(struct reader *r)
+static int add_all(struct reader *r)
 {
-    const char *dot = strrchr(r->confine->name, '.');
-    struct kiln_file file;
-    if (dot == NULL || strcasecmp(dot, ".obj") != 0)
-        return;
-    take(r, kiln_confine_map(r->confine, r->builder, r->confine->name, "the scene", &file, r->error));
-    if (r->status != KILN_OK)
-        return;
-    const bool wide = file.size >= 2 && ((file.data[0] == 0xff && file.data[1] == 0xfe) || (file.data[0] == 0xfe && file.data[1] == 0xff));
-    const size_t mark = file.size >= 3 && memcmp(file.data, "\xef\xbb\xbf", 3) == 0 ? 3 : 0;
-    if (!wide)
-        take(r, kiln_obj_check(r->confine->scene, file.data + mark, file.size - mark, r->error));
-    kiln_file_unmap(&file);
+    const struct kiln_environment none = {0};
+    int status = obj_add_materials(&r->materials);
+    for (size_t i = 0; i < r->object_count && status == KILN_OK; i++)
+        status = add_object(r, &r->objects[i]);
+    if (status == KILN_OK)
+        status = write_notes(r);
+    return status != KILN_OK ? status : kiln_builder_append(r->builder, KILN_SECTION_ENVIRONMENT, &none, 1, NULL, r->error);
+}
+
+static void release(struct reader *r)
+{
+    obj_materials_end(&r->materials);
+    obj_polygon_destroy(&r->polygon);
+    obj_symbols_destroy(&r->object_names);
+    kiln_names_destroy(&r->names);
+    kiln_free(&r->positions);
+    kiln_free(&r->normals);
+    kiln_free(&r->texcoords);
+    kiln_free(&r->colors);
+    kiln_free(&r->corners);
+    kiln_free(&r->triangles);
+    kiln_free(&r->slots);
+    kiln_free(&r->face);
+    kiln_free(&r->parts);
+    kiln_free(&r->objects);
+    kiln_free(&r->names_text);
 }
 
 int kiln_obj_read(struct kiln_confine *confine, struct kiln_builder *builder, struct kiln_error *error)
 {
-    struct reader r = {.confine = confine, .builder = builder, .error = error, .images = {.confine = confine, .builder = builder}};
-    check_text(&r);
-    if (r.status != KILN_OK)
-        return r.status;
-    struct aiFileIO io = {.OpenProc = file_open, .CloseProc = file_close, .UserData = (aiUserData)(void *)&r};
-    r.scene = aiImportFileEx(confine->name, aiProcess_Triangulate | aiProcess_JoinIdenticalVertices | aiProcess_ValidateDataStructure, &io);
-    if (r.scene == NULL)
-        take(&r, kiln_fail(error, KILN_BAD_INPUT, "%.512s: it cannot be read (Assimp: %.300s); repair the file or export it as glTF",
-                           confine->scene, aiGetErrorString()));
-    if (r.status == KILN_OK && (r.scene->mNumMeshes == 0 || r.scene->mNumMaterials == 0 || r.scene->mRootNode == NULL))
-        take(&r, kiln_fail(error, KILN_BAD_INPUT, "%.512s: it has no mesh; there is nothing to bake", confine->scene));
-    for (unsigned i = 0; r.status == KILN_OK && i < r.scene->mNumMaterials; i++)
-        add_material(&r, r.scene->mMaterials[i]);
-    if (r.status == KILN_OK)
-        add_tree(&r);
-    if (r.status == KILN_OK)
-        write_notes(&r);
-    if (r.scene != NULL)
-        aiReleaseImport(r.scene);
-    kiln_names_destroy(&r.names);
-    kiln_images_destroy(&r.images);
-    return r.status;
+    struct reader r = {.confine = confine, .builder = builder, .error = error, .object = KILN_NONE,
+                       .materials = {.confine = confine, .builder = builder, .error = error, .images = {.confine = confine, .builder = builder}}};
+    int status = obj_materials_begin(&r.materials);
+    if (status == KILN_OK)
+        status = keep_name(&r, (struct obj_word){"", 0}, &r.group);
+    if (status == KILN_OK)
+        status = read_text(&r);
+    if (status == KILN_OK)
+        status = add_all(&r);
+    release(&r);
+    return status;
 }

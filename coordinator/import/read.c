@@ -13,15 +13,14 @@
 #include "coordinator/import/obj.h"
 #include "worker/base/memory.h"
 
-enum reader { READER_NONE, READER_GLTF, READER_ASSIMP };
+enum reader { READER_NONE, READER_GLTF, READER_OBJ };
 
 static enum reader reader_of(const char *name)
 {
     static const struct {
         const char *extension;
         enum reader reader;
-    } readers[] = {{".gltf", READER_GLTF}, {".glb", READER_GLTF},   {".obj", READER_ASSIMP}, {".ply", READER_ASSIMP},
-                   {".stl", READER_ASSIMP}, {".fbx", READER_ASSIMP}, {".dae", READER_ASSIMP}, {".3ds", READER_ASSIMP}};
+    } readers[] = {{".gltf", READER_GLTF}, {".glb", READER_GLTF}, {".obj", READER_OBJ}};
     const char *dot = strrchr(name, '.');
     for (size_t i = 0; dot != NULL && i < sizeof readers / sizeof readers[0]; i++)
         if (strcasecmp(dot, readers[i].extension) == 0)
@@ -120,11 +119,11 @@ int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(con
     case READER_GLTF:
         status = kiln_gltf_read(confine, builder, error);
         break;
-    case READER_ASSIMP:
+    case READER_OBJ:
         status = kiln_obj_read(confine, builder, error);
         break;
     default:
-        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s: kiln does not read files of this name; give a .glb, .gltf, .obj, .ply, .stl or .kscene",
+        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s: kiln does not read files of this name; give a .glb, .gltf, .obj or .kscene",
                            params->path);
     }
     if (status == KILN_OK)

@@ -1,0 +1,202 @@
+/* The pieces of the OBJ reader: numbers, words and lines, polygons. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "coordinator/import/obj_polygon.h"
+#include "coordinator/import/obj_symbols.h"
+#include "coordinator/import/obj_text.h"
+
+static bool parse(const char *text, double *value) { return obj_parse_number((struct obj_word){text, strlen(text)}, value); }
+
+static void numbers_are_those_of_the_c_library(void **state)
+{
+    (void)state;
+    static const char *const given[] = {"0", "-0", "1", "+1", "-1.5", ".5", "5.", "1e3", "1E+3", "1e-3", "0.1", "123456789012345678", "0.000000000000000000000000123",
+                                        "3.4028234e38", "1e-45", "1e-400", "2.2250738585072011e-308", "0.30000000000000004", "00012.500", "179769313486231570000e18"};
+    for (size_t i = 0; i < sizeof given / sizeof given[0]; i++) {
+        double value = -7.0;
+        const bool fits = fabs(strtod(given[i], NULL)) <= 3e38;
+        assert_int_equal(parse(given[i], &value), fits);
+        if (fits)
+            assert_memory_equal(&value, &(double){strtod(given[i], NULL)}, sizeof value);
+    }
+}
+
+static void any_decimal_is_rounded_as_the_c_library_rounds_it(void **state)
+{
+    (void)state;
+    srand(11);
+    for (int i = 0; i < 20000; i++) {
+        char text[64];
+        double value;
+        (void)snprintf(text, sizeof text, "%s%.*f", rand() % 2 ? "-" : "", rand() % 18, (double)rand() / (1 + rand() % 1000));
+        assert_true(parse(text, &value));
+        assert_true(value == strtod(text, NULL));
+        (void)snprintf(text, sizeof text, "%.*e", rand() % 18, ldexp((double)rand(), rand() % 60 - 60));
+        assert_true(parse(text, &value));
+        assert_true(value == strtod(text, NULL));
+    }
+}
+
+static void what_is_no_number(void **state)
+{
+    (void)state;
+    static const char *const given[] = {"", "-", "+", ".", "-.", "e5", "1e", "1e+", "1.2.3", "0x10", "nan", "inf", "1,5", "1f", "--1", "1e999", "-4e38", "1 "};
+    double value;
+    for (size_t i = 0; i < sizeof given / sizeof given[0]; i++)
+        assert_false(parse(given[i], &value));
+    char *digits = malloc(100001);
+    memset(digits, '1', 100000);
+    digits[100000] = '\0';
+    assert_false(parse(digits, &value));
+    free(digits);
+}
+
+static void lines_and_words(void **state)
+{
+    (void)state;
+    static const char text[] = "\r\n# c\n  f 1 \\\r\n 2\\\n3 # end\nusemtl  two words \r\n\n\\\nlast\\";
+    const struct kiln_file file = {(const unsigned char *)text, sizeof text - 1};
+    struct obj_text t;
+    struct obj_word word;
+    assert_int_equal(obj_text_open(&t, &file, "a.obj", "", NULL), KILN_OK);
+    assert_true(obj_next_line(&t, &word) && obj_is(word, "f") && t.line == 3);
+    static const char *const corners[] = {"1", "2", "3"};
+    for (size_t i = 0; i < 3; i++)
+        assert_true(obj_next_word(&t, &word) && obj_is(word, corners[i]));
+    assert_false(obj_next_word(&t, &word));
+    assert_true(obj_next_line(&t, &word) && obj_is(word, "usemtl") && t.line == 6);
+    assert_true(obj_is(obj_rest(&t), "two words"));
+    assert_true(obj_next_line(&t, &word) && obj_is(word, "last\\") && t.line == 9);
+    assert_false(obj_next_line(&t, &word));
+    obj_text_close(&t);
+}
+
+static void sixteen_bit_text(void **state)
+{
+    (void)state;
+    static const unsigned char little[] = {0xff, 0xfe, 'v', 0, ' ', 0, 0x3d, 0xd8, 0x00, 0xde, 0xe9, 0}, big[] = {0xfe, 0xff, 0, 'v', 0, ' ', 0xd8, 0x3d, 0xde, 0x00, 0, 0xe9};
+    const struct kiln_file files[] = {{little, sizeof little}, {big, sizeof big}};
+    for (int i = 0; i < 2; i++) {
+        struct obj_text t;
+        struct obj_word word;
+        assert_int_equal(obj_text_open(&t, &files[i], "a.obj", "", NULL), KILN_OK);
+        assert_true(obj_next_line(&t, &word) && obj_is(word, "v"));
+        assert_true(obj_is(obj_rest(&t), "\xf0\x9f\x98\x80\xc3\xa9"));
+        obj_text_close(&t);
+    }
+}
+
+static struct kiln_dvec3 area_of(const struct obj_polygon *p, size_t triangle)
+{
+    const uint32_t *c = p->triangles + 3 * triangle;
+    const struct kiln_dvec3 a = dvec3_of(p->points[c[0]]);
+    return dvec3_scale(dvec3_cross(dvec3_sub(dvec3_of(p->points[c[1]]), a), dvec3_sub(dvec3_of(p->points[c[2]]), a)), 0.5);
+}
+
+/* A star of `count` corners with radii from 0.3 to 1, in a tilted plane, turned either way round. */
+static void make_star(struct obj_polygon *p, size_t count, bool reverse)
+{
+    assert_int_equal(obj_polygon_room(p, count, NULL), KILN_OK);
+    for (size_t i = 0; i < count; i++) {
+        const double r = 0.3 + 0.7 * rand() / RAND_MAX, angle = 2.0 * KILN_PI * (double)i / (double)count;
+        const float x = (float)(r * cos(angle)), y = (float)(r * sin(angle));
+        p->points[reverse ? count - 1 - i : i] = vec3(x, y, 0.5f * x - 0.25f * y);
+    }
+}
+
+/* The triangles all turn the same way and their areas add up to the polygon's: they cover it without an overlap. */
+static void triangles_cover_polygons(void **state)
+{
+    (void)state;
+    struct obj_polygon p = {0};
+    srand(5);
+    for (int k = 0; k < 400; k++) {
+        const size_t count = 4 + (size_t)rand() % 40;
+        make_star(&p, count, k % 2 == 1);
+        struct kiln_dvec3 whole = dvec3(0, 0, 0);
+        for (size_t i = 0; i < count; i++)
+            whole = dvec3_add(whole, dvec3_scale(dvec3_cross(dvec3_of(p.points[i]), dvec3_of(p.points[(i + 1) % count])), 0.5));
+        assert_true(obj_polygon_cut(&p, count));
+        double sum = 0.0;
+        for (size_t i = 0; i + 2 < count; i++) {
+            assert_true(dvec3_dot(area_of(&p, i), whole) > -1e-9);
+            sum += dvec3_length(area_of(&p, i));
+        }
+        assert_true(fabs(sum - dvec3_length(whole)) < 1e-5);
+    }
+    obj_polygon_destroy(&p);
+}
+
+static void a_concave_quadrilateral_is_cut_at_its_reflex_corner(void **state)
+{
+    (void)state;
+    struct obj_polygon p = {0};
+    assert_int_equal(obj_polygon_room(&p, 4, NULL), KILN_OK);
+    const struct kiln_vec3 corners[4] = {vec3(0, 0, 0), vec3(2, -1, 0), vec3(0.5f, 0, 0), vec3(2, 1, 0)};
+    for (size_t shift = 0; shift < 4; shift++) {
+        for (size_t i = 0; i < 4; i++)
+            p.points[i] = corners[(i + shift) % 4];
+        assert_true(obj_polygon_cut(&p, 4));
+        for (size_t t = 0; t < 2; t++)
+            assert_true(area_of(&p, t).z > 0.0);
+    }
+    obj_polygon_destroy(&p);
+}
+
+static void large_and_hopeless_polygons_end(void **state)
+{
+    (void)state;
+    struct obj_polygon p = {0};
+    const size_t many = 200000;
+    assert_int_equal(obj_polygon_room(&p, many, NULL), KILN_OK);
+    for (size_t i = 0; i < many; i++)
+        p.points[i] = vec3((float)cos(2.0 * KILN_PI * (double)i / (double)many) * 1e6f, (float)sin(2.0 * KILN_PI * (double)i / (double)many) * 1e6f, 0);
+    (void)obj_polygon_cut(&p, many); /* rounding may make it concave: refused, then */
+    for (size_t i = 0; i < OBJ_CONCAVE_MAX; i++)
+        p.points[i] = vec3((float)(rand() % 1000), (float)(rand() % 1000), (float)(rand() % 3));
+    assert_true(obj_polygon_cut(&p, OBJ_CONCAVE_MAX)); /* crosses itself everywhere */
+    for (size_t i = 0; i < 3 * (OBJ_CONCAVE_MAX - 2); i++)
+        assert_true(p.triangles[i] < OBJ_CONCAVE_MAX);
+    for (size_t i = 0; i < 100; i++)
+        p.points[i] = vec3((float)i, 0, 0);
+    assert_true(obj_polygon_cut(&p, 100));
+    make_star(&p, OBJ_CONCAVE_MAX + 1, false);
+    assert_false(obj_polygon_cut(&p, OBJ_CONCAVE_MAX + 1));
+    obj_polygon_destroy(&p);
+}
+
+static void names_keep_their_numbers(void **state)
+{
+    (void)state;
+    struct obj_symbols s = {0};
+    char name[32];
+    for (uint32_t round = 0; round < 2; round++)
+        for (uint32_t i = 0; i < 5000; i++) {
+            const int length = snprintf(name, sizeof name, "name %u", i);
+            uint32_t value = i + 100 * round;
+            assert_int_equal(obj_symbol(&s, name, (size_t)length, &value, NULL), KILN_OK);
+            assert_int_equal(value, i);
+        }
+    obj_symbols_destroy(&s);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(numbers_are_those_of_the_c_library), cmocka_unit_test(any_decimal_is_rounded_as_the_c_library_rounds_it),
+        cmocka_unit_test(what_is_no_number),                  cmocka_unit_test(lines_and_words),
+        cmocka_unit_test(sixteen_bit_text),                   cmocka_unit_test(triangles_cover_polygons),
+        cmocka_unit_test(a_concave_quadrilateral_is_cut_at_its_reflex_corner), cmocka_unit_test(large_and_hopeless_polygons_end),
+        cmocka_unit_test(names_keep_their_numbers),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
