@@ -212,10 +212,12 @@ static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_
     int status = b->job->samples_probe != 0 ? kiln_volume_grid(&volume, p->scene, b->job->probe_spacing, error) : KILN_OK;
     if (status == KILN_OK && b->rank == 0 && p->surface == NULL)
         status = check_places(b, error);
-    if (status == KILN_OK && b->rank == 0)
-        status = check_room(b, p, &volume, error);
     status = kiln_agree(b->communicator, status, error);
-    return status == KILN_OK && p->surface != NULL ? compare_with_checkpoint(b, p, error) : status;
+    if (status == KILN_OK && p->surface != NULL)
+        status = compare_with_checkpoint(b, p, error);
+    if (status == KILN_OK) /* what --no-resume discards is gone by now */
+        status = kiln_agree(b->communicator, b->rank == 0 ? check_room(b, p, &volume, error) : KILN_OK, error);
+    return status;
 }
 
 /* The bits of a bake that was begun on another machine are kept where this one can. */
