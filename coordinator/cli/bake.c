@@ -239,6 +239,7 @@ static int prepare(struct bake *b, struct kiln_error *error)
 static int agree_after_phase(struct bake *b, int status, struct kiln_error *error)
 {
     kiln_phase(&b->phases, "waiting");
+    kiln_control_meet(b->control);
     status = kiln_agree(b->communicator, status, error);
     kiln_phase(&b->phases, NULL);
     return status;
@@ -460,6 +461,7 @@ static int write_scene(struct bake *b, struct kiln_error *error)
         else if (status != KILN_OK)
             *error = own;
     }
+    kiln_control_meet(b->control);
     (void)MPI_Bcast(&told, 1, MPI_INT, 0, b->communicator);
     b->exported = told == 0;
     return agree_after_phase(b, told != 0 ? KILN_OK : status, error);
