@@ -369,6 +369,7 @@ void kiln_control_meet(struct kiln_control *c)
         (void)MPI_Test(&all, &here, MPI_STATUS_IGNORE);
         if (here != 0)
             break;
+        (void)asked(c); /* a signal that reached only who waits has to reach who works */
         (void)nanosleep(&pause, NULL);
         if (pause.tv_nsec < 1000000)
             pause.tv_nsec += pause.tv_nsec / 2;

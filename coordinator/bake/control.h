@@ -65,7 +65,7 @@ enum kiln_event kiln_control_poll(struct kiln_control *control, bool done, doubl
  * rank has something to do, or to say. */
 enum kiln_event kiln_control_wait(struct kiln_control *control, bool done, double share, int failed, bool (*news)(void *context), void *context);
 
-/* Collective. Waits until all ranks are here, asleep most of the time: to be called where work of unequal length lies before a call that
+/* Collective. Waits until all ranks are here, asleep most of the time, and passes a signal on to those that still work: to be called where work of unequal length lies before a call that
  * kiln_control_blocking gives a limit. */
 void kiln_control_meet(struct kiln_control *control);
 

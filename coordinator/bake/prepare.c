@@ -90,11 +90,13 @@ static const struct kiln_prepare_care careless = {0};
 
 static const struct kiln_stop *stop_of(const struct kiln_prepare_care *care) { return care->control != NULL ? kiln_control_stop(care->control) : NULL; }
 
-/* Collective. Between steps of which none looks by itself. */
+/* Collective. After a step: looks whether to stop, also while it waits for others. */
 static int go_on(const struct kiln_prepared *p, const struct kiln_prepare_care *care, int status, struct kiln_error *error)
 {
     if (status == KILN_OK && kiln_stop_asked(stop_of(care)))
         status = kiln_give_up(error);
+    if (care->control != NULL)
+        kiln_control_meet(care->control);
     return kiln_agree(p->communicator, status, error);
 }
 
@@ -186,7 +188,7 @@ static int build_world(struct kiln_prepared *p, const struct kiln_job *job, cons
         kiln_devices_choose(job, p->node_rank, p->node_ranks, &params);
         status = kiln_backend_create(&p->backend, job->backend != NULL ? job->backend : "auto", &params, error);
     }
-    return kiln_agree(p->communicator, status, error);
+    return go_on(p, care, status, error);
 }
 
 /* Moves an array that is the same on all ranks of a node to a block of theirs; where that has no room, it stays. Collective on the node. */

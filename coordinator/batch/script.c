@@ -9,23 +9,21 @@ static bool is_plain(unsigned char c) { return isalnum(c) || strchr("%+,-./:=@_"
 
 void kiln_batch_quote(FILE *stream, const char *text)
 {
-    bool plain = text[0] != '\0', control = false;
+    bool plain = text[0] != '\0', escaped = false; /* $'...', in which nothing is left that could be meant otherwise */
     for (const char *at = text; *at != '\0'; at++) {
         plain = plain && is_plain((unsigned char)*at);
-        control = control || iscntrl((unsigned char)*at);
+        escaped = escaped || iscntrl((unsigned char)*at) || strchr("$`\\'", *at) != NULL;
     }
     if (plain) {
         (void)fputs(text, stream);
         return;
     }
-    (void)fputs(control ? "$'" : "'", stream);
+    (void)fputs(escaped ? "$'" : "'", stream);
     for (const char *at = text; *at != '\0'; at++) {
-        if (control && iscntrl((unsigned char)*at))
+        if (iscntrl((unsigned char)*at))
             (void)fprintf(stream, "\\%03o", (unsigned)(unsigned char)*at);
-        else if (control && (*at == '\'' || *at == '\\'))
+        else if (*at == '\'' || *at == '\\')
             (void)fprintf(stream, "\\%c", *at);
-        else if (*at == '\'')
-            (void)fputs("'\\''", stream);
         else
             (void)fputc(*at, stream);
     }

@@ -219,10 +219,12 @@ static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_
     int status = b->job->samples_probe != 0 ? kiln_volume_grid(&volume, p->scene, b->job->probe_spacing, error) : KILN_OK;
     if (status == KILN_OK && b->rank == 0 && p->surface != NULL)
         status = check_lightmaps(b, p, error);
-    if (status == KILN_OK && b->rank == 0)
-        status = check_room(b, p, &volume, error);
     status = kiln_agree(b->communicator, status, error);
-    return status == KILN_OK && p->surface != NULL ? compare_with_checkpoint(b, p, error) : status;
+    if (status == KILN_OK && p->surface != NULL)
+        status = compare_with_checkpoint(b, p, error);
+    if (status == KILN_OK) /* what --no-resume discards is gone by now */
+        status = kiln_agree(b->communicator, b->rank == 0 ? check_room(b, p, &volume, error) : KILN_OK, error);
+    return status;
 }
 
 /* The bits of a bake that was begun on another machine are kept where this one can. */
@@ -244,6 +246,7 @@ static int prepare(struct bake *b, struct kiln_error *error)
 static int agree_after_phase(struct bake *b, int status, struct kiln_error *error)
 {
     kiln_phase(&b->phases, "waiting");
+    kiln_control_meet(b->control);
     status = kiln_agree(b->communicator, status, error);
     kiln_phase(&b->phases, NULL);
     return status;
@@ -462,6 +465,7 @@ static int write_scene(struct bake *b, struct kiln_error *error)
         else if (status != KILN_OK)
             *error = own;
     }
+    kiln_control_meet(b->control);
     (void)MPI_Bcast(&told, 1, MPI_INT, 0, b->communicator);
     b->exported = told == 0;
     return agree_after_phase(b, told != 0 ? KILN_OK : status, error);

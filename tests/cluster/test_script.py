@@ -76,6 +76,8 @@ class Names(Place):
         self.program("mpirun", f"#!/bin/bash\nprintf '%s' \"${{@: -1}}\" > {self.folder}/job\n")
         script = self.submit("--dry-run", "--array", "jobs/*.yaml").stdout
         self.assertIn(f"#SBATCH --array=0-{len(names) - 1}\n", script)
+        if shutil.which("shellcheck") is not None:
+            self.assertEqual(subprocess.run(["shellcheck", "-"], input=script, text=True, capture_output=True).stdout, "", "with all names in it")
         found = set()
         for task in range(len(names)):
             with self.run_script(script, SLURM_ARRAY_TASK_ID=str(task)) as run:
@@ -104,7 +106,8 @@ class Names(Place):
         if shutil.which("shellcheck") is None:
             self.skipTest("shellcheck is not installed")
         for words in ([], ["--gpus", "4", "--nodes", "3", "--memory", "0.5", "--time", "1-0", "--partition", "p", "--account", "a"],
-                      ["--threads", "3", "--ranks-per-node", "2", "--setup", "x y"], ["--nodes", "2", "--tries", "3"]):
+                      ["--threads", "3", "--ranks-per-node", "2", "--setup", "x y"], ["--nodes", "2", "--tries", "3"], ["--warning", "5"],
+                      ["--gpus", "2", "--nodes", "2", "--tries", "2", "--threads", "7", "--setup", "$x"]):
             script = self.submit("--dry-run", "cornell.glb", *words).stdout
             done = subprocess.run(["shellcheck", "-"], input=script, text=True, capture_output=True)
             self.assertEqual(done.stdout, "")

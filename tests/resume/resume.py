@@ -5,6 +5,7 @@
     resume.py --kiln PATH layouts     go on with other numbers of ranks and threads
     resume.py --kiln PATH bounces     hundreds of bounces, stopped and gone on with after the 256th
     resume.py --kiln PATH signals     SIGUSR1, SIGTERM, SIGINT, kiln stop, --max-time: 75, and what kiln status says
+    resume.py --kiln PATH phases      a signal to one of two ranks in every phase: 75 within 5 s
     resume.py --kiln PATH refusals    another scene or setting is refused, with a table
     resume.py --kiln PATH damage      flipped bits, cut and missing files: noticed, the generation before is used (KILN_FLIPS, KILN_SEED)
     resume.py --kiln PATH disk        full disk 74, read-only folder 73 or 77, last generation whole
@@ -56,11 +57,14 @@ class Tool:
         command = [self.kiln, 'bake', scene, '-o', folder, '--no-preview', '--threads', str(threads), *OPTIONS, *map(str, more)]
         return (['mpirun', '--bind-to', 'none', '-n', str(ranks)] if ranks else []) + command
 
-    def start(self, folder, *more, log=None, private=False, **how):
-        """Runs in the background; what it prints goes to LOG.out and LOG.err (LOG: the folder's name). private: FOLDER.tmp is its TMPDIR."""
+    def start(self, folder, *more, log=None, private=False, halt='', **how):
+        """Runs in the background; what it prints goes to LOG.out and LOG.err (LOG: the folder's name). private: FOLDER.tmp is its TMPDIR.
+        halt: RANK:PLACE, where that rank stops itself."""
         log = log or folder
         env = dict(os.environ)
         env.update(harness.MPI_ENVIRONMENT)
+        if halt:
+            env['KILN_HALT_RANK'] = halt
         if private:
             os.makedirs(folder + '.tmp', exist_ok=True)
             env['TMPDIR'] = folder + '.tmp'
@@ -562,6 +566,11 @@ def try_signals(checks, tool):
     tool.run('stop', folder)
     status = finish(process)
     checks.that(status == STOPPED, 'stopped within the probes it ended with %s: %s' % (status, text(folder)[-300:]))
+    other = folder + '-other'  # with fewer rays a probe: all that is kept but the probes is of use
+    shutil.copytree(folder, other)
+    again = tool.bake(other, ranks=2)
+    checks.that('they are gathered anew' in again.stderr, 'other probes: not said', again)
+    same(checks, tool, reference, other, again, 'other probes')
     again = tool.bake(folder, *PROBES, ranks=3)
     whole = tool.folder()
     checks.that(tool.bake(whole, *PROBES, threads=2).status == 0, 'a bake with more probe rays')
@@ -578,6 +587,40 @@ def try_signals(checks, tool):
         status, time.monotonic() - began))
     checks.that(not readable(folder), 'two SIGINT: %s' % readable(folder))
     same(checks, tool, reference, folder, tool.bake(folder), 'two SIGINT')
+
+
+PHASES = ('import', 'scene and BVH', 'surface points', 'validity', 'emission', 'direct light', 'final gather', 'probes', 'lightmaps', 'kiln.h5', 'volume.hdf',
+          'scene.glb', 'preview')
+
+
+def try_phases(checks, tool):
+    """One of two ranks is told to stop when it has come to a phase (where it halts until it is told): all end within 5 s, say what is kept, and
+    go on from there."""
+    reference, _ = reference_of(checks, tool, '--preview')
+    folder, slowest, kept = tool.folder(), 0, False
+    for phase in PHASES:
+        process = tool.start(folder, '--preview', '--watchdog', 100, ranks=2, halt='1:' + phase)
+        wait_for(lambda: process.poll() is not None or (len(ranks_of(process)) == 2 and 'T' in map(state_of, ranks_of(process))))
+        halted = [rank for rank in ranks_of(process) if state_of(rank) == 'T']
+        if not checks.that(len(halted) == 1, '%s: no rank came to it: %s' % (phase, text(folder)[-300:])):
+            finish(process)
+            continue
+        os.kill(halted[0], signal.SIGHUP)
+        began = time.monotonic()
+        while process.poll() is None and time.monotonic() - began < 30:  # some phases are begun twice
+            if state_of(halted[0]) == 'T':
+                os.kill(halted[0], signal.SIGCONT)
+            time.sleep(0.01)
+        status = finish(process)
+        slowest, said = max(slowest, time.monotonic() - began), text(folder)
+        checks.that(status == STOPPED and 'stopped by SIGHUP' in said, '%s: ended with %s: %s' % (phase, status, said[-300:]))
+        kept = kept or PHASES.index(phase) >= PHASES.index('direct light')
+        words = 'nothing to keep' if not kept else 'goes on from it'
+        checks.that(words in said and bool(generations(folder)) == kept, '%s: what is kept: %s' % (phase, said[-300:]))
+        checks.that(not readable(folder), '%s: %s' % (phase, readable(folder)))
+    checks.that(slowest < 5, 'the slowest stop took %.1f s' % slowest)
+    same(checks, tool, reference, folder, tool.bake(folder, '--preview'), 'stopped in each of %d phases' % len(PHASES))
+    print('stopped in each of %d phases, after %.1f s at most' % (len(PHASES), slowest))
 
 
 def try_warnings(checks, tool):
@@ -616,14 +659,14 @@ def try_warnings(checks, tool):
 def try_refusals(checks, tool):
     reference, _ = reference_of(checks, tool)
     folder = interrupted(tool, checks)
-    changes = [('seed', 1), ('samples-direct', 31), ('samples-bounce', 31), ('samples-indirect', 255), ('bounces', 3), ('samples-probe', 63), ('schedule', 'equal'),
+    changes = [('seed', 1), ('samples-direct', 31), ('samples-bounce', 31), ('samples-indirect', 255), ('bounces', 3), ('schedule', 'equal'),
                ('lightmap-size', 63), ('cell-size', 0.7), ('partition', 'objects'), ('environment', '1,1,1'), ('environment-scale', 2),
-               ('environment-rotation', 3), ('probe-spacing', 0.3), ('texels-per-metre', 20), ('lightmap-max', 2048)]
+               ('environment-rotation', 3), ('texels-per-metre', 20), ('lightmap-max', 2048)]
     for name, value in changes:
         process = tool.bake(folder, '--' + name, value)
         checks.that(process.status == BAD_INPUT and 'in the checkpoint' in process.stderr and name in process.stderr,
                     '--%s %s was not refused with a table: %d' % (name, value, process.status), process)
-    for flag in ('--tail', '--half', '--repack', '--no-stitch', '--no-error-map'):
+    for flag in ('--tail', '--repack'):
         process = tool.bake(folder, flag)
         checks.that(process.status == BAD_INPUT, '%s was not refused: %d' % (flag, process.status), process)
     changed = os.path.join(tool.scratch, 'cornell.glb')
@@ -638,6 +681,11 @@ def try_refusals(checks, tool):
     checks.that(process.status == BAD_INPUT and 'scene content' in process.stderr, 'another scene was not refused: %d' % process.status, process)
     checks.that(len(generations(folder)) == 2, 'after refusals %d generations' % len(generations(folder)))
     same(checks, tool, reference, folder, tool.bake(folder, '--checkpoint-every', 100, '--watchdog', 9, '--quiet', threads=2), 'after refusals')
+    folder = interrupted(tool, checks)  # what changes no light on surfaces is no reason to refuse, and those keep their bits
+    process = tool.bake(folder, '--half', '--no-stitch', '--no-error-map', '--probe-spacing', 1, '--samples-probe', 9)
+    checks.that(process.status == 0 and 'going on from checkpoint' in process.stderr, 'other files and probes: ended with %d' % process.status, process)
+    kept = {k: v for k, v in result(folder).items() if k.startswith('kiln.h5')}
+    checks.that(kept and all(reference[k] == v for k, v in kept.items()), 'other files and probes: the points are not the same', process)
     folder = interrupted(tool, checks)
     process = tool.bake(folder, '--seed', 1, '--no-resume')
     checks.that(process.status == 0 and not os.path.exists(os.path.join(folder, 'checkpoint')), '--no-resume ended with %d' % process.status, process)
@@ -912,7 +960,8 @@ def try_cost(checks, tool):
             print('%d ranks, --checkpoint-every %s: %.2f s, %+.1f %%' % (max(ranks, 1), every, min(values), 100 * (min(values) / base - 1)))
 
 
-PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'bounces': try_bounces, 'signals': try_signals, 'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults, 'interrupted': try_interrupted,
+PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'bounces': try_bounces, 'signals': try_signals, 'phases': try_phases,
+         'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults, 'interrupted': try_interrupted,
          'warnings': try_warnings, 'watchdog': try_watchdog, 'halts': try_halts, 'cost': try_cost}
 
 

@@ -4,6 +4,7 @@
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/resource.h>
 
 #include "worker/base/text.h"
 
@@ -71,7 +72,12 @@ int kiln_fail_errno(struct kiln_error *error, int status, const char *format, ..
         take(error, format, arguments);
         va_end(arguments);
         const size_t used = strlen(error->message);
-        (void)snprintf(error->message + used, sizeof error->message - used, ": %s", strerror(number));
+        struct rlimit most;
+        if (number == EFBIG && getrlimit(RLIMIT_FSIZE, &most) == 0 && most.rlim_cur != RLIM_INFINITY)
+            (void)snprintf(error->message + used, sizeof error->message - used, ": no file may have more than %llu bytes here (ulimit -f)",
+                           (unsigned long long)most.rlim_cur);
+        else
+            (void)snprintf(error->message + used, sizeof error->message - used, ": %s", strerror(number));
     }
     return status;
 }

@@ -34,7 +34,7 @@ int kiln_fail(struct kiln_error *error, int status, const char *format, ...) __a
 /* As kiln_fail, with `table` after the sentence, whose rows begin with a line feed each: cells from outside go through kiln_text_plain before. */
 int kiln_fail_table(struct kiln_error *error, int status, const char *table, const char *format, ...) __attribute__((format(printf, 4, 5)));
 
-/* As kiln_fail, with ": " and the text of errno at the end. Chooses KILN_PERMISSION for EACCES/EPERM, KILN_NO_INPUT for
+/* As kiln_fail, with ": " and the text of errno at the end; of EFBIG that is the process's limit. Chooses KILN_PERMISSION for EACCES/EPERM, KILN_NO_INPUT for
  * ENOENT and KILN_SYSTEM for ENOMEM when `status` is 0; else uses `status`. */
 int kiln_fail_errno(struct kiln_error *error, int status, const char *format, ...) __attribute__((format(printf, 3, 4)));
 
