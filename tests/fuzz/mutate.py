@@ -38,8 +38,9 @@ FINE = (0, 64, 65, 66, 73, 74, 75, 77)
 LEAK = 99
 LIBRARIES = ('/usr/', '/lib/', '/lib64/', '/etc/', '/proc/', '/sys/', '/dev/null/', '/dev/urandom/', '/dev/shm/', '/dev/dri/', '/dev/pts/')
 MPI = {'OMPI_ALLOW_RUN_AS_ROOT': '1', 'OMPI_ALLOW_RUN_AS_ROOT_CONFIRM': '1', 'OMPI_MCA_btl': 'self,vader,tcp', 'OMPI_MCA_pml': 'ob1', 'OMPI_MCA_rmaps_base_oversubscribe': '1',
-       'OMPI_MCA_hwloc_base_binding_policy': 'none', 'OMP_NUM_THREADS': '1', 'HDF5_USE_FILE_LOCKING': 'FALSE'}
-SANITIZERS = {'ASAN_OPTIONS': 'abort_on_error=1:symbolize=0:allocator_may_return_null=1:max_allocation_size_mb=4096:quarantine_size_mb=8:detect_leaks=1:log_to_syslog=0',
+       'OMPI_MCA_hwloc_base_binding_policy': 'none', 'OMP_NUM_THREADS': '1', 'OMP_WAIT_POLICY': 'passive'}
+SANITIZERS = {'OMP_THREAD_LIMIT': '1', 'LD_BIND_NOW': '1',  # no threads that a fork would lose, no symbols to be looked up in each
+              'ASAN_OPTIONS': 'abort_on_error=1:symbolize=0:allocator_may_return_null=1:max_allocation_size_mb=4096:quarantine_size_mb=8:detect_leaks=1:log_to_syslog=0',
               'UBSAN_OPTIONS': 'abort_on_error=1:print_stacktrace=1:symbolize=0', 'LSAN_OPTIONS': 'suppressions=%s:print_suppressions=0:report_objects=0' % os.path.join(readers.REPOSITORY, 'tests', 'lsan.supp')}
 
 
@@ -262,7 +263,7 @@ class Worker:
 
     def strace(self):
         calls = 'trace=open,openat,openat2,creat,unlink,unlinkat,rename,renameat,renameat2,mkdir,mkdirat,rmdir,link,linkat,symlink,symlinkat,truncate,connect'
-        return ['strace', '-f', '-qq', '-y', '-s', '5000', '-o', os.path.join(self.folder, 'calls'), '-e', calls]
+        return ['strace', '--seccomp-bpf', '-f', '-qq', '-y', '-s', '5000', '-o', os.path.join(self.folder, 'calls'), '-e', calls]
 
     def confirm(self, name, number, outcome, wrong):
         """Over the limits with sanitizers or under strace: what does the release build say?"""
