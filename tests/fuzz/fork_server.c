@@ -2,11 +2,13 @@
  * a fork of a process that has loaded its libraries already, and has MPI started with `--mpi`.
  *
  * On standard input one request after the other, each a sequence of strings that end with a zero byte:
- *   SECONDS LEAKS FOLDER COUNT ARGUMENT...    (COUNT arguments; the first is "kiln")
+ *   SECONDS LEAKS FAILING FOLDER COUNT ARGUMENT...    (COUNT arguments; the first is "kiln")
  * The command runs with FOLDER/out and FOLDER/err as its output and errors and FOLDER/tmp as TMPDIR. SECONDS is its limit of wall-clock
- * time; LEAKS is 1 when leaks shall be looked for at its end. The answer is one line on standard output:
- *   KIND NUMBER SECONDS CPU_SECONDS KIBIBYTES
- * KIND is "exit" (NUMBER: status), "signal" (NUMBER: which), "time" or "memory" (killed at the limit). KIBIBYTES is the most that one process of it held.
+ * time; LEAKS is 1 when leaks shall be looked for at its end; the FAILING-th allocation of each of its processes fails (0: none), of those
+ * that kiln's own code asks for: the linker's --wrap does not reach into shared libraries. The answer is one line on standard output:
+ *   KIND NUMBER SECONDS CPU_SECONDS KIBIBYTES ALLOCATIONS
+ * KIND is "exit" (NUMBER: status), "signal" (NUMBER: which), "time" or "memory" (killed at the limit). KIBIBYTES is the most that one process of it held,
+ * ALLOCATIONS how many its own code asked for, at most in one of its processes.
  *
  * What the command would do with other processes is done by forks too, which the linker's --wrap brings about (tests/CMakeLists.txt):
  * posix_spawn calls kiln_main in the child instead of loading the program again. MPI_Init_thread and MPI_Finalize do nothing where MPI runs
@@ -22,6 +24,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/syscall.h>
@@ -40,6 +43,47 @@ static int __lsan_do_recoverable_leak_check(void) { return 0; }
 
 enum { ARGUMENTS_MOST = 64, ACTIONS_MOST = 16, STRING_SIZE = 16384, LEAK_STATUS = 99 };
 #define MEMORY_LIMIT_KIB (3l << 20) /* of what counts as resident: guards the machine, says nothing of the goal */
+
+/* ---- memory ---- */
+
+/* Shared with the commands' processes. */
+static struct {
+    long failing, most;
+} *memory;
+static long allocations; /* of this process */
+
+static bool fails(void)
+{
+    const long mine = __atomic_add_fetch(&allocations, 1, __ATOMIC_RELAXED);
+    if (memory == NULL)
+        return false;
+    if (mine > memory->most)
+        memory->most = mine;
+    if (mine != memory->failing)
+        return false;
+    errno = ENOMEM;
+    return true;
+}
+
+void *__real_malloc(size_t size);
+void *__wrap_malloc(size_t size);
+void *__wrap_malloc(size_t size) { return fails() ? NULL : __real_malloc(size); }
+
+void *__real_calloc(size_t count, size_t size);
+void *__wrap_calloc(size_t count, size_t size);
+void *__wrap_calloc(size_t count, size_t size) { return fails() ? NULL : __real_calloc(count, size); }
+
+void *__real_realloc(void *old, size_t size);
+void *__wrap_realloc(void *old, size_t size);
+void *__wrap_realloc(void *old, size_t size) { return fails() ? NULL : __real_realloc(old, size); }
+
+void *__real_aligned_alloc(size_t alignment, size_t size);
+void *__wrap_aligned_alloc(size_t alignment, size_t size);
+void *__wrap_aligned_alloc(size_t alignment, size_t size) { return fails() ? NULL : __real_aligned_alloc(alignment, size); }
+
+char *__real_strdup(const char *text);
+char *__wrap_strdup(const char *text);
+char *__wrap_strdup(const char *text) { return fails() ? NULL : __real_strdup(text); }
 
 static void run_main(char **arguments, bool leaks)
 {
@@ -135,6 +179,7 @@ int __wrap_posix_spawn(pid_t *pid, const char *path, const posix_spawn_file_acti
     if (*pid < 0)
         return errno;
     if (*pid == 0) {
+        allocations = 0;
         do_noted();
         run_main((char **)(uintptr_t)argv, false);
     }
@@ -259,11 +304,12 @@ static const char *watch(pid_t pid, double limit)
     return why;
 }
 
-static void serve(char **arguments, double limit, bool leaks, const char *folder)
+static void serve(char **arguments, double limit, bool leaks, long failing, const char *folder)
 {
     const double start = now();
     struct rusage used;
     int state = 0;
+    memory->most = memory->failing = 0;
     const pid_t pid = fork();
     if (pid < 0) {
         perror("fork server: fork");
@@ -273,6 +319,8 @@ static void serve(char **arguments, double limit, bool leaks, const char *folder
         (void)setpgid(0, 0);
         (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
         put_streams(folder);
+        allocations = 0;
+        memory->failing = failing;
         run_main(arguments, leaks);
     }
     (void)setpgid(pid, pid);
@@ -280,27 +328,27 @@ static void serve(char **arguments, double limit, bool leaks, const char *folder
     while (wait4(pid, &state, 0, &used) < 0 && errno == EINTR)
         ;
     const double cpu = (double)(used.ru_utime.tv_sec + used.ru_stime.tv_sec) + 1e-6 * (double)(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
-    (void)printf("%s %d %.4f %.4f %ld\n", why != NULL ? why : WIFSIGNALED(state) ? "signal" : "exit",
-                 WIFSIGNALED(state) ? WTERMSIG(state) : WEXITSTATUS(state), now() - start, cpu, used.ru_maxrss);
+    (void)printf("%s %d %.4f %.4f %ld %ld\n", why != NULL ? why : WIFSIGNALED(state) ? "signal" : "exit",
+                 WIFSIGNALED(state) ? WTERMSIG(state) : WEXITSTATUS(state), now() - start, cpu, used.ru_maxrss, memory->most);
     (void)fflush(stdout);
 }
 
 static bool serve_next(void)
 {
-    static char words[ARGUMENTS_MOST + 4][STRING_SIZE];
+    static char words[ARGUMENTS_MOST + 5][STRING_SIZE];
     char *arguments[ARGUMENTS_MOST + 1] = {NULL};
-    for (size_t i = 0; i < 4; i++)
+    for (size_t i = 0; i < 5; i++)
         if (!read_string(words[i], sizeof words[i]))
             return false;
-    const long count = strtol(words[3], NULL, 10);
+    const long count = strtol(words[4], NULL, 10);
     if (count < 1 || count > ARGUMENTS_MOST)
         return false;
     for (long i = 0; i < count; i++) {
-        if (!read_string(words[4 + i], sizeof words[4 + i]))
+        if (!read_string(words[5 + i], sizeof words[5 + i]))
             return false;
-        arguments[i] = words[4 + i];
+        arguments[i] = words[5 + i];
     }
-    serve(arguments, strtod(words[0], NULL), words[1][0] == '1', words[2]);
+    serve(arguments, strtod(words[0], NULL), words[1][0] == '1', strtol(words[2], NULL, 10), words[3]);
     return true;
 }
 
@@ -317,6 +365,11 @@ int main(int argc, char **argv)
 {
     int provided = 0;
     program_size = size_of_program();
+    memory = mmap(NULL, sizeof *memory, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    if (memory == MAP_FAILED) {
+        perror("fork server: mmap");
+        return 1;
+    }
     (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
     (void)setvbuf(stdin, NULL, _IOFBF, 1 << 16);
     (void)H5open();

@@ -34,12 +34,13 @@ import readers
 
 SECONDS, KIBIBYTES = 5.0, 1 << 20  # what a case may take
 PATIENCE = 8.0                     # s after which a case is ended
-FINE = (0, 64, 65, 66, 73, 74, 75, 77)
+FINE = (0, 64, 65, 66, 69, 73, 74, 75, 77)
 LEAK = 99
 LIBRARIES = ('/usr/', '/lib/', '/lib64/', '/etc/', '/proc/', '/sys/', '/dev/null/', '/dev/urandom/', '/dev/shm/', '/dev/dri/', '/dev/pts/')
 MPI = {'OMPI_ALLOW_RUN_AS_ROOT': '1', 'OMPI_ALLOW_RUN_AS_ROOT_CONFIRM': '1', 'OMPI_MCA_btl': 'self,vader,tcp', 'OMPI_MCA_pml': 'ob1', 'OMPI_MCA_rmaps_base_oversubscribe': '1',
-       'OMPI_MCA_hwloc_base_binding_policy': 'none', 'OMP_NUM_THREADS': '1', 'HDF5_USE_FILE_LOCKING': 'FALSE'}
-SANITIZERS = {'ASAN_OPTIONS': 'abort_on_error=1:symbolize=0:allocator_may_return_null=1:max_allocation_size_mb=4096:quarantine_size_mb=8:detect_leaks=1:log_to_syslog=0',
+       'OMPI_MCA_hwloc_base_binding_policy': 'none', 'OMP_NUM_THREADS': '1', 'OMP_WAIT_POLICY': 'passive'}
+SANITIZERS = {'OMP_THREAD_LIMIT': '1', 'LD_BIND_NOW': '1',  # no threads that a fork would lose, no symbols to be looked up in each
+              'ASAN_OPTIONS': 'abort_on_error=1:symbolize=0:allocator_may_return_null=1:max_allocation_size_mb=4096:quarantine_size_mb=8:detect_leaks=1:log_to_syslog=0',
               'UBSAN_OPTIONS': 'abort_on_error=1:print_stacktrace=1:symbolize=0', 'LSAN_OPTIONS': 'suppressions=%s:print_suppressions=0:report_objects=0' % os.path.join(readers.REPOSITORY, 'tests', 'lsan.supp')}
 
 
@@ -69,8 +70,8 @@ class Watch:
 
 
 class Outcome:
-    def __init__(self, kind, number, seconds, cpu, kib, out, err):
-        self.kind, self.number, self.seconds, self.cpu, self.kib, self.out, self.err = kind, number, seconds, cpu, kib, out, err
+    def __init__(self, kind, number, seconds, cpu, kib, out, err, allocations=0):
+        self.kind, self.number, self.seconds, self.cpu, self.kib, self.out, self.err, self.allocations = kind, number, seconds, cpu, kib, out, err, allocations
 
 
 class Server:
@@ -85,16 +86,16 @@ class Server:
         with open(os.path.join(self.folder, 'server.log'), 'ab') as log:
             self.process = subprocess.Popen(self.words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, env={**os.environ, **MPI, **SANITIZERS, 'TMPDIR': own})
 
-    def run(self, arguments, leaks):
+    def run(self, arguments, leaks, failing=0):
         if self.process is None:
             self.start()
-        words = [str(PATIENCE), '1' if leaks else '0', self.folder, str(len(arguments) + 1), 'kiln', *arguments]
+        words = [str(PATIENCE), '1' if leaks else '0', str(failing), self.folder, str(len(arguments) + 1), 'kiln', *arguments]
         self.process.stdin.write(b''.join(w.encode('utf-8', 'surrogateescape') + b'\0' for w in words))
         self.process.stdin.flush()
         answer = self.process.stdout.readline().split()
-        if len(answer) != 5:
+        if len(answer) != 6:
             sys.exit('the fork server ended: %s' % readers.read(os.path.join(self.folder, 'server.log')).decode(errors='replace')[-2000:])
-        return Outcome(answer[0].decode(), int(answer[1]), float(answer[2]), float(answer[3]), int(answer[4]), *printed(self.folder))
+        return Outcome(answer[0].decode(), int(answer[1]), float(answer[2]), float(answer[3]), int(answer[4]), *printed(self.folder), int(answer[5]))
 
     def stop(self):
         if self.process is not None:
@@ -137,7 +138,7 @@ def run_program(words, folder, environment):
 # ---- judging ----
 
 FRAME = re.compile(r'#\d+ 0x[0-9a-f]+ .*?\(?(/[^ ()+]+)\+(0x[0-9a-f]+)\)')
-CONTROL = re.compile('[\x00-\x08\x0b-\x1f\x7f\u0080-\u009f\u202a-\u202e\u2066-\u2069]')
+CONTROL = re.compile('[\x00-\x08\x0b-\x1f\x7f\u0080-\u009f]')
 RUNTIME = ('libasan', 'libubsan', 'libc.so', 'libc-', 'libstdc++', 'libpthread', 'libm.so', 'ld-linux', 'libgcc')
 
 
@@ -225,7 +226,7 @@ class Judge:
 # ---- one worker ----
 
 def blank():
-    return {'cases': 0, 'refused': 0, 'taken': 0, 'stopped': 0, 'contained': collections.Counter(), 'slow': 0, 'large': 0, 'worst': 0.0, 'most': 0, 'traced': 0, 'leaks': 0, 'times': []}
+    return {'cases': 0, 'refused': 0, 'taken': 0, 'stopped': 0, 'contained': collections.Counter(), 'slow': 0, 'large': 0, 'worst': 0.0, 'most': 0, 'traced': 0, 'leaks': 0, 'times': [], 'slowest': []}
 
 
 class Worker:
@@ -262,7 +263,7 @@ class Worker:
 
     def strace(self):
         calls = 'trace=open,openat,openat2,creat,unlink,unlinkat,rename,renameat,renameat2,mkdir,mkdirat,rmdir,link,linkat,symlink,symlinkat,truncate,connect'
-        return ['strace', '-f', '-qq', '-y', '-s', '5000', '-o', os.path.join(self.folder, 'calls'), '-e', calls]
+        return ['strace', '--seccomp-bpf', '-f', '-qq', '-y', '-s', '5000', '-o', os.path.join(self.folder, 'calls'), '-e', calls]
 
     def confirm(self, name, number, outcome, wrong):
         """Over the limits with sanitizers or under strace: what does the release build say?"""
@@ -291,17 +292,18 @@ class Worker:
         wrong = self.judge.wrongs(outcome, traced)
         if outcome.seconds > SECONDS or outcome.kib > KIBIBYTES or outcome.kind in ('time', 'memory'):
             self.confirm(name, number, outcome, wrong)
-        self.count(name, outcome, traced)
+        self.count(name, number, outcome, traced)
         if wrong or self.options.keep_all:
             self.fail(name, number, arguments, wrong, outcome)
         return wrong
 
-    def count(self, name, outcome, traced):
+    def count(self, name, number, outcome, traced):
         row = self.table[name]
         row['cases'] += 1
         row['traced'] += traced
         row['worst'], row['most'] = max(row['worst'], outcome.seconds), max(row['most'], outcome.kib)
         row['times'].append(outcome.seconds)
+        row['slowest'] = sorted(row['slowest'] + [(outcome.seconds, '%s:%d' % (name, number))])[-5:]
         if outcome.kind == 'exit':
             row['taken' if outcome.number == 0 else 'stopped' if outcome.number == 75 else 'refused'] += 1
         if outcome.kind == 'exit' and (has_report(outcome.err) or b' died (' in outcome.err):
@@ -400,7 +402,8 @@ def print_table(table):
         inside = ', '.join('%s %d' % pair for pair in sorted(row['contained'].items())) or '0'
         print('| %s | %d | %d | %d | %d | %.3f | %.2f | %.2f | %d | %s |' % (name, row['cases'], row['taken'], row['refused'], row['stopped'], sum(times) / max(1, len(times)), times[int(0.99 * (len(times) - 1))] if times else 0,
                                                              row['worst'], row['most'] >> 10, inside))
-    print('\nWith sanitizers %d took more than %g s and %d more than 1 GiB; %d ran under strace.' % (total['slow'], SECONDS, total['large'], total['traced']))
+    print('\nThe longest: %s.' % ', '.join('%s %.1f s' % (name, seconds) for seconds, name in sorted(total['slowest'])[:-6:-1]))
+    print('With sanitizers %d took more than %g s and %d more than 1 GiB; %d ran under strace.' % (total['slow'], SECONDS, total['large'], total['traced']))
 
 
 def run_all(options, seeds):

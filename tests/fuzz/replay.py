@@ -3,8 +3,8 @@
     replay.py --kiln PROGRAM --server FUZZ_SERVER [--only WORDS] [--table]
 
 Each is read by the program with sanitizers (fork_server.c), which must end with one of the statuses that will do, a sentence and no report, within 5 s
-of wall-clock time (looked at again in the release build when it takes longer, for the machine may be busy); and by the release build under strace, which must do so without opening
-anything outside the folders given. Prints the longest and the largest; --table: a line for each."""
+of wall-clock time (looked at again in the release build when it takes longer, for the machine may be busy); and by the release build under strace, which must do so without opening anything
+outside the folders given. Prints the longest and the largest; --table: a line for each."""
 import os
 import shutil
 import sys
@@ -35,15 +35,12 @@ class Replay(mutate.Worker):
         wrong = self.judge.wrongs(outcome, False) + self.status(name, outcome, 'with sanitizers')
         if outcome.seconds > mutate.SECONDS or outcome.kib > mutate.KIBIBYTES or outcome.kind in ('time', 'memory'):
             self.confirm(name, 0, outcome, wrong)
-        arguments = self.make(name, 0)
-        plain = mutate.run_program([self.options.kiln, *arguments], self.folder, {})
-        wrong += self.judge.wrongs(plain, False) + self.status(name, plain, 'the release build')
+        if arguments[0] == 'bake' or outcome.kind != 'exit':
+            arguments = self.make(name, 0)  # that has changed it
+        plain = mutate.run_program((self.strace() if self.options.traced else []) + [self.options.kiln, *arguments], self.folder, {})
+        wrong += self.judge.wrongs(plain, self.options.traced > 0) + self.status(name, plain, 'the release build')
         if plain.kib > SHARED + (mutate.KIBIBYTES >> 3):
             wrong.append(('much memory', '%d MiB' % (plain.kib >> 10)))
-        if self.options.traced:
-            arguments = self.make(name, 0)
-            traced = mutate.run_program(self.strace() + [self.options.kiln, *arguments], self.folder, {})
-            wrong += self.judge.opened() if traced.kind == 'exit' else []
         self.rows.append((name, plain.number if plain.kind == 'exit' else plain.kind, plain.seconds, plain.cpu, plain.kib >> 10, outcome.seconds, mutate.last_sentence(plain)))
         if wrong:
             self.bad += 1
