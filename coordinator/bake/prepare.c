@@ -261,7 +261,7 @@ static int run_batch(struct validity_work *w, double *seconds, struct kiln_error
 {
     const struct kiln_surface *s = w->p->surface;
     const size_t left = s->fragment_count - w->next, count = left < w->batch ? left : w->batch;
-    const double start = MPI_Wtime(), wanted = w->control != NULL ? kiln_control_batch_seconds(w->control) : 1.0;
+    const double start = MPI_Wtime(), wanted = w->control != NULL ? 0.5 * kiln_control_batch_seconds(w->control) : 1.0;
     const int status = kiln_backend_validity(w->p->backend, w->next, count, s->visible, error);
     *seconds = MPI_Wtime() - start;
     w->next += count;

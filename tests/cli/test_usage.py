@@ -89,7 +89,7 @@ class Usage(unittest.TestCase):
             r"--method: .*'path'.*cells": ["--method", "path"],
             r"--quality: .*'high'.*draft, preview, production, reference": ["--quality", "high"],
             r"--environment: '1,2' is neither": ["--environment", "1,2"],
-            r"--environment: '1,-2,3' is neither": ["--environment", "1,-2,3"],
+            r"--environment: a radiance of -2 is out of range.*from 0 to 1e\+30": ["--environment", "1,-2,3"],
             r"--environment: 'sky.png' is neither": ["--environment", "sky.png"],
             r"--output: is empty": ["-o", ""],
             r"--stitch: 'maybe' is neither true nor false": ["--stitch=maybe"],
