@@ -115,7 +115,7 @@ class Manners(unittest.TestCase):
         answers = [kiln("bake", self.scene, "-o", out, *SMALL)]
         os.rename(os.path.join(out, "preview.png"), os.path.join(out, "mine"))
         answers.append(kiln("bake", self.scene, "-o", out, *SMALL, "--probe-spacing", "1e-4"))
-        for answer, code, word in zip(answers, (73, 64), ("preview.png' is a folder", "use a larger --probe-spacing")):
+        for answer, code, word in zip(answers, (73, 64), ("preview.png' is in the way: it is no plain file", "use a larger --probe-spacing")):
             self.assertEqual(answer.code, code, answer.err)
             self.assertIn(word, answer.sentence())
             self.assertNotRegex(answer.err, "(?m)^(validity|emission|direct light)")
