@@ -324,14 +324,14 @@ static int run_with_mpi(int argc, char **argv, const struct kiln_command *comman
 }
 
 /* What one process does needs no MPI, but were it rank 0 of ranks that another command was given to, they would wait for it: they meet first. */
-static int meet_others(int argc, char **argv, int *rank, struct kiln_error *error)
+static int meet_others(char **argv, int *rank, struct kiln_error *error)
 {
     struct kiln_error own = {{0}};
     int status = start_mpi(true, rank, start_seconds(2.0 * START_SECONDS), &own);
     if (status == KILN_OK)
         status = kiln_agree(MPI_COMM_WORLD, KILN_OK, &own);
     if (status == KILN_OK)
-        status = kiln_same_job(MPI_COMM_WORLD, argc > 1 ? argv[1] : "help", NULL, &own);
+        status = kiln_same_job(MPI_COMM_WORLD, argv[1], NULL, &own);
     if (status != KILN_SITE)
         (void)MPI_Finalize();
     (void)alarm(0);
@@ -387,9 +387,10 @@ static int run_command_line(int argc, char **argv)
     const struct kiln_command *command = argc > 1 ? kiln_command_find(argv[1]) : NULL;
     /* A bench that starts mpirun must not be in an MPI job of its own. */
     const bool starts_mpi = command != NULL && command->bit == KILN_FOR_BENCH && has_argument(argc, argv, "scaling");
-    const bool needs_mpi = command != NULL && command->mpi && !starts_mpi && !asks_for_help(argc, argv);
-    if (is_launched() && !needs_mpi && !starts_mpi)
-        status = meet_others(argc, argv, &rank, &error);
+    const bool help = asks_for_help(argc, argv); /* is answered by one rank at once, whatever the others do */
+    const bool needs_mpi = command != NULL && command->mpi && !starts_mpi && !help;
+    if (is_launched() && !needs_mpi && !starts_mpi && !help)
+        status = meet_others(argv, &rank, &error);
     if (status == KILN_OK && !answer_help(argc, argv, rank, &status, &error)) {
         if (needs_mpi)
             return run_with_mpi(argc, argv, command, many, rank, &error);
