@@ -372,9 +372,10 @@ def texts(base, folder):
         json.dump(run, file)
     page = os.path.join(folder, "report.html")
     expect("a run.json that is costly to draw, report", kiln("report", bake, "-o", page), code=0)
-    with open(page) as file:
-        if "<script>" in file.read():
-            failures.append("the report holds a script from run.json")
+    if os.path.exists(page):
+        with open(page) as file:
+            if "<script>" in file.read():
+                failures.append("the report holds a script from run.json")
     shutil.rmtree(bake)
     # manifests
     original = sealing.read(os.path.join(base, "manifest"))
