@@ -367,7 +367,7 @@ def texts(base, folder):
     run["phases"] = [{"name": "<b>p", "seconds": 1.0} for _ in range(200000)]
     run["phases"][0]["per_rank"] = [1.0] * 200000
     run["energy"] = {"units": "</text><script>alert(1)</script>"}
-    run["notes"] = ["<" * 4000000]
+    run["notes"] = ["<" * 1000000]
     with open(path, "w") as file:
         json.dump(run, file)
     page = os.path.join(folder, "report.html")
