@@ -171,7 +171,7 @@ class Seeds:
         launcher = ['mpirun', '--bind-to', 'none', '--oversubscribe', '-n', str(ranks)] if ranks > 1 else []
         if ranks > 1 and shutil.which('mpirun') is None:
             return None
-        self.run([*launcher, self.program, 'bake', self.scene(), '-o', target, *BAKE, '--max-time', '0.000001'], (75,))
+        self.run([*launcher, self.program, 'bake', self.scene(), '-o', target, *BAKE, '--max-time', '0.001'], (75,))
         return target
 
 
@@ -407,7 +407,7 @@ def make_manifest(r, w):
 
 
 def resume(w, folder, whole):
-    return ['bake', w.seeds.scene(), '-o', folder, *BAKE, *(() if whole else ('--max-time', '0.000001'))]
+    return ['bake', w.seeds.scene(), '-o', folder, *BAKE, *(() if whole else ('--max-time', '0.001'))]
 
 
 def generation_of(folder):
