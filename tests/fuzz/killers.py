@@ -266,7 +266,7 @@ def checkpoint(change, index=0):
         tree = json.loads(readers.unseal(readers.read(path)))
         text = change(w, tree)
         readers.write(path, readers.seal(text if isinstance(text, bytes) else json.dumps(tree).encode()))
-        return readers.resume(w, folder, True)
+        return readers.resume(w, folder)
     return make
 
 
@@ -290,7 +290,7 @@ def special_part(how):
         folder = w.copy('bake', w.seeds.checkpoints[0])
         path = os.path.join(readers.generation_of(folder), 'part-00000')
         how(w, path)
-        return readers.resume(w, folder, True)
+        return readers.resume(w, folder)
     return make
 
 
@@ -302,7 +302,7 @@ def linked_generation(w):
         shutil.copytree(readers.generation_of(folder), elsewhere)
     os.symlink(elsewhere, os.path.join(folder, 'checkpoint', 'gen-000009'))
     os.symlink(elsewhere, os.path.join(folder, 'checkpoint', '.writing-000012'))
-    return readers.resume(w, folder, True)
+    return readers.resume(w, folder)
 
 
 def status(data):

@@ -42,7 +42,7 @@ def commands(w):
         return ['bake', w.seeds.scene(), '-o', w.output('bake'), *readers.BAKE]
 
     def resume():
-        return readers.resume(w, w.copy('bake', w.seeds.checkpoints[0]), True)
+        return readers.resume(w, w.copy('bake', w.seeds.checkpoints[0]))
 
     return {'info GLB': scene('scene.glb', w.seeds.glb[-1]), 'info with images': picture, 'info OBJ': obj, 'info job': job, 'verify': with_bake('verify', 'FOLDER'),
             'probe': with_bake('probe', 'FOLDER', '0.3', '0.4', '0.5'), 'status': with_bake('status', 'FOLDER'), 'report': with_bake('report', 'FOLDER', '-o', w.output('r.html')),

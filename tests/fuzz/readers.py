@@ -150,8 +150,8 @@ class Seeds:
         os.unlink(path)
         return made
 
-    def run(self, words, codes):
-        ended = subprocess.run(words, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False, timeout=300)
+    def run(self, words, codes, more=None):
+        ended = subprocess.run(words, env={**self.environment, **(more or {})}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False, timeout=300)
         if ended.returncode not in codes:
             sys.exit('a seed cannot be made: %s ended with %d\n%s' % (' '.join(words), ended.returncode, ended.stdout))
 
@@ -166,13 +166,17 @@ class Seeds:
         return target
 
     def stopped(self, ranks):
-        """A bake that ended with a checkpoint."""
+        """A bake that ended with a checkpoint: one whose rank 0 is made slow is stopped, earlier or later until there is one."""
         target = os.path.join(self.folder, 'stopped%d' % ranks)
         launcher = ['mpirun', '--bind-to', 'none', '--oversubscribe', '-n', str(ranks)] if ranks > 1 else []
         if ranks > 1 and shutil.which('mpirun') is None:
             return None
-        self.run([*launcher, self.program, 'bake', self.scene(), '-o', target, *BAKE, '--max-time', '0.000001'], (75,))
-        return target
+        for limit in (0.1, 0.2, 0.4, 0.8, 0.05, 1.6, 3.2, 0.3, 0.6):
+            self.run([*launcher, self.program, 'bake', self.scene(), '-o', target, *BAKE, '--max-time', str(limit)], (0, 75), {'KILN_SLOW_RANK': '0:1000'})
+            if glob.glob(os.path.join(target, 'checkpoint', 'gen-*')):
+                return target
+            shutil.rmtree(target)
+        sys.exit('a seed cannot be made: no bake was stopped with a checkpoint')
 
 
 # ---- cases ----
@@ -406,8 +410,8 @@ def make_manifest(r, w):
     return asked(r, w, folder, ('verify', 20), ('report', 3), ('status', 3), ('probe', 3), ('compare', 2), ('again', 1))
 
 
-def resume(w, folder, whole):
-    return ['bake', w.seeds.scene(), '-o', folder, *BAKE, *(() if whole else ('--max-time', '0.000001'))]
+def resume(w, folder):
+    return ['bake', w.seeds.scene(), '-o', folder, *BAKE]
 
 
 def generation_of(folder):
@@ -434,7 +438,7 @@ def make_checkpoint_manifest(r, w):
     else:
         text = mutated_json(r, json.dumps(tree).encode())
     write(path, seal(text) if r.random() < 0.95 else text)
-    return resume(w, folder, r.random() < 0.1)
+    return resume(w, folder)
 
 
 def make_checkpoint_part(r, w):
@@ -465,7 +469,7 @@ def make_checkpoint_part(r, w):
         write(path, data)
         part['bytes'], part['xxh3_128'] = len(data), xxh3(data)
         write(manifest, seal(json.dumps(tree).encode()))
-    return resume(w, folder, r.random() < 0.15)
+    return resume(w, folder)
 
 
 def make_status(r, w):
@@ -498,7 +502,7 @@ READERS = {
     'bake glb': (1, make_bake_glb),
     'run': (2, make_run),
     'manifest': (2, make_manifest),
-    'checkpoint': (1.5, make_checkpoint_manifest),
-    'part': (1.5, make_checkpoint_part),
+    'checkpoint': (1, make_checkpoint_manifest),
+    'part': (1, make_checkpoint_part),
     'status': (2, make_status),
 }
