@@ -224,7 +224,8 @@ static bool state_is_sane(const struct saved_state *state)
     enum { BOUNCES_MOST = 1 << 20 };
     bool sane = state->bounce <= BOUNCES_MOST && state->bounces <= BOUNCES_MOST && isfinite(state->tail_share) && isfinite(state->seconds) &&
                 state->seconds >= 0.0;
-    sane = sane && isfinite(state->unit) && state->unit > 0.0 && isfinite(state->unit_squared) && state->unit_squared > 0.0;
+    if (state->finished == 0) /* no sums come after the last pass */
+        sane = sane && isfinite(state->unit) && state->unit > 0.0 && isfinite(state->unit_squared) && state->unit_squared > 0.0;
     for (int c = 0; c < 3; c++)
         sane = sane && isfinite(state->tail_ratio[c]);
     return sane;
