@@ -261,6 +261,15 @@ static int restore_state(struct transport_state *s, bool *finished, struct kiln_
     return status;
 }
 
+/* A file may have any byte where a bool was. */
+static bool balance_is_sane(const struct kiln_pass_balance *b)
+{
+    unsigned char judged, moved;
+    memcpy(&judged, &b->judged, 1);
+    memcpy(&moved, &b->moved, 1);
+    return judged <= 1 && moved <= 1 && isfinite(b->imbalance) && isfinite(b->gain) && isfinite(b->cost);
+}
+
 static int restore_passes(struct transport_state *s, struct kiln_error *error)
 {
     struct kiln_transport_report *r = &s->out->report;
@@ -278,6 +287,8 @@ static int restore_passes(struct transport_state *s, struct kiln_error *error)
     for (size_t i = 0; i < r->pass_count; i++) { /* these are of the ranks that did them */
         if ((unsigned)r->passes[i].kind > KILN_PASS_FINAL)
             return no_such_pass((unsigned)r->passes[i].kind, error);
+        if (!balance_is_sane(&r->passes[i].balance))
+            return no_such_value("passes", error);
         r->passes[i].rays = 0;
         r->passes[i].given = r->passes[i].taken = 0;
         r->passes[i].seconds = r->passes[i].exchange_seconds = 0.0;

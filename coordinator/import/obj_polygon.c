@@ -112,11 +112,13 @@ static void clip_ears(struct obj_polygon *p, uint32_t count)
 {
     size_t triangle = 0;
     uint32_t at = 0, left = count, tried = 0;
+    uint64_t patience = 2 * (uint64_t)OBJ_CONCAVE_MAX * OBJ_CONCAVE_MAX + count; /* more than any of OBJ_CONCAVE_MAX corners takes */
     for (uint32_t i = 0; i < count; i++)
         p->ring[i].ear = is_ear(p, i);
     while (left > 3) {
         /* When there is no ear the polygon crosses itself or lies in a line: a fan, then. */
-        if (!p->ring[at].ear && tried++ < left) {
+        if (!p->ring[at].ear && tried++ < left && patience > 0) {
+            patience--;
             at = p->ring[at].next;
             continue;
         }

@@ -3,6 +3,7 @@
  *
  * On standard input one request after the other, each a sequence of strings that end with a zero byte:
  *   SECONDS LEAKS FAILING FOLDER COUNT ARGUMENT...    (COUNT arguments; the first is "kiln")
+ * Where the first argument is the path of a program instead, that is executed: from a process this small its memory is measured right.
  * The command runs with FOLDER/out and FOLDER/err as its output and errors and FOLDER/tmp as TMPDIR. SECONDS is its limit of wall-clock
  * time; LEAKS is 1 when leaks shall be looked for at its end; the FAILING-th allocation of each of its processes fails (0: none), of those
  * that kiln's own code asks for: the linker's --wrap does not reach into shared libraries. The answer is one line on standard output:
@@ -321,6 +322,10 @@ static void serve(char **arguments, double limit, bool leaks, long failing, cons
         put_streams(folder);
         allocations = 0;
         memory->failing = failing;
+        if (arguments[0][0] == '/') {
+            (void)execv(arguments[0], arguments);
+            _exit(127);
+        }
         run_main(arguments, leaks);
     }
     (void)setpgid(pid, pid);

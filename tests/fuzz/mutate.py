@@ -86,10 +86,12 @@ class Server:
         with open(os.path.join(self.folder, 'server.log'), 'ab') as log:
             self.process = subprocess.Popen(self.words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, env={**os.environ, **MPI, **SANITIZERS, 'TMPDIR': own})
 
-    def run(self, arguments, leaks, failing=0):
+    def run(self, arguments, leaks, failing=0, patience=PATIENCE):
+        """arguments: of kiln with sanitizers, or a whole command that begins with the path of another program."""
         if self.process is None:
             self.start()
-        words = [str(PATIENCE), '1' if leaks else '0', str(failing), self.folder, str(len(arguments) + 1), 'kiln', *arguments]
+        command = arguments if arguments[0].startswith('/') else ['kiln', *arguments]
+        words = [str(patience), '1' if leaks else '0', str(failing), self.folder, str(len(command)), *command]
         self.process.stdin.write(b''.join(w.encode('utf-8', 'surrogateescape') + b'\0' for w in words))
         self.process.stdin.flush()
         answer = self.process.stdout.readline().split()
@@ -113,30 +115,6 @@ def printed(folder):
 
 def busy_machine():
     return os.getloadavg()[0] > 1.5 * os.cpu_count()
-
-
-def run_program(words, folder, environment, patience=PATIENCE):
-    """The program itself, with the same answer."""
-    start = time.monotonic()
-    with open(os.path.join(folder, 'out'), 'wb') as out, open(os.path.join(folder, 'err'), 'wb') as err:
-        process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=out, stderr=err, env={**os.environ, **MPI, 'TMPDIR': os.path.join(folder, 'tmp'), **environment}, start_new_session=True)
-    kind, used, state = None, None, 0
-    pause = 0.0005
-    while used is None:
-        pid, state, usage = os.wait4(process.pid, os.WNOHANG)
-        if pid != 0:
-            used = usage
-        elif time.monotonic() - start > patience and kind is None:
-            kind = 'time'
-            os.killpg(process.pid, signal.SIGKILL)
-        else:
-            time.sleep(pause)
-            pause = min(0.02, 2 * pause)
-    process.returncode = 0
-    seconds = time.monotonic() - start
-    kind = kind or ('signal' if os.WIFSIGNALED(state) else 'exit')
-    number = os.WTERMSIG(state) if os.WIFSIGNALED(state) else os.WEXITSTATUS(state)
-    return Outcome(kind, number, seconds, used.ru_utime + used.ru_stime, used.ru_maxrss, *printed(folder))
 
 
 # ---- judging ----
@@ -261,19 +239,23 @@ class Worker:
     def run(self, arguments, name, number):
         """The outcome, and whether it was traced."""
         if self.chosen('traced', name, number):
-            return run_program(self.strace() + [self.options.kiln, *arguments], self.folder, {}), True
+            return self.plain(arguments, True), True
         leaks = self.chosen('leaks', name, number) and arguments[0] != 'bake'  # MPI's own are many
         return self.servers[arguments[0] == 'bake'].run(arguments, leaks), False
 
+    def plain(self, arguments, traced, patience=PATIENCE):
+        """The release build."""
+        return self.servers[False].run((self.strace() if traced else []) + [self.options.kiln, *arguments], False, 0, patience)
+
     def strace(self):
         calls = 'trace=open,openat,openat2,creat,unlink,unlinkat,rename,renameat,renameat2,mkdir,mkdirat,rmdir,link,linkat,symlink,symlinkat,truncate,connect'
-        return ['strace', '--seccomp-bpf', '-f', '-qq', '-y', '-s', '5000', '-o', os.path.join(self.folder, 'calls'), '-e', calls]
+        return [shutil.which('strace'), '--seccomp-bpf', '-f', '-qq', '-y', '-s', '5000', '-o', os.path.join(self.folder, 'calls'), '-e', calls]
 
     def confirm(self, name, number, outcome, wrong):
         """Over the limits with sanitizers or under strace: what does the release build say?"""
         row = self.table[name]
         busy = busy_machine()  # then processor time is what counts, unless there is no end
-        again = run_program([self.options.kiln, *self.make(name, number)], self.folder, {}, 8 * SECONDS if busy else PATIENCE)
+        again = self.plain(self.make(name, number), False, 8 * SECONDS if busy else PATIENCE)
         if outcome.seconds > SECONDS:
             row['slow'] += 1
             if again.kind == 'time' or (again.cpu if busy else again.seconds) > SECONDS:

@@ -14,7 +14,7 @@ import killers
 import mutate
 import readers
 
-SHARED = 256 << 10  # KiB that a hostile file may take beyond what the command takes anyhow; that is more with MPI and Embree
+MEMORY = 256 << 10  # KiB that a process may take for a hostile file
 
 
 class Replay(mutate.Worker):
@@ -39,10 +39,9 @@ class Replay(mutate.Worker):
             self.confirm(name, 0, outcome, wrong)
         if arguments[0] == 'bake' or outcome.kind != 'exit':
             arguments = self.make(name, 0)  # that has changed it
-        plain = mutate.run_program((self.strace() if self.options.traced else []) + [self.options.kiln, *arguments], self.folder, {},
-                                   8 * mutate.SECONDS if mutate.busy_machine() else mutate.PATIENCE)
+        plain = self.plain(arguments, self.options.traced > 0, 8 * mutate.SECONDS if mutate.busy_machine() else mutate.PATIENCE)
         wrong += self.judge.wrongs(plain, self.options.traced > 0) + self.status(name, plain, 'the release build')
-        if plain.kib > SHARED + (mutate.KIBIBYTES >> 3):
+        if plain.kib > MEMORY:
             wrong.append(('much memory', '%d MiB' % (plain.kib >> 10)))
         self.rows.append((name, plain.number if plain.kind == 'exit' else plain.kind, plain.seconds, plain.cpu, plain.kib >> 10, outcome.seconds, mutate.last_sentence(plain)))
         if wrong:
