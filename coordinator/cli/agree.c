@@ -21,16 +21,6 @@ static void name_rank(struct kiln_error *sentence)
     (void)kiln_fail(sentence, KILN_SYSTEM, "rank %d on %s: %s", rank, host, told.message);
 }
 
-void kiln_end_all_ranks(int status, const struct kiln_error *error)
-{
-    struct kiln_error sentence = *error;
-    name_rank(&sentence);
-    (void)fprintf(stderr, "kiln: error: %s\n", sentence.message);
-    (void)fflush(stderr);
-    (void)MPI_Abort(MPI_COMM_WORLD, status);
-    _exit(status);
-}
-
 /* Whether a failure of this kind is of the rank or its host; the others are the job's. */
 static bool is_of_the_rank(int status)
 {
@@ -47,6 +37,22 @@ static bool is_of_the_rank(int status)
     default:
         return false;
     }
+}
+
+void kiln_name_rank(int status, struct kiln_error *error)
+{
+    if (is_of_the_rank(status))
+        name_rank(error);
+}
+
+void kiln_end_all_ranks(int status, const struct kiln_error *error)
+{
+    struct kiln_error sentence = *error;
+    name_rank(&sentence);
+    (void)fprintf(stderr, "kiln: error: %s\n", sentence.message);
+    (void)fflush(stderr);
+    (void)MPI_Abort(MPI_COMM_WORLD, status);
+    _exit(status);
 }
 
 int kiln_agree(MPI_Comm communicator, int status, struct kiln_error *error)
@@ -67,8 +73,8 @@ int kiln_agree(MPI_Comm communicator, int status, struct kiln_error *error)
     struct kiln_error sentence = {{0}};
     if (most[0].rank == rank && error != NULL)
         sentence = *error;
-    if (most[0].rank == rank && best != worst && is_of_the_rank(worst))
-        name_rank(&sentence);
+    if (most[0].rank == rank && best != worst)
+        kiln_name_rank(worst, &sentence);
     if (MPI_Bcast(&sentence, (int)sizeof sentence, MPI_BYTE, most[0].rank, communicator) != MPI_SUCCESS)
         return lost(error);
     if (error != NULL)

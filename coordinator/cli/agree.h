@@ -13,6 +13,10 @@
  * MPI call inside gives KILN_RANK_LOST where the communicator returns errors instead of aborting. */
 int kiln_agree(MPI_Comm communicator, int status, struct kiln_error *error);
 
+/* Not collective. Lets the sentence of a failure that is the rank's or its host's own begin with "rank N on HOST: ", once: for those that another
+ * rank passes on. */
+void kiln_name_rank(int status, struct kiln_error *error);
+
 /* Not collective, and does not return: for a failure where others already wait for this rank's messages. Says the sentence, with rank and host,
  * and ends all ranks with the status. */
 void kiln_end_all_ranks(int status, const struct kiln_error *error) __attribute__((noreturn));

@@ -186,9 +186,12 @@ static int pack_group(struct helper *h, size_t first, int *bytes)
         slot->report.hash = slot->packed.hash;
         slot->report.values = slot->packed.values;
     }
-    for (size_t i = first; i < end; i++)
+    for (size_t i = first; i < end; i++) {
+        struct report *report = &h->slots[i % (2 * h->group)].report;
+        kiln_name_rank(report->status, &report->error);
         if (bytes[i - first] != 0 && answer(h, &h->slots[i % (2 * h->group)], (int)strip_at(h, i)->owner) != MPI_SUCCESS)
             return KILN_RANK_LOST;
+    }
     return KILN_OK;
 }
 

@@ -90,8 +90,9 @@ class Bundle(unittest.TestCase):
                               capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
         for name in ("kiln", "mpirun"):
-            quoted = str(self.bundle / name).replace("'", "'\\''")
-            self.assertIn(f"\n{name}='{quoted}'\n", done.stdout)
+            line = next(line for line in done.stdout.splitlines() if line.startswith(f"{name}="))
+            said = subprocess.run(["bash", "-c", f"{line}; printf %s \"${name}\""], capture_output=True, text=True).stdout
+            self.assertEqual(said, str(self.bundle / name))
 
     def test_no_library_is_left_to_chance(self):
         """All that the folder's own libraries need is in the folder, of the C library, or lent."""

@@ -5,6 +5,7 @@ files.py WRITER MPIEXEC: the program tests/output/write_synthetic.c and the laun
 import hashlib
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -172,7 +173,7 @@ def check_divided(folder):
     run = subprocess.run([MPIEXEC, "-n", "3", WRITER, failing, "divided"], capture_output=True, text=True, timeout=60,
                          env={**os.environ, "KILN_FAILING_PACKER": "2"})
     assert run.returncode == 71, run
-    assert all("rank %d: 71: KILN_FAILING_PACKER" % r in run.stderr for r in range(3)), run.stderr
+    assert all(re.search(r"rank %d: 71: rank 2 on \S+: KILN_FAILING_PACKER" % r, run.stderr) for r in range(3)), run.stderr
     assert os.listdir(os.path.join(failing, "lightmaps")) in (["second.exr"], []), os.listdir(os.path.join(failing, "lightmaps"))
 
 
