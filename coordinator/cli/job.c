@@ -10,7 +10,8 @@
 
 static struct kiln_job_owned *owned(struct kiln_job *job) { return job->strings; }
 
-int kiln_job_keep(struct kiln_job *job, const char *text, size_t length, char **copy, struct kiln_error *error)
+/* Room for `length` bytes and a zero byte, all of them zero. */
+static int keep_room(struct kiln_job *job, size_t length, char **copy, struct kiln_error *error)
 {
     struct kiln_job_owned *own = owned(job);
     char *block = NULL;
@@ -19,10 +20,17 @@ int kiln_job_keep(struct kiln_job *job, const char *text, size_t length, char **
         status = kiln_allocate(&block, length + 1, 1, "the job", error);
     if (status != KILN_OK)
         return status;
-    memcpy(block, text, length);
     own->strings[own->count++] = block;
     *copy = block;
     return KILN_OK;
+}
+
+int kiln_job_keep(struct kiln_job *job, const char *text, size_t length, char **copy, struct kiln_error *error)
+{
+    const int status = keep_room(job, length, copy, error);
+    if (status == KILN_OK)
+        memcpy(*copy, text, length);
+    return status;
 }
 
 int kiln_job_keep_path(struct kiln_job *job, const char *path, const char *folder, char **copy, struct kiln_error *error)
@@ -31,9 +39,10 @@ int kiln_job_keep_path(struct kiln_job *job, const char *path, const char *folde
         return kiln_job_keep(job, path, strlen(path), copy, error);
     const size_t before = strlen(folder), after = strlen(path);
     const bool slash = before > 0 && folder[before - 1] == '/';
-    int status = kiln_job_keep(job, folder, before + !slash + after, copy, error);
+    const int status = keep_room(job, before + !slash + after, copy, error);
     if (status != KILN_OK)
         return status;
+    memcpy(*copy, folder, before);
     if (!slash)
         (*copy)[before] = '/';
     memcpy(*copy + before + !slash, path, after);

@@ -444,6 +444,8 @@ exr_result_t exr_read_chunks(exr_const_context_t file, int32_t top, const struct
 {
     int32_t lines = 1;
     exr_result_t failure = exr_get_scanlines_per_chunk(file, 0, &lines);
+    if (failure == EXR_ERR_SUCCESS && lines < 1) /* of a compression that the library does not know */
+        failure = EXR_ERR_INVALID_ATTR;
     const uint32_t step = (uint32_t)lines, chunks = failure != EXR_ERR_SUCCESS ? 0 : (image->height + step - 1) / step;
     uint32_t failed = chunks;
 #pragma omp parallel

@@ -154,6 +154,7 @@ class Seeds:
         ended = subprocess.run(words, env={**self.environment, **(more or {})}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False, timeout=300)
         if ended.returncode not in codes:
             sys.exit('a seed cannot be made: %s ended with %d\n%s' % (' '.join(words), ended.returncode, ended.stdout))
+        return ended.returncode
 
     def scene(self):
         """As a scene file: a checkpoint fits it, whichever build of the program goes on."""
@@ -166,16 +167,21 @@ class Seeds:
         return target
 
     def stopped(self, ranks):
-        """A bake that ended with a checkpoint: one whose rank 0 is made slow is stopped, earlier or later until there is one."""
+        """A bake that ended with a checkpoint: a bake whose rank 0 is slow, stopped earlier or later until there is one."""
         target = os.path.join(self.folder, 'stopped%d' % ranks)
         launcher = ['mpirun', '--bind-to', 'none', '--oversubscribe', '-n', str(ranks)] if ranks > 1 else []
         if ranks > 1 and shutil.which('mpirun') is None:
             return None
-        for limit in (0.1, 0.2, 0.4, 0.8, 0.05, 1.6, 3.2, 0.3, 0.6):
-            self.run([*launcher, self.program, 'bake', self.scene(), '-o', target, *BAKE, '--max-time', str(limit)], (0, 75), {'KILN_SLOW_RANK': '0:1000'})
+        low, high = 0.05, 2.0  # s: before the first of them there is nothing to keep yet, after the second all is done
+        for _ in range(30):
+            limit = (low + high) / 2
+            code = self.run([*launcher, self.program, 'bake', self.scene(), '-o', target, *BAKE, '--no-give-away', '--max-time', '%.3f' % limit], (0, 75), {'KILN_SLOW_RANK': '0:4000'})
             if glob.glob(os.path.join(target, 'checkpoint', 'gen-*')):
                 return target
             shutil.rmtree(target)
+            low, high = (limit, high) if code == 75 else (low, limit)
+            if high - low < 0.05:  # the machine has become slower or faster meanwhile
+                low, high = low / 2, 2 * high
         sys.exit('a seed cannot be made: no bake was stopped with a checkpoint')
 
 
