@@ -273,7 +273,7 @@ def gltf_tree(r, tree):
                     p['extensions'] = {r.choice(('KHR_draco_mesh_compression', 'EXT_meshopt_compression')): {'bufferView': r.randrange(4), 'attributes': {'POSITION': r.randrange(3)}}}
                     tree['extensionsUsed'] = list(p['extensions'])
                 else:
-                    mesh['primitives'] *= r.choice((2, 50))
+                    mesh['primitives'] *= r.choice((2, 5))
     elif kind < 15:
         material = one('materials')
         if material:
@@ -329,7 +329,10 @@ def gltf_text(r, text):
     for _ in range(r.choice((1, 1, 1, 2, 3))):
         if not isinstance(tree, dict):
             break
-        tree = gltf_tree(r, tree) if r.random() < 0.6 and not has_raw(tree) else mutate_tree(r, tree, 1)
+        try:
+            tree = gltf_tree(r, tree) if r.random() < 0.6 and not has_raw(tree) else mutate_tree(r, tree, 1)
+        except (TypeError, AttributeError, KeyError):
+            continue  # an earlier change has left nothing to change there
     text = dumps(tree)
     return mutate_json_text(r, text) if kind > 0.97 else text
 

@@ -508,7 +508,7 @@ READERS = {
     'bake glb': (1, make_bake_glb),
     'run': (2, make_run),
     'manifest': (2, make_manifest),
-    'checkpoint': (1, make_checkpoint_manifest),
-    'part': (1, make_checkpoint_part),
+    'checkpoint': (0.7, make_checkpoint_manifest),
+    'part': (0.7, make_checkpoint_part),
     'status': (2, make_status),
 }
