@@ -17,11 +17,20 @@ json_t *kiln_json_string(const char *text)
     return string;
 }
 
+/* All of it in ASCII, without the one control character that JSON lets through. */
+static int write_plain(const char *bytes, size_t size, void *stream)
+{
+    for (size_t i = 0; i < size; i++)
+        if ((bytes[i] == 0x7f ? fputs("\\u007f", stream) : fputc(bytes[i], stream)) == EOF)
+            return -1;
+    return 0;
+}
+
 int kiln_json_print(json_t *object, struct kiln_error *error)
 {
     if (object == NULL)
         return kiln_fail(error, KILN_SYSTEM, "out of memory for the JSON object");
-    const int failed = json_dumpf(object, stdout, JSON_COMPACT);
+    const int failed = json_dump_callback(object, write_plain, stdout, JSON_COMPACT | JSON_ENSURE_ASCII);
     json_decref(object);
     if (failed != 0)
         return kiln_fail(error, KILN_IO, "cannot write to stdout");

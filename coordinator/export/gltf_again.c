@@ -184,9 +184,26 @@ static json_t *settled_link(const struct again *a, size_t object)
     return settled;
 }
 
+/* How many instances the source gives a node: the count of the first of its attributes. */
+static uint64_t instances_of(const struct again *a, const json_t *node)
+{
+    json_t *attributes = json_object_get(json_object_get(json_object_get(node, "extensions"), "EXT_mesh_gpu_instancing"), "attributes");
+    const json_t *index = json_object_iter_value(json_object_iter(attributes));
+    const json_t *accessor = json_array_get(json_object_get(a->b.root, "accessors"), json_is_integer(index) ? (size_t)json_integer_value(index) : SIZE_MAX);
+    const json_int_t count = json_integer_value(json_object_get(accessor, "count"));
+    return count > 0 ? (uint64_t)count : 0;
+}
+
 /* Instances of one node (EXT_mesh_gpu_instancing) have an array of links, in the order of the instances; null: none. */
 static void link_instance(struct again *a, json_t *node, size_t object, json_t *link)
 {
+    const struct kiln_object *o = &a->scene->objects[object];
+    const uint64_t count = instances_of(a, node);
+    if (o->source_instance >= count) {
+        a->b.status = kiln_fail(a->b.error, KILN_BAD_INPUT, "the baked scene's object %zu is instance %u of node %u, which has %llu in the source: the scene was "
+                                "changed since it was baked; bake again", object, o->source_instance, o->source_node, (unsigned long long)count);
+        return;
+    }
     json_t *whole = json_object_get(json_object_get(node, "extensions"), KILN_LIGHTMAP_EXTENSION);
     if (json_object_get(whole, "instances") == NULL || !json_is_array(json_object_get(whole, "instances"))) {
         whole = json_pack("{s:[]}", "instances");
@@ -195,7 +212,7 @@ static void link_instance(struct again *a, json_t *node, size_t object, json_t *
         whole = json_object_get(json_object_get(node, "extensions"), KILN_LIGHTMAP_EXTENSION);
     }
     json_t *array = json_object_get(whole, "instances");
-    while (array != NULL && json_array_size(array) < a->scene->objects[object].source_instance)
+    while (array != NULL && json_array_size(array) < o->source_instance)
         if (json_array_append_new(array, json_null()) != 0)
             break;
     (void)json_array_append(array, link);
