@@ -155,6 +155,25 @@ void kiln_child_confine(const struct kiln_import_params *params)
 
 /* ---- the work ---- */
 
+/* What a file may ask for by itself, in its nodes' extras; of a user's own options this is no limit. */
+enum { OWN_TEXELS_MAX = 1 << 25 };
+
+static int check_own_texels(const struct kiln_import_params *params, struct kiln_builder *builder, struct kiln_error *error)
+{
+    const struct kiln_object *objects = KILN_BUILDER_DATA(builder, const struct kiln_object, KILN_SECTION_OBJECTS);
+    double texels = 0.0;
+    if (params->texels_per_metre > 0.0 || params->lightmap_size > 0 || (params->objects != NULL && params->objects[0] != '\0'))
+        return KILN_OK;
+    for (size_t i = 0; i < builder->sections[KILN_SECTION_OBJECTS].count; i++)
+        if (objects[i].density_reason == KILN_DENSITY_SIZED || objects[i].density_reason == KILN_DENSITY_SCALED)
+            texels += (double)objects[i].lightmap_width * (double)objects[i].lightmap_height;
+    if (texels <= OWN_TEXELS_MAX)
+        return KILN_OK;
+    return kiln_fail(error, KILN_BAD_INPUT, "%.512s: settings in the file (its nodes' extras) ask for lightmaps of %.0f million texels in all, and %d million is the "
+                     "most that a file may ask for: if that is meant, give --texels-per-metre; if not, --objects '{*: {lightmap-size: 512}}'",
+                     params->path, texels * 1e-6, OWN_TEXELS_MAX / 1000000);
+}
+
 static int read_layout_write(const struct child *child, struct kiln_error *error)
 {
     const struct kiln_import_params *params = &child->params;
@@ -168,6 +187,8 @@ static int read_layout_write(const struct child *child, struct kiln_error *error
         limit_layout_time(params, builder);
         status = kiln_layout(builder, &layout, error);
     }
+    if (status == KILN_OK)
+        status = check_own_texels(params, builder, error);
     if (status == KILN_OK) {
         kiln_import_key(params, child->program, KILN_BUILDER_DATA(builder, const struct kiln_source, KILN_SECTION_SOURCES),
                         builder->sections[KILN_SECTION_SOURCES].count, KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS),

@@ -43,6 +43,12 @@ class Objects(importing.Case):
         path = importing.write(self.at, "job.yaml", ("scene: scene.glb\n" + text).encode())
         return self.objects(*options, path=path)
 
+    def test_a_file_asks_for_so_many_texels_only(self):
+        path = scene(os.path.join(self.at, "large.glb"), {"Floor": {"kiln": {"lightmap-size": 32768}}})
+        self.refused(path, ("settings in the file", "ask for lightmaps of 1074 million texels"))
+        objects, _ = self.objects("--objects", "{Floor: {lightmap-size: 64}}", path=path)
+        self.assertEqual(objects["Floor"]["lightmap"], [64, 64])
+
     def test_settings_reach_the_lightmaps(self):
         plain, _ = self.objects("--texels-per-metre", 20)
         self.assertEqual({o["density_reason"] for o in plain.values()}, {"common"})
