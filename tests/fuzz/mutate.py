@@ -120,7 +120,6 @@ def busy_machine():
 # ---- judging ----
 
 FRAME = re.compile(r'#\d+ 0x[0-9a-f]+ .*?\(?(/[^ ()+]+)\+(0x[0-9a-f]+)\)')
-CONTROL_OF_JSON = re.compile('[\x00-\x08\x0b-\x1f]')  # a parser reads it, and JSON escapes no others
 CONTROL = re.compile('[\x00-\x08\x0b-\x1f\x7f\u0080-\u009f]')
 RUNTIME = ('libasan', 'libubsan', 'libc.so', 'libc-', 'libstdc++', 'libpthread', 'libm.so', 'ld-linux', 'libgcc')
 
@@ -175,7 +174,7 @@ class Judge:
             found.append(('no sentence', repr(outcome.err[-200:])))
         if not has_report(outcome.err) and outcome.number != LEAK:
             for name, text in (('out', outcome.out), ('err', outcome.err)):
-                control = (CONTROL_OF_JSON if text.startswith(b'{') else CONTROL).search(text.decode('utf-8', 'replace'))
+                control = CONTROL.search(text.decode('utf-8', 'replace'))
                 if control:
                     found.append(('a control character in std' + name, 'U+%04X' % ord(control.group())))
         touched = self.watch.touched()
