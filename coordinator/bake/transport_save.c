@@ -6,6 +6,7 @@
 #include "coordinator/bake/transport_private.h"
 #include "coordinator/cli/agree.h"
 #include "worker/base/memory.h"
+#include "worker/scene/radiosity.h"
 
 #define WRITE_BYTES 20e6 /* a second, at the slowest disk that is not taken for a dead one */
 
@@ -321,15 +322,31 @@ static bool errors_are_sane(const uint16_t *values, uint64_t count)
     return sane;
 }
 
+static bool radiosities_are_sane(const uint64_t *values, uint64_t count)
+{
+    bool sane = true;
+    for (uint64_t i = 0; i < count; i++) {
+        float rgb[3];
+        kiln_radiosity_unpack(values[i], rgb);
+        sane = sane && floats_are_sane(rgb, 3);
+    }
+    return sane;
+}
+
 static int check_points(const struct transport_state *s, bool finished, struct kiln_error *error)
 {
     const uint64_t count = s->params->surface->count;
+    const bool has_source = !finished && s->step.kind != KILN_PASS_DIRECT;
     if (!floats_are_sane(s->out->direct, 3 * count))
         return no_such_value("direct", error);
     if (!floats_are_sane(s->own->sum, 3 * count))
         return no_such_value("sum", error);
     if (!errors_are_sane(s->out->error, count))
         return no_such_value("error", error);
+    if (!finished && !radiosities_are_sane(s->own->next, count))
+        return no_such_value("next", error);
+    if (has_source && !radiosities_are_sane(s->out->radiosity + s->params->surface->first, count))
+        return no_such_value("source", error);
     if (!finished && (!doubles_are_sane(s->group_before, s->group_count) || !doubles_are_sane(s->group_total, s->group_count)))
         return no_such_value("group_total", error);
     return KILN_OK;

@@ -364,7 +364,7 @@ static int read_face(struct reader *r)
     struct obj_word word;
     size_t count = 0;
     int status = open_part(r);
-    struct part *part = r->parts + r->part_count - 1;
+    struct part *part = status == KILN_OK ? r->parts + r->part_count - 1 : NULL;
     for (; status == KILN_OK && obj_next_word(&r->text, &word); count++) {
         struct corner corner;
         status = parse_corner(r, word, &corner);

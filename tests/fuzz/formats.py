@@ -608,6 +608,13 @@ def exr_chunks(data, attributes, rest):
 
 
 def exr(r, data):
+    try:
+        return mutated_exr(r, data)
+    except (ValueError, IndexError, struct.error):  # two changes that do not go together
+        return havoc(r, data)
+
+
+def mutated_exr(r, data):
     version, attributes, rest = exr_split(data)
     chunks = exr_chunks(data, attributes, rest)
     for _ in range(r.choice((1, 1, 2))):

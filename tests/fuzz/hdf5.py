@@ -108,7 +108,8 @@ def values_of(kind):
 
 def replace(r, file, path, outside):
     """Puts something else in a dataset's place."""
-    old = file.get(path)
+    link = file.get(path, getlink=True)
+    old = file.get(path) if isinstance(link, h5py.HardLink) else None
     if not isinstance(old, h5py.Dataset):
         return
     kind, shape = old.dtype, old.shape
@@ -181,7 +182,7 @@ def replace(r, file, path, outside):
 
 
 def attribute(r, file, path):
-    item = file.get(path) if path else file
+    item = file if path == '' else file.get(path) if isinstance(file.get(path, getlink=True), h5py.HardLink) else None
     if item is None:
         return
     names = list(item.attrs)
@@ -233,8 +234,8 @@ def grow(r, file, outside):
 def structure(r, path, outside):
     """Changes the file at `path`, a copy of a good one, through the library."""
     with h5py.File(path, 'r+') as file:
+        paths = every(file)  # of the good file: what a mutation has made may be without an end
         for _ in range(r.choice((1, 1, 2))):
-            paths = every(file)
             kind = r.random()
             try:
                 if kind < 0.55 and paths:
