@@ -162,15 +162,15 @@ static int check_own_texels(const struct kiln_import_params *params, struct kiln
 {
     const struct kiln_object *objects = KILN_BUILDER_DATA(builder, const struct kiln_object, KILN_SECTION_OBJECTS);
     double texels = 0.0;
-    if (params->texels_per_metre > 0.0 || params->lightmap_size > 0 || (params->objects != NULL && params->objects[0] != '\0'))
+    if (params->objects != NULL && params->objects[0] != '\0')
         return KILN_OK;
     for (size_t i = 0; i < builder->sections[KILN_SECTION_OBJECTS].count; i++)
-        if (objects[i].density_reason == KILN_DENSITY_SIZED || objects[i].density_reason == KILN_DENSITY_SCALED)
+        if (objects[i].density_reason == KILN_DENSITY_SIZED || (objects[i].density_reason == KILN_DENSITY_SCALED && !(params->texels_per_metre > 0.0)))
             texels += (double)objects[i].lightmap_width * (double)objects[i].lightmap_height;
     if (texels <= OWN_TEXELS_MAX)
         return KILN_OK;
     return kiln_fail(error, KILN_BAD_INPUT, "%.512s: settings in the file (its nodes' extras) ask for lightmaps of %.0f million texels in all, and %d million is the "
-                     "most that a file may ask for: if that is meant, give --texels-per-metre; if not, --objects '{*: {lightmap-size: 512}}'",
+                     "most that a file may ask for: give --objects with what you mean, as '{\"*\": {lightmap-size: 512}}'",
                      params->path, texels * 1e-6, OWN_TEXELS_MAX / 1000000);
 }
 
