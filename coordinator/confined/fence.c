@@ -25,7 +25,7 @@
 #define ADDRESS_SANITIZER 0
 #endif
 
-static void limit(int resource, uint64_t value)
+void kiln_fence_limit(int resource, uint64_t value)
 {
     struct rlimit now;
     if (getrlimit((__rlimit_resource_t)resource, &now) != 0)
@@ -37,7 +37,7 @@ static void limit(int resource, uint64_t value)
 void kiln_fence_begin(void)
 {
     (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
-    limit(RLIMIT_CORE, 0);
+    kiln_fence_limit(RLIMIT_CORE, 0);
 }
 
 /* Private writable memory as the kernel counts it for RLIMIT_DATA. Its file is opened once, for nothing can be opened behind the fence. */
@@ -62,9 +62,9 @@ void kiln_fence_limits(uint64_t bytes, uint64_t seconds)
     struct rusage used;
     const uint64_t has = data_bytes();
     if (!ADDRESS_SANITIZER && has > 0) /* AddressSanitizer reserves terabytes */
-        limit(RLIMIT_DATA, has + bytes);
+        kiln_fence_limit(RLIMIT_DATA, has + bytes);
     if (getrusage(RUSAGE_SELF, &used) == 0)
-        limit(RLIMIT_CPU, (uint64_t)used.ru_utime.tv_sec + (uint64_t)used.ru_stime.tv_sec + 1 + seconds);
+        kiln_fence_limit(RLIMIT_CPU, (uint64_t)used.ru_utime.tv_sec + (uint64_t)used.ru_stime.tv_sec + 1 + seconds);
 }
 
 #if defined(__x86_64__)

@@ -6,6 +6,9 @@
 
 #include <stdint.h>
 
+/* Sets a soft limit (RLIMIT_...) of this process, as far as the hard one allows. */
+void kiln_fence_limit(int resource, uint64_t value);
+
 /* Dies with its parent; no core files. Call it first. */
 void kiln_fence_begin(void);
 

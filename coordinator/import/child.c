@@ -15,6 +15,7 @@
 
 #include "coordinator/cli/commands.h"
 #include "coordinator/confined/confined.h"
+#include "coordinator/confined/fence.h"
 #include "coordinator/import/read.h"
 #include "coordinator/layout/layout.h"
 #include "worker/base/memory.h"
@@ -43,20 +44,11 @@ static uint64_t machine_memory(void)
     return pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size : (uint64_t)1 << 34;
 }
 
-static void limit(int resource, uint64_t value)
-{
-    struct rlimit now;
-    if (getrlimit((__rlimit_resource_t)resource, &now) != 0)
-        return;
-    now.rlim_cur = now.rlim_max != RLIM_INFINITY && now.rlim_max < value ? now.rlim_max : (rlim_t)value;
-    (void)setrlimit((__rlimit_resource_t)resource, &now);
-}
-
 static void limit_memory(uint64_t bytes)
 {
     /* AddressSanitizer reserves terabytes of addresses: no limit on them can be set there. */
     if (!ADDRESS_SANITIZER)
-        limit(RLIMIT_AS, bytes);
+        kiln_fence_limit(RLIMIT_AS, bytes);
 }
 
 static uint64_t default_memory(uint64_t file_bytes)
@@ -68,7 +60,7 @@ static uint64_t default_memory(uint64_t file_bytes)
 static uint64_t default_seconds(uint64_t file_bytes) { return 60 + file_bytes / 10000000; }
 
 static void follow_memory(const struct kiln_confine *confine) { limit_memory(default_memory(confine->total_bytes)); }
-static void follow_time(const struct kiln_confine *confine) { limit(RLIMIT_CPU, default_seconds(confine->total_bytes)); }
+static void follow_time(const struct kiln_confine *confine) { kiln_fence_limit(RLIMIT_CPU, default_seconds(confine->total_bytes)); }
 static void follow_both(const struct kiln_confine *confine)
 {
     follow_memory(confine);
@@ -78,11 +70,11 @@ static void follow_nothing(const struct kiln_confine *confine) { (void)confine; 
 
 static void set_limits(const struct kiln_import_params *params)
 {
-    limit(RLIMIT_CORE, 0);
-    limit(RLIMIT_NOFILE, 64);
-    limit(RLIMIT_FSIZE, (uint64_t)1 << 40);
+    kiln_fence_limit(RLIMIT_CORE, 0);
+    kiln_fence_limit(RLIMIT_NOFILE, 64);
+    kiln_fence_limit(RLIMIT_FSIZE, (uint64_t)1 << 40);
     limit_memory(params->memory_limit != 0 ? params->memory_limit : default_memory(0));
-    limit(RLIMIT_CPU, params->time_limit != 0 ? params->time_limit : default_seconds(0));
+    kiln_fence_limit(RLIMIT_CPU, params->time_limit != 0 ? params->time_limit : default_seconds(0));
 }
 
 void (*kiln_child_follower(const struct kiln_import_params *params))(const struct kiln_confine *)
@@ -98,7 +90,7 @@ static void limit_layout_time(const struct kiln_import_params *params, const str
     struct rusage used;
     if (params->time_limit != 0 || getrusage(RUSAGE_SELF, &used) != 0)
         return;
-    limit(RLIMIT_CPU, (uint64_t)used.ru_utime.tv_sec + (uint64_t)used.ru_stime.tv_sec + 60 + builder->sections[KILN_SECTION_TRIANGLES].count / 2000);
+    kiln_fence_limit(RLIMIT_CPU, (uint64_t)used.ru_utime.tv_sec + (uint64_t)used.ru_stime.tv_sec + 60 + builder->sections[KILN_SECTION_TRIANGLES].count / 2000);
 }
 
 /* ---- Landlock: a second fence around files, where the kernel has it ---- */

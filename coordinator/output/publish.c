@@ -411,28 +411,31 @@ int kiln_publish_bytes(const char *path, const void *bytes, size_t size, struct 
     return kiln_publish_bytes_below(NULL, path, bytes, size, error);
 }
 
-int kiln_read_descriptor(int descriptor, const char *path, size_t limit, char **bytes, size_t *size, struct kiln_error *error)
+int kiln_read_open(int descriptor, const char *path, size_t limit, char **bytes, size_t *size, struct kiln_error *error)
 {
     struct stat found;
-    int status = KILN_OK;
     *bytes = NULL;
     *size = 0;
     if (fstat(descriptor, &found) != 0)
-        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be examined", path);
-    else if (!S_ISREG(found.st_mode))
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a plain file", path);
-    else if ((size_t)found.st_size > limit)
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' has %zu bytes, more than the %zu expected at most", path,
-                           (size_t)found.st_size, limit);
-    if (status == KILN_OK)
-        status = kiln_allocate(bytes, (size_t)found.st_size + 1, 1, "a file's bytes", error);
+        return kiln_fail_errno(error, KILN_IO, "'%s' cannot be examined", path);
+    if (!S_ISREG(found.st_mode))
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a plain file", path);
+    if ((size_t)found.st_size > limit)
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' has %zu bytes, more than the %zu expected at most", path, (size_t)found.st_size, limit);
+    int status = kiln_allocate(bytes, (size_t)found.st_size + 1, 1, "a file's bytes", error);
     if (status == KILN_OK)
         status = read_all(descriptor, path, (size_t)found.st_size, *bytes, error);
-    (void)close(descriptor);
-    if (status != KILN_OK)
-        kiln_free(bytes);
-    else
+    if (status == KILN_OK)
         *size = (size_t)found.st_size;
+    else
+        kiln_free(bytes);
+    return status;
+}
+
+int kiln_read_descriptor(int descriptor, const char *path, size_t limit, char **bytes, size_t *size, struct kiln_error *error)
+{
+    const int status = kiln_read_open(descriptor, path, limit, bytes, size, error);
+    (void)close(descriptor);
     return status;
 }
 

@@ -80,7 +80,8 @@ int kiln_publish_bytes_below(const char *directory, const char *name, const void
 /* The same at a path that a user gave. */
 int kiln_publish_bytes(const char *path, const void *bytes, size_t size, struct kiln_error *error);
 
-/* The same as kiln_read_file for what is open, and closes it. */
+/* The same as kiln_read_file for what is open, wherever it was read up to; the second closes it. */
+int kiln_read_open(int descriptor, const char *path, size_t limit, char **bytes, size_t *size, struct kiln_error *error);
 int kiln_read_descriptor(int descriptor, const char *path, size_t limit, char **bytes, size_t *size, struct kiln_error *error);
 
 /* Reads a whole file of at most `limit` bytes; *bytes is from kiln_allocate, with a zero byte after the last (not counted in

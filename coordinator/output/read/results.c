@@ -124,39 +124,6 @@ int kiln_results_folder(const struct kiln_results *r, const char *name, int *des
 
 /* ---- reading ---- */
 
-static int read_all(int descriptor, const char *path, size_t size, char *bytes, struct kiln_error *error)
-{
-    for (size_t at = 0; at < size;) {
-        const ssize_t got = pread(descriptor, bytes + at, size - at, (off_t)at);
-        if (got < 0 && errno == EINTR)
-            continue;
-        if (got <= 0)
-            return got < 0 ? kiln_fail_errno(error, KILN_IO, "'%s' cannot be read at byte %zu", path, at)
-                           : kiln_fail(error, KILN_IO, "'%s' ended at byte %zu of %zu while it was read", path, at, size);
-        at += (size_t)got;
-    }
-    return KILN_OK;
-}
-
-int kiln_read_open(int descriptor, const char *path, size_t most, char **bytes, size_t *size, struct kiln_error *error)
-{
-    struct stat found;
-    *bytes = NULL;
-    *size = 0;
-    if (fstat(descriptor, &found) != 0)
-        return kiln_fail_errno(error, KILN_IO, "'%s' cannot be examined", path);
-    if ((uint64_t)found.st_size > most)
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' has %lld bytes, more than the %zu expected at most", path, (long long)found.st_size, most);
-    int status = kiln_allocate(bytes, (size_t)found.st_size + 1, 1, "a file's bytes", error);
-    if (status == KILN_OK)
-        status = read_all(descriptor, path, (size_t)found.st_size, *bytes, error);
-    if (status == KILN_OK)
-        *size = (size_t)found.st_size;
-    else
-        kiln_free(bytes);
-    return status;
-}
-
 int kiln_results_bytes(const struct kiln_results *r, const char *name, size_t most, char **bytes, size_t *size, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];

@@ -52,8 +52,4 @@ struct kiln_reader *kiln_results_reader(struct kiln_results *results);
  * no plain file. */
 int kiln_open_plain(const char *path, int *descriptor, struct kiln_error *error);
 
-/* All bytes of an open file of at most `most`: *bytes is from kiln_allocate, with a zero byte after the last (not counted in *size).
- * KILN_BAD_INPUT when it is larger. */
-int kiln_read_open(int descriptor, const char *path, size_t most, char **bytes, size_t *size, struct kiln_error *error);
-
 #endif
