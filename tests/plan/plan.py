@@ -73,7 +73,9 @@ def compare_balance(kiln, path, out, ranks, ways):
 
 
 def balance(kiln, folder):
-    """An uneven scene, and an even one with a slow rank. Other work on the machine makes ranks uneven that are not: the best of some tries counts."""
+    """An uneven scene, and an even one with a slow rank. Other work on the machine makes ranks uneven that are not: the best of some
+    tries counts. Ranks that share a core wait for each other at random: what these took is printed and not judged."""
+    cores = len(os.sched_getaffinity(0))
     statue, even, out = (os.path.join(folder, name) for name in ('statue.glb', 'even.glb', 'out'))
     run(kiln, 'generate', 'cornell-statue', '-o', statue)
     run(kiln, 'generate', 'cornell', '-o', even)
@@ -83,7 +85,7 @@ def balance(kiln, folder):
                                           ('slow rank', even, 2, '1:3', alone), ('helped', statue, 2, '', [])]:
         os.environ['KILN_SLOW_RANK'] = slow
         best = None
-        for _ in range(TRIES):
+        for _ in range(TRIES if ranks <= cores else 1):
             plan, first, later, given = compare_balance(kiln, path, out, ranks, ways)
             off = abs(plan['first_pass']['bounce'] - first['imbalance'])
             if best is None or off < best[0]:
@@ -96,7 +98,7 @@ def balance(kiln, folder):
                   name, ranks, 100 * plan['first_pass']['bounce'], 100 * first['imbalance'], 100 * plan['last_pass']['bounce'],
                   100 * later[-1]['imbalance'], 100 * plan['imbalance'], 100 * plan['imbalance_kept'], plan['cuts'], sum(b['moved'] for b in later),
                   sum(given)))
-        if off > UNEVEN:
+        if off > UNEVEN and ranks <= cores:
             failures.append('%s on %d ranks: %.2f instead of %.2f' % (name, ranks, plan['first_pass']['bounce'], first['imbalance']))
         if slow and not (plan['cuts'] > 0 and first['moved']):
             failures.append('%s: shares cut anew %d times, %s' % (name, plan['cuts'], first))
