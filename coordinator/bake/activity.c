@@ -7,7 +7,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#define IDLE_SHARE 0.01     /* of a core */
+#define IDLE_SHARE 0.01      /* of a core */
 enum { IDLE_BYTES = 65536 }; /* a second: what threads that watch write */
 
 /* What /proc says of a process's or thread's state. */
@@ -27,7 +27,8 @@ static bool read_state(const char *path, struct state *state)
         (void)fclose(file);
     text[length] = '\0';
     const char *rest = strrchr(text, ')');
-    if (rest == NULL || sscanf(rest, ") %c %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %llu %llu", &state->letter, &user, &system) != 3)
+    if (rest == NULL ||
+        sscanf(rest, ") %c %*s %*s %*s %*s %*s %*s %*s %*s %*s %*s %llu %llu", &state->letter, &user, &system) != 3)
         return false;
     state->ticks = user + system;
     return true;
@@ -42,7 +43,8 @@ static uint64_t read_sum(const char *path, const char *one, const char *other)
     while (file != NULL && fgets(line, sizeof line, file) != NULL) {
         const char *colon = strchr(line, ':');
         const size_t length = colon != NULL ? (size_t)(colon - line) : 0;
-        if (colon != NULL && ((length == strlen(one) && memcmp(line, one, length) == 0) || (length == strlen(other) && memcmp(line, other, length) == 0)))
+        if (colon != NULL && ((length == strlen(one) && memcmp(line, one, length) == 0) ||
+                              (length == strlen(other) && memcmp(line, other, length) == 0)))
             sum += strtoull(colon + 1, NULL, 10);
     }
     if (file != NULL)
@@ -103,12 +105,19 @@ void kiln_activity_ask(struct kiln_activity *a, double now)
     look_at_children(&next.children, &disk);
     disk = disk || main.letter == 'D';
     const double passed = now - a->asked;
-    const bool works = !seen || a->asked <= 0.0 || disk || next.switches != a->switches || next.ticks != a->ticks || next.children != a->children ||
-                       next.processor - a->processor > IDLE_SHARE * passed || (double)(next.bytes - a->bytes) > IDLE_BYTES * passed;
+    const bool works = !seen || a->asked <= 0.0 || disk || next.switches != a->switches || next.ticks != a->ticks ||
+                       next.children != a->children || next.processor - a->processor > IDLE_SHARE * passed ||
+                       (double)(next.bytes - a->bytes) > IDLE_BYTES * passed;
     next.idle_since = works ? 0.0 : a->idle_since > 0.0 ? a->idle_since : a->asked;
     next.disk_since = !disk ? 0.0 : a->disk_since > 0.0 ? a->disk_since : now;
     *a = next;
 }
 
-double kiln_activity_idle(const struct kiln_activity *a) { return a->idle_since > 0.0 ? a->asked - a->idle_since : 0.0; }
-double kiln_activity_disk(const struct kiln_activity *a) { return a->disk_since > 0.0 ? a->asked - a->disk_since : 0.0; }
+double kiln_activity_idle(const struct kiln_activity *a)
+{
+    return a->idle_since > 0.0 ? a->asked - a->idle_since : 0.0;
+}
+double kiln_activity_disk(const struct kiln_activity *a)
+{
+    return a->disk_since > 0.0 ? a->asked - a->disk_since : 0.0;
+}

@@ -38,7 +38,8 @@ void transport_send_done(struct transport_state *s, size_t end)
         s->sent = end;
     if (s->early && surface->fragment_count > 0)
         kiln_spread_advance(s->out->spread, s->own->next,
-                            s->sent < surface->fragment_count ? surface->fragments[s->sent].first - surface->first : surface->count);
+                            s->sent < surface->fragment_count ? surface->fragments[s->sent].first - surface->first
+                                                              : surface->count);
 }
 
 /* ---- how much ---- */
@@ -52,24 +53,27 @@ static uint64_t points_of(const struct kiln_surface *surface, struct kiln_range 
     return last->first + last->count - surface->fragments[range.first].first;
 }
 
-static double speed_of(const struct transport_state *s) { return s->rate / (double)s->step.samples; } /* points a second */
+/* points a second */
+static double speed_of(const struct transport_state *s) { return s->rate / (double)s->step.samples; }
 
-/* How many fragments of what is left of the own work make a batch: one a thread at least, so that no core is idle; towards the end of the pass
- * less and less, so that others can take the rest. */
+/* How many fragments of what is left of the own work make a batch: one a thread at least, so that no core is idle;
+ * towards the end of the pass less and less, so that others can take the rest. */
 static size_t batch_of(const struct transport_state *s, struct kiln_range left)
 {
     const struct kiln_fragment *fragments = s->params->surface->fragments + left.first;
     const int ranks = kiln_shares_count(s->out->shares), parts = ranks < LEAVES ? ranks : LEAVES;
     double wanted = speed_of(s) * kiln_control_batch_seconds(s->params->control);
     if (ranks > 1)
-        wanted = fmin(wanted, fmax((double)points_of(s->params->surface, left) / parts, KILN_LEAST_BATCH * speed_of(s)));
+        wanted =
+            fmin(wanted, fmax((double)points_of(s->params->surface, left) / parts, KILN_LEAST_BATCH * speed_of(s)));
     size_t count = 0;
     for (uint64_t points = 0; count < left.count && (count < s->params->threads || (double)points < wanted); count++)
         points += fragments[count].count;
     return count;
 }
 
-/* The same from the end, of what another rank could do without: half of what makes both end at the same time, for there may be more helpers. */
+/* The same from the end, of what another rank could do without: half of what makes both end at the same time, for there
+ * may be more helpers. */
 static size_t help_of(const struct transport_state *s, const struct kiln_share *share, struct kiln_range left)
 {
     const struct kiln_fragment *end = share->surface.fragments + left.first + left.count;
@@ -101,7 +105,8 @@ static void be_slow(const struct transport_state *s, double seconds)
 }
 
 /* Traces a range of a share, the own or another's. */
-static int run_batch(struct pass_work *w, const struct kiln_share *share, struct kiln_range range, double *seconds, struct kiln_error *error)
+static int run_batch(struct pass_work *w, const struct kiln_share *share, struct kiln_range range, double *seconds,
+                     struct kiln_error *error)
 {
     struct kiln_backend_info begin, end;
     struct transport_state *s = w->state;
@@ -112,14 +117,16 @@ static int run_batch(struct pass_work *w, const struct kiln_share *share, struct
     kiln_backend_info(p->backend, &begin);
     const double start = MPI_Wtime();
     w->since = start;
-    const int status = s->step.kind == KILN_PASS_DIRECT
-                           ? kiln_backend_direct(p->backend, &batch, s->step.samples, &w->pass->rays, error)
-                           : kiln_backend_gather(p->backend, &batch, s->step.samples, s->step.stream, &w->pass->rays, error);
+    const int status =
+        s->step.kind == KILN_PASS_DIRECT
+            ? kiln_backend_direct(p->backend, &batch, s->step.samples, &w->pass->rays, error)
+            : kiln_backend_gather(p->backend, &batch, s->step.samples, s->step.stream, &w->pass->rays, error);
     be_slow(s, MPI_Wtime() - start);
     *seconds = MPI_Wtime() - start;
     kiln_backend_info(p->backend, &end);
     w->pass->seconds += *seconds;
-    kiln_trace_add(p->trace, share == s->own ? KILN_TRACE_BATCH : KILN_TRACE_HELP, "batch", start, start + *seconds, (int64_t)w->points);
+    kiln_trace_add(p->trace, share == s->own ? KILN_TRACE_BATCH : KILN_TRACE_HELP, "batch", start, start + *seconds,
+                   (int64_t)w->points);
     w->pass->device_seconds += fmax(0.0, end.device_seconds - begin.device_seconds);
     note_rate(s, w->points, *seconds);
     return status;
@@ -159,7 +166,8 @@ static const struct kiln_share *who_is_behind(const struct transport_state *s, s
     for (int i = 0; i < kiln_shares_count(shares); i++) {
         const struct kiln_share *share = kiln_share(shares, i);
         const struct kiln_range there = kiln_board_left(share->board);
-        const double seconds = share == s->own ? 0.0 : (double)points_of(&share->surface, there) / kiln_board_speed(share->board);
+        const double seconds =
+            share == s->own ? 0.0 : (double)points_of(&share->surface, there) / kiln_board_speed(share->board);
         if (seconds > longest) {
             longest = seconds;
             last = share;
@@ -170,7 +178,8 @@ static const struct kiln_share *who_is_behind(const struct transport_state *s, s
 }
 
 /* Computes a part of another rank's work, unless somebody was quicker. */
-static int run_help(struct pass_work *w, const struct kiln_share *share, struct kiln_range left, double *seconds, struct kiln_error *error)
+static int run_help(struct pass_work *w, const struct kiln_share *share, struct kiln_range left, double *seconds,
+                    struct kiln_error *error)
 {
     struct transport_state *s = w->state;
     const size_t count = help_of(s, share, left);
@@ -193,7 +202,10 @@ static int run_help(struct pass_work *w, const struct kiln_share *share, struct 
 
 /* ---- the pass ---- */
 
-static uint64_t done_points(const struct transport_state *s) { return s->points_done + kiln_board_returned(s->own->board); }
+static uint64_t done_points(const struct transport_state *s)
+{
+    return s->points_done + kiln_board_returned(s->own->board);
+}
 
 static bool is_done(const struct transport_state *s) { return done_points(s) == s->params->surface->count; }
 
@@ -222,7 +234,8 @@ static enum kiln_event wait_for_others(struct transport_state *s, int status)
     const double start = MPI_Wtime();
     transport_send_done(s, wait.was_done ? s->params->surface->fragment_count : kiln_board_left(s->own->board).first);
     kiln_progress_advance(s->params->progress, done_points(s));
-    const enum kiln_event event = kiln_control_wait(s->params->control, wait.was_done, share_done(s), status, has_news, &wait);
+    const enum kiln_event event =
+        kiln_control_wait(s->params->control, wait.was_done, share_done(s), status, has_news, &wait);
     const double end = MPI_Wtime();
     s->out->report.waiting_seconds += end - start;
     kiln_trace_add(s->params->trace, KILN_TRACE_WAIT, "for other ranks", start, end, -1);
@@ -250,7 +263,9 @@ static enum kiln_event do_next(struct pass_work *w, int *status, struct kiln_err
 int transport_run_batches(struct pass_work *w, struct kiln_error *error)
 {
     struct transport_state *s = w->state;
-    int status = s->step.kind == KILN_PASS_DIRECT ? KILN_OK : kiln_backend_set_radiosity(s->params->backend, s->out->radiosity, error);
+    int status = s->step.kind == KILN_PASS_DIRECT
+                     ? KILN_OK
+                     : kiln_backend_set_radiosity(s->params->backend, s->out->radiosity, error);
     kiln_board_set_speed(s->own->board, speed_of(s));
     for (;;) {
         switch (do_next(w, &status, error)) {
@@ -279,8 +294,10 @@ int kiln_slow_rank(uint32_t *rank, double *factor, struct kiln_error *error)
     *factor = 1.0;
     if (text == NULL || text[0] == '\0')
         return KILN_OK;
-    if (sscanf(text, "%" SCNu32 ":%lf%n", rank, factor, &end) < 2 || text[end] != '\0' || !(*factor >= 1.0 && *factor <= 1e6))
-        return kiln_fail(error, KILN_USAGE, "KILN_SLOW_RANK is '%.100s'; it is RANK:FACTOR, and the factor 1 to 1000000", text);
+    if (sscanf(text, "%" SCNu32 ":%lf%n", rank, factor, &end) < 2 || text[end] != '\0' ||
+        !(*factor >= 1.0 && *factor <= 1e6))
+        return kiln_fail(error, KILN_USAGE,
+                         "KILN_SLOW_RANK is '%.100s'; it is RANK:FACTOR, and the factor 1 to 1000000", text);
     return KILN_OK;
 }
 

@@ -4,7 +4,10 @@
 
 _Static_assert(ATOMIC_LLONG_LOCK_FREE == 2, "a lock would be one process's own");
 
-static uint64_t word_of(struct kiln_range range) { return (uint64_t)range.first | (uint64_t)(range.first + range.count) << 32; }
+static uint64_t word_of(struct kiln_range range)
+{
+    return (uint64_t)range.first | (uint64_t)(range.first + range.count) << 32;
+}
 
 void kiln_board_begin(struct kiln_board *board)
 {
@@ -29,14 +32,16 @@ struct kiln_range kiln_board_left(const struct kiln_board *board)
 bool kiln_board_take(struct kiln_board *board, struct kiln_range seen, size_t count)
 {
     uint64_t before = word_of(seen);
-    return atomic_compare_exchange_strong(&board->left, &before, word_of((struct kiln_range){seen.first + count, seen.count - count}));
+    return atomic_compare_exchange_strong(&board->left, &before,
+                                          word_of((struct kiln_range){seen.first + count, seen.count - count}));
 }
 
 bool kiln_board_take_away(struct kiln_board *board, struct kiln_range seen, size_t count, uint64_t points)
 {
     uint64_t before = word_of(seen);
     board->away += points; /* first: who sees the range shorter sees this too */
-    if (atomic_compare_exchange_strong(&board->left, &before, word_of((struct kiln_range){seen.first, seen.count - count})))
+    if (atomic_compare_exchange_strong(&board->left, &before,
+                                       word_of((struct kiln_range){seen.first, seen.count - count})))
         return true;
     board->away -= points;
     return false;

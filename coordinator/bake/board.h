@@ -1,8 +1,9 @@
 /* What of a rank's work in a pass is still to be had, in memory that the ranks of its node share.
  *
- * Work is a range of the rank's own fragments. The owner takes from its begin, others take from its end; both by compare-and-swap on one
- * 64-bit word, so every fragment is taken once. What others have taken is away until they return it; then its results lie where the owner's
- * own would. Numbers of points, not of fragments, are away and returned.
+ * Work is a range of the rank's own fragments. The owner takes from its begin, others take from its end; both by
+ * compare-and-swap on one 64-bit word, so every fragment is taken once. What others have taken is away until they
+ * return it; then its results lie where the owner's own would. Numbers of points, not of fragments, are away and
+ * returned.
  *
  * All functions but those marked (owner) may be called by any rank of the node at any time. None waits. */
 #ifndef KILN_COORDINATOR_BAKE_BOARD_H
@@ -13,7 +14,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define KILN_LEAST_BATCH 0.02 /* s of work in a batch, where the end of a pass makes batches shorter so that others can take the rest */
+/* s of work in a batch, where the end of a pass makes batches shorter so that others can take the rest */
+#define KILN_LEAST_BATCH 0.02
 
 /* A range of a rank's own fragments, below 2^32. */
 struct kiln_range {

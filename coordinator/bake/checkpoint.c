@@ -21,8 +21,8 @@ static int damaged(struct kiln_error *error, const char *path, const char *how)
 }
 
 /* A file of `generation`; `path` receives its name for sentences. */
-static int open_part(const struct kiln_checkpoint *c, uint64_t generation, size_t part, char path[KILN_PATH_SIZE], int *descriptor, uint64_t *size,
-                     struct kiln_error *error)
+static int open_part(const struct kiln_checkpoint *c, uint64_t generation, size_t part, char path[KILN_PATH_SIZE],
+                     int *descriptor, uint64_t *size, struct kiln_error *error)
 {
     char name[CHECKPOINT_NAME];
     struct stat found;
@@ -39,15 +39,18 @@ static int open_part(const struct kiln_checkpoint *c, uint64_t generation, size_
     return KILN_OK;
 }
 
-static int read_at(int descriptor, const char *path, uint64_t offset, uint64_t size, void *bytes, struct kiln_error *error)
+static int read_at(int descriptor, const char *path, uint64_t offset, uint64_t size, void *bytes,
+                   struct kiln_error *error)
 {
     char *next = bytes;
     while (size > 0) {
-        const ssize_t got = pread(descriptor, next, size < (uint64_t)1 << 30 ? (size_t)size : (size_t)1 << 30, (off_t)offset);
+        const ssize_t got =
+            pread(descriptor, next, size < (uint64_t)1 << 30 ? (size_t)size : (size_t)1 << 30, (off_t)offset);
         if (got < 0 && errno == EINTR)
             continue;
         if (got < 0)
-            return kiln_fail_errno(error, KILN_IO, "'%s' cannot be read at byte %llu", path, (unsigned long long)offset);
+            return kiln_fail_errno(error, KILN_IO, "'%s' cannot be read at byte %llu", path,
+                                   (unsigned long long)offset);
         if (got == 0)
             return damaged(error, path, "is shorter than it was");
         next += got;
@@ -61,10 +64,11 @@ static bool read_block(const json_t *json, struct checkpoint_block *b)
 {
     const char *name = NULL;
     json_int_t n[4];
-    if (json_unpack((json_t *)(uintptr_t)json, "[s,I,I,I,I]", &name, &n[0], &n[1], &n[2], &n[3]) != 0 || strlen(name) >= sizeof b->name ||
-        n[0] < 0 || n[1] < 0 || n[2] <= 0 || n[3] < 0)
+    if (json_unpack((json_t *)(uintptr_t)json, "[s,I,I,I,I]", &name, &n[0], &n[1], &n[2], &n[3]) != 0 ||
+        strlen(name) >= sizeof b->name || n[0] < 0 || n[1] < 0 || n[2] <= 0 || n[3] < 0)
         return false;
-    *b = (struct checkpoint_block){.first = (uint64_t)n[0], .count = (uint64_t)n[1], .size = (uint64_t)n[2], .offset = (uint64_t)n[3]};
+    *b = (struct checkpoint_block){
+        .first = (uint64_t)n[0], .count = (uint64_t)n[1], .size = (uint64_t)n[2], .offset = (uint64_t)n[3]};
     memcpy(b->name, name, strlen(name));
     return true;
 }
@@ -81,14 +85,16 @@ static bool read_part_entry(const json_t *json, struct checkpoint_part *part)
     memcpy(part->hash, hash, sizeof part->hash);
     for (uint32_t i = 0; i < part->block_count; i++) {
         struct checkpoint_block *b = &part->blocks[i];
-        if (!read_block(json_array_get(blocks, i), b) || b->offset > part->bytes || b->count > (part->bytes - b->offset) / b->size)
+        if (!read_block(json_array_get(blocks, i), b) || b->offset > part->bytes ||
+            b->count > (part->bytes - b->offset) / b->size)
             return false;
     }
     return true;
 }
 
 /* Every rank: from the manifest's text to the table of parts. */
-static int parse_manifest(struct kiln_checkpoint *c, const char *path, const char *text, size_t size, struct kiln_error *error)
+static int parse_manifest(struct kiln_checkpoint *c, const char *path, const char *text, size_t size,
+                          struct kiln_error *error)
 {
     static const char *const order = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? "little" : "big";
     c->manifest = kiln_unseal(text, size);
@@ -100,16 +106,23 @@ static int parse_manifest(struct kiln_checkpoint *c, const char *path, const cha
     if (!json_is_integer(format))
         return damaged(error, path, "is not a checkpoint's manifest");
     if (json_integer_value(format) != KILN_CHECKPOINT_FORMAT)
-        return kiln_fail(error, KILN_BAD_INPUT, "the checkpoint %s is of format %lld, and kiln %s reads format %d: finish it with kiln %s, or give "
-                         "--no-resume to start from the beginning", path, (long long)json_integer_value(format), KILN_VERSION,
-                         (int)KILN_CHECKPOINT_FORMAT, written_by != NULL ? written_by : "of that time");
+        return kiln_fail(
+            error, KILN_BAD_INPUT,
+            "the checkpoint %s is of format %lld, and kiln %s reads format %d: finish it with kiln %s, or give "
+            "--no-resume to start from the beginning",
+            path, (long long)json_integer_value(format), KILN_VERSION, (int)KILN_CHECKPOINT_FORMAT,
+            written_by != NULL ? written_by : "of that time");
     if (written_order == NULL || strcmp(written_order, order) != 0)
-        return kiln_fail(error, KILN_BAD_INPUT, "the checkpoint %s was written by a machine with another byte order: give --no-resume to start "
-                         "from the beginning", path);
+        return kiln_fail(
+            error, KILN_BAD_INPUT,
+            "the checkpoint %s was written by a machine with another byte order: give --no-resume to start "
+            "from the beginning",
+            path);
     if (json_array_size(parts) == 0 || json_array_size(parts) > PARTS_MOST)
         return damaged(error, path, "is not a checkpoint's manifest");
     c->part_count = json_array_size(parts);
-    const int status = kiln_allocate(&c->parts, c->part_count, sizeof *c->parts, "a checkpoint's table of files", error);
+    const int status =
+        kiln_allocate(&c->parts, c->part_count, sizeof *c->parts, "a checkpoint's table of files", error);
     for (size_t i = 0; status == KILN_OK && i < c->part_count; i++)
         if (!read_part_entry(json_array_get(parts, i), &c->parts[i]))
             return damaged(error, path, "is not a checkpoint's manifest");
@@ -143,7 +156,8 @@ static int share_manifest(struct kiln_checkpoint *c, uint64_t generation, struct
     return status;
 }
 
-static int verify_part(const struct kiln_checkpoint *c, uint64_t generation, size_t part, void *buffer, size_t room, XXH3_state_t *hash, struct kiln_error *error)
+static int verify_part(const struct kiln_checkpoint *c, uint64_t generation, size_t part, void *buffer, size_t room,
+                       XXH3_state_t *hash, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE], digits[KILN_HASH_TEXT];
     int descriptor = -1;
@@ -165,7 +179,9 @@ static int verify_part(const struct kiln_checkpoint *c, uint64_t generation, siz
         return status;
     const XXH128_hash_t value = XXH3_128bits_digest(hash);
     kiln_hash_text(value.high64, value.low64, digits);
-    return strcmp(digits, c->parts[part].hash) == 0 ? KILN_OK : damaged(error, path, "is damaged: its hash is not the manifest's");
+    return strcmp(digits, c->parts[part].hash) == 0
+               ? KILN_OK
+               : damaged(error, path, "is damaged: its hash is not the manifest's");
 }
 
 /* Collective: every file is read by one rank. */
@@ -218,7 +234,8 @@ static int survey(const struct kiln_checkpoint *c, uint64_t **generations, size_
     return status == KILN_OK ? checkpoint_list(c->directory, false, generations, count, error) : status;
 }
 
-int kiln_checkpoint_open(struct kiln_checkpoint **checkpoint, MPI_Comm communicator, const char *directory, bool take, struct kiln_error *error)
+int kiln_checkpoint_open(struct kiln_checkpoint **checkpoint, MPI_Comm communicator, const char *directory, bool take,
+                         struct kiln_error *error)
 {
     struct kiln_checkpoint *c = NULL;
     uint64_t *generations = NULL, count = 0;
@@ -247,8 +264,9 @@ int kiln_checkpoint_open(struct kiln_checkpoint **checkpoint, MPI_Comm communica
         status = try_generation(c, generation, &reason);
         if (status == KILN_IO) {
             if (c->rank == 0)
-                (void)fprintf(stderr, "kiln: warning: the checkpoint's generation %llu is not whole, so it is passed over: %s\n",
-                              (unsigned long long)generation, reason.message);
+                (void)fprintf(
+                    stderr, "kiln: warning: the checkpoint's generation %llu is not whole, so it is passed over: %s\n",
+                    (unsigned long long)generation, reason.message);
             status = KILN_OK;
         } else if (status != KILN_OK) {
             (void)kiln_fail(error, status, "%s", reason.message);
@@ -273,8 +291,14 @@ void kiln_checkpoint_close(struct kiln_checkpoint **checkpoint)
 }
 
 uint64_t kiln_checkpoint_generation(const struct kiln_checkpoint *c) { return c->generation; }
-const json_t *kiln_checkpoint_identity(const struct kiln_checkpoint *c) { return json_object_get(c->manifest, "identity"); }
-double kiln_checkpoint_written(const struct kiln_checkpoint *c) { return json_real_value(json_object_get(c->manifest, "written")); }
+const json_t *kiln_checkpoint_identity(const struct kiln_checkpoint *c)
+{
+    return json_object_get(c->manifest, "identity");
+}
+double kiln_checkpoint_written(const struct kiln_checkpoint *c)
+{
+    return json_real_value(json_object_get(c->manifest, "written"));
+}
 size_t kiln_checkpoint_parts(const struct kiln_checkpoint *c) { return c->part_count; }
 
 static const struct checkpoint_block *find_block(const struct kiln_checkpoint *c, size_t part, const char *name)
@@ -293,7 +317,8 @@ bool kiln_checkpoint_has(const struct kiln_checkpoint *c, const char *name)
     return false;
 }
 
-void kiln_checkpoint_part_range(const struct kiln_checkpoint *c, size_t part, const char *name, uint64_t *first, uint64_t *count)
+void kiln_checkpoint_part_range(const struct kiln_checkpoint *c, size_t part, const char *name, uint64_t *first,
+                                uint64_t *count)
 {
     const struct checkpoint_block *b = find_block(c, part, name);
     *first = b != NULL ? b->first : 0;
@@ -301,7 +326,8 @@ void kiln_checkpoint_part_range(const struct kiln_checkpoint *c, size_t part, co
 }
 
 /* Bytes of one file's array. */
-static int read_from(const struct kiln_checkpoint *c, size_t part, uint64_t offset, uint64_t bytes, void *values, struct kiln_error *error)
+static int read_from(const struct kiln_checkpoint *c, size_t part, uint64_t offset, uint64_t bytes, void *values,
+                     struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
     int descriptor = -1;
@@ -314,8 +340,10 @@ static int read_from(const struct kiln_checkpoint *c, size_t part, uint64_t offs
     return status;
 }
 
-/* The file whose array has element `at`, looked for from file `from` on: files are in the order of what they hold. NULL: none has. */
-static const struct checkpoint_block *block_with(const struct kiln_checkpoint *c, const char *name, size_t size, uint64_t at, size_t from, size_t *part)
+/* The file whose array has element `at`, looked for from file `from` on: files are in the order of what they hold.
+ * NULL: none has. */
+static const struct checkpoint_block *block_with(const struct kiln_checkpoint *c, const char *name, size_t size,
+                                                 uint64_t at, size_t from, size_t *part)
 {
     for (size_t i = 0; i < c->part_count; i++) {
         *part = (from + i) % c->part_count;
@@ -326,18 +354,22 @@ static const struct checkpoint_block *block_with(const struct kiln_checkpoint *c
     return NULL;
 }
 
-int kiln_checkpoint_read(const struct kiln_checkpoint *c, const char *name, uint64_t first, uint64_t count, size_t size, void *values,
-                         struct kiln_error *error)
+int kiln_checkpoint_read(const struct kiln_checkpoint *c, const char *name, uint64_t first, uint64_t count, size_t size,
+                         void *values, struct kiln_error *error)
 {
     size_t part = 0;
     for (uint64_t got = 0; got < count;) { /* each element from one file, however their ranges may overlap */
         const uint64_t at = first + got;
         const struct checkpoint_block *b = block_with(c, name, size, at, part, &part);
         if (b == NULL)
-            return kiln_fail(error, KILN_IO, "the checkpoint %s has %llu of %llu values of '%s' from %llu on; give --no-resume to start from the beginning",
-                             c->path, (unsigned long long)got, (unsigned long long)count, name, (unsigned long long)first);
+            return kiln_fail(error, KILN_IO,
+                             "the checkpoint %s has %llu of %llu values of '%s' from %llu on; give --no-resume to "
+                             "start from the beginning",
+                             c->path, (unsigned long long)got, (unsigned long long)count, name,
+                             (unsigned long long)first);
         const uint64_t left = b->count - (at - b->first), step = left < count - got ? left : count - got;
-        const int status = read_from(c, part, b->offset + (at - b->first) * size, step * size, (char *)values + got * size, error);
+        const int status =
+            read_from(c, part, b->offset + (at - b->first) * size, step * size, (char *)values + got * size, error);
         if (status != KILN_OK)
             return status;
         got += step;
@@ -345,15 +377,16 @@ int kiln_checkpoint_read(const struct kiln_checkpoint *c, const char *name, uint
     return KILN_OK;
 }
 
-int kiln_checkpoint_read_part(const struct kiln_checkpoint *c, size_t part, const char *name, size_t size, void *values, uint64_t *count,
-                              struct kiln_error *error)
+int kiln_checkpoint_read_part(const struct kiln_checkpoint *c, size_t part, const char *name, size_t size, void *values,
+                              uint64_t *count, struct kiln_error *error)
 {
     const struct checkpoint_block *b = find_block(c, part, name);
     void *bytes = NULL;
     *count = 0;
     if (b == NULL || b->size != size)
-        return kiln_fail(error, KILN_IO, "the checkpoint %s has no '%s' in its file %zu; give --no-resume to start from the beginning", c->path,
-                         name, part);
+        return kiln_fail(error, KILN_IO,
+                         "the checkpoint %s has no '%s' in its file %zu; give --no-resume to start from the beginning",
+                         c->path, name, part);
     int status = kiln_allocate(&bytes, (size_t)b->count, size, "a checkpoint's values", error);
     if (status == KILN_OK)
         status = read_from(c, part, b->offset, b->count * size, bytes, error);

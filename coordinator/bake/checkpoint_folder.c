@@ -20,7 +20,8 @@ static void name_of(char name[FOLDER_NAME], bool writing, uint64_t generation)
     (void)snprintf(name, FOLDER_NAME, "%s-%06llu", writing ? ".writing" : "gen", (unsigned long long)generation);
 }
 
-int checkpoint_open_generation(struct kiln_folder *folder, const char *directory, bool writing, uint64_t generation, bool make, struct kiln_error *error)
+int checkpoint_open_generation(struct kiln_folder *folder, const char *directory, bool writing, uint64_t generation,
+                               bool make, struct kiln_error *error)
 {
     char name[FOLDER_NAME], below[CHECKPOINT_NAME];
     name_of(name, writing, generation);
@@ -70,7 +71,8 @@ static DIR *entries_of(int descriptor)
     return entries;
 }
 
-static int list_open(const struct kiln_folder *folder, bool writing, uint64_t **generations, size_t *count, struct kiln_error *error)
+static int list_open(const struct kiln_folder *folder, bool writing, uint64_t **generations, size_t *count,
+                     struct kiln_error *error)
 {
     size_t room = 0;
     int status = KILN_OK;
@@ -91,7 +93,8 @@ static int list_open(const struct kiln_folder *folder, bool writing, uint64_t **
     return status;
 }
 
-int checkpoint_list(const char *directory, bool writing, uint64_t **generations, size_t *count, struct kiln_error *error)
+int checkpoint_list(const char *directory, bool writing, uint64_t **generations, size_t *count,
+                    struct kiln_error *error)
 {
     struct kiln_folder folder;
     *generations = NULL;

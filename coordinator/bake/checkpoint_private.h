@@ -32,20 +32,22 @@ struct kiln_checkpoint {
     size_t part_count;
     char path[KILN_PATH_SIZE]; /* its folder, for sentences */
     /* writing */
-    uint64_t newest;             /* the highest number there is or was */
+    uint64_t newest; /* the highest number there is or was */
     uint64_t written, last_bytes;
     double seconds;
 };
 
 /* DIR/checkpoint/gen-N, or DIR/checkpoint/.writing-N, open (folder.h). */
-int checkpoint_open_generation(struct kiln_folder *folder, const char *directory, bool writing, uint64_t generation, bool make, struct kiln_error *error);
+int checkpoint_open_generation(struct kiln_folder *folder, const char *directory, bool writing, uint64_t generation,
+                               bool make, struct kiln_error *error);
 /* Names of its files, within DIR. */
 void checkpoint_file_name(char name[CHECKPOINT_NAME], bool writing, uint64_t generation, size_t part);
 void checkpoint_manifest_name(char name[CHECKPOINT_NAME], bool writing, uint64_t generation);
 
-/* Rank 0: the generations of the bake folder, newest first; *generations is from kiln_allocate. Without a checkpoint there are none.
- * With `writing` the unfinished ones. */
-int checkpoint_list(const char *directory, bool writing, uint64_t **generations, size_t *count, struct kiln_error *error);
+/* Rank 0: the generations of the bake folder, newest first; *generations is from kiln_allocate. Without a checkpoint
+ * there are none. With `writing` the unfinished ones. */
+int checkpoint_list(const char *directory, bool writing, uint64_t **generations, size_t *count,
+                    struct kiln_error *error);
 /* Rank 0: removes one, that is, the files that a generation has and then the folder; of a link, the link. */
 void checkpoint_remove_generation(const char *directory, bool writing, uint64_t generation);
 /* Rank 0: gives an unfinished one its name, and syncs. */

@@ -35,8 +35,11 @@ static int make_room(const struct kiln_checkpoint *c, uint64_t bytes, struct kil
         there = free_bytes(c->directory);
     }
     if (there >= 0.0 && there < needed)
-        return kiln_fail(error, KILN_IO, "the disk of '%s' has %.3f MB left and a checkpoint needs %.3f MB: make room and run the same command "
-                         "again; the last checkpoint is whole", c->directory, there * 1e-6, needed * 1e-6);
+        return kiln_fail(
+            error, KILN_IO,
+            "the disk of '%s' has %.3f MB left and a checkpoint needs %.3f MB: make room and run the same command "
+            "again; the last checkpoint is whole",
+            c->directory, there * 1e-6, needed * 1e-6);
     return KILN_OK;
 }
 
@@ -71,8 +74,8 @@ static uint64_t sum_bytes(const struct kiln_block *blocks, size_t count)
 }
 
 /* A megabyte at a time is hashed and written, so that it is read from memory once. */
-static int write_block(int descriptor, XXH3_state_t *hash, const struct kiln_block *block, uint64_t offset, const char *path,
-                       struct kiln_error *error)
+static int write_block(int descriptor, XXH3_state_t *hash, const struct kiln_block *block, uint64_t offset,
+                       const char *path, struct kiln_error *error)
 {
     enum { STEP = 1 << 20 };
     const char *bytes = block->data;
@@ -86,8 +89,8 @@ static int write_block(int descriptor, XXH3_state_t *hash, const struct kiln_blo
     return status;
 }
 
-static int write_part(const struct kiln_checkpoint *c, uint64_t generation, const struct kiln_block *blocks, size_t count,
-                      struct checkpoint_part *part, struct kiln_error *error)
+static int write_part(const struct kiln_checkpoint *c, uint64_t generation, const struct kiln_block *blocks,
+                      size_t count, struct checkpoint_part *part, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE], name[CHECKPOINT_NAME];
     int descriptor = -1;
@@ -104,7 +107,8 @@ static int write_part(const struct kiln_checkpoint *c, uint64_t generation, cons
         (void)XXH3_128bits_reset(hash);
     for (size_t i = 0; i < count && status == KILN_OK; i++) {
         struct checkpoint_block *b = &part->blocks[part->block_count++];
-        *b = (struct checkpoint_block){.first = blocks[i].first, .count = blocks[i].count, .size = blocks[i].size, .offset = part->bytes};
+        *b = (struct checkpoint_block){
+            .first = blocks[i].first, .count = blocks[i].count, .size = blocks[i].size, .offset = part->bytes};
         memcpy(b->name, blocks[i].name, sizeof b->name);
         status = write_block(descriptor, hash, &blocks[i], part->bytes, path, error);
         part->bytes += b->count * b->size;
@@ -126,14 +130,15 @@ static json_t *part_json(const struct checkpoint_part *part)
     json_t *blocks = json_array();
     for (uint32_t i = 0; i < part->block_count; i++) {
         const struct checkpoint_block *b = &part->blocks[i];
-        json_array_append_new(blocks, json_pack("[s,I,I,I,I]", b->name, (json_int_t)b->first, (json_int_t)b->count, (json_int_t)b->size,
-                                                (json_int_t)b->offset));
+        json_array_append_new(blocks, json_pack("[s,I,I,I,I]", b->name, (json_int_t)b->first, (json_int_t)b->count,
+                                                (json_int_t)b->size, (json_int_t)b->offset));
     }
     return json_pack("{s:I, s:s, s:o}", "bytes", (json_int_t)part->bytes, "xxh3_128", part->hash, "blocks", blocks);
 }
 
 /* Rank 0. */
-static json_t *manifest_json(const json_t *identity, uint64_t generation, const struct checkpoint_part *parts, size_t count)
+static json_t *manifest_json(const json_t *identity, uint64_t generation, const struct checkpoint_part *parts,
+                             size_t count)
 {
     static const char *const order = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? "little" : "big";
     struct timespec now;
@@ -141,14 +146,15 @@ static json_t *manifest_json(const json_t *identity, uint64_t generation, const 
     json_t *files = json_array();
     for (size_t i = 0; i < count; i++)
         json_array_append_new(files, part_json(&parts[i]));
-    return json_pack("{s:s, s:i, s:s, s:s, s:I, s:f, s:O, s:o}", "file", "kiln checkpoint", "format", KILN_CHECKPOINT_FORMAT, "kiln", KILN_VERSION,
-                     "byte_order", order, "generation", (json_int_t)generation, "written", (double)now.tv_sec + 1e-9 * (double)now.tv_nsec,
-                     "identity", (json_t *)(uintptr_t)identity, "parts", files);
+    return json_pack("{s:s, s:i, s:s, s:s, s:I, s:f, s:O, s:o}", "file", "kiln checkpoint", "format",
+                     KILN_CHECKPOINT_FORMAT, "kiln", KILN_VERSION, "byte_order", order, "generation",
+                     (json_int_t)generation, "written", (double)now.tv_sec + 1e-9 * (double)now.tv_nsec, "identity",
+                     (json_t *)(uintptr_t)identity, "parts", files);
 }
 
 /* Rank 0: everything is written; from here on the generation counts. */
-static int publish(struct kiln_checkpoint *c, uint64_t generation, const json_t *identity, const struct checkpoint_part *parts,
-                   struct kiln_error *error)
+static int publish(struct kiln_checkpoint *c, uint64_t generation, const json_t *identity,
+                   const struct checkpoint_part *parts, struct kiln_error *error)
 {
     char name[CHECKPOINT_NAME], *text = NULL;
     size_t size = 0;
@@ -172,8 +178,8 @@ static int publish(struct kiln_checkpoint *c, uint64_t generation, const json_t 
     return status;
 }
 
-int kiln_checkpoint_write(struct kiln_checkpoint *c, const json_t *identity, const struct kiln_block *blocks, size_t block_count,
-                          struct kiln_error *error)
+int kiln_checkpoint_write(struct kiln_checkpoint *c, const json_t *identity, const struct kiln_block *blocks,
+                          size_t block_count, struct kiln_error *error)
 {
     const double start = MPI_Wtime();
     const uint64_t generation = c->newest + 1;

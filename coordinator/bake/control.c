@@ -23,8 +23,8 @@
 enum { REASON_MAX_TIME = 1000, REASON_FILE };
 enum { VALUE_BUSY, VALUE_STOP, VALUE_SAVE, VALUE_FAILED, VALUES };
 
-#define COST_SHARE 50.0        /* a checkpoint after a bounce may cost one part in so many */
-#define COST_START 0.02        /* s, and bytes a second, while none has been written yet */
+#define COST_SHARE 50.0 /* a checkpoint after a bounce may cost one part in so many */
+#define COST_START 0.02 /* s, and bytes a second, while none has been written yet */
 #define COST_BYTES 300e6
 #define LOOK_MS 250         /* between two looks for the file that asks to stop, on rank 0 */
 #define OTHERS_LOOK_MS 1000 /* and on the others */
@@ -43,8 +43,8 @@ struct kiln_control {
     double last_saved, cost;
     /* what any thread may ask */
     struct kiln_stop stop;
-    atomic_int heard; /* the reason, once there is one */
-    atomic_llong next_look; /* ms */
+    atomic_int heard;        /* the reason, once there is one */
+    atomic_llong next_look;  /* ms */
     pthread_mutex_t looking; /* held by who looks for the file */
     /* shared with the thread */
     pthread_t thread;
@@ -111,7 +111,10 @@ static void stop_thread(struct kiln_control *c)
     c->thread_runs = false;
 }
 
-void kiln_control_blocking(struct kiln_control *c, const char *what, double seconds) { kiln_watchdog_blocking(c->params.watchdog, what, seconds); }
+void kiln_control_blocking(struct kiln_control *c, const char *what, double seconds)
+{
+    kiln_watchdog_blocking(c->params.watchdog, what, seconds);
+}
 
 /* kiln_progress_watch */
 static void note_progress(void *data, const char *name, uint64_t done, uint64_t total, double left)
@@ -124,7 +127,10 @@ static void note_progress(void *data, const char *name, uint64_t done, uint64_t 
     (void)pthread_mutex_unlock(&c->mutex);
 }
 
-void kiln_control_follow(struct kiln_control *c, struct kiln_progress *progress) { kiln_progress_observe(progress, note_progress, c); }
+void kiln_control_follow(struct kiln_control *c, struct kiln_progress *progress)
+{
+    kiln_progress_observe(progress, note_progress, c);
+}
 
 static bool asked(void *context);
 
@@ -136,14 +142,18 @@ static int claim_folder(struct kiln_lock **lock, const char *directory, struct k
     struct kiln_folder folder;
     struct kiln_bake_status before;
     int status = kiln_lock_take(lock, directory, error);
-    for (int i = 0; i < 3 && status == KILN_NO_INPUT; i++) { /* a bake that was refused took the folder with it that it had made */
+    /* a bake that was refused took the folder with it that it had made */
+    for (int i = 0; i < 3 && status == KILN_NO_INPUT; i++) {
         status = kiln_make_directories(directory, error);
         if (status == KILN_OK)
             status = kiln_lock_take(lock, directory, error);
     }
-    if (status == KILN_OK && kiln_bake_status_read(directory, &before, NULL) == KILN_OK && kiln_bake_status_alive(directory, &before))
-        status = kiln_fail(error, KILN_CANNOT_CREATE, "another bake is at work in %.500s (process %lld on %s): wait for it, end it with "
-                           "'kiln stop %.500s', or choose another folder", directory, (long long)before.process, before.host, directory);
+    if (status == KILN_OK && kiln_bake_status_read(directory, &before, NULL) == KILN_OK &&
+        kiln_bake_status_alive(directory, &before))
+        status = kiln_fail(error, KILN_CANNOT_CREATE,
+                           "another bake is at work in %.500s (process %lld on %s): wait for it, end it with "
+                           "'kiln stop %.500s', or choose another folder",
+                           directory, (long long)before.process, before.host, directory);
     if (status == KILN_OK) {
         status = kiln_folder_open(&folder, directory, "checkpoint", true, error);
         kiln_folder_close(&folder);
@@ -153,11 +163,13 @@ static int claim_folder(struct kiln_lock **lock, const char *directory, struct k
     return status;
 }
 
-int kiln_control_create(struct kiln_control **control, const struct kiln_control_params *params, struct kiln_error *error)
+int kiln_control_create(struct kiln_control **control, const struct kiln_control_params *params,
+                        struct kiln_error *error)
 {
     struct kiln_control *c = NULL;
     *control = NULL;
-    int status = kiln_agree(params->communicator, kiln_allocate(&c, 1, sizeof *c, "the control of a bake", error), error);
+    int status =
+        kiln_agree(params->communicator, kiln_allocate(&c, 1, sizeof *c, "the control of a bake", error), error);
     if (status != KILN_OK) {
         kiln_free(&c);
         return status;
@@ -173,11 +185,14 @@ int kiln_control_create(struct kiln_control **control, const struct kiln_control
     c->stop = (struct kiln_stop){asked, c};
     c->monotonic_begin = seconds_now(CLOCK_MONOTONIC) - (MPI_Wtime() - params->begin);
     c->last_saved = MPI_Wtime();
-    c->status = (struct kiln_bake_status){.state = "running", .phase = "start", .share = -1.0, .left = -1.0, .ranks = c->ranks};
+    c->status =
+        (struct kiln_bake_status){.state = "running", .phase = "start", .share = -1.0, .left = -1.0, .ranks = c->ranks};
     kiln_bake_status_sign(&c->status);
-    c->status.seconds = c->status.updated - (MPI_Wtime() - params->begin); /* when the run began; the thread makes seconds of it */
+    /* when the run began; the thread makes seconds of it */
+    c->status.seconds = c->status.updated - (MPI_Wtime() - params->begin);
     *control = c;
-    status = kiln_agree(c->communicator, c->rank == 0 ? claim_folder(&c->lock, params->directory, error) : KILN_OK, error);
+    status =
+        kiln_agree(c->communicator, c->rank == 0 ? claim_folder(&c->lock, params->directory, error) : KILN_OK, error);
     if (status != KILN_OK) {
         kiln_control_destroy(control);
         return status;
@@ -201,7 +216,10 @@ void kiln_control_destroy(struct kiln_control **control)
     kiln_free(control);
 }
 
-int kiln_control_check_folder(const struct kiln_control *c, struct kiln_error *error) { return kiln_lock_check(c->lock, error); }
+int kiln_control_check_folder(const struct kiln_control *c, struct kiln_error *error)
+{
+    return kiln_lock_check(c->lock, error);
+}
 
 static void write_last_word(struct kiln_control *c, int status, const char *message)
 {
@@ -233,7 +251,8 @@ void kiln_control_conclude(struct kiln_control *c, int status, const char *messa
 
 /* ---- rounds ---- */
 
-/* What asks this rank to stop, of its signals, the clock and the file; 0: nothing. Any thread, and at most one of them waits for the disk. */
+/* What asks this rank to stop, of its signals, the clock and the file; 0: nothing. Any thread, and at most one of them
+ * waits for the disk. */
 static int hear(struct kiln_control *c)
 {
     struct timespec now;
@@ -243,12 +262,14 @@ static int hear(struct kiln_control *c)
     reason = (int)*c->params.signal;
     (void)clock_gettime(CLOCK_MONOTONIC_COARSE, &now);
     const long long milliseconds = 1000 * (long long)now.tv_sec + now.tv_nsec / 1000000;
-    if (reason == 0 && milliseconds >= atomic_load_explicit(&c->next_look, memory_order_relaxed) && pthread_mutex_trylock(&c->looking) == 0) {
+    if (reason == 0 && milliseconds >= atomic_load_explicit(&c->next_look, memory_order_relaxed) &&
+        pthread_mutex_trylock(&c->looking) == 0) {
         if (kiln_stop_requested(c->params.directory))
             reason = REASON_FILE;
         else if (c->params.max_time > 0.0 && seconds_now(CLOCK_MONOTONIC) - c->monotonic_begin >= c->params.max_time)
             reason = REASON_MAX_TIME;
-        atomic_store_explicit(&c->next_look, milliseconds + (c->rank == 0 ? LOOK_MS : OTHERS_LOOK_MS), memory_order_relaxed);
+        atomic_store_explicit(&c->next_look, milliseconds + (c->rank == 0 ? LOOK_MS : OTHERS_LOOK_MS),
+                              memory_order_relaxed);
         (void)pthread_mutex_unlock(&c->looking);
     }
     if (reason != 0)
@@ -259,7 +280,8 @@ static int hear(struct kiln_control *c)
 /* In rounds: rank 0 watches the clock and the file for all. */
 static int asked_to_stop(struct kiln_control *c) { return c->rank == 0 ? hear(c) : (int)*c->params.signal; }
 
-/* kiln_stop: where ranks work without rounds. A signal that reached this rank alone is passed on by the file that the others look for. */
+/* kiln_stop: where ranks work without rounds. A signal that reached this rank alone is passed on by the file that the
+ * others look for. */
 static bool asked(void *context)
 {
     struct kiln_control *c = context;
@@ -339,7 +361,8 @@ enum kiln_event kiln_control_poll(struct kiln_control *c, bool done, double shar
     return event;
 }
 
-enum kiln_event kiln_control_wait(struct kiln_control *c, bool done, double share, int failed, bool (*news)(void *context), void *context)
+enum kiln_event kiln_control_wait(struct kiln_control *c, bool done, double share, int failed,
+                                  bool (*news)(void *context), void *context)
 {
     struct timespec pause = {0, 10000};
     enum kiln_event event;
@@ -381,7 +404,8 @@ enum kiln_event kiln_control_between(struct kiln_control *c, uint64_t bytes)
 {
     const double every = c->params.checkpoint_every;
     const double cost = c->cost > 0.0 ? c->cost : COST_START + (double)bytes / COST_BYTES;
-    int64_t values[2] = {asked_to_stop(c), c->rank == 0 && every > 0.0 && MPI_Wtime() - c->last_saved >= fmin(every, COST_SHARE * cost)};
+    int64_t values[2] = {asked_to_stop(c),
+                         c->rank == 0 && every > 0.0 && MPI_Wtime() - c->last_saved >= fmin(every, COST_SHARE * cost)};
     kiln_control_blocking(c, "between passes", 0.0);
     (void)MPI_Allreduce(MPI_IN_PLACE, values, 2, MPI_INT64_T, MPI_MAX, c->communicator);
     kiln_control_blocking(c, NULL, 0.0);
@@ -422,14 +446,20 @@ static const char *reason_text(const struct kiln_control *c)
 
 int kiln_stopped(const struct kiln_control *c, struct kiln_error *error)
 {
-    return kiln_fail(error, KILN_STOPPED, "stopped by %s; a checkpoint was written, and the same command goes on from it", reason_text(c));
+    return kiln_fail(error, KILN_STOPPED,
+                     "stopped by %s; a checkpoint was written, and the same command goes on from it", reason_text(c));
 }
 
 int kiln_stopped_early(const struct kiln_control *c, uint64_t generation, struct kiln_error *error)
 {
     if (generation == 0)
-        return kiln_fail(error, KILN_STOPPED, "stopped by %s before any light was computed: there is nothing to keep, and the same command starts from "
-                         "the beginning", reason_text(c));
-    return kiln_fail(error, KILN_STOPPED, "stopped by %s before any more light was computed; checkpoint %llu is kept, and the same command goes on from it",
+        return kiln_fail(
+            error, KILN_STOPPED,
+            "stopped by %s before any light was computed: there is nothing to keep, and the same command starts from "
+            "the beginning",
+            reason_text(c));
+    return kiln_fail(error, KILN_STOPPED,
+                     "stopped by %s before any more light was computed; checkpoint %llu is kept, and the same command "
+                     "goes on from it",
                      reason_text(c), (unsigned long long)generation);
 }

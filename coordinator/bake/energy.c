@@ -19,7 +19,8 @@ double kiln_exact_unit(double scale)
 int kiln_exact_reduce(MPI_Comm communicator, struct kiln_exact_sum *sums, size_t count, struct kiln_error *error)
 {
     int64_t *limbs = NULL;
-    const int status = kiln_agree(communicator, kiln_allocate(&limbs, count * LIMBS, sizeof *limbs, "the sums over ranks", error), error);
+    const int status = kiln_agree(
+        communicator, kiln_allocate(&limbs, count * LIMBS, sizeof *limbs, "the sums over ranks", error), error);
     if (status != KILN_OK) {
         kiln_free(&limbs);
         return status;

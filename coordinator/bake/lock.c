@@ -67,7 +67,8 @@ static void describe_self(struct holder *self, bool locks)
 {
     struct kiln_bake_status sign = {0};
     kiln_bake_status_sign(&sign);
-    *self = (struct holder){.process = sign.process, .started = sign.started, .since = (int64_t)time(NULL), .locks = locks};
+    *self =
+        (struct holder){.process = sign.process, .started = sign.started, .since = (int64_t)time(NULL), .locks = locks};
     (void)snprintf(self->host, sizeof self->host, "%s", sign.host);
     read_text("/proc/sys/kernel/random/boot_id", false, self->boot, sizeof self->boot);
     read_text("/proc/self/cmdline", true, self->command, sizeof self->command);
@@ -77,9 +78,10 @@ static int write_self(int descriptor, bool locks, const char *path, struct kiln_
 {
     struct holder self;
     describe_self(&self, locks);
-    json_t *json = json_pack("{s:o, s:s, s:I, s:I, s:I, s:o, s:b}", "host", kiln_json_string(self.host), "boot", self.boot, "process",
-                             (json_int_t)self.process, "started", (json_int_t)self.started, "since", (json_int_t)self.since, "command",
-                             kiln_json_string(self.command), "locks", (int)locks);
+    json_t *json =
+        json_pack("{s:o, s:s, s:I, s:I, s:I, s:o, s:b}", "host", kiln_json_string(self.host), "boot", self.boot,
+                  "process", (json_int_t)self.process, "started", (json_int_t)self.started, "since",
+                  (json_int_t)self.since, "command", kiln_json_string(self.command), "locks", (int)locks);
     char *text = json != NULL ? json_dumps(json, JSON_COMPACT) : NULL;
     json_decref(json);
     const int status = text != NULL ? kiln_write_all(descriptor, text, strlen(text), 0, path, error)
@@ -120,9 +122,11 @@ static int refuse(const char *directory, const struct holder *holder, struct kil
     const time_t begun = (time_t)holder->since;
     if (holder->since > 0 && localtime_r(&begun, &local) != NULL)
         (void)strftime(since, sizeof since, "%Y-%m-%d %H:%M:%S", &local);
-    return kiln_fail(error, KILN_CANNOT_CREATE, "another bake is at work in %.500s (process %lld on %s, since %s: %s): wait for it, end it with "
-                     "'kiln stop %.500s', or choose another folder", directory, (long long)holder->process, holder->host[0] != '\0' ? holder->host : "?",
-                     since, holder->command[0] != '\0' ? holder->command : "?", directory);
+    return kiln_fail(error, KILN_CANNOT_CREATE,
+                     "another bake is at work in %.500s (process %lld on %s, since %s: %s): wait for it, end it with "
+                     "'kiln stop %.500s', or choose another folder",
+                     directory, (long long)holder->process, holder->host[0] != '\0' ? holder->host : "?", since,
+                     holder->command[0] != '\0' ? holder->command : "?", directory);
 }
 
 /* ---- the system's locks ---- */
@@ -142,20 +146,28 @@ static int set_lock(int descriptor, short type)
     return result == 0 ? GOT : errno == EAGAIN || errno == EACCES ? HELD : NO_LOCKS;
 }
 
-static bool same_file(const struct stat *a, const struct stat *b) { return a->st_dev == b->st_dev && a->st_ino == b->st_ino; }
+static bool same_file(const struct stat *a, const struct stat *b)
+{
+    return a->st_dev == b->st_dev && a->st_ino == b->st_ino;
+}
 
 /* Whether the name stands for the open file. */
 static bool is_named(const struct kiln_folder *folder, int descriptor)
 {
     struct stat own, there;
-    return fstat(descriptor, &own) == 0 && fstatat(folder->descriptor, NAME, &there, AT_SYMLINK_NOFOLLOW) == 0 && same_file(&own, &there);
+    return fstat(descriptor, &own) == 0 && fstatat(folder->descriptor, NAME, &there, AT_SYMLINK_NOFOLLOW) == 0 &&
+           same_file(&own, &there);
 }
 
 /* ---- leases ---- */
 
-static int open_lock(const struct kiln_folder *folder, int flags) { return kiln_openat(folder->descriptor, NAME, flags | O_NOFOLLOW | O_CLOEXEC | O_NONBLOCK, 0666); }
+static int open_lock(const struct kiln_folder *folder, int flags)
+{
+    return kiln_openat(folder->descriptor, NAME, flags | O_NOFOLLOW | O_CLOEXEC | O_NONBLOCK, 0666);
+}
 
-/* Whether the file is changed or replaced while it is watched. It is opened anew each time: that makes network file systems ask their server. */
+/* Whether the file is changed or replaced while it is watched. It is opened anew each time: that makes network file
+ * systems ask their server. */
 static bool moves(const struct kiln_folder *folder, const struct stat *judged, double seconds)
 {
     for (double waited = 0.0; waited < seconds; waited += 0.25) {
@@ -167,14 +179,17 @@ static bool moves(const struct kiln_folder *folder, const struct stat *judged, d
             (void)close(descriptor);
         if (!there)
             return false;
-        if (!same_file(judged, &now) || now.st_mtim.tv_sec != judged->st_mtim.tv_sec || now.st_mtim.tv_nsec != judged->st_mtim.tv_nsec)
+        if (!same_file(judged, &now) || now.st_mtim.tv_sec != judged->st_mtim.tv_sec ||
+            now.st_mtim.tv_nsec != judged->st_mtim.tv_nsec)
             return true;
     }
     return false;
 }
 
-/* Whether who wrote the file still lives, as far as that can be told without a lock; `free_lock`: its lock could be had. */
-static bool is_alive(const struct kiln_folder *folder, const struct holder *holder, const struct stat *judged, bool free_lock)
+/* Whether who wrote the file still lives, as far as that can be told without a lock; `free_lock`: its lock could be
+ * had. */
+static bool is_alive(const struct kiln_folder *folder, const struct holder *holder, const struct stat *judged,
+                     bool free_lock)
 {
     struct holder self;
     describe_self(&self, true);
@@ -202,12 +217,13 @@ static void remove_stale(const struct kiln_lock *lock, const struct stat *judged
 
 /* ---- taking ---- */
 
-/* A file that is open for writing would keep its file system from being made read-only: the lock is handed to a descriptor that is not. It is a
- * read lock then, which write locks cannot pass either. */
+/* A file that is open for writing would keep its file system from being made read-only: the lock is handed to a
+ * descriptor that is not. It is a read lock then, which write locks cannot pass either. */
 static void keep_for_reading(struct kiln_lock *lock)
 {
     const int reads = kiln_openat(lock->folder.descriptor, lock->aside, O_RDONLY | O_NOFOLLOW | O_CLOEXEC, 0);
-    if (reads >= 0 && (!lock->locks || (set_lock(lock->descriptor, F_RDLCK) == GOT && set_lock(reads, F_RDLCK) == GOT))) {
+    if (reads >= 0 &&
+        (!lock->locks || (set_lock(lock->descriptor, F_RDLCK) == GOT && set_lock(reads, F_RDLCK) == GOT))) {
         (void)close(lock->descriptor);
         lock->descriptor = reads;
     } else if (reads >= 0) {
@@ -227,9 +243,13 @@ static int make_own(struct kiln_lock *lock, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     (void)kiln_unlinkat(lock->folder.descriptor, lock->aside, 0);
-    lock->descriptor = kiln_openat(lock->folder.descriptor, lock->aside, O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
+    lock->descriptor =
+        kiln_openat(lock->folder.descriptor, lock->aside, O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
     if (lock->descriptor < 0)
-        return kiln_fail_errno(error, errno == EACCES || errno == EPERM ? KILN_PERMISSION : errno == ENOENT ? KILN_NO_INPUT : KILN_CANNOT_CREATE,
+        return kiln_fail_errno(error,
+                               errno == EACCES || errno == EPERM ? KILN_PERMISSION
+                               : errno == ENOENT                 ? KILN_NO_INPUT
+                                                                 : KILN_CANNOT_CREATE,
                                "'%s' cannot be created", path);
     lock->locks = set_lock(lock->descriptor, F_WRLCK) == GOT;
     status = write_self(lock->descriptor, lock->locks, path, error);
@@ -245,7 +265,8 @@ static bool link_own(const struct kiln_lock *lock, int *number)
     const int folder = lock->folder.descriptor;
     bool linked = linkat(folder, lock->aside, folder, NAME, 0) == 0;
     *number = linked ? 0 : errno;
-    linked = linked || (fstat(lock->descriptor, &own) == 0 && own.st_nlink > 1 && is_named(&lock->folder, lock->descriptor));
+    linked =
+        linked || (fstat(lock->descriptor, &own) == 0 && own.st_nlink > 1 && is_named(&lock->folder, lock->descriptor));
     if (!linked && *number != EEXIST && *number != ENOENT) { /* no links here: made under its name at once */
         const int made = open_lock(&lock->folder, O_RDWR | O_CREAT | O_EXCL);
         *number = made < 0 ? errno : 0;
@@ -276,7 +297,8 @@ static enum verdict judge(const struct kiln_lock *lock, int descriptor, struct h
     return AGAIN;
 }
 
-static int look_at_other(const struct kiln_lock *lock, enum verdict *verdict, struct holder *holder, struct kiln_error *error)
+static int look_at_other(const struct kiln_lock *lock, enum verdict *verdict, struct holder *holder,
+                         struct kiln_error *error)
 {
     struct stat found;
     *verdict = AGAIN;
@@ -291,7 +313,9 @@ static int look_at_other(const struct kiln_lock *lock, enum verdict *verdict, st
     if (descriptor < 0 || fstat(descriptor, &found) != 0 || !S_ISREG(found.st_mode)) {
         if (descriptor >= 0)
             (void)close(descriptor);
-        return kiln_fail(error, KILN_CANNOT_CREATE, "'%s/%s' is in the way: it is no plain file; remove it, or choose another folder", lock->folder.path, NAME);
+        return kiln_fail(error, KILN_CANNOT_CREATE,
+                         "'%s/%s' is in the way: it is no plain file; remove it, or choose another folder",
+                         lock->folder.path, NAME);
     }
     *verdict = judge(lock, descriptor, holder);
     (void)close(descriptor);
@@ -316,8 +340,9 @@ static int take(struct kiln_lock *lock, struct kiln_error *error)
         pause_for(0.1);
     }
     errno = number;
-    return number == EEXIST ? refuse(lock->folder.path, &holder, error)
-                            : kiln_fail_errno(error, KILN_CANNOT_CREATE, "'%s/%s' cannot be created", lock->folder.path, NAME);
+    return number == EEXIST
+               ? refuse(lock->folder.path, &holder, error)
+               : kiln_fail_errno(error, KILN_CANNOT_CREATE, "'%s/%s' cannot be created", lock->folder.path, NAME);
 }
 
 /* Files aside that killed processes left: those which a minute has passed over, by the file server's clock. */
@@ -332,7 +357,8 @@ static void sweep(const struct kiln_lock *lock)
         goto end;
     for (const struct dirent *entry; (entry = readdir(entries)) != NULL;)
         if (strncmp(entry->d_name, NAME, sizeof NAME - 1) == 0 && entry->d_name[sizeof NAME - 1] == '.' &&
-            fstatat(lock->folder.descriptor, entry->d_name, &found, AT_SYMLINK_NOFOLLOW) == 0 && found.st_mtim.tv_sec + 60 < own.st_mtim.tv_sec)
+            fstatat(lock->folder.descriptor, entry->d_name, &found, AT_SYMLINK_NOFOLLOW) == 0 &&
+            found.st_mtim.tv_sec + 60 < own.st_mtim.tv_sec)
             (void)kiln_unlinkat(lock->folder.descriptor, entry->d_name, 0);
 end:
     if (entries != NULL)
@@ -384,8 +410,11 @@ int kiln_lock_check(const struct kiln_lock *lock, struct kiln_error *error)
 {
     if (is_named(&lock->folder, lock->descriptor))
         return KILN_OK;
-    return kiln_fail(error, KILN_IO, "the folder %s was taken over by another bake while this one stood still, or its %s was removed: nothing more is "
-                     "written there; run the same command again when the other has ended", lock->folder.path, NAME);
+    return kiln_fail(error, KILN_IO,
+                     "the folder %s was taken over by another bake while this one stood still, or its %s was removed: "
+                     "nothing more is "
+                     "written there; run the same command again when the other has ended",
+                     lock->folder.path, NAME);
 }
 
 int kiln_lock_refuse(const char *directory, struct kiln_error *error)

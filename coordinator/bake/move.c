@@ -30,7 +30,8 @@ static struct common common_of(const uint64_t *a, const uint64_t *b)
 static MPI_Request *new_request(struct move *m)
 {
     struct kiln_error error;
-    if (kiln_grow(&m->requests, &m->room, m->count + 1, sizeof *m->requests, "messages that move points", &error) != KILN_OK)
+    if (kiln_grow(&m->requests, &m->room, m->count + 1, sizeof *m->requests, "messages that move points", &error) !=
+        KILN_OK)
         kiln_end_all_ranks(KILN_SYSTEM, &error); /* others wait for it already */
     return &m->requests[m->count++];
 }
@@ -40,7 +41,8 @@ static void receive(struct move *m, struct common c, int rank, char *there)
 {
     for (uint64_t at = c.begin; at < c.end; at += m->limit) {
         const uint64_t count = c.end - at < m->limit ? c.end - at : m->limit;
-        (void)MPI_Irecv(there + (at - c.begin) * m->size, (int)count, m->type, rank, TAG_MOVE, m->communicator, new_request(m));
+        (void)MPI_Irecv(there + (at - c.begin) * m->size, (int)count, m->type, rank, TAG_MOVE, m->communicator,
+                        new_request(m));
     }
 }
 
@@ -48,14 +50,17 @@ static void send(struct move *m, struct common c, int rank, const char *there)
 {
     for (uint64_t at = c.begin; at < c.end; at += m->limit) {
         const uint64_t count = c.end - at < m->limit ? c.end - at : m->limit;
-        (void)MPI_Isend(there + (at - c.begin) * m->size, (int)count, m->type, rank, TAG_MOVE, m->communicator, new_request(m));
+        (void)MPI_Isend(there + (at - c.begin) * m->size, (int)count, m->type, rank, TAG_MOVE, m->communicator,
+                        new_request(m));
     }
 }
 
-void kiln_move(MPI_Comm communicator, const uint64_t *before, const uint64_t *after, size_t size, uint64_t limit, const void *from, void *to)
+void kiln_move(MPI_Comm communicator, const uint64_t *before, const uint64_t *after, size_t size, uint64_t limit,
+               const void *from, void *to)
 {
     int rank, ranks;
-    struct move m = {.communicator = communicator, .size = size, .limit = limit > 0 && limit < INT_MAX ? limit : INT_MAX};
+    struct move m = {
+        .communicator = communicator, .size = size, .limit = limit > 0 && limit < INT_MAX ? limit : INT_MAX};
     (void)MPI_Comm_rank(communicator, &rank);
     (void)MPI_Comm_size(communicator, &ranks);
     (void)MPI_Type_contiguous((int)size, MPI_BYTE, &m.type);
@@ -65,7 +70,8 @@ void kiln_move(MPI_Comm communicator, const uint64_t *before, const uint64_t *af
         if (r != rank)
             receive(&m, c, r, (char *)to + (c.begin - after[rank]) * size);
         else if (c.begin < c.end)
-            memcpy((char *)to + (c.begin - after[rank]) * size, (const char *)from + (c.begin - before[rank]) * size, (c.end - c.begin) * size);
+            memcpy((char *)to + (c.begin - after[rank]) * size, (const char *)from + (c.begin - before[rank]) * size,
+                   (c.end - c.begin) * size);
     }
     for (int r = 0; r < ranks; r++) {
         const struct common c = common_of(&before[rank], &after[r]);

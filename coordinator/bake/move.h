@@ -8,9 +8,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Collective. What rank r has by the cuts `before` at `from`, it and others have by `after` at `to`, which does not overlap it: elements of
- * `size` bytes, at most `limit` of them in a message (0: what MPI can count), so that any number will do. Ranks without elements in common
- * send each other nothing. */
-void kiln_move(MPI_Comm communicator, const uint64_t *before, const uint64_t *after, size_t size, uint64_t limit, const void *from, void *to);
+/* Collective. What rank r has by the cuts `before` at `from`, it and others have by `after` at `to`, which does not
+ * overlap it: elements of `size` bytes, at most `limit` of them in a message (0: what MPI can count), so that any
+ * number will do. Ranks without elements in common send each other nothing. */
+void kiln_move(MPI_Comm communicator, const uint64_t *before, const uint64_t *after, size_t size, uint64_t limit,
+               const void *from, void *to);
 
 #endif

@@ -77,7 +77,10 @@ uint64_t kiln_node_bytes(const struct kiln_node_memory *node) { return node->byt
 static void say_why_not(struct kiln_node_memory *n, const struct kiln_error *why)
 {
     if (n->rank == 0 && !n->told)
-        (void)fprintf(stderr, "kiln: warning: what the ranks of a host could share each of them keeps for itself, which takes more memory: %s\n", why->message);
+        (void)fprintf(stderr,
+                      "kiln: warning: what the ranks of a host could share each of them keeps for itself, which takes "
+                      "more memory: %s\n",
+                      why->message);
     n->told = true;
 }
 
@@ -90,7 +93,8 @@ static int open_block(const struct kiln_node_memory *n, uint64_t bytes, struct b
     if (status == KILN_OK) {
         struct kiln_shared_key leader = key;
         (void)MPI_Bcast(&leader, (int)sizeof leader, MPI_BYTE, 0, n->communicator);
-        status = kiln_agree(n->communicator, n->rank != 0 ? kiln_shared_open(&block->here, &leader, error) : KILN_OK, error);
+        status =
+            kiln_agree(n->communicator, n->rank != 0 ? kiln_shared_open(&block->here, &leader, error) : KILN_OK, error);
     }
     kiln_shared_seal(&key);
     if (status != KILN_OK)
@@ -149,7 +153,8 @@ static int bytes_of(size_t count, size_t size, const char *what, uint64_t *bytes
     return KILN_OK;
 }
 
-int kiln_node_block(struct kiln_node_memory *node, void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
+int kiln_node_block(struct kiln_node_memory *node, void *pointer, size_t count, size_t size, const char *what,
+                    struct kiln_error *error)
 {
     uint64_t bytes = 0;
     void *here = NULL;
@@ -174,7 +179,8 @@ struct kiln_node_parts {
 };
 
 /* Collective. Each rank makes its own part, and opens the others'. */
-static int open_parts(const struct kiln_node_memory *n, struct kiln_node_parts *p, uint64_t bytes, struct kiln_shared_key *keys, struct kiln_error *error)
+static int open_parts(const struct kiln_node_memory *n, struct kiln_node_parts *p, uint64_t bytes,
+                      struct kiln_shared_key *keys, struct kiln_error *error)
 {
     struct kiln_shared_key own = {0};
     int status = kiln_agree(n->communicator, kiln_shared_make(&p->part[n->rank].at, &own, bytes, error), error);
@@ -199,11 +205,13 @@ static void close_parts(struct kiln_node_parts *p)
 }
 
 /* Collective on the node. */
-static int share_parts(struct kiln_node_memory *n, struct kiln_node_parts *p, uint64_t bytes, const char *what, struct kiln_error *error)
+static int share_parts(struct kiln_node_memory *n, struct kiln_node_parts *p, uint64_t bytes, const char *what,
+                       struct kiln_error *error)
 {
     struct kiln_shared_key *keys = NULL;
     struct kiln_error why = {{0}};
-    int status = p != NULL ? kiln_allocate(&keys, (size_t)n->ranks, sizeof *keys, what, &why) : kiln_fail(&why, KILN_SYSTEM, "out of memory: %s", what);
+    int status = p != NULL ? kiln_allocate(&keys, (size_t)n->ranks, sizeof *keys, what, &why)
+                           : kiln_fail(&why, KILN_SYSTEM, "out of memory: %s", what);
     status = kiln_agree(n->communicator, status, &why);
     if (status == KILN_OK) {
         status = open_parts(n, p, bytes, keys, &why);
@@ -217,7 +225,8 @@ static int share_parts(struct kiln_node_memory *n, struct kiln_node_parts *p, ui
     return kiln_fail(error, status, "%s", why.message);
 }
 
-int kiln_node_parts_create(struct kiln_node_parts **parts, struct kiln_node_memory *node, uint64_t bytes, const char *what, struct kiln_error *error)
+int kiln_node_parts_create(struct kiln_node_parts **parts, struct kiln_node_memory *node, uint64_t bytes,
+                           const char *what, struct kiln_error *error)
 {
     const int ranks = node != NULL ? node->ranks : 1;
     struct kiln_node_parts *p = NULL;
@@ -264,7 +273,8 @@ static void tell(const struct kiln_node_memory *n, struct call *call)
 }
 
 /* kiln_allocator.allocate, on the leader while the others attend. */
-static int allocate_here(void *context, void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
+static int allocate_here(void *context, void *pointer, size_t count, size_t size, const char *what,
+                         struct kiln_error *error)
 {
     struct kiln_node_memory *n = context;
     struct call call = {0};

@@ -8,11 +8,14 @@
 #include "worker/base/memory.h"
 #include "worker/scene/radiosity.h"
 
-static const char *const pass_names[] = {"direct light", "bounce", "final gather"}; /* in the order of enum kiln_pass_kind */
+/* in the order of enum kiln_pass_kind */
+static const char *const pass_names[] = {"direct light", "bounce", "final gather"};
 
-#define RATE_START 2e4    /* rays a second and thread, to begin with: little, so that the first batch is short however slow they are */
+/* rays a second and thread, to begin with: little, so that the first batch is short however slow they are */
+#define RATE_START 2e4
 
-static void take_direct(const struct kiln_share *share, uint64_t own, const struct kiln_point_result *r, float radiosity[3])
+static void take_direct(const struct kiln_share *share, uint64_t own, const struct kiln_point_result *r,
+                        float radiosity[3])
 {
     for (uint64_t c = 0; c < 3; c++) {
         share->direct[3 * own + c] = r->irradiance[c];
@@ -21,7 +24,8 @@ static void take_direct(const struct kiln_share *share, uint64_t own, const stru
     share->error[own] = kiln_error_pack(r->error);
 }
 
-static void take_bounce(const struct kiln_share *share, uint64_t own, const struct kiln_point_result *r, float radiosity[3])
+static void take_bounce(const struct kiln_share *share, uint64_t own, const struct kiln_point_result *r,
+                        float radiosity[3])
 {
     (void)r;
     for (uint64_t c = 0; c < 3; c++)
@@ -35,7 +39,8 @@ static void add_error(const struct kiln_share *share, uint64_t own, float error)
 }
 
 /* The final gather's answer replaces the sum it was gathered from (which everybody has packed by now). */
-static void take_final(const struct kiln_share *share, uint64_t own, const struct kiln_point_result *r, float radiosity[3])
+static void take_final(const struct kiln_share *share, uint64_t own, const struct kiln_point_result *r,
+                       float radiosity[3])
 {
     (void)radiosity;
     for (uint64_t c = 0; c < 3; c++)
@@ -44,7 +49,8 @@ static void take_final(const struct kiln_share *share, uint64_t own, const struc
 }
 
 /* Equal schedule: every bounce's irradiance counts as it is. */
-static void take_equal(const struct kiln_share *share, uint64_t own, const struct kiln_point_result *r, float radiosity[3])
+static void take_equal(const struct kiln_share *share, uint64_t own, const struct kiln_point_result *r,
+                       float radiosity[3])
 {
     (void)radiosity;
     for (uint64_t c = 0; c < 3; c++)
@@ -52,7 +58,8 @@ static void take_equal(const struct kiln_share *share, uint64_t own, const struc
     add_error(share, own, r->error);
 }
 
-void transport_step_make(const struct transport_state *s, enum kiln_pass_kind kind, uint32_t bounce, struct transport_step *step)
+void transport_step_make(const struct transport_state *s, enum kiln_pass_kind kind, uint32_t bounce,
+                         struct transport_step *step)
 {
     const struct kiln_job *job = s->params->job;
     const bool equal = job->schedule == KILN_SCHEDULE_EQUAL;
@@ -86,7 +93,8 @@ static size_t group_of(const struct kiln_surface *surface, const struct kiln_fra
     return (size_t)((surface->lightmaps[f->map].tile_first + f->tile) / GROUP_TILES);
 }
 
-/* What becomes of the radiosity that a point sends, by a gather's rays; returns the variance of what is lost of it, times the samples. */
+/* What becomes of the radiosity that a point sends, by a gather's rays; returns the variance of what is lost of it,
+ * times the samples. */
 static double add_sent(const struct transport_state *s, uint64_t point, const struct kiln_point_result *r, double area,
                        struct kiln_exact_sum sums[SUM_COUNT])
 {
@@ -110,14 +118,15 @@ static double add_sent(const struct transport_state *s, uint64_t point, const st
     return spread * spread * lost * (1.0 - lost);
 }
 
-static void add_energy(const struct pass_work *w, uint64_t own, const struct kiln_point_result *r, const float albedo[3],
-                       struct kiln_exact_sum sums[SUM_COUNT], struct fragment_sum *fragment)
+static void add_energy(const struct pass_work *w, uint64_t own, const struct kiln_point_result *r,
+                       const float albedo[3], struct kiln_exact_sum sums[SUM_COUNT], struct fragment_sum *fragment)
 {
     const struct transport_state *s = w->state;
     const struct kiln_surface *surface = &w->share->surface;
     if (!kiln_point_valid(surface, own))
         return;
-    const double area = (double)surface->area[own] * ((double)surface->visible[own] / 65535.0) * (double)r->present, per_unit = 1.0 / s->unit;
+    const double area = (double)surface->area[own] * ((double)surface->visible[own] / 65535.0) * (double)r->present,
+                 per_unit = 1.0 / s->unit;
     double reflected[3];
     for (int c = 0; c < 3; c++) {
         const double incident = area * (double)r->incident[c];
@@ -131,19 +140,22 @@ static void add_energy(const struct pass_work *w, uint64_t own, const struct kil
         fragment->variance += add_sent(s, surface->first + own, r, area, sums) / w->pass->samples;
 }
 
-/* Random bits for the 4-byte form: those of the tile, moved on for each texel by its bit reversed, so that every aligned square of texels
- * rounds up and down in turn, and its mean is kept much better than by chance (a rotated van der Corput sequence). */
+/* Random bits for the 4-byte form: those of the tile, moved on for each texel by its bit reversed, so that every
+ * aligned square of texels rounds up and down in turn, and its mean is kept much better than by chance (a rotated van
+ * der Corput sequence). */
 static uint32_t compact_hash(const struct transport_state *s, const struct kiln_fragment *f, uint32_t bit)
 {
     const uint32_t tile = kiln_hash2(transport_pack_hash(f, 0, s->step.stream), (uint32_t)s->params->job->seed);
     uint32_t reversed = 0;
     for (uint32_t i = 0; i < 6; i++)
         reversed |= (bit >> i & 1u) << (9 - i);
-    return ((tile + reversed) & 1023u) | (((tile >> 10) + reversed) & 1023u) << 10 | (((tile >> 20) + reversed) & 1023u) << 20;
+    return ((tile + reversed) & 1023u) | (((tile >> 10) + reversed) & 1023u) << 10 |
+           (((tile >> 20) + reversed) & 1023u) << 20;
 }
 
 /* A texel's radiosity as it goes to the next bounce. */
-static uint64_t packed(const struct transport_state *s, const struct kiln_fragment *f, uint32_t bit, const float radiosity[3])
+static uint64_t packed(const struct transport_state *s, const struct kiln_fragment *f, uint32_t bit,
+                       const float radiosity[3])
 {
     if (!s->compact)
         return kiln_radiosity_pack(radiosity, transport_pack_hash(f, bit, s->step.stream));
@@ -153,13 +165,16 @@ static uint64_t packed(const struct transport_state *s, const struct kiln_fragme
 }
 
 /* Takes over the answers of one fragment, `results` being those of its points. */
-static void take_fragment(const struct pass_work *w, const struct kiln_fragment *fragment, const struct kiln_point_result *results,
-                          struct kiln_exact_sum sums[SUM_COUNT], struct fragment_sum *sum)
+static void take_fragment(const struct pass_work *w, const struct kiln_fragment *fragment,
+                          const struct kiln_point_result *results, struct kiln_exact_sum sums[SUM_COUNT],
+                          struct fragment_sum *sum)
 {
     struct transport_state *s = w->state;
     uint64_t own = fragment->first - w->share->surface.first;
     /* what no ray meets takes no light from the scene */
-    const bool counts = (s->params->backend->params.scene->objects[kiln_map_object(&w->share->surface, fragment->map)].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
+    const bool counts =
+        (s->params->backend->params.scene->objects[kiln_map_object(&w->share->surface, fragment->map)].flags &
+         KILN_OBJECT_RECEIVER_ONLY) == 0;
     *sum = (struct fragment_sum){0};
     for (uint64_t rest = fragment->mask; rest != 0; rest &= rest - 1, own++, results++) {
         float albedo[3], radiosity[3];
@@ -173,7 +188,8 @@ static void take_fragment(const struct pass_work *w, const struct kiln_fragment 
     }
 }
 
-int transport_take_part(void *context, size_t first, size_t count, const struct kiln_point_result *results, struct kiln_error *error)
+int transport_take_part(void *context, size_t first, size_t count, const struct kiln_point_result *results,
+                        struct kiln_error *error)
 {
     struct pass_work *w = context;
     struct transport_state *s = w->state;
@@ -195,7 +211,8 @@ int transport_take_part(void *context, size_t first, size_t count, const struct 
         for (int k = 0; k < SUM_COUNT; k++) /* exact: the order of threads does not matter */
             s->sums[k].value += own[k].value;
     }
-    const double cost = seconds / (double)(fragments[count - 1].first + fragments[count - 1].count - fragments[0].first);
+    const double cost =
+        seconds / (double)(fragments[count - 1].first + fragments[count - 1].count - fragments[0].first);
     for (size_t i = 0; i < count; i++) {
         w->share->cost[first + i] = (float)(cost * (double)fragments[i].count);
         s->group_now[group_of(surface, &fragments[i])].value += w->fragments[i].reflected.value;
@@ -214,7 +231,9 @@ static void show_pass(const struct transport_state *s)
 {
     char name[64];
     (void)snprintf(name, sizeof name, "bounce %u", s->step.bounce);
-    const char *text = s->step.kind == KILN_PASS_DIRECT ? "direct light" : s->step.kind == KILN_PASS_FINAL ? "final gather" : name;
+    const char *text = s->step.kind == KILN_PASS_DIRECT  ? "direct light"
+                       : s->step.kind == KILN_PASS_FINAL ? "final gather"
+                                                         : name;
     kiln_progress_phase(s->params->progress, text, s->params->surface->count);
     if (s->points_done > 0)
         kiln_progress_advance(s->params->progress, s->points_done);
@@ -231,7 +250,8 @@ static int add_pass(struct transport_state *s, struct kiln_error *error)
     struct kiln_transport_report *report = &s->out->report;
     const int status = transport_make_room(report, report->pass_count + 1, error);
     if (status == KILN_OK)
-        report->passes[report->pass_count++] = (struct kiln_pass_report){.kind = s->step.kind, .bounce = s->step.bounce, .samples = s->step.samples};
+        report->passes[report->pass_count++] =
+            (struct kiln_pass_report){.kind = s->step.kind, .bounce = s->step.bounce, .samples = s->step.samples};
     return status;
 }
 
@@ -290,7 +310,8 @@ int transport_pass_run(struct transport_state *s, struct kiln_error *error)
     if (status != KILN_OK)
         kiln_spread_abandon(s->out->spread);
     w.pass->given += kiln_board_returned(s->own->board);
-    kiln_trace_add(s->params->trace, KILN_TRACE_PASS, pass_names[s->step.kind], start, MPI_Wtime(), (int64_t)s->params->surface->count);
+    kiln_trace_add(s->params->trace, KILN_TRACE_PASS, pass_names[s->step.kind], start, MPI_Wtime(),
+                   (int64_t)s->params->surface->count);
     kiln_free(&w.fragments);
     kiln_control_blocking(s->params->control, "adding up a pass", 0.0);
     if (status == KILN_OK)

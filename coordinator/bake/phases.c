@@ -66,8 +66,9 @@ json_t *kiln_phases_json(const struct kiln_phases *phases, MPI_Comm communicator
             json_array_append_new(per_rank, json_real(seconds));
         }
         const double mean = sum / ranks;
-        json_array_append_new(array, json_pack("{s:s, s:{s:f, s:f, s:f}, s:f, s:o}", "name", phases->name[i], "seconds", "min", low, "avg",
-                                               mean, "max", high, "imbalance", mean > 0.0 ? high / mean - 1.0 : 0.0, "per_rank", per_rank));
+        json_array_append_new(array, json_pack("{s:s, s:{s:f, s:f, s:f}, s:f, s:o}", "name", phases->name[i], "seconds",
+                                               "min", low, "avg", mean, "max", high, "imbalance",
+                                               mean > 0.0 ? high / mean - 1.0 : 0.0, "per_rank", per_rank));
     }
     return array;
 }

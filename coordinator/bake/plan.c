@@ -18,33 +18,40 @@ enum { THREAD_FRAGMENTS = 4, LEAST_FRAGMENTS = 8, DEVICE_FRAGMENTS = 2048, SAMPL
 enum { BOUNCE_FRAGMENTS = 4 }; /* so many times as many for a bounce, which has few samples */
 static const double CALIBRATION_SECONDS = 15.0;
 
-/* Embree 3.13, robust, medium quality: bytes of BVH a triangle, measured between 32 thousand and 4 million triangles. */
+/* Embree 3.13, robust, medium quality: bytes of BVH a triangle, measured between 32 thousand and 4 million triangles.
+ */
 static const double BVH_BYTES = 100.0;
 static const uint64_t LEAST_PROGRAM_BYTES = 40ull << 20;
-static const uint64_t PASS_BYTES = 8ull << 20; /* what passes and MPI take that is not there yet when the program is measured */
+/* what passes and MPI take that is not there yet when the program is measured */
+static const uint64_t PASS_BYTES = 8ull << 20;
 
 /* What writing the results takes, measured: see the rows' words. */
-static const double LIGHTMAP_WORK = 85.0;            /* bytes a texel of the lightmaps under way */
-static const uint64_t LIGHTMAP_BUDGET = 1ull << 21;  /* texels under way on a rank, or one lightmap */
-static const double RECORD_BYTES = 2 * 58.0;         /* a point on its way to the lightmap's writer: sent and received */
-static const double H5_ROW = 113.0, H5_KEPT = 90.0;  /* bytes a point of kiln.h5 in hand; of them still held afterwards */
+static const double LIGHTMAP_WORK = 85.0;           /* bytes a texel of the lightmaps under way */
+static const uint64_t LIGHTMAP_BUDGET = 1ull << 21; /* texels under way on a rank, or one lightmap */
+/* a point on its way to the lightmap's writer: sent and received */
+static const double RECORD_BYTES = 2 * 58.0;
+/* bytes a point of kiln.h5 in hand; of them still held afterwards */
+static const double H5_ROW = 113.0, H5_KEPT = 90.0;
 static const uint64_t ROWS_AT_ONCE = 1ull << 18;
-static const uint64_t PREVIEW_BYTES = 62ull << 20;   /* rays of a band, 120 bytes each */
-static const double PREVIEW_TEXEL = 12.0;            /* lightmaps in view */
-static const double CHECKPOINT_POINT = 44.0;         /* bytes on disk */
-static const double RESULT_BYTES = 6 * sizeof(float) + sizeof(uint16_t); /* of a point, that move with it besides its surface */
+static const uint64_t PREVIEW_BYTES = 62ull << 20; /* rays of a band, 120 bytes each */
+static const double PREVIEW_TEXEL = 12.0;          /* lightmaps in view */
+static const double CHECKPOINT_POINT = 44.0;       /* bytes on disk */
+/* of a point, that move with it besides its surface */
+static const double RESULT_BYTES = 6 * sizeof(float) + sizeof(uint16_t);
 
 static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
 static const double LIGHTMAP_TEXEL_SECONDS = 1.6e-6; /* of one thread: filled, smoothed, compressed, read back */
 static const double H5_POINT_SECONDS = 1.35e-6;      /* of one rank: described, compressed, read back */
 /* Of these two, what one rank does alone when there are several, of one thread. For an object of few seams: */
-static const double OWNER_TEXEL_SECONDS = 0.2e-6;    /* its points taken in, finished, sent to be packed, written, compared */
+/* its points taken in, finished, sent to be packed, written, compared */
+static const double OWNER_TEXEL_SECONDS = 0.2e-6;
 static const double OWNER_TEXEL_BYTES = 44.0 + 33.0; /* sent to be packed; got back */
 static const double H5_WRITER_POINT_SECONDS = 35e-9; /* packed bytes taken in and written */
-static const double PREVIEW_DRAWN = 0.6, PREVIEW_WRITTEN = 0.25; /* s of one thread: by all of a rank's threads, by one */
+/* s of one thread: by all of a rank's threads, by one */
+static const double PREVIEW_DRAWN = 0.6, PREVIEW_WRITTEN = 0.25;
 static const double COMPACT_BYTES = 4.0, FULL_BYTES = 8.0; /* of a point's radiosity on its way */
-static const double MAP_ENTRY_BYTES = 24.0;          /* of a tile or split, from who found it to every rank */
-static const double MAP_POINT_SECONDS = 0.5e-9;      /* of a rank, for a point that another found */
+static const double MAP_ENTRY_BYTES = 24.0;                /* of a tile or split, from who found it to every rank */
+static const double MAP_POINT_SECONDS = 0.5e-9;            /* of a rank, for a point that another found */
 
 /* Compressed bytes, measured over the project's scenes. */
 static const double LIGHTMAP_POINT_DISK = 33.0, H5_POINT_DISK = 45.5, PROBE_DISK = 0.85, PREVIEW_DISK = 0.55e6;
@@ -86,7 +93,8 @@ static double least(double a, double b) { return a < b ? a : b; }
 /* The phases that write follow one another; the fullest is the first rank, which draws the preview. */
 static uint64_t result_bytes(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
-    const double own = plan->here.light.points_most, texels = (double)plan->surface.texels, largest = (double)largest_lightmap(p->scene);
+    const double own = plan->here.light.points_most, texels = (double)plan->surface.texels,
+                 largest = (double)largest_lightmap(p->scene);
     const double at_once = fmax(largest, least(texels / job->ranks, (double)LIGHTMAP_BUDGET));
     const double rows = least(own, (double)ROWS_AT_ONCE);
     const double lightmaps = LIGHTMAP_WORK * at_once + RECORD_BYTES * rows;
@@ -98,7 +106,8 @@ static void known_memory(struct kiln_plan *plan, const struct kiln_prepared *p)
 {
     struct kiln_plan_memory *m = &plan->memory;
     const struct kiln_geometry *g = p->geometry;
-    m->textures = section_bytes(p->scene, KILN_SECTION_TEXELS) + section_bytes(p->scene, KILN_SECTION_ENVIRONMENT_TEXELS);
+    m->textures =
+        section_bytes(p->scene, KILN_SECTION_TEXELS) + section_bytes(p->scene, KILN_SECTION_ENVIRONMENT_TEXELS);
     m->scene = p->scene->mapped_bytes - m->textures;
     m->geometry = g->vertex_count * 3 * sizeof *g->vertices +
                   g->triangle_count * (3 * sizeof *g->indices + sizeof *g->records + sizeof *g->stored_triangle);
@@ -109,12 +118,14 @@ static void known_memory(struct kiln_plan *plan, const struct kiln_prepared *p)
 static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *p)
 {
     struct kiln_plan_memory *m = &plan->memory;
-    const uint64_t named = m->textures + m->scene + m->geometry + m->bvh + all_bytes(p->surface) + share_bytes(p->surface);
+    const uint64_t named =
+        m->textures + m->scene + m->geometry + m->bvh + all_bytes(p->surface) + share_bytes(p->surface);
     const uint64_t resident = kiln_process_memory(KILN_MEMORY_NOW);
     m->program = PASS_BYTES + (resident > named + LEAST_PROGRAM_BYTES ? resident - named : LEAST_PROGRAM_BYTES);
 }
 
-static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_surface *share, const struct kiln_job *job)
+static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_surface *share,
+                        const struct kiln_job *job)
 {
     struct kiln_plan_memory *m = &plan->memory;
     struct kiln_backend_info info = {0};
@@ -128,12 +139,13 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     m->results = result_bytes(plan, p, job);
     m->moving = plan->here.light.cuts > 0 ? (uint64_t)(fmax(own, RESULT_BYTES) * plan->here.light.points_most) : 0;
     const uint64_t last = m->volume + m->results; /* there is none of these while points move */
-    m->total = m->program + m->scene + m->textures + m->geometry + m->bvh + m->surface_all + m->surface_own + m->transport +
-               (last > m->moving ? last : m->moving);
+    m->total = m->program + m->scene + m->textures + m->geometry + m->bvh + m->surface_all + m->surface_own +
+               m->transport + (last > m->moving ? last : m->moving);
     if (plan->surface.points > 0)
-        plan->bytes_per_point = own + (double)m->surface_all / (double)plan->surface.points +
-                                (double)(kiln_transport_bytes(plan->surface.points, plan->surface.points) - kiln_transport_bytes(0, 0)) /
-                                    (double)plan->surface.points;
+        plan->bytes_per_point =
+            own + (double)m->surface_all / (double)plan->surface.points +
+            (double)(kiln_transport_bytes(plan->surface.points, plan->surface.points) - kiln_transport_bytes(0, 0)) /
+                (double)plan->surface.points;
     if (p->geometry->triangle_count > 0)
         plan->bytes_per_triangle = (double)(m->scene + m->geometry) / (double)p->geometry->triangle_count;
 }
@@ -141,29 +153,33 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
 static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
     const double points = (double)plan->surface.points;
-    plan->lightmap_bytes = (uint64_t)(points * LIGHTMAP_POINT_DISK * (job->half ? 0.45 : 1.0) * (job->error_map ? 10.0 / 9.0 : 1.0));
+    plan->lightmap_bytes =
+        (uint64_t)(points * LIGHTMAP_POINT_DISK * (job->half ? 0.45 : 1.0) * (job->error_map ? 10.0 / 9.0 : 1.0));
     plan->h5_bytes = (uint64_t)(points * H5_POINT_DISK);
     plan->volume_bytes = (uint64_t)((double)(plan->probes * sizeof(struct kiln_probe_result)) * PROBE_DISK);
     plan->scene_bytes = p->scene->mapped_bytes;
     plan->preview_bytes = job->preview ? (uint64_t)PREVIEW_DISK : 0;
     plan->export_bytes = job->export ? kiln_export_size(p->scene) : 0;
-    plan->disk_bytes = plan->lightmap_bytes + plan->h5_bytes + plan->volume_bytes + plan->scene_bytes + plan->preview_bytes + plan->export_bytes;
+    plan->disk_bytes = plan->lightmap_bytes + plan->h5_bytes + plan->volume_bytes + plan->scene_bytes +
+                       plan->preview_bytes + plan->export_bytes;
     plan->checkpoint_bytes = (uint64_t)(points * CHECKPOINT_POINT);
 }
 
 /* ---- calibration ---- */
 
-static int sample_pass(const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_batch *batch, int light, double *seconds,
-                       struct kiln_error *error)
+static int sample_pass(const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_batch *batch,
+                       int light, double *seconds, struct kiln_error *error)
 {
     struct kiln_backend_info begin, end;
     uint64_t rays = 0;
     kiln_backend_info(p->backend, &begin);
     const double start = MPI_Wtime();
     const bool bounce = light == KILN_LIGHT_BOUNCE;
-    const int status = light == KILN_LIGHT_DIRECT ? kiln_backend_direct(p->backend, batch, job->samples_direct, &rays, error)
-                                                  : kiln_backend_gather(p->backend, batch, bounce ? job->samples_bounce : job->samples_indirect,
-                                                                        bounce ? 1 : 0xffff, &rays, error);
+    const int status =
+        light == KILN_LIGHT_DIRECT
+            ? kiln_backend_direct(p->backend, batch, job->samples_direct, &rays, error)
+            : kiln_backend_gather(p->backend, batch, bounce ? job->samples_bounce : job->samples_indirect,
+                                  bounce ? 1 : 0xffff, &rays, error);
     *seconds = MPI_Wtime() - start;
     kiln_backend_info(p->backend, &end);
     if (end.thread_seconds > begin.thread_seconds)
@@ -171,8 +187,8 @@ static int sample_pass(const struct kiln_prepared *p, const struct kiln_job *job
     return status;
 }
 
-static int take_sample(const struct kiln_prepared *p, const struct kiln_job *job, size_t first, size_t count, struct kiln_plan_sample *sample,
-                       struct kiln_error *error)
+static int take_sample(const struct kiln_prepared *p, const struct kiln_job *job, size_t first, size_t count,
+                       struct kiln_plan_sample *sample, struct kiln_error *error)
 {
     const struct kiln_fragment *fragments = p->surface->fragments;
     const size_t rest = p->surface->fragment_count - first;
@@ -200,18 +216,22 @@ static size_t sample_place(size_t i)
 static int fill_radiosity(const struct kiln_prepared *p, uint64_t **radiosity, struct kiln_error *error)
 {
     static const float light[3] = {1.0f, 0.9f, 0.8f};
-    const int status = kiln_allocate(radiosity, p->surface->point_count, sizeof **radiosity, "a sample's radiosity", error);
+    const int status =
+        kiln_allocate(radiosity, p->surface->point_count, sizeof **radiosity, "a sample's radiosity", error);
     for (uint64_t i = 0; status == KILN_OK && i < p->surface->point_count; i++)
         (*radiosity)[i] = kiln_radiosity_pack(light, (uint32_t)i);
     return status == KILN_OK ? kiln_backend_set_radiosity(p->backend, *radiosity, error) : status;
 }
 
-static int calibrate(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, struct kiln_error *error)
+static int calibrate(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
+                     struct kiln_error *error)
 {
-    const size_t count = p->surface->fragment_count, busy = on_device(p) ? DEVICE_FRAGMENTS : (size_t)p->threads * THREAD_FRAGMENTS;
+    const size_t count = p->surface->fragment_count,
+                 busy = on_device(p) ? DEVICE_FRAGMENTS : (size_t)p->threads * THREAD_FRAGMENTS;
     size_t run = busy < LEAST_FRAGMENTS ? LEAST_FRAGMENTS : busy;
     if (run * KILN_PLAN_SAMPLES > count)
-        run = on_device(p) ? (count < DEVICE_FRAGMENTS ? count : DEVICE_FRAGMENTS) : (count + KILN_PLAN_SAMPLES - 1) / KILN_PLAN_SAMPLES;
+        run = on_device(p) ? (count < DEVICE_FRAGMENTS ? count : DEVICE_FRAGMENTS)
+                           : (count + KILN_PLAN_SAMPLES - 1) / KILN_PLAN_SAMPLES;
     const double start = MPI_Wtime();
     struct kiln_plan_sample warm;
     int status = count > 0 ? take_sample(p, job, 0, run < 4 ? run : 4, &warm, error) : KILN_OK;
@@ -231,7 +251,8 @@ static double preview_seconds(const struct kiln_prepared *p, const struct kiln_j
     return job->preview ? PREVIEW_DRAWN / p->threads + PREVIEW_WRITTEN : 0.0;
 }
 
-static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *job, double *seconds, struct kiln_error *error)
+static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *job, double *seconds,
+                         struct kiln_error *error)
 {
     struct kiln_vec3 positions[SAMPLE_PROBES];
     struct kiln_probe_result results[SAMPLE_PROBES];
@@ -242,7 +263,8 @@ static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *j
         positions[i] = vec3(low.x + t * size.x, low.y + (1.0f - t) * size.y, low.z + t * size.z);
     }
     const double start = MPI_Wtime();
-    const int status = kiln_backend_probes(p->backend, positions, SAMPLE_PROBES, 0, job->samples_probe, results, &rays, error);
+    const int status =
+        kiln_backend_probes(p->backend, positions, SAMPLE_PROBES, 0, job->samples_probe, results, &rays, error);
     *seconds = (MPI_Wtime() - start) / SAMPLE_PROBES;
     return status;
 }
@@ -276,8 +298,8 @@ static double crowd(const struct kiln_prepared *p, const struct kiln_job *job)
 static double write_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
     const double ranks = job->ranks / crowd(p, job);
-    return LIGHTMAP_TEXEL_SECONDS * (double)plan->surface.texels / p->threads / ranks + H5_POINT_SECONDS * (double)plan->surface.points / ranks +
-           preview_seconds(p, job);
+    return LIGHTMAP_TEXEL_SECONDS * (double)plan->surface.texels / p->threads / ranks +
+           H5_POINT_SECONDS * (double)plan->surface.points / ranks + preview_seconds(p, job);
 }
 
 /* Of a point, in the exchange after a bounce, when there are so many. */
@@ -288,15 +310,15 @@ static double bounce_bytes(const struct kiln_job *job, uint64_t points)
 
 /* What samples of it took, for which there is no phase. */
 struct timing {
-    double probe;    /* s each */
-    double emission; /* s in all */
+    double probe;       /* s each */
+    double emission;    /* s in all */
     uint32_t slow_rank; /* KILN_SLOW_RANK */
     double slowness;
 };
 
 /* All that does not depend on how even the ranks' work is. */
-static void plan_before_and_after(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_phases *phases,
-                                  const struct timing *timing)
+static void plan_before_and_after(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
+                                  const struct kiln_phases *phases, const struct timing *timing)
 {
     struct kiln_plan_seconds *s = &plan->seconds;
     const double together = crowd(p, job), ranks = (double)job->ranks;
@@ -304,11 +326,13 @@ static void plan_before_and_after(struct kiln_plan *plan, const struct kiln_prep
     s->world = phase_seconds(phases, "scene and BVH") * together;
     s->surface = phase_seconds(phases, "surface points") * together / ranks;
     if (plan->surface.points > 0)
-        s->validity = phase_seconds(phases, "validity") * (double)plan->surface.points_max * together / (double)plan->surface.points;
+        s->validity = phase_seconds(phases, "validity") * (double)plan->surface.points_max * together /
+                      (double)plan->surface.points;
     s->emission = timing->emission * together;
     s->probes = timing->probe * ceil((double)plan->probes / ranks) * together;
     if (ranks > 1.0)
-        plan->exchange_bytes = bounce_bytes(job, plan->surface.points) * ((double)plan->surface.points - (double)plan->surface.points_max);
+        plan->exchange_bytes =
+            bounce_bytes(job, plan->surface.points) * ((double)plan->surface.points - (double)plan->surface.points_max);
     s->write = write_seconds(plan, p, job);
 }
 
@@ -320,8 +344,8 @@ static void plan_light(struct kiln_plan *plan)
     s->final = plan->here.light.seconds[KILN_LIGHT_FINAL];
     s->exchange = plan->here.exchange;
     s->move = plan->here.light.move;
-    s->total = s->import + s->world + s->surface + s->validity + s->emission + s->direct + s->bounces + s->final + s->probes + s->exchange + s->move +
-               s->write;
+    s->total = s->import + s->world + s->surface + s->validity + s->emission + s->direct + s->bounces + s->final +
+               s->probes + s->exchange + s->move + s->write;
 }
 
 /* ---- scaling ---- */
@@ -371,8 +395,8 @@ static void free_cells(struct cells *cells)
         kiln_free(&cells->cost[l]);
 }
 
-static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, struct cells *cells,
-                      struct kiln_error *error)
+static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
+                      struct cells *cells, struct kiln_error *error)
 {
     const struct kiln_surface *s = p->surface; /* of one rank: all */
     const bool in_cells = s->cell_first != NULL;
@@ -390,46 +414,49 @@ static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *
 }
 
 /* Everything that grows with the points does so in proportion. */
-static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
-                                            const struct cells *cells, const struct timing *timing)
+static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const struct kiln_prepared *p,
+                                            const struct kiln_job *job, const struct cells *cells,
+                                            const struct timing *timing)
 {
     const struct kiln_plan_seconds *s = &plan->seconds;
-    const double together = crowd(p, job), points = fmax(1.0, (double)plan->surface.points), texel = (double)plan->surface.texels / points;
+    const double together = crowd(p, job), points = fmax(1.0, (double)plan->surface.points),
+                 texel = (double)plan->surface.texels / points;
     const double surface = p->surface->count > 0 ? (double)share_bytes(p->surface) / (double)p->surface->count : 0.0;
     struct kiln_backend_info info = {0};
     kiln_backend_info(p->backend, &info);
-    return (struct kiln_simulation){.light = {.job = job,
-                                              .cell_points = cells->points,
-                                              .cell_cost = {cells->cost[0], cells->cost[1], cells->cost[2]},
-                                              .cell_count = cells->count,
-                                              .fragments = plan->surface.fragments,
-                                              .bounces = plan->bounces,
-                                              .threads = p->threads,
-                                              .any_share = info.any_share,
-                                              .part_points = info.part_points,
-                                              .share_bytes = surface + RESULT_BYTES,
-                                              .bandwidth = job->node_bandwidth * 1e9,
-                                              .latency = job->node_latency * 1e-6,
-                                              .slow_rank = timing->slow_rank,
-                                              .slowness = timing->slowness},
-                                    .density = job->points > 0 ? (double)job->points / points : 1.0,
-                                    .once = s->import + s->world + s->emission + preview_seconds(p, job),
-                                    .find_a_point = s->surface * job->ranks / points,
-                                    .map_a_point = MAP_POINT_SECONDS * together,
-                                    .map_bytes = MAP_ENTRY_BYTES * (double)(p->surface->tile_count + p->surface->split_count) / points,
-                                    .shared_a_point = s->validity / fmax(1.0, (double)plan->surface.points_max) +
-                                                      together * (H5_POINT_SECONDS + texel * LIGHTMAP_TEXEL_SECONDS / p->threads),
-                                    .shared = timing->probe * (double)plan->probes * together,
-                                    .largest_object = (OWNER_TEXEL_SECONDS + OWNER_TEXEL_BYTES / (job->node_bandwidth * 1e9)) *
-                                                      (double)largest_lightmap(p->scene),
-                                    .alone_a_point = H5_WRITER_POINT_SECONDS,
-                                    .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),
-                                    .exchanges = plan->bounces + 1};
+    return (struct kiln_simulation){
+        .light = {.job = job,
+                  .cell_points = cells->points,
+                  .cell_cost = {cells->cost[0], cells->cost[1], cells->cost[2]},
+                  .cell_count = cells->count,
+                  .fragments = plan->surface.fragments,
+                  .bounces = plan->bounces,
+                  .threads = p->threads,
+                  .any_share = info.any_share,
+                  .part_points = info.part_points,
+                  .share_bytes = surface + RESULT_BYTES,
+                  .bandwidth = job->node_bandwidth * 1e9,
+                  .latency = job->node_latency * 1e-6,
+                  .slow_rank = timing->slow_rank,
+                  .slowness = timing->slowness},
+        .density = job->points > 0 ? (double)job->points / points : 1.0,
+        .once = s->import + s->world + s->emission + preview_seconds(p, job),
+        .find_a_point = s->surface * job->ranks / points,
+        .map_a_point = MAP_POINT_SECONDS * together,
+        .map_bytes = MAP_ENTRY_BYTES * (double)(p->surface->tile_count + p->surface->split_count) / points,
+        .shared_a_point = s->validity / fmax(1.0, (double)plan->surface.points_max) +
+                          together * (H5_POINT_SECONDS + texel * LIGHTMAP_TEXEL_SECONDS / p->threads),
+        .shared = timing->probe * (double)plan->probes * together,
+        .largest_object = (OWNER_TEXEL_SECONDS + OWNER_TEXEL_BYTES / (job->node_bandwidth * 1e9)) *
+                          (double)largest_lightmap(p->scene),
+        .alone_a_point = H5_WRITER_POINT_SECONDS,
+        .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),
+        .exchanges = plan->bounces + 1};
 }
 
 /* The bake as it is asked for, then the curves. */
-static int simulate(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, const struct timing *timing,
-                    struct kiln_error *error)
+static int simulate(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
+                    const struct timing *timing, struct kiln_error *error)
 {
     struct cells cells = {0};
     int status = fill_cells(plan, p, job, &cells, error);
@@ -448,8 +475,8 @@ static int simulate(struct kiln_plan *plan, const struct kiln_prepared *p, const
     return status;
 }
 
-static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job, struct timing *timing,
-                         struct kiln_error *error)
+static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
+                         struct timing *timing, struct kiln_error *error)
 {
     uint64_t *radiosity = NULL;
     const double start = MPI_Wtime();
@@ -465,8 +492,8 @@ static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, 
     return status;
 }
 
-int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job, const struct kiln_phases *phases,
-                   struct kiln_error *error)
+int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job,
+                   const struct kiln_phases *phases, struct kiln_error *error)
 {
     *plan = (struct kiln_plan){.triangles = prepared->geometry->triangle_count,
                                .bounces = job->bounces < 0 ? TYPICAL_BOUNCES : (uint32_t)job->bounces};
@@ -476,7 +503,8 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     const struct kiln_surface_params params = {.scene = prepared->scene,
                                                .geometry = prepared->geometry,
                                                .cell_size = job->cell_size,
-                                               .partition = job->partition_objects ? KILN_PARTITION_OBJECTS : KILN_PARTITION_CELLS,
+                                               .partition = job->partition_objects ? KILN_PARTITION_OBJECTS
+                                                                                   : KILN_PARTITION_CELLS,
                                                .both_sides = job->both_sides,
                                                .ranks = job->ranks,
                                                .threads = prepared->threads};

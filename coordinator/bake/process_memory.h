@@ -5,8 +5,9 @@
 #include <stdint.h>
 
 enum kiln_memory_figure {
-    KILN_MEMORY_NOW,  /* resident now */
-    KILN_MEMORY_PEAK, /* the most that was resident since the program began (ru_maxrss would count what the process was before) */
+    KILN_MEMORY_NOW, /* resident now */
+    /* the most that was resident since the program began (ru_maxrss would count what the process was before) */
+    KILN_MEMORY_PEAK,
     KILN_MEMORY_SHARE /* resident now, where what n processes map counts an nth for each */
 };
 

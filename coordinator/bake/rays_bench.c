@@ -15,8 +15,8 @@ static int by_value(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* Runs of fragments, spread evenly over the share, that make about RAYS_WANTED rays; each run first by the pass ([0]), then by
- * Embree alone ([1]), so that both meet the same noise of a shared machine. */
+/* Runs of fragments, spread evenly over the share, that make about RAYS_WANTED rays; each run first by the pass ([0]),
+ * then by Embree alone ([1]), so that both meet the same noise of a shared machine. */
 static int one_run(const struct kiln_prepared *p, uint32_t samples, double seconds[2], uint64_t rays[2],
                    struct kiln_error *error)
 {
@@ -28,7 +28,8 @@ static int one_run(const struct kiln_prepared *p, uint32_t samples, double secon
     int status = KILN_OK;
     for (size_t r = 0; r < runs && status == KILN_OK; r++) {
         const size_t first = r * runs_there / runs * FRAGMENTS_AT_ONCE;
-        const struct kiln_batch batch = {first, count - first < FRAGMENTS_AT_ONCE ? count - first : FRAGMENTS_AT_ONCE, NULL, NULL};
+        const struct kiln_batch batch = {first, count - first < FRAGMENTS_AT_ONCE ? count - first : FRAGMENTS_AT_ONCE,
+                                         NULL, NULL};
         const double start = MPI_Wtime();
         status = kiln_backend_gather(p->backend, &batch, samples, 1, &rays[0], error);
         seconds[0] += MPI_Wtime() - start;
@@ -38,8 +39,10 @@ static int one_run(const struct kiln_prepared *p, uint32_t samples, double secon
     return status;
 }
 
-/* A device wants to be kept busy: all fragments in one batch, or as many, from the first on, as make DEVICE_RAYS_WANTED rays. */
-static int one_device_run(const struct kiln_prepared *p, uint32_t samples, double seconds[2], uint64_t rays[2], struct kiln_error *error)
+/* A device wants to be kept busy: all fragments in one batch, or as many, from the first on, as make DEVICE_RAYS_WANTED
+ * rays. */
+static int one_device_run(const struct kiln_prepared *p, uint32_t samples, double seconds[2], uint64_t rays[2],
+                          struct kiln_error *error)
 {
     struct kiln_batch batch = {0};
     uint64_t points = 0;
@@ -48,11 +51,12 @@ static int one_device_run(const struct kiln_prepared *p, uint32_t samples, doubl
     const double start = MPI_Wtime();
     const int status = kiln_backend_gather(p->backend, &batch, samples, 1, &rays[0], error);
     seconds[0] += MPI_Wtime() - start;
-    return status == KILN_OK ? kiln_backend_ceiling(p->backend, &batch, samples, 1, &seconds[1], &rays[1], error) : status;
+    return status == KILN_OK ? kiln_backend_ceiling(p->backend, &batch, samples, 1, &seconds[1], &rays[1], error)
+                             : status;
 }
 
-int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint32_t repeats, struct kiln_rays_bench *result,
-                    struct kiln_error *error)
+int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint32_t repeats,
+                    struct kiln_rays_bench *result, struct kiln_error *error)
 {
     const struct kiln_surface *surface = prepared->surface;
     if (surface->count == 0)

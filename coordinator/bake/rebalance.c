@@ -25,7 +25,9 @@ static double own_work(const struct transport_state *s)
 static int learn_work(const struct transport_state *s, struct work *w, struct kiln_error *error)
 {
     const struct kiln_transport_params *p = s->params;
-    const int status = kiln_agree(p->communicator, kiln_allocate(&w->before, (size_t)p->ranks + 1, sizeof *w->before, "the ranks' work", error), error);
+    const int status =
+        kiln_agree(p->communicator,
+                   kiln_allocate(&w->before, (size_t)p->ranks + 1, sizeof *w->before, "the ranks' work", error), error);
     if (status != KILN_OK)
         return status;
     const double own = own_work(s);
@@ -48,10 +50,12 @@ static int learn_work(const struct transport_state *s, struct work *w, struct ki
 static bool begins_unit(const struct transport_state *s, size_t f)
 {
     const struct kiln_fragment *fragments = s->params->surface->fragments;
-    return s->params->job->partition_objects ? fragments[f].map != fragments[f - 1].map : fragments[f].cell != fragments[f - 1].cell;
+    return s->params->job->partition_objects ? fragments[f].map != fragments[f - 1].map
+                                             : fragments[f].cell != fragments[f - 1].cell;
 }
 
-/* The own fragment before which the work reaches `ideal`, `begin` being what all before the share is; a unit's begin where one is near. */
+/* The own fragment before which the work reaches `ideal`, `begin` being what all before the share is; a unit's begin
+ * where one is near. */
 static size_t cut_at(const struct transport_state *s, double begin, double ideal, double slack)
 {
     const size_t count = s->params->surface->fragment_count;
@@ -73,8 +77,8 @@ static size_t cut_at(const struct transport_state *s, double begin, double ideal
 }
 
 /* Collective. Each rank finds the cuts that fall into its own work. */
-static int make_cuts(const struct transport_state *s, const struct work *w, const struct kiln_cuts *before, struct kiln_cuts *after,
-                     struct kiln_error *error)
+static int make_cuts(const struct transport_state *s, const struct work *w, const struct kiln_cuts *before,
+                     struct kiln_cuts *after, struct kiln_error *error)
 {
     const struct kiln_transport_params *p = s->params;
     const struct kiln_surface *surface = p->surface;
@@ -88,7 +92,8 @@ static int make_cuts(const struct transport_state *s, const struct work *w, cons
             continue;
         const size_t f = cut_at(s, w->before[p->rank], ideal, KILN_CUT_SLACK * w->total / p->ranks);
         after->of[KILN_UNIT_FRAGMENT][k] = before->of[KILN_UNIT_FRAGMENT][p->rank] + f;
-        after->of[KILN_UNIT_POINT][k] = f < surface->fragment_count ? surface->fragments[f].first : surface->first + surface->count;
+        after->of[KILN_UNIT_POINT][k] =
+            f < surface->fragment_count ? surface->fragments[f].first : surface->first + surface->count;
         after->of[KILN_UNIT_PIECE][k] = before->of[KILN_UNIT_PIECE][p->rank] + surface->piece_base[f];
         after->of[KILN_UNIT_AREA_SHARE][k] = before->of[KILN_UNIT_AREA_SHARE][p->rank] + surface->share_base[f];
     }
@@ -102,7 +107,8 @@ static int make_cuts(const struct transport_state *s, const struct work *w, cons
 }
 
 /* Collective. Points that the rank that gets most gets from others. */
-static uint64_t most_moved(const struct transport_state *s, const struct kiln_cuts *before, const struct kiln_cuts *after)
+static uint64_t most_moved(const struct transport_state *s, const struct kiln_cuts *before,
+                           const struct kiln_cuts *after)
 {
     const int rank = s->params->rank;
     const uint64_t *old = before->of[KILN_UNIT_POINT] + rank, *new = after->of[KILN_UNIT_POINT] + rank;
@@ -124,7 +130,8 @@ static double cost_of(const struct transport_state *s, uint64_t moved)
 /* ---- moving ---- */
 
 /* Collective. */
-static int move(struct transport_state *s, const struct kiln_cuts *before, const struct kiln_cuts *after, double expected, struct kiln_error *error)
+static int move(struct transport_state *s, const struct kiln_cuts *before, const struct kiln_cuts *after,
+                double expected, struct kiln_error *error)
 {
     const struct kiln_transport_params *p = s->params;
     const double start = MPI_Wtime();
@@ -143,7 +150,8 @@ static int move(struct transport_state *s, const struct kiln_cuts *before, const
 }
 
 /* Collective. */
-static int consider(struct transport_state *s, const struct work *w, struct kiln_pass_balance *b, struct kiln_error *error)
+static int consider(struct transport_state *s, const struct work *w, struct kiln_pass_balance *b,
+                    struct kiln_error *error)
 {
     const struct kiln_transport_params *p = s->params;
     struct kiln_cuts before, after = {{NULL}};

@@ -2,11 +2,11 @@
 
 #include <math.h>
 
-#define LEFT_UNEVEN 0.05   /* of the mean: what a new cut is expected to leave */
-#define LEAST_GAIN 0.1     /* s: below, it is not even asked what a move costs */
-#define PAYS 2.0           /* so many times its cost a move must gain */
-#define MOVE_BYTES 300e6   /* a second and rank, packed, sent and unpacked */
-#define MOVE_START 0.02    /* s */
+#define LEFT_UNEVEN 0.05       /* of the mean: what a new cut is expected to leave */
+#define LEAST_GAIN 0.1         /* s: below, it is not even asked what a move costs */
+#define PAYS 2.0               /* so many times its cost a move must gain */
+#define MOVE_BYTES 300e6       /* a second and rank, packed, sent and unpacked */
+#define MOVE_START 0.02        /* s */
 enum { BOUNCES_EXPECTED = 3 }; /* where their number is not given */
 
 static bool always(const struct kiln_job *job) { return job->rebalance == KILN_REBALANCE_ALWAYS; }

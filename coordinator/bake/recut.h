@@ -1,4 +1,5 @@
-/* When shares are cut anew: the rule by which bakes (rebalance.c) and their simulation (simulate_light.c) decide after each pass. */
+/* When shares are cut anew: the rule by which bakes (rebalance.c) and their simulation (simulate_light.c) decide after
+ * each pass. */
 #ifndef KILN_COORDINATOR_BAKE_RECUT_H
 #define KILN_COORDINATOR_BAKE_RECUT_H
 
@@ -16,8 +17,9 @@ struct kiln_recut_passes {
 bool kiln_recut_is_allowed(const struct kiln_job *job, bool any_share);
 /* Whether the last pass says enough of those to come. */
 bool kiln_recut_is_due(const struct kiln_job *job, const struct kiln_recut_passes *passes);
-/* Seconds in the passes to come, when `longest` was the work of the rank that had most (or of the mean rank of a node whose ranks help each
- * other) in the last one, and `mean` that of all. Negative where new cuts would hardly be more even than these. */
+/* Seconds in the passes to come, when `longest` was the work of the rank that had most (or of the mean rank of a node
+ * whose ranks help each other) in the last one, and `mean` that of all. Negative where new cuts would hardly be more
+ * even than these. */
 double kiln_recut_gain(const struct kiln_job *job, const struct kiln_recut_passes *passes, double longest, double mean);
 /* Whether it is asked what moving would cost. */
 bool kiln_recut_is_asked(const struct kiln_job *job, double gain);

@@ -8,17 +8,18 @@
 #include "coordinator/output/units.h"
 #include "worker/backend/backend.h"
 
-/* All arrays are this rank's share (surface->count points, in global order from surface->first) and in units->irradiance. */
+/* All arrays are this rank's share (surface->count points, in global order from surface->first) and in
+ * units->irradiance. */
 struct kiln_bake_result {
     const struct kiln_units *units;
     MPI_Comm communicator; /* one-sided calls are not used; every rank takes part in every output call */
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
     const struct kiln_surface *surface;
-    const float *direct;   /* 3 a point, about the shading normal */
-    const float *indirect; /* 3 a point */
-    const uint16_t *error; /* standard error of the luminance of direct + indirect, 1 a point, kiln_error_pack */
-    const uint64_t *radiosity; /* all points: packed total radiosity (albedo x irradiance), for views and probes */
+    const float *direct;          /* 3 a point, about the shading normal */
+    const float *indirect;        /* 3 a point */
+    const uint16_t *error;        /* standard error of the luminance of direct + indirect, 1 a point, kiln_error_pack */
+    const uint64_t *radiosity;    /* all points: packed total radiosity (albedo x irradiance), for views and probes */
     const struct kiln_stop *stop; /* what asks to end before all files are written; NULL: nothing does */
 };
 

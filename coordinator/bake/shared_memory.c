@@ -26,7 +26,8 @@ static bool is_available(uint64_t bytes)
 
 static int failed(uint64_t bytes, const char *what, struct kiln_error *error)
 {
-    return kiln_fail_errno(error, KILN_SYSTEM, "%llu bytes that the ranks of a host share cannot be %s", (unsigned long long)bytes, what);
+    return kiln_fail_errno(error, KILN_SYSTEM, "%llu bytes that the ranks of a host share cannot be %s",
+                           (unsigned long long)bytes, what);
 }
 
 static int map(void **memory, int descriptor, uint64_t bytes, struct kiln_error *error)
@@ -56,7 +57,9 @@ int kiln_shared_make(void **memory, struct kiln_shared_key *key, uint64_t bytes,
     *memory = NULL;
     *key = (struct kiln_shared_key){0};
     if (!is_available(bytes))
-        return kiln_fail(error, KILN_SYSTEM, "%llu bytes that the ranks of a host share are more than the host has left", (unsigned long long)bytes);
+        return kiln_fail(error, KILN_SYSTEM,
+                         "%llu bytes that the ranks of a host share are more than the host has left",
+                         (unsigned long long)bytes);
     const int descriptor = memfd_create("kiln", MFD_CLOEXEC);
     if (descriptor < 0)
         return failed(bytes, "made", error);
@@ -91,8 +94,11 @@ int kiln_shared_open(void **memory, const struct kiln_shared_key *key, struct ki
         return failed(key->bytes, "opened", error);
     if (fstat(descriptor, &file) != 0)
         status = failed(key->bytes, "opened", error);
-    else if ((uint64_t)file.st_dev != key->device || (uint64_t)file.st_ino != key->inode || (uint64_t)file.st_size != key->bytes)
-        status = kiln_fail(error, KILN_SYSTEM, "%s is not the memory that the ranks of a host share: do they see each other's processes?", path);
+    else if ((uint64_t)file.st_dev != key->device || (uint64_t)file.st_ino != key->inode ||
+             (uint64_t)file.st_size != key->bytes)
+        status =
+            kiln_fail(error, KILN_SYSTEM,
+                      "%s is not the memory that the ranks of a host share: do they see each other's processes?", path);
     if (status == KILN_OK)
         status = map(memory, descriptor, key->bytes, error);
     (void)close(descriptor);

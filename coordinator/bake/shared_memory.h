@@ -1,9 +1,10 @@
-/* A piece of memory that one process makes and others of the same host, of the same user, map. It has no name in any folder (memfd_create), so
- * neither /dev/shm nor its size matters, and nothing is left of it however the processes end. All of its pages are there from the
- * beginning: who writes to it later is not killed because there is no memory.
+/* A piece of memory that one process makes and others of the same host, of the same user, map. It has no name in any
+ * folder (memfd_create), so neither /dev/shm nor its size matters, and nothing is left of it however the processes end.
+ * All of its pages are there from the beginning: who writes to it later is not killed because there is no memory.
  *
- * The others open it through /proc, which shows a process's descriptors to its user, and look at what they opened: another process's file of
- * that number is not taken for it. Where that is not possible (containers that hide processes from each other) opening fails. */
+ * The others open it through /proc, which shows a process's descriptors to its user, and look at what they opened:
+ * another process's file of that number is not taken for it. Where that is not possible (containers that hide processes
+ * from each other) opening fails. */
 #ifndef KILN_COORDINATOR_BAKE_SHARED_MEMORY_H
 #define KILN_COORDINATOR_BAKE_SHARED_MEMORY_H
 
@@ -17,8 +18,9 @@ struct kiln_shared_key {
     uint64_t device, inode, bytes;
 };
 
-/* Makes zeroed memory of `bytes` (not 0), mapped at *memory, whose pages are next to this process's processor. The key holds until
- * kiln_shared_seal. KILN_SYSTEM, with nothing made and a key of all zeros, when there is none. Release with kiln_shared_release. */
+/* Makes zeroed memory of `bytes` (not 0), mapped at *memory, whose pages are next to this process's processor. The key
+ * holds until kiln_shared_seal. KILN_SYSTEM, with nothing made and a key of all zeros, when there is none. Release with
+ * kiln_shared_release. */
 int kiln_shared_make(void **memory, struct kiln_shared_key *key, uint64_t bytes, struct kiln_error *error);
 /* All have opened it: from here on nobody else can. */
 void kiln_shared_seal(struct kiln_shared_key *key);

@@ -51,7 +51,7 @@ struct extent {
 };
 
 struct kiln_shares {
-    struct kiln_node_memory *node;         /* NULL: nothing is lent */
+    struct kiln_node_memory *node; /* NULL: nothing is lent */
     struct kiln_surface *surface;
     int count, own;
     struct kiln_node_parts *parts[PLACES]; /* NULL: of the surface, as it was built */
@@ -76,7 +76,8 @@ static void set_pointer(struct kiln_share *share, const struct array *array, voi
     memcpy((char *)share + array->offset, &pointer, sizeof pointer);
 }
 
-/* Points the share's arrays of a place into the part that begins at `base` (NULL: does not); gives the bytes that they take. */
+/* Points the share's arrays of a place into the part that begins at `base` (NULL: does not); gives the bytes that they
+ * take. */
 static size_t lay_out(struct kiln_share *share, const struct extent *extent, enum place place, char *base)
 {
     size_t at = 0;
@@ -126,7 +127,8 @@ static void learn_extents(struct kiln_shares *s, const struct extent *own)
     if (s->node == NULL)
         s->extents[0] = *own;
     else
-        (void)MPI_Allgather(own, sizeof *own, MPI_BYTE, s->extents, sizeof *own, MPI_BYTE, kiln_node_communicator(s->node));
+        (void)MPI_Allgather(own, sizeof *own, MPI_BYTE, s->extents, sizeof *own, MPI_BYTE,
+                            kiln_node_communicator(s->node));
     for (int i = 0; i < s->count; i++) {
         struct kiln_surface *view = &s->share[i].surface;
         *view = *s->surface;
@@ -153,7 +155,8 @@ static void take_over_surface(struct kiln_shares *s)
     s->surface->share_is_lent = true;
 }
 
-/* Collective on the node. The surface as it was built to memory of the node, one array after the other, so that little is there twice. */
+/* Collective on the node. The surface as it was built to memory of the node, one array after the other, so that little
+ * is there twice. */
 static void lend_surface(struct kiln_shares *s)
 {
     struct kiln_share before = {.surface = *s->surface};
@@ -165,7 +168,8 @@ static void lend_surface(struct kiln_shares *s)
         if (arrays[i].place != OF_SURFACE)
             continue;
         void *old = pointer_at(&before, &arrays[i]);
-        memcpy(pointer_at(&s->share[s->own], &arrays[i]), old, length_of(&arrays[i], &s->extents[s->own]) * arrays[i].size);
+        memcpy(pointer_at(&s->share[s->own], &arrays[i]), old,
+               length_of(&arrays[i], &s->extents[s->own]) * arrays[i].size);
         kiln_free(&old);
     }
     take_over_surface(s);
@@ -178,8 +182,8 @@ static int make_results(struct kiln_shares *s, struct kiln_error *error)
     return status == KILN_OK ? make_somewhere(s, OF_WORK, error) : status;
 }
 
-int kiln_shares_create(struct kiln_shares **shares, struct kiln_node_memory *node, struct kiln_surface *surface, bool lend,
-                       struct kiln_error *error)
+int kiln_shares_create(struct kiln_shares **shares, struct kiln_node_memory *node, struct kiln_surface *surface,
+                       bool lend, struct kiln_error *error)
 {
     const int ranks = kiln_node_ranks(node);
     struct kiln_shares *s = NULL;
@@ -190,11 +194,13 @@ int kiln_shares_create(struct kiln_shares **shares, struct kiln_node_memory *nod
     if (status == KILN_OK)
         status = kiln_allocate(&s->extents, (size_t)ranks, sizeof *s->extents, "the shares of a node", error);
     if (status == KILN_OK && surface->fragment_count >= UINT32_MAX)
-        status = kiln_fail(error, KILN_SYSTEM, "%zu pieces of lightmap tiles are too many for one rank: use more ranks", surface->fragment_count);
+        status = kiln_fail(error, KILN_SYSTEM, "%zu pieces of lightmap tiles are too many for one rank: use more ranks",
+                           surface->fragment_count);
     status = kiln_agree(kiln_node_communicator(node), status, error);
     if (status == KILN_OK) {
         const struct extent own = {surface->first,
-                                   {surface->fragment_count, surface->count, surface->piece_base[surface->fragment_count],
+                                   {surface->fragment_count, surface->count,
+                                    surface->piece_base[surface->fragment_count],
                                     surface->share_base[surface->fragment_count]}};
         s->surface = surface;
         s->count = 1;
@@ -243,7 +249,8 @@ void kiln_cuts_destroy(struct kiln_cuts *cuts)
         kiln_free(&cuts->of[u]);
 }
 
-int kiln_shares_cuts(const struct kiln_shares *s, MPI_Comm communicator, struct kiln_cuts *cuts, struct kiln_error *error)
+int kiln_shares_cuts(const struct kiln_shares *s, MPI_Comm communicator, struct kiln_cuts *cuts,
+                     struct kiln_error *error)
 {
     int ranks;
     (void)MPI_Comm_size(communicator, &ranks);
@@ -280,22 +287,23 @@ struct move {
 };
 
 /* Collective. Makes the arrays of a place anew and fills them; `old` is this rank's share as it was. */
-static int move_place(struct kiln_shares *s, const struct move *m, enum place place, const struct kiln_share *old, struct kiln_error *error)
+static int move_place(struct kiln_shares *s, const struct move *m, enum place place, const struct kiln_share *old,
+                      struct kiln_error *error)
 {
     struct kiln_node_parts *parts = s->parts[place];
     s->parts[place] = NULL;
     int status = kiln_agree(m->communicator, make_somewhere(s, place, error), error);
     for (int i = 0; i < ARRAYS && status == KILN_OK; i++)
         if (arrays[i].place == place && arrays[i].length == ONE_A_UNIT)
-            kiln_move(m->communicator, m->before->of[arrays[i].unit], m->after->of[arrays[i].unit], arrays[i].size, m->limit,
-                      pointer_at(old, &arrays[i]), pointer_at(&s->share[s->own], &arrays[i]));
+            kiln_move(m->communicator, m->before->of[arrays[i].unit], m->after->of[arrays[i].unit], arrays[i].size,
+                      m->limit, pointer_at(old, &arrays[i]), pointer_at(&s->share[s->own], &arrays[i]));
     if (parts != NULL)
         kiln_node_parts_destroy(&parts);
     return status;
 }
 
-int kiln_shares_move(struct kiln_shares *s, MPI_Comm communicator, const struct kiln_cuts *before, const struct kiln_cuts *after, uint64_t limit,
-                     struct kiln_error *error)
+int kiln_shares_move(struct kiln_shares *s, MPI_Comm communicator, const struct kiln_cuts *before,
+                     const struct kiln_cuts *after, uint64_t limit, struct kiln_error *error)
 {
     int rank;
     (void)MPI_Comm_rank(communicator, &rank);

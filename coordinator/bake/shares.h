@@ -1,8 +1,9 @@
 /* The surface points of a node's ranks, and what light transport knows of them, where all ranks of the node see them.
  *
- * A rank owns its share, and its backend computes it; while ranks give work away, another rank may compute a part of it, and then reads the
- * owner's surface and writes the owner's results. For that, the share's arrays are moved to memory of the node (kiln_node_parts). Where
- * nothing is given away, or the node's memory has no room, the arrays stay a rank's own, and it sees no share but its own. */
+ * A rank owns its share, and its backend computes it; while ranks give work away, another rank may compute a part of
+ * it, and then reads the owner's surface and writes the owner's results. For that, the share's arrays are moved to
+ * memory of the node (kiln_node_parts). Where nothing is given away, or the node's memory has no room, the arrays stay
+ * a rank's own, and it sees no share but its own. */
 #ifndef KILN_COORDINATOR_BAKE_SHARES_H
 #define KILN_COORDINATOR_BAKE_SHARES_H
 
@@ -29,30 +30,33 @@ struct kiln_share {
 
 struct kiln_shares;
 
-/* Collective on the node. The surface's own arrays now belong to the shares: with `lend` (the same on the node) they are moved.
- * The results are zero. KILN_SYSTEM for 2^32 fragments or more. Destroy with kiln_shares_destroy. */
-int kiln_shares_create(struct kiln_shares **shares, struct kiln_node_memory *node, struct kiln_surface *surface, bool lend,
-                       struct kiln_error *error);
+/* Collective on the node. The surface's own arrays now belong to the shares: with `lend` (the same on the node) they
+ * are moved. The results are zero. KILN_SYSTEM for 2^32 fragments or more. Destroy with kiln_shares_destroy. */
+int kiln_shares_create(struct kiln_shares **shares, struct kiln_node_memory *node, struct kiln_surface *surface,
+                       bool lend, struct kiln_error *error);
 /* Collective on the node. Of a surface whose arrays were moved only the map is left. */
 void kiln_shares_destroy(struct kiln_shares **shares);
 /* Collective on the node. `next` and the boards go; the rest stays. */
 void kiln_shares_end(struct kiln_shares *shares);
 
 /* Collective. The shares as they are: allocates and fills; release with kiln_cuts_destroy. */
-int kiln_shares_cuts(const struct kiln_shares *shares, MPI_Comm communicator, struct kiln_cuts *cuts, struct kiln_error *error);
+int kiln_shares_cuts(const struct kiln_shares *shares, MPI_Comm communicator, struct kiln_cuts *cuts,
+                     struct kiln_error *error);
 int kiln_cuts_create(struct kiln_cuts *cuts, int ranks, struct kiln_error *error);
 void kiln_cuts_destroy(struct kiln_cuts *cuts);
 
-/* Collective on `communicator`, of which the shares' node is a part. Surface, direct, sum and error go over from the shares `before`, those
- * that are, to `after`; next, cost and board are new. Messages have at most `limit` elements (0: any). Needs as much memory again as the
- * surface or the results meanwhile; where shared memory has no room for that, the node's ranks see only their own shares from then
- * on. After a failure, KILN_SYSTEM on all, nothing is of use but kiln_shares_destroy. */
-int kiln_shares_move(struct kiln_shares *shares, MPI_Comm communicator, const struct kiln_cuts *before, const struct kiln_cuts *after, uint64_t limit,
-                     struct kiln_error *error);
+/* Collective on `communicator`, of which the shares' node is a part. Surface, direct, sum and error go over from the
+ * shares `before`, those that are, to `after`; next, cost and board are new. Messages have at most `limit` elements (0:
+ * any). Needs as much memory again as the surface or the results meanwhile; where shared memory has no room for that,
+ * the node's ranks see only their own shares from then on. After a failure, KILN_SYSTEM on all, nothing is of use but
+ * kiln_shares_destroy. */
+int kiln_shares_move(struct kiln_shares *shares, MPI_Comm communicator, const struct kiln_cuts *before,
+                     const struct kiln_cuts *after, uint64_t limit, struct kiln_error *error);
 /* Bytes that the share takes in a move: of surface and results. */
 uint64_t kiln_shares_bytes(const struct kiln_shares *shares);
 
-/* How many of the node's ranks have shares that are seen here, and which of them is this rank's own: 1 and 0 where nothing is lent. */
+/* How many of the node's ranks have shares that are seen here, and which of them is this rank's own: 1 and 0 where
+ * nothing is lent. */
 int kiln_shares_count(const struct kiln_shares *shares);
 int kiln_shares_own(const struct kiln_shares *shares);
 const struct kiln_share *kiln_share(const struct kiln_shares *shares, int index);

@@ -16,7 +16,8 @@ struct state {
     double *points, *cost[KILN_LIGHTS]; /* of all cells before each one, and after the last */
     double *cuts, *next;                /* points before each rank's share, and after the last; now, and after a move */
     double *work;                       /* s of all ranks before each one, and of all: as the last pass showed them */
-    double grain;                       /* by what part the largest share exceeds the others because its fragments are whole */
+    /* by what part the largest share exceeds the others because its fragments are whole */
+    double grain;
     bool helps;
 };
 
@@ -72,11 +73,17 @@ static double at(const struct state *t, const double *from, const double *to, do
     return to[cell] + part * (to[cell + 1] - to[cell]);
 }
 
-static double cost_before(const struct state *t, int light, uint32_t rank) { return at(t, t->points, t->cost[light], t->cuts[rank]); }
+static double cost_before(const struct state *t, int light, uint32_t rank)
+{
+    return at(t, t->points, t->cost[light], t->cuts[rank]);
+}
 
 /* ---- ranks ---- */
 
-static uint32_t ranks_of_node(const struct state *t) { return t->s->job->ranks_per_node > 0 ? t->s->job->ranks_per_node : 1; }
+static uint32_t ranks_of_node(const struct state *t)
+{
+    return t->s->job->ranks_per_node > 0 ? t->s->job->ranks_per_node : 1;
+}
 
 /* Ranks that help each other: as kiln_node_create groups those of a node. */
 static uint32_t group_begin(const struct state *t, uint32_t rank)
@@ -92,7 +99,10 @@ static uint32_t group_end(const struct state *t, uint32_t begin)
     return end < t->ranks ? end : t->ranks;
 }
 
-static double slowness(const struct state *t, uint32_t rank) { return rank == t->s->slow_rank ? fmax(1.0, t->s->slowness) : 1.0; }
+static double slowness(const struct state *t, uint32_t rank)
+{
+    return rank == t->s->slow_rank ? fmax(1.0, t->s->slowness) : 1.0;
+}
 
 /* How many times as long as a rank of usual speed whoever computes the points of these ranks takes. */
 static double group_slowness(const struct state *t, uint32_t begin, uint32_t end)
@@ -160,7 +170,8 @@ static struct pass run_pass(const struct state *t, int light)
         work *= group_slowness(t, begin, end);
         const bool together = end - begin > 1;
         const double mean = work / (end - begin), longest = together ? mean : alone;
-        p.seconds = fmax(p.seconds, together ? fmin(t->grain * alone, mean + wait_for_batch(t, light)) : t->grain * alone);
+        p.seconds =
+            fmax(p.seconds, together ? fmin(t->grain * alone, mean + wait_for_batch(t, light)) : t->grain * alone);
         p.longest = fmax(p.longest, longest);
         p.total += work;
     }
@@ -174,7 +185,8 @@ struct stretch {
     double begin, end, cost_begin, cost_end;
 };
 
-/* The stretch of a rank's share in which its cost reaches `wanted`, so long that a bake knows only what all its points cost: a part of a batch. */
+/* The stretch of a rank's share in which its cost reaches `wanted`, so long that a bake knows only what all its points
+ * cost: a part of a batch. */
 static struct stretch stretch_at(const struct state *t, int light, uint32_t rank, double wanted)
 {
     const double all = t->points[t->s->cell_count], a_second = all / t->cost[light][t->s->cell_count];
@@ -200,19 +212,25 @@ static double cut_at(const struct state *t, int light, uint32_t rank, double ide
     const uint32_t begin = group_begin(t, rank);
     const double slow = group_slowness(t, begin, group_end(t, begin));
     const double wanted = cost_before(t, light, rank) + (ideal - t->work[rank]) / slow;
-    const struct stretch s = t->s->part_points > 0 ? stretch_at(t, light, rank, wanted) : (struct stretch){0.0, 0.0, 0.0, 0.0};
+    const struct stretch s =
+        t->s->part_points > 0 ? stretch_at(t, light, rank, wanted) : (struct stretch){0.0, 0.0, 0.0, 0.0};
     const double width = s.end - s.begin, a_point = width > 0.0 ? (s.cost_end - s.cost_begin) / width : 0.0;
-    const double cut = a_point > 0.0 ? fmin(s.end, s.begin + (wanted - s.cost_begin) / a_point) : at(t, t->cost[light], t->points, wanted);
-    const size_t cell = cell_at(t, t->points, cut), near = cut - t->points[cell] < t->points[cell + 1] - cut ? cell : cell + 1;
-    const double off = fabs(at(t, t->points, t->cost[light], t->points[near]) - at(t, t->points, t->cost[light], cut)) * slow;
-    return off <= slack && t->points[near] > t->cuts[rank] && t->points[near] < t->cuts[rank + 1] ? t->points[near] : cut;
+    const double cut = a_point > 0.0 ? fmin(s.end, s.begin + (wanted - s.cost_begin) / a_point)
+                                     : at(t, t->cost[light], t->points, wanted);
+    const size_t cell = cell_at(t, t->points, cut),
+                 near = cut - t->points[cell] < t->points[cell + 1] - cut ? cell : cell + 1;
+    const double off =
+        fabs(at(t, t->points, t->cost[light], t->points[near]) - at(t, t->points, t->cost[light], cut)) * slow;
+    return off <= slack && t->points[near] > t->cuts[rank] && t->points[near] < t->cuts[rank + 1] ? t->points[near]
+                                                                                                  : cut;
 }
 
 static void make_cuts(struct state *t, int light)
 {
     for (uint32_t r = 0; r < t->ranks; r++) {
         const uint32_t begin = group_begin(t, r);
-        t->work[r + 1] = t->work[r] + group_slowness(t, begin, group_end(t, begin)) * (cost_before(t, light, r + 1) - cost_before(t, light, r));
+        t->work[r + 1] = t->work[r] + group_slowness(t, begin, group_end(t, begin)) *
+                                          (cost_before(t, light, r + 1) - cost_before(t, light, r));
     }
     const double total = t->work[t->ranks];
     uint32_t rank = 0;
@@ -239,12 +257,13 @@ static double most_moved(const struct state *t, uint32_t together)
 }
 
 /* The shares are cut anew where a bake would do it after the pass. */
-static void consider(struct state *t, const struct step *last, const struct step *next, uint32_t bounce, const struct pass *pass,
-                     struct kiln_simulated_light *light)
+static void consider(struct state *t, const struct step *last, const struct step *next, uint32_t bounce,
+                     const struct pass *pass, struct kiln_simulated_light *light)
 {
     const struct kiln_light_simulation *s = t->s;
     const struct kiln_recut_passes passes = {last->kind, next->kind, last->samples, next->samples, bounce};
-    if (t->ranks == 1 || !(pass->total > 0.0) || !kiln_recut_is_allowed(s->job, s->any_share) || !kiln_recut_is_due(s->job, &passes))
+    if (t->ranks == 1 || !(pass->total > 0.0) || !kiln_recut_is_allowed(s->job, s->any_share) ||
+        !kiln_recut_is_due(s->job, &passes))
         return;
     const double gain = kiln_recut_gain(s->job, &passes, pass->longest, pass->total / t->ranks);
     if (!kiln_recut_is_asked(s->job, gain))
@@ -305,8 +324,8 @@ static void run_bake(struct state *t, struct kiln_simulated_light *light)
     light->kept = over_mean(kept_seconds, kept_mean);
 }
 
-int kiln_simulate_light(const struct kiln_light_simulation *s, uint32_t ranks, double density, struct kiln_simulated_light *light,
-                        struct kiln_error *error)
+int kiln_simulate_light(const struct kiln_light_simulation *s, uint32_t ranks, double density,
+                        struct kiln_simulated_light *light, struct kiln_error *error)
 {
     struct state t = {.s = s, .ranks = ranks, .density = density};
     *light = (struct kiln_simulated_light){.move = 0.0};

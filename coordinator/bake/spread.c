@@ -14,12 +14,12 @@ enum { GROUPS_MOST = 8, GROUP_POINTS = 512 };
 struct lane {
     MPI_Comm communicator;
     int members;
-    bool own;           /* this rank's own values go here; else it only receives for its node */
-    uint64_t *ranges;   /* of each member: first, count; 0 values where it only receives */
+    bool own;         /* this rank's own values go here; else it only receives for its node */
+    uint64_t *ranges; /* of each member: first, count; 0 values where it only receives */
     int *counts, *places;
-    uint32_t started;   /* groups of this bounce */
-    double since;       /* when the last one was */
-    uint64_t bytes;     /* of it, to receive */
+    uint32_t started; /* groups of this bounce */
+    double since;     /* when the last one was */
+    uint64_t bytes;   /* of it, to receive */
     MPI_Request *requests;
     size_t request_count, request_room;
 };
@@ -38,7 +38,10 @@ struct kiln_spread {
     bool under_way;
 };
 
-size_t kiln_spread_bytes(uint64_t total, bool several_nodes) { return (size_t)total * (sizeof(uint64_t) + (several_nodes ? sizeof(uint32_t) : 0)); }
+size_t kiln_spread_bytes(uint64_t total, bool several_nodes)
+{
+    return (size_t)total * (sizeof(uint64_t) + (several_nodes ? sizeof(uint32_t) : 0));
+}
 
 uint64_t *kiln_spread_values(const struct kiln_spread *spread) { return spread->values; }
 uint64_t kiln_spread_received(const struct kiln_spread *spread) { return spread->received; }
@@ -50,9 +53,11 @@ void kiln_spread_set_scale(struct kiln_spread *spread, double scale) { spread->s
 /* Collective on the node. */
 static int make_blocks(struct kiln_spread *x, struct kiln_error *error)
 {
-    int status = kiln_node_block(x->node, &x->values, x->params.total, sizeof *x->values, "the radiosity of all points", error);
+    int status =
+        kiln_node_block(x->node, &x->values, x->params.total, sizeof *x->values, "the radiosity of all points", error);
     if (status == KILN_OK && x->nodes > 1)
-        status = kiln_node_block(x->node, &x->incoming, x->params.total, sizeof *x->incoming, "the radiosity on its way", error);
+        status = kiln_node_block(x->node, &x->incoming, x->params.total, sizeof *x->incoming,
+                                 "the radiosity on its way", error);
     return status;
 }
 
@@ -105,7 +110,8 @@ static int make_lanes(struct kiln_spread *x, struct kiln_error *error)
     const int rank = kiln_node_rank(x->node), ranks = kiln_node_ranks(x->node);
     int most;
     (void)MPI_Allreduce(&ranks, &most, 1, MPI_INT, MPI_MAX, x->params.communicator);
-    int status = kiln_allocate(&x->lanes, (size_t)(most / ranks + 1), sizeof *x->lanes, "the lanes between nodes", error);
+    int status =
+        kiln_allocate(&x->lanes, (size_t)(most / ranks + 1), sizeof *x->lanes, "the lanes between nodes", error);
     status = kiln_agree(x->params.communicator, status, error);
     for (int i = 0; i < most && status == KILN_OK && x->nodes > 1; i++) {
         MPI_Comm communicator;
@@ -115,7 +121,8 @@ static int make_lanes(struct kiln_spread *x, struct kiln_error *error)
             *lane = (struct lane){.communicator = communicator, .own = i == rank};
             status = fill_lane(x, lane, error);
         }
-        status = kiln_agree(x->params.communicator, status, error); /* ranks of other lanes too: the next split is everybody's */
+        /* ranks of other lanes too: the next split is everybody's */
+        status = kiln_agree(x->params.communicator, status, error);
     }
     return status;
 }
@@ -173,37 +180,45 @@ void kiln_spread_set_range(struct kiln_spread *x, uint64_t first, uint64_t count
 /* ---- a group ---- */
 
 /* Own points from the first on that come before group `group` of `groups`; the same arithmetic on all ranks. */
-static uint64_t group_begin(uint64_t count, uint32_t group, uint32_t groups) { return count / groups * group + count % groups * group / groups; }
+static uint64_t group_begin(uint64_t count, uint32_t group, uint32_t groups)
+{
+    return count / groups * group + count % groups * group / groups;
+}
 
 static MPI_Request *new_request(struct lane *lane)
 {
     struct kiln_error error;
-    if (kiln_grow(&lane->requests, &lane->request_room, lane->request_count + 1, sizeof *lane->requests, "messages between nodes", &error) != KILN_OK)
+    if (kiln_grow(&lane->requests, &lane->request_room, lane->request_count + 1, sizeof *lane->requests,
+                  "messages between nodes", &error) != KILN_OK)
         kiln_end_all_ranks(KILN_SYSTEM, &error); /* others wait for it already */
     return &lane->requests[lane->request_count++];
 }
 
 /* Beyond what int holds: one member's part after the other, in pieces. */
-static void start_pieces(const struct kiln_spread *x, struct lane *lane, void *all, size_t size, MPI_Datatype type, uint32_t group, uint32_t groups)
+static void start_pieces(const struct kiln_spread *x, struct lane *lane, void *all, size_t size, MPI_Datatype type,
+                         uint32_t group, uint32_t groups)
 {
     for (int m = 0; m < lane->members; m++) {
         const uint64_t first = lane->ranges[2 * m], count = lane->ranges[2 * m + 1];
         const uint64_t end = group_begin(count, group + 1, groups);
         for (uint64_t at = group_begin(count, group, groups); at < end;) {
             const uint64_t piece = end - at < x->params.limit ? end - at : x->params.limit;
-            (void)MPI_Ibcast((char *)all + (first + at) * size, (int)piece, type, m, lane->communicator, new_request(lane));
+            (void)MPI_Ibcast((char *)all + (first + at) * size, (int)piece, type, m, lane->communicator,
+                             new_request(lane));
             at += piece;
         }
     }
 }
 
 /* Begins to send and receive a group of all members. */
-static void start_group(struct kiln_spread *x, struct lane *lane, void *all, size_t size, uint32_t group, uint32_t groups)
+static void start_group(struct kiln_spread *x, struct lane *lane, void *all, size_t size, uint32_t group,
+                        uint32_t groups)
 {
     const MPI_Datatype type = size == sizeof(uint64_t) ? MPI_UINT64_T : MPI_UINT32_T;
     uint64_t sum = 0;
     for (int m = 0; m < lane->members; m++)
-        sum += group_begin(lane->ranges[2 * m + 1], group + 1, groups) - group_begin(lane->ranges[2 * m + 1], group, groups);
+        sum += group_begin(lane->ranges[2 * m + 1], group + 1, groups) -
+               group_begin(lane->ranges[2 * m + 1], group, groups);
     const uint64_t own = group_begin(x->params.count, group + 1, groups) - group_begin(x->params.count, group, groups);
     lane->since = MPI_Wtime();
     lane->bytes = (sum - (lane->own ? own : 0)) * size;
@@ -213,12 +228,14 @@ static void start_group(struct kiln_spread *x, struct lane *lane, void *all, siz
         return;
     }
     MPI_Request *request = new_request(lane);
-    for (int m = 0; m < lane->members; m++) { /* read when the call begins, and until it ends by some libraries: see finish */
+    /* read when the call begins, and until it ends by some libraries: see finish */
+    for (int m = 0; m < lane->members; m++) {
         const uint64_t count = lane->ranges[2 * m + 1], begin = group_begin(count, group, groups);
         lane->places[m] = (int)(lane->ranges[2 * m] + begin);
         lane->counts[m] = (int)(group_begin(count, group + 1, groups) - begin);
     }
-    (void)MPI_Iallgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, all, lane->counts, lane->places, type, lane->communicator, request);
+    (void)MPI_Iallgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, all, lane->counts, lane->places, type, lane->communicator,
+                          request);
 }
 
 /* Whether all that was started is over. Never waits. */
@@ -229,7 +246,8 @@ static bool settled(const struct kiln_spread *x, struct lane *lane)
         return true;
     (void)MPI_Testall((int)lane->request_count, lane->requests, &complete, MPI_STATUSES_IGNORE);
     if (complete != 0) {
-        kiln_trace_add(x->params.trace, KILN_TRACE_TRAVEL, "group of points", lane->since, MPI_Wtime(), (int64_t)lane->bytes);
+        kiln_trace_add(x->params.trace, KILN_TRACE_TRAVEL, "group of points", lane->since, MPI_Wtime(),
+                       (int64_t)lane->bytes);
         lane->request_count = 0;
     }
     return complete != 0;
@@ -272,13 +290,15 @@ static void compact(struct kiln_spread *x, const uint64_t *next, uint64_t begin,
     }
 }
 
-/* Starts the next group of a lane, when its values are there and the one before is through: the counts of a call are its own until then. */
+/* Starts the next group of a lane, when its values are there and the one before is through: the counts of a call are
+ * its own until then. */
 static void advance_lane(struct kiln_spread *x, struct lane *lane, const uint64_t *next, uint64_t done)
 {
     const uint32_t groups = x->params.groups;
     while (settled(x, lane) && lane->started < groups) {
         const uint32_t group = lane->started;
-        const uint64_t begin = group_begin(x->params.count, group, groups), end = group_begin(x->params.count, group + 1, groups);
+        const uint64_t begin = group_begin(x->params.count, group, groups),
+                       end = group_begin(x->params.count, group + 1, groups);
         if (lane->own && done < end)
             return;
         if (lane->own)
@@ -305,7 +325,8 @@ static void drive(struct kiln_spread *x, const uint64_t *next, uint32_t groups)
             struct lane *lane = &x->lanes[i];
             if (settled(x, lane) && lane->started < groups) {
                 if (lane->own && next != NULL)
-                    compact(x, next, group_begin(x->params.count, lane->started, all), group_begin(x->params.count, lane->started + 1, all));
+                    compact(x, next, group_begin(x->params.count, lane->started, all),
+                            group_begin(x->params.count, lane->started + 1, all));
                 start_group(x, lane, x->incoming, sizeof *x->incoming, lane->started++, all);
             }
             busy = busy || lane->request_count > 0 || lane->started < groups;
@@ -319,7 +340,8 @@ static void drive(struct kiln_spread *x, const uint64_t *next, uint32_t groups)
 /* This rank's part of all points, from `incoming` to `values`. */
 static void expand(struct kiln_spread *x)
 {
-    const uint64_t ranks = (uint64_t)kiln_node_ranks(x->node), rank = (uint64_t)kiln_node_rank(x->node), total = x->params.total;
+    const uint64_t ranks = (uint64_t)kiln_node_ranks(x->node), rank = (uint64_t)kiln_node_rank(x->node),
+                   total = x->params.total;
     const uint64_t begin = total / ranks * rank + total % ranks * rank / ranks;
     const uint64_t end = total / ranks * (rank + 1) + total % ranks * (rank + 1) / ranks;
     const double scale = x->scale;

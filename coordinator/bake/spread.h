@@ -1,18 +1,19 @@
 /* Radiosity between ranks: each computes its own points' and all gather from everybody's.
  *
- * A node holds the radiosity of all points once, in memory that its ranks share (node_memory.h). A rank writes its own part
- * straight there, when nobody gathers from it, so within a node nothing is sent. Between nodes rank i of a node speaks with the ranks i of all
- * other nodes, its lane (MPI_Iallgatherv), and what it receives it writes for its whole node: each value crosses to each node once,
- * all ranks send at the same time, and no rank waits for another of its node. Where nodes have unequal numbers of ranks, rank i of the larger
- * ones speaks with rank i modulo their number of the smaller ones.
+ * A node holds the radiosity of all points once, in memory that its ranks share (node_memory.h). A rank writes its own
+ * part straight there, when nobody gathers from it, so within a node nothing is sent. Between nodes rank i of a node
+ * speaks with the ranks i of all other nodes, its lane (MPI_Iallgatherv), and what it receives it writes for its whole
+ * node: each value crosses to each node once, all ranks send at the same time, and no rank waits for another of its
+ * node. Where nodes have unequal numbers of ranks, rank i of the larger ones speaks with rank i modulo their number of
+ * the smaller ones.
  *
- * Between bounces values travel while tracing goes on, in 4 bytes (worker/scene/radiosity.h): a rank's share is cut into a few groups of
- * points, and a group leaves as soon as its points are computed. It waits on the other side in a second block, 4 bytes a point, until
- * the bounce is over and nobody gathers from the old radiosity any more; the node's ranks then expand it, each a part. Nodes that are alone have no
- * such block.
+ * Between bounces values travel while tracing goes on, in 4 bytes (worker/scene/radiosity.h): a rank's share is cut
+ * into a few groups of points, and a group leaves as soon as its points are computed. It waits on the other side in a
+ * second block, 4 bytes a point, until the bounce is over and nobody gathers from the old radiosity any more; the
+ * node's ranks then expand it, each a part. Nodes that are alone have no such block.
  *
- * Counts and displacements of MPI are int. Within a limit (2^31 - 1 points) a group is one collective call; beyond, one broadcast for each
- * rank's part, in pieces. */
+ * Counts and displacements of MPI are int. Within a limit (2^31 - 1 points) a group is one collective call; beyond, one
+ * broadcast for each rank's part, in pieces. */
 #ifndef KILN_COORDINATOR_BAKE_SPREAD_H
 #define KILN_COORDINATOR_BAKE_SPREAD_H
 
@@ -33,7 +34,8 @@ struct kiln_spread_params {
 
 struct kiln_spread;
 
-/* Collective. When the node has no shared memory left, its ranks have the radiosity each for itself. Destroy with kiln_spread_destroy. */
+/* Collective. When the node has no shared memory left, its ranks have the radiosity each for itself. Destroy with
+ * kiln_spread_destroy. */
 int kiln_spread_create(struct kiln_spread **spread, const struct kiln_spread_params *params, struct kiln_error *error);
 /* Collective. The radiosity goes with it, or with the node memory. */
 void kiln_spread_destroy(struct kiln_spread **spread);
@@ -50,8 +52,9 @@ void kiln_spread_all(struct kiln_spread *spread);
 /* Of the 4-byte form, the same on all ranks: before the first bounce. */
 void kiln_spread_set_scale(struct kiln_spread *spread, double scale);
 
-/* One bounce. Begin; then, as often as there is news, how many own values from the first on are final in `next` (values of the 4-byte form);
- * then, collectively, when all ranks have said that all are, finish: the values replace the old ones. None of the first two waits. */
+/* One bounce. Begin; then, as often as there is news, how many own values from the first on are final in `next` (values
+ * of the 4-byte form); then, collectively, when all ranks have said that all are, finish: the values replace the old
+ * ones. None of the first two waits. */
 void kiln_spread_begin(struct kiln_spread *spread);
 void kiln_spread_advance(struct kiln_spread *spread, const uint64_t *next, uint64_t done);
 void kiln_spread_finish(struct kiln_spread *spread, const uint64_t *next);

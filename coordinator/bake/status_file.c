@@ -30,7 +30,8 @@ static double seconds_now(void)
 /* Within the folder of the bake. */
 static const char status_name[] = "checkpoint/status.json", stop_name[] = "checkpoint/stop";
 
-/* Field 22 of /proc/PID/stat; the name before it may hold anything, but ends with the last bracket. 0: no such process. */
+/* Field 22 of /proc/PID/stat; the name before it may hold anything, but ends with the last bracket. 0: no such process.
+ */
 uint64_t kiln_process_started(int64_t process)
 {
     char path[64], text[1024];
@@ -62,17 +63,20 @@ void kiln_bake_status_write(const char *directory, const struct kiln_bake_status
 {
     struct kiln_publish place;
     int descriptor = -1;
-    json_t *json = json_pack("{s:s, s:o, s:f, s:f, s:f, s:i, s:o, s:I, s:I, s:f, s:I, s:I, s:f, s:i, s:o}", "state", s->state, "phase", kiln_json_string(s->phase),
-                             "share", s->share, "left", s->left, "seconds", s->seconds, "ranks", (int)s->ranks, "host", kiln_json_string(s->host), "process",
-                             (json_int_t)s->process, "started", (json_int_t)s->started, "updated", s->updated, "beat", (json_int_t)s->beat,
-                             "generation", (json_int_t)s->generation, "saved", s->saved, "code", (int)s->code, "message", kiln_json_string(s->message));
+    json_t *json = json_pack("{s:s, s:o, s:f, s:f, s:f, s:i, s:o, s:I, s:I, s:f, s:I, s:I, s:f, s:i, s:o}", "state",
+                             s->state, "phase", kiln_json_string(s->phase), "share", s->share, "left", s->left,
+                             "seconds", s->seconds, "ranks", (int)s->ranks, "host", kiln_json_string(s->host),
+                             "process", (json_int_t)s->process, "started", (json_int_t)s->started, "updated",
+                             s->updated, "beat", (json_int_t)s->beat, "generation", (json_int_t)s->generation, "saved",
+                             s->saved, "code", (int)s->code, "message", kiln_json_string(s->message));
     char *text = json != NULL ? json_dumps(json, JSON_INDENT(1)) : NULL;
     if (text != NULL && kiln_publish_begin(&place, directory, status_name, NULL) == KILN_OK) {
         bool written = kiln_publish_open(&place, &descriptor, NULL) == KILN_OK &&
                        kiln_write_all(descriptor, text, strlen(text), 0, status_name, NULL) == KILN_OK;
         if (descriptor >= 0)
             written = kiln_close(descriptor) == 0 && written;
-        if (!written || kiln_publish_replace(&place, NULL) != KILN_OK) /* not synced: after a power cut it would say nothing that still holds */
+        /* not synced: after a power cut it would say nothing that still holds */
+        if (!written || kiln_publish_replace(&place, NULL) != KILN_OK)
             kiln_publish_abandon(&place);
     }
     free(text);
@@ -111,7 +115,9 @@ int kiln_bake_status_read(const char *directory, struct kiln_bake_status *s, str
     s->beat = (uint64_t)json_integer_value(json_object_get(json, "beat"));
     s->generation = (uint64_t)json_integer_value(json_object_get(json, "generation"));
     json_decref(json);
-    return s->state[0] != '\0' ? KILN_OK : kiln_fail(error, KILN_BAD_INPUT, "'%s/%s' is not the status of a bake", directory, status_name);
+    return s->state[0] != '\0'
+               ? KILN_OK
+               : kiln_fail(error, KILN_BAD_INPUT, "'%s/%s' is not the status of a bake", directory, status_name);
 }
 
 void kiln_bake_status_remove(const char *directory)
@@ -131,7 +137,8 @@ bool kiln_bake_status_alive(const char *directory, const struct kiln_bake_status
     if (strcmp(here.host, s->host) == 0 && kiln_process_started(s->process) != 0)
         return false;
     /* another host, or one that has the same name but processes of its own, as containers have */
-    if (here.updated - s->updated > OLD_SECONDS || (strcmp(here.host, s->host) == 0 && here.updated - s->updated > WATCH_SECONDS))
+    if (here.updated - s->updated > OLD_SECONDS ||
+        (strcmp(here.host, s->host) == 0 && here.updated - s->updated > WATCH_SECONDS))
         return false;
     for (double waited = 0.0; waited < WATCH_SECONDS; waited += 0.1) {
         const struct timespec step = {0, 100000000};

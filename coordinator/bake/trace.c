@@ -12,7 +12,8 @@
 
 enum { NAME = 32, TAG = 11 };
 
-static const char *const rows[KILN_TRACE_ROWS] = {"phase", "pass", "batch", "batch of another rank", "exchange", "on its way", "checkpoint", "wait"};
+static const char *const rows[KILN_TRACE_ROWS] = {"phase",    "pass",       "batch",      "batch of another rank",
+                                                  "exchange", "on its way", "checkpoint", "wait"};
 
 struct event {
     enum kiln_trace_row row;
@@ -55,9 +56,11 @@ void kiln_trace_destroy(struct kiln_trace **trace)
     kiln_free(trace);
 }
 
-void kiln_trace_add(struct kiln_trace *trace, enum kiln_trace_row row, const char *name, double begin, double end, int64_t count)
+void kiln_trace_add(struct kiln_trace *trace, enum kiln_trace_row row, const char *name, double begin, double end,
+                    int64_t count)
 {
-    if (trace == NULL || kiln_grow(&trace->events, &trace->room, trace->count + 1, sizeof *trace->events, "the trace", NULL) != KILN_OK)
+    if (trace == NULL ||
+        kiln_grow(&trace->events, &trace->room, trace->count + 1, sizeof *trace->events, "the trace", NULL) != KILN_OK)
         return;
     struct event *e = &trace->events[trace->count++];
     *e = (struct event){.row = row, .begin = begin, .end = end, .count = count};
@@ -69,17 +72,20 @@ void kiln_trace_add(struct kiln_trace *trace, enum kiln_trace_row row, const cha
 /* Who the process and its threads are. Names are kiln's own words, and a host's hold no quotes. */
 static void add_names(const struct kiln_trace *t, struct kiln_page *page)
 {
-    kiln_page_add(page, "%s{\"name\":\"process_name\",\"ph\":\"M\",\"pid\":%d,\"args\":{\"name\":\"rank %d on %s\"}}", t->rank == 0 ? "" : ",\n",
-                  t->rank, t->rank, t->host);
+    kiln_page_add(page, "%s{\"name\":\"process_name\",\"ph\":\"M\",\"pid\":%d,\"args\":{\"name\":\"rank %d on %s\"}}",
+                  t->rank == 0 ? "" : ",\n", t->rank, t->rank, t->host);
     for (int r = 0; r < KILN_TRACE_ROWS; r++)
-        kiln_page_add(page, ",\n{\"name\":\"thread_name\",\"ph\":\"M\",\"pid\":%d,\"tid\":%d,\"args\":{\"name\":\"%s\"}}", t->rank, r, rows[r]);
+        kiln_page_add(page,
+                      ",\n{\"name\":\"thread_name\",\"ph\":\"M\",\"pid\":%d,\"tid\":%d,\"args\":{\"name\":\"%s\"}}",
+                      t->rank, r, rows[r]);
 }
 
 static void add_event(const struct kiln_trace *t, const struct event *e, struct kiln_page *page)
 {
     const double begin = e->begin > t->zero ? e->begin - t->zero : 0.0, end = e->end > t->zero ? e->end - t->zero : 0.0;
-    kiln_page_add(page, ",\n{\"name\":\"%s\",\"cat\":\"%s\",\"ph\":\"X\",\"pid\":%d,\"tid\":%d,\"ts\":%.3f,\"dur\":%.3f", e->name, rows[e->row],
-                  t->rank, (int)e->row, 1e6 * begin, 1e6 * (end - begin));
+    kiln_page_add(page,
+                  ",\n{\"name\":\"%s\",\"cat\":\"%s\",\"ph\":\"X\",\"pid\":%d,\"tid\":%d,\"ts\":%.3f,\"dur\":%.3f",
+                  e->name, rows[e->row], t->rank, (int)e->row, 1e6 * begin, 1e6 * (end - begin));
     if (e->count >= 0)
         kiln_page_add(page, ",\"args\":{\"count\":%lld}", (long long)e->count);
     kiln_page_add(page, "}");
@@ -94,8 +100,10 @@ static int make_text(const struct kiln_trace *t, struct kiln_page *page, struct 
     for (size_t i = 0; i < t->count && page->status == KILN_OK; i++)
         add_event(t, &t->events[i], page);
     if (page->status == KILN_OK && page->size > INT_MAX) /* one message */
-        return kiln_fail(error, KILN_SYSTEM, "the timeline of rank %d is %zu bytes long and at most %d can be brought together; leave --trace out",
-                         t->rank, page->size, INT_MAX);
+        return kiln_fail(
+            error, KILN_SYSTEM,
+            "the timeline of rank %d is %zu bytes long and at most %d can be brought together; leave --trace out",
+            t->rank, page->size, INT_MAX);
     return page->status;
 }
 
@@ -121,7 +129,8 @@ int kiln_trace_write(const struct kiln_trace *trace, const char *path, struct ki
     int status = kiln_agree(trace->communicator, make_text(trace, &page, error), error);
     if (status == KILN_OK && trace->rank != 0)
         (void)MPI_Send(page.text, (int)page.size, MPI_CHAR, 0, TAG, trace->communicator);
-    for (int r = 1; r < trace->ranks && trace->rank == 0 && status == KILN_OK; r++) /* the page keeps its first failure: all that is sent is taken */
+    /* the page keeps its first failure: all that is sent is taken */
+    for (int r = 1; r < trace->ranks && trace->rank == 0 && status == KILN_OK; r++)
         receive(trace, r, &page);
     status = status == KILN_OK ? page.status : status;
     if (status == KILN_OK && trace->rank == 0) {

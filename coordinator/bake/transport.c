@@ -24,7 +24,8 @@ static void pack_all(struct transport_state *s, const float *values, uint32_t st
         const struct kiln_fragment *f = &surface->fragments[i];
         uint64_t own = f->first - surface->first;
         for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own++)
-            s->own->next[own] = kiln_radiosity_pack(&values[3 * own], transport_pack_hash(f, (uint32_t)__builtin_ctzll(rest), stream));
+            s->own->next[own] =
+                kiln_radiosity_pack(&values[3 * own], transport_pack_hash(f, (uint32_t)__builtin_ctzll(rest), stream));
     }
 }
 
@@ -40,7 +41,8 @@ static double ratio_of(const struct kiln_transport_report *r, size_t pass)
     return before > 0.0 ? kiln_luminance(r->passes[pass].energy.reflected) / before : 0.0;
 }
 
-/* A tail multiplies the rounding of the last bounces by 1 / (1 - ratio): in a furnace that costs more than 4 bytes a point are worth. */
+/* A tail multiplies the rounding of the last bounces by 1 / (1 - ratio): in a furnace that costs more than 4 bytes a
+ * point are worth. */
 static bool tail_is_long(const struct transport_state *s)
 {
     const struct kiln_job *job = s->params->job;
@@ -59,7 +61,8 @@ void transport_choose_form(struct transport_state *s)
 
 enum exchange_form { EXCHANGE_OWN, EXCHANGE_FULL, EXCHANGE_COMPACT };
 
-/* Everybody gets everybody's radiosity: what is in place of this rank's in out->radiosity, or s->own->next, in 8 bytes or in 4. Collective. */
+/* Everybody gets everybody's radiosity: what is in place of this rank's in out->radiosity, or s->own->next, in 8 bytes
+ * or in 4. Collective. */
 static void exchange(struct transport_state *s, struct kiln_pass_report *pass, enum exchange_form form)
 {
     const struct kiln_surface *surface = s->params->surface;
@@ -77,14 +80,14 @@ static void exchange(struct transport_state *s, struct kiln_pass_report *pass, e
     kiln_control_blocking(s->params->control, NULL, 0.0);
     const double end = MPI_Wtime();
     pass->exchange_seconds += end - start;
-    kiln_trace_add(s->params->trace, KILN_TRACE_EXCHANGE, form == EXCHANGE_COMPACT ? "end of exchange" : "exchange", start, end,
-                   (int64_t)surface->count);
+    kiln_trace_add(s->params->trace, KILN_TRACE_EXCHANGE, form == EXCHANGE_COMPACT ? "end of exchange" : "exchange",
+                   start, end, (int64_t)surface->count);
 }
 
-/* Adds up the groups' powers over ranks; `before` and `total` move on by one bounce. Gives the root mean square over groups of
- * the error that a geometric series of ratio q would make from this bounce on, relative to what the group reflects in all: light
- * that reaches a room through a door comes later than elsewhere, and only there the last two bounces show it. Groups much
- * darker than the mean count for less. Collective. */
+/* Adds up the groups' powers over ranks; `before` and `total` move on by one bounce. Gives the root mean square over
+ * groups of the error that a geometric series of ratio q would make from this bounce on, relative to what the group
+ * reflects in all: light that reaches a room through a door comes later than elsewhere, and only there the last two
+ * bounces show it. Groups much darker than the mean count for less. Collective. */
 static int tail_error(struct transport_state *s, double q, double *error_of_tail, struct kiln_error *error)
 {
     int status = kiln_exact_reduce(s->params->communicator, s->group_now, s->group_count, error);
@@ -108,12 +111,13 @@ static int tail_error(struct transport_state *s, double q, double *error_of_tail
     return status;
 }
 
-/* Whether a geometric series from the last pass on is good enough: two parts in a thousand. `bounces` passes after the direct one
- * are done. Collective. */
+/* Whether a geometric series from the last pass on is good enough: two parts in a thousand. `bounces` passes after the
+ * direct one are done. Collective. */
 static int settled(struct transport_state *s, size_t bounces, bool *done, struct kiln_error *error)
 {
     const struct kiln_transport_report *r = &s->out->report;
-    const double last = kiln_luminance(r->passes[bounces].energy.reflected), ratio = bounces > 0 ? ratio_of(r, bounces) : 1.0;
+    const double last = kiln_luminance(r->passes[bounces].energy.reflected),
+                 ratio = bounces > 0 ? ratio_of(r, bounces) : 1.0;
     double total = 0.0, off = 0.0;
     for (size_t i = 0; i <= bounces; i++)
         total += kiln_luminance(r->passes[i].energy.reflected);
@@ -129,7 +133,8 @@ static void add_tail(struct transport_state *s, size_t bounces)
     float factor[3] = {0};
     double tail[3], total[3] = {0};
     for (int c = 0; c < 3; c++) {
-        const double last = r->passes[bounces].energy.reflected[c], before = bounces > 0 ? r->passes[bounces - 1].energy.reflected[c] : 0.0;
+        const double last = r->passes[bounces].energy.reflected[c],
+                     before = bounces > 0 ? r->passes[bounces - 1].energy.reflected[c] : 0.0;
         const double ratio = before > 0.0 ? fmin(last / before, 0.9999) : 0.0;
         r->tail_ratio[c] = ratio;
         factor[c] = (float)(ratio / (1.0 - ratio));
@@ -227,7 +232,8 @@ static void hand_over(struct transport_state *s)
     exchange(s, before, s->compact && s->step.kind == KILN_PASS_BOUNCE ? EXCHANGE_COMPACT : EXCHANGE_FULL);
 }
 
-/* At the begin of a pass, and after the last: a checkpoint when one is due, the end when that is asked for. Collective. */
+/* At the begin of a pass, and after the last: a checkpoint when one is due, the end when that is asked for. Collective.
+ */
 static int save_between(struct transport_state *s, bool finished, struct kiln_error *error)
 {
     switch (kiln_control_between(s->params->control, transport_save_bytes(s))) {
@@ -303,7 +309,8 @@ static void close_ledger(struct transport_state *s)
     }
     double residual[3];
     for (int c = 0; c < 3; c++)
-        residual[c] = e->emitted[c] - e->absorbed[c] - e->escaped[c] - e->blocked[c] - e->ranged[c] - e->glass[c] - e->left_over[c];
+        residual[c] = e->emitted[c] - e->absorbed[c] - e->escaped[c] - e->blocked[c] - e->ranged[c] - e->glass[c] -
+                      e->left_over[c];
     e->residual = kiln_luminance(residual);
     e->error = sqrt(variance + kiln_luminance(emission_error) * kiln_luminance(emission_error));
     const double emitted = kiln_luminance(e->emitted);
@@ -323,7 +330,8 @@ static void publish_radiosity(struct transport_state *s)
             transport_albedo(surface, own, albedo);
             for (uint64_t c = 0; c < 3; c++)
                 total[c] = albedo[c] * (s->out->direct[3 * own + c] + s->out->indirect[3 * own + c]);
-            s->own->next[own] = kiln_radiosity_pack(total, transport_pack_hash(f, (uint32_t)__builtin_ctzll(rest), stream));
+            s->own->next[own] =
+                kiln_radiosity_pack(total, transport_pack_hash(f, (uint32_t)__builtin_ctzll(rest), stream));
         }
     }
     struct kiln_transport_report *r = &s->out->report;
@@ -380,7 +388,8 @@ static int make_shares(struct transport_state *s, struct kiln_error *error)
     int status = kiln_shares_create(&s->out->shares, p->node, p->surface, gives_away(p), error);
     if (status == KILN_OK) {
         transport_use_shares(s);
-        if (p->surface->share_is_lent) /* its arrays have moved; a device, whose ranks lend nothing, keeps what it has of them */
+        /* its arrays have moved; a device, whose ranks lend nothing, keeps what it has of them */
+        if (p->surface->share_is_lent)
             status = kiln_backend_set_surface(p->backend, p->surface, error);
     }
     int any_share = can_share(p);
@@ -415,7 +424,8 @@ static int make_spread(struct transport_state *s, struct kiln_error *error)
     return status;
 }
 
-int kiln_transport_run(struct kiln_transport **transport, const struct kiln_transport_params *params, struct kiln_error *error)
+int kiln_transport_run(struct kiln_transport **transport, const struct kiln_transport_params *params,
+                       struct kiln_error *error)
 {
     struct transport_state s = {.params = params, .take_threads = take_threads(params)};
     const double emitted = kiln_luminance(params->emission->emitted);

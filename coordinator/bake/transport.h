@@ -30,12 +30,13 @@ struct kiln_pass_balance {
 /* One pass, as it went; energies are the same on all ranks. */
 struct kiln_pass_report {
     enum kiln_pass_kind kind;
-    uint32_t bounce;          /* 0: direct; 1, 2, ...; the final gather has the number it stands for */
+    uint32_t bounce; /* 0: direct; 1, 2, ...; the final gather has the number it stands for */
     uint32_t samples;
-    uint64_t rays;            /* of this rank, and of earlier runs' ranks whose work it took over */
+    uint64_t rays;                    /* of this rank, and of earlier runs' ranks whose work it took over */
     double seconds, exchange_seconds; /* likewise: computing; waiting and exchanging */
-    double device_seconds; /* likewise: of `seconds`, what the device was busy; 0 without one */
-    uint64_t given, taken; /* points of this rank that others of its node computed in this run, and the other way round */
+    double device_seconds;            /* likewise: of `seconds`, what the device was busy; 0 without one */
+    /* points of this rank that others of its node computed in this run, and the other way round */
+    uint64_t given, taken;
     struct kiln_pass_energy energy;
     struct kiln_pass_balance balance;
 };
@@ -58,9 +59,9 @@ struct kiln_transport_report {
 /* This rank's share. Three floats a point in direct and indirect, W/m2 about the shading normal; see bake/result.h. */
 struct kiln_transport {
     float *direct, *indirect;
-    uint16_t *error;     /* kiln_error_pack */
+    uint16_t *error;            /* kiln_error_pack */
     struct kiln_shares *shares; /* whose these three are */
-    uint64_t *radiosity; /* all points: packed total radiosity; belongs to the spread */
+    uint64_t *radiosity;        /* all points: packed total radiosity; belongs to the spread */
     struct kiln_spread *spread;
     struct kiln_transport_report report;
 };
@@ -68,35 +69,38 @@ struct kiln_transport {
 struct kiln_transport_params {
     MPI_Comm communicator;
     int rank, ranks;
-    double begin;                        /* MPI_Wtime() when the run began */
+    double begin; /* MPI_Wtime() when the run began */
     const struct kiln_job *job;
-    struct kiln_backend *backend;        /* has its surface */
-    struct kiln_surface *surface;        /* its own part belongs to the transport from then on: see shares.h */
-    struct kiln_node_memory *node;       /* borrowed; must outlive the transport */
-    double area;                         /* m2, of the scene's triangles */
+    struct kiln_backend *backend;  /* has its surface */
+    struct kiln_surface *surface;  /* its own part belongs to the transport from then on: see shares.h */
+    struct kiln_node_memory *node; /* borrowed; must outlive the transport */
+    double area;                   /* m2, of the scene's triangles */
     const struct kiln_emission_result *emission;
-    struct kiln_progress *progress;      /* may be NULL */
-    struct kiln_control *control;        /* what asks to save and to stop */
-    struct kiln_checkpoint *checkpoint;  /* an open generation is gone on from */
-    const json_t *identity;              /* of the bake, for the checkpoints it writes */
-    struct kiln_trace *trace;            /* may be NULL */
-    uint32_t threads;                    /* that take over the answers */
+    struct kiln_progress *progress;     /* may be NULL */
+    struct kiln_control *control;       /* what asks to save and to stop */
+    struct kiln_checkpoint *checkpoint; /* an open generation is gone on from */
+    const json_t *identity;             /* of the bake, for the checkpoints it writes */
+    struct kiln_trace *trace;           /* may be NULL */
+    uint32_t threads;                   /* that take over the answers */
 };
 
-/* Collective. Goes on from the open generation of the checkpoint, whatever ranks wrote it. KILN_STOPPED, with a new generation
- * written, when something asked to stop. Destroy, collectively, with kiln_transport_destroy. */
-int kiln_transport_run(struct kiln_transport **transport, const struct kiln_transport_params *params, struct kiln_error *error);
+/* Collective. Goes on from the open generation of the checkpoint, whatever ranks wrote it. KILN_STOPPED, with a new
+ * generation written, when something asked to stop. Destroy, collectively, with kiln_transport_destroy. */
+int kiln_transport_run(struct kiln_transport **transport, const struct kiln_transport_params *params,
+                       struct kiln_error *error);
 void kiln_transport_destroy(struct kiln_transport **transport);
 
-/* Collective. Writes a checkpoint of a transport that has ended, with more blocks of the caller's, so that what comes after it can go on too. */
-int kiln_transport_save(struct kiln_transport *transport, const struct kiln_transport_params *params, const struct kiln_block *more, size_t count,
-                        struct kiln_error *error);
+/* Collective. Writes a checkpoint of a transport that has ended, with more blocks of the caller's, so that what comes
+ * after it can go on too. */
+int kiln_transport_save(struct kiln_transport *transport, const struct kiln_transport_params *params,
+                        const struct kiln_block *more, size_t count, struct kiln_error *error);
 
-/* For tests of who helps whom: from the environment variable KILN_SLOW_RANK, R:F, rank R takes F times as long for a batch (F >= 1). 0 and 1
- * where it is not set; KILN_USAGE when it is not understood. */
+/* For tests of who helps whom: from the environment variable KILN_SLOW_RANK, R:F, rank R takes F times as long for a
+ * batch (F >= 1). 0 and 1 where it is not set; KILN_USAGE when it is not understood. */
 int kiln_slow_rank(uint32_t *rank, double *factor, struct kiln_error *error);
 
-/* Bytes that kiln_transport_run allocates on a node's only rank for `own` of `total` surface points: what `plan` predicts with. */
+/* Bytes that kiln_transport_run allocates on a node's only rank for `own` of `total` surface points: what `plan`
+ * predicts with. */
 size_t kiln_transport_bytes(uint64_t own, uint64_t total);
 
 #endif

@@ -57,7 +57,8 @@ struct save_work {
     size_t block_count;
 };
 
-static void add_block(struct save_work *w, const char *name, uint64_t first, uint64_t count, size_t size, const void *data)
+static void add_block(struct save_work *w, const char *name, uint64_t first, uint64_t count, size_t size,
+                      const void *data)
 {
     struct kiln_block *b = &w->blocks[w->block_count++];
     *b = (struct kiln_block){.first = first, .count = count, .size = size, .data = data};
@@ -95,7 +96,8 @@ static void add_done(const struct kiln_surface *surface, struct save_work *w, si
 static int collect_done(const struct transport_state *s, struct save_work *w, struct kiln_error *error)
 {
     const struct kiln_surface *surface = s->params->surface;
-    const int status = kiln_allocate(&w->done, s->todo_count - s->todo_first + 1, sizeof *w->done, "a checkpoint's ranges", error);
+    const int status =
+        kiln_allocate(&w->done, s->todo_count - s->todo_first + 1, sizeof *w->done, "a checkpoint's ranges", error);
     size_t at = 0;
     for (size_t i = s->todo_first; status == KILN_OK && i < s->todo_count; i++) {
         add_done(surface, w, at, s->todo[i].first);
@@ -160,7 +162,8 @@ static void list_blocks(const struct transport_state *s, struct save_work *w, bo
         add_block(w, "source", first, count, sizeof *s->out->radiosity, s->out->radiosity + first);
 }
 
-static int save_with(struct transport_state *s, bool finished, const struct kiln_block *more, size_t more_count, struct kiln_error *error)
+static int save_with(struct transport_state *s, bool finished, const struct kiln_block *more, size_t more_count,
+                     struct kiln_error *error)
 {
     const struct kiln_transport_params *p = s->params;
     const double start = MPI_Wtime();
@@ -192,12 +195,16 @@ static int save_with(struct transport_state *s, bool finished, const struct kiln
     return status;
 }
 
-int transport_save(struct transport_state *s, bool finished, struct kiln_error *error) { return save_with(s, finished, NULL, 0, error); }
-
-int kiln_transport_save(struct kiln_transport *transport, const struct kiln_transport_params *params, const struct kiln_block *more, size_t count,
-                        struct kiln_error *error)
+int transport_save(struct transport_state *s, bool finished, struct kiln_error *error)
 {
-    struct transport_state s = {.params = params, .out = transport, .own = kiln_share(transport->shares, kiln_shares_own(transport->shares))};
+    return save_with(s, finished, NULL, 0, error);
+}
+
+int kiln_transport_save(struct kiln_transport *transport, const struct kiln_transport_params *params,
+                        const struct kiln_block *more, size_t count, struct kiln_error *error)
+{
+    struct transport_state s = {
+        .params = params, .out = transport, .own = kiln_share(transport->shares, kiln_shares_own(transport->shares))};
     return save_with(&s, true, more, count, error);
 }
 
@@ -211,22 +218,27 @@ int transport_stop(struct transport_state *s, bool finished, struct kiln_error *
 
 static int no_such_pass(unsigned kind, struct kiln_error *error)
 {
-    return kiln_fail(error, KILN_IO, "the checkpoint has a pass of kind %u and there are %d kinds; give --no-resume to start from the beginning", kind,
-                     KILN_PASS_FINAL + 1);
+    return kiln_fail(
+        error, KILN_IO,
+        "the checkpoint has a pass of kind %u and there are %d kinds; give --no-resume to start from the beginning",
+        kind, KILN_PASS_FINAL + 1);
 }
 
 static int no_such_value(const char *name, struct kiln_error *error)
 {
-    return kiln_fail(error, KILN_IO, "the checkpoint has values in '%s' that no bake can have; give --no-resume to start from the beginning", name);
+    return kiln_fail(
+        error, KILN_IO,
+        "the checkpoint has values in '%s' that no bake can have; give --no-resume to start from the beginning", name);
 }
 
 static bool state_is_sane(const struct saved_state *state)
 {
     enum { BOUNCES_MOST = 1 << 20 };
-    bool sane = state->bounce <= BOUNCES_MOST && state->bounces <= BOUNCES_MOST && isfinite(state->tail_share) && isfinite(state->seconds) &&
-                state->seconds >= 0.0;
+    bool sane = state->bounce <= BOUNCES_MOST && state->bounces <= BOUNCES_MOST && isfinite(state->tail_share) &&
+                isfinite(state->seconds) && state->seconds >= 0.0;
     if (state->finished == 0) /* no sums come after the last pass */
-        sane = sane && isfinite(state->unit) && state->unit > 0.0 && isfinite(state->unit_squared) && state->unit_squared > 0.0;
+        sane = sane && isfinite(state->unit) && state->unit > 0.0 && isfinite(state->unit_squared) &&
+               state->unit_squared > 0.0;
     for (int c = 0; c < 3; c++)
         sane = sane && isfinite(state->tail_ratio[c]);
     return sane;
@@ -256,9 +268,11 @@ static int restore_state(struct transport_state *s, bool *finished, struct kiln_
     transport_step_make(s, (enum kiln_pass_kind)state.kind, state.bounce, &s->step);
     if (*finished)
         return KILN_OK;
-    status = kiln_checkpoint_read(c, "group_before", 0, s->group_count, sizeof *s->group_before, s->group_before, error);
+    status =
+        kiln_checkpoint_read(c, "group_before", 0, s->group_count, sizeof *s->group_before, s->group_before, error);
     if (status == KILN_OK)
-        status = kiln_checkpoint_read(c, "group_total", 0, s->group_count, sizeof *s->group_total, s->group_total, error);
+        status =
+            kiln_checkpoint_read(c, "group_total", 0, s->group_count, sizeof *s->group_total, s->group_total, error);
     return status;
 }
 
@@ -277,8 +291,10 @@ static int restore_passes(struct transport_state *s, struct kiln_error *error)
     uint64_t first, count;
     kiln_checkpoint_part_range(s->params->checkpoint, 0, "passes", &first, &count);
     if (count == 0 || count > PASSES_MOST)
-        return kiln_fail(error, KILN_IO, "the checkpoint has %llu passes and 1 to %d are possible; give --no-resume to start from the beginning",
-                         (unsigned long long)count, (int)PASSES_MOST);
+        return kiln_fail(
+            error, KILN_IO,
+            "the checkpoint has %llu passes and 1 to %d are possible; give --no-resume to start from the beginning",
+            (unsigned long long)count, (int)PASSES_MOST);
     int status = transport_make_room(r, (size_t)count, error);
     if (status == KILN_OK)
         status = kiln_checkpoint_read(s->params->checkpoint, "passes", 0, count, sizeof *r->passes, r->passes, error);
@@ -347,7 +363,8 @@ static int check_points(const struct transport_state *s, bool finished, struct k
         return no_such_value("next", error);
     if (has_source && !radiosities_are_sane(s->out->radiosity + s->params->surface->first, count))
         return no_such_value("source", error);
-    if (!finished && (!doubles_are_sane(s->group_before, s->group_count) || !doubles_are_sane(s->group_total, s->group_count)))
+    if (!finished &&
+        (!doubles_are_sane(s->group_before, s->group_count) || !doubles_are_sane(s->group_total, s->group_count)))
         return no_such_value("group_total", error);
     return KILN_OK;
 }
@@ -365,7 +382,8 @@ static int restore_points(struct transport_state *s, bool finished, struct kiln_
     if (status == KILN_OK && !finished)
         status = kiln_checkpoint_read(c, "next", first, count, sizeof *s->own->next, s->own->next, error);
     if (status == KILN_OK && !finished && s->step.kind != KILN_PASS_DIRECT)
-        status = kiln_checkpoint_read(c, "source", first, count, sizeof *s->out->radiosity, s->out->radiosity + first, error);
+        status = kiln_checkpoint_read(c, "source", first, count, sizeof *s->out->radiosity, s->out->radiosity + first,
+                                      error);
     return status == KILN_OK ? check_points(s, finished, error) : status;
 }
 
@@ -376,7 +394,8 @@ static int restore_visible(struct transport_state *s, struct kiln_error *error)
     uint16_t *visible = NULL;
     int status = kiln_allocate(&visible, surface->count, sizeof *visible, "the buried points", error);
     if (status == KILN_OK)
-        status = kiln_checkpoint_read(s->params->checkpoint, "visible", surface->first, surface->count, sizeof *visible, visible, error);
+        status = kiln_checkpoint_read(s->params->checkpoint, "visible", surface->first, surface->count, sizeof *visible,
+                                      visible, error);
     if (status == KILN_OK && memcmp(visible, surface->visible, surface->count * sizeof *visible) != 0) {
         memcpy(surface->visible, visible, surface->count * sizeof *visible);
         status = kiln_backend_set_surface(s->params->backend, surface, error);
@@ -410,7 +429,8 @@ static int add_part(struct transport_state *s, size_t part, bool finished, struc
         status = kiln_checkpoint_read_part(c, part, "own_groups", sizeof *groups, &groups, &count, error);
     for (uint64_t i = 0; status == KILN_OK && !finished && i < count; i++)
         if (groups[i].index < s->group_count)
-            s->group_now[groups[i].index].value += (__int128)groups[i].high * ((__int128)1 << 64) + (__int128)groups[i].low;
+            s->group_now[groups[i].index].value +=
+                (__int128)groups[i].high * ((__int128)1 << 64) + (__int128)groups[i].low;
     kiln_free(&passes);
     kiln_free(&groups);
     kiln_free(&sums);
@@ -421,7 +441,8 @@ static int add_todo(struct transport_state *s, size_t first, size_t end, struct 
 {
     if (first >= end)
         return KILN_OK;
-    const int status = kiln_grow(&s->todo, &s->todo_room, s->todo_count + 1, sizeof *s->todo, "what a pass has to do", error);
+    const int status =
+        kiln_grow(&s->todo, &s->todo_room, s->todo_count + 1, sizeof *s->todo, "what a pass has to do", error);
     if (status == KILN_OK)
         s->todo[s->todo_count++] = (struct kiln_range){first, end - first};
     return status;
@@ -458,7 +479,8 @@ static int restore_todo(struct transport_state *s, struct kiln_error *error)
             continue;
         status = kiln_checkpoint_read_part(c, part, "done", sizeof *done, &done, &ranges, error);
         for (uint64_t i = 0; i < ranges && status == KILN_OK; i++) {
-            const size_t begin = fragment_at(surface, done[i].first), end = fragment_at(surface, done[i].first + done[i].count);
+            const size_t begin = fragment_at(surface, done[i].first),
+                         end = fragment_at(surface, done[i].first + done[i].count);
             status = add_todo(s, at, begin, error);
             at = end > at ? end : at;
         }
@@ -482,7 +504,8 @@ int transport_restore(struct transport_state *s, bool *finished, struct kiln_err
         status = restore_points(s, *finished, error);
     if (status == KILN_OK)
         status = restore_visible(s, error);
-    for (size_t part = (size_t)p->rank; status == KILN_OK && part < kiln_checkpoint_parts(p->checkpoint); part += (size_t)p->ranks)
+    for (size_t part = (size_t)p->rank; status == KILN_OK && part < kiln_checkpoint_parts(p->checkpoint);
+         part += (size_t)p->ranks)
         status = add_part(s, part, *finished, error);
     if (status == KILN_OK && !*finished)
         status = restore_todo(s, error);

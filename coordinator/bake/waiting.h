@@ -1,9 +1,10 @@
 /* Where this process waits for others.
  *
- * Every call of MPI that may wait is seen through MPI's profiling interface (MPI 3.1, chapter 14): the definitions of MPI_Allreduce and its
- * like in waiting.c take the place of the library's, for kiln and for what it is linked with (HDF5), and call PMPI_Allreduce. Loops that
- * wait with MPI_Test say so themselves. Only calls of the thread that called kiln_waiting_follow count, so that the watchdog's own messages
- * do not. What this costs is two stores to memory a call.
+ * Every call of MPI that may wait is seen through MPI's profiling interface (MPI 3.1, chapter 14): the definitions of
+ * MPI_Allreduce and its like in waiting.c take the place of the library's, for kiln and for what it is linked with
+ * (HDF5), and call PMPI_Allreduce. Loops that wait with MPI_Test say so themselves. Only calls of the thread that
+ * called kiln_waiting_follow count, so that the watchdog's own messages do not. What this costs is two stores to memory
+ * a call.
  *
  * Calls that read and write files are not among them: a process in one is at work. */
 #ifndef KILN_COORDINATOR_BAKE_WAITING_H

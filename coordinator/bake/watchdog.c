@@ -18,17 +18,17 @@
 
 enum { TAG_SIGN = 7, HOST = 64, PHASE = 48, CALL = 40, ABORT_SECONDS = 10 };
 
-#define NETWORK_BYTES 10e6   /* a second, at the slowest network that is not taken for a dead one */
+#define NETWORK_BYTES 10e6         /* a second, at the slowest network that is not taken for a dead one */
 #define PATIENCE_SHARE (1.0 / 3.0) /* of the limit, while all ranks wait for each other */
-#define PATIENCE_LEAST 5.0   /* s */
-#define DISK_LIMITS 10.0     /* limits that a disk may take for one read or write */
+#define PATIENCE_LEAST 5.0         /* s */
+#define DISK_LIMITS 10.0           /* limits that a disk may take for one read or write */
 
 /* What a rank says of itself. */
 struct sign {
     char phase[PHASE];
-    double share;  /* of a pass */
-    double batch;  /* s, its last one */
-    double away;   /* s since it came back from that; 0: it is in no pass */
+    double share;    /* of a pass */
+    double batch;    /* s, its last one */
+    double away;     /* s since it came back from that; 0: it is in no pass */
     char call[CALL]; /* it waits for others in, when it does */
     double waits;    /* s without a step forward there; 0: it does not wait */
     double grace;    /* s more that the present call may take */
@@ -76,7 +76,8 @@ static double now(void)
 
 /* ---- the thread ---- */
 
-/* Does not return. MPI may hang with the ranks that are lost: then the process goes without it, and mpirun ends the others. */
+/* Does not return. MPI may hang with the ranks that are lost: then the process goes without it, and mpirun ends the
+ * others. */
 static void end_job(const struct kiln_watchdog *w)
 {
     (void)fflush(stderr);
@@ -108,7 +109,8 @@ static void tell(struct kiln_watchdog *w, const struct sign *sign)
 
 static void receive(struct kiln_watchdog *w, int rank)
 {
-    (void)MPI_Recv(&w->witnesses[rank].sign, sizeof(struct sign), MPI_BYTE, rank, TAG_SIGN, w->communicator, MPI_STATUS_IGNORE);
+    (void)MPI_Recv(&w->witnesses[rank].sign, sizeof(struct sign), MPI_BYTE, rank, TAG_SIGN, w->communicator,
+                   MPI_STATUS_IGNORE);
     w->witnesses[rank].seen = now();
 }
 
@@ -130,7 +132,10 @@ static void listen(struct kiln_watchdog *w)
 
 /* ---- ranks that wait for each other ---- */
 
-static bool is_alike(const struct sign *a, const struct sign *b) { return strcmp(a->call, b->call) == 0 && strcmp(a->phase, b->phase) == 0; }
+static bool is_alike(const struct sign *a, const struct sign *b)
+{
+    return strcmp(a->call, b->call) == 0 && strcmp(a->phase, b->phase) == 0;
+}
 
 static int count_alike(const struct kiln_watchdog *w, int rank)
 {
@@ -202,16 +207,24 @@ static void judge(const struct kiln_watchdog *w, int rank)
     if (sign->last != 0)
         return;
     if (silent > w->limit)
-        (void)fprintf(stderr, "kiln: error: rank %d on %s has given no sign of life for %.1f s, and the others wait for it; its last one was in "
-                      "'%s'", rank, w->hosts[rank], silent, sign->phase);
+        (void)fprintf(stderr,
+                      "kiln: error: rank %d on %s has given no sign of life for %.1f s, and the others wait for it; "
+                      "its last one was in "
+                      "'%s'",
+                      rank, w->hosts[rank], silent, sign->phase);
     else if (sign->away > fmax(w->limit, 4.0 * sign->batch))
-        (void)fprintf(stderr, "kiln: error: rank %d on %s has not come back from its work for %.1f s, and the others wait for it; it is in '%s'", rank,
-                      w->hosts[rank], sign->away, sign->phase);
+        (void)fprintf(stderr,
+                      "kiln: error: rank %d on %s has not come back from its work for %.1f s, and the others wait for "
+                      "it; it is in '%s'",
+                      rank, w->hosts[rank], sign->away, sign->phase);
     else if (sign->idle > w->limit)
-        (void)fprintf(stderr, "kiln: error: rank %d on %s has neither computed nor read nor written nor waited for other ranks for %.1f s; it is in '%s'", rank,
-                      w->hosts[rank], sign->idle, sign->phase);
+        (void)fprintf(stderr,
+                      "kiln: error: rank %d on %s has neither computed nor read nor written nor waited for other ranks "
+                      "for %.1f s; it is in '%s'",
+                      rank, w->hosts[rank], sign->idle, sign->phase);
     else if (sign->disk > DISK_LIMITS * w->limit)
-        (void)fprintf(stderr, "kiln: error: rank %d on %s has waited for a disk for %.1f s; it is in '%s'", rank, w->hosts[rank], sign->disk, sign->phase);
+        (void)fprintf(stderr, "kiln: error: rank %d on %s has waited for a disk for %.1f s; it is in '%s'", rank,
+                      w->hosts[rank], sign->disk, sign->phase);
     else
         return;
     if (sign->share >= 0.0)
@@ -236,8 +249,11 @@ static void watch_others(struct kiln_watchdog *w)
 /* It cannot know who is missing, but the job does not hang. */
 static void give_up(const struct kiln_watchdog *w, const char *what)
 {
-    (void)fprintf(stderr, "kiln: error: rank %d on %s has waited in '%s' for other ranks beyond the watchdog's limit of %g s: one of them, or "
-                  "the way to it, is lost; run the same command again\n", w->rank, w->hosts[w->rank], what, w->limit);
+    (void)fprintf(stderr,
+                  "kiln: error: rank %d on %s has waited in '%s' for other ranks beyond the watchdog's limit of %g s: "
+                  "one of them, or "
+                  "the way to it, is lost; run the same command again\n",
+                  w->rank, w->hosts[w->rank], what, w->limit);
     end_job(w);
 }
 
@@ -262,7 +278,8 @@ static void look_at_oneself(struct kiln_watchdog *w, struct sign *sign, double t
         sign->waits = time - w->still;
         sign->grace += (double)waiting.bytes / NETWORK_BYTES;
     }
-    if (waiting.call == NULL && !(sign->away > 0.0)) /* within a pass it is `away` that counts: a device may be at work */
+    /* within a pass it is `away` that counts: a device may be at work */
+    if (waiting.call == NULL && !(sign->away > 0.0))
         sign->idle = kiln_activity_idle(&w->activity);
 }
 
@@ -307,7 +324,9 @@ static int start_thread(struct kiln_watchdog *w, struct kiln_error *error)
     (void)pthread_sigmask(SIG_SETMASK, &all, &before);
     w->thread_runs = pthread_create(&w->thread, NULL, run, w) == 0;
     (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
-    return w->thread_runs ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "no thread can be started for the watchdog: raise the limit of processes");
+    return w->thread_runs ? KILN_OK
+                          : kiln_fail(error, KILN_SYSTEM,
+                                      "no thread can be started for the watchdog: raise the limit of processes");
 }
 
 static void stop_thread(struct kiln_watchdog *w)
@@ -329,7 +348,8 @@ static int learn_hosts(struct kiln_watchdog *w, struct kiln_error *error)
     (void)gethostname(own, sizeof own - 1);
     int status = kiln_allocate(&w->hosts, (size_t)w->ranks, HOST, "the ranks' hosts", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&w->witnesses, (size_t)w->ranks, sizeof *w->witnesses, "the ranks' signs of life", error);
+        status =
+            kiln_allocate(&w->witnesses, (size_t)w->ranks, sizeof *w->witnesses, "the ranks' signs of life", error);
     status = kiln_agree(w->communicator, status, error);
     if (status == KILN_OK)
         (void)MPI_Allgather(own, HOST, MPI_BYTE, w->hosts, HOST, MPI_BYTE, w->communicator);
@@ -380,7 +400,8 @@ static bool is_possible(MPI_Comm communicator, double limit)
     if (limit <= 0.0 || ranks == 1)
         return false;
     if (level < MPI_THREAD_MULTIPLE && rank == 0)
-        (void)fprintf(stderr, "kiln: warning: this MPI library does not let several threads call it (MPI_THREAD_MULTIPLE): there is no watchdog\n");
+        (void)fprintf(stderr, "kiln: warning: this MPI library does not let several threads call it "
+                              "(MPI_THREAD_MULTIPLE): there is no watchdog\n");
     return level >= MPI_THREAD_MULTIPLE;
 }
 
@@ -438,15 +459,19 @@ void kiln_watchdog_start(int rank, double seconds)
     if (!(seconds > 0.0))
         return;
     (void)gethostname(host, sizeof host - 1);
-    (void)snprintf(start_text, sizeof start_text, "kiln: error: rank %d on %s has waited for the other ranks for %.0f s, and they have not all started: one of them "
-                   "is lost, or does something else; give all ranks the same command, and run it again\n", rank, host, ceil(seconds));
+    (void)snprintf(start_text, sizeof start_text,
+                   "kiln: error: rank %d on %s has waited for the other ranks for %.0f s, and they have not all "
+                   "started: one of them "
+                   "is lost, or does something else; give all ranks the same command, and run it again\n",
+                   rank, host, ceil(seconds));
     (void)signal(SIGALRM, end_start);
     (void)alarm((unsigned)fmin(ceil(seconds), 1e6));
 }
 
 static void end_now(int number)
 {
-    static const char text[] = "kiln: error: the job does not come to its end within the watchdog's limit: a rank, or the way to it, is lost; what "
+    static const char text[] = "kiln: error: the job does not come to its end within the watchdog's limit: a rank, or "
+                               "the way to it, is lost; what "
                                "the bake's manifest names is complete\n";
     (void)number;
     (void)!write(STDERR_FILENO, text, sizeof text - 1);

@@ -6,7 +6,8 @@
 
 static int lost(struct kiln_error *error)
 {
-    return kiln_fail(error, KILN_RANK_LOST, "a rank was lost while the ranks compared their results; run the same command again");
+    return kiln_fail(error, KILN_RANK_LOST,
+                     "a rank was lost while the ranks compared their results; run the same command again");
 }
 
 /* As all have the same sentence, it has to say whose it is. */

@@ -33,7 +33,8 @@ int kiln_job_keep(struct kiln_job *job, const char *text, size_t length, char **
     return status;
 }
 
-int kiln_job_keep_path(struct kiln_job *job, const char *path, const char *folder, char **copy, struct kiln_error *error)
+int kiln_job_keep_path(struct kiln_job *job, const char *path, const char *folder, char **copy,
+                       struct kiln_error *error)
 {
     if (folder == NULL || path[0] == '/' || strcmp(folder, ".") == 0)
         return kiln_job_keep(job, path, strlen(path), copy, error);
@@ -60,7 +61,8 @@ static int set_defaults(struct kiln_job *job, struct kiln_error *error)
     int status = KILN_OK;
     for (size_t i = 0; i < kiln_option_count && status == KILN_OK; i++)
         if (kiln_options[i].fallback != NULL)
-            status = kiln_option_set(job, &kiln_options[i], kiln_options[i].fallback, kiln_options[i].name, KILN_BUG, NULL, error);
+            status = kiln_option_set(job, &kiln_options[i], kiln_options[i].fallback, kiln_options[i].name, KILN_BUG,
+                                     NULL, error);
     return status;
 }
 
@@ -91,18 +93,19 @@ static int unknown_option(const struct kiln_command *command, const char *name, 
     if (nearest != NULL)
         (void)snprintf(near, sizeof near, "the nearest one is --%s%s", negated ? "no-" : "", nearest);
     if (elsewhere == NULL)
-        return kiln_fail(error, KILN_USAGE, "unknown option --%.200s; %s%skiln %s --help lists all%s", name, near, nearest == NULL ? "" : " (",
-                         command->name, nearest == NULL ? "" : ")");
+        return kiln_fail(error, KILN_USAGE, "unknown option --%.200s; %s%skiln %s --help lists all%s", name, near,
+                         nearest == NULL ? "" : " (", command->name, nearest == NULL ? "" : ")");
     for (size_t i = 0; i < kiln_command_count; i++)
         if ((elsewhere->commands & kiln_commands[i].bit) != 0) {
             const size_t used = strlen(list);
             (void)snprintf(list + used, sizeof list - used, "%s%s", used == 0 ? "" : ", ", kiln_commands[i].name);
         }
-    return kiln_fail(error, KILN_USAGE, "kiln %s has no option --%s; it belongs to %s%s%s%s", command->name, name, list, nearest == NULL ? "" : " (here, ",
-                     near, nearest == NULL ? "" : ")");
+    return kiln_fail(error, KILN_USAGE, "kiln %s has no option --%s; it belongs to %s%s%s%s", command->name, name, list,
+                     nearest == NULL ? "" : " (here, ", near, nearest == NULL ? "" : ")");
 }
 
-static int recognise(const struct kiln_command *command, const char *argument, struct word *word, struct kiln_error *error)
+static int recognise(const struct kiln_command *command, const char *argument, struct word *word,
+                     struct kiln_error *error)
 {
     char name[64];
     const char *start = argument + 2, *equals = strchr(start, '=');
@@ -120,16 +123,18 @@ static int recognise(const struct kiln_command *command, const char *argument, s
         word->option = kiln_option_find(name + 3);
         word->negated = true;
         if (word->option != NULL && (word->option->kind != KILN_OPTION_FLAG || word->value != NULL))
-            return kiln_fail(error, KILN_USAGE, "--%.200s: only a switch can be turned off with --no-, and without a value", start);
+            return kiln_fail(error, KILN_USAGE,
+                             "--%.200s: only a switch can be turned off with --no-, and without a value", start);
     }
     if (word->option == NULL || (word->option->commands & command->bit) == 0)
         return unknown_option(command, word->option == NULL ? name : word->option->name, error);
     return KILN_OK;
 }
 
-/* Reads the option at arguments[*at], moves *at past it, and stores it, or with `only` stores it only if it is that one. */
-static int read_option(struct kiln_job *job, const struct kiln_command *command, char **arguments, int *at, const char *only,
-                       struct kiln_error *error)
+/* Reads the option at arguments[*at], moves *at past it, and stores it, or with `only` stores it only if it is that
+ * one. */
+static int read_option(struct kiln_job *job, const struct kiln_command *command, char **arguments, int *at,
+                       const char *only, struct kiln_error *error)
 {
     struct word word = {NULL, NULL, false};
     char where[80];
@@ -155,12 +160,15 @@ static int read_option(struct kiln_job *job, const struct kiln_command *command,
 }
 
 /* A number may begin with '-' and still be an argument: kiln probe DIR -1 0 2. */
-static bool is_option(const char *argument) { return argument[0] == '-' && argument[1] != '\0' && strchr("0123456789.", argument[1]) == NULL; }
+static bool is_option(const char *argument)
+{
+    return argument[0] == '-' && argument[1] != '\0' && strchr("0123456789.", argument[1]) == NULL;
+}
 
-/* Goes through the command line. With `only` nothing but that option is stored; otherwise all options, and the arguments are
- * collected unless `collect` is false. */
-static int read_command_line(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv, const char *only,
-                             struct kiln_error *error)
+/* Goes through the command line. With `only` nothing but that option is stored; otherwise all options, and the
+ * arguments are collected unless `collect` is false. */
+static int read_command_line(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv,
+                             const char *only, struct kiln_error *error)
 {
     bool options = true;
     job->argument_count = 0;
@@ -183,12 +191,15 @@ static int check_arguments(const struct kiln_job *job, const struct kiln_command
 {
     const size_t count = job->argument_count;
     if (job->devices)
-        return count == 0 ? KILN_OK : kiln_fail(error, KILN_USAGE, "kiln %s --devices takes no argument '%.200s'", command->name, job->arguments[0]);
+        return count == 0 ? KILN_OK
+                          : kiln_fail(error, KILN_USAGE, "kiln %s --devices takes no argument '%.200s'", command->name,
+                                      job->arguments[0]);
     if (count > command->maximum)
         return kiln_fail(error, KILN_USAGE, "kiln %s takes no argument '%.200s'; usage: kiln %s %s", command->name,
                          job->arguments[command->maximum], command->name, command->arguments);
     if (count < command->minimum)
-        return kiln_fail(error, KILN_USAGE, "kiln %s needs %s; for example: %s", command->name, command->arguments, command->examples[0]);
+        return kiln_fail(error, KILN_USAGE, "kiln %s needs %s; for example: %s", command->name, command->arguments,
+                         command->examples[0]);
     return KILN_OK;
 }
 
@@ -198,13 +209,18 @@ int kiln_job_default_output(struct kiln_job *job, const char *path, const char *
     const char *name = slash == NULL ? path : slash + 1, *dot = strrchr(name, '.');
     const size_t length = dot == NULL || dot == name ? strlen(name) : (size_t)(dot - name);
     char text[300];
-    (void)snprintf(text, sizeof text, "%s%.*s%s", name[0] == '-' ? "./" : "", length < 240 ? (int)length : 240, name, ending);
+    (void)snprintf(text, sizeof text, "%s%.*s%s", name[0] == '-' ? "./" : "", length < 240 ? (int)length : 240, name,
+                   ending);
     return kiln_job_keep(job, text, strlen(text), &job->output, error);
 }
 
-static bool given(struct kiln_job *job, const char *name) { return owned(job)->given[kiln_option_find(name) - kiln_options]; }
+static bool given(struct kiln_job *job, const char *name)
+{
+    return owned(job)->given[kiln_option_find(name) - kiln_options];
+}
 
-static int fill(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv, struct kiln_error *error)
+static int fill(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv,
+                struct kiln_error *error)
 {
     int status = set_defaults(job, error);
     if (status == KILN_OK)

@@ -1,6 +1,7 @@
-/* Every setting kiln knows, filled from defaults, then `--quality`, then the job file, then the command line (later wins).
- * The one table in coordinator/cli/options.c names each option, its unit, default, range, the commands it belongs to and its
- * place in this struct; `--help`, the job file reader and the command line all read that table and nothing else. */
+/* Every setting kiln knows, filled from defaults, then `--quality`, then the job file, then the command line (later
+ * wins). The one table in coordinator/cli/options.c names each option, its unit, default, range, the commands it
+ * belongs to and its place in this struct; `--help`, the job file reader and the command line all read that table and
+ * nothing else. */
 #ifndef KILN_COORDINATOR_CLI_JOB_H
 #define KILN_COORDINATOR_CLI_JOB_H
 
@@ -10,8 +11,8 @@
 
 #include "worker/base/status.h"
 
-/* AUTO: compact from 2^22 surface points on. With fewer its rounding shows in the ratio of two bounces, which the tail magnifies a hundred
- * times where the albedo is 0.99; with more it averages out. */
+/* AUTO: compact from 2^22 surface points on. With fewer its rounding shows in the ratio of two bounces, which the tail
+ * magnifies a hundred times where the albedo is 0.99; with more it averages out. */
 enum kiln_exchange_form { KILN_EXCHANGE_AUTO = 0, KILN_EXCHANGE_COMPACT = 1, KILN_EXCHANGE_FULL = 2 };
 
 static inline bool kiln_exchange_is_compact(int form, uint64_t points)
@@ -38,27 +39,29 @@ struct kiln_job {
     size_t argument_count;
 
     /* scene and output */
-    char *scene;  /* the first argument of bake, plan, info, check; `scene:` of a job file, relative to the job file's folder */
+    /* the first argument of bake, plan, info, check; `scene:` of a job file, relative to the job file's folder */
+    char *scene;
     char *output; /* DIR; default: the scene's name without extension + "-bake" */
-    char *environment;          /* "none", "R,G,B" (radiance), or an .hdr or .exr lat-long image; NULL: what the scene says */
-    double environment_scale;   /* factor; default 1 */
+    /* "none", "R,G,B" (radiance), or an .hdr or .exr lat-long image; NULL: what the scene says */
+    char *environment;
+    double environment_scale;    /* factor; default 1 */
     double environment_rotation; /* degrees about +y */
-    int units; /* enum kiln_units_choice */
+    int units;                   /* enum kiln_units_choice */
 
     /* where it runs */
-    char *backend; /* auto | embree | vulkan */
-    int64_t device; /* as `kiln info --devices` numbers them; -1: in turn, by the rank's place on its node */
-    int traversal;  /* enum kiln_traversal */
-    double verify_share;  /* of the fragments, traced again with Embree */
-    double dispatch_time; /* ms that one dispatch may take */
-    double device_memory; /* GiB; 0: what the device has free */
-    bool devices;         /* info: list devices, no scene */
-    uint32_t threads; /* a rank; 0: the cores this process may use, divided by the ranks of the node */
+    char *backend;         /* auto | embree | vulkan */
+    int64_t device;        /* as `kiln info --devices` numbers them; -1: in turn, by the rank's place on its node */
+    int traversal;         /* enum kiln_traversal */
+    double verify_share;   /* of the fragments, traced again with Embree */
+    double dispatch_time;  /* ms that one dispatch may take */
+    double device_memory;  /* GiB; 0: what the device has free */
+    bool devices;          /* info: list devices, no scene */
+    uint32_t threads;      /* a rank; 0: the cores this process may use, divided by the ranks of the node */
     char *instruction_set; /* NULL: the best that all ranks have */
 
     /* transport */
-    char *quality; /* draft | preview | production | reference: what the sample counts start from */
-    char *method; /* cells */
+    char *quality;   /* draft | preview | production | reference: what the sample counts start from */
+    char *method;    /* cells */
     int64_t bounces; /* indirect bounces; -1: as many as there is energy for, and a tail */
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;
@@ -80,12 +83,12 @@ struct kiln_job {
     uint32_t samples_probe; /* 0: no volume */
 
     /* results */
-    bool half;      /* lightmaps in half float where nothing overflows */
+    bool half;       /* lightmaps in half float where nothing overflows */
     bool both_sides; /* publish lightmaps of backs */
-    bool stitch;    /* smooth seams between charts; default true */
-    bool error_map; /* standard error of each texel as a layer */
-    bool preview;   /* write preview.png; default true */
-    bool export;    /* write scene.glb; default true */
+    bool stitch;     /* smooth seams between charts; default true */
+    bool error_map;  /* standard error of each texel as a layer */
+    bool preview;    /* write preview.png; default true */
+    bool export;     /* write scene.glb; default true */
 
     /* checkpoints and limits, seconds; 0: none */
     bool resume; /* go on from a checkpoint that is there; default true */
@@ -103,21 +106,21 @@ struct kiln_job {
     bool json, quiet, verbose;
 
     /* view, compare, probe, generate, bench, plan: see the option table */
-    char *camera;         /* name of a camera in the scene */
+    char *camera; /* name of a camera in the scene */
     uint32_t width, height;
-    double exposure;      /* stops */
-    char *from, *to;      /* "x,y,z": eye and target of a view */
-    bool show_texels;     /* a checkerboard of texels, no light */
-    double field_of_view; /* degrees, vertical */
-    uint32_t ranks;       /* plan */
-    double node_memory;   /* GiB; plan */
-    uint64_t triangles;   /* generate: about how many */
-    uint32_t columns, rows; /* generate rooms: N x M */
-    double albedo;        /* generate furnace; -1: not given */
+    double exposure;                     /* stops */
+    char *from, *to;                     /* "x,y,z": eye and target of a view */
+    bool show_texels;                    /* a checkerboard of texels, no light */
+    double field_of_view;                /* degrees, vertical */
+    uint32_t ranks;                      /* plan */
+    double node_memory;                  /* GiB; plan */
+    uint64_t triangles;                  /* generate: about how many */
+    uint32_t columns, rows;              /* generate rooms: N x M */
+    double albedo;                       /* generate furnace; -1: not given */
     double node_bandwidth, node_latency; /* plan: network, GB/s and microseconds */
-    uint64_t points;      /* plan: of the scaling curve; 0: the scene's */
-    char *rank_counts;    /* bench scaling: "1,2,4" */
-    uint32_t repeats;     /* bench */
+    uint64_t points;                     /* plan: of the scaling curve; 0: the scene's */
+    char *rank_counts;                   /* bench scaling: "1,2,4" */
+    uint32_t repeats;                    /* bench */
 
     /* submit: what the batch job asks for */
     uint32_t nodes, gpus, ranks_per_node; /* gpus: of a node; ranks_per_node 0: one a GPU, or one */
@@ -140,8 +143,9 @@ struct kiln_job {
 };
 
 /* Reads the command line (argv[1] is the command) and, where the argument is a .yaml or .yml file, the job file. Not
- * collective: every rank reads the same. KILN_USAGE for an unknown command, option or bad value on the command line, naming
- * the nearest known one; KILN_BAD_INPUT for the same in a job file, with file and line. Release with kiln_job_destroy. */
+ * collective: every rank reads the same. KILN_USAGE for an unknown command, option or bad value on the command line,
+ * naming the nearest known one; KILN_BAD_INPUT for the same in a job file, with file and line. Release with
+ * kiln_job_destroy. */
 int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_error *error);
 void kiln_job_destroy(struct kiln_job **job);
 

@@ -9,8 +9,8 @@
 /* A JSON string, with '?' for what is not UTF-8. NULL only without memory. */
 json_t *kiln_json_string(const char *text);
 
-/* Prints the object and a line feed on stdout and releases it; KILN_SYSTEM when it is NULL (there was no memory to make it), KILN_IO when
- * stdout does not take it. */
+/* Prints the object and a line feed on stdout and releases it; KILN_SYSTEM when it is NULL (there was no memory to make
+ * it), KILN_IO when stdout does not take it. */
 int kiln_json_print(json_t *object, struct kiln_error *error);
 
 #endif

@@ -41,7 +41,8 @@ static double world_area(const struct kiln_scene *scene, const struct kiln_objec
         struct kiln_dvec3 edge[2];
         for (int e = 0; e < 2; e++) {
             const struct kiln_dvec3 d = dvec3_sub(dvec3_of(positions[corner[e + 1]]), p);
-            edge[e] = dvec3(m[0] * d.x + m[1] * d.y + m[2] * d.z, m[4] * d.x + m[5] * d.y + m[6] * d.z, m[8] * d.x + m[9] * d.y + m[10] * d.z);
+            edge[e] = dvec3(m[0] * d.x + m[1] * d.y + m[2] * d.z, m[4] * d.x + m[5] * d.y + m[6] * d.z,
+                            m[8] * d.x + m[9] * d.y + m[10] * d.z);
         }
         area += 0.5 * dvec3_length(dvec3_cross(edge[0], edge[1]));
     }
@@ -133,12 +134,19 @@ static int find_points(struct kiln_look *look, const struct kiln_job *job, struc
     if (status == KILN_OK)
         status = kiln_lights_create(&lights, look->scene, geometry, error);
     if (status == KILN_OK) {
-        const struct kiln_backend_params params = {.scene = look->scene, .geometry = geometry, .lights = lights, .threads = job->threads,
-                                                   .instruction_set = job->instruction_set, .seed = job->seed};
+        const struct kiln_backend_params params = {.scene = look->scene,
+                                                   .geometry = geometry,
+                                                   .lights = lights,
+                                                   .threads = job->threads,
+                                                   .instruction_set = job->instruction_set,
+                                                   .seed = job->seed};
         status = kiln_backend_create(&backend, "embree", &params, error); /* too little work for a device to start */
     }
     if (status == KILN_OK) {
-        const struct kiln_surface_params params = {.scene = look->scene, .geometry = geometry, .cell_size = job->cell_size, .ranks = 1,
+        const struct kiln_surface_params params = {.scene = look->scene,
+                                                   .geometry = geometry,
+                                                   .cell_size = job->cell_size,
+                                                   .ranks = 1,
                                                    .threads = job->threads};
         status = kiln_surface_build(&surface, &params, &look->surface, error);
     }

@@ -1,4 +1,5 @@
-/* What `kiln info` and `kiln check` know of a scene: the imported scene, its surface points, and figures for each object. */
+/* What `kiln info` and `kiln check` know of a scene: the imported scene, its surface points, and figures for each
+ * object. */
 #ifndef KILN_COORDINATOR_CLI_LOOK_H
 #define KILN_COORDINATOR_CLI_LOOK_H
 
@@ -26,8 +27,8 @@ struct kiln_look {
     double density_min, density_median, density_max; /* over objects; 0 without any */
 };
 
-/* Imports the job's scene into a temporary file, builds its surface points and finds the invalid ones. Not collective, no MPI.
- * Destroy with kiln_look_destroy, which removes the temporary file. */
+/* Imports the job's scene into a temporary file, builds its surface points and finds the invalid ones. Not collective,
+ * no MPI. Destroy with kiln_look_destroy, which removes the temporary file. */
 int kiln_look_create(struct kiln_look **look, const struct kiln_job *job, struct kiln_error *error);
 void kiln_look_destroy(struct kiln_look **look);
 

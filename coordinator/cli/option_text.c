@@ -2,7 +2,8 @@
 
 #include "coordinator/cli/options.h"
 
-static const char *number_text(const struct kiln_option *option, double value, const char *format, char room[KILN_OPTION_TEXT])
+static const char *number_text(const struct kiln_option *option, double value, const char *format,
+                               char room[KILN_OPTION_TEXT])
 {
     if (option->word != NULL && value == option->word_value)
         return option->word;

@@ -9,14 +9,15 @@
 #include "coordinator/output/publish.h"
 
 /* What a bake writes into its folder under names that are always the same. */
-static const char *const own_files[] = {"kiln.h5", "volume.hdf", "run.json", "manifest", "scene.kscene", "scene.glb", "preview.png", ".kiln.lock"};
+static const char *const own_files[] = {"kiln.h5",      "volume.hdf", "run.json",    "manifest",
+                                        "scene.kscene", "scene.glb",  "preview.png", ".kiln.lock"};
 static const char *const own_folders[] = {"lightmaps", "checkpoint"};
 
 static bool same_file(const char *a, const char *b)
 {
     struct stat one, other;
-    return a != NULL && b != NULL && stat(a, &one) == 0 && stat(b, &other) == 0 && S_ISREG(one.st_mode) && one.st_dev == other.st_dev &&
-           one.st_ino == other.st_ino;
+    return a != NULL && b != NULL && stat(a, &one) == 0 && stat(b, &other) == 0 && S_ISREG(one.st_mode) &&
+           one.st_dev == other.st_dev && one.st_ino == other.st_ino;
 }
 
 static bool ends_with(const char *text, const char *ending)
@@ -50,7 +51,11 @@ static bool is_of_bake(const char *path, const char *bake)
     char folder[KILN_PATH_SIZE], own[KILN_PATH_SIZE];
     const char *slash = strrchr(path, '/'), *base = slash == NULL ? path : slash + 1;
     bool found = false;
-    (void)snprintf(folder, sizeof folder, "%.*s", slash == NULL ? 1 : slash == path ? 1 : (int)(slash - path), slash == NULL ? "." : path);
+    (void)snprintf(folder, sizeof folder, "%.*s",
+                   slash == NULL   ? 1
+                   : slash == path ? 1
+                                   : (int)(slash - path),
+                   slash == NULL ? "." : path);
     char *real_folder = realpath(folder, NULL), *real_bake = realpath(bake, NULL);
     const char *rest = real_folder != NULL && real_bake != NULL ? below(real_bake, real_folder) : NULL;
     if (rest != NULL && rest[0] == '\0')
@@ -68,11 +73,12 @@ int kiln_output_name_check(const struct kiln_output_name *name, struct kiln_erro
 {
     for (size_t i = 0; i < sizeof name->inputs / sizeof *name->inputs; i++)
         if (same_file(name->path, name->inputs[i]))
-            return kiln_fail(error, KILN_USAGE, "%s %.500s: that is %.500s, which is read; choose another name", name->option, name->path,
-                             name->inputs[i]);
+            return kiln_fail(error, KILN_USAGE, "%s %.500s: that is %.500s, which is read; choose another name",
+                             name->option, name->path, name->inputs[i]);
     for (size_t i = 0; i < sizeof name->bakes / sizeof *name->bakes; i++)
         if (name->bakes[i] != NULL && is_of_bake(name->path, name->bakes[i]))
-            return kiln_fail(error, KILN_USAGE, "%s %.500s: a file of the bake in %.500s itself would be replaced; choose another name", name->option,
-                             name->path, name->bakes[i]);
+            return kiln_fail(error, KILN_USAGE,
+                             "%s %.500s: a file of the bake in %.500s itself would be replaced; choose another name",
+                             name->option, name->path, name->bakes[i]);
     return kiln_publish_check(NULL, name->path, error);
 }

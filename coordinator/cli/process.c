@@ -8,8 +8,8 @@ static volatile sig_atomic_t noted; /* the one thing a signal handler can write 
 
 static void note_signal(int number) { noted = number; }
 
-/* Opened for the other way, so that reading from a closed descriptor 0, or writing to 1 or 2, fails as it would without. The lowest free number is
- * the one that open takes. */
+/* Opened for the other way, so that reading from a closed descriptor 0, or writing to 1 or 2, fails as it would
+ * without. The lowest free number is the one that open takes. */
 static void fill_descriptors(void)
 {
     for (int descriptor = STDIN_FILENO; descriptor <= STDERR_FILENO; descriptor++)
@@ -33,7 +33,8 @@ void kiln_process_catch(void)
 {
     struct sigaction before;
     take(SIGUSR1, note_signal, 0);
-    take(SIGTERM, note_signal, 0); /* which, like SIGUSR1, may come more than once from a queue, and means the same each time */
+    /* which, like SIGUSR1, may come more than once from a queue, and means the same each time */
+    take(SIGTERM, note_signal, 0);
     take(SIGINT, note_signal, (int)SA_RESETHAND);
     if (sigaction(SIGHUP, NULL, &before) == 0 && before.sa_handler != SIG_IGN)
         take(SIGHUP, note_signal, 0);

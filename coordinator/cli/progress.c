@@ -11,7 +11,7 @@
 #include "worker/base/text.h"
 
 #define REDRAW_SECONDS 0.1
-#define LINE_SECONDS 9.0 /* and looked at once a second: a line every ten seconds at least */
+#define LINE_SECONDS 9.0        /* and looked at once a second: a line every ten seconds at least */
 #define RATE_MEMORY_SECONDS 5.0 /* how far back the rate looks */
 
 struct kiln_progress {
@@ -55,7 +55,8 @@ char *kiln_duration_text(double seconds, char *text, size_t size)
     else if (seconds < 3599.5)
         (void)snprintf(text, size, "%d min %02d s", (int)(seconds + 0.5) / 60, (int)(seconds + 0.5) % 60);
     else if (seconds < 1e9)
-        (void)snprintf(text, size, "%lld h %02lld min", (long long)(seconds / 60 + 0.5) / 60, (long long)(seconds / 60 + 0.5) % 60);
+        (void)snprintf(text, size, "%lld h %02lld min", (long long)(seconds / 60 + 0.5) / 60,
+                       (long long)(seconds / 60 + 0.5) % 60);
     else
         (void)snprintf(text, size, "more than 30 years");
     return text;
@@ -75,7 +76,8 @@ static void state_text(const struct kiln_progress *progress, double now, char *t
     const int used = snprintf(text, size, "%3.0f %%", 100 * share);
     if (progress->rate > 0 && now - progress->phase_start >= 1 && progress->done < progress->total) {
         const double left = (double)(progress->total - progress->done) / progress->rate;
-        (void)snprintf(text + used, size - (size_t)used, ", %s left", kiln_duration_text(left, duration, sizeof duration));
+        (void)snprintf(text + used, size - (size_t)used, ", %s left",
+                       kiln_duration_text(left, duration, sizeof duration));
     }
 }
 
@@ -172,7 +174,8 @@ void kiln_progress_beat(struct kiln_progress *progress)
 
 /* ---- life ---- */
 
-struct kiln_progress *kiln_progress_create_on(FILE *stream, bool terminal, int columns, double (*clock)(void *), void *clock_data)
+struct kiln_progress *kiln_progress_create_on(FILE *stream, bool terminal, int columns, double (*clock)(void *),
+                                              void *clock_data)
 {
     struct kiln_progress *progress = NULL;
     if (kiln_allocate(&progress, 1, sizeof *progress, "the progress line", NULL) != 0)
@@ -195,13 +198,17 @@ struct kiln_progress *kiln_progress_create(bool quiet, int rank)
     const bool terminal = isatty(STDERR_FILENO) == 1;
     struct winsize size = {0};
     const bool known = terminal && ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
-    struct kiln_progress *progress = kiln_progress_create_on(stderr, terminal, known ? size.ws_col : 80, monotonic, NULL);
+    struct kiln_progress *progress =
+        kiln_progress_create_on(stderr, terminal, known ? size.ws_col : 80, monotonic, NULL);
     if (progress != NULL)
         start_thread(progress);
     return progress;
 }
 
-struct kiln_progress *kiln_progress_create_silent(void) { return kiln_progress_create_on(NULL, false, 80, monotonic, NULL); }
+struct kiln_progress *kiln_progress_create_silent(void)
+{
+    return kiln_progress_create_on(NULL, false, 80, monotonic, NULL);
+}
 
 void kiln_progress_observe(struct kiln_progress *progress, kiln_progress_watch watch, void *data)
 {
@@ -233,7 +240,8 @@ static void tell(const struct kiln_progress *progress)
 {
     if (progress->watch == NULL)
         return;
-    const double left = progress->total > 0 && progress->rate > 0 ? (double)(progress->total - progress->done) / progress->rate : -1.0;
+    const double left =
+        progress->total > 0 && progress->rate > 0 ? (double)(progress->total - progress->done) / progress->rate : -1.0;
     progress->watch(progress->watch_data, progress->name, progress->done, progress->total, left);
 }
 
@@ -246,8 +254,9 @@ static void end_phase(struct kiln_progress *progress)
     if (!progress->terminal)
         return;
     char duration[48];
-    (void)fprintf(progress->stream, "\r\033[K%-24s %s\n", progress->name,
-                  kiln_duration_text(progress->clock(progress->clock_data) - progress->phase_start, duration, sizeof duration));
+    (void)fprintf(
+        progress->stream, "\r\033[K%-24s %s\n", progress->name,
+        kiln_duration_text(progress->clock(progress->clock_data) - progress->phase_start, duration, sizeof duration));
     (void)fflush(progress->stream);
     progress->drawn = false;
     progress->last_shown = -1e300;
@@ -330,7 +339,8 @@ void kiln_table_print(FILE *stream, const char *const *cells, size_t rows, size_
                 const size_t length = other != NULL ? character_count(kiln_text_plain(plain, sizeof plain, other)) : 0;
                 width = length > width ? length : width;
             }
-            const char *cell = kiln_text_plain(plain, sizeof plain, cells[row * columns + column] != NULL ? cells[row * columns + column] : "");
+            const char *cell = kiln_text_plain(
+                plain, sizeof plain, cells[row * columns + column] != NULL ? cells[row * columns + column] : "");
             const size_t padding = width - character_count(cell);
             const bool to_right = column < 32 && (right >> column & 1) != 0;
             pending += to_right ? padding : 0;

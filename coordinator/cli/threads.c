@@ -32,7 +32,9 @@ int kiln_threads_check(uint32_t count, struct kiln_error *error)
         (void)pthread_join(threads[i], NULL);
     kiln_free(&threads);
     if (problem != 0)
-        status = kiln_fail(error, KILN_SYSTEM, "%u threads are needed and %u can be had (%s): raise ulimit -u or -v, or give fewer --threads", count, started,
-                           strerror(problem));
+        status =
+            kiln_fail(error, KILN_SYSTEM,
+                      "%u threads are needed and %u can be had (%s): raise ulimit -u or -v, or give fewer --threads",
+                      count, started, strerror(problem));
     return status;
 }

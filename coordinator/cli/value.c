@@ -12,7 +12,8 @@
 
 static void *field(struct kiln_job *job, const struct kiln_option *option) { return (char *)job + option->offset; }
 
-/* Digits, signs, one point and an exponent: keeps out what strtod takes besides (nan, inf, hexadecimal, leading blanks). */
+/* Digits, signs, one point and an exponent: keeps out what strtod takes besides (nan, inf, hexadecimal, leading
+ * blanks). */
 static bool decimal(const char *text, double *value)
 {
     if (text[0] == '\0' || text[strspn(text, "0123456789+-.eE")] != '\0')
@@ -52,12 +53,13 @@ static int refuse_number(const struct kiln_option *option, const char *text, con
         (void)snprintf(range, sizeof range, "from %.15g to %.15g", option->minimum, option->maximum);
     const char *kind = option->kind == KILN_OPTION_DOUBLE ? "a number" : "a whole number";
     if (number)
-        return kiln_fail(error, status, "%s: %.200s is out of range; it must be %s %s%s", where, text, kind, range, word);
+        return kiln_fail(error, status, "%s: %.200s is out of range; it must be %s %s%s", where, text, kind, range,
+                         word);
     return kiln_fail(error, status, "%s: '%.200s' is not %s; it must be one %s%s", where, text, kind, range, word);
 }
 
-static int set_number(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where, int status,
-                      struct kiln_error *error)
+static int set_number(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
+                      int status, struct kiln_error *error)
 {
     bool negative = false;
     uint64_t magnitude = 0;
@@ -69,8 +71,8 @@ static int set_number(struct kiln_job *job, const struct kiln_option *option, co
     } else {
         if (option->kind == KILN_OPTION_DOUBLE ? !decimal(text, &value) : !whole(text, &negative, &magnitude)) {
             double any;
-            return refuse_number(option, text, where, status, option->kind != KILN_OPTION_DOUBLE && decimal(text, &any) && any == floor(any),
-                                 error);
+            return refuse_number(option, text, where, status,
+                                 option->kind != KILN_OPTION_DOUBLE && decimal(text, &any) && any == floor(any), error);
         }
         if (option->kind != KILN_OPTION_DOUBLE)
             value = negative ? -(double)magnitude : (double)magnitude;
@@ -94,8 +96,8 @@ static int set_number(struct kiln_job *job, const struct kiln_option *option, co
     return KILN_OK;
 }
 
-static int set_flag(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where, int status,
-                    struct kiln_error *error)
+static int set_flag(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
+                    int status, struct kiln_error *error)
 {
     if (strcmp(text, "true") != 0 && strcmp(text, "false") != 0)
         return kiln_fail(error, status, "%s: '%.200s' is neither true nor false", where, text);
@@ -103,8 +105,8 @@ static int set_flag(struct kiln_job *job, const struct kiln_option *option, cons
     return KILN_OK;
 }
 
-static int set_choice(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where, int status,
-                      struct kiln_error *error)
+static int set_choice(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
+                      int status, struct kiln_error *error)
 {
     char list[256] = "";
     for (int i = 0; option->choices[i] != NULL; i++) {
@@ -122,8 +124,8 @@ static int set_choice(struct kiln_job *job, const struct kiln_option *option, co
         const size_t used = strlen(list);
         (void)snprintf(list + used, sizeof list - used, "%s%s", i == 0 ? "" : ", ", option->choices[i]);
     }
-    return kiln_fail(error, option->refusal != 0 ? option->refusal : status, "%s: this build has no %s '%.200s'; it has: %s", where,
-                     option->name, text, list);
+    return kiln_fail(error, option->refusal != 0 ? option->refusal : status,
+                     "%s: this build has no %s '%.200s'; it has: %s", where, option->name, text, list);
 }
 
 /* Three numbers between commas. */
@@ -143,40 +145,44 @@ static bool triple(const char *text, double values[3])
     return true;
 }
 
-static int set_point(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where, int status,
-                     struct kiln_error *error)
+static int set_point(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
+                     int status, struct kiln_error *error)
 {
     double place[3];
     if (!triple(text, place))
-        return kiln_fail(error, status, "%s: '%.200s' is not a point; it must be three numbers with commas between, as in 0,1.5,3", where, text);
+        return kiln_fail(error, status,
+                         "%s: '%.200s' is not a point; it must be three numbers with commas between, as in 0,1.5,3",
+                         where, text);
     for (int axis = 0; axis < 3; axis++)
         if (fabs(place[axis]) > KILN_PLACE_MOST)
-            return kiln_fail(error, status, "%s: %g is out of range; each of X,Y,Z must be a number from %g to %g", where, place[axis], -KILN_PLACE_MOST,
-                             KILN_PLACE_MOST);
+            return kiln_fail(error, status, "%s: %g is out of range; each of X,Y,Z must be a number from %g to %g",
+                             where, place[axis], -KILN_PLACE_MOST, KILN_PLACE_MOST);
     return kiln_job_keep(job, text, strlen(text), field(job, option), error);
 }
 
-static int set_environment(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where, int status,
-                           const char *folder, struct kiln_error *error)
+static int set_environment(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
+                           int status, const char *folder, struct kiln_error *error)
 {
     double radiance[3];
     const bool colour = triple(text, radiance);
     for (int c = 0; colour && c < 3; c++)
         if (radiance[c] < 0.0 || radiance[c] > MOST_RADIANCE)
-            return kiln_fail(error, status, "%s: a radiance of %g is out of range; each of R,G,B must be a number from 0 to %g", where, radiance[c],
-                             MOST_RADIANCE);
+            return kiln_fail(error, status,
+                             "%s: a radiance of %g is out of range; each of R,G,B must be a number from 0 to %g", where,
+                             radiance[c], MOST_RADIANCE);
     if (colour || strcmp(text, "none") == 0)
         return kiln_job_keep(job, text, strlen(text), field(job, option), error);
     const char *dot = strrchr(text, '.');
     if (dot == NULL || (strcasecmp(dot, ".hdr") != 0 && strcasecmp(dot, ".exr") != 0))
-        return kiln_fail(error, status,
-                         "%s: '%.200s' is neither none, nor a radiance R,G,B (three numbers from 0 up), nor an image (.hdr or .exr)",
-                         where, text);
+        return kiln_fail(
+            error, status,
+            "%s: '%.200s' is neither none, nor a radiance R,G,B (three numbers from 0 up), nor an image (.hdr or .exr)",
+            where, text);
     return kiln_job_keep_path(job, text, folder, field(job, option), error);
 }
 
-int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where, int status,
-                    const char *folder, struct kiln_error *error)
+int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
+                    int status, const char *folder, struct kiln_error *error)
 {
     switch (option->kind) {
     case KILN_OPTION_FLAG:
@@ -197,7 +203,9 @@ int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, cons
         return kiln_fail(error, status, "%s: is empty; it must be %s", where, option->value);
     const bool writes = strcmp(option->name, "output") == 0 || strcmp(option->name, "trace") == 0;
     if (writes && text[0] == '-') /* other programs would take it for an option */
-        return kiln_fail(error, status, "%s: '%.200s' begins with '-': write './%.200s' if that is what the file is to be called", where, text, text);
+        return kiln_fail(error, status,
+                         "%s: '%.200s' begins with '-': write './%.200s' if that is what the file is to be called",
+                         where, text, text);
     if (option->kind == KILN_OPTION_ENVIRONMENT)
         return set_environment(job, option, text, where, status, folder, error);
     if (option->kind == KILN_OPTION_POINT)

@@ -39,7 +39,12 @@ static struct step step_at(const struct kiln_map *map, float x, float y)
     const float fx = x - 0.5f, fy = y - 0.5f, bx = floorf(fx), by = floorf(fy);
     for (int k = 0; k < SIDE; k++) {
         const int64_t ix = (int64_t)bx + (k & 1), iy = (int64_t)by + (k >> 1);
-        const int64_t cx = ix < 0 ? 0 : ix >= map->width ? map->width - 1 : ix, cy = iy < 0 ? 0 : iy >= map->height ? map->height - 1 : iy;
+        const int64_t cx = ix < 0             ? 0
+                           : ix >= map->width ? map->width - 1
+                                              : ix,
+                      cy = iy < 0              ? 0
+                           : iy >= map->height ? map->height - 1
+                                               : iy;
         step.texel[k] = (uint32_t)(cy * map->width + cx);
         step.weight[k] = ((k & 1) != 0 ? fx - bx : 1.0f - (fx - bx)) * ((k >> 1) != 0 ? fy - by : 1.0f - (fy - by));
     }
@@ -48,7 +53,9 @@ static struct step step_at(const struct kiln_map *map, float x, float y)
 
 /* Calls use(work, border, step, length) from one end of the border to the other, both included. */
 static int walk(struct work *w, const struct kiln_border_edge *border,
-                int (*use)(struct work *, const struct kiln_border_edge *, const struct step *, float, struct kiln_error *), struct kiln_error *error)
+                int (*use)(struct work *, const struct kiln_border_edge *, const struct step *, float,
+                           struct kiln_error *),
+                struct kiln_error *error)
 {
     const float dx = border->texel[1][0] - border->texel[0][0], dy = border->texel[1][1] - border->texel[0][1];
     const float length = hypotf(dx, dy);
@@ -62,7 +69,9 @@ static int walk(struct work *w, const struct kiln_border_edge *border,
     return status;
 }
 
-static int walk_all(struct work *w, int (*use)(struct work *, const struct kiln_border_edge *, const struct step *, float, struct kiln_error *),
+static int walk_all(struct work *w,
+                    int (*use)(struct work *, const struct kiln_border_edge *, const struct step *, float,
+                               struct kiln_error *),
                     struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -74,14 +83,17 @@ static int walk_all(struct work *w, int (*use)(struct work *, const struct kiln_
 /* ---- claims ---- */
 
 /* Texels around one by distance; of equal ones the smaller column, then the smaller row. */
-static const int8_t around[24][2] = {{-1, 0}, {0, -1}, {0, 1}, {1, 0}, {-1, -1}, {-1, 1}, {1, -1}, {1, 1}, {-2, 0}, {0, -2}, {0, 2}, {2, 0},
-                                     {-2, -1}, {-2, 1}, {-1, -2}, {-1, 2}, {1, -2}, {1, 2}, {2, -1}, {2, 1}, {-2, -2}, {-2, 2}, {2, -2}, {2, 2}};
+static const int8_t around[24][2] = {{-1, 0}, {0, -1}, {0, 1},  {1, 0}, {-1, -1}, {-1, 1}, {1, -1},  {1, 1},
+                                     {-2, 0}, {0, -2}, {0, 2},  {2, 0}, {-2, -1}, {-2, 1}, {-1, -2}, {-1, 2},
+                                     {1, -2}, {1, 2},  {2, -1}, {2, 1}, {-2, -2}, {-2, 2}, {2, -2},  {2, 2}};
 
-/* The chart's surface texel nearest to `texel`, or KILN_NONE: two texels away at most, for a chart reads only texels next to its own. */
+/* The chart's surface texel nearest to `texel`, or KILN_NONE: two texels away at most, for a chart reads only texels
+ * next to its own. */
 static uint32_t nearest_of_chart(const struct kiln_map *map, uint32_t texel, uint32_t chart)
 {
     for (size_t k = 0; k < sizeof around / sizeof *around; k++) {
-        const int64_t x = (int64_t)(texel % map->width) + around[k][0], y = (int64_t)(texel / map->width) + around[k][1];
+        const int64_t x = (int64_t)(texel % map->width) + around[k][0],
+                      y = (int64_t)(texel / map->width) + around[k][1];
         if (x < 0 || y < 0 || x >= map->width || y >= map->height)
             continue;
         const size_t other = (size_t)y * map->width + (size_t)x;
@@ -101,7 +113,8 @@ static int add_claim(struct work *w, uint32_t texel, uint32_t chart, float weigh
         }
         last = c;
     }
-    const int status = kiln_grow(&w->claims, &w->capacity, w->count + 1, sizeof *w->claims, "texels at borders of charts", error);
+    const int status =
+        kiln_grow(&w->claims, &w->capacity, w->count + 1, sizeof *w->claims, "texels at borders of charts", error);
     if (status != KILN_OK)
         return status;
     w->claims[w->count] = (struct claim){chart, nearest_of_chart(w->map, texel, chart), KILN_NONE, weight};
@@ -110,7 +123,8 @@ static int add_claim(struct work *w, uint32_t texel, uint32_t chart, float weigh
 }
 
 /* A texel of the chart's own is nothing to claim. */
-static int claim_step(struct work *w, const struct kiln_border_edge *border, const struct step *step, float length, struct kiln_error *error)
+static int claim_step(struct work *w, const struct kiln_border_edge *border, const struct step *step, float length,
+                      struct kiln_error *error)
 {
     int status = KILN_OK;
     for (int k = 0; k < SIDE && status == KILN_OK; k++)
@@ -142,7 +156,8 @@ static double error_of(const struct work *w, uint32_t texel, double value, doubl
     return sum;
 }
 
-/* The source that makes the error least; of equal ones that of who reads most, then the first. KILN_NONE: nobody has one. */
+/* The source that makes the error least; of equal ones that of who reads most, then the first. KILN_NONE: nobody has
+ * one. */
 static uint32_t choose_source(const struct work *w, uint32_t texel, double darkest)
 {
     uint32_t best = KILN_NONE;
@@ -195,7 +210,8 @@ static void choose_all(struct work *w)
     }
 }
 
-static int measure_step(struct work *w, const struct kiln_border_edge *border, const struct step *step, float length, struct kiln_error *error)
+static int measure_step(struct work *w, const struct kiln_border_edge *border, const struct step *step, float length,
+                        struct kiln_error *error)
 {
     (void)error;
     bool disturbed = false;

@@ -13,20 +13,20 @@
 enum { MOST_AT_AN_EDGE = 8 };
 
 struct half_edge {
-    uint32_t low, high;      /* welded points */
+    uint32_t low, high; /* welded points */
     uint32_t triangle;
-    uint32_t corner;         /* the edge runs from this corner to the next */
+    uint32_t corner; /* the edge runs from this corner to the next */
 };
 
 struct builder {
     const struct kiln_scene *scene;
     const struct kiln_mesh *mesh;
     float width, height;
-    uint32_t *weld;          /* vertex of the mesh -> first vertex at the same position */
+    uint32_t *weld; /* vertex of the mesh -> first vertex at the same position */
     struct half_edge *halves;
     size_t half_count;
-    uint32_t *parent;        /* union-find over triangles */
-    uint8_t *inner;          /* a triangle: bit k is set where its chart goes on beyond edge k */
+    uint32_t *parent; /* union-find over triangles */
+    uint8_t *inner;   /* a triangle: bit k is set where its chart goes on beyond edge k */
     struct kiln_chart_graph *graph;
     size_t edge_capacity;
 };
@@ -96,8 +96,8 @@ static int list_halves(struct builder *b, struct kiln_error *error)
             const uint32_t from = b->weld[vertex_of(b, t, c)], to = b->weld[vertex_of(b, t, c + 1)];
             if (from == to)
                 continue;
-            b->halves[b->half_count++] =
-                (struct half_edge){.low = from < to ? from : to, .high = from < to ? to : from, .triangle = t, .corner = c};
+            b->halves[b->half_count++] = (struct half_edge){
+                .low = from < to ? from : to, .high = from < to ? to : from, .triangle = t, .corner = c};
         }
     qsort(b->halves, b->half_count, sizeof *b->halves, compare_halves);
     return KILN_OK;
@@ -106,13 +106,15 @@ static int list_halves(struct builder *b, struct kiln_error *error)
 /* The vertex of the half edge at its lower (end 0) or higher (end 1) welded point. */
 static uint32_t vertex_at(const struct builder *b, const struct half_edge *half, int end)
 {
-    const uint32_t first = vertex_of(b, half->triangle, half->corner), second = vertex_of(b, half->triangle, half->corner + 1);
+    const uint32_t first = vertex_of(b, half->triangle, half->corner),
+                   second = vertex_of(b, half->triangle, half->corner + 1);
     return (b->weld[first] == half->low) == (end == 0) ? first : second;
 }
 
 static float length2(const float a[2], const float b[2]) { return hypotf(a[0] - b[0], a[1] - b[1]); }
 
-static int join(struct builder *b, const struct half_edge *first, const struct half_edge *second, struct kiln_error *error)
+static int join(struct builder *b, const struct half_edge *first, const struct half_edge *second,
+                struct kiln_error *error)
 {
     const struct half_edge *sides[2] = {first, second};
     struct kiln_seam_edge edge;
@@ -124,17 +126,21 @@ static int join(struct builder *b, const struct half_edge *first, const struct h
             edge.texel[s][e][1] = b->scene->texcoord_lightmap[vertex].y * b->height;
             normals[s][e] = b->scene->normals[vertex];
         }
-    if (length2(edge.texel[0][0], edge.texel[1][0]) < SAME_TEXEL && length2(edge.texel[0][1], edge.texel[1][1]) < SAME_TEXEL) {
+    if (length2(edge.texel[0][0], edge.texel[1][0]) < SAME_TEXEL &&
+        length2(edge.texel[0][1], edge.texel[1][1]) < SAME_TEXEL) {
         kiln_sets_join(b->parent, first->triangle, second->triangle);
         b->inner[first->triangle] |= (uint8_t)(1u << first->corner);
         b->inner[second->triangle] |= (uint8_t)(1u << second->corner);
         return KILN_OK;
     }
-    if (vec3_dot(normals[0][0], normals[1][0]) < KILN_SEAM_COSINE || vec3_dot(normals[0][1], normals[1][1]) < KILN_SEAM_COSINE)
+    if (vec3_dot(normals[0][0], normals[1][0]) < KILN_SEAM_COSINE ||
+        vec3_dot(normals[0][1], normals[1][1]) < KILN_SEAM_COSINE)
         return KILN_OK;
-    if (length2(edge.texel[0][0], edge.texel[0][1]) < SAME_TEXEL || length2(edge.texel[1][0], edge.texel[1][1]) < SAME_TEXEL)
+    if (length2(edge.texel[0][0], edge.texel[0][1]) < SAME_TEXEL ||
+        length2(edge.texel[1][0], edge.texel[1][1]) < SAME_TEXEL)
         return KILN_OK; /* collapsed on the layout: nothing lies along it */
-    const int status = kiln_grow(&b->graph->edges, &b->edge_capacity, b->graph->edge_count + 1, sizeof edge, "seams", error);
+    const int status =
+        kiln_grow(&b->graph->edges, &b->edge_capacity, b->graph->edge_count + 1, sizeof edge, "seams", error);
     if (status == KILN_OK)
         b->graph->edges[b->graph->edge_count++] = edge;
     return status;
@@ -145,7 +151,8 @@ static int join_all(struct builder *b, struct kiln_error *error)
     int status = KILN_OK;
     for (size_t first = 0, end; status == KILN_OK && first < b->half_count; first = end) {
         end = first + 1;
-        while (end < b->half_count && b->halves[end].low == b->halves[first].low && b->halves[end].high == b->halves[first].high)
+        while (end < b->half_count && b->halves[end].low == b->halves[first].low &&
+               b->halves[end].high == b->halves[first].high)
             end++;
         if (end - first > MOST_AT_AN_EDGE)
             continue;
@@ -161,7 +168,8 @@ static void number_charts(struct builder *b)
 {
     struct kiln_chart_graph *t = b->graph;
     for (uint32_t i = 0; i < t->triangle_count; i++) {
-        const uint32_t root = kiln_sets_root(b->parent, i); /* the smallest of its set, so numbered already unless it is i */
+        /* the smallest of its set, so numbered already unless it is i */
+        const uint32_t root = kiln_sets_root(b->parent, i);
         t->chart[i] = root == i ? (uint32_t)t->chart_count++ : t->chart[root];
     }
 }
@@ -170,7 +178,8 @@ static struct kiln_border_edge border_edge(const struct builder *b, uint32_t tri
 {
     struct kiln_border_edge edge = {.chart = b->graph->chart[triangle]};
     for (uint32_t e = 0; e < 2; e++) {
-        const struct kiln_vec2 uv = b->scene->texcoord_lightmap[b->mesh->vertex_first + vertex_of(b, triangle, corner + e)];
+        const struct kiln_vec2 uv =
+            b->scene->texcoord_lightmap[b->mesh->vertex_first + vertex_of(b, triangle, corner + e)];
         edge.texel[e][0] = uv.x * b->width;
         edge.texel[e][1] = uv.y * b->height;
     }
@@ -188,21 +197,22 @@ static int list_borders(struct builder *b, struct kiln_error *error)
         const struct kiln_border_edge edge = border_edge(b, i / 3, i % 3);
         if (!(length2(edge.texel[0], edge.texel[1]) > 0.0f))
             continue;
-        status = kiln_grow(&graph->borders, &capacity, graph->border_count + 1, sizeof edge, "borders of charts", error);
+        status =
+            kiln_grow(&graph->borders, &capacity, graph->border_count + 1, sizeof edge, "borders of charts", error);
         if (status == KILN_OK)
             graph->borders[graph->border_count++] = edge;
     }
     return status;
 }
 
-int kiln_chart_graph_create(struct kiln_chart_graph **graph, const struct kiln_scene *scene, uint32_t mesh, uint32_t width,
-                         uint32_t height, struct kiln_error *error)
+int kiln_chart_graph_create(struct kiln_chart_graph **graph, const struct kiln_scene *scene, uint32_t mesh,
+                            uint32_t width, uint32_t height, struct kiln_error *error)
 {
     int status = kiln_allocate(graph, 1, sizeof **graph, "a mesh's charts", error);
     if (status != KILN_OK)
         return status;
-    struct builder b = {.scene = scene, .mesh = &scene->meshes[mesh], .width = (float)width, .height = (float)height,
-                        .graph = *graph};
+    struct builder b = {
+        .scene = scene, .mesh = &scene->meshes[mesh], .width = (float)width, .height = (float)height, .graph = *graph};
     const size_t triangles = (*graph)->triangle_count = b.mesh->triangle_count;
     status = kiln_allocate(&(*graph)->chart, triangles, sizeof(uint32_t), "a mesh's charts", error);
     if (status == KILN_OK)

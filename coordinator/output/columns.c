@@ -6,19 +6,30 @@
 #include "worker/base/memory.h"
 
 const struct kiln_column_info kiln_columns[KILN_COLUMNS] = {
-    [KILN_COLUMN_POSITION] = {"/points/position", KILN_DOUBLE, 3, true, "m", "world position of the centroid of the part of the surface in the texel"},
+    [KILN_COLUMN_POSITION] = {"/points/position", KILN_DOUBLE, 3, true, "m",
+                              "world position of the centroid of the part of the surface in the texel"},
     [KILN_COLUMN_NORMAL] = {"/points/normal", KILN_FLOAT, 3, false, "1", "unit shading normal there, world"},
     [KILN_COLUMN_OBJECT] = {"/points/object", KILN_UINT32, 1, false, "1", "index into /objects"},
-    [KILN_COLUMN_TEXEL] = {"/points/texel", KILN_UINT32, 2, false, "texel", "x and y in the object's lightmap, from the top left, v = 0 at the top"},
+    [KILN_COLUMN_TEXEL] = {"/points/texel", KILN_UINT32, 2, false, "texel",
+                           "x and y in the object's lightmap, from the top left, v = 0 at the top"},
     [KILN_COLUMN_AREA] = {"/points/area", KILN_FLOAT, 1, false, "m2", "surface in the texel"},
     [KILN_COLUMN_ALBEDO] = {"/points/albedo", KILN_FLOAT, 3, false, "1", "mean diffuse albedo, linear RGB"},
-    [KILN_COLUMN_VALID] = {"/points/valid", KILN_UINT8, 1, false, "1", "1 where light could be gathered; elsewhere /irradiance is 0 and lightmaps are filled from neighbours"},
+    [KILN_COLUMN_VALID] =
+        {"/points/valid", KILN_UINT8, 1, false, "1",
+         "1 where light could be gathered; elsewhere /irradiance is 0 and lightmaps are filled from neighbours"},
     [KILN_COLUMN_CELL] = {"/points/cell", KILN_UINT32, 1, false, "1", "index into /cells"},
-    [KILN_COLUMN_DIRECT] = {"/irradiance/direct", KILN_FLOAT, 3, false, NULL, "from lights, about the shading normal, linear RGB, as gathered: not filled and seams not smoothed (the lightmaps are)"},
-    [KILN_COLUMN_INDIRECT] = {"/irradiance/indirect", KILN_FLOAT, 3, true, NULL, "from other surfaces, about the shading normal, linear RGB, as gathered: not filled and seams not smoothed (the lightmaps are)"},
-    [KILN_COLUMN_TOTAL] = {"/irradiance/total", KILN_FLOAT, 3, true, NULL, "direct + indirect, as gathered: not filled and seams not smoothed (the lightmaps are)"},
+    [KILN_COLUMN_DIRECT] = {"/irradiance/direct", KILN_FLOAT, 3, false, NULL,
+                            "from lights, about the shading normal, linear RGB, as gathered: not filled and seams not "
+                            "smoothed (the lightmaps are)"},
+    [KILN_COLUMN_INDIRECT] = {"/irradiance/indirect", KILN_FLOAT, 3, true, NULL,
+                              "from other surfaces, about the shading normal, linear RGB, as gathered: not filled and "
+                              "seams not smoothed (the lightmaps are)"},
+    [KILN_COLUMN_TOTAL] = {"/irradiance/total", KILN_FLOAT, 3, true, NULL,
+                           "direct + indirect, as gathered: not filled and seams not smoothed (the lightmaps are)"},
     [KILN_COLUMN_ERROR] = {"/irradiance/error", KILN_FLOAT, 1, true, NULL, "standard error of the luminance of total"},
-    [KILN_COLUMN_SIDE] = {"/points/side", KILN_UINT8, 1, false, "1", "0: of a front; 1: of a back, a double-sided surface seen from behind; its texels are twice as wide as the object's unless its lightmap is published"},
+    [KILN_COLUMN_SIDE] = {"/points/side", KILN_UINT8, 1, false, "1",
+                          "0: of a front; 1: of a back, a double-sided surface seen from behind; its texels are twice "
+                          "as wide as the object's unless its lightmap is published"},
 };
 
 size_t kiln_column_value(int column)

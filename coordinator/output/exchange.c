@@ -129,7 +129,7 @@ struct kiln_exchange {
     uint64_t *cursor;       /* per destination, during a round */
     size_t *order;          /* own fragments by (round, owner), else in their own order */
     struct kiln_texel_record *out, *in;
-    struct place *places;   /* of the pass at hand, one a fragment */
+    struct place *places; /* of the pass at hand, one a fragment */
     size_t in_capacity;
     int *out_counts, *out_starts, *in_counts, *in_starts;
     MPI_Datatype type;
@@ -164,11 +164,13 @@ static int allocate_exchange(struct kiln_exchange *e, struct kiln_error *error)
 {
     const size_t ranks = (size_t)e->ranks;
     int **counts[] = {&e->out_counts, &e->out_starts, &e->in_counts, &e->in_starts};
-    int status = kiln_allocate(&e->bucket_first, (size_t)e->deal->rounds * ranks + 1, sizeof(uint64_t), "the exchange of points", error);
+    int status = kiln_allocate(&e->bucket_first, (size_t)e->deal->rounds * ranks + 1, sizeof(uint64_t),
+                               "the exchange of points", error);
     if (status == KILN_OK)
         status = kiln_allocate(&e->cursor, ranks, sizeof(uint64_t), "the exchange of points", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&e->order, e->result->surface->fragment_count, sizeof(size_t), "the exchange of points", error);
+        status = kiln_allocate(&e->order, e->result->surface->fragment_count, sizeof(size_t), "the exchange of points",
+                               error);
     if (status == KILN_OK)
         status = kiln_allocate(&e->out, e->limit * ranks, sizeof *e->out, "points to send", error);
     if (status == KILN_OK) /* a fragment has a point at least */
@@ -178,8 +180,8 @@ static int allocate_exchange(struct kiln_exchange *e, struct kiln_error *error)
     return status;
 }
 
-int kiln_exchange_create(struct kiln_exchange **exchange, const struct kiln_bake_result *result, const struct kiln_deal *deal,
-                         size_t records_per_pass, struct kiln_error *error)
+int kiln_exchange_create(struct kiln_exchange **exchange, const struct kiln_bake_result *result,
+                         const struct kiln_deal *deal, size_t records_per_pass, struct kiln_error *error)
 {
     int status = kiln_allocate(exchange, 1, sizeof **exchange, "the exchange of points", error);
     if (status == KILN_OK) {
@@ -190,7 +192,8 @@ int kiln_exchange_create(struct kiln_exchange **exchange, const struct kiln_bake
         if (MPI_Comm_size(result->communicator, &e->ranks) != MPI_SUCCESS ||
             MPI_Type_contiguous((int)sizeof(struct kiln_texel_record), MPI_BYTE, &e->type) != MPI_SUCCESS ||
             MPI_Type_commit(&e->type) != MPI_SUCCESS)
-            status = kiln_fail(error, KILN_SITE, "MPI refused a datatype of %zu bytes", sizeof(struct kiln_texel_record));
+            status =
+                kiln_fail(error, KILN_SITE, "MPI refused a datatype of %zu bytes", sizeof(struct kiln_texel_record));
         const size_t total = records_per_pass == 0 ? (size_t)1 << 18 : records_per_pass;
         e->limit = total / (size_t)(e->ranks > 0 ? e->ranks : 1);
         if (e->limit < KILN_TILE_TEXELS)
@@ -226,7 +229,8 @@ void kiln_exchange_destroy(struct kiln_exchange **exchange)
     kiln_free(exchange);
 }
 
-static int pack_fragment(const struct kiln_exchange *e, size_t fragment, struct kiln_texel_record *out, struct kiln_error *error)
+static int pack_fragment(const struct kiln_exchange *e, size_t fragment, struct kiln_texel_record *out,
+                         struct kiln_error *error)
 {
     const struct kiln_bake_result *r = e->result;
     const uint64_t offset = kiln_fragment_offset(r->surface, fragment);
@@ -235,16 +239,22 @@ static int pack_fragment(const struct kiln_exchange *e, size_t fragment, struct 
     for (uint32_t i = 0; i < count; i++) {
         const uint64_t point = offset + i;
         struct kiln_texel_record *record = &out[i];
-        *record = (struct kiln_texel_record){.map = map, .x = details[i].x, .y = details[i].y, .triangle = details[i].triangle,
+        *record = (struct kiln_texel_record){.map = map,
+                                             .x = details[i].x,
+                                             .y = details[i].y,
+                                             .triangle = details[i].triangle,
                                              .valid = kiln_point_valid(r->surface, point),
-                                             .area = r->surface->area[point], .coverage = details[i].coverage};
+                                             .area = r->surface->area[point],
+                                             .coverage = details[i].coverage};
         memcpy(&record->values[KILN_MAP_DIRECT], r->direct + 3 * point, 3 * sizeof(float));
         memcpy(&record->values[KILN_MAP_INDIRECT], r->indirect + 3 * point, 3 * sizeof(float));
         record->values[KILN_MAP_ERROR] = kiln_error_unpack(r->error[point]);
         for (int p = 0; record->valid != 0 && p < KILN_MAP_PLANES; p++)
             if (!isfinite(record->values[p]))
-                return kiln_fail(error, KILN_BUG, "object '%s', texel (%u, %u): the light gathered there is not a finite number",
-                                 kiln_scene_string(r->scene, r->scene->objects[kiln_map_object(r->surface, map)].name), record->x, record->y);
+                return kiln_fail(error, KILN_BUG,
+                                 "object '%s', texel (%u, %u): the light gathered there is not a finite number",
+                                 kiln_scene_string(r->scene, r->scene->objects[kiln_map_object(r->surface, map)].name),
+                                 record->x, record->y);
     }
     return KILN_OK;
 }
@@ -290,7 +300,8 @@ static int pack_pass(struct kiln_exchange *e, uint32_t round, int *more, struct 
 
 static int mpi_failed(const char *what, struct kiln_error *error)
 {
-    return kiln_fail(error, KILN_RANK_LOST, "MPI failed in %s while points were brought to the ranks that write them", what);
+    return kiln_fail(error, KILN_RANK_LOST, "MPI failed in %s while points were brought to the ranks that write them",
+                     what);
 }
 
 static int travel(struct kiln_exchange *e, int *received, struct kiln_error *error)
@@ -306,13 +317,14 @@ static int travel(struct kiln_exchange *e, int *received, struct kiln_error *err
     int status = kiln_grow(&e->in, &e->in_capacity, (size_t)*received, sizeof *e->in, "points received", error);
     if ((status = kiln_agree(comm, status, error)) != KILN_OK)
         return status;
-    if (MPI_Alltoallv(e->out, e->out_counts, e->out_starts, e->type, e->in, e->in_counts, e->in_starts, e->type, comm) != MPI_SUCCESS)
+    if (MPI_Alltoallv(e->out, e->out_counts, e->out_starts, e->type, e->in, e->in_counts, e->in_starts, e->type,
+                      comm) != MPI_SUCCESS)
         return mpi_failed("MPI_Alltoallv", error);
     return KILN_OK;
 }
 
-int kiln_exchange_round(struct kiln_exchange *e, uint32_t round, void (*put)(void *, const struct kiln_texel_record *), void *context,
-                        struct kiln_error *error)
+int kiln_exchange_round(struct kiln_exchange *e, uint32_t round, void (*put)(void *, const struct kiln_texel_record *),
+                        void *context, struct kiln_error *error)
 {
     const MPI_Comm comm = e->result->communicator;
     for (int r = 0; r < e->ranks; r++)

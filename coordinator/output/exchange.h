@@ -1,15 +1,16 @@
 /* Bringing the points of an object to the rank that writes it.
  *
- * Objects are dealt to ranks by size, largest first, each to the rank with the least so far, and written in rounds, so that a
- * rank holds about `texel_budget` texels of images at a time whatever the scene's size (one object at least). Within a round
- * points travel in passes of bounded size, counted in records: no count comes near 2^31. */
+ * Objects are dealt to ranks by size, largest first, each to the rank with the least so far, and written in rounds, so
+ * that a rank holds about `texel_budget` texels of images at a time whatever the scene's size (one object at least).
+ * Within a round points travel in passes of bounded size, counted in records: no count comes near 2^31. */
 #ifndef KILN_COORDINATOR_OUTPUT_EXCHANGE_H
 #define KILN_COORDINATOR_OUTPUT_EXCHANGE_H
 
 #include "coordinator/bake/result.h"
 #include "coordinator/output/map.h"
 
-/* Who writes which lightmap when: the same on all ranks. Pure arithmetic on sizes. What is not published has the owner KILN_NONE. */
+/* Who writes which lightmap when: the same on all ranks. Pure arithmetic on sizes. What is not published has the owner
+ * KILN_NONE. */
 struct kiln_deal {
     size_t count;
     uint32_t rounds;
@@ -29,13 +30,15 @@ struct kiln_texel_record {
 /* What is sent when; made once. */
 struct kiln_exchange;
 
-/* `records_per_pass` bounds what a rank sends in one pass (and about what it receives); 0 chooses 2^18, which is 15 MB. */
-int kiln_exchange_create(struct kiln_exchange **exchange, const struct kiln_bake_result *result, const struct kiln_deal *deal,
-                         size_t records_per_pass, struct kiln_error *error);
+/* `records_per_pass` bounds what a rank sends in one pass (and about what it receives); 0 chooses 2^18, which is 15 MB.
+ */
+int kiln_exchange_create(struct kiln_exchange **exchange, const struct kiln_bake_result *result,
+                         const struct kiln_deal *deal, size_t records_per_pass, struct kiln_error *error);
 void kiln_exchange_destroy(struct kiln_exchange **exchange);
 
-/* Collective. Sends the own points of all objects of the round and calls `put` for each point of this rank's objects, in an
- * order that depends on the partition and from several threads at once; each point comes exactly once. KILN_BUG when a value is not finite. */
+/* Collective. Sends the own points of all objects of the round and calls `put` for each point of this rank's objects,
+ * in an order that depends on the partition and from several threads at once; each point comes exactly once. KILN_BUG
+ * when a value is not finite. */
 int kiln_exchange_round(struct kiln_exchange *exchange, uint32_t round,
                         void (*put)(void *context, const struct kiln_texel_record *record), void *context,
                         struct kiln_error *error);

@@ -22,8 +22,9 @@ int kiln_path_join(char path[KILN_PATH_SIZE], const char *directory, const char 
 {
     const int length = snprintf(path, KILN_PATH_SIZE, "%s/%s", directory, name);
     if (length < 0 || length >= KILN_PATH_SIZE)
-        return kiln_fail(error, KILN_CANNOT_CREATE, "the path '%.200s.../%.200s' is longer than %d bytes: choose a shorter folder",
-                         directory, name, KILN_PATH_SIZE - 1);
+        return kiln_fail(error, KILN_CANNOT_CREATE,
+                         "the path '%.200s.../%.200s' is longer than %d bytes: choose a shorter folder", directory,
+                         name, KILN_PATH_SIZE - 1);
     return KILN_OK;
 }
 
@@ -45,7 +46,8 @@ int kiln_make_directories(const char *path, struct kiln_error *error)
     char above[KILN_PATH_SIZE];
     const int length = snprintf(above, sizeof above, "%s", path);
     if (length < 1 || length >= KILN_PATH_SIZE)
-        return kiln_fail(error, KILN_CANNOT_CREATE, "a folder's name has %d bytes: 1 to %d are possible", length, KILN_PATH_SIZE - 1);
+        return kiln_fail(error, KILN_CANNOT_CREATE, "a folder's name has %d bytes: 1 to %d are possible", length,
+                         KILN_PATH_SIZE - 1);
     int status = KILN_OK;
     for (char *slash = strchr(above + 1, '/'); slash != NULL && status == KILN_OK; slash = strchr(slash + 1, '/')) {
         *slash = '\0';
@@ -63,11 +65,16 @@ static int refuse(int descriptor, const char *name, const char *path, const char
     const int number = errno;
     struct stat found;
     if (fstatat(descriptor, name, &found, AT_SYMLINK_NOFOLLOW) == 0 && S_ISLNK(found.st_mode))
-        return kiln_fail(error, KILN_CANNOT_CREATE, "'%s' is a symbolic link, and none is followed within the folder of a bake: remove it, or name the "
-                         "folder that is meant with -o", path);
+        return kiln_fail(
+            error, KILN_CANNOT_CREATE,
+            "'%s' is a symbolic link, and none is followed within the folder of a bake: remove it, or name the "
+            "folder that is meant with -o",
+            path);
     errno = number;
-    const int status = number == EACCES || number == EPERM ? KILN_PERMISSION : number == ENOENT ? KILN_NO_INPUT
-                       : number == ENOTDIR || number == EEXIST ? KILN_CANNOT_CREATE : 0;
+    const int status = number == EACCES || number == EPERM     ? KILN_PERMISSION
+                       : number == ENOENT                      ? KILN_NO_INPUT
+                       : number == ENOTDIR || number == EEXIST ? KILN_CANNOT_CREATE
+                                                               : 0;
     return kiln_fail_errno(error, status, "the %s '%s' cannot be opened", wanted, path);
 }
 
@@ -103,16 +110,21 @@ static int enter(struct kiln_folder *folder, const char *name, bool make, struct
     return KILN_OK;
 }
 
-int kiln_folder_open(struct kiln_folder *folder, const char *directory, const char *below, bool make, struct kiln_error *error)
+int kiln_folder_open(struct kiln_folder *folder, const char *directory, const char *below, bool make,
+                     struct kiln_error *error)
 {
     char name[NAME_SIZE];
     folder->descriptor = -1;
     const int length = snprintf(folder->path, sizeof folder->path, "%s", directory);
     if (length < 1 || length >= KILN_PATH_SIZE)
-        return kiln_fail(error, KILN_CANNOT_CREATE, "a folder's name has %d bytes: 1 to %d are possible", length, KILN_PATH_SIZE - 1);
+        return kiln_fail(error, KILN_CANNOT_CREATE, "a folder's name has %d bytes: 1 to %d are possible", length,
+                         KILN_PATH_SIZE - 1);
     folder->descriptor = kiln_open(directory, O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
     if (folder->descriptor < 0)
-        return kiln_fail_errno(error, errno == EACCES || errno == EPERM ? KILN_PERMISSION : errno == ENOENT ? KILN_NO_INPUT : KILN_CANNOT_CREATE,
+        return kiln_fail_errno(error,
+                               errno == EACCES || errno == EPERM ? KILN_PERMISSION
+                               : errno == ENOENT                 ? KILN_NO_INPUT
+                                                                 : KILN_CANNOT_CREATE,
                                "the folder '%s' cannot be opened", directory);
     int status = KILN_OK;
     while (status == KILN_OK && below != NULL && next_name(&below, name))
@@ -142,7 +154,8 @@ int kiln_folder_sync(const struct kiln_folder *folder, struct kiln_error *error)
 /* ---- files ---- */
 
 /* The folder that DIRECTORY/NAME lies in, and its last part. */
-static int open_parent(struct kiln_folder *folder, const char *directory, const char *name, const char **base, struct kiln_error *error)
+static int open_parent(struct kiln_folder *folder, const char *directory, const char *name, const char **base,
+                       struct kiln_error *error)
 {
     char below[KILN_PATH_SIZE];
     const char *slash = strrchr(name, '/');
@@ -150,12 +163,14 @@ static int open_parent(struct kiln_folder *folder, const char *directory, const 
     const int length = snprintf(below, sizeof below, "%.*s", slash == NULL ? 0 : (int)(slash - name), name);
     if (length < 0 || length >= KILN_PATH_SIZE) {
         folder->descriptor = -1;
-        return kiln_fail(error, KILN_CANNOT_CREATE, "the path '%.200s...' is longer than %d bytes", name, KILN_PATH_SIZE - 1);
+        return kiln_fail(error, KILN_CANNOT_CREATE, "the path '%.200s...' is longer than %d bytes", name,
+                         KILN_PATH_SIZE - 1);
     }
     return kiln_folder_open(folder, directory, below, false, error);
 }
 
-int kiln_open_below(const char *directory, const char *name, int flags, mode_t mode, int *descriptor, struct kiln_error *error)
+int kiln_open_below(const char *directory, const char *name, int flags, mode_t mode, int *descriptor,
+                    struct kiln_error *error)
 {
     struct kiln_folder folder;
     char path[KILN_PATH_SIZE];
@@ -192,7 +207,8 @@ int kiln_unlink_below(const char *directory, const char *name)
     return result;
 }
 
-int kiln_read_file_below(const char *directory, const char *name, size_t limit, char **bytes, size_t *size, struct kiln_error *error)
+int kiln_read_file_below(const char *directory, const char *name, size_t limit, char **bytes, size_t *size,
+                         struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
     int descriptor = -1;
@@ -220,7 +236,8 @@ int kiln_check_below(const char *directory, const char *name, bool folder_wanted
         if (S_ISLNK(found.st_mode))
             status = refuse(folder.descriptor, base, path, "file", error);
         else if (folder_wanted ? !S_ISDIR(found.st_mode) : !S_ISREG(found.st_mode))
-            status = kiln_fail(error, KILN_CANNOT_CREATE, "'%s' is in the way: it is no %s; remove it, or choose another folder with -o", path,
+            status = kiln_fail(error, KILN_CANNOT_CREATE,
+                               "'%s' is in the way: it is no %s; remove it, or choose another folder with -o", path,
                                folder_wanted ? "folder" : "plain file");
     }
     kiln_folder_close(&folder);

@@ -9,7 +9,8 @@ int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, stru
 {
     *map = NULL;
     if ((uint64_t)width * height >= UINT32_MAX)
-        return kiln_fail(error, KILN_CANNOT_CREATE, "a lightmap of %u x %u texels is too large: at most 2^32 - 2 texels", width, height);
+        return kiln_fail(error, KILN_CANNOT_CREATE,
+                         "a lightmap of %u x %u texels is too large: at most 2^32 - 2 texels", width, height);
     int status = kiln_allocate(map, 1, sizeof **map, "a lightmap", error);
     if (status != KILN_OK)
         return status;
@@ -52,7 +53,7 @@ void kiln_map_destroy(struct kiln_map **map)
 
 struct layers {
     struct kiln_map *map;
-    uint8_t *known;     /* 0 not yet, 1 known, 2 in the layer at hand */
+    uint8_t *known; /* 0 not yet, 1 known, 2 in the layer at hand */
     uint32_t *layer, *next;
     size_t layer_count, next_count;
 };
@@ -63,7 +64,8 @@ static const int neighbour_y[8] = {0, 0, -1, 1, -1, -1, 1, 1};
 /* Index of the k-th neighbour of a texel, or KILN_NONE outside the image. */
 static uint32_t neighbour(const struct kiln_map *map, uint32_t texel, int k)
 {
-    const int64_t x = (int64_t)(texel % map->width) + neighbour_x[k], y = (int64_t)(texel / map->width) + neighbour_y[k];
+    const int64_t x = (int64_t)(texel % map->width) + neighbour_x[k],
+                  y = (int64_t)(texel / map->width) + neighbour_y[k];
     if (x < 0 || y < 0 || x >= map->width || y >= map->height)
         return KILN_NONE;
     return (uint32_t)(y * map->width + x);
@@ -175,8 +177,10 @@ int kiln_map_fill(struct kiln_map *map, struct kiln_error *error)
 
 /* ---- nearest texels ---- */
 
-/* In the columns [first, last): the nearest row that has one, or KILN_NONE. Down, then up, so that memory is read along rows. */
-static void nearest_rows(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t first, uint32_t last, uint32_t *row)
+/* In the columns [first, last): the nearest row that has one, or KILN_NONE. Down, then up, so that memory is read along
+ * rows. */
+static void nearest_rows(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t first,
+                         uint32_t last, uint32_t *row)
 {
     for (uint32_t y = 0; y < height; y++) {
         const size_t line = (size_t)y * width;
@@ -199,7 +203,10 @@ struct envelope {
     int64_t count;
 };
 
-static int64_t parabola(const struct envelope *e, int64_t site, int64_t x) { return (x - site) * (x - site) + e->height[site]; }
+static int64_t parabola(const struct envelope *e, int64_t site, int64_t x)
+{
+    return (x - site) * (x - site) + e->height[site];
+}
 
 /* One row: the lower envelope of the columns' parabolas. */
 static void row_envelope(struct envelope *e, const uint32_t *row, int64_t y, int64_t width)
@@ -209,7 +216,8 @@ static void row_envelope(struct envelope *e, const uint32_t *row, int64_t y, int
         if (row[u] == KILN_NONE)
             continue;
         e->height[u] = (y - (int64_t)row[u]) * (y - (int64_t)row[u]);
-        while (e->count > 0 && parabola(e, e->site[e->count - 1], e->from[e->count - 1]) > parabola(e, u, e->from[e->count - 1]))
+        while (e->count > 0 &&
+               parabola(e, e->site[e->count - 1], e->from[e->count - 1]) > parabola(e, u, e->from[e->count - 1]))
             e->count--;
         if (e->count == 0) {
             e->site[0] = u;
@@ -275,7 +283,8 @@ int kiln_nearest_texels(const uint8_t *state, uint8_t least, uint32_t width, uin
     const uint32_t at_once = 256, blocks = (width + at_once - 1) / at_once;
 #pragma omp parallel for schedule(static)
     for (uint32_t b = 0; b < blocks; b++)
-        nearest_rows(state, least, width, height, b * at_once, (b + 1) * at_once < width ? (b + 1) * at_once : width, nearest);
+        nearest_rows(state, least, width, height, b * at_once, (b + 1) * at_once < width ? (b + 1) * at_once : width,
+                     nearest);
     return nearest_in_rows(nearest, width, height, error);
 }
 

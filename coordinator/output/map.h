@@ -1,5 +1,6 @@
-/* One object's lightmap on its way to a file: gathered points in, every texel of the image filled out. Nothing is collective;
- * all of it is deterministic and looks at this one object alone. The order is: put, fill, nearest, assign (borders.h), smooth, dilate. */
+/* One object's lightmap on its way to a file: gathered points in, every texel of the image filled out. Nothing is
+ * collective; all of it is deterministic and looks at this one object alone. The order is: put, fill, nearest, assign
+ * (borders.h), smooth, dilate. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_H
 #define KILN_COORDINATOR_OUTPUT_MAP_H
 
@@ -38,18 +39,19 @@ void kiln_map_destroy(struct kiln_map **map);
 
 static inline size_t kiln_map_texels(const struct kiln_map *map) { return (size_t)map->width * map->height; }
 
-/* Gives every KILN_TEXEL_FILLED texel the values of its surroundings: inside its chart layer by layer from the valid texels on
- * (the mean of the neighbours that are known, edge neighbours counting twice), and, in a chart where nothing is valid, from the
- * nearest known texel of the object. An object without a valid texel stays 0. */
+/* Gives every KILN_TEXEL_FILLED texel the values of its surroundings: inside its chart layer by layer from the valid
+ * texels on (the mean of the neighbours that are known, edge neighbours counting twice), and, in a chart where nothing
+ * is valid, from the nearest known texel of the object. An object without a valid texel stays 0. */
 int kiln_map_fill(struct kiln_map *map, struct kiln_error *error);
 
-/* For every texel the index (y * width + x) of the nearest texel whose state is at least `least`; exact Euclidean distance
- * between centres, ties to the smaller column, then the smaller row (Meijster, Roerdink and Hesselink 2000, in linear time).
- * KILN_NONE everywhere when there is none. `nearest` has width x height entries. */
+/* For every texel the index (y * width + x) of the nearest texel whose state is at least `least`; exact Euclidean
+ * distance between centres, ties to the smaller column, then the smaller row (Meijster, Roerdink and Hesselink 2000, in
+ * linear time). KILN_NONE everywhere when there is none. `nearest` has width x height entries. */
 int kiln_nearest_texels(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t *nearest,
                         struct kiln_error *error);
 
-/* Every margin texel takes the values of the texel on a surface that it stands for. Returns how many there were (0 when all is margin). */
+/* Every margin texel takes the values of the texel on a surface that it stands for. Returns how many there were (0 when
+ * all is margin). */
 uint64_t kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest);
 
 #endif

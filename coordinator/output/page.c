@@ -32,7 +32,8 @@ void kiln_page_add(struct kiln_page *page, const char *format, ...)
 
 int kiln_page_publish(struct kiln_page *page, const char *path)
 {
-    const int status = page->status == KILN_OK ? kiln_publish_bytes(path, page->text, page->size, page->error) : page->status;
+    const int status =
+        page->status == KILN_OK ? kiln_publish_bytes(path, page->text, page->size, page->error) : page->status;
     kiln_page_free(page);
     return status;
 }
@@ -51,7 +52,11 @@ void kiln_page_text(struct kiln_page *page, const char *text)
         page->size += plain;
         text += plain;
         if (*text != '\0') {
-            kiln_page_add(page, "%s", *text == '<' ? "&lt;" : *text == '>' ? "&gt;" : *text == '&' ? "&amp;" : "&quot;");
+            kiln_page_add(page, "%s",
+                          *text == '<'   ? "&lt;"
+                          : *text == '>' ? "&gt;"
+                          : *text == '&' ? "&amp;"
+                                         : "&quot;");
             text++;
         }
     }
@@ -64,7 +69,8 @@ static void add_base64(struct kiln_page *page, const unsigned char *bytes, size_
     if (at == NULL)
         return;
     for (size_t i = 0; i < size; i += 3) {
-        const uint32_t group = (uint32_t)bytes[i] << 16 | (uint32_t)(i + 1 < size ? bytes[i + 1] : 0) << 8 | (i + 2 < size ? bytes[i + 2] : 0);
+        const uint32_t group = (uint32_t)bytes[i] << 16 | (uint32_t)(i + 1 < size ? bytes[i + 1] : 0) << 8 |
+                               (i + 2 < size ? bytes[i + 2] : 0);
         *at++ = digits[group >> 18];
         *at++ = digits[group >> 12 & 63];
         *at++ = i + 1 < size ? digits[group >> 6 & 63] : '=';
@@ -99,22 +105,25 @@ static double share(double value, double largest, int logarithmic)
     return fmax(0.0, 1.0 + log10(part) / 6.0);
 }
 
-void kiln_page_bars(struct kiln_page *page, const char *unit, const double *values, const char *const *names, size_t count, int number_from,
-                    int logarithmic)
+void kiln_page_bars(struct kiln_page *page, const char *unit, const double *values, const char *const *names,
+                    size_t count, int number_from, int logarithmic)
 {
     const double width = 640.0, height = 160.0, left = 70.0, largest = largest_of(values, count);
     const double step = count > 0 ? (width - left) / (double)count : width;
     const size_t every = count > 32 ? count / 16 : 1; /* names that do not run into each other */
     kiln_page_add(page, "<svg viewBox=\"0 0 %.0f %.0f\" width=\"%.0f\" role=\"img\">", width, height + 30.0, width);
-    kiln_page_add(page, "<text x=\"%.0f\" y=\"12\" text-anchor=\"end\">%.4g</text><text x=\"%.0f\" y=\"26\" text-anchor=\"end\">",
-                  left - 6.0, largest, left - 6.0);
+    kiln_page_add(
+        page, "<text x=\"%.0f\" y=\"12\" text-anchor=\"end\">%.4g</text><text x=\"%.0f\" y=\"26\" text-anchor=\"end\">",
+        left - 6.0, largest, left - 6.0);
     kiln_page_text(page, unit);
     kiln_page_add(page, "</text>");
-    kiln_page_add(page, "<text x=\"%.0f\" y=\"%.0f\" text-anchor=\"end\">%.3g</text>", left - 6.0, height, logarithmic ? largest * 1e-6 : 0.0);
+    kiln_page_add(page, "<text x=\"%.0f\" y=\"%.0f\" text-anchor=\"end\">%.3g</text>", left - 6.0, height,
+                  logarithmic ? largest * 1e-6 : 0.0);
     kiln_page_add(page, "<line x1=\"%.0f\" y1=\"%.0f\" x2=\"%.0f\" y2=\"%.0f\"/>", left, height, width, height);
     for (size_t i = 0; i < count; i++) {
         const double tall = (height - 4.0) * share(values[i], largest, logarithmic), x = left + step * (double)i;
-        kiln_page_add(page, "<rect x=\"%.2f\" y=\"%.2f\" width=\"%.2f\" height=\"%.2f\"><title>", x + 0.1 * step, height - tall, 0.8 * step, tall);
+        kiln_page_add(page, "<rect x=\"%.2f\" y=\"%.2f\" width=\"%.2f\" height=\"%.2f\"><title>", x + 0.1 * step,
+                      height - tall, 0.8 * step, tall);
         if (names != NULL)
             kiln_page_text(page, names[i]);
         else
@@ -134,16 +143,20 @@ void kiln_page_bars(struct kiln_page *page, const char *unit, const double *valu
     kiln_page_add(page, "</svg>\n");
 }
 
-void kiln_page_rows(struct kiln_page *page, const char *unit, const double *values, const char *const *names, size_t count)
+void kiln_page_rows(struct kiln_page *page, const char *unit, const double *values, const char *const *names,
+                    size_t count)
 {
     const double width = 640.0, left = 150.0, right = 110.0, row = 20.0, largest = largest_of(values, count);
-    kiln_page_add(page, "<svg viewBox=\"0 0 %.0f %.0f\" width=\"%.0f\" role=\"img\">", width, row * (double)count + 4.0, width);
+    kiln_page_add(page, "<svg viewBox=\"0 0 %.0f %.0f\" width=\"%.0f\" role=\"img\">", width, row * (double)count + 4.0,
+                  width);
     for (size_t i = 0; i < count; i++) {
         const double y = row * (double)i, length = (width - left - right) * share(values[i], largest, 0);
         kiln_page_add(page, "<text x=\"%.0f\" y=\"%.0f\" text-anchor=\"end\">", left - 6.0, y + 15.0);
         kiln_page_text(page, names[i]);
-        kiln_page_add(page, "</text><rect x=\"%.0f\" y=\"%.0f\" width=\"%.2f\" height=\"%.0f\"/>", left, y + 3.0, length, row - 6.0);
-        kiln_page_add(page, "<text x=\"%.2f\" y=\"%.0f\">%.4g %s</text>", left + length + 6.0, y + 15.0, values[i], unit);
+        kiln_page_add(page, "</text><rect x=\"%.0f\" y=\"%.0f\" width=\"%.2f\" height=\"%.0f\"/>", left, y + 3.0,
+                      length, row - 6.0);
+        kiln_page_add(page, "<text x=\"%.2f\" y=\"%.0f\">%.4g %s</text>", left + length + 6.0, y + 15.0, values[i],
+                      unit);
     }
     kiln_page_add(page, "</svg>\n");
 }

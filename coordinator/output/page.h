@@ -1,5 +1,5 @@
-/* Text of a page (or any other file of text) as it grows, and the plots on it. Errors stick: after one fails, the rest do nothing, and
- * page->status says what happened. Release with kiln_page_free. */
+/* Text of a page (or any other file of text) as it grows, and the plots on it. Errors stick: after one fails, the rest
+ * do nothing, and page->status says what happened. Release with kiln_page_free. */
 #ifndef KILN_COORDINATOR_OUTPUT_PAGE_H
 #define KILN_COORDINATOR_OUTPUT_PAGE_H
 
@@ -22,16 +22,17 @@ void kiln_page_text(struct kiln_page *page, const char *text);
 /* Adds <img> with the bytes of a PNG file inside. */
 void kiln_page_png(struct kiln_page *page, const char *png, size_t size, const char *alternative);
 
-/* Publishes the text as the file `path` and releases it, or only releases it after an error. Returns the page's status, or that of
- * writing. */
+/* Publishes the text as the file `path` and releases it, or only releases it after an error. Returns the page's status,
+ * or that of writing. */
 int kiln_page_publish(struct kiln_page *page, const char *path);
 void kiln_page_free(struct kiln_page *page);
 
-/* An SVG of upright bars, one a value, from 0 to the largest; `names` has one a bar, or is NULL: then numbers from `number_from` on.
- * With `logarithmic` the height is by decades down to 1e-6 of the largest. */
-void kiln_page_bars(struct kiln_page *page, const char *unit, const double *values, const char *const *names, size_t count,
-                    int number_from, int logarithmic);
+/* An SVG of upright bars, one a value, from 0 to the largest; `names` has one a bar, or is NULL: then numbers from
+ * `number_from` on. With `logarithmic` the height is by decades down to 1e-6 of the largest. */
+void kiln_page_bars(struct kiln_page *page, const char *unit, const double *values, const char *const *names,
+                    size_t count, int number_from, int logarithmic);
 /* An SVG of lying bars with their names and values at the side. */
-void kiln_page_rows(struct kiln_page *page, const char *unit, const double *values, const char *const *names, size_t count);
+void kiln_page_rows(struct kiln_page *page, const char *unit, const double *values, const char *const *names,
+                    size_t count);
 
 #endif

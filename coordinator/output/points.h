@@ -1,5 +1,6 @@
-/* What the files say of a surface point beyond its light: where it lies and how much of its texel it is. Computed again from
- * the pieces when a file is written, so that nothing of it is kept during the bake. Not collective, thread-safe. */
+/* What the files say of a surface point beyond its light: where it lies and how much of its texel it is. Computed again
+ * from the pieces when a file is written, so that nothing of it is kept during the bake. Not collective, thread-safe.
+ */
 #ifndef KILN_COORDINATOR_OUTPUT_POINTS_H
 #define KILN_COORDINATOR_OUTPUT_POINTS_H
 
@@ -14,7 +15,8 @@ struct kiln_point_detail {
 };
 
 /* The points of own fragment `fragment`, in order; `details` holds KILN_TILE_TEXELS. Returns how many. */
-uint32_t kiln_fragment_details(const struct kiln_bake_result *result, size_t fragment, struct kiln_point_detail *details);
+uint32_t kiln_fragment_details(const struct kiln_bake_result *result, size_t fragment,
+                               struct kiln_point_detail *details);
 
 /* The global index of the fragment's first point minus surface->first: where its values stand in the own arrays. */
 static inline uint64_t kiln_fragment_offset(const struct kiln_surface *surface, size_t fragment)

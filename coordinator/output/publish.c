@@ -31,8 +31,10 @@ int kiln_require_space(const char *path, uint64_t bytes, struct kiln_error *erro
         return kiln_fail_errno(error, KILN_IO, "the free space of '%s' cannot be found out", path);
     const double free_bytes = (double)found.f_bavail * (double)found.f_frsize, needed = 1.1 * (double)bytes;
     if (needed > free_bytes)
-        return kiln_fail(error, KILN_IO, "the disk of '%s' has %.3f MB left and up to %.3f MB are to be written: make room or choose another folder",
-                         path, free_bytes * 1e-6, needed * 1e-6);
+        return kiln_fail(
+            error, KILN_IO,
+            "the disk of '%s' has %.3f MB left and up to %.3f MB are to be written: make room or choose another folder",
+            path, free_bytes * 1e-6, needed * 1e-6);
     return KILN_OK;
 }
 
@@ -65,7 +67,8 @@ static int look_at(const char *path, bool *stream, int *descriptor, struct kiln_
     *descriptor = kiln_own_descriptor(path);
     *stream = *descriptor >= 0;
     if (*stream)
-        return fcntl(*descriptor, F_GETFD) >= 0 ? KILN_OK : kiln_fail_errno(error, KILN_CANNOT_CREATE, "'%s' is not open", path);
+        return fcntl(*descriptor, F_GETFD) >= 0 ? KILN_OK
+                                                : kiln_fail_errno(error, KILN_CANNOT_CREATE, "'%s' is not open", path);
     if (length == 0)
         return kiln_fail(error, KILN_USAGE, "an output's name is empty");
     const bool is_there = lstat(path, &found) == 0;
@@ -74,21 +77,26 @@ static int look_at(const char *path, bool *stream, int *descriptor, struct kiln_
     if (path[length - 1] == '/' || S_ISDIR(mode))
         return kiln_fail(error, KILN_CANNOT_CREATE, "'%s' is a folder: name a file", path);
     if (S_ISBLK(mode) || S_ISSOCK(mode))
-        return kiln_fail(error, KILN_CANNOT_CREATE, "'%s' is a %s: name a file", path, S_ISBLK(mode) ? "disk" : "socket");
+        return kiln_fail(error, KILN_CANNOT_CREATE, "'%s' is a %s: name a file", path,
+                         S_ISBLK(mode) ? "disk" : "socket");
     *stream = S_ISCHR(mode) || S_ISFIFO(mode);
     if (*stream && follows && found.st_uid != 0 && found.st_uid != geteuid())
-        return kiln_fail(error, KILN_PERMISSION, "'%s' is another user's link to a device: name the device itself", path);
+        return kiln_fail(error, KILN_PERMISSION, "'%s' is another user's link to a device: name the device itself",
+                         path);
     return KILN_OK;
 }
 
 /* A pipe that nobody reads from would hold the program for ever. */
 static int open_stream(const char *path, int own, int *stream, struct kiln_error *error)
 {
-    *stream = own >= 0 ? fcntl(own, F_DUPFD_CLOEXEC, 3) : kiln_open(path, O_WRONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC, 0);
+    *stream =
+        own >= 0 ? fcntl(own, F_DUPFD_CLOEXEC, 3) : kiln_open(path, O_WRONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC, 0);
     if (*stream < 0 && errno == ENXIO)
-        return kiln_fail(error, KILN_CANNOT_CREATE, "'%s' is a pipe that nobody reads from: start its reader first, or name a file", path);
+        return kiln_fail(error, KILN_CANNOT_CREATE,
+                         "'%s' is a pipe that nobody reads from: start its reader first, or name a file", path);
     if (*stream < 0)
-        return kiln_fail_errno(error, errno == EACCES || errno == EPERM ? KILN_PERMISSION : KILN_CANNOT_CREATE, "'%s' cannot be written to", path);
+        return kiln_fail_errno(error, errno == EACCES || errno == EPERM ? KILN_PERMISSION : KILN_CANNOT_CREATE,
+                               "'%s' cannot be written to", path);
     if (own < 0)
         (void)fcntl(*stream, F_SETFL, fcntl(*stream, F_GETFL) & ~O_NONBLOCK);
     return KILN_OK;
@@ -100,7 +108,11 @@ static int name_place(struct kiln_publish *p, const char *directory, const char 
 {
     const char *slash = strrchr(name, '/'), *base = slash == NULL ? name : slash + 1;
     char folder[KILN_PATH_SIZE];
-    const int length = snprintf(folder, sizeof folder, "%.*s", slash == NULL ? 0 : slash == name && directory == NULL ? 1 : (int)(slash - name), name);
+    const int length = snprintf(folder, sizeof folder, "%.*s",
+                                slash == NULL                        ? 0
+                                : slash == name && directory == NULL ? 1
+                                                                     : (int)(slash - name),
+                                name);
     if (length >= KILN_PATH_SIZE || strlen(base) >= sizeof p->base || base[0] == '\0')
         return kiln_fail(error, KILN_CANNOT_CREATE, "the path '%.200s...' is too long for a file's name", name);
     int status = directory != NULL ? kiln_folder_open(&p->folder, directory, folder, false, error)
@@ -118,7 +130,9 @@ static int name_place(struct kiln_publish *p, const char *directory, const char 
     const int whole = snprintf(p->path, sizeof p->path, "%s%s%s", p->folder.path, between, p->base);
     const int part = snprintf(p->temporary, sizeof p->temporary, "%s%s%s", p->folder.path, between, p->aside);
     if (whole >= KILN_PATH_SIZE || part >= KILN_PATH_SIZE)
-        return kiln_fail(error, KILN_CANNOT_CREATE, "the path '%.200s...' is longer than %d bytes: choose a shorter folder", p->path, KILN_PATH_SIZE - 1);
+        return kiln_fail(error, KILN_CANNOT_CREATE,
+                         "the path '%.200s...' is longer than %d bytes: choose a shorter folder", p->path,
+                         KILN_PATH_SIZE - 1);
     return KILN_OK;
 }
 
@@ -140,7 +154,8 @@ static int begin(struct kiln_publish *p, const char *directory, const char *name
     int own = -1;
     p->folder.descriptor = p->stream = p->scratch = -1;
     p->path[0] = p->temporary[0] = '\0';
-    int status = directory != NULL ? kiln_check_below(directory, name, false, error) : look_at(name, &stream, &own, error);
+    int status =
+        directory != NULL ? kiln_check_below(directory, name, false, error) : look_at(name, &stream, &own, error);
     if (status == KILN_OK)
         status = stream ? name_stream(p, name, own, error) : name_place(p, directory, name, error);
     if (status != KILN_OK)
@@ -173,7 +188,8 @@ void kiln_publish_close(struct kiln_publish *p)
 /* Where it fails there is nothing in the way: the name itself is for kiln_publish_begin. */
 void kiln_publish_sweep(const struct kiln_publish *p)
 {
-    const int copy = p->folder.descriptor < 0 ? -1 : kiln_openat(p->folder.descriptor, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
+    const int copy =
+        p->folder.descriptor < 0 ? -1 : kiln_openat(p->folder.descriptor, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
     DIR *directory = copy < 0 ? NULL : fdopendir(copy);
     if (directory == NULL) {
         if (copy >= 0)
@@ -189,7 +205,8 @@ void kiln_publish_sweep(const struct kiln_publish *p)
 
 static int open_aside(const struct kiln_publish *p, int flags)
 {
-    return p->stream >= 0 ? fcntl(p->scratch, F_DUPFD_CLOEXEC, 3) : kiln_openat(p->folder.descriptor, p->aside, flags | O_NOFOLLOW | O_CLOEXEC, 0666);
+    return p->stream >= 0 ? fcntl(p->scratch, F_DUPFD_CLOEXEC, 3)
+                          : kiln_openat(p->folder.descriptor, p->aside, flags | O_NOFOLLOW | O_CLOEXEC, 0666);
 }
 
 int kiln_publish_open(struct kiln_publish *p, int *descriptor, struct kiln_error *error)
@@ -221,7 +238,8 @@ int kiln_publish_check(const char *directory, const char *name, struct kiln_erro
     return status;
 }
 
-/* Whether the open file is still what the name stands for: the one who had the lock before has renamed or removed it. */
+/* Whether the open file is still what the name stands for: the one who had the lock before has renamed or removed it.
+ */
 static bool is_still_there(const struct kiln_publish *p, int descriptor)
 {
     struct stat own, there;
@@ -229,7 +247,8 @@ static bool is_still_there(const struct kiln_publish *p, int descriptor)
            own.st_dev == there.st_dev && own.st_ino == there.st_ino;
 }
 
-int kiln_publish_claim(struct kiln_publish *p, const char *directory, const char *name, int *descriptor, struct kiln_error *error)
+int kiln_publish_claim(struct kiln_publish *p, const char *directory, const char *name, int *descriptor,
+                       struct kiln_error *error)
 {
     struct stat found;
     *descriptor = -1;
@@ -247,7 +266,8 @@ int kiln_publish_claim(struct kiln_publish *p, const char *directory, const char
         (void)close(*descriptor);
         *descriptor = -1;
     }
-    if (status == KILN_OK && (fstat(*descriptor, &found) != 0 || !S_ISREG(found.st_mode) || kiln_cut(*descriptor, 0) != 0)) {
+    if (status == KILN_OK &&
+        (fstat(*descriptor, &found) != 0 || !S_ISREG(found.st_mode) || kiln_cut(*descriptor, 0) != 0)) {
         status = cannot_create("what is in the way is no plain file, or cannot be written;", p->temporary, error);
         (void)close(*descriptor);
         *descriptor = -1;
@@ -338,7 +358,8 @@ void kiln_publish_abandon(struct kiln_publish *p)
     kiln_publish_close(p);
 }
 
-int kiln_write_all(int descriptor, const void *bytes, size_t size, size_t offset, const char *path, struct kiln_error *error)
+int kiln_write_all(int descriptor, const void *bytes, size_t size, size_t offset, const char *path,
+                   struct kiln_error *error)
 {
     const char *next = bytes;
     while (size > 0) {
@@ -379,12 +400,15 @@ static int check_written(const struct kiln_publish *p, const void *bytes, size_t
     if (status == KILN_OK)
         status = kiln_read_descriptor(descriptor, p->temporary, size + 1, &check, &check_size, error);
     if (status == KILN_OK && (check_size != size || memcmp(check, bytes, size) != 0))
-        status = kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: the disk or file system is faulty", p->temporary);
+        status =
+            kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: the disk or file system is faulty",
+                      p->temporary);
     kiln_free(&check);
     return status;
 }
 
-int kiln_publish_bytes_below(const char *directory, const char *name, const void *bytes, size_t size, struct kiln_error *error)
+int kiln_publish_bytes_below(const char *directory, const char *name, const void *bytes, size_t size,
+                             struct kiln_error *error)
 {
     struct kiln_publish p;
     int descriptor = -1;
@@ -421,7 +445,8 @@ int kiln_read_open(int descriptor, const char *path, size_t limit, char **bytes,
     if (!S_ISREG(found.st_mode))
         return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a plain file", path);
     if ((size_t)found.st_size > limit)
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' has %zu bytes, more than the %zu expected at most", path, (size_t)found.st_size, limit);
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' has %zu bytes, more than the %zu expected at most", path,
+                         (size_t)found.st_size, limit);
     int status = kiln_allocate(bytes, (size_t)found.st_size + 1, 1, "a file's bytes", error);
     if (status == KILN_OK)
         status = read_all(descriptor, path, (size_t)found.st_size, *bytes, error);
@@ -432,7 +457,8 @@ int kiln_read_open(int descriptor, const char *path, size_t limit, char **bytes,
     return status;
 }
 
-int kiln_read_descriptor(int descriptor, const char *path, size_t limit, char **bytes, size_t *size, struct kiln_error *error)
+int kiln_read_descriptor(int descriptor, const char *path, size_t limit, char **bytes, size_t *size,
+                         struct kiln_error *error)
 {
     const int status = kiln_read_open(descriptor, path, limit, bytes, size, error);
     (void)close(descriptor);
@@ -443,7 +469,8 @@ int kiln_read_file(const char *path, size_t limit, char **bytes, size_t *size, s
 {
     *bytes = NULL;
     *size = 0;
-    const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0); /* a pipe in the place of a file must not hang us */
+    /* a pipe in the place of a file must not hang us */
+    const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0);
     if (descriptor < 0)
         return kiln_fail_errno(error, 0, "'%s' cannot be opened", path);
     return kiln_read_descriptor(descriptor, path, limit, bytes, size, error);

@@ -14,12 +14,14 @@
 
 enum { PICTURE_SIDE = 160, MOST_PICTURES = 200, MOST_BARS = 4096 };
 
-static const char style[] = "body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:70em;padding:0 1em;color:#222}"
-                            "h1,h2{font-weight:600}table{border-collapse:collapse;margin:.5em 0}"
-                            "td,th{padding:.15em .9em .15em 0;text-align:left;vertical-align:top}td.n,th.n{text-align:right}"
-                            "img{max-width:100%;background:#eee}figure img{width:10em;height:10em;object-fit:contain;image-rendering:pixelated}"
-                            "figure{display:inline-block;margin:0 1em 1em 0;vertical-align:top}figcaption{font-size:85%;width:12em;overflow-wrap:anywhere}"
-                            "svg{max-width:100%}svg text{font-size:12px;fill:#444}svg rect{fill:#b5532a}svg line{stroke:#888}";
+static const char style[] =
+    "body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:70em;padding:0 1em;color:#222}"
+    "h1,h2{font-weight:600}table{border-collapse:collapse;margin:.5em 0}"
+    "td,th{padding:.15em .9em .15em 0;text-align:left;vertical-align:top}td.n,th.n{text-align:right}"
+    "img{max-width:100%;background:#eee}figure img{width:10em;height:10em;object-fit:contain;image-rendering:pixelated}"
+    "figure{display:inline-block;margin:0 1em 1em "
+    "0;vertical-align:top}figcaption{font-size:85%;width:12em;overflow-wrap:anywhere}"
+    "svg{max-width:100%}svg text{font-size:12px;fill:#444}svg rect{fill:#b5532a}svg line{stroke:#888}";
 
 struct report {
     struct kiln_results *results;
@@ -37,7 +39,8 @@ static double number(const json_t *value)
     if (json_is_number(value))
         return json_number_value(value);
     if (json_is_array(value) && json_array_size(value) == 3)
-        return 0.2126 * number(json_array_get(value, 0)) + 0.7152 * number(json_array_get(value, 1)) + 0.0722 * number(json_array_get(value, 2));
+        return 0.2126 * number(json_array_get(value, 0)) + 0.7152 * number(json_array_get(value, 1)) +
+               0.0722 * number(json_array_get(value, 2));
     return (double)NAN;
 }
 
@@ -77,7 +80,9 @@ static bool says_nothing(const json_t *value)
 /* Scalars and short arrays of them. */
 static bool is_shown(const json_t *value)
 {
-    return !json_is_object(value) && !(json_is_array(value) && (json_array_size(value) > 4 || json_is_object(json_array_get(value, 0)))) && !says_nothing(value);
+    return !json_is_object(value) &&
+           !(json_is_array(value) && (json_array_size(value) > 4 || json_is_object(json_array_get(value, 0)))) &&
+           !says_nothing(value);
 }
 
 /* A field's name, with blanks for underscores. */
@@ -90,14 +95,15 @@ static void add_words(struct kiln_page *page, const char *name)
     kiln_page_text(page, words);
 }
 
-/* A heading (NULL: none) and a table of the fields of an object that say something, names with blanks for underscores. Nothing at all
- * when there are none. */
+/* A heading (NULL: none) and a table of the fields of an object that say something, names with blanks for underscores.
+ * Nothing at all when there are none. */
 static void add_object(struct kiln_page *page, const char *title, const json_t *object)
 {
     const char *name;
     json_t *value;
     bool any = false;
-    json_object_foreach((json_t *)(uintptr_t)object, name, value) {
+    json_object_foreach((json_t *)(uintptr_t)object, name, value)
+    {
         if (!is_shown(value))
             continue;
         if (!any && title != NULL)
@@ -118,7 +124,8 @@ static void add_object(struct kiln_page *page, const char *title, const json_t *
 static int shrink(const struct kiln_image *image, struct kiln_image **small, struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B"};
-    const uint32_t longest = image->width > image->height ? image->width : image->height, every = (longest + PICTURE_SIDE - 1) / PICTURE_SIDE;
+    const uint32_t longest = image->width > image->height ? image->width : image->height,
+                   every = (longest + PICTURE_SIDE - 1) / PICTURE_SIDE;
     const uint32_t width = (image->width + every - 1) / every, height = (image->height + every - 1) / every;
     float *from[3], *to[3];
     const int status = kiln_image_create(small, width, height, names, 3, error);
@@ -130,7 +137,8 @@ static int shrink(const struct kiln_image *image, struct kiln_image **small, str
     for (uint32_t y = 0; y < image->height; y++)
         for (uint32_t x = 0; x < image->width; x++) {
             const uint32_t u = x / every, v = y / every;
-            const uint32_t wide = u + 1 < width ? every : image->width - u * every, high = v + 1 < height ? every : image->height - v * every;
+            const uint32_t wide = u + 1 < width ? every : image->width - u * every,
+                           high = v + 1 < height ? every : image->height - v * every;
             for (int c = 0; c < 3; c++)
                 to[c][(size_t)v * width + u] += from[c][(size_t)y * image->width + x] / (float)(wide * high);
         }
@@ -140,7 +148,8 @@ static int shrink(const struct kiln_image *image, struct kiln_image **small, str
 /* Size, and what run.json says of density, validity and error. */
 static void add_caption(struct kiln_page *page, const json_t *object, const struct kiln_image *image)
 {
-    const double density = number(field(object, "texels_per_metre")), valid = number(field(object, "valid")), filled = number(field(object, "filled"));
+    const double density = number(field(object, "texels_per_metre")), valid = number(field(object, "valid")),
+                 filled = number(field(object, "filled"));
     const double error = number(field(object, "relative_error"));
     kiln_page_add(page, "%u x %u texels", image->width, image->height);
     if (density > 0.0)
@@ -151,7 +160,8 @@ static void add_caption(struct kiln_page *page, const json_t *object, const stru
         kiln_page_add(page, "<br>standard error %.2g %% of the mean", 100.0 * error);
 }
 
-static int add_lightmap(struct report *r, const char *file, const char *name, const json_t *object, struct kiln_error *error)
+static int add_lightmap(struct report *r, const char *file, const char *name, const json_t *object,
+                        struct kiln_error *error)
 {
     static const char *const wanted[] = {"R", "G", "B"};
     struct kiln_page *page = &r->page;
@@ -162,7 +172,8 @@ static int add_lightmap(struct report *r, const char *file, const char *name, co
     int status = kiln_results_image(r->results, file, wanted, 3, &image, error);
     if (status == KILN_OK)
         status = shrink(image, &small, error);
-    const struct kiln_exposure exposure = status == KILN_OK ? kiln_auto_exposure(small, NULL) : (struct kiln_exposure){1.0, INFINITY};
+    const struct kiln_exposure exposure =
+        status == KILN_OK ? kiln_auto_exposure(small, NULL) : (struct kiln_exposure){1.0, INFINITY};
     if (status == KILN_OK)
         status = kiln_allocate(&bytes, (size_t)small->width * small->height * 3, 1, "a picture", error);
     if (status == KILN_OK)
@@ -196,16 +207,19 @@ static void add_lightmaps(struct report *r)
         return;
     kiln_page_add(&r->page, "<h2>Lightmaps</h2>\n");
     if (count > MOST_PICTURES)
-        kiln_page_add(&r->page, "<p>The first %d of %zu; each with an exposure of its own.</p>\n", MOST_PICTURES, count);
+        kiln_page_add(&r->page, "<p>The first %d of %zu; each with an exposure of its own.</p>\n", MOST_PICTURES,
+                      count);
     else
         kiln_page_add(&r->page, "<p>Irradiance, each with an exposure of its own.</p>\n");
     for (size_t i = 0; i < count && i < MOST_PICTURES; i++) {
         const json_t *object = json_array_get(objects, i);
-        const char *file = json_string_value(field(object, "lightmap")), *name = json_string_value(field(object, "name"));
+        const char *file = json_string_value(field(object, "lightmap")),
+                   *name = json_string_value(field(object, "name"));
         struct kiln_error why = {{0}};
         if (file == NULL || !stays_inside(file))
             continue;
-        if (add_lightmap(r, file, name == NULL ? file : name, object, &why) != KILN_OK) { /* the page says what it cannot show */
+        /* the page says what it cannot show */
+        if (add_lightmap(r, file, name == NULL ? file : name, object, &why) != KILN_OK) {
             kiln_page_add(&r->page, "<p>");
             kiln_page_text(&r->page, why.message);
             kiln_page_add(&r->page, "</p>\n");
@@ -217,7 +231,8 @@ static void add_lightmaps(struct report *r)
 static void add_viewpoint(struct report *r)
 {
     const json_t *preview = field(r->run, "preview"), *viewpoint = field(preview, "viewpoint");
-    const char *chosen = json_string_value(field(viewpoint, "chosen")), *camera = json_string_value(field(viewpoint, "camera"));
+    const char *chosen = json_string_value(field(viewpoint, "chosen")),
+               *camera = json_string_value(field(viewpoint, "camera"));
     if (chosen == NULL)
         return;
     kiln_page_add(&r->page, "<p>Seen ");
@@ -231,12 +246,16 @@ static void add_viewpoint(struct report *r)
         kiln_page_add(&r->page, ", at ");
         add_value(&r->page, field(viewpoint, "from"));
     }
-    kiln_page_add(&r->page, "; exposure %+.2f stops.", number(field(field(preview, "exposure"), "automatic")) + number(field(field(preview, "exposure"), "added")));
+    kiln_page_add(&r->page, "; exposure %+.2f stops.",
+                  number(field(field(preview, "exposure"), "automatic")) +
+                      number(field(field(preview, "exposure"), "added")));
     if (number(field(preview, "metal_share")) > 0.0005)
-        kiln_page_add(&r->page, " Metals, %.1f %% of it, are shown by their base colour under the irradiance: approximate.",
+        kiln_page_add(&r->page,
+                      " Metals, %.1f %% of it, are shown by their base colour under the irradiance: approximate.",
                       100.0 * number(field(preview, "metal_share")));
     if (number(field(preview, "lent_share")) > 0.0005)
-        kiln_page_add(&r->page, " Backs of double-sided surfaces, %.1f %% of it, show their fronts' light: approximate.",
+        kiln_page_add(&r->page,
+                      " Backs of double-sided surfaces, %.1f %% of it, show their fronts' light: approximate.",
                       100.0 * number(field(preview, "lent_share")));
     kiln_page_add(&r->page, "</p>\n");
 }
@@ -343,13 +362,15 @@ static void plot_bounces(struct report *r)
         s.names[i] = json_string_value(field(bounce, "kind"));
         named = s.names[i] != NULL;
         if (named && strcmp(s.names[i], "bounce") == 0) {
-            (void)snprintf(numbers[i], sizeof numbers[i], "%lld", (long long)json_integer_value(field(bounce, "bounce")));
+            (void)snprintf(numbers[i], sizeof numbers[i], "%lld",
+                           (long long)json_integer_value(field(bounce, "bounce")));
             s.names[i] = numbers[i];
         }
     }
     for (size_t i = 0; i < s.count; i++)
         s.values[i] = number(field(json_array_get(bounces, i), "energy"));
-    kiln_page_add(&r->page, "<h2>Energy of each bounce</h2>\n<p>Power arriving at all surfaces, luminance; logarithmic, six decades.</p>\n");
+    kiln_page_add(&r->page, "<h2>Energy of each bounce</h2>\n<p>Power arriving at all surfaces, luminance; "
+                            "logarithmic, six decades.</p>\n");
     kiln_page_bars(&r->page, flux == NULL ? "W" : flux, s.values, named ? s.names : NULL, s.count, 0, 1);
     kiln_free(&numbers);
     close_series(&s);
@@ -358,7 +379,10 @@ static void plot_bounces(struct report *r)
 
 /* ---- the page ---- */
 
-static void add_section(struct report *r, const char *title, const char *name) { add_object(&r->page, title, field(r->run, name)); }
+static void add_section(struct report *r, const char *title, const char *name)
+{
+    add_object(&r->page, title, field(r->run, name));
+}
 
 /* What the bake has to say, before all figures. */
 static void add_notes(struct report *r)
@@ -377,9 +401,15 @@ static const struct object_column {
     const char *name, *title;
     double scale;
 } object_columns[] = {
-    {"width", "width", 1.0},         {"height", "height", 1.0},       {"texels_per_metre", "texels/m", 1.0},
-    {"valid", "gathered", 1.0},      {"filled", "filled", 1.0},       {"mean", "mean irradiance", 1.0},
-    {"relative_error", "error %", 100.0}, {"seam_before", "seams before %", 100.0}, {"seam_after", "seams after %", 100.0},
+    {"width", "width", 1.0},
+    {"height", "height", 1.0},
+    {"texels_per_metre", "texels/m", 1.0},
+    {"valid", "gathered", 1.0},
+    {"filled", "filled", 1.0},
+    {"mean", "mean irradiance", 1.0},
+    {"relative_error", "error %", 100.0},
+    {"seam_before", "seams before %", 100.0},
+    {"seam_after", "seams after %", 100.0},
 };
 enum { OBJECT_COLUMNS = sizeof object_columns / sizeof *object_columns };
 
@@ -392,7 +422,9 @@ static void add_objects_row(struct report *r, const json_t *object, const bool s
     for (int c = 0; c < OBJECT_COLUMNS; c++) {
         const double value = number(field(object, object_columns[c].name));
         if (shown[c] && isfinite(value))
-            kiln_page_add(&r->page, "<td class=n>%.6g</td>", object_columns[c].scale * (json_is_real(field(object, object_columns[c].name)) ? round(1e5 * value) / 1e5 : value));
+            kiln_page_add(&r->page, "<td class=n>%.6g</td>",
+                          object_columns[c].scale *
+                              (json_is_real(field(object, object_columns[c].name)) ? round(1e5 * value) / 1e5 : value));
         else if (shown[c])
             kiln_page_add(&r->page, "<td></td>");
     }
@@ -436,7 +468,10 @@ static void write_page(struct report *r)
     const char *title = json_string_value(json_is_object(scene) ? field(scene, "file") : scene);
     kiln_page_add(&r->page, "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>kiln: ");
     kiln_page_text(&r->page, title == NULL ? "bake" : title);
-    kiln_page_add(&r->page, "</title><meta name=\"generator\" content=\"" KILN_MADE_BY " " KILN_VERSION "\"><style>%s</style></head><body>\n<h1>", style);
+    kiln_page_add(&r->page,
+                  "</title><meta name=\"generator\" content=\"" KILN_MADE_BY " " KILN_VERSION
+                  "\"><style>%s</style></head><body>\n<h1>",
+                  style);
     kiln_page_text(&r->page, title == NULL ? "bake" : title);
     kiln_page_add(&r->page, "</h1>\n");
     add_preview(r);
@@ -466,7 +501,8 @@ int kiln_report_write(const char *directory, const char *path, struct kiln_error
     if (status == KILN_OK)
         status = kiln_results_json(results, "run.json", &run, error);
     if (status == KILN_OK && !json_is_object(run))
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%s/run.json' is not a report of a bake: it is not a JSON object", directory);
+        status = kiln_fail(error, KILN_BAD_INPUT, "'%s/run.json' is not a report of a bake: it is not a JSON object",
+                           directory);
     struct report report = {.results = results, .run = run, .page = {.error = error}};
     if (status == KILN_OK) {
         write_page(&report);

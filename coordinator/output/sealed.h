@@ -1,5 +1,5 @@
-/* JSON that ends with its own hash: how manifests and checkpoints say that they are whole. The last line is "xxh3_128 HASH", over all
- * before it. Not collective. */
+/* JSON that ends with its own hash: how manifests and checkpoints say that they are whole. The last line is "xxh3_128
+ * HASH", over all before it. Not collective. */
 #ifndef KILN_COORDINATOR_OUTPUT_SEALED_H
 #define KILN_COORDINATOR_OUTPUT_SEALED_H
 
@@ -16,8 +16,8 @@ void kiln_hash_text(uint64_t high, uint64_t low, char text[KILN_HASH_TEXT]);
 /* The same of a hash as scene files have it, low half first. NULL without memory. */
 json_t *kiln_hash_json(const uint64_t hash[2]);
 
-/* Prints `json` (flags as json_dumps takes them; NULL: KILN_SYSTEM, there was no memory to make it) and the last line. *text is from
- * kiln_allocate, *size without its zero byte. `what` is for the message. */
+/* Prints `json` (flags as json_dumps takes them; NULL: KILN_SYSTEM, there was no memory to make it) and the last line.
+ * *text is from kiln_allocate, *size without its zero byte. `what` is for the message. */
 int kiln_seal(const json_t *json, size_t flags, char **text, size_t *size, const char *what, struct kiln_error *error);
 
 /* The JSON before the last line; NULL when the hash is not that of the text, or it is not JSON. json_decref it. */

@@ -20,7 +20,7 @@ struct system {
     size_t sample_count, sample_capacity;
     uint32_t *texels; /* unknown -> texel */
     size_t unknown_count;
-    double *pull;      /* w a of each unknown */
+    double *pull; /* w a of each unknown */
     double *diagonal;
 };
 
@@ -28,7 +28,7 @@ struct system {
 struct solver {
     const struct system *system;
     double *x, *residual, *direction, *product, *row; /* `row` has one a sample */
-    float *low, *high; /* range of the baked values around each unknown */
+    float *low, *high;                                /* range of the baked values around each unknown */
 };
 
 static float luminance_at(const struct kiln_map *map, uint32_t texel)
@@ -84,19 +84,22 @@ static int sample_edge(struct system *s, const struct kiln_seam_edge *edge, stru
 {
     float longest = 0.0f;
     for (int side = 0; side < 2; side++) {
-        const float length = hypotf(edge->texel[side][1][0] - edge->texel[side][0][0], edge->texel[side][1][1] - edge->texel[side][0][1]);
+        const float length = hypotf(edge->texel[side][1][0] - edge->texel[side][0][0],
+                                    edge->texel[side][1][1] - edge->texel[side][0][1]);
         longest = fmaxf(longest, length);
     }
     const size_t count = (size_t)ceilf(2.0f * longest);
-    int status = kiln_grow(&s->samples, &s->sample_capacity, s->sample_count + count, sizeof *s->samples, "seam samples", error);
+    int status =
+        kiln_grow(&s->samples, &s->sample_capacity, s->sample_count + count, sizeof *s->samples, "seam samples", error);
     for (size_t i = 0; status == KILN_OK && i < count; i++) {
         const float t = ((float)i + 0.5f) / (float)count;
         struct sample sample;
         bool inside = true;
         for (int side = 0; side < 2; side++) {
             const float *from = edge->texel[side][0], *to = edge->texel[side][1];
-            inside = inside && footprint(s, from[0] + t * (to[0] - from[0]), from[1] + t * (to[1] - from[1]), side == 0 ? 1.0f : -1.0f,
-                                         sample.texel + SIDE * side, sample.weight + SIDE * side);
+            inside =
+                inside && footprint(s, from[0] + t * (to[0] - from[0]), from[1] + t * (to[1] - from[1]),
+                                    side == 0 ? 1.0f : -1.0f, sample.texel + SIDE * side, sample.weight + SIDE * side);
         }
         if (inside && !same_texels(&sample) && !is_edge_of_light(s->map, &sample))
             s->samples[s->sample_count++] = sample;
@@ -190,8 +193,8 @@ static void weigh_unknowns(struct system *s)
         s->pull[i] = KILN_SEAM_WEIGHT * fmax(relative, 0.1);
         s->diagonal[i] = s->pull[i];
     }
-    /* a texel that stands in a footprint twice (margin copies) has the square of its summed weight on the diagonal; the sum of
-     * squares here only steers the preconditioner */
+    /* a texel that stands in a footprint twice (margin copies) has the square of its summed weight on the diagonal; the
+     * sum of squares here only steers the preconditioner */
     for (size_t i = 0; i < s->sample_count; i++)
         for (int k = 0; k < ENTRIES; k++)
             s->diagonal[s->samples[i].texel[k]] += (double)s->samples[i].weight[k] * (double)s->samples[i].weight[k];

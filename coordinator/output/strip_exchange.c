@@ -59,7 +59,10 @@ struct helper {
     bool must_fail;     /* tests want to see it */
 };
 
-static size_t message_bytes(size_t values) { return sizeof(struct channel_words) + KILN_EXR_CHANNELS * values * sizeof(float); }
+static size_t message_bytes(size_t values)
+{
+    return sizeof(struct channel_words) + KILN_EXR_CHANNELS * values * sizeof(float);
+}
 
 static void destroy_helper(struct helper *h)
 {
@@ -113,16 +116,20 @@ static int create_helper(struct helper *h, int rank, struct kiln_error *error)
 static const struct kiln_strip *strip_at(const struct helper *h, size_t i) { return &h->strips->strips[h->list[i]]; }
 
 /* The values in a message as an image that borrows them. False when they are not those of the strip. */
-static bool view_message(const struct helper *h, const struct slot *slot, size_t i, size_t bytes, struct kiln_image *view,
-                         struct kiln_image_channel *channels)
+static bool view_message(const struct helper *h, const struct slot *slot, size_t i, size_t bytes,
+                         struct kiln_image *view, struct kiln_image_channel *channels)
 {
     const struct kiln_strip *strip = strip_at(h, i);
     const struct kiln_lightmap *map = &h->lightmaps[strip->object];
     const size_t values = values_of(map, strip->row);
     const struct channel_words *words = (const struct channel_words *)slot->message;
-    if (bytes < sizeof *words || words->count > KILN_EXR_CHANNELS || bytes != sizeof *words + words->count * values * sizeof(float))
+    if (bytes < sizeof *words || words->count > KILN_EXR_CHANNELS ||
+        bytes != sizeof *words + words->count * values * sizeof(float))
         return false;
-    *view = (struct kiln_image){.width = map->width, .height = (uint32_t)(values / map->width), .channel_count = words->count, .channels = channels};
+    *view = (struct kiln_image){.width = map->width,
+                                .height = (uint32_t)(values / map->width),
+                                .channel_count = words->count,
+                                .channels = channels};
     for (size_t c = 0; c < words->count; c++) {
         memcpy(channels[c].name, words->channel[c].name, sizeof channels[c].name);
         channels[c].half = words->channel[c].half != 0;
@@ -138,7 +145,8 @@ static int pack_message(const struct helper *h, struct slot *slot, size_t i, siz
     if (h->must_fail)
         return kiln_fail(error, KILN_SYSTEM, "KILN_FAILING_PACKER wants packing to fail here");
     if (!view_message(h, slot, i, bytes, &view, channels))
-        return kiln_fail(error, KILN_BUG, "%zu bytes came that are not row %u of object %u", bytes, strip_at(h, i)->row, strip_at(h, i)->object);
+        return kiln_fail(error, KILN_BUG, "%zu bytes came that are not row %u of object %u", bytes, strip_at(h, i)->row,
+                         strip_at(h, i)->object);
     return kiln_exr_strip_pack(&view, 0, &slot->packed, error);
 }
 
@@ -150,8 +158,8 @@ static int expect_group(struct helper *h, size_t first)
         if (MPI_Waitall(3, slot->requests, MPI_STATUSES_IGNORE) != MPI_SUCCESS)
             return KILN_RANK_LOST;
         kiln_free(&slot->packed.bytes);
-        if (MPI_Irecv(slot->message, (int)h->room, MPI_BYTE, (int)strip_at(h, first + k)->owner, TAG_VALUES, h->communicator,
-                      &slot->requests[0]) != MPI_SUCCESS)
+        if (MPI_Irecv(slot->message, (int)h->room, MPI_BYTE, (int)strip_at(h, first + k)->owner, TAG_VALUES,
+                      h->communicator, &slot->requests[0]) != MPI_SUCCESS)
             return KILN_RANK_LOST;
     }
     return KILN_OK;
@@ -160,10 +168,12 @@ static int expect_group(struct helper *h, size_t first)
 /* An empty message is not answered: its owner has given up. */
 static int answer(struct helper *h, struct slot *slot, int owner)
 {
-    const int report = MPI_Isend(&slot->report, (int)sizeof slot->report, MPI_BYTE, owner, TAG_REPORT, h->communicator, &slot->requests[1]);
+    const int report = MPI_Isend(&slot->report, (int)sizeof slot->report, MPI_BYTE, owner, TAG_REPORT, h->communicator,
+                                 &slot->requests[1]);
     if (report != MPI_SUCCESS || slot->report.status != KILN_OK)
         return report;
-    return MPI_Isend(slot->packed.bytes, (int)slot->packed.size, MPI_BYTE, owner, TAG_PACKED, h->communicator, &slot->requests[2]);
+    return MPI_Isend(slot->packed.bytes, (int)slot->packed.size, MPI_BYTE, owner, TAG_PACKED, h->communicator,
+                     &slot->requests[2]);
 }
 
 static int pack_group(struct helper *h, size_t first, int *bytes)
@@ -189,7 +199,8 @@ static int pack_group(struct helper *h, size_t first, int *bytes)
     for (size_t i = first; i < end; i++) {
         struct report *report = &h->slots[i % (2 * h->group)].report;
         kiln_name_rank(report->status, &report->error);
-        if (bytes[i - first] != 0 && answer(h, &h->slots[i % (2 * h->group)], (int)strip_at(h, i)->owner) != MPI_SUCCESS)
+        if (bytes[i - first] != 0 &&
+            answer(h, &h->slots[i % (2 * h->group)], (int)strip_at(h, i)->owner) != MPI_SUCCESS)
             return KILN_RANK_LOST;
     }
     return KILN_OK;
@@ -247,7 +258,8 @@ static void destroy_owner(struct owner *o)
 static int describe_channels(const struct kiln_image *image, struct channel_words *words, struct kiln_error *error)
 {
     if (image->channel_count > KILN_EXR_CHANNELS)
-        return kiln_fail(error, KILN_BUG, "an image of %zu channels cannot be packed in strips, %d at most", image->channel_count, KILN_EXR_CHANNELS);
+        return kiln_fail(error, KILN_BUG, "an image of %zu channels cannot be packed in strips, %d at most",
+                         image->channel_count, KILN_EXR_CHANNELS);
     words->count = (uint32_t)image->channel_count;
     for (size_t c = 0; c < image->channel_count; c++) {
         memcpy(words->channel[c].name, image->channels[c].name, sizeof words->channel[c].name);
@@ -335,7 +347,8 @@ static void pack_own(struct owner *o, uint32_t i)
 {
     const struct kiln_strip *strip = &o->stream[i];
     struct kiln_error mine = {{0}};
-    const int status = kiln_exr_strip_pack(o->sources[source_of(o, strip->object)].image, strip->row, &o->passages[i].packed, &mine);
+    const int status =
+        kiln_exr_strip_pack(o->sources[source_of(o, strip->object)].image, strip->row, &o->passages[i].packed, &mine);
     o->passages[i].ready = true;
 #pragma omp critical(kiln_pack_own)
     give_up(o, status, &mine);
@@ -365,7 +378,8 @@ static int take_strip(struct owner *o, int from)
 {
     struct report report;
     struct kiln_error mine = {{0}};
-    if (MPI_Recv(&report, (int)sizeof report, MPI_BYTE, from, TAG_REPORT, o->communicator, MPI_STATUS_IGNORE) != MPI_SUCCESS)
+    if (MPI_Recv(&report, (int)sizeof report, MPI_BYTE, from, TAG_REPORT, o->communicator, MPI_STATUS_IGNORE) !=
+        MPI_SUCCESS)
         return KILN_RANK_LOST;
     struct passage *p = &o->passages[report.index];
     const struct kiln_strip *strip = &o->stream[report.index];
@@ -374,13 +388,16 @@ static int take_strip(struct owner *o, int from)
     if (report.status == KILN_OK) {
         const int status = kiln_allocate(&p->packed.bytes, report.size, 1, "packed strips", &mine);
         give_up(o, status, &mine);
-        if (MPI_Recv(status == KILN_OK ? p->packed.bytes : o->spare, (int)report.size, MPI_BYTE, from, TAG_PACKED, o->communicator,
-                     MPI_STATUS_IGNORE) != MPI_SUCCESS)
+        if (MPI_Recv(status == KILN_OK ? p->packed.bytes : o->spare, (int)report.size, MPI_BYTE, from, TAG_PACKED,
+                     o->communicator, MPI_STATUS_IGNORE) != MPI_SUCCESS)
             return KILN_RANK_LOST;
         p->packed.size = report.size;
         p->packed.hash = report.hash;
         if (report.values != kiln_exr_strip_values(o->sources[source_of(o, strip->object)].image, strip->row))
-            give_up(o, kiln_fail(&mine, KILN_BUG, "object %u: row %u came to rank %d as something else", strip->object, strip->row, from), &mine);
+            give_up(o,
+                    kiln_fail(&mine, KILN_BUG, "object %u: row %u came to rank %d as something else", strip->object,
+                              strip->row, from),
+                    &mine);
     }
     return MPI_Wait(&p->sent, MPI_STATUS_IGNORE) == MPI_SUCCESS ? KILN_OK : KILN_RANK_LOST;
 }
@@ -437,7 +454,8 @@ static int run_stream(struct owner *o)
 static int take_part(struct owner *owner, struct helper *helper, struct kiln_error *error)
 {
     int *bytes = NULL;
-    int status = kiln_agree(helper->communicator, kiln_allocate(&bytes, helper->group, sizeof *bytes, "strips to pack", error), error);
+    int status = kiln_agree(helper->communicator,
+                            kiln_allocate(&bytes, helper->group, sizeof *bytes, "strips to pack", error), error);
     if (status != KILN_OK)
         return status;
     if (owner->count > 0)
@@ -452,8 +470,9 @@ static int take_part(struct owner *owner, struct helper *helper, struct kiln_err
     return kiln_agree(helper->communicator, status, error);
 }
 
-int kiln_strips_write(MPI_Comm communicator, const struct kiln_strip_deal *strips, const struct kiln_lightmap *lightmaps,
-                      const struct kiln_strip_source *sources, size_t source_count, struct kiln_error *error)
+int kiln_strips_write(MPI_Comm communicator, const struct kiln_strip_deal *strips,
+                      const struct kiln_lightmap *lightmaps, const struct kiln_strip_source *sources,
+                      size_t source_count, struct kiln_error *error)
 {
     int rank = 0;
     size_t first = 0;
@@ -461,7 +480,10 @@ int kiln_strips_write(MPI_Comm communicator, const struct kiln_strip_deal *strip
         return KILN_OK;
     if (MPI_Comm_rank(communicator, &rank) != MPI_SUCCESS)
         return mpi_failed(error);
-    struct owner owner = {.communicator = communicator, .lightmaps = lightmaps, .sources = sources, .source_count = source_count,
+    struct owner owner = {.communicator = communicator,
+                          .lightmaps = lightmaps,
+                          .sources = sources,
+                          .source_count = source_count,
                           .rank = (uint32_t)rank};
     owner.count = (uint32_t)kiln_strip_stream(strips, (uint32_t)rank, &first);
     owner.stream = strips->strips + first;

@@ -30,7 +30,8 @@ static bool is_overloaded(const struct work *w, uint32_t rank) { return 4 * w->l
 static bool is_divided(const struct work *w, size_t object)
 {
     const struct kiln_lightmap *map = &w->lightmaps[object];
-    return in_round(w, object) && texels_of(map) >= w->least && strips_of(map) > 1 && is_overloaded(w, w->deal->owner[object]);
+    return in_round(w, object) && texels_of(map) >= w->least && strips_of(map) > 1 &&
+           is_overloaded(w, w->deal->owner[object]);
 }
 
 static void weigh(struct work *w)
@@ -54,7 +55,8 @@ static int compare_loads(const void *a, const void *b)
     return (p > q) - (p < q);
 }
 
-/* The level up to which all ranks are filled by what is divided; never above the mean, as all work is the level's or above it. */
+/* The level up to which all ranks are filled by what is divided; never above the mean, as all work is the level's or
+ * above it. */
 static double find_level(const struct work *w, uint64_t *sorted)
 {
     uint64_t divided = w->total;
@@ -125,8 +127,8 @@ static int list_strips(struct kiln_strip_deal *strips, struct work *w, struct ki
         qsort_r(objects, divided, sizeof *objects, compare_objects, w);
     for (size_t i = 0; status == KILN_OK && i < divided; i++)
         for (uint32_t s = 0; s < strips_of(&w->lightmaps[objects[i]]); s++)
-            strips->strips[strips->count++] =
-                (struct kiln_strip){.object = objects[i], .row = s * KILN_EXR_ROWS, .owner = w->deal->owner[objects[i]]};
+            strips->strips[strips->count++] = (struct kiln_strip){
+                .object = objects[i], .row = s * KILN_EXR_ROWS, .owner = w->deal->owner[objects[i]]};
     kiln_free(&objects);
     return status;
 }
@@ -171,14 +173,16 @@ static double strip_work(const struct work *w, const struct kiln_strip *strip)
     return (double)KILN_PACK_WORK * (double)rows * (double)map->width;
 }
 
-/* Puts a stream's strips down to its owner until that has no more room, then to the ranks that have, one after the other; `helper` is
- * the one at hand and `filled` what all of them together have got, against `offered`, the room of those up to and with it. */
+/* Puts a stream's strips down to its owner until that has no more room, then to the ranks that have, one after the
+ * other; `helper` is the one at hand and `filled` what all of them together have got, against `offered`, the room of
+ * those up to and with it. */
 struct filling {
     uint32_t helper;
     double filled, offered;
 };
 
-static void fill_ranks(const struct work *w, const struct kiln_strip *stream, size_t count, struct filling *f, struct turn *turns)
+static void fill_ranks(const struct work *w, const struct kiln_strip *stream, size_t count, struct filling *f,
+                       struct turn *turns)
 {
     double own = 0.0;
     for (size_t i = 0; i < count; i++) {
@@ -213,8 +217,9 @@ static int choose_packers(struct kiln_strip_deal *strips, const struct work *w, 
     return status;
 }
 
-int kiln_strip_deal_create(struct kiln_strip_deal **strips, const struct kiln_lightmap *lightmaps, const struct kiln_deal *deal,
-                           uint32_t round, uint32_t ranks, uint64_t least_texels, struct kiln_error *error)
+int kiln_strip_deal_create(struct kiln_strip_deal **strips, const struct kiln_lightmap *lightmaps,
+                           const struct kiln_deal *deal, uint32_t round, uint32_t ranks, uint64_t least_texels,
+                           struct kiln_error *error)
 {
     struct work w = {.lightmaps = lightmaps, .deal = deal, .round = round, .ranks = ranks, .least = least_texels};
     int status = kiln_allocate(strips, 1, sizeof **strips, "dealing strips", error);

@@ -45,7 +45,8 @@ static bool cut_units(const struct kiln_build *build, const struct borders *bord
     }
     const uint64_t points = build->surface->point_count;
     return ranks == 1 || points == 0 ||
-           (units->count >= ranks && (double)largest_share(build, borders) <= (1.0 + MOST_IMBALANCE) * ((double)points / ranks));
+           (units->count >= ranks &&
+            (double)largest_share(build, borders) <= (1.0 + MOST_IMBALANCE) * ((double)points / ranks));
 }
 
 /* The first share whose border should lie beyond `point`. */
@@ -62,8 +63,8 @@ static uint32_t share_beyond(const struct kiln_build *build, uint64_t point)
     return low;
 }
 
-/* Cuts between fragments as kiln_partition_cut would, had anybody a list of them all: who found the fragment in which a border should
- * lie says which of its ends is nearer. */
+/* Cuts between fragments as kiln_partition_cut would, had anybody a list of them all: who found the fragment in which a
+ * border should lie says which of its ends is nearer. */
 static int cut_fragments(struct kiln_build *build, const struct borders *borders)
 {
     const struct kiln_surface_exchange *x = build->exchange;
@@ -170,7 +171,8 @@ struct mail {
 };
 
 /* Takes own fragments from own parts and counts the other ranks'. */
-static size_t sort_parts(const struct kiln_build *build, const struct borders *borders, struct receiver *receiver, size_t *counts)
+static size_t sort_parts(const struct kiln_build *build, const struct borders *borders, struct receiver *receiver,
+                         size_t *counts)
 {
     size_t others = 0;
     for (uint64_t b = build->own_first; b < build->own_end; b++) {
@@ -221,7 +223,8 @@ static int send_parts(struct kiln_build *build, const struct borders *borders, i
     }
     if (mail.parcels != NULL)
         fill_parcels(build, borders, &mail);
-    status = x->deal(x->context, status, mail.parcels, mail.counts, sizeof *mail.parcels, take_parcels, &receiver, build->error);
+    status = x->deal(x->context, status, mail.parcels, mail.counts, sizeof *mail.parcels, take_parcels, &receiver,
+                     build->error);
     kiln_free(&mail.parcels);
     kiln_free(&mail.counts);
     kiln_free(&mail.place);
@@ -237,9 +240,11 @@ static int take_fragments(struct kiln_build *build, const struct borders *border
     s->fragment_count = borders->fragment[rank + 1] - borders->fragment[rank];
     int status = kiln_allocate(&s->fragments, s->fragment_count, sizeof *s->fragments, "the fragments", build->error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->piece_base, s->fragment_count + 1, sizeof *s->piece_base, "the fragments", build->error);
+        status =
+            kiln_allocate(&s->piece_base, s->fragment_count + 1, sizeof *s->piece_base, "the fragments", build->error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->share_base, s->fragment_count + 1, sizeof *s->share_base, "the fragments", build->error);
+        status =
+            kiln_allocate(&s->share_base, s->fragment_count + 1, sizeof *s->share_base, "the fragments", build->error);
     status = send_parts(build, borders, status);
     for (size_t f = 0; f < s->fragment_count && status == KILN_OK; f++) {
         s->piece_base[f + 1] += s->piece_base[f];

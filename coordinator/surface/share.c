@@ -21,17 +21,20 @@ struct color_sum {
     double all[3], area;     /* weighted with area alone: for a texel of which nothing is there */
 };
 
-static void sample_color(const struct kiln_build *build, uint32_t triangle, double b1, double b2, double area, struct color_sum *sum)
+static void sample_color(const struct kiln_build *build, uint32_t triangle, double b1, double b2, double area,
+                         struct color_sum *sum)
 {
     const struct kiln_geometry *g = build->geometry;
     const struct kiln_scene *scene = build->scene;
     const struct kiln_hit_record *record = &g->records[triangle];
     float s1, s2, rgba[4];
     kiln_geometry_stored_barycentrics(scene, g, triangle, (float)b1, (float)b2, &s1, &s2);
-    kiln_surface_color(scene, &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle], s1, s2, rgba);
+    kiln_surface_color(scene, &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle], s1, s2,
+                       rgba);
     double weight = area;
     if (triangle >= g->opaque_count)
-        weight *= (double)kiln_surface_opacity(scene, &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle], s1, s2);
+        weight *= (double)kiln_surface_opacity(scene, &scene->meshes[scene->objects[record->object].mesh],
+                                               g->stored_triangle[triangle], s1, s2);
     for (int c = 0; c < 3; c++) {
         sum->there[c] += weight * (double)rgba[c];
         sum->all[c] += area * (double)rgba[c];
@@ -52,10 +55,10 @@ static void sample_square(const struct kiln_build *build, uint32_t triangle, con
     }
 }
 
-/* Part of a texel: its bounding box is cut into equal parts, as many as its share of the texel asks, each sampled at its
- * covered part's centroid. The parts of all pieces together are at least about 8. */
-static void sample_polygon(const struct kiln_build *build, uint32_t triangle, const double local[3][2], double area, double share,
-                           struct color_sum *sum)
+/* Part of a texel: its bounding box is cut into equal parts, as many as its share of the texel asks, each sampled at
+ * its covered part's centroid. The parts of all pieces together are at least about 8. */
+static void sample_polygon(const struct kiln_build *build, uint32_t triangle, const double local[3][2], double area,
+                           double share, struct color_sum *sum)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
     const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
@@ -82,8 +85,8 @@ static void sample_polygon(const struct kiln_build *build, uint32_t triangle, co
     }
 }
 
-static void add_piece_color(const struct kiln_build *build, const struct kiln_coverage_piece *piece, uint32_t x, uint32_t y,
-                            uint32_t shift, double total, struct color_sum *sum)
+static void add_piece_color(const struct kiln_build *build, const struct kiln_coverage_piece *piece, uint32_t x,
+                            uint32_t y, uint32_t shift, double total, struct color_sum *sum)
 {
     const struct kiln_hit_record *record = &build->geometry->records[piece->triangle];
     if (build->scene->materials[record->material & KILN_RECORD_MATERIAL].base_color_texture == KILN_NONE) {
@@ -111,10 +114,12 @@ static int descending(const void *a, const void *b)
     return x > y ? -1 : x < y ? 1 : 0;
 }
 
-/* Of more than KILN_PIECES_MOST pieces keeps the largest; of equal ones those with lower numbers. Gives the new count. */
+/* Of more than KILN_PIECES_MOST pieces keeps the largest; of equal ones those with lower numbers. Gives the new count.
+ */
 static int keep_largest(struct share_scratch *scratch, uint32_t *order, uint32_t *count, struct kiln_error *error)
 {
-    const int status = kiln_grow(&scratch->areas, &scratch->areas_capacity, *count, sizeof *scratch->areas, "a texel's pieces", error);
+    const int status =
+        kiln_grow(&scratch->areas, &scratch->areas_capacity, *count, sizeof *scratch->areas, "a texel's pieces", error);
     if (status != KILN_OK)
         return status;
     for (uint32_t i = 0; i < *count; i++)
@@ -178,7 +183,8 @@ static int fill_point(struct kiln_build *build, struct share_scratch *scratch, u
 static int sort_pieces(struct share_scratch *scratch, size_t first[KILN_TILE_TEXELS + 1], struct kiln_error *error)
 {
     const size_t count = scratch->coverage.count;
-    const int status = kiln_grow(&scratch->order, &scratch->order_capacity, count, sizeof *scratch->order, "a tile's pieces", error);
+    const int status =
+        kiln_grow(&scratch->order, &scratch->order_capacity, count, sizeof *scratch->order, "a tile's pieces", error);
     if (status != KILN_OK)
         return status;
     size_t place[KILN_TILE_TEXELS];
@@ -195,8 +201,8 @@ static int sort_pieces(struct share_scratch *scratch, size_t first[KILN_TILE_TEX
     return KILN_OK;
 }
 
-static int fill_fragment(struct kiln_build *build, const struct kiln_coverage *coverage, size_t f, struct share_scratch *scratch,
-                         struct kiln_error *error)
+static int fill_fragment(struct kiln_build *build, const struct kiln_coverage *coverage, size_t f,
+                         struct share_scratch *scratch, struct kiln_error *error)
 {
     struct kiln_surface *s = build->surface;
     const struct kiln_fragment *fragment = &s->fragments[f];
@@ -209,7 +215,8 @@ static int fill_fragment(struct kiln_build *build, const struct kiln_coverage *c
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
         place.x = fragment->tile % coverage->tiles_x * KILN_TILE_SIDE + kiln_morton8_x(bit);
         place.y = fragment->tile / coverage->tiles_x * KILN_TILE_SIDE + kiln_morton8_y(bit);
-        status = fill_point(build, scratch, scratch->order + first[bit], (uint32_t)(first[bit + 1] - first[bit]), &place, error);
+        status = fill_point(build, scratch, scratch->order + first[bit], (uint32_t)(first[bit + 1] - first[bit]),
+                            &place, error);
     }
     assert(status != KILN_OK || (place.piece == s->piece_base[f + 1] && place.share == s->share_base[f + 1]));
     return status;
@@ -226,7 +233,8 @@ static void fill_map(struct kiln_build *build, uint32_t map, uint32_t threads, c
     const struct own_maps *maps = context;
     struct kiln_error error;
     struct kiln_coverage coverage = {0};
-    const int status = kiln_coverage_create(&coverage, build->scene, build->geometry, build->surface, map, threads, &error);
+    const int status =
+        kiln_coverage_create(&coverage, build->scene, build->geometry, build->surface, map, threads, &error);
     if (status != KILN_OK) {
         kiln_build_fail(build, status, &error);
         return;
@@ -288,9 +296,11 @@ int kiln_build_share(struct kiln_build *build)
     struct own_maps own = {0};
     int status = kiln_allocate(&s->piece_count, s->count, sizeof *s->piece_count, "the surface points", build->error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->pieces, s->piece_base[s->fragment_count], sizeof *s->pieces, "the pieces", build->error);
+        status =
+            kiln_allocate(&s->pieces, s->piece_base[s->fragment_count], sizeof *s->pieces, "the pieces", build->error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->shares, s->share_base[s->fragment_count], sizeof *s->shares, "the pieces", build->error);
+        status =
+            kiln_allocate(&s->shares, s->share_base[s->fragment_count], sizeof *s->shares, "the pieces", build->error);
     if (status == KILN_OK)
         status = kiln_allocate(&s->albedo, 3 * s->count, sizeof *s->albedo, "the surface points", build->error);
     if (status == KILN_OK)

@@ -1,6 +1,7 @@
-/* A small scene, its surface and a made-up result, without importer, surface builder or backend: for tests of what stands
- * after them. Two objects share a mesh of two 1 m x 1 m squares that meet at x = 1 in space and lie apart, one turned by 90
- * degrees, on the layout; the second object stands 3 m further up and is mirrored. All coverage is exact by clipping. */
+/* A small scene, its surface and a made-up result, without importer, surface builder or backend: for tests of what
+ * stands after them. Two objects share a mesh of two 1 m x 1 m squares that meet at x = 1 in space and lie apart, one
+ * turned by 90 degrees, on the layout; the second object stands 3 m further up and is mirrored. All coverage is exact
+ * by clipping. */
 #ifndef KILN_TESTS_COMMON_SYNTHETIC_H
 #define KILN_TESTS_COMMON_SYNTHETIC_H
 
@@ -34,7 +35,8 @@ static const char synthetic_strings[] = "\0first\0second\0sheet\0grey";
 
 static inline void synthetic_mesh(struct synthetic *s)
 {
-    static const float positions[8][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {1, 0, 0}, {2, 0, 0}, {2, 1, 0}, {1, 1, 0}};
+    static const float positions[8][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0},
+                                          {1, 0, 0}, {2, 0, 0}, {2, 1, 0}, {1, 1, 0}};
     /* square 0 upright; square 1 turned: its left edge (x = 1) runs along u */
     static const float texcoords[8][2] = {{0.06f, 0.11f}, {0.41f, 0.11f}, {0.41f, 0.83f}, {0.06f, 0.83f},
                                           {0.93f, 0.17f}, {0.93f, 0.87f}, {0.55f, 0.87f}, {0.55f, 0.17f}};
@@ -53,11 +55,16 @@ static inline void synthetic_scene(struct synthetic *s, uint32_t width, uint32_t
 {
     memset(s, 0, sizeof *s);
     synthetic_mesh(s);
-    s->material = (struct kiln_material){.name = 20, .base_color = {0.5f, 0.5f, 0.5f, 1}, .base_color_texture = KILN_NONE,
+    s->material = (struct kiln_material){.name = 20,
+                                         .base_color = {0.5f, 0.5f, 0.5f, 1},
+                                         .base_color_texture = KILN_NONE,
                                          .emission_texture = KILN_NONE};
     for (int i = 0; i < 2; i++) {
-        s->objects[i] = (struct kiln_object){.name = i == 0 ? 1 : 7, .original_name = i == 0 ? 1 : 7, .lightmap_width = width,
-                                             .lightmap_height = height, .transform = {i == 0 ? 1 : -1, 0, 0, 0, 0, 1, 0, i * 3.0, 0, 0, 1, 0},
+        s->objects[i] = (struct kiln_object){.name = i == 0 ? 1 : 7,
+                                             .original_name = i == 0 ? 1 : 7,
+                                             .lightmap_width = width,
+                                             .lightmap_height = height,
+                                             .transform = {i == 0 ? 1 : -1, 0, 0, 0, 0, 1, 0, i * 3.0, 0, 0, 1, 0},
                                              .flipped = (uint32_t)i};
     }
     s->objects[1].lightmap_height = height / 2 + 1;
@@ -66,12 +73,26 @@ static inline void synthetic_scene(struct synthetic *s, uint32_t width, uint32_t
     s->header.bounds_max[0] = 2;
     s->header.bounds_max[1] = 4;
     s->header.centre[1] = 2.0;
-    s->scene = (struct kiln_scene){.header = &s->header, .strings = synthetic_strings, .materials = &s->material, .meshes = &s->mesh,
-                                   .objects = s->objects, .environment = &s->environment, .positions = s->positions,
-                                   .normals = s->normals, .texcoord_base = s->texcoords, .texcoord_emission = s->texcoords,
-                                   .texcoord_lightmap = s->texcoords, .colors = &s->colors[0][0], .triangles = &s->triangles[0][0],
-                                   .triangle_materials = s->triangle_materials, .material_count = 1, .mesh_count = 1,
-                                   .object_count = 2, .vertex_count = 8, .triangle_count = 4, .descriptor = -1};
+    s->scene = (struct kiln_scene){.header = &s->header,
+                                   .strings = synthetic_strings,
+                                   .materials = &s->material,
+                                   .meshes = &s->mesh,
+                                   .objects = s->objects,
+                                   .environment = &s->environment,
+                                   .positions = s->positions,
+                                   .normals = s->normals,
+                                   .texcoord_base = s->texcoords,
+                                   .texcoord_emission = s->texcoords,
+                                   .texcoord_lightmap = s->texcoords,
+                                   .colors = &s->colors[0][0],
+                                   .triangles = &s->triangles[0][0],
+                                   .triangle_materials = s->triangle_materials,
+                                   .material_count = 1,
+                                   .mesh_count = 1,
+                                   .object_count = 2,
+                                   .vertex_count = 8,
+                                   .triangle_count = 4,
+                                   .descriptor = -1};
 }
 
 /* Area in texels of stored triangle `t` of object `o` in texel (x, y). */
@@ -88,7 +109,8 @@ static inline double synthetic_area(const struct synthetic *s, uint32_t o, uint3
     return area > 1e-9 ? area : 0.0;
 }
 
-static inline void synthetic_point(struct synthetic *s, uint32_t o, uint32_t x, uint32_t y, uint64_t point, uint64_t *piece, uint64_t *share)
+static inline void synthetic_point(struct synthetic *s, uint32_t o, uint32_t x, uint32_t y, uint64_t point,
+                                   uint64_t *piece, uint64_t *share)
 {
     struct kiln_surface *f = &s->surface;
     double total = 0.0, sum = 0.0;
@@ -166,12 +188,13 @@ static inline void synthetic_surface(struct synthetic *s)
     f->count = f->point_count;
 }
 
-/* Leaves rank `rank` of `ranks` with its share of the fragments; light is a smooth function of the texel's global index and
- * every 37th point is invalid. */
+/* Leaves rank `rank` of `ranks` with its share of the fragments; light is a smooth function of the texel's global index
+ * and every 37th point is invalid. */
 static inline void synthetic_share(struct synthetic *s, int rank, int ranks)
 {
     struct kiln_surface *f = &s->surface;
-    const size_t begin = f->fragment_count * (size_t)rank / (size_t)ranks, end = f->fragment_count * (size_t)(rank + 1) / (size_t)ranks;
+    const size_t begin = f->fragment_count * (size_t)rank / (size_t)ranks,
+                 end = f->fragment_count * (size_t)(rank + 1) / (size_t)ranks;
     const uint64_t first = begin < f->fragment_count ? f->fragments[begin].first : f->point_count;
     const uint64_t last = end < f->fragment_count ? f->fragments[end].first : f->point_count;
     (void)kiln_allocate(&s->direct, 3 * (last - first), sizeof(float), "light", NULL);
@@ -202,12 +225,20 @@ static inline void synthetic_share(struct synthetic *s, int rank, int ranks)
 
 static inline struct kiln_bake_result synthetic_result(const struct synthetic *s, MPI_Comm communicator)
 {
-    return (struct kiln_bake_result){.units = kiln_units_of(KILN_UNITS_RADIOMETRIC, &s->scene), .communicator = communicator, .scene = &s->scene, .geometry = s->geometry, .surface = &s->surface,
-                                     .direct = s->direct, .indirect = s->indirect, .error = s->error, .radiosity = s->radiosity};
+    return (struct kiln_bake_result){.units = kiln_units_of(KILN_UNITS_RADIOMETRIC, &s->scene),
+                                     .communicator = communicator,
+                                     .scene = &s->scene,
+                                     .geometry = s->geometry,
+                                     .surface = &s->surface,
+                                     .direct = s->direct,
+                                     .indirect = s->indirect,
+                                     .error = s->error,
+                                     .radiosity = s->radiosity};
 }
 
 /* 0, or a status with its sentence. The arrays live until the process ends: their starts move with the share. */
-static inline int synthetic_create(struct synthetic *s, uint32_t width, uint32_t height, int rank, int ranks, struct kiln_error *error)
+static inline int synthetic_create(struct synthetic *s, uint32_t width, uint32_t height, int rank, int ranks,
+                                   struct kiln_error *error)
 {
     synthetic_scene(s, width, height);
     const int status = kiln_geometry_create(&s->geometry, &s->scene, error);

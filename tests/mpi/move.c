@@ -1,4 +1,5 @@
-/* Run by mpirun on three ranks: an array goes from ranges to other ranges, whatever these are, in messages of any size. */
+/* Run by mpirun on three ranks: an array goes from ranges to other ranges, whatever these are, in messages of any size.
+ */
 #include <mpi.h>
 #include <stdio.h>
 #include <string.h>
@@ -39,7 +40,8 @@ static int try_cuts(int rank, const uint64_t *before, const uint64_t *after, uin
 
 int main(int argc, char **argv)
 {
-    static const uint64_t cuts[][4] = {{0, 20, 40, 60}, {0, 0, 60, 60}, {0, 59, 60, 60}, {0, 1, 2, 60}, {0, 60, 60, 60}, {0, 0, 0, 60}, {0, 30, 30, 60}};
+    static const uint64_t cuts[][4] = {{0, 20, 40, 60}, {0, 0, 60, 60}, {0, 59, 60, 60}, {0, 1, 2, 60},
+                                       {0, 60, 60, 60}, {0, 0, 0, 60},  {0, 30, 30, 60}};
     static const uint64_t limits[] = {0, 1, 7};
     enum { CUTS = sizeof cuts / sizeof *cuts };
     int rank = 0, size = 0, failures = 0, total = 0;

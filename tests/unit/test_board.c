@@ -82,7 +82,8 @@ static void speed_is_never_nothing(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(from_both_ends), cmocka_unit_test(what_was_seen_must_still_be_so),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(from_both_ends),
+                                       cmocka_unit_test(what_was_seen_must_still_be_so),
                                        cmocka_unit_test(speed_is_never_nothing)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

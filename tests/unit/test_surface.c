@@ -28,7 +28,8 @@ static struct kiln_geometry *create_geometry(struct fixture *f)
     return g;
 }
 
-static void build(struct built *b, double cell_size, enum kiln_partition partition, uint32_t rank, uint32_t ranks, uint32_t threads)
+static void build(struct built *b, double cell_size, enum kiln_partition partition, uint32_t rank, uint32_t ranks,
+                  uint32_t threads)
 {
     struct kiln_error error = {""};
     kiln_surface_destroy(&b->surface);
@@ -87,7 +88,8 @@ static void areas_add_up(void **state)
             area[at.object] += (double)b.surface->area[at.point];
         }
     }
-    /* the plain cube has 6 x 4 m2, the 3-fold one 9 times, the small one 1/25; the flat one two sides of 4 and four of 0.04 */
+    /* the plain cube has 6 x 4 m2, the 3-fold one 9 times, the small one 1/25; the flat one two sides of 4 and four of
+     * 0.04 */
     assert_true(fabs(area[0] / 24.0 - 1.0) < 1e-5);
     assert_true(fabs(area[2] / 8.16 - 1.0) < 1e-5);
     assert_true(fabs(area[3] / 0.96 - 1.0) < 1e-5);
@@ -223,13 +225,16 @@ static void shares_tile_the_whole(void **state)
                 assert_int_equal(s->first, point);
                 if (s->count > 0) {
                     const uint64_t pieces = w->piece_base[fragment], shares = w->share_base[fragment];
-                    assert_memory_equal(s->fragments, w->fragments + fragment, s->fragment_count * sizeof *s->fragments);
+                    assert_memory_equal(s->fragments, w->fragments + fragment,
+                                        s->fragment_count * sizeof *s->fragments);
                     assert_memory_equal(s->piece_count, w->piece_count + point, s->count * sizeof *s->piece_count);
                     assert_memory_equal(s->albedo, w->albedo + 3 * point, 3 * s->count * sizeof *s->albedo);
                     assert_memory_equal(s->area, w->area + point, s->count * sizeof *s->area);
-                    assert_memory_equal(s->pieces, w->pieces + pieces, s->piece_base[s->fragment_count] * sizeof *s->pieces);
+                    assert_memory_equal(s->pieces, w->pieces + pieces,
+                                        s->piece_base[s->fragment_count] * sizeof *s->pieces);
                     if (s->share_base[s->fragment_count] > 0)
-                        assert_memory_equal(s->shares, w->shares + shares, s->share_base[s->fragment_count] * sizeof *s->shares);
+                        assert_memory_equal(s->shares, w->shares + shares,
+                                            s->share_base[s->fragment_count] * sizeof *s->shares);
                 }
                 most = s->count > most ? s->count : most;
                 point += s->count;
@@ -292,7 +297,8 @@ static double polygon_area(const struct kiln_clip_corner *polygon, uint32_t corn
     return 0.5 * fabs(twice);
 }
 
-/* Pieces: ascending triangles, shares that are the areas found by clipping anew, ending at 1; whole where the corners are in. */
+/* Pieces: ascending triangles, shares that are the areas found by clipping anew, ending at 1; whole where the corners
+ * are in. */
 static void pieces_are_right(void **state)
 {
     (void)state;
@@ -314,7 +320,8 @@ static void pieces_are_right(void **state)
                 kiln_geometry_texel_corners(&b.fixture->scene, b.geometry, t, corner);
                 const uint32_t corners = kiln_clip_triangle(corner, at.x, at.y, at.x + 1.0, at.y + 1.0, polygon);
                 const double texels = polygon_area(polygon, corners);
-                const double scale = kiln_geometry_triangle_area(b.geometry, t) / (0.5 * fabs(kiln_clip_twice_area(corner)));
+                const double scale =
+                    kiln_geometry_triangle_area(b.geometry, t) / (0.5 * fabs(kiln_clip_twice_area(corner)));
                 sum += texels * scale;
                 if (j + 1 < count)
                     assert_true(fabs((double)s->shares[at.share + j] * (double)s->area[at.point] - sum) <=
@@ -343,8 +350,8 @@ static void albedo_is_the_mean(void **state)
     for (int i = 0; i < 256; i++) {
         texels[4 * i] = i / 16 % 2 == 0 ? 255 : 0; /* red: every other row */
         texels[4 * i + 1] = 255;
-        texels[4 * i + 2] = i % 2 == 0 ? 255 : 51;  /* blue: every other column */
-        texels[4 * i + 3] = i % 2 == 0 ? 255 : 0;   /* alpha: the same columns */
+        texels[4 * i + 2] = i % 2 == 0 ? 255 : 51; /* blue: every other column */
+        texels[4 * i + 3] = i % 2 == 0 ? 255 : 0;  /* alpha: the same columns */
     }
     f->materials[material].base_color_texture = texture;
     const uint32_t mesh = fixture_mesh(f);
@@ -432,7 +439,8 @@ static void nothing_there(void **state)
     b.geometry = create_geometry(f);
     for (uint32_t rank = 0; rank < 3; rank++) {
         build(&b, 0.0, rank == 1 ? KILN_PARTITION_OBJECTS : KILN_PARTITION_CELLS, rank, 3, 1);
-        assert_int_equal(b.surface->point_count + b.surface->tile_count + b.surface->cell_count + b.surface->fragment_count, 0);
+        assert_int_equal(
+            b.surface->point_count + b.surface->tile_count + b.surface->cell_count + b.surface->fragment_count, 0);
     }
     /* an object without triangles, one whose triangles have no area, one that is a single point of the surface */
     const uint32_t empty = fixture_mesh(f);
@@ -461,13 +469,13 @@ static void nothing_there(void **state)
     release(&b);
 }
 
-/* A layout that folds triangles to lines and points: their surface goes to the texels of their centroids, on the far edge of
- * the lightmap and on texel borders too; one that leaves the lightmap is told. */
+/* A layout that folds triangles to lines and points: their surface goes to the texels of their centroids, on the far
+ * edge of the lightmap and on texel borders too; one that leaves the lightmap is told. */
 static void collapsed_triangles_keep_their_area(void **state)
 {
     (void)state;
-    static const double lines[6][4] = {{0.2, 0.2, 0.2, 0.8}, {0.2, 0.9, 0.5, 0.5}, {0.25, 0.25, 0.1, 0.7}, {1, 1, 0, 1},
-                                       {1, 1, 1, 1},         {0, 0.3, 0, 0}};
+    static const double lines[6][4] = {{0.2, 0.2, 0.2, 0.8}, {0.2, 0.9, 0.5, 0.5}, {0.25, 0.25, 0.1, 0.7},
+                                       {1, 1, 0, 1},         {1, 1, 1, 1},         {0, 0.3, 0, 0}};
     struct built b = {.fixture = fixture_create()};
     struct fixture *f = b.fixture;
     const uint32_t grey = fixture_material(f, 0.5f, 0.5f, 0.5f);
@@ -491,11 +499,13 @@ static void collapsed_triangles_keep_their_area(void **state)
             for (uint32_t j = 0; j < 1024; j++) {
                 uint32_t triangle;
                 float b1, b2;
-                kiln_footprint_sample(&footprint, ((float)(j % 32) + 0.5f) / 32, ((float)(j / 32) + 0.5f) / 32, &triangle, &b1, &b2);
+                kiln_footprint_sample(&footprint, ((float)(j % 32) + 0.5f) / 32, ((float)(j / 32) + 0.5f) / 32,
+                                      &triangle, &b1, &b2);
                 mean[0] += (double)b1 / 1024;
                 mean[1] += (double)b2 / 1024;
             }
-            assert_true(fabs(mean[0] - 1.0 / 3) < 0.01 && fabs(mean[1] - 1.0 / 3) < 0.01); /* over the whole triangles */
+            /* over the whole triangles */
+            assert_true(fabs(mean[0] - 1.0 / 3) < 0.01 && fabs(mean[1] - 1.0 / 3) < 0.01);
         }
     }
     for (size_t v = 0; v < 16; v++)
@@ -534,7 +544,8 @@ static void cell_sizes(void **state)
         assert_null(s);
         assert_true(strlen(error.message) > 20);
     }
-    const struct kiln_surface_params params = {.scene = &b.fixture->scene, .geometry = b.geometry, .rank = 2, .ranks = 2};
+    const struct kiln_surface_params params = {
+        .scene = &b.fixture->scene, .geometry = b.geometry, .rank = 2, .ranks = 2};
     assert_int_equal(kiln_surface_build(&s, &params, &report, &error), KILN_USAGE);
     release(&b);
 }
@@ -568,7 +579,8 @@ static void cuts_are_near_the_mean(void **state)
     }
 }
 
-/* Beyond the number of cells shares are cut between fragments, at the same ones as where somebody has a list of them all. */
+/* Beyond the number of cells shares are cut between fragments, at the same ones as where somebody has a list of them
+ * all. */
 static void fragments_are_cut_alike(void **state)
 {
     (void)state;
@@ -598,13 +610,19 @@ static void fragments_are_cut_alike(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(areas_add_up),       cmocka_unit_test(order_is_kept),
-        cmocka_unit_test(cells_change_nothing_else), cmocka_unit_test(shares_tile_the_whole),
-        cmocka_unit_test(coverage_is_exact),  cmocka_unit_test(pieces_are_right),
-        cmocka_unit_test(albedo_is_the_mean), cmocka_unit_test(shared_texels_are_counted),
-        cmocka_unit_test(crowded_texel),      cmocka_unit_test(nothing_there),
+        cmocka_unit_test(areas_add_up),
+        cmocka_unit_test(order_is_kept),
+        cmocka_unit_test(cells_change_nothing_else),
+        cmocka_unit_test(shares_tile_the_whole),
+        cmocka_unit_test(coverage_is_exact),
+        cmocka_unit_test(pieces_are_right),
+        cmocka_unit_test(albedo_is_the_mean),
+        cmocka_unit_test(shared_texels_are_counted),
+        cmocka_unit_test(crowded_texel),
+        cmocka_unit_test(nothing_there),
         cmocka_unit_test(collapsed_triangles_keep_their_area),
-        cmocka_unit_test(cell_sizes),         cmocka_unit_test(cuts_are_near_the_mean),
+        cmocka_unit_test(cell_sizes),
+        cmocka_unit_test(cuts_are_near_the_mean),
         cmocka_unit_test(fragments_are_cut_alike),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,5 +1,6 @@
-/* Directions even in a triangle's solid angle. Lone area lights made ready for a point: the same samples as kiln_lights_sample draws at
- * its centre, the closed form's irradiance everywhere else, and which lights are left to others. */
+/* Directions even in a triangle's solid angle. Lone area lights made ready for a point: the same samples as
+ * kiln_lights_sample draws at its centre, the closed form's irradiance everywhere else, and which lights are left to
+ * others. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -19,7 +20,8 @@ static struct kiln_dvec3 unit(struct kiln_dvec3 a) { return dvec3_scale(a, 1.0 /
 
 static struct kiln_area_light triangle(struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 c)
 {
-    struct kiln_area_light light = {.p0 = a, .e1 = dvec3_sub(b, a), .e2 = dvec3_sub(c, a), .radiance = {1.0f, 2.0f, 3.0f}, .rounding = 1e-9};
+    struct kiln_area_light light = {
+        .p0 = a, .e1 = dvec3_sub(b, a), .e2 = dvec3_sub(c, a), .radiance = {1.0f, 2.0f, 3.0f}, .rounding = 1e-9};
     const struct kiln_dvec3 cross = dvec3_cross(light.e1, light.e2);
     light.area = 0.5 * dvec3_length(cross);
     light.normal = unit(cross);
@@ -53,8 +55,8 @@ static double solid_angle(struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_
     return acos(-dvec3_dot(ab, ca)) + acos(-dvec3_dot(bc, ab)) + acos(-dvec3_dot(ca, bc)) - KILN_PI;
 }
 
-/* With v = 1 a direction is the point on the far edge that cuts off the share u; with any other v it lies on the arc to it, at a
- * height (its cosine with b) even between theirs. */
+/* With v = 1 a direction is the point on the far edge that cuts off the share u; with any other v it lies on the arc to
+ * it, at a height (its cosine with b) even between theirs. */
 static void directions_are_even(void **state)
 {
     (void)state;
@@ -62,9 +64,11 @@ static void directions_are_even(void **state)
     for (int i = 0; i < 1000; i++) {
         const struct kiln_area_light light = lamp(3.0, 1.0, &seed);
         const struct kiln_dvec3 to0 = light.p0;
-        const struct kiln_spherical_triangle t = kiln_spherical_triangle(to0, light.e1, light.e2, light.area, fabs(dvec3_dot(to0, light.normal)));
+        const struct kiln_spherical_triangle t =
+            kiln_spherical_triangle(to0, light.e1, light.e2, light.area, fabs(dvec3_dot(to0, light.normal)));
         const double u = 0.05 + 0.9 * uniform(&seed), v = 0.05 + 0.9 * uniform(&seed);
-        const struct kiln_dvec3 edge = kiln_spherical_triangle_direction(&t, u, 1.0), inside = kiln_spherical_triangle_direction(&t, u, v);
+        const struct kiln_dvec3 edge = kiln_spherical_triangle_direction(&t, u, 1.0),
+                                inside = kiln_spherical_triangle_direction(&t, u, v);
         assert_true(fabs(t.omega - solid_angle(t.a, t.b, t.c)) < 1e-9);
         assert_true(fabs(solid_angle(t.a, t.b, edge) - u * t.omega) < 1e-7);
         assert_true(fabs(dvec3_dot(edge, dvec3_cross(t.a, t.c))) < 1e-9 && fabs(dvec3_length(inside) - 1.0) < 1e-9);
@@ -79,7 +83,8 @@ static void put(struct kiln_target_samples *s, int lane, struct kiln_dvec3 place
     s->place[0][lane] = place.x, s->place[1][lane] = place.y, s->place[2][lane] = place.z;
 }
 
-static void compare_at_centre(const struct kiln_lights *lights, const struct kiln_light_target *target, struct kiln_dvec3 p, uint32_t *seed)
+static void compare_at_centre(const struct kiln_lights *lights, const struct kiln_light_target *target,
+                              struct kiln_dvec3 p, uint32_t *seed)
 {
     struct kiln_target_samples s;
     for (int l = 0; l < KILN_TARGET_LANES; l++)
@@ -90,7 +95,8 @@ static void compare_at_centre(const struct kiln_lights *lights, const struct kil
         assert_true(kiln_lights_sample(lights, &lone, 0, p, dvec3(0, 1, 0), 0.5, s.u[l], s.v[l], &one));
         const struct kiln_dvec3 to = dvec3(s.to[0][l], s.to[1][l], s.to[2][l]);
         assert_true(dvec3_length(dvec3_sub(to, dvec3_scale(one.direction, one.distance))) < 1e-7 * one.distance);
-        assert_true(fabs(s.distance[l] / one.distance - 1.0) < 1e-7 && fabs(s.weight[l] * 2.0 / one.value[1] - 1.0) < 1e-6);
+        assert_true(fabs(s.distance[l] / one.distance - 1.0) < 1e-7 &&
+                    fabs(s.weight[l] * 2.0 / one.value[1] - 1.0) < 1e-6);
         assert_true(fabs(s.backoff[l] / one.backoff - 1.0) < 1e-6);
     }
 }
@@ -120,7 +126,8 @@ static double polygon_irradiance(const struct kiln_area_light *light, struct kil
     const struct kiln_dvec3 v[3] = {light->p0, dvec3_add(light->p0, light->e1), dvec3_add(light->p0, light->e2)};
     double sum = 0.0;
     for (int i = 0; i < 3; i++) {
-        const struct kiln_dvec3 a = unit(dvec3_sub(v[i], p)), b = unit(dvec3_sub(v[(i + 1) % 3], p)), across = dvec3_cross(a, b);
+        const struct kiln_dvec3 a = unit(dvec3_sub(v[i], p)), b = unit(dvec3_sub(v[(i + 1) % 3], p)),
+                                across = dvec3_cross(a, b);
         sum += atan2(dvec3_length(across), dvec3_dot(a, b)) * dvec3_dot(n, unit(across));
     }
     return 0.5 * fabs(sum);
@@ -156,7 +163,7 @@ static void closed_form_from_other_places(void **state)
                 light.normal = dvec3_scale(light.normal, -1.0);
             struct kiln_lights lights = lights_of(&light, 1);
             struct kiln_light_target target;
-const struct kiln_dvec3 centre = dvec3(0.0, 0.0, 0.0), n = dvec3(0.0, 1.0, 0.0);
+            const struct kiln_dvec3 centre = dvec3(0.0, 0.0, 0.0), n = dvec3(0.0, 1.0, 0.0);
             if (kiln_light_target(&lights, &lone, centre, 0.0, &target)) {
                 const double turn = 6.28 * uniform(&seed), far = 0.12 * target.height;
                 const struct kiln_dvec3 p = dvec3(far * cos(turn), 0.0, far * sin(turn));
@@ -191,7 +198,8 @@ static void others_are_left_alone(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(directions_are_even), cmocka_unit_test(same_as_one_by_one_at_the_centre),
-                                       cmocka_unit_test(closed_form_from_other_places), cmocka_unit_test(others_are_left_alone)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(directions_are_even), cmocka_unit_test(same_as_one_by_one_at_the_centre),
+        cmocka_unit_test(closed_form_from_other_places), cmocka_unit_test(others_are_left_alone)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

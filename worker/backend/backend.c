@@ -25,8 +25,8 @@ static bool has_gpu(void)
 }
 
 /* The backend itself, and around it what the parameters ask for: going on without the device, then checking it. */
-static int create(struct kiln_backend **backend, const struct kiln_backend_api *api, const struct kiln_backend_params *params,
-                  struct kiln_error *error)
+static int create(struct kiln_backend **backend, const struct kiln_backend_api *api,
+                  const struct kiln_backend_params *params, struct kiln_error *error)
 {
     int status = api->create(backend, params, error);
     if (status != KILN_OK)
@@ -40,7 +40,8 @@ static int create(struct kiln_backend **backend, const struct kiln_backend_api *
 }
 
 /* A GPU that does not work is no reason not to bake. */
-static int create_best(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error)
+static int create_best(struct kiln_backend **backend, const struct kiln_backend_params *params,
+                       struct kiln_error *error)
 {
     struct kiln_error why;
     if (has_gpu()) {
@@ -108,8 +109,9 @@ int kiln_backend_gather(struct kiln_backend *backend, const struct kiln_batch *b
     return backend->api->gather(backend, batch, samples, stream, rays, error);
 }
 
-int kiln_backend_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first,
-                        uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
+int kiln_backend_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count,
+                        uint64_t index_first, uint32_t samples, struct kiln_probe_result *results, uint64_t *rays,
+                        struct kiln_error *error)
 {
     assert(samples > 0);
     if (count == 0)
@@ -117,16 +119,17 @@ int kiln_backend_probes(struct kiln_backend *backend, const struct kiln_vec3 *po
     return backend->api->probes(backend, positions, count, index_first, samples, results, rays, error);
 }
 
-int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
-                           size_t count, struct kiln_hit *hits, struct kiln_error *error)
+int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                           const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
+                           struct kiln_error *error)
 {
     if (count == 0)
         return KILN_OK;
     return backend->api->intersect(backend, origins, directions, count, hits, error);
 }
 
-int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
-                         uint64_t *rays, struct kiln_error *error)
+int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples,
+                         uint32_t stream, double *seconds, uint64_t *rays, struct kiln_error *error)
 {
     assert(samples > 0);
     if (batch->fragment_count == 0)

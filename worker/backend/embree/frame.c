@@ -33,7 +33,13 @@ static void build_whole(struct fragment_frame *f, const struct embree_backend *b
 
 static bool meets_back(const struct embree_backend *b, struct kiln_vec3 p, struct kiln_vec3 d)
 {
-    struct RTCRayHit r = {.ray = {.org_x = p.x, .org_y = p.y, .org_z = p.z, .dir_x = d.x, .dir_y = d.y, .dir_z = d.z, .tfar = INFINITY,
+    struct RTCRayHit r = {.ray = {.org_x = p.x,
+                                  .org_y = p.y,
+                                  .org_z = p.z,
+                                  .dir_x = d.x,
+                                  .dir_y = d.y,
+                                  .dir_z = d.z,
+                                  .tfar = INFINITY,
                                   .mask = ~0u},
                           .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
     embree_nearest_half(b, &r);
@@ -51,13 +57,14 @@ bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 positio
     struct kiln_vec3 t, s;
     kiln_basis(normal, &t, &s);
     for (int i = 0; i < 3; i++)
-        if (!meets_back(backend, position, vec3_madd(vec3_madd(vec3_scale(t, turn[i][0]), s, turn[i][1]), normal, 0.6f)))
+        if (!meets_back(backend, position,
+                        vec3_madd(vec3_madd(vec3_scale(t, turn[i][0]), s, turn[i][1]), normal, 0.6f)))
             return false;
     return true;
 }
 
-static void draw_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
-                          struct kiln_vec3 *position, struct kiln_vec3 *normal)
+static void draw_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s,
+                          float t, struct kiln_vec3 *position, struct kiln_vec3 *normal)
 {
     uint32_t triangle;
     float b1, b2;
@@ -84,14 +91,15 @@ float frame_position(struct fragment_frame *frame, const struct embree_backend *
     draw_position(frame, backend, j, s, t, position, normal);
     enum { TRIES = 32 };
     for (uint32_t i = 0; frame->partly_buried[j] && i < TRIES && frame_buried(backend, *position, *normal); i++) {
-        const uint32_t hash = kiln_hash2(kiln_hash2((uint32_t)(s * 0x1p24f), (uint32_t)(t * 0x1p24f)), frame->key[j] + i);
+        const uint32_t hash =
+            kiln_hash2(kiln_hash2((uint32_t)(s * 0x1p24f), (uint32_t)(t * 0x1p24f)), frame->key[j] + i);
         draw_position(frame, backend, j, kiln_unit_float(hash), kiln_unit_float(kiln_hash1(hash)), position, normal);
     }
     return frame->known_offset;
 }
 
-static void build_point(struct fragment_frame *f, const struct embree_backend *b, const struct kiln_point_cursor *at, uint32_t j,
-                        bool partly_buried, unsigned wish)
+static void build_point(struct fragment_frame *f, const struct embree_backend *b, const struct kiln_point_cursor *at,
+                        uint32_t j, bool partly_buried, unsigned wish)
 {
     struct kiln_footprint *p = &f->footprint[j];
     const struct kiln_lightmap *map = &b->surface->lightmaps[at->map];

@@ -1,8 +1,8 @@
 /* Which share of each point is buried in other geometry.
  *
- * 16 places a point first, each with a ray along its normal (and three more where that meets a back face: frame_buried). A point
- * with all of them buried is invalid; where some are, 64 more give the share, and a point of which less than 1/32 is left is
- * invalid too. */
+ * 16 places a point first, each with a ray along its normal (and three more where that meets a back face:
+ * frame_buried). A point with all of them buried is invalid; where some are, 64 more give the share, and a point of
+ * which less than 1/32 is left is invalid too. */
 #include <omp.h>
 
 #include "shaders/random.h"
@@ -14,13 +14,15 @@
 enum { FIRST_LOOK = 16, SECOND_LOOK = 64 };
 
 /* How many of `samples` places of point j are buried. */
-static uint32_t count_buried(struct fragment_frame *f, const struct embree_backend *b, uint32_t j, uint32_t samples, uint32_t stream)
+static uint32_t count_buried(struct fragment_frame *f, const struct embree_backend *b, uint32_t j, uint32_t samples,
+                             uint32_t stream)
 {
     const uint32_t key = kiln_hash2(f->key[j], stream), shift_s = kiln_hash1(key), shift_t = kiln_hash1(key + 1u);
     uint32_t buried = 0;
     for (uint32_t k = 0; k < samples; k++) {
         struct kiln_vec3 p, n;
-        frame_position(f, b, j, kiln_unit_float(kiln_sobol(k, 0) ^ shift_s), kiln_unit_float(kiln_sobol(k, 1) ^ shift_t), &p, &n);
+        frame_position(f, b, j, kiln_unit_float(kiln_sobol(k, 0) ^ shift_s),
+                       kiln_unit_float(kiln_sobol(k, 1) ^ shift_t), &p, &n);
         buried += frame_buried(b, p, n);
     }
     return buried;
