@@ -33,7 +33,7 @@ KILN_SIZE_IS(kiln_gpu_lights, 112);
 #define KILN_GPU_CHOICE_KIND_SHIFT 30u
 /* in `samples`: a lone area light, to be reckoned in doubles where the device has them */
 #define KILN_GPU_CHOICE_PRECISE 0x80000000u
-/* a kind beside those of shaders/lights.glsl: a node that is a target (shaders/target.glsl) */
+/* a kind beside those of shaders/lights.glsl: a node that is a target (shaders/area_light_sampler.glsl) */
 #define KILN_GPU_CHOICE_TARGET 3u
 struct kiln_gpu_choice {
     KILN_WORD what, samples;

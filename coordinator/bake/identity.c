@@ -3,8 +3,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/cli/options.h"
-#include "coordinator/output/sealed.h"
+#include "coordinator/job/options.h"
+#include "coordinator/files/checksummed_json.h"
 #include "worker/base/text.h"
 
 /* Options of bake whose values decide the light on the surfaces, or how a checkpoint's points are ordered, */

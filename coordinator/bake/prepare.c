@@ -7,11 +7,11 @@
 #include <unistd.h>
 
 #include "coordinator/bake/surface_exchange.h"
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 #include "coordinator/cli/devices.h"
 #include "worker/base/memory.h"
 
-enum { FIRST_FRAGMENTS = 256, MOST_FRAGMENTS = 1 << 16 }; /* of a batch of the validity pass */
+enum { FIRST_TILE_RUNS = 256, MOST_TILE_RUNS = 1 << 16 }; /* of a batch of the validity pass */
 
 static const char *const instruction_sets[] = {"sse2", "sse4.2", "avx", "avx2", "avx512"};
 enum { SETS = 5 };
@@ -268,20 +268,20 @@ struct validity_work {
     struct kiln_prepared *p;
     struct kiln_control *control; /* NULL: none */
     struct kiln_progress *progress;
-    size_t next, batch; /* fragments */
+    size_t next, batch; /* tile runs */
 };
 
 static int run_batch(struct validity_work *w, double *seconds, struct kiln_error *error)
 {
     const struct kiln_surface *s = w->p->surface;
-    const size_t left = s->fragment_count - w->next, count = left < w->batch ? left : w->batch;
+    const size_t left = s->tile_run_count - w->next, count = left < w->batch ? left : w->batch;
     const double start = MPI_Wtime(), wanted = w->control != NULL ? 0.5 * kiln_control_batch_seconds(w->control) : 1.0;
     const int status = kiln_backend_validity(w->p->backend, w->next, count, s->visible, error);
     *seconds = MPI_Wtime() - start;
     w->next += count;
     kiln_progress_advance(w->progress, w->next);
     if (*seconds < 0.5 * wanted)
-        w->batch = 2 * w->batch < MOST_FRAGMENTS ? 2 * w->batch : MOST_FRAGMENTS;
+        w->batch = 2 * w->batch < MOST_TILE_RUNS ? 2 * w->batch : MOST_TILE_RUNS;
     else if (*seconds > 2.0 * wanted && w->batch > 1)
         w->batch /= 2;
     return status;
@@ -290,7 +290,7 @@ static int run_batch(struct validity_work *w, double *seconds, struct kiln_error
 /* Until this rank is done, and with a control until all ranks are, or one says otherwise. */
 static int run_validity(struct validity_work *w, struct kiln_error *error)
 {
-    const size_t count = w->p->surface->fragment_count;
+    const size_t count = w->p->surface->tile_run_count;
     int status = KILN_OK;
     for (;;) {
         enum kiln_event event = KILN_EVENT_DONE;
@@ -315,7 +315,7 @@ static int run_validity(struct validity_work *w, struct kiln_error *error)
 static int find_valid_points(struct kiln_prepared *p, const struct kiln_prepare_care *care,
                              struct kiln_progress *progress, struct kiln_error *error)
 {
-    struct validity_work w = {.p = p, .control = care->control, .progress = progress, .batch = FIRST_FRAGMENTS};
+    struct validity_work w = {.p = p, .control = care->control, .progress = progress, .batch = FIRST_TILE_RUNS};
     if (w.control != NULL)
         kiln_control_begin(w.control, "validity");
     return run_validity(&w, error);
@@ -349,7 +349,7 @@ int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const s
     }
     if (status == KILN_OK) {
         kiln_phase(phases, "validity");
-        kiln_progress_phase(progress, "validity", p->surface->fragment_count);
+        kiln_progress_phase(progress, "validity", p->surface->tile_run_count);
         status = find_valid_points(p, care, progress, error);
     }
     kiln_phase(phases, NULL);

@@ -4,11 +4,11 @@
 
 #include <mpi.h>
 
-#include "coordinator/bake/control.h"
-#include "coordinator/bake/node_memory.h"
-#include "coordinator/bake/phases.h"
-#include "coordinator/cli/job.h"
-#include "coordinator/cli/progress.h"
+#include "coordinator/run/control.h"
+#include "coordinator/mpi/node_memory.h"
+#include "coordinator/run/phases.h"
+#include "coordinator/job/job.h"
+#include "coordinator/run/progress.h"
 #include "coordinator/import/import.h"
 #include "coordinator/surface/surface_build.h"
 #include "worker/backend/backend.h"

@@ -12,8 +12,8 @@ struct kiln_rays_bench {
 };
 
 /* Traces `samples` rays a point in turn by the gather pass and by the tracer alone, `repeats` times. Embree: of a
- * regular choice of fragments, the tracer with rays made beforehand and only its calls timed, one thread (prepared with
- * threads = 1). A device: of all fragments, or as many as keep it busy for a second; the tracer makes the same rays and
+ * regular choice of tile runs, the tracer with rays made beforehand and only its calls timed, one thread (prepared with
+ * threads = 1). A device: of all tile runs, or as many as keep it busy for a second; the tracer makes the same rays and
  * looks nothing up, by the device's clock. The radiosity is a made-up pattern, so that lookups cost what they do. Not
  * collective. KILN_USAGE when the scene has no surface points. */
 int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint32_t repeats,

@@ -6,11 +6,11 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/bake/process_memory.h"
+#include "coordinator/run/process_memory.h"
 #include "coordinator/bake/run_table.h"
-#include "coordinator/cli/agree.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/output/sealed.h"
+#include "coordinator/mpi/agree.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/checksummed_json.h"
 #include "worker/base/memory.h"
 
 /* Numbers of one rank that rank 0 wants. */
@@ -253,7 +253,7 @@ static json_t *balance_json(const struct kiln_run *run, const uint64_t *values)
     const struct kiln_surface_report *s = &run->prepared->surface_report;
     json_t *per_rank = ranks_json(run, values, RANK_POINTS);
     json_t *given =
-        json_pack("{s:b, s:o, s:o}", "on", run->transport->report.gives_away, "points_per_rank",
+        json_pack("{s:b, s:o, s:o}", "on", run->transport->report.steals_work, "points_per_rank",
                   ranks_json(run, values, RANK_GIVEN), "taken_per_rank", ranks_json(run, values, RANK_TAKEN));
     return json_pack("{s:s, s:f, s:I, s:I, s:f, s:o, s:o}", "partition",
                      run->job->partition_objects ? "objects" : "cells", "point_imbalance", s->imbalance,

@@ -3,8 +3,8 @@
 #define KILN_COORDINATOR_BAKE_RUN_REPORT_H
 
 #include "coordinator/bake/prepare.h"
-#include "coordinator/bake/result.h"
-#include "coordinator/bake/transport.h"
+#include "coordinator/field/result.h"
+#include "coordinator/integrate/transport.h"
 #include "coordinator/output/output.h"
 
 struct kiln_run {

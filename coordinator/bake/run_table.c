@@ -4,8 +4,8 @@
 #include <stdbool.h>
 #include <string.h>
 
-#include "coordinator/bake/phases.h"
-#include "coordinator/cli/progress.h"
+#include "coordinator/run/phases.h"
+#include "coordinator/run/progress.h"
 #include "worker/base/text.h"
 
 enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32 };

@@ -3,7 +3,7 @@
 #include <limits.h>
 #include <string.h>
 
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
 enum { ROUND_BYTES = 32 << 20 };

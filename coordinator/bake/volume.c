@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
 enum { PROBES_ALONG = 16, BATCH_LEAST = 256, BATCH_MOST = 1 << 16, BATCH_RAYS = 1 << 24 };

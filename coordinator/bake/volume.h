@@ -2,10 +2,10 @@
 #ifndef KILN_COORDINATOR_BAKE_VOLUME_H
 #define KILN_COORDINATOR_BAKE_VOLUME_H
 
-#include "coordinator/bake/checkpoint.h"
-#include "coordinator/bake/control.h"
-#include "coordinator/bake/result.h"
-#include "coordinator/cli/progress.h"
+#include "coordinator/run/checkpoint.h"
+#include "coordinator/run/control.h"
+#include "coordinator/field/result.h"
+#include "coordinator/run/progress.h"
 
 /* Collective. Writes a checkpoint of all before the probes and these blocks of them; with `stop` returns KILN_STOPPED
  * then. */

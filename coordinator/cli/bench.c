@@ -3,10 +3,10 @@
 #include <string.h>
 
 #include "coordinator/bake/rays_bench.h"
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/scaling.h"
-#include "coordinator/cli/temporary.h"
+#include "coordinator/files/temporary.h"
 
 static int bench_rays(struct kiln_job *job, const char *scene_file, struct kiln_error *error)
 {

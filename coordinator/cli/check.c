@@ -6,8 +6,8 @@
 #include <string.h>
 
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/look.h"
+#include "coordinator/files/json.h"
+#include "coordinator/import/scene_survey.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
@@ -22,7 +22,7 @@ struct problem {
 };
 
 struct report {
-    const struct kiln_look *look;
+    const struct kiln_scene_survey *look;
     struct problem *problems;
     size_t count, capacity;
     int status;
@@ -212,7 +212,7 @@ static void check_objects(struct report *r)
 {
     const struct kiln_scene *s = r->look->scene;
     for (size_t i = 0; i < s->object_count; i++) {
-        const struct kiln_look_object *o = &r->look->objects[i];
+        const struct kiln_scene_survey_object *o = &r->look->objects[i];
         const char *name = text_at(r, s->objects[i].name);
         const double ratio = r->look->density_median > 0.0 ? o->density / r->look->density_median : 1.0;
         const bool chosen =
@@ -264,9 +264,9 @@ int kiln_command_check(struct kiln_job *job, struct kiln_error *error)
 {
     static void (*const checks[])(struct report *) = {check_notes,    check_lights, check_materials,
                                                       check_emitters, check_meshes, check_objects};
-    struct kiln_look *look = NULL;
+    struct kiln_scene_survey *look = NULL;
     struct report report = {.error = error};
-    report.status = kiln_look_create(&look, job, error);
+    report.status = kiln_scene_survey_create(&look, job, error);
     report.look = look;
     for (size_t i = 0; i < sizeof checks / sizeof checks[0] && report.status == KILN_OK; i++)
         checks[i](&report);
@@ -275,6 +275,6 @@ int kiln_command_check(struct kiln_job *job, struct kiln_error *error)
     else if (report.status == KILN_OK)
         print_report(&report, job);
     kiln_free(&report.problems);
-    kiln_look_destroy(&look);
+    kiln_scene_survey_destroy(&look);
     return report.status;
 }

@@ -4,7 +4,7 @@
 #ifndef KILN_COORDINATOR_CLI_COMMANDS_H
 #define KILN_COORDINATOR_CLI_COMMANDS_H
 
-#include "coordinator/cli/job.h"
+#include "coordinator/job/job.h"
 
 int kiln_main(int argc, char **argv);
 

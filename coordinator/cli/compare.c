@@ -14,8 +14,8 @@
 #include <jansson.h>
 
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/output_name.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/output_name.h"
 #include "coordinator/output/compare_surface.h"
 #include "coordinator/output/image.h"
 #include "coordinator/output/read/results.h"

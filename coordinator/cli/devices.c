@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "coordinator/bake/prepare.h"
-#include "coordinator/cli/json.h"
+#include "coordinator/files/json.h"
 #include "worker/backend/vulkan/gpu.h"
 #include "worker/base/text.h"
 

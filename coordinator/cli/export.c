@@ -9,12 +9,12 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "coordinator/bake/lock.h"
+#include "coordinator/run/lock.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/output_name.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/output_name.h"
 #include "coordinator/export/pages.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/units.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"

@@ -5,9 +5,9 @@
 #include <string.h>
 
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/options.h"
-#include "coordinator/cli/output_name.h"
+#include "coordinator/files/json.h"
+#include "coordinator/job/options.h"
+#include "coordinator/files/output_name.h"
 #include "coordinator/generate/scenes.h"
 #include "worker/base/text.h"
 

@@ -1,6 +1,6 @@
 #include <string.h>
 
-#include "coordinator/cli/options.h"
+#include "coordinator/job/options.h"
 
 /* "--bounces N|all", "--half", "--partition cells|objects" */
 static void option_head(const struct kiln_option *option, char *text, size_t size)

@@ -4,9 +4,9 @@
 
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/devices.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/look.h"
-#include "coordinator/cli/progress.h"
+#include "coordinator/files/json.h"
+#include "coordinator/import/scene_survey.h"
+#include "coordinator/run/progress.h"
 #include "coordinator/output/units.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
@@ -39,7 +39,7 @@ enum { OBJECTS_SHOWN = 40 }; /* in the table for people; JSON has all */
 
 static double share(uint64_t part, uint64_t whole) { return whole == 0 ? 0.0 : (double)part / (double)whole; }
 
-static const char *string_at(const struct kiln_look *look, uint32_t offset)
+static const char *string_at(const struct kiln_scene_survey *look, uint32_t offset)
 {
     return kiln_scene_string(look->scene, offset);
 }
@@ -51,7 +51,7 @@ static const char *layout_of(const struct kiln_mesh *mesh)
                                                       : "own";
 }
 
-static json_t *meshes_json(const struct kiln_look *look)
+static json_t *meshes_json(const struct kiln_scene_survey *look)
 {
     json_t *list = json_array();
     for (size_t i = 0; i < look->scene->mesh_count; i++) {
@@ -65,12 +65,12 @@ static json_t *meshes_json(const struct kiln_look *look)
     return list;
 }
 
-static json_t *objects_json(const struct kiln_look *look)
+static json_t *objects_json(const struct kiln_scene_survey *look)
 {
     json_t *list = json_array();
     for (size_t i = 0; i < look->scene->object_count; i++) {
         const struct kiln_object *o = &look->scene->objects[i];
-        const struct kiln_look_object *figures = &look->objects[i];
+        const struct kiln_scene_survey_object *figures = &look->objects[i];
         (void)json_array_append_new(
             list, json_pack("{s:o, s:o, s:i, s:[i, i], s:f, s:f, s:s, s:s, s:I, s:f, s:b}", "name",
                             kiln_json_string(string_at(look, o->name)), "original_name",
@@ -83,7 +83,7 @@ static json_t *objects_json(const struct kiln_look *look)
     return list;
 }
 
-static json_t *materials_json(const struct kiln_look *look)
+static json_t *materials_json(const struct kiln_scene_survey *look)
 {
     static const char *const alpha[] = {"opaque", "mask", "blend"};
     json_t *list = json_array();
@@ -102,7 +102,7 @@ static json_t *materials_json(const struct kiln_look *look)
     return list;
 }
 
-static json_t *lights_json(const struct kiln_look *look)
+static json_t *lights_json(const struct kiln_scene_survey *look)
 {
     json_t *list = json_array();
     for (size_t i = 0; i < look->scene->light_count; i++) {
@@ -117,7 +117,7 @@ static json_t *lights_json(const struct kiln_look *look)
     return list;
 }
 
-static json_t *texts_json(const struct kiln_look *look)
+static json_t *texts_json(const struct kiln_scene_survey *look)
 {
     json_t *list = json_array();
     for (size_t i = 0; i < look->scene->note_count; i++) {
@@ -129,7 +129,7 @@ static json_t *texts_json(const struct kiln_look *look)
     return list;
 }
 
-static json_t *cameras_json(const struct kiln_look *look)
+static json_t *cameras_json(const struct kiln_scene_survey *look)
 {
     json_t *list = json_array();
     for (size_t i = 0; i < look->scene->camera_count; i++)
@@ -137,7 +137,7 @@ static json_t *cameras_json(const struct kiln_look *look)
     return list;
 }
 
-static json_t *textures_json(const struct kiln_look *look)
+static json_t *textures_json(const struct kiln_scene_survey *look)
 {
     json_t *list = json_array();
     for (size_t i = 0; i < look->scene->texture_count; i++)
@@ -146,7 +146,7 @@ static json_t *textures_json(const struct kiln_look *look)
     return list;
 }
 
-static json_t *surface_json(const struct kiln_look *look)
+static json_t *surface_json(const struct kiln_scene_survey *look)
 {
     const struct kiln_surface_report *s = &look->surface;
     return json_pack("{s:I, s:I, s:f, s:f, s:f, s:f, s:I, s:f}", "points", (json_int_t)s->points, "texels",
@@ -155,7 +155,7 @@ static json_t *surface_json(const struct kiln_look *look)
                      s->worst_object_area_error, "cells", (json_int_t)s->cells_occupied, "cell_size", s->cell_size);
 }
 
-static json_t *info_json(const struct kiln_look *look, const struct kiln_job *job)
+static json_t *info_json(const struct kiln_scene_survey *look, const struct kiln_job *job)
 {
     const struct kiln_scene *s = look->scene;
     const double *low = s->header->bounds_min, *high = s->header->bounds_max;
@@ -181,7 +181,7 @@ static json_t *info_json(const struct kiln_look *look, const struct kiln_job *jo
                      (json_int_t)s->mapped_bytes, "import_seconds", look->import.seconds);
 }
 
-static void print_counts(const struct kiln_look *look, const struct kiln_job *job)
+static void print_counts(const struct kiln_scene_survey *look, const struct kiln_job *job)
 {
     const struct kiln_scene *s = look->scene;
     const double *low = s->header->bounds_min, *high = s->header->bounds_max;
@@ -219,7 +219,7 @@ static void print_counts(const struct kiln_look *look, const struct kiln_job *jo
                  100.0 * r->worst_object_area_error);
 }
 
-static int print_objects(const struct kiln_look *look, bool all, struct kiln_error *error)
+static int print_objects(const struct kiln_scene_survey *look, bool all, struct kiln_error *error)
 {
     enum { COLUMNS = 8, CELL = 32 };
     static const char *const head[COLUMNS] = {"object",   "mesh",     "layout",  "triangles",
@@ -236,7 +236,7 @@ static int print_objects(const struct kiln_look *look, bool all, struct kiln_err
         for (size_t i = 0; i < rows; i++) {
             const struct kiln_object *o = &s->objects[i];
             const struct kiln_mesh *m = &s->meshes[o->mesh];
-            const struct kiln_look_object *figures = &look->objects[i];
+            const struct kiln_scene_survey_object *figures = &look->objects[i];
             (void)snprintf(texts[i][0], CELL, "%llu", (unsigned long long)m->triangle_count);
             (void)snprintf(texts[i][1], CELL, "%u x %u", o->lightmap_width, o->lightmap_height);
             (void)snprintf(texts[i][2], CELL, "%.3g", figures->density);
@@ -261,7 +261,7 @@ static int print_objects(const struct kiln_look *look, bool all, struct kiln_err
     return status;
 }
 
-static void print_glass(const struct kiln_look *look, const struct kiln_material *m)
+static void print_glass(const struct kiln_scene_survey *look, const struct kiln_material *m)
 {
     const double t = (double)m->transmission * (1.0 - (double)m->metallic);
     kiln_print(stdout, "glass '%s': lets %.3g %.3g %.3g through%s%s%s\n", string_at(look, m->name),
@@ -271,7 +271,7 @@ static void print_glass(const struct kiln_look *look, const struct kiln_material
                m->alpha_mode == KILN_ALPHA_OPAQUE ? "" : "; holes by its alpha");
 }
 
-static void print_texts(const struct kiln_look *look, const struct kiln_job *job)
+static void print_texts(const struct kiln_scene_survey *look, const struct kiln_job *job)
 {
     const struct kiln_scene *s = look->scene;
     const struct kiln_units *units = kiln_units_of(job->units, s);
@@ -299,10 +299,10 @@ static void print_texts(const struct kiln_look *look, const struct kiln_job *job
 
 int kiln_command_info(struct kiln_job *job, struct kiln_error *error)
 {
-    struct kiln_look *look = NULL;
+    struct kiln_scene_survey *look = NULL;
     if (job->devices)
         return kiln_devices_list(job, error);
-    int status = kiln_look_create(&look, job, error);
+    int status = kiln_scene_survey_create(&look, job, error);
     if (status == KILN_OK && job->json) {
         status = kiln_json_print(info_json(look, job), error);
     } else if (status == KILN_OK) {
@@ -310,6 +310,6 @@ int kiln_command_info(struct kiln_job *job, struct kiln_error *error)
         status = print_objects(look, job->verbose, error);
         print_texts(look, job);
     }
-    kiln_look_destroy(&look);
+    kiln_scene_survey_destroy(&look);
     return status;
 }

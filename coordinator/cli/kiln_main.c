@@ -10,15 +10,15 @@
 #include <unistd.h>
 
 #include "coordinator/bake/prepare.h"
-#include "coordinator/bake/waiting.h"
-#include "coordinator/bake/watchdog.h"
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/waiting.h"
+#include "coordinator/mpi/watchdog.h"
+#include "coordinator/mpi/agree.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/options.h"
-#include "coordinator/cli/process.h"
+#include "coordinator/files/json.h"
+#include "coordinator/job/options.h"
+#include "coordinator/run/process.h"
 #include "coordinator/cli/same_job.h"
-#include "coordinator/cli/threads.h"
+#include "coordinator/run/threads.h"
 #include "coordinator/output/manifest.h"
 
 /* What the launcher says before MPI is started: Open MPI's mpirun, PMIx (srun --mpi=pmix), Slurm. Alone: rank 0 of 1.

@@ -7,14 +7,14 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "coordinator/bake/plan.h"
-#include "coordinator/cli/agree.h"
+#include "coordinator/plan/plan.h"
+#include "coordinator/mpi/agree.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/temporary.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/temporary.h"
 #include "coordinator/output/curve.h"
-#include "coordinator/output/page.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/output/html.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 static double mebibytes(uint64_t bytes) { return (double)bytes / 1048576.0; }
@@ -225,11 +225,11 @@ static void print_curve(const char *name, const struct kiln_scaled *curve, size_
 
 /* ---- files ---- */
 
-static void add_rows(struct kiln_page *page, const char *kind, const struct kiln_scaled *curve, size_t count)
+static void add_rows(struct kiln_html *page, const char *kind, const struct kiln_scaled *curve, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
         const struct kiln_scaled *c = &curve[i];
-        kiln_page_add(page, "%s,%u,%u,%.0f,%.6g,%.6g,%.6g,%u,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", kind, c->ranks,
+        kiln_html_add(page, "%s,%u,%u,%.0f,%.6g,%.6g,%.6g,%u,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", kind, c->ranks,
                       c->nodes, c->points, c->trace, c->light.imbalance, c->light.kept, c->light.cuts, c->light.move,
                       c->exchange, c->find, c->once, c->write, c->seconds, c->efficiency, c->trace_efficiency);
     }
@@ -238,15 +238,15 @@ static void add_rows(struct kiln_page *page, const char *kind, const struct kiln
 static int write_csv(const char *directory, const struct kiln_plan *p, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
-    struct kiln_page page = {.error = error};
-    kiln_page_add(&page, "kind,ranks,nodes,points,trace_s,imbalance,imbalance_kept,cuts,move_s,exchange_s,find_s,once_"
+    struct kiln_html page = {.error = error};
+    kiln_html_add(&page, "kind,ranks,nodes,points,trace_s,imbalance,imbalance_kept,cuts,move_s,exchange_s,find_s,once_"
                          "s,write_s,seconds,efficiency,trace_efficiency\n");
     add_rows(&page, "strong", p->strong, p->curve_count);
     add_rows(&page, "weak", p->weak, p->curve_count);
     const int status = kiln_path_join(path, directory, "scaling.csv", error);
     if (status == KILN_OK)
-        return kiln_page_publish(&page, path);
-    kiln_page_free(&page);
+        return kiln_html_publish(&page, path);
+    kiln_html_free(&page);
     return status;
 }
 

@@ -7,8 +7,8 @@
 #include <jansson.h>
 
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/read/results.h"
 #include "coordinator/output/units.h"
 

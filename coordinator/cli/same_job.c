@@ -9,8 +9,8 @@
 #include <unistd.h>
 #include <xxhash.h>
 
-#include "coordinator/cli/agree.h"
-#include "coordinator/cli/options.h"
+#include "coordinator/mpi/agree.h"
+#include "coordinator/job/options.h"
 #include "worker/base/memory.h"
 
 enum { SAMPLES = 64, SAMPLE_BYTES = 1 << 16 }; /* of a file: files of up to 4 MiB are read whole */

@@ -5,7 +5,7 @@
 
 #include <mpi.h>
 
-#include "coordinator/cli/job.h"
+#include "coordinator/job/job.h"
 
 /* Collective, the first thing after the job was read. KILN_USAGE on all ranks when they differ; the sentence names the
  * first rank that does, its host, in what, and both values. Compared with rank 0's are: the command and its arguments;

@@ -11,14 +11,14 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "coordinator/bake/phases.h"
+#include "coordinator/run/phases.h"
 #include "coordinator/bake/prepare.h"
-#include "coordinator/cli/job_private.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/options.h"
+#include "coordinator/job/job_private.h"
+#include "coordinator/files/json.h"
+#include "coordinator/job/options.h"
 #include "coordinator/output/curve.h"
-#include "coordinator/output/page.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/output/html.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
@@ -366,23 +366,23 @@ static int bake_all(struct bench *b, struct kiln_error *error)
 static int write_csv(const struct bench *b, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
-    struct kiln_page page = {.error = error};
+    struct kiln_html page = {.error = error};
     const struct run *first = &b->runs[0];
-    kiln_page_add(&page, "kind,ranks,threads,points,seconds,efficiency,light_efficiency");
+    kiln_html_add(&page, "kind,ranks,threads,points,seconds,efficiency,light_efficiency");
     for (size_t p = 0; p < first->phase_count; p++)
-        kiln_page_add(&page, ",%s", first->phase[p]);
+        kiln_html_add(&page, ",%s", first->phase[p]);
     for (size_t i = 0; i < 2 * b->rank_count; i++) {
         const struct run *run = &b->runs[i];
-        kiln_page_add(&page, "\n%s,%u,%u,%.0f,%.6g,%.6g,%.6g", run->weak ? "weak" : "strong", run->ranks, b->threads,
+        kiln_html_add(&page, "\n%s,%u,%u,%.0f,%.6g,%.6g,%.6g", run->weak ? "weak" : "strong", run->ranks, b->threads,
                       run->points, run->seconds, run->efficiency, run->light_efficiency);
         for (size_t p = 0; p < first->phase_count; p++)
-            kiln_page_add(&page, ",%.6g", phase_of(run, first->phase[p]));
+            kiln_html_add(&page, ",%.6g", phase_of(run, first->phase[p]));
     }
-    kiln_page_add(&page, "\n");
+    kiln_html_add(&page, "\n");
     const int status = kiln_path_join(path, b->job->output, "scaling.csv", error);
     if (status == KILN_OK)
-        return kiln_page_publish(&page, path);
-    kiln_page_free(&page);
+        return kiln_html_publish(&page, path);
+    kiln_html_free(&page);
     return status;
 }
 

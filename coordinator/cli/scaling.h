@@ -2,7 +2,7 @@
 #ifndef KILN_COORDINATOR_CLI_SCALING_H
 #define KILN_COORDINATOR_CLI_SCALING_H
 
-#include "coordinator/cli/job.h"
+#include "coordinator/job/job.h"
 
 /* Bakes job->scene (or job file) with `mpirun -n R kiln bake` for each R of job->rank_counts: strong scaling (the same
  * bake) and weak scaling (lightmaps finer by the root of R, so that a rank has as many points as one rank of the first

@@ -6,12 +6,12 @@
 #include <sys/stat.h>
 #include <time.h>
 
-#include "coordinator/bake/checkpoint.h"
-#include "coordinator/bake/status_file.h"
+#include "coordinator/run/checkpoint.h"
+#include "coordinator/run/status_file.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/progress.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/json.h"
+#include "coordinator/run/progress.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/text.h"
 
 /* What is known, and in one word what that means: running, lost, stopped, failed, done. */

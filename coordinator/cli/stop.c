@@ -3,9 +3,9 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/bake/status_file.h"
+#include "coordinator/run/status_file.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
+#include "coordinator/files/json.h"
 #include "worker/base/text.h"
 
 int kiln_command_stop(struct kiln_job *job, struct kiln_error *error)

@@ -8,9 +8,9 @@
 
 #include "coordinator/batch/batch.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/job_private.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/job/job_private.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 struct submission {

@@ -6,8 +6,8 @@
 #include <unistd.h>
 
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/ranges.h"
 #include "coordinator/output/read/results.h"
 #include "worker/base/memory.h"

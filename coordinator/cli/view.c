@@ -8,13 +8,13 @@
 
 #include <jansson.h>
 
-#include "coordinator/bake/lock.h"
+#include "coordinator/run/lock.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/devices.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/output_name.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/output_name.h"
 #include "coordinator/output/exr.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/units.h"
 #include "worker/base/text.h"
 

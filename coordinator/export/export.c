@@ -11,7 +11,7 @@
 
 #include "coordinator/export/child.h"
 #include "coordinator/confined/confined.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 

@@ -42,7 +42,7 @@ struct kiln_export_params {
     const char *source;     /* the glTF that was baked; NULL: the .glb is made from the scene file alone */
     const char *scene_file; /* path of `scene` */
     const struct kiln_scene *scene;
-    const char *directory, *output; /* the place of the .glb (coordinator/output/publish.h) */
+    const char *directory, *output; /* the place of the .glb (coordinator/files/publish.h) */
     const char *unit;               /* of the lightmaps: "W/m2" or "lx" */
     const char *encoding;           /* of the pages: "exr", ... */
     const struct kiln_link *links;  /* one an object */

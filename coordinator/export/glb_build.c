@@ -5,7 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "coordinator/cli/json.h"
+#include "coordinator/files/json.h"
 #include "coordinator/export/child.h"
 #include "coordinator/output/image.h"
 #include "worker/base/memory.h"

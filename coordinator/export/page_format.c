@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "coordinator/output/exr.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 static const double HALF_MOST = 65504.0, RGBE_MOST = 0x1p127;

@@ -4,8 +4,8 @@
 #include <string.h>
 
 #include "coordinator/export/atlas.h"
-#include "coordinator/output/map.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/output/map/map.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 /* "lightmaps/NAME.exr", kept by the pages. NULL without memory. */

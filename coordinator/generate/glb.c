@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 

@@ -14,7 +14,7 @@
 #include "coordinator/import/child.h"
 #include "coordinator/confined/confined.h"
 #include "coordinator/import/read.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/mapped.h"
 #include "worker/base/memory.h"

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/cli/options.h"
+#include "coordinator/job/options.h"
 #include "coordinator/import/builder.h"
 
 /* ---- one setting ---- */

@@ -8,7 +8,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 

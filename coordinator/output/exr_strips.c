@@ -6,7 +6,7 @@
 #include <xxhash.h>
 
 #include "coordinator/output/exr_private.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 static uint32_t strip_rows(const struct kiln_image *image, uint32_t y)

@@ -5,7 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 
 /* Level 2 packs floats within 1 % of level 9 at several times its speed. */
 enum { DEFLATE_LEVEL = 2 };

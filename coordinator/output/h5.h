@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/status.h"
 
 /* An open file and how it is written. */

@@ -7,7 +7,7 @@
 #include <stb_image_write.h>
 #include <zlib.h>
 
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 static void place_channel(struct kiln_image *image, const char *name)

@@ -1,12 +1,12 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 #include "coordinator/output/h5.h"
 #include "coordinator/output/kiln_h5_points.h"
 #include "coordinator/output/output.h"
 #include "coordinator/output/provenance.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 /* Names as one table of fixed-length strings, which every HDF5 reads. */
@@ -97,8 +97,8 @@ static int count_cells(const struct kiln_bake_result *result, uint64_t **points,
                             kiln_allocate(points, s->cell_count, sizeof **points, "points of cells", error), error);
     if (status != KILN_OK)
         return status;
-    for (size_t f = 0; f < s->fragment_count; f++)
-        (*points)[s->fragments[f].cell] += s->fragments[f].count;
+    for (size_t f = 0; f < s->tile_run_count; f++)
+        (*points)[s->tile_runs[f].cell] += s->tile_runs[f].count;
     return sum_over_ranks(result->communicator, *points, s->cell_count, error);
 }
 

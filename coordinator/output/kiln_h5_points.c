@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 #include "coordinator/output/chunk.h"
 #include "worker/base/memory.h"
 

@@ -4,16 +4,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/cli/agree.h"
-#include "coordinator/output/borders.h"
-#include "coordinator/output/exchange.h"
-#include "coordinator/output/map.h"
+#include "coordinator/mpi/agree.h"
+#include "coordinator/output/map/borders.h"
+#include "coordinator/output/map/texel_gather.h"
+#include "coordinator/output/map/map.h"
 #include "coordinator/output/output.h"
 #include "coordinator/output/provenance.h"
-#include "coordinator/output/publish.h"
-#include "coordinator/output/seams.h"
-#include "coordinator/output/strip_exchange.h"
-#include "coordinator/output/chart_graph.h"
+#include "coordinator/files/publish.h"
+#include "coordinator/output/map/seams.h"
+#include "coordinator/output/map/strip_exchange.h"
+#include "coordinator/output/map/chart_graph.h"
 #include "worker/base/memory.h"
 
 /* About 90 bytes a texel while an object is processed: some 180 MB a rank at a time, unless one lightmap is larger. */
@@ -343,7 +343,7 @@ static int compare_texels(const void *a, const void *b, void *context)
 
 /* Own objects of the round into `own`, the largest first, so that no thread begins it when the others are done; makes
  * their maps. */
-static int open_round(const struct writer *w, const struct kiln_deal *deal, uint32_t rank, uint32_t round,
+static int open_round(const struct writer *w, const struct kiln_assignment *deal, uint32_t rank, uint32_t round,
                       uint32_t *own, size_t *count, struct kiln_error *error)
 {
     *count = 0;
@@ -415,7 +415,7 @@ static size_t sort_large(const struct kiln_strip_deal *strips, uint32_t *own, si
 }
 
 /* Collective. The objects whose points are here: small ones each rank for itself, then large ones all together. */
-static int write_together(const struct writer *w, const struct kiln_deal *deal, uint32_t round, uint32_t *own,
+static int write_together(const struct writer *w, const struct kiln_assignment *deal, uint32_t round, uint32_t *own,
                           size_t count, struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
@@ -438,12 +438,12 @@ static int write_together(const struct writer *w, const struct kiln_deal *deal, 
     return status;
 }
 
-static int write_rounds(struct writer *w, const struct kiln_deal *deal, uint32_t rank, struct kiln_error *error)
+static int write_rounds(struct writer *w, const struct kiln_assignment *deal, uint32_t rank, struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
-    struct kiln_exchange *exchange = NULL;
+    struct kiln_texel_gather *exchange = NULL;
     uint32_t *own = NULL;
-    int status = kiln_exchange_create(&exchange, w->result, deal, 0, error); /* collective */
+    int status = kiln_texel_gather_create(&exchange, w->result, deal, 0, error); /* collective */
     if (status != KILN_OK)
         return status;
     status = kiln_agree(comm, kiln_allocate(&own, deal->count, sizeof *own, "objects to write", error), error);
@@ -451,12 +451,12 @@ static int write_rounds(struct writer *w, const struct kiln_deal *deal, uint32_t
         size_t count = 0;
         status = kiln_agree(comm, open_round(w, deal, rank, round, own, &count, error), error);
         if (status == KILN_OK)
-            status = kiln_exchange_round(exchange, round, put_point, w, error);
+            status = kiln_texel_gather_round(exchange, round, put_point, w, error);
         if (status == KILN_OK)
             status = write_together(w, deal, round, own, count, error);
     }
     kiln_free(&own);
-    kiln_exchange_destroy(&exchange);
+    kiln_texel_gather_destroy(&exchange);
     return status;
 }
 
@@ -495,7 +495,7 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
 {
     const size_t maps = result->surface->map_count;
     struct writer w = {.result = result, .params = params};
-    struct kiln_deal *deal = NULL;
+    struct kiln_assignment *deal = NULL;
     int rank = 0, ranks = 1;
     if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS ||
         MPI_Comm_size(result->communicator, &ranks) != MPI_SUCCESS)
@@ -508,7 +508,7 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     if (status == KILN_OK)
         status = kiln_allocate(&w.maps, maps, sizeof(struct kiln_map *), "lightmaps", error);
     if (status == KILN_OK)
-        status = kiln_deal_create(&deal, result->surface->lightmaps, maps, (uint32_t)ranks, texel_budget, error);
+        status = kiln_assignment_create(&deal, result->surface->lightmaps, maps, (uint32_t)ranks, texel_budget, error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
         status = write_rounds(&w, deal, (uint32_t)rank, error);
@@ -518,6 +518,6 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
         kiln_map_destroy(&w.maps[i]);
     kiln_free(&w.maps);
     kiln_free(&w.reports);
-    kiln_deal_destroy(&deal);
+    kiln_assignment_destroy(&deal);
     return status;
 }

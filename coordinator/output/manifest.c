@@ -11,8 +11,8 @@
 #include <unistd.h>
 #include <xxhash.h>
 
-#include "coordinator/cli/agree.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/mpi/agree.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/read/json_text.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"

@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "coordinator/output/sealed.h"
+#include "coordinator/files/checksummed_json.h"
 #include "worker/scene/scene.h"
 #include "worker/scene/surface.h"
 

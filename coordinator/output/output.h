@@ -7,7 +7,7 @@
 #ifndef KILN_COORDINATOR_OUTPUT_OUTPUT_H
 #define KILN_COORDINATOR_OUTPUT_OUTPUT_H
 
-#include "coordinator/bake/result.h"
+#include "coordinator/field/result.h"
 
 struct kiln_output_params {
     const char *directory;

@@ -101,17 +101,17 @@ static void describe(const struct kiln_bake_result *result, const struct kiln_po
     detail->coverage = (float)(coverage < 1.0 ? coverage : 1.0);
 }
 
-uint32_t kiln_fragment_details(const struct kiln_bake_result *result, size_t fragment,
+uint32_t kiln_tile_run_details(const struct kiln_bake_result *result, size_t tile_run,
                                struct kiln_point_detail *details)
 {
     const struct kiln_surface *s = result->surface;
-    const uint32_t count = s->fragments[fragment].count;
-    struct kiln_point_cursor at = kiln_point_first(s, fragment);
+    const uint32_t count = s->tile_runs[tile_run].count;
+    struct kiln_point_cursor at = kiln_point_first(s, tile_run);
     for (uint32_t i = 0; i < count; i++, kiln_point_next(s, &at)) {
         const uint32_t *pieces = s->pieces + at.piece;
         const uint32_t piece_count = kiln_piece_count(s, at.point);
         details[i] = (struct kiln_point_detail){.x = at.x, .y = at.y, .triangle = pieces[0]};
-        describe(result, &at, pieces, s->shares + at.share, piece_count, &details[i]);
+        describe(result, &at, pieces, s->area_cdf + at.share, piece_count, &details[i]);
         if (kiln_point_whole(s, at.point))
             details[i].coverage = 1.0f;
     }

@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #include "coordinator/output/exr.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/read/h5_file.h"
 #include "coordinator/output/read/json_text.h"
 #include "coordinator/output/read/results.h"

@@ -7,8 +7,8 @@
 
 #include <jansson.h>
 
-#include "coordinator/output/page.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/output/html.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/read/results.h"
 #include "worker/base/memory.h"
 
@@ -26,7 +26,7 @@ static const char style[] =
 struct report {
     struct kiln_results *results;
     const json_t *run;
-    struct kiln_page page;
+    struct kiln_html page;
 };
 
 /* ---- values that may be missing ---- */
@@ -44,19 +44,19 @@ static double number(const json_t *value)
     return (double)NAN;
 }
 
-static void add_value(struct kiln_page *page, const json_t *value)
+static void add_value(struct kiln_html *page, const json_t *value)
 {
     if (json_is_string(value)) {
-        kiln_page_text(page, json_string_value(value));
+        kiln_html_text(page, json_string_value(value));
     } else if (json_is_integer(value)) {
-        kiln_page_add(page, "%lld", (long long)json_integer_value(value));
+        kiln_html_add(page, "%lld", (long long)json_integer_value(value));
     } else if (json_is_real(value)) {
-        kiln_page_add(page, "%.6g", json_real_value(value));
+        kiln_html_add(page, "%.6g", json_real_value(value));
     } else if (json_is_boolean(value)) {
-        kiln_page_add(page, "%s", json_is_true(value) ? "yes" : "no");
+        kiln_html_add(page, "%s", json_is_true(value) ? "yes" : "no");
     } else if (json_is_array(value)) {
         for (size_t i = 0; i < json_array_size(value); i++) {
-            kiln_page_add(page, "%s", i == 0 ? "" : " ");
+            kiln_html_add(page, "%s", i == 0 ? "" : " ");
             add_value(page, json_array_get(value, i));
         }
     }
@@ -86,18 +86,18 @@ static bool is_shown(const json_t *value)
 }
 
 /* A field's name, with blanks for underscores. */
-static void add_words(struct kiln_page *page, const char *name)
+static void add_words(struct kiln_html *page, const char *name)
 {
     char words[128];
     (void)snprintf(words, sizeof words, "%s", name);
     for (char *c = words; *c != '\0'; c++)
         *c = *c == '_' ? ' ' : *c;
-    kiln_page_text(page, words);
+    kiln_html_text(page, words);
 }
 
 /* A heading (NULL: none) and a table of the fields of an object that say something, names with blanks for underscores.
  * Nothing at all when there are none. */
-static void add_object(struct kiln_page *page, const char *title, const json_t *object)
+static void add_object(struct kiln_html *page, const char *title, const json_t *object)
 {
     const char *name;
     json_t *value;
@@ -107,15 +107,15 @@ static void add_object(struct kiln_page *page, const char *title, const json_t *
         if (!is_shown(value))
             continue;
         if (!any && title != NULL)
-            kiln_page_add(page, "<h2>%s</h2>\n", title);
-        kiln_page_add(page, "%s<tr><td>", any ? "" : "<table>");
+            kiln_html_add(page, "<h2>%s</h2>\n", title);
+        kiln_html_add(page, "%s<tr><td>", any ? "" : "<table>");
         any = true;
         add_words(page, name);
-        kiln_page_add(page, "</td><td>");
+        kiln_html_add(page, "</td><td>");
         add_value(page, value);
-        kiln_page_add(page, "</td></tr>\n");
+        kiln_html_add(page, "</td></tr>\n");
     }
-    kiln_page_add(page, "%s", any ? "</table>\n" : "");
+    kiln_html_add(page, "%s", any ? "</table>\n" : "");
 }
 
 /* ---- pictures ---- */
@@ -146,25 +146,25 @@ static int shrink(const struct kiln_image *image, struct kiln_image **small, str
 }
 
 /* Size, and what run.json says of density, validity and error. */
-static void add_caption(struct kiln_page *page, const json_t *object, const struct kiln_image *image)
+static void add_caption(struct kiln_html *page, const json_t *object, const struct kiln_image *image)
 {
     const double density = number(field(object, "texels_per_metre")), valid = number(field(object, "valid")),
                  filled = number(field(object, "filled"));
     const double error = number(field(object, "relative_error"));
-    kiln_page_add(page, "%u x %u texels", image->width, image->height);
+    kiln_html_add(page, "%u x %u texels", image->width, image->height);
     if (density > 0.0)
-        kiln_page_add(page, ", %.3g a metre", density);
+        kiln_html_add(page, ", %.3g a metre", density);
     if (filled > 0.0)
-        kiln_page_add(page, "<br>%.3g %% gathered, the rest buried and filled", 100.0 * valid / (valid + filled));
+        kiln_html_add(page, "<br>%.3g %% gathered, the rest buried and filled", 100.0 * valid / (valid + filled));
     if (error > 0.0)
-        kiln_page_add(page, "<br>standard error %.2g %% of the mean", 100.0 * error);
+        kiln_html_add(page, "<br>standard error %.2g %% of the mean", 100.0 * error);
 }
 
 static int add_lightmap(struct report *r, const char *file, const char *name, const json_t *object,
                         struct kiln_error *error)
 {
     static const char *const wanted[] = {"R", "G", "B"};
-    struct kiln_page *page = &r->page;
+    struct kiln_html *page = &r->page;
     struct kiln_image *image = NULL, *small = NULL;
     uint8_t *bytes = NULL;
     char *png = NULL;
@@ -181,13 +181,13 @@ static int add_lightmap(struct report *r, const char *file, const char *name, co
     if (status == KILN_OK)
         status = kiln_png_encode(bytes, small->width, small->height, &png, &size, error);
     if (status == KILN_OK) {
-        kiln_page_add(page, "<figure>");
-        kiln_page_png(page, png, size, name);
-        kiln_page_add(page, "<figcaption><b>");
-        kiln_page_text(page, name);
-        kiln_page_add(page, "</b><br>");
+        kiln_html_add(page, "<figure>");
+        kiln_html_png(page, png, size, name);
+        kiln_html_add(page, "<figcaption><b>");
+        kiln_html_text(page, name);
+        kiln_html_add(page, "</b><br>");
         add_caption(page, object, image);
-        kiln_page_add(page, "</figcaption></figure>\n");
+        kiln_html_add(page, "</figcaption></figure>\n");
     }
     kiln_free(&png);
     kiln_free(&bytes);
@@ -205,12 +205,12 @@ static void add_lightmaps(struct report *r)
     const size_t count = json_array_size(objects);
     if (count == 0)
         return;
-    kiln_page_add(&r->page, "<h2>Lightmaps</h2>\n");
+    kiln_html_add(&r->page, "<h2>Lightmaps</h2>\n");
     if (count > MOST_PICTURES)
-        kiln_page_add(&r->page, "<p>The first %d of %zu; each with an exposure of its own.</p>\n", MOST_PICTURES,
+        kiln_html_add(&r->page, "<p>The first %d of %zu; each with an exposure of its own.</p>\n", MOST_PICTURES,
                       count);
     else
-        kiln_page_add(&r->page, "<p>Irradiance, each with an exposure of its own.</p>\n");
+        kiln_html_add(&r->page, "<p>Irradiance, each with an exposure of its own.</p>\n");
     for (size_t i = 0; i < count && i < MOST_PICTURES; i++) {
         const json_t *object = json_array_get(objects, i);
         const char *file = json_string_value(field(object, "lightmap")),
@@ -220,9 +220,9 @@ static void add_lightmaps(struct report *r)
             continue;
         /* the page says what it cannot show */
         if (add_lightmap(r, file, name == NULL ? file : name, object, &why) != KILN_OK) {
-            kiln_page_add(&r->page, "<p>");
-            kiln_page_text(&r->page, why.message);
-            kiln_page_add(&r->page, "</p>\n");
+            kiln_html_add(&r->page, "<p>");
+            kiln_html_text(&r->page, why.message);
+            kiln_html_add(&r->page, "</p>\n");
         }
     }
 }
@@ -235,29 +235,29 @@ static void add_viewpoint(struct report *r)
                *camera = json_string_value(field(viewpoint, "camera"));
     if (chosen == NULL)
         return;
-    kiln_page_add(&r->page, "<p>Seen ");
+    kiln_html_add(&r->page, "<p>Seen ");
     if (camera != NULL) {
-        kiln_page_add(&r->page, "by the scene's camera '");
-        kiln_page_text(&r->page, camera);
-        kiln_page_add(&r->page, "'");
+        kiln_html_add(&r->page, "by the scene's camera '");
+        kiln_html_text(&r->page, camera);
+        kiln_html_add(&r->page, "'");
     } else {
-        kiln_page_add(&r->page, "from ");
-        kiln_page_text(&r->page, chosen);
-        kiln_page_add(&r->page, ", at ");
+        kiln_html_add(&r->page, "from ");
+        kiln_html_text(&r->page, chosen);
+        kiln_html_add(&r->page, ", at ");
         add_value(&r->page, field(viewpoint, "from"));
     }
-    kiln_page_add(&r->page, "; exposure %+.2f stops.",
+    kiln_html_add(&r->page, "; exposure %+.2f stops.",
                   number(field(field(preview, "exposure"), "automatic")) +
                       number(field(field(preview, "exposure"), "added")));
     if (number(field(preview, "metal_share")) > 0.0005)
-        kiln_page_add(&r->page,
+        kiln_html_add(&r->page,
                       " Metals, %.1f %% of it, are shown by their base colour under the irradiance: approximate.",
                       100.0 * number(field(preview, "metal_share")));
     if (number(field(preview, "lent_share")) > 0.0005)
-        kiln_page_add(&r->page,
+        kiln_html_add(&r->page,
                       " Backs of double-sided surfaces, %.1f %% of it, show their fronts' light: approximate.",
                       100.0 * number(field(preview, "lent_share")));
-    kiln_page_add(&r->page, "</p>\n");
+    kiln_html_add(&r->page, "</p>\n");
 }
 
 static void add_preview(struct report *r)
@@ -265,9 +265,9 @@ static void add_preview(struct report *r)
     char *png = NULL;
     size_t size = 0;
     if (kiln_results_bytes(r->results, "preview.png", 64u << 20, &png, &size, NULL) == KILN_OK) {
-        kiln_page_add(&r->page, "<p>");
-        kiln_page_png(&r->page, png, size, "preview");
-        kiln_page_add(&r->page, "</p>\n");
+        kiln_html_add(&r->page, "<p>");
+        kiln_html_png(&r->page, png, size, "preview");
+        kiln_html_add(&r->page, "</p>\n");
         add_viewpoint(r);
     }
     kiln_free(&png);
@@ -308,8 +308,8 @@ static void plot_phases(struct report *r)
             s.names[i] = name == NULL ? "?" : name;
             s.values[i] = number(json_is_object(seconds) ? field(seconds, "max") : seconds);
         }
-        kiln_page_add(&r->page, "<h2>Time of each phase</h2>\n<p>Seconds on the slowest rank.</p>\n");
-        kiln_page_rows(&r->page, "s", s.values, s.names, s.count);
+        kiln_html_add(&r->page, "<h2>Time of each phase</h2>\n<p>Seconds on the slowest rank.</p>\n");
+        kiln_html_rows(&r->page, "s", s.values, s.names, s.count);
         close_series(&s);
     }
 }
@@ -331,15 +331,15 @@ static void plot_ranks(struct report *r)
             const double seconds = number(json_array_get(field(json_array_get(phases, i), "per_rank"), rank));
             s.values[rank] += isfinite(seconds) ? seconds : 0.0;
         }
-    kiln_page_add(&r->page, "<h2>Balance of the ranks</h2>\n<p>Seconds of each rank in all phases.</p>\n");
-    kiln_page_bars(&r->page, "s", s.values, NULL, s.count, 0, 0);
+    kiln_html_add(&r->page, "<h2>Balance of the ranks</h2>\n<p>Seconds of each rank in all phases.</p>\n");
+    kiln_html_bars(&r->page, "s", s.values, NULL, s.count, 0, 0);
     close_series(&s);
     const json_t *points = field(field(r->run, "balance"), "points_per_rank");
     if (json_array_size(points) > 0 && open_series(r, &s, json_array_size(points))) {
         for (size_t i = 0; i < s.count; i++)
             s.values[i] = number(json_array_get(points, i));
-        kiln_page_add(&r->page, "<p>Surface points of each rank.</p>\n");
-        kiln_page_bars(&r->page, "points", s.values, NULL, s.count, 0, 0);
+        kiln_html_add(&r->page, "<p>Surface points of each rank.</p>\n");
+        kiln_html_bars(&r->page, "points", s.values, NULL, s.count, 0, 0);
         close_series(&s);
     }
     add_object(&r->page, NULL, field(r->run, "balance"));
@@ -369,9 +369,9 @@ static void plot_bounces(struct report *r)
     }
     for (size_t i = 0; i < s.count; i++)
         s.values[i] = number(field(json_array_get(bounces, i), "energy"));
-    kiln_page_add(&r->page, "<h2>Energy of each bounce</h2>\n<p>Power arriving at all surfaces, luminance; "
+    kiln_html_add(&r->page, "<h2>Energy of each bounce</h2>\n<p>Power arriving at all surfaces, luminance; "
                             "logarithmic, six decades.</p>\n");
-    kiln_page_bars(&r->page, flux == NULL ? "W" : flux, s.values, named ? s.names : NULL, s.count, 0, 1);
+    kiln_html_bars(&r->page, flux == NULL ? "W" : flux, s.values, named ? s.names : NULL, s.count, 0, 1);
     kiln_free(&numbers);
     close_series(&s);
     add_object(&r->page, NULL, field(r->run, "energy"));
@@ -390,9 +390,9 @@ static void add_notes(struct report *r)
     const json_t *notes = field(r->run, "notes");
     for (size_t i = 0; i < json_array_size(notes); i++) {
         const char *note = json_string_value(json_array_get(notes, i));
-        kiln_page_add(&r->page, "<p><b>Note:</b> ");
-        kiln_page_text(&r->page, note == NULL ? "" : note);
-        kiln_page_add(&r->page, "</p>\n");
+        kiln_html_add(&r->page, "<p><b>Note:</b> ");
+        kiln_html_text(&r->page, note == NULL ? "" : note);
+        kiln_html_add(&r->page, "</p>\n");
     }
 }
 
@@ -416,19 +416,19 @@ enum { OBJECT_COLUMNS = sizeof object_columns / sizeof *object_columns };
 static void add_objects_row(struct report *r, const json_t *object, const bool shown[OBJECT_COLUMNS])
 {
     const char *name = json_string_value(field(object, "name"));
-    kiln_page_add(&r->page, "<tr><td>");
-    kiln_page_text(&r->page, name == NULL ? "" : name);
-    kiln_page_add(&r->page, "</td>");
+    kiln_html_add(&r->page, "<tr><td>");
+    kiln_html_text(&r->page, name == NULL ? "" : name);
+    kiln_html_add(&r->page, "</td>");
     for (int c = 0; c < OBJECT_COLUMNS; c++) {
         const double value = number(field(object, object_columns[c].name));
         if (shown[c] && isfinite(value))
-            kiln_page_add(&r->page, "<td class=n>%.6g</td>",
+            kiln_html_add(&r->page, "<td class=n>%.6g</td>",
                           object_columns[c].scale *
                               (json_is_real(field(object, object_columns[c].name)) ? round(1e5 * value) / 1e5 : value));
         else if (shown[c])
-            kiln_page_add(&r->page, "<td></td>");
+            kiln_html_add(&r->page, "<td></td>");
     }
-    kiln_page_add(&r->page, "</tr>\n");
+    kiln_html_add(&r->page, "</tr>\n");
 }
 
 static void add_objects_table(struct report *r)
@@ -442,15 +442,15 @@ static void add_objects_table(struct report *r)
         seams = seams || (shown[c] && strncmp(object_columns[c].name, "seam", 4) == 0);
     if (json_array_size(objects) == 0)
         return;
-    kiln_page_add(&r->page, "<h2>Objects</h2>\n%s<table><tr><th>name</th>",
+    kiln_html_add(&r->page, "<h2>Objects</h2>\n%s<table><tr><th>name</th>",
                   seams ? "<p>Seams: root mean square of the difference across them, share of the mean.</p>\n" : "");
     for (int c = 0; c < OBJECT_COLUMNS; c++)
         if (shown[c])
-            kiln_page_add(&r->page, "<th class=n>%s</th>", object_columns[c].title);
-    kiln_page_add(&r->page, "</tr>\n");
+            kiln_html_add(&r->page, "<th class=n>%s</th>", object_columns[c].title);
+    kiln_html_add(&r->page, "</tr>\n");
     for (size_t i = 0; i < json_array_size(objects); i++)
         add_objects_row(r, json_array_get(objects, i), shown);
-    kiln_page_add(&r->page, "</table>\n");
+    kiln_html_add(&r->page, "</table>\n");
 }
 
 /* What stands at the top of run.json, but for the notes, which stand above. */
@@ -466,14 +466,14 @@ static void write_page(struct report *r)
 {
     const json_t *scene = field(r->run, "scene");
     const char *title = json_string_value(json_is_object(scene) ? field(scene, "file") : scene);
-    kiln_page_add(&r->page, "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>kiln: ");
-    kiln_page_text(&r->page, title == NULL ? "bake" : title);
-    kiln_page_add(&r->page,
+    kiln_html_add(&r->page, "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>kiln: ");
+    kiln_html_text(&r->page, title == NULL ? "bake" : title);
+    kiln_html_add(&r->page,
                   "</title><meta name=\"generator\" content=\"" KILN_MADE_BY " " KILN_VERSION
                   "\"><style>%s</style></head><body>\n<h1>",
                   style);
-    kiln_page_text(&r->page, title == NULL ? "bake" : title);
-    kiln_page_add(&r->page, "</h1>\n");
+    kiln_html_text(&r->page, title == NULL ? "bake" : title);
+    kiln_html_add(&r->page, "</h1>\n");
     add_preview(r);
     add_notes(r);
     add_lightmaps(r);
@@ -490,7 +490,7 @@ static void write_page(struct report *r)
     add_section(r, "Settings", "job");
     add_section(r, "Scene", "scene");
     add_section(r, "Units", "units");
-    kiln_page_add(&r->page, "</body></html>\n");
+    kiln_html_add(&r->page, "</body></html>\n");
 }
 
 int kiln_report_write(const char *directory, const char *path, struct kiln_error *error)
@@ -506,7 +506,7 @@ int kiln_report_write(const char *directory, const char *path, struct kiln_error
     struct report report = {.results = results, .run = run, .page = {.error = error}};
     if (status == KILN_OK) {
         write_page(&report);
-        status = kiln_page_publish(&report.page, path);
+        status = kiln_html_publish(&report.page, path);
     }
     json_decref(run);
     kiln_results_close(&results);

@@ -9,7 +9,7 @@
 #ifndef KILN_COORDINATOR_OUTPUT_UNITS_H
 #define KILN_COORDINATOR_OUTPUT_UNITS_H
 
-#include "coordinator/cli/job.h"
+#include "coordinator/job/job.h"
 #include "coordinator/output/read/results.h"
 #include "worker/scene/scene.h"
 

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <stdio.h>
 
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/view_light.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"

@@ -6,7 +6,7 @@
 #include <unistd.h>
 
 #include "coordinator/output/exr.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "shaders/random.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"

@@ -1,10 +1,10 @@
 #include <math.h>
 #include <string.h>
 
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 #include "coordinator/output/h5.h"
 #include "coordinator/output/output.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/volume_eval.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/harmonics.h"

@@ -2,8 +2,8 @@
  *
  *   points.c   measures objects, finds covered texels and their cells: parts of tiles     (a range of blocks of tiles)
  *   order.c    puts the parts into global order, fills the map: tiles and splits          (those parts; the map of all)
- *   deal.c     cuts the global order between ranks, sends parts to where they belong      (those parts; own fragments)
- *   share.c    fills pieces and per-point data                                            (own fragments) */
+ *   deal.c     cuts the global order between ranks, sends parts to where they belong      (those parts; own tile runs)
+ *   share.c    fills pieces and per-point data                                            (own tile runs) */
 #ifndef KILN_COORDINATOR_SURFACE_BUILD_H
 #define KILN_COORDINATOR_SURFACE_BUILD_H
 
@@ -16,11 +16,11 @@
 /* Morton-consecutive tiles of an object: what a thread takes at a time, and never two ranks */
 enum { KILN_BLOCK_TILES = 512 };
 
-/* The points of a tile in one cell, before they have a place: what becomes a fragment. */
+/* The points of a tile in one cell, before they have a place: what becomes a tile run. */
 struct kiln_part {
     uint64_t mask;
     uint64_t code;     /* Morton code of the cell */
-    uint64_t position; /* among all fragments in global order */
+    uint64_t position; /* among all tile runs in global order */
     uint64_t first;    /* global index of its first point */
     uint32_t tile;
     uint32_t cell; /* index among the occupied cells */
@@ -40,7 +40,7 @@ struct kiln_units {
     uint64_t count;
     uint64_t *points;         /* unit */
     uint64_t *first_point;    /* count + 1, in global order */
-    uint64_t *first_fragment; /* count + 1, in global order */
+    uint64_t *first_tile_run; /* count + 1, in global order */
 };
 
 struct kiln_build {
@@ -80,7 +80,7 @@ void kiln_build_for_maps(struct kiln_build *build, const uint8_t *wanted,
 int kiln_build_measure(struct kiln_build *build); /* lightmaps, grid, blocks, which are whose */
 int kiln_build_cover(struct kiln_build *build);   /* parts of own blocks; areas */
 int kiln_build_order(struct kiln_build *build);   /* cells, units, tiles, splits */
-int kiln_build_deal(struct kiln_build *build);    /* own fragments, piece_base, share_base */
+int kiln_build_deal(struct kiln_build *build);    /* own tile runs, piece_base, area_cdf_base */
 int kiln_build_share(struct kiln_build *build);   /* own points */
 
 /* Points of a part. */

@@ -68,7 +68,7 @@ static void release(struct kiln_build *build)
     kiln_free(&build->cell_codes);
     kiln_free(&build->units.points);
     kiln_free(&build->units.first_point);
-    kiln_free(&build->units.first_fragment);
+    kiln_free(&build->units.first_tile_run);
 }
 
 static int find_parts(struct kiln_build *build, int status)
@@ -114,7 +114,7 @@ int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_
         report->cell_size = build.grid.size;
         for (int axis = 0; axis < 3; axis++)
             report->cells[axis] = build.grid.count[axis];
-        release(&build); /* the fragments hold what of it is still wanted */
+        release(&build); /* the tile runs hold what of it is still wanted */
         status = kiln_build_share(&build);
     }
     if (status == KILN_OK) {

@@ -55,7 +55,7 @@ struct kiln_surface_report {
     uint64_t cells_occupied, cells_total;
     double cell_size;  /* m */
     uint64_t cells[3]; /* grid */
-    uint64_t fragments;
+    uint64_t tile_runs;
     double area;                    /* m2, sum of the areas of all points of fronts */
     double geometry_area;           /* m2, sum of all triangles' areas */
     double worst_object_area_error; /* largest |sum of texel areas / surface area - 1| over objects with area */
@@ -68,7 +68,7 @@ struct kiln_surface_report {
 /* Builds the surface: the same global part on all ranks, and a rank's share of the rest. With an exchange it is
  * collective over its ranks and gives all the same status: each finds the points of a part of all lightmap tiles (equal
  * in estimated work, whatever share will be its own), they add up how many lie in each cell, so that each can number
- * its own, and tell all where tiles' points begin, and the owners what their fragments are. No rank holds more of the
+ * its own, and tell all where tiles' points begin, and the owners what their tile runs are. No rank holds more of the
  * others' than that map. Without one, a single process finds the points of the whole scene, whatever `ranks` is. Both
  * give the same bits.
  *
@@ -83,21 +83,21 @@ struct kiln_surface_report {
  * backs.
  *
  * A point lies in the cell that holds the centroid of its covered part. With KILN_PARTITION_OBJECTS a tile is one
- * fragment whatever cells it lies in, and the fragment's `cell` is that of its first point.
+ * tile run whatever cells it lies in, and the tile run's `cell` is that of its first point.
  *
  * `albedo` is the area-weighted mean over the covered part: at the centroid of each piece, or where the base colour is
  * textured at 16 or more stratified positions; of a surface with an alpha mask or blending only what is there counts
  * (weight alpha). `visible` is all ones: the validity pass lowers it.
  *
- * Ranks share out whole cells (objects) where that keeps the largest share within 10 % of the mean, else fragments;
- * ranks beyond the number of fragments get an empty share.
+ * Ranks share out whole cells (objects) where that keeps the largest share within 10 % of the mean, else tile runs;
+ * ranks beyond the number of tile runs get an empty share.
  *
  * KILN_BAD_INPUT for a cell size that fits no grid, an object with 2^32 tiles or more; KILN_USAGE for ranks = 0 or rank
  * >= ranks; KILN_SYSTEM. Destroy with kiln_surface_destroy. */
 int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_params *params,
                        struct kiln_surface_report *report, struct kiln_error *error);
 
-/* Cuts a row of units (cells, objects or fragments in global order, with so many points each) into `ranks` contiguous
+/* Cuts a row of units (cells, objects or tile runs in global order, with so many points each) into `ranks` contiguous
  * shares of nearly equal points: the border before share r is the unit border nearest to r / ranks of all points (of
  * two, the first). Share r is units cuts[r] .. cuts[r + 1] - 1; writes ranks + 1 cuts, ranks >= 1. Pure. */
 void kiln_partition_cut(const uint64_t *unit_points, size_t unit_count, uint32_t ranks, uint64_t *cuts);

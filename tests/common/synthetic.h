@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/bake/result.h"
+#include "coordinator/field/result.h"
 #include "worker/base/memory.h"
 #include "worker/scene/clip.h"
 
@@ -123,7 +123,7 @@ static inline void synthetic_point(struct synthetic *s, uint32_t o, uint32_t x, 
             continue;
         sum += area;
         f->pieces[*piece + count] = (uint32_t)s->geometry->ranges[o].opaque_first + t;
-        f->shares[*share + count] = (float)(sum / total); /* the last is overwritten by the next point's */
+        f->area_cdf[*share + count] = (float)(sum / total); /* the last is overwritten by the next point's */
         count++;
     }
     *piece += count;
@@ -136,19 +136,19 @@ static inline void synthetic_point(struct synthetic *s, uint32_t o, uint32_t x, 
         f->albedo[3 * point + (uint64_t)c] = 32768;
 }
 
-/* The tiles, and all points in order of object, tile and bit; every tile is one fragment, cells are objects. */
+/* The tiles, and all points in order of object, tile and bit; every tile is one tile run, cells are objects. */
 static inline void synthetic_surface(struct synthetic *s)
 {
     struct kiln_surface *f = &s->surface;
     enum { ROOM = 1 << 17 };
     (void)kiln_allocate(&f->tiles, ROOM / 64, sizeof *f->tiles, "tiles", NULL);
     (void)kiln_allocate(&f->lightmaps, 2, sizeof *f->lightmaps, "lightmaps", NULL);
-    (void)kiln_allocate(&f->fragments, ROOM / 64, sizeof *f->fragments, "fragments", NULL);
+    (void)kiln_allocate(&f->tile_runs, ROOM / 64, sizeof *f->tile_runs, "tile runs", NULL);
     (void)kiln_allocate(&f->piece_base, ROOM / 64, sizeof(uint64_t), "pieces", NULL);
-    (void)kiln_allocate(&f->share_base, ROOM / 64, sizeof(uint64_t), "pieces", NULL);
+    (void)kiln_allocate(&f->area_cdf_base, ROOM / 64, sizeof(uint64_t), "pieces", NULL);
     (void)kiln_allocate(&f->piece_count, ROOM, sizeof(uint16_t), "pieces", NULL);
     (void)kiln_allocate(&f->pieces, 4 * ROOM, sizeof(uint32_t), "pieces", NULL);
-    (void)kiln_allocate(&f->shares, 4 * ROOM, sizeof(float), "pieces", NULL);
+    (void)kiln_allocate(&f->area_cdf, 4 * ROOM, sizeof(float), "pieces", NULL);
     (void)kiln_allocate(&f->albedo, 3 * ROOM, sizeof(uint16_t), "albedo", NULL);
     (void)kiln_allocate(&f->area, ROOM, sizeof(float), "area", NULL);
     (void)kiln_allocate(&f->visible, ROOM, sizeof(uint16_t), "visible", NULL);
@@ -160,9 +160,9 @@ static inline void synthetic_surface(struct synthetic *s)
         f->object_count = f->map_count = 2;
         f->cell_first[o] = f->point_count;
         for (uint32_t tile = 0; tile < f->lightmaps[o].tiles_x * f->lightmaps[o].tiles_y; tile++, f->tile_count++) {
-            struct kiln_fragment fragment = {.first = f->point_count, .map = o, .tile = tile, .cell = o};
-            f->piece_base[f->fragment_count] = piece;
-            f->share_base[f->fragment_count] = share;
+            struct kiln_tile_run tile_run = {.first = f->point_count, .map = o, .tile = tile, .cell = o};
+            f->piece_base[f->tile_run_count] = piece;
+            f->area_cdf_base[f->tile_run_count] = share;
             for (uint32_t bit = 0; bit < 64; bit++) {
                 const uint32_t x = tile % f->lightmaps[o].tiles_x * 8 + kiln_morton8_x(bit);
                 const uint32_t y = tile / f->lightmaps[o].tiles_x * 8 + kiln_morton8_y(bit);
@@ -172,31 +172,31 @@ static inline void synthetic_surface(struct synthetic *s)
                 if (x >= width || y >= height || !(area > 0.0))
                     continue;
                 synthetic_point(s, o, x, y, f->point_count, &piece, &share);
-                fragment.mask |= 1ull << bit;
-                fragment.count++;
+                tile_run.mask |= 1ull << bit;
+                tile_run.count++;
                 f->point_count++;
             }
-            f->tiles[f->tile_count] = (struct kiln_tile){fragment.mask, fragment.first};
-            if (fragment.count > 0)
-                f->fragments[f->fragment_count++] = fragment;
+            f->tiles[f->tile_count] = (struct kiln_tile){tile_run.mask, tile_run.first};
+            if (tile_run.count > 0)
+                f->tile_runs[f->tile_run_count++] = tile_run;
         }
     }
-    f->piece_base[f->fragment_count] = piece;
-    f->share_base[f->fragment_count] = share;
+    f->piece_base[f->tile_run_count] = piece;
+    f->area_cdf_base[f->tile_run_count] = share;
     f->cell_count = 2;
     f->cell_first[2] = f->point_count;
     f->count = f->point_count;
 }
 
-/* Leaves rank `rank` of `ranks` with its share of the fragments; light is a smooth function of the texel's global index
+/* Leaves rank `rank` of `ranks` with its share of the tile runs; light is a smooth function of the texel's global index
  * and every 37th point is invalid. */
 static inline void synthetic_share(struct synthetic *s, int rank, int ranks)
 {
     struct kiln_surface *f = &s->surface;
-    const size_t begin = f->fragment_count * (size_t)rank / (size_t)ranks,
-                 end = f->fragment_count * (size_t)(rank + 1) / (size_t)ranks;
-    const uint64_t first = begin < f->fragment_count ? f->fragments[begin].first : f->point_count;
-    const uint64_t last = end < f->fragment_count ? f->fragments[end].first : f->point_count;
+    const size_t begin = f->tile_run_count * (size_t)rank / (size_t)ranks,
+                 end = f->tile_run_count * (size_t)(rank + 1) / (size_t)ranks;
+    const uint64_t first = begin < f->tile_run_count ? f->tile_runs[begin].first : f->point_count;
+    const uint64_t last = end < f->tile_run_count ? f->tile_runs[end].first : f->point_count;
     (void)kiln_allocate(&s->direct, 3 * (last - first), sizeof(float), "light", NULL);
     (void)kiln_allocate(&s->indirect, 3 * (last - first), sizeof(float), "light", NULL);
     (void)kiln_allocate(&s->error, last - first, sizeof *s->error, "light", NULL);
@@ -211,10 +211,10 @@ static inline void synthetic_share(struct synthetic *s, int rank, int ranks)
             s->direct[3 * (p - first)] = NAN; /* must never be looked at */
         }
     }
-    f->fragments += begin;
+    f->tile_runs += begin;
     f->piece_base += begin;
-    f->share_base += begin;
-    f->fragment_count = end - begin;
+    f->area_cdf_base += begin;
+    f->tile_run_count = end - begin;
     f->piece_count += first;
     f->albedo += 3 * first;
     f->area += first;

@@ -5,7 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 
 static int wrong(int rank, int status, const char *message, int wanted, const char *sentence)
 {

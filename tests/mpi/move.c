@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/bake/move.h"
+#include "coordinator/mpi/redistribute.h"
 
 enum { MOST = 64 };
 
@@ -26,7 +26,7 @@ static int try_cuts(int rank, const uint64_t *before, const uint64_t *after, uin
     memset(to, 0xff, sizeof to);
     for (uint64_t i = before[rank]; i < before[rank + 1]; i++)
         from[i - before[rank]] = element_of(i);
-    kiln_move(MPI_COMM_WORLD, before, after, sizeof *from, limit, from, to);
+    kiln_redistribute(MPI_COMM_WORLD, before, after, sizeof *from, limit, from, to);
     for (uint64_t i = after[rank]; i < after[rank + 1]; i++) {
         const struct element wanted = element_of(i);
         if (memcmp(&to[i - after[rank]], &wanted, sizeof wanted) != 0) {

@@ -39,17 +39,17 @@ static int compare(const struct kiln_surface *a, const struct kiln_surface *b, s
 {
     if (a->point_count != b->point_count || a->tile_count != b->tile_count || a->split_count != b->split_count ||
         a->cell_count != b->cell_count || a->first != b->first || a->count != b->count ||
-        a->fragment_count != b->fragment_count) {
+        a->tile_run_count != b->tile_run_count) {
         (void)fprintf(stderr, "points %llu to %llu differ in number\n", (unsigned long long)a->first,
                       (unsigned long long)(a->first + a->count));
         return 1;
     }
-    const size_t fragments = a->fragment_count;
+    const size_t tile_runs = a->tile_run_count;
     return DIFFERS(tiles, a->tile_count) + DIFFERS(splits, a->split_count) + DIFFERS(lightmaps, objects) +
            ((a->cell_first == NULL) != (b->cell_first == NULL)) +
-           DIFFERS(cell_first, a->cell_first == NULL ? 0 : a->cell_count + 1) + DIFFERS(fragments, fragments) +
-           DIFFERS(piece_base, fragments + 1) + DIFFERS(share_base, fragments + 1) + DIFFERS(piece_count, a->count) +
-           DIFFERS(pieces, a->piece_base[fragments]) + DIFFERS(shares, a->share_base[fragments]) +
+           DIFFERS(cell_first, a->cell_first == NULL ? 0 : a->cell_count + 1) + DIFFERS(tile_runs, tile_runs) +
+           DIFFERS(piece_base, tile_runs + 1) + DIFFERS(area_cdf_base, tile_runs + 1) + DIFFERS(piece_count, a->count) +
+           DIFFERS(pieces, a->piece_base[tile_runs]) + DIFFERS(area_cdf, a->area_cdf_base[tile_runs]) +
            DIFFERS(albedo, 3 * a->count) + DIFFERS(area, a->count) + DIFFERS(visible, a->count);
 }
 

@@ -10,7 +10,7 @@
 
 #include "coordinator/layout/padding.h"
 #include "coordinator/layout/unwrap.h"
-#include "coordinator/output/borders.h"
+#include "coordinator/output/map/borders.h"
 #include "tests/common/synthetic.h"
 
 enum { SIDE = 16, HALF = SIDE / 2, TEXELS = SIDE * SIDE };

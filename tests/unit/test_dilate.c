@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/output/map.h"
+#include "coordinator/output/map/map.h"
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 

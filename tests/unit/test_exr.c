@@ -14,7 +14,7 @@
 
 #include "coordinator/output/exr.h"
 #include "coordinator/output/exr_strips.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 static char folder[64];

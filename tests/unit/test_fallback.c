@@ -16,7 +16,7 @@
 
 enum { LAST_GOOD = 9, OWN_FAILURE = KILN_IO };
 
-/* Does the first LAST_GOOD fragments, in parts of 4. */
+/* Does the first LAST_GOOD tile runs, in parts of 4. */
 struct quitter {
     struct kiln_backend base;
     struct kiln_backend_api api;
@@ -24,7 +24,7 @@ struct quitter {
 };
 
 struct answers {
-    size_t next, stop; /* fragments; stop: where the caller itself fails */
+    size_t next, stop; /* tile runs; stop: where the caller itself fails */
     const struct kiln_surface *surface;
     struct kiln_point_result *results;
 };
@@ -38,7 +38,7 @@ static int keep(void *context, size_t first, size_t count, const struct kiln_poi
     if (a->next > a->stop)
         return kiln_fail(error, OWN_FAILURE, "the caller's own");
     for (size_t i = first; i < first + count; i++) {
-        const struct kiln_fragment *f = &a->surface->fragments[i];
+        const struct kiln_tile_run *f = &a->surface->tile_runs[i];
         memcpy(a->results + f->first, results, f->count * sizeof *results);
         results += f->count;
     }
@@ -100,7 +100,7 @@ static void embree_goes_on(void **state)
     assert_int_equal(kiln_backend_set_surface(embree, surface, &error), KILN_OK);
     const size_t bytes = surface->count * sizeof(struct kiln_point_result);
     struct answers expected = {.stop = SIZE_MAX, .surface = surface, .results = malloc(bytes)};
-    struct kiln_batch batch = {0, surface->fragment_count, keep, &expected};
+    struct kiln_batch batch = {0, surface->tile_run_count, keep, &expected};
     uint64_t rays = 0;
     assert_int_equal(kiln_backend_direct(embree, &batch, 4, &rays, &error), KILN_OK);
     kiln_backend_destroy(&embree);

@@ -213,9 +213,9 @@ static void positions_lie_where_something_is(void **state)
     for (uint32_t mode = KILN_ALPHA_MASK; mode <= KILN_ALPHA_BLEND; mode++) {
         struct built b = sheet_with_alpha(mode);
         double off[1] = {0}, there = 0.0;
-        for (size_t f = 0; f < b.surface->fragment_count; f++) {
+        for (size_t f = 0; f < b.surface->tile_run_count; f++) {
             struct kiln_point_cursor at = kiln_point_first(b.surface, f);
-            for (uint32_t k = 0; k < b.surface->fragments[f].count; k++, kiln_point_next(b.surface, &at))
+            for (uint32_t k = 0; k < b.surface->tile_runs[f].count; k++, kiln_point_next(b.surface, &at))
                 check_mask(&b, &at, off, &there);
         }
         print_message("%s: mean opacity off by %.1e, %.3f is there where points are\n",
@@ -233,9 +233,9 @@ static void samples_are_uniform(void **state)
     struct built b = cubes();
     uint32_t kinds[3] = {0};
     uint64_t number = 0;
-    for (size_t i = 0; i < b.surface->fragment_count; i++) {
+    for (size_t i = 0; i < b.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
-        for (uint32_t k = 0; k < b.surface->fragments[i].count; k++, kiln_point_next(b.surface, &at), number++) {
+        for (uint32_t k = 0; k < b.surface->tile_runs[i].count; k++, kiln_point_next(b.surface, &at), number++) {
             if (number % 31 == 0 || (at.object == 2 && number % 3 == 0))
                 check_point(&b, &at, kinds);
         }
@@ -251,9 +251,9 @@ static void whole_texels_are_parallelograms(void **state)
     (void)state;
     struct built b = cubes();
     uint32_t count = 0;
-    for (size_t i = 0; i < b.surface->fragment_count; i++) {
+    for (size_t i = 0; i < b.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
-        for (uint32_t k = 0; k < b.surface->fragments[i].count; k++, kiln_point_next(b.surface, &at)) {
+        for (uint32_t k = 0; k < b.surface->tile_runs[i].count; k++, kiln_point_next(b.surface, &at)) {
             if (!kiln_point_whole(b.surface, at.point))
                 continue;
             struct kiln_footprint f;
@@ -290,9 +290,9 @@ static void normals_follow_the_transform(void **state)
     fixture_object(f, mesh, squeezed[1], 96, 96);
     build(&b);
     uint32_t bent = 0;
-    for (size_t i = 0; i < b.surface->fragment_count; i++) {
+    for (size_t i = 0; i < b.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
-        for (uint32_t k = 0; k < b.surface->fragments[i].count; k++, kiln_point_next(b.surface, &at)) {
+        for (uint32_t k = 0; k < b.surface->tile_runs[i].count; k++, kiln_point_next(b.surface, &at)) {
             struct kiln_footprint footprint;
             struct kiln_vec3 geometric, shading;
             uint32_t triangle;
@@ -326,9 +326,9 @@ static void bad_normals_give_way(void **state)
     f->meshes[mesh].flags = KILN_MESH_SMOOTH;
     fixture_object(f, mesh, NULL, 32, 32);
     build(&b);
-    for (size_t i = 0; i < b.surface->fragment_count; i++) {
+    for (size_t i = 0; i < b.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
-        for (uint32_t k = 0; k < b.surface->fragments[i].count; k++, kiln_point_next(b.surface, &at)) {
+        for (uint32_t k = 0; k < b.surface->tile_runs[i].count; k++, kiln_point_next(b.surface, &at)) {
             struct kiln_footprint footprint;
             struct kiln_vec3 geometric, shading;
             kiln_footprint_prepare(&footprint, &f->scene, b.geometry, b.surface, &at);

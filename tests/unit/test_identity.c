@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "coordinator/bake/identity.h"
-#include "coordinator/cli/options.h"
+#include "coordinator/job/options.h"
 
 static void every_option_is_known(void **state)
 {

@@ -11,8 +11,8 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/cli/job_private.h"
-#include "coordinator/cli/options.h"
+#include "coordinator/job/job_private.h"
+#include "coordinator/job/options.h"
 
 static struct kiln_error error;
 

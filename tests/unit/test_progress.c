@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/cli/progress.h"
+#include "coordinator/run/progress.h"
 
 static double now;
 

@@ -8,7 +8,7 @@
 #include <float.h>
 #include <math.h>
 
-#include "coordinator/bake/energy.h"
+#include "coordinator/integrate/energy.h"
 #include "shaders/random.h"
 #include "worker/scene/radiosity.h"
 

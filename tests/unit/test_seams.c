@@ -7,7 +7,7 @@
 
 #include <stdio.h>
 
-#include "coordinator/output/seams.h"
+#include "coordinator/output/map/seams.h"
 #include "tests/common/synthetic.h"
 
 enum { WIDTH = 40, HEIGHT = 32 };

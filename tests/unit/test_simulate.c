@@ -7,7 +7,7 @@
 
 #include <cmocka.h>
 
-#include "coordinator/bake/simulate_light.h"
+#include "coordinator/plan/simulate_light.h"
 
 enum { CELLS = 64, CELL_POINTS = 50000 };
 
@@ -25,7 +25,7 @@ static void fill(struct world *w, double cost, double factor)
                                 .samples_direct = 8,
                                 .samples_bounce = 8,
                                 .samples_indirect = 64,
-                                .give_away = true,
+                                .work_stealing = true,
                                 .ranks_per_node = 1}};
     for (int i = 0; i < CELLS; i++) {
         w->points[i] = CELL_POINTS;
@@ -36,7 +36,7 @@ static void fill(struct world *w, double cost, double factor)
                                                    .cell_points = w->points,
                                                    .cell_cost = {w->cost[0], w->cost[1], w->cost[2]},
                                                    .cell_count = CELLS,
-                                                   .fragments = CELLS * CELL_POINTS / 64,
+                                                   .tile_runs = CELLS * CELL_POINTS / 64,
                                                    .bounces = 5,
                                                    .threads = 1,
                                                    .any_share = true,
@@ -123,9 +123,9 @@ static void given_away(void **state)
     w.job.share_ranks = 1;
     assert_true(simulate(&w, 2).cuts == 1);
     w.job.share_ranks = 0;
-    w.job.give_away = false;
+    w.job.work_stealing = false;
     assert_true(simulate(&w, 2).cuts == 1);
-    w.job.give_away = true;
+    w.job.work_stealing = true;
     w.simulation.any_share = false;
     assert_true(fabs(simulate(&w, 2).imbalance - 0.5) < 1e-9);
     fill(&w, 1e-5, 3.0); /* two nodes of two: within a node all is even, between them it is not */

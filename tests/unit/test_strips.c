@@ -9,14 +9,14 @@
 #include <string.h>
 
 #include "coordinator/output/exr_strips.h"
-#include "coordinator/output/strip_exchange.h"
+#include "coordinator/output/map/strip_exchange.h"
 #include "worker/base/memory.h"
 
 enum { OBJECTS = 40, RANKS = 70 };
 
 struct scene {
     struct kiln_lightmap lightmaps[OBJECTS];
-    struct kiln_deal *deal;
+    struct kiln_assignment *deal;
     struct kiln_strip_deal *strips;
     uint32_t ranks;
 };
@@ -31,14 +31,14 @@ static void make(struct scene *s, const uint32_t (*sizes)[2], size_t objects, ui
         s->lightmaps[i].height = sizes[i][1];
         s->lightmaps[i].published = 1;
     }
-    assert_int_equal(kiln_deal_create(&s->deal, s->lightmaps, objects, ranks, budget, NULL), 0);
+    assert_int_equal(kiln_assignment_create(&s->deal, s->lightmaps, objects, ranks, budget, NULL), 0);
     assert_int_equal(kiln_strip_deal_create(&s->strips, s->lightmaps, s->deal, 0, ranks, least, NULL), 0);
 }
 
 static void drop(struct scene *s)
 {
     kiln_strip_deal_destroy(&s->strips);
-    kiln_deal_destroy(&s->deal);
+    kiln_assignment_destroy(&s->deal);
 }
 
 static double texels(const struct scene *s, const struct kiln_strip *strip)

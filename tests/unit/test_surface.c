@@ -81,9 +81,9 @@ static void areas_add_up(void **state)
     struct built b = cubes();
     build(&b, 0.0, KILN_PARTITION_CELLS, 0, 1, 2);
     double area[5] = {0}, total = 0.0;
-    for (size_t i = 0; i < b.surface->fragment_count; i++) {
+    for (size_t i = 0; i < b.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
-        for (uint32_t k = 0; k < b.surface->fragments[i].count; k++, kiln_point_next(b.surface, &at)) {
+        for (uint32_t k = 0; k < b.surface->tile_runs[i].count; k++, kiln_point_next(b.surface, &at)) {
             assert_true(b.surface->area[at.point] > 0.0f);
             area[at.object] += (double)b.surface->area[at.point];
         }
@@ -104,7 +104,7 @@ static void areas_add_up(void **state)
     release(&b);
 }
 
-static uint64_t morton_of_tile(const struct kiln_surface *s, const struct kiln_fragment *f)
+static uint64_t morton_of_tile(const struct kiln_surface *s, const struct kiln_tile_run *f)
 {
     const uint32_t x = f->tile % s->lightmaps[f->map].tiles_x, y = f->tile / s->lightmaps[f->map].tiles_x;
     uint64_t code = 0;
@@ -118,9 +118,9 @@ static void check_order(const struct built *b, enum kiln_partition partition)
 {
     const struct kiln_surface *s = b->surface;
     uint64_t next = 0, found = 0;
-    const struct kiln_fragment *before = NULL;
-    for (size_t i = 0; i < s->fragment_count; i++) {
-        const struct kiln_fragment *f = &s->fragments[i];
+    const struct kiln_tile_run *before = NULL;
+    for (size_t i = 0; i < s->tile_run_count; i++) {
+        const struct kiln_tile_run *f = &s->tile_runs[i];
         assert_int_equal(f->first, next);
         assert_int_equal(f->count, __builtin_popcountll(f->mask));
         assert_true(f->cell < s->cell_count);
@@ -142,7 +142,7 @@ static void check_order(const struct built *b, enum kiln_partition partition)
             next++;
         }
         assert_int_equal(at.piece, s->piece_base[i + 1]);
-        assert_int_equal(at.share, s->share_base[i + 1]);
+        assert_int_equal(at.share, s->area_cdf_base[i + 1]);
     }
     assert_int_equal(next, s->point_count);
     for (uint32_t o = 0; o < b->fixture->scene.object_count; o++) {
@@ -179,9 +179,9 @@ static void cells_change_nothing_else(void **state)
     build(&a, 0.0, KILN_PARTITION_CELLS, 0, 1, 1);
     build(&b, 0.7, KILN_PARTITION_OBJECTS, 0, 1, 2);
     assert_int_equal(a.surface->point_count, b.surface->point_count);
-    for (size_t i = 0; i < a.surface->fragment_count; i++) {
+    for (size_t i = 0; i < a.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(a.surface, i);
-        for (uint32_t k = 0; k < a.surface->fragments[i].count; k++, kiln_point_next(a.surface, &at)) {
+        for (uint32_t k = 0; k < a.surface->tile_runs[i].count; k++, kiln_point_next(a.surface, &at)) {
             const uint64_t p = at.point, q = kiln_surface_find(b.surface, at.object, at.x, at.y);
             assert_true(q != KILN_NO_POINT);
             assert_true(a.surface->area[p] == b.surface->area[q]);
@@ -217,31 +217,31 @@ static void shares_tile_the_whole(void **state)
         build(&whole, size, partition, 0, 1, 1);
         const struct kiln_surface *w = whole.surface;
         for (size_t i = 0; i < sizeof rank_counts / sizeof *rank_counts; i++) {
-            uint64_t point = 0, fragment = 0, most = 0;
+            uint64_t point = 0, tile_run = 0, most = 0;
             for (uint32_t rank = 0; rank < rank_counts[i]; rank++) {
                 build(&own, size, partition, rank, rank_counts[i], 1 + rank % 2);
                 const struct kiln_surface *s = own.surface;
                 compare_global(w, s);
                 assert_int_equal(s->first, point);
                 if (s->count > 0) {
-                    const uint64_t pieces = w->piece_base[fragment], shares = w->share_base[fragment];
-                    assert_memory_equal(s->fragments, w->fragments + fragment,
-                                        s->fragment_count * sizeof *s->fragments);
+                    const uint64_t pieces = w->piece_base[tile_run], shares = w->area_cdf_base[tile_run];
+                    assert_memory_equal(s->tile_runs, w->tile_runs + tile_run,
+                                        s->tile_run_count * sizeof *s->tile_runs);
                     assert_memory_equal(s->piece_count, w->piece_count + point, s->count * sizeof *s->piece_count);
                     assert_memory_equal(s->albedo, w->albedo + 3 * point, 3 * s->count * sizeof *s->albedo);
                     assert_memory_equal(s->area, w->area + point, s->count * sizeof *s->area);
                     assert_memory_equal(s->pieces, w->pieces + pieces,
-                                        s->piece_base[s->fragment_count] * sizeof *s->pieces);
-                    if (s->share_base[s->fragment_count] > 0)
-                        assert_memory_equal(s->shares, w->shares + shares,
-                                            s->share_base[s->fragment_count] * sizeof *s->shares);
+                                        s->piece_base[s->tile_run_count] * sizeof *s->pieces);
+                    if (s->area_cdf_base[s->tile_run_count] > 0)
+                        assert_memory_equal(s->area_cdf, w->area_cdf + shares,
+                                            s->area_cdf_base[s->tile_run_count] * sizeof *s->area_cdf);
                 }
                 most = s->count > most ? s->count : most;
                 point += s->count;
-                fragment += s->fragment_count;
+                tile_run += s->tile_run_count;
             }
             assert_int_equal(point, w->point_count);
-            assert_int_equal(fragment, w->fragment_count);
+            assert_int_equal(tile_run, w->tile_run_count);
             assert_int_equal(most, own.report.points_max);
             const double imbalance = (double)most * rank_counts[i] / (double)w->point_count - 1.0;
             assert_true(imbalance <= 0.101);
@@ -306,9 +306,9 @@ static void pieces_are_right(void **state)
     build(&b, 0.0, KILN_PARTITION_CELLS, 0, 1, 2);
     const struct kiln_surface *s = b.surface;
     uint64_t wholes = 0, many = 0;
-    for (size_t i = 0; i < s->fragment_count; i++) {
+    for (size_t i = 0; i < s->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(s, i);
-        for (uint32_t k = 0; k < s->fragments[i].count; k++, kiln_point_next(s, &at)) {
+        for (uint32_t k = 0; k < s->tile_runs[i].count; k++, kiln_point_next(s, &at)) {
             const uint32_t count = kiln_piece_count(s, at.point);
             double sum = 0.0;
             for (uint32_t j = 0; j < count; j++) {
@@ -324,7 +324,7 @@ static void pieces_are_right(void **state)
                     kiln_geometry_triangle_area(b.geometry, t) / (0.5 * fabs(kiln_clip_twice_area(corner)));
                 sum += texels * scale;
                 if (j + 1 < count)
-                    assert_true(fabs((double)s->shares[at.share + j] * (double)s->area[at.point] - sum) <=
+                    assert_true(fabs((double)s->area_cdf[at.share + j] * (double)s->area[at.point] - sum) <=
                                 1e-6 * (double)s->area[at.point]);
                 assert_true(kiln_point_whole(s, at.point) == (count == 1 && texels > 1.0 - 1e-9));
             }
@@ -412,7 +412,7 @@ static void crowded_texel(void **state)
     build(&b, 0.0, KILN_PARTITION_CELLS, 0, 1, 2);
     assert_int_equal(b.surface->point_count, 1);
     assert_int_equal(b.surface->piece_count[0], 32767);
-    assert_true(b.surface->shares[32765] <= 1.0f);
+    assert_true(b.surface->area_cdf[32765] <= 1.0f);
     assert_true(fabsf(b.surface->area[0] - 1.0f) < 1e-5f);
     double least = 1.0, dropped_most = 0.0;
     uint64_t next = 0;
@@ -440,7 +440,7 @@ static void nothing_there(void **state)
     for (uint32_t rank = 0; rank < 3; rank++) {
         build(&b, 0.0, rank == 1 ? KILN_PARTITION_OBJECTS : KILN_PARTITION_CELLS, rank, 3, 1);
         assert_int_equal(
-            b.surface->point_count + b.surface->tile_count + b.surface->cell_count + b.surface->fragment_count, 0);
+            b.surface->point_count + b.surface->tile_count + b.surface->cell_count + b.surface->tile_run_count, 0);
     }
     /* an object without triangles, one whose triangles have no area, one that is a single point of the surface */
     const uint32_t empty = fixture_mesh(f);
@@ -490,9 +490,9 @@ static void collapsed_triangles_keep_their_area(void **state)
     assert_true(b.surface->point_count >= 12);
     assert_true(kiln_surface_find(b.surface, 4, 11, 11) != KILN_NO_POINT);
     check_order(&b, KILN_PARTITION_CELLS);
-    for (size_t i = 0; i < b.surface->fragment_count; i++) {
+    for (size_t i = 0; i < b.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
-        for (uint32_t k = 0; k < b.surface->fragments[i].count; k++, kiln_point_next(b.surface, &at)) {
+        for (uint32_t k = 0; k < b.surface->tile_runs[i].count; k++, kiln_point_next(b.surface, &at)) {
             struct kiln_footprint footprint;
             double mean[2] = {0.0, 0.0};
             kiln_footprint_prepare(&footprint, &f->scene, b.geometry, b.surface, &at);
@@ -579,19 +579,19 @@ static void cuts_are_near_the_mean(void **state)
     }
 }
 
-/* Beyond the number of cells shares are cut between fragments, at the same ones as where somebody has a list of them
+/* Beyond the number of cells shares are cut between tile runs, at the same ones as where somebody has a list of them
  * all. */
-static void fragments_are_cut_alike(void **state)
+static void tile_runs_are_cut_alike(void **state)
 {
     (void)state;
     static const uint32_t ranks[] = {2, 7, 60, 2000};
     struct built b = cubes();
     build(&b, 100.0, KILN_PARTITION_CELLS, 0, 1, 1);
     assert_int_equal(b.surface->cell_count, 1);
-    const size_t count = b.surface->fragment_count;
+    const size_t count = b.surface->tile_run_count;
     uint64_t *points = calloc(count, sizeof *points), cuts[2001];
     for (size_t f = 0; f < count; f++)
-        points[f] = b.surface->fragments[f].count;
+        points[f] = b.surface->tile_runs[f].count;
     for (int i = 0; i < 4; i++) {
         kiln_partition_cut(points, count, ranks[i], cuts);
         for (uint32_t r = 0, step = ranks[i] / 12 + 1; r < ranks[i]; r += step) {
@@ -600,7 +600,7 @@ static void fragments_are_cut_alike(void **state)
                 first += points[f];
             build(&b, 100.0, KILN_PARTITION_CELLS, r, ranks[i], 2);
             assert_int_equal(b.surface->first, first);
-            assert_int_equal(b.surface->fragment_count, cuts[r + 1] - cuts[r]);
+            assert_int_equal(b.surface->tile_run_count, cuts[r + 1] - cuts[r]);
         }
     }
     free(points);
@@ -623,7 +623,7 @@ int main(void)
         cmocka_unit_test(collapsed_triangles_keep_their_area),
         cmocka_unit_test(cell_sizes),
         cmocka_unit_test(cuts_are_near_the_mean),
-        cmocka_unit_test(fragments_are_cut_alike),
+        cmocka_unit_test(tile_runs_are_cut_alike),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -67,7 +67,7 @@ static int take_and_lie(void *context, size_t first, size_t count, const struct 
     size_t points = 0;
     const struct kiln_surface *s = l->surface;
     for (size_t i = first; i < first + count; i++)
-        points += s->fragments[i].count;
+        points += s->tile_runs[i].count;
     told = malloc(points * sizeof *told);
     memcpy(told, results, points * sizeof *told);
     for (size_t i = 0; i < points; i++)
@@ -95,7 +95,7 @@ static int lying_gather(struct kiln_backend *backend, const struct kiln_batch *b
                         uint64_t *rays, struct kiln_error *error)
 {
     struct liar *l = (struct liar *)backend;
-    const struct kiln_batch own = {batch->fragment_first, batch->fragment_count, take_and_lie, l};
+    const struct kiln_batch own = {batch->tile_run_first, batch->tile_run_count, take_and_lie, l};
     l->batch = batch;
     return kiln_backend_gather(l->embree, &own, samples, stream, rays, error);
 }
@@ -104,7 +104,7 @@ static int lying_direct(struct kiln_backend *backend, const struct kiln_batch *b
                         struct kiln_error *error)
 {
     struct liar *l = (struct liar *)backend;
-    const struct kiln_batch own = {batch->fragment_first, batch->fragment_count, take_and_lie, l};
+    const struct kiln_batch own = {batch->tile_run_first, batch->tile_run_count, take_and_lie, l};
     if (l->lie == A_LITTLE_BRIGHTER) /* a plain sky has no noise to hide in */
         return kiln_backend_direct(l->embree, batch, samples, rays, error);
     l->batch = batch;
@@ -206,14 +206,14 @@ static int bake(double share, enum lie lie, struct kiln_error *error)
 {
     struct world w = create(share, lie);
     uint64_t rays = 0;
-    const struct kiln_batch batch = {0, w.surface->fragment_count, count_taken, &w};
+    const struct kiln_batch batch = {0, w.surface->tile_run_count, count_taken, &w};
     error->message[0] = '\0';
     int status = kiln_backend_direct(w.backend, &batch, 16, &rays, error);
     w.liar->points = 0;
     if (status == KILN_OK)
         status = kiln_backend_gather(w.backend, &batch, 16, 1, &rays, error);
     if (status == KILN_OK)
-        assert_int_equal(w.liar->taken, 2 * w.surface->fragment_count);
+        assert_int_equal(w.liar->taken, 2 * w.surface->tile_run_count);
     check_info(&w, share, lie, status);
     destroy(&w);
     return status;

@@ -11,7 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/volume_eval.h"
 #include "worker/sampling/harmonics.h"
 

@@ -17,7 +17,7 @@
 #include "worker/backend/vulkan/layout.h"
 #include "worker/backend/vulkan/lights.h"
 #include "worker/light/environment.h"
-#include "worker/light/target.h"
+#include "worker/light/area_light_sampler.h"
 #include "worker/light/tree.h"
 #include "worker/sampling/sequence.h"
 
@@ -119,17 +119,17 @@ static bool draw_sample(const struct kiln_lights *lights, const struct query *q,
         .kind = (enum kiln_choice_kind)q->kind, .index = q->index, .samples = q->count};
     const struct kiln_dvec3 place = array3(q->place);
     const double u = kiln_unit_double(q->u), v = kiln_unit_double(q->v);
-    struct kiln_light_target target;
-    if (!kiln_light_target(lights, &choice, array3(q->p), (double)q->spread, &target)) {
+    struct kiln_area_light_sampler target;
+    if (!kiln_area_light_sampler(lights, &choice, array3(q->p), (double)q->spread, &target)) {
         *brings = kiln_lights_sample(lights, &choice, q->k, place, array3(q->n), kiln_unit_double(q->pick), u, v, s);
         return false;
     }
-    struct kiln_target_samples t;
+    struct kiln_area_light_samples t;
     for (int l = 0; l < KILN_TARGET_LANES; l++) {
         t.u[l] = u, t.v[l] = v;
         t.place[0][l] = place.x, t.place[1][l] = place.y, t.place[2][l] = place.z;
     }
-    kiln_light_target_sample(&target, &t);
+    kiln_area_light_sampler_draw(&target, &t);
     *brings = t.weight[0] > 0.0;
     *s = (struct kiln_light_sample){.direction =
                                         dvec3_scale(dvec3(t.to[0][0], t.to[1][0], t.to[2][0]), 1.0 / t.distance[0]),

@@ -83,19 +83,19 @@ int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *rad
     return backend->api->set_radiosity(backend, radiosity, error);
 }
 
-int kiln_backend_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible,
+int kiln_backend_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
                           struct kiln_error *error)
 {
-    if (fragment_count == 0)
+    if (tile_run_count == 0)
         return KILN_OK;
-    return backend->api->validity(backend, fragment_first, fragment_count, visible, error);
+    return backend->api->validity(backend, tile_run_first, tile_run_count, visible, error);
 }
 
 int kiln_backend_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
                         struct kiln_error *error)
 {
     assert(samples > 0);
-    if (batch->fragment_count == 0)
+    if (batch->tile_run_count == 0)
         return KILN_OK;
     return backend->api->direct(backend, batch, samples, rays, error);
 }
@@ -104,7 +104,7 @@ int kiln_backend_gather(struct kiln_backend *backend, const struct kiln_batch *b
                         uint64_t *rays, struct kiln_error *error)
 {
     assert(samples > 0);
-    if (batch->fragment_count == 0)
+    if (batch->tile_run_count == 0)
         return KILN_OK;
     return backend->api->gather(backend, batch, samples, stream, rays, error);
 }
@@ -132,7 +132,7 @@ int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *
                          uint32_t stream, double *seconds, uint64_t *rays, struct kiln_error *error)
 {
     assert(samples > 0);
-    if (batch->fragment_count == 0)
+    if (batch->tile_run_count == 0)
         return KILN_OK;
     return backend->api->ceiling(backend, batch, samples, stream, seconds, rays, error);
 }

@@ -1,7 +1,7 @@
 /* What a backend is: one struct of functions. The bounce loop knows no Embree and no Vulkan; a backend knows no MPI.
  *
  * A backend holds the scene, the surface and the radiosity of all surface points, and traces batches: ranges of this
- * rank's own fragments. The neutral functions below (kiln_backend_*) check their arguments once and call the backend.
+ * rank's own tile runs. The neutral functions below (kiln_backend_*) check their arguments once and call the backend.
  *
  * Estimators (DESIGN section 3), for a point x with geometric normal n and shading normal s, whose samples lie at
  * positions uniform over the covered, unburied part of its texel (of one that is partly there, by its opacity): direct
@@ -59,7 +59,7 @@ struct kiln_backend_params {
     double slice_seconds;   /* what one dispatch may take; 0: 0.1 */
     uint64_t device_memory; /* bytes; 0: what the device has */
     bool goes_on;           /* with Embree once the device has failed for good (worker/backend/fallback.h) */
-    double verify_share;    /* of the fragments, traced again with Embree (worker/backend/verify.h); 0: none */
+    double verify_share;    /* of the tile runs, traced again with Embree (worker/backend/verify.h); 0: none */
     /* ends creation, emission and validity early, with KILN_STOPPED; NULL: nothing does */
     const struct kiln_stop *stop;
 };
@@ -79,15 +79,15 @@ struct kiln_point_result {
 };
 
 /* What is done with answers: called on the calling thread for consecutive parts of a batch, in order, while a device
- * may already be busy with the next. `results` has one entry for each point of the fragments, in order, and is only
+ * may already be busy with the next. `results` has one entry for each point of the tile runs, in order, and is only
  * lent. A status other than KILN_OK ends the pass with it. */
-typedef int (*kiln_take_results)(void *context, size_t fragment_first, size_t fragment_count,
+typedef int (*kiln_take_results)(void *context, size_t tile_run_first, size_t tile_run_count,
                                  const struct kiln_point_result *results, struct kiln_error *error);
 
-/* A range of own fragments. Any length: the backend cuts it up as suits its device. `take` NULL: answers are dropped.
+/* A range of own tile runs. Any length: the backend cuts it up as suits its device. `take` NULL: answers are dropped.
  */
 struct kiln_batch {
-    size_t fragment_first, fragment_count;
+    size_t tile_run_first, tile_run_count;
     kiln_take_results take;
     void *context;
 };
@@ -159,7 +159,7 @@ struct kiln_backend_api {
     void (*info)(const struct kiln_backend *backend, struct kiln_backend_info *info);
     int (*set_surface)(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error);
     int (*set_radiosity)(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error);
-    int (*validity)(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible,
+    int (*validity)(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
                     struct kiln_error *error);
     int (*direct)(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
                   struct kiln_error *error);
@@ -198,7 +198,7 @@ int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *rad
 /* For each own point of the range writes the share of it that is not buried (see surface->visible) into the array
  * given, a whole array of the share. A place is buried when rays along its normal and around it all meet back faces of
  * single-sided surfaces. */
-int kiln_backend_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible,
+int kiln_backend_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
                           struct kiln_error *error);
 int kiln_backend_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
                         struct kiln_error *error);

@@ -48,18 +48,18 @@ static int change_over(struct fallback_backend *f, int status, struct kiln_error
 
 struct watched_pass {
     const struct kiln_batch *batch; /* the caller's */
-    size_t next;                    /* first fragment not handed over */
+    size_t next;                    /* first tile run not handed over */
     int taken;                      /* what the caller said last */
 };
 
 /* kiln_take_results that remembers how far it came. */
-static int take_part(void *context, size_t fragment_first, size_t fragment_count,
+static int take_part(void *context, size_t tile_run_first, size_t tile_run_count,
                      const struct kiln_point_result *results, struct kiln_error *error)
 {
     struct watched_pass *w = context;
     if (w->batch->take != NULL)
-        w->taken = w->batch->take(w->batch->context, fragment_first, fragment_count, results, error);
-    w->next = fragment_first + fragment_count;
+        w->taken = w->batch->take(w->batch->context, tile_run_first, tile_run_count, results, error);
+    w->next = tile_run_first + tile_run_count;
     return w->taken;
 }
 
@@ -76,13 +76,13 @@ static int trace_direct(struct kiln_backend *backend, const struct kiln_batch *b
 static int run_pass(struct fallback_backend *f, trace_batch trace, const struct kiln_batch *batch, uint32_t samples,
                     uint32_t stream, uint64_t *rays, struct kiln_error *error)
 {
-    struct watched_pass w = {.batch = batch, .next = batch->fragment_first};
-    const struct kiln_batch all = {batch->fragment_first, batch->fragment_count, take_part, &w};
+    struct watched_pass w = {.batch = batch, .next = batch->tile_run_first};
+    const struct kiln_batch all = {batch->tile_run_first, batch->tile_run_count, take_part, &w};
     int status = trace(present(f), &all, samples, stream, rays, error);
     if (status == KILN_OK || w.taken != KILN_OK)
         return status;
     status = change_over(f, status, error);
-    const struct kiln_batch rest = {w.next, batch->fragment_first + batch->fragment_count - w.next, batch->take,
+    const struct kiln_batch rest = {w.next, batch->tile_run_first + batch->tile_run_count - w.next, batch->take,
                                     batch->context};
     return status == KILN_OK ? trace(f->embree, &rest, samples, stream, rays, error) : status;
 }
@@ -101,13 +101,13 @@ static int fallback_gather(struct kiln_backend *backend, const struct kiln_batch
 
 /* ---- calls that are made again as a whole ---- */
 
-static int fallback_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count,
+static int fallback_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count,
                              uint16_t *visible, struct kiln_error *error)
 {
     struct fallback_backend *f = (struct fallback_backend *)backend;
-    int status = kiln_backend_validity(present(f), fragment_first, fragment_count, visible, error);
+    int status = kiln_backend_validity(present(f), tile_run_first, tile_run_count, visible, error);
     if (status != KILN_OK && (status = change_over(f, status, error)) == KILN_OK)
-        status = kiln_backend_validity(f->embree, fragment_first, fragment_count, visible, error);
+        status = kiln_backend_validity(f->embree, tile_run_first, tile_run_count, visible, error);
     return status;
 }
 

@@ -21,7 +21,7 @@ struct texel {
 struct tally {
     const char *pass;
     uint64_t texels, beyond, broken;
-    double difference[CHANNELS], squares[CHANNELS], total[CHANNELS];  /* over fragments */
+    double difference[CHANNELS], squares[CHANNELS], total[CHANNELS];  /* over tile runs */
     double luminance_difference, luminance_total, luminance_variance; /* over texels */
     double worst_ratio;
     struct texel worst;
@@ -41,7 +41,7 @@ struct verified_pass {
     struct tally *tally;
     const struct kiln_batch *batch; /* the caller's */
     uint32_t samples, stream;
-    const struct kiln_point_result *got; /* of the fragments that are traced again */
+    const struct kiln_point_result *got; /* of the tile runs that are traced again */
 };
 
 /* ---- comparing ---- */
@@ -60,7 +60,7 @@ static bool is_sound(const struct kiln_point_result *r)
     return isfinite(r->error) && r->error >= 0.0f;
 }
 
-static struct texel texel_of(const struct kiln_surface *s, const struct kiln_fragment *f, uint64_t mask)
+static struct texel texel_of(const struct kiln_surface *s, const struct kiln_tile_run *f, uint64_t mask)
 {
     const uint32_t bit = (uint32_t)__builtin_ctzll(mask), tiles_x = s->lightmaps[f->map].tiles_x;
     return (struct texel){.object = kiln_map_object(s, f->map),
@@ -93,7 +93,7 @@ static void compare_texel(struct tally *t, const struct kiln_point_result *got,
     t->luminance_variance += error * error;
 }
 
-static void compare_fragment(struct tally *t, const struct kiln_surface *s, const struct kiln_fragment *f,
+static void compare_tile_run(struct tally *t, const struct kiln_surface *s, const struct kiln_tile_run *f,
                              const struct kiln_point_result *got, const struct kiln_point_result *expected)
 {
     double difference[CHANNELS] = {0}, total[CHANNELS] = {0};
@@ -115,17 +115,17 @@ static void compare_fragment(struct tally *t, const struct kiln_surface *s, cons
     }
 }
 
-/* kiln_take_results of the pass that traces fragments again. */
-static int take_again(void *context, size_t fragment_first, size_t fragment_count,
+/* kiln_take_results of the pass that traces tile runs again. */
+static int take_again(void *context, size_t tile_run_first, size_t tile_run_count,
                       const struct kiln_point_result *results, struct kiln_error *error)
 {
     (void)error;
     struct verified_pass *pass = context;
     const struct kiln_surface *s = pass->v->surface;
-    for (size_t i = fragment_first; i < fragment_first + fragment_count; i++) {
-        compare_fragment(pass->tally, s, &s->fragments[i], pass->got, results);
-        pass->got += s->fragments[i].count;
-        results += s->fragments[i].count;
+    for (size_t i = tile_run_first; i < tile_run_first + tile_run_count; i++) {
+        compare_tile_run(pass->tally, s, &s->tile_runs[i], pass->got, results);
+        pass->got += s->tile_runs[i].count;
+        results += s->tile_runs[i].count;
     }
     return KILN_OK;
 }
@@ -171,7 +171,7 @@ static int judge(const struct verify_backend *v, const struct tally *t, struct k
 
 /* ---- passes ---- */
 
-static bool is_chosen(const struct verify_backend *v, const struct kiln_fragment *f, uint32_t stream)
+static bool is_chosen(const struct verify_backend *v, const struct kiln_tile_run *f, uint32_t stream)
 {
     const uint64_t seed = v->base.params.seed;
     uint32_t hash = kiln_hash2(kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32)), 0x76657269u);
@@ -179,11 +179,11 @@ static bool is_chosen(const struct verify_backend *v, const struct kiln_fragment
     return (double)hash < v->base.params.verify_share * 0x1p32;
 }
 
-static int trace_again(struct verified_pass *pass, size_t fragment_first, size_t fragment_count,
+static int trace_again(struct verified_pass *pass, size_t tile_run_first, size_t tile_run_count,
                        struct kiln_error *error)
 {
     struct kiln_backend *embree = pass->v->embree;
-    const struct kiln_batch chosen = {fragment_first, fragment_count, take_again, pass};
+    const struct kiln_batch chosen = {tile_run_first, tile_run_count, take_again, pass};
     uint64_t rays = 0; /* not the caller's */
     if (pass->tally == &pass->v->direct)
         return embree->api->direct(embree, &chosen, pass->samples, &rays, error);
@@ -191,25 +191,25 @@ static int trace_again(struct verified_pass *pass, size_t fragment_first, size_t
 }
 
 /* kiln_take_results of the checked backend's pass: looks before the caller takes. */
-static int take_part(void *context, size_t fragment_first, size_t fragment_count,
+static int take_part(void *context, size_t tile_run_first, size_t tile_run_count,
                      const struct kiln_point_result *results, struct kiln_error *error)
 {
     struct verified_pass *pass = context;
-    const struct kiln_fragment *fragments = pass->v->surface->fragments + fragment_first;
+    const struct kiln_tile_run *tile_runs = pass->v->surface->tile_runs + tile_run_first;
     int status = KILN_OK;
-    for (size_t first = 0, end; first < fragment_count && status == KILN_OK; first = end) {
-        for (end = first; end < fragment_count && is_chosen(pass->v, &fragments[end], pass->stream);)
+    for (size_t first = 0, end; first < tile_run_count && status == KILN_OK; first = end) {
+        for (end = first; end < tile_run_count && is_chosen(pass->v, &tile_runs[end], pass->stream);)
             end++;
-        pass->got = results + (fragments[first].first - fragments[0].first);
+        pass->got = results + (tile_runs[first].first - tile_runs[0].first);
         if (end > first)
-            status = trace_again(pass, fragment_first + first, end - first, error);
+            status = trace_again(pass, tile_run_first + first, end - first, error);
         else
             end = first + 1;
     }
     if (status == KILN_OK)
         status = judge(pass->v, pass->tally, error);
     if (status == KILN_OK && pass->batch->take != NULL)
-        status = pass->batch->take(pass->batch->context, fragment_first, fragment_count, results, error);
+        status = pass->batch->take(pass->batch->context, tile_run_first, tile_run_count, results, error);
     return status;
 }
 
@@ -218,7 +218,7 @@ static int verify_direct(struct kiln_backend *backend, const struct kiln_batch *
 {
     struct verify_backend *v = (struct verify_backend *)backend;
     struct verified_pass pass = {.v = v, .tally = &v->direct, .batch = batch, .samples = samples};
-    const struct kiln_batch watched = {batch->fragment_first, batch->fragment_count, take_part, &pass};
+    const struct kiln_batch watched = {batch->tile_run_first, batch->tile_run_count, take_part, &pass};
     return v->checked->api->direct(v->checked, &watched, samples, rays, error);
 }
 
@@ -227,7 +227,7 @@ static int verify_gather(struct kiln_backend *backend, const struct kiln_batch *
 {
     struct verify_backend *v = (struct verify_backend *)backend;
     struct verified_pass pass = {.v = v, .tally = &v->gather, .batch = batch, .samples = samples, .stream = stream};
-    const struct kiln_batch watched = {batch->fragment_first, batch->fragment_count, take_part, &pass};
+    const struct kiln_batch watched = {batch->tile_run_first, batch->tile_run_count, take_part, &pass};
     return v->checked->api->gather(v->checked, &watched, samples, stream, rays, error);
 }
 
@@ -268,11 +268,11 @@ static int verify_set_radiosity(struct kiln_backend *backend, const uint64_t *ra
     return status == KILN_OK ? v->embree->api->set_radiosity(v->embree, radiosity, error) : status;
 }
 
-static int verify_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count,
+static int verify_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count,
                            uint16_t *visible, struct kiln_error *error)
 {
     struct kiln_backend *b = ((struct verify_backend *)backend)->checked;
-    return b->api->validity(b, fragment_first, fragment_count, visible, error);
+    return b->api->validity(b, tile_run_first, tile_run_count, visible, error);
 }
 
 static int verify_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count,

@@ -80,7 +80,7 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
     f->geometry = geometry;
     f->pieces = surface->pieces + at->piece;
     f->piece_count = kiln_piece_count(surface, at->point);
-    f->shares = surface->shares + at->share;
+    f->area_cdf = surface->area_cdf + at->share;
     f->x = at->x;
     f->y = at->y;
     f->shift = at->shift;
@@ -162,7 +162,7 @@ void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, flo
         *b2 = fminf(fmaxf(f->whole.b[1] + u1 * f->whole.b_du[1] + u2 * f->whole.b_dv[1], 0.0f), 1.0f - *b1);
         return;
     }
-    const uint32_t piece = f->piece_count > 1 ? choose(f->shares, f->piece_count, &u) : 0;
+    const uint32_t piece = f->piece_count > 1 ? choose(f->area_cdf, f->piece_count, &u) : 0;
     *triangle = f->pieces[piece];
     if (f->kind == KILN_FOOTPRINT_FEW)
         sample_few(&f->few[piece], u, (double)u2, b1, b2);
@@ -179,8 +179,8 @@ uint32_t kiln_footprint_parts(const struct kiln_footprint *f, uint32_t piece, st
     if (corners < 3)
         return 0;
     fan_areas(polygon, corners, until);
-    const double begin = piece > 0 ? (double)f->shares[piece - 1] : 0.0,
-                 end = piece + 1 < f->piece_count ? (double)f->shares[piece] : 1.0;
+    const double begin = piece > 0 ? (double)f->area_cdf[piece - 1] : 0.0,
+                 end = piece + 1 < f->piece_count ? (double)f->area_cdf[piece] : 1.0;
     for (uint32_t i = 0; i + 2 < corners; i++) {
         const struct kiln_clip_corner *corner[3] = {&polygon[0], &polygon[i + 1], &polygon[i + 2]};
         parts[i] = (struct kiln_footprint_part){.triangle = f->pieces[piece],
@@ -406,7 +406,7 @@ void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_
     double before = 0.0, most = 0.0;
     uint32_t largest = f->pieces[0];
     for (uint32_t i = 0; i < f->piece_count; i++) {
-        const double until = i + 1 < f->piece_count ? (double)f->shares[i] : 1.0, share = until - before;
+        const double until = i + 1 < f->piece_count ? (double)f->area_cdf[i] : 1.0, share = until - before;
         flat = dvec3_add(flat, dvec3_scale(triangle_normal(f->geometry, f->pieces[i]), share));
         if (smooth)
             soft = dvec3_add(soft, dvec3_scale(piece_normal(f, f->pieces[i]), share));

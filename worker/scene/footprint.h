@@ -14,15 +14,15 @@
 #include "shaders/mask.h"
 #include "worker/scene/surface.h"
 
-/* Walks the points of a fragment in order:
+/* Walks the points of a tile run in order:
  *
- *   struct kiln_point_cursor at = kiln_point_first(surface, fragment);
- *   for (uint32_t k = 0; k < surface->fragments[fragment].count; k++, kiln_point_next(surface, &at)) ... */
+ *   struct kiln_point_cursor at = kiln_point_first(surface, tile run);
+ *   for (uint32_t k = 0; k < surface->tile runs[tile run].count; k++, kiln_point_next(surface, &at)) ... */
 struct kiln_point_cursor {
     uint64_t point;     /* own index: the global one - surface->first */
     uint64_t piece;     /* its first piece */
     uint64_t share;     /* its first share, if it has more than one piece */
-    uint64_t rest;      /* texels of the fragment from this point on */
+    uint64_t rest;      /* texels of the tile run from this point on */
     uint32_t map, x, y; /* its texel; undefined behind the last point */
     uint32_t object;
     uint32_t shift;          /* of the lightmap */
@@ -39,13 +39,13 @@ static inline void kiln_point_locate(struct kiln_point_cursor *at)
     }
 }
 
-static inline struct kiln_point_cursor kiln_point_first(const struct kiln_surface *s, size_t fragment)
+static inline struct kiln_point_cursor kiln_point_first(const struct kiln_surface *s, size_t tile_run)
 {
-    const struct kiln_fragment *f = &s->fragments[fragment];
+    const struct kiln_tile_run *f = &s->tile_runs[tile_run];
     const uint32_t tiles_x = s->lightmaps[f->map].tiles_x;
     struct kiln_point_cursor at = {.point = f->first - s->first,
-                                   .piece = s->piece_base[fragment],
-                                   .share = s->share_base[fragment],
+                                   .piece = s->piece_base[tile_run],
+                                   .share = s->area_cdf_base[tile_run],
                                    .rest = f->mask,
                                    .map = f->map,
                                    .object = kiln_map_object(s, f->map),
@@ -87,7 +87,7 @@ struct kiln_footprint {
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
     const uint32_t *pieces; /* world triangles */
-    const float *shares;    /* cumulative, piece_count - 1 of them: the last ends at 1 */
+    const float *area_cdf;  /* cumulative, piece_count - 1 of them: the last ends at 1 */
     uint32_t piece_count;
     uint32_t x, y;  /* the texel */
     uint32_t shift; /* of the lightmap */

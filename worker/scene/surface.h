@@ -8,11 +8,11 @@
  * Every lightmap is cut into tiles of 8 x 8 texels. In a tile, texel (x, y), 0 <= x, y < 8, has the bit
  * kiln_morton8(x, y). Surface points have a global index: by cell along a Morton curve, then by lightmap, then by tile
  * in Morton order, then by bit (with partition by objects: by lightmap, then by tile, then by bit). The points of one
- * tile that lie in one cell are a *fragment*: contiguous, at most 64, the smallest unit of work. A tile that lies in
- * several cells has several fragments (with partition by objects a tile is one fragment, its `cell` that of its first
- * point). A rank owns a contiguous range of fragments, so a contiguous range of points.
+ * tile that lie in one cell are a *tile run*: contiguous, at most 64, the smallest unit of work. A tile that lies in
+ * several cells has several tile runs (with partition by objects a tile is one tile run, its `cell` that of its first
+ * point). A rank owns a contiguous range of tile runs, so a contiguous range of points.
  *
- * Tiles, splits and radiosity are the same on all ranks; fragments, pieces and per-point data are a rank's own share.
+ * Tiles, splits and radiosity are the same on all ranks; tile runs, pieces and per-point data are a rank's own share.
  */
 #ifndef KILN_WORKER_SCENE_SURFACE_H
 #define KILN_WORKER_SCENE_SURFACE_H
@@ -46,7 +46,7 @@ struct kiln_lightmap {
 };
 
 /* The points of one tile in one cell. */
-struct kiln_fragment {
+struct kiln_tile_run {
     uint64_t first; /* global index of its first point */
     uint64_t mask;
     uint32_t map;  /* lightmap */
@@ -75,17 +75,17 @@ struct kiln_surface {
     bool share_is_lent; /* the arrays of this rank's share are somebody else's to free */
     /* this rank's share */
     uint64_t first, count; /* global range of own points */
-    size_t fragment_count;
-    struct kiln_fragment *fragments;
-    /* Which triangles cover a point: its *pieces*, world triangles. Points of a fragment stand in order, so a reader
-     * walks a fragment from piece_base[f] (and share_base[f]) on, adding each point's kiln_piece_count; a point of n
+    size_t tile_run_count;
+    struct kiln_tile_run *tile_runs;
+    /* Which triangles cover a point: its *pieces*, world triangles. Points of a tile run stand in order, so a reader
+     * walks a tile run from piece_base[f] (and area_cdf_base[f]) on, adding each point's kiln_piece_count; a point of n
      * pieces also has n - 1 shares: cumulative parts of its area. The last, exactly 1, is not stored. */
-    uint64_t *piece_base; /* fragment_count + 1 */
-    uint64_t *share_base; /* fragment_count + 1 */
+    uint64_t *piece_base;    /* tile_run_count + 1 */
+    uint64_t *area_cdf_base; /* tile_run_count + 1 */
     /* own point: 1 to KILN_PIECES_MOST, and perhaps KILN_PIECES_WHOLE: read with the functions below */
     uint16_t *piece_count;
     uint32_t *pieces;
-    float *shares;
+    float *area_cdf;
     uint16_t *albedo; /* own point: 3 values, 65535 = 1 */
     float *area;      /* own point: m2 of surface covered */
     /* own point: 65535 x the share of its area that is not buried in other geometry; 0: no light can be gathered here,

@@ -13,7 +13,7 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/confined/fence.h"
 #include "coordinator/output/exr.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/ranges.h"
 #include "coordinator/output/read/reader_private.h"
 #include "worker/base/calls.h"

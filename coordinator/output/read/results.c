@@ -9,7 +9,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/read/json_text.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"

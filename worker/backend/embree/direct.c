@@ -8,7 +8,7 @@
 #include "worker/backend/embree/frame.h"
 #include "worker/backend/embree/shadow.h"
 #include "worker/base/memory.h"
-#include "worker/light/target.h"
+#include "worker/light/area_light_sampler.h"
 #include "worker/sampling/sequence.h"
 
 enum { SEQUENCES = 32 };
@@ -22,7 +22,7 @@ struct sequence {
 
 /* Samples of a target, a packet's at a time. */
 struct target_lanes {
-    struct kiln_target_samples samples;
+    struct kiln_area_light_samples samples;
     uint32_t random[KILN_DIMENSIONS][PACKET];                     /* fractions of 2^32 */
     float position[3][PACKET], normal[3][PACKET], offset[PACKET]; /* of the places: see frame_position */
 };
@@ -30,14 +30,14 @@ _Static_assert((int)PACKET == (int)KILN_TARGET_LANES, "a packet is one call's sa
 
 /* A thread's working set. */
 struct direct_work {
-    struct fragment_frame frame;
+    struct tile_run_frame frame;
     struct shadow_packet shadows;
-    struct kiln_light_target target;
+    struct kiln_area_light_sampler target;
     struct target_lanes lanes;
     struct kiln_light_choice *choices;
     uint32_t *sobol[KILN_DIMENSIONS]; /* table_size points each */
     uint32_t table_size;
-    /* by identity, direct mapped; the points of all tiles of a fragment choose alike */
+    /* by identity, direct mapped; the points of all tiles of a tile run choose alike */
     struct sequence sequences[SEQUENCES];
     uint32_t *sequence_points; /* what they are made of */
 };
@@ -168,7 +168,7 @@ KILN_CLONES static void fill_rays(const struct target_lanes *restrict t, struct 
 static void weigh_lane(struct direct_work *w, const struct embree_backend *b, uint32_t j, uint32_t l)
 {
     const struct kiln_area_light *light = w->target.light;
-    const struct kiln_target_samples *t = &w->lanes.samples;
+    const struct kiln_area_light_samples *t = &w->lanes.samples;
     struct shadow_packet *s = &w->shadows;
     const struct kiln_vec3 n = vec3(w->lanes.normal[0][l], w->lanes.normal[1][l], w->lanes.normal[2][l]);
     const struct kiln_dvec3 to = dvec3_scale(dvec3(t->to[0][l], t->to[1][l], t->to[2][l]), 1.0 / t->distance[l]);
@@ -194,7 +194,7 @@ static void sample_packet(struct direct_work *w, const struct embree_backend *b,
 {
     place_lanes(w, b, j);
     start_samples(&w->lanes);
-    kiln_light_target_sample(&w->target, &w->lanes.samples);
+    kiln_area_light_sampler_draw(&w->target, &w->lanes.samples);
     fill_rays(&w->lanes, &w->shadows);
     for (uint32_t l = 0; l < PACKET; l++) {
         w->shadows.index[l] = first + l;
@@ -226,7 +226,7 @@ static void sample_target(struct direct_work *w, const struct embree_backend *b,
 static void sample_choice(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
                           uint32_t j, const struct kiln_light_choice *choice, struct shadow_sums *sums, uint64_t *rays)
 {
-    struct fragment_frame *f = &w->frame;
+    struct tile_run_frame *f = &w->frame;
     const uint32_t identity = identity_of(choice);
     const struct kiln_dvec3 normal0 = dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j]);
     const uint32_t strategies = kiln_lights_strategies(b->params.lights, choice, normal0);
@@ -267,7 +267,7 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
 static void direct_point(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
                          uint32_t j, uint32_t samples, struct kiln_point_result *result, uint64_t *rays)
 {
-    const struct fragment_frame *f = &w->frame;
+    const struct tile_run_frame *f = &w->frame;
     const struct kiln_dvec3 normal =
         f->extent[j].one_normal ? dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j])
                                 : dvec3(0.0, 0.0, 0.0);
@@ -279,8 +279,8 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
     for (size_t i = 0; i < count; i++) {
         struct shadow_sums sums = {0};
         const struct kiln_light_choice *choice = &w->choices[i];
-        if (kiln_light_target(b->params.lights, choice, dvec3_of(f->extent[j].centre), (double)f->extent[j].spread,
-                              &w->target))
+        if (kiln_area_light_sampler(b->params.lights, choice, dvec3_of(f->extent[j].centre),
+                                    (double)f->extent[j].spread, &w->target))
             sample_target(w, b, context, j, identity_of(choice), choice->samples, &sums, rays);
         else
             sample_choice(w, b, context, j, choice, &sums, rays);
@@ -299,12 +299,12 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
     result->present = f->present[j];
 }
 
-static int direct_part(struct embree_backend *b, size_t fragment_first, size_t fragment_count, uint32_t samples,
+static int direct_part(struct embree_backend *b, size_t tile_run_first, size_t tile_run_count, uint32_t samples,
                        uint32_t stream, struct kiln_point_result *batch_results, uint64_t *rays,
                        struct kiln_error *error)
 {
     (void)stream;
-    const uint64_t base = b->surface->fragments[fragment_first].first;
+    const uint64_t base = b->surface->tile_runs[tile_run_first].first;
     uint64_t traced = 0;
     double seconds = 0.0;
     int status = KILN_OK;
@@ -323,13 +323,13 @@ static int direct_part(struct embree_backend *b, size_t fragment_first, size_t f
         embree_context(b, &context);
         const double begin = embree_thread_seconds();
 #pragma omp for schedule(dynamic, 4) nowait
-        for (size_t i = 0; i < fragment_count; i++) {
+        for (size_t i = 0; i < tile_run_count; i++) {
             if (status != KILN_OK)
                 continue;
-            const size_t fragment = fragment_first + i;
-            struct kiln_point_result *results = batch_results + (b->surface->fragments[fragment].first - base);
-            memset(results, 0, b->surface->fragments[fragment].count * sizeof *results);
-            frame_build(&w->frame, b, fragment, FRAME_EXTENT);
+            const size_t tile_run = tile_run_first + i;
+            struct kiln_point_result *results = batch_results + (b->surface->tile_runs[tile_run].first - base);
+            memset(results, 0, b->surface->tile_runs[tile_run].count * sizeof *results);
+            frame_build(&w->frame, b, tile_run, FRAME_EXTENT);
             for (int q = 0; q < SEQUENCES; q++)
                 w->sequences[q].used = false;
             for (uint32_t j = 0; j < w->frame.count; j++)

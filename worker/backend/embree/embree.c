@@ -170,17 +170,17 @@ static int embree_set_radiosity(struct kiln_backend *backend, const uint64_t *ra
 int embree_in_parts(struct embree_backend *b, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
                     embree_trace_part trace, uint64_t *rays, struct kiln_error *error)
 {
-    const struct kiln_fragment *fragments = b->surface->fragments;
-    const size_t last = batch->fragment_first + batch->fragment_count;
-    const uint64_t all = fragments[last - 1].first + fragments[last - 1].count - fragments[batch->fragment_first].first,
+    const struct kiln_tile_run *tile_runs = b->surface->tile_runs;
+    const size_t last = batch->tile_run_first + batch->tile_run_count;
+    const uint64_t all = tile_runs[last - 1].first + tile_runs[last - 1].count - tile_runs[batch->tile_run_first].first,
                    most = PART_POINTS + KILN_TILE_TEXELS;
     struct kiln_point_result *results = NULL;
     int status =
         kiln_allocate(&results, (size_t)(all < most ? all : most), sizeof *results, "a batch's results", error);
-    for (size_t first = batch->fragment_first; first < last && status == KILN_OK;) {
+    for (size_t first = batch->tile_run_first; first < last && status == KILN_OK;) {
         size_t end = first;
         for (uint64_t points = 0; end < last && points < PART_POINTS; end++)
-            points += fragments[end].count;
+            points += tile_runs[end].count;
         status = trace(b, first, end - first, samples, stream, results, rays, error);
         if (status == KILN_OK && batch->take != NULL)
             status = batch->take(batch->context, first, end - first, results, error);

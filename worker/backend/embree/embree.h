@@ -38,13 +38,13 @@ void embree_leave(unsigned saved);
 double embree_thread_seconds(void);
 
 /* Hands a batch to `trace` in parts of some 65,536 points, and each part's answers to the batch's taker. */
-typedef int (*embree_trace_part)(struct embree_backend *b, size_t fragment_first, size_t fragment_count,
+typedef int (*embree_trace_part)(struct embree_backend *b, size_t tile_run_first, size_t tile_run_count,
                                  uint32_t samples, uint32_t stream, struct kiln_point_result *results, uint64_t *rays,
                                  struct kiln_error *error);
 int embree_in_parts(struct embree_backend *b, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
                     embree_trace_part trace, uint64_t *rays, struct kiln_error *error);
 
-int embree_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible,
+int embree_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
                     struct kiln_error *error);
 int embree_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
                   struct kiln_error *error);

@@ -8,7 +8,7 @@
 #include "worker/sampling/sequence.h"
 
 /* Normal of a triangle and how far rays start off it, kept for the next point of the same one. */
-static void know(struct fragment_frame *f, const struct embree_backend *b, uint32_t triangle)
+static void know(struct tile_run_frame *f, const struct embree_backend *b, uint32_t triangle)
 {
     if (f->known_triangle == triangle)
         return;
@@ -19,7 +19,7 @@ static void know(struct fragment_frame *f, const struct embree_backend *b, uint3
 }
 
 /* Positions on the whole square, offset once for all: rounding of s and t is part of the bound. */
-static void build_whole(struct fragment_frame *f, const struct embree_backend *b, uint32_t j, uint32_t triangle)
+static void build_whole(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, uint32_t triangle)
 {
     const struct kiln_footprint *p = &f->footprint[j];
     know(f, b, triangle);
@@ -63,7 +63,7 @@ bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 positio
     return true;
 }
 
-static void draw_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s,
+static void draw_position(struct tile_run_frame *frame, const struct embree_backend *backend, uint32_t j, float s,
                           float t, struct kiln_vec3 *position, struct kiln_vec3 *normal)
 {
     uint32_t triangle;
@@ -77,7 +77,7 @@ static void draw_position(struct fragment_frame *frame, const struct embree_back
     *position = vec3_madd(kiln_triangle_position(g, triangle, b1, b2), frame->known_normal, frame->known_offset);
 }
 
-float frame_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
+float frame_position(struct tile_run_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
                      struct kiln_vec3 *position, struct kiln_vec3 *normal)
 {
     if (frame->whole[j]) {
@@ -98,7 +98,7 @@ float frame_position(struct fragment_frame *frame, const struct embree_backend *
     return frame->known_offset;
 }
 
-static void build_point(struct fragment_frame *f, const struct embree_backend *b, const struct kiln_point_cursor *at,
+static void build_point(struct tile_run_frame *f, const struct embree_backend *b, const struct kiln_point_cursor *at,
                         uint32_t j, bool partly_buried, unsigned wish)
 {
     struct kiln_footprint *p = &f->footprint[j];
@@ -122,17 +122,17 @@ static void build_point(struct fragment_frame *f, const struct embree_backend *b
         f->extent[j] = kiln_footprint_extent(p);
 }
 
-void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, unsigned wish)
+void frame_build(struct tile_run_frame *frame, const struct embree_backend *backend, size_t tile_run, unsigned wish)
 {
     const struct kiln_surface *s = backend->surface;
-    const struct kiln_fragment *f = &s->fragments[fragment];
+    const struct kiln_tile_run *f = &s->tile_runs[tile_run];
     const struct kiln_scene *scene = backend->params.scene;
     frame->count = 0;
     frame->known_triangle = KILN_NONE;
     frame->smooth = (scene->meshes[scene->objects[kiln_map_object(s, f->map)].mesh].flags & KILN_MESH_SMOOTH) != 0;
     frame->back = kiln_map_back(s, f->map);
     frame->tile_key = kiln_tile_key(kiln_seed_key(backend->params.seed), f->map, f->tile);
-    struct kiln_point_cursor at = kiln_point_first(s, fragment);
+    struct kiln_point_cursor at = kiln_point_first(s, tile_run);
     for (uint32_t k = 0; k < f->count; k++, kiln_point_next(s, &at)) {
         const bool every = (wish & FRAME_EVERY) != 0;
         if (!every && !kiln_point_valid(s, at.point))

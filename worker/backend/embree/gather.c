@@ -1,4 +1,4 @@
-/* The bounce pass: cosine-distributed rays of a fragment's points, all in one direction stratum at a time, and the
+/* The bounce pass: cosine-distributed rays of a tile run's points, all in one direction stratum at a time, and the
  * radiosity that they find. Everything is done 64 lanes at a time in structures of arrays; Embree gets packets of 8. */
 #include <math.h>
 #include <omp.h>
@@ -18,7 +18,7 @@ enum { LANES = 64, TABLE = 64, SUB_NETS = 4 };
 
 /* A thread's working set. Lane l of step i takes sample i * copies + copy[l] of point `point[l]`. */
 struct gather_work {
-    struct fragment_frame frame;
+    struct tile_run_frame frame;
     uint32_t samples, copies, lanes, shared_digits;
     uint32_t point[LANES], copy[LANES];
     uint32_t shift_u[LANES], shift_v[LANES], shift_s[LANES], shift_t[LANES];
@@ -135,9 +135,9 @@ static void fill_tables(struct gather_work *w, const struct embree_backend *b, u
     w->positions_made = wanted > w->positions_made ? wanted : w->positions_made;
 }
 
-static void prepare(struct gather_work *w, const struct embree_backend *b, size_t fragment, uint32_t stream)
+static void prepare(struct gather_work *w, const struct embree_backend *b, size_t tile_run, uint32_t stream)
 {
-    frame_build(&w->frame, b, fragment, 0);
+    frame_build(&w->frame, b, tile_run, 0);
     const uint32_t count = w->frame.count;
     if (count == 0)
         return;
@@ -443,11 +443,11 @@ static void store(const struct gather_work *w, struct kiln_point_result *results
 
 static uint32_t steps_of(const struct gather_work *w) { return (w->samples + w->copies - 1) / w->copies; }
 
-static void gather_fragment(const struct embree_backend *b, struct embree_context *context, struct gather_work *w,
-                            size_t fragment, uint32_t stream, struct kiln_point_result *results, uint64_t *rays)
+static void gather_tile_run(const struct embree_backend *b, struct embree_context *context, struct gather_work *w,
+                            size_t tile_run, uint32_t stream, struct kiln_point_result *results, uint64_t *rays)
 {
-    memset(results, 0, b->surface->fragments[fragment].count * sizeof *results);
-    prepare(w, b, fragment, stream);
+    memset(results, 0, b->surface->tile_runs[tile_run].count * sizeof *results);
+    prepare(w, b, tile_run, stream);
     if (w->frame.count == 0)
         return;
     const uint32_t steps = steps_of(w);
@@ -463,10 +463,10 @@ static void gather_fragment(const struct embree_backend *b, struct embree_contex
     store(w, results);
 }
 
-static int gather_part(struct embree_backend *b, size_t fragment_first, size_t fragment_count, uint32_t samples,
+static int gather_part(struct embree_backend *b, size_t tile_run_first, size_t tile_run_count, uint32_t samples,
                        uint32_t stream, struct kiln_point_result *results, uint64_t *rays, struct kiln_error *error)
 {
-    const uint64_t base = b->surface->fragments[fragment_first].first;
+    const uint64_t base = b->surface->tile_runs[tile_run_first].first;
     uint64_t traced = 0;
     double seconds = 0.0;
     int status = KILN_OK;
@@ -485,11 +485,11 @@ static int gather_part(struct embree_backend *b, size_t fragment_first, size_t f
         embree_context(b, &context);
         const double begin = embree_thread_seconds();
 #pragma omp for schedule(dynamic, 4) nowait
-        for (size_t i = 0; i < fragment_count; i++) {
-            const size_t fragment = fragment_first + i;
+        for (size_t i = 0; i < tile_run_count; i++) {
+            const size_t tile_run = tile_run_first + i;
             if (status == KILN_OK)
-                gather_fragment(b, &context, w, fragment, stream,
-                                results + (b->surface->fragments[fragment].first - base), &traced);
+                gather_tile_run(b, &context, w, tile_run, stream,
+                                results + (b->surface->tile_runs[tile_run].first - base), &traced);
         }
         seconds += embree_thread_seconds() - begin;
         embree_leave(saved);
@@ -524,8 +524,8 @@ int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch,
     const unsigned saved = embree_enter();
     struct embree_context context;
     embree_context(b, &context);
-    for (size_t i = 0; i < batch->fragment_count; i++) {
-        prepare(w, b, batch->fragment_first + i, stream);
+    for (size_t i = 0; i < batch->tile_run_count; i++) {
+        prepare(w, b, batch->tile_run_first + i, stream);
         const uint32_t steps = w->frame.count == 0 ? 0 : steps_of(w);
         for (uint32_t step = 0; step < steps; step++) {
             const uint32_t lanes = prepare_step(w, b, step);

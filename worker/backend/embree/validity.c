@@ -14,7 +14,7 @@
 enum { FIRST_LOOK = 16, SECOND_LOOK = 64 };
 
 /* How many of `samples` places of point j are buried. */
-static uint32_t count_buried(struct fragment_frame *f, const struct embree_backend *b, uint32_t j, uint32_t samples,
+static uint32_t count_buried(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, uint32_t samples,
                              uint32_t stream)
 {
     const uint32_t key = kiln_hash2(f->key[j], stream), shift_s = kiln_hash1(key), shift_t = kiln_hash1(key + 1u);
@@ -28,7 +28,7 @@ static uint32_t count_buried(struct fragment_frame *f, const struct embree_backe
     return buried;
 }
 
-static uint16_t visible_share(struct fragment_frame *f, const struct embree_backend *b, uint32_t j)
+static uint16_t visible_share(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j)
 {
     const uint32_t first = count_buried(f, b, j, FIRST_LOOK, 0x76616c31u);
     if (first == 0 || first == FIRST_LOOK)
@@ -39,22 +39,22 @@ static uint16_t visible_share(struct fragment_frame *f, const struct embree_back
     return left < SECOND_LOOK / 32 ? 0 : (uint16_t)(left * 0xffffu / SECOND_LOOK);
 }
 
-int embree_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible,
+int embree_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
                     struct kiln_error *error)
 {
     const struct embree_backend *b = (const struct embree_backend *)backend;
-    struct fragment_frame *frames = NULL;
+    struct tile_run_frame *frames = NULL;
     const int status = kiln_allocate(&frames, b->threads, sizeof *frames, "the validity pass", error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel num_threads((int)b->threads)
     {
         const unsigned saved = embree_enter();
-        struct fragment_frame *f = &frames[omp_get_thread_num()];
+        struct tile_run_frame *f = &frames[omp_get_thread_num()];
 #pragma omp for schedule(dynamic, 4)
-        for (size_t i = 0; i < fragment_count; i++) {
-            const uint64_t own = b->surface->fragments[fragment_first + i].first - b->surface->first;
-            frame_build(f, b, fragment_first + i, FRAME_EVERY);
+        for (size_t i = 0; i < tile_run_count; i++) {
+            const uint64_t own = b->surface->tile_runs[tile_run_first + i].first - b->surface->first;
+            frame_build(f, b, tile_run_first + i, FRAME_EVERY);
             for (uint32_t j = 0; j < f->count; j++)
                 visible[own + f->place[j]] = visible_share(f, b, j);
         }

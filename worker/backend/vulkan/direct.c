@@ -99,19 +99,19 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     return KILN_OK;
 }
 
-static int take(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results,
+static int take(void *context, size_t tile_run_first, size_t tile_run_count, const struct kiln_point_result *results,
                 const uint32_t *words, struct kiln_error *error)
 {
     struct direct *d = context;
-    const struct kiln_fragment *fragments = d->b->surface->fragments + fragment_first;
+    const struct kiln_tile_run *tile_runs = d->b->surface->tile_runs + tile_run_first;
     const uint64_t points =
-        fragments[fragment_count - 1].first + fragments[fragment_count - 1].count - fragments[0].first;
+        tile_runs[tile_run_count - 1].first + tile_runs[tile_run_count - 1].count - tile_runs[0].first;
     uint64_t rays = 0;
 #pragma omp parallel for num_threads((int)d->b->threads) reduction(+ : rays) if (points > 1 << 14)
     for (uint64_t i = 0; i < points; i++)
         rays += words[i];
     d->rays += rays;
-    return d->batch->take != NULL ? d->batch->take(d->batch->context, fragment_first, fragment_count, results, error)
+    return d->batch->take != NULL ? d->batch->take(d->batch->context, tile_run_first, tile_run_count, results, error)
                                   : KILN_OK;
 }
 
@@ -145,7 +145,7 @@ int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, 
                                      .record = record,
                                      .take = take,
                                      .context = &d};
-    const int status = vulkan_run_pass(d.b, &pass, batch->fragment_first, batch->fragment_count, error);
+    const int status = vulkan_run_pass(d.b, &pass, batch->tile_run_first, batch->tile_run_count, error);
     *rays += d.rays;
     return status;
 }

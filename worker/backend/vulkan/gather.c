@@ -78,21 +78,21 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     return KILN_OK;
 }
 
-static int take(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results,
+static int take(void *context, size_t tile_run_first, size_t tile_run_count, const struct kiln_point_result *results,
                 const uint32_t *words, struct kiln_error *error)
 {
     (void)words;
     struct gather *g = context;
     const struct kiln_surface *s = g->b->surface;
-    const struct kiln_fragment *fragments = s->fragments + fragment_first;
-    const uint64_t first = fragments[0].first - s->first,
-                   end = fragments[fragment_count - 1].first - s->first + fragments[fragment_count - 1].count;
+    const struct kiln_tile_run *tile_runs = s->tile_runs + tile_run_first;
+    const uint64_t first = tile_runs[0].first - s->first,
+                   end = tile_runs[tile_run_count - 1].first - s->first + tile_runs[tile_run_count - 1].count;
     uint64_t valid = 0;
 #pragma omp parallel for num_threads((int)g->b->threads) reduction(+ : valid) if (end - first > 1 << 14)
     for (uint64_t own = first; own < end; own++)
         valid += kiln_point_valid(s, own);
     g->rays += valid * g->samples;
-    return g->batch->take != NULL ? g->batch->take(g->batch->context, fragment_first, fragment_count, results, error)
+    return g->batch->take != NULL ? g->batch->take(g->batch->context, tile_run_first, tile_run_count, results, error)
                                   : KILN_OK;
 }
 
@@ -124,7 +124,7 @@ static int run(struct gather *g, enum vulkan_pace pace, double *seconds, struct 
                                      .take = take,
                                      .context = g,
                                      .seconds = seconds};
-    return vulkan_run_pass(g->b, &pass, g->batch->fragment_first, g->batch->fragment_count, error);
+    return vulkan_run_pass(g->b, &pass, g->batch->tile_run_first, g->batch->tile_run_count, error);
 }
 
 int vulkan_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
@@ -140,7 +140,7 @@ int vulkan_gather(struct kiln_backend *backend, const struct kiln_batch *batch, 
 int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
                    double *seconds, uint64_t *rays, struct kiln_error *error)
 {
-    const struct kiln_batch nobody = {.fragment_first = batch->fragment_first, .fragment_count = batch->fragment_count};
+    const struct kiln_batch nobody = {.tile_run_first = batch->tile_run_first, .tile_run_count = batch->tile_run_count};
     struct gather g = {.b = (struct vulkan_backend *)backend, .batch = &nobody, .samples = samples, .stream = stream};
     const int status = run(&g, VULKAN_PACE_CEILING, seconds, error);
     *rays += g.rays;

@@ -34,7 +34,7 @@ void vulkan_record_both(struct vulkan_recording *recording, const struct vulkan_
 /* A chunk under way in a slot. */
 struct flight {
     bool under_way;
-    size_t fragment_first, fragment_count;
+    size_t tile_run_first, tile_run_count;
     uint32_t total;
     double work; /* of what was submitted last */
 };
@@ -43,8 +43,8 @@ struct flight {
 struct run {
     struct vulkan_backend *b;
     const struct vulkan_pass *pass;
-    size_t next, end;     /* fragments not yet begun */
-    size_t taken;         /* first fragment not yet handed over */
+    size_t next, end;     /* tile runs not yet begun */
+    size_t taken;         /* first tile run not yet handed over */
     uint32_t most_points; /* that a slot holds */
     struct flight flights[GPU_SLOTS];
     uint32_t slot; /* to be used next; the oldest flight too when all are under way */
@@ -140,16 +140,16 @@ static void size_chunk(const struct run *r, uint64_t *points, uint32_t *rows)
         *points = wanted * pass->rows < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : (uint64_t)(wanted * pass->rows);
 }
 
-/* The next fragments of one block, at most so many points (but at least one fragment). */
-static void take_fragments(struct run *r, const struct vulkan_block *block, uint64_t points, struct flight *flight)
+/* The next tile runs of one block, at most so many points (but at least one tile run). */
+static void take_tile_runs(struct run *r, const struct vulkan_block *block, uint64_t points, struct flight *flight)
 {
-    const struct kiln_fragment *fragments = r->b->surface->fragments;
-    size_t end = block->fragment_first + block->fragment_count;
+    const struct kiln_tile_run *tile_runs = r->b->surface->tile_runs;
+    size_t end = block->tile_run_first + block->tile_run_count;
     end = end > r->end ? r->end : end;
-    *flight = (struct flight){.fragment_first = r->next};
-    while (r->next < end && (flight->fragment_count == 0 || flight->total + fragments[r->next].count <= points)) {
-        flight->total += fragments[r->next++].count;
-        flight->fragment_count++;
+    *flight = (struct flight){.tile_run_first = r->next};
+    while (r->next < end && (flight->tile_run_count == 0 || flight->total + tile_runs[r->next].count <= points)) {
+        flight->total += tile_runs[r->next++].count;
+        flight->tile_run_count++;
     }
 }
 
@@ -160,7 +160,7 @@ static void describe(const struct run *r, const struct vulkan_block *block, cons
     const struct vulkan_slot *slot = &r->b->slots[r->slot];
     const uint64_t results =
         slot->answers.address + gpu_buffer_tail(gpu, &slot->answers, flight->total * (size_t)ANSWER_BYTES);
-    const uint64_t first = r->b->surface->fragments[flight->fragment_first].first - r->b->surface->first - block->first;
+    const uint64_t first = r->b->surface->tile_runs[flight->tile_run_first].first - r->b->surface->first - block->first;
     *chunk = (struct vulkan_chunk){
         .scratch = slot->scratch.address + gpu_buffer_tail(gpu, &slot->scratch, flight->total * r->pass->scratch_bytes),
         .results = results,
@@ -205,7 +205,7 @@ static int check(const struct run *r, const struct flight *flight, const struct 
         return kiln_fail(error, KILN_NO_DEVICE,
                          "%s ends long loops early, and a surface point of object %u needs one; use another device or "
                          "--backend embree",
-                         gpu_about(r->b->gpu)->name, r->b->surface->fragments[flight->fragment_first].map);
+                         gpu_about(r->b->gpu)->name, r->b->surface->tile_runs[flight->tile_run_first].map);
     return KILN_OK;
 }
 
@@ -221,8 +221,8 @@ static int land(struct run *r, uint32_t slot, struct kiln_error *error)
     if (status == KILN_OK && r->pass->states)
         status = check(r, flight, results, error);
     if (status == KILN_OK) {
-        r->taken = flight->fragment_first + flight->fragment_count;
-        status = r->pass->take(r->pass->context, flight->fragment_first, flight->fragment_count, results,
+        r->taken = flight->tile_run_first + flight->tile_run_count;
+        status = r->pass->take(r->pass->context, flight->tile_run_first, flight->tile_run_count, results,
                                r->pass->wants_words ? (const uint32_t *)(results + flight->total) : NULL, error);
         r->refused = status != KILN_OK;
     }
@@ -246,7 +246,7 @@ static int submit_portion(struct run *r, struct vulkan_chunk *chunk, struct flig
     return gpu_submit(r->b->gpu, r->slot, recording.steps, recording.count, error);
 }
 
-/* The block of the next fragment. Where memory is short, what is under way has to land first. */
+/* The block of the next tile run. Where memory is short, what is under way has to land first. */
 static int find_block(struct run *r, struct vulkan_block **block, struct kiln_error *error)
 {
     uint32_t in_use = 0;
@@ -273,7 +273,7 @@ static int start(struct run *r, struct kiln_error *error)
     struct vulkan_chunk chunk;
     struct flight *flight = &r->flights[r->slot];
     size_chunk(r, &points, &rows);
-    take_fragments(r, block, points, flight);
+    take_tile_runs(r, block, points, flight);
     describe(r, block, flight, &chunk);
     for (uint32_t row = 0; row < r->pass->rows && status == KILN_OK; row += rows) {
         if (row != 0)
@@ -309,11 +309,11 @@ static int run_chunks(struct run *r, struct kiln_error *error)
     return status;
 }
 
-int vulkan_run_pass(struct vulkan_backend *b, const struct vulkan_pass *pass, size_t fragment_first,
-                    size_t fragment_count, struct kiln_error *error)
+int vulkan_run_pass(struct vulkan_backend *b, const struct vulkan_pass *pass, size_t tile_run_first,
+                    size_t tile_run_count, struct kiln_error *error)
 {
     struct run r = {
-        .b = b, .pass = pass, .next = fragment_first, .end = fragment_first + fragment_count, .taken = fragment_first};
+        .b = b, .pass = pass, .next = tile_run_first, .end = tile_run_first + tile_run_count, .taken = tile_run_first};
     for (;;) {
         int status = pass->prepare(pass->context, error);
         if (status == KILN_OK && pass->states)

@@ -1,4 +1,4 @@
-/* Running a pass over a range of fragments: chunks sized by time, several under way, answers handed over in order. */
+/* Running a pass over a range of tile runs: chunks sized by time, several under way, answers handed over in order. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_PASS_H
 #define KILN_WORKER_BACKEND_VULKAN_PASS_H
 
@@ -48,16 +48,16 @@ struct vulkan_pass {
     int (*prepare)(void *context, struct kiln_error *error); /* gets kernels and tables; again after each recovery */
     int (*record)(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
                   struct kiln_error *error);
-    /* Answers of consecutive fragments; words is NULL unless wanted. What it returns but for KILN_OK ends the pass. */
-    int (*take)(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results,
+    /* Answers of consecutive tile runs; words is NULL unless wanted. What it returns but for KILN_OK ends the pass. */
+    int (*take)(void *context, size_t tile_run_first, size_t tile_run_count, const struct kiln_point_result *results,
                 const uint32_t *words, struct kiln_error *error);
     void *context;
     double *seconds; /* NULL, or what the device was busy is added here */
 };
 
-/* Over `fragment_count` fragments from `fragment_first` on. A device that was lost or has run out of memory is made
+/* Over `tile_run_count` tile runs from `tile_run_first` on. A device that was lost or has run out of memory is made
  * anew and the pass goes on with what had not been handed over yet: see vulkan_recover. */
-int vulkan_run_pass(struct vulkan_backend *b, const struct vulkan_pass *pass, size_t fragment_first,
-                    size_t fragment_count, struct kiln_error *error);
+int vulkan_run_pass(struct vulkan_backend *b, const struct vulkan_pass *pass, size_t tile_run_first,
+                    size_t tile_run_count, struct kiln_error *error);
 
 #endif

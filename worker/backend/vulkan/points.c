@@ -10,27 +10,27 @@
 
 enum { BLOCK_POINTS = 1 << 20, BLOCK_PIECES = 1 << 21 };
 
-static uint64_t pieces_of(const struct kiln_surface *s, size_t fragment)
+static uint64_t pieces_of(const struct kiln_surface *s, size_t tile_run)
 {
-    return s->piece_base[fragment + 1] - s->piece_base[fragment];
+    return s->piece_base[tile_run + 1] - s->piece_base[tile_run];
 }
 
-/* Cuts the fragments into blocks; with `blocks` NULL only counts them. */
+/* Cuts the tile runs into blocks; with `blocks` NULL only counts them. */
 static size_t cut(const struct kiln_surface *s, struct vulkan_block *blocks)
 {
     size_t count = 0;
-    for (size_t f = 0; f < s->fragment_count;) {
+    for (size_t f = 0; f < s->tile_run_count;) {
         const size_t first = f;
         uint64_t points = 0, pieces = 0;
-        while (f < s->fragment_count && (f == first || (points + s->fragments[f].count <= BLOCK_POINTS &&
+        while (f < s->tile_run_count && (f == first || (points + s->tile_runs[f].count <= BLOCK_POINTS &&
                                                         pieces + pieces_of(s, f) <= BLOCK_PIECES))) {
-            points += s->fragments[f].count;
+            points += s->tile_runs[f].count;
             pieces += pieces_of(s, f++);
         }
         if (blocks != NULL)
-            blocks[count] = (struct vulkan_block){.fragment_first = first,
-                                                  .fragment_count = f - first,
-                                                  .first = s->fragments[first].first - s->first,
+            blocks[count] = (struct vulkan_block){.tile_run_first = first,
+                                                  .tile_run_count = f - first,
+                                                  .first = s->tile_runs[first].first - s->first,
                                                   .count = points};
         count++;
     }
@@ -100,8 +100,8 @@ struct part_list {
 struct points_workspace {
     struct kiln_gpu_point *points;
     size_t point_room;
-    uint16_t *thread_of; /* of a fragment */
-    size_t fragment_room;
+    uint16_t *thread_of; /* of a tile run */
+    size_t tile_run_room;
     uint32_t threads;
     struct part_list lists[]; /* one a thread */
 };
@@ -265,15 +265,15 @@ static int make_point(struct maker *m, struct part_list *list, struct known *k, 
     return status == KILN_OK && mask.count != 0 ? make_mask(list, point, &mask, error) : status;
 }
 
-static int make_fragment(struct maker *m, struct part_list *list, struct known *k, size_t fragment,
+static int make_tile_run(struct maker *m, struct part_list *list, struct known *k, size_t tile_run,
                          struct kiln_error *error)
 {
     const struct kiln_surface *s = m->p->surface;
     const struct kiln_scene *scene = m->p->params->scene;
-    const struct kiln_fragment *f = &s->fragments[fragment];
+    const struct kiln_tile_run *f = &s->tile_runs[tile_run];
     const bool smooth = (scene->meshes[scene->objects[kiln_map_object(s, f->map)].mesh].flags & KILN_MESH_SMOOTH) != 0;
     const uint32_t tile_key = kiln_tile_key(kiln_seed_key(m->p->params->seed), f->map, f->tile);
-    struct kiln_point_cursor at = kiln_point_first(s, fragment);
+    struct kiln_point_cursor at = kiln_point_first(s, tile_run);
     int status = KILN_OK;
     if (k->back != at.back)
         *k = (struct known){.back = at.back, .triangle = KILN_NONE};
@@ -294,10 +294,10 @@ static int make_all(struct maker *m, struct kiln_error *error)
         struct kiln_error own;
         int mine = KILN_OK;
 #pragma omp for schedule(dynamic, 16)
-        for (size_t f = 0; f < block->fragment_count; f++) {
+        for (size_t f = 0; f < block->tile_run_count; f++) {
             m->w->thread_of[f] = (uint16_t)thread;
             if (mine == KILN_OK)
-                mine = make_fragment(m, &m->w->lists[thread], &k, block->fragment_first + f, &own);
+                mine = make_tile_run(m, &m->w->lists[thread], &k, block->tile_run_first + f, &own);
         }
         if (mine != KILN_OK) {
 #pragma omp critical(kiln_make_points)
@@ -311,15 +311,15 @@ static int make_all(struct maker *m, struct kiln_error *error)
 static void place_parts(struct maker *m)
 {
     struct points_workspace *w = m->w;
-    const struct kiln_fragment *fragments = m->p->surface->fragments + m->block->fragment_first;
+    const struct kiln_tile_run *tile_runs = m->p->surface->tile_runs + m->block->tile_run_first;
     for (uint32_t t = 0; t < w->threads; t++) {
         w->lists[t].offset = m->part_count;
         m->part_count += w->lists[t].count;
     }
 #pragma omp parallel for num_threads((int)w->threads) schedule(static)
-    for (size_t f = 0; f < m->block->fragment_count; f++) {
-        struct kiln_gpu_point *points = w->points + (fragments[f].first - fragments[0].first);
-        for (uint32_t i = 0; i < fragments[f].count; i++)
+    for (size_t f = 0; f < m->block->tile_run_count; f++) {
+        struct kiln_gpu_point *points = w->points + (tile_runs[f].first - tile_runs[0].first);
+        for (uint32_t i = 0; i < tile_runs[f].count; i++)
             points[i].first_part += (uint32_t)w->lists[w->thread_of[f]].offset;
     }
 }
@@ -337,8 +337,8 @@ static int make_workspace(struct vulkan_points *p, const struct vulkan_block *bl
         status = kiln_grow(&p->workspace->points, &p->workspace->point_room, block->count, sizeof *p->workspace->points,
                            "a block of points", error);
     if (status == KILN_OK)
-        status = kiln_grow(&p->workspace->thread_of, &p->workspace->fragment_room, block->fragment_count,
-                           sizeof *p->workspace->thread_of, "a block's fragments", error);
+        status = kiln_grow(&p->workspace->thread_of, &p->workspace->tile_run_room, block->tile_run_count,
+                           sizeof *p->workspace->thread_of, "a block's tile runs", error);
     return status;
 }
 
@@ -450,13 +450,13 @@ int vulkan_points_ready(struct vulkan_points *points, struct kiln_error *error)
     return status;
 }
 
-int vulkan_points_block(struct vulkan_points *points, size_t fragment, bool states, uint32_t in_use,
+int vulkan_points_block(struct vulkan_points *points, size_t tile_run, bool states, uint32_t in_use,
                         struct vulkan_block **block, struct kiln_error *error)
 {
     size_t low = 0, high = points->block_count - 1;
-    while (low < high) { /* the last block that begins at or before the fragment */
+    while (low < high) { /* the last block that begins at or before the tile run */
         const size_t middle = high - (high - low) / 2;
-        if (points->blocks[middle].fragment_first <= fragment)
+        if (points->blocks[middle].tile_run_first <= tile_run)
             low = middle;
         else
             high = middle - 1;

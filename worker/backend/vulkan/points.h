@@ -1,4 +1,4 @@
-/* Surface points on the device, in blocks: ranges of own fragments whose points are made ready for sampling once and
+/* Surface points on the device, in blocks: ranges of own tile runs whose points are made ready for sampling once and
  * stay there while there is room. When there is not, the block that was used longest ago makes way. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_POINTS_H
 #define KILN_WORKER_BACKEND_VULKAN_POINTS_H
@@ -8,7 +8,7 @@
 #include "worker/backend/vulkan/layout.h"
 
 struct vulkan_block {
-    size_t fragment_first, fragment_count;
+    size_t tile_run_first, tile_run_count;
     uint64_t first, count; /* own points */
     struct gpu_buffer points, parts, states, list;
     /* partly buried points, index within the block, ascending; the device's `list` holds the same */
@@ -43,10 +43,10 @@ int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const s
                          const struct kiln_surface *surface, struct kiln_error *error);
 void vulkan_points_destroy(struct vulkan_points **points);
 
-/* The block that holds `fragment`, on the device; `states`: with what surface->visible says now (else states are
+/* The block that holds `tile run`, on the device; `states`: with what surface->visible says now (else states are
  * undefined). The `in_use` blocks asked for last are not given up for it: the device may be at work on them.
  * KILN_NO_DEVICE when there is no room for it then. */
-int vulkan_points_block(struct vulkan_points *points, size_t fragment, bool states, uint32_t in_use,
+int vulkan_points_block(struct vulkan_points *points, size_t tile_run, bool states, uint32_t in_use,
                         struct vulkan_block **block, struct kiln_error *error);
 
 /* Brings the states of all blocks that are on the device: at once, while it has nothing else to do. */

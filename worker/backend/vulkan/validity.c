@@ -47,15 +47,15 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     return KILN_OK;
 }
 
-static int take(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results,
+static int take(void *context, size_t tile_run_first, size_t tile_run_count, const struct kiln_point_result *results,
                 const uint32_t *words, struct kiln_error *error)
 {
     (void)results;
     struct validity *v = context;
     const struct kiln_surface *s = v->b->surface;
-    const struct kiln_fragment *fragments = s->fragments + fragment_first;
-    const uint64_t first = fragments[0].first - s->first,
-                   end = fragments[fragment_count - 1].first - s->first + fragments[fragment_count - 1].count;
+    const struct kiln_tile_run *tile_runs = s->tile_runs + tile_run_first;
+    const uint64_t first = tile_runs[0].first - s->first,
+                   end = tile_runs[tile_run_count - 1].first - s->first + tile_runs[tile_run_count - 1].count;
     for (uint64_t own = first; own < end; own++) {
         const uint32_t buried = words[own - first];
         v->visible[own] = buried == 0 ? 0xffff : 0;
@@ -124,11 +124,11 @@ static int look_again(struct validity *v, const struct vulkan_block *block, cons
 }
 
 /* Block by block: open points come in ascending order. */
-static int look_at_open(struct validity *v, size_t fragment_first, size_t fragment_count, struct kiln_error *error)
+static int look_at_open(struct validity *v, size_t tile_run_first, size_t tile_run_count, struct kiln_error *error)
 {
     int status = KILN_OK;
     size_t next = 0;
-    for (size_t f = fragment_first; f < fragment_first + fragment_count && status == KILN_OK && next < v->open_count;) {
+    for (size_t f = tile_run_first; f < tile_run_first + tile_run_count && status == KILN_OK && next < v->open_count;) {
         struct vulkan_block *block;
         status = vulkan_points_block(v->b->points, f, false, 0, &block, error);
         size_t end = next;
@@ -137,7 +137,7 @@ static int look_at_open(struct validity *v, size_t fragment_first, size_t fragme
         if (end > next)
             status = look_again(v, block, v->open + next, (uint32_t)(end - next), error);
         next = end;
-        f = status == KILN_OK ? block->fragment_first + block->fragment_count : f;
+        f = status == KILN_OK ? block->tile_run_first + block->tile_run_count : f;
     }
     return status;
 }
@@ -149,7 +149,7 @@ static int prepare(void *context, struct kiln_error *error)
     return status == KILN_OK ? vulkan_kernel_of(v->b, &vulkan_validity_shader, false, 0, &v->kernel, error) : status;
 }
 
-int vulkan_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible,
+int vulkan_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
                     struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
@@ -163,9 +163,9 @@ int vulkan_validity(struct kiln_backend *backend, size_t fragment_first, size_t 
                                      .record = record,
                                      .take = take,
                                      .context = &v};
-    int status = vulkan_run_pass(b, &pass, fragment_first, fragment_count, error);
+    int status = vulkan_run_pass(b, &pass, tile_run_first, tile_run_count, error);
     if (status == KILN_OK)
-        status = look_at_open(&v, fragment_first, fragment_count, error);
+        status = look_at_open(&v, tile_run_first, tile_run_count, error);
     if (visible == b->surface->visible && b->points != NULL) /* gone when the device could not be made anew */
         vulkan_points_forget_states(b->points);
     kiln_free(&v.open);

@@ -449,16 +449,16 @@ static int intersect_again(struct kiln_backend *backend, const struct kiln_vec3 
     return status;
 }
 
-static int validity_again(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible,
+static int validity_again(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
                           struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    int status = vulkan_validity(backend, fragment_first, fragment_count, visible, error);
+    int status = vulkan_validity(backend, tile_run_first, tile_run_count, visible, error);
     while (status != KILN_OK && vulkan_can_recover(b)) {
         status = vulkan_recover(b, error);
         if (status != KILN_OK)
             return status;
-        status = vulkan_validity(backend, fragment_first, fragment_count, visible, error);
+        status = vulkan_validity(backend, tile_run_first, tile_run_count, visible, error);
     }
     return status;
 }

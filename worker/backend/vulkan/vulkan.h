@@ -149,7 +149,7 @@ static inline struct vulkan_slices vulkan_slices_of(const struct vulkan_backend 
 /* Makes what passes over the surface will ask for, as far as there is room for it (pass.c). */
 void vulkan_passes_ahead(struct vulkan_backend *b);
 
-int vulkan_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible,
+int vulkan_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
                     struct kiln_error *error);
 int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
                   struct kiln_error *error);
