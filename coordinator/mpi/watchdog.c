@@ -362,17 +362,8 @@ static void halt_at(const struct kiln_watchdog *w, const char *place)
         (void)raise(SIGSTOP);
 }
 
-/* KILN_HALT_RANK=RANK:PLACE */
-static const char *own_halt(int rank)
-{
-    const char *text = getenv("KILN_HALT_RANK");
-    char *rest = NULL;
-    return text != NULL && strtol(text, &rest, 10) == rank && *rest == ':' ? rest + 1 : NULL;
-}
-
 static void begin_watch(struct kiln_watchdog *w)
 {
-    w->halt = own_halt(w->rank);
     w->own = (struct sign){.phase = "start", .share = -1.0};
     w->last_look = now();
     for (int rank = 0; rank < w->ranks; rank++)
@@ -405,7 +396,8 @@ static bool is_possible(MPI_Comm communicator, double limit)
     return level >= MPI_THREAD_MULTIPLE;
 }
 
-int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator, double limit, struct kiln_error *error)
+int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator, double limit, const char *halt,
+                         struct kiln_error *error)
 {
     struct kiln_watchdog *w = NULL;
     *watchdog = NULL;
@@ -419,6 +411,7 @@ int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator,
         return status;
     }
     w->limit = limit;
+    w->halt = halt;
     w->period = fmin(1.0, limit / 8.0);
     w->sending = MPI_REQUEST_NULL;
     (void)MPI_Comm_dup(communicator, &w->communicator);

@@ -22,10 +22,7 @@
  * Whatever else a living process does (import, BVH, surface, lightmaps, files, preview) may take as long as it takes. A
  * rank that died is noticed by mpirun, which names it and ends the others.
  *
- * The thread needs MPI_THREAD_MULTIPLE; where MPI has less there is no watchdog, and rank 0 says so.
- *
- * For tests: with KILN_HALT_RANK=RANK:PLACE in the environment the rank stops itself (SIGSTOP) when it says that it is
- * at the place. */
+ * The thread needs MPI_THREAD_MULTIPLE; where MPI has less there is no watchdog, and rank 0 says so. */
 #ifndef KILN_COORDINATOR_MPI_WATCHDOG_H
 #define KILN_COORDINATOR_MPI_WATCHDOG_H
 
@@ -39,9 +36,10 @@ struct kiln_watchdog;
  * kiln_watchdog_create within so many seconds (0: it may wait for ever). */
 void kiln_watchdog_start(int rank, double seconds);
 
-/* Collective. `limit` in seconds; 0, or a single rank: *watchdog is NULL, which all functions here take. Destroy with
- * kiln_watchdog_destroy. */
-int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator, double limit,
+/* Collective. `limit` in seconds; 0, or a single rank: *watchdog is NULL, which all functions here take. `halt`
+ * (borrowed until the watchdog is destroyed) is for tests: this rank stops itself (SIGSTOP) when it says that it is at
+ * that place; NULL: nowhere. Destroy with kiln_watchdog_destroy. */
+int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator, double limit, const char *halt,
                          struct kiln_error *error);
 /* Collective; the wait for the others is watched. From then on the process has the limit's time to end: it ends itself
  * (KILN_RANK_LOST) should MPI_Finalize not return. */

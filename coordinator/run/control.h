@@ -34,6 +34,7 @@ struct kiln_control_params {
     double checkpoint_every;             /* s; 0: no checkpoints but when stopped */
     struct kiln_watchdog *watchdog;      /* borrowed, and outlives the control; NULL: none */
     double limit;                        /* s, the watchdog's; 0: none */
+    bool no_locks;                       /* as kiln_lock_take has it */
     const volatile sig_atomic_t *signal; /* number of the last signal that asks to stop; 0: none */
 };
 

@@ -11,18 +11,19 @@
  * free but another host's name is in it: some mounts have locks that other hosts do not see. A holder that stood still
  * for longer itself finds out by kiln_lock_check.
  *
- * KILN_LOCKS=none in the environment, for tests: as where there are no locks.
- *
  * For one rank; nothing here is collective. */
 #ifndef KILN_COORDINATOR_RUN_LOCK_H
 #define KILN_COORDINATOR_RUN_LOCK_H
+
+#include <stdbool.h>
 
 #include "worker/base/status.h"
 
 struct kiln_lock;
 
-/* KILN_CANNOT_CREATE with the holder when another has it; KILN_NO_INPUT when there is no such folder. */
-int kiln_lock_take(struct kiln_lock **lock, const char *directory, struct kiln_error *error);
+/* KILN_CANNOT_CREATE with the holder when another has it; KILN_NO_INPUT when there is no such folder. `no_locks`, for
+ * tests: the file system is treated as one without locks. */
+int kiln_lock_take(struct kiln_lock **lock, const char *directory, bool no_locks, struct kiln_error *error);
 /* Removes the file. NULL is fine. */
 void kiln_lock_release(struct kiln_lock **lock);
 
