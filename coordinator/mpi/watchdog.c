@@ -14,6 +14,7 @@
 #include "coordinator/mpi/activity.h"
 #include "coordinator/mpi/waiting.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/assert_same.h"
 #include "worker/base/memory.h"
 
 enum { TAG_SIGN = 7, HOST = 64, PHASE = 48, CALL = 40, ABORT_SECONDS = 10 };
@@ -401,6 +402,7 @@ int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator,
 {
     struct kiln_watchdog *w = NULL;
     *watchdog = NULL;
+    kiln_assert_same_bytes(communicator, &limit, sizeof limit, "the watchdog's limit");
     if (!is_possible(communicator, limit)) {
         (void)alarm(0);
         return KILN_OK;
