@@ -73,7 +73,7 @@ struct kiln_job {
     uint32_t lightmap_size; /* 0: by density */
     uint32_t lightmap_max;  /* texels a side */
     bool repack;            /* lay charts that lie too close together out anew */
-    char *objects;          /* settings of single objects, as JSON: coordinator/import/settings.h; NULL: none */
+    char *objects;          /* settings of single objects, as JSON: coordinator/job/object_settings.h; NULL: none */
     bool trust_normals;     /* they decide the front of a triangle, not its winding */
     double cell_size;       /* m; 0: chosen */
     bool partition_objects;

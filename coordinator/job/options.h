@@ -25,7 +25,7 @@ enum kiln_option_kind {
     KILN_OPTION_ENVIRONMENT, /* none | R,G,B | a path ending in .hdr or .exr */
     KILN_OPTION_POINT,       /* text "x,y,z" of three numbers within KILN_PLACE_MOST, metres */
     /* settings by pattern of objects' names: a mapping of mappings in a job file, {PATTERN: {KEY: VALUE}} in one line
-       elsewhere; kept as JSON, see coordinator/import/settings.h */
+       elsewhere; kept as JSON, see coordinator/job/object_settings.h */
     KILN_OPTION_RULES,
     KILN_OPTION_CHOICE,      /* one of `choices`, kept as text */
     KILN_OPTION_CHOICE_ENUM, /* one of `choices`, kept as its index in an enum (int) */
