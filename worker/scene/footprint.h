@@ -11,7 +11,7 @@
 #include <math.h>
 #include <stdbool.h>
 
-#include "shaders/mask.h"
+#include "shaders/shared/mask.h"
 #include "worker/scene/surface.h"
 
 /* Walks the points of a tile run in order:
@@ -137,8 +137,8 @@ struct kiln_footprint_extent {
 };
 struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *footprint);
 
-/* Where on a point its surface is there (shaders/mask.h), in the square of the (u1, u2) that kiln_footprint_sample
- * takes. */
+/* Where on a point its surface is there (shaders/shared/mask.h), in the square of the (u1, u2) that
+ * kiln_footprint_sample takes. */
 struct kiln_mask {
     uint32_t cells[KILN_MASK_WORDS];
     uint32_t count; /* bits that are set; 0: the whole point is to be sampled */
