@@ -286,7 +286,7 @@ static void coverage_is_exact(void **state)
     release(&b);
 }
 
-/* In texels, by the outline (kiln_clip_share goes by the weights). */
+/* In texels, by the outline (kiln_clip_fraction goes by the weights). */
 static double polygon_area(const struct kiln_clip_corner *polygon, uint32_t corners)
 {
     double twice = 0.0;

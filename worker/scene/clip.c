@@ -126,7 +126,7 @@ double kiln_clip_area(const struct kiln_clip_corner *polygon, uint32_t count, st
     return 0.5 * fabs(twice);
 }
 
-double kiln_clip_share(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid)
+double kiln_clip_fraction(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid)
 {
     struct kiln_clip_corner sum;
     const double share = fan_sum(polygon, count, true, &sum); /* in weights a triangle has the area 1/2 */

@@ -33,7 +33,7 @@ double kiln_clip_area(const struct kiln_clip_corner *polygon, uint32_t count, st
 
 /* What part of the triangle's area a convex polygon of it is, 0..1, measured by the weights, and its centroid.
  * `centroid` is untouched when there is none. */
-double kiln_clip_share(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid);
+double kiln_clip_fraction(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid);
 
 /* The triangle's corners relative to texel (x, y), whose square is then 0..1 in both axes. Whoever clips to a texel
  * starts from this, so that all find the same parts to the last bit. */

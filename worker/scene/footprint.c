@@ -43,7 +43,7 @@ static void fan_areas(const struct kiln_clip_corner *polygon, uint32_t corners, 
     double sum = 0.0;
     for (uint32_t i = 0; i + 2 < corners; i++) {
         const struct kiln_clip_corner part[3] = {polygon[0], polygon[i + 1], polygon[i + 2]};
-        sum += kiln_clip_share(part, 3, &centroid);
+        sum += kiln_clip_fraction(part, 3, &centroid);
         until[i] = sum;
     }
     for (uint32_t i = 0; i + 2 < corners; i++)
@@ -392,7 +392,7 @@ static struct kiln_dvec3 piece_normal(const struct kiln_footprint *f, uint32_t t
     double local[3][2];
     local_corners(f, triangle, local);
     const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
-    kiln_clip_share(polygon, corners, &centroid);
+    kiln_clip_fraction(polygon, corners, &centroid);
     return shading_normal(f->scene, f->geometry, triangle, centroid.b1, centroid.b2);
 }
 
