@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
 #include "shaders/direct.glsl"
-#include "shaders/target.glsl"
+#include "shaders/area_light_sampler.glsl"
 
 KILN_ARRAY(PointArray, kiln_gpu_point, 8);
 

@@ -9,7 +9,7 @@
 #include "shaders/surface.glsl"
 #include "shaders/position.glsl"
 #ifndef KILN_PRECISE
-#include "shaders/target.glsl"
+#include "shaders/area_light_sampler.glsl"
 #endif
 
 const uint DIMENSION_U = 0u, DIMENSION_V = 1u, DIMENSION_S = 2u, DIMENSION_T = 3u, DIMENSION_CHOICE = 4u;
@@ -171,21 +171,21 @@ Sums sample_choice(kiln_gpu_point p, kiln_light_choice choice, uint begin, uint 
 }
 
 #ifndef KILN_PRECISE
-void add_target_sample(inout Sums sums, kiln_gpu_point p, kiln_light_target target, Sequence sequence, uint k)
+void add_target_sample(inout Sums sums, kiln_gpu_point p, kiln_area_light_sampler target, Sequence sequence, uint k)
 {
     vec3 position, n;
     float offset;
     kiln_position(p, push.chunk.parts, real_unit(draw(sequence, k, DIMENSION_S)), real_unit(draw(sequence, k, DIMENSION_T)), position, n, offset);
     const vec3 off = n * offset;
     kiln_light_sample s;
-    if (kiln_light_target_sample(target, (position - p.centre) - off, real_unit(draw(sequence, k, DIMENSION_U)),
+    if (kiln_area_light_sampler_draw(target, (position - p.centre) - off, real_unit(draw(sequence, k, DIMENSION_U)),
                                  real_unit(draw(sequence, k, DIMENSION_V)), s))
         add_light(sums, p, position, n, off, s);
 }
 
 Sums sample_target(kiln_gpu_point p, uint node, uint begin, uint end, inout uint stopped)
 {
-    const kiln_light_target target = kiln_light_target_of(node, p.centre);
+    const kiln_area_light_sampler target = kiln_area_light_sampler_of(node, p.centre);
     const Sequence sequence = sequence_of(p, identity_of(KILN_CHOICE_NODE, node));
     Sums sums = Sums(real3(0), real3(0), 0, 0, 0u);
     uint k = begin;

@@ -1,6 +1,6 @@
-/* Light data in the device's `real`: included once by GLSL, and by C once for float and once for double, with KILN_LIGHT_REAL
- * and KILN_LIGHT_NAME set (see worker/backend/vulkan/lights.c). In each struct the reals come first and 32-bit words follow, so
- * that one loop narrows any of them. */
+/* Light data in the device's `real`: included once by GLSL, and by C once for float and once for double, with
+ * KILN_LIGHT_REAL and KILN_LIGHT_NAME set (see worker/backend/vulkan/lights.c). In each struct the reals come first and
+ * 32-bit words follow, so that one loop narrows any of them. */
 
 struct KILN_LIGHT_NAME(kiln_gpu_light_node) { /* struct kiln_light_node, made ready */
     KILN_LIGHT_REAL centre[3];

@@ -1,13 +1,13 @@
 /* Materials and textures on the device; part of shaders/layout.h.
  *
- * Only what kernels ask for is there: surfaces that may let rays through, and surfaces whose emission has a texture. A scene
- * with neither has address 0 everywhere. */
+ * Only what kernels ask for is there: surfaces that may let rays through, and surfaces whose emission has a texture. A
+ * scene with neither has address 0 everywhere. */
 
 struct kiln_gpu_material { /* struct kiln_material, with its index in the scene */
     KILN_REAL32 base_alpha, alpha_cutoff, emission[3];
     KILN_WORD alpha_mode;
     KILN_WORD base_color_texture, emission_texture; /* KILN_GPU_NONE: none */
-    KILN_REAL32 base_color[3]; /* times what is not metal */
+    KILN_REAL32 base_color[3];                      /* times what is not metal */
     KILN_REAL32 transmission;
     KILN_WORD transmission_texture, reserved;
 };
@@ -43,7 +43,8 @@ KILN_SIZE_IS(kiln_gpu_coating, 64);
 struct kiln_gpu_materials {
     KILN_ADDRESS materials, textures;
     KILN_ADDRESS coatings;
-    KILN_ADDRESS slots;          /* of world triangle slot_first + i: index of its coating, with KILN_GPU_FLIPPED; KILN_GPU_NONE: none */
+    /* of world triangle slot_first + i: index of its coating, with KILN_GPU_FLIPPED; KILN_GPU_NONE: none */
+    KILN_ADDRESS slots;
     KILN_ADDRESS linear_of_srgb; /* 256 floats */
     KILN_WORD slot_first, reserved;
 };

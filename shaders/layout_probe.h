@@ -1,7 +1,8 @@
 /* The probes' pass: what C and GLSL share of it. */
 
-#define KILN_GPU_PROBE_SAMPLES 16u /* samples a slice: of the sphere, and of the lights; some devices do not stand long loops */
+/* samples a slice: of the sphere, and of the lights; some devices do not stand long loops */
+#define KILN_GPU_PROBE_SAMPLES 16u
 
-/* Floats a slice of a probe, and a probe's answer: those of struct kiln_probe_result in order, and last the shadow rays. A mean distance
- * below 0: the device ended a loop early, the answer is not good. */
+/* Floats a slice of a probe, and a probe's answer: those of struct kiln_probe_result in order, and last the shadow
+ * rays. A mean distance below 0: the device ended a loop early, the answer is not good. */
 #define KILN_GPU_PROBE_FLOATS 48u

@@ -1,12 +1,15 @@
-/* What tracing needs on the device; part of shaders/layout.h. The layouts are made by worker/backend/vulkan/bvh.c and walked by
- * shaders/trace_*.glsl.
+/* What tracing needs on the device; part of shaders/layout.h. The layouts are made by worker/backend/vulkan/bvh.c and
+ * walked by shaders/trace_*.glsl.
  *
- * TRAVERSAL, a specialisation constant, is one of these layouts. Hits do not depend on it: every layout applies the same triangle test and gives the nearest triangle, of equally near ones that of the lowest number. */
-#define KILN_TRAVERSAL_BRUTE 0u    /* no tree: all triangles in order of their numbers */
+ * TRAVERSAL, a specialisation constant, is one of these layouts. Hits do not depend on it: every layout applies the
+ * same triangle test and gives the nearest triangle, of equally near ones that of the lowest number. */
+#define KILN_TRAVERSAL_BRUTE 0u /* no tree: all triangles in order of their numbers */
 #define KILN_TRAVERSAL_BINARY 1u
 #define KILN_TRAVERSAL_FOUR 2u
-#define KILN_TRAVERSAL_EIGHT 3u    /* compressed */
-#define KILN_TRAVERSAL_PIPELINE 4u /* the device's own acceleration structure, in kernels compiled with KILN_PIPELINE */
+#define KILN_TRAVERSAL_EIGHT 3u /* compressed */
+#define KILN_TRAVERSAL_PIPELINE                                                                                        \
+    4u /* the device's own acceleration structure, in kernels compiled with KILN_PIPELINE                              \
+        */
 
 /* A triangle as it is traced, 48 bytes; world numbers as in worker/scene/geometry.h. */
 struct kiln_gpu_triangle {
@@ -19,14 +22,14 @@ struct kiln_gpu_triangle {
 };
 KILN_SIZE_IS(kiln_gpu_triangle, 48);
 
-/* A child of a node, binary and four: the index of a node; or, with KILN_GPU_LEAF, a leaf's first triangle (29 bits) and one less
- * than their count (2 bits). KILN_GPU_NONE: nothing. */
+/* A child of a node, binary and four: the index of a node; or, with KILN_GPU_LEAF, a leaf's first triangle (29 bits)
+ * and one less than their count (2 bits). KILN_GPU_NONE: nothing. */
 #define KILN_GPU_LEAF 0x80000000u
 #define KILN_GPU_LEAF_COUNT_SHIFT 29u
 #define KILN_GPU_LEAF_FIRST 0x1fffffffu
 
-/* Two children (Aila and Laine, "Understanding the efficiency of ray traversal on GPUs", 2009), 64 bytes: each child's box as
- * lower x, upper x, lower y, upper y; then lower z, upper z of both. */
+/* Two children (Aila and Laine, "Understanding the efficiency of ray traversal on GPUs", 2009), 64 bytes: each child's
+ * box as lower x, upper x, lower y, upper y; then lower z, upper z of both. */
 struct kiln_gpu_node2 {
     KILN_REAL32 xy[2][4];
     KILN_REAL32 z[4];
@@ -34,23 +37,24 @@ struct kiln_gpu_node2 {
 };
 KILN_SIZE_IS(kiln_gpu_node2, 64);
 
-/* Four children, 128 bytes, a value a child: lower x, upper x, lower y, ... upper z. A child that is not there has a box whose
- * lower bounds are above its upper ones. */
+/* Four children, 128 bytes, a value a child: lower x, upper x, lower y, ... upper z. A child that is not there has a
+ * box whose lower bounds are above its upper ones. */
 struct kiln_gpu_node4 {
     KILN_REAL32 bounds[6][4];
     KILN_WORD child[4], unused[4];
 };
 KILN_SIZE_IS(kiln_gpu_node4, 128);
 
-/* Eight children, 80 bytes (Ylitie, Karras and Laine, "Efficient incoherent ray traversal on GPUs through compressed wide BVHs",
- * 2017, section 3). Boxes are counted in steps of 2^(exponent - 127) from `origin`. `meta` of a child: 0 none; a node 1 << 5 |
- * 24 + slot; a leaf its count in unary digits << 5 | place of its first triangle after triangle_first. */
+/* Eight children, 80 bytes (Ylitie, Karras and Laine, "Efficient incoherent ray traversal on GPUs through compressed
+ * wide BVHs", 2017, section 3). Boxes are counted in steps of 2^(exponent - 127) from `origin`. `meta` of a child: 0
+ * none; a node 1 << 5 | 24 + slot; a leaf its count in unary digits << 5 | place of its first triangle after
+ * triangle_first. */
 struct kiln_gpu_node8 {
     KILN_REAL32 origin[3];
     KILN_WORD exponents_inner; /* exponent of x, y, z in a byte each, and which slots are nodes */
     KILN_WORD node_first, triangle_first;
-    KILN_WORD meta[2];         /* bytes */
-    KILN_WORD bounds[6][2];    /* bytes: lower x, y, z, upper x, y, z */
+    KILN_WORD meta[2];      /* bytes */
+    KILN_WORD bounds[6][2]; /* bytes: lower x, y, z, upper x, y, z */
 };
 KILN_SIZE_IS(kiln_gpu_node8, 80);
 
@@ -59,8 +63,9 @@ KILN_SIZE_IS(kiln_gpu_node8, 80);
 #define KILN_GPU_STACK4 124u
 #define KILN_GPU_STACK8 44u
 
-/* Boxes are wider than what they hold by this share of the world's extent: more than the errors of the triangle test (14 units of
- * 2^-24 of a coordinate and the origin's together) and of the box test (5) for origins within 2.5 extents of the world's centre. */
+/* Boxes are wider than what they hold by this share of the world's extent: more than the errors of the triangle test
+ * (14 units of 2^-24 of a coordinate and the origin's together) and of the box test (5) for origins within 2.5 extents
+ * of the world's centre. */
 #define KILN_GPU_BOX_MARGIN 3.814697265625e-6f /* 2^-18 */
 
 struct kiln_gpu_hit { /* an answer of intersect.comp; struct kiln_hit */

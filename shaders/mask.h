@@ -1,7 +1,7 @@
-/* Where on a surface point something is, the same in C and GLSL: the square of (s, t) in (0, 1)^2 from which places of the point are
- * drawn is cut into 16 x 16 cells, and a bit says of each whether its places are drawn. Cell (x, y) is bit 32 w + b of word w, whose
- * binary digits are those of x and y in turn, x lowest: consecutive bits are neighbours, so that places which were drawn in strata
- * stay so. */
+/* Where on a surface point something is, the same in C and GLSL: the square of (s, t) in (0, 1)^2 from which places of
+ * the point are drawn is cut into 16 x 16 cells, and a bit says of each whether its places are drawn. Cell (x, y) is
+ * bit 32 w + b of word w, whose binary digits are those of x and y in turn, x lowest: consecutive bits are neighbours,
+ * so that places which were drawn in strata stay so. */
 #ifndef KILN_SHADERS_MASK_H
 #define KILN_SHADERS_MASK_H
 
@@ -11,9 +11,9 @@
 #define KILN_MASK_WORDS 8u
 
 #ifdef GL_core_profile
-#define KILN_COUNT_BITS(x) uint(bitCount(x))
+#    define KILN_COUNT_BITS(x) uint(bitCount(x))
 #else
-#define KILN_COUNT_BITS(x) ((uint32_t)__builtin_popcount(x))
+#    define KILN_COUNT_BITS(x) ((uint32_t)__builtin_popcount(x))
 #endif
 
 /* Place of the n-th set bit of `word`, n from 0 on: there must be more than n. */

@@ -1,21 +1,22 @@
 /* Random numbers, the same integers in C and GLSL.
  *
- * Every number is a function of (seed, object, texel, stream, sample, dimension). A sample is a point of Sobol' sequence,
- * Owen-scrambled per tile by a hash in the manner of Laine and Karras ("Stratified Sampling for Stochastic Transparency", 2011;
- * Burley, "Practical Hash-based Owen Scrambling", 2020; constants of Vegdahl, 2021), then shifted digitally per texel. In the dimensions that
- * choose a ray's direction the shift leaves the leading digits alone, so that the k-th rays of all texels of a tile share a
- * stratum; with 4^c <= samples, c shared digits a dimension, each texel still visits all 4^c strata equally often, and what
- * neighbours share carries no noise (the mean over a stratum does not depend on the shared scramble). */
+ * Every number is a function of (seed, object, texel, stream, sample, dimension). A sample is a point of Sobol'
+ * sequence, Owen-scrambled per tile by a hash in the manner of Laine and Karras ("Stratified Sampling for Stochastic
+ * Transparency", 2011; Burley, "Practical Hash-based Owen Scrambling", 2020; constants of Vegdahl, 2021), then shifted
+ * digitally per texel. In the dimensions that choose a ray's direction the shift leaves the leading digits alone, so
+ * that the k-th rays of all texels of a tile share a stratum; with 4^c <= samples, c shared digits a dimension, each
+ * texel still visits all 4^c strata equally often, and what neighbours share carries no noise (the mean over a stratum
+ * does not depend on the shared scramble). */
 #ifndef KILN_SHADERS_RANDOM_H
 #define KILN_SHADERS_RANDOM_H
 
 #ifdef GL_core_profile
-#define KILN_U32 uint
-#define KILN_FUNCTION
+#    define KILN_U32 uint
+#    define KILN_FUNCTION
 #else
-#include <stdint.h>
-#define KILN_U32 uint32_t
-#define KILN_FUNCTION static inline
+#    include <stdint.h>
+#    define KILN_U32 uint32_t
+#    define KILN_FUNCTION static inline
 #endif
 
 /* Avalanching hash of one word (Wang-style mixer "lowbias32" by Wellons, 2018: bias 0.17 of 2^-32 squared units). */
@@ -29,10 +30,13 @@ KILN_FUNCTION KILN_U32 kiln_hash1(KILN_U32 x)
     return x;
 }
 
-KILN_FUNCTION KILN_U32 kiln_hash2(KILN_U32 a, KILN_U32 b) { return kiln_hash1(a ^ (kiln_hash1(b) + 0x9e3779b9u + (a << 6) + (a >> 2))); }
+KILN_FUNCTION KILN_U32 kiln_hash2(KILN_U32 a, KILN_U32 b)
+{
+    return kiln_hash1(a ^ (kiln_hash1(b) + 0x9e3779b9u + (a << 6) + (a >> 2)));
+}
 
 #ifdef GL_core_profile
-#define kiln_reverse_bits bitfieldReverse
+#    define kiln_reverse_bits bitfieldReverse
 #else
 KILN_FUNCTION KILN_U32 kiln_reverse_bits(KILN_U32 x)
 {
@@ -56,7 +60,8 @@ KILN_FUNCTION KILN_U32 kiln_owen_scramble(KILN_U32 x, KILN_U32 seed)
     return kiln_reverse_bits(x);
 }
 
-/* Number of leading binary digits a dimension that the texels of a tile may share: the largest c with 4^c <= samples. */
+/* Number of leading binary digits a dimension that the texels of a tile may share: the largest c with 4^c <= samples.
+ */
 KILN_FUNCTION KILN_U32 kiln_shared_digits(KILN_U32 samples)
 {
     KILN_U32 c = 0u;

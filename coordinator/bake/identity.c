@@ -3,20 +3,42 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/cli/options.h"
-#include "coordinator/output/sealed.h"
+#include "coordinator/job/options.h"
+#include "coordinator/files/checksummed_json.h"
 #include "worker/base/text.h"
 
 /* Options of bake whose values decide the light on the surfaces, or how a checkpoint's points are ordered, */
-static const char *const counting[] = {"environment", "environment-scale", "environment-rotation", "method", "bounces", "tail", "schedule",
-                                       "samples-direct", "samples-bounce", "samples-indirect", "seed", "texels-per-metre", "lightmap-size",
-                                       "lightmap-max", "repack", "objects", "trust", "sides", "cell-size", "partition", "exchange"};
+static const char *const counting[] = {"environment",
+                                       "environment-scale",
+                                       "environment-rotation",
+                                       "method",
+                                       "bounces",
+                                       "tail",
+                                       "schedule",
+                                       "samples-direct",
+                                       "samples-bounce",
+                                       "samples-indirect",
+                                       "seed",
+                                       "texels-per-metre",
+                                       "lightmap-size",
+                                       "lightmap-max",
+                                       "repack",
+                                       "objects",
+                                       "trust",
+                                       "sides",
+                                       "cell-size",
+                                       "partition",
+                                       "exchange"};
 /* those that decide the probes alone, */
 static const char *const probing[] = {"probe-spacing", "samples-probe"};
-/* and those that only say where, how fast, how long, with how many words, and what files are made of the light. The quality is in the samples. */
-static const char *const other[] = {"output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "error-map", "preview", "exposure", "json", "quiet",
-                                    "verbose", "resume", "checkpoint-every", "max-time", "watchdog", "device", "devices", "traversal", "dispatch-time", "device-memory", "verify-share",
-                                    "trace", "share-ranks", "give-away", "rebalance", "exchange-limit", "units", "export"}; /* units name the numbers and change none */
+/* and those that only say where, how fast, how long, with how many words, and what files are made of the light. The
+ * quality is in the samples. */
+static const char *const other[] = {
+    "output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "error-map", "preview", "exposure",
+    "json", "quiet", "verbose", "resume", "checkpoint-every", "max-time", "watchdog", "device", "devices", "traversal",
+    "dispatch-time", "device-memory", "verify-share",
+    /* units name the numbers and change none */
+    "trace", "share-ranks", "give-away", "rebalance", "exchange-limit", "units", "export"};
 
 static bool is_among(const char *name, const char *const *list, size_t count)
 {
@@ -58,11 +80,12 @@ json_t *kiln_identity_make(const struct kiln_job *job, const struct kiln_prepare
     json_t *fields = values_json(job, counting, sizeof counting / sizeof *counting), *sources = json_object();
     json_t *probes = values_json(job, probing, sizeof probing / sizeof *probing);
     for (size_t i = 0; i < scene->source_count; i++)
-        (void)json_object_set_new(sources, kiln_scene_string(scene, scene->sources[i].path), kiln_hash_json(scene->sources[i].hash));
+        (void)json_object_set_new(sources, kiln_scene_string(scene, scene->sources[i].path),
+                                  kiln_hash_json(scene->sources[i].hash));
     (void)json_object_set_new(fields, "scene content", kiln_hash_json(scene->header->content_hash));
     (void)json_object_set_new(fields, "kiln", json_string(KILN_VERSION));
-    return json_pack("{s:o, s:o, s:o, s:{s:s, s:s}}", "fields", fields, "probes", probes, "sources", sources, "machine", "backend", prepared->backend->api->name,
-                     "instruction set", prepared->instruction_set);
+    return json_pack("{s:o, s:o, s:o, s:{s:s, s:s}}", "fields", fields, "probes", probes, "sources", sources, "machine",
+                     "backend", prepared->backend->api->name, "instruction set", prepared->instruction_set);
 }
 
 const char *kiln_identity_instruction_set(const json_t *identity)
@@ -82,8 +105,9 @@ static void add_row(struct rows *rows, const char *name, const char *then, const
 {
     char cells[3][104];
     const size_t used = strlen(rows->text);
-    (void)snprintf(rows->text + used, sizeof rows->text - used, "\n  %-22s %-34s %s", kiln_text_plain(cells[0], 61, name),
-                   kiln_text_plain(cells[1], sizeof cells[1], then), kiln_text_plain(cells[2], sizeof cells[2], now));
+    (void)snprintf(rows->text + used, sizeof rows->text - used, "\n  %-22s %-34s %s",
+                   kiln_text_plain(cells[0], 61, name), kiln_text_plain(cells[1], sizeof cells[1], then),
+                   kiln_text_plain(cells[2], sizeof cells[2], now));
     rows->count++;
 }
 
@@ -93,13 +117,15 @@ static void compare_objects(struct rows *rows, const json_t *then, const json_t 
     const char *key;
     json_t *value;
     char name[300];
-    json_object_foreach((json_t *)(uintptr_t)now, key, value) {
+    json_object_foreach((json_t *)(uintptr_t)now, key, value)
+    {
         const json_t *old = json_object_get(then, key);
         (void)snprintf(name, sizeof name, "%s%.250s", prefix, key);
         if (old == NULL || json_equal(old, value) == 0)
             add_row(rows, name, text_of(old), text_of(value));
     }
-    json_object_foreach((json_t *)(uintptr_t)then, key, value) {
+    json_object_foreach((json_t *)(uintptr_t)then, key, value)
+    {
         (void)snprintf(name, sizeof name, "%s%.250s", prefix, key);
         if (json_object_get(now, key) == NULL)
             add_row(rows, name, text_of(value), "-");
@@ -109,10 +135,11 @@ static void compare_objects(struct rows *rows, const json_t *then, const json_t 
 bool kiln_identity_same_probes(const json_t *then, const json_t *now)
 {
     const json_t *old = json_object_get(then, "probes"), *new = json_object_get(now, "probes");
-    return old != NULL && new != NULL && json_equal(old, new) != 0;
+    return old != NULL && new != NULL &&json_equal(old, new) != 0;
 }
 
-int kiln_identity_compare(const json_t *then, const json_t *now, const char *directory, char *note, size_t note_size, struct kiln_error *error)
+int kiln_identity_compare(const json_t *then, const json_t *now, const char *directory, char *note, size_t note_size,
+                          struct kiln_error *error)
 {
     struct rows rows = {"", 0}, machine = {"", 0};
     add_row(&rows, "field", "in the checkpoint", "now");
@@ -120,14 +147,18 @@ int kiln_identity_compare(const json_t *then, const json_t *now, const char *dir
     compare_objects(&rows, json_object_get(then, "fields"), json_object_get(now, "fields"), "");
     if (rows.count > 0) { /* a source that changed without a trace in the scene is no reason to refuse */
         compare_objects(&rows, json_object_get(then, "sources"), json_object_get(now, "sources"), "file ");
-        return kiln_fail_table(error, KILN_BAD_INPUT, rows.text, "the checkpoint in %.300s/checkpoint is of another job; repeat the command that it was "
-                               "made with, or give --no-resume to discard it and start from the beginning", directory);
+        return kiln_fail_table(error, KILN_BAD_INPUT, rows.text,
+                               "the checkpoint in %.300s/checkpoint is of another job; repeat the command that it was "
+                               "made with, or give --no-resume to discard it and start from the beginning",
+                               directory);
     }
     compare_objects(&machine, json_object_get(then, "machine"), json_object_get(now, "machine"), "");
     const json_t *old = json_object_get(then, "machine"), *new = json_object_get(now, "machine");
     (void)snprintf(note, note_size, "%s", "");
     if (machine.count > 0)
-        (void)snprintf(note, note_size, "the checkpoint was made by %s, %s, and this run has %s, %s: the same light within its error, not the same bits",
+        (void)snprintf(note, note_size,
+                       "the checkpoint was made by %s, %s, and this run has %s, %s: the same light within its error, "
+                       "not the same bits",
                        text_of(json_object_get(old, "backend")), text_of(json_object_get(old, "instruction set")),
                        text_of(json_object_get(new, "backend")), text_of(json_object_get(new, "instruction set")));
     return KILN_OK;

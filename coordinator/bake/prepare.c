@@ -7,11 +7,11 @@
 #include <unistd.h>
 
 #include "coordinator/bake/surface_exchange.h"
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 #include "coordinator/cli/devices.h"
 #include "worker/base/memory.h"
 
-enum { FIRST_FRAGMENTS = 256, MOST_FRAGMENTS = 1 << 16 }; /* of a batch of the validity pass */
+enum { FIRST_TILE_RUNS = 256, MOST_TILE_RUNS = 1 << 16 }; /* of a batch of the validity pass */
 
 static const char *const instruction_sets[] = {"sse2", "sse4.2", "avx", "avx2", "avx512"};
 enum { SETS = 5 };
@@ -46,7 +46,8 @@ bool kiln_instruction_set_common(MPI_Comm communicator, const char *name)
     return false;
 }
 
-/* Embree finds the same hits for any number of threads but not on any instruction set: all ranks take the lowest of theirs. */
+/* Embree finds the same hits for any number of threads but not on any instruction set: all ranks take the lowest of
+ * theirs. */
 static int agree_on_instruction_set(struct kiln_prepared *p, const char *wanted, struct kiln_error *error)
 {
     const int own = own_instruction_set();
@@ -56,8 +57,10 @@ static int agree_on_instruction_set(struct kiln_prepared *p, const char *wanted,
         if (strcmp(wanted, instruction_sets[i]) == 0)
             chosen = i;
     if (chosen > common)
-        return kiln_fail(error, KILN_NO_DEVICE, "instruction set %s is not available on every rank; all have %s", wanted, instruction_sets[common]);
-    (void)snprintf(p->instruction_set, sizeof p->instruction_set, "%s", instruction_sets[chosen >= 0 ? chosen : common]);
+        return kiln_fail(error, KILN_NO_DEVICE, "instruction set %s is not available on every rank; all have %s",
+                         wanted, instruction_sets[common]);
+    (void)snprintf(p->instruction_set, sizeof p->instruction_set, "%s",
+                   instruction_sets[chosen >= 0 ? chosen : common]);
     return KILN_OK;
 }
 
@@ -88,10 +91,14 @@ static int learn_about_ranks(struct kiln_prepared *p, const struct kiln_job *job
 
 static const struct kiln_prepare_care careless = {0};
 
-static const struct kiln_stop *stop_of(const struct kiln_prepare_care *care) { return care->control != NULL ? kiln_control_stop(care->control) : NULL; }
+static const struct kiln_stop *stop_of(const struct kiln_prepare_care *care)
+{
+    return care->control != NULL ? kiln_control_stop(care->control) : NULL;
+}
 
 /* Collective. After a step: looks whether to stop, also while it waits for others. */
-static int go_on(const struct kiln_prepared *p, const struct kiln_prepare_care *care, int status, struct kiln_error *error)
+static int go_on(const struct kiln_prepared *p, const struct kiln_prepare_care *care, int status,
+                 struct kiln_error *error)
 {
     if (status == KILN_OK && kiln_stop_asked(stop_of(care)))
         status = kiln_give_up(error);
@@ -105,8 +112,8 @@ static int refuse(const struct kiln_prepared *p, const struct kiln_prepare_care 
     return care->refuse != NULL ? care->refuse(care->context, p, error) : KILN_OK;
 }
 
-static int import_scene(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file, const struct kiln_prepare_care *care,
-                        struct kiln_error *error)
+static int import_scene(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file,
+                        const struct kiln_prepare_care *care, struct kiln_error *error)
 {
     int status = KILN_OK;
     if (p->rank == 0) {
@@ -157,13 +164,16 @@ static int check_same_scene(const struct kiln_prepared *p, const char *scene_fil
     const uint64_t *own = p->scene->header->content_hash;
     memcpy(first, own, sizeof first);
     (void)MPI_Bcast(first, 2, MPI_UINT64_T, 0, p->communicator);
-    const int status = memcmp(first, own, sizeof first) == 0 ? KILN_OK : kiln_fail(error, KILN_SITE, "%s is not the file that rank 0 has written: "
-                                                                                    "choose a folder that all hosts share", scene_file);
+    const int status = memcmp(first, own, sizeof first) == 0 ? KILN_OK
+                                                             : kiln_fail(error, KILN_SITE,
+                                                                         "%s is not the file that rank 0 has written: "
+                                                                         "choose a folder that all hosts share",
+                                                                         scene_file);
     return kiln_agree(p->communicator, status, error);
 }
 
-static int build_world(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file, const struct kiln_prepare_care *care,
-                       struct kiln_error *error)
+static int build_world(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file,
+                       const struct kiln_prepare_care *care, struct kiln_error *error)
 {
     int status = agree_on_instruction_set(p, job->instruction_set, error);
     if (status == KILN_OK)
@@ -191,7 +201,8 @@ static int build_world(struct kiln_prepared *p, const struct kiln_job *job, cons
     return go_on(p, care, status, error);
 }
 
-/* Moves an array that is the same on all ranks of a node to a block of theirs; where that has no room, it stays. Collective on the node. */
+/* Moves an array that is the same on all ranks of a node to a block of theirs; where that has no room, it stays.
+ * Collective on the node. */
 static bool move(struct kiln_prepared *p, void *pointer, size_t count, size_t size, const char *what)
 {
     void *own, *block;
@@ -224,21 +235,24 @@ static void share_map(struct kiln_prepared *p)
     kiln_node_wait(p->node);
 }
 
-static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_prepare_care *care, struct kiln_error *error)
+static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_prepare_care *care,
+                         struct kiln_error *error)
 {
     struct kiln_surface_meeting meeting = {.communicator = p->communicator};
     const struct kiln_surface_exchange exchange = kiln_surface_exchange_over(&meeting);
     const struct kiln_surface_params params = {.scene = p->scene,
                                                .geometry = p->geometry,
                                                .cell_size = job->cell_size,
-                                               .partition = job->partition_objects ? KILN_PARTITION_OBJECTS : KILN_PARTITION_CELLS,
+                                               .partition = job->partition_objects ? KILN_PARTITION_OBJECTS
+                                                                                   : KILN_PARTITION_CELLS,
                                                .both_sides = job->both_sides,
                                                .rank = (uint32_t)p->rank,
                                                .ranks = (uint32_t)p->ranks,
                                                .exchange = p->ranks > 1 ? &exchange : NULL,
                                                .threads = p->threads,
                                                .stop = stop_of(care)};
-    int status = kiln_agree(p->communicator, kiln_surface_build(&p->surface, &params, &p->surface_report, error), error);
+    int status =
+        kiln_agree(p->communicator, kiln_surface_build(&p->surface, &params, &p->surface_report, error), error);
     if (status == KILN_OK)
         share_map(p);
     if (status == KILN_OK)
@@ -254,20 +268,20 @@ struct validity_work {
     struct kiln_prepared *p;
     struct kiln_control *control; /* NULL: none */
     struct kiln_progress *progress;
-    size_t next, batch; /* fragments */
+    size_t next, batch; /* tile runs */
 };
 
 static int run_batch(struct validity_work *w, double *seconds, struct kiln_error *error)
 {
     const struct kiln_surface *s = w->p->surface;
-    const size_t left = s->fragment_count - w->next, count = left < w->batch ? left : w->batch;
+    const size_t left = s->tile_run_count - w->next, count = left < w->batch ? left : w->batch;
     const double start = MPI_Wtime(), wanted = w->control != NULL ? 0.5 * kiln_control_batch_seconds(w->control) : 1.0;
     const int status = kiln_backend_validity(w->p->backend, w->next, count, s->visible, error);
     *seconds = MPI_Wtime() - start;
     w->next += count;
     kiln_progress_advance(w->progress, w->next);
     if (*seconds < 0.5 * wanted)
-        w->batch = 2 * w->batch < MOST_FRAGMENTS ? 2 * w->batch : MOST_FRAGMENTS;
+        w->batch = 2 * w->batch < MOST_TILE_RUNS ? 2 * w->batch : MOST_TILE_RUNS;
     else if (*seconds > 2.0 * wanted && w->batch > 1)
         w->batch /= 2;
     return status;
@@ -276,7 +290,7 @@ static int run_batch(struct validity_work *w, double *seconds, struct kiln_error
 /* Until this rank is done, and with a control until all ranks are, or one says otherwise. */
 static int run_validity(struct validity_work *w, struct kiln_error *error)
 {
-    const size_t count = w->p->surface->fragment_count;
+    const size_t count = w->p->surface->tile_run_count;
     int status = KILN_OK;
     for (;;) {
         enum kiln_event event = KILN_EVENT_DONE;
@@ -287,7 +301,8 @@ static int run_validity(struct validity_work *w, struct kiln_error *error)
         const bool done = w->next == count;
         const double share = count > 0 ? (double)w->next / (double)count : 1.0;
         if (w->control != NULL)
-            event = works ? kiln_control_poll(w->control, done, share, seconds, status) : kiln_control_wait(w->control, done, share, status, NULL, NULL);
+            event = works ? kiln_control_poll(w->control, done, share, seconds, status)
+                          : kiln_control_wait(w->control, done, share, status, NULL, NULL);
         else if (status == KILN_OK && !done)
             event = KILN_EVENT_NONE;
         if (event == KILN_EVENT_DONE || event == KILN_EVENT_FAIL)
@@ -297,16 +312,18 @@ static int run_validity(struct validity_work *w, struct kiln_error *error)
     }
 }
 
-static int find_valid_points(struct kiln_prepared *p, const struct kiln_prepare_care *care, struct kiln_progress *progress, struct kiln_error *error)
+static int find_valid_points(struct kiln_prepared *p, const struct kiln_prepare_care *care,
+                             struct kiln_progress *progress, struct kiln_error *error)
 {
-    struct validity_work w = {.p = p, .control = care->control, .progress = progress, .batch = FIRST_FRAGMENTS};
+    struct validity_work w = {.p = p, .control = care->control, .progress = progress, .batch = FIRST_TILE_RUNS};
     if (w.control != NULL)
         kiln_control_begin(w.control, "validity");
     return run_validity(&w, error);
 }
 
-int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job, const char *scene_file,
-                 struct kiln_phases *phases, struct kiln_progress *progress, const struct kiln_prepare_care *care, struct kiln_error *error)
+int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job,
+                 const char *scene_file, struct kiln_phases *phases, struct kiln_progress *progress,
+                 const struct kiln_prepare_care *care, struct kiln_error *error)
 {
     struct kiln_prepared *p = NULL;
     care = care != NULL ? care : &careless;
@@ -332,7 +349,7 @@ int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const s
     }
     if (status == KILN_OK) {
         kiln_phase(phases, "validity");
-        kiln_progress_phase(progress, "validity", p->surface->fragment_count);
+        kiln_progress_phase(progress, "validity", p->surface->tile_run_count);
         status = find_valid_points(p, care, progress, error);
     }
     kiln_phase(phases, NULL);

@@ -4,18 +4,18 @@
 
 #include <mpi.h>
 
-#include "coordinator/bake/control.h"
-#include "coordinator/bake/node_memory.h"
-#include "coordinator/bake/phases.h"
-#include "coordinator/cli/job.h"
-#include "coordinator/cli/progress.h"
+#include "coordinator/run/control.h"
+#include "coordinator/mpi/node_memory.h"
+#include "coordinator/run/phases.h"
+#include "coordinator/job/job.h"
+#include "coordinator/run/progress.h"
 #include "coordinator/import/import.h"
 #include "coordinator/surface/surface_build.h"
 #include "worker/backend/backend.h"
 #include "worker/light/lights.h"
 
-/* The best of Embree's instruction sets that this processor has, and the cores that this process may use as one of `node_ranks`
- * on its node: when it is not bound to some of the machine's, it shares them. */
+/* The best of Embree's instruction sets that this processor has, and the cores that this process may use as one of
+ * `node_ranks` on its node: when it is not bound to some of the machine's, it shares them. */
 const char *kiln_own_instruction_set(void);
 uint32_t kiln_own_cores(int node_ranks);
 
@@ -36,9 +36,11 @@ struct kiln_prepared {
 
 /* What a bake adds. */
 struct kiln_prepare_care {
-    struct kiln_control *control; /* what asks to stop: KILN_STOPPED within a few seconds, in every phase; NULL: nothing does */
-    /* Collective. Called as soon as the scene is open, when p->surface is NULL, and again when the surface is there, before any ray of the
-     * validity pass: whether the bake can be made as it is asked for, as far as that can be said by then. NULL: it can. */
+    /* what asks to stop: KILN_STOPPED within a few seconds, in every phase; NULL: nothing does */
+    struct kiln_control *control;
+    /* Collective. Called as soon as the scene is open, when p->surface is NULL, and again when the surface is there,
+     * before any ray of the validity pass: whether the bake can be made as it is asked for, as far as that can be said
+     * by then. NULL: it can. */
     int (*refuse)(void *context, const struct kiln_prepared *p, struct kiln_error *error);
     void *context;
 };
@@ -47,11 +49,12 @@ struct kiln_prepare_care {
 bool kiln_instruction_set_common(MPI_Comm communicator, const char *name);
 
 /* Collective. Rank 0 imports the job's scene to `scene_file`, all map it; one rank of each node
- * builds the geometry, which the others share, and so they share the map of the surface; every rank builds its BVH; all find the surface points
- * together, and each fills in its own; the validity pass runs.
- * Phases "import", "scene and BVH", "surface points", "validity" are begun. `care` may be NULL. Destroy with kiln_prepared_destroy. */
-int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job, const char *scene_file,
-                 struct kiln_phases *phases, struct kiln_progress *progress, const struct kiln_prepare_care *care, struct kiln_error *error);
+ * builds the geometry, which the others share, and so they share the map of the surface; every rank builds its BVH; all
+ * find the surface points together, and each fills in its own; the validity pass runs. Phases "import", "scene and
+ * BVH", "surface points", "validity" are begun. `care` may be NULL. Destroy with kiln_prepared_destroy. */
+int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job,
+                 const char *scene_file, struct kiln_phases *phases, struct kiln_progress *progress,
+                 const struct kiln_prepare_care *care, struct kiln_error *error);
 void kiln_prepared_destroy(struct kiln_prepared **prepared);
 
 #endif

@@ -6,7 +6,7 @@
 #include "worker/base/memory.h"
 #include "worker/scene/radiosity.h"
 
-enum { RAYS_WANTED = 6000000, FRAGMENTS_AT_ONCE = 64 };
+enum { RAYS_WANTED = 6000000, TILE_RUNS_AT_ONCE = 64 };
 static const uint64_t DEVICE_RAYS_WANTED = 4000000000u; /* about a second of a device */
 
 static int by_value(const void *a, const void *b)
@@ -15,20 +15,21 @@ static int by_value(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* Runs of fragments, spread evenly over the share, that make about RAYS_WANTED rays; each run first by the pass ([0]), then by
- * Embree alone ([1]), so that both meet the same noise of a shared machine. */
+/* Runs of tile runs, spread evenly over the share, that make about RAYS_WANTED rays; each run first by the pass ([0]),
+ * then by Embree alone ([1]), so that both meet the same noise of a shared machine. */
 static int one_run(const struct kiln_prepared *p, uint32_t samples, double seconds[2], uint64_t rays[2],
                    struct kiln_error *error)
 {
-    const size_t count = p->surface->fragment_count;
+    const size_t count = p->surface->tile_run_count;
     const uint64_t points = RAYS_WANTED / samples + 1;
-    const size_t runs_there = (count + FRAGMENTS_AT_ONCE - 1) / FRAGMENTS_AT_ONCE;
+    const size_t runs_there = (count + TILE_RUNS_AT_ONCE - 1) / TILE_RUNS_AT_ONCE;
     size_t runs = (size_t)(points * runs_there / p->surface->count);
     runs = runs < 1 ? 1 : runs > runs_there ? runs_there : runs;
     int status = KILN_OK;
     for (size_t r = 0; r < runs && status == KILN_OK; r++) {
-        const size_t first = r * runs_there / runs * FRAGMENTS_AT_ONCE;
-        const struct kiln_batch batch = {first, count - first < FRAGMENTS_AT_ONCE ? count - first : FRAGMENTS_AT_ONCE, NULL, NULL};
+        const size_t first = r * runs_there / runs * TILE_RUNS_AT_ONCE;
+        const struct kiln_batch batch = {first, count - first < TILE_RUNS_AT_ONCE ? count - first : TILE_RUNS_AT_ONCE,
+                                         NULL, NULL};
         const double start = MPI_Wtime();
         status = kiln_backend_gather(p->backend, &batch, samples, 1, &rays[0], error);
         seconds[0] += MPI_Wtime() - start;
@@ -38,21 +39,24 @@ static int one_run(const struct kiln_prepared *p, uint32_t samples, double secon
     return status;
 }
 
-/* A device wants to be kept busy: all fragments in one batch, or as many, from the first on, as make DEVICE_RAYS_WANTED rays. */
-static int one_device_run(const struct kiln_prepared *p, uint32_t samples, double seconds[2], uint64_t rays[2], struct kiln_error *error)
+/* A device wants to be kept busy: all tile runs in one batch, or as many, from the first on, as make DEVICE_RAYS_WANTED
+ * rays. */
+static int one_device_run(const struct kiln_prepared *p, uint32_t samples, double seconds[2], uint64_t rays[2],
+                          struct kiln_error *error)
 {
     struct kiln_batch batch = {0};
     uint64_t points = 0;
-    while (batch.fragment_count < p->surface->fragment_count && points * samples < DEVICE_RAYS_WANTED)
-        points += p->surface->fragments[batch.fragment_count++].count;
+    while (batch.tile_run_count < p->surface->tile_run_count && points * samples < DEVICE_RAYS_WANTED)
+        points += p->surface->tile_runs[batch.tile_run_count++].count;
     const double start = MPI_Wtime();
     const int status = kiln_backend_gather(p->backend, &batch, samples, 1, &rays[0], error);
     seconds[0] += MPI_Wtime() - start;
-    return status == KILN_OK ? kiln_backend_ceiling(p->backend, &batch, samples, 1, &seconds[1], &rays[1], error) : status;
+    return status == KILN_OK ? kiln_backend_ceiling(p->backend, &batch, samples, 1, &seconds[1], &rays[1], error)
+                             : status;
 }
 
-int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint32_t repeats, struct kiln_rays_bench *result,
-                    struct kiln_error *error)
+int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint32_t repeats,
+                    struct kiln_rays_bench *result, struct kiln_error *error)
 {
     const struct kiln_surface *surface = prepared->surface;
     if (surface->count == 0)

@@ -6,16 +6,34 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/bake/process_memory.h"
+#include "coordinator/run/process_memory.h"
 #include "coordinator/bake/run_table.h"
-#include "coordinator/cli/agree.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/output/sealed.h"
+#include "coordinator/mpi/agree.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/checksummed_json.h"
 #include "worker/base/memory.h"
 
 /* Numbers of one rank that rank 0 wants. */
-enum { RANK_POINTS, RANK_INVALID, RANK_RSS, RANK_DIRECT, RANK_BOUNCES, RANK_FINAL, RANK_PROBES, RANK_PSS, RANK_SHARED, RANK_RECEIVED, RANK_GIVEN, RANK_TAKEN,
-       RANK_RECOVERIES, RANK_FELL_BACK, RANK_VERIFIED, RANK_BEYOND, RANK_WORST /* the bits of a double that is not negative */, RANK_VALUES };
+enum {
+    RANK_POINTS,
+    RANK_INVALID,
+    RANK_RSS,
+    RANK_DIRECT,
+    RANK_BOUNCES,
+    RANK_FINAL,
+    RANK_PROBES,
+    RANK_PSS,
+    RANK_SHARED,
+    RANK_RECEIVED,
+    RANK_GIVEN,
+    RANK_TAKEN,
+    RANK_RECOVERIES,
+    RANK_FELL_BACK,
+    RANK_VERIFIED,
+    RANK_BEYOND,
+    RANK_WORST /* the bits of a double that is not negative */,
+    RANK_VALUES
+};
 
 static double luminance(const double rgb[3]) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
 
@@ -24,11 +42,15 @@ static json_t *rgb_json(const double rgb[3]) { return json_pack("[f,f,f]", rgb[0
 /* Settings that change the result. */
 static json_t *settings_json(const struct kiln_job *job)
 {
-    return json_pack("{s:s, s:I, s:b, s:s, s:i, s:i, s:i, s:i, s:I, s:s}", "method", job->method != NULL ? job->method : "cells", "bounces",
-                     (json_int_t)job->bounces, "tail", job->tail || job->bounces < 0, "schedule",
-                     job->schedule == KILN_SCHEDULE_LEAN ? "lean" : "equal", "samples_direct", (int)job->samples_direct, "samples_bounce",
-                     (int)job->samples_bounce, "samples_indirect", (int)job->samples_indirect, "samples_probe", (int)job->samples_probe,
-                     "seed", (json_int_t)job->seed, "exchange", job->exchange == KILN_EXCHANGE_FULL ? "full" : job->exchange == KILN_EXCHANGE_COMPACT ? "compact" : "auto");
+    return json_pack("{s:s, s:I, s:b, s:s, s:i, s:i, s:i, s:i, s:I, s:s}", "method",
+                     job->method != NULL ? job->method : "cells", "bounces", (json_int_t)job->bounces, "tail",
+                     job->tail || job->bounces < 0, "schedule", job->schedule == KILN_SCHEDULE_LEAN ? "lean" : "equal",
+                     "samples_direct", (int)job->samples_direct, "samples_bounce", (int)job->samples_bounce,
+                     "samples_indirect", (int)job->samples_indirect, "samples_probe", (int)job->samples_probe, "seed",
+                     (json_int_t)job->seed, "exchange",
+                     job->exchange == KILN_EXCHANGE_FULL      ? "full"
+                     : job->exchange == KILN_EXCHANGE_COMPACT ? "compact"
+                                                              : "auto");
 }
 
 static json_t *scene_json(const struct kiln_prepared *p)
@@ -36,19 +58,22 @@ static json_t *scene_json(const struct kiln_prepared *p)
     const struct kiln_scene *s = p->scene;
     json_t *sources = json_array();
     for (size_t i = 0; i < s->source_count; i++)
-        json_array_append_new(sources, json_pack("{s:s, s:I, s:o}", "path", kiln_scene_string(s, s->sources[i].path), "bytes",
-                                                 (json_int_t)s->sources[i].size, "xxh3_128", kiln_hash_json(s->sources[i].hash)));
-    return json_pack("{s:o, s:o, s:I, s:I, s:I, s:I, s:f}", "content_xxh3_128", kiln_hash_json(s->header->content_hash), "sources", sources,
-                     "objects", (json_int_t)s->object_count, "triangles", (json_int_t)p->geometry->triangle_count, "emissive_triangles",
-                     (json_int_t)p->lights->area_count, "punctual_lights", (json_int_t)s->light_count, "texels_per_metre",
+        json_array_append_new(sources, json_pack("{s:s, s:I, s:o}", "path", kiln_scene_string(s, s->sources[i].path),
+                                                 "bytes", (json_int_t)s->sources[i].size, "xxh3_128",
+                                                 kiln_hash_json(s->sources[i].hash)));
+    return json_pack("{s:o, s:o, s:I, s:I, s:I, s:I, s:f}", "content_xxh3_128", kiln_hash_json(s->header->content_hash),
+                     "sources", sources, "objects", (json_int_t)s->object_count, "triangles",
+                     (json_int_t)p->geometry->triangle_count, "emissive_triangles", (json_int_t)p->lights->area_count,
+                     "punctual_lights", (json_int_t)s->light_count, "texels_per_metre",
                      (double)s->header->texels_per_metre);
 }
 
 char *kiln_provenance(const struct kiln_job *job, const struct kiln_prepared *prepared)
 {
     json_t *scene = scene_json(prepared);
-    json_t *all = json_pack("{s:s, s:s, s:s, s:o, s:o}", "kiln", KILN_VERSION, "backend", prepared->backend->api->name, "instruction_set",
-                            prepared->instruction_set, "settings", settings_json(job), "scene", scene);
+    json_t *all =
+        json_pack("{s:s, s:s, s:s, s:o, s:o}", "kiln", KILN_VERSION, "backend", prepared->backend->api->name,
+                  "instruction_set", prepared->instruction_set, "settings", settings_json(job), "scene", scene);
     char *text = json_dumps(all, JSON_COMPACT | JSON_SORT_KEYS);
     json_decref(all);
     return text;
@@ -80,8 +105,9 @@ static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
     values[RANK_BEYOND] = info.beyond;
     memcpy(&values[RANK_WORST], &info.worst, sizeof info.worst);
     for (size_t i = 0; i < t->pass_count; i++) {
-        values[t->passes[i].kind == KILN_PASS_DIRECT ? RANK_DIRECT : t->passes[i].kind == KILN_PASS_BOUNCE ? RANK_BOUNCES : RANK_FINAL] +=
-            t->passes[i].rays;
+        values[t->passes[i].kind == KILN_PASS_DIRECT   ? RANK_DIRECT
+               : t->passes[i].kind == KILN_PASS_BOUNCE ? RANK_BOUNCES
+                                                       : RANK_FINAL] += t->passes[i].rays;
         values[RANK_GIVEN] += t->passes[i].given;
         values[RANK_TAKEN] += t->passes[i].taken;
     }
@@ -92,9 +118,11 @@ static json_t *rebalance_json(const struct kiln_pass_balance *b)
 {
     if (!b->judged)
         return json_null();
-    const char *why = b->moved ? "moved" : b->cost > 0.0 ? "the gain does not pay for the move" : "hardly anything to gain";
-    return json_pack("{s:b, s:s, s:f, s:f, s:f, s:I}", "moved", b->moved, "why", why, "imbalance", b->imbalance, "predicted_gain", b->gain,
-                     "predicted_cost", b->cost, "points", (json_int_t)b->points);
+    const char *why = b->moved        ? "moved"
+                      : b->cost > 0.0 ? "the gain does not pay for the move"
+                                      : "hardly anything to gain";
+    return json_pack("{s:b, s:s, s:f, s:f, s:f, s:I}", "moved", b->moved, "why", why, "imbalance", b->imbalance,
+                     "predicted_gain", b->gain, "predicted_cost", b->cost, "points", (json_int_t)b->points);
 }
 
 /* `given`: points that changed hands in each pass, of all ranks. */
@@ -104,21 +132,24 @@ static json_t *passes_json(const struct kiln_transport_report *t, const uint64_t
     json_t *array = json_array();
     for (size_t i = 0; i < t->pass_count; i++) {
         const struct kiln_pass_report *p = &t->passes[i];
-        json_array_append_new(array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind", kinds[p->kind], "bounce", (int)p->bounce,
-                                               "samples", (int)p->samples, "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
-                                               "device_seconds", p->device_seconds, "energy", luminance(p->energy.incident), "incident", rgb_json(p->energy.incident), "reflected",
-                                               rgb_json(p->energy.reflected), "given_away", (json_int_t)given[i],
-                                               "rebalance", rebalance_json(&p->balance)));
+        json_array_append_new(array,
+                              json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
+                                        kinds[p->kind], "bounce", (int)p->bounce, "samples", (int)p->samples, "seconds",
+                                        p->seconds, "exchange_seconds", p->exchange_seconds, "device_seconds",
+                                        p->device_seconds, "energy", luminance(p->energy.incident), "incident",
+                                        rgb_json(p->energy.incident), "reflected", rgb_json(p->energy.reflected),
+                                        "given_away", (json_int_t)given[i], "rebalance", rebalance_json(&p->balance)));
     }
     return array;
 }
 
 static json_t *energy_json(const struct kiln_energy *e, const struct kiln_units *units)
 {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", units->flux, "emitted", rgb_json(e->emitted),
-                     "glass", rgb_json(e->glass), "absorbed",
-                     rgb_json(e->absorbed), "escaped", rgb_json(e->escaped), "blocked", rgb_json(e->blocked), "ranged", rgb_json(e->ranged),
-                     "left_over", rgb_json(e->left_over), "residual", e->residual, "error", e->error, "relative_residual", e->relative);
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", units->flux, "emitted",
+                     rgb_json(e->emitted), "glass", rgb_json(e->glass), "absorbed", rgb_json(e->absorbed), "escaped",
+                     rgb_json(e->escaped), "blocked", rgb_json(e->blocked), "ranged", rgb_json(e->ranged), "left_over",
+                     rgb_json(e->left_over), "residual", e->residual, "error", e->error, "relative_residual",
+                     e->relative);
 }
 
 /* Mean over points of the standard error, and of the irradiance, luminance. Collective. */
@@ -139,7 +170,8 @@ static json_t *error_json(const struct kiln_run *run)
     }
     (void)MPI_Allreduce(MPI_IN_PLACE, sums, 3, MPI_DOUBLE, MPI_SUM, run->prepared->communicator);
     const double mean = sums[2] > 0.0 ? sums[1] / sums[2] : 0.0, rms = sums[2] > 0.0 ? sqrt(sums[0] / sums[2]) : 0.0;
-    return json_pack("{s:f, s:f, s:f}", "mean_irradiance", mean, "rms_standard_error", rms, "mean_relative", mean > 0.0 ? rms / mean : 0.0);
+    return json_pack("{s:f, s:f, s:f}", "mean_irradiance", mean, "rms_standard_error", rms, "mean_relative",
+                     mean > 0.0 ? rms / mean : 0.0);
 }
 
 /* What is published of the object's backs. */
@@ -166,14 +198,15 @@ static json_t *objects_json(const struct kiln_run *run)
         char path[512];
         const bool published = (scene->objects[i].flags & KILN_OBJECT_CASTER_ONLY) == 0;
         (void)snprintf(path, sizeof path, "lightmaps/%s.exr", name);
-        json_t *object = json_pack("{s:s, s:s, s:s?, s:i, s:i, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "name",
-                                   kiln_scene_string(scene, scene->objects[i].original_name), "file_name", name, "lightmap", published ? path : NULL,
-                                   "width", (int)scene->objects[i].lightmap_width, "height", (int)scene->objects[i].lightmap_height,
-                                   "valid", (json_int_t)r->valid, "filled", (json_int_t)r->filled, "dilated", (json_int_t)r->dilated,
-                                   "contested", (json_int_t)r->contested, "foreign", (json_int_t)r->foreign, "border_texels",
-                                   r->border, "border_disturbed", r->border_disturbed,
-                                   "seam_before", r->seam_difference_before, "seam_after", r->seam_difference_after, "texels_per_metre",
-                                   r->texels_per_metre, "mean", r->mean, "relative_error", r->error);
+        json_t *object = json_pack(
+            "{s:s, s:s, s:s?, s:i, s:i, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "name",
+            kiln_scene_string(scene, scene->objects[i].original_name), "file_name", name, "lightmap",
+            published ? path : NULL, "width", (int)scene->objects[i].lightmap_width, "height",
+            (int)scene->objects[i].lightmap_height, "valid", (json_int_t)r->valid, "filled", (json_int_t)r->filled,
+            "dilated", (json_int_t)r->dilated, "contested", (json_int_t)r->contested, "foreign", (json_int_t)r->foreign,
+            "border_texels", r->border, "border_disturbed", r->border_disturbed, "seam_before",
+            r->seam_difference_before, "seam_after", r->seam_difference_after, "texels_per_metre", r->texels_per_metre,
+            "mean", r->mean, "relative_error", r->error);
         if (scene->objects[i].source_node != KILN_NONE) { /* of a glTF source */
             json_object_set_new(object, "node", json_integer((json_int_t)scene->objects[i].source_node));
             json_object_set_new(object, "mesh", json_integer((json_int_t)scene->objects[i].source_mesh));
@@ -186,7 +219,8 @@ static json_t *objects_json(const struct kiln_run *run)
     return array;
 }
 
-/* What borders of charts read of other charts, over all lightmaps, and what would help: see padding_factor in scene.h. */
+/* What borders of charts read of other charts, over all lightmaps, and what would help: see padding_factor in scene.h.
+ */
 static json_t *borders_json(const struct kiln_run *run)
 {
     const struct kiln_scene *scene = run->prepared->scene;
@@ -200,9 +234,10 @@ static json_t *borders_json(const struct kiln_run *run)
         foreign += r->foreign;
         lightmaps += r->border_disturbed > 0.0;
     }
-    return json_pack("{s:f, s:f, s:I, s:I, s:I, s:f, s:f}", "texels", length, "disturbed_texels", disturbed, "disturbed_lightmaps",
-                     (json_int_t)lightmaps, "contested", (json_int_t)contested, "foreign", (json_int_t)foreign, "padding_factor",
-                     (double)scene->header->padding_factor, "texels_per_metre", (double)scene->header->texels_per_metre);
+    return json_pack("{s:f, s:f, s:I, s:I, s:I, s:f, s:f}", "texels", length, "disturbed_texels", disturbed,
+                     "disturbed_lightmaps", (json_int_t)lightmaps, "contested", (json_int_t)contested, "foreign",
+                     (json_int_t)foreign, "padding_factor", (double)scene->header->padding_factor, "texels_per_metre",
+                     (double)scene->header->texels_per_metre);
 }
 
 static json_t *ranks_json(const struct kiln_run *run, const uint64_t *values, int value)
@@ -217,11 +252,13 @@ static json_t *balance_json(const struct kiln_run *run, const uint64_t *values)
 {
     const struct kiln_surface_report *s = &run->prepared->surface_report;
     json_t *per_rank = ranks_json(run, values, RANK_POINTS);
-    json_t *given = json_pack("{s:b, s:o, s:o}", "on", run->transport->report.gives_away, "points_per_rank", ranks_json(run, values, RANK_GIVEN),
-                              "taken_per_rank", ranks_json(run, values, RANK_TAKEN));
-    return json_pack("{s:s, s:f, s:I, s:I, s:f, s:o, s:o}", "partition", run->job->partition_objects ? "objects" : "cells", "point_imbalance",
-                     s->imbalance, "cells_occupied", (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total, "cell_size",
-                     s->cell_size, "points_per_rank", per_rank, "given_away", given);
+    json_t *given =
+        json_pack("{s:b, s:o, s:o}", "on", run->transport->report.steals_work, "points_per_rank",
+                  ranks_json(run, values, RANK_GIVEN), "taken_per_rank", ranks_json(run, values, RANK_TAKEN));
+    return json_pack("{s:s, s:f, s:I, s:I, s:f, s:o, s:o}", "partition",
+                     run->job->partition_objects ? "objects" : "cells", "point_imbalance", s->imbalance,
+                     "cells_occupied", (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total,
+                     "cell_size", s->cell_size, "points_per_rank", per_rank, "given_away", given);
 }
 
 /* Bytes a node that Slurm gives this job; 0: no job of Slurm's, or it was not asked for. */
@@ -242,11 +279,13 @@ static json_t *memory_json(const struct kiln_run *run, const uint64_t *values)
         json_array_append_new(per_rank, json_integer((json_int_t)rank[RANK_RSS]));
         json_array_append_new(proportional, json_integer((json_int_t)rank[RANK_PSS]));
     }
-    return json_pack("{s:s, s:I, s:o, s:I, s:o, s:I}", "units", "bytes", "peak_rank", (json_int_t)most, "peak_per_rank", per_rank, "shared_node",
-                     (json_int_t)shared, "proportional_per_rank", proportional, "asked_node", (json_int_t)asked_memory());
+    return json_pack("{s:s, s:I, s:o, s:I, s:o, s:I}", "units", "bytes", "peak_rank", (json_int_t)most, "peak_per_rank",
+                     per_rank, "shared_node", (json_int_t)shared, "proportional_per_rank", proportional, "asked_node",
+                     (json_int_t)asked_memory());
 }
 
-/* What the ranks spent in exchanges and in waiting for each other, as a share of the run so far. Collective; rank 0 gets it. */
+/* What the ranks spent in exchanges and in waiting for each other, as a share of the run so far. Collective; rank 0
+ * gets it. */
 static json_t *mpi_json(const struct kiln_run *run)
 {
     const struct kiln_prepared *p = run->prepared;
@@ -271,8 +310,8 @@ static json_t *rays_json(const uint64_t *values, int ranks, double *total)
         for (int k = 0; k < 4; k++)
             sum[k] += values[(size_t)r * RANK_VALUES + RANK_DIRECT + (size_t)k];
     *total = (double)sum[0] + (double)sum[1] + (double)sum[2] + (double)sum[3];
-    return json_pack("{s:I, s:I, s:I, s:I}", "direct", (json_int_t)sum[0], "bounces", (json_int_t)sum[1], "final", (json_int_t)sum[2], "probes",
-                     (json_int_t)sum[3]);
+    return json_pack("{s:I, s:I, s:I, s:I}", "direct", (json_int_t)sum[0], "bounces", (json_int_t)sum[1], "final",
+                     (json_int_t)sum[2], "probes", (json_int_t)sum[3]);
 }
 
 /* Seconds that the slowest rank spent tracing. */
@@ -282,10 +321,10 @@ static double tracing_seconds(const json_t *phases)
     double sum = 0.0;
     size_t index;
     json_t *phase;
-    json_array_foreach(phases, index, phase)
-        for (size_t k = 0; k < sizeof traced / sizeof *traced; k++)
-            if (strcmp(json_string_value(json_object_get(phase, "name")), traced[k]) == 0)
-                sum += json_real_value(json_object_get(json_object_get(phase, "seconds"), "max"));
+    json_array_foreach(phases, index,
+                       phase) for (size_t k = 0; k < sizeof traced / sizeof *traced;
+                                   k++) if (strcmp(json_string_value(json_object_get(phase, "name")), traced[k]) == 0)
+        sum += json_real_value(json_object_get(json_object_get(phase, "seconds"), "max"));
     return sum;
 }
 
@@ -308,20 +347,23 @@ static json_t *backend_json(const struct kiln_prepared *p, const uint64_t *value
         memcpy(&own, &values[(size_t)r * RANK_VALUES + RANK_WORST], sizeof own);
         worst = fmax(worst, own);
     }
-    return json_pack("{s:s, s:s, s:s, s:f, s:f, s:I, s:I, s:I, s:I, s:f}", "name", info.name, "device", info.device, "instruction_set", p->instruction_set,
-                     "build_seconds", info.build_seconds, "device_seconds", info.device_seconds, "recoveries", total(values, p->ranks, RANK_RECOVERIES),
-                     "ranks_fallen_back", total(values, p->ranks, RANK_FELL_BACK), "verified_texels", total(values, p->ranks, RANK_VERIFIED),
-                     "verified_beyond", total(values, p->ranks, RANK_BEYOND), "verified_worst", isfinite(worst) ? worst : 1e300);
+    return json_pack("{s:s, s:s, s:s, s:f, s:f, s:I, s:I, s:I, s:I, s:f}", "name", info.name, "device", info.device,
+                     "instruction_set", p->instruction_set, "build_seconds", info.build_seconds, "device_seconds",
+                     info.device_seconds, "recoveries", total(values, p->ranks, RANK_RECOVERIES), "ranks_fallen_back",
+                     total(values, p->ranks, RANK_FELL_BACK), "verified_texels", total(values, p->ranks, RANK_VERIFIED),
+                     "verified_beyond", total(values, p->ranks, RANK_BEYOND), "verified_worst",
+                     isfinite(worst) ? worst : 1e300);
 }
 
 static json_t *units_json(const struct kiln_run *run)
 {
     const struct kiln_units *units = kiln_units_of(run->job->units, run->prepared->scene);
-    return json_pack("{s:s, s:s, s:s, s:s}", "kind", units->kind, "irradiance", units->irradiance, "radiance", units->radiance, "because",
-                     kiln_units_reason(run->job->units, run->prepared->scene));
+    return json_pack("{s:s, s:s, s:s, s:s}", "kind", units->kind, "irradiance", units->irradiance, "radiance",
+                     units->radiance, "because", kiln_units_reason(run->job->units, run->prepared->scene));
 }
 
-static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t *error_reached, json_t *mpi, const uint64_t *values, const uint64_t *given)
+static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t *error_reached, json_t *mpi,
+                              const uint64_t *values, const uint64_t *given)
 {
     const struct kiln_prepared *p = run->prepared;
     const struct kiln_transport_report *t = &run->transport->report;
@@ -352,23 +394,28 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "mrays_per_second", json_real(traced > 0.0 ? total_rays / traced * 1e-6 : 0.0));
     json_object_set_new(root, "bounces", passes_json(t, given));
     json_object_set_new(root, "indirect_bounces", json_integer((json_int_t)t->bounces));
-    json_object_set_new(root, "tail", json_pack("{s:b, s:o, s:f}", "added", t->tail, "ratio", rgb_json(t->tail_ratio), "share", t->tail_share));
+    json_object_set_new(
+        root, "tail",
+        json_pack("{s:b, s:o, s:f}", "added", t->tail, "ratio", rgb_json(t->tail_ratio), "share", t->tail_share));
     json_object_set_new(root, "energy", energy_json(&t->energy, kiln_units_of(run->job->units, p->scene)));
     json_object_set_new(root, "error", error_reached);
-    json_object_set_new(root, "points", json_pack("{s:I, s:I, s:I, s:I, s:f, s:f, s:f}", "count", (json_int_t)p->surface_report.points, "texels",
-                                                  (json_int_t)p->surface_report.texels, "invalid", total(values, p->ranks, RANK_INVALID), "shared",
-                                                  (json_int_t)p->surface_report.shared_texels, "area", p->surface_report.area, "geometry_area",
-                                                  p->surface_report.geometry_area, "worst_object_area_error",
-                                                  p->surface_report.worst_object_area_error));
+    json_object_set_new(root, "points",
+                        json_pack("{s:I, s:I, s:I, s:I, s:f, s:f, s:f}", "count", (json_int_t)p->surface_report.points,
+                                  "texels", (json_int_t)p->surface_report.texels, "invalid",
+                                  total(values, p->ranks, RANK_INVALID), "shared",
+                                  (json_int_t)p->surface_report.shared_texels, "area", p->surface_report.area,
+                                  "geometry_area", p->surface_report.geometry_area, "worst_object_area_error",
+                                  p->surface_report.worst_object_area_error));
     json_object_set_new(root, "balance", balance_json(run, values));
     json_object_set_new(root, "memory", memory_json(run, values));
     json_object_set_new(mpi, "received_between_nodes", json_integer(total(values, p->ranks, RANK_RECEIVED)));
     json_object_set_new(root, "mpi", mpi);
     if (run->volume->size[0] != 0)
-        json_object_set_new(root, "volume", json_pack("{s:[I,I,I], s:[f,f,f], s:[f,f,f]}", "size", (json_int_t)run->volume->size[0],
-                                                      (json_int_t)run->volume->size[1], (json_int_t)run->volume->size[2], "origin",
-                                                      run->volume->origin[0], run->volume->origin[1], run->volume->origin[2], "spacing",
-                                                      run->volume->spacing[0], run->volume->spacing[1], run->volume->spacing[2]));
+        json_object_set_new(root, "volume",
+                            json_pack("{s:[I,I,I], s:[f,f,f], s:[f,f,f]}", "size", (json_int_t)run->volume->size[0],
+                                      (json_int_t)run->volume->size[1], (json_int_t)run->volume->size[2], "origin",
+                                      run->volume->origin[0], run->volume->origin[1], run->volume->origin[2], "spacing",
+                                      run->volume->spacing[0], run->volume->spacing[1], run->volume->spacing[2]));
     json_object_set_new(root, "objects", objects_json(run));
     json_object_set_new(root, "borders", borders_json(run));
     return root;
@@ -404,7 +451,8 @@ static void gather(const struct kiln_run *run, struct gathered *g)
     (void)MPI_Gather(own, RANK_VALUES, MPI_UINT64_T, g->values, RANK_VALUES, MPI_UINT64_T, 0, p->communicator);
     for (size_t i = 0; i < t->pass_count; i++)
         g->given[i] = t->passes[i].given;
-    (void)MPI_Reduce(p->rank == 0 ? MPI_IN_PLACE : g->given, g->given, (int)t->pass_count, MPI_UINT64_T, MPI_SUM, 0, p->communicator);
+    (void)MPI_Reduce(p->rank == 0 ? MPI_IN_PLACE : g->given, g->given, (int)t->pass_count, MPI_UINT64_T, MPI_SUM, 0,
+                     p->communicator);
 }
 
 int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_error *error)

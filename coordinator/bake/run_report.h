@@ -3,23 +3,23 @@
 #define KILN_COORDINATOR_BAKE_RUN_REPORT_H
 
 #include "coordinator/bake/prepare.h"
-#include "coordinator/bake/result.h"
-#include "coordinator/bake/transport.h"
+#include "coordinator/field/result.h"
+#include "coordinator/integrate/transport.h"
 #include "coordinator/output/output.h"
 
 struct kiln_run {
     const struct kiln_job *job;
     const struct kiln_prepared *prepared;
     const struct kiln_transport *transport;
-    const struct kiln_volume_result *volume; /* size 0: none */
+    const struct kiln_volume_result *volume;      /* size 0: none */
     const struct kiln_lightmap_report *lightmaps; /* one a lightmap of the surface, rank 0 */
     const struct kiln_phases *phases;
     uint64_t probe_rays; /* of this rank */
     const char *directory;
 };
 
-/* The part of the report that says what was computed and nothing of when or how fast: kept in the HDF5 files too, equal for
- * any number of ranks and threads. Compact JSON; release with free. NULL when out of memory. */
+/* The part of the report that says what was computed and nothing of when or how fast: kept in the HDF5 files too, equal
+ * for any number of ranks and threads. Compact JSON; release with free. NULL when out of memory. */
 char *kiln_provenance(const struct kiln_job *job, const struct kiln_prepared *prepared);
 
 /* Collective. Makes the report; rank 0 gets it, the others NULL. json_decref it. */

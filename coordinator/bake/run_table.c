@@ -4,8 +4,8 @@
 #include <stdbool.h>
 #include <string.h>
 
-#include "coordinator/bake/phases.h"
-#include "coordinator/cli/progress.h"
+#include "coordinator/run/phases.h"
+#include "coordinator/run/progress.h"
 #include "worker/base/text.h"
 
 enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32 };
@@ -27,7 +27,10 @@ static const struct advice file_advice[] = {
     {"volume.hdf", "a wider --probe-spacing makes it smaller, --samples-probe 0 leaves it out"},
     {"checkpoints", "a longer --checkpoint-every writes fewer of them"},
 };
-enum { BALANCE_ADVICE = sizeof balance_advice / sizeof *balance_advice, FILE_ADVICE = sizeof file_advice / sizeof *file_advice };
+enum {
+    BALANCE_ADVICE = sizeof balance_advice / sizeof *balance_advice,
+    FILE_ADVICE = sizeof file_advice / sizeof *file_advice
+};
 
 static const char *name_of(const json_t *phase)
 {
@@ -35,16 +38,23 @@ static const char *name_of(const json_t *phase)
     return name != NULL ? name : "";
 }
 
-static double seconds_of(const json_t *phase, const char *which) { return json_number_value(json_object_get(json_object_get(phase, "seconds"), which)); }
+static double seconds_of(const json_t *phase, const char *which)
+{
+    return json_number_value(json_object_get(json_object_get(phase, "seconds"), which));
+}
 
 /* Seconds of the bake with those before a restart. */
 static double whole(const json_t *report)
 {
-    return json_number_value(json_object_get(report, "seconds")) + json_number_value(json_object_get(report, "seconds_before"));
+    return json_number_value(json_object_get(report, "seconds")) +
+           json_number_value(json_object_get(report, "seconds_before"));
 }
 
 /* Time that ranks spend for one another, or that has no name: its imbalance says nothing. */
-static bool is_work(const char *name) { return strcmp(name, "exchange") != 0 && strcmp(name, "waiting") != 0 && strcmp(name, "other") != 0; }
+static bool is_work(const char *name)
+{
+    return strcmp(name, "exchange") != 0 && strcmp(name, "waiting") != 0 && strcmp(name, "other") != 0;
+}
 
 static const char *advice_for(const struct advice *advice, size_t count, const char *phase, const char *otherwise)
 {
@@ -62,7 +72,8 @@ static void note_imbalance(const json_t *report, json_t *notes)
     double most = NOTE_SECONDS;
     size_t index;
     const json_t *phase;
-    json_array_foreach(json_object_get(report, "phases"), index, phase) {
+    json_array_foreach(json_object_get(report, "phases"), index, phase)
+    {
         const double lost = seconds_of(phase, "max") - seconds_of(phase, "avg");
         if (is_work(name_of(phase)) && lost > most && lost > NOTE_IMBALANCE * seconds_of(phase, "avg")) {
             most = lost;
@@ -70,9 +81,11 @@ static void note_imbalance(const json_t *report, json_t *notes)
         }
     }
     if (worst != NULL)
-        (void)json_array_append_new(notes, json_sprintf("%s: the slowest rank took %.0f %% longer than the mean, which costs %.1f s a rank; %s",
-            name_of(worst), 100.0 * json_number_value(json_object_get(worst, "imbalance")), most,
-            advice_for(balance_advice, BALANCE_ADVICE, name_of(worst), "--trace FILE.json shows which rank, and when")));
+        (void)json_array_append_new(
+            notes, json_sprintf("%s: the slowest rank took %.0f %% longer than the mean, which costs %.1f s a rank; %s",
+                                name_of(worst), 100.0 * json_number_value(json_object_get(worst, "imbalance")), most,
+                                advice_for(balance_advice, BALANCE_ADVICE, name_of(worst),
+                                           "--trace FILE.json shows which rank, and when")));
 }
 
 static void note_files(const json_t *report, json_t *notes)
@@ -81,7 +94,8 @@ static void note_files(const json_t *report, json_t *notes)
     double sum = 0.0, most = 0.0;
     size_t index;
     const json_t *phase;
-    json_array_foreach(json_object_get(report, "phases"), index, phase) {
+    json_array_foreach(json_object_get(report, "phases"), index, phase)
+    {
         const double seconds = seconds_of(phase, "avg");
         if (advice_for(file_advice, FILE_ADVICE, name_of(phase), NULL) == NULL)
             continue;
@@ -92,8 +106,10 @@ static void note_files(const json_t *report, json_t *notes)
         }
     }
     if (sum > NOTE_SECONDS && sum > NOTE_FILES * whole(report))
-        (void)json_array_append_new(notes, json_sprintf("files took %.0f %% of the time (%.1f s), most of it %s (%.1f s); %s", 100.0 * sum / whole(report),
-                                                        sum, worst, most, advice_for(file_advice, FILE_ADVICE, worst, "")));
+        (void)json_array_append_new(notes,
+                                    json_sprintf("files took %.0f %% of the time (%.1f s), most of it %s (%.1f s); %s",
+                                                 100.0 * sum / whole(report), sum, worst, most,
+                                                 advice_for(file_advice, FILE_ADVICE, worst, "")));
 }
 
 static double luminance_of(const json_t *energy, const char *term)
@@ -110,26 +126,36 @@ static double luminance_of(const json_t *energy, const char *term)
 static void note_lost_light(const json_t *report, json_t *notes)
 {
     const json_t *energy = json_object_get(report, "energy");
-    const double blocked = luminance_of(energy, "blocked"), met = luminance_of(energy, "absorbed") + luminance_of(energy, "glass") + luminance_of(energy, "left_over") + blocked;
-    const double residual = fabs(json_number_value(json_object_get(energy, "residual"))), error = json_number_value(json_object_get(energy, "error"));
+    const double blocked = luminance_of(energy, "blocked"), met = luminance_of(energy, "absorbed") +
+                                                                  luminance_of(energy, "glass") +
+                                                                  luminance_of(energy, "left_over") + blocked;
+    const double residual = fabs(json_number_value(json_object_get(energy, "residual"))),
+                 error = json_number_value(json_object_get(energy, "error"));
     if (met > 0.0 && blocked > NOTE_LOST * met)
-        (void)json_array_append_new(notes, json_sprintf("%.1f %% of the light that met surfaces met backs of single-sided ones and is lost (%.3g W); "
-                                                        "turn those faces round, or make their materials double-sided",
-                                                        100.0 * blocked / met, blocked));
+        (void)json_array_append_new(
+            notes,
+            json_sprintf("%.1f %% of the light that met surfaces met backs of single-sided ones and is lost (%.3g W); "
+                         "turn those faces round, or make their materials double-sided",
+                         100.0 * blocked / met, blocked));
     if (met > 0.0 && residual > NOTE_LOST * met && residual > 4.0 * error)
-        (void)json_array_append_new(notes, json_sprintf("%.1f %% of the light that met surfaces is unaccounted for (%.3g W); kiln check names "
-                                                        "surfaces without texels and lightmaps that are too coarse",
-                                                        100.0 * residual / met, residual));
+        (void)json_array_append_new(
+            notes, json_sprintf("%.1f %% of the light that met surfaces is unaccounted for (%.3g W); kiln check names "
+                                "surfaces without texels and lightmaps that are too coarse",
+                                100.0 * residual / met, residual));
 }
 
-static double number_of(const json_t *object, const char *key) { return json_number_value(json_object_get(object, key)); }
+static double number_of(const json_t *object, const char *key)
+{
+    return json_number_value(json_object_get(object, key));
+}
 
 /* The density, or the size of lightmaps, at which two texels lie between charts. */
 static void name_padding(const json_t *borders, char *text, size_t size)
 {
     const double factor = number_of(borders, "padding_factor"), density = number_of(borders, "texels_per_metre");
     if (factor < 0.0)
-        (void)snprintf(text, size, "%s", "no density would do, for charts touch or lightmaps would be larger than --lightmap-max; ");
+        (void)snprintf(text, size, "%s",
+                       "no density would do, for charts touch or lightmaps would be larger than --lightmap-max; ");
     else if (factor > 0.0 && density > 0.0)
         (void)snprintf(text, size, "--texels-per-metre %.3g would leave less than 1 %%; ", factor * density);
     else if (factor > 0.0)
@@ -147,9 +173,12 @@ static void note_borders(const json_t *report, json_t *notes)
     if (!(share > NOTE_BORDERS))
         return;
     name_padding(borders, padding, sizeof padding);
-    (void)json_array_append_new(notes, json_sprintf("along %.2g %% of the borders of charts, in %.0f lightmaps, light of another chart is read, for less "
-                                                    "than two texels lie between them; %s--repack lays such charts out anew",
-                                                    100.0 * share, number_of(borders, "disturbed_lightmaps"), padding));
+    (void)json_array_append_new(
+        notes,
+        json_sprintf(
+            "along %.2g %% of the borders of charts, in %.0f lightmaps, light of another chart is read, for less "
+            "than two texels lie between them; %s--repack lays such charts out anew",
+            100.0 * share, number_of(borders, "disturbed_lightmaps"), padding));
 }
 
 json_t *kiln_run_notes(const json_t *report)
@@ -182,7 +211,8 @@ static void print_phases(FILE *stream, const json_t *report)
     const char *cells[ROWS * COLUMNS] = {"phase", "least s", "mean s", "slowest s", "imbalance", "of all"};
     size_t rows = 1, index;
     const json_t *phase;
-    json_array_foreach(json_object_get(report, "phases"), index, phase) {
+    json_array_foreach(json_object_get(report, "phases"), index, phase)
+    {
         if (rows == ROWS)
             break;
         phase_row(text[rows], phase, whole(report));
@@ -196,10 +226,11 @@ static void print_phases(FILE *stream, const json_t *report)
 static void print_time(FILE *stream, const json_t *report)
 {
     const json_int_t restarts = json_integer_value(json_object_get(report, "restarts"));
-    const json_int_t ranks = json_integer_value(json_object_get(report, "ranks")), threads = json_integer_value(json_object_get(report, "threads"));
+    const json_int_t ranks = json_integer_value(json_object_get(report, "ranks")),
+                     threads = json_integer_value(json_object_get(report, "threads"));
     char text[48];
-    (void)fprintf(stream, "\n%s on %lld rank%s of %lld thread%s", kiln_duration_text(whole(report), text, sizeof text), (long long)ranks, ranks == 1 ? "" : "s",
-                  (long long)threads, threads == 1 ? "" : "s");
+    (void)fprintf(stream, "\n%s on %lld rank%s of %lld thread%s", kiln_duration_text(whole(report), text, sizeof text),
+                  (long long)ranks, ranks == 1 ? "" : "s", (long long)threads, threads == 1 ? "" : "s");
     if (restarts > 0)
         (void)fprintf(stream, ", in %lld runs", (long long)restarts + 1);
     (void)fprintf(stream, "; %.2f Mrays/s\n", json_number_value(json_object_get(report, "mrays_per_second")));
@@ -209,7 +240,8 @@ static void print_memory(FILE *stream, const json_t *report)
 {
     const json_t *memory = json_object_get(report, "memory");
     const json_int_t asked = json_integer_value(json_object_get(memory, "asked_node"));
-    (void)fprintf(stream, "peak memory of a rank %.1f MiB", (double)json_integer_value(json_object_get(memory, "peak_rank")) / 1048576.0);
+    (void)fprintf(stream, "peak memory of a rank %.1f MiB",
+                  (double)json_integer_value(json_object_get(memory, "peak_rank")) / 1048576.0);
     if (asked > 0)
         (void)fprintf(stream, "; Slurm gives %.1f MiB a node", (double)asked / 1048576.0);
     (void)fputc('\n', stream);
@@ -218,8 +250,10 @@ static void print_memory(FILE *stream, const json_t *report)
 static void print_reached(FILE *stream, const json_t *report)
 {
     const json_t *points = json_object_get(report, "points");
-    const double count = json_number_value(json_object_get(points, "count")), invalid = json_number_value(json_object_get(points, "invalid"));
-    (void)fprintf(stream, "%.0f surface points, %.2f %% of them buried\n", count, count > 0.0 ? 100.0 * invalid / count : 0.0);
+    const double count = json_number_value(json_object_get(points, "count")),
+                 invalid = json_number_value(json_object_get(points, "invalid"));
+    (void)fprintf(stream, "%.0f surface points, %.2f %% of them buried\n", count,
+                  count > 0.0 ? 100.0 * invalid / count : 0.0);
     (void)fprintf(stream, "standard error %.3f %% of the mean; energy balanced to %.3f %% of what was emitted\n",
                   100.0 * json_number_value(json_object_get(json_object_get(report, "error"), "mean_relative")),
                   100.0 * json_number_value(json_object_get(json_object_get(report, "energy"), "relative_residual")));

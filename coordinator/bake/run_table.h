@@ -5,13 +5,13 @@
 #include <jansson.h>
 #include <stdio.h>
 
-/* An array of sentences, each with a remedy, from the report's phases: of the phase in which most is lost because a rank takes longer
- * than the mean (by more than 5 %), and of writing files when that is more than 10 % of the bake. What costs less than a second
- * is not worth a sentence. NULL without memory. json_decref it. */
+/* An array of sentences, each with a remedy, from the report's phases: of the phase in which most is lost because a
+ * rank takes longer than the mean (by more than 5 %), and of writing files when that is more than 10 % of the bake.
+ * What costs less than a second is not worth a sentence. NULL without memory. json_decref it. */
 json_t *kiln_run_notes(const json_t *report);
 
-/* Writes phases (seconds over the ranks, imbalance: slowest over mean - 1, mean as a share of the bake), what was reached, and the
- * report's notes. */
+/* Writes phases (seconds over the ranks, imbalance: slowest over mean - 1, mean as a share of the bake), what was
+ * reached, and the report's notes. */
 void kiln_run_table(FILE *stream, const json_t *report);
 
 #endif

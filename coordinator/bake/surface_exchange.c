@@ -3,7 +3,7 @@
 #include <limits.h>
 #include <string.h>
 
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
 enum { ROUND_BYTES = 32 << 20 };
@@ -43,7 +43,7 @@ static size_t records_at_once(const struct kiln_surface_meeting *m, size_t size)
 /* ---- to everybody ---- */
 
 struct rounds {
-    uint64_t *records; /* rank: how many it has in all */
+    uint64_t *records;    /* rank: how many it has in all */
     int *counts, *places; /* bytes of a round */
     int ranks;
     uint64_t number;
@@ -61,7 +61,8 @@ static uint64_t lay_out(struct rounds *r, uint64_t round, size_t size)
 {
     uint64_t bytes = 0;
     for (int i = 0; i < r->ranks; i++) {
-        const uint64_t count = round_begin(r->records[i], round + 1, r->number) - round_begin(r->records[i], round, r->number);
+        const uint64_t count =
+            round_begin(r->records[i], round + 1, r->number) - round_begin(r->records[i], round, r->number);
         r->places[i] = (int)bytes;
         r->counts[i] = (int)(count * size);
         bytes += count * size;
@@ -69,7 +70,8 @@ static uint64_t lay_out(struct rounds *r, uint64_t round, size_t size)
     return bytes;
 }
 
-static int plan_rounds(struct rounds *r, const struct kiln_surface_meeting *m, size_t count, size_t size, struct kiln_error *error)
+static int plan_rounds(struct rounds *r, const struct kiln_surface_meeting *m, size_t count, size_t size,
+                       struct kiln_error *error)
 {
     const char *what = "what the ranks tell one another of the surface";
     const uint64_t own = count;
@@ -95,8 +97,8 @@ static int plan_rounds(struct rounds *r, const struct kiln_surface_meeting *m, s
     return kiln_agree(m->communicator, kiln_allocate(&r->arrived, most, 1, what, error), error);
 }
 
-static int all(void *context, int status, const void *own, size_t count, size_t size, kiln_surface_taker take, void *taker,
-               struct kiln_error *error)
+static int all(void *context, int status, const void *own, size_t count, size_t size, kiln_surface_taker take,
+               void *taker, struct kiln_error *error)
 {
     const struct kiln_surface_meeting *m = context;
     struct rounds rounds = {0};
@@ -108,7 +110,8 @@ static int all(void *context, int status, const void *own, size_t count, size_t 
     for (uint64_t round = 0; round < rounds.number && status == KILN_OK; round++) {
         const uint64_t bytes = lay_out(&rounds, round, size);
         const char *begin = count > 0 ? (const char *)own + round_begin(count, round, rounds.number) * size : NULL;
-        (void)MPI_Allgatherv(begin, rounds.counts[rank], MPI_BYTE, rounds.arrived, rounds.counts, rounds.places, MPI_BYTE, m->communicator);
+        (void)MPI_Allgatherv(begin, rounds.counts[rank], MPI_BYTE, rounds.arrived, rounds.counts, rounds.places,
+                             MPI_BYTE, m->communicator);
         take(taker, rounds.arrived, bytes / size);
     }
     kiln_free(&rounds.records);
@@ -132,7 +135,8 @@ struct parcels {
 /* How many messages the records of one rank for another need. */
 static size_t messages(uint64_t records, size_t at_once) { return (size_t)((records + at_once - 1) / at_once); }
 
-static int plan_parcels(struct parcels *p, const struct kiln_surface_meeting *m, const size_t *counts, size_t size, struct kiln_error *error)
+static int plan_parcels(struct parcels *p, const struct kiln_surface_meeting *m, const size_t *counts, size_t size,
+                        struct kiln_error *error)
 {
     const char *what = "what the ranks send one another of the surface";
     size_t needed = 0;
@@ -157,8 +161,10 @@ static int plan_parcels(struct parcels *p, const struct kiln_surface_meeting *m,
     return kiln_agree(m->communicator, status, error);
 }
 
-/* Begins to receive or, with `out`, to send what goes between this rank and each other one; messages of two ranks keep their order. */
-static void start(struct parcels *p, const struct kiln_surface_meeting *m, const uint64_t *counts, size_t size, const char *out)
+/* Begins to receive or, with `out`, to send what goes between this rank and each other one; messages of two ranks keep
+ * their order. */
+static void start(struct parcels *p, const struct kiln_surface_meeting *m, const uint64_t *counts, size_t size,
+                  const char *out)
 {
     const size_t at_once = records_at_once(m, size);
     size_t place = 0;
@@ -176,8 +182,8 @@ static void start(struct parcels *p, const struct kiln_surface_meeting *m, const
     }
 }
 
-static int deal(void *context, int status, const void *own, const size_t *counts, size_t size, kiln_surface_taker take, void *taker,
-                struct kiln_error *error)
+static int deal(void *context, int status, const void *own, const size_t *counts, size_t size, kiln_surface_taker take,
+                void *taker, struct kiln_error *error)
 {
     const struct kiln_surface_meeting *m = context;
     struct parcels p = {0};

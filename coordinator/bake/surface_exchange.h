@@ -1,7 +1,8 @@
 /* How the ranks that build a surface speak with one another, over MPI.
  *
- * What goes to everybody goes in rounds: each brings the same share of what it has in each, so that a round needs little memory on the
- * other side and its counts fit MPI's int. What goes to one rank goes in as many messages as that takes. */
+ * What goes to everybody goes in rounds: each brings the same share of what it has in each, so that a round needs
+ * little memory on the other side and its counts fit MPI's int. What goes to one rank goes in as many messages as that
+ * takes. */
 #ifndef KILN_COORDINATOR_BAKE_SURFACE_EXCHANGE_H
 #define KILN_COORDINATOR_BAKE_SURFACE_EXCHANGE_H
 

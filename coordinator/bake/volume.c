@@ -3,12 +3,13 @@
 #include <math.h>
 #include <string.h>
 
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
 enum { PROBES_ALONG = 16, BATCH_LEAST = 256, BATCH_MOST = 1 << 16, BATCH_RAYS = 1 << 24 };
 
-int kiln_volume_grid(struct kiln_volume_result *volume, const struct kiln_scene *scene, double spacing, struct kiln_error *error)
+int kiln_volume_grid(struct kiln_volume_result *volume, const struct kiln_scene *scene, double spacing,
+                     struct kiln_error *error)
 {
     const double *low = scene->header->bounds_min, *high = scene->header->bounds_max;
     *volume = (struct kiln_volume_result){0};
@@ -27,8 +28,10 @@ int kiln_volume_grid(struct kiln_volume_result *volume, const struct kiln_scene 
         volume->origin[a] = 0.5 * (low[a] + high[a]) - 0.5 * (count - 1.0) * volume->spacing[a];
         total *= count;
         if (total > 0x1p28)
-            return kiln_fail(error, KILN_USAGE, "a probe every %g m would make more than %.0f probes in a scene of %g x %g x %g m; "
-                             "use a larger --probe-spacing", spacing, 0x1p28, high[0] - low[0], high[1] - low[1], high[2] - low[2]);
+            return kiln_fail(error, KILN_USAGE,
+                             "a probe every %g m would make more than %.0f probes in a scene of %g x %g x %g m; "
+                             "use a larger --probe-spacing",
+                             spacing, 0x1p28, high[0] - low[0], high[1] - low[1], high[2] - low[2]);
         volume->size[a] = (uint64_t)count;
     }
     return KILN_OK;
@@ -111,7 +114,8 @@ static int gather_batch(struct volume_work *w, double *seconds, struct kiln_erro
     uint64_t count = 0;
     for (; first + count < w->volume->count && count < w->batch && w->done[first + count] == 0; count++)
         w->positions[count] = position_of(w->volume, p->scene->header->centre, w->volume->first + first + count);
-    const int status = kiln_backend_probes(p->backend, w->positions, count, w->volume->first + first, p->samples, w->probes + first, w->rays, error);
+    const int status = kiln_backend_probes(p->backend, w->positions, count, w->volume->first + first, p->samples,
+                                           w->probes + first, w->rays, error);
     if (status == KILN_OK)
         memset(w->done + first, 1, count);
     w->next += count;
@@ -136,7 +140,8 @@ static int gather_all(struct volume_work *w, struct kiln_error *error)
         if (status == KILN_OK && find_next(w)) {
             double seconds = 0.0;
             status = gather_batch(w, &seconds, error);
-            event = kiln_control_poll(p->control, !find_next(w), (double)w->finished / (double)w->volume->count, seconds, status);
+            event = kiln_control_poll(p->control, !find_next(w), (double)w->finished / (double)w->volume->count,
+                                      seconds, status);
         } else {
             event = kiln_control_wait(p->control, true, 1.0, status, NULL, NULL);
         }
@@ -150,7 +155,8 @@ static int gather_all(struct volume_work *w, struct kiln_error *error)
     }
 }
 
-int kiln_volume_save_all(const struct kiln_volume_result *volume, const struct kiln_volume_params *params, uint64_t *rays, struct kiln_error *error)
+int kiln_volume_save_all(const struct kiln_volume_result *volume, const struct kiln_volume_params *params,
+                         uint64_t *rays, struct kiln_error *error)
 {
     struct volume_work w = {.params = params, .volume = (struct kiln_volume_result *)(uintptr_t)volume, .rays = rays};
     w.probes = (struct kiln_probe_result *)(uintptr_t)volume->probes;
@@ -163,7 +169,8 @@ int kiln_volume_save_all(const struct kiln_volume_result *volume, const struct k
     return status;
 }
 
-int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_params *params, uint64_t *rays, struct kiln_error *error)
+int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_params *params, uint64_t *rays,
+                    struct kiln_error *error)
 {
     int rank, ranks;
     (void)MPI_Comm_rank(params->communicator, &rank);
@@ -174,7 +181,8 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
     const uint64_t total = volume->size[0] * volume->size[1] * volume->size[2];
     volume->first = total * (uint64_t)rank / (uint64_t)ranks;
     volume->count = total * ((uint64_t)rank + 1) / (uint64_t)ranks - volume->first;
-    struct volume_work w = {.params = params, .volume = volume, .batch_most = batch_size(params->samples), .rays = rays};
+    struct volume_work w = {
+        .params = params, .volume = volume, .batch_most = batch_size(params->samples), .rays = rays};
     w.batch = 1; /* one may take a second, where it has many samples */
     status = kiln_allocate(&w.probes, volume->count, sizeof *w.probes, "the probes", error);
     if (status == KILN_OK)

@@ -39,14 +39,16 @@ static void assign(FILE *stream, const char *name, const char *text)
 
 /* ---- what Slurm reads ---- */
 
-static int check_word(const char *text, const char *allowed, const char *option, const char *remedy, struct kiln_error *error)
+static int check_word(const char *text, const char *allowed, const char *option, const char *remedy,
+                      struct kiln_error *error)
 {
     if (text == NULL)
         return KILN_OK;
     bool good = text[0] != '\0' && text[0] != '-';
     for (const char *at = text; *at != '\0'; at++)
         good = good && (isalnum((unsigned char)*at) || strchr(allowed, *at) != NULL);
-    return good ? KILN_OK : kiln_fail(error, KILN_USAGE, "--%s: '%.200s' is not one of Slurm's; %s", option, text, remedy);
+    return good ? KILN_OK
+                : kiln_fail(error, KILN_USAGE, "--%s: '%.200s' is not one of Slurm's; %s", option, text, remedy);
 }
 
 static int check(const struct kiln_batch *batch, struct kiln_error *error)
@@ -55,8 +57,13 @@ static int check(const struct kiln_batch *batch, struct kiln_error *error)
     if (status == KILN_OK)
         status = check_word(batch->account, "_-.", "account", "sacctmgr lists the accounts", error);
     if (status == KILN_OK && batch->time != NULL && batch->time[strspn(batch->time, "0123456789:-")] != '\0')
-        status = kiln_fail(error, KILN_USAGE, "--time: '%.200s' is not a time of Slurm's; write MINUTES, HOURS:MINUTES:SECONDS or DAYS-HOURS", batch->time);
-    return status != KILN_OK ? status : check_word(batch->time, ":-", "time", "write MINUTES, HOURS:MINUTES:SECONDS or DAYS-HOURS", error);
+        status =
+            kiln_fail(error, KILN_USAGE,
+                      "--time: '%.200s' is not a time of Slurm's; write MINUTES, HOURS:MINUTES:SECONDS or DAYS-HOURS",
+                      batch->time);
+    return status != KILN_OK
+               ? status
+               : check_word(batch->time, ":-", "time", "write MINUTES, HOURS:MINUTES:SECONDS or DAYS-HOURS", error);
 }
 
 static bool tries_again(const struct kiln_batch *batch) { return batch->nodes > 1 && batch->tries > 1; }
@@ -99,8 +106,10 @@ static void write_directives(FILE *stream, const struct kiln_batch *batch)
         (void)fputs("#SBATCH --no-kill\n", stream);
     if (batch->item_count > 1)
         (void)fprintf(stream, "#SBATCH --array=0-%zu\n", batch->item_count - 1);
-    (void)fprintf(stream, "#SBATCH --signal=B:USR1@%u\n#SBATCH --requeue\n#SBATCH --open-mode=append\n#SBATCH --output=kiln-%s.log\n",
-                  batch->warning, batch->item_count > 1 ? "%A_%a" : "%j");
+    (void)fprintf(
+        stream,
+        "#SBATCH --signal=B:USR1@%u\n#SBATCH --requeue\n#SBATCH --open-mode=append\n#SBATCH --output=kiln-%s.log\n",
+        batch->warning, batch->item_count > 1 ? "%A_%a" : "%j");
 }
 
 /* ---- what the shell reads ---- */
@@ -118,7 +127,8 @@ static void write_list(FILE *stream, const char *name, const struct kiln_batch *
 
 static void write_names(FILE *stream, const struct kiln_batch *batch)
 {
-    (void)fprintf(stream, "\n# A bake by kiln " KILN_VERSION ". The same script can be submitted again: it goes on where the last run stopped.\n\n");
+    (void)fprintf(stream, "\n# A bake by kiln " KILN_VERSION
+                          ". The same script can be submitted again: it goes on where the last run stopped.\n\n");
     assign(stream, "folder", batch->folder);
     assign(stream, "kiln", batch->program);
     assign(stream, "mpirun", batch->mpirun);
@@ -166,17 +176,16 @@ static const char work[] =
     "}\n"
     "trap tell USR1 TERM\n";
 
-static const char wait_for_it[] =
-    "  bake=$!\n"
-    "  [ $told = no ] || tell\n"
-    "  wait \"$bake\"\n"
-    "  status=$?\n"
-    "  while kill -0 \"$bake\" 2>/dev/null; do # a signal ends `wait`, not the bake\n"
-    "    wait \"$bake\"\n"
-    "    status=$?\n"
-    "  done\n"
-    "  bake=\n"
-    "}\n";
+static const char wait_for_it[] = "  bake=$!\n"
+                                  "  [ $told = no ] || tell\n"
+                                  "  wait \"$bake\"\n"
+                                  "  status=$?\n"
+                                  "  while kill -0 \"$bake\" 2>/dev/null; do # a signal ends `wait`, not the bake\n"
+                                  "    wait \"$bake\"\n"
+                                  "    status=$?\n"
+                                  "  done\n"
+                                  "  bake=\n"
+                                  "}\n";
 
 /* A rank that died on a node that answers might do so again: that is for the queue to try. */
 static const char leave_out[] =
@@ -240,7 +249,8 @@ static const char judge[] =
     "    if [ \"$attempt\" -lt 3 ] || [ \"$(newest)\" != \"$before\" ]; then\n"
     "      again=yes\n"
     "    else\n"
-    "      echo \"kiln: not put back into the queue: attempt $((attempt + 1)) ended (exit $status) without a new checkpoint\"\n"
+    "      echo \"kiln: not put back into the queue: attempt $((attempt + 1)) ended (exit $status) without a new "
+    "checkpoint\"\n"
     "    fi ;;\n"
     "esac\n"
     "if [ $again = yes ]; then\n"
@@ -252,8 +262,10 @@ static const char judge[] =
 static void write_run(FILE *stream, const struct kiln_batch *batch)
 {
     if (tries_again(batch))
-        (void)fprintf(stream, "\nranks=%u # a node\ntries=%u # in this allocation\nwhere=() # all its nodes\n", batch->ranks_per_node, batch->tries);
-    (void)fprintf(stream, "\nrun() {\n  \"$mpirun\" %s--map-by ppr:%u:node \"$kiln\" bake \"${options[@]}\" -- \"$job\" &\n",
+        (void)fprintf(stream, "\nranks=%u # a node\ntries=%u # in this allocation\nwhere=() # all its nodes\n",
+                      batch->ranks_per_node, batch->tries);
+    (void)fprintf(stream,
+                  "\nrun() {\n  \"$mpirun\" %s--map-by ppr:%u:node \"$kiln\" bake \"${options[@]}\" -- \"$job\" &\n",
                   tries_again(batch) ? "\"${where[@]}\" " : "", batch->ranks_per_node);
     (void)fputs(wait_for_it, stream);
     (void)fputs(tries_again(batch) ? leave_out : "\nrun\n", stream);

@@ -92,10 +92,13 @@ int kiln_batch_submit(const char *script, size_t length, char **id, struct kiln_
     }
     (void)close(ends[0]);
     if (failure == ENOENT)
-        return kiln_fail(error, KILN_SITE, "there is no sbatch in PATH; submit from a login node of a Slurm cluster, or write the script with --dry-run");
+        return kiln_fail(error, KILN_SITE,
+                         "there is no sbatch in PATH; submit from a login node of a Slurm cluster, or write the script "
+                         "with --dry-run");
     if (failure != 0)
         return kiln_fail_errno(error, KILN_SITE, "cannot start sbatch");
     if (!WIFEXITED(exit_status) || WEXITSTATUS(exit_status) != 0)
-        return kiln_fail(error, KILN_SITE, "sbatch refused the job; its reason stands above, --dry-run shows the script");
+        return kiln_fail(error, KILN_SITE,
+                         "sbatch refused the job; its reason stands above, --dry-run shows the script");
     return take_id(answer, id, error);
 }

@@ -11,14 +11,14 @@
 #include "coordinator/bake/run_report.h"
 #include "coordinator/bake/run_table.h"
 #include "coordinator/bake/volume.h"
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/output_name.h"
-#include "coordinator/cli/process.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/output_name.h"
+#include "coordinator/run/process.h"
 #include "coordinator/export/export.h"
 #include "coordinator/output/manifest.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/view.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
@@ -32,7 +32,7 @@ struct bake {
     char scene_file[KILN_PATH_SIZE];
     double begin;
     struct kiln_phases phases;
-    struct kiln_trace *trace; /* NULL: not wanted */
+    struct kiln_trace *trace;       /* NULL: not wanted */
     struct kiln_watchdog *watchdog; /* NULL: none */
     struct kiln_control *control;
     struct kiln_checkpoint *checkpoint;
@@ -48,7 +48,7 @@ struct bake {
     bool same_probes; /* those of the checkpoint that is gone on from may be taken */
     bool saves;       /* within passes, and among the probes: who stops there has written a checkpoint */
     bool light_done;  /* all but the files */
-    json_t *preview; /* rank 0: how it was taken; NULL: none */
+    json_t *preview;  /* rank 0: how it was taken; NULL: none */
     char preview_text[KILN_VIEWPOINT_TEXT];
     bool exported;  /* scene.glb is there */
     json_t *report; /* rank 0: what run.json says */
@@ -87,17 +87,21 @@ static int make_lightmap_folder(struct bake *b, struct kiln_error *error)
 static int remove_stale(const struct bake *b, struct kiln_error *error)
 {
     struct kiln_pruned pruned;
-    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->job->export};
-    const int status = kiln_manifest_prune(b->job->output, b->prepared->scene, b->prepared->surface, &parts, &pruned, error);
+    const struct kiln_manifest_parts parts = {
+        .volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->job->export};
+    const int status =
+        kiln_manifest_prune(b->job->output, b->prepared->scene, b->prepared->surface, &parts, &pruned, error);
     if (status == KILN_OK && pruned.removed > 0 && !b->job->quiet)
-        (void)fprintf(stderr, "kiln: removed %zu file%s of the bake before, which this one does not write\n", pruned.removed, pruned.removed == 1 ? "" : "s");
+        (void)fprintf(stderr, "kiln: removed %zu file%s of the bake before, which this one does not write\n",
+                      pruned.removed, pruned.removed == 1 ? "" : "s");
     if (status == KILN_OK && pruned.kept > 0)
-        kiln_print(stderr, "kiln: note: %zu file%s of the bake before %s changed since, and left in place: %s first\n", pruned.kept,
-                      pruned.kept == 1 ? "" : "s", pruned.kept == 1 ? "was" : "were", pruned.first_kept);
+        kiln_print(stderr, "kiln: note: %zu file%s of the bake before %s changed since, and left in place: %s first\n",
+                   pruned.kept, pruned.kept == 1 ? "" : "s", pruned.kept == 1 ? "was" : "were", pruned.first_kept);
     return status;
 }
 
-/* The manifest and run.json of an earlier bake would vouch for results that are about to be replaced one by one: they go first. */
+/* The manifest and run.json of an earlier bake would vouch for results that are about to be replaced one by one: they
+ * go first. */
 static int forget_old_report(struct bake *b, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -115,7 +119,8 @@ static int forget_old_report(struct bake *b, struct kiln_error *error)
     return kiln_agree(b->communicator, status, error);
 }
 
-/* Another bake in the folder is refused; a checkpoint is looked for, and settles the instruction set unless the job does. */
+/* Another bake in the folder is refused; a checkpoint is looked for, and settles the instruction set unless the job
+ * does. */
 static int take_charge(struct bake *b, struct kiln_error *error)
 {
     const struct kiln_control_params params = {.communicator = b->communicator,
@@ -145,7 +150,9 @@ static int drop_trace(struct bake *b, int status)
 static int check_outputs(struct bake *b, struct kiln_error *error)
 {
     static const struct kiln_manifest_parts all = {.volume = true, .preview = true, .scene = true};
-    const struct kiln_output_name trace = {.option = "--trace", .path = b->job->trace, .inputs = {b->job->scene, b->job->arguments[0], b->job->environment},
+    const struct kiln_output_name trace = {.option = "--trace",
+                                           .path = b->job->trace,
+                                           .inputs = {b->job->scene, b->job->arguments[0], b->job->environment},
                                            .bakes = {b->job->output}};
     int status = KILN_OK;
     if (b->rank == 0) {
@@ -160,7 +167,8 @@ static int check_outputs(struct bake *b, struct kiln_error *error)
 /* Rank 0. Whether each lightmap can be put in its place. */
 static int check_lightmaps(const struct bake *b, const struct kiln_prepared *p, struct kiln_error *error)
 {
-    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->job->export};
+    const struct kiln_manifest_parts parts = {
+        .volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->job->export};
     return kiln_manifest_look(b->job->output, p->scene, p->surface, &parts, error);
 }
 
@@ -177,38 +185,50 @@ static int compare_with_checkpoint(struct bake *b, const struct kiln_prepared *p
 {
     char note[400];
     b->identity = kiln_identity_make(b->job, prepared);
-    int status = kiln_agree(b->communicator, b->identity != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the bake's identity"), error);
+    int status = kiln_agree(
+        b->communicator,
+        b->identity != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the bake's identity"), error);
     if (status == KILN_OK && !b->job->resume)
         kiln_checkpoint_remove(b->checkpoint);
     if (status != KILN_OK || kiln_checkpoint_generation(b->checkpoint) == 0)
         return status;
-    status = kiln_identity_compare(kiln_checkpoint_identity(b->checkpoint), b->identity, b->job->output, note, sizeof note, error);
+    status = kiln_identity_compare(kiln_checkpoint_identity(b->checkpoint), b->identity, b->job->output, note,
+                                   sizeof note, error);
     b->same_probes = kiln_identity_same_probes(kiln_checkpoint_identity(b->checkpoint), b->identity);
     if (status != KILN_OK || b->rank != 0 || b->job->quiet)
         return status;
     char age[48];
     const double written = kiln_checkpoint_written(b->checkpoint);
-    (void)fprintf(stderr, "kiln: going on from checkpoint %llu, written %s ago (--no-resume would start from the beginning)\n",
-                  (unsigned long long)kiln_checkpoint_generation(b->checkpoint), kiln_duration_text((double)time(NULL) - written, age, sizeof age));
+    (void)fprintf(stderr,
+                  "kiln: going on from checkpoint %llu, written %s ago (--no-resume would start from the beginning)\n",
+                  (unsigned long long)kiln_checkpoint_generation(b->checkpoint),
+                  kiln_duration_text((double)time(NULL) - written, age, sizeof age));
     if (note[0] != '\0')
         kiln_print(stderr, "kiln: note: %s\n", note);
     if (!b->same_probes && b->job->samples_probe != 0 && kiln_checkpoint_has(b->checkpoint, "probes"))
-        (void)fprintf(stderr, "kiln: note: the checkpoint's probes are of other settings (--probe-spacing, --samples-probe): they are gathered anew, "
-                      "the light on surfaces is not\n");
+        (void)fprintf(stderr, "kiln: note: the checkpoint's probes are of other settings (--probe-spacing, "
+                              "--samples-probe): they are gathered anew, "
+                              "the light on surfaces is not\n");
     return status;
 }
 
 /* Rank 0. What no machine of this size can hold, or this disk. */
-static int check_room(const struct bake *b, const struct kiln_prepared *p, const struct kiln_volume_result *volume, struct kiln_error *error)
+static int check_room(const struct bake *b, const struct kiln_prepared *p, const struct kiln_volume_result *volume,
+                      struct kiln_error *error)
 {
     const double memory = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
     const uint64_t probes = volume->size[0] * volume->size[1] * volume->size[2];
     const double needed = (double)probes / p->ranks * p->node_ranks * (double)sizeof(struct kiln_probe_result);
     if (memory > 0.0 && needed > memory)
-        return kiln_fail(error, KILN_SYSTEM, "%llu probes take %.1f GiB on this host, which has %.1f GiB: use a larger --probe-spacing, or more hosts",
-                         (unsigned long long)probes, needed / 0x1p30, memory / 0x1p30);
-    return p->surface == NULL ? KILN_OK
-                              : kiln_require_space(b->job->output, kiln_h5_space(p->scene, p->surface) + (probes > 0 ? kiln_volume_space(volume) : 0), error);
+        return kiln_fail(
+            error, KILN_SYSTEM,
+            "%llu probes take %.1f GiB on this host, which has %.1f GiB: use a larger --probe-spacing, or more hosts",
+            (unsigned long long)probes, needed / 0x1p30, memory / 0x1p30);
+    return p->surface == NULL
+               ? KILN_OK
+               : kiln_require_space(b->job->output,
+                                    kiln_h5_space(p->scene, p->surface) + (probes > 0 ? kiln_volume_space(volume) : 0),
+                                    error);
 }
 
 /* kiln_prepare_care: all that can be refused is refused before the first ray. */
@@ -216,7 +236,8 @@ static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_
 {
     struct bake *b = context;
     struct kiln_volume_result volume = {0};
-    int status = b->job->samples_probe != 0 ? kiln_volume_grid(&volume, p->scene, b->job->probe_spacing, error) : KILN_OK;
+    int status =
+        b->job->samples_probe != 0 ? kiln_volume_grid(&volume, p->scene, b->job->probe_spacing, error) : KILN_OK;
     if (status == KILN_OK && b->rank == 0 && p->surface != NULL)
         status = check_lightmaps(b, p, error);
     status = kiln_agree(b->communicator, status, error);
@@ -236,7 +257,8 @@ static int prepare(struct bake *b, struct kiln_error *error)
     if (pin && kiln_instruction_set_common(b->communicator, before))
         job.instruction_set = (char *)(uintptr_t)before;
     const struct kiln_prepare_care care = {.control = b->control, .refuse = look_ahead, .context = b};
-    const int status = kiln_prepare(&b->prepared, b->communicator, &job, b->scene_file, &b->phases, b->progress, &care, error);
+    const int status =
+        kiln_prepare(&b->prepared, b->communicator, &job, b->scene_file, &b->phases, b->progress, &care, error);
     if (status == KILN_OK && b->rank == 0 && !b->job->quiet)
         say_notes(b->prepared->scene);
     return status;
@@ -260,7 +282,8 @@ static int transport_light(struct bake *b, struct kiln_error *error)
     status = agree_after_phase(b, status, error);
     if (status != KILN_OK)
         return status;
-    kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0, kiln_checkpoint_written(b->checkpoint));
+    kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
+                       kiln_checkpoint_written(b->checkpoint));
     b->transport_params = (struct kiln_transport_params){.communicator = b->communicator,
                                                          .rank = b->rank,
                                                          .ranks = b->prepared->ranks,
@@ -281,7 +304,8 @@ static int transport_light(struct bake *b, struct kiln_error *error)
     status = kiln_transport_run(&b->transport, &b->transport_params, error);
     if (status != KILN_OK)
         return status;
-    static const char *const names[] = {"direct light", "bounces", "final gather"}; /* in the order of enum kiln_pass_kind */
+    /* in the order of enum kiln_pass_kind */
+    static const char *const names[] = {"direct light", "bounces", "final gather"};
     for (int kind = KILN_PASS_DIRECT; kind <= KILN_PASS_FINAL; kind++)
         kiln_phase_add(&b->phases, names[kind], 0.0);
     kiln_phase_add(&b->phases, "exchange", 0.0);
@@ -295,7 +319,8 @@ static int transport_light(struct bake *b, struct kiln_error *error)
 }
 
 /* kiln_volume_save */
-static int save_volume(void *context, const struct kiln_block *blocks, size_t count, bool stop, struct kiln_error *error)
+static int save_volume(void *context, const struct kiln_block *blocks, size_t count, bool stop,
+                       struct kiln_error *error)
 {
     struct bake *b = context;
     const int status = kiln_transport_save(b->transport, &b->transport_params, blocks, count, error);
@@ -329,21 +354,25 @@ static int gather_volume(struct bake *b, struct kiln_error *error)
     return status;
 }
 
-static int write_points(struct bake *b, const struct kiln_bake_result *result, const struct kiln_output_params *params, struct kiln_error *error)
+static int write_points(struct bake *b, const struct kiln_bake_result *result, const struct kiln_output_params *params,
+                        struct kiln_error *error)
 {
     (void)b;
     return kiln_write_h5(result, params, error);
 }
 
-static int write_volume(struct bake *b, const struct kiln_bake_result *result, const struct kiln_output_params *params, struct kiln_error *error)
+static int write_volume(struct bake *b, const struct kiln_bake_result *result, const struct kiln_output_params *params,
+                        struct kiln_error *error)
 {
     return kiln_write_volume(result, &b->volume, params, error);
 }
 
-/* MPI-IO takes an interrupted call for a failure, or even for a success: then reading back brings it to light. A file that could not be made
- * whole is made once more, from the begin; should that fail too, it was no accident. Collective. */
+/* MPI-IO takes an interrupted call for a failure, or even for a success: then reading back brings it to light. A file
+ * that could not be made whole is made once more, from the begin; should that fail too, it was no accident. Collective.
+ */
 static int write_twice(struct bake *b, const struct kiln_bake_result *result, const struct kiln_output_params *params,
-                       int (*write)(struct bake *, const struct kiln_bake_result *, const struct kiln_output_params *, struct kiln_error *),
+                       int (*write)(struct bake *, const struct kiln_bake_result *, const struct kiln_output_params *,
+                                    struct kiln_error *),
                        struct kiln_error *error)
 {
     int status = write(b, result, params, error);
@@ -375,7 +404,8 @@ static int write_results(struct bake *b, const char *provenance, struct kiln_err
                                               .provenance_json = provenance};
     kiln_phase(&b->phases, "lightmaps");
     kiln_progress_phase(b->progress, "lightmaps", 0);
-    int status = kiln_allocate(&b->lightmaps, b->prepared->surface->map_count, sizeof *b->lightmaps, "the lightmaps' report", error);
+    int status = kiln_allocate(&b->lightmaps, b->prepared->surface->map_count, sizeof *b->lightmaps,
+                               "the lightmaps' report", error);
     status = kiln_agree(b->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_write_lightmaps(&result, &params, b->lightmaps, error);
@@ -396,7 +426,11 @@ static int write_results(struct bake *b, const char *provenance, struct kiln_err
 static int draw_picture(struct bake *b, struct kiln_error *error)
 {
     const struct kiln_prepared *p = b->prepared;
-    const struct kiln_view_source source = {.directory = b->job->output, .scene = p->scene, .geometry = p->geometry, .lights = p->lights, .backend = p->backend,
+    const struct kiln_view_source source = {.directory = b->job->output,
+                                            .scene = p->scene,
+                                            .geometry = p->geometry,
+                                            .lights = p->lights,
+                                            .backend = p->backend,
                                             .stop = kiln_control_stop(b->control)};
     const struct kiln_view_wish wish = {0};
     struct kiln_picture picture = {0};
@@ -431,8 +465,10 @@ static int export_beside(const struct bake *b, struct kiln_error *error)
     struct stat source, there;
     uint8_t *backs = NULL;
     int status = kiln_path_join(path, b->job->output, "scene.glb", error);
-    if (status == KILN_OK && stat(b->job->scene, &source) == 0 && stat(path, &there) == 0 && source.st_dev == there.st_dev && source.st_ino == there.st_ino)
-        return kiln_fail(error, KILN_BAD_INPUT, "%s is the scene itself; kiln export writes it to another folder", path);
+    if (status == KILN_OK && stat(b->job->scene, &source) == 0 && stat(path, &there) == 0 &&
+        source.st_dev == there.st_dev && source.st_ino == there.st_ino)
+        return kiln_fail(error, KILN_BAD_INPUT, "%s is the scene itself; kiln export writes it to another folder",
+                         path);
     /* One of an earlier bake would lead to lightmaps that are no longer there. */
     if (status == KILN_OK && kiln_unlink_below(b->job->output, "scene.glb") != 0 && errno != ENOENT)
         status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
@@ -442,13 +478,14 @@ static int export_beside(const struct bake *b, struct kiln_error *error)
         backs[i - s->object_count] = s->lightmaps[i].published != 0;
     if (status == KILN_OK)
         status = kiln_export_beside(b->job->output, b->job->scene, b->prepared->scene, backs,
-                                    kiln_units_of(b->job->units, b->prepared->scene)->irradiance_text, kiln_control_stop(b->control), error);
+                                    kiln_units_of(b->job->units, b->prepared->scene)->irradiance_text,
+                                    kiln_control_stop(b->control), error);
     kiln_free(&backs);
     return status;
 }
 
-/* scene.glb. A source that has gone or changed meanwhile, or that glTF cannot hold in one file, spoils nothing of the bake: it is said, and
- * kiln export can do it later. */
+/* scene.glb. A source that has gone or changed meanwhile, or that glTF cannot hold in one file, spoils nothing of the
+ * bake: it is said, and kiln export can do it later. */
 static int write_scene(struct bake *b, struct kiln_error *error)
 {
     int status = KILN_OK, told = 0;
@@ -499,8 +536,10 @@ static int write_report(struct bake *b, struct kiln_error *error)
 static int write_manifest(struct bake *b, struct kiln_error *error)
 {
     kiln_progress_phase(b->progress, "manifest", 0);
-    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->exported};
-    const int status = kiln_manifest_write(b->communicator, b->job->output, b->prepared->scene, b->prepared->surface, &parts, error);
+    const struct kiln_manifest_parts parts = {
+        .volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->exported};
+    const int status =
+        kiln_manifest_write(b->communicator, b->job->output, b->prepared->scene, b->prepared->surface, &parts, error);
     kiln_progress_finish(b->progress);
     return status;
 }
@@ -544,7 +583,9 @@ static int run_phases(struct bake *b, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     char *provenance = kiln_provenance(b->job, b->prepared);
-    status = kiln_agree(b->communicator, provenance != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: provenance"), error);
+    status =
+        kiln_agree(b->communicator,
+                   provenance != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: provenance"), error);
     if (status == KILN_OK)
         status = write_results(b, provenance, error);
     free(provenance);
@@ -557,8 +598,8 @@ static int run_phases(struct bake *b, struct kiln_error *error)
     return status == KILN_OK ? write_manifest(b, error) : status;
 }
 
-/* After KILN_STOPPED, on all ranks: says what is kept. In passes and among the probes that was done already, with what is computed; here it is
- * that nothing is yet, or all but some of the files. Collective. */
+/* After KILN_STOPPED, on all ranks: says what is kept. In passes and among the probes that was done already, with what
+ * is computed; here it is that nothing is yet, or all but some of the files. Collective. */
 static int end_early(struct bake *b, struct kiln_error *error)
 {
     kiln_phase(&b->phases, NULL);

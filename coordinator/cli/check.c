@@ -6,8 +6,8 @@
 #include <string.h>
 
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/look.h"
+#include "coordinator/files/json.h"
+#include "coordinator/import/scene_survey.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
@@ -22,15 +22,15 @@ struct problem {
 };
 
 struct report {
-    const struct kiln_look *look;
+    const struct kiln_scene_survey *look;
     struct problem *problems;
     size_t count, capacity;
     int status;
     struct kiln_error *error;
 };
 
-__attribute__((format(printf, 5, 6))) static void add(struct report *r, enum severity severity, const char *kind, const char *name,
-                                                      const char *format, ...)
+__attribute__((format(printf, 5, 6))) static void add(struct report *r, enum severity severity, const char *kind,
+                                                      const char *name, const char *format, ...)
 {
     if (r->status != KILN_OK)
         return;
@@ -39,14 +39,18 @@ __attribute__((format(printf, 5, 6))) static void add(struct report *r, enum sev
         return;
     struct problem *p = &r->problems[r->count++];
     p->severity = severity;
-    (void)snprintf(p->place, sizeof p->place, "%s%s%.120s%s", kind, name[0] != '\0' ? " '" : "", name, name[0] != '\0' ? "'" : "");
+    (void)snprintf(p->place, sizeof p->place, "%s%s%.120s%s", kind, name[0] != '\0' ? " '" : "", name,
+                   name[0] != '\0' ? "'" : "");
     va_list arguments;
     va_start(arguments, format);
     (void)vsnprintf(p->text, sizeof p->text, format, arguments);
     va_end(arguments);
 }
 
-static const char *text_at(const struct report *r, uint32_t offset) { return kiln_scene_string(r->look->scene, offset); }
+static const char *text_at(const struct report *r, uint32_t offset)
+{
+    return kiln_scene_string(r->look->scene, offset);
+}
 
 static void check_notes(struct report *r)
 {
@@ -64,7 +68,8 @@ static void check_lights(struct report *r)
             add(r, WARNING, "light", text_at(r, s->lights[i].name), "it is dark: its intensity is 0");
     }
     if (s->light_count == 0 && r->look->emissive_triangles == 0 && s->environment->kind == KILN_ENVIRONMENT_NONE)
-        add(r, WARNING, "scene", "", "there is no light: no emissive triangle, no light, no environment (--environment R,G,B gives one)");
+        add(r, WARNING, "scene", "",
+            "there is no light: no emissive triangle, no light, no environment (--environment R,G,B gives one)");
 }
 
 static void check_materials(struct report *r)
@@ -76,7 +81,8 @@ static void check_materials(struct report *r)
         if (m->metallic >= 1.0f)
             add(r, INFORMATION, "material", text_at(r, m->name), "it is a metal and reflects no diffuse light");
         else if ((double)brightest * (1.0 - (double)m->metallic) > bright_albedo && m->base_color_texture == KILN_NONE)
-            add(r, INFORMATION, "material", text_at(r, m->name), "its albedo of %.3f keeps light alive for very many bounces; real paint is below 0.9",
+            add(r, INFORMATION, "material", text_at(r, m->name),
+                "its albedo of %.3f keeps light alive for very many bounces; real paint is below 0.9",
                 (double)brightest * (1.0 - (double)m->metallic));
     }
 }
@@ -90,7 +96,8 @@ static void check_emitters(struct report *r)
         for (uint64_t t = mesh->triangle_first; t < mesh->triangle_first + mesh->triangle_count; t++) {
             const struct kiln_material *m = &s->materials[s->triangle_materials[t]];
             if (m->emission[0] + m->emission[1] + m->emission[2] > 0.0f) {
-                add(r, WARNING, "mesh", text_at(r, mesh->name), "material '%.80s' emits, but its texture is black all over the mesh", text_at(r, m->name));
+                add(r, WARNING, "mesh", text_at(r, mesh->name),
+                    "material '%.80s' emits, but its texture is black all over the mesh", text_at(r, m->name));
                 break;
             }
         }
@@ -144,7 +151,8 @@ static int weld(const struct kiln_vec3 *positions, size_t count, uint32_t *welde
 }
 
 /* Whether every edge is run through once in each direction, and the signed volume (positive: faces outward). */
-static int closed_volume(const struct kiln_scene *s, const struct kiln_mesh *mesh, bool *closed, double *volume, struct kiln_error *error)
+static int closed_volume(const struct kiln_scene *s, const struct kiln_mesh *mesh, bool *closed, double *volume,
+                         struct kiln_error *error)
 {
     const struct kiln_vec3 *positions = s->positions + mesh->vertex_first;
     const uint32_t *corners = s->triangles + 3 * mesh->triangle_first;
@@ -170,7 +178,8 @@ static int closed_volume(const struct kiln_scene *s, const struct kiln_mesh *mes
         qsort(edges, 3 * count, sizeof *edges, compare_edges);
         *closed = count > 0;
         for (size_t e = 0; e < 3 * count && *closed; e += 2)
-            *closed = e + 1 < 3 * count && compare_edges(&edges[e], &edges[e + 1]) == 0 && edges[e].sense + edges[e + 1].sense == 0 &&
+            *closed = e + 1 < 3 * count && compare_edges(&edges[e], &edges[e + 1]) == 0 &&
+                      edges[e].sense + edges[e + 1].sense == 0 &&
                       (e + 2 >= 3 * count || compare_edges(&edges[e], &edges[e + 2]) != 0);
     }
     kiln_free(&edges);
@@ -186,12 +195,16 @@ static void check_meshes(struct report *r)
         bool closed = false;
         double volume = 0.0;
         if ((mesh->flags & KILN_MESH_REPACKED) != 0)
-            add(r, INFORMATION, "mesh", text_at(r, mesh->name), "the charts of its second UV set are laid out anew; a viewer needs kiln's layout");
+            add(r, INFORMATION, "mesh", text_at(r, mesh->name),
+                "the charts of its second UV set are laid out anew; a viewer needs kiln's layout");
         else if ((mesh->flags & KILN_MESH_UNWRAPPED) != 0)
-            add(r, INFORMATION, "mesh", text_at(r, mesh->name), "it has no usable second UV set and is unwrapped; a viewer needs kiln's layout");
+            add(r, INFORMATION, "mesh", text_at(r, mesh->name),
+                "it has no usable second UV set and is unwrapped; a viewer needs kiln's layout");
         r->status = closed_volume(s, mesh, &closed, &volume, r->error);
         if (closed && volume < 0.0)
-            add(r, WARNING, "mesh", text_at(r, mesh->name), "it is closed and faces inward: right for a room seen from inside, wrong for a solid (turn its triangles round)");
+            add(r, WARNING, "mesh", text_at(r, mesh->name),
+                "it is closed and faces inward: right for a room seen from inside, wrong for a solid (turn its "
+                "triangles round)");
     }
 }
 
@@ -199,20 +212,23 @@ static void check_objects(struct report *r)
 {
     const struct kiln_scene *s = r->look->scene;
     for (size_t i = 0; i < s->object_count; i++) {
-        const struct kiln_look_object *o = &r->look->objects[i];
+        const struct kiln_scene_survey_object *o = &r->look->objects[i];
         const char *name = text_at(r, s->objects[i].name);
         const double ratio = r->look->density_median > 0.0 ? o->density / r->look->density_median : 1.0;
-        const bool chosen = s->objects[i].density_reason != KILN_DENSITY_COMMON && s->objects[i].density_reason != KILN_DENSITY_MAX;
+        const bool chosen =
+            s->objects[i].density_reason != KILN_DENSITY_COMMON && s->objects[i].density_reason != KILN_DENSITY_MAX;
         if (!chosen && o->density > 0.0 && (ratio > density_outlier || ratio < 1.0 / density_outlier))
-            add(r, WARNING, "object", name, "its %.3g texels per metre are far from the median of %.3g", o->density, r->look->density_median);
+            add(r, WARNING, "object", name, "its %.3g texels per metre are far from the median of %.3g", o->density,
+                r->look->density_median);
         if (o->points > 0 && (double)o->invalid > buried_share * (double)o->points)
-            add(r, WARNING, "object", name, "%.0f %% of its surface lies inside other geometry", 100.0 * (double)o->invalid / (double)o->points);
+            add(r, WARNING, "object", name, "%.0f %% of its surface lies inside other geometry",
+                100.0 * (double)o->invalid / (double)o->points);
         if (o->points == 0)
             add(r, WARNING, "object", name, "it covers no texel");
     }
     if (r->look->surface.shared_texels > 0)
-        add(r, INFORMATION, "lightmaps", "", "%llu of %llu surface points are shared by charts", (unsigned long long)r->look->surface.shared_texels,
-            (unsigned long long)r->look->surface.points);
+        add(r, INFORMATION, "lightmaps", "", "%llu of %llu surface points are shared by charts",
+            (unsigned long long)r->look->surface.shared_texels, (unsigned long long)r->look->surface.points);
 }
 
 static json_t *report_json(const struct report *r, const struct kiln_job *job)
@@ -222,10 +238,12 @@ static json_t *report_json(const struct report *r, const struct kiln_job *job)
     for (size_t i = 0; i < r->count; i++) {
         const struct problem *p = &r->problems[i];
         warnings += p->severity == WARNING;
-        (void)json_array_append_new(list, json_pack("{s:s, s:o, s:o}", "severity", p->severity == WARNING ? "warning" : "information", "place",
+        (void)json_array_append_new(list, json_pack("{s:s, s:o, s:o}", "severity",
+                                                    p->severity == WARNING ? "warning" : "information", "place",
                                                     kiln_json_string(p->place), "text", kiln_json_string(p->text)));
     }
-    return json_pack("{s:s, s:o, s:I, s:o}", "status", "done", "scene", kiln_json_string(job->scene), "warnings", warnings, "problems", list);
+    return json_pack("{s:s, s:o, s:I, s:o}", "status", "done", "scene", kiln_json_string(job->scene), "warnings",
+                     warnings, "problems", list);
 }
 
 static void print_report(const struct report *r, const struct kiln_job *job)
@@ -238,15 +256,17 @@ static void print_report(const struct report *r, const struct kiln_job *job)
             if ((int)p->severity == severity)
                 kiln_print(stdout, "%s: %s: %s\n", severity == WARNING ? "warning" : "note", p->place, p->text);
         }
-    kiln_print(stdout, "%s: %zu warning%s, %zu note%s\n", job->scene, warnings, warnings == 1 ? "" : "s", r->count - warnings, r->count - warnings == 1 ? "" : "s");
+    kiln_print(stdout, "%s: %zu warning%s, %zu note%s\n", job->scene, warnings, warnings == 1 ? "" : "s",
+               r->count - warnings, r->count - warnings == 1 ? "" : "s");
 }
 
 int kiln_command_check(struct kiln_job *job, struct kiln_error *error)
 {
-    static void (*const checks[])(struct report *) = {check_notes, check_lights, check_materials, check_emitters, check_meshes, check_objects};
-    struct kiln_look *look = NULL;
+    static void (*const checks[])(struct report *) = {check_notes,    check_lights, check_materials,
+                                                      check_emitters, check_meshes, check_objects};
+    struct kiln_scene_survey *look = NULL;
     struct report report = {.error = error};
-    report.status = kiln_look_create(&look, job, error);
+    report.status = kiln_scene_survey_create(&look, job, error);
     report.look = look;
     for (size_t i = 0; i < sizeof checks / sizeof checks[0] && report.status == KILN_OK; i++)
         checks[i](&report);
@@ -255,6 +275,6 @@ int kiln_command_check(struct kiln_job *job, struct kiln_error *error)
     else if (report.status == KILN_OK)
         print_report(&report, job);
     kiln_free(&report.problems);
-    kiln_look_destroy(&look);
+    kiln_scene_survey_destroy(&look);
     return report.status;
 }

@@ -1,5 +1,5 @@
-/* kiln compare: two lightmaps, or all lightmaps of two bakes. Bakes whose lightmaps differ in size are compared at places on the
- * surfaces. */
+/* kiln compare: two lightmaps, or all lightmaps of two bakes. Bakes whose lightmaps differ in size are compared at
+ * places on the surfaces. */
 #include "coordinator/output/compare.h"
 
 #include <dirent.h>
@@ -14,8 +14,8 @@
 #include <jansson.h>
 
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/output_name.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/output_name.h"
 #include "coordinator/output/compare_surface.h"
 #include "coordinator/output/image.h"
 #include "coordinator/output/read/results.h"
@@ -26,7 +26,7 @@
 struct one {
     char name[256]; /* of the lightmap's file; empty for two files */
     struct kiln_difference difference;
-    double worst_place[3]; /* m; sampled only */
+    double worst_place[3];       /* m; sampled only */
     uint32_t object_a, object_b; /* sampled only */
 };
 
@@ -35,11 +35,11 @@ struct comparison {
     struct one *ones;
     size_t count, capacity;
     struct kiln_difference total;
-    size_t worst; /* the image with the worst texel */
+    size_t worst;                               /* the image with the worst texel */
     struct kiln_results *results_a, *results_b; /* folders */
     struct kiln_reader *reader;                 /* files */
-    struct kiln_scene *scene_a, *scene_b; /* both or none: the lightmaps differ in size and are sampled */
-    double area; /* m2 of all objects; sampled only */
+    struct kiln_scene *scene_a, *scene_b;       /* both or none: the lightmaps differ in size and are sampled */
+    double area;                                /* m2 of all objects; sampled only */
 };
 
 /* Places on the surfaces of all objects; an object has LEAST at least. */
@@ -67,20 +67,24 @@ static int read_file(struct kiln_reader *reader, const char *path, struct kiln_i
     return status;
 }
 
-static int read_pair(const struct comparison *c, size_t k, struct kiln_image **a, struct kiln_image **b, struct kiln_error *error)
+static int read_pair(const struct comparison *c, size_t k, struct kiln_image **a, struct kiln_image **b,
+                     struct kiln_error *error)
 {
     char name[300];
     *a = *b = NULL;
     const bool files = c->ones[k].name[0] == '\0';
     (void)snprintf(name, sizeof name, "lightmaps/%s", c->ones[k].name);
-    int status = files ? read_file(c->reader, c->a, a, error) : kiln_results_image(c->results_a, name, NULL, 0, a, error);
+    int status =
+        files ? read_file(c->reader, c->a, a, error) : kiln_results_image(c->results_a, name, NULL, 0, a, error);
     if (status == KILN_OK)
-        status = files ? read_file(c->reader, c->b, b, error) : kiln_results_image(c->results_b, name, NULL, 0, b, error);
+        status =
+            files ? read_file(c->reader, c->b, b, error) : kiln_results_image(c->results_b, name, NULL, 0, b, error);
     return status;
 }
 
 /* At places on the object's surface, each of which stands for its part of the area. */
-static int compare_sampled(const struct comparison *c, struct one *one, const struct kiln_image *a, const struct kiln_image *b, struct kiln_error *error)
+static int compare_sampled(const struct comparison *c, struct one *one, const struct kiln_image *a,
+                           const struct kiln_image *b, struct kiln_error *error)
 {
     const struct kiln_compared in_a = {c->scene_a, one->object_a, a}, in_b = {c->scene_b, one->object_b, b};
     const double share = c->area > 0.0 ? kiln_object_area(c->scene_a, one->object_a) / c->area : 0.0;
@@ -104,9 +108,11 @@ static int compare_one(struct comparison *c, size_t k, struct kiln_error *error)
     struct kiln_error inner = {{0}};
     int status = read_pair(c, k, &a, &b, error);
     if (status == KILN_OK) {
-        status = c->scene_a != NULL ? compare_sampled(c, &c->ones[k], a, b, &inner) : kiln_compare_images(a, b, &c->ones[k].difference, &inner);
+        status = c->scene_a != NULL ? compare_sampled(c, &c->ones[k], a, b, &inner)
+                                    : kiln_compare_images(a, b, &c->ones[k].difference, &inner);
         if (status != KILN_OK)
-            (void)kiln_fail(error, status, "%s%s%s", c->ones[k].name, c->ones[k].name[0] == '\0' ? "" : ": ", inner.message);
+            (void)kiln_fail(error, status, "%s%s%s", c->ones[k].name, c->ones[k].name[0] == '\0' ? "" : ": ",
+                            inner.message);
     }
     kiln_image_destroy(&a);
     kiln_image_destroy(&b);
@@ -123,10 +129,14 @@ static int add_one(struct comparison *c, const char *name, struct kiln_error *er
     return KILN_OK;
 }
 
-static int compare_names(const void *a, const void *b) { return strcmp(((const struct one *)a)->name, ((const struct one *)b)->name); }
+static int compare_names(const void *a, const void *b)
+{
+    return strcmp(((const struct one *)a)->name, ((const struct one *)b)->name);
+}
 
 /* Names of the lightmaps in a bake's folder, in the order of their bytes. */
-static int list_lightmaps(struct comparison *c, const struct kiln_results *results, const char *directory, struct kiln_error *error)
+static int list_lightmaps(struct comparison *c, const struct kiln_results *results, const char *directory,
+                          struct kiln_error *error)
 {
     int descriptor;
     struct kiln_error why = {""};
@@ -142,7 +152,8 @@ static int list_lightmaps(struct comparison *c, const struct kiln_results *resul
     const struct dirent *entry;
     while (status == KILN_OK && (entry = readdir(folder)) != NULL) {
         const size_t length = strlen(entry->d_name);
-        if (entry->d_name[0] != '.' && length > 4 && length < sizeof c->ones->name && strcmp(entry->d_name + length - 4, ".exr") == 0)
+        if (entry->d_name[0] != '.' && length > 4 && length < sizeof c->ones->name &&
+            strcmp(entry->d_name + length - 4, ".exr") == 0)
             status = add_one(c, entry->d_name, error);
     }
     (void)closedir(folder);
@@ -165,17 +176,21 @@ static int list_pairs(struct comparison *c, struct kiln_error *error)
     for (size_t i = 0; status == KILN_OK && (i < c->count || i < other.count); i++) {
         const int order = i >= c->count ? 1 : i >= other.count ? -1 : strcmp(c->ones[i].name, other.ones[i].name);
         if (order != 0)
-            status = kiln_fail(error, KILN_BAD_INPUT, "lightmap '%s' is in '%s' but not in '%s': these are not bakes of the same scene",
-                               order < 0 ? c->ones[i].name : other.ones[i].name, order < 0 ? c->a : c->b, order < 0 ? c->b : c->a);
+            status = kiln_fail(error, KILN_BAD_INPUT,
+                               "lightmap '%s' is in '%s' but not in '%s': these are not bakes of the same scene",
+                               order < 0 ? c->ones[i].name : other.ones[i].name, order < 0 ? c->a : c->b,
+                               order < 0 ? c->b : c->a);
     }
     if (status == KILN_OK && c->count == 0)
-        status = kiln_fail(error, KILN_BAD_INPUT, "there are no lightmaps in '%s/lightmaps' and '%s/lightmaps'", c->a, c->b);
+        status =
+            kiln_fail(error, KILN_BAD_INPUT, "there are no lightmaps in '%s/lightmaps' and '%s/lightmaps'", c->a, c->b);
     kiln_free(&other.ones);
     return status;
 }
 
 /* The object whose lightmap is lightmaps/NAME. */
-static int find_object(const struct kiln_scene *scene, const char *name, const char *directory, uint32_t *object, struct kiln_error *error)
+static int find_object(const struct kiln_scene *scene, const char *name, const char *directory, uint32_t *object,
+                       struct kiln_error *error)
 {
     for (*object = 0; *object < scene->object_count; (*object)++) {
         const char *own = kiln_scene_string(scene, scene->objects[*object].name);
@@ -191,8 +206,8 @@ static void close_scenes(struct comparison *c)
     kiln_scene_close(&c->scene_b);
 }
 
-/* Opens the scenes of both bakes, and keeps them where a lightmap differs in size. Folders without scene files hold lightmaps only: these
- * are compared texel by texel, whatever comes. */
+/* Opens the scenes of both bakes, and keeps them where a lightmap differs in size. Folders without scene files hold
+ * lightmaps only: these are compared texel by texel, whatever comes. */
 static int decide_how(struct comparison *c, struct kiln_error *error)
 {
     bool same = true;
@@ -224,8 +239,8 @@ static int compare_all(struct comparison *c, struct kiln_error *error)
     if (status == KILN_OK)
         status = is_folder(c->b, &folder_b, error);
     if (status == KILN_OK && folder_a != folder_b)
-        status = kiln_fail(error, KILN_USAGE, "'%s' is a folder and '%s' is not: compare two bakes or two EXR files", folder_a ? c->a : c->b,
-                           folder_a ? c->b : c->a);
+        status = kiln_fail(error, KILN_USAGE, "'%s' is a folder and '%s' is not: compare two bakes or two EXR files",
+                           folder_a ? c->a : c->b, folder_a ? c->b : c->a);
     if (status == KILN_OK)
         status = folder_a ? list_pairs(c, error) : add_one(c, "", error);
     if (status == KILN_OK && !folder_a)
@@ -253,13 +268,14 @@ static json_t *difference_json(const struct kiln_difference *d)
     json_t *channels = json_object();
     for (uint32_t c = 0; c < d->channel_count; c++)
         json_object_set_new(channels, d->channels[c].name,
-                            json_pack("{s:f, s:f, s:f}", "rmse", d->channels[c].rmse, "mean_difference", d->channels[c].mean_difference, "mean",
-                                      d->channels[c].mean));
-    return json_pack("{s:b, s:I, s:I, s:I, s:f, s:f, s:o, s:f, s:o, s:f, s:f, s:f, s:{s:f, s:i, s:i}, s:o}", "identical", d->identical, "texels",
-                     (json_int_t)d->texels, "interior_texels", (json_int_t)d->interior, "not_finite", (json_int_t)d->not_finite, "mean", d->mean,
-                     "rmse", d->rmse, "nrmse", number_json(d->nrmse), "rel_rmse", d->rel_rmse, "psnr", number_json(d->psnr), "dssim", d->dssim, "dfpr",
-                     d->dfpr, "dfpr_unit", d->dfpr_unit, "worst", "difference", d->worst, "x", (int)d->worst_x, "y", (int)d->worst_y, "channels",
-                     channels);
+                            json_pack("{s:f, s:f, s:f}", "rmse", d->channels[c].rmse, "mean_difference",
+                                      d->channels[c].mean_difference, "mean", d->channels[c].mean));
+    return json_pack("{s:b, s:I, s:I, s:I, s:f, s:f, s:o, s:f, s:o, s:f, s:f, s:f, s:{s:f, s:i, s:i}, s:o}",
+                     "identical", d->identical, "texels", (json_int_t)d->texels, "interior_texels",
+                     (json_int_t)d->interior, "not_finite", (json_int_t)d->not_finite, "mean", d->mean, "rmse", d->rmse,
+                     "nrmse", number_json(d->nrmse), "rel_rmse", d->rel_rmse, "psnr", number_json(d->psnr), "dssim",
+                     d->dssim, "dfpr", d->dfpr, "dfpr_unit", d->dfpr_unit, "worst", "difference", d->worst, "x",
+                     (int)d->worst_x, "y", (int)d->worst_y, "channels", channels);
 }
 
 /* What differs when places were sampled: where the worst one is, and no structural similarity. */
@@ -303,7 +319,8 @@ static void print_text(const struct comparison *c)
     (void)printf("%s\n", d->identical ? "bit-identical" : "different");
     if (c->scene_a != NULL)
         (void)puts("sampled    at places spread over the surfaces, by area: the lightmaps differ in size");
-    (void)printf("%s     %llu valid in both, %llu of them wholly inside charts\n", c->scene_a != NULL ? "places" : "texels", (unsigned long long)d->texels,
+    (void)printf("%s     %llu valid in both, %llu of them wholly inside charts\n",
+                 c->scene_a != NULL ? "places" : "texels", (unsigned long long)d->texels,
                  (unsigned long long)d->interior);
     if (d->not_finite > 0)
         (void)printf("left out   %llu texels that are not finite numbers\n", (unsigned long long)d->not_finite);
@@ -319,13 +336,14 @@ static void print_text(const struct comparison *c)
         (void)printf("dssim      %.6g\n", d->dssim);
     (void)printf("dfpr       %.6g %s; %.6g with the brightest value as 1\n", d->dfpr, unit, d->dfpr_unit);
     if (c->scene_a != NULL)
-        kiln_print(stdout, "worst      %.6g %s at %.6g %.6g %.6g on %s\n", d->worst, unit, place[0], place[1], place[2], c->ones[c->worst].name);
+        kiln_print(stdout, "worst      %.6g %s at %.6g %.6g %.6g on %s\n", d->worst, unit, place[0], place[1], place[2],
+                   c->ones[c->worst].name);
     else
-        kiln_print(stdout, "worst      %.6g %s at texel (%u, %u)%s%s\n", d->worst, unit, d->worst_x, d->worst_y, c->ones[c->worst].name[0] == '\0' ? "" : " of ",
-                     c->ones[c->worst].name);
+        kiln_print(stdout, "worst      %.6g %s at texel (%u, %u)%s%s\n", d->worst, unit, d->worst_x, d->worst_y,
+                   c->ones[c->worst].name[0] == '\0' ? "" : " of ", c->ones[c->worst].name);
     for (uint32_t i = 0; i < d->channel_count; i++)
-        kiln_print(stdout, "  %-12s rmse %.6g, mean of the difference %.6g, mean %.6g\n", d->channels[i].name, d->channels[i].rmse,
-                     d->channels[i].mean_difference, d->channels[i].mean);
+        kiln_print(stdout, "  %-12s rmse %.6g, mean of the difference %.6g, mean %.6g\n", d->channels[i].name,
+                   d->channels[i].rmse, d->channels[i].mean_difference, d->channels[i].mean);
 }
 
 /* The image with the worst texel; full scale is 10 % of the reference's mean. */
@@ -334,14 +352,19 @@ static int write_picture(const struct comparison *c, const char *path, struct ki
     struct kiln_image *a, *b;
     uint8_t *bytes = NULL;
     if (c->scene_a != NULL)
-        return kiln_fail(error, KILN_USAGE, "--output %s: there is no picture of lightmaps that differ in size; without it the numbers are printed", path);
+        return kiln_fail(
+            error, KILN_USAGE,
+            "--output %s: there is no picture of lightmaps that differ in size; without it the numbers are printed",
+            path);
     int status = read_pair(c, c->worst, &a, &b, error);
     if (status == KILN_OK)
         status = kiln_allocate(&bytes, (size_t)a->width * a->height * 3, 1, "a picture", error);
     if (status == KILN_OK)
         status = kiln_difference_picture(a, b, 0.1, bytes, error);
     if (status == KILN_OK)
-        status = kiln_png_write_bytes(NULL, path, bytes, a->width, a->height, "difference of two lightmaps: black none, white 10 % of the mean and more", error);
+        status =
+            kiln_png_write_bytes(NULL, path, bytes, a->width, a->height,
+                                 "difference of two lightmaps: black none, white 10 % of the mean and more", error);
     kiln_free(&bytes);
     kiln_image_destroy(&a);
     kiln_image_destroy(&b);
@@ -351,7 +374,8 @@ static int write_picture(const struct comparison *c, const char *path, struct ki
 int kiln_command_compare(struct kiln_job *job, struct kiln_error *error)
 {
     struct comparison c = {.a = job->arguments[0], .b = job->arguments[1]};
-    const struct kiln_output_name name = {.option = "--output", .path = job->output, .inputs = {c.a, c.b}, .bakes = {c.a, c.b}};
+    const struct kiln_output_name name = {
+        .option = "--output", .path = job->output, .inputs = {c.a, c.b}, .bakes = {c.a, c.b}};
     int status = job->output != NULL ? kiln_output_name_check(&name, error) : KILN_OK;
     if (status == KILN_OK)
         status = compare_all(&c, error);

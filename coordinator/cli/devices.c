@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "coordinator/bake/prepare.h"
-#include "coordinator/cli/json.h"
+#include "coordinator/files/json.h"
 #include "worker/backend/vulkan/gpu.h"
 #include "worker/base/text.h"
 
@@ -18,7 +18,8 @@ void kiln_devices_choose(const struct kiln_job *job, int node_rank, int node_ran
     params->traversal = (enum kiln_traversal)job->traversal;
     params->slice_seconds = job->dispatch_time * 1e-3;
     params->device_memory = (uint64_t)(job->device_memory * 0x1p30);
-    params->goes_on = job->backend == NULL || strcmp(job->backend, "auto") == 0; /* who asks for a device by name gets it, or an error */
+    /* who asks for a device by name gets it, or an error */
+    params->goes_on = job->backend == NULL || strcmp(job->backend, "auto") == 0;
     params->verify_share = job->verify_share;
 }
 
@@ -26,17 +27,20 @@ static void uuid_text(const uint8_t uuid[16], char text[UUID_TEXT])
 {
     size_t length = 0;
     for (size_t i = 0; i < 16; i++)
-        length += (size_t)snprintf(text + length, UUID_TEXT - length, "%s%02x", i == 4 || i == 6 || i == 8 || i == 10 ? "-" : "", uuid[i]);
+        length += (size_t)snprintf(text + length, UUID_TEXT - length, "%s%02x",
+                                   i == 4 || i == 6 || i == 8 || i == 10 ? "-" : "", uuid[i]);
 }
 
 static json_t *device_json(const struct gpu_description *d)
 {
     char uuid[UUID_TEXT], version[32];
     uuid_text(d->uuid, uuid);
-    (void)snprintf(version, sizeof version, "%u.%u.%u", d->api_version >> 22 & 0x7f, d->api_version >> 12 & 0x3ff, d->api_version & 0xfff);
-    return json_pack("{s:i, s:o, s:o, s:s, s:s, s:b, s:b, s:s, s:b, s:b, s:i, s:I, s:I}", "device", (int)d->index, "name", kiln_json_string(d->name),
-                     "driver", kiln_json_string(d->driver), "uuid", uuid, "vulkan", version, "software", (int)d->software, "fit", (int)d->fit, "lacks",
-                     d->lacks, "ray_tracing", (int)d->ray_tracing, "float64", (int)d->float64, "subgroup", (int)d->subgroup, "memory_bytes",
+    (void)snprintf(version, sizeof version, "%u.%u.%u", d->api_version >> 22 & 0x7f, d->api_version >> 12 & 0x3ff,
+                   d->api_version & 0xfff);
+    return json_pack("{s:i, s:o, s:o, s:s, s:s, s:b, s:b, s:s, s:b, s:b, s:i, s:I, s:I}", "device", (int)d->index,
+                     "name", kiln_json_string(d->name), "driver", kiln_json_string(d->driver), "uuid", uuid, "vulkan",
+                     version, "software", (int)d->software, "fit", (int)d->fit, "lacks", d->lacks, "ray_tracing",
+                     (int)d->ray_tracing, "float64", (int)d->float64, "subgroup", (int)d->subgroup, "memory_bytes",
                      (json_int_t)d->memory, "free_bytes", (json_int_t)d->budget);
 }
 
@@ -58,11 +62,14 @@ static void print_device(const struct gpu_description *d)
     if (!d->fit)
         (void)printf("          cannot be used: it lacks %s\n", d->lacks);
     if (d->driver[0] != '\0')
-        (void)printf("          driver %s, Vulkan %u.%u.%u\n", d->driver, d->api_version >> 22 & 0x7f, d->api_version >> 12 & 0x3ff, d->api_version & 0xfff);
+        (void)printf("          driver %s, Vulkan %u.%u.%u\n", d->driver, d->api_version >> 22 & 0x7f,
+                     d->api_version >> 12 & 0x3ff, d->api_version & 0xfff);
     if (d->memory > 0)
-        (void)printf("          %.1f GiB, %.1f GiB of it free; subgroups of %u\n", (double)d->memory / 0x1p30, (double)d->budget / 0x1p30, d->subgroup);
+        (void)printf("          %.1f GiB, %.1f GiB of it free; subgroups of %u\n", (double)d->memory / 0x1p30,
+                     (double)d->budget / 0x1p30, d->subgroup);
     if (d->fit)
-        (void)printf("          %s, %s\n", d->ray_tracing ? "ray-tracing pipeline" : "no ray-tracing pipeline: --traversal compute",
+        (void)printf("          %s, %s\n",
+                     d->ray_tracing ? "ray-tracing pipeline" : "no ray-tracing pipeline: --traversal compute",
                      d->float64 ? "doubles" : "no doubles: light is sampled in floats");
 }
 
@@ -78,7 +85,8 @@ int kiln_devices_list(const struct kiln_job *job, struct kiln_error *error)
     kiln_backend_embree_version(version, sizeof version);
     if (job->json)
         return kiln_json_print(list_json(list, count, version), error);
-    (void)printf("embree    %s, %s, %u thread%s\n", version, kiln_own_instruction_set(), kiln_own_cores(1), kiln_own_cores(1) == 1 ? "" : "s");
+    (void)printf("embree    %s, %s, %u thread%s\n", version, kiln_own_instruction_set(), kiln_own_cores(1),
+                 kiln_own_cores(1) == 1 ? "" : "s");
     for (size_t i = 0; i < count; i++)
         print_device(&list[i]);
     if (count == 0)

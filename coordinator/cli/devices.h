@@ -2,7 +2,7 @@
 #ifndef KILN_COORDINATOR_CLI_DEVICES_H
 #define KILN_COORDINATOR_CLI_DEVICES_H
 
-#include "coordinator/cli/job.h"
+#include "coordinator/job/job.h"
 #include "worker/backend/backend.h"
 
 /* Fills in the fields of `params` that are about devices, for the node_rank-th of node_ranks ranks on this node. */

@@ -5,9 +5,9 @@
 #include <string.h>
 
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/options.h"
-#include "coordinator/cli/output_name.h"
+#include "coordinator/files/json.h"
+#include "coordinator/job/options.h"
+#include "coordinator/files/output_name.h"
 #include "coordinator/generate/scenes.h"
 #include "worker/base/text.h"
 
@@ -46,7 +46,8 @@ static int find(const char *name, const struct kiln_generator **found, struct ki
     }
     if (nearest == NULL)
         return kiln_fail(error, KILN_USAGE, "no scene is called '%.100s'; there are: %s", name, names);
-    return kiln_fail(error, KILN_USAGE, "no scene is called '%.100s'; the nearest one is '%s' (there are: %s)", name, nearest, names);
+    return kiln_fail(error, KILN_USAGE, "no scene is called '%.100s'; the nearest one is '%s' (there are: %s)", name,
+                     nearest, names);
 }
 
 /* An option that the scene does not look at would be dropped without a word. */
@@ -60,25 +61,31 @@ static int check_options(const struct kiln_job *job, const struct kiln_generator
     if (job->albedo >= 0 && (generator->takes & KILN_TAKES_ALBEDO) == 0)
         unused = "--albedo";
     if (unused != NULL)
-        return kiln_fail(error, KILN_USAGE, "the scene %s takes no %s; it is %s", generator->name, unused, generator->description);
+        return kiln_fail(error, KILN_USAGE, "the scene %s takes no %s; it is %s", generator->name, unused,
+                         generator->description);
     return KILN_OK;
 }
 
-static int report(const struct kiln_job *job, const struct kiln_generator *generator, const struct kiln_glb *glb, struct kiln_error *error)
+static int report(const struct kiln_job *job, const struct kiln_generator *generator, const struct kiln_glb *glb,
+                  struct kiln_error *error)
 {
     struct kiln_glb_totals totals;
     kiln_glb_totals(glb, &totals);
     if (!job->json) {
         if (!job->quiet)
-            kiln_print(stdout, "%s: %s, %" PRIu64 " triangles (%" PRIu64 " with instances) in %" PRIu64 " meshes, %" PRIu64
-                         " nodes, %.2f MB\n",
-                         job->output, generator->name, totals.triangles, totals.triangles_placed, totals.meshes, totals.nodes,
-                         (double)totals.bytes * 1e-6);
+            kiln_print(stdout,
+                       "%s: %s, %" PRIu64 " triangles (%" PRIu64 " with instances) in %" PRIu64 " meshes, %" PRIu64
+                       " nodes, %.2f MB\n",
+                       job->output, generator->name, totals.triangles, totals.triangles_placed, totals.meshes,
+                       totals.nodes, (double)totals.bytes * 1e-6);
         return KILN_OK;
     }
-    return kiln_json_print(json_pack("{s:s, s:s, s:o, s:I, s:I, s:I, s:I, s:I}", "status", "done", "scene", generator->name, "file", kiln_json_string(job->output),
-                               "triangles", (json_int_t)totals.triangles, "triangles_with_instances", (json_int_t)totals.triangles_placed,
-                               "meshes", (json_int_t)totals.meshes, "nodes", (json_int_t)totals.nodes, "bytes", (json_int_t)totals.bytes), error);
+    return kiln_json_print(json_pack("{s:s, s:s, s:o, s:I, s:I, s:I, s:I, s:I}", "status", "done", "scene",
+                                     generator->name, "file", kiln_json_string(job->output), "triangles",
+                                     (json_int_t)totals.triangles, "triangles_with_instances",
+                                     (json_int_t)totals.triangles_placed, "meshes", (json_int_t)totals.meshes, "nodes",
+                                     (json_int_t)totals.nodes, "bytes", (json_int_t)totals.bytes),
+                           error);
 }
 
 int kiln_command_generate(struct kiln_job *job, struct kiln_error *error)
@@ -97,7 +104,8 @@ int kiln_command_generate(struct kiln_job *job, struct kiln_error *error)
     if (status == KILN_OK)
         status = check_options(job, generator, error);
     if (status == KILN_OK && job->output == NULL)
-        status = kiln_fail(error, KILN_USAGE, "say where the scene goes: kiln generate %s -o %s.glb", generator->name, generator->name);
+        status = kiln_fail(error, KILN_USAGE, "say where the scene goes: kiln generate %s -o %s.glb", generator->name,
+                           generator->name);
     if (status == KILN_OK && (strlen(job->output) < 5 || strcmp(job->output + strlen(job->output) - 4, ".glb") != 0))
         status = kiln_fail(error, KILN_USAGE, "-o %.200s: the file's name must end in .glb", job->output);
     const struct kiln_output_name name = {.option = "--output", .path = job->output};

@@ -1,6 +1,6 @@
 #include <string.h>
 
-#include "coordinator/cli/options.h"
+#include "coordinator/job/options.h"
 
 /* "--bounces N|all", "--half", "--partition cells|objects" */
 static void option_head(const struct kiln_option *option, char *text, size_t size)
@@ -39,17 +39,18 @@ static void print_option(FILE *stream, const struct kiln_option *option)
 
 static void print_qualities(FILE *stream)
 {
-    (void)fprintf(stream, "\nWhat --quality sets\n  %-14s%16s%16s%18s%15s\n", "", "samples-direct", "samples-bounce", "samples-indirect",
-                  "samples-probe");
+    (void)fprintf(stream, "\nWhat --quality sets\n  %-14s%16s%16s%18s%15s\n", "", "samples-direct", "samples-bounce",
+                  "samples-indirect", "samples-probe");
     for (size_t i = 0; i < kiln_quality_count; i++)
         (void)fprintf(stream, "  %-14s%16u%16u%18u%15u\n", kiln_qualities[i].name, kiln_qualities[i].samples_direct,
-                      kiln_qualities[i].samples_bounce, kiln_qualities[i].samples_indirect, kiln_qualities[i].samples_probe);
+                      kiln_qualities[i].samples_bounce, kiln_qualities[i].samples_indirect,
+                      kiln_qualities[i].samples_probe);
 }
 
 static void command_screen(FILE *stream, const struct kiln_command *command)
 {
-    (void)fprintf(stream, "kiln %s: %s\n\nUsage: kiln %s %s [options]\n\nExamples\n", command->name, command->summary, command->name,
-                  command->arguments);
+    (void)fprintf(stream, "kiln %s: %s\n\nUsage: kiln %s %s [options]\n\nExamples\n", command->name, command->summary,
+                  command->name, command->arguments);
     for (size_t i = 0; command->examples[i] != NULL; i++)
         (void)fprintf(stream, "  %s\n", command->examples[i]);
     const char *group = NULL;
@@ -64,17 +65,20 @@ static void command_screen(FILE *stream, const struct kiln_command *command)
     if ((kiln_option_find("quality")->commands & command->bit) != 0)
         print_qualities(stream);
     if (command->scene)
-        (void)fprintf(stream, "\nA job file is YAML: the same names without the dashes, and `scene`; paths in it are relative to it.\n"
-                              "Later wins: defaults, --quality, the job file, the command line.\n");
+        (void)fprintf(
+            stream,
+            "\nA job file is YAML: the same names without the dashes, and `scene`; paths in it are relative to it.\n"
+            "Later wins: defaults, --quality, the job file, the command line.\n");
 }
 
 static void overview(FILE *stream)
 {
-    (void)fprintf(stream, "kiln %s bakes the diffuse light of a static scene into lightmaps and an irradiance volume.\n\n"
-                          "  kiln generate cornell -o cornell.glb                 make a scene\n"
-                          "  kiln bake cornell.glb -o out                         bake it\n"
-                          "  mpirun -n 4 --bind-to none kiln bake cornell.glb -o out     the same on four ranks\n"
-                          "  kiln view out -o view.png                            look at it\n\nCommands\n",
+    (void)fprintf(stream,
+                  "kiln %s bakes the diffuse light of a static scene into lightmaps and an irradiance volume.\n\n"
+                  "  kiln generate cornell -o cornell.glb                 make a scene\n"
+                  "  kiln bake cornell.glb -o out                         bake it\n"
+                  "  mpirun -n 4 --bind-to none kiln bake cornell.glb -o out     the same on four ranks\n"
+                  "  kiln view out -o view.png                            look at it\n\nCommands\n",
                   KILN_VERSION);
     for (size_t i = 0; i < kiln_command_count; i++)
         (void)fprintf(stream, "  %-10s%s\n", kiln_commands[i].name, kiln_commands[i].summary);

@@ -10,18 +10,19 @@
 #include <unistd.h>
 
 #include "coordinator/bake/prepare.h"
-#include "coordinator/bake/waiting.h"
-#include "coordinator/bake/watchdog.h"
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/waiting.h"
+#include "coordinator/mpi/watchdog.h"
+#include "coordinator/mpi/agree.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/options.h"
-#include "coordinator/cli/process.h"
+#include "coordinator/files/json.h"
+#include "coordinator/job/options.h"
+#include "coordinator/run/process.h"
 #include "coordinator/cli/same_job.h"
-#include "coordinator/cli/threads.h"
+#include "coordinator/run/threads.h"
 #include "coordinator/output/manifest.h"
 
-/* What the launcher says before MPI is started: Open MPI's mpirun, PMIx (srun --mpi=pmix), Slurm. Alone: rank 0 of 1. */
+/* What the launcher says before MPI is started: Open MPI's mpirun, PMIx (srun --mpi=pmix), Slurm. Alone: rank 0 of 1.
+ */
 static long launcher(const char *open_mpi, const char *pmix, const char *slurm, long fallback)
 {
     const char *const names[] = {open_mpi, pmix, slurm};
@@ -38,7 +39,8 @@ static long launcher(const char *open_mpi, const char *pmix, const char *slurm, 
 /* Whether this process is one of several that a launcher has started; a batch script's own processes are not. */
 static bool is_launched(void)
 {
-    return launcher("OMPI_COMM_WORLD_SIZE", NULL, NULL, 1) > 1 || (getenv("PMIX_RANK") != NULL && launcher(NULL, NULL, "SLURM_NTASKS", 1) > 1);
+    return launcher("OMPI_COMM_WORLD_SIZE", NULL, NULL, 1) > 1 ||
+           (getenv("PMIX_RANK") != NULL && launcher(NULL, NULL, "SLURM_NTASKS", 1) > 1);
 }
 
 static bool has_argument(int argc, char **argv, const char *text)
@@ -49,15 +51,19 @@ static bool has_argument(int argc, char **argv, const char *text)
     return false;
 }
 
-/* To be called on one rank, before MPI ends: the launcher kills all that still run when the first rank has left with a failure. */
+/* To be called on one rank, before MPI ends: the launcher kills all that still run when the first rank has left with a
+ * failure. */
 static void print_error(int status, const struct kiln_error *error, bool json)
 {
-    const char *sentence = error->message[0] != '\0' ? error->message : "failed without saying why; this is a bug of kiln";
+    const char *sentence =
+        error->message[0] != '\0' ? error->message : "failed without saying why; this is a bug of kiln";
     const bool stopped = status == KILN_STOPPED; /* as it was asked to: no error */
     (void)fprintf(stderr, "kiln: %s%s\n", stopped ? "" : "error: ", sentence);
     if (!json)
         return; /* stderr is not buffered */
-    (void)kiln_json_print(json_pack("{s:s, s:i, s:o}", "status", stopped ? "stopped" : "error", "code", status, "message", kiln_json_string(sentence)), NULL);
+    (void)kiln_json_print(json_pack("{s:s, s:i, s:o}", "status", stopped ? "stopped" : "error", "code", status,
+                                    "message", kiln_json_string(sentence)),
+                          NULL);
     (void)fflush(stdout);
 }
 
@@ -70,7 +76,8 @@ static int check_scene(const struct kiln_job *job, struct kiln_error *error)
     if (stat(job->scene, &status) != 0)
         return kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "cannot read scene %.500s", job->scene);
     if (S_ISDIR(status.st_mode))
-        return kiln_fail(error, KILN_BAD_INPUT, "scene %.500s is a folder; name the .glb, .gltf or .obj file in it", job->scene);
+        return kiln_fail(error, KILN_BAD_INPUT, "scene %.500s is a folder; name the .glb, .gltf or .obj file in it",
+                         job->scene);
     if (!S_ISREG(status.st_mode))
         return kiln_fail(error, KILN_BAD_INPUT, "scene %.500s is not a regular file", job->scene);
     if (access(job->scene, R_OK) != 0)
@@ -87,11 +94,15 @@ static int check_folder(const char *folder, struct kiln_error *error)
         return kiln_fail(error, KILN_NO_INPUT, "%.500s is a file; name the folder that a bake was written to", folder);
     if (kiln_folder_of_bake(folder))
         return KILN_OK;
-    return kiln_fail(error, KILN_NO_INPUT, "%.500s is not the folder of a bake: it has no run.json, scene.kscene or checkpoint; name the folder "
-                     "that kiln bake -o wrote to", folder);
+    return kiln_fail(
+        error, KILN_NO_INPUT,
+        "%.500s is not the folder of a bake: it has no run.json, scene.kscene or checkpoint; name the folder "
+        "that kiln bake -o wrote to",
+        folder);
 }
 
-static int prepare(struct kiln_job **job, int argc, char **argv, const struct kiln_command *command, struct kiln_error *error)
+static int prepare(struct kiln_job **job, int argc, char **argv, const struct kiln_command *command,
+                   struct kiln_error *error)
 {
     int status = kiln_job_parse(job, argc, argv, error);
     if (status == KILN_OK && command->folder)
@@ -147,7 +158,8 @@ static void print_usage(int rank)
         return;
     const double user = (double)usage.ru_utime.tv_sec + 1e-6 * (double)usage.ru_utime.tv_usec;
     const double system = (double)usage.ru_stime.tv_sec + 1e-6 * (double)usage.ru_stime.tv_usec;
-    (void)snprintf(line, sizeof line, "kiln: rank %d: %.2f s of processor time, %.2f s of it in the system, %.1f MiB at most\n", rank,
+    (void)snprintf(line, sizeof line,
+                   "kiln: rank %d: %.2f s of processor time, %.2f s of it in the system, %.1f MiB at most\n", rank,
                    user + system, system, (double)usage.ru_maxrss / 1024);
     (void)fputs(line, stderr);
 }
@@ -174,8 +186,8 @@ static int run_alone(int argc, char **argv, const struct kiln_command *command, 
     return status;
 }
 
-/* Some libraries end the process when they cannot go on: OpenMP's with exit(1) where it gets no thread, C++ ones by what they throw. For functions
- * that are called then, and get nothing. */
+/* Some libraries end the process when they cannot go on: OpenMP's with exit(1) where it gets no thread, C++ ones by
+ * what they throw. For functions that are called then, and get nothing. */
 static struct {
     volatile sig_atomic_t at_work;
     char who[96];
@@ -184,7 +196,9 @@ static struct {
 static void leave(const char *what)
 {
     char text[600];
-    (void)snprintf(text, sizeof text, "kiln: error: %sa library ended the process: %.300s; more memory, or more threads (ulimit -u), or fewer --threads may help\n",
+    (void)snprintf(text, sizeof text,
+                   "kiln: error: %sa library ended the process: %.300s; more memory, or more threads (ulimit -u), or "
+                   "fewer --threads may help\n",
                    departure.who, what);
     (void)!write(STDERR_FILENO, text, strlen(text));
     _exit(KILN_SYSTEM);
@@ -207,9 +221,8 @@ static void watch_departure(bool many, int rank)
     kiln_on_uncaught(leave);
 }
 
-enum { START_SECONDS = 30 }; /* that ranks may take at least to come together */
+enum { START_SECONDS = 30 };                 /* that ranks may take at least to come together */
 enum { MPI_THREADS = 3, OTHER_THREADS = 6 }; /* Open MPI's; these and the watchdog's and the status file's */
-
 
 /* What MPI itself cannot do is said as everything else is. */
 static void say_mpi_failed(MPI_Comm *communicator, int *code, ...)
@@ -241,12 +254,14 @@ static void catch_mpi_errors(void)
 static int start_mpi(bool many, int *rank, double seconds, struct kiln_error *error)
 {
     int provided = MPI_THREAD_SINGLE;
-    (void)setenv("OMPI_MCA_sharedfp", "individual", 0); /* shares file pointers through no file, and leaves none when killed */
+    /* shares file pointers through no file, and leaves none when killed */
+    (void)setenv("OMPI_MCA_sharedfp", "individual", 0);
     if (many) {
         kiln_watchdog_start(*rank, seconds);
     } else { /* alone: Open MPI need not start a daemon of its own for one process */
         (void)setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);
-        /* nor make a folder in TMPDIR: processes that start at the same time get in each other's way there, and a killed one leaves it */
+        /* nor make a folder in TMPDIR: processes that start at the same time get in each other's way there, and a
+         * killed one leaves it */
         (void)setenv("OMPI_MCA_orte_create_session_dirs", "0", 0);
     }
     kiln_waiting_follow();
@@ -256,7 +271,8 @@ static int start_mpi(bool many, int *rank, double seconds, struct kiln_error *er
     catch_mpi_errors();
     (void)MPI_Comm_rank(MPI_COMM_WORLD, rank);
     if (provided < MPI_THREAD_FUNNELED)
-        return kiln_fail(error, KILN_SITE, "this MPI library does not work beside threads (MPI_THREAD_FUNNELED is needed)");
+        return kiln_fail(error, KILN_SITE,
+                         "this MPI library does not work beside threads (MPI_THREAD_FUNNELED is needed)");
     return KILN_OK;
 }
 
@@ -289,7 +305,8 @@ static int check_threads(const struct kiln_job *job, bool many, struct kiln_erro
 }
 
 /* Alone a wrong command line is answered without MPI; of many ranks each tells the others what it has read. */
-static int run_with_mpi(int argc, char **argv, const struct kiln_command *command, bool many, int rank, struct kiln_error *error)
+static int run_with_mpi(int argc, char **argv, const struct kiln_command *command, bool many, int rank,
+                        struct kiln_error *error)
 {
     struct kiln_job *job = NULL;
     bool started = false;
@@ -323,7 +340,8 @@ static int run_with_mpi(int argc, char **argv, const struct kiln_command *comman
     return status;
 }
 
-/* What one process does needs no MPI, but were it rank 0 of ranks that another command was given to, they would wait for it: they meet first. */
+/* What one process does needs no MPI, but were it rank 0 of ranks that another command was given to, they would wait
+ * for it: they meet first. */
 static int meet_others(char **argv, int *rank, struct kiln_error *error)
 {
     struct kiln_error own = {{0}};
@@ -343,8 +361,8 @@ static int meet_others(char **argv, int *rank, struct kiln_error *error)
 /* Or for the version. */
 static bool asks_for_help(int argc, char **argv)
 {
-    return argc < 2 || strcmp(argv[1], "help") == 0 || has_argument(argc, argv, "--help") || has_argument(argc, argv, "-h") ||
-           has_argument(argc, argv, "--version");
+    return argc < 2 || strcmp(argv[1], "help") == 0 || has_argument(argc, argv, "--help") ||
+           has_argument(argc, argv, "-h") || has_argument(argc, argv, "--version");
 }
 
 /* Help and version need no job. Returns false when the command line asks for neither. */
@@ -352,7 +370,8 @@ static bool answer_help(int argc, char **argv, int rank, int *status, struct kil
 {
     if (!asks_for_help(argc, argv))
         return false;
-    const bool version = argc > 1 && strcmp(argv[1], "help") != 0 && !has_argument(argc, argv, "--help") && !has_argument(argc, argv, "-h");
+    const bool version = argc > 1 && strcmp(argv[1], "help") != 0 && !has_argument(argc, argv, "--help") &&
+                         !has_argument(argc, argv, "-h");
     *status = KILN_OK;
     if (rank != 0)
         return true;

@@ -7,14 +7,14 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "coordinator/bake/plan.h"
-#include "coordinator/cli/agree.h"
+#include "coordinator/plan/plan.h"
+#include "coordinator/mpi/agree.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/temporary.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/temporary.h"
 #include "coordinator/output/curve.h"
-#include "coordinator/output/page.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/output/html.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 static double mebibytes(uint64_t bytes) { return (double)bytes / 1048576.0; }
@@ -30,41 +30,45 @@ static double node_memory(const struct kiln_job *job)
 
 static json_t *memory_json(const struct kiln_plan_memory *m)
 {
-    return json_pack("{s:s, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "units", "bytes", "program", (json_int_t)m->program,
-                     "textures", (json_int_t)m->textures, "scene", (json_int_t)m->scene, "geometry", (json_int_t)m->geometry, "bvh",
-                     (json_int_t)m->bvh, "surface_all", (json_int_t)m->surface_all, "surface_own", (json_int_t)m->surface_own, "transport",
-                     (json_int_t)m->transport, "volume", (json_int_t)m->volume, "results", (json_int_t)m->results, "moving", (json_int_t)m->moving, "total", (json_int_t)m->total,
-                     "device", (json_int_t)m->device);
+    return json_pack("{s:s, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "units", "bytes",
+                     "program", (json_int_t)m->program, "textures", (json_int_t)m->textures, "scene",
+                     (json_int_t)m->scene, "geometry", (json_int_t)m->geometry, "bvh", (json_int_t)m->bvh,
+                     "surface_all", (json_int_t)m->surface_all, "surface_own", (json_int_t)m->surface_own, "transport",
+                     (json_int_t)m->transport, "volume", (json_int_t)m->volume, "results", (json_int_t)m->results,
+                     "moving", (json_int_t)m->moving, "total", (json_int_t)m->total, "device", (json_int_t)m->device);
 }
 
 static json_t *seconds_json(const struct kiln_plan *p)
 {
     const struct kiln_plan_seconds *s = &p->seconds;
-    return json_pack("{s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:i, s:f}", "import", s->import, "world", s->world, "surface",
-                     s->surface, "validity", s->validity, "emission", s->emission, "direct", s->direct, "bounces",
-                     s->bounces, "final", s->final, "probes", s->probes,
-                     "exchange", s->exchange, "move", s->move, "write", s->write, "total", s->total, "assumed_bounces", (int)p->bounces, "calibration",
-                     p->calibration_seconds);
+    return json_pack("{s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:i, s:f}", "import", s->import,
+                     "world", s->world, "surface", s->surface, "validity", s->validity, "emission", s->emission,
+                     "direct", s->direct, "bounces", s->bounces, "final", s->final, "probes", s->probes, "exchange",
+                     s->exchange, "move", s->move, "write", s->write, "total", s->total, "assumed_bounces",
+                     (int)p->bounces, "calibration", p->calibration_seconds);
 }
 
 static json_t *disk_json(const struct kiln_plan *p)
 {
-    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "lightmaps", (json_int_t)p->lightmap_bytes, "kiln_h5", (json_int_t)p->h5_bytes, "volume",
-                     (json_int_t)p->volume_bytes, "scene", (json_int_t)p->scene_bytes, "preview", (json_int_t)p->preview_bytes, "export",
-                     (json_int_t)p->export_bytes, "total",
-                     (json_int_t)p->disk_bytes, "checkpoint", (json_int_t)p->checkpoint_bytes);
+    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "lightmaps", (json_int_t)p->lightmap_bytes, "kiln_h5",
+                     (json_int_t)p->h5_bytes, "volume", (json_int_t)p->volume_bytes, "scene",
+                     (json_int_t)p->scene_bytes, "preview", (json_int_t)p->preview_bytes, "export",
+                     (json_int_t)p->export_bytes, "total", (json_int_t)p->disk_bytes, "checkpoint",
+                     (json_int_t)p->checkpoint_bytes);
 }
 
 /* How even the ranks' work is. */
 static json_t *lights_json(const double values[KILN_LIGHTS])
 {
-    return json_pack("{s:f, s:f, s:f}", "direct", values[KILN_LIGHT_DIRECT], "bounce", values[KILN_LIGHT_BOUNCE], "final", values[KILN_LIGHT_FINAL]);
+    return json_pack("{s:f, s:f, s:f}", "direct", values[KILN_LIGHT_DIRECT], "bounce", values[KILN_LIGHT_BOUNCE],
+                     "final", values[KILN_LIGHT_FINAL]);
 }
 
 static json_t *balance_json(const struct kiln_simulated_light *light)
 {
-    return json_pack("{s:f, s:f, s:i, s:f, s:f, s:o, s:o, s:o}", "imbalance", light->imbalance, "imbalance_kept", light->kept, "cuts", (int)light->cuts,
-                     "move_seconds", light->move, "points_most", light->points_most, "seconds", lights_json(light->seconds), "first_pass",
+    return json_pack("{s:f, s:f, s:i, s:f, s:f, s:o, s:o, s:o}", "imbalance", light->imbalance, "imbalance_kept",
+                     light->kept, "cuts", (int)light->cuts, "move_seconds", light->move, "points_most",
+                     light->points_most, "seconds", lights_json(light->seconds), "first_pass",
                      lights_json(light->first), "last_pass", lights_json(light->last));
 }
 
@@ -73,11 +77,12 @@ static json_t *curve_json(const struct kiln_scaled *curve, size_t count)
     json_t *array = json_array();
     for (size_t i = 0; i < count; i++) {
         const struct kiln_scaled *c = &curve[i];
-        (void)json_array_append_new(array, json_pack("{s:i, s:i, s:f, s:f, s:f, s:o, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "ranks", (int)c->ranks, "nodes",
-                                                     (int)c->nodes, "points", c->points, "trace", c->trace, "imbalance", c->light.imbalance, "balance",
-                                                     balance_json(&c->light), "exchange", c->exchange, "find", c->find, "once", c->once, "write",
-                                                     c->write, "seconds", c->seconds, "efficiency", c->efficiency, "trace_efficiency",
-                                                     c->trace_efficiency));
+        (void)json_array_append_new(
+            array, json_pack("{s:i, s:i, s:f, s:f, s:f, s:o, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "ranks",
+                             (int)c->ranks, "nodes", (int)c->nodes, "points", c->points, "trace", c->trace, "imbalance",
+                             c->light.imbalance, "balance", balance_json(&c->light), "exchange", c->exchange, "find",
+                             c->find, "once", c->once, "write", c->write, "seconds", c->seconds, "efficiency",
+                             c->efficiency, "trace_efficiency", c->trace_efficiency));
     }
     return array;
 }
@@ -85,13 +90,17 @@ static json_t *curve_json(const struct kiln_scaled *curve, size_t count)
 static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
 {
     const struct kiln_surface_report *s = &p->surface;
-    json_t *all = json_pack("{s:s, s:i, s:I, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:I, s:f, s:f, s:f}", "status", "done", "ranks", (int)job->ranks, "triangles",
-                            (json_int_t)p->triangles, "points", (json_int_t)s->points, "points_min", (json_int_t)s->points_min, "points_max",
-                            (json_int_t)s->points_max, "cells_occupied", (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total,
-                            "cell_size", s->cell_size, "imbalance", s->imbalance, "probes", (json_int_t)p->probes, "bytes_per_point", p->bytes_per_point,
-                            "bytes_per_triangle", p->bytes_per_triangle, "exchange_bytes_per_bounce", p->exchange_bytes);
-    json_t *more = json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "memory_per_rank", memory_json(&p->memory), "balance", balance_json(&p->here.light), "seconds", seconds_json(p), "disk_bytes", disk_json(p),
-                             "strong_scaling", curve_json(p->strong, p->curve_count), "weak_scaling", curve_json(p->weak, p->curve_count));
+    json_t *all =
+        json_pack("{s:s, s:i, s:I, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:I, s:f, s:f, s:f}", "status", "done", "ranks",
+                  (int)job->ranks, "triangles", (json_int_t)p->triangles, "points", (json_int_t)s->points, "points_min",
+                  (json_int_t)s->points_min, "points_max", (json_int_t)s->points_max, "cells_occupied",
+                  (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total, "cell_size", s->cell_size,
+                  "imbalance", s->imbalance, "probes", (json_int_t)p->probes, "bytes_per_point", p->bytes_per_point,
+                  "bytes_per_triangle", p->bytes_per_triangle, "exchange_bytes_per_bounce", p->exchange_bytes);
+    json_t *more = json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "memory_per_rank", memory_json(&p->memory), "balance",
+                             balance_json(&p->here.light), "seconds", seconds_json(p), "disk_bytes", disk_json(p),
+                             "strong_scaling", curve_json(p->strong, p->curve_count), "weak_scaling",
+                             curve_json(p->weak, p->curve_count));
     if (all != NULL && more != NULL)
         (void)json_object_update(all, more);
     json_decref(more);
@@ -104,10 +113,11 @@ static void print_cells(const struct kiln_plan *p, const struct kiln_job *job)
 {
     (void)printf("%llu triangles, %llu surface points, %llu probes\n", (unsigned long long)p->triangles,
                  (unsigned long long)p->surface.points, (unsigned long long)p->probes);
-    (void)printf("%llu cells of %g m, %llu of them occupied\n", (unsigned long long)p->surface.cells_total, p->surface.cell_size,
-                 (unsigned long long)p->surface.cells_occupied);
-    (void)printf("%u rank%s: %.1f cells and %llu to %llu points each, imbalance %.1f %% by points\n\n", job->ranks, job->ranks == 1 ? "" : "s",
-                 (double)p->surface.cells_occupied / job->ranks, (unsigned long long)p->surface.points_min, (unsigned long long)p->surface.points_max,
+    (void)printf("%llu cells of %g m, %llu of them occupied\n", (unsigned long long)p->surface.cells_total,
+                 p->surface.cell_size, (unsigned long long)p->surface.cells_occupied);
+    (void)printf("%u rank%s: %.1f cells and %llu to %llu points each, imbalance %.1f %% by points\n\n", job->ranks,
+                 job->ranks == 1 ? "" : "s", (double)p->surface.cells_occupied / job->ranks,
+                 (unsigned long long)p->surface.points_min, (unsigned long long)p->surface.points_max,
                  100.0 * p->surface.imbalance);
 }
 
@@ -117,44 +127,64 @@ static void print_memory(const struct kiln_plan *p, const struct kiln_job *job)
     const struct {
         const char *name;
         uint64_t bytes;
-    } rows[] = {{"program", m->program},           {"scene file, mapped", m->scene}, {"its images", m->textures}, {"geometry", m->geometry},
-                {"BVH (estimated)", m->bvh},       {"tiles of all points", m->surface_all}, {"own surface points", m->surface_own},
-                {"light of own points", m->transport}, {"probes", m->volume},        {"writing results", m->results},
-                {"moving, before these", m->moving}, {"a rank in all", m->total},       {"of its GPU", m->device}};
+    } rows[] = {{"program", m->program},
+                {"scene file, mapped", m->scene},
+                {"its images", m->textures},
+                {"geometry", m->geometry},
+                {"BVH (estimated)", m->bvh},
+                {"tiles of all points", m->surface_all},
+                {"own surface points", m->surface_own},
+                {"light of own points", m->transport},
+                {"probes", m->volume},
+                {"writing results", m->results},
+                {"moving, before these", m->moving},
+                {"a rank in all", m->total},
+                {"of its GPU", m->device}};
     (void)printf("memory of the fullest rank, MiB\n");
     for (size_t i = 0; i < sizeof rows / sizeof *rows - (m->device == 0); i++)
         (void)printf("  %-22s %10.1f\n", rows[i].name, mebibytes(rows[i].bytes));
-    (void)printf("%.1f bytes a surface point, %.1f bytes a triangle (BVH and images aside)\n", p->bytes_per_point, p->bytes_per_triangle);
+    (void)printf("%.1f bytes a surface point, %.1f bytes a triangle (BVH and images aside)\n", p->bytes_per_point,
+                 p->bytes_per_triangle);
     const double fits = node_memory(job) * 0x1p30 / (double)m->total;
-    (void)printf("a node with %.1f GiB holds %s%.0f such ranks\n\n", node_memory(job), fits < 1.0 ? "only " : "", fits < 1.0 ? 0.0 : floor(fits));
+    (void)printf("a node with %.1f GiB holds %s%.0f such ranks\n\n", node_memory(job), fits < 1.0 ? "only " : "",
+                 fits < 1.0 ? 0.0 : floor(fits));
 }
 
 static void print_balance(const struct kiln_simulated_light *light)
 {
-    (void)printf("  moves      %10.2f s  shares are cut anew %u time%s by what points cost\n", light->move, light->cuts, light->cuts == 1 ? "" : "s");
-    (void)printf("  light is uneven by %.1f %%; %.1f %% if shares stayed as they are cut by points, and no rank helped another\n", 100.0 * light->imbalance,
-                 100.0 * light->kept);
+    (void)printf("  moves      %10.2f s  shares are cut anew %u time%s by what points cost\n", light->move, light->cuts,
+                 light->cuts == 1 ? "" : "s");
+    (void)printf("  light is uneven by %.1f %%; %.1f %% if shares stayed as they are cut by points, and no rank helped "
+                 "another\n",
+                 100.0 * light->imbalance, 100.0 * light->kept);
 }
 
 static void print_time(const struct kiln_plan *p)
 {
     const struct kiln_plan_seconds *s = &p->seconds;
-    (void)printf("time of the last rank with its cores to itself, from samples traced here in %.1f s (%u bounces assumed)\n", p->calibration_seconds, p->bounces);
+    (void)printf(
+        "time of the last rank with its cores to itself, from samples traced here in %.1f s (%u bounces assumed)\n",
+        p->calibration_seconds, p->bounces);
     (void)printf("  before     %10.2f s  import %.2f, BVH %.2f, surface points %.2f, validity %.2f, emission %.2f\n",
-                 s->import + s->world + s->surface + s->validity + s->emission, s->import, s->world, s->surface, s->validity, s->emission);
-    (void)printf("  light      %10.2f s  direct %.2f, bounces %.2f, final gather %.2f, probes %.2f\n", s->direct + s->bounces + s->final + s->probes,
-                 s->direct, s->bounces, s->final, s->probes);
-    (void)printf("  exchange   %10.2f s  a rank receives %.1f MiB in each bounce\n", s->exchange, p->exchange_bytes / 1048576.0);
+                 s->import + s->world + s->surface + s->validity + s->emission, s->import, s->world, s->surface,
+                 s->validity, s->emission);
+    (void)printf("  light      %10.2f s  direct %.2f, bounces %.2f, final gather %.2f, probes %.2f\n",
+                 s->direct + s->bounces + s->final + s->probes, s->direct, s->bounces, s->final, s->probes);
+    (void)printf("  exchange   %10.2f s  a rank receives %.1f MiB in each bounce\n", s->exchange,
+                 p->exchange_bytes / 1048576.0);
     if (p->here.ranks > 1)
         print_balance(&p->here.light);
     (void)printf("  results    %10.2f s\n  in all     %10.2f s\n\n", s->write, s->total);
-    (void)printf("disk: %.1f MiB: lightmaps %.1f, kiln.h5 %.1f, volume.hdf %.1f, scene %.1f, scene.glb %.1f; while it runs two checkpoints of %.1f MiB\n",
-                 mebibytes(p->disk_bytes), mebibytes(p->lightmap_bytes), mebibytes(p->h5_bytes), mebibytes(p->volume_bytes), mebibytes(p->scene_bytes), mebibytes(p->export_bytes),
+    (void)printf("disk: %.1f MiB: lightmaps %.1f, kiln.h5 %.1f, volume.hdf %.1f, scene %.1f, scene.glb %.1f; while it "
+                 "runs two checkpoints of %.1f MiB\n",
+                 mebibytes(p->disk_bytes), mebibytes(p->lightmap_bytes), mebibytes(p->h5_bytes),
+                 mebibytes(p->volume_bytes), mebibytes(p->scene_bytes), mebibytes(p->export_bytes),
                  mebibytes(p->checkpoint_bytes));
 }
 
 /* What holds the last one of a curve back most, in words. */
-static const char *limit_of(const struct kiln_scaled *first, const struct kiln_scaled *last, double work, double *seconds)
+static const char *limit_of(const struct kiln_scaled *first, const struct kiln_scaled *last, double work,
+                            double *seconds)
 {
     const double share = work / last->ranks, idle = last->trace - share * first->trace;
     const struct {
@@ -175,30 +205,32 @@ static const char *limit_of(const struct kiln_scaled *first, const struct kiln_s
 
 static void print_curve(const char *name, const struct kiln_scaled *curve, size_t count, bool weak)
 {
-    (void)printf("\n%s scaling, simulated\n%9s%8s%12s%12s%9s%9s%9s%11s%9s%9s%9s%11s%12s%12s\n", name, "ranks", "nodes", "points", "light s",
-                 "uneven", "kept", "moves s", "exchange s",
-                 "find s", "once s", "write s", "in all s", "efficiency", "light only");
+    (void)printf("\n%s scaling, simulated\n%9s%8s%12s%12s%9s%9s%9s%11s%9s%9s%9s%11s%12s%12s\n", name, "ranks", "nodes",
+                 "points", "light s", "uneven", "kept", "moves s", "exchange s", "find s", "once s", "write s",
+                 "in all s", "efficiency", "light only");
     for (size_t i = 0; i < count; i++) {
         const struct kiln_scaled *c = &curve[i];
-        (void)printf("%9u%8u%12.3g%12.3g%7.1f %%%7.1f %%%9.3g%11.3g%9.3g%9.3g%9.3g%11.4g%10.1f %%%10.1f %%\n", c->ranks, c->nodes, c->points, c->trace, 100.0 * c->light.imbalance,
-                     100.0 * c->light.kept, c->light.move, c->exchange, c->find, c->once, c->write, c->seconds, 100.0 * c->efficiency, 100.0 * c->trace_efficiency);
+        (void)printf("%9u%8u%12.3g%12.3g%7.1f %%%7.1f %%%9.3g%11.3g%9.3g%9.3g%9.3g%11.4g%10.1f %%%10.1f %%\n", c->ranks,
+                     c->nodes, c->points, c->trace, 100.0 * c->light.imbalance, 100.0 * c->light.kept, c->light.move,
+                     c->exchange, c->find, c->once, c->write, c->seconds, 100.0 * c->efficiency,
+                     100.0 * c->trace_efficiency);
     }
     double lost;
     const struct kiln_scaled *last = &curve[count - 1];
     const char *limit = limit_of(&curve[0], last, weak ? last->ranks : 1.0, &lost);
     if (count > 1)
-        (void)printf("%u ranks: %.1f %% efficient; most is lost to %s: %.3g s of %.3g s\n", last->ranks, 100.0 * last->efficiency, limit, lost,
-                     last->seconds);
+        (void)printf("%u ranks: %.1f %% efficient; most is lost to %s: %.3g s of %.3g s\n", last->ranks,
+                     100.0 * last->efficiency, limit, lost, last->seconds);
 }
 
 /* ---- files ---- */
 
-static void add_rows(struct kiln_page *page, const char *kind, const struct kiln_scaled *curve, size_t count)
+static void add_rows(struct kiln_html *page, const char *kind, const struct kiln_scaled *curve, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
         const struct kiln_scaled *c = &curve[i];
-        kiln_page_add(page, "%s,%u,%u,%.0f,%.6g,%.6g,%.6g,%u,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", kind, c->ranks, c->nodes, c->points, c->trace,
-                      c->light.imbalance, c->light.kept, c->light.cuts, c->light.move,
+        kiln_html_add(page, "%s,%u,%u,%.0f,%.6g,%.6g,%.6g,%u,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", kind, c->ranks,
+                      c->nodes, c->points, c->trace, c->light.imbalance, c->light.kept, c->light.cuts, c->light.move,
                       c->exchange, c->find, c->once, c->write, c->seconds, c->efficiency, c->trace_efficiency);
     }
 }
@@ -206,14 +238,15 @@ static void add_rows(struct kiln_page *page, const char *kind, const struct kiln
 static int write_csv(const char *directory, const struct kiln_plan *p, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
-    struct kiln_page page = {.error = error};
-    kiln_page_add(&page, "kind,ranks,nodes,points,trace_s,imbalance,imbalance_kept,cuts,move_s,exchange_s,find_s,once_s,write_s,seconds,efficiency,trace_efficiency\n");
+    struct kiln_html page = {.error = error};
+    kiln_html_add(&page, "kind,ranks,nodes,points,trace_s,imbalance,imbalance_kept,cuts,move_s,exchange_s,find_s,once_"
+                         "s,write_s,seconds,efficiency,trace_efficiency\n");
     add_rows(&page, "strong", p->strong, p->curve_count);
     add_rows(&page, "weak", p->weak, p->curve_count);
     const int status = kiln_path_join(path, directory, "scaling.csv", error);
     if (status == KILN_OK)
-        return kiln_page_publish(&page, path);
-    kiln_page_free(&page);
+        return kiln_html_publish(&page, path);
+    kiln_html_free(&page);
     return status;
 }
 
@@ -229,7 +262,8 @@ static int write_plot(const char *directory, const struct kiln_plan *p, struct k
         values[3][i] = p->weak[i].trace_efficiency;
     }
     (void)snprintf(title, sizeof title, "Simulated efficiency, %.3g points (weak: on one rank)", p->strong[0].points);
-    return kiln_curve_write(directory, title, ranks, (const double *const[]){values[0], values[1], values[2], values[3]}, p->curve_count, error);
+    return kiln_curve_write(directory, title, ranks,
+                            (const double *const[]){values[0], values[1], values[2], values[3]}, p->curve_count, error);
 }
 
 static int write_files(const char *directory, const struct kiln_plan *p, struct kiln_error *error)
@@ -248,7 +282,8 @@ static void print_plan(const struct kiln_plan *p, const struct kiln_job *job)
     if (job->ranks > 1 || job->points > 0) {
         print_curve("strong", p->strong, p->curve_count, false);
         print_curve("weak", p->weak, p->curve_count, true);
-        (void)printf("\nuneven: light, of the last rank over the mean; kept: the same if shares stayed as they are cut by points, and no rank helped another\n");
+        (void)printf("\nuneven: light, of the last rank over the mean; kept: the same if shares stayed as they are cut "
+                     "by points, and no rank helped another\n");
     }
 }
 
@@ -281,7 +316,8 @@ int kiln_command_plan(struct kiln_job *job, struct kiln_error *error)
         struct kiln_temporary temporary = {.descriptor = -1};
         struct stat there;
         if (job->output != NULL && stat(job->output, &there) == 0 && !S_ISDIR(there.st_mode))
-            status = kiln_fail(error, KILN_CANNOT_CREATE, "--output %.500s is no folder: choose another name", job->output);
+            status =
+                kiln_fail(error, KILN_CANNOT_CREATE, "--output %.500s is no folder: choose another name", job->output);
         if (status == KILN_OK)
             status = kiln_temporary_make(&temporary, error);
         if (status == KILN_OK)

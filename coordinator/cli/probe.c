@@ -7,8 +7,8 @@
 #include <jansson.h>
 
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/read/results.h"
 #include "coordinator/output/units.h"
 
@@ -39,7 +39,9 @@ static int read_question(const struct kiln_job *job, struct question *q, struct 
     static const char *const names[6] = {"X", "Y", "Z", "NX", "NY", "NZ"};
     double numbers[6] = {0};
     if (job->argument_count != 4 && job->argument_count != 7)
-        return kiln_fail(error, KILN_USAGE, "kiln probe needs DIR X Y Z, or DIR X Y Z NX NY NZ; %zu arguments were given", job->argument_count);
+        return kiln_fail(error, KILN_USAGE,
+                         "kiln probe needs DIR X Y Z, or DIR X Y Z NX NY NZ; %zu arguments were given",
+                         job->argument_count);
     for (size_t i = 1; i < job->argument_count; i++) {
         const int status = read_number(job->arguments[i], names[i - 1], &numbers[i - 1], error);
         if (status != KILN_OK)
@@ -48,7 +50,8 @@ static int read_question(const struct kiln_job *job, struct question *q, struct 
     q->has_normal = job->argument_count == 7;
     const double length = hypot(hypot(numbers[3], numbers[4]), numbers[5]);
     if (q->has_normal && !(length > 0.0))
-        return kiln_fail(error, KILN_USAGE, "the normal (%s, %s, %s) has no length", job->arguments[4], job->arguments[5], job->arguments[6]);
+        return kiln_fail(error, KILN_USAGE, "the normal (%s, %s, %s) has no length", job->arguments[4],
+                         job->arguments[5], job->arguments[6]);
     for (int i = 0; i < 3; i++) {
         q->position[i] = numbers[i];
         q->normal[i] = q->has_normal ? numbers[3 + i] / length : 0.0;
@@ -56,13 +59,15 @@ static int read_question(const struct kiln_job *job, struct question *q, struct 
     return KILN_OK;
 }
 
-static int find_answer(struct kiln_results *results, const struct question *q, struct answer *a, struct kiln_error *error)
+static int find_answer(struct kiln_results *results, const struct question *q, struct answer *a,
+                       struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
     int descriptor;
     int status = kiln_results_file(results, "volume.hdf", &descriptor, path, error);
     if (status == KILN_OK)
-        status = kiln_reader_light(kiln_results_reader(results), descriptor, path, q->position, &a->light, &a->outside, error);
+        status = kiln_reader_light(kiln_results_reader(results), descriptor, path, q->position, &a->light, &a->outside,
+                                   error);
     if (status == KILN_OK && q->has_normal)
         kiln_volume_irradiance(&a->light, q->normal, a->irradiance);
     if (descriptor >= 0)
@@ -70,16 +75,21 @@ static int find_answer(struct kiln_results *results, const struct question *q, s
     return status;
 }
 
-static json_t *rgb_json(const float rgb[3]) { return json_pack("[f, f, f]", (double)rgb[0], (double)rgb[1], (double)rgb[2]); }
-
-static int print_json(const struct question *q, const struct answer *a, const struct kiln_units *units, struct kiln_error *error)
+static json_t *rgb_json(const float rgb[3])
 {
-    json_t *root = json_pack("{s:s, s:s, s:[f,f,f], s:b, s:f, s:f}", "status", "done", "units", units->irradiance, "position", q->position[0],
-                             q->position[1], q->position[2], "outside", a->outside, "validity", (double)a->light.validity, "mean_distance",
-                             (double)a->light.mean_distance);
+    return json_pack("[f, f, f]", (double)rgb[0], (double)rgb[1], (double)rgb[2]);
+}
+
+static int print_json(const struct question *q, const struct answer *a, const struct kiln_units *units,
+                      struct kiln_error *error)
+{
+    json_t *root = json_pack("{s:s, s:s, s:[f,f,f], s:b, s:f, s:f}", "status", "done", "units", units->irradiance,
+                             "position", q->position[0], q->position[1], q->position[2], "outside", a->outside,
+                             "validity", (double)a->light.validity, "mean_distance", (double)a->light.mean_distance);
     if (root != NULL && q->has_normal) {
         json_object_set_new(root, "normal", json_pack("[f, f, f]", q->normal[0], q->normal[1], q->normal[2]));
-        json_object_set_new(root, "irradiance", json_pack("[f, f, f]", a->irradiance[0], a->irradiance[1], a->irradiance[2]));
+        json_object_set_new(root, "irradiance",
+                            json_pack("[f, f, f]", a->irradiance[0], a->irradiance[1], a->irradiance[2]));
     }
     json_t *axes = json_object(), *harmonics = json_array();
     for (int i = 0; i < 6; i++)
@@ -94,16 +104,17 @@ static int print_json(const struct question *q, const struct answer *a, const st
 static void print_text(const struct question *q, const struct answer *a, const struct kiln_units *units)
 {
     if (q->has_normal) {
-        (void)printf("irradiance %.6g %.6g %.6g %s\n", a->irradiance[0], a->irradiance[1], a->irradiance[2], units->irradiance_text);
+        (void)printf("irradiance %.6g %.6g %.6g %s\n", a->irradiance[0], a->irradiance[1], a->irradiance[2],
+                     units->irradiance_text);
     } else {
         (void)printf("irradiance on faces along the axes, %s (R G B)\n", units->irradiance_text);
         for (int i = 0; i < 6; i++)
-            (void)printf("  %s  %-12.6g %-12.6g %.6g\n", axis_names[i], (double)a->light.axes[i][0], (double)a->light.axes[i][1],
-                         (double)a->light.axes[i][2]);
+            (void)printf("  %s  %-12.6g %-12.6g %.6g\n", axis_names[i], (double)a->light.axes[i][0],
+                         (double)a->light.axes[i][1], (double)a->light.axes[i][2]);
         (void)puts("harmonics of irradiance, E(n) = sum of c Y(n), in the order 00, 1-1, 10, 11, 2-2, 2-1, 20, 21, 22");
         for (int i = 0; i < 9; i++)
-            (void)printf("  %d   %-12.6g %-12.6g %.6g\n", i, (double)a->light.harmonics[i][0], (double)a->light.harmonics[i][1],
-                         (double)a->light.harmonics[i][2]);
+            (void)printf("  %d   %-12.6g %-12.6g %.6g\n", i, (double)a->light.harmonics[i][0],
+                         (double)a->light.harmonics[i][1], (double)a->light.harmonics[i][2]);
     }
     (void)printf("validity %.3f, mean distance %.4g m\n", (double)a->light.validity, (double)a->light.mean_distance);
     if (a->outside)

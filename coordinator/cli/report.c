@@ -5,11 +5,11 @@
 
 #include <jansson.h>
 
-#include "coordinator/bake/lock.h"
+#include "coordinator/run/lock.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/output_name.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/output_name.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/text.h"
 
 int kiln_command_report(struct kiln_job *job, struct kiln_error *error)

@@ -9,8 +9,8 @@
 #include <unistd.h>
 #include <xxhash.h>
 
-#include "coordinator/cli/agree.h"
-#include "coordinator/cli/options.h"
+#include "coordinator/mpi/agree.h"
+#include "coordinator/job/options.h"
 #include "worker/base/memory.h"
 
 enum { SAMPLES = 64, SAMPLE_BYTES = 1 << 16 }; /* of a file: files of up to 4 MiB are read whole */
@@ -50,7 +50,8 @@ static bool hash_samples(int descriptor, uint64_t size, char *bytes, uint64_t *h
     const uint64_t rest = size > SAMPLE_BYTES ? size - SAMPLE_BYTES : 0;
     *hash = 0;
     for (uint64_t i = 0; i < SAMPLES; i++) {
-        const ssize_t got = pread(descriptor, bytes, SAMPLE_BYTES, (off_t)(rest / (SAMPLES - 1) * i + rest % (SAMPLES - 1) * i / (SAMPLES - 1)));
+        const ssize_t got = pread(descriptor, bytes, SAMPLE_BYTES,
+                                  (off_t)(rest / (SAMPLES - 1) * i + rest % (SAMPLES - 1) * i / (SAMPLES - 1)));
         if (got < 0)
             return false;
         *hash = XXH3_64bits_withSeed(bytes, (size_t)got, *hash);
@@ -70,7 +71,8 @@ static void describe_file(struct list *list, const char *path, char *text, size_
     if (list->status != KILN_OK)
         return;
     const int descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-    if (descriptor < 0 || fstat(descriptor, &file) != 0 || !hash_samples(descriptor, (uint64_t)file.st_size, bytes, &hash))
+    if (descriptor < 0 || fstat(descriptor, &file) != 0 ||
+        !hash_samples(descriptor, (uint64_t)file.st_size, bytes, &hash))
         list->status = kiln_fail_errno(list->error, 0, "cannot read %.500s", path);
     else
         (void)snprintf(text, size, "%lld bytes, %016llx", (long long)file.st_size, (unsigned long long)hash);
@@ -150,29 +152,38 @@ static int compare(const struct list *own, const char *first, size_t first_size,
         if (own_value == NULL || value == NULL)
             break;
         if (same && strcmp(own_value, value) != 0)
-            return kiln_fail(error, KILN_USAGE, "rank %d on %s has another %s than rank 0: '%.500s', and rank 0 '%.500s'; give all ranks the same command, "
-                             "files and program", rank, host, strncmp(a, "the ", 4) == 0 ? a + 4 : a, own_value, value);
+            return kiln_fail(error, KILN_USAGE,
+                             "rank %d on %s has another %s than rank 0: '%.500s', and rank 0 '%.500s'; give all ranks "
+                             "the same command, "
+                             "files and program",
+                             rank, host, strncmp(a, "the ", 4) == 0 ? a + 4 : a, own_value, value);
         if (!same)
-            return kiln_fail(error, KILN_USAGE, "rank %d on %s has %s '%.500s' where rank 0 has %s '%.500s'; give all ranks the same command, files and "
-                             "program", rank, host, a, own_value, b, value);
+            return kiln_fail(error, KILN_USAGE,
+                             "rank %d on %s has %s '%.500s' where rank 0 has %s '%.500s'; give all ranks the same "
+                             "command, files and "
+                             "program",
+                             rank, host, a, own_value, b, value);
         a = next(own_value, a_end);
         b = next(value, b_end);
     }
     if (a == NULL && b == NULL)
         return KILN_OK;
-    return kiln_fail(error, KILN_USAGE, "rank %d on %s was given %s arguments than rank 0; give all ranks the same command", rank, host,
+    return kiln_fail(error, KILN_USAGE,
+                     "rank %d on %s was given %s arguments than rank 0; give all ranks the same command", rank, host,
                      a != NULL ? "more" : "fewer");
 }
 
 /* Rank 0's list, on all. Collective. */
-static int learn_first(MPI_Comm communicator, const struct list *own, char **first, uint64_t *size, struct kiln_error *error)
+static int learn_first(MPI_Comm communicator, const struct list *own, char **first, uint64_t *size,
+                       struct kiln_error *error)
 {
     int rank;
     (void)MPI_Comm_rank(communicator, &rank);
     *size = own->size;
     (void)MPI_Bcast(size, 1, MPI_UINT64_T, 0, communicator);
-    int status = *size <= INT_MAX ? kiln_allocate(first, (size_t)*size, 1, "the job of rank 0", error)
-                                  : kiln_fail(error, KILN_USAGE, "the job is %llu bytes long", (unsigned long long)*size);
+    int status = *size <= INT_MAX
+                     ? kiln_allocate(first, (size_t)*size, 1, "the job of rank 0", error)
+                     : kiln_fail(error, KILN_USAGE, "the job is %llu bytes long", (unsigned long long)*size);
     status = kiln_agree(communicator, status, error);
     if (status != KILN_OK)
         return status;

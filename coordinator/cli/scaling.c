@@ -11,14 +11,14 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "coordinator/bake/phases.h"
+#include "coordinator/run/phases.h"
 #include "coordinator/bake/prepare.h"
-#include "coordinator/cli/job_private.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/options.h"
+#include "coordinator/job/job_private.h"
+#include "coordinator/files/json.h"
+#include "coordinator/job/options.h"
 #include "coordinator/output/curve.h"
-#include "coordinator/output/page.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/output/html.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
@@ -55,12 +55,15 @@ static int read_ranks(struct bench *b, struct kiln_error *error)
         char *end = NULL;
         const unsigned long value = strtoul(at, &end, 10);
         const bool ascends = b->rank_count == 0 || value > b->ranks[b->rank_count - 1];
-        if (end == at || (*end != ',' && *end != '\0') || value < 1 || value > 65536 || !ascends || b->rank_count == RUNS_MOST)
-            return kiln_fail(error, KILN_USAGE, "--ranks takes ascending numbers like 1,2,4 (%d at most), not '%.100s'", RUNS_MOST, text);
+        if (end == at || (*end != ',' && *end != '\0') || value < 1 || value > 65536 || !ascends ||
+            b->rank_count == RUNS_MOST)
+            return kiln_fail(error, KILN_USAGE, "--ranks takes ascending numbers like 1,2,4 (%d at most), not '%.100s'",
+                             RUNS_MOST, text);
         b->ranks[b->rank_count++] = (uint32_t)value;
         at = *end == ',' ? end + 1 : end;
     }
-    return b->rank_count > 0 ? KILN_OK : kiln_fail(error, KILN_USAGE, "--ranks takes ascending numbers like 1,2,4, not nothing");
+    return b->rank_count > 0 ? KILN_OK
+                             : kiln_fail(error, KILN_USAGE, "--ranks takes ascending numbers like 1,2,4, not nothing");
 }
 
 static int find_program(struct bench *b, struct kiln_error *error)
@@ -135,7 +138,8 @@ static void push_option(struct arguments *a, const struct kiln_job *job, const s
 {
     char name[TEXT + 8], value[KILN_PATH_SIZE];
     if (option->kind == KILN_OPTION_FLAG) {
-        (void)snprintf(name, sizeof name, "--%s%s", *(const bool *)(const void *)((const char *)job + option->offset) ? "" : "no-", option->name);
+        (void)snprintf(name, sizeof name, "--%s%s",
+                       *(const bool *)(const void *)((const char *)job + option->offset) ? "" : "no-", option->name);
         push(a, name);
         return;
     }
@@ -205,14 +209,16 @@ static int start(struct arguments *a, const sigset_t *signals, pid_t *process, s
         errno = posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK);
     if (errno == 0)
         errno = posix_spawnp(process, a->text[0], &actions, &attributes, a->text, environ);
-    const int status = errno == 0 ? KILN_OK : kiln_fail_errno(error, KILN_SITE, "mpirun cannot be started; is Open MPI in PATH?");
+    const int status =
+        errno == 0 ? KILN_OK : kiln_fail_errno(error, KILN_SITE, "mpirun cannot be started; is Open MPI in PATH?");
     (void)posix_spawn_file_actions_destroy(&actions);
     (void)posix_spawnattr_destroy(&attributes);
     return status;
 }
 
-/* Waits for a process while the signals of `set`, SIGCHLD among them, are blocked. What asks this one to end is passed on: mpirun would go on
- * alone. Returns the process's exit status as waitpid has it; *asked is the last signal, or 0. */
+/* Waits for a process while the signals of `set`, SIGCHLD among them, are blocked. What asks this one to end is passed
+ * on: mpirun would go on alone. Returns the process's exit status as waitpid has it; *asked is the last signal, or 0.
+ */
 static int wait_for(pid_t process, const sigset_t *set, int *asked)
 {
     int exit_status = 0;
@@ -244,7 +250,9 @@ static int run_command(struct arguments *a, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     if (asked != 0)
-        return kiln_fail(error, KILN_STOPPED, "stopped by %s, in the bake with %s rank(s); the same command starts again", strsignal(asked), a->text[2]);
+        return kiln_fail(error, KILN_STOPPED,
+                         "stopped by %s, in the bake with %s rank(s); the same command starts again", strsignal(asked),
+                         a->text[2]);
     const int code = WIFEXITED(exit_status) ? WEXITSTATUS(exit_status) : KILN_SYSTEM;
     if (code == KILN_OK)
         return KILN_OK;
@@ -268,12 +276,14 @@ static int read_report(struct run *run, const char *folder, struct kiln_error *e
         run->density = json_number_value(json_object_get(json_object_get(json, "scene"), "texels_per_metre"));
         size_t index;
         json_t *phase;
-        json_array_foreach(json_object_get(json, "phases"), index, phase) {
+        json_array_foreach(json_object_get(json, "phases"), index, phase)
+        {
             if (run->phase_count == KILN_PHASES_MAX)
                 break;
             const char *name = json_string_value(json_object_get(phase, "name"));
             (void)snprintf(run->phase[run->phase_count], TEXT, "%s", name != NULL ? name : "");
-            run->slowest[run->phase_count++] = json_number_value(json_object_get(json_object_get(phase, "seconds"), "max"));
+            run->slowest[run->phase_count++] =
+                json_number_value(json_object_get(json_object_get(phase, "seconds"), "max"));
         }
     }
     json_decref(json);
@@ -291,8 +301,8 @@ static int bake(struct bench *b, struct run *run, struct kiln_error *error)
         status = a.status;
     }
     if (status == KILN_OK && !b->job->quiet)
-        (void)fprintf(stderr, "kiln: %s scaling, %u rank%s of %u thread%s\n", run->weak ? "weak" : "strong", run->ranks, run->ranks == 1 ? "" : "s",
-                      b->threads, b->threads == 1 ? "" : "s");
+        (void)fprintf(stderr, "kiln: %s scaling, %u rank%s of %u thread%s\n", run->weak ? "weak" : "strong", run->ranks,
+                      run->ranks == 1 ? "" : "s", b->threads, b->threads == 1 ? "" : "s");
     if (status == KILN_OK)
         status = run_command(&a, error);
     if (status == KILN_OK)
@@ -312,7 +322,8 @@ static double phase_of(const struct run *run, const char *name)
 
 static double light_of(const struct run *run)
 {
-    return phase_of(run, "direct light") + phase_of(run, "bounces") + phase_of(run, "final gather") + phase_of(run, "exchange") + phase_of(run, "probes");
+    return phase_of(run, "direct light") + phase_of(run, "bounces") + phase_of(run, "final gather") +
+           phase_of(run, "exchange") + phase_of(run, "probes");
 }
 
 /* Seconds that the run would take if nothing were lost against the first one, for a time of it. */
@@ -355,23 +366,23 @@ static int bake_all(struct bench *b, struct kiln_error *error)
 static int write_csv(const struct bench *b, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
-    struct kiln_page page = {.error = error};
+    struct kiln_html page = {.error = error};
     const struct run *first = &b->runs[0];
-    kiln_page_add(&page, "kind,ranks,threads,points,seconds,efficiency,light_efficiency");
+    kiln_html_add(&page, "kind,ranks,threads,points,seconds,efficiency,light_efficiency");
     for (size_t p = 0; p < first->phase_count; p++)
-        kiln_page_add(&page, ",%s", first->phase[p]);
+        kiln_html_add(&page, ",%s", first->phase[p]);
     for (size_t i = 0; i < 2 * b->rank_count; i++) {
         const struct run *run = &b->runs[i];
-        kiln_page_add(&page, "\n%s,%u,%u,%.0f,%.6g,%.6g,%.6g", run->weak ? "weak" : "strong", run->ranks, b->threads, run->points, run->seconds,
-                      run->efficiency, run->light_efficiency);
+        kiln_html_add(&page, "\n%s,%u,%u,%.0f,%.6g,%.6g,%.6g", run->weak ? "weak" : "strong", run->ranks, b->threads,
+                      run->points, run->seconds, run->efficiency, run->light_efficiency);
         for (size_t p = 0; p < first->phase_count; p++)
-            kiln_page_add(&page, ",%.6g", phase_of(run, first->phase[p]));
+            kiln_html_add(&page, ",%.6g", phase_of(run, first->phase[p]));
     }
-    kiln_page_add(&page, "\n");
+    kiln_html_add(&page, "\n");
     const int status = kiln_path_join(path, b->job->output, "scaling.csv", error);
     if (status == KILN_OK)
-        return kiln_page_publish(&page, path);
-    kiln_page_free(&page);
+        return kiln_html_publish(&page, path);
+    kiln_html_free(&page);
     return status;
 }
 
@@ -411,19 +422,22 @@ static void sentence(const struct bench *b, bool weak, char *text, size_t size)
     double lost;
     const char *phase = worst_phase(first, last, &lost);
     const double all = last->seconds - ideal(first, last, first->seconds);
-    (void)snprintf(text, size, "%s scaling to %u ranks: %.1f %% efficient (light and exchange %.1f %%); of %.2f s in all %.2f s are lost, most of it in '%s' (%.2f s)",
-                   weak ? "weak" : "strong", last->ranks, 100.0 * last->efficiency, 100.0 * last->light_efficiency, last->seconds,
-                   all > 0.0 ? all : 0.0, phase, lost);
+    (void)snprintf(text, size,
+                   "%s scaling to %u ranks: %.1f %% efficient (light and exchange %.1f %%); of %.2f s in all %.2f s "
+                   "are lost, most of it in '%s' (%.2f s)",
+                   weak ? "weak" : "strong", last->ranks, 100.0 * last->efficiency, 100.0 * last->light_efficiency,
+                   last->seconds, all > 0.0 ? all : 0.0, phase, lost);
 }
 
 static void print_text(const struct bench *b)
 {
     char text[400];
-    (void)printf("%-8s%8s%9s%14s%10s%12s%12s\n", "kind", "ranks", "threads", "points", "seconds", "efficiency", "light only");
+    (void)printf("%-8s%8s%9s%14s%10s%12s%12s\n", "kind", "ranks", "threads", "points", "seconds", "efficiency",
+                 "light only");
     for (size_t i = 0; i < 2 * b->rank_count; i++) {
         const struct run *r = &b->runs[i];
-        (void)printf("%-8s%8u%9u%14.0f%10.2f%10.1f %%%10.1f %%\n", r->weak ? "weak" : "strong", r->ranks, b->threads, r->points, r->seconds,
-                     100.0 * r->efficiency, 100.0 * r->light_efficiency);
+        (void)printf("%-8s%8u%9u%14.0f%10.2f%10.1f %%%10.1f %%\n", r->weak ? "weak" : "strong", r->ranks, b->threads,
+                     r->points, r->seconds, 100.0 * r->efficiency, 100.0 * r->light_efficiency);
     }
     for (int weak = 0; weak < 2; weak++) {
         sentence(b, weak != 0, text, sizeof text);
@@ -438,13 +452,16 @@ static int print_json(const struct bench *b, struct kiln_error *error)
     char strong[400], weak[400];
     for (size_t i = 0; i < 2 * b->rank_count; i++) {
         const struct run *r = &b->runs[i];
-        (void)json_array_append_new(runs, json_pack("{s:s, s:i, s:f, s:f, s:f, s:f}", "kind", r->weak ? "weak" : "strong", "ranks", (int)r->ranks, "points",
-                                              r->points, "seconds", r->seconds, "efficiency", r->efficiency, "light_efficiency", r->light_efficiency));
+        (void)json_array_append_new(runs,
+                                    json_pack("{s:s, s:i, s:f, s:f, s:f, s:f}", "kind", r->weak ? "weak" : "strong",
+                                              "ranks", (int)r->ranks, "points", r->points, "seconds", r->seconds,
+                                              "efficiency", r->efficiency, "light_efficiency", r->light_efficiency));
     }
     sentence(b, false, strong, sizeof strong);
     sentence(b, true, weak, sizeof weak);
-    return kiln_json_print(json_pack("{s:s, s:i, s:o, s:s, s:s}", "status", "done", "threads", (int)b->threads, "runs", runs, "strong", strong, "weak",
-                                     weak), error);
+    return kiln_json_print(json_pack("{s:s, s:i, s:o, s:s, s:s}", "status", "done", "threads", (int)b->threads, "runs",
+                                     runs, "strong", strong, "weak", weak),
+                           error);
 }
 
 static int prepare(struct bench *b, struct kiln_error *error)

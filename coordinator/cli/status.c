@@ -6,12 +6,12 @@
 #include <sys/stat.h>
 #include <time.h>
 
-#include "coordinator/bake/checkpoint.h"
-#include "coordinator/bake/status_file.h"
+#include "coordinator/run/checkpoint.h"
+#include "coordinator/run/status_file.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/progress.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/json.h"
+#include "coordinator/run/progress.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/text.h"
 
 /* What is known, and in one word what that means: running, lost, stopped, failed, done. */
@@ -46,7 +46,9 @@ static int look(const char *directory, struct found *f, struct kiln_error *error
     else if (is_done(directory))
         f->state = "done";
     else
-        return kiln_fail(error, KILN_NO_INPUT, "there is no bake in %.500s: neither a running one, nor a checkpoint, nor run.json", directory);
+        return kiln_fail(error, KILN_NO_INPUT,
+                         "there is no bake in %.500s: neither a running one, nor a checkpoint, nor run.json",
+                         directory);
     return KILN_OK;
 }
 
@@ -64,8 +66,9 @@ static int print_json(const struct found *f, struct kiln_error *error)
     const struct kiln_bake_status *s = &f->status;
     json_t *json = json_pack("{s:s, s:o}", "status", "done", "state", kiln_json_string(f->state));
     if (s->state[0] != '\0') {
-        json_t *more = json_pack("{s:o, s:f, s:i, s:o, s:I, s:f}", "phase", kiln_json_string(s->phase), "seconds", s->seconds, "ranks", (int)s->ranks, "host",
-                                 kiln_json_string(s->host), "process", (json_int_t)s->process, "seconds_since_sign_of_life", fmax(0.0, f->now - s->updated));
+        json_t *more = json_pack("{s:o, s:f, s:i, s:o, s:I, s:f}", "phase", kiln_json_string(s->phase), "seconds",
+                                 s->seconds, "ranks", (int)s->ranks, "host", kiln_json_string(s->host), "process",
+                                 (json_int_t)s->process, "seconds_since_sign_of_life", fmax(0.0, f->now - s->updated));
         (void)json_object_update(json, more);
         json_decref(more);
     }
@@ -95,7 +98,8 @@ static void print_phase(const struct found *f)
         (void)snprintf(left, sizeof left, ", %s left of it", kiln_duration_text(s->left, duration, sizeof duration));
     kiln_print(stdout, "phase        %s%s%s\n", s->phase, share, left);
     (void)printf("running for  %s", kiln_duration_text(s->seconds, duration, sizeof duration));
-    (void)printf("; last sign of life %s ago\n", kiln_duration_text(fmax(0.0, f->now - s->updated), duration, sizeof duration));
+    (void)printf("; last sign of life %s ago\n",
+                 kiln_duration_text(fmax(0.0, f->now - s->updated), duration, sizeof duration));
 }
 
 static void print_text(const struct found *f)
@@ -103,7 +107,8 @@ static void print_text(const struct found *f)
     const struct kiln_bake_status *s = &f->status;
     char text[48];
     if (s->state[0] != '\0')
-        kiln_print(stdout, "state        %s, %d rank%s, rank 0 is process %lld on %s\n", f->state, s->ranks, s->ranks == 1 ? "" : "s", (long long)s->process, s->host);
+        kiln_print(stdout, "state        %s, %d rank%s, rank 0 is process %lld on %s\n", f->state, s->ranks,
+                   s->ranks == 1 ? "" : "s", (long long)s->process, s->host);
     else
         kiln_print(stdout, "state        %s\n", f->state);
     if (s->phase[0] != '\0')
@@ -112,7 +117,8 @@ static void print_text(const struct found *f)
         (void)printf("checkpoint   %llu, %s ago\n", (unsigned long long)f->generation,
                      kiln_duration_text(fmax(0.0, f->now - s->saved), text, sizeof text));
     else
-        (void)printf(f->has_generation ? "checkpoint   %llu\n" : "checkpoint   none\n", (unsigned long long)f->generation);
+        (void)printf(f->has_generation ? "checkpoint   %llu\n" : "checkpoint   none\n",
+                     (unsigned long long)f->generation);
     if (s->message[0] != '\0')
         kiln_print(stdout, "ended        with %d: %s\n", s->code, s->message);
     (void)printf("next         %s\n", advice(f));

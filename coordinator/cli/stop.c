@@ -3,9 +3,9 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/bake/status_file.h"
+#include "coordinator/run/status_file.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
+#include "coordinator/files/json.h"
 #include "worker/base/text.h"
 
 int kiln_command_stop(struct kiln_job *job, struct kiln_error *error)
@@ -21,6 +21,7 @@ int kiln_command_stop(struct kiln_job *job, struct kiln_error *error)
     if (job->json)
         return kiln_json_print(json_pack("{s:s, s:o}", "status", "done", "output", kiln_json_string(directory)), error);
     if (!job->quiet)
-        kiln_print(stdout, "asked process %lld on %s to stop; it saves and ends with 75 (kiln status %s)\n", (long long)bake.process, bake.host, directory);
+        kiln_print(stdout, "asked process %lld on %s to stop; it saves and ends with 75 (kiln status %s)\n",
+                   (long long)bake.process, bake.host, directory);
     return KILN_OK;
 }

@@ -8,9 +8,9 @@
 
 #include "coordinator/batch/batch.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/job_private.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/job/job_private.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 struct submission {
@@ -35,14 +35,16 @@ static int keep_absolute(struct submission *s, const char *path, const char **ke
     return status;
 }
 
-/* Parses the bake as `kiln bake` will, so that a wrong job file is refused now and not when it comes up in the queue. */
+/* Parses the bake as `kiln bake` will, so that a wrong job file is refused now and not when it comes up in the queue.
+ */
 static int read_item(struct submission *s, const char *path, struct kiln_batch_item *item, struct kiln_error *error)
 {
     char bake[] = "bake", output[] = "--output", end[] = "--";
     char *with[] = {bake, bake, output, s->job->output, end, (char *)(uintptr_t)path, NULL};
     char *without[] = {bake, bake, end, (char *)(uintptr_t)path, NULL};
     struct kiln_job *job = NULL;
-    int status = s->job->output != NULL ? kiln_job_parse(&job, 6, with, error) : kiln_job_parse(&job, 4, without, error);
+    int status =
+        s->job->output != NULL ? kiln_job_parse(&job, 6, with, error) : kiln_job_parse(&job, 4, without, error);
     struct stat scene;
     if (status == KILN_OK && stat(job->scene, &scene) != 0)
         status = kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "cannot read scene %.500s", job->scene);
@@ -65,7 +67,8 @@ static int find_array(struct submission *s, struct kiln_error *error)
     s->globbed = failure == 0;
     if (failure == GLOB_NOSPACE)
         return kiln_fail(error, KILN_SYSTEM, "out of memory for the files of --array");
-    return failure == 0 ? KILN_OK : kiln_fail(error, KILN_NO_INPUT, "--array: no file is called '%.500s'", s->job->array);
+    return failure == 0 ? KILN_OK
+                        : kiln_fail(error, KILN_NO_INPUT, "--array: no file is called '%.500s'", s->job->array);
 }
 
 /* Two bakes in one folder would each take the other's checkpoints for its own. */
@@ -74,8 +77,9 @@ static int check_outputs(const struct submission *s, struct kiln_error *error)
     for (size_t i = 0; i < s->batch.item_count; i++)
         for (size_t j = 0; j < i; j++)
             if (strcmp(s->items[i].output, s->items[j].output) == 0)
-                return kiln_fail(error, KILN_USAGE, "%.400s and %.400s would both bake into %.400s; give each its own `output`", s->items[j].job,
-                                 s->items[i].job, s->items[i].output);
+                return kiln_fail(error, KILN_USAGE,
+                                 "%.400s and %.400s would both bake into %.400s; give each its own `output`",
+                                 s->items[j].job, s->items[i].job, s->items[i].output);
     return KILN_OK;
 }
 
@@ -83,7 +87,9 @@ static int read_items(struct submission *s, struct kiln_error *error)
 {
     const size_t given = s->job->argument_count, found = s->globbed ? s->found.gl_pathc : 0;
     if (given + found == 0)
-        return kiln_fail(error, KILN_USAGE, "kiln submit needs a job file or a scene; for example: kiln submit jobs/cornell.yaml --nodes 2");
+        return kiln_fail(
+            error, KILN_USAGE,
+            "kiln submit needs a job file or a scene; for example: kiln submit jobs/cornell.yaml --nodes 2");
     int status = kiln_allocate(&s->items, given + found, sizeof *s->items, "the jobs", error);
     for (size_t i = 0; i < given + found && status == KILN_OK; i++)
         status = read_item(s, i < given ? s->job->arguments[i] : s->found.gl_pathv[i - given], &s->items[i], error);
@@ -92,13 +98,15 @@ static int read_items(struct submission *s, struct kiln_error *error)
     return status != KILN_OK ? status : check_outputs(s, error);
 }
 
-/* What the script starts: the launcher of a relocatable folder and the mpirun beside it, or this program and the one in PATH. */
+/* What the script starts: the launcher of a relocatable folder and the mpirun beside it, or this program and the one in
+ * PATH. */
 static int find_program(struct submission *s, struct kiln_error *error)
 {
     if (getcwd(s->folder, sizeof s->folder) == NULL)
         return kiln_fail_errno(error, KILN_SYSTEM, "cannot tell the current folder");
     const char *launcher = getenv("KILN_LAUNCHER");
-    const char *slash = launcher != NULL && launcher[0] == '/' && strlen(launcher) < KILN_PATH_SIZE ? strrchr(launcher, '/') : NULL;
+    const char *slash =
+        launcher != NULL && launcher[0] == '/' && strlen(launcher) < KILN_PATH_SIZE ? strrchr(launcher, '/') : NULL;
     if (slash != NULL) {
         char folder[KILN_PATH_SIZE];
         (void)snprintf(s->program, sizeof s->program, "%s", launcher);
@@ -128,7 +136,8 @@ static int describe(struct submission *s, struct kiln_error *error)
     s->batch.tries = job->tries;
     s->batch.backend = job->gpus != 0 ? "vulkan" : NULL;
     if (job->gpus != 0 && s->embree)
-        return kiln_fail(error, KILN_USAGE, "--gpus %u, but a job file says `backend: embree`; leave one of them out", job->gpus);
+        return kiln_fail(error, KILN_USAGE, "--gpus %u, but a job file says `backend: embree`; leave one of them out",
+                         job->gpus);
     return job->setup == NULL ? KILN_OK : keep_absolute(s, job->setup, &s->batch.setup, error);
 }
 
@@ -152,12 +161,14 @@ static void print_word(const char *text)
 static void say(const struct submission *s)
 {
     const bool array = s->batch.item_count > 1;
-    (void)printf("job %s is in the queue: %zu bake%s, on %u node%s with %u rank%s each\n\n", s->id, s->batch.item_count, array ? "s" : "",
-                 s->batch.nodes, s->batch.nodes == 1 ? "" : "s", s->batch.ranks_per_node, s->batch.ranks_per_node == 1 ? "" : "s");
+    (void)printf("job %s is in the queue: %zu bake%s, on %u node%s with %u rank%s each\n\n", s->id, s->batch.item_count,
+                 array ? "s" : "", s->batch.nodes, s->batch.nodes == 1 ? "" : "s", s->batch.ranks_per_node,
+                 s->batch.ranks_per_node == 1 ? "" : "s");
     (void)printf("  squeue -j %s\n  tail -F kiln-%s%s.log\n", s->id, s->id, array ? "_0" : "");
     (void)printf("  kiln status ");
     print_word(s->items[0].output);
-    (void)printf("  scancel %s\n\nA bake that the time limit or a lost node ends goes back into the queue by itself and goes on from its last checkpoint.\n",
+    (void)printf("  scancel %s\n\nA bake that the time limit or a lost node ends goes back into the queue by itself "
+                 "and goes on from its last checkpoint.\n",
                  s->id);
 }
 

@@ -6,8 +6,8 @@
 #include <unistd.h>
 
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/ranges.h"
 #include "coordinator/output/read/results.h"
 #include "worker/base/memory.h"
@@ -18,7 +18,8 @@ struct verdict {
 };
 
 /* Only what is as it was written is looked into, by a reader of the thread's own. */
-static void check_file(const struct kiln_results *results, const struct kiln_manifest_file *file, struct kiln_reader *reader, struct verdict *verdict)
+static void check_file(const struct kiln_results *results, const struct kiln_manifest_file *file,
+                       struct kiln_reader *reader, struct verdict *verdict)
 {
     char path[KILN_PATH_SIZE];
     int descriptor;
@@ -50,19 +51,23 @@ static int check_all(const struct kiln_results *results, struct verdict **verdic
     return status;
 }
 
-static int print_json(struct kiln_job *job, const struct kiln_manifest *m, const struct verdict *v, size_t bad, uint64_t bytes, struct kiln_error *error)
+static int print_json(struct kiln_job *job, const struct kiln_manifest *m, const struct verdict *v, size_t bad,
+                      uint64_t bytes, struct kiln_error *error)
 {
     json_t *problems = json_array();
     for (size_t i = 0; i < m->count; i++)
         if (v[i].status != KILN_OK)
-            (void)json_array_append_new(problems, json_pack("{s:o, s:o}", "file", kiln_json_string(m->files[i].path), "message",
-                                                            kiln_json_string(v[i].error.message)));
+            (void)json_array_append_new(problems, json_pack("{s:o, s:o}", "file", kiln_json_string(m->files[i].path),
+                                                            "message", kiln_json_string(v[i].error.message)));
     job->answered = true;
-    return kiln_json_print(json_pack("{s:s, s:I, s:I, s:I, s:o}", "status", bad == 0 ? "done" : "damaged", "files", (json_int_t)m->count, "bytes",
-                                     (json_int_t)bytes, "damaged", (json_int_t)bad, "problems", problems), error);
+    return kiln_json_print(json_pack("{s:s, s:I, s:I, s:I, s:o}", "status", bad == 0 ? "done" : "damaged", "files",
+                                     (json_int_t)m->count, "bytes", (json_int_t)bytes, "damaged", (json_int_t)bad,
+                                     "problems", problems),
+                           error);
 }
 
-static int conclude(struct kiln_job *job, const struct kiln_manifest *m, const struct verdict *v, struct kiln_error *error)
+static int conclude(struct kiln_job *job, const struct kiln_manifest *m, const struct verdict *v,
+                    struct kiln_error *error)
 {
     size_t bad = 0;
     uint64_t bytes = 0;
@@ -78,10 +83,12 @@ static int conclude(struct kiln_job *job, const struct kiln_manifest *m, const s
     }
     const int status = job->json ? print_json(job, m, v, bad, bytes, error) : KILN_OK;
     if (bad > 0)
-        return kiln_fail(error, KILN_BAD_INPUT, "%zu of %zu files in %.500s cannot be trusted, %.200s first; bake again", bad, m->count,
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%zu of %zu files in %.500s cannot be trusted, %.200s first; bake again", bad, m->count,
                          job->arguments[0], first);
     if (!job->json && !job->quiet)
-        (void)printf("%zu files, %.1f MiB: all as they were written, all values in range\n", m->count, (double)bytes / 1048576.0);
+        (void)printf("%zu files, %.1f MiB: all as they were written, all values in range\n", m->count,
+                     (double)bytes / 1048576.0);
     return status;
 }
 
@@ -92,7 +99,9 @@ int kiln_command_verify(struct kiln_job *job, struct kiln_error *error)
     const char *directory = job->arguments[0];
     int status = kiln_results_open(&results, directory, error);
     if (status == KILN_NO_INPUT || (status == KILN_OK && kiln_results_manifest(results) == NULL))
-        status = kiln_fail(error, KILN_NO_INPUT, "%.500s has no manifest: the bake in it is not finished (kiln status says where it is)", directory);
+        status = kiln_fail(error, KILN_NO_INPUT,
+                           "%.500s has no manifest: the bake in it is not finished (kiln status says where it is)",
+                           directory);
     if (status == KILN_OK)
         status = check_all(results, &verdicts, error);
     if (status == KILN_OK)

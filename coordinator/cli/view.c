@@ -8,13 +8,13 @@
 
 #include <jansson.h>
 
-#include "coordinator/bake/lock.h"
+#include "coordinator/run/lock.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/devices.h"
-#include "coordinator/cli/json.h"
-#include "coordinator/cli/output_name.h"
+#include "coordinator/files/json.h"
+#include "coordinator/files/output_name.h"
 #include "coordinator/output/exr.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/units.h"
 #include "worker/base/text.h"
 
@@ -40,7 +40,10 @@ static int open_scene(struct view *v, const struct kiln_job *job, const char *di
         status = kiln_lights_create(&v->lights, v->scene, v->geometry, error);
     if (status != KILN_OK)
         return status;
-    struct kiln_backend_params params = {.scene = v->scene, .geometry = v->geometry, .lights = v->lights, .threads = job->threads,
+    struct kiln_backend_params params = {.scene = v->scene,
+                                         .geometry = v->geometry,
+                                         .lights = v->lights,
+                                         .threads = job->threads,
                                          .instruction_set = job->instruction_set};
     kiln_devices_choose(job, 0, 1, &params);
     return kiln_backend_create(&v->backend, job->backend, &params, error);
@@ -50,16 +53,23 @@ static int read_point(const char *option, const char *text, double point[3], str
 {
     char after;
     if (sscanf(text, "%lf,%lf,%lf%c", &point[0], &point[1], &point[2], &after) != 3)
-        return kiln_fail(error, KILN_USAGE, "--%s %s: three numbers with commas between are wanted, such as 1,1.5,3", option, text);
+        return kiln_fail(error, KILN_USAGE, "--%s %s: three numbers with commas between are wanted, such as 1,1.5,3",
+                         option, text);
     return KILN_OK;
 }
 
 static int render(struct view *v, const struct kiln_job *job, const char *directory, struct kiln_error *error)
 {
     double from[3], to[3];
-    struct kiln_view_wish wish = {.camera = job->camera, .field_of_view = job->field_of_view, .width = job->width, .height = job->height};
-    const struct kiln_view_source source = {.directory = directory, .results = v->results, .scene = v->scene, .geometry = v->geometry, .lights = v->lights,
-                                            .backend = v->backend, .texels = job->show_texels};
+    struct kiln_view_wish wish = {
+        .camera = job->camera, .field_of_view = job->field_of_view, .width = job->width, .height = job->height};
+    const struct kiln_view_source source = {.directory = directory,
+                                            .results = v->results,
+                                            .scene = v->scene,
+                                            .geometry = v->geometry,
+                                            .lights = v->lights,
+                                            .backend = v->backend,
+                                            .texels = job->show_texels};
     int status = KILN_OK;
     if (job->from != NULL && (status = read_point("from", job->from, from, error)) == KILN_OK)
         wish.from = from;
@@ -69,7 +79,8 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
 }
 
 /* By whether metals (1) and backs without a lightmap of their own (2) are in the picture. */
-static const char *const approximations[] = {"", "metals: base colour x irradiance / pi", "backs: the front's irradiance",
+static const char *const approximations[] = {"", "metals: base colour x irradiance / pi",
+                                             "backs: the front's irradiance",
                                              "metals: base colour x irradiance / pi; backs: the front's irradiance"};
 
 static int write_picture(const struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
@@ -80,11 +91,14 @@ static int write_picture(const struct view *v, const struct kiln_job *job, const
     if (dot != NULL && strcasecmp(dot, ".png") == 0)
         return kiln_picture_write(NULL, path, &v->picture, job->exposure, error);
     kiln_viewpoint_text(&v->picture.viewpoint, viewpoint);
-    const struct kiln_exr_attribute attributes[] = {{.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
-                                                    {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = job->show_texels ? "a checkerboard of texels" : "radiance"},
-                                                    {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = kiln_units_of_bake(v->results)->radiance},
-                                                    {.name = "kiln:viewpoint", .kind = KILN_EXR_STRING, .text = viewpoint},
-                                                    {.name = "kiln:approximate", .kind = KILN_EXR_STRING, .text = approximate}};
+    const struct kiln_exr_attribute attributes[] = {
+        {.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
+        {.name = "kiln:quantity",
+         .kind = KILN_EXR_STRING,
+         .text = job->show_texels ? "a checkerboard of texels" : "radiance"},
+        {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = kiln_units_of_bake(v->results)->radiance},
+        {.name = "kiln:viewpoint", .kind = KILN_EXR_STRING, .text = viewpoint},
+        {.name = "kiln:approximate", .kind = KILN_EXR_STRING, .text = approximate}};
     const size_t count = sizeof attributes / sizeof *attributes - (approximate[0] != '\0' ? 0 : 1);
     return kiln_exr_write(path, v->picture.image, attributes, count, error);
 }
@@ -94,7 +108,8 @@ static int check_extension(const char *path, struct kiln_error *error)
     const char *dot = strrchr(path, '.');
     if (dot != NULL && (strcasecmp(dot, ".png") == 0 || strcasecmp(dot, ".exr") == 0))
         return KILN_OK;
-    return kiln_fail(error, KILN_USAGE, "--output %s: a view is written as .png (tone-mapped) or .exr (radiance)", path);
+    return kiln_fail(error, KILN_USAGE, "--output %s: a view is written as .png (tone-mapped) or .exr (radiance)",
+                     path);
 }
 
 static int tell(const struct kiln_job *job, const struct view *v, const char *path, struct kiln_error *error)
@@ -102,8 +117,8 @@ static int tell(const struct kiln_job *job, const struct view *v, const char *pa
     const struct kiln_image *image = v->picture.image;
     char text[KILN_PICTURE_TEXT];
     if (job->json) {
-        json_t *root = json_pack("{s:s, s:o, s:i, s:i}", "status", "done", "output", kiln_json_string(path), "width", (int)image->width, "height",
-                                 (int)image->height);
+        json_t *root = json_pack("{s:s, s:o, s:i, s:i}", "status", "done", "output", kiln_json_string(path), "width",
+                                 (int)image->width, "height", (int)image->height);
         json_t *picture = kiln_picture_json(&v->picture, job->exposure);
         (void)json_object_update(root, picture);
         json_decref(picture);

@@ -25,7 +25,10 @@ static double now(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-static const char *program_of(const struct kiln_confined_call *call) { return call->program != NULL ? call->program : "/proc/self/exe"; }
+static const char *program_of(const struct kiln_confined_call *call)
+{
+    return call->program != NULL ? call->program : "/proc/self/exe";
+}
 
 int kiln_confined_start(const struct kiln_confined_call *call, int answer, pid_t *pid, struct kiln_error *error)
 {
@@ -46,9 +49,12 @@ int kiln_confined_start(const struct kiln_confined_call *call, int answer, pid_t
     if (errno == 0)
         errno = posix_spawn_file_actions_adddup2(&actions, answer, STDOUT_FILENO);
     if (errno == 0)
-        errno = call->output < KILN_CHILD_OUTPUT ? 0 : posix_spawn_file_actions_adddup2(&actions, call->output, KILN_CHILD_OUTPUT);
+        errno = call->output < KILN_CHILD_OUTPUT
+                    ? 0
+                    : posix_spawn_file_actions_adddup2(&actions, call->output, KILN_CHILD_OUTPUT);
     if (errno == 0)
-        errno = posix_spawn_file_actions_addclosefrom_np(&actions, call->output < KILN_CHILD_OUTPUT ? KILN_CHILD_OUTPUT : KILN_CHILD_OUTPUT + 1);
+        errno = posix_spawn_file_actions_addclosefrom_np(
+            &actions, call->output < KILN_CHILD_OUTPUT ? KILN_CHILD_OUTPUT : KILN_CHILD_OUTPUT + 1);
     if (errno == 0)
         errno = posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETSIGMASK);
     if (errno == 0)
@@ -56,8 +62,11 @@ int kiln_confined_start(const struct kiln_confined_call *call, int answer, pid_t
     if (errno == 0)
         errno = posix_spawnattr_setsigmask(&attributes, &none);
     if (errno == 0)
-        errno = posix_spawn(pid, program_of(call), &actions, &attributes, (char *const *)(uintptr_t)call->arguments, environ);
-    const int status = errno == 0 ? KILN_OK : kiln_fail_errno(error, KILN_SYSTEM, "%s: the %s cannot be started", program_of(call), call->what);
+        errno = posix_spawn(pid, program_of(call), &actions, &attributes, (char *const *)(uintptr_t)call->arguments,
+                            environ);
+    const int status =
+        errno == 0 ? KILN_OK
+                   : kiln_fail_errno(error, KILN_SYSTEM, "%s: the %s cannot be started", program_of(call), call->what);
     (void)posix_spawn_file_actions_destroy(&actions);
     (void)posix_spawnattr_destroy(&attributes);
     return status;
@@ -99,23 +108,28 @@ int kiln_confined_wait(pid_t pid)
     return state;
 }
 
-static const char *costly(const struct kiln_confined_call *call) { return call->costly != NULL ? call->costly : "simplify the scene"; }
+static const char *costly(const struct kiln_confined_call *call)
+{
+    return call->costly != NULL ? call->costly : "simplify the scene";
+}
 
 int kiln_confined_died(const struct kiln_confined_call *call, int state, struct kiln_error *error)
 {
     const char *remedy = call->crashed != NULL ? call->crashed : "repair it or export it again as glTF";
     if (WIFSIGNALED(state) && (WTERMSIG(state) == SIGXCPU))
-        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it took more CPU time than its size warrants; %s", call->subject, costly(call));
+        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it took more CPU time than its size warrants; %s",
+                         call->subject, costly(call));
     if (WIFSIGNALED(state))
-        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s died (signal %d: %s) on this file; %s", call->subject, call->what, WTERMSIG(state),
-                         strsignal(WTERMSIG(state)), remedy);
-    return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s died (exit status %d, no answer) on this file; %s", call->subject, call->what,
-                     WIFEXITED(state) ? WEXITSTATUS(state) : -1, remedy);
+        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s died (signal %d: %s) on this file; %s", call->subject,
+                         call->what, WTERMSIG(state), strsignal(WTERMSIG(state)), remedy);
+    return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s died (exit status %d, no answer) on this file; %s",
+                     call->subject, call->what, WIFEXITED(state) ? WEXITSTATUS(state) : -1, remedy);
 }
 
 int kiln_confined_late(const struct kiln_confined_call *call, struct kiln_error *error)
 {
-    return kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it took longer than %.0f s; %s", call->subject, call->seconds, costly(call));
+    return kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it took longer than %.0f s; %s", call->subject,
+                     call->seconds, costly(call));
 }
 
 /* What became of the child, as a status and a sentence. */

@@ -15,14 +15,14 @@
 #include <unistd.h>
 
 #if defined(__SANITIZE_ADDRESS__)
-#define ADDRESS_SANITIZER 1
+#    define ADDRESS_SANITIZER 1
 #elif defined(__has_feature)
-#if __has_feature(address_sanitizer)
-#define ADDRESS_SANITIZER 1
-#endif
+#    if __has_feature(address_sanitizer)
+#        define ADDRESS_SANITIZER 1
+#    endif
 #endif
 #ifndef ADDRESS_SANITIZER
-#define ADDRESS_SANITIZER 0
+#    define ADDRESS_SANITIZER 0
 #endif
 
 void kiln_fence_limit(int resource, uint64_t value)
@@ -40,7 +40,8 @@ void kiln_fence_begin(void)
     kiln_fence_limit(RLIMIT_CORE, 0);
 }
 
-/* Private writable memory as the kernel counts it for RLIMIT_DATA. Its file is opened once, for nothing can be opened behind the fence. */
+/* Private writable memory as the kernel counts it for RLIMIT_DATA. Its file is opened once, for nothing can be opened
+ * behind the fence. */
 static uint64_t data_bytes(void)
 {
     static int descriptor = -1;
@@ -52,7 +53,8 @@ static uint64_t data_bytes(void)
     if (got <= 0)
         return 0;
     text[got] = '\0';
-    if (sscanf(text, "%llu %llu %llu %llu %llu %llu", &pages[0], &pages[1], &pages[2], &pages[3], &pages[4], &pages[5]) != 6)
+    if (sscanf(text, "%llu %llu %llu %llu %llu %llu", &pages[0], &pages[1], &pages[2], &pages[3], &pages[4],
+               &pages[5]) != 6)
         return 0;
     return (uint64_t)pages[5] * (uint64_t)sysconf(_SC_PAGESIZE);
 }
@@ -68,32 +70,83 @@ void kiln_fence_limits(uint64_t bytes, uint64_t seconds)
 }
 
 #if defined(__x86_64__)
-#define ARCHITECTURE AUDIT_ARCH_X86_64
+#    define ARCHITECTURE AUDIT_ARCH_X86_64
 #elif defined(__aarch64__)
-#define ARCHITECTURE AUDIT_ARCH_AARCH64
+#    define ARCHITECTURE AUDIT_ARCH_AARCH64
 #endif
 
 #ifdef ARCHITECTURE
-#define ALLOW(name) BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_##name, 0, 1), BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW)
-#define REFUSE(name, number) BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_##name, 0, 1), BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | (number))
+#    define ALLOW(name)                                                                                                \
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_##name, 0, 1), BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW)
+#    define REFUSE(name, number)                                                                                       \
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_##name, 0, 1), BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | (number))
 
-/* What the C library, OpenMP, HDF5, OpenEXR and zlib need to work on memory and open descriptors. Anything else fails with EPERM. */
+/* What the C library, OpenMP, HDF5, OpenEXR and zlib need to work on memory and open descriptors. Anything else fails
+ * with EPERM. */
 static struct sock_filter calls[] = {
     BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, arch)),
     BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, ARCHITECTURE, 1, 0),
     BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_KILL_PROCESS),
     BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
-    ALLOW(read), ALLOW(pread64), ALLOW(readv), ALLOW(write), ALLOW(pwrite64), ALLOW(writev), ALLOW(lseek), ALLOW(close), ALLOW(dup), ALLOW(fcntl), ALLOW(flock),
-    ALLOW(fstat), ALLOW(newfstatat), ALLOW(ftruncate), ALLOW(recvmsg), ALLOW(sendmsg), ALLOW(recvfrom), ALLOW(sendto),
-    ALLOW(mmap), ALLOW(munmap), ALLOW(mremap), ALLOW(mprotect), ALLOW(madvise), ALLOW(brk), ALLOW(getrandom),
-    ALLOW(futex), ALLOW(sched_yield), ALLOW(sched_getaffinity), ALLOW(set_robust_list), ALLOW(rseq), ALLOW(set_tid_address), ALLOW(restart_syscall),
-    ALLOW(rt_sigaction), ALLOW(rt_sigprocmask), ALLOW(rt_sigreturn), ALLOW(sigaltstack), ALLOW(tgkill), ALLOW(gettid), ALLOW(getpid), ALLOW(getppid),
-    ALLOW(clock_gettime), ALLOW(clock_nanosleep), ALLOW(nanosleep), ALLOW(gettimeofday), ALLOW(getrusage), ALLOW(prlimit64), ALLOW(sysinfo), ALLOW(uname),
-    ALLOW(getuid), ALLOW(geteuid), ALLOW(getgid), ALLOW(getegid), ALLOW(exit), ALLOW(exit_group),
-#ifdef SYS_getrlimit
-    ALLOW(getrlimit), ALLOW(setrlimit),
-#endif
-    REFUSE(clone3, ENOSYS), /* its flags lie in memory; the C library then uses clone */
+    ALLOW(read),
+    ALLOW(pread64),
+    ALLOW(readv),
+    ALLOW(write),
+    ALLOW(pwrite64),
+    ALLOW(writev),
+    ALLOW(lseek),
+    ALLOW(close),
+    ALLOW(dup),
+    ALLOW(fcntl),
+    ALLOW(flock),
+    ALLOW(fstat),
+    ALLOW(newfstatat),
+    ALLOW(ftruncate),
+    ALLOW(recvmsg),
+    ALLOW(sendmsg),
+    ALLOW(recvfrom),
+    ALLOW(sendto),
+    ALLOW(mmap),
+    ALLOW(munmap),
+    ALLOW(mremap),
+    ALLOW(mprotect),
+    ALLOW(madvise),
+    ALLOW(brk),
+    ALLOW(getrandom),
+    ALLOW(futex),
+    ALLOW(sched_yield),
+    ALLOW(sched_getaffinity),
+    ALLOW(set_robust_list),
+    ALLOW(rseq),
+    ALLOW(set_tid_address),
+    ALLOW(restart_syscall),
+    ALLOW(rt_sigaction),
+    ALLOW(rt_sigprocmask),
+    ALLOW(rt_sigreturn),
+    ALLOW(sigaltstack),
+    ALLOW(tgkill),
+    ALLOW(gettid),
+    ALLOW(getpid),
+    ALLOW(getppid),
+    ALLOW(clock_gettime),
+    ALLOW(clock_nanosleep),
+    ALLOW(nanosleep),
+    ALLOW(gettimeofday),
+    ALLOW(getrusage),
+    ALLOW(prlimit64),
+    ALLOW(sysinfo),
+    ALLOW(uname),
+    ALLOW(getuid),
+    ALLOW(geteuid),
+    ALLOW(getgid),
+    ALLOW(getegid),
+    ALLOW(exit),
+    ALLOW(exit_group),
+#    ifdef SYS_getrlimit
+    ALLOW(getrlimit),
+    ALLOW(setrlimit),
+#    endif
+    REFUSE(clone3, ENOSYS),                               /* its flags lie in memory; the C library then uses clone */
     BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_clone, 0, 3), /* threads, no processes */
     BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, args[0])),
     BPF_JUMP(BPF_JMP | BPF_JSET | BPF_K, CLONE_THREAD, 0, 1),

@@ -11,10 +11,11 @@ struct again {
     const struct kiln_scene *scene;
     json_t *plan;
     const struct kiln_vec2 *coordinates; /* a vertex of the scene */
-    uint32_t *set_of; /* a mesh: which TEXCOORD holds the lightmap's coordinates */
+    uint32_t *set_of;                    /* a mesh: which TEXCOORD holds the lightmap's coordinates */
 };
 
-/* Gives every mesh that was baked its lightmap coordinates: TEXCOORD_1 as it stands where that is what was baked, else new ones. */
+/* Gives every mesh that was baked its lightmap coordinates: TEXCOORD_1 as it stands where that is what was baked, else
+ * new ones. */
 void kiln_again_meshes(struct again *a);
 
 #endif

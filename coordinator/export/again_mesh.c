@@ -1,8 +1,9 @@
 /* The lightmap's coordinates, from kiln's triangles back to the corners of the source's primitives.
  *
- * A vertex of the file whose corners lie in several charts is there once for each: then all attributes (of morph targets too) are copied,
- * byte for byte, into new accessors, and the primitive becomes a list of triangles. Where no vertex has to be split, and most are used,
- * only the coordinates are added. Where the file's own TEXCOORD_1 is what was baked, nothing changes. */
+ * A vertex of the file whose corners lie in several charts is there once for each: then all attributes (of morph
+ * targets too) are copied, byte for byte, into new accessors, and the primitive becomes a list of triangles. Where no
+ * vertex has to be split, and most are used, only the coordinates are added. Where the file's own TEXCOORD_1 is what
+ * was baked, nothing changes. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -36,7 +37,7 @@ struct patch {
     uint32_t *first;    /* a vertex of the file: its first place, or KILN_NONE */
     struct place *places;
     size_t place_count, place_capacity;
-    size_t used; /* vertices of the file that have a place */
+    size_t used;  /* vertices of the file that have a place */
     bool changed; /* from what TEXCOORD_1 says */
 };
 
@@ -55,14 +56,10 @@ static bool uses_set(const json_t *json)
     json_t *value;
     size_t i;
     if (json_is_array(json))
-        json_array_foreach(json, i, value)
-            if (uses_set(value))
-                return true;
+        json_array_foreach(json, i, value) if (uses_set(value)) return true;
     if (json_is_object(json) && json_integer_value(json_object_get(json, "texCoord")) == FIRST_SET)
         return true;
-    json_object_foreach((json_t *)(uintptr_t)json, key, value)
-        if (uses_set(value))
-            return true;
+    json_object_foreach((json_t *)(uintptr_t)json, key, value) if (uses_set(value)) return true;
     return false;
 }
 
@@ -73,7 +70,8 @@ static const json_t *accessor_of(const json_t *primitive, unsigned set)
     return json_object_get(json_object_get(primitive, "attributes"), name);
 }
 
-/* The set that a mesh's new coordinates go to: 1, unless a texture of one of its materials uses that: then the first that is free. */
+/* The set that a mesh's new coordinates go to: 1, unless a texture of one of its materials uses that: then the first
+ * that is free. */
 static uint32_t choose_set(const struct again *a, const json_t *primitives)
 {
     const json_t *materials = json_object_get(a->b.root, "materials");
@@ -112,10 +110,12 @@ static void decompress(struct patch *p, const json_t *attributes)
     const char *name;
     json_t *value;
     size_t count = 0;
-    json_object_foreach((json_t *)(uintptr_t)attributes, name, value) {
+    json_object_foreach((json_t *)(uintptr_t)attributes, name, value)
+    {
         const uint32_t index = gltf_index(g, p->where, attributes, name, g->accessor_count);
         if (g->status == KILN_OK && (count == GLTF_DRACO_ATTRIBUTES || strncmp(name, "JOINTS_", 7) == 0))
-            gltf_fail(g, p->where, "attributes", "are compressed with Draco, and kiln does not write %s of such again", name);
+            gltf_fail(g, p->where, "attributes", "are compressed with Draco, and kiln does not write %s of such again",
+                      name);
         if (g->status != KILN_OK)
             return;
         p->copies[count] = g->accessors[index];
@@ -132,7 +132,8 @@ static void decompress(struct patch *p, const json_t *attributes)
 
 static uint32_t add_place(struct patch *p, uint32_t source, struct kiln_vec2 uv)
 {
-    take(p->a, kiln_grow(&p->places, &p->place_capacity, p->place_count + 1, sizeof *p->places, "vertices of the exported scene", p->a->b.error));
+    take(p->a, kiln_grow(&p->places, &p->place_capacity, p->place_count + 1, sizeof *p->places,
+                         "vertices of the exported scene", p->a->b.error));
     if (p->a->b.status != KILN_OK)
         return KILN_NONE;
     p->used += p->first[source] == KILN_NONE;
@@ -163,7 +164,8 @@ static bool same_position(const struct gltf_accessor *accessor, uint32_t vertex,
 }
 
 /* Corners of the file in the order of the scene file's triangle: as they are, or with the last two exchanged. */
-static bool match_corners(const struct patch *p, const struct kiln_mesh *mesh, uint64_t triangle, uint32_t corner[3], uint32_t slot[3])
+static bool match_corners(const struct patch *p, const struct kiln_mesh *mesh, uint64_t triangle, uint32_t corner[3],
+                          uint32_t slot[3])
 {
     const struct kiln_scene *scene = p->a->scene;
     const struct kiln_vec3 *positions = scene->positions + mesh->vertex_first;
@@ -198,13 +200,16 @@ static void place_triangle(struct patch *p, const struct kiln_mesh *mesh, uint64
     if (k < p->triangle_count)
         read_corners(p, k, corner);
     if (p->a->b.status == KILN_OK && (k >= p->triangle_count || !match_corners(p, mesh, triangle, corner, slot)))
-        take(p->a, kiln_fail(p->a->b.error, KILN_BAD_INPUT, "%.512s: %s[%zu]%s: triangle %u is not the one that was baked; bake again", p->a->b.subject,
-                             p->where.array, p->where.index, p->where.below, k));
+        take(p->a, kiln_fail(p->a->b.error, KILN_BAD_INPUT,
+                             "%.512s: %s[%zu]%s: triangle %u is not the one that was baked; bake again",
+                             p->a->b.subject, p->where.array, p->where.index, p->where.below, k));
     for (int c = 0; c < 3 && p->a->b.status == KILN_OK; c++)
-        p->place_of[3 * (size_t)k + slot[c]] = place_at(p, corner[slot[c]], p->a->coordinates[mesh->vertex_first + own[c]]);
+        p->place_of[3 * (size_t)k + slot[c]] =
+            place_at(p, corner[slot[c]], p->a->coordinates[mesh->vertex_first + own[c]]);
 }
 
-/* Triangles without area have no place in the layout: their corners take one that their vertex has, or one of another corner, or 0. */
+/* Triangles without area have no place in the layout: their corners take one that their vertex has, or one of another
+ * corner, or 0. */
 static void place_rest(struct patch *p)
 {
     for (size_t k = 0; k < p->triangle_count && p->a->b.status == KILN_OK; k++) {
@@ -242,10 +247,12 @@ static bool is_unchanged(const struct patch *p)
 /* NULL without memory, which kiln_glb_append notices. */
 static json_t *accessor_json(uint32_t view, unsigned component, size_t count, const char *type)
 {
-    return json_pack("{s:i, s:i, s:I, s:s}", "bufferView", (int)view, "componentType", (int)component, "count", (json_int_t)count, "type", type);
+    return json_pack("{s:i, s:i, s:I, s:s}", "bufferView", (int)view, "componentType", (int)component, "count",
+                     (json_int_t)count, "type", type);
 }
 
-/* The primitive's attribute: the lightmap's set, and the sets below it where they are not there, for glTF wants none left out. */
+/* The primitive's attribute: the lightmap's set, and the sets below it where they are not there, for glTF wants none
+ * left out. */
 static void set_texcoord(struct patch *p, uint32_t set, uint32_t accessor)
 {
     json_t *attributes = json_object_get(p->json, "attributes");
@@ -266,13 +273,14 @@ static void add_coordinates(struct patch *p, uint32_t set)
     const uint32_t view = kiln_glb_view(b, count * sizeof(struct kiln_vec2), 0, KILN_GLTF_ARRAY_BUFFER, &bytes);
     for (size_t v = 0; v < count && bytes != NULL; v++) {
         const struct kiln_vec2 nothing = {0.0f, 0.0f};
-        memcpy(bytes + v * sizeof nothing, p->first[v] == KILN_NONE ? &nothing : &p->places[p->first[v]].uv, sizeof nothing);
+        memcpy(bytes + v * sizeof nothing, p->first[v] == KILN_NONE ? &nothing : &p->places[p->first[v]].uv,
+               sizeof nothing);
     }
     set_texcoord(p, set, kiln_glb_append(b, b->root, "accessors", accessor_json(view, KILN_GLTF_FLOAT, count, "VEC2")));
 }
 
-/* New numbers: first places in the order of the file's vertices, then the others in the order in which they were made. `order` gets the
- * place of each new vertex. */
+/* New numbers: first places in the order of the file's vertices, then the others in the order in which they were made.
+ * `order` gets the place of each new vertex. */
 static void number_places(struct patch *p, uint32_t *order)
 {
     uint32_t next = 0;
@@ -289,7 +297,8 @@ static void number_places(struct patch *p, uint32_t *order)
 }
 
 /* min and max, of those accessors that have them: of the elements that are there now. */
-static void set_bounds(struct patch *p, json_t *made, const json_t *old, const struct gltf_accessor *accessor, const uint32_t *order)
+static void set_bounds(struct patch *p, json_t *made, const json_t *old, const struct gltf_accessor *accessor,
+                       const uint32_t *order)
 {
     if (json_object_get(old, "min") == NULL && json_object_get(old, "max") == NULL)
         return;
@@ -301,8 +310,10 @@ static void set_bounds(struct patch *p, json_t *made, const json_t *old, const s
             least = fmin(least, value);
             most = fmax(most, value);
         }
-        (void)json_array_append_new(low, accessor->component == KILN_GLTF_FLOAT ? json_real(least) : json_integer((json_int_t)least));
-        (void)json_array_append_new(high, accessor->component == KILN_GLTF_FLOAT ? json_real(most) : json_integer((json_int_t)most));
+        (void)json_array_append_new(low, accessor->component == KILN_GLTF_FLOAT ? json_real(least)
+                                                                                : json_integer((json_int_t)least));
+        (void)json_array_append_new(high, accessor->component == KILN_GLTF_FLOAT ? json_real(most)
+                                                                                 : json_integer((json_int_t)most));
     }
     kiln_glb_set(&p->a->b, made, "min", low);
     kiln_glb_set(&p->a->b, made, "max", high);
@@ -318,11 +329,13 @@ static uint32_t copy_attribute(struct patch *p, const char *name, uint32_t index
     const size_t size = gltf_component_size(accessor->component) * accessor->components, stride = (size + 3) / 4 * 4;
     unsigned char *bytes;
     if (accessor->count != p->position->count || type == NULL || strncmp(type, "MAT", 3) == 0) {
-        gltf_fail(&p->a->g, p->where, name, "is accessor %u, whose elements are not one for each of %zu vertices", index, p->position->count);
+        gltf_fail(&p->a->g, p->where, name, "is accessor %u, whose elements are not one for each of %zu vertices",
+                  index, p->position->count);
         take(p->a, p->a->g.status);
         return 0;
     }
-    const uint32_t view = kiln_glb_view(b, stride * p->place_count, stride == size ? 0 : stride, KILN_GLTF_ARRAY_BUFFER, &bytes);
+    const uint32_t view =
+        kiln_glb_view(b, stride * p->place_count, stride == size ? 0 : stride, KILN_GLTF_ARRAY_BUFFER, &bytes);
     for (size_t v = 0; v < p->place_count && bytes != NULL; v++) {
         const unsigned char *from = gltf_accessor_element(accessor, p->places[order[v]].source);
         memset(bytes + v * stride, 0, stride);
@@ -346,7 +359,8 @@ static void copy_attributes(struct patch *p, json_t *attributes, const char *lef
     const char *name;
     json_t *value;
     void *next;
-    json_object_foreach_safe(attributes, next, name, value) {
+    json_object_foreach_safe(attributes, next, name, value)
+    {
         if (p->a->b.status != KILN_OK || (left_out != NULL && strcmp(name, left_out) == 0))
             continue;
         const uint32_t index = gltf_index(&p->a->g, p->where, attributes, name, p->a->g.accessor_count);
@@ -378,10 +392,12 @@ static void write_coordinates(struct patch *p, uint32_t set, const uint32_t *ord
 {
     struct kiln_glb_build *b = &p->a->b;
     unsigned char *bytes;
-    const uint32_t view = kiln_glb_view(b, p->place_count * sizeof(struct kiln_vec2), 0, KILN_GLTF_ARRAY_BUFFER, &bytes);
+    const uint32_t view =
+        kiln_glb_view(b, p->place_count * sizeof(struct kiln_vec2), 0, KILN_GLTF_ARRAY_BUFFER, &bytes);
     for (size_t v = 0; v < p->place_count && bytes != NULL; v++)
         memcpy(bytes + v * sizeof(struct kiln_vec2), &p->places[order[v]].uv, sizeof(struct kiln_vec2));
-    set_texcoord(p, set, kiln_glb_append(b, b->root, "accessors", accessor_json(view, KILN_GLTF_FLOAT, p->place_count, "VEC2")));
+    set_texcoord(
+        p, set, kiln_glb_append(b, b->root, "accessors", accessor_json(view, KILN_GLTF_FLOAT, p->place_count, "VEC2")));
 }
 
 static void rewrite(struct patch *p, uint32_t set)
@@ -424,12 +440,16 @@ static bool begin_patch(struct patch *p)
     if (p->a->b.status != KILN_OK)
         return false;
     p->position = accessor_named(p, "POSITION", position);
-    p->indices = p->compressed ? &p->copies[GLTF_DRACO_ATTRIBUTES] : indices == KILN_NONE ? NULL : &g->accessors[indices];
+    p->indices = p->compressed          ? &p->copies[GLTF_DRACO_ATTRIBUTES]
+                 : indices == KILN_NONE ? NULL
+                                        : &g->accessors[indices];
     const size_t corners = p->indices == NULL ? p->position->count : p->indices->count;
     p->triangle_count = p->mode == TRIANGLES ? corners / 3 : corners < 3 ? 0 : corners - 2;
-    take(p->a, kiln_allocate(&p->place_of, 3 * p->triangle_count, sizeof *p->place_of, "corners of the exported scene", p->a->b.error));
+    take(p->a, kiln_allocate(&p->place_of, 3 * p->triangle_count, sizeof *p->place_of, "corners of the exported scene",
+                             p->a->b.error));
     if (p->a->b.status == KILN_OK)
-        take(p->a, kiln_allocate(&p->first, p->position->count, sizeof *p->first, "vertices of the exported scene", p->a->b.error));
+        take(p->a, kiln_allocate(&p->first, p->position->count, sizeof *p->first, "vertices of the exported scene",
+                                 p->a->b.error));
     if (p->a->b.status != KILN_OK)
         return false;
     memset(p->place_of, 0xff, 3 * p->triangle_count * sizeof *p->place_of);
@@ -437,7 +457,8 @@ static bool begin_patch(struct patch *p)
     return p->triangle_count > 0;
 }
 
-/* Places for a primitive of mesh `mesh`, whose triangles are a run of the mesh's from *next on. Tells whether they are new. */
+/* Places for a primitive of mesh `mesh`, whose triangles are a run of the mesh's from *next on. Tells whether they are
+ * new. */
 static void place_primitive(struct patch *p, const struct kiln_mesh *mesh, uint32_t index, uint64_t *next)
 {
     const uint64_t end = mesh->triangle_first + mesh->triangle_count;
@@ -477,7 +498,8 @@ static void end_patch(struct patch *p)
 }
 
 /* Goes through the mesh's primitives: once to see whether any has new coordinates, and once more to write those. */
-static bool patch_primitives(struct again *a, size_t index, const struct kiln_mesh *mesh, json_t *primitives, bool write, uint32_t set)
+static bool patch_primitives(struct again *a, size_t index, const struct kiln_mesh *mesh, json_t *primitives,
+                             bool write, uint32_t set)
 {
     uint64_t next = mesh->triangle_first;
     bool changed = false;
@@ -487,22 +509,26 @@ static bool patch_primitives(struct again *a, size_t index, const struct kiln_me
         struct patch p = {.a = a, .where = {"meshes", index, below}, .json = json_array_get(primitives, i)};
         if (begin_patch(&p))
             place_primitive(&p, mesh, (uint32_t)i, &next);
-        if (write && p.position != NULL && a->b.status == KILN_OK && p.triangle_count > 0 && (p.changed || set != FIRST_SET))
+        if (write && p.position != NULL && a->b.status == KILN_OK && p.triangle_count > 0 &&
+            (p.changed || set != FIRST_SET))
             write_primitive(&p, set);
         changed |= p.changed;
         end_patch(&p);
     }
     if (a->b.status == KILN_OK && next != mesh->triangle_first + mesh->triangle_count)
-        take(a, kiln_fail(a->b.error, KILN_BAD_INPUT, "%.512s: meshes[%zu] is not the one that was baked; bake again", a->b.subject, index));
+        take(a, kiln_fail(a->b.error, KILN_BAD_INPUT, "%.512s: meshes[%zu] is not the one that was baked; bake again",
+                          a->b.subject, index));
     return changed;
 }
 
 static void patch_mesh(struct again *a, size_t index, const struct kiln_mesh *mesh)
 {
-    json_t *primitives = gltf_array(&a->g, (struct gltf_place){"meshes", index, ""}, gltf_element(&a->g, "meshes", index), "primitives");
+    json_t *primitives =
+        gltf_array(&a->g, (struct gltf_place){"meshes", index, ""}, gltf_element(&a->g, "meshes", index), "primitives");
     take(a, a->g.status);
     a->set_of[index] = FIRST_SET;
-    if (a->b.status != KILN_OK || !patch_primitives(a, index, mesh, primitives, false, FIRST_SET) || a->b.status != KILN_OK)
+    if (a->b.status != KILN_OK || !patch_primitives(a, index, mesh, primitives, false, FIRST_SET) ||
+        a->b.status != KILN_OK)
         return;
     a->set_of[index] = choose_set(a, primitives);
     (void)patch_primitives(a, index, mesh, primitives, true, a->set_of[index]);
@@ -513,13 +539,16 @@ void kiln_again_meshes(struct again *a)
     const struct kiln_scene *scene = a->scene;
     uint8_t *done = NULL;
     if (scene->triangle_sources == NULL && scene->triangle_count > 0)
-        take(a, kiln_fail(a->b.error, KILN_BAD_INPUT, "%.512s: the bake's scene file does not say where its triangles come from; bake again", a->b.subject));
+        take(a, kiln_fail(a->b.error, KILN_BAD_INPUT,
+                          "%.512s: the bake's scene file does not say where its triangles come from; bake again",
+                          a->b.subject));
     take(a, kiln_allocate(&done, a->g.mesh_count, 1, "meshes", a->b.error));
     for (size_t i = 0; i < scene->object_count && a->b.status == KILN_OK; i++) {
         const struct kiln_object *o = &scene->objects[i];
         if (o->source_mesh >= a->g.mesh_count || o->source_node >= gltf_length(&a->g, "nodes"))
-            take(a, kiln_fail(a->b.error, KILN_BAD_INPUT, "%.512s: it has no mesh %u or node %u, which were baked; bake again", a->b.subject, o->source_mesh,
-                              o->source_node));
+            take(a, kiln_fail(a->b.error, KILN_BAD_INPUT,
+                              "%.512s: it has no mesh %u or node %u, which were baked; bake again", a->b.subject,
+                              o->source_mesh, o->source_node));
         if (a->b.status != KILN_OK || done[o->source_mesh])
             continue;
         done[o->source_mesh] = 1;

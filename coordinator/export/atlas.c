@@ -25,9 +25,10 @@ static void join_near(uint32_t *parent, const uint8_t *wanted, int64_t width, in
         }
 }
 
-/* Labels of texels and their neighbours, in a grid that is one larger on each side: the island's number + 1, 0 for none. Islands are numbered
- * by their first texel. `parent` becomes the numbers of roots. Gives how many there are. */
-static uint32_t label(uint32_t *labels, uint32_t *parent, const uint8_t *wanted, uint32_t width, uint32_t height, bool whole)
+/* Labels of texels and their neighbours, in a grid that is one larger on each side: the island's number + 1, 0 for
+ * none. Islands are numbered by their first texel. `parent` becomes the numbers of roots. Gives how many there are. */
+static uint32_t label(uint32_t *labels, uint32_t *parent, const uint8_t *wanted, uint32_t width, uint32_t height,
+                      bool whole)
 {
     const size_t stride = (size_t)width + 2;
     uint32_t count = 0;
@@ -55,7 +56,8 @@ static int add_run(struct kiln_island *o, uint32_t row, uint32_t first, uint32_t
     return status;
 }
 
-static int collect_runs(struct kiln_island *islands, const uint32_t *labels, uint32_t width, uint32_t height, struct kiln_error *error)
+static int collect_runs(struct kiln_island *islands, const uint32_t *labels, uint32_t width, uint32_t height,
+                        struct kiln_error *error)
 {
     int status = KILN_OK;
     for (uint32_t y = 0; y < height + 2; y++)
@@ -90,12 +92,13 @@ static void trim(struct kiln_island *o)
     o->height = bottom - top + 1;
 }
 
-int kiln_islands_add(struct kiln_islands *all, const uint8_t *wanted, uint32_t width, uint32_t height, bool whole, uint32_t group,
-                     struct kiln_error *error)
+int kiln_islands_add(struct kiln_islands *all, const uint8_t *wanted, uint32_t width, uint32_t height, bool whole,
+                     uint32_t group, struct kiln_error *error)
 {
     uint32_t *parent = NULL, *labels = NULL, count = 0;
     if ((uint64_t)width * height >= UINT32_MAX)
-        return kiln_fail(error, KILN_BAD_INPUT, "a lightmap of %u x %u texels is too large for an atlas", width, height);
+        return kiln_fail(error, KILN_BAD_INPUT, "a lightmap of %u x %u texels is too large for an atlas", width,
+                         height);
     int status = kiln_allocate(&parent, (size_t)width * height, sizeof *parent, "islands", error);
     if (status == KILN_OK)
         status = kiln_allocate(&labels, ((size_t)width + 2) * ((size_t)height + 2), sizeof *labels, "islands", error);
@@ -139,10 +142,10 @@ struct packer {
     uint32_t side;
     size_t words;
     /* The page under way. */
-    struct kiln_bitmap cells; /* set: taken */
-    uint32_t filled;          /* rows from here on are empty */
-    uint64_t *window, *blocked;                         /* a row */
-    struct kiln_island_run *by_length;                 /* of the island under way */
+    struct kiln_bitmap cells;          /* set: taken */
+    uint32_t filled;                   /* rows from here on are empty */
+    uint64_t *window, *blocked;        /* a row */
+    struct kiln_island_run *by_length; /* of the island under way */
     size_t by_length_capacity;
     uint32_t cursor[CLASSES][CLASSES]; /* the row where the last island of like size went: the search begins there */
 };
@@ -265,15 +268,15 @@ static int compare_islands(const void *a, const void *b)
     return p < q ? -1 : p > q;
 }
 
-/* Of those that are left, largest first, as many groups as fill the share `target` of a page (one at least). Their islands, largest first,
- * go to `order`; `chosen` marks the groups. */
+/* Of those that are left, largest first, as many groups as fill the share `target` of a page (one at least). Their
+ * islands, largest first, go to `order`; `chosen` marks the groups. */
 struct choice {
     const struct kiln_islands *islands;
     struct group {
         size_t first, count;
         uint64_t texels;
         bool done, chosen;
-    } *groups;
+    } * groups;
     uint32_t *by_size; /* groups, largest first */
     size_t group_count;
     struct kiln_island **order;
@@ -374,7 +377,8 @@ static bool any_left(const struct choice *c)
     return false;
 }
 
-int kiln_atlas_pack(struct kiln_islands *islands, uint32_t side, uint32_t *page_count, uint32_t *group, struct kiln_error *error)
+int kiln_atlas_pack(struct kiln_islands *islands, uint32_t side, uint32_t *page_count, uint32_t *group,
+                    struct kiln_error *error)
 {
     struct packer p = {.side = side, .words = (side + 63) / 64};
     struct choice c = {0};

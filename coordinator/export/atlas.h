@@ -1,8 +1,9 @@
 /* Packs lightmaps into square pages, island by island. Private to coordinator/export. Deterministic, not collective.
  *
- * An island is a part of a layout that no bilinear filter mixes with another: covered texels less than three apart, with the texels next to
- * them. Islands are moved by whole texels, and never turned or scaled, so a filter reads the same values at the same fractions. They go
- * bottom-left, first fit, largest first, by their exact outlines. All islands of a group lie on one page. */
+ * An island is a part of a layout that no bilinear filter mixes with another: covered texels less than three apart,
+ * with the texels next to them. Islands are moved by whole texels, and never turned or scaled, so a filter reads the
+ * same values at the same fractions. They go bottom-left, first fit, largest first, by their exact outlines. All
+ * islands of a group lie on one page. */
 #ifndef KILN_COORDINATOR_EXPORT_ATLAS_H
 #define KILN_COORDINATOR_EXPORT_ATLAS_H
 
@@ -17,8 +18,8 @@ struct kiln_island_run {
     uint32_t row, first, end;
 };
 
-/* The texels that a page has to hold, as runs, by row and column. The corner lies at (left, top) of the lightmap, which is -1 where texels
- * beyond its edge are wanted (they repeat the edge). */
+/* The texels that a page has to hold, as runs, by row and column. The corner lies at (left, top) of the lightmap, which
+ * is -1 where texels beyond its edge are wanted (they repeat the edge). */
 struct kiln_island {
     uint32_t group;
     int32_t left, top;
@@ -34,14 +35,15 @@ struct kiln_islands {
     size_t count, capacity;
 };
 
-/* Appends the islands of a lightmap as group `group`, greater than all before: of the texels with wanted[i] != 0 and their eight
- * neighbours. With `whole` they are one. One texel at least. */
-int kiln_islands_add(struct kiln_islands *islands, const uint8_t *wanted, uint32_t width, uint32_t height, bool whole, uint32_t group,
-                     struct kiln_error *error);
+/* Appends the islands of a lightmap as group `group`, greater than all before: of the texels with wanted[i] != 0 and
+ * their eight neighbours. With `whole` they are one. One texel at least. */
+int kiln_islands_add(struct kiln_islands *islands, const uint8_t *wanted, uint32_t width, uint32_t height, bool whole,
+                     uint32_t group, struct kiln_error *error);
 void kiln_islands_free(struct kiln_islands *islands);
 
-/* Finds a place for each island on pages of side x side texels, into page, x, y. Gives the number of pages, or, with KILN_BAD_INPUT and no
- * sentence, the group that does not fit a page of its own in *group. */
-int kiln_atlas_pack(struct kiln_islands *islands, uint32_t side, uint32_t *page_count, uint32_t *group, struct kiln_error *error);
+/* Finds a place for each island on pages of side x side texels, into page, x, y. Gives the number of pages, or, with
+ * KILN_BAD_INPUT and no sentence, the group that does not fit a page of its own in *group. */
+int kiln_atlas_pack(struct kiln_islands *islands, uint32_t side, uint32_t *page_count, uint32_t *group,
+                    struct kiln_error *error);
 
 #endif

@@ -11,7 +11,7 @@
 
 #include "coordinator/export/child.h"
 #include "coordinator/confined/confined.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
@@ -19,7 +19,8 @@ bool kiln_export_has_gltf(const struct kiln_scene *scene)
 {
     const char *path = scene->source_count > 0 ? kiln_scene_string(scene, scene->sources[0].path) : "";
     const char *dot = strrchr(path, '.');
-    return (scene->triangle_sources != NULL || scene->triangle_count == 0) && dot != NULL && (strcasecmp(dot, ".glb") == 0 || strcasecmp(dot, ".gltf") == 0);
+    return (scene->triangle_sources != NULL || scene->triangle_count == 0) && dot != NULL &&
+           (strcasecmp(dot, ".glb") == 0 || strcasecmp(dot, ".gltf") == 0);
 }
 
 bool kiln_export_is_published(const struct kiln_scene *scene, size_t object)
@@ -48,24 +49,27 @@ static json_t *link_json(const struct kiln_export_params *p, size_t object)
     const struct kiln_object *o = &p->scene->objects[object];
     if (l->file == NULL)
         return json_null();
-    json_t *json = json_pack("{s:s, s:i, s:i, s:[f, f], s:[f, f], s:s, s:s, s:s}", "file", l->file, "page", (int)l->page, "texCoord", 1, "scale", l->scale[0],
-                             l->scale[1], "offset", l->offset[0], l->offset[1], "quantity", "irradiance", "unit", p->unit, "encoding",
-                             p->encoding);
+    json_t *json = json_pack("{s:s, s:i, s:i, s:[f, f], s:[f, f], s:s, s:s, s:s}", "file", l->file, "page",
+                             (int)l->page, "texCoord", 1, "scale", l->scale[0], l->scale[1], "offset", l->offset[0],
+                             l->offset[1], "quantity", "irradiance", "unit", p->unit, "encoding", p->encoding);
     if (p->pages[l->page].range > 0.0)
         (void)json_object_set_new(json, "range", json_real(p->pages[l->page].range));
     if (l->back != NULL)
-        (void)json_object_set_new(json, "back", l->back_range > 0.0 ? json_pack("{s:s, s:f}", "file", l->back, "range", l->back_range)
-                                                                   : json_pack("{s:s}", "file", l->back));
+        (void)json_object_set_new(json, "back",
+                                  l->back_range > 0.0 ? json_pack("{s:s, s:f}", "file", l->back, "range", l->back_range)
+                                                      : json_pack("{s:s}", "file", l->back));
     if (o->source_node != KILN_NONE)
-        (void)json_object_set_new(json, "source", json_pack("{s:I, s:I}", "node", (json_int_t)o->source_node, "mesh", (json_int_t)o->source_mesh));
+        (void)json_object_set_new(
+            json, "source",
+            json_pack("{s:I, s:I}", "node", (json_int_t)o->source_node, "mesh", (json_int_t)o->source_mesh));
     return json;
 }
 
 static json_t *page_json(const struct kiln_export_params *p, size_t index)
 {
     const struct kiln_page_info *page = &p->pages[index];
-    json_t *json = json_pack("{s:s, s:I, s:I, s:s}", "file", page->file, "width", (json_int_t)page->width, "height", (json_int_t)page->height, "encoding",
-                             p->encoding);
+    json_t *json = json_pack("{s:s, s:I, s:I, s:s}", "file", page->file, "width", (json_int_t)page->width, "height",
+                             (json_int_t)page->height, "encoding", p->encoding);
     if (page->range > 0.0)
         (void)json_object_set_new(json, "range", json_real(page->range));
     return json;
@@ -80,8 +84,8 @@ static char *plan_text(const struct kiln_export_params *p)
         failed |= json_array_append_new(objects, link_json(p, i));
     for (size_t i = 0; i < p->page_count; i++)
         failed |= json_array_append_new(pages, page_json(p, i));
-    json_t *plan = json_pack("{s:o, s:{s:i, s:o}, s:b}", "objects", objects, "root", "version", 1, "pages", pages, "drop_baked_lights",
-                             (int)p->drop_baked_lights);
+    json_t *plan = json_pack("{s:o, s:{s:i, s:o}, s:b}", "objects", objects, "root", "version", 1, "pages", pages,
+                             "drop_baked_lights", (int)p->drop_baked_lights);
     char *text = failed != 0 || plan == NULL ? NULL : json_dumps(plan, JSON_COMPACT);
     json_decref(plan);
     return text;
@@ -92,12 +96,14 @@ static int plan_file(const struct kiln_export_params *p, int *descriptor, struct
 {
     char *text = plan_text(p);
     *descriptor = text == NULL ? -1 : memfd_create("kiln export", MFD_CLOEXEC);
-    int status = text == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: the export's plan")
-                 : *descriptor < 0 ? kiln_fail_errno(error, KILN_SYSTEM, "a file in memory cannot be made") : KILN_OK;
+    int status = text == NULL      ? kiln_fail(error, KILN_SYSTEM, "out of memory: the export's plan")
+                 : *descriptor < 0 ? kiln_fail_errno(error, KILN_SYSTEM, "a file in memory cannot be made")
+                                   : KILN_OK;
     if (status == KILN_OK)
         status = kiln_write_all(*descriptor, text, strlen(text), 0, "the export's plan", error);
     if (status == KILN_OK && p->coordinates != NULL) /* after the text's last byte, 0 */
-        status = kiln_write_all(*descriptor, p->coordinates, p->scene->vertex_count * sizeof *p->coordinates, strlen(text) + 1, "the export's plan", error);
+        status = kiln_write_all(*descriptor, p->coordinates, p->scene->vertex_count * sizeof *p->coordinates,
+                                strlen(text) + 1, "the export's plan", error);
     if (status == KILN_OK && lseek(*descriptor, 0, SEEK_SET) != 0)
         status = kiln_fail_errno(error, KILN_SYSTEM, "a file in memory cannot be read");
     free(text);
@@ -116,11 +122,17 @@ static double wall_limit(const struct kiln_export_params *p)
 static int run_child(const struct kiln_export_params *p, const char *temporary, int output, struct kiln_error *error)
 {
     int plan = -1;
-    const char *arguments[KILN_EXPORT_CHILD_ARGUMENTS + 1] = {"kiln", "export-child", p->source != NULL ? p->source : "", p->scene_file, temporary, NULL};
+    const char *arguments[KILN_EXPORT_CHILD_ARGUMENTS + 1] = {
+        "kiln", "export-child", p->source != NULL ? p->source : "", p->scene_file, temporary, NULL};
     int status = plan_file(p, &plan, error);
     if (status == KILN_OK) {
-        const struct kiln_confined_call call = {.arguments = arguments, .input = plan, .output = output, .subject = p->source != NULL ? p->source : p->scene_file,
-                                                .what = "exporter", .seconds = wall_limit(p), .stop = p->stop};
+        const struct kiln_confined_call call = {.arguments = arguments,
+                                                .input = plan,
+                                                .output = output,
+                                                .subject = p->source != NULL ? p->source : p->scene_file,
+                                                .what = "exporter",
+                                                .seconds = wall_limit(p),
+                                                .stop = p->stop};
         status = kiln_confined_run(&call, error);
     }
     if (plan >= 0)
@@ -134,7 +146,8 @@ static int check_written(int file, const char *name, struct kiln_error *error)
     unsigned char header[12] = {0};
     struct stat found;
     const bool read = pread(file, header, sizeof header, 0) == (ssize_t)sizeof header && fstat(file, &found) == 0;
-    const uint64_t length = (uint64_t)header[8] | (uint64_t)header[9] << 8 | (uint64_t)header[10] << 16 | (uint64_t)header[11] << 24;
+    const uint64_t length =
+        (uint64_t)header[8] | (uint64_t)header[9] << 8 | (uint64_t)header[10] << 16 | (uint64_t)header[11] << 24;
     if (!read || memcmp(header, "glTF", 4) != 0 || length != (uint64_t)found.st_size)
         return kiln_fail(error, KILN_IO, "%.512s was not written whole", name);
     return KILN_OK;
@@ -146,7 +159,8 @@ int kiln_export_scene(const struct kiln_export_params *params, struct kiln_error
     int file = -1;
     if (params->source != NULL && access(params->source, R_OK) != 0)
         return kiln_fail_errno(error, errno == EACCES ? KILN_PERMISSION : KILN_NO_INPUT,
-                               "%.512s: the scene that was baked cannot be read; say where it is with --scene", params->source);
+                               "%.512s: the scene that was baked cannot be read; say where it is with --scene",
+                               params->source);
     int status = kiln_publish_begin(&place, params->directory, params->output, error);
     if (status == KILN_OK)
         status = kiln_publish_open(&place, &file, error);
@@ -167,8 +181,8 @@ int kiln_export_scene(const struct kiln_export_params *params, struct kiln_error
 enum { FILE_NAME = 256 }; /* a scene file's names have at most 120 bytes */
 
 /* `files`: two an object, of its lightmap and of that of its backs. */
-static void own_files(const struct kiln_scene *scene, const uint8_t *has_back, struct kiln_link *links, struct kiln_page_info *pages,
-                      char (*files)[FILE_NAME], size_t *page_count)
+static void own_files(const struct kiln_scene *scene, const uint8_t *has_back, struct kiln_link *links,
+                      struct kiln_page_info *pages, char (*files)[FILE_NAME], size_t *page_count)
 {
     *page_count = 0;
     for (size_t i = 0; i < scene->object_count; i++) {
@@ -177,14 +191,17 @@ static void own_files(const struct kiln_scene *scene, const uint8_t *has_back, s
             continue;
         (void)snprintf(files[2 * i], FILE_NAME, "lightmaps/%s.exr", kiln_scene_string(scene, o->name));
         (void)snprintf(files[2 * i + 1], FILE_NAME, "lightmaps/back/%s.exr", kiln_scene_string(scene, o->name));
-        links[i] = (struct kiln_link){.file = files[2 * i], .back = has_back != NULL && has_back[i] != 0 ? files[2 * i + 1] : NULL,
-                                      .page = (uint32_t)*page_count, .scale = {1.0, 1.0}};
-        pages[(*page_count)++] = (struct kiln_page_info){.file = files[2 * i], .width = o->lightmap_width, .height = o->lightmap_height};
+        links[i] = (struct kiln_link){.file = files[2 * i],
+                                      .back = has_back != NULL && has_back[i] != 0 ? files[2 * i + 1] : NULL,
+                                      .page = (uint32_t)*page_count,
+                                      .scale = {1.0, 1.0}};
+        pages[(*page_count)++] =
+            (struct kiln_page_info){.file = files[2 * i], .width = o->lightmap_width, .height = o->lightmap_height};
     }
 }
 
-int kiln_export_beside(const char *directory, const char *path, const struct kiln_scene *scene, const uint8_t *has_back, const char *unit,
-                       const struct kiln_stop *stop, struct kiln_error *error)
+int kiln_export_beside(const char *directory, const char *path, const struct kiln_scene *scene, const uint8_t *has_back,
+                       const char *unit, const struct kiln_stop *stop, struct kiln_error *error)
 {
     char scene_file[KILN_PATH_SIZE];
     struct kiln_link *links = NULL;
@@ -192,8 +209,14 @@ int kiln_export_beside(const char *directory, const char *path, const struct kil
     char(*files)[FILE_NAME] = NULL;
     const size_t length = strlen(path);
     const bool scene_itself = length >= 7 && strcmp(path + length - 7, ".kscene") == 0;
-    struct kiln_export_params params = {.source = kiln_export_has_gltf(scene) && !scene_itself ? path : NULL, .scene_file = scene_file, .scene = scene,
-                                        .directory = directory, .output = "scene.glb", .unit = unit, .encoding = "exr", .stop = stop};
+    struct kiln_export_params params = {.source = kiln_export_has_gltf(scene) && !scene_itself ? path : NULL,
+                                        .scene_file = scene_file,
+                                        .scene = scene,
+                                        .directory = directory,
+                                        .output = "scene.glb",
+                                        .unit = unit,
+                                        .encoding = "exr",
+                                        .stop = stop};
     int status = kiln_path_join(scene_file, directory, "scene.kscene", error);
     if (status == KILN_OK)
         status = kiln_allocate(&links, scene->object_count, sizeof *links, "the export's links", error);

@@ -5,7 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
@@ -23,7 +23,8 @@ size_t kiln_glb_piece(struct kiln_glb_build *b, const void *data, size_t size)
 {
     const size_t offset = b->base;
     if (b->status == KILN_OK)
-        b->status = kiln_grow(&b->pieces, &b->piece_capacity, b->piece_count + 1, sizeof *b->pieces, "the source's buffers", b->error);
+        b->status = kiln_grow(&b->pieces, &b->piece_capacity, b->piece_count + 1, sizeof *b->pieces,
+                              "the source's buffers", b->error);
     if (b->status != KILN_OK)
         return 0;
     b->pieces[b->piece_count++] = (struct kiln_glb_piece){data, size};
@@ -68,7 +69,8 @@ void kiln_glb_use(struct kiln_glb_build *b, const char *extension)
 {
     const json_t *used = json_object_get(b->root, "extensionsUsed");
     for (size_t i = 0; i < json_array_size(used); i++)
-        if (strcmp(json_string_value(json_array_get(used, i)) != NULL ? json_string_value(json_array_get(used, i)) : "", extension) == 0)
+        if (strcmp(json_string_value(json_array_get(used, i)) != NULL ? json_string_value(json_array_get(used, i)) : "",
+                   extension) == 0)
             return;
     (void)kiln_glb_append(b, b->root, "extensionsUsed", json_string(extension));
 }
@@ -78,7 +80,9 @@ uint32_t kiln_glb_view(struct kiln_glb_build *b, size_t size, size_t stride, int
     const size_t offset = aligned(b->added_size, 4);
     *bytes = NULL;
     if (b->status == KILN_OK && size > UINT32_MAX)
-        b->status = kiln_fail(b->error, KILN_BAD_INPUT, "%.512s: the exported scene takes more than the 4 GiB that a .glb can hold; split it", b->subject);
+        b->status = kiln_fail(b->error, KILN_BAD_INPUT,
+                              "%.512s: the exported scene takes more than the 4 GiB that a .glb can hold; split it",
+                              b->subject);
     if (b->status == KILN_OK)
         b->status = kiln_grow(&b->added, &b->added_capacity, offset + size, 1, "the exported scene", b->error);
     if (b->status != KILN_OK)
@@ -86,7 +90,8 @@ uint32_t kiln_glb_view(struct kiln_glb_build *b, size_t size, size_t stride, int
     memset(b->added + b->added_size, 0, offset - b->added_size);
     b->added_size = offset + size;
     *bytes = b->added + offset;
-    json_t *view = json_pack("{s:i, s:I, s:I}", "buffer", 0, "byteOffset", (json_int_t)(b->base + offset), "byteLength", (json_int_t)size);
+    json_t *view = json_pack("{s:i, s:I, s:I}", "buffer", 0, "byteOffset", (json_int_t)(b->base + offset), "byteLength",
+                             (json_int_t)size);
     if (stride != 0)
         kiln_glb_set(b, view, "byteStride", json_integer((json_int_t)stride));
     if (target != 0)
@@ -161,10 +166,13 @@ int kiln_glb_build_write(struct kiln_glb_build *b, int file, const char *name)
     if (b->status == KILN_OK && (text = json_dumps(b->root, JSON_COMPACT)) == NULL)
         no_memory(b);
     const size_t length = text == NULL ? 0 : strlen(text);
-    const size_t whole = GLB_HEADER + CHUNK_HEADER + aligned(length, 4) + (size > 0 ? CHUNK_HEADER + aligned(size, 4) : 0);
+    const size_t whole =
+        GLB_HEADER + CHUNK_HEADER + aligned(length, 4) + (size > 0 ? CHUNK_HEADER + aligned(size, 4) : 0);
     if (b->status == KILN_OK && whole > UINT32_MAX)
-        b->status = kiln_fail(b->error, KILN_BAD_INPUT, "%.512s: the exported scene takes %zu bytes, more than the 4 GiB that a .glb can hold; split it",
-                              b->subject, whole);
+        b->status =
+            kiln_fail(b->error, KILN_BAD_INPUT,
+                      "%.512s: the exported scene takes %zu bytes, more than the 4 GiB that a .glb can hold; split it",
+                      b->subject, whole);
     if (b->status == KILN_OK) {
         memcpy(header, "glTF", 4);
         little32(header + 4, 2);

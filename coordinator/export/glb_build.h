@@ -1,6 +1,6 @@
-/* A .glb while it is being written: its JSON, and the bytes of its one buffer, which begin with pieces borrowed from elsewhere (a source's
- * buffers) and go on with what is added here. Failure is sticky: the first fault is kept in `status` and `error`, later calls do nothing
- * and return 0. Not collective. */
+/* A .glb while it is being written: its JSON, and the bytes of its one buffer, which begin with pieces borrowed from
+ * elsewhere (a source's buffers) and go on with what is added here. Failure is sticky: the first fault is kept in
+ * `status` and `error`, later calls do nothing and return 0. Not collective. */
 #ifndef KILN_COORDINATOR_EXPORT_GLB_BUILD_H
 #define KILN_COORDINATOR_EXPORT_GLB_BUILD_H
 
@@ -11,7 +11,13 @@
 
 #include "worker/base/status.h"
 
-enum { KILN_GLTF_BYTE = 5120, KILN_GLTF_UNSIGNED_BYTE = 5121, KILN_GLTF_UNSIGNED_SHORT = 5123, KILN_GLTF_UNSIGNED_INT = 5125, KILN_GLTF_FLOAT = 5126 };
+enum {
+    KILN_GLTF_BYTE = 5120,
+    KILN_GLTF_UNSIGNED_BYTE = 5121,
+    KILN_GLTF_UNSIGNED_SHORT = 5123,
+    KILN_GLTF_UNSIGNED_INT = 5125,
+    KILN_GLTF_FLOAT = 5126
+};
 enum { KILN_GLTF_ARRAY_BUFFER = 34962, KILN_GLTF_ELEMENT_ARRAY_BUFFER = 34963 };
 
 struct kiln_glb_piece {
@@ -34,8 +40,8 @@ struct kiln_glb_build {
 /* Appends a borrowed piece and gives its offset in the buffer. */
 size_t kiln_glb_piece(struct kiln_glb_build *b, const void *data, size_t size);
 
-/* Room for `size` bytes (not initialised), at a multiple of 4, and a buffer view of them; `stride` and `target` 0: none. The pointer holds
- * until the next call. */
+/* Room for `size` bytes (not initialised), at a multiple of 4, and a buffer view of them; `stride` and `target` 0:
+ * none. The pointer holds until the next call. */
 uint32_t kiln_glb_view(struct kiln_glb_build *b, size_t size, size_t stride, int target, unsigned char **bytes);
 
 /* Appends `item` (its reference is taken) to the array `key` of `object`, made when it is not there. Its index. */

@@ -1,5 +1,5 @@
-/* The source's glTF once more: its JSON is read and checked as at import, edited in place (indices of what it has do not change: things are
- * only appended), and written with all buffers and images in one .glb. */
+/* The source's glTF once more: its JSON is read and checked as at import, edited in place (indices of what it has do
+ * not change: things are only appended), and written with all buffers and images in one .glb. */
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -22,13 +22,19 @@ static int check_sources(struct again *a)
         for (size_t k = 0; k < a->scene->source_count && !known; k++) {
             const struct kiln_source *before = &a->scene->sources[k];
             known = strcmp(kiln_scene_string(a->scene, before->path), path) == 0;
-            if (known && (before->size != sources[i].size || memcmp(before->hash, sources[i].hash, sizeof before->hash) != 0))
-                return kiln_fail(a->g.error, KILN_BAD_INPUT, "%.512s: '%.80s' is not as it was when it was baked; bake again, or bring the old file back",
-                                 a->g.confine->scene, path);
+            if (known &&
+                (before->size != sources[i].size || memcmp(before->hash, sources[i].hash, sizeof before->hash) != 0))
+                return kiln_fail(
+                    a->g.error, KILN_BAD_INPUT,
+                    "%.512s: '%.80s' is not as it was when it was baked; bake again, or bring the old file back",
+                    a->g.confine->scene, path);
         }
         if (!known && i == 0)
-            return kiln_fail(a->g.error, KILN_BAD_INPUT, "%.512s: the bake was made from '%.80s', not from this file; name the scene with --scene",
-                             a->g.confine->scene, a->scene->source_count > 0 ? kiln_scene_string(a->scene, a->scene->sources[0].path) : "another file");
+            return kiln_fail(a->g.error, KILN_BAD_INPUT,
+                             "%.512s: the bake was made from '%.80s', not from this file; name the scene with --scene",
+                             a->g.confine->scene,
+                             a->scene->source_count > 0 ? kiln_scene_string(a->scene, a->scene->sources[0].path)
+                                                        : "another file");
     }
     return KILN_OK;
 }
@@ -42,12 +48,14 @@ static void move_to_one_buffer(struct again *a, json_t *view, const size_t *base
         return;
     if (renamed[index] == 0) {
         const json_t *offset = json_object_get(view, "byteOffset");
-        kiln_glb_set(&a->b, view, "byteOffset", json_integer((json_int_t)base[index] + (json_int_t)json_number_value(offset)));
+        kiln_glb_set(&a->b, view, "byteOffset",
+                     json_integer((json_int_t)base[index] + (json_int_t)json_number_value(offset)));
     }
     kiln_glb_set(&a->b, view, "buffer", json_integer(renamed[index]));
 }
 
-/* The buffers that have bytes become pieces of the first; those that have none (what fallback buffers of compressed files are) follow it. */
+/* The buffers that have bytes become pieces of the first; those that have none (what fallback buffers of compressed
+ * files are) follow it. */
 static void join_buffers(struct again *a)
 {
     size_t *base = NULL;
@@ -79,9 +87,8 @@ static void join_buffers(struct again *a)
         const char *key;
         json_t *extension;
         move_to_one_buffer(a, view, base, renamed);
-        json_object_foreach(extensions, key, extension)
-            if (json_is_object(extension))
-                move_to_one_buffer(a, extension, base, renamed); /* EXT_meshopt_compression names its buffer so */
+        json_object_foreach(extensions, key, extension) if (json_is_object(extension))
+            move_to_one_buffer(a, extension, base, renamed); /* EXT_meshopt_compression names its buffer so */
     }
     if (json_array_size(joined) > 0)
         kiln_glb_set(&a->b, a->b.root, "buffers", json_incref(joined));
@@ -95,7 +102,10 @@ static const char *image_kind(const unsigned char *data, size_t size)
     static const struct {
         const char *mime, *bytes;
         size_t at, count;
-    } kinds[] = {{"image/png", "\x89PNG", 0, 4}, {"image/jpeg", "\xff\xd8\xff", 0, 3}, {"image/webp", "WEBP", 8, 4}, {"image/ktx2", "\xabKTX 20", 0, 7},
+    } kinds[] = {{"image/png", "\x89PNG", 0, 4},
+                 {"image/jpeg", "\xff\xd8\xff", 0, 3},
+                 {"image/webp", "WEBP", 8, 4},
+                 {"image/ktx2", "\xabKTX 20", 0, 7},
                  {"image/avif", "ftypavif", 4, 8}};
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
         if (size >= kinds[i].at + kinds[i].count && memcmp(data + kinds[i].at, kinds[i].bytes, kinds[i].count) == 0)
@@ -103,8 +113,8 @@ static const char *image_kind(const unsigned char *data, size_t size)
     return NULL;
 }
 
-/* The bytes of an image that stands outside the buffers; false when it stays where it is: its file cannot be read (then no texture that
- * was baked uses it), or it is of no kind that glTF knows. */
+/* The bytes of an image that stands outside the buffers; false when it stays where it is: its file cannot be read (then
+ * no texture that was baked uses it), or it is of no kind that glTF knows. */
 static bool fetch_image(struct again *a, size_t index, const char *uri, struct kiln_file *file, unsigned char **owned)
 {
     char path[1025], where[64];
@@ -187,9 +197,11 @@ static json_t *settled_link(const struct again *a, size_t object)
 /* How many instances the source gives a node: the count of the first of its attributes. */
 static uint64_t instances_of(const struct again *a, const json_t *node)
 {
-    json_t *attributes = json_object_get(json_object_get(json_object_get(node, "extensions"), "EXT_mesh_gpu_instancing"), "attributes");
+    json_t *attributes =
+        json_object_get(json_object_get(json_object_get(node, "extensions"), "EXT_mesh_gpu_instancing"), "attributes");
     const json_t *index = json_object_iter_value(json_object_iter(attributes));
-    const json_t *accessor = json_array_get(json_object_get(a->b.root, "accessors"), json_is_integer(index) ? (size_t)json_integer_value(index) : SIZE_MAX);
+    const json_t *accessor = json_array_get(json_object_get(a->b.root, "accessors"),
+                                            json_is_integer(index) ? (size_t)json_integer_value(index) : SIZE_MAX);
     const json_int_t count = json_integer_value(json_object_get(accessor, "count"));
     return count > 0 ? (uint64_t)count : 0;
 }
@@ -200,8 +212,11 @@ static void link_instance(struct again *a, json_t *node, size_t object, json_t *
     const struct kiln_object *o = &a->scene->objects[object];
     const uint64_t count = instances_of(a, node);
     if (o->source_instance >= count) {
-        a->b.status = kiln_fail(a->b.error, KILN_BAD_INPUT, "the baked scene's object %zu is instance %u of node %u, which has %llu in the source: the scene was "
-                                "changed since it was baked; bake again", object, o->source_instance, o->source_node, (unsigned long long)count);
+        a->b.status = kiln_fail(
+            a->b.error, KILN_BAD_INPUT,
+            "the baked scene's object %zu is instance %u of node %u, which has %llu in the source: the scene was "
+            "changed since it was baked; bake again",
+            object, o->source_instance, o->source_node, (unsigned long long)count);
         return;
     }
     json_t *whole = json_object_get(json_object_get(node, "extensions"), KILN_LIGHTMAP_EXTENSION);
@@ -236,7 +251,8 @@ static void link_nodes(struct again *a)
     for (size_t i = 0; i < a->scene->object_count && a->b.status == KILN_OK; i++) {
         const struct kiln_object *o = &a->scene->objects[i];
         json_t *node = json_array_get(nodes, o->source_node);
-        if (json_is_null(json_array_get(json_object_get(a->plan, "objects"), i)) || o->source_mesh >= a->g.mesh_count || !json_is_object(node))
+        if (json_is_null(json_array_get(json_object_get(a->plan, "objects"), i)) || o->source_mesh >= a->g.mesh_count ||
+            !json_is_object(node))
             continue;
         json_t *link = settled_link(a, i);
         if (o->source_instance != KILN_NONE)
@@ -263,7 +279,8 @@ static void reach(struct again *a, uint8_t *reached)
     for (const json_t *next = roots; a->b.status == KILN_OK && next != NULL;) {
         for (size_t i = 0; i < json_array_size(next); i++) {
             const json_int_t child = json_integer_value(json_array_get(next, i));
-            if (child >= 0 && (size_t)child < count && !reached[child]) { /* once: the stack never holds more than there are */
+            /* once: the stack never holds more than there are */
+            if (child >= 0 && (size_t)child < count && !reached[child]) {
                 reached[child] = 1;
                 stack[depth++] = (uint32_t)child;
             }
@@ -354,11 +371,15 @@ static void edit(struct again *a)
     kiln_export_root(&a->b, a->plan);
 }
 
-int kiln_export_gltf(const struct kiln_export_task *task, void (*mapped)(const struct kiln_confine *), struct kiln_error *error)
+int kiln_export_gltf(const struct kiln_export_task *task, void (*mapped)(const struct kiln_confine *),
+                     struct kiln_error *error)
 {
     struct kiln_confine *confine = NULL;
     struct kiln_builder *builder = NULL;
-    struct again a = {.scene = task->scene, .plan = task->plan, .coordinates = task->coordinates, .b = {.subject = task->source, .error = error}};
+    struct again a = {.scene = task->scene,
+                      .plan = task->plan,
+                      .coordinates = task->coordinates,
+                      .b = {.subject = task->source, .error = error}};
     int status = kiln_confine_create(&confine, task->source, error);
     if (status == KILN_OK)
         status = kiln_builder_create(&builder, error);

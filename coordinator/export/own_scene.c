@@ -1,9 +1,9 @@
-/* A .glb from kiln's own scene file: what it keeps of a scene whose source is no glTF. One node an object; a mesh's triangles are grouped
- * by material. Vertices, coordinates and textures are those that were baked. */
+/* A .glb from kiln's own scene file: what it keeps of a scene whose source is no glTF. One node an object; a mesh's
+ * triangles are grouped by material. Vertices, coordinates and textures are those that were baked. */
 #include <math.h>
 #include <string.h>
 
-#include "coordinator/cli/json.h"
+#include "coordinator/files/json.h"
 #include "coordinator/export/child.h"
 #include "coordinator/output/image.h"
 #include "worker/base/memory.h"
@@ -16,7 +16,10 @@ struct own {
     bool emission_set; /* emission has coordinates of its own somewhere: TEXCOORD_2, for all meshes */
 };
 
-static json_t *name_of(const struct own *o, uint32_t offset) { return kiln_json_string(kiln_scene_string(o->scene, offset)); }
+static json_t *name_of(const struct own *o, uint32_t offset)
+{
+    return kiln_json_string(kiln_scene_string(o->scene, offset));
+}
 
 /* ---- textures and materials ---- */
 
@@ -27,19 +30,25 @@ static void add_texture(struct own *o, const struct kiln_texture *t)
     size_t size = 0;
     unsigned char *bytes;
     if (o->b.status == KILN_OK)
-        o->b.status = kiln_png_encode_channels(o->scene->texels + t->first, t->width, t->height, 4, &png, &size, o->b.error);
+        o->b.status =
+            kiln_png_encode_channels(o->scene->texels + t->first, t->width, t->height, 4, &png, &size, o->b.error);
     const uint32_t view = kiln_glb_view(&o->b, size, 0, 0, &bytes);
     if (bytes != NULL)
         memcpy(bytes, png, size);
     kiln_free(&png);
-    const uint32_t image = kiln_glb_append(&o->b, o->b.root, "images", json_pack("{s:s, s:i}", "mimeType", "image/png", "bufferView", (int)view));
+    const uint32_t image = kiln_glb_append(&o->b, o->b.root, "images",
+                                           json_pack("{s:s, s:i}", "mimeType", "image/png", "bufferView", (int)view));
     const uint32_t sampler = kiln_glb_append(&o->b, o->b.root, "samplers",
-                                             json_pack("{s:i, s:i, s:i}", "magFilter", t->nearest ? 9728 : 9729, "wrapS", wraps[t->wrap_u], "wrapT",
-                                                       wraps[t->wrap_v]));
-    (void)kiln_glb_append(&o->b, o->b.root, "textures", json_pack("{s:i, s:i}", "sampler", (int)sampler, "source", (int)image));
+                                             json_pack("{s:i, s:i, s:i}", "magFilter", t->nearest ? 9728 : 9729,
+                                                       "wrapS", wraps[t->wrap_u], "wrapT", wraps[t->wrap_v]));
+    (void)kiln_glb_append(&o->b, o->b.root, "textures",
+                          json_pack("{s:i, s:i}", "sampler", (int)sampler, "source", (int)image));
 }
 
-static json_t *texture_use(uint32_t texture, int set) { return json_pack("{s:i, s:i}", "index", (int)texture, "texCoord", set); }
+static json_t *texture_use(uint32_t texture, int set)
+{
+    return json_pack("{s:i, s:i}", "index", (int)texture, "texCoord", set);
+}
 
 static void set_emission(struct own *o, json_t *json, const struct kiln_material *m)
 {
@@ -47,12 +56,14 @@ static void set_emission(struct own *o, json_t *json, const struct kiln_material
     const double scale = most > 1.0f ? (double)most : 1.0;
     if (!(most > 0.0f))
         return;
-    kiln_glb_set(&o->b, json, "emissiveFactor", json_pack("[f, f, f]", (double)m->emission[0] / scale, (double)m->emission[1] / scale,
-                                                          (double)m->emission[2] / scale));
+    kiln_glb_set(&o->b, json, "emissiveFactor",
+                 json_pack("[f, f, f]", (double)m->emission[0] / scale, (double)m->emission[1] / scale,
+                           (double)m->emission[2] / scale));
     if (m->emission_texture != KILN_NONE)
         kiln_glb_set(&o->b, json, "emissiveTexture", texture_use(m->emission_texture, o->emission_set ? 2 : 0));
     if (most > 1.0f) {
-        kiln_glb_set(&o->b, json, "extensions", json_pack("{s:{s:f}}", "KHR_materials_emissive_strength", "emissiveStrength", scale));
+        kiln_glb_set(&o->b, json, "extensions",
+                     json_pack("{s:{s:f}}", "KHR_materials_emissive_strength", "emissiveStrength", scale));
         kiln_glb_use(&o->b, "KHR_materials_emissive_strength");
     }
 }
@@ -60,13 +71,13 @@ static void set_emission(struct own *o, json_t *json, const struct kiln_material
 static void add_material(struct own *o, const struct kiln_material *m)
 {
     static const char *const modes[] = {"OPAQUE", "MASK", "BLEND"};
-    json_t *surface = json_pack("{s:[f, f, f, f], s:f, s:f}", "baseColorFactor", (double)m->base_color[0], (double)m->base_color[1],
-                                (double)m->base_color[2], (double)m->base_color[3], "metallicFactor", (double)m->metallic, "roughnessFactor",
-                                (double)m->roughness);
+    json_t *surface = json_pack("{s:[f, f, f, f], s:f, s:f}", "baseColorFactor", (double)m->base_color[0],
+                                (double)m->base_color[1], (double)m->base_color[2], (double)m->base_color[3],
+                                "metallicFactor", (double)m->metallic, "roughnessFactor", (double)m->roughness);
     if (m->base_color_texture != KILN_NONE)
         kiln_glb_set(&o->b, surface, "baseColorTexture", texture_use(m->base_color_texture, 0));
-    json_t *json = json_pack("{s:o, s:o, s:s, s:b}", "name", name_of(o, m->name), "pbrMetallicRoughness", surface, "alphaMode", modes[m->alpha_mode],
-                             "doubleSided", (int)m->double_sided);
+    json_t *json = json_pack("{s:o, s:o, s:s, s:b}", "name", name_of(o, m->name), "pbrMetallicRoughness", surface,
+                             "alphaMode", modes[m->alpha_mode], "doubleSided", (int)m->double_sided);
     if (m->alpha_mode == KILN_ALPHA_MASK)
         kiln_glb_set(&o->b, json, "alphaCutoff", json_real((double)m->alpha_cutoff));
     set_emission(o, json, m);
@@ -75,21 +86,25 @@ static void add_material(struct own *o, const struct kiln_material *m)
 
 /* ---- meshes ---- */
 
-static uint32_t add_accessor(struct own *o, const void *data, size_t count, size_t element, int component, const char *type, int target, json_t **json)
+static uint32_t add_accessor(struct own *o, const void *data, size_t count, size_t element, int component,
+                             const char *type, int target, json_t **json)
 {
     unsigned char *bytes;
     const uint32_t view = kiln_glb_view(&o->b, count * element, 0, target, &bytes);
     if (bytes != NULL)
         memcpy(bytes, data, count * element);
-    *json = json_pack("{s:i, s:i, s:I, s:s}", "bufferView", (int)view, "componentType", component, "count", (json_int_t)count, "type", type);
+    *json = json_pack("{s:i, s:i, s:I, s:s}", "bufferView", (int)view, "componentType", component, "count",
+                      (json_int_t)count, "type", type);
     return kiln_glb_append(&o->b, o->b.root, "accessors", *json);
 }
 
-static json_t *add_attribute(struct own *o, const void *data, const struct kiln_mesh *mesh, size_t element, const char *type)
+static json_t *add_attribute(struct own *o, const void *data, const struct kiln_mesh *mesh, size_t element,
+                             const char *type)
 {
     json_t *json;
     const char *first = (const char *)data + mesh->vertex_first * element;
-    return json_integer(add_accessor(o, first, mesh->vertex_count, element, KILN_GLTF_FLOAT, type, KILN_GLTF_ARRAY_BUFFER, &json));
+    return json_integer(
+        add_accessor(o, first, mesh->vertex_count, element, KILN_GLTF_FLOAT, type, KILN_GLTF_ARRAY_BUFFER, &json));
 }
 
 static json_t *add_positions(struct own *o, const struct kiln_mesh *mesh)
@@ -101,7 +116,8 @@ static json_t *add_positions(struct own *o, const struct kiln_mesh *mesh)
         low = vec3(fminf(low.x, p[v].x), fminf(low.y, p[v].y), fminf(low.z, p[v].z));
         high = vec3(fmaxf(high.x, p[v].x), fmaxf(high.y, p[v].y), fmaxf(high.z, p[v].z));
     }
-    const uint32_t index = add_accessor(o, p, mesh->vertex_count, sizeof *p, KILN_GLTF_FLOAT, "VEC3", KILN_GLTF_ARRAY_BUFFER, &json);
+    const uint32_t index =
+        add_accessor(o, p, mesh->vertex_count, sizeof *p, KILN_GLTF_FLOAT, "VEC3", KILN_GLTF_ARRAY_BUFFER, &json);
     kiln_glb_set(&o->b, json, "min", json_pack("[f, f, f]", (double)low.x, (double)low.y, (double)low.z));
     kiln_glb_set(&o->b, json, "max", json_pack("[f, f, f]", (double)high.x, (double)high.y, (double)high.z));
     return json_integer(index);
@@ -122,12 +138,16 @@ static json_t *add_attributes(struct own *o, const struct kiln_mesh *mesh)
     json_t *attributes = json_object(), *json;
     kiln_glb_set(&o->b, attributes, "POSITION", add_positions(o, mesh));
     kiln_glb_set(&o->b, attributes, "NORMAL", add_attribute(o, s->normals, mesh, sizeof *s->normals, "VEC3"));
-    kiln_glb_set(&o->b, attributes, "TEXCOORD_0", add_attribute(o, s->texcoord_base, mesh, sizeof *s->texcoord_base, "VEC2"));
-    kiln_glb_set(&o->b, attributes, "TEXCOORD_1", add_attribute(o, o->coordinates, mesh, sizeof *o->coordinates, "VEC2"));
+    kiln_glb_set(&o->b, attributes, "TEXCOORD_0",
+                 add_attribute(o, s->texcoord_base, mesh, sizeof *s->texcoord_base, "VEC2"));
+    kiln_glb_set(&o->b, attributes, "TEXCOORD_1",
+                 add_attribute(o, o->coordinates, mesh, sizeof *o->coordinates, "VEC2"));
     if (o->emission_set)
-        kiln_glb_set(&o->b, attributes, "TEXCOORD_2", add_attribute(o, s->texcoord_emission, mesh, sizeof *s->texcoord_emission, "VEC2"));
+        kiln_glb_set(&o->b, attributes, "TEXCOORD_2",
+                     add_attribute(o, s->texcoord_emission, mesh, sizeof *s->texcoord_emission, "VEC2"));
     if (!is_white(colors, mesh->vertex_count)) {
-        const uint32_t index = add_accessor(o, colors, mesh->vertex_count, 4, KILN_GLTF_UNSIGNED_BYTE, "VEC4", KILN_GLTF_ARRAY_BUFFER, &json);
+        const uint32_t index = add_accessor(o, colors, mesh->vertex_count, 4, KILN_GLTF_UNSIGNED_BYTE, "VEC4",
+                                            KILN_GLTF_ARRAY_BUFFER, &json);
         kiln_glb_set(&o->b, json, "normalized", json_true());
         kiln_glb_set(&o->b, attributes, "COLOR_0", json_integer(index));
     }
@@ -135,14 +155,16 @@ static json_t *add_attributes(struct own *o, const struct kiln_mesh *mesh)
 }
 
 /* The triangles of one material, from the first on that has it. `done`, a triangle: it has been written. */
-static void add_primitive(struct own *o, const struct kiln_mesh *mesh, json_t *mesh_json, json_t *attributes, uint64_t first, uint8_t *done)
+static void add_primitive(struct own *o, const struct kiln_mesh *mesh, json_t *mesh_json, json_t *attributes,
+                          uint64_t first, uint8_t *done)
 {
     const struct kiln_scene *s = o->scene;
     const uint32_t material = s->triangle_materials[mesh->triangle_first + first];
     uint32_t *indices = NULL;
     size_t count = 0;
     json_t *json;
-    o->b.status = kiln_allocate(&indices, 3 * (mesh->triangle_count - first), sizeof *indices, "indices of the exported scene", o->b.error);
+    o->b.status = kiln_allocate(&indices, 3 * (mesh->triangle_count - first), sizeof *indices,
+                                "indices of the exported scene", o->b.error);
     for (uint64_t t = first; t < mesh->triangle_count && o->b.status == KILN_OK; t++) {
         if (done[t] || s->triangle_materials[mesh->triangle_first + t] != material)
             continue;
@@ -151,9 +173,11 @@ static void add_primitive(struct own *o, const struct kiln_mesh *mesh, json_t *m
         count += 3;
     }
     if (o->b.status == KILN_OK) {
-        const uint32_t index = add_accessor(o, indices, count, sizeof *indices, KILN_GLTF_UNSIGNED_INT, "SCALAR", KILN_GLTF_ELEMENT_ARRAY_BUFFER, &json);
-        (void)kiln_glb_append(&o->b, mesh_json, "primitives",
-                              json_pack("{s:O, s:i, s:i}", "attributes", attributes, "indices", (int)index, "material", (int)material));
+        const uint32_t index = add_accessor(o, indices, count, sizeof *indices, KILN_GLTF_UNSIGNED_INT, "SCALAR",
+                                            KILN_GLTF_ELEMENT_ARRAY_BUFFER, &json);
+        (void)kiln_glb_append(
+            &o->b, mesh_json, "primitives",
+            json_pack("{s:O, s:i, s:i}", "attributes", attributes, "indices", (int)index, "material", (int)material));
     }
     kiln_free(&indices);
 }
@@ -161,7 +185,8 @@ static void add_primitive(struct own *o, const struct kiln_mesh *mesh, json_t *m
 static void add_mesh(struct own *o, const struct kiln_mesh *mesh)
 {
     uint8_t *done = NULL;
-    json_t *json = json_pack("{s:o, s:[]}", "name", name_of(o, mesh->name), "primitives"), *attributes = add_attributes(o, mesh);
+    json_t *json = json_pack("{s:o, s:[]}", "name", name_of(o, mesh->name), "primitives"),
+           *attributes = add_attributes(o, mesh);
     if (o->b.status == KILN_OK)
         o->b.status = kiln_allocate(&done, mesh->triangle_count, 1, "triangles of the exported scene", o->b.error);
     for (uint64_t t = 0; t < mesh->triangle_count && o->b.status == KILN_OK; t++)
@@ -222,14 +247,17 @@ static json_t *placed(const double position[3], struct kiln_vec3 right, struct k
 static json_t *light_json(const struct own *o, const struct kiln_light *l)
 {
     static const char *const kinds[] = {"point", "spot", "directional"};
-    const double most = fmax((double)l->intensity[0], fmax((double)l->intensity[1], (double)l->intensity[2])), scale = most > 0.0 ? most : 1.0;
-    json_t *json = json_pack("{s:o, s:s, s:[f, f, f], s:f}", "name", name_of(o, l->name), "type", kinds[l->kind], "color", (double)l->intensity[0] / scale,
-                             (double)l->intensity[1] / scale, (double)l->intensity[2] / scale, "intensity", most);
+    const double most = fmax((double)l->intensity[0], fmax((double)l->intensity[1], (double)l->intensity[2])),
+                 scale = most > 0.0 ? most : 1.0;
+    json_t *json = json_pack("{s:o, s:s, s:[f, f, f], s:f}", "name", name_of(o, l->name), "type", kinds[l->kind],
+                             "color", (double)l->intensity[0] / scale, (double)l->intensity[1] / scale,
+                             (double)l->intensity[2] / scale, "intensity", most);
     if (l->range > 0.0f)
         (void)json_object_set_new(json, "range", json_real((double)l->range));
     if (l->kind == KILN_LIGHT_SPOT)
-        (void)json_object_set_new(json, "spot", json_pack("{s:f, s:f}", "innerConeAngle", acos((double)l->cos_inner), "outerConeAngle",
-                                                          acos((double)l->cos_outer)));
+        (void)json_object_set_new(json, "spot",
+                                  json_pack("{s:f, s:f}", "innerConeAngle", acos((double)l->cos_inner),
+                                            "outerConeAngle", acos((double)l->cos_outer)));
     return json;
 }
 
@@ -242,33 +270,39 @@ static void add_light(struct own *o, const struct kiln_light *l)
     const struct kiln_vec3 away = fabsf(forward.y) < 0.9f ? vec3(0.0f, 1.0f, 0.0f) : vec3(1.0f, 0.0f, 0.0f);
     const struct kiln_vec3 right = vec3_normalize(vec3_cross(forward, away)), up = vec3_cross(right, forward);
     kiln_glb_use(&o->b, "KHR_lights_punctual");
-    add_node(o, json_pack("{s:o, s:o, s:{s:{s:i}}, s:{s:b}}", "name", name_of(o, l->name), "matrix", placed(l->position, right, up, forward),
-                          "extensions", "KHR_lights_punctual", "light", (int)index, "extras", "kiln_baked", 1));
+    add_node(o, json_pack("{s:o, s:o, s:{s:{s:i}}, s:{s:b}}", "name", name_of(o, l->name), "matrix",
+                          placed(l->position, right, up, forward), "extensions", "KHR_lights_punctual", "light",
+                          (int)index, "extras", "kiln_baked", 1));
 }
 
 static void add_camera(struct own *o, const struct kiln_camera *c)
 {
     static const double near = 0.01, far = 1e4;
     const double extent = (double)c->extent_y, aspect = c->aspect > 0.0f ? (double)c->aspect : 1.0;
-    json_t *lens = c->orthographic ? json_pack("{s:f, s:f, s:f, s:f}", "xmag", extent * aspect, "ymag", extent, "znear", near, "zfar", far)
+    json_t *lens = c->orthographic ? json_pack("{s:f, s:f, s:f, s:f}", "xmag", extent * aspect, "ymag", extent, "znear",
+                                               near, "zfar", far)
                                    : json_pack("{s:f, s:f}", "yfov", extent, "znear", near);
     if (!c->orthographic && c->aspect > 0.0f)
         kiln_glb_set(&o->b, lens, "aspectRatio", json_real(aspect));
     const char *kind = c->orthographic ? "orthographic" : "perspective";
-    const uint32_t index = kiln_glb_append(&o->b, o->b.root, "cameras", json_pack("{s:s, s:o}", "type", kind, kind, lens));
-    add_node(o, json_pack("{s:o, s:o, s:i}", "name", name_of(o, c->name), "matrix", placed(c->position, vec3(c->right[0], c->right[1], c->right[2]),
-                          vec3(c->up[0], c->up[1], c->up[2]), vec3(c->forward[0], c->forward[1], c->forward[2])), "camera",
-                          (int)index));
+    const uint32_t index =
+        kiln_glb_append(&o->b, o->b.root, "cameras", json_pack("{s:s, s:o}", "type", kind, kind, lens));
+    add_node(o, json_pack("{s:o, s:o, s:i}", "name", name_of(o, c->name), "matrix",
+                          placed(c->position, vec3(c->right[0], c->right[1], c->right[2]),
+                                 vec3(c->up[0], c->up[1], c->up[2]), vec3(c->forward[0], c->forward[1], c->forward[2])),
+                          "camera", (int)index));
 }
 
 static void begin(struct own *o)
 {
     const struct kiln_environment *e = o->scene->environment;
-    o->b.root = json_pack("{s:{s:s, s:s}, s:i, s:[{}]}", "asset", "version", "2.0", "generator", "kiln " KILN_VERSION, "scene", 0, "scenes");
+    o->b.root = json_pack("{s:{s:s, s:s}, s:i, s:[{}]}", "asset", "version", "2.0", "generator", "kiln " KILN_VERSION,
+                          "scene", 0, "scenes");
     json_t *scene = json_array_get(json_object_get(o->b.root, "scenes"), 0);
     if (e->kind == KILN_ENVIRONMENT_CONSTANT)
-        kiln_glb_set(&o->b, scene, "extras", json_pack("{s:{s:s, s:[f, f, f]}}", "environment", "type", "constant", "radiance", (double)e->radiance[0],
-                                                       (double)e->radiance[1], (double)e->radiance[2]));
+        kiln_glb_set(&o->b, scene, "extras",
+                     json_pack("{s:{s:s, s:[f, f, f]}}", "environment", "type", "constant", "radiance",
+                               (double)e->radiance[0], (double)e->radiance[1], (double)e->radiance[2]));
     for (size_t i = 0; i < o->scene->mesh_count; i++)
         o->emission_set |= (o->scene->meshes[i].flags & KILN_MESH_HAS_EMISSION_UV) != 0;
 }
@@ -276,7 +310,10 @@ static void begin(struct own *o)
 int kiln_export_own(const struct kiln_export_task *task, struct kiln_error *error)
 {
     const struct kiln_scene *s = task->scene;
-    struct own o = {.b = {.subject = task->scene_file, .error = error}, .scene = s, .plan = task->plan, .coordinates = task->coordinates};
+    struct own o = {.b = {.subject = task->scene_file, .error = error},
+                    .scene = s,
+                    .plan = task->plan,
+                    .coordinates = task->coordinates};
     begin(&o);
     for (size_t i = 0; i < s->texture_count && o.b.status == KILN_OK; i++)
         add_texture(&o, &s->textures[i]);
@@ -286,7 +323,9 @@ int kiln_export_own(const struct kiln_export_task *task, struct kiln_error *erro
         add_mesh(&o, &s->meshes[i]);
     for (size_t i = 0; i < s->object_count && o.b.status == KILN_OK; i++)
         add_object(&o, i);
-    for (size_t i = 0; i < s->light_count && !json_is_true(json_object_get(task->plan, "drop_baked_lights")) && o.b.status == KILN_OK; i++)
+    for (size_t i = 0;
+         i < s->light_count && !json_is_true(json_object_get(task->plan, "drop_baked_lights")) && o.b.status == KILN_OK;
+         i++)
         add_light(&o, &s->lights[i]);
     for (size_t i = 0; i < s->camera_count && o.b.status == KILN_OK; i++)
         add_camera(&o, &s->cameras[i]);

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "coordinator/output/exr.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 static const double HALF_MOST = 65504.0, RGBE_MOST = 0x1p127;
@@ -21,16 +21,16 @@ const char *kiln_page_encoding(enum kiln_page_format format) { return formats[fo
 const char *kiln_page_ending(enum kiln_page_format format) { return formats[format].ending; }
 
 /* The first value that is not from 0 to `most`, or the largest one. */
-static int check_values(const char *path, float *const planes[3], uint32_t width, size_t count, double most, const char *remedy, double *largest,
-                        struct kiln_error *error)
+static int check_values(const char *path, float *const planes[3], uint32_t width, size_t count, double most,
+                        const char *remedy, double *largest, struct kiln_error *error)
 {
     *largest = 0.0;
     for (size_t i = 0; i < count; i++)
         for (int c = 0; c < 3; c++) {
             const double value = (double)planes[c][i];
             if (!(value >= 0.0 && value <= most))
-                return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %c is %g at texel (%zu, %zu), outside 0 to %g; %s", path, "RGB"[c], value, i % width,
-                                 i / width, most, remedy);
+                return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %c is %g at texel (%zu, %zu), outside 0 to %g; %s",
+                                 path, "RGB"[c], value, i % width, i / width, most, remedy);
             *largest = fmax(*largest, value);
         }
     return KILN_OK;
@@ -38,11 +38,13 @@ static int check_values(const char *path, float *const planes[3], uint32_t width
 
 /* ---- EXR ---- */
 
-static int write_exr(const char *directory, const char *name, float *const planes[3], uint32_t width, uint32_t height, bool half, struct kiln_error *error)
+static int write_exr(const char *directory, const char *name, float *const planes[3], uint32_t width, uint32_t height,
+                     bool half, struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B"};
-    const struct kiln_exr_attribute attributes[] = {{.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
-                                                    {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = "irradiance"}};
+    const struct kiln_exr_attribute attributes[] = {
+        {.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
+        {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = "irradiance"}};
     struct kiln_image *image = NULL;
     int status = kiln_image_create(&image, width, height, names, 3, error);
     for (int c = 0; status == KILN_OK && c < 3; c++) {
@@ -51,7 +53,8 @@ static int write_exr(const char *directory, const char *name, float *const plane
         channel->half = half;
     }
     if (status == KILN_OK)
-        status = kiln_exr_write_below(directory, name, image, attributes, sizeof attributes / sizeof attributes[0], error);
+        status =
+            kiln_exr_write_below(directory, name, image, attributes, sizeof attributes / sizeof attributes[0], error);
     kiln_image_destroy(&image);
     return status;
 }
@@ -84,8 +87,8 @@ static void rgbe(const double rgb[3], double range, uint8_t out[4])
     out[3] = (uint8_t)(exponent + 128);
 }
 
-static int write_png(const char *directory, const char *name, float *const planes[3], uint32_t width, uint32_t height, double range,
-                     void (*encode)(const double[3], double, uint8_t[4]), struct kiln_error *error)
+static int write_png(const char *directory, const char *name, float *const planes[3], uint32_t width, uint32_t height,
+                     double range, void (*encode)(const double[3], double, uint8_t[4]), struct kiln_error *error)
 {
     const size_t count = (size_t)width * height;
     uint8_t *bytes = NULL;
@@ -107,7 +110,13 @@ static int write_png(const char *directory, const char *name, float *const plane
 
 /* ---- KTX 2.0 (Khronos, "KTX File Format Specification", version 2.0) ---- */
 
-enum { KTX_INDEX = 80, KTX_LEVEL = 24, KTX_DFD = 4 + 24 + 4 * 16, KTX_ORIENTATION = 4 + 15 + 3 + 2, KTX_WRITER = 4 + 10 + 5 + 1 };
+enum {
+    KTX_INDEX = 80,
+    KTX_LEVEL = 24,
+    KTX_DFD = 4 + 24 + 4 * 16,
+    KTX_ORIENTATION = 4 + 15 + 3 + 2,
+    KTX_WRITER = 4 + 10 + 5 + 1
+};
 
 static void put(unsigned char *at, uint64_t value, size_t bytes)
 {
@@ -129,10 +138,10 @@ static uint16_t half_of(float value)
 static void put_sample(unsigned char *at, unsigned offset, unsigned channel)
 {
     put(at, offset, 2);
-    at[2] = 15;                                   /* bits less 1 */
+    at[2] = 15;                                       /* bits less 1 */
     at[3] = (unsigned char)(channel | 0x80u | 0x40u); /* float, signed */
-    put(at + 8, 0xbf800000u, 4);                  /* -1 */
-    put(at + 12, 0x3f800000u, 4);                 /* 1 */
+    put(at + 8, 0xbf800000u, 4);                      /* -1 */
+    put(at + 12, 0x3f800000u, 4);                     /* 1 */
 }
 
 /* Header, index, descriptor and the two words that say which way is up and who wrote it. */
@@ -172,9 +181,11 @@ static void put_head(unsigned char *bytes, uint32_t width, uint32_t height, size
     memcpy(w + 4, "KTXwriter\0kiln", 15);
 }
 
-static int write_ktx2(const char *directory, const char *name, float *const planes[3], uint32_t width, uint32_t height, struct kiln_error *error)
+static int write_ktx2(const char *directory, const char *name, float *const planes[3], uint32_t width, uint32_t height,
+                      struct kiln_error *error)
 {
-    const size_t count = (size_t)width * height, head = KTX_INDEX + KTX_LEVEL + KTX_DFD + KTX_ORIENTATION + KTX_WRITER, level = (head + 7) / 8 * 8;
+    const size_t count = (size_t)width * height, head = KTX_INDEX + KTX_LEVEL + KTX_DFD + KTX_ORIENTATION + KTX_WRITER,
+                 level = (head + 7) / 8 * 8;
     unsigned char *bytes = NULL;
     int status = kiln_allocate(&bytes, level + 8 * count, 1, "a page's bytes", error);
     if (status != KILN_OK)
@@ -207,14 +218,17 @@ static double most_of(enum kiln_page_format format, double range)
     }
 }
 
-int kiln_page_write(const char *directory, const char *name, enum kiln_page_format format, const struct kiln_image *image, double *range, struct kiln_error *error)
+int kiln_page_write(const char *directory, const char *name, enum kiln_page_format format,
+                    const struct kiln_image *image, double *range, struct kiln_error *error)
 {
     float *planes[3];
     double largest;
     if (!kiln_image_rgb(image, "", planes))
         return kiln_fail(error, KILN_BAD_INPUT, "%.512s: the lightmap has no channels R, G and B", name);
-    const char *remedy = format == KILN_PAGE_RGBM && *range > 0.0 ? "give a larger --range, or none" : "choose --format exr";
-    int status = check_values(name, planes, image->width, (size_t)image->width * image->height, most_of(format, *range), remedy, &largest, error);
+    const char *remedy =
+        format == KILN_PAGE_RGBM && *range > 0.0 ? "give a larger --range, or none" : "choose --format exr";
+    int status = check_values(name, planes, image->width, (size_t)image->width * image->height, most_of(format, *range),
+                              remedy, &largest, error);
     if (status != KILN_OK)
         return status;
     if (format != KILN_PAGE_RGBM)

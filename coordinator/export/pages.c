@@ -4,8 +4,8 @@
 #include <string.h>
 
 #include "coordinator/export/atlas.h"
-#include "coordinator/output/map.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/output/map/map.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 /* "lightmaps/NAME.exr", kept by the pages. NULL without memory. */
@@ -21,30 +21,34 @@ static const char *keep_name(struct kiln_pages *pages, const char *name, const c
 }
 
 /* The channels `wanted` of an object's lightmap, or of that of its backs, which has the size that the scene says. */
-static int read_lightmap(const struct kiln_pages_params *p, size_t object, bool back, const char *const *wanted, size_t count,
-                         struct kiln_image **image, struct kiln_error *error)
+static int read_lightmap(const struct kiln_pages_params *p, size_t object, bool back, const char *const *wanted,
+                         size_t count, struct kiln_image **image, struct kiln_error *error)
 {
     char name[KILN_PATH_SIZE];
     const struct kiln_object *o = &p->scene->objects[object];
     (void)snprintf(name, sizeof name, "lightmaps/%s%s.exr", back ? "back/" : "", kiln_scene_string(p->scene, o->name));
     int status = kiln_results_image(p->results, name, wanted, count, image, error);
     if (status == KILN_OK && ((*image)->width != o->lightmap_width || (*image)->height != o->lightmap_height))
-        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s has %u x %u texels where the scene says %u x %u; bake again", name, (*image)->width,
-                           (*image)->height, o->lightmap_width, o->lightmap_height);
+        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s has %u x %u texels where the scene says %u x %u; bake again",
+                           name, (*image)->width, (*image)->height, o->lightmap_width, o->lightmap_height);
     return status;
 }
 
-static bool has_back(const struct kiln_pages_params *p, size_t object) { return p->has_back != NULL && p->has_back[object] != 0; }
+static bool has_back(const struct kiln_pages_params *p, size_t object)
+{
+    return p->has_back != NULL && p->has_back[object] != 0;
+}
 
 /* One lightmap as a page of its own; *file is its name, kept by the pages. */
-static int write_lightmap(const struct kiln_pages_params *p, size_t object, bool back, struct kiln_pages *pages, const char **file, double *range,
-                          struct kiln_error *error)
+static int write_lightmap(const struct kiln_pages_params *p, size_t object, bool back, struct kiln_pages *pages,
+                          const char **file, double *range, struct kiln_error *error)
 {
     static const char *const wanted[] = {"R", "G", "B"};
     char name[256];
     struct kiln_image *image = NULL;
     *range = p->range;
-    (void)snprintf(name, sizeof name, "%s%s", back ? "back/" : "", kiln_scene_string(p->scene, p->scene->objects[object].name));
+    (void)snprintf(name, sizeof name, "%s%s", back ? "back/" : "",
+                   kiln_scene_string(p->scene, p->scene->objects[object].name));
     *file = keep_name(pages, name, kiln_page_ending(p->format), error);
     int status = *file == NULL ? KILN_SYSTEM : KILN_OK;
     if (status == KILN_OK)
@@ -55,7 +59,8 @@ static int write_lightmap(const struct kiln_pages_params *p, size_t object, bool
     return status;
 }
 
-static int write_own_page(const struct kiln_pages_params *p, size_t object, struct kiln_pages *pages, struct kiln_error *error)
+static int write_own_page(const struct kiln_pages_params *p, size_t object, struct kiln_pages *pages,
+                          struct kiln_error *error)
 {
     const struct kiln_object *o = &p->scene->objects[object];
     struct kiln_page_info *page = &pages->pages[pages->page_count];
@@ -89,13 +94,17 @@ struct atlas {
 };
 
 /* An object that shares its mesh keeps its layout as it is, for the coordinates are the mesh's. */
-static bool is_whole(const struct atlas *a, size_t object) { return a->users[a->params->scene->objects[object].mesh] > 1; }
+static bool is_whole(const struct atlas *a, size_t object)
+{
+    return a->users[a->params->scene->objects[object].mesh] > 1;
+}
 
 static int misfit(const struct kiln_pages_params *p, size_t object, struct kiln_error *error)
 {
     const struct kiln_object *o = &p->scene->objects[object];
     return kiln_fail(error, KILN_BAD_INPUT,
-                     "object '%s': its lightmap of %u x %u texels does not fit a page of %u x %u; give a larger --atlas, or bake it with fewer texels "
+                     "object '%s': its lightmap of %u x %u texels does not fit a page of %u x %u; give a larger "
+                     "--atlas, or bake it with fewer texels "
                      "(--texels-per-metre, --lightmap-max)",
                      kiln_scene_string(p->scene, o->name), o->lightmap_width, o->lightmap_height, p->atlas, p->atlas);
 }
@@ -115,27 +124,33 @@ static int add_islands(struct atlas *a, size_t object, struct kiln_error *error)
     const struct kiln_image_channel *coverage = status == KILN_OK ? kiln_image_find(image, "coverage.Y") : NULL;
     const struct kiln_image_channel *validity = status == KILN_OK ? kiln_image_find(image, "validity.Y") : NULL;
     if (status == KILN_OK && (coverage == NULL || validity == NULL))
-        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s: the lightmap of '%s' has no coverage and validity; bake again", p->directory,
-                           kiln_scene_string(p->scene, o->name));
+        status =
+            kiln_fail(error, KILN_BAD_INPUT, "%.512s: the lightmap of '%s' has no coverage and validity; bake again",
+                      p->directory, kiln_scene_string(p->scene, o->name));
     for (size_t i = 0; status == KILN_OK && i < count; i++)
-        covered[i] = coverage->values[i] > 0.0f || validity->values[i] > 0.25f; /* coverage is a half: the least may have become 0 */
+        /* coverage is a half: the least may have become 0 */
+        covered[i] = coverage->values[i] > 0.0f || validity->values[i] > 0.25f;
     if (status == KILN_OK)
-        status = kiln_islands_add(&a->islands, covered, o->lightmap_width, o->lightmap_height, is_whole(a, object), (uint32_t)object, error);
+        status = kiln_islands_add(&a->islands, covered, o->lightmap_width, o->lightmap_height, is_whole(a, object),
+                                  (uint32_t)object, error);
     kiln_free(&covered);
     kiln_image_destroy(&image);
     return status;
 }
 
 /* Copies an island's texels; beyond its lightmap's edge those at the edge. */
-static void copy_texels(struct kiln_image *page, uint8_t *state, float *const to[3], const struct kiln_island *o, const struct kiln_image *image,
-                        float *const from[3])
+static void copy_texels(struct kiln_image *page, uint8_t *state, float *const to[3], const struct kiln_island *o,
+                        const struct kiln_image *image, float *const from[3])
 {
     for (size_t i = 0; i < o->run_count; i++) {
         const struct kiln_island_run *run = &o->runs[i];
-        const int64_t v = (int64_t)o->top + run->row, y = v < 0 ? 0 : v >= image->height ? (int64_t)image->height - 1 : v;
+        const int64_t v = (int64_t)o->top + run->row, y = v < 0                ? 0
+                                                          : v >= image->height ? (int64_t)image->height - 1
+                                                                               : v;
         for (uint32_t k = run->first; k < run->end; k++) {
             const int64_t u = (int64_t)o->left + k, x = u < 0 ? 0 : u >= image->width ? (int64_t)image->width - 1 : u;
-            const size_t target = (size_t)(o->y + run->row) * page->width + o->x + k, source = (size_t)y * image->width + (size_t)x;
+            const size_t target = (size_t)(o->y + run->row) * page->width + o->x + k,
+                         source = (size_t)y * image->width + (size_t)x;
             for (int c = 0; c < 3; c++)
                 to[c][target] = from[c][source];
             state[target] = 1;
@@ -144,7 +159,8 @@ static void copy_texels(struct kiln_image *page, uint8_t *state, float *const to
 }
 
 /* What no object keeps takes the values of the nearest texel that one does. */
-static int fill_page(const struct kiln_image *page, const uint8_t *state, float *const planes[3], struct kiln_error *error)
+static int fill_page(const struct kiln_image *page, const uint8_t *state, float *const planes[3],
+                     struct kiln_error *error)
 {
     const size_t count = (size_t)page->width * page->height;
     uint32_t *nearest = NULL;
@@ -179,14 +195,16 @@ static bool is_on(const struct atlas *a, size_t object, uint32_t page)
     return a->first[object] < a->first[object + 1] && a->islands.islands[a->first[object]].page == page;
 }
 
-static int draw_object(const struct atlas *a, size_t object, bool back, struct kiln_image *page, uint8_t *state, float *const to[3], struct kiln_error *error)
+static int draw_object(const struct atlas *a, size_t object, bool back, struct kiln_image *page, uint8_t *state,
+                       float *const to[3], struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B"};
     float *from[3];
     struct kiln_image *image = NULL;
     int status = read_lightmap(a->params, object, back, names, 3, &image, error);
     if (status == KILN_OK && !kiln_image_rgb(image, "", from))
-        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s: a lightmap has no channels R, G and B; bake again", a->params->directory);
+        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s: a lightmap has no channels R, G and B; bake again",
+                           a->params->directory);
     for (size_t i = a->first[object]; status == KILN_OK && i < a->first[object + 1]; i++)
         copy_texels(page, state, to, &a->islands.islands[i], image, from);
     kiln_image_destroy(&image);
@@ -194,7 +212,8 @@ static int draw_object(const struct atlas *a, size_t object, bool back, struct k
 }
 
 /* With `back`: of the objects on it that have one. */
-static int draw_page(const struct atlas *a, uint32_t index, bool back, struct kiln_image **page, struct kiln_error *error)
+static int draw_page(const struct atlas *a, uint32_t index, bool back, struct kiln_image **page,
+                     struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B"};
     const struct kiln_page_info *info = &a->pages->pages[index];
@@ -214,7 +233,8 @@ static int draw_page(const struct atlas *a, uint32_t index, bool back, struct ki
     return status;
 }
 
-static int write_side(const struct atlas *a, uint32_t index, bool back, const char **file, double *range, struct kiln_error *error)
+static int write_side(const struct atlas *a, uint32_t index, bool back, const char **file, double *range,
+                      struct kiln_error *error)
 {
     char name[32];
     struct kiln_image *image = NULL;
@@ -251,7 +271,8 @@ static int write_page(const struct atlas *a, uint32_t index, struct kiln_error *
 
 /* ---- coordinates ---- */
 
-/* The island that a texel of the lightmap belongs to, by a grid that is one larger on each side (number + 1; 0: none), or the nearest one. */
+/* The island that a texel of the lightmap belongs to, by a grid that is one larger on each side (number + 1; 0: none),
+ * or the nearest one. */
 static uint32_t island_at(const uint32_t *grid, int64_t width, int64_t height, int64_t x, int64_t y)
 {
     for (int64_t ring = 0; ring < (width > height ? width : height) + 2; ring++)
@@ -289,17 +310,19 @@ static int move_coordinates(const struct atlas *a, size_t object, struct kiln_er
     const struct kiln_island *islands = a->islands.islands + a->first[object];
     const struct kiln_page_info *page = &a->pages->pages[islands->page];
     uint32_t *grid = NULL;
-    const int status = kiln_allocate(&grid, ((size_t)o->lightmap_width + 2) * ((size_t)o->lightmap_height + 2), sizeof *grid, "islands", error);
+    const int status = kiln_allocate(&grid, ((size_t)o->lightmap_width + 2) * ((size_t)o->lightmap_height + 2),
+                                     sizeof *grid, "islands", error);
     if (status != KILN_OK)
         return status;
     draw_grid(grid, o, islands, a->first[object + 1] - a->first[object]);
     for (uint64_t v = mesh->vertex_first; v < mesh->vertex_first + mesh->vertex_count; v++) {
         const struct kiln_vec2 uv = scene->texcoord_lightmap[v];
-        const struct kiln_island *own = &islands[island_at(grid, o->lightmap_width, o->lightmap_height, texel_of(uv.x, o->lightmap_width),
-                                                           texel_of(uv.y, o->lightmap_height))];
-        a->pages->coordinates[v] = (struct kiln_vec2){
-            (float)(((double)uv.x * o->lightmap_width + (double)own->x - own->left) / page->width),
-            (float)(((double)uv.y * o->lightmap_height + (double)own->y - own->top) / page->height)};
+        const struct kiln_island *own =
+            &islands[island_at(grid, o->lightmap_width, o->lightmap_height, texel_of(uv.x, o->lightmap_width),
+                               texel_of(uv.y, o->lightmap_height))];
+        a->pages->coordinates[v] =
+            (struct kiln_vec2){(float)(((double)uv.x * o->lightmap_width + (double)own->x - own->left) / page->width),
+                               (float)(((double)uv.y * o->lightmap_height + (double)own->y - own->top) / page->height)};
     }
     kiln_free(&grid);
     return KILN_OK;
@@ -343,7 +366,8 @@ static int begin_atlas(struct atlas *a, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_allocate(&a->users, scene->mesh_count, sizeof *a->users, "meshes", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&a->pages->coordinates, scene->vertex_count, sizeof *a->pages->coordinates, "coordinates on pages", error);
+        status = kiln_allocate(&a->pages->coordinates, scene->vertex_count, sizeof *a->pages->coordinates,
+                               "coordinates on pages", error);
     if (status != KILN_OK)
         return status;
     memcpy(a->pages->coordinates, scene->texcoord_lightmap, scene->vertex_count * sizeof *a->pages->coordinates);
@@ -398,7 +422,8 @@ int kiln_pages_write(struct kiln_pages **result, const struct kiln_pages_params 
     if (status == KILN_OK)
         status = kiln_allocate(&pages->names, 2 * objects, sizeof *pages->names, "the pages", error);
     if (status == KILN_OK)
-        status = kiln_folder_open(&folder, p->folder, p->has_back != NULL ? "lightmaps/back" : "lightmaps", true, error);
+        status =
+            kiln_folder_open(&folder, p->folder, p->has_back != NULL ? "lightmaps/back" : "lightmaps", true, error);
     kiln_folder_close(&folder);
     if (status == KILN_OK)
         status = p->atlas == 0 ? write_own_pages(p, pages, error) : write_atlas(p, pages, error);

@@ -1,6 +1,7 @@
-/* A city: a square of blocks with one house each, twelve kinds of house, every house an instance with its own turn and height.
- * A facade is one grid of wall and window pieces, so that no edge meets the middle of another; some windows are lit. How finely the
- * facades are divided, and how many houses there are, follows from the number of triangles asked for. */
+/* A city: a square of blocks with one house each, twelve kinds of house, every house an instance with its own turn and
+ * height. A facade is one grid of wall and window pieces, so that no edge meets the middle of another; some windows are
+ * lit. How finely the facades are divided, and how many houses there are, follows from the number of triangles asked
+ * for. */
 #include <stdio.h>
 
 #include "coordinator/generate/scenes.h"
@@ -83,8 +84,8 @@ static void plan(struct city *city, uint64_t triangles, uint64_t seed)
 }
 
 /* `corner` lower left as seen from outside. Windows take the odd places of the grid. */
-static void facade(struct kiln_shape *shape, const struct kind *kind, struct kiln_dvec3 corner, struct kiln_dvec3 along, uint32_t across,
-                   uint64_t *state)
+static void facade(struct kiln_shape *shape, const struct kind *kind, struct kiln_dvec3 corner, struct kiln_dvec3 along,
+                   uint32_t across, uint64_t *state)
 {
     const uint32_t columns = 2 * across + 1, rows = 2 * kind->floors + 1;
     kiln_shape_chart(shape, along, dvec3(0, 1, 0));
@@ -95,14 +96,15 @@ static void facade(struct kiln_shape *shape, const struct kind *kind, struct kil
                 material = kiln_shape_random(state) < 0.2 ? WINDOW_LIT : WINDOW;
             const double u0 = (double)column / columns, u1 = (double)(column + 1) / columns;
             const double y0 = kind->height * row / rows, y1 = kind->height * (row + 1) / rows;
-            const struct kiln_dvec3 left = dvec3_add(corner, dvec3_scale(along, u0)), right = dvec3_add(corner, dvec3_scale(along, u1));
-            kiln_shape_quad(shape, material, dvec3(left.x, y0, left.z), dvec3(right.x, y0, right.z), dvec3(right.x, y1, right.z),
-                            dvec3(left.x, y1, left.z));
+            const struct kiln_dvec3 left = dvec3_add(corner, dvec3_scale(along, u0)),
+                                    right = dvec3_add(corner, dvec3_scale(along, u1));
+            kiln_shape_quad(shape, material, dvec3(left.x, y0, left.z), dvec3(right.x, y0, right.z),
+                            dvec3(right.x, y1, right.z), dvec3(left.x, y1, left.z));
         }
 }
 
-static int add_kind(struct kiln_glb *glb, const struct kind *kind, int number, struct kiln_palette *palette, uint64_t seed, uint32_t *mesh,
-                    struct kiln_error *error)
+static int add_kind(struct kiln_glb *glb, const struct kind *kind, int number, struct kiln_palette *palette,
+                    uint64_t seed, uint32_t *mesh, struct kiln_error *error)
 {
     struct kiln_shape shape = {0};
     uint64_t state = seed ^ (uint64_t)(number + 1) * 0xd1342543de82ef95u;
@@ -126,7 +128,10 @@ static const struct kiln_glb_material table[MATERIALS] = {
     {.name = "concrete", .base_color = {0.45f, 0.45f, 0.48f}, .roughness = 1},
     {.name = "plaster", .base_color = {0.65f, 0.62f, 0.6f}, .roughness = 1},
     [WINDOW] = {.name = "window", .base_color = {0.05f, 0.07f, 0.1f}, .roughness = 0.1f},
-    [WINDOW_LIT] = {.name = "window_lit", .base_color = {0.1f, 0.1f, 0.1f}, .emission = {6, 4.5f, 2.5f}, .roughness = 1},
+    [WINDOW_LIT] = {.name = "window_lit",
+                    .base_color = {0.1f, 0.1f, 0.1f},
+                    .emission = {6, 4.5f, 2.5f},
+                    .roughness = 1},
     [GROUND] = {.name = "ground", .base_color = {0.15f, 0.15f, 0.16f}, .roughness = 1},
 };
 
@@ -134,7 +139,8 @@ static int add_ground(struct kiln_glb *glb, double half, struct kiln_palette *pa
 {
     struct kiln_shape shape = {0};
     uint32_t mesh = 0;
-    kiln_shape_face(&shape, GROUND, dvec3(-half, 0, half), dvec3(half, 0, half), dvec3(half, 0, -half), dvec3(-half, 0, -half));
+    kiln_shape_face(&shape, GROUND, dvec3(-half, 0, half), dvec3(half, 0, half), dvec3(half, 0, -half),
+                    dvec3(-half, 0, -half));
     int status = kiln_shape_add(&shape, glb, "ground", palette, &mesh, error);
     if (status == KILN_OK)
         status = kiln_glb_add_node(glb, "ground", mesh, NULL, error);
@@ -142,17 +148,19 @@ static int add_ground(struct kiln_glb *glb, double half, struct kiln_palette *pa
     return status;
 }
 
-static int add_houses(struct kiln_glb *glb, const struct city *city, uint64_t seed, const uint32_t *meshes, struct kiln_error *error)
+static int add_houses(struct kiln_glb *glb, const struct city *city, uint64_t seed, const uint32_t *meshes,
+                      struct kiln_error *error)
 {
     uint64_t state = seed ^ 0x686f75736573u;
     int status = KILN_OK;
     for (uint32_t i = 0; i < city->side * city->side && status == KILN_OK; i++) {
         const double angle = floor(4 * kiln_shape_random(&state)) * 0.5 * KILN_PI;
         const double height = floor(100 * (0.8 + 0.5 * kiln_shape_random(&state)) + 0.5) / 100;
-        const struct kiln_glb_placement placement = {
-            .translation = {(i % city->side + 0.5 - 0.5 * city->side) * PITCH, 0, (i / city->side + 0.5 - 0.5 * city->side) * PITCH},
-            .rotation = {0, sin(0.5 * angle), 0, cos(0.5 * angle)},
-            .scale = {1, height, 1}};
+        const struct kiln_glb_placement placement = {.translation = {(i % city->side + 0.5 - 0.5 * city->side) * PITCH,
+                                                                     0,
+                                                                     (i / city->side + 0.5 - 0.5 * city->side) * PITCH},
+                                                     .rotation = {0, sin(0.5 * angle), 0, cos(0.5 * angle)},
+                                                     .scale = {1, height, 1}};
         char name[32];
         (void)snprintf(name, sizeof name, "house_%u_%u", i % city->side, i / city->side);
         status = kiln_glb_add_node(glb, name, meshes[kind_of_house(seed, i)], &placement, error);
@@ -160,8 +168,8 @@ static int add_houses(struct kiln_glb *glb, const struct city *city, uint64_t se
     return status;
 }
 
-int kiln_generate_city(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
-                       struct kiln_error *error)
+int kiln_generate_city(struct kiln_glb *glb, const struct kiln_generator *self,
+                       const struct kiln_generate_params *params, struct kiln_error *error)
 {
     const uint64_t triangles = params->triangles > 0 ? params->triangles : 100000;
     struct city city = {0};
@@ -189,7 +197,8 @@ int kiln_generate_city(struct kiln_glb *glb, const struct kiln_generator *self, 
     if (status == KILN_OK)
         status = kiln_glb_set_environment(glb, (const double[3]){0.3, 0.4, 0.6}, error);
     if (status == KILN_OK)
-        status = kiln_generate_camera(glb, dvec3(half * 0.9, 40 + half * 0.3, half * 1.3), dvec3(0, 5, 0), 0.66, 4.0 / 3, error);
+        status = kiln_generate_camera(glb, dvec3(half * 0.9, 40 + half * 0.3, half * 1.3), dvec3(0, 5, 0), 0.66,
+                                      4.0 / 3, error);
     if (status == KILN_OK)
         status = kiln_glb_set_note(glb, self->description, error);
     return status;

@@ -1,6 +1,6 @@
-/* The Cornell box and what is put into it. Geometry: Cornell University Program of Computer Graphics, "Cornell Box Data", in
- * metres of a hundredth of the published millimetres; colours are an RGB fit of the measured spectra. The light is set flush in
- * a hole of the ceiling. */
+/* The Cornell box and what is put into it. Geometry: Cornell University Program of Computer Graphics, "Cornell Box
+ * Data", in metres of a hundredth of the published millimetres; colours are an RGB fit of the measured spectra. The
+ * light is set flush in a hole of the ceiling. */
 #include <string.h>
 
 #include "coordinator/generate/scenes.h"
@@ -57,7 +57,8 @@ static void ceiling_and_light(struct box *box, double x_low, double x_high, doub
 {
     struct kiln_shape shape = {0};
     const double hole_u[2] = {x_low / WIDTH, x_high / WIDTH}, hole_v[2] = {z_low / DEPTH, z_high / DEPTH};
-    kiln_shape_face_with_hole(&shape, WHITE, dvec3(0, HEIGHT, 0), dvec3(WIDTH, 0, 0), dvec3(0, 0, DEPTH), hole_u, hole_v);
+    kiln_shape_face_with_hole(&shape, WHITE, dvec3(0, HEIGHT, 0), dvec3(WIDTH, 0, 0), dvec3(0, 0, DEPTH), hole_u,
+                              hole_v);
     finish(box, &shape, "ceiling");
     /* The corners of the hole as they were computed there, so that nothing shines through a gap. */
     const double x0 = WIDTH * hole_u[0], x1 = WIDTH * hole_u[1], z0 = DEPTH * hole_v[0], z1 = DEPTH * hole_v[1];
@@ -117,12 +118,13 @@ static void round_solid(struct box *box, const char *name, uint32_t material, co
     finish(box, &shape, name);
 }
 
-static void ellipsoid(struct box *box, const char *name, uint32_t material, struct kiln_dvec3 centre, struct kiln_dvec3 radius,
-                      uint32_t columns)
+static void ellipsoid(struct box *box, const char *name, uint32_t material, struct kiln_dvec3 centre,
+                      struct kiln_dvec3 radius, uint32_t columns)
 {
     const struct kiln_shape_ellipsoid data = {centre, radius};
     round_solid(box, name, material,
-                &(struct kiln_shape_surface){kiln_shape_ellipsoid_point, &data, .columns = columns, .rows = columns / 2, .poles = true});
+                &(struct kiln_shape_surface){kiln_shape_ellipsoid_point, &data, .columns = columns, .rows = columns / 2,
+                                             .poles = true});
 }
 
 static void solids(struct box *box)
@@ -132,7 +134,8 @@ static void solids(struct box *box)
     finish(box, &shape, "cube");
     ellipsoid(box, "ball", SOLID, dvec3(4.0, 0.81, 1.5), dvec3(0.8, 0.8, 0.8), 48);
     const struct kiln_shape_torus torus = {dvec3(2.6, 0.31, 3.0), 0.9, 0.3};
-    round_solid(box, "torus", ORANGE, &(struct kiln_shape_surface){kiln_shape_torus_point, &torus, .columns = 48, .rows = 24});
+    round_solid(box, "torus", ORANGE,
+                &(struct kiln_shape_surface){kiln_shape_torus_point, &torus, .columns = 48, .rows = 24});
     ellipsoid(box, "ellipsoid", BLUE, dvec3(4.3, 1.51, 4.1), dvec3(0.5, 1.5, 0.5), 48);
     kiln_shape_box(&shape, SOLID, dvec3(0.3, 0, 3.9), dvec3(2.0, 2.6, 4.1), 0, false);
     finish(box, &shape, "slab");
@@ -150,7 +153,8 @@ static struct kiln_dvec3 statue_point(const void *unused, double s, double t)
     (void)unused;
     const double around = 2 * KILN_PI * s, rise = KILN_PI * t;
     const double outline = 0.62 + 0.22 * sin(3.1 * rise + 0.4) + 0.12 * sin(6.7 * rise + 1.9);
-    const double flutes = 1 + 0.09 * sin(9 * around + 5 * rise) * sin(rise) + 0.035 * sin(31 * around - 17 * rise) * sin(rise);
+    const double flutes =
+        1 + 0.09 * sin(9 * around + 5 * rise) * sin(rise) + 0.035 * sin(31 * around - 17 * rise) * sin(rise);
     const double grain = 1 + 0.008 * sin(113 * around + 71 * rise) * sin(97 * rise - 40 * around) * sin(rise);
     const double r = t <= 0 || t >= 1 ? 0 : sin(rise) * outline * flutes * grain;
     return dvec3(2.78 + r * cos(around), 0.605 + 1.5 - 1.5 * cos(rise), 2.8 - r * sin(around));
@@ -167,15 +171,17 @@ static void statue(struct box *box, uint64_t triangles)
     /* 32 bytes a vertex, 12 a triangle: known before anything is made. */
     const double bytes = 0.5 * even * even * 32 + even * (even - 2.0) * 12;
     if (box->status == KILN_OK && bytes > KILN_GLB_LARGEST * 0.999)
-        box->status = kiln_fail(box->error, KILN_USAGE,
-                                "--triangles %llu needs %.2f GB in one mesh and a .glb ends at 4.29 GB; at most about 150000000 fit",
-                                (unsigned long long)triangles, bytes * 1e-9);
+        box->status = kiln_fail(
+            box->error, KILN_USAGE,
+            "--triangles %llu needs %.2f GB in one mesh and a .glb ends at 4.29 GB; at most about 150000000 fit",
+            (unsigned long long)triangles, bytes * 1e-9);
     if (box->status == KILN_OK)
-        round_solid(box, "statue", SOLID, &(struct kiln_shape_surface){statue_point, NULL, .columns = even, .rows = even / 2, .poles = true});
+        round_solid(box, "statue", SOLID,
+                    &(struct kiln_shape_surface){statue_point, NULL, .columns = even, .rows = even / 2, .poles = true});
 }
 
-int kiln_generate_cornell(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
-                          struct kiln_error *error)
+int kiln_generate_cornell(struct kiln_glb *glb, const struct kiln_generator *self,
+                          const struct kiln_generate_params *params, struct kiln_error *error)
 {
     const char *variant = self->name + strlen("cornell");
     const bool narrow = strcmp(variant, "-shapes") == 0;
@@ -209,7 +215,8 @@ int kiln_generate_cornell(struct kiln_glb *glb, const struct kiln_generator *sel
     /* Focal length 35 mm, film 25 mm. */
     const struct kiln_dvec3 eye = dvec3_add(dvec3_scale(dvec3(2.78, 2.73, -8), box.scale), box.offset);
     if (box.status == KILN_OK)
-        box.status = kiln_generate_camera(glb, eye, dvec3_add(eye, dvec3(0, 0, 8 * box.scale)), 2 * atan(0.0125 / 0.035), 1, error);
+        box.status = kiln_generate_camera(glb, eye, dvec3_add(eye, dvec3(0, 0, 8 * box.scale)),
+                                          2 * atan(0.0125 / 0.035), 1, error);
     if (box.status == KILN_OK)
         box.status = kiln_glb_set_note(glb, self->description, error);
     return box.status;

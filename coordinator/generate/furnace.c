@@ -1,12 +1,13 @@
-/* The furnace: a closed convex box whose inner walls emit the same radiance L everywhere and reflect a share R. What arrives is
- * E = pi L / (1 - R) at every point: pi L from the walls' own light, R of E again from each bounce. */
+/* The furnace: a closed convex box whose inner walls emit the same radiance L everywhere and reflect a share R. What
+ * arrives is E = pi L / (1 - R) at every point: pi L from the walls' own light, R of E again from each bounce. */
 #include "coordinator/generate/scenes.h"
 
-int kiln_generate_furnace(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
-                          struct kiln_error *error)
+int kiln_generate_furnace(struct kiln_glb *glb, const struct kiln_generator *self,
+                          const struct kiln_generate_params *params, struct kiln_error *error)
 {
     const float albedo = (float)params->albedo;
-    const struct kiln_glb_material wall = {.name = "wall", .base_color = {albedo, albedo, albedo}, .emission = {1, 1, 1}, .roughness = 1};
+    const struct kiln_glb_material wall = {
+        .name = "wall", .base_color = {albedo, albedo, albedo}, .emission = {1, 1, 1}, .roughness = 1};
     struct kiln_palette palette = {.table = &wall};
     struct kiln_shape shape = {0};
     uint32_t mesh = 0;

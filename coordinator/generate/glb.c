@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
@@ -22,7 +22,10 @@ struct kiln_glb {
     struct kiln_glb_totals totals;
 };
 
-static int out_of_memory(struct kiln_error *error) { return kiln_fail(error, KILN_SYSTEM, "out of memory for the scene's description"); }
+static int out_of_memory(struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_SYSTEM, "out of memory for the scene's description");
+}
 
 /* Appends an object that may be NULL when there was no memory for it. */
 static int append(json_t *array, json_t *value, struct kiln_error *error)
@@ -44,8 +47,8 @@ int kiln_glb_create(struct kiln_glb **glb, struct kiln_error *error)
     made->accessors = json_array();
     made->views = json_array();
     made->extras = json_object();
-    if (made->materials == NULL || made->meshes == NULL || made->nodes == NULL || made->cameras == NULL || made->lights == NULL ||
-        made->accessors == NULL || made->views == NULL || made->extras == NULL) {
+    if (made->materials == NULL || made->meshes == NULL || made->nodes == NULL || made->cameras == NULL ||
+        made->lights == NULL || made->accessors == NULL || made->views == NULL || made->extras == NULL) {
         kiln_glb_destroy(&made);
         return out_of_memory(error);
     }
@@ -100,14 +103,15 @@ static json_t *json_reals(const double *values, size_t count)
     return array;
 }
 
-int kiln_glb_add_material(struct kiln_glb *glb, const struct kiln_glb_material *material, uint32_t *index, struct kiln_error *error)
+int kiln_glb_add_material(struct kiln_glb *glb, const struct kiln_glb_material *material, uint32_t *index,
+                          struct kiln_error *error)
 {
     const float *emission = material->emission;
     float strength = fmaxf(emission[0], fmaxf(emission[1], emission[2]));
     const float color[4] = {material->base_color[0], material->base_color[1], material->base_color[2], 1.0f};
-    json_t *object = json_pack("{s:s, s:{s:o*, s:o*, s:o*}}", "name", material->name, "pbrMetallicRoughness", "baseColorFactor",
-                               json_floats(color, 4), "metallicFactor", json_float(material->metallic), "roughnessFactor",
-                               json_float(material->roughness));
+    json_t *object = json_pack("{s:s, s:{s:o*, s:o*, s:o*}}", "name", material->name, "pbrMetallicRoughness",
+                               "baseColorFactor", json_floats(color, 4), "metallicFactor",
+                               json_float(material->metallic), "roughnessFactor", json_float(material->roughness));
     json_t *extensions = json_object();
     int failed = object == NULL || extensions == NULL;
     if (strength > 0) {
@@ -120,7 +124,8 @@ int kiln_glb_add_material(struct kiln_glb *glb, const struct kiln_glb_material *
         }
     }
     if (material->transmissive) {
-        failed |= json_object_set_new(extensions, "KHR_materials_transmission", json_pack("{s:f}", "transmissionFactor", 1.0));
+        failed |= json_object_set_new(extensions, "KHR_materials_transmission",
+                                      json_pack("{s:f}", "transmissionFactor", 1.0));
         failed |= json_object_set_new(extensions, "KHR_materials_ior", json_pack("{s:f}", "ior", 1.5));
         glb->transmission = true;
     }
@@ -147,25 +152,25 @@ static int add_view(struct kiln_glb *glb, const void *data, size_t bytes, int ta
         return status;
     memcpy(glb->binary + glb->size, data, bytes);
     status = append(glb->views,
-                    json_pack("{s:i, s:I, s:I, s:i}", "buffer", 0, "byteOffset", (json_int_t)glb->size, "byteLength", (json_int_t)bytes,
-                              "target", target),
+                    json_pack("{s:i, s:I, s:I, s:i}", "buffer", 0, "byteOffset", (json_int_t)glb->size, "byteLength",
+                              (json_int_t)bytes, "target", target),
                     error);
     glb->size += bytes;
     return status;
 }
 
-static int add_accessor(struct kiln_glb *glb, size_t view, size_t offset, size_t count, int component, const char *type, int *index,
-                        struct kiln_error *error)
+static int add_accessor(struct kiln_glb *glb, size_t view, size_t offset, size_t count, int component, const char *type,
+                        int *index, struct kiln_error *error)
 {
     *index = (int)json_array_size(glb->accessors);
     return append(glb->accessors,
-                  json_pack("{s:I, s:I, s:i, s:I, s:s}", "bufferView", (json_int_t)view, "byteOffset", (json_int_t)offset, "componentType",
-                            component, "count", (json_int_t)count, "type", type),
+                  json_pack("{s:I, s:I, s:i, s:I, s:s}", "bufferView", (json_int_t)view, "byteOffset",
+                            (json_int_t)offset, "componentType", component, "count", (json_int_t)count, "type", type),
                   error);
 }
 
-static int add_attribute(struct kiln_glb *glb, json_t *attributes, const char *name, const void *data, size_t count, size_t components,
-                         struct kiln_error *error)
+static int add_attribute(struct kiln_glb *glb, json_t *attributes, const char *name, const void *data, size_t count,
+                         size_t components, struct kiln_error *error)
 {
     if (data == NULL)
         return KILN_OK;
@@ -180,7 +185,8 @@ static int add_attribute(struct kiln_glb *glb, json_t *attributes, const char *n
 }
 
 /* POSITION accessors carry their bounds, exact in float. */
-static int set_bounds(struct kiln_glb *glb, json_t *attributes, const struct kiln_glb_mesh *mesh, struct kiln_error *error)
+static int set_bounds(struct kiln_glb *glb, json_t *attributes, const struct kiln_glb_mesh *mesh,
+                      struct kiln_error *error)
 {
     struct kiln_vec3 low = mesh->positions[0], high = low;
     for (size_t i = 1; i < mesh->vertex_count; i++) {
@@ -188,15 +194,18 @@ static int set_bounds(struct kiln_glb *glb, json_t *attributes, const struct kil
         low = vec3(fminf(low.x, p.x), fminf(low.y, p.y), fminf(low.z, p.z));
         high = vec3(fmaxf(high.x, p.x), fmaxf(high.y, p.y), fmaxf(high.z, p.z));
     }
-    const double minimum[3] = {(double)low.x, (double)low.y, (double)low.z}, maximum[3] = {(double)high.x, (double)high.y, (double)high.z};
-    json_t *accessor = json_array_get(glb->accessors, (size_t)json_integer_value(json_object_get(attributes, "POSITION")));
-    if (json_object_set_new(accessor, "min", json_reals(minimum, 3)) != 0 || json_object_set_new(accessor, "max", json_reals(maximum, 3)) != 0)
+    const double minimum[3] = {(double)low.x, (double)low.y, (double)low.z},
+                 maximum[3] = {(double)high.x, (double)high.y, (double)high.z};
+    json_t *accessor =
+        json_array_get(glb->accessors, (size_t)json_integer_value(json_object_get(attributes, "POSITION")));
+    if (json_object_set_new(accessor, "min", json_reals(minimum, 3)) != 0 ||
+        json_object_set_new(accessor, "max", json_reals(maximum, 3)) != 0)
         return out_of_memory(error);
     return KILN_OK;
 }
 
-static int add_primitives(struct kiln_glb *glb, json_t *primitives, json_t *attributes, const struct kiln_glb_mesh *mesh,
-                          struct kiln_error *error)
+static int add_primitives(struct kiln_glb *glb, json_t *primitives, json_t *attributes,
+                          const struct kiln_glb_mesh *mesh, struct kiln_error *error)
 {
     int status = KILN_OK;
     for (size_t i = 0; i < mesh->part_count && status == KILN_OK; i++) {
@@ -205,13 +214,14 @@ static int add_primitives(struct kiln_glb *glb, json_t *primitives, json_t *attr
             continue;
         const size_t view = json_array_size(glb->views);
         int index = 0;
-        status = add_view(glb, mesh->indices + part->index_first, part->index_count * sizeof(uint32_t), GLTF_ELEMENT_ARRAY_BUFFER, error);
+        status = add_view(glb, mesh->indices + part->index_first, part->index_count * sizeof(uint32_t),
+                          GLTF_ELEMENT_ARRAY_BUFFER, error);
         if (status == KILN_OK)
             status = add_accessor(glb, view, 0, part->index_count, GLTF_UNSIGNED_INT, "SCALAR", &index, error);
         if (status == KILN_OK)
             status = append(primitives,
-                            json_pack("{s:O, s:i, s:i, s:i}", "attributes", attributes, "indices", index, "material", (int)part->material,
-                                      "mode", 4),
+                            json_pack("{s:O, s:i, s:i, s:i}", "attributes", attributes, "indices", index, "material",
+                                      (int)part->material, "mode", 4),
                             error);
     }
     return status;
@@ -236,7 +246,8 @@ int kiln_glb_add_mesh(struct kiln_glb *glb, const struct kiln_glb_mesh *mesh, ui
         status = add_primitives(glb, primitives, attributes, mesh, error);
     *index = (uint32_t)json_array_size(glb->meshes);
     if (status == KILN_OK)
-        status = kiln_grow(&glb->mesh_triangles, &glb->mesh_capacity, *index + 1, sizeof *glb->mesh_triangles, "the meshes", error);
+        status = kiln_grow(&glb->mesh_triangles, &glb->mesh_capacity, *index + 1, sizeof *glb->mesh_triangles,
+                           "the meshes", error);
     if (status == KILN_OK)
         status = append(glb->meshes, json_pack("{s:s, s:O}", "name", mesh->name, "primitives", primitives), error);
     if (status == KILN_OK) {
@@ -251,8 +262,8 @@ int kiln_glb_add_mesh(struct kiln_glb *glb, const struct kiln_glb_mesh *mesh, ui
     return status;
 }
 
-static int add_node(struct kiln_glb *glb, const char *name, const char *key, json_t *value, const struct kiln_glb_placement *placement,
-                    struct kiln_error *error)
+static int add_node(struct kiln_glb *glb, const char *name, const char *key, json_t *value,
+                    const struct kiln_glb_placement *placement, struct kiln_error *error)
 {
     static const double none[4] = {0, 0, 0, 0};
     json_t *node = json_pack("{s:s, s:o}", "name", name, key, value);
@@ -287,8 +298,8 @@ int kiln_glb_add_camera(struct kiln_glb *glb, const char *name, double angle, do
 {
     const json_int_t index = (json_int_t)json_array_size(glb->cameras);
     const int status = append(glb->cameras,
-                              json_pack("{s:s, s:s, s:{s:f, s:f, s:f}}", "name", name, "type", "perspective", "perspective", "yfov", angle,
-                                        "aspectRatio", aspect, "znear", near),
+                              json_pack("{s:s, s:s, s:{s:f, s:f, s:f}}", "name", name, "type", "perspective",
+                                        "perspective", "yfov", angle, "aspectRatio", aspect, "znear", near),
                               error);
     return status != KILN_OK ? status : add_node(glb, name, "camera", json_integer(index), placement, error);
 }
@@ -298,12 +309,13 @@ int kiln_glb_add_sun(struct kiln_glb *glb, const char *name, const double color[
 {
     const json_int_t index = (json_int_t)json_array_size(glb->lights);
     const int status = append(glb->lights,
-                              json_pack("{s:s, s:s, s:o*, s:f}", "name", name, "type", "directional", "color", json_reals(color, 3),
-                                        "intensity", intensity),
+                              json_pack("{s:s, s:s, s:o*, s:f}", "name", name, "type", "directional", "color",
+                                        json_reals(color, 3), "intensity", intensity),
                               error);
     if (status != KILN_OK)
         return status;
-    return add_node(glb, name, "extensions", json_pack("{s:{s:I}}", "KHR_lights_punctual", "light", index), placement, error);
+    return add_node(glb, name, "extensions", json_pack("{s:{s:I}}", "KHR_lights_punctual", "light", index), placement,
+                    error);
 }
 
 int kiln_glb_set_environment(struct kiln_glb *glb, const double radiance[3], struct kiln_error *error)
@@ -328,8 +340,8 @@ static int set_array(json_t *root, const char *name, json_t *array)
 static json_t *describe(const struct kiln_glb *glb)
 {
     json_t *roots = json_array(), *used = json_array();
-    json_t *root = json_pack("{s:{s:s, s:s}, s:i, s:[{s:O, s:O}]}", "asset", "version", "2.0", "generator", "kiln generate", "scene", 0,
-                             "scenes", "nodes", roots, "extras", glb->extras);
+    json_t *root = json_pack("{s:{s:s, s:s}, s:i, s:[{s:O, s:O}]}", "asset", "version", "2.0", "generator",
+                             "kiln generate", "scene", 0, "scenes", "nodes", roots, "extras", glb->extras);
     int failed = root == NULL || used == NULL;
     for (size_t i = 0; i < json_array_size(glb->nodes); i++)
         failed |= json_array_append_new(roots, json_integer((json_int_t)i));
@@ -341,7 +353,8 @@ static json_t *describe(const struct kiln_glb *glb)
     }
     if (json_array_size(glb->lights) > 0) {
         failed |= json_array_append_new(used, json_string("KHR_lights_punctual"));
-        failed |= json_object_set_new(root, "extensions", json_pack("{s:{s:O}}", "KHR_lights_punctual", "lights", glb->lights));
+        failed |= json_object_set_new(root, "extensions",
+                                      json_pack("{s:{s:O}}", "KHR_lights_punctual", "lights", glb->lights));
     }
     failed |= set_array(root, "extensionsUsed", used);
     failed |= set_array(root, "materials", glb->materials);
@@ -375,7 +388,8 @@ static int put(struct target *t, const void *data, size_t size, struct kiln_erro
 }
 
 /* Header, JSON chunk padded with blanks, BIN chunk padded with zeros; little-endian, as every machine kiln runs on. */
-static int write_chunks(struct target *t, const struct kiln_glb *glb, const char *text, size_t length, struct kiln_error *error)
+static int write_chunks(struct target *t, const struct kiln_glb *glb, const char *text, size_t length,
+                        struct kiln_error *error)
 {
     const size_t text_padding = (4 - length % 4) % 4, binary_padding = (4 - glb->size % 4) % 4;
     const uint32_t header[5] = {0x46546c67u, 2, (uint32_t)(28 + length + text_padding + glb->size + binary_padding),
@@ -398,7 +412,8 @@ static int write_file(struct kiln_glb *glb, const char *path, const char *text, 
     const size_t length = strlen(text);
     glb->totals.bytes = 28 + (length + 3) / 4 * 4 + (glb->size + 3) / 4 * 4;
     if ((double)glb->totals.bytes > KILN_GLB_LARGEST)
-        return kiln_fail(error, KILN_USAGE, "the scene needs %llu bytes and a .glb ends at %.0f; ask for fewer triangles",
+        return kiln_fail(error, KILN_USAGE,
+                         "the scene needs %llu bytes and a .glb ends at %.0f; ask for fewer triangles",
                          (unsigned long long)glb->totals.bytes, KILN_GLB_LARGEST);
     struct kiln_publish place;
     struct target target = {.path = path};

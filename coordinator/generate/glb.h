@@ -1,6 +1,6 @@
-/* Writes glTF 2.0 binary files (.glb): meshes, materials with emissive strength, nodes with translation, rotation and scale,
- * cameras, punctual lights, and the environment as scenes[0].extras.environment. Vertex data is gathered in memory in the
- * order it is added; the same calls give the same bytes. Not collective.
+/* Writes glTF 2.0 binary files (.glb): meshes, materials with emissive strength, nodes with translation, rotation and
+ * scale, cameras, punctual lights, and the environment as scenes[0].extras.environment. Vertex data is gathered in
+ * memory in the order it is added; the same calls give the same bytes. Not collective.
  *
  * Units as in glTF: metres, linear RGB, y up, counter-clockwise front faces; emission is radiance. */
 #ifndef KILN_COORDINATOR_GENERATE_GLB_H
@@ -59,9 +59,11 @@ struct kiln_glb_totals {
 int kiln_glb_create(struct kiln_glb **glb, struct kiln_error *error);
 void kiln_glb_destroy(struct kiln_glb **glb);
 
-int kiln_glb_add_material(struct kiln_glb *glb, const struct kiln_glb_material *material, uint32_t *index, struct kiln_error *error);
+int kiln_glb_add_material(struct kiln_glb *glb, const struct kiln_glb_material *material, uint32_t *index,
+                          struct kiln_error *error);
 /* KILN_USAGE when the file would pass the 4 GiB that a .glb can hold. */
-int kiln_glb_add_mesh(struct kiln_glb *glb, const struct kiln_glb_mesh *mesh, uint32_t *index, struct kiln_error *error);
+int kiln_glb_add_mesh(struct kiln_glb *glb, const struct kiln_glb_mesh *mesh, uint32_t *index,
+                      struct kiln_error *error);
 int kiln_glb_add_node(struct kiln_glb *glb, const char *name, uint32_t mesh, const struct kiln_glb_placement *placement,
                       struct kiln_error *error);
 /* A perspective camera: vertical angle in radians, looking along -z of the placement. */

@@ -1,6 +1,6 @@
-/* Rooms in a grid, each with a lamp flush in its ceiling, doors to all its neighbours. A room's mesh depends on which of its
- * walls have doors and on its colours; rooms that are alike share one mesh. The passage through a wall belongs to the room on
- * its low side. */
+/* Rooms in a grid, each with a lamp flush in its ceiling, doors to all its neighbours. A room's mesh depends on which
+ * of its walls have doors and on its colours; rooms that are alike share one mesh. The passage through a wall belongs
+ * to the room on its low side. */
 #include <stdio.h>
 #include <string.h>
 
@@ -12,12 +12,14 @@ enum { WEST = 1, EAST = 2, NORTH = 4, SOUTH = 8, MASKS = 16 }; /* doors; x grows
 static const double WIDE = 4, HIGH = 2.8, DEEP = 5, THICK = 0.2, DOOR_WIDE = 1, DOOR_HIGH = 2.1;
 
 /* A wall from its lower left corner as seen from inside, `along` it to the right. */
-static void wall(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 corner, struct kiln_dvec3 along, bool door)
+static void wall(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 corner, struct kiln_dvec3 along,
+                 bool door)
 {
     const struct kiln_dvec3 up = dvec3(0, HIGH, 0);
     const double length = dvec3_length(along);
     if (door) {
-        const double hole_u[2] = {0.5 - 0.5 * DOOR_WIDE / length, 0.5 + 0.5 * DOOR_WIDE / length}, hole_v[2] = {0, DOOR_HIGH / HIGH};
+        const double hole_u[2] = {0.5 - 0.5 * DOOR_WIDE / length, 0.5 + 0.5 * DOOR_WIDE / length},
+                     hole_v[2] = {0, DOOR_HIGH / HIGH};
         kiln_shape_face_with_hole(shape, material, corner, along, up, hole_u, hole_v);
     } else {
         kiln_shape_face(shape, material, corner, dvec3_add(corner, along), dvec3_add(corner, dvec3_add(along, up)),
@@ -25,8 +27,10 @@ static void wall(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 
     }
 }
 
-/* Floor, lintel and two jambs of the passage that leaves a wall outwards, from the lower left corner of the wall as above. */
-static void passage(struct kiln_shape *shape, struct kiln_dvec3 corner, struct kiln_dvec3 along, struct kiln_dvec3 outwards)
+/* Floor, lintel and two jambs of the passage that leaves a wall outwards, from the lower left corner of the wall as
+ * above. */
+static void passage(struct kiln_shape *shape, struct kiln_dvec3 corner, struct kiln_dvec3 along,
+                    struct kiln_dvec3 outwards)
 {
     const double length = dvec3_length(along);
     const struct kiln_dvec3 up = dvec3(0, HIGH * (DOOR_HIGH / HIGH), 0);
@@ -67,8 +71,8 @@ static const struct kiln_glb_material table[MATERIALS] = {
     [TINT + 3] = {.name = "yellow", .base_color = {0.7f, 0.6f, 0.15f}, .roughness = 1},
 };
 
-int kiln_generate_rooms(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
-                        struct kiln_error *error)
+int kiln_generate_rooms(struct kiln_glb *glb, const struct kiln_generator *self,
+                        const struct kiln_generate_params *params, struct kiln_error *error)
 {
     const uint32_t columns = params->columns > 0 ? params->columns : 3, rows = params->rows > 0 ? params->rows : 2;
     struct kiln_palette palette = {.table = table};
@@ -76,8 +80,8 @@ int kiln_generate_rooms(struct kiln_glb *glb, const struct kiln_generator *self,
     uint64_t state = params->seed ^ 0x726f6f6d73u;
     struct kiln_shape shape = {0};
     if ((double)columns * rows > 1e5)
-        return kiln_fail(error, KILN_USAGE, "--columns %u --rows %u makes %.0f rooms; at most 100000 are made", columns, rows,
-                         (double)columns * rows);
+        return kiln_fail(error, KILN_USAGE, "--columns %u --rows %u makes %.0f rooms; at most 100000 are made", columns,
+                         rows, (double)columns * rows);
     memset(meshes, 0xff, sizeof meshes);
     int status = KILN_OK;
     for (uint32_t i = 0; i < columns * rows && status == KILN_OK; i++) {

@@ -28,20 +28,20 @@ extern const struct kiln_generator kiln_generators[];
 extern const size_t kiln_generator_count;
 
 /* One build function may serve several names and looks at self->name. */
-int kiln_generate_cornell(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
-                          struct kiln_error *error);
-int kiln_generate_furnace(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
-                          struct kiln_error *error);
-int kiln_generate_city(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
-                       struct kiln_error *error);
-int kiln_generate_rooms(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
-                        struct kiln_error *error);
-int kiln_generate_lights(struct kiln_glb *glb, const struct kiln_generator *self, const struct kiln_generate_params *params,
-                         struct kiln_error *error);
+int kiln_generate_cornell(struct kiln_glb *glb, const struct kiln_generator *self,
+                          const struct kiln_generate_params *params, struct kiln_error *error);
+int kiln_generate_furnace(struct kiln_glb *glb, const struct kiln_generator *self,
+                          const struct kiln_generate_params *params, struct kiln_error *error);
+int kiln_generate_city(struct kiln_glb *glb, const struct kiln_generator *self,
+                       const struct kiln_generate_params *params, struct kiln_error *error);
+int kiln_generate_rooms(struct kiln_glb *glb, const struct kiln_generator *self,
+                        const struct kiln_generate_params *params, struct kiln_error *error);
+int kiln_generate_lights(struct kiln_glb *glb, const struct kiln_generator *self,
+                         const struct kiln_generate_params *params, struct kiln_error *error);
 
 /* A camera at `eye` that looks at `target`, upright. */
-int kiln_generate_camera(struct kiln_glb *glb, struct kiln_dvec3 eye, struct kiln_dvec3 target, double angle, double aspect,
-                         struct kiln_error *error);
+int kiln_generate_camera(struct kiln_glb *glb, struct kiln_dvec3 eye, struct kiln_dvec3 target, double angle,
+                         double aspect, struct kiln_error *error);
 /* The placement's rotation turns -z into `direction`. */
 void kiln_generate_look(struct kiln_dvec3 direction, double rotation[4]);
 

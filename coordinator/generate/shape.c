@@ -33,7 +33,8 @@ void kiln_shape_chart(struct kiln_shape *shape, struct kiln_dvec3 u, struct kiln
     grow(shape, &shape->charts, &shape->chart_capacity, shape->chart_count + 1, sizeof *shape->charts);
     if (shape->status != KILN_OK)
         return;
-    shape->charts[shape->chart_count++] = (struct kiln_shape_chart){.u = unit(u), .v = unit(v), .vertex_first = shape->count};
+    shape->charts[shape->chart_count++] =
+        (struct kiln_shape_chart){.u = unit(u), .v = unit(v), .vertex_first = shape->count};
 }
 
 void kiln_shape_chart_of(struct kiln_shape *shape, struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 d)
@@ -43,10 +44,12 @@ void kiln_shape_chart_of(struct kiln_shape *shape, struct kiln_dvec3 a, struct k
 }
 
 /* Gives the vertex' index; 0 when there is no memory. */
-static uint32_t add_vertex(struct kiln_shape *shape, struct kiln_dvec3 position, struct kiln_dvec3 normal, struct kiln_vec2 texcoord)
+static uint32_t add_vertex(struct kiln_shape *shape, struct kiln_dvec3 position, struct kiln_dvec3 normal,
+                           struct kiln_vec2 texcoord)
 {
     if (shape->count >= UINT32_MAX && shape->status == KILN_OK)
-        shape->status = kiln_fail(&shape->error, KILN_USAGE, "a mesh cannot have more than %u vertices; ask for fewer triangles", UINT32_MAX);
+        shape->status = kiln_fail(&shape->error, KILN_USAGE,
+                                  "a mesh cannot have more than %u vertices; ask for fewer triangles", UINT32_MAX);
     grow(shape, &shape->positions, &shape->positions_capacity, shape->count + 1, sizeof *shape->positions);
     grow(shape, &shape->normals, &shape->normals_capacity, shape->count + 1, sizeof *shape->normals);
     grow(shape, &shape->texcoord_0, &shape->texcoord_capacity, shape->count + 1, sizeof *shape->texcoord_0);
@@ -70,8 +73,8 @@ static void add_triangle(struct kiln_shape *shape, uint32_t material, uint32_t a
     shape->parts[material].count += 3;
 }
 
-void kiln_shape_quad(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 c,
-                     struct kiln_dvec3 d)
+void kiln_shape_quad(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 a, struct kiln_dvec3 b,
+                     struct kiln_dvec3 c, struct kiln_dvec3 d)
 {
     const struct kiln_dvec3 corners[4] = {a, b, c, d}, normal = unit(dvec3_cross(dvec3_sub(b, a), dvec3_sub(c, a)));
     static const struct kiln_vec2 texcoords[4] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
@@ -82,15 +85,15 @@ void kiln_shape_quad(struct kiln_shape *shape, uint32_t material, struct kiln_dv
     add_triangle(shape, material, index[0], index[2], index[3]);
 }
 
-void kiln_shape_face(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 c,
-                     struct kiln_dvec3 d)
+void kiln_shape_face(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 a, struct kiln_dvec3 b,
+                     struct kiln_dvec3 c, struct kiln_dvec3 d)
 {
     kiln_shape_chart_of(shape, a, b, d);
     kiln_shape_quad(shape, material, a, b, c, d);
 }
 
-void kiln_shape_face_with_hole(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 origin, struct kiln_dvec3 u,
-                               struct kiln_dvec3 v, const double hole_u[2], const double hole_v[2])
+void kiln_shape_face_with_hole(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 origin,
+                               struct kiln_dvec3 u, struct kiln_dvec3 v, const double hole_u[2], const double hole_v[2])
 {
     const double us[4] = {0, hole_u[0], hole_u[1], 1}, vs[4] = {0, hole_v[0], hole_v[1], 1};
     struct kiln_dvec3 corners[4][4];
@@ -100,11 +103,14 @@ void kiln_shape_face_with_hole(struct kiln_shape *shape, uint32_t material, stru
     kiln_shape_chart(shape, u, v);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
-            if ((i != 1 || j != 1) && us[i] < us[i + 1] && vs[j] < vs[j + 1]) /* a hole at an edge leaves nothing beside it */
-                kiln_shape_quad(shape, material, corners[i][j], corners[i + 1][j], corners[i + 1][j + 1], corners[i][j + 1]);
+            /* a hole at an edge leaves nothing beside it */
+            if ((i != 1 || j != 1) && us[i] < us[i + 1] && vs[j] < vs[j + 1])
+                kiln_shape_quad(shape, material, corners[i][j], corners[i + 1][j], corners[i + 1][j + 1],
+                                corners[i][j + 1]);
 }
 
-void kiln_shape_box(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 low, struct kiln_dvec3 high, double turn, bool inwards)
+void kiln_shape_box(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 low, struct kiln_dvec3 high,
+                    double turn, bool inwards)
 {
     static const int faces[6][4] = {{0, 1, 3, 2}, {4, 6, 7, 5}, {0, 4, 5, 1}, {2, 3, 7, 6}, {0, 2, 6, 4}, {1, 5, 7, 3}};
     const struct kiln_dvec3 centre = dvec3_scale(dvec3_add(low, high), 0.5);
@@ -129,8 +135,10 @@ static struct kiln_dvec3 surface_normal(const struct kiln_shape_surface *surface
         return unit(dvec3_add(surface_normal(surface, 0, inside), surface_normal(surface, 0.5, inside)));
     }
     const double before = s - step < 0 ? s - step + 1 : s - step, after = s + step > 1 ? s + step - 1 : s + step;
-    const struct kiln_dvec3 along_s = dvec3_sub(surface->point(surface->data, after, t), surface->point(surface->data, before, t));
-    const struct kiln_dvec3 along_t = dvec3_sub(surface->point(surface->data, s, t + step), surface->point(surface->data, s, t - step));
+    const struct kiln_dvec3 along_s =
+        dvec3_sub(surface->point(surface->data, after, t), surface->point(surface->data, before, t));
+    const struct kiln_dvec3 along_t =
+        dvec3_sub(surface->point(surface->data, s, t + step), surface->point(surface->data, s, t - step));
     return unit(dvec3_cross(along_s, along_t));
 }
 
@@ -145,12 +153,13 @@ void kiln_shape_surface(struct kiln_shape *shape, uint32_t material, const struc
             /* Where the surface closes the same numbers go in, so that the seam is shut bit by bit. */
             const double s_closed = column == columns ? 0 : s, t_closed = !surface->poles && row == rows ? 0 : t;
             const double s_here = surface->poles && (row == 0 || row == rows) ? 0 : s_closed;
-            add_vertex(shape, surface->point(surface->data, s_here, t_closed), surface_normal(surface, s_here, t_closed),
-                       (struct kiln_vec2){(float)s, (float)t});
+            add_vertex(shape, surface->point(surface->data, s_here, t_closed),
+                       surface_normal(surface, s_here, t_closed), (struct kiln_vec2){(float)s, (float)t});
         }
     for (uint32_t row = 0; row < rows && shape->status == KILN_OK; row++)
         for (uint32_t column = 0; column < columns && shape->status == KILN_OK; column++) {
-            const uint32_t a = first + row * (columns + 1) + column, b = a + 1, c = b + columns + 1, d = a + columns + 1;
+            const uint32_t a = first + row * (columns + 1) + column, b = a + 1, c = b + columns + 1,
+                           d = a + columns + 1;
             if (!surface->poles || row > 0)
                 add_triangle(shape, material, a, b, c);
             if (!surface->poles || row < rows - 1)
@@ -181,7 +190,8 @@ void kiln_shape_transform(struct kiln_shape *shape, double scale, struct kiln_dv
 
 static int higher_first(const void *a, const void *b)
 {
-    const struct kiln_shape_chart *left = *(struct kiln_shape_chart *const *)a, *right = *(struct kiln_shape_chart *const *)b;
+    const struct kiln_shape_chart *left = *(struct kiln_shape_chart *const *)a,
+                                  *right = *(struct kiln_shape_chart *const *)b;
     const double by_height = (right->v_high - right->v_low) - (left->v_high - left->v_low);
     if (by_height != 0)
         return by_height < 0 ? -1 : 1;
@@ -193,7 +203,8 @@ static double fill_shelves(struct kiln_shape_chart *const *order, size_t count, 
 {
     double u = padding, v = padding, shelf = 0;
     for (size_t i = 0; i < count; i++) {
-        const double width = (order[i]->u_high - order[i]->u_low) * scale, height = (order[i]->v_high - order[i]->v_low) * scale;
+        const double width = (order[i]->u_high - order[i]->u_low) * scale,
+                     height = (order[i]->v_high - order[i]->v_low) * scale;
         if (u + width + padding > 1 && u > padding) {
             v += shelf + padding;
             u = padding;
@@ -209,8 +220,8 @@ static double fill_shelves(struct kiln_shape_chart *const *order, size_t count, 
     return v + shelf + padding;
 }
 
-/* The largest scale that fits. The padding is a share of the layout, as the lightmap's size is not known yet; many charts get
- * less each, so that they leave most of the square to the surface. */
+/* The largest scale that fits. The padding is a share of the layout, as the lightmap's size is not known yet; many
+ * charts get less each, so that they leave most of the square to the surface. */
 static double pack(struct kiln_shape_chart **order, size_t count)
 {
     qsort(order, count, sizeof *order, higher_first);
@@ -274,7 +285,8 @@ static int lay_out(const struct kiln_shape *shape, struct kiln_vec2 **layout, st
     return status;
 }
 
-static int add_materials(const struct kiln_shape *shape, struct kiln_glb *glb, struct kiln_palette *palette, struct kiln_error *error)
+static int add_materials(const struct kiln_shape *shape, struct kiln_glb *glb, struct kiln_palette *palette,
+                         struct kiln_error *error)
 {
     int status = KILN_OK;
     for (uint32_t i = 0; i < KILN_SHAPE_MATERIALS && status == KILN_OK; i++) {
@@ -286,8 +298,8 @@ static int add_materials(const struct kiln_shape *shape, struct kiln_glb *glb, s
     return status;
 }
 
-int kiln_shape_add(struct kiln_shape *shape, struct kiln_glb *glb, const char *name, struct kiln_palette *palette, uint32_t *mesh,
-                   struct kiln_error *error)
+int kiln_shape_add(struct kiln_shape *shape, struct kiln_glb *glb, const char *name, struct kiln_palette *palette,
+                   uint32_t *mesh, struct kiln_error *error)
 {
     struct kiln_vec2 *layout = NULL;
     uint32_t *indices = NULL;

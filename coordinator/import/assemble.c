@@ -6,8 +6,8 @@
 
 #include "worker/base/memory.h"
 
-static const double area_floor = 1e-12;   /* 2 A / longest edge^2 of a triangle that counts as one */
-static const float smooth_floor = 1e-3f;  /* difference of unit normals that shading can show */
+static const double area_floor = 1e-12;  /* 2 A / longest edge^2 of a triangle that counts as one */
+static const float smooth_floor = 1e-3f; /* difference of unit normals that shading can show */
 
 /* Vertices stored so far, found by the file's vertex and the normal they got. */
 struct vertex_key {
@@ -74,16 +74,19 @@ int kiln_mesh_begin(struct kiln_builder *builder, const char *name, uint32_t *in
 }
 
 /* Stores the vertex a key stands for. */
-static int add_vertex(struct kiln_builder *builder, struct kiln_mesh *mesh, const struct kiln_primitive *primitive, uint32_t source,
-                      struct kiln_vec3 position, struct kiln_vec3 normal, uint32_t *vertex, struct kiln_error *error)
+static int add_vertex(struct kiln_builder *builder, struct kiln_mesh *mesh, const struct kiln_primitive *primitive,
+                      uint32_t source, struct kiln_vec3 position, struct kiln_vec3 normal, uint32_t *vertex,
+                      struct kiln_error *error)
 {
     struct kiln_attributes a = {.color = {255, 255, 255, 255}};
     if (mesh->vertex_count >= KILN_NONE - 1)
-        return kiln_fail(error, KILN_BAD_INPUT, "%s: the mesh has more than 2^32 - 2 vertices; split it", primitive->where);
+        return kiln_fail(error, KILN_BAD_INPUT, "%s: the mesh has more than 2^32 - 2 vertices; split it",
+                         primitive->where);
     primitive->attributes(primitive->context, source, &a);
-    if (!isfinite(a.base.x) || !isfinite(a.base.y) || !isfinite(a.emission.x) || !isfinite(a.emission.y) || !isfinite(a.lightmap.x) ||
-        !isfinite(a.lightmap.y))
-        return kiln_fail(error, KILN_BAD_INPUT, "%s: a texture coordinate of vertex %u is infinite or not a number; repair the file",
+    if (!isfinite(a.base.x) || !isfinite(a.base.y) || !isfinite(a.emission.x) || !isfinite(a.emission.y) ||
+        !isfinite(a.lightmap.x) || !isfinite(a.lightmap.y))
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%s: a texture coordinate of vertex %u is infinite or not a number; repair the file",
                          primitive->where, source);
     const struct {
         enum kiln_scene_section section;
@@ -107,14 +110,17 @@ static int read_triangle(const struct kiln_primitive *primitive, size_t k, struc
     primitive->corners(primitive->context, k, t->corner);
     for (int c = 0; c < 3; c++) {
         if (t->corner[c] >= primitive->vertex_count)
-            return kiln_fail(error, KILN_BAD_INPUT, "%s: triangle %zu uses vertex %u of %zu; repair the file", primitive->where, k,
-                             t->corner[c], primitive->vertex_count);
+            return kiln_fail(error, KILN_BAD_INPUT, "%s: triangle %zu uses vertex %u of %zu; repair the file",
+                             primitive->where, k, t->corner[c], primitive->vertex_count);
         t->normal[c] = vec3(0.0f, 0.0f, 0.0f);
         primitive->geometry(primitive->context, t->corner[c], &t->position[c], &t->normal[c]);
         const struct kiln_vec3 p = t->position[c];
-        if (!(fabsf(p.x) <= KILN_COORDINATE_MAX && fabsf(p.y) <= KILN_COORDINATE_MAX && fabsf(p.z) <= KILN_COORDINATE_MAX))
-            return kiln_fail(error, KILN_BAD_INPUT, "%s: the position of vertex %u is (%g, %g, %g), not a number within +-%g; repair the file",
-                             primitive->where, t->corner[c], (double)p.x, (double)p.y, (double)p.z, (double)KILN_COORDINATE_MAX);
+        if (!(fabsf(p.x) <= KILN_COORDINATE_MAX && fabsf(p.y) <= KILN_COORDINATE_MAX &&
+              fabsf(p.z) <= KILN_COORDINATE_MAX))
+            return kiln_fail(error, KILN_BAD_INPUT,
+                             "%s: the position of vertex %u is (%g, %g, %g), not a number within +-%g; repair the file",
+                             primitive->where, t->corner[c], (double)p.x, (double)p.y, (double)p.z,
+                             (double)KILN_COORDINATE_MAX);
         /* 0 and -0 are one value but two bit patterns, and vertices are found by their bits. */
         t->position[c] = vec3_add(p, vec3(0.0f, 0.0f, 0.0f));
     }
@@ -125,7 +131,8 @@ static int read_triangle(const struct kiln_primitive *primitive, size_t k, struc
 static bool has_area(struct triangle *t)
 {
     const struct kiln_dvec3 p = dvec3_of(t->position[0]);
-    const struct kiln_dvec3 a = dvec3_sub(dvec3_of(t->position[1]), p), b = dvec3_sub(dvec3_of(t->position[2]), p), c = dvec3_sub(b, a);
+    const struct kiln_dvec3 a = dvec3_sub(dvec3_of(t->position[1]), p), b = dvec3_sub(dvec3_of(t->position[2]), p),
+                            c = dvec3_sub(b, a);
     const double longest = fmax(dvec3_dot(a, a), fmax(dvec3_dot(b, b), dvec3_dot(c, c)));
     const struct kiln_dvec3 cross = dvec3_cross(a, b);
     const double length = dvec3_length(cross);
@@ -199,8 +206,8 @@ static unsigned settle_normals(struct triangle *t, bool given, struct kiln_assem
 }
 
 /* `k`: which of the primitive's triangles it is. */
-static int store_triangle(struct kiln_builder *builder, struct kiln_mesh *mesh, const struct kiln_primitive *primitive, size_t k,
-                          const struct triangle *t, struct vertex_table *table, struct kiln_error *error)
+static int store_triangle(struct kiln_builder *builder, struct kiln_mesh *mesh, const struct kiln_primitive *primitive,
+                          size_t k, const struct triangle *t, struct vertex_table *table, struct kiln_error *error)
 {
     uint32_t corner[3];
     for (int c = 0; c < 3; c++) {
@@ -215,7 +222,8 @@ static int store_triangle(struct kiln_builder *builder, struct kiln_mesh *mesh, 
         key.normal = t->normal[c];
         struct vertex_slot *slot = table_find(table, &key);
         if (slot->vertex == KILN_NONE) {
-            const int status = add_vertex(builder, mesh, primitive, t->corner[c], t->position[c], t->normal[c], &slot->vertex, error);
+            const int status =
+                add_vertex(builder, mesh, primitive, t->corner[c], t->position[c], t->normal[c], &slot->vertex, error);
             if (status != KILN_OK)
                 return status;
             slot->key = key;
@@ -259,7 +267,8 @@ int kiln_mesh_add(struct kiln_builder *builder, uint32_t index, const struct kil
     }
     kiln_free(&table.slots);
     if (status == KILN_OK && kept > 0 && zero_normals == 3 * kept)
-        status = kiln_fail(error, KILN_BAD_INPUT, "%s: all its normals are zero; leave them out or export them again", primitive->where);
+        status = kiln_fail(error, KILN_BAD_INPUT, "%s: all its normals are zero; leave them out or export them again",
+                           primitive->where);
     KILN_BUILDER_DATA(builder, struct kiln_mesh, KILN_SECTION_MESHES)[index] = mesh;
     return status;
 }
@@ -267,13 +276,16 @@ int kiln_mesh_add(struct kiln_builder *builder, uint32_t index, const struct kil
 /* Area of the mesh in the world; stops at the first triangle that has any. */
 static bool object_has_area(const struct kiln_builder *builder, const struct kiln_mesh *mesh, const double m[12])
 {
-    const struct kiln_vec3 *positions = KILN_BUILDER_DATA(builder, const struct kiln_vec3, KILN_SECTION_POSITIONS) + mesh->vertex_first;
-    const uint32_t *corners = KILN_BUILDER_DATA(builder, const uint32_t, KILN_SECTION_TRIANGLES) + 3 * mesh->triangle_first;
+    const struct kiln_vec3 *positions =
+        KILN_BUILDER_DATA(builder, const struct kiln_vec3, KILN_SECTION_POSITIONS) + mesh->vertex_first;
+    const uint32_t *corners =
+        KILN_BUILDER_DATA(builder, const uint32_t, KILN_SECTION_TRIANGLES) + 3 * mesh->triangle_first;
     for (uint64_t t = 0; t < mesh->triangle_count; t++) {
         struct kiln_dvec3 w[3];
         for (int c = 0; c < 3; c++) {
             const struct kiln_dvec3 p = dvec3_of(positions[corners[3 * t + (uint64_t)c]]);
-            w[c] = dvec3(m[0] * p.x + m[1] * p.y + m[2] * p.z, m[4] * p.x + m[5] * p.y + m[6] * p.z, m[8] * p.x + m[9] * p.y + m[10] * p.z);
+            w[c] = dvec3(m[0] * p.x + m[1] * p.y + m[2] * p.z, m[4] * p.x + m[5] * p.y + m[6] * p.z,
+                         m[8] * p.x + m[9] * p.y + m[10] * p.z);
         }
         const struct kiln_dvec3 a = dvec3_sub(w[1], w[0]), b = dvec3_sub(w[2], w[0]);
         if (dvec3_length(dvec3_cross(a, b)) > area_floor * fmax(dvec3_dot(a, a), dvec3_dot(b, b)))
@@ -284,11 +296,13 @@ static bool object_has_area(const struct kiln_builder *builder, const struct kil
 
 static double determinant(const double m[12])
 {
-    return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) + m[2] * (m[4] * m[9] - m[5] * m[8]);
+    return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
+           m[2] * (m[4] * m[9] - m[5] * m[8]);
 }
 
 int kiln_object_add(struct kiln_builder *builder, uint32_t mesh_index, const double transform[12], const char *name,
-                    const char *original, const struct kiln_object_source *source, const char *where, bool *skipped, struct kiln_error *error)
+                    const char *original, const struct kiln_object_source *source, const char *where, bool *skipped,
+                    struct kiln_error *error)
 {
     const struct kiln_mesh *mesh = &KILN_BUILDER_DATA(builder, const struct kiln_mesh, KILN_SECTION_MESHES)[mesh_index];
     *skipped = false;
@@ -296,8 +310,9 @@ int kiln_object_add(struct kiln_builder *builder, uint32_t mesh_index, const dou
     for (int i = 0; i < 12; i++) {
         /* So large that no sum of products below overflows; kiln_builder_write judges the world's true extent. */
         if (!(fabs(transform[i]) <= 1e30))
-            return kiln_fail(error, KILN_BAD_INPUT, "%s: its transform has a value that is infinite or not a number (%g); repair the file", where,
-                             transform[i]);
+            return kiln_fail(error, KILN_BAD_INPUT,
+                             "%s: its transform has a value that is infinite or not a number (%g); repair the file",
+                             where, transform[i]);
         if (i % 4 != 3)
             size = fmax(size, fabs(transform[i]));
     }
@@ -306,7 +321,11 @@ int kiln_object_add(struct kiln_builder *builder, uint32_t mesh_index, const dou
         *skipped = true;
         return KILN_OK;
     }
-    struct kiln_object object = {.mesh = mesh_index, .flipped = det < 0.0, .source_node = KILN_NONE, .source_mesh = KILN_NONE, .source_instance = KILN_NONE};
+    struct kiln_object object = {.mesh = mesh_index,
+                                 .flipped = det < 0.0,
+                                 .source_node = KILN_NONE,
+                                 .source_mesh = KILN_NONE,
+                                 .source_instance = KILN_NONE};
     if (source != NULL) {
         object.source_node = source->node;
         object.source_mesh = source->mesh;
@@ -321,14 +340,18 @@ int kiln_object_add(struct kiln_builder *builder, uint32_t mesh_index, const dou
 
 static int note_object(struct kiln_builder *builder, size_t index, struct kiln_error *error)
 {
-    const struct kiln_object *object = &KILN_BUILDER_DATA(builder, const struct kiln_object, KILN_SECTION_OBJECTS)[index];
-    const struct kiln_mesh *mesh = &KILN_BUILDER_DATA(builder, const struct kiln_mesh, KILN_SECTION_MESHES)[object->mesh];
-    return kiln_builder_note(builder, builder->trust_normals ? KILN_NOTE_INFORMATION : KILN_NOTE_SAID, error,
-                             "object \"%.200s\": %llu of %llu triangles have normals against their winding; %s",
-                             KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS) + object->name,
-                             (unsigned long long)builder->mesh_turned[object->mesh], (unsigned long long)mesh->triangle_count,
-                             builder->trust_normals ? "the normals decide, and the triangles were turned round"
-                                                    : "the winding decides, and the normals were turned round (--trust normals does the contrary)");
+    const struct kiln_object *object =
+        &KILN_BUILDER_DATA(builder, const struct kiln_object, KILN_SECTION_OBJECTS)[index];
+    const struct kiln_mesh *mesh =
+        &KILN_BUILDER_DATA(builder, const struct kiln_mesh, KILN_SECTION_MESHES)[object->mesh];
+    return kiln_builder_note(
+        builder, builder->trust_normals ? KILN_NOTE_INFORMATION : KILN_NOTE_SAID, error,
+        "object \"%.200s\": %llu of %llu triangles have normals against their winding; %s",
+        KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS) + object->name,
+        (unsigned long long)builder->mesh_turned[object->mesh], (unsigned long long)mesh->triangle_count,
+        builder->trust_normals
+            ? "the normals decide, and the triangles were turned round"
+            : "the winding decides, and the normals were turned round (--trust normals does the contrary)");
 }
 
 int kiln_note_winding(struct kiln_builder *builder, struct kiln_error *error)
@@ -342,7 +365,8 @@ int kiln_note_winding(struct kiln_builder *builder, struct kiln_error *error)
             status = note_object(builder, i, error);
     }
     if (count > NOTES_MAX && status == KILN_OK)
-        status = kiln_builder_note(builder, builder->trust_normals ? KILN_NOTE_INFORMATION : KILN_NOTE_SAID, error,
-                                   "%zu more objects have triangles with normals against their winding", count - NOTES_MAX);
+        status =
+            kiln_builder_note(builder, builder->trust_normals ? KILN_NOTE_INFORMATION : KILN_NOTE_SAID, error,
+                              "%zu more objects have triangles with normals against their winding", count - NOTES_MAX);
     return status;
 }

@@ -11,7 +11,8 @@
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
-/* Beyond this many transformed vertices the bounds come from the corners of each mesh's box: an upper bound, in bounded time. */
+/* Beyond this many transformed vertices the bounds come from the corners of each mesh's box: an upper bound, in bounded
+ * time. */
 static const uint64_t exact_bounds_vertices = 1u << 24;
 
 enum { SECTION_ALIGNMENT = 64, NOTE_LENGTH = 1024 };
@@ -41,7 +42,8 @@ int kiln_builder_append(struct kiln_builder *builder, enum kiln_scene_section se
     const size_t size = kiln_scene_element_size(section);
     const size_t old = builder->sections[section].count;
     if (count > SIZE_MAX / 2 - old)
-        return kiln_fail(error, KILN_SYSTEM, "out of memory: %zu more elements for the scene's %s", count, kiln_scene_section_name(section));
+        return kiln_fail(error, KILN_SYSTEM, "out of memory: %zu more elements for the scene's %s", count,
+                         kiln_scene_section_name(section));
     int status = kiln_grow(&builder->sections[section].data, &builder->sections[section].capacity, old + count, size,
                            kiln_scene_section_name(section), error);
     if (status != KILN_OK)
@@ -51,13 +53,15 @@ int kiln_builder_append(struct kiln_builder *builder, enum kiln_scene_section se
         if (status != KILN_OK)
             return status;
         memset(builder->mesh_has_lightmap_uv + old, 0, count);
-        status = kiln_grow(&builder->mesh_turned, &builder->turned_capacity, old + count, sizeof *builder->mesh_turned, "meshes", error);
+        status = kiln_grow(&builder->mesh_turned, &builder->turned_capacity, old + count, sizeof *builder->mesh_turned,
+                           "meshes", error);
         if (status != KILN_OK)
             return status;
         memset(builder->mesh_turned + old, 0, count * sizeof *builder->mesh_turned);
     }
     if (section == KILN_SECTION_OBJECTS) {
-        status = kiln_grow(&builder->object_settings, &builder->object_capacity, old + count, sizeof *builder->object_settings, "objects", error);
+        status = kiln_grow(&builder->object_settings, &builder->object_capacity, old + count,
+                           sizeof *builder->object_settings, "objects", error);
         if (status != KILN_OK)
             return status;
         for (size_t i = 0; i < count; i++)
@@ -76,7 +80,8 @@ int kiln_builder_append(struct kiln_builder *builder, enum kiln_scene_section se
     return KILN_OK;
 }
 
-int kiln_builder_string(struct kiln_builder *builder, const char *text, size_t length, uint32_t *offset, struct kiln_error *error)
+int kiln_builder_string(struct kiln_builder *builder, const char *text, size_t length, uint32_t *offset,
+                        struct kiln_error *error)
 {
     length = strnlen(text, length);
     if (builder->sections[KILN_SECTION_STRINGS].count + length >= UINT32_MAX)
@@ -90,7 +95,8 @@ int kiln_builder_string(struct kiln_builder *builder, const char *text, size_t l
     return status;
 }
 
-int kiln_builder_note(struct kiln_builder *builder, uint32_t severity, struct kiln_error *error, const char *format, ...)
+int kiln_builder_note(struct kiln_builder *builder, uint32_t severity, struct kiln_error *error, const char *format,
+                      ...)
 {
     char text[NOTE_LENGTH];
     va_list arguments;
@@ -112,15 +118,18 @@ static void bounds_add(struct bounds *bounds, const double transform[12], struct
 {
     double world[3];
     for (int r = 0; r < 3; r++)
-        world[r] = transform[4 * r] * (double)p.x + transform[4 * r + 1] * (double)p.y + transform[4 * r + 2] * (double)p.z + transform[4 * r + 3];
+        world[r] = transform[4 * r] * (double)p.x + transform[4 * r + 1] * (double)p.y +
+                   transform[4 * r + 2] * (double)p.z + transform[4 * r + 3];
     bounds->low = dvec3(fmin(bounds->low.x, world[0]), fmin(bounds->low.y, world[1]), fmin(bounds->low.z, world[2]));
-    bounds->high = dvec3(fmax(bounds->high.x, world[0]), fmax(bounds->high.y, world[1]), fmax(bounds->high.z, world[2]));
+    bounds->high =
+        dvec3(fmax(bounds->high.x, world[0]), fmax(bounds->high.y, world[1]), fmax(bounds->high.z, world[2]));
 }
 
 static bool in_range(const struct bounds *b)
 {
     const double limit = (double)KILN_COORDINATE_MAX;
-    return b->low.x >= -limit && b->low.y >= -limit && b->low.z >= -limit && b->high.x <= limit && b->high.y <= limit && b->high.z <= limit;
+    return b->low.x >= -limit && b->low.y >= -limit && b->low.z >= -limit && b->high.x <= limit && b->high.y <= limit &&
+           b->high.z <= limit;
 }
 
 /* The eight corners of a mesh's own box. */
@@ -135,9 +144,9 @@ static void mesh_corners(const struct kiln_vec3 *positions, uint64_t count, stru
         corner[c] = vec3(c & 1 ? high.x : low.x, c & 2 ? high.y : low.y, c & 4 ? high.z : low.z);
 }
 
-/* The origin of traced coordinates: a mean of the objects' middles, weighed by one over the square of their sizes. Floats are
- * fine near it and coarse far away, so it belongs where the detail is: receivers at 1e-6 m and at 1e6 m from one lamp are both
- * held to seven digits of their own distance. Among objects of like size it is the middle. */
+/* The origin of traced coordinates: a mean of the objects' middles, weighed by one over the square of their sizes.
+ * Floats are fine near it and coarse far away, so it belongs where the detail is: receivers at 1e-6 m and at 1e6 m from
+ * one lamp are both held to seven digits of their own distance. Among objects of like size it is the middle. */
 struct origin {
     struct kiln_dvec3 sum;
     double weight;
@@ -187,7 +196,8 @@ static int world_bounds(const struct kiln_builder *builder, struct kiln_scene_he
             for (uint64_t v = 0; v < mesh->vertex_count; v++)
                 bounds_add(&own, objects[i].transform, positions[mesh->vertex_first + v]);
         bounds.low = dvec3(fmin(bounds.low.x, own.low.x), fmin(bounds.low.y, own.low.y), fmin(bounds.low.z, own.low.z));
-        bounds.high = dvec3(fmax(bounds.high.x, own.high.x), fmax(bounds.high.y, own.high.y), fmax(bounds.high.z, own.high.z));
+        bounds.high =
+            dvec3(fmax(bounds.high.x, own.high.x), fmax(bounds.high.y, own.high.y), fmax(bounds.high.z, own.high.z));
         if (mesh->vertex_count > 0)
             origin_add(&origin, &own);
         if (mesh->vertex_count > 0 && !in_range(&bounds)) {
@@ -211,7 +221,10 @@ static int world_bounds(const struct kiln_builder *builder, struct kiln_scene_he
     return KILN_OK;
 }
 
-static uint64_t aligned(uint64_t offset) { return (offset + SECTION_ALIGNMENT - 1) / SECTION_ALIGNMENT * SECTION_ALIGNMENT; }
+static uint64_t aligned(uint64_t offset)
+{
+    return (offset + SECTION_ALIGNMENT - 1) / SECTION_ALIGNMENT * SECTION_ALIGNMENT;
+}
 
 static int fill_header(const struct kiln_builder *builder, struct kiln_scene_header *header, struct kiln_error *error)
 {
@@ -263,7 +276,8 @@ static int hash_file(int file, const char *path, struct kiln_scene_header *heade
 {
     void *map = mmap(NULL, (size_t)header->size, PROT_READ, MAP_SHARED, file, 0);
     if (map == MAP_FAILED)
-        return kiln_fail_errno(error, KILN_SYSTEM, "%s: the scene file of %llu bytes cannot be mapped", path, (unsigned long long)header->size);
+        return kiln_fail_errno(error, KILN_SYSTEM, "%s: the scene file of %llu bytes cannot be mapped", path,
+                               (unsigned long long)header->size);
     kiln_scene_content_hash(header, (const unsigned char *)map + sizeof *header, header->content_hash);
     (void)munmap(map, (size_t)header->size);
     return KILN_OK;
@@ -278,7 +292,8 @@ int kiln_builder_write_to(struct kiln_builder *builder, int file, const char *na
     /* The blocks are reserved first: a full disk is noticed before anything is written. */
     errno = kiln_reserve(file, (off_t)header.size);
     if (errno != 0)
-        return kiln_fail_errno(error, KILN_IO, "%s: no room for a scene file of %llu bytes", name, (unsigned long long)header.size);
+        return kiln_fail_errno(error, KILN_IO, "%s: no room for a scene file of %llu bytes", name,
+                               (unsigned long long)header.size);
     if (write_sections(builder, file, &header) != 0)
         return kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be written", name);
     status = hash_file(file, name, &header, error);

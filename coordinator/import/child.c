@@ -21,14 +21,14 @@
 #include "worker/base/memory.h"
 
 #if defined(__SANITIZE_ADDRESS__)
-#define ADDRESS_SANITIZER 1
+#    define ADDRESS_SANITIZER 1
 #elif defined(__has_feature)
-#if __has_feature(address_sanitizer)
-#define ADDRESS_SANITIZER 1
-#endif
+#    if __has_feature(address_sanitizer)
+#        define ADDRESS_SANITIZER 1
+#    endif
 #endif
 #ifndef ADDRESS_SANITIZER
-#define ADDRESS_SANITIZER 0
+#    define ADDRESS_SANITIZER 0
 #endif
 
 struct child {
@@ -60,7 +60,10 @@ static uint64_t default_memory(uint64_t file_bytes)
 static uint64_t default_seconds(uint64_t file_bytes) { return 60 + file_bytes / 10000000; }
 
 static void follow_memory(const struct kiln_confine *confine) { limit_memory(default_memory(confine->total_bytes)); }
-static void follow_time(const struct kiln_confine *confine) { kiln_fence_limit(RLIMIT_CPU, default_seconds(confine->total_bytes)); }
+static void follow_time(const struct kiln_confine *confine)
+{
+    kiln_fence_limit(RLIMIT_CPU, default_seconds(confine->total_bytes));
+}
 static void follow_both(const struct kiln_confine *confine)
 {
     follow_memory(confine);
@@ -90,7 +93,8 @@ static void limit_layout_time(const struct kiln_import_params *params, const str
     struct rusage used;
     if (params->time_limit != 0 || getrusage(RUSAGE_SELF, &used) != 0)
         return;
-    kiln_fence_limit(RLIMIT_CPU, (uint64_t)used.ru_utime.tv_sec + (uint64_t)used.ru_stime.tv_sec + 60 + builder->sections[KILN_SECTION_TRIANGLES].count / 2000);
+    kiln_fence_limit(RLIMIT_CPU, (uint64_t)used.ru_utime.tv_sec + (uint64_t)used.ru_stime.tv_sec + 60 +
+                                     builder->sections[KILN_SECTION_TRIANGLES].count / 2000);
 }
 
 /* ---- Landlock: a second fence around files, where the kernel has it ---- */
@@ -118,8 +122,9 @@ static void fence_files(const struct kiln_import_params *params)
 {
     const uint64_t read = LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCESS_FS_READ_DIR;
     const uint64_t write = LANDLOCK_ACCESS_FS_WRITE_FILE | LANDLOCK_ACCESS_FS_MAKE_REG | LANDLOCK_ACCESS_FS_REMOVE_FILE;
-    const uint64_t other = LANDLOCK_ACCESS_FS_EXECUTE | LANDLOCK_ACCESS_FS_REMOVE_DIR | LANDLOCK_ACCESS_FS_MAKE_CHAR | LANDLOCK_ACCESS_FS_MAKE_DIR |
-                           LANDLOCK_ACCESS_FS_MAKE_SOCK | LANDLOCK_ACCESS_FS_MAKE_FIFO | LANDLOCK_ACCESS_FS_MAKE_BLOCK | LANDLOCK_ACCESS_FS_MAKE_SYM;
+    const uint64_t other = LANDLOCK_ACCESS_FS_EXECUTE | LANDLOCK_ACCESS_FS_REMOVE_DIR | LANDLOCK_ACCESS_FS_MAKE_CHAR |
+                           LANDLOCK_ACCESS_FS_MAKE_DIR | LANDLOCK_ACCESS_FS_MAKE_SOCK | LANDLOCK_ACCESS_FS_MAKE_FIFO |
+                           LANDLOCK_ACCESS_FS_MAKE_BLOCK | LANDLOCK_ACCESS_FS_MAKE_SYM;
     const struct landlock_ruleset_attr attributes = {.handled_access_fs = read | write | other};
     /* The sanitizer's own reports need /proc and its symbolizer. */
     if (ADDRESS_SANITIZER)
@@ -131,7 +136,8 @@ static void fence_files(const struct kiln_import_params *params)
     cut_to_folder(folder);
     const bool image = params->environment != NULL && access(params->environment, F_OK) == 0;
     if (folder != NULL && allow(rules, folder, read) == 0 &&
-        (!image || allow(rules, params->environment, LANDLOCK_ACCESS_FS_READ_FILE) == 0) && prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0)
+        (!image || allow(rules, params->environment, LANDLOCK_ACCESS_FS_READ_FILE) == 0) &&
+        prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0)
         (void)syscall(SYS_landlock_restrict_self, rules, 0);
     free(folder);
     (void)close(rules);
@@ -150,27 +156,34 @@ void kiln_child_confine(const struct kiln_import_params *params)
 /* What a file may ask for by itself, in its nodes' extras; of a user's own options this is no limit. */
 enum { OWN_TEXELS_MAX = 1 << 25 };
 
-static int check_own_texels(const struct kiln_import_params *params, struct kiln_builder *builder, struct kiln_error *error)
+static int check_own_texels(const struct kiln_import_params *params, struct kiln_builder *builder,
+                            struct kiln_error *error)
 {
     const struct kiln_object *objects = KILN_BUILDER_DATA(builder, const struct kiln_object, KILN_SECTION_OBJECTS);
     double texels = 0.0;
     if (params->objects != NULL && params->objects[0] != '\0')
         return KILN_OK;
     for (size_t i = 0; i < builder->sections[KILN_SECTION_OBJECTS].count; i++)
-        if (objects[i].density_reason == KILN_DENSITY_SIZED || (objects[i].density_reason == KILN_DENSITY_SCALED && !(params->texels_per_metre > 0.0)))
+        if (objects[i].density_reason == KILN_DENSITY_SIZED ||
+            (objects[i].density_reason == KILN_DENSITY_SCALED && !(params->texels_per_metre > 0.0)))
             texels += (double)objects[i].lightmap_width * (double)objects[i].lightmap_height;
     if (texels <= OWN_TEXELS_MAX)
         return KILN_OK;
-    return kiln_fail(error, KILN_BAD_INPUT, "%.512s: settings in the file (its nodes' extras) ask for lightmaps of %.0f million texels in all, and %d million is the "
-                     "most that a file may ask for: give --objects with what you mean, as '{\"*\": {lightmap-size: 512}}'",
-                     params->path, texels * 1e-6, OWN_TEXELS_MAX / 1000000);
+    return kiln_fail(
+        error, KILN_BAD_INPUT,
+        "%.512s: settings in the file (its nodes' extras) ask for lightmaps of %.0f million texels in all, and %d "
+        "million is the "
+        "most that a file may ask for: give --objects with what you mean, as '{\"*\": {lightmap-size: 512}}'",
+        params->path, texels * 1e-6, OWN_TEXELS_MAX / 1000000);
 }
 
 static int read_layout_write(const struct child *child, struct kiln_error *error)
 {
     const struct kiln_import_params *params = &child->params;
-    const struct kiln_layout_params layout = {.texels_per_metre = params->texels_per_metre, .lightmap_size = params->lightmap_size,
-                                              .lightmap_max = params->lightmap_max, .repack = params->repack};
+    const struct kiln_layout_params layout = {.texels_per_metre = params->texels_per_metre,
+                                              .lightmap_size = params->lightmap_size,
+                                              .lightmap_max = params->lightmap_max,
+                                              .repack = params->repack};
     struct kiln_builder *builder = NULL;
     int status = kiln_builder_create(&builder, error);
     if (status == KILN_OK)
@@ -182,17 +195,20 @@ static int read_layout_write(const struct child *child, struct kiln_error *error
     if (status == KILN_OK)
         status = check_own_texels(params, builder, error);
     if (status == KILN_OK) {
-        kiln_import_key(params, child->program, KILN_BUILDER_DATA(builder, const struct kiln_source, KILN_SECTION_SOURCES),
-                        builder->sections[KILN_SECTION_SOURCES].count, KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS),
-                        builder->import_hash);
+        kiln_import_key(params, child->program,
+                        KILN_BUILDER_DATA(builder, const struct kiln_source, KILN_SECTION_SOURCES),
+                        builder->sections[KILN_SECTION_SOURCES].count,
+                        KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS), builder->import_hash);
         status = kiln_builder_write_to(builder, KILN_CHILD_OUTPUT, params->output, error);
     }
     kiln_builder_destroy(&builder);
     if (status == KILN_SYSTEM && strncmp(error->message, "out of memory", 13) == 0) {
         struct rlimit most = {0};
         (void)getrlimit(RLIMIT_AS, &most);
-        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it takes more memory than the %llu MiB that its size warrants; simplify the scene",
-                           params->path, (unsigned long long)most.rlim_cur >> 20);
+        status = kiln_fail(
+            error, KILN_BAD_INPUT,
+            "%.512s: reading it takes more memory than the %llu MiB that its size warrants; simplify the scene",
+            params->path, (unsigned long long)most.rlim_cur >> 20);
     }
     return status;
 }

@@ -98,25 +98,30 @@ static bool has_parent_step(const char *path)
     return false;
 }
 
-int kiln_confine_decode(const struct kiln_confine *confine, const char *uri, const char *place, char path[1025], struct kiln_error *error)
+int kiln_confine_decode(const struct kiln_confine *confine, const char *uri, const char *place, char path[1025],
+                        struct kiln_error *error)
 {
     if (has_scheme(uri))
-        return kiln_fail(error, KILN_BAD_INPUT,
-                         "%.512s: %s is '%.*s'; only files in the scene's own folder are read: copy it there and name it relatively",
-                         confine->scene, place, SHOWN, uri);
+        return kiln_fail(
+            error, KILN_BAD_INPUT,
+            "%.512s: %s is '%.*s'; only files in the scene's own folder are read: copy it there and name it relatively",
+            confine->scene, place, SHOWN, uri);
     size_t length = 0;
     for (const char *c = uri; *c != '\0'; c++) {
         char byte = *c;
         if (*c == '%') {
             const int high = hex(c[1]), low = high < 0 ? -1 : hex(c[2]);
             if (low < 0 || high * 16 + low == 0)
-                return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s is '%.*s', which has a bad percent code; write %%XX with two hexadecimal digits",
-                                 confine->scene, place, SHOWN, uri);
+                return kiln_fail(
+                    error, KILN_BAD_INPUT,
+                    "%.512s: %s is '%.*s', which has a bad percent code; write %%XX with two hexadecimal digits",
+                    confine->scene, place, SHOWN, uri);
             byte = (char)(high * 16 + low);
             c += 2;
         }
         if (length == PATH_LENGTH)
-            return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s is longer than %d bytes ('%.*s...'); use a shorter file name", confine->scene,
+            return kiln_fail(error, KILN_BAD_INPUT,
+                             "%.512s: %s is longer than %d bytes ('%.*s...'); use a shorter file name", confine->scene,
                              place, PATH_LENGTH, SHOWN, uri);
         path[length++] = byte;
     }
@@ -124,15 +129,17 @@ int kiln_confine_decode(const struct kiln_confine *confine, const char *uri, con
     if (length == 0)
         return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s is empty; name a file", confine->scene, place);
     if (path[0] == '/' || path[0] == '\\' || has_parent_step(path))
-        return kiln_fail(error, KILN_BAD_INPUT,
-                         "%.512s: %s is '%.*s', which leads out of the scene's folder; copy the file there and name it relatively",
-                         confine->scene, place, SHOWN, uri);
+        return kiln_fail(
+            error, KILN_BAD_INPUT,
+            "%.512s: %s is '%.*s', which leads out of the scene's folder; copy the file there and name it relatively",
+            confine->scene, place, SHOWN, uri);
     return KILN_OK;
 }
 
 static int open_beneath(const struct kiln_confine *confine, const char *path)
 {
-    const struct open_how how = {.flags = O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY, .resolve = RESOLVE_BENEATH | RESOLVE_NO_MAGICLINKS};
+    const struct open_how how = {.flags = O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY,
+                                 .resolve = RESOLVE_BENEATH | RESOLVE_NO_MAGICLINKS};
     long descriptor;
     do
         descriptor = syscall(SYS_openat2, confine->descriptor, path, &how, sizeof how);
@@ -140,23 +147,29 @@ static int open_beneath(const struct kiln_confine *confine, const char *path)
     return (int)descriptor;
 }
 
-static int open_failed(const struct kiln_confine *confine, const char *path, const char *place, struct kiln_error *error)
+static int open_failed(const struct kiln_confine *confine, const char *path, const char *place,
+                       struct kiln_error *error)
 {
     switch (errno) {
     case EXDEV:
     case ELOOP:
-        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s: '%.*s' is a link that leads out of the scene's folder; copy the file there",
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%.512s: %s: '%.*s' is a link that leads out of the scene's folder; copy the file there",
                          confine->scene, place, SHOWN, path);
     case ENOENT:
     case ENOTDIR:
     case ENAMETOOLONG:
-        return kiln_fail_errno(error, KILN_BAD_INPUT, "%.512s: %s: '%.*s' is missing in the scene's folder", confine->scene, place, SHOWN, path);
+        return kiln_fail_errno(error, KILN_BAD_INPUT, "%.512s: %s: '%.*s' is missing in the scene's folder",
+                               confine->scene, place, SHOWN, path);
     case ENXIO:
     case ENODEV:
-        return kiln_fail_errno(error, KILN_BAD_INPUT, "%.512s: %s: '%.*s' is not a regular file", confine->scene, place, SHOWN, path);
+        return kiln_fail_errno(error, KILN_BAD_INPUT, "%.512s: %s: '%.*s' is not a regular file", confine->scene, place,
+                               SHOWN, path);
     case ENOSYS:
-        return kiln_fail(error, KILN_SITE, "%.512s: this kernel has no openat2(2), which confines a scene to its folder; Linux 5.6 or later is needed",
-                         confine->scene);
+        return kiln_fail(
+            error, KILN_SITE,
+            "%.512s: this kernel has no openat2(2), which confines a scene to its folder; Linux 5.6 or later is needed",
+            confine->scene);
     default:
         return kiln_fail_errno(error, 0, "%.512s: %s: '%.*s' cannot be opened", confine->scene, place, SHOWN, path);
     }
@@ -165,7 +178,8 @@ static int open_failed(const struct kiln_confine *confine, const char *path, con
 static uint64_t *seen_slot(const struct kiln_confine *confine, const uint64_t key[2])
 {
     size_t slot = (size_t)key[0] & (confine->seen_size - 1);
-    while ((confine->seen[slot][0] | confine->seen[slot][1]) != 0 && memcmp(confine->seen[slot], key, sizeof confine->seen[slot]) != 0)
+    while ((confine->seen[slot][0] | confine->seen[slot][1]) != 0 &&
+           memcmp(confine->seen[slot], key, sizeof confine->seen[slot]) != 0)
         slot = (slot + 1) & (confine->seen_size - 1);
     return confine->seen[slot];
 }
@@ -175,7 +189,8 @@ static int seen_grow(struct kiln_confine *confine, struct kiln_error *error)
     struct kiln_confine old = *confine;
     confine->seen = NULL;
     confine->seen_size = old.seen_size == 0 ? 64 : 2 * old.seen_size;
-    const int status = kiln_allocate(&confine->seen, confine->seen_size, sizeof *confine->seen, "the scene's files", error);
+    const int status =
+        kiln_allocate(&confine->seen, confine->seen_size, sizeof *confine->seen, "the scene's files", error);
     if (status != KILN_OK) {
         *confine = old;
         return status;
@@ -202,15 +217,17 @@ static int remember(struct kiln_confine *confine, const void *bytes, size_t size
     return KILN_OK;
 }
 
-static int map_descriptor(struct kiln_confine *confine, int descriptor, const char *path, const char *place, struct kiln_file *file,
-                          struct kiln_error *error)
+static int map_descriptor(struct kiln_confine *confine, int descriptor, const char *path, const char *place,
+                          struct kiln_file *file, struct kiln_error *error)
 {
     static const unsigned char nothing[1];
     struct stat status;
     if (fstat(descriptor, &status) != 0)
-        return kiln_fail_errno(error, KILN_IO, "%.512s: %s: '%.*s' cannot be examined", confine->scene, place, SHOWN, path);
+        return kiln_fail_errno(error, KILN_IO, "%.512s: %s: '%.*s' cannot be examined", confine->scene, place, SHOWN,
+                               path);
     if (!S_ISREG(status.st_mode))
-        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s: '%.*s' is not a regular file", confine->scene, place, SHOWN, path);
+        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s: '%.*s' is not a regular file", confine->scene, place,
+                         SHOWN, path);
     file->data = nothing;
     file->size = (size_t)status.st_size;
     if (file->size == 0)
@@ -218,8 +235,8 @@ static int map_descriptor(struct kiln_confine *confine, int descriptor, const ch
     void *map = mmap(NULL, file->size, PROT_READ, MAP_PRIVATE, descriptor, 0);
     if (map == MAP_FAILED) {
         file->size = 0;
-        return kiln_fail_errno(error, KILN_SYSTEM, "%.512s: %s: the %lld bytes of '%.*s' cannot be mapped", confine->scene, place,
-                               (long long)status.st_size, SHOWN, path);
+        return kiln_fail_errno(error, KILN_SYSTEM, "%.512s: %s: the %lld bytes of '%.*s' cannot be mapped",
+                               confine->scene, place, (long long)status.st_size, SHOWN, path);
     }
     file->data = map;
     const uint64_t identity[2] = {(uint64_t)status.st_dev, (uint64_t)status.st_ino};
@@ -231,8 +248,8 @@ static int map_descriptor(struct kiln_confine *confine, int descriptor, const ch
     return result;
 }
 
-static int record_source(struct kiln_confine *confine, struct kiln_builder *builder, const char *path, const struct kiln_file *file,
-                         struct kiln_error *error)
+static int record_source(struct kiln_confine *confine, struct kiln_builder *builder, const char *path,
+                         const struct kiln_file *file, struct kiln_error *error)
 {
     bool fresh = false;
     int status = builder == NULL ? KILN_OK : remember(confine, path, strlen(path), &fresh, error);
@@ -260,8 +277,8 @@ int kiln_confine_map(struct kiln_confine *confine, struct kiln_builder *builder,
     return status;
 }
 
-int kiln_confine_map_named(struct kiln_confine *confine, struct kiln_builder *builder, const char *path, struct kiln_file *file,
-                           struct kiln_error *error)
+int kiln_confine_map_named(struct kiln_confine *confine, struct kiln_builder *builder, const char *path,
+                           struct kiln_file *file, struct kiln_error *error)
 {
     *file = (struct kiln_file){0};
     char *real = realpath(path, NULL);

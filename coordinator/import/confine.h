@@ -1,8 +1,9 @@
 /* Opening the files a scene names, and no others: regular files beneath the scene's own folder.
  *
- * Every open goes through openat2(2) with RESOLVE_BENEATH and RESOLVE_NO_MAGICLINKS, so neither "..", nor an absolute path, nor
- * a symbolic link that leaves the folder can reach anything else, whatever happens on the disk meanwhile. FIFOs and devices are
- * opened without waiting and refused. Every file that is mapped is recorded in the builder's sources with size and hash. */
+ * Every open goes through openat2(2) with RESOLVE_BENEATH and RESOLVE_NO_MAGICLINKS, so neither "..", nor an absolute
+ * path, nor a symbolic link that leaves the folder can reach anything else, whatever happens on the disk meanwhile.
+ * FIFOs and devices are opened without waiting and refused. Every file that is mapped is recorded in the builder's
+ * sources with size and hash. */
 #ifndef KILN_COORDINATOR_IMPORT_CONFINE_H
 #define KILN_COORDINATOR_IMPORT_CONFINE_H
 
@@ -18,12 +19,14 @@ struct kiln_file {
 };
 
 struct kiln_confine {
-    const char *scene;      /* as the user wrote it: begins every sentence; borrowed */
-    char *folder;           /* real path of the folder */
-    char *name;             /* the scene's file name in it */
-    int descriptor;         /* of the folder */
-    uint64_t total_bytes;   /* of all files mapped so far, each counted once: what limits on expansion are measured against */
-    uint64_t (*seen)[2];    /* a table of what was mapped: hashes of (device, inode) and of recorded paths; zeros: free */
+    const char *scene; /* as the user wrote it: begins every sentence; borrowed */
+    char *folder;      /* real path of the folder */
+    char *name;        /* the scene's file name in it */
+    int descriptor;    /* of the folder */
+    /* of all files mapped so far, each counted once: what limits on expansion are measured against */
+    uint64_t total_bytes;
+    /* a table of what was mapped: hashes of (device, inode) and of recorded paths; zeros: free */
+    uint64_t (*seen)[2];
     size_t seen_size, seen_used;
     void (*mapped)(const struct kiln_confine *); /* called after total_bytes has grown; may be NULL */
 };
@@ -33,17 +36,19 @@ struct kiln_confine {
 int kiln_confine_create(struct kiln_confine **confine, const char *path, struct kiln_error *error);
 void kiln_confine_destroy(struct kiln_confine **confine);
 
-/* Turns a relative reference (RFC 3986) into a path: percent-decoded; KILN_BAD_INPUT for a scheme, an absolute path, a "..",
- * a NUL, or more than 1,024 bytes. `place` says where it stands in the file ("images[2].uri"). */
-int kiln_confine_decode(const struct kiln_confine *confine, const char *uri, const char *place, char path[1025], struct kiln_error *error);
+/* Turns a relative reference (RFC 3986) into a path: percent-decoded; KILN_BAD_INPUT for a scheme, an absolute path, a
+ * "..", a NUL, or more than 1,024 bytes. `place` says where it stands in the file ("images[2].uri"). */
+int kiln_confine_decode(const struct kiln_confine *confine, const char *uri, const char *place, char path[1025],
+                        struct kiln_error *error);
 
-/* Maps the file `path` below the folder and adds it to the builder's sources (builder may be NULL). KILN_BAD_INPUT when it is
- * missing, leads out of the folder or is no regular file; KILN_PERMISSION; KILN_SYSTEM. */
+/* Maps the file `path` below the folder and adds it to the builder's sources (builder may be NULL). KILN_BAD_INPUT when
+ * it is missing, leads out of the folder or is no regular file; KILN_PERMISSION; KILN_SYSTEM. */
 int kiln_confine_map(struct kiln_confine *confine, struct kiln_builder *builder, const char *path, const char *place,
                      struct kiln_file *file, struct kiln_error *error);
-/* The same for a file that the user named on the command line and that may lie anywhere; recorded with its real path. */
-int kiln_confine_map_named(struct kiln_confine *confine, struct kiln_builder *builder, const char *path, struct kiln_file *file,
-                           struct kiln_error *error);
+/* The same for a file that the user named on the command line and that may lie anywhere; recorded with its real path.
+ */
+int kiln_confine_map_named(struct kiln_confine *confine, struct kiln_builder *builder, const char *path,
+                           struct kiln_file *file, struct kiln_error *error);
 void kiln_file_unmap(struct kiln_file *file);
 
 #endif

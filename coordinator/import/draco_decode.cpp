@@ -11,7 +11,8 @@ struct kiln_draco {
     std::unique_ptr<draco::Mesh> mesh;
 };
 
-namespace {
+namespace
+{
 
 void say(char *reason, size_t size, const char *text) { (void)std::snprintf(reason, size, "%s", text); }
 
@@ -90,5 +91,4 @@ bool kiln_draco_attribute(const struct kiln_draco *draco, uint32_t id, unsigned 
             return false;
     return true;
 }
-
 }

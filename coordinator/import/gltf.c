@@ -8,11 +8,23 @@
 #include "worker/base/memory.h"
 
 /* Extensions a file may require: those kiln reads, and those that change nothing about diffuse light. */
-static const char *const supported[] = {
-    "KHR_materials_emissive_strength", "KHR_texture_transform", "KHR_lights_punctual", "EXT_mesh_gpu_instancing", "KHR_mesh_quantization",
-    "KHR_draco_mesh_compression", "EXT_meshopt_compression",
-    "KHR_materials_ior", "KHR_materials_specular", "KHR_materials_sheen", "KHR_materials_clearcoat", "KHR_materials_transmission",
-    "KHR_materials_volume", "KHR_materials_unlit", "KHR_materials_iridescence", "KHR_materials_anisotropy", "KHR_materials_dispersion"};
+static const char *const supported[] = {"KHR_materials_emissive_strength",
+                                        "KHR_texture_transform",
+                                        "KHR_lights_punctual",
+                                        "EXT_mesh_gpu_instancing",
+                                        "KHR_mesh_quantization",
+                                        "KHR_draco_mesh_compression",
+                                        "EXT_meshopt_compression",
+                                        "KHR_materials_ior",
+                                        "KHR_materials_specular",
+                                        "KHR_materials_sheen",
+                                        "KHR_materials_clearcoat",
+                                        "KHR_materials_transmission",
+                                        "KHR_materials_volume",
+                                        "KHR_materials_unlit",
+                                        "KHR_materials_iridescence",
+                                        "KHR_materials_anisotropy",
+                                        "KHR_materials_dispersion"};
 
 static const struct {
     const char *name, *remedy;
@@ -48,7 +60,8 @@ static void check_extensions(struct gltf *g)
         for (size_t k = 0; k < sizeof remedies / sizeof remedies[0]; k++)
             if (strcmp(name, remedies[k].name) == 0)
                 remedy = remedies[k].remedy;
-        g->status = kiln_fail(g->error, KILN_BAD_INPUT, "%.512s: extensionsRequired[%zu] is '%.80s', which kiln cannot read; %s",
+        g->status = kiln_fail(g->error, KILN_BAD_INPUT,
+                              "%.512s: extensionsRequired[%zu] is '%.80s', which kiln cannot read; %s",
                               g->confine->scene, i, name, remedy);
     }
 }
@@ -78,28 +91,36 @@ static uint32_t units_said(const json_t *object)
 
 static bool emits(const struct kiln_builder *builder)
 {
-    const struct kiln_material *materials = KILN_BUILDER_DATA(builder, const struct kiln_material, KILN_SECTION_MATERIALS);
+    const struct kiln_material *materials =
+        KILN_BUILDER_DATA(builder, const struct kiln_material, KILN_SECTION_MATERIALS);
     bool found = false;
     for (size_t i = 0; i < builder->sections[KILN_SECTION_MATERIALS].count; i++)
-        found = found || materials[i].emission[0] > 0.0f || materials[i].emission[1] > 0.0f || materials[i].emission[2] > 0.0f;
+        found = found || materials[i].emission[0] > 0.0f || materials[i].emission[1] > 0.0f ||
+                materials[i].emission[2] > 0.0f;
     return found;
 }
 
-/* What the file says of its lights' units (coordinator/output/units.h). Blender's exporter turns the watts of lamps into lumens, but
- * leaves emission as it is: lamps and emitting surfaces are then 683 times apart. */
+/* What the file says of its lights' units (coordinator/output/units.h). Blender's exporter turns the watts of lamps
+ * into lumens, but leaves emission as it is: lamps and emitting surfaces are then 683 times apart. */
 static void find_units(struct gltf *g)
 {
     const json_t *asset = json_object_get(g->root, "asset");
-    const json_t *scene = json_array_get(json_object_get(g->root, "scenes"), (size_t)gltf_whole(g, (struct gltf_place){0}, g->root, "scene", 0, UINT32_MAX, 0));
+    const json_t *scene =
+        json_array_get(json_object_get(g->root, "scenes"),
+                       (size_t)gltf_whole(g, (struct gltf_place){0}, g->root, "scene", 0, UINT32_MAX, 0));
     const char *generator = json_string_value(json_object_get(asset, "generator"));
     const bool blender = generator != NULL && strstr(generator, "Khronos glTF Blender I/O") != NULL;
     g->builder->units = units_said(scene) != KILN_SCENE_UNITS_UNKNOWN ? units_said(scene) : units_said(asset);
-    if (g->builder->units != KILN_SCENE_UNITS_UNKNOWN || !blender || g->builder->sections[KILN_SECTION_LIGHTS].count == 0)
+    if (g->builder->units != KILN_SCENE_UNITS_UNKNOWN || !blender ||
+        g->builder->sections[KILN_SECTION_LIGHTS].count == 0)
         return;
     g->builder->units = KILN_SCENE_UNITS_BLENDER;
     if (emits(g->builder))
-        gltf_take(g, kiln_builder_note(g->builder, 1, g->error, "Blender exported the lamps in candela and lux, 683 for a watt, but emitting surfaces in "
-                                       "watts: beside the lamps these are 683 times too dark; export with the lighting mode 'Unitless' or 'Raw' instead"));
+        gltf_take(g, kiln_builder_note(
+                         g->builder, 1, g->error,
+                         "Blender exported the lamps in candela and lux, 683 for a watt, but emitting surfaces in "
+                         "watts: beside the lamps these are 683 times too dark; export with the lighting mode "
+                         "'Unitless' or 'Raw' instead"));
 }
 
 void gltf_check(struct gltf *g)
@@ -118,10 +139,12 @@ static void write_notes(struct gltf *g)
         const char *text;
     } notes[] = {
         {g->assembly.without_area, 1, "triangles without area were left out"},
-        {g->assembly.replaced_normals, 1, "corner normals were zero or behind their triangle; the geometric normal took their place"},
+        {g->assembly.replaced_normals, 1,
+         "corner normals were zero or behind their triangle; the geometric normal took their place"},
         {g->points_and_lines, 0, "primitives of points or lines were left out"},
         {g->without_material, 0, "primitives have no material: they are diffuse grey, 0.8"},
-        {g->missing_texcoords, 1, "primitives lack the texture coordinates their material asks for; the texture's corner colour is used"},
+        {g->missing_texcoords, 1,
+         "primitives lack the texture coordinates their material asks for; the texture's corner colour is used"},
         {g->clamped_colors, 1, "primitives had vertex colours outside 0..1; they were clamped"},
         {g->without_area_objects, 1, "objects are scaled to nothing and were left out"},
         {g->skipped_lights, 1, "lights are scaled to nothing and were left out"},
@@ -130,7 +153,8 @@ static void write_notes(struct gltf *g)
     };
     for (size_t i = 0; i < sizeof notes / sizeof notes[0]; i++)
         if (notes[i].count > 0)
-            gltf_take(g, kiln_builder_note(g->builder, notes[i].severity, g->error, "%llu %s", (unsigned long long)notes[i].count, notes[i].text));
+            gltf_take(g, kiln_builder_note(g->builder, notes[i].severity, g->error, "%llu %s",
+                                           (unsigned long long)notes[i].count, notes[i].text));
 }
 
 void gltf_close(struct gltf *g)
@@ -156,8 +180,9 @@ void gltf_close(struct gltf *g)
 
 int kiln_gltf_read(struct kiln_confine *confine, struct kiln_builder *builder, struct kiln_error *error)
 {
-    static void (*const steps[])(struct gltf *) = {gltf_open, gltf_check, gltf_read_buffers, gltf_read_accessors,
-                                                   gltf_read_materials, gltf_read_scene, find_units, write_notes};
+    static void (*const steps[])(struct gltf *) = {gltf_open,           gltf_check,          gltf_read_buffers,
+                                                   gltf_read_accessors, gltf_read_materials, gltf_read_scene,
+                                                   find_units,          write_notes};
     struct gltf g = {.confine = confine, .builder = builder, .error = error};
     for (size_t i = 0; i < sizeof steps / sizeof steps[0] && g.status == KILN_OK; i++)
         steps[i](&g);

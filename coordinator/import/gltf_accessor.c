@@ -45,9 +45,10 @@ static size_t element_size(const char *type, unsigned component, unsigned compon
     return side * ((side * size + 3) / 4 * 4);
 }
 
-/* Checks that `count` elements of `size` bytes every `stride` from `offset` lie within the view and gives their beginning. */
-static const unsigned char *checked_range(struct gltf *g, struct gltf_place place, uint32_t view_index, uint64_t offset, size_t count,
-                                          size_t size, size_t stride)
+/* Checks that `count` elements of `size` bytes every `stride` from `offset` lie within the view and gives their
+ * beginning. */
+static const unsigned char *checked_range(struct gltf *g, struct gltf_place place, uint32_t view_index, uint64_t offset,
+                                          size_t count, size_t size, size_t stride)
 {
     const struct gltf_view *view = &g->views[view_index];
     if (view->data == NULL) {
@@ -57,7 +58,8 @@ static const unsigned char *checked_range(struct gltf *g, struct gltf_place plac
     if (offset > view->size || count > 0) {
         const uint64_t room = offset > view->size ? 0 : view->size - offset;
         if (room < size || (count - 1) > (room - size) / stride) {
-            gltf_fail(g, place, "count", "is %zu, but buffer view %u of %zu bytes holds fewer elements of %zu bytes from byte %llu", count,
+            gltf_fail(g, place, "count",
+                      "is %zu, but buffer view %u of %zu bytes holds fewer elements of %zu bytes from byte %llu", count,
                       view_index, view->size, size, (unsigned long long)offset);
             return NULL;
         }
@@ -67,20 +69,25 @@ static const unsigned char *checked_range(struct gltf *g, struct gltf_place plac
 
 static void check_sparse_order(struct gltf *g, struct gltf_place place, const struct gltf_accessor *accessor)
 {
-    const struct gltf_accessor indices = {.data = accessor->sparse_indices, .stride = gltf_component_size(accessor->sparse_component),
-                                          .count = accessor->sparse_count, .component = accessor->sparse_component, .components = 1};
+    const struct gltf_accessor indices = {.data = accessor->sparse_indices,
+                                          .stride = gltf_component_size(accessor->sparse_component),
+                                          .count = accessor->sparse_count,
+                                          .component = accessor->sparse_component,
+                                          .components = 1};
     uint64_t next = 0;
     for (size_t i = 0; i < accessor->sparse_count; i++) {
         const uint32_t index = gltf_accessor_index(&indices, i);
         if (index < next || index >= accessor->count) {
-            gltf_fail(g, place, "sparse.indices", "element %zu is %u: not ascending or not below the count of %zu", i, index, accessor->count);
+            gltf_fail(g, place, "sparse.indices", "element %zu is %u: not ascending or not below the count of %zu", i,
+                      index, accessor->count);
             return;
         }
         next = (uint64_t)index + 1;
     }
 }
 
-static void read_sparse(struct gltf *g, struct gltf_place place, const json_t *sparse, struct gltf_accessor *accessor, size_t size)
+static void read_sparse(struct gltf *g, struct gltf_place place, const json_t *sparse, struct gltf_accessor *accessor,
+                        size_t size)
 {
     const json_t *indices = gltf_object(g, place, sparse, "indices"), *values = gltf_object(g, place, sparse, "values");
     const size_t count = (size_t)gltf_needed(g, place, sparse, "count", 1, accessor->count);
@@ -91,9 +98,10 @@ static void read_sparse(struct gltf *g, struct gltf_place place, const json_t *s
     if (g->status == KILN_OK && (index_view == KILN_NONE || value_view == KILN_NONE))
         gltf_fail(g, place, "sparse", "lacks a buffer view");
     accessor->sparse_component = (unsigned)gltf_needed(g, place, indices, "componentType", UNSIGNED_BYTE, UNSIGNED_INT);
-    if (g->status == KILN_OK && accessor->sparse_component != UNSIGNED_BYTE && accessor->sparse_component != UNSIGNED_SHORT &&
-        accessor->sparse_component != UNSIGNED_INT)
-        gltf_fail(g, place, "sparse.indices.componentType", "is %u, not one of 5121, 5123, 5125", accessor->sparse_component);
+    if (g->status == KILN_OK && accessor->sparse_component != UNSIGNED_BYTE &&
+        accessor->sparse_component != UNSIGNED_SHORT && accessor->sparse_component != UNSIGNED_INT)
+        gltf_fail(g, place, "sparse.indices.componentType", "is %u, not one of 5121, 5123, 5125",
+                  accessor->sparse_component);
     const uint64_t index_offset = gltf_whole(g, place, indices, "byteOffset", 0, UINT64_MAX >> 12, 0);
     const uint64_t value_offset = gltf_whole(g, place, values, "byteOffset", 0, UINT64_MAX >> 12, 0);
     if (g->status != KILN_OK)
@@ -142,7 +150,8 @@ static void read_accessor(struct gltf *g, size_t index)
         if (g->views[view].stride != 0)
             accessor->stride = g->views[view].stride;
         if (accessor->stride < size)
-            gltf_fail(g, place, "bufferView", "%u has a stride of %zu for elements of %zu bytes", view, accessor->stride, size);
+            gltf_fail(g, place, "bufferView", "%u has a stride of %zu for elements of %zu bytes", view,
+                      accessor->stride, size);
         if (g->status == KILN_OK)
             accessor->data = checked_range(g, place, view, offset, accessor->count, size, accessor->stride);
     }
@@ -192,12 +201,16 @@ static float component_value(const unsigned char *at, unsigned component, bool n
     }
 }
 
-/* Where element `index` stands: among the sparse values when it is one of them (found by bisection), else in the view. */
+/* Where element `index` stands: among the sparse values when it is one of them (found by bisection), else in the view.
+ */
 const unsigned char *gltf_accessor_element(const struct gltf_accessor *accessor, size_t index)
 {
     if (accessor->sparse_count > 0) {
-        const struct gltf_accessor indices = {.data = accessor->sparse_indices, .stride = gltf_component_size(accessor->sparse_component),
-                                              .count = accessor->sparse_count, .component = accessor->sparse_component, .components = 1};
+        const struct gltf_accessor indices = {.data = accessor->sparse_indices,
+                                              .stride = gltf_component_size(accessor->sparse_component),
+                                              .count = accessor->sparse_count,
+                                              .component = accessor->sparse_component,
+                                              .components = 1};
         size_t low = 0, high = accessor->sparse_count;
         while (low < high) {
             const size_t middle = low + (high - low) / 2;

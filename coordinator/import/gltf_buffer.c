@@ -42,13 +42,15 @@ static void parse_json(struct gltf *g, const unsigned char *text, size_t size)
     }
     const size_t containers = count_containers(text, size);
     if (containers > containers_max) {
-        gltf_fail(g, CONTAINER, "the JSON", "has %zu objects and arrays, more than the %zu that kiln reads", containers, containers_max);
+        gltf_fail(g, CONTAINER, "the JSON", "has %zu objects and arrays, more than the %zu that kiln reads", containers,
+                  containers_max);
         return;
     }
     json_error_t report;
     g->root = json_loadb((const char *)text, size, JSON_REJECT_DUPLICATES, &report);
     if (g->root == NULL)
-        gltf_fail(g, CONTAINER, "the JSON", "is broken at line %d, column %d: %.150s", report.line, report.column, report.text);
+        gltf_fail(g, CONTAINER, "the JSON", "is broken at line %d, column %d: %.150s", report.line, report.column,
+                  report.text);
     else if (!json_is_object(g->root))
         gltf_fail(g, CONTAINER, "the JSON", "is not an object");
 }
@@ -144,8 +146,8 @@ void gltf_decode_data(struct gltf *g, struct gltf_place place, const char *uri, 
     for (size_t i = 0; i < length; i++) {
         const int digit = base64_digit(text[i]);
         if (digit < 0) {
-            gltf_fail(g, place, "uri", "has the byte 0x%02x, which is not base64, at position %zu", (unsigned)(unsigned char)text[i],
-                      (size_t)(text - uri) + i);
+            gltf_fail(g, place, "uri", "has the byte 0x%02x, which is not base64, at position %zu",
+                      (unsigned)(unsigned char)text[i], (size_t)(text - uri) + i);
             return;
         }
         bits = bits << 6 | (uint32_t)digit;
@@ -189,7 +191,8 @@ static void read_buffer(struct gltf *g, size_t index)
         buffer->size = buffer->file.size;
     }
     if (g->status == KILN_OK && length > buffer->size)
-        gltf_fail(g, place, "byteLength", "is %llu, but only %zu bytes are there", (unsigned long long)length, buffer->size);
+        gltf_fail(g, place, "byteLength", "is %llu, but only %zu bytes are there", (unsigned long long)length,
+                  buffer->size);
     buffer->size = (size_t)length;
 }
 
@@ -210,15 +213,16 @@ static void read_view(struct gltf *g, size_t index)
     if (g->status != KILN_OK)
         return;
     if (length > size - offset) {
-        gltf_fail(g, place, "byteLength", "is %llu from byte %llu, but buffer %u has %zu bytes", (unsigned long long)length,
-                  (unsigned long long)offset, buffer, size);
+        gltf_fail(g, place, "byteLength", "is %llu from byte %llu, but buffer %u has %zu bytes",
+                  (unsigned long long)length, (unsigned long long)offset, buffer, size);
         return;
     }
     view->data = g->buffers[buffer].data == NULL ? NULL : g->buffers[buffer].data + offset;
     view->size = (size_t)length;
     const json_t *compressed = gltf_extension(g, place, json, "EXT_meshopt_compression");
     if (compressed != NULL)
-        gltf_read_meshopt(g, (struct gltf_place){"bufferViews", index, ".extensions.EXT_meshopt_compression"}, compressed, view);
+        gltf_read_meshopt(g, (struct gltf_place){"bufferViews", index, ".extensions.EXT_meshopt_compression"},
+                          compressed, view);
 }
 
 void gltf_read_buffers(struct gltf *g)

@@ -16,8 +16,10 @@ void gltf_fail(struct gltf *g, struct gltf_place place, const char *key, const c
     va_end(arguments);
     char where[256] = "";
     if (place.array != NULL)
-        (void)snprintf(where, sizeof where, "%s[%zu]%s%s", place.array, place.index, place.below, key[0] != '\0' ? "." : "");
-    g->status = kiln_fail(g->error, KILN_BAD_INPUT, "%.512s: %s%s %s; repair the file or export it again", g->confine->scene, where, key, text);
+        (void)snprintf(where, sizeof where, "%s[%zu]%s%s", place.array, place.index, place.below,
+                       key[0] != '\0' ? "." : "");
+    g->status = kiln_fail(g->error, KILN_BAD_INPUT, "%.512s: %s%s %s; repair the file or export it again",
+                          g->confine->scene, where, key, text);
 }
 
 void gltf_take(struct gltf *g, int status)
@@ -80,8 +82,8 @@ bool gltf_bool(struct gltf *g, struct gltf_place place, const json_t *object, co
     return json_is_true(value);
 }
 
-uint64_t gltf_whole(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, uint64_t low, uint64_t high,
-                    uint64_t absent)
+uint64_t gltf_whole(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, uint64_t low,
+                    uint64_t high, uint64_t absent)
 {
     const json_t *value = json_object_get(object, key);
     if (value == NULL)
@@ -93,13 +95,15 @@ uint64_t gltf_whole(struct gltf *g, struct gltf_place place, const json_t *objec
     /* "3.0" is a whole number too; doubles hold all whole numbers that a file can mean. */
     const double number = json_number_value(value);
     if (!(number == floor(number)) || number < (double)low || number > (double)high) {
-        gltf_fail(g, place, key, "is %.17g, not a whole number from %llu to %llu", number, (unsigned long long)low, (unsigned long long)high);
+        gltf_fail(g, place, key, "is %.17g, not a whole number from %llu to %llu", number, (unsigned long long)low,
+                  (unsigned long long)high);
         return absent;
     }
     return json_is_integer(value) ? (uint64_t)json_integer_value(value) : (uint64_t)number;
 }
 
-uint64_t gltf_needed(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, uint64_t low, uint64_t high)
+uint64_t gltf_needed(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, uint64_t low,
+                     uint64_t high)
 {
     if (json_object_get(object, key) == NULL)
         gltf_fail(g, place, key, "is missing");
@@ -112,7 +116,8 @@ uint32_t gltf_index(struct gltf *g, struct gltf_place place, const json_t *objec
     if (value == NULL)
         return KILN_NONE;
     if (!json_is_integer(value)) {
-        gltf_fail(g, place, key, "is %s where an index belongs", json_is_real(value) ? "a fraction" : type_name(json_typeof(value)));
+        gltf_fail(g, place, key, "is %s where an index belongs",
+                  json_is_real(value) ? "a fraction" : type_name(json_typeof(value)));
         return KILN_NONE;
     }
     const json_int_t index = json_integer_value(value);
@@ -123,7 +128,8 @@ uint32_t gltf_index(struct gltf *g, struct gltf_place place, const json_t *objec
     return (uint32_t)index;
 }
 
-double gltf_number(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low, double high, double absent)
+double gltf_number(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low,
+                   double high, double absent)
 {
     const json_t *value = json_object_get(object, key);
     if (value == NULL)
@@ -140,8 +146,8 @@ double gltf_number(struct gltf *g, struct gltf_place place, const json_t *object
     return number;
 }
 
-bool gltf_numbers(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low, double high, size_t count,
-                  double *values)
+bool gltf_numbers(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low,
+                  double high, size_t count, double *values)
 {
     const json_t *array = gltf_array(g, place, object, key);
     if (array == NULL)

@@ -1,7 +1,8 @@
-/* Private to coordinator/import/gltf*.c and coordinator/export, which writes the document again: the parsed document, typed access to its JSON, and its accessors.
+/* Private to coordinator/import/gltf*.c and coordinator/export, which writes the document again: the parsed document,
+ * typed access to its JSON, and its accessors.
  *
- * Failure is sticky: the first fault of any getter is written to `error` and kept in `status`; later calls return harmless
- * defaults and keep the first sentence. Callers look at `status` before they act on what they read. */
+ * Failure is sticky: the first fault of any getter is written to `error` and kept in `status`; later calls return
+ * harmless defaults and keep the first sentence. Callers look at `status` before they act on what they read. */
 #ifndef KILN_COORDINATOR_IMPORT_GLTF_DOCUMENT_H
 #define KILN_COORDINATOR_IMPORT_GLTF_DOCUMENT_H
 
@@ -22,7 +23,7 @@ struct gltf_buffer {
 struct gltf_view {
     const unsigned char *data;
     size_t size;
-    size_t stride; /* 0: tightly packed */
+    size_t stride;        /* 0: tightly packed */
     unsigned char *owned; /* decompressed */
     bool counted;         /* its Draco triangles are */
 };
@@ -31,7 +32,7 @@ struct gltf_accessor {
     const unsigned char *data; /* NULL: zeros */
     size_t stride;
     size_t count;
-    unsigned component; /* 5120 .. 5126 */
+    unsigned component;  /* 5120 .. 5126 */
     unsigned components; /* 1 .. 16 */
     bool normalized;
     size_t sparse_count;
@@ -47,7 +48,8 @@ struct gltf_texture_use {
 };
 
 struct gltf_material {
-    struct gltf_texture_use base, emission; /* base: also for a transmission texture that has the same coordinates, or is alone */
+    /* base: also for a transmission texture that has the same coordinates, or is alone */
+    struct gltf_texture_use base, emission;
 };
 
 #define GLTF_UNREAD 0xfffffffeu /* a mesh nobody has asked for yet */
@@ -67,9 +69,10 @@ struct gltf {
     struct gltf_material *materials; /* as many as the file has; builder materials have the same indices */
     struct kiln_images images;
     struct kiln_image *image_of; /* glTF image -> its picture, once decoded */
-    uint32_t *texture_of;   /* glTF texture -> builder texture or KILN_NONE: its colours are sRGB-coded; after these, one for each again
-                               whose colours are linear */
-    uint32_t *mesh_of;      /* glTF mesh -> builder mesh, KILN_NONE (nothing to see) or GLTF_UNREAD */
+    /* glTF texture -> builder texture or KILN_NONE: its colours are sRGB-coded; after these, one for each again whose
+     * colours are linear */
+    uint32_t *texture_of;
+    uint32_t *mesh_of; /* glTF mesh -> builder mesh, KILN_NONE (nothing to see) or GLTF_UNREAD */
     size_t buffer_count, view_count, accessor_count, material_count, image_count, texture_count, mesh_count;
     uint32_t default_material; /* builder's, or KILN_NONE until needed */
     struct kiln_assembly_counts assembly;
@@ -77,7 +80,8 @@ struct gltf {
     uint64_t draco_triangles; /* that compressed bytes may hold besides */
     uint64_t triangles, sparse_elements, objects, expanded;
     /* what notes are made of */
-    uint64_t points_and_lines, without_material, missing_texcoords, clamped_colors, without_area_objects, skipped_lights;
+    uint64_t points_and_lines, without_material, missing_texcoords, clamped_colors, without_area_objects,
+        skipped_lights;
     uint64_t unknown_settings;
     bool skins, morphs;
 };
@@ -89,8 +93,10 @@ struct gltf_place {
     const char *below;
 };
 
-/* Says "FILE: PLACE.KEY <text>; repair the file or export it again" (kind: KILN_BAD_INPUT) unless something failed before. */
-void gltf_fail(struct gltf *g, struct gltf_place place, const char *key, const char *format, ...) __attribute__((format(printf, 4, 5)));
+/* Says "FILE: PLACE.KEY <text>; repair the file or export it again" (kind: KILN_BAD_INPUT) unless something failed
+ * before. */
+void gltf_fail(struct gltf *g, struct gltf_place place, const char *key, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
 /* Takes the status of a call that has already written its sentence. */
 void gltf_take(struct gltf *g, int status);
 
@@ -100,17 +106,19 @@ json_t *gltf_array(struct gltf *g, struct gltf_place place, const json_t *object
 const char *gltf_string(struct gltf *g, struct gltf_place place, const json_t *object, const char *key);
 bool gltf_bool(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, bool absent);
 /* A whole number in [low, high]; `absent` when it is not there. */
-uint64_t gltf_whole(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, uint64_t low, uint64_t high,
-                    uint64_t absent);
+uint64_t gltf_whole(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, uint64_t low,
+                    uint64_t high, uint64_t absent);
 /* The same, but it has to be there. */
-uint64_t gltf_needed(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, uint64_t low, uint64_t high);
+uint64_t gltf_needed(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, uint64_t low,
+                     uint64_t high);
 /* An index below `limit`, or KILN_NONE when absent. */
 uint32_t gltf_index(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, size_t limit);
 /* A number in [low, high] (both may be infinite; the number itself is finite). */
-double gltf_number(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low, double high, double absent);
+double gltf_number(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low,
+                   double high, double absent);
 /* Exactly `count` numbers; false (and the values untouched) when absent or failed. */
-bool gltf_numbers(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low, double high, size_t count,
-                  double *values);
+bool gltf_numbers(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low,
+                  double high, size_t count, double *values);
 /* object.extensions.NAME, or NULL. */
 json_t *gltf_extension(struct gltf *g, struct gltf_place place, const json_t *object, const char *name);
 /* Element `index` of a top-level array, checked to be an object; NULL on failure. */
@@ -126,8 +134,8 @@ void gltf_decode_data(struct gltf *g, struct gltf_place place, const char *uri, 
 /* gltf_meshopt.c: decodes EXT_meshopt_compression into view->owned, and sets data and size. */
 void gltf_read_meshopt(struct gltf *g, struct gltf_place place, const json_t *extension, struct gltf_view *view);
 
-/* gltf_draco.c. Copies of a primitive's accessors, by the name of their attribute (count 0: not used), are pointed to decompressed
- * values; those that the extension does not name are left alone. Free the values, also after a failure. */
+/* gltf_draco.c. Copies of a primitive's accessors, by the name of their attribute (count 0: not used), are pointed to
+ * decompressed values; those that the extension does not name are left alone. Free the values, also after a failure. */
 enum { GLTF_DRACO_ATTRIBUTES = 6 };
 struct gltf_draco_use {
     const char *name; /* "POSITION" */
@@ -137,14 +145,14 @@ struct gltf_draco_values {
     uint32_t *indices;
     float *attributes[GLTF_DRACO_ATTRIBUTES];
 };
-void gltf_read_draco(struct gltf *g, struct gltf_place place, const json_t *primitive, struct gltf_draco_use *uses, size_t use_count,
-                     struct gltf_accessor *indices, struct gltf_draco_values *values);
+void gltf_read_draco(struct gltf *g, struct gltf_place place, const json_t *primitive, struct gltf_draco_use *uses,
+                     size_t use_count, struct gltf_accessor *indices, struct gltf_draco_values *values);
 void gltf_draco_values_free(struct gltf_draco_values *values);
 
 /* gltf_accessor.c */
 void gltf_read_accessors(struct gltf *g);
-/* Element `index` (below count) as floats, up to 4 components; missing ones are left alone. Integers are normalised when the
- * accessor says so, else taken as they are. */
+/* Element `index` (below count) as floats, up to 4 components; missing ones are left alone. Integers are normalised
+ * when the accessor says so, else taken as they are. */
 void gltf_accessor_float(const struct gltf_accessor *accessor, size_t index, float *values);
 uint32_t gltf_accessor_index(const struct gltf_accessor *accessor, size_t index);
 /* The bytes of element `index` (not of a matrix): its components one after the other; NULL: zeros. */
@@ -157,8 +165,8 @@ double gltf_accessor_raw(const struct gltf_accessor *accessor, size_t index, uns
 void gltf_read_materials(struct gltf *g);
 uint32_t gltf_default_material(struct gltf *g);
 
-/* gltf_mesh.c: corners of triangle k of a primitive (mode 4, 5 or 6; `indices` may be NULL), in the order that the front's
- * counter-clockwise sense gives them. */
+/* gltf_mesh.c: corners of triangle k of a primitive (mode 4, 5 or 6; `indices` may be NULL), in the order that the
+ * front's counter-clockwise sense gives them. */
 void gltf_triangle(unsigned mode, const struct gltf_accessor *indices, size_t k, uint32_t corner[3]);
 
 /* Appends the mesh on first use; KILN_NONE when it has no triangle. */

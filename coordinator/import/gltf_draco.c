@@ -27,7 +27,8 @@ static struct kiln_draco *decode(struct gltf *g, struct gltf_place place, const 
     }
     struct kiln_draco *draco = kiln_draco_decode(view->data, view->size, reason, sizeof reason);
     if (draco == NULL)
-        gltf_fail(g, place, "extensions.KHR_draco_mesh_compression", "cannot be decoded from buffer view %u of %zu bytes (%s)", index, view->size, reason);
+        gltf_fail(g, place, "extensions.KHR_draco_mesh_compression",
+                  "cannot be decoded from buffer view %u of %zu bytes (%s)", index, view->size, reason);
     if (!view->counted)
         g->draco_triangles += triangles_a_byte * view->size;
     view->counted = true;
@@ -44,8 +45,8 @@ static void attach(struct gltf_accessor *accessor, void *values, unsigned compon
     accessor->sparse_count = 0;
 }
 
-static void read_indices(struct gltf *g, struct gltf_place place, const struct kiln_draco *draco, struct gltf_accessor *accessor,
-                         struct gltf_draco_values *values)
+static void read_indices(struct gltf *g, struct gltf_place place, const struct kiln_draco *draco,
+                         struct gltf_accessor *accessor, struct gltf_draco_values *values)
 {
     const size_t corners = 3 * kiln_draco_triangle_count(draco);
     if (accessor->count != corners) {
@@ -66,19 +67,21 @@ static float largest_of(unsigned component)
     return component >= 5120 && component <= 5123 ? largest[component - 5120] : 1.0f;
 }
 
-static void read_attribute(struct gltf *g, struct gltf_place place, const struct kiln_draco *draco, const char *name, uint32_t id,
-                           struct gltf_accessor *accessor, float **values)
+static void read_attribute(struct gltf *g, struct gltf_place place, const struct kiln_draco *draco, const char *name,
+                           uint32_t id, struct gltf_accessor *accessor, float **values)
 {
     const size_t count = accessor->count * accessor->components;
     if (accessor->count != kiln_draco_vertex_count(draco)) {
-        gltf_fail(g, place, name, "has %zu elements, but its compressed data has %zu", accessor->count, kiln_draco_vertex_count(draco));
+        gltf_fail(g, place, name, "has %zu elements, but its compressed data has %zu", accessor->count,
+                  kiln_draco_vertex_count(draco));
         return;
     }
     gltf_take(g, kiln_allocate(values, count, sizeof **values, "a compressed attribute", g->error));
     if (g->status != KILN_OK)
         return;
     if (!kiln_draco_attribute(draco, id, accessor->components, *values)) {
-        gltf_fail(g, place, name, "is attribute %u of the compressed data, which has none like this with %u components", id, accessor->components);
+        gltf_fail(g, place, name, "is attribute %u of the compressed data, which has none like this with %u components",
+                  id, accessor->components);
         return;
     }
     for (size_t i = 0; accessor->normalized && i < count; i++)
@@ -86,13 +89,14 @@ static void read_attribute(struct gltf *g, struct gltf_place place, const struct
     attach(accessor, *values, FLOAT);
 }
 
-void gltf_read_draco(struct gltf *g, struct gltf_place place, const json_t *primitive, struct gltf_draco_use *uses, size_t use_count,
-                     struct gltf_accessor *indices, struct gltf_draco_values *values)
+void gltf_read_draco(struct gltf *g, struct gltf_place place, const json_t *primitive, struct gltf_draco_use *uses,
+                     size_t use_count, struct gltf_accessor *indices, struct gltf_draco_values *values)
 {
     const json_t *extension = gltf_extension(g, place, primitive, "KHR_draco_mesh_compression");
     const json_t *attributes = gltf_object(g, place, extension, "attributes");
     if (g->status == KILN_OK && (attributes == NULL || indices->count == 0))
-        gltf_fail(g, place, "extensions.KHR_draco_mesh_compression", "lacks its attributes, or the primitive its indices");
+        gltf_fail(g, place, "extensions.KHR_draco_mesh_compression",
+                  "lacks its attributes, or the primitive its indices");
     struct kiln_draco *draco = g->status == KILN_OK ? decode(g, place, extension) : NULL;
     if (draco != NULL)
         read_indices(g, place, draco, indices, values);

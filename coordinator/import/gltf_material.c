@@ -55,7 +55,8 @@ static uint32_t source_image(struct gltf *g, uint32_t texture)
     const json_t *json = gltf_element(g, "textures", texture);
     const uint32_t image = gltf_index(g, place, json, "source", g->image_count);
     if (image == KILN_NONE)
-        gltf_fail(g, place, "source", "is missing; kiln reads PNG and JPEG images, no WebP or Basis Universal (convert them)");
+        gltf_fail(g, place, "source",
+                  "is missing; kiln reads PNG and JPEG images, no WebP or Basis Universal (convert them)");
     return image;
 }
 
@@ -104,7 +105,8 @@ static uint32_t builder_texture(struct gltf *g, uint32_t texture, bool srgb)
         return *known;
     const struct gltf_place place = {"textures", texture, ""};
     struct kiln_texture result = {.srgb = srgb};
-    const uint32_t sampler = gltf_index(g, place, gltf_element(g, "textures", texture), "sampler", gltf_length(g, "samplers"));
+    const uint32_t sampler =
+        gltf_index(g, place, gltf_element(g, "textures", texture), "sampler", gltf_length(g, "samplers"));
     if (sampler != KILN_NONE) {
         const struct gltf_place at = {"samplers", sampler, ""};
         const json_t *json = gltf_element(g, "samplers", sampler);
@@ -130,7 +132,8 @@ static uint32_t builder_texture(struct gltf *g, uint32_t texture, bool srgb)
 }
 
 /* Reads a textureInfo; texture stays KILN_NONE when it is absent. */
-static void texture_info(struct gltf *g, struct gltf_place place, const json_t *parent, const char *key, struct gltf_texture_use *use)
+static void texture_info(struct gltf *g, struct gltf_place place, const json_t *parent, const char *key,
+                         struct gltf_texture_use *use)
 {
     *use = (struct gltf_texture_use){.texture = KILN_NONE, .transform = {1.0f, 0.0f, 0.0f, 0.0f, 1.0f, 0.0f}};
     const json_t *json = gltf_object(g, place, parent, key);
@@ -148,8 +151,8 @@ static void texture_info(struct gltf *g, struct gltf_place place, const json_t *
     (void)gltf_numbers(g, place, transform, "scale", -1e6, 1e6, 2, scale);
     const double angle = gltf_number(g, place, transform, "rotation", -1e6, 1e6, 0.0);
     use->texcoord = (uint32_t)gltf_whole(g, place, transform, "texCoord", 0, 1000, use->texcoord);
-    /* Counter-clockwise as seen on the image, whose v points down: the specification's example (offset 0 1, a quarter turn,
-     * scale 1/2 shows the lower left quarter) holds for this sign only. */
+    /* Counter-clockwise as seen on the image, whose v points down: the specification's example (offset 0 1, a quarter
+     * turn, scale 1/2 shows the lower left quarter) holds for this sign only. */
     const double c = cos(angle), s = sin(angle);
     const double matrix[6] = {c * scale[0], s * scale[1], offset[0], -s * scale[0], c * scale[1], offset[1]};
     for (int i = 0; i < 6; i++)
@@ -181,9 +184,10 @@ static double image_mean(struct gltf *g, uint32_t texture, unsigned channel)
     return image->mean[channel];
 }
 
-/* A material that lets light through. Its texture is looked up at the base colour's coordinates; where it has others, it counts as its
- * mean. */
-static void read_transmission(struct gltf *g, struct gltf_place place, const json_t *json, struct gltf_material *uses, struct kiln_material *material)
+/* A material that lets light through. Its texture is looked up at the base colour's coordinates; where it has others,
+ * it counts as its mean. */
+static void read_transmission(struct gltf *g, struct gltf_place place, const json_t *json, struct gltf_material *uses,
+                              struct kiln_material *material)
 {
     const json_t *extension = gltf_extension(g, place, json, "KHR_materials_transmission");
     struct gltf_texture_use use;
@@ -201,8 +205,11 @@ static void read_transmission(struct gltf *g, struct gltf_place place, const jso
         const double mean = image_mean(g, use.texture, 0);
         material->transmission = (float)fmin(1.0, (double)material->transmission * mean);
         if (g->status == KILN_OK)
-            gltf_take(g, kiln_builder_note(g->builder, 0, g->error, "materials[%zu]: its transmission texture has other coordinates than its base colour and "
-                                           "counts as its mean, %.3f", place.index, mean));
+            gltf_take(g, kiln_builder_note(
+                             g->builder, 0, g->error,
+                             "materials[%zu]: its transmission texture has other coordinates than its base colour and "
+                             "counts as its mean, %.3f",
+                             place.index, mean));
     }
 }
 
@@ -214,13 +221,17 @@ static void note_glass(struct gltf *g, struct gltf_place place, const json_t *js
     if (g->status != KILN_OK || !(m->transmission > 0.0f))
         return;
     gltf_take(g, kiln_builder_note(g->builder, 0, g->error,
-                                   "materials[%zu] (KHR_materials_transmission): lets %.3g %% of the light through%s, tinted by its base colour, as thin "
-                                   "walls do; refraction and mirror reflection are not modelled", place.index, 100.0 * (double)m->transmission,
+                                   "materials[%zu] (KHR_materials_transmission): lets %.3g %% of the light through%s, "
+                                   "tinted by its base colour, as thin "
+                                   "walls do; refraction and mirror reflection are not modelled",
+                                   place.index, 100.0 * (double)m->transmission,
                                    m->transmission_texture != KILN_NONE ? " where its texture is white" : ""));
     if (g->status == KILN_OK && thickness > 0.0)
         gltf_take(g, kiln_builder_note(g->builder, 1, g->error,
-                                       "materials[%zu] (KHR_materials_volume): bakes as thin walls, not as a body %g m thick; neither refraction nor what its "
-                                       "inside absorbs is modelled", place.index, thickness));
+                                       "materials[%zu] (KHR_materials_volume): bakes as thin walls, not as a body %g m "
+                                       "thick; neither refraction nor what its "
+                                       "inside absorbs is modelled",
+                                       place.index, thickness));
 }
 
 static void read_metallic(struct gltf *g, struct gltf_place place, const json_t *pbr, struct kiln_material *material)
@@ -233,7 +244,8 @@ static void read_metallic(struct gltf *g, struct gltf_place place, const json_t 
     if (g->status != KILN_OK)
         return;
     material->metallic = (float)fmin(1.0, (double)material->metallic * mean);
-    gltf_take(g, kiln_builder_note(g->builder, 0, g->error, "materials[%zu]: its metallic texture counts as its mean, %.3f", place.index,
+    gltf_take(g, kiln_builder_note(g->builder, 0, g->error,
+                                   "materials[%zu]: its metallic texture counts as its mean, %.3f", place.index,
                                    (double)material->metallic));
 }
 
@@ -242,8 +254,10 @@ static void read_emission(struct gltf *g, struct gltf_place place, const json_t 
     double factor[3] = {0.0, 0.0, 0.0};
     (void)gltf_numbers(g, place, json, "emissiveFactor", 0.0, 1e30, 3, factor);
     if (fmax(factor[0], fmax(factor[1], factor[2])) > 1.0)
-        gltf_take(g, kiln_builder_note(g->builder, 1, g->error, "materials[%zu].emissiveFactor is above 1, which glTF forbids; it is taken as it is",
-                                       place.index));
+        gltf_take(
+            g, kiln_builder_note(g->builder, 1, g->error,
+                                 "materials[%zu].emissiveFactor is above 1, which glTF forbids; it is taken as it is",
+                                 place.index));
     double strength = 1.0;
     const json_t *extension = gltf_extension(g, place, json, "KHR_materials_emissive_strength");
     if (extension != NULL)
@@ -279,7 +293,8 @@ static void note_unused(struct gltf *g, struct gltf_place place, const json_t *j
                  {"KHR_materials_diffuse_transmission", "lets no light through"}};
     for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
         if (gltf_extension(g, place, json, known[i].name) != NULL)
-            gltf_take(g, kiln_builder_note(g->builder, 0, g->error, "materials[%zu] (%s): bakes as a diffuse surface that %s", place.index,
+            gltf_take(g, kiln_builder_note(g->builder, 0, g->error,
+                                           "materials[%zu] (%s): bakes as a diffuse surface that %s", place.index,
                                            known[i].name, known[i].what));
 }
 
@@ -290,7 +305,8 @@ static void read_material(struct gltf *g, size_t index)
     const json_t *pbr = gltf_object(g, place, json, "pbrMetallicRoughness");
     const char *name = gltf_string(g, place, json, "name");
     struct gltf_material *uses = &g->materials[index];
-    struct kiln_material material = {.base_color_texture = KILN_NONE, .emission_texture = KILN_NONE, .transmission_texture = KILN_NONE};
+    struct kiln_material material = {
+        .base_color_texture = KILN_NONE, .emission_texture = KILN_NONE, .transmission_texture = KILN_NONE};
     double color[4] = {1.0, 1.0, 1.0, 1.0};
     (void)gltf_numbers(g, place, pbr, "baseColorFactor", 0.0, 1.0, 4, color);
     for (int c = 0; c < 4; c++)
@@ -369,8 +385,12 @@ uint32_t gltf_default_material(struct gltf *g)
 {
     if (g->default_material != KILN_NONE || g->status != KILN_OK)
         return g->default_material;
-    struct kiln_material material = {.base_color = {0.8f, 0.8f, 0.8f, 1.0f}, .base_color_texture = KILN_NONE,
-                                     .emission_texture = KILN_NONE, .transmission_texture = KILN_NONE, .alpha_cutoff = 0.5f, .roughness = 1.0f};
+    struct kiln_material material = {.base_color = {0.8f, 0.8f, 0.8f, 1.0f},
+                                     .base_color_texture = KILN_NONE,
+                                     .emission_texture = KILN_NONE,
+                                     .transmission_texture = KILN_NONE,
+                                     .alpha_cutoff = 0.5f,
+                                     .roughness = 1.0f};
     size_t index = 0;
     gltf_take(g, kiln_builder_string(g->builder, "default", 7, &material.name, g->error));
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_MATERIALS, &material, 1, &index, g->error));

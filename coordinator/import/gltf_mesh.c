@@ -18,21 +18,25 @@ struct primitive {
     struct gltf_draco_values values;
 };
 
-static const struct gltf_accessor *attribute(struct gltf *g, struct gltf_place place, const json_t *attributes, const char *name,
-                                             unsigned components_low, unsigned components_high, size_t count)
+static const struct gltf_accessor *attribute(struct gltf *g, struct gltf_place place, const json_t *attributes,
+                                             const char *name, unsigned components_low, unsigned components_high,
+                                             size_t count)
 {
     const uint32_t index = gltf_index(g, place, attributes, name, g->accessor_count);
     if (index == KILN_NONE)
         return NULL;
     const struct gltf_accessor *accessor = &g->accessors[index];
     if (accessor->components < components_low || accessor->components > components_high)
-        gltf_fail(g, place, name, "is accessor %u, whose elements have %u components, not %u", index, accessor->components, components_low);
+        gltf_fail(g, place, name, "is accessor %u, whose elements have %u components, not %u", index,
+                  accessor->components, components_low);
     else if (count != 0 && accessor->count != count)
-        gltf_fail(g, place, name, "is accessor %u with %zu elements, but POSITION has %zu", index, accessor->count, count);
+        gltf_fail(g, place, name, "is accessor %u with %zu elements, but POSITION has %zu", index, accessor->count,
+                  count);
     return accessor;
 }
 
-static const struct gltf_accessor *texcoord(struct gltf *g, struct gltf_place place, const json_t *attributes, uint32_t set, size_t count)
+static const struct gltf_accessor *texcoord(struct gltf *g, struct gltf_place place, const json_t *attributes,
+                                            uint32_t set, size_t count)
 {
     char name[32];
     (void)snprintf(name, sizeof name, "TEXCOORD_%u", set);
@@ -76,7 +80,8 @@ static void read_attributes(void *context, uint32_t vertex, struct kiln_attribut
 {
     struct primitive *p = context;
     const struct gltf_material *m = p->material;
-    const bool base = m != NULL && m->base.texture != KILN_NONE, emission = m != NULL && m->emission.texture != KILN_NONE;
+    const bool base = m != NULL && m->base.texture != KILN_NONE,
+               emission = m != NULL && m->emission.texture != KILN_NONE;
     /* The set that no texture uses repeats the other, so that a mesh has two only when it needs them. */
     if (base)
         out->base = transformed(p->base, m->base.transform, vertex);
@@ -108,7 +113,8 @@ static void read_indices(struct gltf *g, struct gltf_place place, const json_t *
         gltf_fail(g, place, "indices", "is accessor %u, which is not SCALAR of unsigned integers", index);
 }
 
-static void read_primitive(struct gltf *g, struct gltf_place place, const json_t *json, struct primitive *p, uint32_t *material)
+static void read_primitive(struct gltf *g, struct gltf_place place, const json_t *json, struct primitive *p,
+                           uint32_t *material)
 {
     const json_t *attributes = gltf_object(g, place, json, "attributes");
     if (g->status == KILN_OK && attributes == NULL)
@@ -146,8 +152,8 @@ static void decompress(struct gltf *g, struct gltf_place place, const json_t *js
     const struct {
         const char *name;
         const struct gltf_accessor **accessor;
-    } used[GLTF_DRACO_ATTRIBUTES] = {{"POSITION", &p->position}, {"NORMAL", &p->normal}, {"COLOR_0", &p->color},
-                                     {"TEXCOORD_1", &p->lightmap}, {base, &p->base}, {emission, &p->emission}};
+    } used[GLTF_DRACO_ATTRIBUTES] = {{"POSITION", &p->position},   {"NORMAL", &p->normal}, {"COLOR_0", &p->color},
+                                     {"TEXCOORD_1", &p->lightmap}, {base, &p->base},       {emission, &p->emission}};
     struct gltf_draco_use uses[GLTF_DRACO_ATTRIBUTES];
     if (p->mode != TRIANGLES) {
         gltf_fail(g, place, "mode", "is %u; with Draco kiln reads triangles (4)", p->mode);
@@ -176,8 +182,8 @@ static size_t triangle_count(const struct primitive *p)
 }
 
 /* Appends primitive number `index` of the mesh; tells whether it lacks a lightmap coordinate for its triangles. */
-static void store_primitive(struct gltf *g, struct gltf_place place, struct primitive *p, uint32_t material, uint32_t mesh, uint32_t index,
-                            bool *lacks_lightmap_uv)
+static void store_primitive(struct gltf *g, struct gltf_place place, struct primitive *p, uint32_t material,
+                            uint32_t mesh, uint32_t index, bool *lacks_lightmap_uv)
 {
     const size_t triangles = triangle_count(p);
     if (p->mode == TRIANGLES && p->corner_count % 3 != 0) {
@@ -186,7 +192,8 @@ static void store_primitive(struct gltf *g, struct gltf_place place, struct prim
     }
     g->triangles += triangles;
     if (g->triangles > 65536 + g->confine->total_bytes + g->draco_triangles || triangles > UINT32_MAX) {
-        gltf_fail(g, place, "", "brings the scene to %llu triangles, more than its bytes can hold", (unsigned long long)g->triangles);
+        gltf_fail(g, place, "", "brings the scene to %llu triangles, more than its bytes can hold",
+                  (unsigned long long)g->triangles);
         return;
     }
     if (material == KILN_NONE) {
@@ -195,16 +202,24 @@ static void store_primitive(struct gltf *g, struct gltf_place place, struct prim
     }
     char where[640];
     (void)snprintf(where, sizeof where, "%.512s: %s[%zu]%s", g->confine->scene, place.array, place.index, place.below);
-    const struct kiln_primitive primitive = {.where = where, .context = p, .vertex_count = p->position->count,
-                                             .triangle_count = triangles, .has_normals = p->normal != NULL, .material = material, .index = index,
-                                             .corners = read_corners, .geometry = read_geometry, .attributes = read_attributes};
+    const struct kiln_primitive primitive = {.where = where,
+                                             .context = p,
+                                             .vertex_count = p->position->count,
+                                             .triangle_count = triangles,
+                                             .has_normals = p->normal != NULL,
+                                             .material = material,
+                                             .index = index,
+                                             .corners = read_corners,
+                                             .geometry = read_geometry,
+                                             .attributes = read_attributes};
     if (g->status == KILN_OK)
         gltf_take(g, kiln_mesh_add(g->builder, mesh, &primitive, &g->assembly, g->error));
     g->clamped_colors += p->clamped_color;
     *lacks_lightmap_uv |= triangles > 0 && p->lightmap == NULL;
 }
 
-static void add_primitive(struct gltf *g, struct gltf_place place, const json_t *json, uint32_t mesh, uint32_t index, bool *lacks_lightmap_uv)
+static void add_primitive(struct gltf *g, struct gltf_place place, const json_t *json, uint32_t mesh, uint32_t index,
+                          bool *lacks_lightmap_uv)
 {
     struct primitive p = {0};
     uint32_t material = KILN_NONE;

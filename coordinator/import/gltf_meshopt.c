@@ -5,8 +5,8 @@
 #include "coordinator/import/gltf_document.h"
 #include "worker/base/memory.h"
 
-/* The codecs leave out what repeats: so many bytes come out of one at most. 64 for attributes (two bits stand for 16 equal bytes), 12
- * for triangles. */
+/* The codecs leave out what repeats: so many bytes come out of one at most. 64 for attributes (two bits stand for 16
+ * equal bytes), 12 for triangles. */
 static const uint64_t expansion = 256;
 
 enum mode { ATTRIBUTES, TRIANGLES, INDICES };
@@ -20,15 +20,16 @@ struct compressed {
 };
 
 /* The place of a word in a list; `count` and a failure when it is not there. */
-static unsigned read_word(struct gltf *g, struct gltf_place place, const json_t *json, const char *key, const char *const *words, unsigned count,
-                          unsigned absent)
+static unsigned read_word(struct gltf *g, struct gltf_place place, const json_t *json, const char *key,
+                          const char *const *words, unsigned count, unsigned absent)
 {
     const char *text = gltf_string(g, place, json, key);
     for (unsigned i = 0; text != NULL && i < count; i++)
         if (strcmp(text, words[i]) == 0)
             return i;
     if (g->status == KILN_OK && (text != NULL || absent == count))
-        gltf_fail(g, place, key, text == NULL ? "is missing%s" : "is '%.20s', which the extension does not have", text == NULL ? "" : text);
+        gltf_fail(g, place, key, text == NULL ? "is missing%s" : "is '%.20s', which the extension does not have",
+                  text == NULL ? "" : text);
     return absent;
 }
 
@@ -39,7 +40,8 @@ static bool fits(const struct compressed *c)
     switch (c->mode) {
     case ATTRIBUTES:
         return c->stride % 4 == 0 && c->stride >= 4 && c->stride <= 256 &&
-               (c->filter != OCTAHEDRAL || c->stride == 4 || c->stride == 8) && (c->filter != QUATERNION || c->stride == 8);
+               (c->filter != OCTAHEDRAL || c->stride == 4 || c->stride == 8) &&
+               (c->filter != QUATERNION || c->stride == 8);
     case TRIANGLES:
         return filtered && (c->stride == 2 || c->stride == 4) && c->count % 3 == 0;
     default:
@@ -66,11 +68,14 @@ static void read_extension(struct gltf *g, struct gltf_place place, const json_t
     if (g->status != KILN_OK)
         return;
     if (c->size > room - offset)
-        gltf_fail(g, place, "byteLength", "is %zu from byte %llu, but buffer %u has %zu bytes", c->size, (unsigned long long)offset, buffer, room);
+        gltf_fail(g, place, "byteLength", "is %zu from byte %llu, but buffer %u has %zu bytes", c->size,
+                  (unsigned long long)offset, buffer, room);
     else if (!fits(c))
-        gltf_fail(g, place, "byteStride", "is %zu with %zu elements, which its mode and filter do not have", c->stride, c->count);
+        gltf_fail(g, place, "byteStride", "is %zu with %zu elements, which its mode and filter do not have", c->stride,
+                  c->count);
     else if (c->count * c->stride > 65536 + expansion * c->size)
-        gltf_fail(g, place, "count", "is %zu elements of %zu bytes, more than %zu bytes can hold", c->count, c->stride, c->size);
+        gltf_fail(g, place, "count", "is %zu elements of %zu bytes, more than %zu bytes can hold", c->count, c->stride,
+                  c->size);
     c->data = g->buffers[buffer].data + offset;
 }
 
@@ -100,7 +105,8 @@ void gltf_read_meshopt(struct gltf *g, struct gltf_place place, const json_t *ex
     struct compressed c = {.mode = ATTRIBUTES};
     read_extension(g, place, extension, &c);
     if (g->status == KILN_OK && c.count * c.stride < view->size)
-        gltf_fail(g, place, "count", "is %zu elements of %zu bytes, fewer than the view's %zu bytes", c.count, c.stride, view->size);
+        gltf_fail(g, place, "count", "is %zu elements of %zu bytes, fewer than the view's %zu bytes", c.count, c.stride,
+                  view->size);
     if (g->status == KILN_OK)
         gltf_take(g, kiln_allocate(&view->owned, c.count * c.stride, 1, "a compressed buffer view", g->error));
     if (g->status == KILN_OK && !decode(&c, view->owned))

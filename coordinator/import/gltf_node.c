@@ -25,7 +25,8 @@ static void multiply(const double a[12], const double b[12], double out[12])
 {
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 4; c++)
-            out[4 * r + c] = a[4 * r] * b[c] + a[4 * r + 1] * b[4 + c] + a[4 * r + 2] * b[8 + c] + (c == 3 ? a[4 * r + 3] : 0.0);
+            out[4 * r + c] =
+                a[4 * r] * b[c] + a[4 * r + 1] * b[4 + c] + a[4 * r + 2] * b[8 + c] + (c == 3 ? a[4 * r + 3] : 0.0);
 }
 
 static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
@@ -60,7 +61,8 @@ static void read_matrix(struct gltf *g, struct gltf_place place, const double m[
         for (int c = 0; c < 4; c++)
             out[4 * r + c] = m[4 * c + r];
     if (m[3] != 0.0 || m[7] != 0.0 || m[11] != 0.0 || m[15] != 1.0) {
-        gltf_fail(g, place, "matrix", "has the last row (%g, %g, %g, %g) instead of (0, 0, 0, 1)", m[3], m[7], m[11], m[15]);
+        gltf_fail(g, place, "matrix", "has the last row (%g, %g, %g, %g) instead of (0, 0, 0, 1)", m[3], m[7], m[11],
+                  m[15]);
         return;
     }
     double size = 0.0;
@@ -110,7 +112,8 @@ static void read_children(struct gltf *g, struct tree *tree, size_t index, const
     }
 }
 
-/* Parents before children, breadth first from the roots. What is not reached hangs in a cycle, as no node has two parents. */
+/* Parents before children, breadth first from the roots. What is not reached hangs in a cycle, as no node has two
+ * parents. */
 static void order_nodes(struct gltf *g, struct tree *tree)
 {
     for (size_t i = 0; i < tree->count; i++)
@@ -254,7 +257,8 @@ static void add_light(struct gltf *g, size_t node_index, const json_t *node, con
     }
     if (g->status != KILN_OK)
         return;
-    if (!position(world, light.position) || (!direction(world, 2, -1.0, light.direction) && light.kind != KILN_LIGHT_POINT)) {
+    if (!position(world, light.position) ||
+        (!direction(world, 2, -1.0, light.direction) && light.kind != KILN_LIGHT_POINT)) {
         g->skipped_lights++; /* scaled to nothing: it points nowhere */
         return;
     }
@@ -302,8 +306,8 @@ static void add_camera(struct gltf *g, size_t node_index, const json_t *node, co
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_CAMERAS, &camera, 1, NULL, g->error));
 }
 
-static void add_object(struct gltf *g, const struct kiln_object_source *source, uint32_t mesh, const char *wish, const char *original,
-                       const double world[12])
+static void add_object(struct gltf *g, const struct kiln_object_source *source, uint32_t mesh, const char *wish,
+                       const char *original, const double world[12])
 {
     const size_t node_index = source->node;
     char name[KILN_NAME_LENGTH + 1], where[640];
@@ -312,10 +316,12 @@ static void add_object(struct gltf *g, const struct kiln_object_source *source, 
     g->objects++;
     g->expanded += KILN_BUILDER_DATA(g->builder, struct kiln_mesh, KILN_SECTION_MESHES)[mesh].triangle_count;
     if (g->objects > objects_max || g->objects > 65536 + g->confine->total_bytes)
-        gltf_fail(g, (struct gltf_place){"nodes", node_index, ""}, "", "brings the scene to %llu objects, more than kiln takes from a file of its size",
+        gltf_fail(g, (struct gltf_place){"nodes", node_index, ""}, "",
+                  "brings the scene to %llu objects, more than kiln takes from a file of its size",
                   (unsigned long long)g->objects);
     if (g->expanded > expanded_max)
-        gltf_fail(g, (struct gltf_place){"nodes", node_index, ""}, "", "brings the scene to %llu triangles with instances expanded, more than %llu",
+        gltf_fail(g, (struct gltf_place){"nodes", node_index, ""}, "",
+                  "brings the scene to %llu triangles with instances expanded, more than %llu",
                   (unsigned long long)g->expanded, (unsigned long long)expanded_max);
     if (g->status == KILN_OK)
         gltf_take(g, kiln_names_unique(&g->names, wish, name, g->error));
@@ -325,8 +331,8 @@ static void add_object(struct gltf *g, const struct kiln_object_source *source, 
 }
 
 /* EXT_mesh_gpu_instancing: each instance is an object of its own. */
-static void add_instances(struct gltf *g, const struct kiln_object_source *node, const json_t *extension, uint32_t mesh, const char *name,
-                          const double world[12])
+static void add_instances(struct gltf *g, const struct kiln_object_source *node, const json_t *extension, uint32_t mesh,
+                          const char *name, const double world[12])
 {
     static const struct {
         const char *name;
@@ -342,9 +348,11 @@ static void add_instances(struct gltf *g, const struct kiln_object_source *node,
             continue;
         accessors[k] = &g->accessors[index];
         if (accessors[k]->components != kinds[k].components)
-            gltf_fail(g, place, kinds[k].name, "has %u components instead of %u", accessors[k]->components, kinds[k].components);
+            gltf_fail(g, place, kinds[k].name, "has %u components instead of %u", accessors[k]->components,
+                      kinds[k].components);
         else if (count != 0 && accessors[k]->count != count)
-            gltf_fail(g, place, kinds[k].name, "has %zu instances, another attribute has %zu", accessors[k]->count, count);
+            gltf_fail(g, place, kinds[k].name, "has %zu instances, another attribute has %zu", accessors[k]->count,
+                      count);
         count = accessors[k]->count;
     }
     for (size_t i = 0; i < count && g->status == KILN_OK; i++) {
@@ -374,16 +382,20 @@ static void add_instances(struct gltf *g, const struct kiln_object_source *node,
 
 enum { SETTING_NOTES_MAX = 16 };
 
-/* One key of a node's settings. One that kiln does not know may be a slip, or another program's: it is named and left alone. */
-static void read_setting(struct gltf *g, size_t node_index, const char *key, const json_t *value, struct kiln_object_settings *settings)
+/* One key of a node's settings. One that kiln does not know may be a slip, or another program's: it is named and left
+ * alone. */
+static void read_setting(struct gltf *g, size_t node_index, const char *key, const json_t *value,
+                         struct kiln_object_settings *settings)
 {
     char where[640];
     bool known = false;
     (void)snprintf(where, sizeof where, "%.512s: nodes[%zu].extras", g->confine->scene, node_index);
     gltf_take(g, kiln_object_settings_read(settings, key, value, where, KILN_BAD_INPUT, &known, g->error));
     if (g->status == KILN_OK && !known && g->unknown_settings++ < SETTING_NOTES_MAX)
-        gltf_take(g, kiln_builder_note(g->builder, 1, g->error, "nodes[%zu].extras: kiln has no setting '%.80s' for an object; the nearest one is '%s'",
-                                       node_index, key, kiln_object_settings_nearest(key)));
+        gltf_take(g, kiln_builder_note(
+                         g->builder, 1, g->error,
+                         "nodes[%zu].extras: kiln has no setting '%.80s' for an object; the nearest one is '%s'",
+                         node_index, key, kiln_object_settings_nearest(key)));
 }
 
 /* node.extras.kiln = {KEY: value}, and node.extras["kiln-KEY"] or ["kiln_KEY"]: see settings.h. */
@@ -392,13 +404,16 @@ static void read_settings(struct gltf *g, size_t node_index, const json_t *node,
     const json_t *extras = json_object_get(node, "extras");
     const char *key;
     json_t *value;
-    json_object_foreach(json_object_get(extras, "kiln"), key, value) {
+    json_object_foreach(json_object_get(extras, "kiln"), key, value)
+    {
         if (g->status == KILN_OK)
             read_setting(g, node_index, key, value, settings);
     }
-    json_object_foreach((json_t *)(uintptr_t)extras, key, value) {
+    json_object_foreach((json_t *)(uintptr_t)extras, key, value)
+    {
         /* "kiln_lightmap" is what an exported scene says of the lightmap it came with */
-        if (g->status == KILN_OK && (strncmp(key, "kiln-", 5) == 0 || strncmp(key, "kiln_", 5) == 0) && strcmp(key + 5, "lightmap") != 0)
+        if (g->status == KILN_OK && (strncmp(key, "kiln-", 5) == 0 || strncmp(key, "kiln_", 5) == 0) &&
+            strcmp(key + 5, "lightmap") != 0)
             read_setting(g, node_index, key + 5, value, settings);
     }
 }
@@ -416,7 +431,8 @@ static void add_mesh(struct gltf *g, size_t node_index, const json_t *node, cons
     char number[32];
     (void)snprintf(number, sizeof number, "node_%zu", node_index);
     const char *original = first_name(gltf_string(g, place, node, "name"), "");
-    const char *mesh_name = gltf_string(g, (struct gltf_place){"meshes", index, ""}, gltf_element(g, "meshes", index), "name");
+    const char *mesh_name =
+        gltf_string(g, (struct gltf_place){"meshes", index, ""}, gltf_element(g, "meshes", index), "name");
     const char *wish = first_name(original, first_name(mesh_name, number));
     const size_t first = g->builder->sections[KILN_SECTION_OBJECTS].count;
     struct kiln_object_settings settings = {0};
@@ -447,8 +463,11 @@ static void add_environment(struct gltf *g, size_t scene_index, const json_t *sc
             for (int c = 0; c < 3; c++)
                 environment.radiance[c] = (float)radiance[c];
         } else if (g->status == KILN_OK) {
-            gltf_take(g, kiln_builder_note(g->builder, 1, g->error, "scenes[%zu].extras.environment is of a kind kiln does not know (type '%.40s') and is left out",
-                                           scene_index, type == NULL ? "" : type));
+            gltf_take(
+                g, kiln_builder_note(
+                       g->builder, 1, g->error,
+                       "scenes[%zu].extras.environment is of a kind kiln does not know (type '%.40s') and is left out",
+                       scene_index, type == NULL ? "" : type));
         }
     }
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_ENVIRONMENT, &environment, 1, NULL, g->error));

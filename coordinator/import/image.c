@@ -8,7 +8,8 @@
 
 /* ---- formats ---- */
 
-static const struct kiln_image_format *const formats[] = {&kiln_format_png, &kiln_format_jpeg, &kiln_format_bmp, &kiln_format_tga};
+static const struct kiln_image_format *const formats[] = {&kiln_format_png, &kiln_format_jpeg, &kiln_format_bmp,
+                                                          &kiln_format_tga};
 
 static const struct kiln_image_format *format_of(const struct kiln_image_bytes *bytes)
 {
@@ -28,9 +29,15 @@ static const char *kind_of_stranger(const struct kiln_image_bytes *bytes)
     static const struct {
         const char *magic, *kind;
         size_t length;
-    } known[] = {{"\xabKTX 20\xbb", "a KTX2 (Basis Universal) image", 8}, {"DDS ", "a DDS image", 4}, {"GIF8", "a GIF image", 4},
-                 {"8BPS", "a Photoshop image", 4}, {"BM", "a BMP image", 2}, {"#?", "a Radiance image", 2},
-                 {"\x76\x2f\x31\x01", "an OpenEXR image", 4}, {"II*", "a TIFF image", 4}, {"MM\0*", "a TIFF image", 4}};
+    } known[] = {{"\xabKTX 20\xbb", "a KTX2 (Basis Universal) image", 8},
+                 {"DDS ", "a DDS image", 4},
+                 {"GIF8", "a GIF image", 4},
+                 {"8BPS", "a Photoshop image", 4},
+                 {"BM", "a BMP image", 2},
+                 {"#?", "a Radiance image", 2},
+                 {"\x76\x2f\x31\x01", "an OpenEXR image", 4},
+                 {"II*", "a TIFF image", 4},
+                 {"MM\0*", "a TIFF image", 4}};
     if (bytes->size >= 12 && starts(bytes, "RIFF", 4) && memcmp(bytes->data + 8, "WEBP", 4) == 0)
         return "a WebP image";
     for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
@@ -49,44 +56,53 @@ static uint64_t at_most(uint64_t free_texels, uint64_t texels_per_byte, uint64_t
 }
 
 /* Counts the picture's texels among the scene's. */
-static int judge(struct kiln_images *images, const struct kiln_image_format *format, const struct kiln_image_bytes *bytes,
-                 const struct kiln_image_shape *shape, struct kiln_error *error)
+static int judge(struct kiln_images *images, const struct kiln_image_format *format,
+                 const struct kiln_image_bytes *bytes, const struct kiln_image_shape *shape, struct kiln_error *error)
 {
     const uint64_t texels = texels_of(shape);
     const unsigned w = shape->width, h = shape->height;
     if (w > KILN_IMAGE_SIDE_MAX || h > KILN_IMAGE_SIDE_MAX)
-        return kiln_fail(error, KILN_BAD_INPUT, "%s is %u x %u pixels, more than %d a side; make it smaller", bytes->where, w, h, KILN_IMAGE_SIDE_MAX);
+        return kiln_fail(error, KILN_BAD_INPUT, "%s is %u x %u pixels, more than %d a side; make it smaller",
+                         bytes->where, w, h, KILN_IMAGE_SIDE_MAX);
     if (texels > shape->reach)
-        return kiln_fail(error, KILN_BAD_INPUT, "%s is a broken image (its header says %u x %u pixels, more than %zu bytes of %s can hold); export it again",
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%s is a broken image (its header says %u x %u pixels, more than %zu bytes of %s can hold); "
+                         "export it again",
                          bytes->where, w, h, bytes->size, format->name);
     const uint64_t most = at_most(KILN_TEXTURE_TEXELS_FREE, KILN_TEXTURE_TEXELS_PER_BYTE, images->confine->total_bytes);
-    const uint64_t own = format->by_stb ? at_most(KILN_STB_TEXELS_FREE, KILN_STB_TEXELS_PER_BYTE, bytes->size) : UINT64_MAX;
+    const uint64_t own =
+        format->by_stb ? at_most(KILN_STB_TEXELS_FREE, KILN_STB_TEXELS_PER_BYTE, bytes->size) : UINT64_MAX;
     if (texels > own || texels > most || images->texels > most - texels)
-        return kiln_fail(error, KILN_BAD_INPUT, "%s, %u x %u pixels in %zu bytes, makes more texels than kiln decodes from files of this size; make it smaller",
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%s, %u x %u pixels in %zu bytes, makes more texels than kiln decodes from files of this "
+                         "size; make it smaller",
                          bytes->where, w, h, bytes->size);
     images->texels += texels;
     return KILN_OK;
 }
 
-static int measure(struct kiln_images *images, const struct kiln_image_bytes *bytes, const struct kiln_image_format **format,
-                   struct kiln_image_shape *shape, struct kiln_error *error)
+static int measure(struct kiln_images *images, const struct kiln_image_bytes *bytes,
+                   const struct kiln_image_format **format, struct kiln_image_shape *shape, struct kiln_error *error)
 {
     char reason[KILN_REASON_SIZE] = "";
     *format = format_of(bytes);
     if (*format == NULL)
-        return kiln_fail(error, KILN_BAD_INPUT, "%s is %s; convert it to PNG or JPEG", bytes->where, kind_of_stranger(bytes));
+        return kiln_fail(error, KILN_BAD_INPUT, "%s is %s; convert it to PNG or JPEG", bytes->where,
+                         kind_of_stranger(bytes));
     if (!(*format)->measure(bytes->data, bytes->size, shape, reason))
-        return kiln_fail(error, KILN_BAD_INPUT, "%s cannot be read (%s: %s); export the image again as PNG or JPEG", bytes->where, (*format)->name, reason);
+        return kiln_fail(error, KILN_BAD_INPUT, "%s cannot be read (%s: %s); export the image again as PNG or JPEG",
+                         bytes->where, (*format)->name, reason);
     return judge(images, *format, bytes, shape, error);
 }
 
-static int decode(const struct kiln_image_format *format, const struct kiln_image_bytes *bytes, const struct kiln_image_shape *shape,
-                  uint8_t *rgba, struct kiln_error *error)
+static int decode(const struct kiln_image_format *format, const struct kiln_image_bytes *bytes,
+                  const struct kiln_image_shape *shape, uint8_t *rgba, struct kiln_error *error)
 {
     char reason[KILN_REASON_SIZE] = "";
     if (format->decode(bytes->data, bytes->size, shape, rgba, reason))
         return KILN_OK;
-    return kiln_fail(error, KILN_BAD_INPUT, "%s is a broken image (%s: %s); export it again as PNG or JPEG", bytes->where, format->name, reason);
+    return kiln_fail(error, KILN_BAD_INPUT, "%s is a broken image (%s: %s); export it again as PNG or JPEG",
+                     bytes->where, format->name, reason);
 }
 
 /* ---- pictures known so far ---- */
@@ -95,7 +111,8 @@ static int decode(const struct kiln_image_format *format, const struct kiln_imag
 static struct kiln_image *slot_of(const struct kiln_images *images, const uint64_t hash[2], size_t size)
 {
     size_t slot = (size_t)hash[0] & (images->slot_count - 1);
-    while (images->slots[slot].size != 0 && (images->slots[slot].size != size || memcmp(images->slots[slot].hash, hash, 2 * sizeof *hash) != 0))
+    while (images->slots[slot].size != 0 &&
+           (images->slots[slot].size != size || memcmp(images->slots[slot].hash, hash, 2 * sizeof *hash) != 0))
         slot = (slot + 1) & (images->slot_count - 1);
     return &images->slots[slot];
 }
@@ -119,15 +136,19 @@ static int make_room(struct kiln_images *images, struct kiln_error *error)
     return KILN_OK;
 }
 
-static int find(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_image **image, struct kiln_error *error)
+static int find(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_image **image,
+                struct kiln_error *error)
 {
     images->bytes += bytes->size;
     if (images->bytes / KILN_IMAGE_REPEATS > images->confine->total_bytes)
-        return kiln_fail(error, KILN_BAD_INPUT, "%s: with it the scene refers to %llu bytes of pictures, more than %llu times the bytes of its files; name each picture once",
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%s: with it the scene refers to %llu bytes of pictures, more than %llu times the bytes of "
+                         "its files; name each picture once",
                          bytes->where, (unsigned long long)images->bytes, (unsigned long long)KILN_IMAGE_REPEATS);
     const XXH128_hash_t hash = XXH3_128bits(bytes->data, bytes->size);
     const uint64_t words[2] = {hash.low64, hash.high64};
-    const int status = bytes->size == 0 ? kiln_fail(error, KILN_BAD_INPUT, "%s is empty; export the image again as PNG or JPEG", bytes->where)
+    const int status = bytes->size == 0 ? kiln_fail(error, KILN_BAD_INPUT,
+                                                    "%s is empty; export the image again as PNG or JPEG", bytes->where)
                                         : make_room(images, error);
     if (status != KILN_OK)
         return status;
@@ -138,7 +159,8 @@ static int find(struct kiln_images *images, const struct kiln_image_bytes *bytes
     return KILN_OK;
 }
 
-int kiln_image_append(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_image *result, struct kiln_error *error)
+int kiln_image_append(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_image *result,
+                      struct kiln_error *error)
 {
     const struct kiln_image_format *format;
     struct kiln_image_shape shape = {0};
@@ -148,9 +170,11 @@ int kiln_image_append(struct kiln_images *images, const struct kiln_image_bytes 
         size_t first = 0;
         status = measure(images, bytes, &format, &shape, error);
         if (status == KILN_OK)
-            status = kiln_builder_append(images->builder, KILN_SECTION_TEXELS, NULL, 4 * (size_t)texels_of(&shape), &first, error);
+            status = kiln_builder_append(images->builder, KILN_SECTION_TEXELS, NULL, 4 * (size_t)texels_of(&shape),
+                                         &first, error);
         if (status == KILN_OK)
-            status = decode(format, bytes, &shape, KILN_BUILDER_DATA(images->builder, uint8_t, KILN_SECTION_TEXELS) + first, error);
+            status = decode(format, bytes, &shape,
+                            KILN_BUILDER_DATA(images->builder, uint8_t, KILN_SECTION_TEXELS) + first, error);
         image->first = first;
         image->width = shape.width;
         image->height = shape.height;
@@ -173,7 +197,8 @@ static void average(struct kiln_image *image, const uint8_t *rgba, uint64_t texe
 }
 
 /* Decodes a picture of which only the mean is wanted. */
-static int decode_mean(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_image *image, struct kiln_error *error)
+static int decode_mean(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_image *image,
+                       struct kiln_error *error)
 {
     const struct kiln_image_format *format;
     struct kiln_image_shape shape = {0};
@@ -189,13 +214,15 @@ static int decode_mean(struct kiln_images *images, const struct kiln_image_bytes
     return status;
 }
 
-int kiln_image_mean(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_image *result, struct kiln_error *error)
+int kiln_image_mean(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_image *result,
+                    struct kiln_error *error)
 {
     struct kiln_image *image = NULL;
     int status = find(images, bytes, &image, error);
     if (status == KILN_OK && !image->averaged) {
         if (image->decoded)
-            average(image, KILN_BUILDER_DATA(images->builder, const uint8_t, KILN_SECTION_TEXELS) + image->first, (uint64_t)image->width * image->height);
+            average(image, KILN_BUILDER_DATA(images->builder, const uint8_t, KILN_SECTION_TEXELS) + image->first,
+                    (uint64_t)image->width * image->height);
         else
             status = decode_mean(images, bytes, image, error);
     }

@@ -7,26 +7,30 @@
 
 static int judge(int64_t w, int64_t h, size_t size, const char *where, struct kiln_error *error)
 {
-    const uint64_t earned = size > KILN_ENVIRONMENT_TEXELS_MAX ? KILN_ENVIRONMENT_TEXELS_MAX
-                                                               : KILN_ENVIRONMENT_TEXELS_FREE + KILN_ENVIRONMENT_TEXELS_PER_BYTE * size;
+    const uint64_t earned = size > KILN_ENVIRONMENT_TEXELS_MAX
+                                ? KILN_ENVIRONMENT_TEXELS_MAX
+                                : KILN_ENVIRONMENT_TEXELS_FREE + KILN_ENVIRONMENT_TEXELS_PER_BYTE * size;
     const uint64_t most = earned < KILN_ENVIRONMENT_TEXELS_MAX ? earned : KILN_ENVIRONMENT_TEXELS_MAX;
     if (w <= 0 || h <= 0 || w > KILN_ENVIRONMENT_SIDE_MAX || h > KILN_ENVIRONMENT_SIDE_MAX || (uint64_t)(w * h) > most)
-        return kiln_fail(error, KILN_BAD_INPUT, "%s is %lld x %lld pixels; an environment of %zu bytes may have up to %llu pixels, and no side above %d",
-                         where, (long long)w, (long long)h, size, (unsigned long long)most, KILN_ENVIRONMENT_SIDE_MAX);
+        return kiln_fail(
+            error, KILN_BAD_INPUT,
+            "%s is %lld x %lld pixels; an environment of %zu bytes may have up to %llu pixels, and no side above %d",
+            where, (long long)w, (long long)h, size, (unsigned long long)most, KILN_ENVIRONMENT_SIDE_MAX);
     return KILN_OK;
 }
 
 static int append_texels(struct kiln_builder *builder, int64_t w, int64_t h, float **texels, struct kiln_error *error)
 {
     size_t first = 0;
-    const int status = kiln_builder_append(builder, KILN_SECTION_ENVIRONMENT_TEXELS, NULL, 3 * (size_t)w * (size_t)h, &first, error);
+    const int status =
+        kiln_builder_append(builder, KILN_SECTION_ENVIRONMENT_TEXELS, NULL, 3 * (size_t)w * (size_t)h, &first, error);
     if (status == KILN_OK)
         *texels = KILN_BUILDER_DATA(builder, float, KILN_SECTION_ENVIRONMENT_TEXELS) + first;
     return status;
 }
 
-static int append_radiance(struct kiln_builder *builder, const unsigned char *bytes, size_t size, const char *where, uint32_t *width,
-                           uint32_t *height, struct kiln_error *error)
+static int append_radiance(struct kiln_builder *builder, const unsigned char *bytes, size_t size, const char *where,
+                           uint32_t *width, uint32_t *height, struct kiln_error *error)
 {
     size_t rows = 0;
     float *texels = NULL;
@@ -42,8 +46,8 @@ static int append_radiance(struct kiln_builder *builder, const unsigned char *by
     return status;
 }
 
-static int append_exr(struct kiln_builder *builder, const unsigned char *bytes, size_t size, const char *where, uint32_t *width,
-                      uint32_t *height, struct kiln_error *error)
+static int append_exr(struct kiln_builder *builder, const unsigned char *bytes, size_t size, const char *where,
+                      uint32_t *width, uint32_t *height, struct kiln_error *error)
 {
     struct kiln_exr *exr = NULL;
     int64_t w = 0, h = 0;
@@ -66,26 +70,30 @@ static int append_exr(struct kiln_builder *builder, const unsigned char *bytes, 
 }
 
 /* Makes the values fit to be light. */
-static int settle(struct kiln_builder *builder, float *texels, uint32_t width, uint32_t height, const char *where, struct kiln_error *error)
+static int settle(struct kiln_builder *builder, float *texels, uint32_t width, uint32_t height, const char *where,
+                  struct kiln_error *error)
 {
     size_t negative = 0;
     for (size_t i = 0; i < 3 * (size_t)width * height; i++) {
         const size_t x = i / 3 % width, y = i / 3 / width;
         if (!isfinite(texels[i]))
-            return kiln_fail(error, KILN_BAD_INPUT, "%s: pixel (%zu, %zu) is infinite or not a number; repair the image", where, x, y);
+            return kiln_fail(error, KILN_BAD_INPUT,
+                             "%s: pixel (%zu, %zu) is infinite or not a number; repair the image", where, x, y);
         if (texels[i] > KILN_ENVIRONMENT_RADIANCE_MAX)
-            return kiln_fail(error, KILN_BAD_INPUT, "%s: pixel (%zu, %zu) is %g, more than %g; repair the image", where, x, y,
-                             (double)texels[i], (double)KILN_ENVIRONMENT_RADIANCE_MAX);
+            return kiln_fail(error, KILN_BAD_INPUT, "%s: pixel (%zu, %zu) is %g, more than %g; repair the image", where,
+                             x, y, (double)texels[i], (double)KILN_ENVIRONMENT_RADIANCE_MAX);
         if (texels[i] < 0.0f) {
             texels[i] = 0.0f;
             negative++;
         }
     }
-    return negative == 0 ? KILN_OK : kiln_builder_note(builder, 1, error, "%s: %zu negative values were set to 0", where, negative);
+    return negative == 0
+               ? KILN_OK
+               : kiln_builder_note(builder, 1, error, "%s: %zu negative values were set to 0", where, negative);
 }
 
-int kiln_image_append_environment(struct kiln_builder *builder, const unsigned char *bytes, size_t size, const char *where,
-                                  uint32_t *width, uint32_t *height, struct kiln_error *error)
+int kiln_image_append_environment(struct kiln_builder *builder, const unsigned char *bytes, size_t size,
+                                  const char *where, uint32_t *width, uint32_t *height, struct kiln_error *error)
 {
     int status;
     if (size >= 4 && memcmp(bytes, "\x76\x2f\x31\x01", 4) == 0)
@@ -93,8 +101,10 @@ int kiln_image_append_environment(struct kiln_builder *builder, const unsigned c
     else if (size >= 10 && (memcmp(bytes, "#?RADIANCE", 10) == 0 || memcmp(bytes, "#?RGBE", 6) == 0))
         status = append_radiance(builder, bytes, size, where, width, height, error);
     else
-        status = kiln_fail(error, KILN_BAD_INPUT, "%s is neither Radiance (.hdr) nor OpenEXR (.exr); convert it", where);
+        status =
+            kiln_fail(error, KILN_BAD_INPUT, "%s is neither Radiance (.hdr) nor OpenEXR (.exr); convert it", where);
     if (status != KILN_OK)
         return status;
-    return settle(builder, KILN_BUILDER_DATA(builder, float, KILN_SECTION_ENVIRONMENT_TEXELS), *width, *height, where, error);
+    return settle(builder, KILN_BUILDER_DATA(builder, float, KILN_SECTION_ENVIRONMENT_TEXELS), *width, *height, where,
+                  error);
 }

@@ -1,6 +1,7 @@
 /* OpenEXR through OpenEXRCore: the first part of a file, R G B or Y, in scan lines or tiles.
  *
- * A header may name millions of texels, channels and chunks. So every chunk is found and measured before a texel is allocated:
+ * A header may name millions of texels, channels and chunks. So every chunk is found and measured before a texel is
+ * allocated:
  * - each has an offset and a header of its own: 16 bytes at least;
  * - its unpacked size is at most what its packed bytes can make under the file's compression, and at most CHUNK_MAX;
  * - together they take no more bytes than the file has. */
@@ -12,11 +13,12 @@
 #include "coordinator/import/image_formats.h"
 #include "worker/base/memory.h"
 
-/* Bytes that one packed byte can make at most; 0: the library does not unpack it. RLE: 128 bytes of two. ZIP: deflate. PIZ: 255 half floats of nine bits. PXR24: deflate, of
- * three bytes for four. B44: 32 bytes of 14; B44A: of 3. */
+/* Bytes that one packed byte can make at most; 0: the library does not unpack it. RLE: 128 bytes of two. ZIP: deflate.
+ * PIZ: 255 half floats of nine bits. PXR24: deflate, of three bytes for four. B44: 32 bytes of 14; B44A: of 3. */
 static const uint64_t reach[EXR_COMPRESSION_LAST_TYPE] = {
-    [EXR_COMPRESSION_NONE] = 1,  [EXR_COMPRESSION_RLE] = 64,     [EXR_COMPRESSION_ZIPS] = 1032, [EXR_COMPRESSION_ZIP] = 1032,
-    [EXR_COMPRESSION_PIZ] = 512, [EXR_COMPRESSION_PXR24] = 1376, [EXR_COMPRESSION_B44] = 3,     [EXR_COMPRESSION_B44A] = 11};
+    [EXR_COMPRESSION_NONE] = 1,   [EXR_COMPRESSION_RLE] = 64,  [EXR_COMPRESSION_ZIPS] = 1032,
+    [EXR_COMPRESSION_ZIP] = 1032, [EXR_COMPRESSION_PIZ] = 512, [EXR_COMPRESSION_PXR24] = 1376,
+    [EXR_COMPRESSION_B44] = 3,    [EXR_COMPRESSION_B44A] = 11};
 
 #define CHUNK_MAX ((uint64_t)128 << 20)
 enum { CHUNK_OVERHEAD = 16 };
@@ -70,7 +72,8 @@ static void keep_quiet(exr_const_context_t context, exr_result_t code, const cha
 
 static void *allocate_some(size_t bytes) { return bytes > ALLOCATION_MAX ? NULL : malloc(bytes); }
 
-int kiln_exr_open(struct kiln_exr **result, const unsigned char *bytes, size_t size, const char *where, struct kiln_error *error)
+int kiln_exr_open(struct kiln_exr **result, const unsigned char *bytes, size_t size, const char *where,
+                  struct kiln_error *error)
 {
     struct kiln_exr *exr = NULL;
     const int status = kiln_allocate(&exr, 1, sizeof *exr, "the environment's image", error);
@@ -97,11 +100,15 @@ int kiln_exr_open(struct kiln_exr **result, const unsigned char *bytes, size_t s
     if (code == EXR_ERR_SUCCESS)
         code = exr_get_compression(exr->context, 0, &compression);
     if (code != EXR_ERR_SUCCESS)
-        return kiln_fail(error, KILN_BAD_INPUT, "%s cannot be read as OpenEXR (%s)", where, exr_get_default_error_message(code));
+        return kiln_fail(error, KILN_BAD_INPUT, "%s cannot be read as OpenEXR (%s)", where,
+                         exr_get_default_error_message(code));
     if (exr->storage != EXR_STORAGE_SCANLINE && exr->storage != EXR_STORAGE_TILED)
         return kiln_fail(error, KILN_BAD_INPUT, "%s is a deep image; save it as a flat one", where);
     if (compression >= EXR_COMPRESSION_LAST_TYPE || reach[compression] == 0)
-        return kiln_fail(error, KILN_BAD_INPUT, "%s has a compression that kiln does not read (DWA, or an unknown one); save it with ZIP compression", where);
+        return kiln_fail(
+            error, KILN_BAD_INPUT,
+            "%s has a compression that kiln does not read (DWA, or an unknown one); save it with ZIP compression",
+            where);
     exr->width = (int64_t)exr->window.max.x - exr->window.min.x + 1;
     exr->height = (int64_t)exr->window.max.y - exr->window.min.y + 1;
     return KILN_OK;
@@ -173,8 +180,10 @@ static exr_result_t measure_chunk(struct kiln_exr *exr, const exr_chunk_info_t *
     (void)x;
     (void)y;
     exr->packed += chunk->packed_size;
-    if (chunk->compression >= EXR_COMPRESSION_LAST_TYPE || reach[chunk->compression] == 0 || exr->packed > exr->stream.size || chunk->unpacked_size > CHUNK_MAX ||
-        (chunk->unpacked_size != chunk->packed_size && chunk->unpacked_size / reach[chunk->compression] > chunk->packed_size))
+    if (chunk->compression >= EXR_COMPRESSION_LAST_TYPE || reach[chunk->compression] == 0 ||
+        exr->packed > exr->stream.size || chunk->unpacked_size > CHUNK_MAX ||
+        (chunk->unpacked_size != chunk->packed_size &&
+         chunk->unpacked_size / reach[chunk->compression] > chunk->packed_size))
         return EXR_ERR_BAD_CHUNK_LEADER;
     return EXR_ERR_SUCCESS;
 }
@@ -199,7 +208,10 @@ static bool aim_channels(exr_decode_pipeline_t *decode, float *start, int64_t wi
     for (int c = 0; c < decode->channel_count; c++) {
         exr_coding_channel_info_t *channel = &decode->channels[c];
         const char *name = channel->channel_name;
-        const int place = strcmp(name, "R") == 0 || strcmp(name, "Y") == 0 ? 0 : strcmp(name, "G") == 0 ? 1 : strcmp(name, "B") == 0 ? 2 : -1;
+        const int place = strcmp(name, "R") == 0 || strcmp(name, "Y") == 0 ? 0
+                          : strcmp(name, "G") == 0                         ? 1
+                          : strcmp(name, "B") == 0                         ? 2
+                                                                           : -1;
         if (place < 0 || channel->x_samples != 1 || channel->y_samples != 1) {
             channel->decode_to_ptr = NULL;
             continue;
@@ -226,7 +238,8 @@ static exr_result_t decode_chunk(struct kiln_exr *exr, const exr_chunk_info_t *c
 {
     exr_decode_pipeline_t *decode = &exr->decode;
     const bool first = exr->first;
-    exr_result_t result = first ? exr_decoding_initialize(exr->context, 0, chunk, decode) : exr_decoding_update(exr->context, 0, chunk, decode);
+    exr_result_t result = first ? exr_decoding_initialize(exr->context, 0, chunk, decode)
+                                : exr_decoding_update(exr->context, 0, chunk, decode);
     exr->first = false;
     if (result != EXR_ERR_SUCCESS)
         return result;
@@ -244,8 +257,10 @@ int kiln_exr_decode(struct kiln_exr *exr, float *rgb, struct kiln_error *error)
     exr->texels = rgb;
     const exr_result_t result = rgb == NULL ? measure_chunks(exr) : visit_chunks(exr, decode_chunk);
     if (result != EXR_ERR_SUCCESS)
-        return kiln_fail(error, KILN_BAD_INPUT, "%s cannot be decoded (%s); save it with channels R, G, B and ZIP compression", exr->where,
-                         result == EXR_ERR_BAD_CHUNK_LEADER ? "its header claims more than its bytes can hold" : exr_get_default_error_message(result));
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%s cannot be decoded (%s); save it with channels R, G, B and ZIP compression", exr->where,
+                         result == EXR_ERR_BAD_CHUNK_LEADER ? "its header claims more than its bytes can hold"
+                                                            : exr_get_default_error_message(result));
     for (int64_t i = 0; rgb != NULL && is_grey(&exr->decode) && i < exr->width * exr->height; i++)
         rgb[3 * i + 1] = rgb[3 * i + 2] = rgb[3 * i];
     return KILN_OK;

@@ -28,25 +28,28 @@ struct kiln_image_format {
     bool by_stb;
     bool (*matches)(const unsigned char *bytes, size_t size);
     /* Reads headers only, and walks over what can be walked over without decoding. */
-    bool (*measure)(const unsigned char *bytes, size_t size, struct kiln_image_shape *shape, char reason[KILN_REASON_SIZE]);
+    bool (*measure)(const unsigned char *bytes, size_t size, struct kiln_image_shape *shape,
+                    char reason[KILN_REASON_SIZE]);
     /* Decodes to 8-bit RGBA, rows from the top; `rgba` has room for the shape. */
-    bool (*decode)(const unsigned char *bytes, size_t size, const struct kiln_image_shape *shape, uint8_t *rgba, char reason[KILN_REASON_SIZE]);
+    bool (*decode)(const unsigned char *bytes, size_t size, const struct kiln_image_shape *shape, uint8_t *rgba,
+                   char reason[KILN_REASON_SIZE]);
 };
 
 extern const struct kiln_image_format kiln_format_png, kiln_format_jpeg, kiln_format_bmp, kiln_format_tga;
 
 struct kiln_error;
 
-/* Radiance. The size and where the rows begin; then all rows, as linear RGB (`rgb` NULL: they are only walked over, in no memory).
- * `where` begins sentences. */
-int kiln_radiance_measure(const unsigned char *bytes, size_t size, const char *where, uint32_t *width, uint32_t *height, size_t *rows,
-                          struct kiln_error *error);
-int kiln_radiance_decode(const unsigned char *bytes, size_t size, const char *where, uint32_t width, uint32_t height, size_t rows,
-                         float *rgb, struct kiln_error *error);
+/* Radiance. The size and where the rows begin; then all rows, as linear RGB (`rgb` NULL: they are only walked over, in
+ * no memory). `where` begins sentences. */
+int kiln_radiance_measure(const unsigned char *bytes, size_t size, const char *where, uint32_t *width, uint32_t *height,
+                          size_t *rows, struct kiln_error *error);
+int kiln_radiance_decode(const unsigned char *bytes, size_t size, const char *where, uint32_t width, uint32_t height,
+                         size_t rows, float *rgb, struct kiln_error *error);
 
 /* OpenEXR. The size of the first part; then its texels. Close it, also after a failure. */
 struct kiln_exr;
-int kiln_exr_open(struct kiln_exr **exr, const unsigned char *bytes, size_t size, const char *where, struct kiln_error *error);
+int kiln_exr_open(struct kiln_exr **exr, const unsigned char *bytes, size_t size, const char *where,
+                  struct kiln_error *error);
 void kiln_exr_size(const struct kiln_exr *exr, int64_t *width, int64_t *height);
 int kiln_exr_decode(struct kiln_exr *exr, float *rgb, struct kiln_error *error);
 void kiln_exr_close(struct kiln_exr **exr);

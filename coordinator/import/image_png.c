@@ -25,7 +25,8 @@ static unsigned channels_of(unsigned color_type)
     return color_type < sizeof channels ? channels[color_type] : 0;
 }
 
-static bool measure(const unsigned char *bytes, size_t size, struct kiln_image_shape *shape, char reason[KILN_REASON_SIZE])
+static bool measure(const unsigned char *bytes, size_t size, struct kiln_image_shape *shape,
+                    char reason[KILN_REASON_SIZE])
 {
     if (size < HEADER_SIZE || memcmp(bytes + 12, "IHDR", 4) != 0) {
         (void)snprintf(reason, KILN_REASON_SIZE, "its header is not whole");
@@ -35,8 +36,8 @@ static bool measure(const unsigned char *bytes, size_t size, struct kiln_image_s
     shape->width = big32(bytes + 16);
     shape->height = big32(bytes + 20);
     if (shape->width == 0 || shape->height == 0 || bits == 0 || bytes[24] > 16) {
-        (void)snprintf(reason, KILN_REASON_SIZE, "its header says %u x %u texels of %u bits, colour type %u", shape->width, shape->height,
-                       bytes[24], bytes[25]);
+        (void)snprintf(reason, KILN_REASON_SIZE, "its header says %u x %u texels of %u bits, colour type %u",
+                       shape->width, shape->height, bytes[24], bytes[25]);
         return false;
     }
     shape->reach = 8 * deflate_most * (uint64_t)size / bits;
@@ -72,7 +73,8 @@ static void read_bytes(png_structp png, png_bytep target, size_t count)
     job->at += count;
 }
 
-/* Everything becomes 8-bit RGBA; of 16 bits the upper 8 stay. No colour management: texels are sRGB or linear as the scene says. */
+/* Everything becomes 8-bit RGBA; of 16 bits the upper 8 stay. No colour management: texels are sRGB or linear as the
+ * scene says. */
 static void ask_for_rgba(png_structp png)
 {
     png_set_expand(png);
@@ -95,7 +97,8 @@ static void read_rows(png_structp png, png_infop info, const struct kiln_image_s
     png_read_end(png, NULL);
 }
 
-static bool decode(const unsigned char *bytes, size_t size, const struct kiln_image_shape *shape, uint8_t *rgba, char reason[KILN_REASON_SIZE])
+static bool decode(const unsigned char *bytes, size_t size, const struct kiln_image_shape *shape, uint8_t *rgba,
+                   char reason[KILN_REASON_SIZE])
 {
     struct job job = {bytes, size, 0, reason};
     (void)snprintf(reason, KILN_REASON_SIZE, "out of memory");
@@ -105,7 +108,8 @@ static bool decode(const unsigned char *bytes, size_t size, const struct kiln_im
     if (info != NULL && setjmp(png_jmpbuf(png)) == 0) {
         png_set_read_fn(png, &job, read_bytes);
         png_set_user_limits(png, shape->width, shape->height);
-        png_set_keep_unknown_chunks(png, PNG_HANDLE_CHUNK_NEVER, NULL, -1); /* texts, profiles and the like are not unpacked */
+        /* texts, profiles and the like are not unpacked */
+        png_set_keep_unknown_chunks(png, PNG_HANDLE_CHUNK_NEVER, NULL, -1);
         read_rows(png, info, shape, rgba);
         whole = true;
     }

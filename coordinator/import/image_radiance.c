@@ -1,6 +1,7 @@
-/* Radiance RGBE pictures, as Radiance's own ra_* programs and every present one write them: rows from the top, each flat or with
- * the run lengths of 1991. Own code because stb_image neither minds the end of the file nor looks at the run lengths before it
- * allocates. Values are mantissa x 2^(exponent - 136), exposure is not undone: the same as stb_image's. */
+/* Radiance RGBE pictures, as Radiance's own ra_* programs and every present one write them: rows from the top, each
+ * flat or with the run lengths of 1991. Own code because stb_image neither minds the end of the file nor looks at the
+ * run lengths before it allocates. Values are mantissa x 2^(exponent - 136), exposure is not undone: the same as
+ * stb_image's. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -29,7 +30,10 @@ static const char *next_line(const unsigned char *bytes, size_t size, size_t *at
     return (const char *)line;
 }
 
-static bool is(const char *line, size_t length, const char *text) { return length == strlen(text) && memcmp(line, text, length) == 0; }
+static bool is(const char *line, size_t length, const char *text)
+{
+    return length == strlen(text) && memcmp(line, text, length) == 0;
+}
 
 /* Digits up to a value of 2^31; false where there are none. */
 static bool number(const char **at, const char *end, uint32_t *value)
@@ -53,11 +57,12 @@ static bool word(const char **at, const char *end, const char *text)
 static bool parse_resolution(const char *line, size_t length, uint32_t *width, uint32_t *height)
 {
     const char *at = line, *end = line + length;
-    return word(&at, end, "-Y ") && number(&at, end, height) && word(&at, end, " +X ") && number(&at, end, width) && at == end;
+    return word(&at, end, "-Y ") && number(&at, end, height) && word(&at, end, " +X ") && number(&at, end, width) &&
+           at == end;
 }
 
-int kiln_radiance_measure(const unsigned char *bytes, size_t size, const char *where, uint32_t *width, uint32_t *height, size_t *rows,
-                          struct kiln_error *error)
+int kiln_radiance_measure(const unsigned char *bytes, size_t size, const char *where, uint32_t *width, uint32_t *height,
+                          size_t *rows, struct kiln_error *error)
 {
     size_t at = 0, length;
     bool rgbe = false;
@@ -65,14 +70,17 @@ int kiln_radiance_measure(const unsigned char *bytes, size_t size, const char *w
     while (line != NULL && (line = next_line(bytes, size, &at, &length)) != NULL && length > 0) {
         rgbe |= is(line, length, "FORMAT=32-bit_rle_rgbe");
         if (is(line, length, "FORMAT=32-bit_rle_xyze"))
-            return kiln_fail(error, KILN_BAD_INPUT, "%s is a Radiance image in XYZ; convert it to RGB (ra_xyze -r)", where);
+            return kiln_fail(error, KILN_BAD_INPUT, "%s is a Radiance image in XYZ; convert it to RGB (ra_xyze -r)",
+                             where);
     }
     line = line == NULL ? NULL : next_line(bytes, size, &at, &length);
     if (line == NULL || !rgbe)
-        return kiln_fail(error, KILN_BAD_INPUT, "%s cannot be read as a Radiance image (%s); give an .hdr or .exr", where,
-                         line == NULL ? "its header has no end" : "it has no line FORMAT=32-bit_rle_rgbe");
+        return kiln_fail(error, KILN_BAD_INPUT, "%s cannot be read as a Radiance image (%s); give an .hdr or .exr",
+                         where, line == NULL ? "its header has no end" : "it has no line FORMAT=32-bit_rle_rgbe");
     if (!parse_resolution(line, length, width, height))
-        return kiln_fail(error, KILN_BAD_INPUT, "%s cannot be read as a Radiance image (its size is given as '%.*s', not as -Y HEIGHT +X WIDTH); turn it upright and save it again",
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%s cannot be read as a Radiance image (its size is given as '%.*s', not as -Y HEIGHT +X "
+                         "WIDTH); turn it upright and save it again",
                          where, length < 40 ? (int)length : 40, line);
     *rows = at;
     return KILN_OK;
@@ -89,10 +97,12 @@ static size_t left_of(const struct stream *s) { return (size_t)(s->end - s->at);
 
 static bool has_runs(const struct stream *s, uint32_t width)
 {
-    return width >= RUN_WIDTH_MIN && width <= RUN_WIDTH_MAX && left_of(s) >= 4 && s->at[0] == 2 && s->at[1] == 2 && s->at[2] < 128;
+    return width >= RUN_WIDTH_MIN && width <= RUN_WIDTH_MAX && left_of(s) >= 4 && s->at[0] == 2 && s->at[1] == 2 &&
+           s->at[2] < 128;
 }
 
-/* One channel of a row, from runs (128 + length, value) and dumps (length, values). With target NULL only walked over. */
+/* One channel of a row, from runs (128 + length, value) and dumps (length, values). With target NULL only walked over.
+ */
 static const char *read_channel(struct stream *s, uint32_t width, unsigned char *target)
 {
     for (uint32_t x = 0; x < width;) {
@@ -164,8 +174,8 @@ static const char *read_row(struct stream *s, uint32_t width, float *rgb)
     return reason;
 }
 
-int kiln_radiance_decode(const unsigned char *bytes, size_t size, const char *where, uint32_t width, uint32_t height, size_t rows,
-                         float *rgb, struct kiln_error *error)
+int kiln_radiance_decode(const unsigned char *bytes, size_t size, const char *where, uint32_t width, uint32_t height,
+                         size_t rows, float *rgb, struct kiln_error *error)
 {
     struct stream s = {bytes + rows, bytes + size};
     for (size_t y = 0; y < height; y++) {

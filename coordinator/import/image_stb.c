@@ -14,7 +14,8 @@ static bool starts(const unsigned char *bytes, size_t size, const char *magic, s
     return size >= length && memcmp(bytes, magic, length) == 0;
 }
 
-/* stb reads on in zeros when an image ends too early and calls the result a picture. Reading through callbacks shows it. */
+/* stb reads on in zeros when an image ends too early and calls the result a picture. Reading through callbacks shows
+ * it. */
 struct source {
     const unsigned char *bytes;
     size_t size, at;
@@ -52,7 +53,8 @@ static int source_ended(void *user)
 
 static const stbi_io_callbacks source_calls = {source_read, source_skip, source_ended};
 
-static bool measure(const unsigned char *bytes, size_t size, uint64_t texels_per_byte, struct kiln_image_shape *shape, char *reason)
+static bool measure(const unsigned char *bytes, size_t size, uint64_t texels_per_byte, struct kiln_image_shape *shape,
+                    char *reason)
 {
     int w = 0, h = 0, channels = 0;
     if (size > INT_MAX) {
@@ -67,7 +69,8 @@ static bool measure(const unsigned char *bytes, size_t size, uint64_t texels_per
     return true;
 }
 
-static bool decode(const unsigned char *bytes, size_t size, const struct kiln_image_shape *shape, uint8_t *rgba, char reason[KILN_REASON_SIZE])
+static bool decode(const unsigned char *bytes, size_t size, const struct kiln_image_shape *shape, uint8_t *rgba,
+                   char reason[KILN_REASON_SIZE])
 {
     struct source source = {bytes, size, 0, false};
     int w = 0, h = 0, channels = 0;
@@ -85,7 +88,8 @@ static bool decode(const unsigned char *bytes, size_t size, const struct kiln_im
 
 static bool is_jpeg(const unsigned char *bytes, size_t size) { return starts(bytes, size, "\xff\xd8\xff", 3); }
 
-/* The next marker from *at on, past stuffing, fill bytes and restarts; 0 at the end of the data. *at is left behind it. */
+/* The next marker from *at on, past stuffing, fill bytes and restarts; 0 at the end of the data. *at is left behind it.
+ */
 static unsigned next_marker(const unsigned char *bytes, size_t size, size_t *at)
 {
     while (*at + 1 < size) {
@@ -123,7 +127,8 @@ static struct scans count_scans(const unsigned char *bytes, size_t size)
     return scans;
 }
 
-static bool measure_jpeg(const unsigned char *bytes, size_t size, struct kiln_image_shape *shape, char reason[KILN_REASON_SIZE])
+static bool measure_jpeg(const unsigned char *bytes, size_t size, struct kiln_image_shape *shape,
+                         char reason[KILN_REASON_SIZE])
 {
     if (!measure(bytes, size, 512, shape, reason))
         return false;
@@ -144,15 +149,18 @@ static bool is_tga(const unsigned char *bytes, size_t size)
     if (size < 18)
         return false;
     const unsigned kind = bytes[2] & 0xf7u, depth = bytes[16];
-    return bytes[1] <= 1 && kind >= 1 && kind <= 3 && (depth == 8 || depth == 15 || depth == 16 || depth == 24 || depth == 32);
+    return bytes[1] <= 1 && kind >= 1 && kind <= 3 &&
+           (depth == 8 || depth == 15 || depth == 16 || depth == 24 || depth == 32);
 }
 
-static bool measure_bmp(const unsigned char *bytes, size_t size, struct kiln_image_shape *shape, char reason[KILN_REASON_SIZE])
+static bool measure_bmp(const unsigned char *bytes, size_t size, struct kiln_image_shape *shape,
+                        char reason[KILN_REASON_SIZE])
 {
     return measure(bytes, size, 8, shape, reason);
 }
 
-static bool measure_tga(const unsigned char *bytes, size_t size, struct kiln_image_shape *shape, char reason[KILN_REASON_SIZE])
+static bool measure_tga(const unsigned char *bytes, size_t size, struct kiln_image_shape *shape,
+                        char reason[KILN_REASON_SIZE])
 {
     return measure(bytes, size, 64, shape, reason);
 }

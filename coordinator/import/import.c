@@ -14,7 +14,7 @@
 #include "coordinator/import/child.h"
 #include "coordinator/confined/confined.h"
 #include "coordinator/import/read.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/mapped.h"
 #include "worker/base/memory.h"
@@ -40,7 +40,8 @@ static int hash_program(const struct kiln_import_params *params, uint64_t *hash,
     struct stat status;
     if (file < 0)
         return kiln_fail_errno(error, KILN_SYSTEM, "%s: the program cannot be read", program_of(params));
-    void *map = fstat(file, &status) == 0 ? mmap(NULL, (size_t)status.st_size, PROT_READ, MAP_PRIVATE, file, 0) : MAP_FAILED;
+    void *map =
+        fstat(file, &status) == 0 ? mmap(NULL, (size_t)status.st_size, PROT_READ, MAP_PRIVATE, file, 0) : MAP_FAILED;
     (void)close(file);
     if (map == MAP_FAILED)
         return kiln_fail_errno(error, KILN_SYSTEM, "%s: the program cannot be read", program_of(params));
@@ -51,13 +52,15 @@ static int hash_program(const struct kiln_import_params *params, uint64_t *hash,
 
 /* ---- the cache ---- */
 
-static bool source_unchanged(struct kiln_confine *confine, const struct kiln_import_params *params, const struct kiln_source *source, const char *path)
+static bool source_unchanged(struct kiln_confine *confine, const struct kiln_import_params *params,
+                             const struct kiln_source *source, const char *path)
 {
     struct kiln_file file = {0};
     bool same = false;
     if (path[0] == '/') { /* only an environment image is recorded so; the key holds its name as the user gave it */
         char *real = params->environment == NULL ? NULL : realpath(params->environment, NULL);
-        same = real != NULL && strcmp(real, path) == 0 && kiln_confine_map_named(confine, NULL, path, &file, NULL) == KILN_OK;
+        same = real != NULL && strcmp(real, path) == 0 &&
+               kiln_confine_map_named(confine, NULL, path, &file, NULL) == KILN_OK;
         free(real);
     } else {
         same = kiln_confine_map(confine, NULL, path, "", &file, NULL) == KILN_OK;
@@ -77,8 +80,8 @@ static bool is_fresh(const struct kiln_import_params *params, uint64_t program)
 {
     struct kiln_scene *scene = NULL;
     struct kiln_confine *confine = NULL;
-    bool fresh = kiln_scene_open(&scene, params->output, NULL) == KILN_OK && kiln_confine_create(&confine, params->path, NULL) == KILN_OK &&
-                 scene->source_count > 0;
+    bool fresh = kiln_scene_open(&scene, params->output, NULL) == KILN_OK &&
+                 kiln_confine_create(&confine, params->path, NULL) == KILN_OK && scene->source_count > 0;
     if (fresh) {
         uint64_t key[2];
         kiln_import_key(params, program, scene->sources, scene->source_count, scene->strings, key);
@@ -101,7 +104,8 @@ static double wall_limit(const struct kiln_import_params *params)
     return 600.0 + 10.0 * (params->time_limit != 0 ? (double)params->time_limit : bytes / 1e6);
 }
 
-static int run_child(const struct kiln_import_params *params, uint64_t program, int file, const char *part, struct kiln_error *error)
+static int run_child(const struct kiln_import_params *params, uint64_t program, int file, const char *part,
+                     struct kiln_error *error)
 {
     char numbers[8][NUMBER_SIZE];
     (void)snprintf(numbers[0], NUMBER_SIZE, "%.17g", params->texels_per_metre);
@@ -113,12 +117,31 @@ static int run_child(const struct kiln_import_params *params, uint64_t program, 
     (void)snprintf(numbers[6], NUMBER_SIZE, "%u", params->time_limit);
     (void)snprintf(numbers[7], NUMBER_SIZE, "%016llx", (unsigned long long)program);
     const char *environment = params->environment == NULL ? "" : params->environment;
-    const char *arguments[KILN_CHILD_ARGUMENTS + 1] = {"kiln",     "import-child", params->path, part,       numbers[0], numbers[1], numbers[2],
-                                                       environment, numbers[3],     numbers[4],   numbers[5], numbers[6], numbers[7],
-                                                       params->objects == NULL ? "" : params->objects, params->trust_normals ? "normals" : "winding",
-                                                       params->repack ? "repack" : "", NULL};
-    const struct kiln_confined_call call = {.program = program_of(params), .arguments = arguments, .input = -1, .output = file, .subject = params->path,
-                                            .what = "importer", .seconds = wall_limit(params), .stop = params->stop};
+    const char *arguments[KILN_CHILD_ARGUMENTS + 1] = {"kiln",
+                                                       "import-child",
+                                                       params->path,
+                                                       part,
+                                                       numbers[0],
+                                                       numbers[1],
+                                                       numbers[2],
+                                                       environment,
+                                                       numbers[3],
+                                                       numbers[4],
+                                                       numbers[5],
+                                                       numbers[6],
+                                                       numbers[7],
+                                                       params->objects == NULL ? "" : params->objects,
+                                                       params->trust_normals ? "normals" : "winding",
+                                                       params->repack ? "repack" : "",
+                                                       NULL};
+    const struct kiln_confined_call call = {.program = program_of(params),
+                                            .arguments = arguments,
+                                            .input = -1,
+                                            .output = file,
+                                            .subject = params->path,
+                                            .what = "importer",
+                                            .seconds = wall_limit(params),
+                                            .stop = params->stop};
     return kiln_confined_run(&call, error);
 }
 
@@ -131,12 +154,15 @@ static int check_made(const char *opens, const char *name, struct kiln_error *er
     struct kiln_error own = {""};
     const int status = kiln_scene_open(&scene, opens, &own);
     kiln_scene_close(&scene);
-    return status == KILN_OK ? KILN_OK : kiln_fail(error, status == KILN_BAD_INPUT ? KILN_BUG : status, "%s is not whole: %s", name, own.message);
+    return status == KILN_OK ? KILN_OK
+                             : kiln_fail(error, status == KILN_BAD_INPUT ? KILN_BUG : status, "%s is not whole: %s",
+                                         name, own.message);
 }
 
 /* ---- a scene file as input ---- */
 
-static int check_settings(const struct kiln_import_params *params, const struct kiln_scene *scene, struct kiln_error *error)
+static int check_settings(const struct kiln_import_params *params, const struct kiln_scene *scene,
+                          struct kiln_error *error)
 {
     bool fits = !params->repack && (params->environment == NULL || params->environment[0] == '\0') &&
                 (params->objects == NULL || params->objects[0] == '\0') && !params->trust_normals &&
@@ -145,12 +171,15 @@ static int check_settings(const struct kiln_import_params *params, const struct 
     for (size_t i = 0; i < scene->object_count && fits; i++) {
         const struct kiln_object *o = &scene->objects[i];
         const uint32_t larger = o->lightmap_width > o->lightmap_height ? o->lightmap_width : o->lightmap_height;
-        fits = (params->lightmap_size == 0 || (o->lightmap_width == params->lightmap_size && o->lightmap_height == params->lightmap_size)) &&
+        fits = (params->lightmap_size == 0 ||
+                (o->lightmap_width == params->lightmap_size && o->lightmap_height == params->lightmap_size)) &&
                (params->lightmap_max == 0 || larger <= params->lightmap_max);
     }
     if (fits)
         return KILN_OK;
-    return kiln_fail(error, KILN_USAGE, "%.512s: a kiln scene file has its lightmap sizes, environment, objects and fronts already; give the original scene to change them",
+    return kiln_fail(error, KILN_USAGE,
+                     "%.512s: a kiln scene file has its lightmap sizes, environment, objects and fronts already; give "
+                     "the original scene to change them",
                      params->path);
 }
 
@@ -161,7 +190,8 @@ static int take_scene_file(const struct kiln_import_params *params, int file, bo
     int status = kiln_scene_open(&scene, params->path, error);
     if (status == KILN_OK)
         status = check_settings(params, scene, error);
-    *same = status == KILN_OK && stat(params->path, &a) == 0 && stat(params->output, &b) == 0 && a.st_dev == b.st_dev && a.st_ino == b.st_ino;
+    *same = status == KILN_OK && stat(params->path, &a) == 0 && stat(params->output, &b) == 0 && a.st_dev == b.st_dev &&
+            a.st_ino == b.st_ino;
     if (status == KILN_OK && !*same)
         status = kiln_write_all(file, scene->header, scene->mapped_bytes, 0, params->output, error);
     kiln_scene_close(&scene);
@@ -175,9 +205,11 @@ static bool is_scene_file(const char *path)
 }
 
 /* Into the open, empty file. */
-static int fill(const struct kiln_import_params *params, uint64_t program, int file, const char *name, bool *same, struct kiln_error *error)
+static int fill(const struct kiln_import_params *params, uint64_t program, int file, const char *name, bool *same,
+                struct kiln_error *error)
 {
-    return is_scene_file(params->path) ? take_scene_file(params, file, same, error) : run_child(params, program, file, name, error);
+    return is_scene_file(params->path) ? take_scene_file(params, file, same, error)
+                                       : run_child(params, program, file, name, error);
 }
 
 /* A file without a name, of our own. */
@@ -189,14 +221,18 @@ static int fill_own(const struct kiln_import_params *params, uint64_t program, i
 }
 
 /* One process at a time; whoever had to wait may find it done. */
-static int make(const struct kiln_import_params *params, uint64_t program, struct kiln_import_report *report, struct kiln_error *error)
+static int make(const struct kiln_import_params *params, uint64_t program, struct kiln_import_report *report,
+                struct kiln_error *error)
 {
     const char *slash = strrchr(params->output, '/');
     char folder[KILN_PATH_SIZE];
     struct kiln_publish place;
     int claim = -1;
     bool same = false;
-    (void)snprintf(folder, sizeof folder, "%.*s", slash == NULL ? 1 : slash == params->output ? 1 : (int)(slash - params->output),
+    (void)snprintf(folder, sizeof folder, "%.*s",
+                   slash == NULL             ? 1
+                   : slash == params->output ? 1
+                                             : (int)(slash - params->output),
                    slash == NULL ? "." : params->output);
     int status = kiln_publish_claim(&place, folder, slash == NULL ? params->output : slash + 1, &claim, error);
     if (status != KILN_OK)
@@ -223,7 +259,8 @@ int kiln_import(const struct kiln_import_params *params, struct kiln_import_repo
     const int own = kiln_own_descriptor(params->output);
     report->cached = false;
     if (access(params->path, F_OK) != 0)
-        return kiln_fail_errno(error, errno == EACCES ? KILN_PERMISSION : KILN_NO_INPUT, "%.512s: the scene cannot be opened", params->path);
+        return kiln_fail_errno(error, errno == EACCES ? KILN_PERMISSION : KILN_NO_INPUT,
+                               "%.512s: the scene cannot be opened", params->path);
     const bool scene_file = is_scene_file(params->path);
     int status = scene_file ? KILN_OK : hash_program(params, &program, error);
     if (status == KILN_OK && !scene_file && own < 0)

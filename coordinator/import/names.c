@@ -59,7 +59,8 @@ static void clean(const char *wish, char name[KILN_NAME_LENGTH + 1])
     size_t length = 0;
     for (; wish[length] != '\0' && length < KILN_NAME_LENGTH - SUFFIX_LENGTH; length++) {
         const char c = wish[length];
-        const int plain = (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_' || c == '-' || c == '.';
+        const int plain = (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_' ||
+                          c == '-' || c == '.';
         name[length] = plain && !(length == 0 && (c == '.' || c == '-')) ? c : '_';
     }
     name[length] = '\0';
@@ -67,7 +68,8 @@ static void clean(const char *wish, char name[KILN_NAME_LENGTH + 1])
         memcpy(name, "object", sizeof "object");
 }
 
-int kiln_names_unique(struct kiln_names *names, const char *wish, char name[KILN_NAME_LENGTH + 1], struct kiln_error *error)
+int kiln_names_unique(struct kiln_names *names, const char *wish, char name[KILN_NAME_LENGTH + 1],
+                      struct kiln_error *error)
 {
     char base[KILN_NAME_LENGTH + 1];
     clean(wish, base);

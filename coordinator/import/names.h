@@ -1,5 +1,5 @@
-/* Names that can be file names: unique (also where letters of both cases are the same), [A-Za-z0-9._-], at most 120 bytes, and
- * the same for the same sequence of wishes. */
+/* Names that can be file names: unique (also where letters of both cases are the same), [A-Za-z0-9._-], at most 120
+ * bytes, and the same for the same sequence of wishes. */
 #ifndef KILN_COORDINATOR_IMPORT_NAMES_H
 #define KILN_COORDINATOR_IMPORT_NAMES_H
 
@@ -13,14 +13,16 @@ enum { KILN_NAME_LENGTH = 120 };
 /* Zero-initialise; release with kiln_names_destroy. */
 struct kiln_names {
     struct kiln_names_entry {
-        char *name;     /* NULL: free slot */
-        uint32_t next;  /* the number to try next for this wish */
-    } *slots;
+        char *name;    /* NULL: free slot */
+        uint32_t next; /* the number to try next for this wish */
+    } * slots;
     size_t slot_count, used;
 };
 
-/* Writes the name nearest to `wish` that is not taken yet: other characters become '_', a taken one gets "_2", "_3", ... */
-int kiln_names_unique(struct kiln_names *names, const char *wish, char name[KILN_NAME_LENGTH + 1], struct kiln_error *error);
+/* Writes the name nearest to `wish` that is not taken yet: other characters become '_', a taken one gets "_2", "_3",
+ * ... */
+int kiln_names_unique(struct kiln_names *names, const char *wish, char name[KILN_NAME_LENGTH + 1],
+                      struct kiln_error *error);
 void kiln_names_destroy(struct kiln_names *names);
 
 #endif

@@ -32,7 +32,7 @@ struct part {
 };
 
 struct object {
-    size_t name; /* into names_text */
+    size_t name;          /* into names_text */
     uint32_t first, last; /* parts, or KILN_NONE */
 };
 
@@ -46,7 +46,8 @@ struct reader {
     struct kiln_vec3 *positions, *normals;
     struct kiln_vec2 *texcoords;
     uint8_t (*colors)[4]; /* NULL: no vertex has one */
-    size_t position_count, position_capacity, normal_count, normal_capacity, texcoord_count, texcoord_capacity, color_count, color_capacity;
+    size_t position_count, position_capacity, normal_count, normal_capacity, texcoord_count, texcoord_capacity,
+        color_count, color_capacity;
     /* faces; both index within their part */
     struct corner *corners;
     uint32_t (*triangles)[3];
@@ -64,10 +65,10 @@ struct reader {
     struct obj_symbols object_names;
     struct kiln_names names;
     struct kiln_assembly_counts assembly;
-    size_t group;     /* name of the active group, into names_text */
-    uint32_t object;  /* KILN_NONE: none yet */
+    size_t group;    /* name of the active group, into names_text */
+    uint32_t object; /* KILN_NONE: none yet */
     uint32_t material;
-    bool part_open;   /* faces go on with the last part */
+    bool part_open; /* faces go on with the last part */
     uint64_t lines, free_form, strange, strange_line, without_area_objects;
     char strange_word[41];
 };
@@ -85,7 +86,8 @@ static int room(struct reader *r, void *list, size_t *capacity, size_t count, si
 /* Vertices before the first that has a colour are white. */
 static int add_color(struct reader *r, const double *rgb)
 {
-    const int status = kiln_grow(&r->colors, &r->color_capacity, r->position_count, sizeof *r->colors, "vertex colours", r->error);
+    const int status =
+        kiln_grow(&r->colors, &r->color_capacity, r->position_count, sizeof *r->colors, "vertex colours", r->error);
     if (status != KILN_OK)
         return status;
     memset(r->colors + r->color_count, 255, (r->position_count - r->color_count) * sizeof *r->colors);
@@ -120,7 +122,8 @@ static int read_texcoord(struct reader *r)
     size_t count;
     int status = obj_numbers(&r->text, "vt", n, 1, 3, &count);
     if (status == KILN_OK)
-        status = room(r, &r->texcoords, &r->texcoord_capacity, r->texcoord_count, sizeof *r->texcoords, "texture coordinates");
+        status = room(r, &r->texcoords, &r->texcoord_capacity, r->texcoord_count, sizeof *r->texcoords,
+                      "texture coordinates");
     if (status == KILN_OK)
         r->texcoords[r->texcoord_count++] = (struct kiln_vec2){(float)n[0], (float)n[1]};
     return status;
@@ -142,7 +145,8 @@ static int read_normal(struct reader *r)
 
 static int keep_name(struct reader *r, struct obj_word name, size_t *offset)
 {
-    const int status = kiln_grow(&r->names_text, &r->names_capacity, r->names_size + name.length + 1, 1, "names", r->error);
+    const int status =
+        kiln_grow(&r->names_text, &r->names_capacity, r->names_size + name.length + 1, 1, "names", r->error);
     if (status != KILN_OK)
         return status;
     memcpy(r->names_text + r->names_size, name.text, name.length);
@@ -157,7 +161,8 @@ static int open_object(struct reader *r, struct obj_word name)
     uint32_t known = (uint32_t)r->object_count;
     if (r->object_count >= KILN_NONE)
         return obj_fail(&r->text, "more than 2^32 - 1 objects", NULL);
-    int status = kiln_grow(&r->objects, &r->object_capacity, r->object_count + 1, sizeof *r->objects, "objects", r->error);
+    int status =
+        kiln_grow(&r->objects, &r->object_capacity, r->object_count + 1, sizeof *r->objects, "objects", r->error);
     if (status == KILN_OK)
         status = obj_symbol(&r->object_names, name.text, name.length, &known, r->error);
     struct object object = {.first = KILN_NONE, .last = KILN_NONE};
@@ -209,7 +214,8 @@ static int read_use(struct reader *r)
 static int read_libraries(struct reader *r)
 {
     const struct obj_word names = obj_rest(&r->text);
-    return names.length == 0 ? obj_fail(&r->text, "mtllib without the name of a file", NULL) : obj_read_libraries(&r->materials, names);
+    return names.length == 0 ? obj_fail(&r->text, "mtllib without the name of a file", NULL)
+                             : obj_read_libraries(&r->materials, names);
 }
 
 static int open_part(struct reader *r)
@@ -222,12 +228,16 @@ static int open_part(struct reader *r)
     if (r->object == KILN_NONE)
         status = open_object(r, (struct obj_word){"defaultobject", 13});
     if (status == KILN_OK)
-        status = kiln_grow(&r->parts, &r->part_capacity, r->part_count + 1, sizeof *r->parts, "faces of one material", r->error);
+        status = kiln_grow(&r->parts, &r->part_capacity, r->part_count + 1, sizeof *r->parts, "faces of one material",
+                           r->error);
     if (status != KILN_OK)
         return status;
     const uint32_t index = (uint32_t)r->part_count++;
     struct object *object = &r->objects[r->object];
-    r->parts[index] = (struct part){.corner_first = r->corner_count, .triangle_first = r->triangle_count, .material = r->material, .next = KILN_NONE};
+    r->parts[index] = (struct part){.corner_first = r->corner_count,
+                                    .triangle_first = r->triangle_count,
+                                    .material = r->material,
+                                    .next = KILN_NONE};
     if (object->last == KILN_NONE)
         object->first = index;
     else
@@ -255,9 +265,15 @@ static struct corner_value value_of(const struct reader *r, const struct corner 
     return value;
 }
 
-static size_t first_slot(const struct reader *r, const struct corner_value *value) { return (size_t)XXH3_64bits(value, sizeof *value) & (r->slot_count - 1); }
+static size_t first_slot(const struct reader *r, const struct corner_value *value)
+{
+    return (size_t)XXH3_64bits(value, sizeof *value) & (r->slot_count - 1);
+}
 
-static bool is_free(const struct reader *r, size_t slot, const struct part *part) { return r->slots[slot] <= part->corner_first; }
+static bool is_free(const struct reader *r, size_t slot, const struct part *part)
+{
+    return r->slots[slot] <= part->corner_first;
+}
 
 /* Doubles the table and puts the part's corners into it. */
 static int grow_slots(struct reader *r, const struct part *part)
@@ -293,7 +309,8 @@ static int find_corner(struct reader *r, const struct corner *corner, uint32_t *
             return KILN_OK;
         }
     }
-    const int status = room(r, &r->corners, &r->corner_capacity, r->corner_count, sizeof *r->corners, "the corners of faces");
+    const int status =
+        room(r, &r->corners, &r->corner_capacity, r->corner_count, sizeof *r->corners, "the corners of faces");
     if (status != KILN_OK)
         return status;
     r->corners[r->corner_count++] = *corner;
@@ -329,9 +346,11 @@ static int parse_corner(struct reader *r, struct obj_word word, struct corner *c
     for (int kind = 0; kind < 3; kind++) {
         const char *first = at;
         if ((kind == 0 || (at < end && *at != '/')) && !parse_index(&at, end, counts[kind], &indices[kind])) {
-            return kiln_fail(r->error, KILN_BAD_INPUT, "%.512s: line %llu: face corner '%.*s' names %s %.*s of %zu; repair the file or export it again",
-                             r->confine->scene, (unsigned long long)r->text.line, shown(word.length, 40), word.text, kinds[kind],
-                             shown((size_t)(end - first), 20), first, counts[kind]);
+            return kiln_fail(
+                r->error, KILN_BAD_INPUT,
+                "%.512s: line %llu: face corner '%.*s' names %s %.*s of %zu; repair the file or export it again",
+                r->confine->scene, (unsigned long long)r->text.line, shown(word.length, 40), word.text, kinds[kind],
+                shown((size_t)(end - first), 20), first, counts[kind]);
         }
         if (at == end)
             break;
@@ -347,8 +366,10 @@ static int add_triangles(struct reader *r, size_t count)
 {
     struct part *part = &r->parts[r->part_count - 1];
     if (!obj_polygon_cut(&r->polygon, count))
-        return obj_fail(&r->text, "a face that is not convex and has more than 4096 corners; cut it into triangles", NULL);
-    const int status = kiln_grow(&r->triangles, &r->triangle_capacity, r->triangle_count + count - 2, sizeof *r->triangles, "triangles", r->error);
+        return obj_fail(&r->text, "a face that is not convex and has more than 4096 corners; cut it into triangles",
+                        NULL);
+    const int status = kiln_grow(&r->triangles, &r->triangle_capacity, r->triangle_count + count - 2,
+                                 sizeof *r->triangles, "triangles", r->error);
     if (status != KILN_OK)
         return status;
     for (size_t k = 0; k < count - 2; k++)
@@ -371,7 +392,8 @@ static int read_face(struct reader *r)
         if (status == KILN_OK)
             status = obj_polygon_room(&r->polygon, count + 1, r->error);
         if (status == KILN_OK)
-            status = kiln_grow(&r->face, &r->face_capacity, count + 1, sizeof *r->face, "the corners of a face", r->error);
+            status =
+                kiln_grow(&r->face, &r->face_capacity, count + 1, sizeof *r->face, "the corners of a face", r->error);
         if (status == KILN_OK)
             status = find_corner(r, &corner, &r->face[count]);
         if (status != KILN_OK)
@@ -407,13 +429,16 @@ static int read_nothing(struct reader *r)
 static const struct {
     const char *keyword;
     int (*read)(struct reader *r);
-} statements[] = {{"v", read_position}, {"vt", read_texcoord}, {"vn", read_normal}, {"f", read_face}, {"fo", read_face}, {"usemtl", read_use},
-                  {"g", read_group}, {"o", read_object}, {"mtllib", read_libraries}, {"l", read_line}, {"p", read_line}, {"s", read_nothing},
-                  {"lod", read_nothing}, {"bevel", read_nothing}, {"c_interp", read_nothing}, {"d_interp", read_nothing}, {"mg", read_nothing},
-                  {"usemap", read_nothing}, {"maplib", read_nothing}, {"shadow_obj", read_nothing}, {"trace_obj", read_nothing},
-                  {"vp", read_free_form}, {"cstype", read_free_form}, {"deg", read_free_form}, {"bmat", read_free_form}, {"step", read_free_form},
-                  {"curv", read_free_form}, {"curv2", read_free_form}, {"surf", read_free_form}, {"parm", read_free_form}, {"trim", read_free_form},
-                  {"hole", read_free_form}, {"scrv", read_free_form}, {"sp", read_free_form}, {"end", read_free_form}, {"con", read_free_form}};
+} statements[] = {
+    {"v", read_position},        {"vt", read_texcoord},    {"vn", read_normal},        {"f", read_face},
+    {"fo", read_face},           {"usemtl", read_use},     {"g", read_group},          {"o", read_object},
+    {"mtllib", read_libraries},  {"l", read_line},         {"p", read_line},           {"s", read_nothing},
+    {"lod", read_nothing},       {"bevel", read_nothing},  {"c_interp", read_nothing}, {"d_interp", read_nothing},
+    {"mg", read_nothing},        {"usemap", read_nothing}, {"maplib", read_nothing},   {"shadow_obj", read_nothing},
+    {"trace_obj", read_nothing}, {"vp", read_free_form},   {"cstype", read_free_form}, {"deg", read_free_form},
+    {"bmat", read_free_form},    {"step", read_free_form}, {"curv", read_free_form},   {"curv2", read_free_form},
+    {"surf", read_free_form},    {"parm", read_free_form}, {"trim", read_free_form},   {"hole", read_free_form},
+    {"scrv", read_free_form},    {"sp", read_free_form},   {"end", read_free_form},    {"con", read_free_form}};
 
 static int read_statement(struct reader *r, struct obj_word keyword)
 {
@@ -422,7 +447,8 @@ static int read_statement(struct reader *r, struct obj_word keyword)
             return statements[i].read(r);
     if (r->strange++ == 0) {
         r->strange_line = r->text.line;
-        (void)snprintf(r->strange_word, sizeof r->strange_word, "%.*s", keyword.length < 40 ? (int)keyword.length : 40, keyword.text);
+        (void)snprintf(r->strange_word, sizeof r->strange_word, "%.*s", keyword.length < 40 ? (int)keyword.length : 40,
+                       keyword.text);
     }
     return KILN_OK;
 }
@@ -440,7 +466,9 @@ static int read_text(struct reader *r)
     obj_text_close(&r->text);
     kiln_file_unmap(&file);
     if (status == KILN_OK && r->triangle_count == 0)
-        status = kiln_fail(r->error, KILN_BAD_INPUT, "%.512s: it has no face among its %zu vertices; there is nothing to bake", r->confine->scene, r->position_count);
+        status = kiln_fail(r->error, KILN_BAD_INPUT,
+                           "%.512s: it has no face among its %zu vertices; there is nothing to bake", r->confine->scene,
+                           r->position_count);
     return status;
 }
 
@@ -481,7 +509,8 @@ static void give_attributes(void *context, uint32_t v, struct kiln_attributes *o
     if (!view->part->texcoords)
         return;
     out->base = mapped(value.texcoord, &view->material->diffuse_map);
-    out->emission = view->material->emission_map.path != 0 ? mapped(value.texcoord, &view->material->emission_map) : out->base;
+    out->emission =
+        view->material->emission_map.path != 0 ? mapped(value.texcoord, &view->material->emission_map) : out->base;
     out->lightmap = (struct kiln_vec2){value.texcoord.x, 1.0f - value.texcoord.y};
 }
 
@@ -490,9 +519,15 @@ static int add_part(struct reader *r, const char *name, uint32_t mesh, const str
     char where[640];
     struct view view = {r, part, &r->materials.list[part->material]};
     (void)snprintf(where, sizeof where, "%.512s: object '%.80s'", r->confine->scene, name);
-    const struct kiln_primitive primitive = {.where = where, .context = &view, .vertex_count = part->corner_count, .triangle_count = part->triangle_count,
-                                             .has_normals = part->normals, .material = part->material, .corners = give_corners,
-                                             .geometry = give_geometry, .attributes = give_attributes};
+    const struct kiln_primitive primitive = {.where = where,
+                                             .context = &view,
+                                             .vertex_count = part->corner_count,
+                                             .triangle_count = part->triangle_count,
+                                             .has_normals = part->normals,
+                                             .material = part->material,
+                                             .corners = give_corners,
+                                             .geometry = give_geometry,
+                                             .attributes = give_attributes};
     return kiln_mesh_add(r->builder, mesh, &primitive, &r->assembly, r->error);
 }
 
@@ -549,7 +584,8 @@ static int note_materials(struct reader *r)
     }
     if (undefined == 0)
         return KILN_OK;
-    return kiln_builder_note(r->builder, 1, r->error, "%llu materials are in no material file and are diffuse grey, 0.6 (the first: '%.80s')",
+    return kiln_builder_note(r->builder, 1, r->error,
+                             "%llu materials are in no material file and are diffuse grey, 0.6 (the first: '%.80s')",
                              (unsigned long long)undefined, first);
 }
 
@@ -559,19 +595,24 @@ static int write_notes(struct reader *r)
     const struct {
         uint64_t count;
         const char *text;
-    } notes[] = {{r->assembly.without_area, "triangles without area were left out"},
-                 {r->assembly.replaced_normals, "corner normals were zero or behind their triangle; the geometric normal took their place"},
-                 {r->lines, "points or lines were left out"},
-                 {r->without_area_objects, "objects are scaled to nothing and were left out"},
-                 {r->free_form, "statements of free-form curves and surfaces were left out; export them as polygons"},
-                 {r->materials.physical, "statements Pr, Pm or their maps were left out: roughness and metal play no part"}};
+    } notes[] = {
+        {r->assembly.without_area, "triangles without area were left out"},
+        {r->assembly.replaced_normals,
+         "corner normals were zero or behind their triangle; the geometric normal took their place"},
+        {r->lines, "points or lines were left out"},
+        {r->without_area_objects, "objects are scaled to nothing and were left out"},
+        {r->free_form, "statements of free-form curves and surfaces were left out; export them as polygons"},
+        {r->materials.physical, "statements Pr, Pm or their maps were left out: roughness and metal play no part"}};
     int status = KILN_OK;
     for (size_t i = 0; i < sizeof notes / sizeof notes[0] && status == KILN_OK; i++)
         if (notes[i].count > 0)
-            status = kiln_builder_note(r->builder, 1, r->error, "%llu %s", (unsigned long long)notes[i].count, notes[i].text);
+            status = kiln_builder_note(r->builder, 1, r->error, "%llu %s", (unsigned long long)notes[i].count,
+                                       notes[i].text);
     if (status == KILN_OK && r->strange > 0)
-        status = kiln_builder_note(r->builder, 1, r->error, "%llu statements that kiln does not know were left out (the first: '%.40s' in line %llu)",
-                                   (unsigned long long)r->strange, r->strange_word, (unsigned long long)r->strange_line);
+        status =
+            kiln_builder_note(r->builder, 1, r->error,
+                              "%llu statements that kiln does not know were left out (the first: '%.40s' in line %llu)",
+                              (unsigned long long)r->strange, r->strange_word, (unsigned long long)r->strange_line);
     return status == KILN_OK ? note_materials(r) : status;
 }
 
@@ -583,7 +624,8 @@ static int add_all(struct reader *r)
         status = add_object(r, &r->objects[i]);
     if (status == KILN_OK)
         status = write_notes(r);
-    return status != KILN_OK ? status : kiln_builder_append(r->builder, KILN_SECTION_ENVIRONMENT, &none, 1, NULL, r->error);
+    return status != KILN_OK ? status
+                             : kiln_builder_append(r->builder, KILN_SECTION_ENVIRONMENT, &none, 1, NULL, r->error);
 }
 
 static void release(struct reader *r)
@@ -607,8 +649,14 @@ static void release(struct reader *r)
 
 int kiln_obj_read(struct kiln_confine *confine, struct kiln_builder *builder, struct kiln_error *error)
 {
-    struct reader r = {.confine = confine, .builder = builder, .error = error, .object = KILN_NONE,
-                       .materials = {.confine = confine, .builder = builder, .error = error, .images = {.confine = confine, .builder = builder}}};
+    struct reader r = {.confine = confine,
+                       .builder = builder,
+                       .error = error,
+                       .object = KILN_NONE,
+                       .materials = {.confine = confine,
+                                     .builder = builder,
+                                     .error = error,
+                                     .images = {.confine = confine, .builder = builder}}};
     int status = obj_materials_begin(&r.materials);
     if (status == KILN_OK)
         status = keep_name(&r, (struct obj_word){"", 0}, &r.group);

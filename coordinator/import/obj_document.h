@@ -31,7 +31,7 @@ struct obj_materials {
     size_t text_size, text_capacity;
     struct kiln_images images;
     struct obj_symbols textures; /* path and wrapping -> the builder's texture */
-    uint64_t physical; /* statements Pr, Pm and their maps */
+    uint64_t physical;           /* statements Pr, Pm and their maps */
 };
 
 /* obj_material.c. Each gives a status and writes its sentence. */

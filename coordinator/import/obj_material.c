@@ -42,7 +42,8 @@ int obj_find_material(struct obj_materials *m, struct obj_word name, uint32_t *i
         name = (struct obj_word){no_name, strlen(no_name)};
     *index = (uint32_t)m->count;
     if (m->count >= KILN_NONE)
-        return kiln_fail(m->error, KILN_BAD_INPUT, "%.512s: it has more than 2^32 - 2 materials; split it", m->confine->scene);
+        return kiln_fail(m->error, KILN_BAD_INPUT, "%.512s: it has more than 2^32 - 2 materials; split it",
+                         m->confine->scene);
     const int status = obj_symbol(&m->names, name.text, name.length, index, m->error);
     return status != KILN_OK || *index < m->count ? status : add_material(m, name);
 }
@@ -69,11 +70,14 @@ void obj_materials_end(struct obj_materials *m)
 struct library {
     struct obj_materials *materials;
     struct obj_text text;
-    size_t folder;   /* into materials->text */
+    size_t folder;    /* into materials->text */
     uint32_t current; /* material, or KILN_NONE before any newmtl */
 };
 
-static bool same(struct obj_word word, const char *text) { return word.length == strlen(text) && strncasecmp(word.text, text, word.length) == 0; }
+static bool same(struct obj_word word, const char *text)
+{
+    return word.length == strlen(text) && strncasecmp(word.text, text, word.length) == 0;
+}
 
 static int read_shares(struct library *l, const char *keyword, float *values, size_t most, double high)
 {
@@ -95,7 +99,10 @@ static int read_shares(struct library *l, const char *keyword, float *values, si
 }
 
 static int read_diffuse(struct library *l, struct obj_material *m) { return read_shares(l, "Kd", m->diffuse, 3, 1.0); }
-static int read_emission(struct library *l, struct obj_material *m) { return read_shares(l, "Ke", m->emission, 3, 1e30); }
+static int read_emission(struct library *l, struct obj_material *m)
+{
+    return read_shares(l, "Ke", m->emission, 3, 1e30);
+}
 
 static int read_alpha(struct library *l, struct obj_material *m)
 {
@@ -135,7 +142,8 @@ static bool read_option(struct library *l, struct obj_map *map)
     static const struct {
         const char *name;
         unsigned arguments;
-    } others[] = {{"-blendu", 1}, {"-blendv", 1}, {"-cc", 1}, {"-texres", 1}, {"-bm", 1}, {"-boost", 1}, {"-imfchan", 1}, {"-type", 1}, {"-mm", 2}};
+    } others[] = {{"-blendu", 1}, {"-blendv", 1},  {"-cc", 1},   {"-texres", 1}, {"-bm", 1},
+                  {"-boost", 1},  {"-imfchan", 1}, {"-type", 1}, {"-mm", 2}};
     const struct obj_text before = l->text;
     struct obj_word word;
     float turbulence[2];
@@ -171,7 +179,8 @@ static int read_map(struct library *l, struct obj_map *map)
     while (read_option(l, map))
         ;
     const struct obj_word name = obj_rest(&l->text);
-    return name.length == 0 ? obj_fail(&l->text, "a map without the name of a file", NULL) : keep_text(l->materials, name, &map->path);
+    return name.length == 0 ? obj_fail(&l->text, "a map without the name of a file", NULL)
+                            : keep_text(l->materials, name, &map->path);
 }
 
 static int read_diffuse_map(struct library *l, struct obj_material *m) { return read_map(l, &m->diffuse_map); }
@@ -195,9 +204,19 @@ static int read_physical(struct library *l, struct obj_material *m)
 static const struct {
     const char *keyword;
     int (*read)(struct library *l, struct obj_material *m);
-} statements[] = {{"Kd", read_diffuse}, {"Ke", read_emission}, {"d", read_alpha}, {"Tr", read_transparency}, {"map_Kd", read_diffuse_map},
-                  {"map_Ke", read_emission_map}, {"map_emissive", read_emission_map}, {"map_d", read_alpha_map}, {"map_opacity", read_alpha_map},
-                  {"Pr", read_physical}, {"Pm", read_physical}, {"map_Pr", read_physical}, {"map_Pm", read_physical}};
+} statements[] = {{"Kd", read_diffuse},
+                  {"Ke", read_emission},
+                  {"d", read_alpha},
+                  {"Tr", read_transparency},
+                  {"map_Kd", read_diffuse_map},
+                  {"map_Ke", read_emission_map},
+                  {"map_emissive", read_emission_map},
+                  {"map_d", read_alpha_map},
+                  {"map_opacity", read_alpha_map},
+                  {"Pr", read_physical},
+                  {"Pm", read_physical},
+                  {"map_Pr", read_physical},
+                  {"map_Pm", read_physical}};
 
 static int read_statement(struct library *l, struct obj_word keyword)
 {
@@ -231,7 +250,8 @@ static int read_statements(struct library *l)
 
 /* ---- files ---- */
 
-/* Names in OBJ and MTL files are no URIs: taken as they stand, but for the backslashes of another system. False: too long. */
+/* Names in OBJ and MTL files are no URIs: taken as they stand, but for the backslashes of another system. False: too
+ * long. */
 static bool plain_path(struct obj_word name, const char *folder, char path[PATH_LENGTH + 1])
 {
     while (name.length > 1 && name.text[0] == '.' && (name.text[1] == '/' || name.text[1] == '\\')) {
@@ -255,7 +275,8 @@ static int read_library(struct obj_materials *m, struct obj_word name, struct ki
     char path[PATH_LENGTH + 1], place[160];
     (void)snprintf(place, sizeof place, "mtllib '%.*s'", name.length < 100 ? (int)name.length : 100, name.text);
     if (!plain_path(name, "", path))
-        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s is empty or longer than %d bytes; name a file", m->confine->scene, place, PATH_LENGTH);
+        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s is empty or longer than %d bytes; name a file",
+                         m->confine->scene, place, PATH_LENGTH);
     int status = kiln_confine_map(m->confine, m->builder, path, place, &file, error);
     if (status != KILN_OK)
         return status;
@@ -275,7 +296,8 @@ static bool is_there(const struct obj_materials *m, struct obj_word name)
 {
     struct kiln_file file;
     char path[PATH_LENGTH + 1];
-    const bool there = plain_path(name, "", path) && kiln_confine_map(m->confine, NULL, path, "mtllib", &file, NULL) == KILN_OK;
+    const bool there =
+        plain_path(name, "", path) && kiln_confine_map(m->confine, NULL, path, "mtllib", &file, NULL) == KILN_OK;
     if (there)
         kiln_file_unmap(&file);
     return there;
@@ -283,7 +305,8 @@ static bool is_there(const struct obj_materials *m, struct obj_word name)
 
 int obj_read_libraries(struct obj_materials *m, struct obj_word names)
 {
-    const bool several = memchr(names.text, ' ', names.length) != NULL || memchr(names.text, '\t', names.length) != NULL;
+    const bool several =
+        memchr(names.text, ' ', names.length) != NULL || memchr(names.text, '\t', names.length) != NULL;
     if (!several || is_there(m, names))
         return read_library(m, names, m->error);
     const struct kiln_file line = {(const unsigned char *)names.text, names.length};
@@ -297,21 +320,27 @@ int obj_read_libraries(struct obj_materials *m, struct obj_word names)
 
 /* ---- into the builder ---- */
 
-static int map_picture(struct obj_materials *m, const struct obj_material *material, const struct obj_map *map, const char *what, struct kiln_file *file)
+static int map_picture(struct obj_materials *m, const struct obj_material *material, const struct obj_map *map,
+                       const char *what, struct kiln_file *file)
 {
     const char *name = m->text + map->path, *folder = m->text + material->folder;
     const struct obj_word word = {name, strlen(name)};
     char path[PATH_LENGTH + 1];
-    if (folder[0] != '\0' && plain_path(word, folder, path) && kiln_confine_map(m->confine, m->builder, path, what, file, NULL) == KILN_OK)
+    if (folder[0] != '\0' && plain_path(word, folder, path) &&
+        kiln_confine_map(m->confine, m->builder, path, what, file, NULL) == KILN_OK)
         return KILN_OK;
     if (!plain_path(word, "", path))
-        return kiln_fail(m->error, KILN_BAD_INPUT, "%.512s: %s is empty or longer than %d bytes; name a file", m->confine->scene, what, PATH_LENGTH);
+        return kiln_fail(m->error, KILN_BAD_INPUT, "%.512s: %s is empty or longer than %d bytes; name a file",
+                         m->confine->scene, what, PATH_LENGTH);
     return kiln_confine_map(m->confine, m->builder, path, what, file, m->error);
 }
 
-static int make_texture(struct obj_materials *m, const struct obj_material *material, const struct obj_map *map, const char *what, uint32_t *index)
+static int make_texture(struct obj_materials *m, const struct obj_material *material, const struct obj_map *map,
+                        const char *what, uint32_t *index)
 {
-    struct kiln_texture texture = {.srgb = 1, .wrap_u = map->clamp ? KILN_WRAP_CLAMP : KILN_WRAP_REPEAT, .wrap_v = map->clamp ? KILN_WRAP_CLAMP : KILN_WRAP_REPEAT};
+    struct kiln_texture texture = {.srgb = 1,
+                                   .wrap_u = map->clamp ? KILN_WRAP_CLAMP : KILN_WRAP_REPEAT,
+                                   .wrap_v = map->clamp ? KILN_WRAP_CLAMP : KILN_WRAP_REPEAT};
     struct kiln_image image = {0};
     struct kiln_file file;
     char where[640];
@@ -333,12 +362,14 @@ static int make_texture(struct obj_materials *m, const struct obj_material *mate
 }
 
 /* The texture of a map; materials that name the same file share it. */
-static int find_texture(struct obj_materials *m, const struct obj_material *material, const struct obj_map *map, const char *what, uint32_t *index)
+static int find_texture(struct obj_materials *m, const struct obj_material *material, const struct obj_map *map,
+                        const char *what, uint32_t *index)
 {
     char key[2 * PATH_LENGTH + 8];
     if (map->path == 0)
         return KILN_OK;
-    const int length = snprintf(key, sizeof key, "%c%.1024s\n%.1024s", map->clamp ? 'c' : 'r', m->text + material->folder, m->text + map->path);
+    const int length = snprintf(key, sizeof key, "%c%.1024s\n%.1024s", map->clamp ? 'c' : 'r',
+                                m->text + material->folder, m->text + map->path);
     const uint32_t fresh = (uint32_t)m->builder->sections[KILN_SECTION_TEXTURES].count;
     *index = fresh;
     int status = obj_symbol(&m->textures, key, (size_t)length, index, m->error);
@@ -350,8 +381,11 @@ static int find_texture(struct obj_materials *m, const struct obj_material *mate
 static int add_to_builder(struct obj_materials *m, const struct obj_material *source)
 {
     const char *name = m->text + source->name;
-    struct kiln_material material = {.base_color_texture = KILN_NONE, .emission_texture = KILN_NONE, .transmission_texture = KILN_NONE,
-                                     .alpha_cutoff = 0.5f, .roughness = 1.0f};
+    struct kiln_material material = {.base_color_texture = KILN_NONE,
+                                     .emission_texture = KILN_NONE,
+                                     .transmission_texture = KILN_NONE,
+                                     .alpha_cutoff = 0.5f,
+                                     .roughness = 1.0f};
     memcpy(material.base_color, source->diffuse, sizeof source->diffuse);
     material.base_color[3] = source->alpha;
     material.alpha_mode = source->alpha < 1.0f ? KILN_ALPHA_BLEND : KILN_ALPHA_OPAQUE;
@@ -359,13 +393,15 @@ static int add_to_builder(struct obj_materials *m, const struct obj_material *so
     int status = find_texture(m, source, &source->diffuse_map, "map_Kd", &material.base_color_texture);
     if (status == KILN_OK)
         status = find_texture(m, source, &source->emission_map, "map_Ke", &material.emission_texture);
-    if (material.emission_texture != KILN_NONE && material.emission[0] + material.emission[1] + material.emission[2] == 0.0f)
+    if (material.emission_texture != KILN_NONE &&
+        material.emission[0] + material.emission[1] + material.emission[2] == 0.0f)
         material.emission[0] = material.emission[1] = material.emission[2] = 1.0f;
     if (status == KILN_OK && source->alpha_map)
         status = kiln_builder_note(m->builder, 1, m->error, "material '%.80s': its opacity map is left out", name);
     if (status == KILN_OK)
         status = kiln_builder_string(m->builder, name, strlen(name), &material.name, m->error);
-    return status != KILN_OK ? status : kiln_builder_append(m->builder, KILN_SECTION_MATERIALS, &material, 1, NULL, m->error);
+    return status != KILN_OK ? status
+                             : kiln_builder_append(m->builder, KILN_SECTION_MATERIALS, &material, 1, NULL, m->error);
 }
 
 int obj_add_materials(struct obj_materials *m)

@@ -9,12 +9,16 @@ int obj_polygon_room(struct obj_polygon *p, size_t count, struct kiln_error *err
     const struct {
         void *pointer;
         size_t size;
-    } columns[] = {{&p->points, sizeof *p->points}, {&p->flat, sizeof *p->flat}, {&p->ring, sizeof *p->ring},
-                   {&p->reflex, sizeof *p->reflex}, {&p->triangles, 3 * sizeof *p->triangles}};
+    } columns[] = {{&p->points, sizeof *p->points},
+                   {&p->flat, sizeof *p->flat},
+                   {&p->ring, sizeof *p->ring},
+                   {&p->reflex, sizeof *p->reflex},
+                   {&p->triangles, 3 * sizeof *p->triangles}};
     size_t capacity = p->capacity;
     for (size_t i = 0; i < sizeof columns / sizeof columns[0]; i++) {
         capacity = p->capacity;
-        const int status = kiln_grow(columns[i].pointer, &capacity, count, columns[i].size, "the corners of a face", error);
+        const int status =
+            kiln_grow(columns[i].pointer, &capacity, count, columns[i].size, "the corners of a face", error);
         if (status != KILN_OK)
             return status;
     }
@@ -38,7 +42,8 @@ static struct kiln_dvec3 area_vector(const struct kiln_vec3 *points, size_t coun
     struct kiln_dvec3 sum = dvec3(0.0, 0.0, 0.0);
     const struct kiln_dvec3 first = dvec3_of(points[0]);
     for (size_t i = 1; i + 1 < count; i++)
-        sum = dvec3_add(sum, dvec3_cross(dvec3_sub(dvec3_of(points[i]), first), dvec3_sub(dvec3_of(points[i + 1]), first)));
+        sum = dvec3_add(sum,
+                        dvec3_cross(dvec3_sub(dvec3_of(points[i]), first), dvec3_sub(dvec3_of(points[i + 1]), first)));
     return sum;
 }
 
@@ -64,12 +69,15 @@ static double turn(const struct obj_polygon *p, uint32_t a, uint32_t b, uint32_t
     return (u[0] - o[0]) * (v[1] - o[1]) - (u[1] - o[1]) * (v[0] - o[0]);
 }
 
-static bool same_place(const struct obj_polygon *p, uint32_t a, uint32_t b) { return p->flat[a][0] == p->flat[b][0] && p->flat[a][1] == p->flat[b][1]; }
+static bool same_place(const struct obj_polygon *p, uint32_t a, uint32_t b)
+{
+    return p->flat[a][0] == p->flat[b][0] && p->flat[a][1] == p->flat[b][1];
+}
 
 static bool within(const struct obj_polygon *p, uint32_t a, uint32_t b, uint32_t c, uint32_t point)
 {
-    return !same_place(p, point, a) && !same_place(p, point, b) && !same_place(p, point, c) && turn(p, a, b, point) >= 0.0 &&
-           turn(p, b, c, point) >= 0.0 && turn(p, c, a, point) >= 0.0;
+    return !same_place(p, point, a) && !same_place(p, point, b) && !same_place(p, point, c) &&
+           turn(p, a, b, point) >= 0.0 && turn(p, b, c, point) >= 0.0 && turn(p, c, a, point) >= 0.0;
 }
 
 /* A convex corner whose triangle holds no reflex corner, and so no corner at all. */
@@ -112,7 +120,8 @@ static void clip_ears(struct obj_polygon *p, uint32_t count)
 {
     size_t triangle = 0;
     uint32_t at = 0, left = count, tried = 0;
-    uint64_t patience = 2 * (uint64_t)OBJ_CONCAVE_MAX * OBJ_CONCAVE_MAX + count; /* more than any of OBJ_CONCAVE_MAX corners takes */
+    /* more than any of OBJ_CONCAVE_MAX corners takes */
+    uint64_t patience = 2 * (uint64_t)OBJ_CONCAVE_MAX * OBJ_CONCAVE_MAX + count;
     for (uint32_t i = 0; i < count; i++)
         p->ring[i].ear = is_ear(p, i);
     while (left > 3) {

@@ -29,11 +29,12 @@ struct obj_polygon {
 };
 
 int obj_polygon_room(struct obj_polygon *polygon, size_t count, struct kiln_error *error);
-/* Cuts the `count` (3 or more) points into triangles by clipping ears in the plane of the polygon's area vector (Newell's). A convex
- * quadrilateral is cut from its first corner, a concave one from its reflex corner; of more corners ears are looked for from the
- * first corner on, so that a convex polygon becomes a fan about its last corner. A polygon without ears (it crosses itself) becomes a
- * fan. False: it is not convex and has more than OBJ_CONCAVE_MAX corners. Takes up to 2 x count x count steps for a concave
- * one; one of more corners that winds about itself becomes a fan after 2 x OBJ_CONCAVE_MAX x OBJ_CONCAVE_MAX. */
+/* Cuts the `count` (3 or more) points into triangles by clipping ears in the plane of the polygon's area vector
+ * (Newell's). A convex quadrilateral is cut from its first corner, a concave one from its reflex corner; of more
+ * corners ears are looked for from the first corner on, so that a convex polygon becomes a fan about its last corner. A
+ * polygon without ears (it crosses itself) becomes a fan. False: it is not convex and has more than OBJ_CONCAVE_MAX
+ * corners. Takes up to 2 x count x count steps for a concave one; one of more corners that winds about itself becomes a
+ * fan after 2 x OBJ_CONCAVE_MAX x OBJ_CONCAVE_MAX. */
 bool obj_polygon_cut(struct obj_polygon *polygon, size_t count);
 void obj_polygon_destroy(struct obj_polygon *polygon);
 

@@ -8,7 +8,8 @@
 static struct obj_symbol *slot_of(const struct obj_symbols *s, const char *name, size_t length, uint64_t hash)
 {
     size_t slot = (size_t)hash & (s->slot_count - 1);
-    while (s->slots[slot].taken && (s->slots[slot].hash != hash || s->slots[slot].length != length || memcmp(s->text + s->slots[slot].name, name, length) != 0))
+    while (s->slots[slot].taken && (s->slots[slot].hash != hash || s->slots[slot].length != length ||
+                                    memcmp(s->text + s->slots[slot].name, name, length) != 0))
         slot = (slot + 1) & (s->slot_count - 1);
     return &s->slots[slot];
 }

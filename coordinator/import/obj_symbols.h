@@ -14,7 +14,7 @@ struct obj_symbols {
         uint64_t hash;
         uint32_t value;
         uint32_t taken;
-    } *slots;
+    } * slots;
     size_t slot_count, used;
     char *text;
     size_t text_size, text_capacity;

@@ -33,7 +33,8 @@ static int narrow(struct obj_text *text, const struct kiln_file *file, struct ki
     size_t length = 0;
     for (size_t i = 1; i < units; i++) {
         uint32_t code = (uint32_t)file->data[2 * i + low] | (uint32_t)file->data[2 * i + 1 - low] << 8;
-        const uint32_t next = i + 1 < units ? (uint32_t)file->data[2 * i + 2 + low] | (uint32_t)file->data[2 * i + 3 - low] << 8 : 0;
+        const uint32_t next =
+            i + 1 < units ? (uint32_t)file->data[2 * i + 2 + low] | (uint32_t)file->data[2 * i + 3 - low] << 8 : 0;
         if (code >= 0xd800 && code < 0xdc00 && next >= 0xdc00 && next < 0xe000) {
             code = 0x10000 + ((code - 0xd800) << 10) + (next - 0xdc00);
             i++;
@@ -45,11 +46,14 @@ static int narrow(struct obj_text *text, const struct kiln_file *file, struct ki
     return KILN_OK;
 }
 
-int obj_text_open(struct obj_text *text, const struct kiln_file *file, const char *scene, const char *name, struct kiln_error *error)
+int obj_text_open(struct obj_text *text, const struct kiln_file *file, const char *scene, const char *name,
+                  struct kiln_error *error)
 {
-    const bool wide = file->size >= 2 && ((file->data[0] == 0xff && file->data[1] == 0xfe) || (file->data[0] == 0xfe && file->data[1] == 0xff));
+    const bool wide = file->size >= 2 && ((file->data[0] == 0xff && file->data[1] == 0xfe) ||
+                                          (file->data[0] == 0xfe && file->data[1] == 0xff));
     const size_t mark = file->size >= 3 && memcmp(file->data, "\xef\xbb\xbf", 3) == 0 ? 3 : 0;
-    *text = (struct obj_text){.scene = scene, .name = name, .at = file->data + mark, .end = file->data + file->size, .error = error};
+    *text = (struct obj_text){
+        .scene = scene, .name = name, .at = file->data + mark, .end = file->data + file->size, .error = error};
     return wide ? narrow(text, file, error) : KILN_OK;
 }
 
@@ -58,9 +62,10 @@ void obj_text_close(struct obj_text *text) { kiln_free(&text->owned); }
 int obj_fail(const struct obj_text *text, const char *what, const struct obj_word *word)
 {
     const int shown = word == NULL ? 0 : word->length < 40 ? (int)word->length : 40;
-    return kiln_fail(text->error, KILN_BAD_INPUT, "%.512s: %.120s%sline %llu: %s%s%.*s%s; repair the file or export it again", text->scene,
-                     text->name, text->name[0] == '\0' ? "" : ", ", (unsigned long long)text->line, what, word == NULL ? "" : " '", shown,
-                     word == NULL ? "" : word->text, word == NULL ? "" : "'");
+    return kiln_fail(text->error, KILN_BAD_INPUT,
+                     "%.512s: %.120s%sline %llu: %s%s%.*s%s; repair the file or export it again", text->scene,
+                     text->name, text->name[0] == '\0' ? "" : ", ", (unsigned long long)text->line, what,
+                     word == NULL ? "" : " '", shown, word == NULL ? "" : word->text, word == NULL ? "" : "'");
 }
 
 /* ---- words ---- */
@@ -100,7 +105,8 @@ bool obj_next_word(struct obj_text *text, struct obj_word *word)
     if (!obj_more(text))
         return false;
     const unsigned char *first = text->at;
-    while (text->at < text->end && !blank(*text->at) && *text->at != '\n' && (*text->at != '\\' || continuation(text) == 0))
+    while (text->at < text->end && !blank(*text->at) && *text->at != '\n' &&
+           (*text->at != '\\' || continuation(text) == 0))
         text->at++;
     *word = (struct obj_word){(const char *)first, (size_t)(text->at - first)};
     return true;
@@ -133,7 +139,10 @@ bool obj_next_line(struct obj_text *text, struct obj_word *keyword)
     return false;
 }
 
-bool obj_is(struct obj_word word, const char *text) { return word.length == strlen(text) && memcmp(word.text, text, word.length) == 0; }
+bool obj_is(struct obj_word word, const char *text)
+{
+    return word.length == strlen(text) && memcmp(word.text, text, word.length) == 0;
+}
 
 /* ---- numbers ---- */
 
@@ -202,7 +211,9 @@ bool obj_parse_number(struct obj_word word, double *value)
     /* Both factors are exact, so the one operation rounds as it should. */
     const bool exact = d.digit_count <= EXACT_DIGITS && d.exponent >= -EXACT_TENS && d.exponent <= EXACT_TENS;
     if (exact || d.digits == 0) {
-        const double size = d.digits == 0 ? 0.0 : d.exponent < 0 ? (double)d.digits / tens[-d.exponent] : (double)d.digits * tens[d.exponent];
+        const double size = d.digits == 0    ? 0.0
+                            : d.exponent < 0 ? (double)d.digits / tens[-d.exponent]
+                                             : (double)d.digits * tens[d.exponent];
         *value = d.negative ? -size : size;
     } else {
         *value = slow_number(word);

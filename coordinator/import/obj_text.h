@@ -1,7 +1,8 @@
-/* Private to coordinator/import/obj*.c: the text of OBJ and MTL files, line by line and word by word, as it lies in the mapped file.
+/* Private to coordinator/import/obj*.c: the text of OBJ and MTL files, line by line and word by word, as it lies in the
+ * mapped file.
  *
- * A line ends with LF or CR LF; a backslash before its end continues it; '#' begins a comment. Words are separated by blanks and
- * tabs. Numbers have a point whatever the locale. */
+ * A line ends with LF or CR LF; a backslash before its end continues it; '#' begins a comment. Words are separated by
+ * blanks and tabs. Numbers have a point whatever the locale. */
 #ifndef KILN_COORDINATOR_IMPORT_OBJ_TEXT_H
 #define KILN_COORDINATOR_IMPORT_OBJ_TEXT_H
 
@@ -26,7 +27,8 @@ struct obj_word {
 };
 
 /* Begins to read `file`, which is borrowed: UTF-8 (or any one-byte encoding), or UTF-16 with its mark. */
-int obj_text_open(struct obj_text *text, const struct kiln_file *file, const char *scene, const char *name, struct kiln_error *error);
+int obj_text_open(struct obj_text *text, const struct kiln_file *file, const char *scene, const char *name,
+                  struct kiln_error *error);
 void obj_text_close(struct obj_text *text);
 
 /* The first word of the next line that has one; false at the end of the text. */

@@ -44,8 +44,9 @@ static bool parse_radiance(const char *text, float rgb[3])
     return true;
 }
 
-static int read_environment_image(const struct kiln_import_params *params, struct kiln_confine *confine, struct kiln_builder *builder,
-                                  struct kiln_environment *environment, struct kiln_error *error)
+static int read_environment_image(const struct kiln_import_params *params, struct kiln_confine *confine,
+                                  struct kiln_builder *builder, struct kiln_environment *environment,
+                                  struct kiln_error *error)
 {
     struct kiln_file file;
     char where[600];
@@ -53,7 +54,8 @@ static int read_environment_image(const struct kiln_import_params *params, struc
     int status = kiln_confine_map_named(confine, builder, params->environment, &file, error);
     if (status != KILN_OK)
         return status;
-    status = kiln_image_append_environment(builder, file.data, file.size, where, &environment->width, &environment->height, error);
+    status = kiln_image_append_environment(builder, file.data, file.size, where, &environment->width,
+                                           &environment->height, error);
     kiln_file_unmap(&file);
     environment->kind = KILN_ENVIRONMENT_LATLONG;
     environment->radiance[0] = environment->radiance[1] = environment->radiance[2] = 1.0f;
@@ -61,7 +63,8 @@ static int read_environment_image(const struct kiln_import_params *params, struc
 }
 
 /* Whether the brightest texel, scaled, can still be summed. */
-static int check_texels(const struct kiln_builder *builder, const struct kiln_environment *environment, struct kiln_error *error)
+static int check_texels(const struct kiln_builder *builder, const struct kiln_environment *environment,
+                        struct kiln_error *error)
 {
     const float *texels = KILN_BUILDER_DATA(builder, const float, KILN_SECTION_ENVIRONMENT_TEXELS);
     float most = 0.0f;
@@ -69,15 +72,18 @@ static int check_texels(const struct kiln_builder *builder, const struct kiln_en
         most = fmaxf(most, texels[i] * environment->radiance[i % 3]);
     if (most <= KILN_ENVIRONMENT_RADIANCE_MAX)
         return KILN_OK;
-    return kiln_fail(error, KILN_USAGE, "the environment's brightest texel, scaled, is %g, more than %g; give a smaller --environment-scale",
-                     (double)most, (double)KILN_ENVIRONMENT_RADIANCE_MAX);
+    return kiln_fail(
+        error, KILN_USAGE,
+        "the environment's brightest texel, scaled, is %g, more than %g; give a smaller --environment-scale",
+        (double)most, (double)KILN_ENVIRONMENT_RADIANCE_MAX);
 }
 
 /* The environment the user asks for, or the scene's own, scaled and turned. */
-static int set_environment(const struct kiln_import_params *params, struct kiln_confine *confine, struct kiln_builder *builder,
-                           struct kiln_error *error)
+static int set_environment(const struct kiln_import_params *params, struct kiln_confine *confine,
+                           struct kiln_builder *builder, struct kiln_error *error)
 {
-    struct kiln_environment environment = KILN_BUILDER_DATA(builder, const struct kiln_environment, KILN_SECTION_ENVIRONMENT)[0];
+    struct kiln_environment environment =
+        KILN_BUILDER_DATA(builder, const struct kiln_environment, KILN_SECTION_ENVIRONMENT)[0];
     const char *asked = params->environment;
     if (asked != NULL && asked[0] != '\0') {
         environment = (struct kiln_environment){0};
@@ -92,8 +98,10 @@ static int set_environment(const struct kiln_import_params *params, struct kiln_
     for (int c = 0; c < 3; c++) {
         const double value = (double)environment.radiance[c] * params->environment_scale;
         if (!(value >= 0.0 && value <= 1.0001 * MOST_RADIANCE)) /* a float may lie above what it was given as */
-            return kiln_fail(error, KILN_USAGE, "--environment-scale %g makes a radiance of %g of the environment's %g: at most %g is possible",
-                             params->environment_scale, value, (double)environment.radiance[c], MOST_RADIANCE);
+            return kiln_fail(
+                error, KILN_USAGE,
+                "--environment-scale %g makes a radiance of %g of the environment's %g: at most %g is possible",
+                params->environment_scale, value, (double)environment.radiance[c], MOST_RADIANCE);
         environment.radiance[c] = (float)value;
     }
     const int status = check_texels(builder, &environment, error);
@@ -106,8 +114,8 @@ static int set_environment(const struct kiln_import_params *params, struct kiln_
     return KILN_OK;
 }
 
-int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(const struct kiln_confine *), struct kiln_builder *builder,
-                     struct kiln_error *error)
+int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(const struct kiln_confine *),
+                     struct kiln_builder *builder, struct kiln_error *error)
 {
     struct kiln_confine *confine = NULL;
     int status = kiln_confine_create(&confine, params->path, error);
@@ -123,7 +131,8 @@ int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(con
         status = kiln_obj_read(confine, builder, error);
         break;
     default:
-        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s: kiln does not read files of this name; give a .glb, .gltf, .obj or .kscene",
+        status = kiln_fail(error, KILN_BAD_INPUT,
+                           "%.512s: kiln does not read files of this name; give a .glb, .gltf, .obj or .kscene",
                            params->path);
     }
     if (status == KILN_OK)
@@ -136,13 +145,14 @@ int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(con
     return status;
 }
 
-void kiln_import_key(const struct kiln_import_params *params, uint64_t program, const struct kiln_source *sources, size_t source_count,
-                     const char *strings, uint64_t key[2])
+void kiln_import_key(const struct kiln_import_params *params, uint64_t program, const struct kiln_source *sources,
+                     size_t source_count, const char *strings, uint64_t key[2])
 {
     char text[512];
-    const int length = snprintf(text, sizeof text, "%016llx %.17g %u %u %d %.17g %.17g %d ", (unsigned long long)program, params->texels_per_metre,
-                                params->lightmap_size, params->lightmap_max, params->repack, params->environment_scale,
-                                params->environment_rotation_degrees, params->trust_normals);
+    const int length =
+        snprintf(text, sizeof text, "%016llx %.17g %u %u %d %.17g %.17g %d ", (unsigned long long)program,
+                 params->texels_per_metre, params->lightmap_size, params->lightmap_max, params->repack,
+                 params->environment_scale, params->environment_rotation_degrees, params->trust_normals);
     const char *environment = params->environment == NULL ? "" : params->environment;
     XXH128_hash_t hash = XXH3_128bits(text, (size_t)length);
     hash = XXH3_128bits_withSeed(environment, strlen(environment), hash.low64 ^ hash.high64);

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/cli/options.h"
+#include "coordinator/job/options.h"
 #include "coordinator/import/builder.h"
 
 /* ---- one setting ---- */
@@ -55,7 +55,8 @@ static uint8_t place_of(const json_t *value, const char *const *words, uint8_t c
 
 static bool read_role(struct kiln_object_settings *settings, const json_t *value)
 {
-    static const char *const words[] = {"both", "caster-only", "receiver-only"}; /* in the order of enum kiln_object_role */
+    /* in the order of enum kiln_object_role */
+    static const char *const words[] = {"both", "caster-only", "receiver-only"};
     settings->role = place_of(value, words, 3);
     return settings->role != KILN_ROLE_UNSAID;
 }
@@ -95,15 +96,16 @@ const char *kiln_object_settings_nearest(const char *name)
     return keys[best].name;
 }
 
-int kiln_object_settings_read(struct kiln_object_settings *settings, const char *name, const json_t *value, const char *where, int status,
-                              bool *known, struct kiln_error *error)
+int kiln_object_settings_read(struct kiln_object_settings *settings, const char *name, const json_t *value,
+                              const char *where, int status, bool *known, struct kiln_error *error)
 {
     const struct key *key = find_key(name);
     *known = key != NULL;
     if (key == NULL || key->read(settings, value))
         return KILN_OK;
     char *text = json_dumps(value, JSON_ENCODE_ANY | JSON_COMPACT);
-    const int result = kiln_fail(error, status, "%s: %s is %.100s; it must be %s", where, key->name, text == NULL ? "" : text, key->wanted);
+    const int result = kiln_fail(error, status, "%s: %s is %.100s; it must be %s", where, key->name,
+                                 text == NULL ? "" : text, key->wanted);
     free(text);
     return result;
 }
@@ -125,7 +127,8 @@ static void merge(struct kiln_object_settings *settings, const struct kiln_objec
         settings->exclude = rule->exclude;
 }
 
-static int read_rule(const char *pattern, const json_t *json, struct kiln_object_settings *rule, struct kiln_error *error)
+static int read_rule(const char *pattern, const json_t *json, struct kiln_object_settings *rule,
+                     struct kiln_error *error)
 {
     const char *key;
     json_t *value;
@@ -133,12 +136,13 @@ static int read_rule(const char *pattern, const json_t *json, struct kiln_object
     int status = KILN_OK;
     *rule = (struct kiln_object_settings){0};
     (void)snprintf(where, sizeof where, "objects '%.200s'", pattern);
-    json_object_foreach((json_t *)(uintptr_t)json, key, value) {
+    json_object_foreach((json_t *)(uintptr_t)json, key, value)
+    {
         bool known = false;
         status = kiln_object_settings_read(rule, key, value, where, KILN_USAGE, &known, error);
         if (status == KILN_OK && !known)
-            status = kiln_fail(error, KILN_USAGE, "%s: there is no setting '%.100s'; the nearest one is '%s'", where, key,
-                               kiln_object_settings_nearest(key));
+            status = kiln_fail(error, KILN_USAGE, "%s: there is no setting '%.100s'; the nearest one is '%s'", where,
+                               key, kiln_object_settings_nearest(key));
         if (status != KILN_OK)
             break;
     }
@@ -146,7 +150,10 @@ static int read_rule(const char *pattern, const json_t *json, struct kiln_object
 }
 
 /* A name with brackets in it is taken as it is, too. */
-static bool matches(const char *pattern, const char *name) { return strcmp(pattern, name) == 0 || fnmatch(pattern, name, 0) == 0; }
+static bool matches(const char *pattern, const char *name)
+{
+    return strcmp(pattern, name) == 0 || fnmatch(pattern, name, 0) == 0;
+}
 
 static size_t apply_rule(struct kiln_builder *builder, const char *pattern, const struct kiln_object_settings *rule)
 {
@@ -166,13 +173,18 @@ static int apply_rules(struct kiln_builder *builder, const char *text, struct ki
 {
     const char *pattern;
     json_t *rules = json_loads(text, JSON_REJECT_DUPLICATES, NULL), *settings;
-    int status = json_is_object(rules) ? KILN_OK : kiln_fail(error, KILN_USAGE, "the rules for objects are no JSON object: %.100s", text);
-    json_object_foreach(rules, pattern, settings) {
+    int status = json_is_object(rules)
+                     ? KILN_OK
+                     : kiln_fail(error, KILN_USAGE, "the rules for objects are no JSON object: %.100s", text);
+    json_object_foreach(rules, pattern, settings)
+    {
         struct kiln_object_settings rule;
         status = read_rule(pattern, settings, &rule, error);
         if (status == KILN_OK && apply_rule(builder, pattern, &rule) == 0)
-            status = kiln_builder_note(builder, KILN_NOTE_SAID, error, "objects '%.200s': no object of the scene has a name like this; kiln info --verbose lists the names",
-                                       pattern);
+            status = kiln_builder_note(
+                builder, KILN_NOTE_SAID, error,
+                "objects '%.200s': no object of the scene has a name like this; kiln info --verbose lists the names",
+                pattern);
         if (status != KILN_OK)
             break;
     }
@@ -186,7 +198,8 @@ static uint32_t flags_of(const struct kiln_object_settings *settings)
 {
     return (settings->role == KILN_ROLE_CASTER_ONLY ? KILN_OBJECT_CASTER_ONLY : 0u) |
            (settings->role == KILN_ROLE_RECEIVER_ONLY ? KILN_OBJECT_RECEIVER_ONLY : 0u) |
-           (settings->sides == KILN_SIDES_TWO ? KILN_OBJECT_BOTH_SIDES : 0u) | (settings->sides == KILN_SIDES_ONE ? KILN_OBJECT_ONE_SIDE : 0u);
+           (settings->sides == KILN_SIDES_TWO ? KILN_OBJECT_BOTH_SIDES : 0u) |
+           (settings->sides == KILN_SIDES_ONE ? KILN_OBJECT_ONE_SIDE : 0u);
 }
 
 /* Moves the objects that stay to the front. */
@@ -218,7 +231,8 @@ static int note_roles(struct kiln_builder *builder, size_t excluded, struct kiln
     if (excluded > 0)
         status = kiln_builder_note(builder, 0, error, "%zu objects are left out of the bake, as asked for", excluded);
     if (status == KILN_OK && casters > 0)
-        status = kiln_builder_note(builder, 0, error, "%zu objects are caster-only: their lightmaps are not published", casters);
+        status = kiln_builder_note(builder, 0, error, "%zu objects are caster-only: their lightmaps are not published",
+                                   casters);
     if (status == KILN_OK && receivers > 0)
         status = kiln_builder_note(builder, 0, error, "%zu objects are receiver-only: no ray meets them", receivers);
     return status;

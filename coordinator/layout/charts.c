@@ -17,7 +17,7 @@ struct maker {
     const struct kiln_topology *topology;
     struct kiln_charts *charts;
     double texels_per_metre;
-    uint32_t *label;      /* a triangle: number of the part it is in; grows with every cut */
+    uint32_t *label; /* a triangle: number of the part it is in; grows with every cut */
     uint32_t label_count;
     uint32_t *stamp;      /* a vertex: label that last gathered it */
     struct point *points; /* a vertex each; twice as many, for the hull */
@@ -78,8 +78,8 @@ static void hull_extent(const struct point *hull, size_t count, double c, double
     }
 }
 
-/* Turns the chart so that its bounding box has the least area (one side then lies along an edge of the hull), longer side
- * along u, and moves it to the origin. */
+/* Turns the chart so that its bounding box has the least area (one side then lies along an edge of the hull), longer
+ * side along u, and moves it to the origin. */
 static void align_chart(struct maker *m, struct kiln_chart *chart, size_t point_count)
 {
     struct point *hull = m->points + m->topology->vertex_count;
@@ -181,8 +181,10 @@ static int chart_overlaps(struct maker *m, const struct kiln_chart *chart, bool 
 {
     const struct kiln_topology *t = m->topology;
     const double side = fmax(chart->width, chart->height);
-    const double across = fmin(fmax(SAMPLES_A_TEXEL * m->texels_per_metre * side, SAMPLES_MIN), SAMPLES_MAX), scale = across / side;
-    const int status = kiln_bitmap_reset(&m->bitmap, (uint32_t)ceil(across) + 1, (uint32_t)ceil(chart->height * scale) + 1, error);
+    const double across = fmin(fmax(SAMPLES_A_TEXEL * m->texels_per_metre * side, SAMPLES_MIN), SAMPLES_MAX),
+                 scale = across / side;
+    const int status =
+        kiln_bitmap_reset(&m->bitmap, (uint32_t)ceil(across) + 1, (uint32_t)ceil(chart->height * scale) + 1, error);
     if (status != KILN_OK)
         return status;
     uint64_t covered = 0, again = 0;
@@ -200,8 +202,8 @@ static int chart_overlaps(struct maker *m, const struct kiln_chart *chart, bool 
     return KILN_OK;
 }
 
-/* Walks breadth first through the triangles of one label from the queue's first `filled`, marking `side`; gives how many were
- * met. Triangles in the queue at the start are marked already. */
+/* Walks breadth first through the triangles of one label from the queue's first `filled`, marking `side`; gives how
+ * many were met. Triangles in the queue at the start are marked already. */
 static size_t walk(struct maker *m, uint32_t label, size_t filled, size_t limit)
 {
     const struct kiln_topology *t = m->topology;
@@ -276,8 +278,8 @@ static int make_charts(struct maker *m, struct part whole, struct kiln_error *er
         if (status == KILN_OK)
             status = kiln_grow(&stack, &capacity, depth + 2, sizeof *stack, "charts", error);
         if (status == KILN_OK)
-            status = kiln_grow(&m->charts->charts, &m->charts->capacity, m->charts->count + 1, sizeof *m->charts->charts, "charts",
-                               error);
+            status = kiln_grow(&m->charts->charts, &m->charts->capacity, m->charts->count + 1,
+                               sizeof *m->charts->charts, "charts", error);
         if (status != KILN_OK)
             break;
         if (!overlaps) {

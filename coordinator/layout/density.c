@@ -6,7 +6,8 @@
 
 #include "worker/base/memory.h"
 
-static const double largest_share = 0.24; /* aimed at for a quarter: sides are rounded up, and packing is not foreseen to the texel */
+/* aimed at for a quarter: sides are rounded up, and packing is not foreseen to the texel */
+static const double largest_share = 0.24;
 static const double small_share = 0.125; /* of the target, which all objects of least size take together at most */
 enum { LEAST_SIDE = 8, ROUNDS_MAX = 200 };
 
@@ -34,8 +35,8 @@ static size_t count_wanted(const struct kiln_density_demand *demands, size_t cou
     return wanted;
 }
 
-/* The density of an object when all have `common`, none more than `most` texels, none a side shorter than `least`. The least size
- * comes first: it is a few dozen texels. */
+/* The density of an object when all have `common`, none more than `most` texels, none a side shorter than `least`. The
+ * least size comes first: it is a few dozen texels. */
 static double density_of(const struct kiln_density_demand *demand, double common, double most, double least)
 {
     double density = common * demand->factor;
@@ -44,7 +45,8 @@ static double density_of(const struct kiln_density_demand *demand, double common
     return fmax(density, least / demand->longer);
 }
 
-static double total_texels(const struct kiln_density_demand *demands, size_t count, double common, double most, double least)
+static double total_texels(const struct kiln_density_demand *demands, size_t count, double common, double most,
+                           double least)
 {
     double sum = 0.0;
     for (size_t i = 0; i < count; i++) {
@@ -56,14 +58,17 @@ static double total_texels(const struct kiln_density_demand *demands, size_t cou
     return sum;
 }
 
-/* The common density at which the objects have `target` texels, each at most `most`: by bisection, for the sum grows with it. */
-static double solve_common(const struct kiln_density_demand *demands, size_t count, double target, double most, double least)
+/* The common density at which the objects have `target` texels, each at most `most`: by bisection, for the sum grows
+ * with it. */
+static double solve_common(const struct kiln_density_demand *demands, size_t count, double target, double most,
+                           double least)
 {
     double low = INFINITY, high = 0.0;
     for (size_t i = 0; i < count; i++) {
         if (!is_wanted(&demands[i]))
             continue;
-        const double full = sqrt(most / demands[i].texels) / demands[i].factor; /* from here on the object has its share */
+        /* from here on the object has its share */
+        const double full = sqrt(most / demands[i].texels) / demands[i].factor;
         high = fmax(high, full);
         low = fmin(low, full);
     }
@@ -78,9 +83,10 @@ static double solve_common(const struct kiln_density_demand *demands, size_t cou
     return high;
 }
 
-/* The share of what there really is, for a rounded density makes more or fewer texels than the target: the largest number of texels
- * that is `share` of the sum it leads to, from above. */
-static double settle_most(const struct kiln_density_demand *demands, size_t count, double share, double common, double least)
+/* The share of what there really is, for a rounded density makes more or fewer texels than the target: the largest
+ * number of texels that is `share` of the sum it leads to, from above. */
+static double settle_most(const struct kiln_density_demand *demands, size_t count, double share, double common,
+                          double least)
 {
     double most = INFINITY;
     for (int i = 0; i < ROUNDS_MAX; i++) {
@@ -93,8 +99,8 @@ static double settle_most(const struct kiln_density_demand *demands, size_t coun
     return most;
 }
 
-int kiln_density_choose(struct kiln_density *density, const struct kiln_density_demand *demands, size_t count, double target,
-                        struct kiln_error *error)
+int kiln_density_choose(struct kiln_density *density, const struct kiln_density_demand *demands, size_t count,
+                        double target, struct kiln_error *error)
 {
     const size_t wanted = count_wanted(demands, count);
     *density = (struct kiln_density){.texels_per_metre = 1.0, .most_texels = target, .least_side = 1};
@@ -110,7 +116,8 @@ int kiln_density_choose(struct kiln_density *density, const struct kiln_density_
         density->most_texels = settle_most(demands, count, share, common, least);
     }
     for (size_t i = 0; i < count; i++)
-        density->of[i] = is_wanted(&demands[i]) ? density_of(&demands[i], density->texels_per_metre, density->most_texels, density->least_side)
+        density->of[i] = is_wanted(&demands[i]) ? density_of(&demands[i], density->texels_per_metre,
+                                                             density->most_texels, density->least_side)
                                                 : density->texels_per_metre;
     return KILN_OK;
 }

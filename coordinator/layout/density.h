@@ -3,8 +3,8 @@
  * All objects have the same density, except
  * - those that would take more than their share of all texels (a ground plane around a house): they get that share;
  * - those that would be less than a few texels across: they get so many.
- * The share is a quarter; with fewer than four objects, who cannot all stay below a quarter, it is what an even split gives each.
- * The common density is such that all lightmaps together have about `target` texels. */
+ * The share is a quarter; with fewer than four objects, who cannot all stay below a quarter, it is what an even split
+ * gives each. The common density is such that all lightmaps together have about `target` texels. */
 #ifndef KILN_COORDINATOR_LAYOUT_DENSITY_H
 #define KILN_COORDINATOR_LAYOUT_DENSITY_H
 
@@ -28,8 +28,8 @@ struct kiln_density {
 };
 
 /* Deterministic. `density->of` is the caller's to free with kiln_free. Without a demand the density is 1. */
-int kiln_density_choose(struct kiln_density *density, const struct kiln_density_demand *demands, size_t count, double target,
-                        struct kiln_error *error);
+int kiln_density_choose(struct kiln_density *density, const struct kiln_density_demand *demands, size_t count,
+                        double target, struct kiln_error *error);
 
 /* The nearest, by ratio, of ten round numbers a decade. */
 double kiln_density_tidy(double value);

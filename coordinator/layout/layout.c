@@ -10,20 +10,21 @@
 #include "worker/base/memory.h"
 
 enum { DEFAULT_MAX = 4096, DEFAULT_PADDING = 2, LARGEST_SIDE = 1 << 16, NOTES_MAX = 16 };
-static const double SCENE_TEXELS = 262144.0; /* 2^18: what the default density aims at */
-static const double EXPECTED_USE = 0.7;      /* share of a lightmap that our own layouts fill, before one is made */
+static const double SCENE_TEXELS = 262144.0;   /* 2^18: what the default density aims at */
+static const double EXPECTED_USE = 0.7;        /* share of a lightmap that our own layouts fill, before one is made */
 static const double PADDED_TEXELS = 1048576.0; /* 2^20: what it may come to where charts need more room between them */
-static const double CLOSE_SHARE = 0.01;      /* of the border of charts, that may lie nearer than two texels to another chart */
-static const double RAISE_MAX = 4.0;         /* times the density, for that */
-static const double CASTER_FACTOR = 0.25;    /* on the density of an object whose lightmap nobody sees */
+/* of the border of charts, that may lie nearer than two texels to another chart */
+static const double CLOSE_SHARE = 0.01;
+static const double RAISE_MAX = 4.0;      /* times the density, for that */
+static const double CASTER_FACTOR = 0.25; /* on the density of an object whose lightmap nobody sees */
 
 /* An object as its lightmap sees it: area in the world, and metres a unit of u and of v (area-weighted means). */
 struct measure {
     double area, along_u, along_v;
 };
 
-/* The measure of the last shape that a mesh was given. Turning an object changes nothing and scaling it evenly only scales the
- * measure, so that a thousand copies are measured once. */
+/* The measure of the last shape that a mesh was given. Turning an object changes nothing and scaling it evenly only
+ * scales the measure, so that a thousand copies are measured once. */
 struct shape {
     bool known;
     double metric[6]; /* of the transform, divided by its trace */
@@ -37,35 +38,38 @@ struct sized_padding {
 
 /* What was decided for a mesh. */
 struct mesh_plan {
-    bool unwrap;              /* or repack, which is an unwrapping whose charts are given */
+    bool unwrap; /* or repack, which is an unwrapping whose charts are given */
     bool repack;
-    size_t reference;         /* its object with the largest area; SIZE_MAX: none */
+    size_t reference; /* its object with the largest area; SIZE_MAX: none */
     struct kiln_unwrapped *unwrapped;
-    struct measure measure;   /* of the reference object, in the new layout */
+    struct measure measure; /* of the reference object, in the new layout */
     struct shape shape;
-    double use;               /* share of the lightmap that the layout fills */
-    double density;           /* that it was unwrapped for, */
-    bool sized;               /* or for a size, so that the density is what came out */
+    double use;                     /* share of the lightmap that the layout fills */
+    double density;                 /* that it was unwrapped for, */
+    bool sized;                     /* or for a size, so that the density is what came out */
     struct sized_padding *paddings; /* of the lightmaps it was measured in */
     size_t padding_count, padding_capacity;
-    double metres[2];         /* repack: of the reference object, a unit of u and v of the file's layout */
+    double metres[2]; /* repack: of the reference object, a unit of u and v of the file's layout */
 };
 
 struct planner {
     struct kiln_builder *builder;
     struct kiln_layout_params params;
     double texels_per_metre;
-    struct mesh_plan *plans;    /* a mesh */
-    struct measure *measures;   /* an object, in the file's layout */
+    struct mesh_plan *plans;     /* a mesh */
+    struct measure *measures;    /* an object, in the file's layout */
     struct kiln_density density; /* automatic */
-    double *densities;          /* an object: its texels a metre */
-    uint64_t *source;           /* new vertices: which old one (index among all) */
+    double *densities;           /* an object: its texels a metre */
+    uint64_t *source;            /* new vertices: which old one (index among all) */
     struct kiln_vec2 *uv;
     size_t vertex_count, source_capacity, uv_capacity;
     size_t absent, refused, unclean, capped, shared, repacked; /* counts for notes */
 };
 
-static struct kiln_mesh *meshes(const struct planner *p) { return KILN_BUILDER_DATA(p->builder, struct kiln_mesh, KILN_SECTION_MESHES); }
+static struct kiln_mesh *meshes(const struct planner *p)
+{
+    return KILN_BUILDER_DATA(p->builder, struct kiln_mesh, KILN_SECTION_MESHES);
+}
 static size_t mesh_count(const struct planner *p) { return p->builder->sections[KILN_SECTION_MESHES].count; }
 static struct kiln_object *objects(const struct planner *p)
 {
@@ -84,7 +88,10 @@ static uint32_t *triangles(const struct planner *p, const struct kiln_mesh *mesh
 {
     return KILN_BUILDER_DATA(p->builder, uint32_t, KILN_SECTION_TRIANGLES) + 3 * mesh->triangle_first;
 }
-static const struct kiln_object_settings *settings_of(const struct planner *p, size_t object) { return &p->builder->object_settings[object]; }
+static const struct kiln_object_settings *settings_of(const struct planner *p, size_t object)
+{
+    return &p->builder->object_settings[object];
+}
 static const char *string(const struct planner *p, uint32_t offset)
 {
     return KILN_BUILDER_DATA(p->builder, char, KILN_SECTION_STRINGS) + offset;
@@ -99,12 +106,14 @@ static void linear_part(const double transform[12], double linear[9])
 
 static struct kiln_dvec3 apply(const double m[9], struct kiln_dvec3 p)
 {
-    return dvec3(m[0] * p.x + m[1] * p.y + m[2] * p.z, m[3] * p.x + m[4] * p.y + m[5] * p.z, m[6] * p.x + m[7] * p.y + m[8] * p.z);
+    return dvec3(m[0] * p.x + m[1] * p.y + m[2] * p.z, m[3] * p.x + m[4] * p.y + m[5] * p.z,
+                 m[6] * p.x + m[7] * p.y + m[8] * p.z);
 }
 
-/* Area-weighted mean length of dP/du and dP/dv over the triangles that have an extent in the layout. `uv` may be NULL. */
-static struct measure measure_triangles(const struct kiln_vec3 *points, const struct kiln_vec2 *uv, const uint32_t *corners,
-                                        size_t count, const double linear[9])
+/* Area-weighted mean length of dP/du and dP/dv over the triangles that have an extent in the layout. `uv` may be NULL.
+ */
+static struct measure measure_triangles(const struct kiln_vec3 *points, const struct kiln_vec2 *uv,
+                                        const uint32_t *corners, size_t count, const double linear[9])
 {
     struct measure m = {0};
     double weight = 0.0;
@@ -177,7 +186,8 @@ static int check_mesh(struct planner *p, size_t index, struct kiln_error *error)
     struct kiln_mesh *mesh = &meshes(p)[index];
     struct mesh_plan *plan = &p->plans[index];
     static const double identity[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
-    mesh->surface_area = measure_triangles(positions(p, mesh), NULL, triangles(p, mesh), mesh->triangle_count, identity).area;
+    mesh->surface_area =
+        measure_triangles(positions(p, mesh), NULL, triangles(p, mesh), mesh->triangle_count, identity).area;
     mesh->uv_area = 0.0;
     plan->reference = SIZE_MAX;
     plan->use = EXPECTED_USE;
@@ -189,14 +199,15 @@ static int check_mesh(struct planner *p, size_t index, struct kiln_error *error)
         return KILN_OK;
     }
     struct kiln_uv_verdict verdict;
-    int status = kiln_uv_check(&verdict, positions(p, mesh), lightmap_uv(p, mesh), triangles(p, mesh), mesh->triangle_count, error);
+    int status = kiln_uv_check(&verdict, positions(p, mesh), lightmap_uv(p, mesh), triangles(p, mesh),
+                               mesh->triangle_count, error);
     if (status != KILN_OK)
         return status;
     if (!verdict.valid)
-        return note_wanted(&p->refused) ? kiln_builder_note(p->builder, 1, error,
-                                                            "mesh \"%s\": its second UV set %s; it is unwrapped anew",
-                                                            string(p, mesh->name), verdict.reason)
-                                        : KILN_OK;
+        return note_wanted(&p->refused)
+                   ? kiln_builder_note(p->builder, 1, error, "mesh \"%s\": its second UV set %s; it is unwrapped anew",
+                                       string(p, mesh->name), verdict.reason)
+                   : KILN_OK;
     if (verdict.warning[0] != '\0' && note_wanted(&p->unclean))
         status = kiln_builder_note(p->builder, 1, error, "mesh \"%s\": its second UV set %s; it is used as it is",
                                    string(p, mesh->name), verdict.warning);
@@ -244,10 +255,13 @@ static uint32_t own_size(const struct planner *p, size_t index)
     const struct kiln_object_settings *settings = settings_of(p, index);
     if (settings->lightmap_size > 0)
         return settings->lightmap_size;
-    return p->params.lightmap_size == 0 ? 0 : (uint32_t)fmax(1.0, round(p->params.lightmap_size * scale_of(p, index) * role_factor(p, index)));
+    return p->params.lightmap_size == 0
+               ? 0
+               : (uint32_t)fmax(1.0, round(p->params.lightmap_size * scale_of(p, index) * role_factor(p, index)));
 }
 
-/* Objects whose size the user gives take no part; one that he scales takes part as if he had not, and is scaled then. */
+/* Objects whose size the user gives take no part; one that he scales takes part as if he had not, and is scaled then.
+ */
 static struct kiln_density_demand demand_of(const struct planner *p, size_t index)
 {
     const struct measure *m = &p->measures[index];
@@ -292,11 +306,13 @@ static int deal_densities(struct planner *p, struct kiln_density_demand *demands
     for (size_t i = 0; i < object_count(p); i++)
         demands[i] = demand_of(p, i);
     kiln_free(&p->density.of);
-    return p->params.texels_per_metre > 0.0 ? name_densities(p, error)
-                                            : kiln_density_choose(&p->density, demands, object_count(p), SCENE_TEXELS, error);
+    return p->params.texels_per_metre > 0.0
+               ? name_densities(p, error)
+               : kiln_density_choose(&p->density, demands, object_count(p), SCENE_TEXELS, error);
 }
 
-/* Each object's density, and the one they have in common. Again after meshes have been unwrapped, when it is known how well they pack. */
+/* Each object's density, and the one they have in common. Again after meshes have been unwrapped, when it is known how
+ * well they pack. */
 static int choose_densities(struct planner *p, struct kiln_error *error)
 {
     struct kiln_density_demand *demands = NULL;
@@ -321,7 +337,8 @@ static double wanted_texels(const struct planner *p, size_t index)
     return size > 0.0 ? size * size : p->measures[index].area * density * density;
 }
 
-/* Finds each mesh's object with the most texels, the largest of several with as many: the mesh is unwrapped for that one. */
+/* Finds each mesh's object with the most texels, the largest of several with as many: the mesh is unwrapped for that
+ * one. */
 static void find_references(struct planner *p)
 {
     for (size_t i = 0; i < mesh_count(p); i++)
@@ -344,15 +361,17 @@ static int note_packing(struct planner *p, size_t index, struct kiln_error *erro
     const struct kiln_unwrapped *u = plan->unwrapped;
     int status = KILN_OK;
     if (u->cells > 1 && note_wanted(&p->shared))
-        status = kiln_builder_note(p->builder, 1, error,
-                                   "mesh \"%s\": its %zu charts do not fit a lightmap of %u x %u with a texel each, so charts share texels; "
-                                   "allow larger lightmaps or split the mesh",
-                                   string(p, mesh->name), u->chart_count, u->width, u->height);
+        status = kiln_builder_note(
+            p->builder, 1, error,
+            "mesh \"%s\": its %zu charts do not fit a lightmap of %u x %u with a texel each, so charts share texels; "
+            "allow larger lightmaps or split the mesh",
+            string(p, mesh->name), u->chart_count, u->width, u->height);
     else if (!plan->sized && u->texels_per_metre < plan->density * (1.0 - 1e-9) && note_wanted(&p->capped))
-        status = kiln_builder_note(p->builder, 1, error,
-                                   "mesh \"%s\": its lightmap would be larger than %u texels a side; it has %.3g texels a metre "
-                                   "instead of %.3g",
-                                   string(p, mesh->name), p->params.lightmap_max, u->texels_per_metre, plan->density);
+        status = kiln_builder_note(
+            p->builder, 1, error,
+            "mesh \"%s\": its lightmap would be larger than %u texels a side; it has %.3g texels a metre "
+            "instead of %.3g",
+            string(p, mesh->name), p->params.lightmap_max, u->texels_per_metre, plan->density);
     return status;
 }
 
@@ -361,8 +380,10 @@ static double layout_area(const struct kiln_unwrapped *u, uint64_t triangle_coun
 {
     double area = 0.0;
     for (size_t i = 0; i < triangle_count; i++) {
-        const struct kiln_vec2 a = u->uv[u->triangles[3 * i]], b = u->uv[u->triangles[3 * i + 1]], c = u->uv[u->triangles[3 * i + 2]];
-        area += 0.5 * fabs(((double)b.x - (double)a.x) * ((double)c.y - (double)a.y) - ((double)b.y - (double)a.y) * ((double)c.x - (double)a.x));
+        const struct kiln_vec2 a = u->uv[u->triangles[3 * i]], b = u->uv[u->triangles[3 * i + 1]],
+                               c = u->uv[u->triangles[3 * i + 2]];
+        area += 0.5 * fabs(((double)b.x - (double)a.x) * ((double)c.y - (double)a.y) -
+                           ((double)b.y - (double)a.y) * ((double)c.x - (double)a.x));
     }
     return area;
 }
@@ -382,10 +403,11 @@ static int unwrap_mesh(struct planner *p, size_t index, struct kiln_error *error
         params.size = own_size(p, plan->reference);
     }
     kiln_unwrapped_destroy(&plan->unwrapped);
-    const int status = plan->repack ? kiln_repack(&plan->unwrapped, positions(p, mesh), lightmap_uv(p, mesh), mesh->vertex_count, triangles(p, mesh),
-                                                  mesh->triangle_count, plan->metres, &params, error)
-                                    : kiln_unwrap(&plan->unwrapped, positions(p, mesh), mesh->vertex_count, triangles(p, mesh),
-                                                  mesh->triangle_count, &params, error);
+    const int status = plan->repack
+                           ? kiln_repack(&plan->unwrapped, positions(p, mesh), lightmap_uv(p, mesh), mesh->vertex_count,
+                                         triangles(p, mesh), mesh->triangle_count, plan->metres, &params, error)
+                           : kiln_unwrap(&plan->unwrapped, positions(p, mesh), mesh->vertex_count, triangles(p, mesh),
+                                         mesh->triangle_count, &params, error);
     if (status != KILN_OK)
         return status;
     plan->padding_count = 0;
@@ -399,7 +421,8 @@ static int unwrap_mesh(struct planner *p, size_t index, struct kiln_error *error
 }
 
 /* Measures an unwrapped mesh in its new layout, as all its objects show it: into `measures`. */
-static int measure_unwrapped(struct planner *p, size_t index, const size_t *members, size_t member_count, struct kiln_error *error)
+static int measure_unwrapped(struct planner *p, size_t index, const size_t *members, size_t member_count,
+                             struct kiln_error *error)
 {
     const struct kiln_mesh *mesh = &meshes(p)[index];
     struct mesh_plan *plan = &p->plans[index];
@@ -441,7 +464,8 @@ static bool is_stale(const struct planner *p, size_t index)
     const struct mesh_plan *plan = &p->plans[index];
     if (!plan->unwrap || plan->unwrapped == NULL)
         return plan->unwrap;
-    return plan->reference != SIZE_MAX && !plan->sized && fabs(p->densities[plan->reference] / plan->density - 1.0) > 0.03;
+    return plan->reference != SIZE_MAX && !plan->sized &&
+           fabs(p->densities[plan->reference] / plan->density - 1.0) > 0.03;
 }
 
 static int unwrap_meshes(struct planner *p, struct kiln_error *error)
@@ -487,8 +511,10 @@ static void size_by_density(const struct planner *p, size_t index, uint32_t *wid
     /* Not so small that less than a texel is left of the padding. */
     const uint32_t least_width = (u->width + p->params.padding - 1) / p->params.padding;
     const uint32_t least_height = (u->height + p->params.padding - 1) / p->params.padding;
-    *width = side_of(p, u->width * (m.along_u / plan->measure.along_u) * (density / plan->density), least_width, capped);
-    *height = side_of(p, u->height * (m.along_v / plan->measure.along_v) * (density / plan->density), least_height, capped);
+    *width =
+        side_of(p, u->width * (m.along_u / plan->measure.along_u) * (density / plan->density), least_width, capped);
+    *height =
+        side_of(p, u->height * (m.along_v / plan->measure.along_v) * (density / plan->density), least_height, capped);
 }
 
 static int size_object(struct planner *p, size_t index, struct kiln_error *error)
@@ -503,10 +529,11 @@ static int size_object(struct planner *p, size_t index, struct kiln_error *error
     if (capped)
         object->density_reason = KILN_DENSITY_MAX;
     if (capped && note_wanted(&p->capped))
-        return kiln_builder_note(p->builder, 1, error,
-                                 "object \"%s\": its lightmap would be larger than %u texels a side and is capped there; it has fewer "
-                                 "than %.3g texels a metre",
-                                 string(p, object->name), p->params.lightmap_max, p->densities[index]);
+        return kiln_builder_note(
+            p->builder, 1, error,
+            "object \"%s\": its lightmap would be larger than %u texels a side and is capped there; it has fewer "
+            "than %.3g texels a metre",
+            string(p, object->name), p->params.lightmap_max, p->densities[index]);
     return KILN_OK;
 }
 
@@ -515,8 +542,10 @@ static int size_object(struct planner *p, size_t index, struct kiln_error *error
 /* Objects of a mesh that are stretched in many ways are not all measured: it takes the time of many imports. */
 enum { PADDINGS_MAX = 12 };
 
-/* The measurement whose lightmap is most like one of width x height; *difference: of the logarithms of the sides, 0 when it is the same. */
-static const struct sized_padding *likest_padding(const struct mesh_plan *plan, double width, double height, double *difference)
+/* The measurement whose lightmap is most like one of width x height; *difference: of the logarithms of the sides, 0
+ * when it is the same. */
+static const struct sized_padding *likest_padding(const struct mesh_plan *plan, double width, double height,
+                                                  double *difference)
 {
     const struct sized_padding *best = NULL;
     *difference = INFINITY;
@@ -531,9 +560,10 @@ static const struct sized_padding *likest_padding(const struct mesh_plan *plan, 
     return best;
 }
 
-/* How far apart the charts of an object lie in a lightmap of width x height; from the likest lightmaps of PADDINGS_MAX, where the mesh's
- * have more sizes. Factors that would make a side longer than allowed are left out. */
-static int measure_padding(struct planner *p, size_t index, double width, double height, struct kiln_padding *padding, struct kiln_error *error)
+/* How far apart the charts of an object lie in a lightmap of width x height; from the likest lightmaps of PADDINGS_MAX,
+ * where the mesh's have more sizes. Factors that would make a side longer than allowed are left out. */
+static int measure_padding(struct planner *p, size_t index, double width, double height, struct kiln_padding *padding,
+                           struct kiln_error *error)
 {
     const struct kiln_mesh *mesh = &meshes(p)[objects(p)[index].mesh];
     struct mesh_plan *plan = &p->plans[objects(p)[index].mesh];
@@ -541,13 +571,14 @@ static int measure_padding(struct planner *p, size_t index, double width, double
     const struct sized_padding *likest = likest_padding(plan, width, height, &difference);
     int status = KILN_OK;
     if (difference > 0.0 && plan->padding_count < PADDINGS_MAX) {
-        status = kiln_grow(&plan->paddings, &plan->padding_capacity, plan->padding_count + 1, sizeof *plan->paddings, "padding of layouts", error);
+        status = kiln_grow(&plan->paddings, &plan->padding_capacity, plan->padding_count + 1, sizeof *plan->paddings,
+                           "padding of layouts", error);
         if (status != KILN_OK)
             return status;
         struct sized_padding *made = &plan->paddings[plan->padding_count++];
         *made = (struct sized_padding){.width = width, .height = height};
-        status = kiln_padding_measure(&made->padding, positions(p, mesh), lightmap_uv(p, mesh), mesh->vertex_count, triangles(p, mesh),
-                                      mesh->triangle_count, width, height, error);
+        status = kiln_padding_measure(&made->padding, positions(p, mesh), lightmap_uv(p, mesh), mesh->vertex_count,
+                                      triangles(p, mesh), mesh->triangle_count, width, height, error);
         likest = made;
     }
     *padding = likest->padding;
@@ -558,7 +589,8 @@ static int measure_padding(struct planner *p, size_t index, double width, double
     return status;
 }
 
-/* Has the meshes packed anew whose charts lie less than two texels apart in the lightmap of their object with the most texels. */
+/* Has the meshes packed anew whose charts lie less than two texels apart in the lightmap of their object with the most
+ * texels. */
 static int choose_repacks(struct planner *p, struct kiln_error *error)
 {
     int status = choose_densities(p, error);
@@ -569,8 +601,10 @@ static int choose_repacks(struct planner *p, struct kiln_error *error)
         if (plan->unwrap || plan->reference == SIZE_MAX)
             continue;
         const struct measure *m = &p->measures[plan->reference];
-        const double size = own_size(p, plan->reference), density = p->densities[plan->reference], most = p->params.lightmap_max;
-        const double width = size > 0.0 ? size : fmin(density * m->along_u, most), height = size > 0.0 ? size : fmin(density * m->along_v, most);
+        const double size = own_size(p, plan->reference), density = p->densities[plan->reference],
+                     most = p->params.lightmap_max;
+        const double width = size > 0.0 ? size : fmin(density * m->along_u, most),
+                     height = size > 0.0 ? size : fmin(density * m->along_v, most);
         if (!(width > 0.0 && height > 0.0))
             continue;
         status = measure_padding(p, plan->reference, width, height, &padding, error);
@@ -603,11 +637,12 @@ static bool may_raise(const struct planner *p, size_t index)
     const struct kiln_object_settings *settings = settings_of(p, index);
     const struct measure *m = &p->measures[index];
     return !p->plans[objects(p)[index].mesh].unwrap && own_size(p, index) == 0 && settings->density_scale == 0.0 &&
-           settings->role != KILN_ROLE_CASTER_ONLY && isfinite(m->along_u) && isfinite(m->along_v) && m->along_u > 0.0 && m->along_v > 0.0;
+           settings->role != KILN_ROLE_CASTER_ONLY && isfinite(m->along_u) && isfinite(m->along_v) &&
+           m->along_u > 0.0 && m->along_v > 0.0;
 }
 
-/* What automatic density makes of `raises`: those first that are worth most, as long as the scene stays below PADDED_TEXELS. An object may come
- * to have more than its share of all texels: light that bleeds is worse. */
+/* What automatic density makes of `raises`: those first that are worth most, as long as the scene stays below
+ * PADDED_TEXELS. An object may come to have more than its share of all texels: light that bleeds is worse. */
 static void raise_best(struct planner *p, struct raise *raises, size_t count, double texels)
 {
     qsort(raises, count, sizeof *raises, compare_raises);
@@ -621,7 +656,8 @@ static void raise_best(struct planner *p, struct raise *raises, size_t count, do
     }
 }
 
-static struct raise raise_of(size_t object, double factor, double density, double texels, const struct kiln_padding *padding)
+static struct raise raise_of(size_t object, double factor, double density, double texels,
+                             const struct kiln_padding *padding)
 {
     const double added = texels * (factor * factor - 1.0);
     return (struct raise){object, factor, added, padding->close / (density * added)};
@@ -665,13 +701,16 @@ struct padding_sum {
 /* Whether the object's lightmap would be another if it had the density of the header. */
 static bool differs_from_common(const struct planner *p, size_t index)
 {
-    return !p->plans[objects(p)[index].mesh].unwrap && own_size(p, index) == 0 && fabs(p->densities[index] / p->texels_per_metre - 1.0) > 1e-3;
+    return !p->plans[objects(p)[index].mesh].unwrap && own_size(p, index) == 0 &&
+           fabs(p->densities[index] / p->texels_per_metre - 1.0) > 1e-3;
 }
 
-static int add_common(struct planner *p, size_t index, const struct kiln_padding *own, struct padding_sum *sum, struct kiln_error *error)
+static int add_common(struct planner *p, size_t index, const struct kiln_padding *own, struct padding_sum *sum,
+                      struct kiln_error *error)
 {
     const struct measure *m = &p->measures[index];
-    const double most = p->params.lightmap_max, width = fmin(p->texels_per_metre * m->along_u, most), height = fmin(p->texels_per_metre * m->along_v, most);
+    const double most = p->params.lightmap_max, width = fmin(p->texels_per_metre * m->along_u, most),
+                 height = fmin(p->texels_per_metre * m->along_v, most);
     struct kiln_padding padding = *own;
     int status = KILN_OK;
     if (differs_from_common(p, index) && width > 0.0 && height > 0.0)
@@ -722,7 +761,8 @@ static double round_up(double value)
 static void name_remedy(const struct planner *p, double named, char *text, size_t size)
 {
     if (!isfinite(named))
-        (void)snprintf(text, size, "no density would do, for charts touch or lightmaps would be larger than --lightmap-max");
+        (void)snprintf(text, size,
+                       "no density would do, for charts touch or lightmaps would be larger than --lightmap-max");
     else if (p->params.lightmap_size > 0)
         (void)snprintf(text, size, "--lightmap-size %.0f would leave less than 1 %%", named);
     else
@@ -736,23 +776,27 @@ static int note_padding(struct planner *p, struct kiln_error *error)
     char remedy[192];
     int status = sum_padding(p, &sum, error);
     if (status == KILN_OK && sum.raised > 0)
-        status = kiln_builder_note(p->builder, 0, error,
-                                   "%zu object%s up to %.2g times the texels a metre that the scene's size would give, so that two texels lie "
-                                   "between the charts of a layout",
-                                   sum.raised, sum.raised == 1 ? " has" : "s have", sum.raise);
+        status = kiln_builder_note(
+            p->builder, 0, error,
+            "%zu object%s up to %.2g times the texels a metre that the scene's size would give, so that two texels lie "
+            "between the charts of a layout",
+            sum.raised, sum.raised == 1 ? " has" : "s have", sum.raise);
     if (status != KILN_OK || sum.close == 0)
         return status;
     const double factor = kiln_padding_factor(&sum.common, CLOSE_SHARE);
-    const double unit = p->params.lightmap_size > 0 ? p->params.lightmap_size : p->texels_per_metre, wanted = factor * unit;
+    const double unit = p->params.lightmap_size > 0 ? p->params.lightmap_size : p->texels_per_metre,
+                 wanted = factor * unit;
     const double named = isfinite(factor) ? p->params.lightmap_size > 0 ? ceil(wanted) : round_up(wanted) : INFINITY;
     p->builder->padding_factor = isfinite(factor) ? (float)(named / unit) : -1.0f;
     name_remedy(p, named, remedy, sizeof remedy);
-    return kiln_builder_note(p->builder, 0, error,
-                             "in %zu of %zu lightmaps with several charts some lie less than two texels apart (%zu of %zu charts, along %.2g %% of "
-                             "the length of all borders, most in \"%s\": %.2g %%), and light bleeds from one to the other; %s%s",
-                             sum.close, sum.lightmaps, sum.all.close_charts, sum.all.charts, 100.0 * sum.all.close / sum.all.border,
-                             string(p, objects(p)[sum.worst].name), 100.0 * sum.worst_share, remedy,
-                             p->params.repack ? "" : "; --repack lays the charts out anew");
+    return kiln_builder_note(
+        p->builder, 0, error,
+        "in %zu of %zu lightmaps with several charts some lie less than two texels apart (%zu of %zu charts, along "
+        "%.2g %% of "
+        "the length of all borders, most in \"%s\": %.2g %%), and light bleeds from one to the other; %s%s",
+        sum.close, sum.lightmaps, sum.all.close_charts, sum.all.charts, 100.0 * sum.all.close / sum.all.border,
+        string(p, objects(p)[sum.worst].name), 100.0 * sum.worst_share, remedy,
+        p->params.repack ? "" : "; --repack lays the charts out anew");
 }
 
 /* Appends the mesh's vertices, in its old or its new layout, to the new vertex list. */
@@ -762,7 +806,8 @@ static int collect_mesh(struct planner *p, size_t index, struct kiln_error *erro
     const struct kiln_unwrapped *u = p->plans[index].unwrapped;
     const uint64_t old_first = mesh->vertex_first;
     const size_t count = u != NULL ? u->vertex_count : mesh->vertex_count, first = p->vertex_count;
-    int status = kiln_grow(&p->source, &p->source_capacity, first + count, sizeof *p->source, "vertices of layouts", error);
+    int status =
+        kiln_grow(&p->source, &p->source_capacity, first + count, sizeof *p->source, "vertices of layouts", error);
     if (status == KILN_OK)
         status = kiln_grow(&p->uv, &p->uv_capacity, first + count, sizeof *p->uv, "vertices of layouts", error);
     if (status != KILN_OK)
@@ -796,9 +841,9 @@ static int gather_section(struct planner *p, enum kiln_scene_section section, st
     return KILN_OK;
 }
 
-static const enum kiln_scene_section VERTEX_SECTIONS[] = {KILN_SECTION_POSITIONS, KILN_SECTION_NORMALS, KILN_SECTION_TEXCOORD_BASE,
-                                                          KILN_SECTION_TEXCOORD_EMISSION, KILN_SECTION_TEXCOORD_LIGHTMAP,
-                                                          KILN_SECTION_COLORS};
+static const enum kiln_scene_section VERTEX_SECTIONS[] = {
+    KILN_SECTION_POSITIONS,         KILN_SECTION_NORMALS,           KILN_SECTION_TEXCOORD_BASE,
+    KILN_SECTION_TEXCOORD_EMISSION, KILN_SECTION_TEXCOORD_LIGHTMAP, KILN_SECTION_COLORS};
 enum { VERTEX_SECTION_COUNT = sizeof VERTEX_SECTIONS / sizeof *VERTEX_SECTIONS };
 
 /* Rewrites all vertex sections so that every mesh has the vertices of its layout. */
@@ -807,8 +852,9 @@ static int rebuild_vertices(struct planner *p, struct kiln_error *error)
     int status = KILN_OK;
     for (size_t i = 0; i < VERTEX_SECTION_COUNT; i++)
         if (p->builder->sections[VERTEX_SECTIONS[i]].count != p->builder->sections[KILN_SECTION_POSITIONS].count)
-            return kiln_fail(error, KILN_BUG, "vertex section %d has %zu elements where there are %zu positions", (int)VERTEX_SECTIONS[i],
-                             p->builder->sections[VERTEX_SECTIONS[i]].count, p->builder->sections[KILN_SECTION_POSITIONS].count);
+            return kiln_fail(error, KILN_BUG, "vertex section %d has %zu elements where there are %zu positions",
+                             (int)VERTEX_SECTIONS[i], p->builder->sections[VERTEX_SECTIONS[i]].count,
+                             p->builder->sections[KILN_SECTION_POSITIONS].count);
     for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++)
         status = collect_mesh(p, i, error);
     for (size_t i = 0; i < VERTEX_SECTION_COUNT && status == KILN_OK; i++)
@@ -822,9 +868,11 @@ static int note_share(struct planner *p, size_t index, double at_one, struct kil
 {
     const struct kiln_object *object = &objects(p)[index];
     return kiln_builder_note(p->builder, 0, error,
-                             "object \"%s\" would have %.0f %% of all texels if all had the same density: it has its share, %.3g texels a metre where "
+                             "object \"%s\" would have %.0f %% of all texels if all had the same density: it has its "
+                             "share, %.3g texels a metre where "
                              "others have %.3g (density-scale for it, or --texels-per-metre for all, change that)",
-                             string(p, object->name), 100.0 * demand_of(p, index).texels / at_one, p->densities[index], p->texels_per_metre);
+                             string(p, object->name), 100.0 * demand_of(p, index).texels / at_one, p->densities[index],
+                             p->texels_per_metre);
 }
 
 /* Says what automatic density did with objects that are not like the others. */
@@ -843,8 +891,10 @@ static int note_densities(struct planner *p, struct kiln_error *error)
             status = note_share(p, i, at_one, error);
     }
     if (small > 0 && status == KILN_OK)
-        status = kiln_builder_note(p->builder, 0, error, "%zu small objects have more than %.3g texels a metre, so that they are %u texels across",
-                                   small, p->texels_per_metre, p->density.least_side);
+        status =
+            kiln_builder_note(p->builder, 0, error,
+                              "%zu small objects have more than %.3g texels a metre, so that they are %u texels across",
+                              small, p->texels_per_metre, p->density.least_side);
     return status;
 }
 
@@ -852,25 +902,29 @@ static int write_totals(struct planner *p, struct kiln_error *error)
 {
     int status = KILN_OK;
     if (p->absent > 0)
-        status = kiln_builder_note(p->builder, 0, error, "%zu of %zu meshes have no second UV set and are unwrapped", p->absent,
-                                   mesh_count(p));
+        status = kiln_builder_note(p->builder, 0, error, "%zu of %zu meshes have no second UV set and are unwrapped",
+                                   p->absent, mesh_count(p));
     if (status == KILN_OK && p->params.repack)
-        status = kiln_builder_note(p->builder, 0, error, "the charts of %zu of %zu meshes lie less than two texels apart and are laid out anew", p->repacked,
-                                   mesh_count(p));
+        status =
+            kiln_builder_note(p->builder, 0, error,
+                              "the charts of %zu of %zu meshes lie less than two texels apart and are laid out anew",
+                              p->repacked, mesh_count(p));
     if (status == KILN_OK && p->refused > NOTES_MAX)
         status = kiln_builder_note(p->builder, 1, error, "%zu more second UV sets are refused", p->refused - NOTES_MAX);
     if (status == KILN_OK && p->unclean > NOTES_MAX)
-        status = kiln_builder_note(p->builder, 1, error, "%zu more second UV sets are not quite clean", p->unclean - NOTES_MAX);
+        status = kiln_builder_note(p->builder, 1, error, "%zu more second UV sets are not quite clean",
+                                   p->unclean - NOTES_MAX);
     if (status == KILN_OK && p->capped > NOTES_MAX)
-        status = kiln_builder_note(p->builder, 1, error, "%zu more lightmaps are capped at %u texels a side", p->capped - NOTES_MAX,
-                                   p->params.lightmap_max);
+        status = kiln_builder_note(p->builder, 1, error, "%zu more lightmaps are capped at %u texels a side",
+                                   p->capped - NOTES_MAX, p->params.lightmap_max);
     if (status == KILN_OK && p->shared > NOTES_MAX)
-        status = kiln_builder_note(p->builder, 1, error, "%zu more meshes have charts that share texels", p->shared - NOTES_MAX);
+        status = kiln_builder_note(p->builder, 1, error, "%zu more meshes have charts that share texels",
+                                   p->shared - NOTES_MAX);
     return status;
 }
 
-/* What unwrapped meshes take is known once they are packed: then the density is chosen again, until the sum is near the target and no
- * object has too large a share. */
+/* What unwrapped meshes take is known once they are packed: then the density is chosen again, until the sum is near the
+ * target and no object has too large a share. */
 static int unwrap_all(struct planner *p, struct kiln_error *error)
 {
     enum { ROUNDS = 3 };
@@ -929,9 +983,11 @@ static int check_params(struct kiln_layout_params *params, struct kiln_error *er
         params->padding = DEFAULT_PADDING;
     if (params->lightmap_max > LARGEST_SIDE || params->lightmap_size > LARGEST_SIDE)
         return kiln_fail(error, KILN_USAGE, "a lightmap of %u texels a side is asked for; the largest is %d",
-                         params->lightmap_size > params->lightmap_max ? params->lightmap_size : params->lightmap_max, LARGEST_SIDE);
+                         params->lightmap_size > params->lightmap_max ? params->lightmap_size : params->lightmap_max,
+                         LARGEST_SIDE);
     if (!isfinite(params->texels_per_metre) || params->texels_per_metre < 0.0)
-        return kiln_fail(error, KILN_USAGE, "texels a metre is %g; it must be a number above 0", params->texels_per_metre);
+        return kiln_fail(error, KILN_USAGE, "texels a metre is %g; it must be a number above 0",
+                         params->texels_per_metre);
     if (params->padding > 64)
         return kiln_fail(error, KILN_USAGE, "a padding of %u texels is asked for; the largest is 64", params->padding);
     return KILN_OK;

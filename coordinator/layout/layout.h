@@ -13,17 +13,17 @@ struct kiln_layout_params {
     bool repack;             /* lay the charts of given layouts out anew where less than two texels lie between them */
 };
 
-/* Where the density is chosen here, an object with a layout of its file's gets what puts two texels between its charts (padding.h) along all
- * but 1 % of their borders, up to four times the density, as long as the scene stays below 2^20 texels: those objects first where a
- * texel is worth most. Where charts
- * lie closer in what comes out, a note says in how many lightmaps and along how much of the borders, and which density would do; the
- * header's padding_factor says the latter, too.
+/* Where the density is chosen here, an object with a layout of its file's gets what puts two texels between its charts
+ * (padding.h) along all but 1 % of their borders, up to four times the density, as long as the scene stays below 2^20
+ * texels: those objects first where a texel is worth most. Where charts lie closer in what comes out, a note says in
+ * how many lightmaps and along how much of the borders, and which density would do; the header's padding_factor says
+ * the latter, too.
  *
- * For each mesh: checks the second UV set (inside 0..1, finite, no overlap between triangles beyond what rounding at chart
- * seams gives, not collapsed); where it fails or is absent, unwraps (charts by normal and connectivity, planar or LSCM
- * parametrisation with bounded stretch, packed with padding), splitting vertices where charts meet. For each object sets
- * lightmap_width and lightmap_height. Fills mesh.uv_area, surface_area, KILN_MESH_UNWRAPPED. Adds notes that say why a UV
- * set was refused. Deterministic. */
+ * For each mesh: checks the second UV set (inside 0..1, finite, no overlap between triangles beyond what rounding at
+ * chart seams gives, not collapsed); where it fails or is absent, unwraps (charts by normal and connectivity, planar or
+ * LSCM parametrisation with bounded stretch, packed with padding), splitting vertices where charts meet. For each
+ * object sets lightmap_width and lightmap_height. Fills mesh.uv_area, surface_area, KILN_MESH_UNWRAPPED. Adds notes
+ * that say why a UV set was refused. Deterministic. */
 int kiln_layout(struct kiln_builder *builder, const struct kiln_layout_params *params, struct kiln_error *error);
 
 #endif

@@ -8,14 +8,14 @@
 
 enum {
     BORDER = 1,
-    MANY_CHARTS = 256,    /* from here on a search starts where the last one of like size ended */
-    TURN_CHARTS = 2000,   /* from here on only two of the four orientations are tried */
+    MANY_CHARTS = 256,  /* from here on a search starts where the last one of like size ended */
+    TURN_CHARTS = 2000, /* from here on only two of the four orientations are tried */
     CLASSES = 64,
     LEVELS = 12,
     CANDIDATES_MAX = 10,
     TRIES_TRIANGLES = 2000000 /* triangles drawn, over all widths tried */
 };
-static const double SNAP = 0.125;         /* largest stretch that puts a rectangle's sides on texel borders */
+static const double SNAP = 0.125;           /* largest stretch that puts a rectangle's sides on texel borders */
 static const double TOUCH_TOLERANCE = 1e-3; /* of a cell; a chart's own rounding is below 1e-9 */
 
 /* A chart's box in cells, and how its metres become cells. */
@@ -29,8 +29,8 @@ struct run {
     uint32_t row, first, end;
 };
 
-/* The grid seen in blocks of 1 << index cells: a block is set where any of its cells is. Index 0 is the grid itself. Rows of cells
- * first .. end-1 have changed since the level was last looked at. */
+/* The grid seen in blocks of 1 << index cells: a block is set where any of its cells is. Index 0 is the grid itself.
+ * Rows of cells first .. end-1 have changed since the level was last looked at. */
 struct level {
     struct kiln_bitmap blocks; /* unused at index 0 */
     uint32_t *longest_free;    /* a row: its longest run of free blocks */
@@ -63,7 +63,8 @@ static struct box chart_box(const struct kiln_chart *chart, uint32_t index, doub
     struct box box = {.chart = index};
     const double size[2] = {chart->width * density, chart->height * density};
     double side[2] = {fmax(round(size[0]), 1.0), fmax(round(size[1]), 1.0)};
-    const bool snap = chart->rectangular && fabs(side[0] - size[0]) <= SNAP * size[0] && fabs(side[1] - size[1]) <= SNAP * size[1];
+    const bool snap =
+        chart->rectangular && fabs(side[0] - size[0]) <= SNAP * size[0] && fabs(side[1] - size[1]) <= SNAP * size[1];
     for (int k = 0; k < 2; k++) {
         if (!snap)
             side[k] = fmax(ceil(size[k] - 1e-6), 1.0);
@@ -78,7 +79,8 @@ static struct box chart_box(const struct kiln_chart *chart, uint32_t index, doub
 static int compare_boxes(const void *a, const void *b)
 {
     const struct box *p = a, *q = b;
-    const uint32_t p_long = p->width > p->height ? p->width : p->height, q_long = q->width > q->height ? q->width : q->height;
+    const uint32_t p_long = p->width > p->height ? p->width : p->height,
+                   q_long = q->width > q->height ? q->width : q->height;
     if (p_long != q_long)
         return p_long > q_long ? -1 : 1;
     const uint64_t p_area = (uint64_t)p->width * p->height, q_area = (uint64_t)q->width * q->height;
@@ -90,7 +92,8 @@ static int compare_boxes(const void *a, const void *b)
 /* Metres of the chart to cells of its own box, turned by quarter turns. */
 static void box_map(const struct box *box, int turns, double m[6])
 {
-    const double w = box->width, h = box->height, sx = box->scale[0], sy = box->scale[1], ix = box->inset[0], iy = box->inset[1];
+    const double w = box->width, h = box->height, sx = box->scale[0], sy = box->scale[1], ix = box->inset[0],
+                 iy = box->inset[1];
     const double maps[4][6] = {{sx, 0.0, ix, 0.0, sy, iy},
                                {0.0, -sy, h - iy, sx, 0.0, ix},
                                {-sx, 0.0, w - ix, 0.0, -sy, h - iy},
@@ -193,7 +196,10 @@ static void shrink_row(const struct kiln_bitmap *from, struct kiln_bitmap *to, u
     }
 }
 
-static struct kiln_bitmap *level_grid(struct packer *p, uint32_t level) { return level == 0 ? &p->fine : &p->levels[level].blocks; }
+static struct kiln_bitmap *level_grid(struct packer *p, uint32_t level)
+{
+    return level == 0 ? &p->fine : &p->levels[level].blocks;
+}
 
 /* Brings a level up to date and makes it at least `height` blocks high. */
 static int refresh_level(struct packer *p, uint32_t level, uint32_t height, struct kiln_error *error)
@@ -211,7 +217,8 @@ static int refresh_level(struct packer *p, uint32_t level, uint32_t height, stru
     const uint32_t first = l->changed_first >> level, end = (l->changed_end + (1u << level) - 1) >> level;
     status = kiln_bitmap_extend(grid, end > height ? end : height, error);
     if (status == KILN_OK)
-        status = kiln_grow(&l->longest_free, &l->longest_capacity, grid->height, sizeof *l->longest_free, "packing charts", error);
+        status = kiln_grow(&l->longest_free, &l->longest_capacity, grid->height, sizeof *l->longest_free,
+                           "packing charts", error);
     for (uint32_t y = first; y < end && status == KILN_OK; y++) {
         if (level > 0)
             shrink_row(&p->fine, grid, y, 1u << level);
@@ -229,7 +236,8 @@ static int reset_levels(struct packer *p, struct kiln_error *error)
         p->levels[level].changed_first = UINT32_MAX;
         p->levels[level].changed_end = 0;
         if (level > 0)
-            status = kiln_bitmap_reset(&p->levels[level].blocks, (p->inner_width + (1u << level) - 1) >> level, 0, error);
+            status =
+                kiln_bitmap_reset(&p->levels[level].blocks, (p->inner_width + (1u << level) - 1) >> level, 0, error);
     }
     memset(p->cursor, 0, sizeof p->cursor);
     return status;
@@ -255,7 +263,8 @@ static int mask_runs(struct packer *p, uint32_t level, uint32_t *height, struct 
         const uint64_t *row = mask->words + (size_t)y * mask->stride;
         for (uint32_t x = next_bit(row, 0, width, true); x < width;) {
             const uint32_t end = next_bit(row, x, width, false);
-            const int status = kiln_grow(&p->runs, &p->run_capacity, p->run_count + 1, sizeof *p->runs, "packing charts", error);
+            const int status =
+                kiln_grow(&p->runs, &p->run_capacity, p->run_count + 1, sizeof *p->runs, "packing charts", error);
             if (status != KILN_OK)
                 return status;
             p->runs[p->run_count++] = (struct run){y, x, end};
@@ -278,8 +287,8 @@ static void or_shifted(uint64_t *to, const uint64_t *from, size_t words, uint32_
     }
 }
 
-/* Lowest x at which the mask is free in rows y .. of the searched grid, below `positions`, or KILN_NONE. Bit x of `blocked` says that
- * some run of the mask meets a set cell when the mask stands at x. */
+/* Lowest x at which the mask is free in rows y .. of the searched grid, below `positions`, or KILN_NONE. Bit x of
+ * `blocked` says that some run of the mask meets a set cell when the mask stands at x. */
 static uint32_t free_position(struct packer *p, uint32_t level, uint32_t y, uint32_t positions)
 {
     const struct kiln_bitmap *grid = level_grid(p, level);
@@ -329,7 +338,8 @@ static int search(struct packer *p, uint32_t level, int turns, struct position *
         return status;
     const uint32_t positions = ((p->inner_width - p->mask.width) >> level) + 1;
     uint32_t *cursor = &p->cursor[size_class(p->mask.width)][size_class(p->mask.height)];
-    for (uint32_t y = p->charts->count > MANY_CHARTS ? *cursor >> level : 0; (y << level) + p->mask.height < best->top; y++) {
+    for (uint32_t y = p->charts->count > MANY_CHARTS ? *cursor >> level : 0; (y << level) + p->mask.height < best->top;
+         y++) {
         if (y + height > level_grid(p, level)->height) {
             status = refresh_level(p, level, y + height, error);
             if (status != KILN_OK)
@@ -372,12 +382,14 @@ static int stamp(struct packer *p, const struct position *at, struct kiln_error 
     return KILN_OK;
 }
 
-/* Large charts are looked for in steps of a block: less work, and no more lost than a small share of the chart's narrower side. */
+/* Large charts are looked for in steps of a block: less work, and no more lost than a small share of the chart's
+ * narrower side. */
 static uint32_t box_level(const struct packer *p, const struct box *box)
 {
     const size_t count = p->charts->count;
     const uint32_t blocks = count < 100 ? 128 : count < 500 ? 64 : 32;
-    const uint32_t side = box->width > box->height ? box->width : box->height, narrow = box->width < box->height ? box->width : box->height;
+    const uint32_t side = box->width > box->height ? box->width : box->height,
+                   narrow = box->width < box->height ? box->width : box->height;
     uint32_t level = 0;
     while (level + 1 < LEVELS && blocks << level < side && 16u << level < narrow)
         level++;
@@ -418,7 +430,8 @@ static int place(struct packer *p, const struct box *box, bool *fits, struct kil
 }
 
 /* One attempt: charts at `density` cells a metre in a grid width x (at most) height, border included. */
-static int attempt(struct packer *p, double density, uint32_t width, uint32_t height, bool *fits, struct kiln_error *error)
+static int attempt(struct packer *p, double density, uint32_t width, uint32_t height, bool *fits,
+                   struct kiln_error *error)
 {
     *fits = false;
     if (width <= 2 * BORDER || height <= 2 * BORDER)
@@ -428,7 +441,8 @@ static int attempt(struct packer *p, double density, uint32_t width, uint32_t he
     p->used_width = p->used_height = 0;
     for (size_t i = 0; i < p->charts->count; i++) {
         const struct kiln_chart *chart = &p->charts->charts[i];
-        const double longer = fmax(chart->width, chart->height) * density, limit = fmax(p->inner_width, p->height_limit);
+        const double longer = fmax(chart->width, chart->height) * density,
+                     limit = fmax(p->inner_width, p->height_limit);
         if (longer > limit + 1.0)
             return KILN_OK;
         p->boxes[i] = chart_box(chart, (uint32_t)i, density);
@@ -438,7 +452,8 @@ static int attempt(struct packer *p, double density, uint32_t width, uint32_t he
     if (status == KILN_OK)
         status = kiln_grow(&p->line, &p->line_capacity, p->fine.stride, sizeof *p->line, "packing charts", error);
     if (status == KILN_OK)
-        status = kiln_grow(&p->blocked, &p->blocked_capacity, p->fine.stride, sizeof *p->blocked, "packing charts", error);
+        status =
+            kiln_grow(&p->blocked, &p->blocked_capacity, p->fine.stride, sizeof *p->blocked, "packing charts", error);
     *fits = true;
     for (size_t i = 0; i < p->charts->count && *fits && status == KILN_OK; i++)
         status = place(p, &p->boxes[i], fits, error);
@@ -499,7 +514,8 @@ static void keep(const struct packer *p, struct best *best, uint32_t width, uint
 }
 
 /* The smallest of a few lightmaps at the wanted density; *fits is false where all are larger than the limit. */
-static int pack_free(struct packer *p, struct best *best, const struct kiln_pack_params *params, bool *fits, struct kiln_error *error)
+static int pack_free(struct packer *p, struct best *best, const struct kiln_pack_params *params, bool *fits,
+                     struct kiln_error *error)
 {
     uint32_t widths[CANDIDATES_MAX];
     const double density = params->texels_per_metre;
@@ -520,9 +536,10 @@ static int pack_free(struct packer *p, struct best *best, const struct kiln_pack
     return KILN_OK;
 }
 
-/* The highest density, at most `ceiling`, at which all fits a grid of side x side; by steps, then by halving the last step. */
-static int pack_largest(struct packer *p, struct best *best, const struct kiln_pack_params *params, uint32_t cells, bool *fits,
-                        struct kiln_error *error)
+/* The highest density, at most `ceiling`, at which all fits a grid of side x side; by steps, then by halving the last
+ * step. */
+static int pack_largest(struct packer *p, struct best *best, const struct kiln_pack_params *params, uint32_t cells,
+                        bool *fits, struct kiln_error *error)
 {
     const uint32_t side = params->limit * cells;
     const double ceiling = params->texels_per_metre * cells, shrink = p->charts->count > TURN_CHARTS ? 0.8 : 0.93;
@@ -544,7 +561,8 @@ static int pack_largest(struct packer *p, struct best *best, const struct kiln_p
             if (params->exact)
                 keep(p, best, side, side, density);
             else
-                keep(p, best, (p->used_width + cells - 1) / cells * cells, (p->used_height + cells - 1) / cells * cells, density);
+                keep(p, best, (p->used_width + cells - 1) / cells * cells, (p->used_height + cells - 1) / cells * cells,
+                     density);
             *fits = true;
             low = density;
             if (density >= ceiling && ceiling > 0.0)
@@ -577,7 +595,8 @@ static int pack_into(struct packer *p, struct best *best, const struct kiln_pack
     while (status == KILN_OK && !fits) {
         const uint64_t side = (uint64_t)params->limit * *cells;
         if (side > 1u << 20)
-            return kiln_fail(error, KILN_BAD_INPUT, "%zu charts do not fit a lightmap of %u x %u; allow a larger one or split the mesh",
+            return kiln_fail(error, KILN_BAD_INPUT,
+                             "%zu charts do not fit a lightmap of %u x %u; allow a larger one or split the mesh",
                              p->charts->count, params->limit, params->limit);
         if (room < (double)side * (double)side)
             status = pack_largest(p, best, params, *cells, &fits, error);

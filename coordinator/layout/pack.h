@@ -14,9 +14,11 @@ struct kiln_pack_params {
 struct kiln_packing {
     uint32_t width, height;  /* texels */
     double texels_per_metre; /* what it came to */
-    uint32_t cells;          /* 1; more where the charts do not fit with a texel each: the packing was made in a grid that is this much
-                                finer, and several charts share a texel */
-    double (*maps)[6];       /* a chart: (a, b) in metres lies at (m[0] a + m[1] b + m[2], m[3] a + m[4] b + m[5]) of 0..1 */
+    /* 1; more where the charts do not fit with a texel each: the packing was made in a grid that is this much finer,
+     * and several charts share a texel */
+    uint32_t cells;
+    /* a chart: (a, b) in metres lies at (m[0] a + m[1] b + m[2], m[3] a + m[4] b + m[5]) of 0..1 */
+    double (*maps)[6];
 };
 
 /* Charts keep the density; a rectangular one is stretched by up to 1/8 so that its sides fall on texel borders. Nothing

@@ -10,9 +10,10 @@
 #include "worker/base/memory.h"
 
 enum { CELLS_MAX = 1 << 22, CELL_ENTRIES = 8, RINGS_MAX = 16, ENTRIES_MAX = 1 << 26 };
-static const double STEP = 0.5;              /* texels between samples of a border; more where there would be very many */
+/* texels between samples of a border; more where there would be very many */
+static const double STEP = 0.5;
 static const double SAMPLES_MAX = 1 << 23;
-static const double TOLERANCE = 1.0 / 64.0;  /* texels: packers put charts two texels apart to rounding */
+static const double TOLERANCE = 1.0 / 64.0; /* texels: packers put charts two texels apart to rounding */
 
 /* ---- charts ---- */
 
@@ -23,14 +24,16 @@ struct key {
 /* Adding 0 makes -0 equal to 0. */
 static struct key key_of(const struct kiln_vec3 *positions, const struct kiln_vec2 *uv, uint32_t v)
 {
-    const float values[5] = {positions[v].x + 0.0f, positions[v].y + 0.0f, positions[v].z + 0.0f, uv[v].x + 0.0f, uv[v].y + 0.0f};
+    const float values[5] = {positions[v].x + 0.0f, positions[v].y + 0.0f, positions[v].z + 0.0f, uv[v].x + 0.0f,
+                             uv[v].y + 0.0f};
     struct key key;
     memcpy(key.words, values, sizeof key.words);
     return key;
 }
 
 /* first[v] is the first vertex with the same position and coordinate. */
-static int join_vertices(uint32_t *first, const struct kiln_vec3 *positions, const struct kiln_vec2 *uv, size_t count, struct kiln_error *error)
+static int join_vertices(uint32_t *first, const struct kiln_vec3 *positions, const struct kiln_vec2 *uv, size_t count,
+                         struct kiln_error *error)
 {
     const size_t slots = kiln_layout_table_size(count);
     uint32_t *table = NULL; /* vertex + 1 */
@@ -64,13 +67,15 @@ struct edge_table {
 
 static void edge_ends(const uint32_t *first, const uint32_t *triangles, uint32_t edge, uint32_t *low, uint32_t *high)
 {
-    const uint32_t t = edge / 3, k = edge % 3, a = first[triangles[3 * t + k]], b = first[triangles[3 * t + (k + 1) % 3]];
+    const uint32_t t = edge / 3, k = edge % 3, a = first[triangles[3 * t + k]],
+                   b = first[triangles[3 * t + (k + 1) % 3]];
     *low = a < b ? a : b;
     *high = a < b ? b : a;
 }
 
 /* Joins the triangle to the first one that has the same edge, if there is one. */
-static void join_edge(struct edge_table *table, const uint32_t *first, const uint32_t *triangles, uint32_t edge, uint32_t *parent, uint8_t *borders)
+static void join_edge(struct edge_table *table, const uint32_t *first, const uint32_t *triangles, uint32_t edge,
+                      uint32_t *parent, uint8_t *borders)
 {
     uint32_t low, high;
     edge_ends(first, triangles, edge, &low, &high);
@@ -82,18 +87,19 @@ static void join_edge(struct edge_table *table, const uint32_t *first, const uin
         if (other_low != low || other_high != high)
             continue;
         kiln_sets_join(parent, edge / 3, other / 3);
-        borders[edge / 3] &= (uint8_t)~(1u << edge % 3);
-        borders[other / 3] &= (uint8_t)~(1u << other % 3);
+        borders[edge / 3] &= (uint8_t) ~(1u << edge % 3);
+        borders[other / 3] &= (uint8_t) ~(1u << other % 3);
         return;
     }
     table->entries[slot] = edge + 1;
 }
 
-static int join_triangles(const uint32_t *first, const uint32_t *triangles, size_t triangle_count, uint32_t *parent, uint8_t *borders,
-                          struct kiln_error *error)
+static int join_triangles(const uint32_t *first, const uint32_t *triangles, size_t triangle_count, uint32_t *parent,
+                          uint8_t *borders, struct kiln_error *error)
 {
     struct edge_table table = {.slots = kiln_layout_table_size(3 * triangle_count)};
-    const int status = kiln_allocate(&table.entries, table.slots, sizeof *table.entries, "the charts of a layout", error);
+    const int status =
+        kiln_allocate(&table.entries, table.slots, sizeof *table.entries, "the charts of a layout", error);
     for (uint32_t t = 0; t < triangle_count && status == KILN_OK; t++) {
         parent[t] = t;
         borders[t] = 7;
@@ -104,8 +110,9 @@ static int join_triangles(const uint32_t *first, const uint32_t *triangles, size
     return status;
 }
 
-int kiln_padding_charts(const struct kiln_vec3 *positions, const struct kiln_vec2 *uv, size_t vertex_count, const uint32_t *triangles,
-                        size_t triangle_count, uint32_t *chart, uint8_t *borders, size_t *chart_count, struct kiln_error *error)
+int kiln_padding_charts(const struct kiln_vec3 *positions, const struct kiln_vec2 *uv, size_t vertex_count,
+                        const uint32_t *triangles, size_t triangle_count, uint32_t *chart, uint8_t *borders,
+                        size_t *chart_count, struct kiln_error *error)
 {
     uint32_t *first = NULL, *parent = NULL;
     *chart_count = 0;
@@ -135,10 +142,10 @@ struct segment {
 struct grid {
     struct segment *segments;
     size_t segment_count;
-    double cell;        /* texels a side */
+    double cell; /* texels a side */
     uint32_t across, down, rings;
-    size_t *first;      /* cell c has the entries first[c + 1] .. first[c + 2] - 1 */
-    uint32_t *entries;  /* segments */
+    size_t *first;     /* cell c has the entries first[c + 1] .. first[c + 2] - 1 */
+    uint32_t *entries; /* segments */
 };
 
 static uint32_t cell_at(double x, double cell, uint32_t count)
@@ -192,7 +199,8 @@ static void choose_cell(struct grid *g, double cell, double width, double height
 static void size_grid(struct grid *g, double width, double height)
 {
     double cell = KILN_PADDING_TEXELS;
-    while ((double)g->segment_count > CELL_ENTRIES * width * height / (cell * cell) && cell > KILN_PADDING_TEXELS / RINGS_MAX)
+    while ((double)g->segment_count > CELL_ENTRIES * width * height / (cell * cell) &&
+           cell > KILN_PADDING_TEXELS / RINGS_MAX)
         cell *= 0.5;
     while (ceil(width / cell) * ceil(height / cell) > CELLS_MAX)
         cell *= 2.0;
@@ -217,19 +225,21 @@ static int fill_grid(struct grid *g, double width, double height, struct kiln_er
 {
     size_grid(g, width, height);
     int status = count_entries(g, error);
-    while (status == KILN_OK && g->first[(size_t)g->across * g->down + 1] > ENTRIES_MAX && g->across * (uint64_t)g->down > 1) {
+    while (status == KILN_OK && g->first[(size_t)g->across * g->down + 1] > ENTRIES_MAX &&
+           g->across * (uint64_t)g->down > 1) {
         choose_cell(g, 2.0 * g->cell, width, height);
         status = count_entries(g, error);
     }
     if (status == KILN_OK)
-        status = kiln_allocate(&g->entries, g->first[(size_t)g->across * g->down + 1], sizeof *g->entries, "borders of charts", error);
+        status = kiln_allocate(&g->entries, g->first[(size_t)g->across * g->down + 1], sizeof *g->entries,
+                               "borders of charts", error);
     for (uint32_t i = 0; i < g->segment_count && status == KILN_OK; i++)
         enter(g, i, false);
     return status;
 }
 
-/* The larger of |x| and |y| between a point and the nearest point of a segment: it is convex along the segment, with its least at an end,
- * where x or y is 0, or where both are equal. */
+/* The larger of |x| and |y| between a point and the nearest point of a segment: it is convex along the segment, with
+ * its least at an end, where x or y is 0, or where both are equal. */
 static double distance_to(const struct segment *s, const double p[2])
 {
     const double a = s->from[0] - p[0], c = s->from[1] - p[1], b = s->to[0] - s->from[0], d = s->to[1] - s->from[1];
@@ -243,7 +253,8 @@ static double distance_to(const struct segment *s, const double p[2])
     return best;
 }
 
-static double nearest_in_cell(const struct grid *g, const double p[2], uint32_t chart, int64_t x, int64_t y, double best)
+static double nearest_in_cell(const struct grid *g, const double p[2], uint32_t chart, int64_t x, int64_t y,
+                              double best)
 {
     if (x < 0 || y < 0 || x >= g->across || y >= g->down)
         return best;
@@ -256,7 +267,8 @@ static double nearest_in_cell(const struct grid *g, const double p[2], uint32_t 
     return best;
 }
 
-/* Distance from a point of a chart to the nearest other chart, where it is below two texels; ring after ring of cells. */
+/* Distance from a point of a chart to the nearest other chart, where it is below two texels; ring after ring of cells.
+ */
 static double nearest_other(const struct grid *g, const double p[2], uint32_t chart)
 {
     const int64_t cx = cell_at(p[0], g->cell, g->across), cy = cell_at(p[1], g->cell, g->down);
@@ -298,7 +310,8 @@ static void measure_segments(struct kiln_padding *padding, const struct grid *g,
         const double length = length_of(s);
         double at = left;
         for (; at < length; at += step) {
-            const double t = at / length, p[2] = {s->from[0] + t * (s->to[0] - s->from[0]), s->from[1] + t * (s->to[1] - s->from[1])};
+            const double t = at / length,
+                         p[2] = {s->from[0] + t * (s->to[0] - s->from[0]), s->from[1] + t * (s->to[1] - s->from[1])};
             const double distance = nearest_other(g, p, s->chart);
             count_length(padding, distance, step);
             is_close[s->chart] |= distance < KILN_PADDING_TEXELS - TOLERANCE;
@@ -307,8 +320,8 @@ static void measure_segments(struct kiln_padding *padding, const struct grid *g,
     }
 }
 
-static int list_segments(struct grid *g, const struct kiln_vec2 *uv, const uint32_t *triangles, size_t triangle_count, const uint32_t *chart,
-                         const uint8_t *borders, const double size[2], struct kiln_error *error)
+static int list_segments(struct grid *g, const struct kiln_vec2 *uv, const uint32_t *triangles, size_t triangle_count,
+                         const uint32_t *chart, const uint8_t *borders, const double size[2], struct kiln_error *error)
 {
     size_t count = 0;
     for (size_t t = 0; t < triangle_count; t++)
@@ -320,8 +333,9 @@ static int list_segments(struct grid *g, const struct kiln_vec2 *uv, const uint3
         const struct kiln_vec2 a = uv[triangles[e]], b = uv[triangles[e - e % 3 + (e + 1) % 3]];
         if (a.x == b.x && a.y == b.y)
             continue;
-        g->segments[g->segment_count++] = (struct segment){
-            .from = {size[0] * (double)a.x, size[1] * (double)a.y}, .to = {size[0] * (double)b.x, size[1] * (double)b.y}, .chart = chart[e / 3]};
+        g->segments[g->segment_count++] = (struct segment){.from = {size[0] * (double)a.x, size[1] * (double)a.y},
+                                                           .to = {size[0] * (double)b.x, size[1] * (double)b.y},
+                                                           .chart = chart[e / 3]};
     }
     return status;
 }
@@ -333,8 +347,9 @@ static void destroy_grid(struct grid *g)
     kiln_free(&g->entries);
 }
 
-int kiln_padding_measure(struct kiln_padding *padding, const struct kiln_vec3 *positions, const struct kiln_vec2 *uv, size_t vertex_count,
-                         const uint32_t *triangles, size_t triangle_count, double width, double height, struct kiln_error *error)
+int kiln_padding_measure(struct kiln_padding *padding, const struct kiln_vec3 *positions, const struct kiln_vec2 *uv,
+                         size_t vertex_count, const uint32_t *triangles, size_t triangle_count, double width,
+                         double height, struct kiln_error *error)
 {
     const double size[2] = {width, height};
     struct grid grid = {0};
@@ -345,7 +360,8 @@ int kiln_padding_measure(struct kiln_padding *padding, const struct kiln_vec3 *p
     if (status == KILN_OK)
         status = kiln_allocate(&borders, triangle_count, 1, "the charts of a layout", error);
     if (status == KILN_OK)
-        status = kiln_padding_charts(positions, uv, vertex_count, triangles, triangle_count, chart, borders, &padding->charts, error);
+        status = kiln_padding_charts(positions, uv, vertex_count, triangles, triangle_count, chart, borders,
+                                     &padding->charts, error);
     if (status == KILN_OK)
         status = kiln_allocate(&is_close, padding->charts, 1, "the charts of a layout", error);
     if (status == KILN_OK && isfinite(width) && isfinite(height))

@@ -18,7 +18,8 @@ int kiln_bitmap_extend(struct kiln_bitmap *bitmap, uint32_t height, struct kiln_
     if (height <= bitmap->height)
         return KILN_OK;
     const size_t old = bitmap->stride * bitmap->height, needed = bitmap->stride * height;
-    const int status = kiln_grow(&bitmap->words, &bitmap->capacity, needed, sizeof *bitmap->words, "a layout's bitmap", error);
+    const int status =
+        kiln_grow(&bitmap->words, &bitmap->capacity, needed, sizeof *bitmap->words, "a layout's bitmap", error);
     if (status != KILN_OK)
         return status;
     memset(bitmap->words + old, 0, (needed - old) * sizeof *bitmap->words);
@@ -40,10 +41,7 @@ uint32_t kiln_bitmap_set_run(struct kiln_bitmap *bitmap, uint32_t y, uint32_t fi
     return before;
 }
 
-static double clamped(double value, double low, double high)
-{
-    return value < low ? low : value > high ? high : value;
-}
+static double clamped(double value, double low, double high) { return value < low ? low : value > high ? high : value; }
 
 /* Where the edge meets the horizontal line; the same bits whichever way round the edge is given. */
 static double edge_at(const double a[2], const double b[2], double y)

@@ -1,6 +1,6 @@
-/* Bitmaps and the two ways in which layouts rasterise triangles into them: by samples (what is covered twice) and by touch
- * (which texels a triangle lies in, however little). Coordinates are in units of bitmap cells; cell (x, y) is the square
- * [x, x+1) x [y, y+1). */
+/* Bitmaps and the two ways in which layouts rasterise triangles into them: by samples (what is covered twice) and by
+ * touch (which texels a triangle lies in, however little). Coordinates are in units of bitmap cells; cell (x, y) is the
+ * square [x, x+1) x [y, y+1). */
 #ifndef KILN_COORDINATOR_LAYOUT_RASTER_H
 #define KILN_COORDINATOR_LAYOUT_RASTER_H
 
@@ -29,13 +29,13 @@ static inline int kiln_bitmap_get(const struct kiln_bitmap *b, uint32_t x, uint3
 /* Sets cells first .. end-1 of row y and gives how many of them were set before. */
 uint32_t kiln_bitmap_set_run(struct kiln_bitmap *bitmap, uint32_t y, uint32_t first, uint32_t end);
 
-/* Sets the cells whose centre the triangle covers; parts outside the bitmap are left out. Two triangles with an edge of the same
- * coordinates never share a cell along it, nor leave one out. `covered` and `again` are increased by the number of cells and by how
- * many of them were set already. */
+/* Sets the cells whose centre the triangle covers; parts outside the bitmap are left out. Two triangles with an edge of
+ * the same coordinates never share a cell along it, nor leave one out. `covered` and `again` are increased by the
+ * number of cells and by how many of them were set already. */
 void kiln_raster_samples(struct kiln_bitmap *bitmap, const double corner[3][2], uint64_t *covered, uint64_t *again);
 
-/* Sets the cells that the triangle lies in by more than `tolerance` in both directions, at least one. All corners lie inside
- * the bitmap. */
+/* Sets the cells that the triangle lies in by more than `tolerance` in both directions, at least one. All corners lie
+ * inside the bitmap. */
 void kiln_raster_touch(struct kiln_bitmap *bitmap, const double corner[3][2], double tolerance);
 
 #endif

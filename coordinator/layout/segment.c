@@ -7,7 +7,8 @@
 
 /* Triangles this near to a seed's normal join its patch at once. */
 static const double FLAT_COSINE = 0.9994; /* 2 degrees */
-/* A border shorter than this share of the smaller piece's outline joins nothing: such a chart would be two on a thread. */
+/* A border shorter than this share of the smaller piece's outline joins nothing: such a chart would be two on a thread.
+ */
 static const double BORDER_SHARE = 0.02;
 static const double BORDER_WEIGHT = 0.5;
 enum { ROUNDS = 6 };
@@ -67,7 +68,8 @@ static struct cone cone_merge(const struct cone *a, const struct cone *b)
     const double angle = 0.5 * (between + a->angle + b->angle), turn = angle - a->angle, sine = sin(between);
     if (!(sine > 1e-9))
         return (struct cone){a->axis, between > 1.0 ? KILN_PI : angle};
-    const struct kiln_dvec3 axis = dvec3_add(dvec3_scale(a->axis, sin(between - turn) / sine), dvec3_scale(b->axis, sin(turn) / sine));
+    const struct kiln_dvec3 axis =
+        dvec3_add(dvec3_scale(a->axis, sin(between - turn) / sine), dvec3_scale(b->axis, sin(turn) / sine));
     return (struct cone){dvec3_scale(axis, 1.0 / dvec3_length(axis)), angle};
 }
 
@@ -86,7 +88,8 @@ static int flood(struct merger *m, struct kiln_error *error)
     for (size_t seed = 0; seed < t->triangle_count; seed++) {
         if (m->patch[seed] != KILN_NONE || !(t->areas[seed] > 0.0))
             continue;
-        const int status = kiln_grow(&m->pieces, &m->piece_capacity, m->piece_count + 1, sizeof *m->pieces, "charts", error);
+        const int status =
+            kiln_grow(&m->pieces, &m->piece_capacity, m->piece_count + 1, sizeof *m->pieces, "charts", error);
         if (status != KILN_OK)
             return status;
         const uint32_t id = (uint32_t)m->piece_count++;
@@ -100,15 +103,18 @@ static int flood(struct merger *m, struct kiln_error *error)
             sum = dvec3_add(sum, dvec3_scale(t->normals[triangle], t->areas[triangle]));
             for (size_t k = 0; k < 3; k++) {
                 const uint32_t other = t->neighbours[3 * (size_t)triangle + k];
-                if (other == KILN_NONE || m->patch[other] != KILN_NONE || dvec3_dot(t->normals[other], normal) < FLAT_COSINE)
+                if (other == KILN_NONE || m->patch[other] != KILN_NONE ||
+                    dvec3_dot(t->normals[other], normal) < FLAT_COSINE)
                     continue;
                 m->patch[other] = id;
                 m->queue[count++] = other;
             }
         }
         struct piece *piece = &m->pieces[id];
-        *piece = (struct piece){.cone.axis = dvec3_scale(sum, 1.0 / dvec3_length(sum)), .parent = id,
-                                .first_link = KILN_NONE, .last_link = KILN_NONE};
+        *piece = (struct piece){.cone.axis = dvec3_scale(sum, 1.0 / dvec3_length(sum)),
+                                .parent = id,
+                                .first_link = KILN_NONE,
+                                .last_link = KILN_NONE};
         for (size_t i = 0; i < count; i++)
             piece->cone.angle = fmax(piece->cone.angle, angle_between(piece->cone.axis, t->normals[m->queue[i]]));
     }
@@ -201,7 +207,8 @@ static int find_borders(struct merger *m, struct kiln_error *error)
         size_t slot = 0;
         uint32_t border = table_find(m, own, other, &slot);
         if (border == KILN_NONE) {
-            status = kiln_grow(&m->borders, &m->border_capacity, m->border_count + 1, sizeof *m->borders, "charts", error);
+            status =
+                kiln_grow(&m->borders, &m->border_capacity, m->border_count + 1, sizeof *m->borders, "charts", error);
             if (status != KILN_OK)
                 break;
             border = (uint32_t)m->border_count++;
@@ -335,8 +342,8 @@ static uint32_t find_piece(const struct merger *m, uint32_t piece)
     return piece;
 }
 
-/* Numbers the pieces that are left by their first triangle, and gives each the tighter of two exact cones: about the cone's
- * axis so far and about the mean normal. Merged cones are wider than they need be. */
+/* Numbers the pieces that are left by their first triangle, and gives each the tighter of two exact cones: about the
+ * cone's axis so far and about the mean normal. Merged cones are wider than they need be. */
 static int renumber(struct merger *m, struct kiln_error *error)
 {
     const struct kiln_topology *t = m->topology;
@@ -358,8 +365,10 @@ static int renumber(struct merger *m, struct kiln_error *error)
         const uint32_t piece = find_piece(m, m->patch[i]);
         if (number[piece] == KILN_NONE) {
             number[piece] = (uint32_t)count;
-            pieces[count] = (struct piece){.cone.axis = m->pieces[piece].cone.axis, .parent = (uint32_t)count,
-                                           .first_link = KILN_NONE, .last_link = KILN_NONE};
+            pieces[count] = (struct piece){.cone.axis = m->pieces[piece].cone.axis,
+                                           .parent = (uint32_t)count,
+                                           .first_link = KILN_NONE,
+                                           .last_link = KILN_NONE};
             count++;
         }
         m->patch[i] = number[piece];
@@ -421,7 +430,8 @@ static int copy_segments(struct kiln_segments *s, const struct merger *m, struct
     return KILN_OK;
 }
 
-int kiln_segments_create(struct kiln_segments **segments, const struct kiln_topology *topology, struct kiln_error *error)
+int kiln_segments_create(struct kiln_segments **segments, const struct kiln_topology *topology,
+                         struct kiln_error *error)
 {
     struct kiln_segments *s = NULL;
     struct merger m = {.topology = topology};

@@ -27,7 +27,8 @@ static void measure_triangles(struct kiln_topology *t)
 {
     for (size_t i = 0; i < t->triangle_count; i++) {
         const uint32_t *c = t->triangles + 3 * i;
-        const struct kiln_dvec3 a = dvec3_sub(t->points[c[1]], t->points[c[0]]), b = dvec3_sub(t->points[c[2]], t->points[c[0]]);
+        const struct kiln_dvec3 a = dvec3_sub(t->points[c[1]], t->points[c[0]]),
+                                b = dvec3_sub(t->points[c[2]], t->points[c[0]]);
         const struct kiln_dvec3 d = dvec3_sub(b, a), n = dvec3_cross(a, b);
         const double longest = fmax(dvec3_dot(a, a), fmax(dvec3_dot(b, b), dvec3_dot(d, d))), twice = dvec3_length(n);
         if (!(twice > DEGENERATE_HEIGHT * longest) || !isfinite(twice)) {
@@ -40,7 +41,8 @@ static void measure_triangles(struct kiln_topology *t)
 }
 
 /* weld[v]: the first vertex with v's coordinates. */
-static int weld_vertices(const struct kiln_topology *t, const struct kiln_vec3 *positions, uint32_t *weld, struct kiln_error *error)
+static int weld_vertices(const struct kiln_topology *t, const struct kiln_vec3 *positions, uint32_t *weld,
+                         struct kiln_error *error)
 {
     const size_t size = kiln_layout_table_size(t->vertex_count);
     uint32_t *table = NULL;
@@ -53,7 +55,8 @@ static int weld_vertices(const struct kiln_topology *t, const struct kiln_vec3 *
         const float key[3] = {positions[i].x + 0.0f, positions[i].y + 0.0f, positions[i].z + 0.0f};
         uint32_t bits[3];
         memcpy(bits, key, sizeof bits);
-        size_t slot = (size_t)kiln_layout_mix(kiln_layout_mix((uint64_t)bits[0] << 32 | bits[1]) + bits[2]) & (size - 1);
+        size_t slot =
+            (size_t)kiln_layout_mix(kiln_layout_mix((uint64_t)bits[0] << 32 | bits[1]) + bits[2]) & (size - 1);
         for (; table[slot] != KILN_NONE; slot = (slot + 1) & (size - 1)) {
             const struct kiln_vec3 other = positions[table[slot]];
             if (other.x == key[0] && other.y == key[1] && other.z == key[2])
@@ -75,10 +78,7 @@ struct edge_table {
     size_t size;
 };
 
-static uint32_t edge_from(const struct edge_table *e, uint32_t half)
-{
-    return e->weld[e->topology->triangles[half]];
-}
+static uint32_t edge_from(const struct edge_table *e, uint32_t half) { return e->weld[e->topology->triangles[half]]; }
 static uint32_t edge_to(const struct edge_table *e, uint32_t half)
 {
     return e->weld[e->topology->triangles[half - half % 3 + (half + 1) % 3]];
@@ -168,13 +168,15 @@ cleanup:
 }
 
 int kiln_topology_create(struct kiln_topology **topology, const struct kiln_vec3 *positions, size_t vertex_count,
-                         const uint32_t *triangles, size_t triangle_count, const double linear[9], struct kiln_error *error)
+                         const uint32_t *triangles, size_t triangle_count, const double linear[9],
+                         struct kiln_error *error)
 {
     struct kiln_topology *t = NULL;
     *topology = NULL;
     if (triangle_count > (UINT32_MAX - 1) / 3 || vertex_count >= UINT32_MAX)
-        return kiln_fail(error, KILN_BAD_INPUT, "a mesh of %zu triangles and %zu vertices is too large to unwrap; split it",
-                         triangle_count, vertex_count);
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "a mesh of %zu triangles and %zu vertices is too large to unwrap; split it", triangle_count,
+                         vertex_count);
     int status = kiln_allocate(&t, 1, sizeof *t, "unwrapping a mesh", error);
     if (status != KILN_OK)
         return status;

@@ -11,20 +11,23 @@
 
 struct kiln_topology {
     size_t vertex_count, triangle_count;
-    const uint32_t *triangles;   /* borrowed, 3 a triangle */
-    struct kiln_dvec3 *points;   /* a vertex: metres in the reference object's own space, relative to the mesh's middle */
-    struct kiln_dvec3 *normals;  /* a triangle: unit; zero where degenerate */
-    double *areas;               /* a triangle: m2; 0 where degenerate */
-    uint32_t *neighbours;        /* 3 a triangle: the triangle beyond edge k (corner k to k+1), or KILN_NONE */
+    const uint32_t *triangles; /* borrowed, 3 a triangle */
+    /* a vertex: metres in the reference object's own space, relative to the mesh's middle */
+    struct kiln_dvec3 *points;
+    struct kiln_dvec3 *normals; /* a triangle: unit; zero where degenerate */
+    double *areas;              /* a triangle: m2; 0 where degenerate */
+    uint32_t *neighbours;       /* 3 a triangle: the triangle beyond edge k (corner k to k+1), or KILN_NONE */
     size_t degenerate_count;
 };
 
-/* `linear` (row-major 3 x 3) takes mesh space to the space in which areas and angles count. Vertices with the same coordinates
- * are one. Two triangles are neighbours where they run along an edge in opposite directions; where more than two meet, those
- * are paired whose normals agree best; edges of more than 8 triangles join nothing. A triangle is degenerate when its height is below
- * 1e-7 of its longest edge. The triangles are borrowed. Destroy with kiln_topology_destroy. */
+/* `linear` (row-major 3 x 3) takes mesh space to the space in which areas and angles count. Vertices with the same
+ * coordinates are one. Two triangles are neighbours where they run along an edge in opposite directions; where more
+ * than two meet, those are paired whose normals agree best; edges of more than 8 triangles join nothing. A triangle is
+ * degenerate when its height is below 1e-7 of its longest edge. The triangles are borrowed. Destroy with
+ * kiln_topology_destroy. */
 int kiln_topology_create(struct kiln_topology **topology, const struct kiln_vec3 *positions, size_t vertex_count,
-                         const uint32_t *triangles, size_t triangle_count, const double linear[9], struct kiln_error *error);
+                         const uint32_t *triangles, size_t triangle_count, const double linear[9],
+                         struct kiln_error *error);
 void kiln_topology_destroy(struct kiln_topology **topology);
 
 /* A 64-bit mix for the hash tables of this room. */

@@ -6,9 +6,11 @@
 #include "coordinator/layout/padding.h"
 #include "worker/base/memory.h"
 
-static int add_vertex(struct kiln_unwrapped *u, uint32_t source, struct kiln_vec2 uv, uint32_t *index, struct kiln_error *error)
+static int add_vertex(struct kiln_unwrapped *u, uint32_t source, struct kiln_vec2 uv, uint32_t *index,
+                      struct kiln_error *error)
 {
-    int status = kiln_grow(&u->source, &u->capacity, u->vertex_count + 1, sizeof *u->source, "unwrapped vertices", error);
+    int status =
+        kiln_grow(&u->source, &u->capacity, u->vertex_count + 1, sizeof *u->source, "unwrapped vertices", error);
     if (status == KILN_OK)
         status = kiln_grow(&u->uv, &u->uv_capacity, u->vertex_count + 1, sizeof *u->uv, "unwrapped vertices", error);
     if (status != KILN_OK)
@@ -19,10 +21,7 @@ static int add_vertex(struct kiln_unwrapped *u, uint32_t source, struct kiln_vec
     return KILN_OK;
 }
 
-static float unit(double value)
-{
-    return (float)fmin(fmax(value, 0.0), 1.0);
-}
+static float unit(double value) { return (float)fmin(fmax(value, 0.0), 1.0); }
 
 /* copy[v] is the last copy made of vertex v, made[v] the chart it was made for plus 1. */
 static int lay_charts(struct kiln_unwrapped *u, const struct kiln_topology *t, const struct kiln_charts *charts,
@@ -38,7 +37,8 @@ static int lay_charts(struct kiln_unwrapped *u, const struct kiln_topology *t, c
             if (made[vertex] != i + 1) {
                 double ab[2];
                 kiln_chart_project(chart, t->points[vertex], ab);
-                const struct kiln_vec2 uv = {unit(m[0] * ab[0] + m[1] * ab[1] + m[2]), unit(m[3] * ab[0] + m[4] * ab[1] + m[5])};
+                const struct kiln_vec2 uv = {unit(m[0] * ab[0] + m[1] * ab[1] + m[2]),
+                                             unit(m[3] * ab[0] + m[4] * ab[1] + m[5])};
                 status = add_vertex(u, vertex, uv, &copy[vertex], error);
                 made[vertex] = (uint32_t)i + 1;
             }
@@ -49,8 +49,8 @@ static int lay_charts(struct kiln_unwrapped *u, const struct kiln_topology *t, c
 }
 
 /* Each gets one point: that of a corner which is on a chart, else that of the first vertex there is. */
-static int lay_degenerate(struct kiln_unwrapped *u, const struct kiln_topology *t, const uint32_t *copy, const uint32_t *made,
-                          struct kiln_error *error)
+static int lay_degenerate(struct kiln_unwrapped *u, const struct kiln_topology *t, const uint32_t *copy,
+                          const uint32_t *made, struct kiln_error *error)
 {
     int status = KILN_OK;
     for (size_t i = 0; i < t->triangle_count && status == KILN_OK; i++) {
@@ -75,7 +75,8 @@ static int lay_vertices(struct kiln_unwrapped *u, const struct kiln_topology *t,
     if (status == KILN_OK)
         status = kiln_allocate(&made, t->vertex_count, sizeof *made, "unwrapped vertices", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&u->triangles, 3 * t->triangle_count, sizeof *u->triangles, "unwrapped triangles", error);
+        status =
+            kiln_allocate(&u->triangles, 3 * t->triangle_count, sizeof *u->triangles, "unwrapped triangles", error);
     if (status == KILN_OK)
         status = lay_charts(u, t, charts, packing, copy, made, error);
     if (status == KILN_OK)
@@ -86,11 +87,12 @@ static int lay_vertices(struct kiln_unwrapped *u, const struct kiln_topology *t,
 }
 
 /* Packs the charts and lays the vertices out. */
-static int lay_out(struct kiln_unwrapped **unwrapped, const struct kiln_topology *topology, const struct kiln_charts *charts,
-                   const struct kiln_unwrap_params *params, struct kiln_error *error)
+static int lay_out(struct kiln_unwrapped **unwrapped, const struct kiln_topology *topology,
+                   const struct kiln_charts *charts, const struct kiln_unwrap_params *params, struct kiln_error *error)
 {
     const uint32_t side = params->size > 0 ? params->size : 1;
-    struct kiln_packing packing = {.width = side, .height = side, .cells = 1, .texels_per_metre = params->texels_per_metre};
+    struct kiln_packing packing = {
+        .width = side, .height = side, .cells = 1, .texels_per_metre = params->texels_per_metre};
     const struct kiln_pack_params pack = {.texels_per_metre = params->size > 0 ? 0.0 : params->texels_per_metre,
                                           .padding = params->padding,
                                           .limit = params->size > 0 ? params->size : params->max,
@@ -117,12 +119,14 @@ static int lay_out(struct kiln_unwrapped **unwrapped, const struct kiln_topology
 }
 
 int kiln_unwrap(struct kiln_unwrapped **unwrapped, const struct kiln_vec3 *positions, size_t vertex_count,
-                const uint32_t *triangles, size_t triangle_count, const struct kiln_unwrap_params *params, struct kiln_error *error)
+                const uint32_t *triangles, size_t triangle_count, const struct kiln_unwrap_params *params,
+                struct kiln_error *error)
 {
     struct kiln_topology *topology = NULL;
     struct kiln_charts *charts = NULL;
     *unwrapped = NULL;
-    int status = kiln_topology_create(&topology, positions, vertex_count, triangles, triangle_count, params->linear, error);
+    int status =
+        kiln_topology_create(&topology, positions, vertex_count, triangles, triangle_count, params->linear, error);
     if (status == KILN_OK)
         status = kiln_charts_create(&charts, topology, params->texels_per_metre, error);
     if (status == KILN_OK)
@@ -135,8 +139,9 @@ int kiln_unwrap(struct kiln_unwrapped **unwrapped, const struct kiln_vec3 *posit
 /* ---- charts that are given ---- */
 
 /* The layout as a flat mesh, in metres. */
-static int flat_topology(struct kiln_topology *t, const struct kiln_vec2 *uv, size_t vertex_count, const uint32_t *triangles,
-                         size_t triangle_count, const double metres[2], struct kiln_error *error)
+static int flat_topology(struct kiln_topology *t, const struct kiln_vec2 *uv, size_t vertex_count,
+                         const uint32_t *triangles, size_t triangle_count, const double metres[2],
+                         struct kiln_error *error)
 {
     *t = (struct kiln_topology){.vertex_count = vertex_count, .triangle_count = triangle_count, .triangles = triangles};
     int status = kiln_allocate(&t->points, vertex_count, sizeof *t->points, "a mesh's layout", error);
@@ -146,7 +151,8 @@ static int flat_topology(struct kiln_topology *t, const struct kiln_vec2 *uv, si
         t->points[i] = dvec3(metres[0] * (double)uv[i].x, metres[1] * (double)uv[i].y, 0.0);
     for (size_t i = 0; i < triangle_count && status == KILN_OK; i++) {
         const uint32_t *c = triangles + 3 * i;
-        const struct kiln_dvec3 a = dvec3_sub(t->points[c[1]], t->points[c[0]]), b = dvec3_sub(t->points[c[2]], t->points[c[0]]);
+        const struct kiln_dvec3 a = dvec3_sub(t->points[c[1]], t->points[c[0]]),
+                                b = dvec3_sub(t->points[c[2]], t->points[c[0]]);
         t->areas[i] = 0.5 * fabs(a.x * b.y - a.y * b.x);
         t->degenerate_count += !(t->areas[i] > 0.0);
     }
@@ -176,7 +182,8 @@ static void measure_chart(struct kiln_chart *chart, const struct kiln_topology *
 }
 
 /* Triangles with an area, chart by chart; charts without any are left out. */
-static int fill_charts(struct kiln_charts *charts, const struct kiln_topology *t, const uint32_t *chart, size_t count, struct kiln_error *error)
+static int fill_charts(struct kiln_charts *charts, const struct kiln_topology *t, const uint32_t *chart, size_t count,
+                       struct kiln_error *error)
 {
     uint32_t *first = NULL;
     int status = kiln_allocate(&first, count + 1, sizeof *first, "a mesh's charts", error);
@@ -202,9 +209,9 @@ static int fill_charts(struct kiln_charts *charts, const struct kiln_topology *t
     return status;
 }
 
-int kiln_repack(struct kiln_unwrapped **unwrapped, const struct kiln_vec3 *positions, const struct kiln_vec2 *uv, size_t vertex_count,
-                const uint32_t *triangles, size_t triangle_count, const double metres[2], const struct kiln_unwrap_params *params,
-                struct kiln_error *error)
+int kiln_repack(struct kiln_unwrapped **unwrapped, const struct kiln_vec3 *positions, const struct kiln_vec2 *uv,
+                size_t vertex_count, const uint32_t *triangles, size_t triangle_count, const double metres[2],
+                const struct kiln_unwrap_params *params, struct kiln_error *error)
 {
     struct kiln_topology topology = {0};
     struct kiln_charts charts = {0};
@@ -218,7 +225,8 @@ int kiln_repack(struct kiln_unwrapped **unwrapped, const struct kiln_vec3 *posit
     if (status == KILN_OK)
         status = kiln_allocate(&borders, triangle_count, 1, "a mesh's charts", error);
     if (status == KILN_OK)
-        status = kiln_padding_charts(positions, uv, vertex_count, triangles, triangle_count, chart, borders, &count, error);
+        status =
+            kiln_padding_charts(positions, uv, vertex_count, triangles, triangle_count, chart, borders, &count, error);
     if (status == KILN_OK)
         status = fill_charts(&charts, &topology, chart, count, error);
     if (status == KILN_OK)

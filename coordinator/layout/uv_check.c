@@ -28,7 +28,8 @@ static double uv_triangle_area(const struct kiln_vec2 *uv, const uint32_t *c)
 static double triangle_area(const struct kiln_vec3 *positions, const uint32_t *c)
 {
     const struct kiln_dvec3 origin = dvec3_of(positions[c[0]]);
-    return 0.5 * dvec3_length(dvec3_cross(dvec3_sub(dvec3_of(positions[c[1]]), origin), dvec3_sub(dvec3_of(positions[c[2]]), origin)));
+    return 0.5 * dvec3_length(dvec3_cross(dvec3_sub(dvec3_of(positions[c[1]]), origin),
+                                          dvec3_sub(dvec3_of(positions[c[2]]), origin)));
 }
 
 static bool inside(float value)
@@ -37,13 +38,15 @@ static bool inside(float value)
 }
 
 /* Finite and within 0..1. */
-static bool range_holds(struct kiln_uv_verdict *verdict, const struct kiln_vec2 *uv, const uint32_t *triangles, size_t count)
+static bool range_holds(struct kiln_uv_verdict *verdict, const struct kiln_vec2 *uv, const uint32_t *triangles,
+                        size_t count)
 {
     for (size_t i = 0; i < 3 * count; i++) {
         const struct kiln_vec2 t = uv[triangles[i]];
         if (inside(t.x) && inside(t.y))
             continue;
-        snprintf(verdict->reason, sizeof verdict->reason, "leaves 0..1: vertex %u is at (%g, %g)", triangles[i], (double)t.x, (double)t.y);
+        snprintf(verdict->reason, sizeof verdict->reason, "leaves 0..1: vertex %u is at (%g, %g)", triangles[i],
+                 (double)t.x, (double)t.y);
         return false;
     }
     return true;
@@ -59,17 +62,21 @@ static bool area_holds(struct kiln_uv_verdict *verdict, const struct kiln_vec3 *
     }
     for (size_t i = 0; i < count; i++) {
         const double own = triangle_area(positions, triangles + 3 * i);
-        if (uv_triangle_area(uv, triangles + 3 * i) * area < COLLAPSED_DENSITY * own * verdict->uv_area || !(verdict->uv_area > 0.0))
+        if (uv_triangle_area(uv, triangles + 3 * i) * area < COLLAPSED_DENSITY * own * verdict->uv_area ||
+            !(verdict->uv_area > 0.0))
             collapsed += own;
     }
     if (collapsed > COLLAPSED_SHARE * area) {
-        snprintf(verdict->reason, sizeof verdict->reason, "is collapsed for %.3g %% of the surface", 100.0 * collapsed / area);
+        snprintf(verdict->reason, sizeof verdict->reason, "is collapsed for %.3g %% of the surface",
+                 100.0 * collapsed / area);
         return false;
     }
     if (collapsed > COLLAPSED_WARNING * area)
-        snprintf(verdict->warning, sizeof verdict->warning, "is collapsed for %.3g %% of the surface", 100.0 * collapsed / area);
+        snprintf(verdict->warning, sizeof verdict->warning, "is collapsed for %.3g %% of the surface",
+                 100.0 * collapsed / area);
     if (verdict->uv_area < LEAST_USE && area > 0.0) {
-        snprintf(verdict->reason, sizeof verdict->reason, "uses only %.3g %% of the unit square", 100.0 * verdict->uv_area);
+        snprintf(verdict->reason, sizeof verdict->reason, "uses only %.3g %% of the unit square",
+                 100.0 * verdict->uv_area);
         return false;
     }
     return true;
@@ -87,10 +94,12 @@ static bool overlap_holds(struct kiln_uv_verdict *verdict, struct kiln_bitmap *b
     /* A sample claimed n times has been counted n times in covered, n - 1 times in again. */
     verdict->overlap = covered > again ? fmin((double)again / (double)(covered - again), 1.0) : 0.0;
     if (verdict->overlap > OVERLAP_WARNING && verdict->overlap <= OVERLAP_SHARE)
-        snprintf(verdict->warning, sizeof verdict->warning, "overlaps itself in %.3g %% of what it covers", 100.0 * verdict->overlap);
+        snprintf(verdict->warning, sizeof verdict->warning, "overlaps itself in %.3g %% of what it covers",
+                 100.0 * verdict->overlap);
     if (verdict->overlap <= OVERLAP_SHARE)
         return true;
-    snprintf(verdict->reason, sizeof verdict->reason, "overlaps itself in %.3g %% of what it covers", 100.0 * verdict->overlap);
+    snprintf(verdict->reason, sizeof verdict->reason, "overlaps itself in %.3g %% of what it covers",
+             100.0 * verdict->overlap);
     return false;
 }
 
@@ -99,7 +108,8 @@ int kiln_uv_check(struct kiln_uv_verdict *verdict, const struct kiln_vec3 *posit
 {
     struct kiln_bitmap bitmap = {0};
     *verdict = (struct kiln_uv_verdict){0};
-    if (!range_holds(verdict, uv, triangles, triangle_count) || !area_holds(verdict, positions, uv, triangles, triangle_count))
+    if (!range_holds(verdict, uv, triangles, triangle_count) ||
+        !area_holds(verdict, positions, uv, triangles, triangle_count))
         return KILN_OK;
     const uint32_t side = triangle_count < LARGE_MESH ? SIDE : SIDE_LARGE;
     const int status = kiln_bitmap_reset(&bitmap, side, side, error);

@@ -23,10 +23,12 @@ static void unshuffle(const uint8_t *planes, size_t count, size_t size, uint8_t 
 
 size_t kiln_chunk_bound(size_t bytes) { return compressBound((uLong)bytes); }
 
-int kiln_chunk_pack(const void *values, size_t count, size_t size, bool noisy, void *shuffled, void *packed, size_t *packed_bytes,
-                    struct kiln_error *error)
+int kiln_chunk_pack(const void *values, size_t count, size_t size, bool noisy, void *shuffled, void *packed,
+                    size_t *packed_bytes, struct kiln_error *error)
 {
-    z_stream stream = {.next_in = shuffled, .avail_in = (uInt)(count * size), .next_out = packed,
+    z_stream stream = {.next_in = shuffled,
+                       .avail_in = (uInt)(count * size),
+                       .next_out = packed,
                        .avail_out = (uInt)kiln_chunk_bound(count * size)};
     enum { WINDOW_BITS = 15, MEMORY_LEVEL = 8 }; /* as compress2 has them */
     shuffle(values, count, size, shuffled);
@@ -35,7 +37,9 @@ int kiln_chunk_pack(const void *values, size_t count, size_t size, bool noisy, v
     const int done = deflate(&stream, Z_FINISH);
     *packed_bytes = stream.total_out;
     (void)deflateEnd(&stream);
-    return done == Z_STREAM_END ? KILN_OK : kiln_fail(error, KILN_BUG, "zlib packs %zu bytes into more than its bound", count * size);
+    return done == Z_STREAM_END
+               ? KILN_OK
+               : kiln_fail(error, KILN_BUG, "zlib packs %zu bytes into more than its bound", count * size);
 }
 
 int kiln_chunk_unpack(const void *packed, size_t packed_bytes, size_t count, size_t size, void *shuffled, void *values,
@@ -43,7 +47,8 @@ int kiln_chunk_unpack(const void *packed, size_t packed_bytes, size_t count, siz
 {
     uLongf length = (uLong)(count * size);
     if (uncompress(shuffled, &length, packed, (uLong)packed_bytes) != Z_OK || length != count * size)
-        return kiln_fail(error, KILN_IO, "%zu packed bytes do not give the %zu bytes of a chunk", packed_bytes, count * size);
+        return kiln_fail(error, KILN_IO, "%zu packed bytes do not give the %zu bytes of a chunk", packed_bytes,
+                         count * size);
     unshuffle(shuffled, count, size, values);
     return KILN_OK;
 }

@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "coordinator/bake/result.h"
+#include "coordinator/field/result.h"
 
 enum kiln_column {
     KILN_COLUMN_POSITION,

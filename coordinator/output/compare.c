@@ -13,8 +13,8 @@ struct pair {
     uint32_t width, height, channel_count;
     const float *a[KILN_COMPARE_CHANNELS_MAX], *b[KILN_COMPARE_CHANNELS_MAX];
     char names[KILN_COMPARE_CHANNELS_MAX][KILN_CHANNEL_NAME_SIZE];
-    bool colour;   /* the channels are R, G, B in this order */
-    uint8_t *used; /* 0 not compared, 1 valid in both, 2 wholly inside charts too */
+    bool colour;            /* the channels are R, G, B in this order */
+    uint8_t *used;          /* 0 not compared, 1 valid in both, 2 wholly inside charts too */
     float *tone_a, *tone_b; /* tone-mapped luminance */
 };
 
@@ -68,10 +68,12 @@ static uint64_t drop_not_finite(struct pair *p)
     return dropped;
 }
 
-static int pair_images(struct pair *p, const struct kiln_image *a, const struct kiln_image *b, uint64_t *not_finite, struct kiln_error *error)
+static int pair_images(struct pair *p, const struct kiln_image *a, const struct kiln_image *b, uint64_t *not_finite,
+                       struct kiln_error *error)
 {
     if (a->width != b->width || a->height != b->height)
-        return kiln_fail(error, KILN_BAD_INPUT, "the images differ in size: %u x %u and %u x %u texels", a->width, a->height, b->width, b->height);
+        return kiln_fail(error, KILN_BAD_INPUT, "the images differ in size: %u x %u and %u x %u texels", a->width,
+                         a->height, b->width, b->height);
     p->width = a->width;
     p->height = a->height;
     choose_channels(p, a, b);
@@ -153,7 +155,8 @@ static void sum_relative(const struct pair *p, struct kiln_difference *d)
     const double floor_value = d->texels == 0 ? 0.0 : 0.01 * total / ((double)d->texels * p->channel_count);
     for (size_t i = 0; i < count; i++)
         for (uint32_t c = 0; p->used[i] != 0 && c < p->channel_count; c++) {
-            const double difference = (double)p->a[c][i] - (double)p->b[c][i], by = fabs((double)p->b[c][i]) + floor_value;
+            const double difference = (double)p->a[c][i] - (double)p->b[c][i],
+                         by = fabs((double)p->b[c][i]) + floor_value;
             if (by > 0.0)
                 d->relative_squares += difference * difference / (by * by);
             else if (difference != 0.0) /* the whole reference is black: any light is wholly wrong */
@@ -208,7 +211,8 @@ static double similarity_at(const struct pair *p, const double gauss[WINDOW], in
         }
     a /= weights;
     b /= weights;
-    const double variance_a = fmax(0.0, aa / weights - a * a), variance_b = fmax(0.0, bb / weights - b * b), covariance = ab / weights - a * b;
+    const double variance_a = fmax(0.0, aa / weights - a * a), variance_b = fmax(0.0, bb / weights - b * b),
+                 covariance = ab / weights - a * b;
     return (2.0 * a * b + c1) * (2.0 * covariance + c2) / ((a * a + b * b + c1) * (variance_a + variance_b + c2));
 }
 
@@ -237,9 +241,11 @@ static int sum_similarity(struct pair *p, struct kiln_difference *d, struct kiln
 
 static void derive(struct kiln_difference *d)
 {
-    const double texels = d->measure, values = texels * d->channel_count, interior = d->interior_measure * d->channel_count;
+    const double texels = d->measure, values = texels * d->channel_count,
+                 interior = d->interior_measure * d->channel_count;
     d->rmse = values > 0.0 ? sqrt(d->squares / values) : 0.0;
-    d->nrmse = d->interior_reference > 0.0 ? sqrt(d->interior_squares / interior) / (d->interior_reference / interior) : (double)NAN;
+    d->nrmse = d->interior_reference > 0.0 ? sqrt(d->interior_squares / interior) / (d->interior_reference / interior)
+                                           : (double)NAN;
     d->rel_rmse = values > 0.0 ? sqrt(d->relative_squares / values) : 0.0;
     d->psnr = d->rmse > 0.0 ? 20.0 * log10(d->peak / d->rmse) : (double)INFINITY;
     d->dssim = texels > 0.0 ? 0.5 * (1.0 - d->similarity / texels) : 0.0;
@@ -260,7 +266,8 @@ static void destroy_pair(struct pair *p)
     kiln_free(&p->tone_b);
 }
 
-int kiln_compare_images(const struct kiln_image *a, const struct kiln_image *b, struct kiln_difference *difference, struct kiln_error *error)
+int kiln_compare_images(const struct kiln_image *a, const struct kiln_image *b, struct kiln_difference *difference,
+                        struct kiln_error *error)
 {
     struct pair p = {0};
     struct kiln_difference *d = difference;
@@ -327,7 +334,8 @@ static void heat(double t, uint8_t rgb[3])
         rgb[c] = (uint8_t)(255.0 * (stops[below][c] + (place - below) * (stops[below + 1][c] - stops[below][c])) + 0.5);
 }
 
-int kiln_difference_picture(const struct kiln_image *a, const struct kiln_image *b, double full, uint8_t *bytes, struct kiln_error *error)
+int kiln_difference_picture(const struct kiln_image *a, const struct kiln_image *b, double full, uint8_t *bytes,
+                            struct kiln_error *error)
 {
     struct pair p = {0};
     uint64_t not_finite;

@@ -10,7 +10,8 @@
 static struct kiln_dvec3 to_world(const double m[12], struct kiln_vec3 p)
 {
     const double x = (double)p.x, y = (double)p.y, z = (double)p.z;
-    return dvec3(m[0] * x + m[1] * y + m[2] * z + m[3], m[4] * x + m[5] * y + m[6] * z + m[7], m[8] * x + m[9] * y + m[10] * z + m[11]);
+    return dvec3(m[0] * x + m[1] * y + m[2] * z + m[3], m[4] * x + m[5] * y + m[6] * z + m[7],
+                 m[8] * x + m[9] * y + m[10] * z + m[11]);
 }
 
 /* Indices into the scene's vertex arrays of the k-th triangle of the object's mesh. */
@@ -30,9 +31,15 @@ static void world_corners(const struct kiln_scene *scene, uint32_t object, uint6
         place[c] = to_world(scene->objects[object].transform, scene->positions[corner[c]]);
 }
 
-static double area_of(const struct kiln_dvec3 p[3]) { return 0.5 * dvec3_length(dvec3_cross(dvec3_sub(p[1], p[0]), dvec3_sub(p[2], p[0]))); }
+static double area_of(const struct kiln_dvec3 p[3])
+{
+    return 0.5 * dvec3_length(dvec3_cross(dvec3_sub(p[1], p[0]), dvec3_sub(p[2], p[0])));
+}
 
-static uint64_t triangles_of(const struct kiln_scene *scene, uint32_t object) { return scene->meshes[scene->objects[object].mesh].triangle_count; }
+static uint64_t triangles_of(const struct kiln_scene *scene, uint32_t object)
+{
+    return scene->meshes[scene->objects[object].mesh].triangle_count;
+}
 
 double kiln_object_area(const struct kiln_scene *scene, uint32_t object)
 {
@@ -68,7 +75,8 @@ static const float *plane(const struct kiln_image *image, const char *name)
     return channel == NULL ? NULL : channel->values;
 }
 
-static int open_reader(struct reader *r, const struct kiln_compared *from, size_t count, struct kiln_image **made, struct kiln_error *error)
+static int open_reader(struct reader *r, const struct kiln_compared *from, size_t count, struct kiln_image **made,
+                       struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B", "validity.Y", "coverage.Y"};
     int status = kiln_image_create(made, (uint32_t)count, 1, names, 5, error);
@@ -99,10 +107,13 @@ static void read_place(const struct reader *r, uint64_t k, double b1, double b2,
         uv[0] += weight * (double)scene->texcoord_lightmap[corner[c]].x;
         uv[1] += weight * (double)scene->texcoord_lightmap[corner[c]].y;
     }
-    const double x = uv[0] * image->width, y = uv[1] * image->height, last_x = image->width - 1.0, last_y = image->height - 1.0;
-    const double fx = fmin(fmax(x - 0.5, 0.0), last_x), fy = fmin(fmax(y - 0.5, 0.0), last_y), wx = fx - floor(fx), wy = fy - floor(fy);
+    const double x = uv[0] * image->width, y = uv[1] * image->height, last_x = image->width - 1.0,
+                 last_y = image->height - 1.0;
+    const double fx = fmin(fmax(x - 0.5, 0.0), last_x), fy = fmin(fmax(y - 0.5, 0.0), last_y), wx = fx - floor(fx),
+                 wy = fy - floor(fy);
     const size_t x0 = (size_t)fx, y0 = (size_t)fy, x1 = wx > 0.0 ? x0 + 1 : x0, y1 = wy > 0.0 ? y0 + 1 : y0;
-    const size_t texels[4] = {y0 * image->width + x0, y0 * image->width + x1, y1 * image->width + x0, y1 * image->width + x1};
+    const size_t texels[4] = {y0 * image->width + x0, y0 * image->width + x1, y1 * image->width + x0,
+                              y1 * image->width + x1};
     const double weights[4] = {(1.0 - wx) * (1.0 - wy), wx * (1.0 - wy), (1.0 - wx) * wy, wx * wy};
     const size_t own = (size_t)fmin(fmax(y, 0.0), last_y) * image->width + (size_t)fmin(fmax(x, 0.0), last_x);
     float least = 1.0f;
@@ -122,14 +133,16 @@ static void read_place(const struct reader *r, uint64_t k, double b1, double b2,
 
 static double fraction(double x) { return x - floor(x); }
 
-static void take_sample(struct kiln_samples *s, const struct reader readers[2], const struct kiln_dvec3 place[3], uint64_t k, size_t i)
+static void take_sample(struct kiln_samples *s, const struct reader readers[2], const struct kiln_dvec3 place[3],
+                        uint64_t k, size_t i)
 {
     double b1 = fraction((double)i * 0.7548776662466927 + 0.5), b2 = fraction((double)i * 0.5698402909980532 + 0.5);
     if (b1 + b2 > 1.0) {
         b1 = 1.0 - b1;
         b2 = 1.0 - b2;
     }
-    const struct kiln_dvec3 at = dvec3_add(dvec3_scale(place[0], 1.0 - b1 - b2), dvec3_add(dvec3_scale(place[1], b1), dvec3_scale(place[2], b2)));
+    const struct kiln_dvec3 at = dvec3_add(dvec3_scale(place[0], 1.0 - b1 - b2),
+                                           dvec3_add(dvec3_scale(place[1], b1), dvec3_scale(place[2], b2)));
     s->positions[i][0] = at.x;
     s->positions[i][1] = at.y;
     s->positions[i][2] = at.z;
@@ -147,7 +160,8 @@ static int take_samples(struct kiln_samples *s, const struct reader readers[2], 
         world_corners(a->scene, a->object, k, place);
         world_corners(b->scene, b->object, k, other);
         if (!same_corners(place, other))
-            return kiln_fail(error, KILN_BAD_INPUT, "triangle %llu is not in the same place in both", (unsigned long long)k);
+            return kiln_fail(error, KILN_BAD_INPUT, "triangle %llu is not in the same place in both",
+                             (unsigned long long)k);
         sum += area_of(place);
         while (taken < s->count && (double)s->count * sum > ((double)taken + 0.5) * s->area)
             take_sample(s, readers, place, k, taken++);
@@ -155,13 +169,14 @@ static int take_samples(struct kiln_samples *s, const struct reader readers[2], 
     return taken == s->count ? KILN_OK : kiln_fail(error, KILN_BUG, "%zu of %zu places were found", taken, s->count);
 }
 
-int kiln_samples_take(struct kiln_samples *samples, const struct kiln_compared *a, const struct kiln_compared *b, size_t count,
-                      struct kiln_error *error)
+int kiln_samples_take(struct kiln_samples *samples, const struct kiln_compared *a, const struct kiln_compared *b,
+                      size_t count, struct kiln_error *error)
 {
     struct reader readers[2] = {{0}, {0}};
     *samples = (struct kiln_samples){.count = count, .area = kiln_object_area(a->scene, a->object)};
     if (triangles_of(a->scene, a->object) != triangles_of(b->scene, b->object))
-        return kiln_fail(error, KILN_BAD_INPUT, "it has %llu triangles in one and %llu in the other", (unsigned long long)triangles_of(a->scene, a->object),
+        return kiln_fail(error, KILN_BAD_INPUT, "it has %llu triangles in one and %llu in the other",
+                         (unsigned long long)triangles_of(a->scene, a->object),
                          (unsigned long long)triangles_of(b->scene, b->object));
     int status = kiln_allocate(&samples->positions, count, sizeof *samples->positions, "places to compare", error);
     if (status == KILN_OK)

@@ -8,7 +8,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
@@ -24,8 +24,8 @@ void exr_stay_silent(exr_const_context_t context, exr_result_t code, const char 
 
 int exr_failed(int status, const char *path, const char *act, exr_result_t code, struct kiln_error *error)
 {
-    return kiln_fail(error, code == EXR_ERR_OUT_OF_MEMORY ? KILN_SYSTEM : status, "'%s' cannot be %s as OpenEXR: %s", path, act,
-                     exr_get_default_error_message(code));
+    return kiln_fail(error, code == EXR_ERR_OUT_OF_MEMORY ? KILN_SYSTEM : status, "'%s' cannot be %s as OpenEXR: %s",
+                     path, act, exr_get_default_error_message(code));
 }
 
 /* ---- writing ---- */
@@ -41,18 +41,20 @@ int64_t exr_write_stream(exr_const_context_t context, void *user, const void *bu
     return stream->status == KILN_OK ? (int64_t)size : -1;
 }
 
-exr_result_t exr_declare(exr_context_t file, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
-                         size_t attribute_count)
+exr_result_t exr_declare(exr_context_t file, const struct kiln_image *image,
+                         const struct kiln_exr_attribute *attributes, size_t attribute_count)
 {
     int part = 0;
     exr_result_t code = exr_add_part(file, NULL, EXR_STORAGE_SCANLINE, &part);
     if (code == EXR_ERR_SUCCESS)
-        code = exr_initialize_required_attr_simple(file, part, (int32_t)image->width, (int32_t)image->height, EXR_COMPRESSION_ZIP);
+        code = exr_initialize_required_attr_simple(file, part, (int32_t)image->width, (int32_t)image->height,
+                                                   EXR_COMPRESSION_ZIP);
     if (code == EXR_ERR_SUCCESS)
         code = exr_set_zip_compression_level(file, part, ZIP_LEVEL);
     for (size_t i = 0; code == EXR_ERR_SUCCESS && i < image->channel_count; i++)
-        code = exr_add_channel(file, part, image->channels[i].name, image->channels[i].half ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT,
-                               EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
+        code = exr_add_channel(file, part, image->channels[i].name,
+                               image->channels[i].half ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT, EXR_PERCEPTUALLY_LOGARITHMIC,
+                               1, 1);
     for (size_t i = 0; code == EXR_ERR_SUCCESS && i < attribute_count; i++) {
         const struct kiln_exr_attribute *a = &attributes[i];
         if (a->kind == KILN_EXR_STRING)
@@ -83,8 +85,8 @@ static exr_result_t fill_encoder(exr_encode_pipeline_t *encoder, const struct ki
     return EXR_ERR_SUCCESS;
 }
 
-/* A chunk that packs to just its own size is written as it is: readers take a chunk of that size for one that was not packed, and the
- * library leaves only larger ones unpacked (OpenEXR 3.1). */
+/* A chunk that packs to just its own size is written as it is: readers take a chunk of that size for one that was not
+ * packed, and the library leaves only larger ones unpacked (OpenEXR 3.1). */
 static void keep_ambiguous_chunk_unpacked(exr_encode_pipeline_t *encoder)
 {
     if (encoder->compressed_bytes == encoder->packed_bytes && encoder->compressed_buffer != encoder->packed_buffer)
@@ -96,7 +98,8 @@ exr_result_t exr_pack_chunk(struct exr_packer *p, exr_context_t file, const stru
     exr_chunk_info_t chunk;
     exr_result_t code = exr_write_scanline_chunk_info(file, 0, (int)y, &chunk);
     if (code == EXR_ERR_SUCCESS)
-        code = p->started ? exr_encoding_update(file, 0, &chunk, &p->encoder) : exr_encoding_initialize(file, 0, &chunk, &p->encoder);
+        code = p->started ? exr_encoding_update(file, 0, &chunk, &p->encoder)
+                          : exr_encoding_initialize(file, 0, &chunk, &p->encoder);
     if (code == EXR_ERR_SUCCESS)
         code = fill_encoder(&p->encoder, image, y);
     if (code == EXR_ERR_SUCCESS && !p->started) {
@@ -114,14 +117,15 @@ exr_result_t exr_pack_chunk(struct exr_packer *p, exr_context_t file, const stru
 }
 
 /* Packs `count` chunks from row y on, one a packer, and writes them in order: the library takes them in no other. */
-static exr_result_t write_some(struct exr_packer *packers, uint32_t count, exr_context_t file, const struct kiln_image *image, uint32_t y,
-                               uint32_t step, int32_t *written)
+static exr_result_t write_some(struct exr_packer *packers, uint32_t count, exr_context_t file,
+                               const struct kiln_image *image, uint32_t y, uint32_t step, int32_t *written)
 {
 #pragma omp parallel for schedule(dynamic, 1)
     for (uint32_t i = 0; i < count; i++)
         packers[i].code = exr_pack_chunk(&packers[i], file, image, y + i * step);
     for (uint32_t i = 0; i < count; i++) {
-        const exr_result_t code = packers[i].code == EXR_ERR_SUCCESS ? packers[i].write(&packers[i].encoder) : packers[i].code;
+        const exr_result_t code =
+            packers[i].code == EXR_ERR_SUCCESS ? packers[i].write(&packers[i].encoder) : packers[i].code;
         if (code != EXR_ERR_SUCCESS)
             return code;
         (*written)++;
@@ -134,7 +138,8 @@ static exr_result_t write_chunks(exr_context_t file, const struct kiln_image *im
 {
     int32_t lines = 1;
     exr_result_t code = exr_get_scanlines_per_chunk(file, 0, &lines);
-    const uint32_t step = (uint32_t)lines, chunks = (image->height + step - 1) / step, wanted = 4 * (uint32_t)omp_get_max_threads();
+    const uint32_t step = (uint32_t)lines, chunks = (image->height + step - 1) / step,
+                   wanted = 4 * (uint32_t)omp_get_max_threads();
     const uint32_t count = chunks < wanted ? chunks : wanted;
     struct exr_packer *packers = NULL;
     if (kiln_allocate(&packers, count, sizeof *packers, "chunks", NULL) != KILN_OK)
@@ -151,8 +156,8 @@ static exr_result_t write_chunks(exr_context_t file, const struct kiln_image *im
     return code;
 }
 
-static int write_file(struct exr_output_stream *stream, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
-                      size_t attribute_count)
+static int write_file(struct exr_output_stream *stream, const struct kiln_image *image,
+                      const struct kiln_exr_attribute *attributes, size_t attribute_count)
 {
     exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
     setup.error_handler_fn = exr_stay_silent;
@@ -176,7 +181,8 @@ static int write_file(struct exr_output_stream *stream, const struct kiln_image 
     if (code != EXR_ERR_SUCCESS)
         return exr_failed(KILN_IO, stream->path, "written", code, stream->error);
     if (written != expected)
-        return kiln_fail(stream->error, KILN_BUG, "'%s': %d of %d chunks were written", stream->path, (int)written, (int)expected);
+        return kiln_fail(stream->error, KILN_BUG, "'%s': %d of %d chunks were written", stream->path, (int)written,
+                         (int)expected);
     return KILN_OK;
 }
 
@@ -206,7 +212,8 @@ static int read_back(const struct kiln_publish *place, const struct kiln_image *
     const char *path = place->temporary;
     int status = kiln_exr_read(place->opens, NULL, 0, &found, &own);
     if (status != KILN_OK) /* the file is our own */
-        return kiln_fail(error, status == KILN_BAD_INPUT ? KILN_IO : status, "'%s' does not read back as it was written: %s", path, own.message);
+        return kiln_fail(error, status == KILN_BAD_INPUT ? KILN_IO : status,
+                         "'%s' does not read back as it was written: %s", path, own.message);
     if (found->width != image->width || found->height != image->height || found->channel_count != image->channel_count)
         status = kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: other size or channels", path);
     const size_t pixels = (size_t)image->width * image->height;
@@ -214,7 +221,8 @@ static int read_back(const struct kiln_publish *place, const struct kiln_image *
         const struct kiln_image_channel *mine = &image->channels[c], *theirs = &found->channels[c];
         const size_t same = strcmp(mine->name, theirs->name) == 0 ? exr_count_same(mine, theirs, pixels) : 0;
         if (same < pixels)
-            status = kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: channel %s, pixel %zu", path, mine->name, same);
+            status = kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: channel %s, pixel %zu", path,
+                               mine->name, same);
     }
     kiln_image_destroy(&found);
     return status;
@@ -233,14 +241,15 @@ static int check_halves(const char *path, const struct kiln_image *image, struct
 
 int exr_check_image(const char *path, const struct kiln_image *image, struct kiln_error *error)
 {
-    if (image->width == 0 || image->height == 0 || image->width > INT32_MAX / sizeof(float) || image->height > INT32_MAX)
-        return kiln_fail(error, KILN_CANNOT_CREATE, "'%s': %u x %u pixels is not a size that OpenEXR holds", path, image->width,
-                         image->height);
+    if (image->width == 0 || image->height == 0 || image->width > INT32_MAX / sizeof(float) ||
+        image->height > INT32_MAX)
+        return kiln_fail(error, KILN_CANNOT_CREATE, "'%s': %u x %u pixels is not a size that OpenEXR holds", path,
+                         image->width, image->height);
     return check_halves(path, image, error);
 }
 
-int kiln_exr_write_below(const char *directory, const char *name, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
-                         size_t attribute_count, struct kiln_error *error)
+int kiln_exr_write_below(const char *directory, const char *name, const struct kiln_image *image,
+                         const struct kiln_exr_attribute *attributes, size_t attribute_count, struct kiln_error *error)
 {
     struct kiln_publish place;
     int status = exr_check_image(name, image, error);
@@ -294,7 +303,8 @@ static int64_t input_size(exr_const_context_t context, void *user)
 }
 
 /* As many bytes as there are: the library asks for more at times. */
-static int64_t read_stream(exr_const_context_t context, void *user, void *buffer, uint64_t size, uint64_t offset, exr_stream_error_func_ptr_t report)
+static int64_t read_stream(exr_const_context_t context, void *user, void *buffer, uint64_t size, uint64_t offset,
+                           exr_stream_error_func_ptr_t report)
 {
     const struct input_stream *stream = user;
     uint64_t done = 0;
@@ -317,10 +327,14 @@ static int64_t read_stream(exr_const_context_t context, void *user, void *buffer
 
 enum { HEADER_MOST = 1 << 20, ATTRIBUTES_MOST = 256, CHANNELS_BYTES_MOST = 1 << 15 };
 
-static uint32_t little_endian(const uint8_t *bytes) { return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24; }
+static uint32_t little_endian(const uint8_t *bytes)
+{
+    return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
+}
 
-/* Whether the attributes end before the bytes do, are not too many, and the list of channels is not too long: the library's time for it grows
- * with its square. An attribute is a name and a type, each with a zero byte, a size of four bytes, and as many bytes. */
+/* Whether the attributes end before the bytes do, are not too many, and the list of channels is not too long: the
+ * library's time for it grows with its square. An attribute is a name and a type, each with a zero byte, a size of four
+ * bytes, and as many bytes. */
 static bool attributes_are_sane(const uint8_t *bytes, size_t size)
 {
     size_t at = 8;
@@ -328,12 +342,14 @@ static bool attributes_are_sane(const uint8_t *bytes, size_t size)
         const size_t name = strnlen((const char *)bytes + at, size - at);
         if (name == 0)
             return true; /* the header's end */
-        const size_t type_at = at + name + 1 < size ? at + name + 1 : size, type = strnlen((const char *)bytes + type_at, size - type_at);
+        const size_t type_at = at + name + 1 < size ? at + name + 1 : size,
+                     type = strnlen((const char *)bytes + type_at, size - type_at);
         const size_t value_at = type_at + type + 1 + 4;
         if (value_at > size)
             return false;
         const uint32_t value = little_endian(bytes + value_at - 4);
-        if (value > size - value_at || (value > CHANNELS_BYTES_MOST && strcmp((const char *)bytes + type_at, "chlist") == 0))
+        if (value > size - value_at ||
+            (value > CHANNELS_BYTES_MOST && strcmp((const char *)bytes + type_at, "chlist") == 0))
             return false;
         at = value_at + value;
     }
@@ -350,24 +366,32 @@ static int check_header(const struct input_stream *stream, struct kiln_error *er
     int status = kiln_allocate(&bytes, size, 1, "a header of OpenEXR", error);
     if (status != KILN_OK)
         return status;
-    if (read_stream(NULL, (void *)(uintptr_t)stream, bytes, size, 0, NULL) != (int64_t)size || size < 8 || memcmp(bytes, magic, sizeof magic) != 0)
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' cannot be read as OpenEXR: its first bytes are not those of one", stream->path);
+    if (read_stream(NULL, (void *)(uintptr_t)stream, bytes, size, 0, NULL) != (int64_t)size || size < 8 ||
+        memcmp(bytes, magic, sizeof magic) != 0)
+        status = kiln_fail(error, KILN_BAD_INPUT,
+                           "'%s' cannot be read as OpenEXR: its first bytes are not those of one", stream->path);
     else if ((little_endian(bytes + 4) & ~(uint32_t)LONG_NAMES) != SCANLINES)
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' is an OpenEXR file in tiles, of several parts or deep: only plain ones of scanlines are read here",
-                           stream->path);
+        status = kiln_fail(
+            error, KILN_BAD_INPUT,
+            "'%s' is an OpenEXR file in tiles, of several parts or deep: only plain ones of scanlines are read here",
+            stream->path);
     else if (!attributes_are_sane(bytes, size))
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' cannot be read as OpenEXR: its header is damaged, longer than 1 MiB, or lists hundreds of channels",
-                           stream->path);
+        status = kiln_fail(
+            error, KILN_BAD_INPUT,
+            "'%s' cannot be read as OpenEXR: its header is damaged, longer than 1 MiB, or lists hundreds of channels",
+            stream->path);
     kiln_free(&bytes);
     return status;
 }
 
 /* Deflate packs at most about 1030 : 1, so a header that promises more than that lies. */
-static int check_size(const struct input_stream *stream, uint64_t width, uint64_t height, uint64_t bytes_per_pixel, struct kiln_error *error)
+static int check_size(const struct input_stream *stream, uint64_t width, uint64_t height, uint64_t bytes_per_pixel,
+                      struct kiln_error *error)
 {
     const uint64_t possible = (uint64_t)stream->bytes * 1100u + 4096u;
     if (width == 0 || height == 0 || width > possible / height || bytes_per_pixel > possible / (width * height))
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' claims %llu x %llu pixels, more than its %lld bytes can hold: it is damaged",
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "'%s' claims %llu x %llu pixels, more than its %lld bytes can hold: it is damaged",
                          stream->path, (unsigned long long)width, (unsigned long long)height, (long long)stream->bytes);
     return KILN_OK;
 }
@@ -388,7 +412,8 @@ static int list_channels(exr_const_context_t file, const char *path, const char 
         if (entry->pixel_type == EXR_PIXEL_UINT || !is_wanted(entry->name.str, wanted, wanted_count))
             continue;
         if (entry->x_sampling != 1 || entry->y_sampling != 1)
-            return kiln_fail(error, KILN_BAD_INPUT, "'%s': channel %s is subsampled, which is not read here", path, entry->name.str);
+            return kiln_fail(error, KILN_BAD_INPUT, "'%s': channel %s is subsampled, which is not read here", path,
+                             entry->name.str);
         (*names)[(*count)++] = entry->name.str;
     }
     return KILN_OK;
@@ -429,7 +454,8 @@ static exr_result_t read_chunk(exr_decode_pipeline_t *decoder, bool *started, ex
     exr_chunk_info_t chunk;
     exr_result_t code = exr_read_scanline_chunk_info(file, 0, top + (int)y, &chunk);
     if (code == EXR_ERR_SUCCESS)
-        code = *started ? exr_decoding_update(file, 0, &chunk, decoder) : exr_decoding_initialize(file, 0, &chunk, decoder);
+        code = *started ? exr_decoding_update(file, 0, &chunk, decoder)
+                        : exr_decoding_initialize(file, 0, &chunk, decoder);
     if (code == EXR_ERR_SUCCESS)
         fill_decoder(decoder, image, y);
     if (code == EXR_ERR_SUCCESS && !*started) {
@@ -468,8 +494,8 @@ exr_result_t exr_read_chunks(exr_const_context_t file, int32_t top, const struct
     return failure;
 }
 
-static int read_part(exr_const_context_t file, const struct input_stream *stream, const char *const *wanted, size_t wanted_count,
-                     struct kiln_image **image, struct kiln_error *error)
+static int read_part(exr_const_context_t file, const struct input_stream *stream, const char *const *wanted,
+                     size_t wanted_count, struct kiln_image **image, struct kiln_error *error)
 {
     const char *path = stream->path;
     exr_storage_t storage;
@@ -480,7 +506,8 @@ static int read_part(exr_const_context_t file, const struct input_stream *stream
     if (code != EXR_ERR_SUCCESS)
         return exr_failed(KILN_BAD_INPUT, path, "read", code, error);
     if (storage != EXR_STORAGE_SCANLINE)
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is a tiled or deep OpenEXR file: only scanline files are read here", path);
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "'%s' is a tiled or deep OpenEXR file: only scanline files are read here", path);
     const char **names = NULL;
     size_t count = 0;
     uint64_t bytes_per_pixel = 0;
@@ -502,8 +529,8 @@ static int read_part(exr_const_context_t file, const struct input_stream *stream
     return status;
 }
 
-int kiln_exr_read_open(int descriptor, const char *path, const char *const *wanted, size_t wanted_count, struct kiln_image **image,
-                       struct kiln_error *error)
+int kiln_exr_read_open(int descriptor, const char *path, const char *const *wanted, size_t wanted_count,
+                       struct kiln_image **image, struct kiln_error *error)
 {
     struct stat found;
     *image = NULL;
@@ -532,7 +559,8 @@ int kiln_exr_read(const char *path, const char *const *wanted, size_t wanted_cou
                   struct kiln_error *error)
 {
     *image = NULL;
-    const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0); /* a pipe in the place of a file must not hang us */
+    /* a pipe in the place of a file must not hang us */
+    const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0);
     if (descriptor < 0)
         return kiln_fail_errno(error, 0, "'%s' cannot be opened", path);
     const int status = kiln_exr_read_open(descriptor, path, wanted, wanted_count, image, error);

@@ -23,11 +23,11 @@ int64_t exr_write_stream(exr_const_context_t context, void *user, const void *bu
                          exr_stream_error_func_ptr_t report);
 
 /* Describes the image to a file that was just started, and writes the header. */
-exr_result_t exr_declare(exr_context_t file, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
-                         size_t attribute_count);
+exr_result_t exr_declare(exr_context_t file, const struct kiln_image *image,
+                         const struct kiln_exr_attribute *attributes, size_t attribute_count);
 
-/* Packs one chunk after another; `write` is the library's writing of it, for when its turn has come. Begin with EXR_PACKER, end with
- * exr_encoding_destroy. The packed bytes are in the encoder's compressed_buffer. */
+/* Packs one chunk after another; `write` is the library's writing of it, for when its turn has come. Begin with
+ * EXR_PACKER, end with exr_encoding_destroy. The packed bytes are in the encoder's compressed_buffer. */
 struct exr_packer {
     exr_encode_pipeline_t encoder;
     exr_result_t (*write)(exr_encode_pipeline_t *encoder);

@@ -6,7 +6,7 @@
 #include <xxhash.h>
 
 #include "coordinator/output/exr_private.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 static uint32_t strip_rows(const struct kiln_image *image, uint32_t y)
@@ -57,13 +57,15 @@ static int64_t size_of_memory(exr_const_context_t context, void *user)
 }
 
 /* The rows of a strip as an image that borrows their values. */
-static int view_strip(const struct kiln_image *image, uint32_t y, struct kiln_image *view, struct kiln_image_channel *channels,
-                      struct kiln_error *error)
+static int view_strip(const struct kiln_image *image, uint32_t y, struct kiln_image *view,
+                      struct kiln_image_channel *channels, struct kiln_error *error)
 {
     if (image->channel_count > KILN_EXR_CHANNELS || y >= image->height)
-        return kiln_fail(error, KILN_BUG, "row %u of an image of %u rows and %zu channels is to be packed alone", y, image->height,
-                         image->channel_count);
-    *view = (struct kiln_image){.width = image->width, .height = strip_rows(image, y), .channel_count = image->channel_count,
+        return kiln_fail(error, KILN_BUG, "row %u of an image of %u rows and %zu channels is to be packed alone", y,
+                         image->height, image->channel_count);
+    *view = (struct kiln_image){.width = image->width,
+                                .height = strip_rows(image, y),
+                                .channel_count = image->channel_count,
                                 .channels = channels};
     for (size_t c = 0; c < image->channel_count; c++) {
         channels[c] = image->channels[c];
@@ -127,7 +129,8 @@ static int check_alone(const struct kiln_image *view, struct memory_file *m, str
         status = exr_failed(KILN_IO, "a packed strip", "unpacked", code, error);
     for (size_t c = 0; status == KILN_OK && c < view->channel_count; c++)
         if (exr_count_same(&view->channels[c], &found->channels[c], values) < values)
-            status = kiln_fail(error, KILN_IO, "%u rows of channel %s do not unpack to what was packed", view->height, names[c]);
+            status = kiln_fail(error, KILN_IO, "%u rows of channel %s do not unpack to what was packed", view->height,
+                               names[c]);
     kiln_image_destroy(&found);
     return status;
 }
@@ -141,7 +144,8 @@ uint64_t kiln_exr_strip_values(const struct kiln_image *image, uint32_t y)
     return hash;
 }
 
-int kiln_exr_strip_pack(const struct kiln_image *image, uint32_t y, struct kiln_exr_strip *strip, struct kiln_error *error)
+int kiln_exr_strip_pack(const struct kiln_image *image, uint32_t y, struct kiln_exr_strip *strip,
+                        struct kiln_error *error)
 {
     struct kiln_image_channel channels[KILN_EXR_CHANNELS];
     struct kiln_image view;
@@ -183,7 +187,8 @@ static int stream_failed(struct kiln_exr_file *f, const char *act, exr_result_t 
     return f->stream.status != KILN_OK ? f->stream.status : exr_failed(KILN_IO, f->place.temporary, act, code, error);
 }
 
-static int begin_file(struct kiln_exr_file *f, const struct kiln_exr_attribute *attributes, size_t attribute_count, struct kiln_error *error)
+static int begin_file(struct kiln_exr_file *f, const struct kiln_exr_attribute *attributes, size_t attribute_count,
+                      struct kiln_error *error)
 {
     int32_t rows = 0, strips = 0;
     exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
@@ -202,13 +207,14 @@ static int begin_file(struct kiln_exr_file *f, const struct kiln_exr_attribute *
     if (code != EXR_ERR_SUCCESS)
         return stream_failed(f, "started", code, error);
     if (rows != KILN_EXR_ROWS || strips != (int32_t)f->strips)
-        return kiln_fail(error, KILN_BUG, "'%s': the library packs %d rows at a time in %d strips, not %d in %u", f->place.temporary, (int)rows,
-                         (int)strips, KILN_EXR_ROWS, f->strips);
+        return kiln_fail(error, KILN_BUG, "'%s': the library packs %d rows at a time in %d strips, not %d in %u",
+                         f->place.temporary, (int)rows, (int)strips, KILN_EXR_ROWS, f->strips);
     return KILN_OK;
 }
 
-int kiln_exr_file_create(struct kiln_exr_file **file, const char *directory, const char *name, const struct kiln_image *image,
-                         const struct kiln_exr_attribute *attributes, size_t attribute_count, struct kiln_error *error)
+int kiln_exr_file_create(struct kiln_exr_file **file, const char *directory, const char *name,
+                         const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
+                         size_t attribute_count, struct kiln_error *error)
 {
     int status = kiln_allocate(file, 1, sizeof **file, "a lightmap's file", error);
     if (status != KILN_OK)
@@ -234,10 +240,12 @@ int kiln_exr_file_create(struct kiln_exr_file **file, const char *directory, con
     return status;
 }
 
-int kiln_exr_file_append(struct kiln_exr_file *f, const void *bytes, size_t size, uint64_t hash, struct kiln_error *error)
+int kiln_exr_file_append(struct kiln_exr_file *f, const void *bytes, size_t size, uint64_t hash,
+                         struct kiln_error *error)
 {
     if (f->written >= f->strips)
-        return kiln_fail(error, KILN_BUG, "'%s': more than its %u strips are to be written", f->place.temporary, f->strips);
+        return kiln_fail(error, KILN_BUG, "'%s': more than its %u strips are to be written", f->place.temporary,
+                         f->strips);
     f->stream.error = error;
     const exr_result_t code = exr_write_scanline_chunk(f->context, 0, (int)(f->written * KILN_EXR_ROWS), bytes, size);
     if (code != EXR_ERR_SUCCESS)
@@ -251,12 +259,14 @@ static int close_file(struct kiln_exr_file *f, struct kiln_error *error)
 {
     f->stream.error = error;
     const exr_result_t code = exr_finish(&f->context);
-    int status = code == EXR_ERR_SUCCESS && f->stream.status == KILN_OK ? KILN_OK : stream_failed(f, "finished", code, error);
+    int status =
+        code == EXR_ERR_SUCCESS && f->stream.status == KILN_OK ? KILN_OK : stream_failed(f, "finished", code, error);
     if (close(f->stream.descriptor) != 0 && status == KILN_OK)
         status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be closed", f->place.temporary);
     f->stream.descriptor = -1;
     if (status == KILN_OK && f->written != f->strips)
-        status = kiln_fail(error, KILN_BUG, "'%s': %u of %u strips were written", f->place.temporary, f->written, f->strips);
+        status =
+            kiln_fail(error, KILN_BUG, "'%s': %u of %u strips were written", f->place.temporary, f->written, f->strips);
     return status;
 }
 
@@ -283,7 +293,8 @@ static bool same_strip(exr_const_context_t file, uint32_t strip, uint64_t hash)
     if (exr_read_scanline_chunk_info(file, 0, (int)(strip * KILN_EXR_ROWS), &chunk) != EXR_ERR_SUCCESS ||
         kiln_allocate(&bytes, chunk.packed_size, 1, "a strip", NULL) != KILN_OK)
         return false;
-    const bool same = exr_read_chunk(file, 0, &chunk, bytes) == EXR_ERR_SUCCESS && XXH3_64bits(bytes, chunk.packed_size) == hash;
+    const bool same =
+        exr_read_chunk(file, 0, &chunk, bytes) == EXR_ERR_SUCCESS && XXH3_64bits(bytes, chunk.packed_size) == hash;
     kiln_free(&bytes);
     return same;
 }
@@ -305,10 +316,11 @@ static int read_back(const struct kiln_exr_file *f, struct kiln_error *error)
             good = s;
     (void)exr_finish(&file);
     if (!header)
-        return kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: other size or channels", f->place.temporary);
+        return kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: other size or channels",
+                         f->place.temporary);
     if (good < f->strips)
-        return kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: row %u and the following", f->place.temporary,
-                         good * KILN_EXR_ROWS);
+        return kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: row %u and the following",
+                         f->place.temporary, good * KILN_EXR_ROWS);
     return KILN_OK;
 }
 

@@ -5,15 +5,16 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 
 /* Level 2 packs floats within 1 % of level 9 at several times its speed. */
 enum { DEFLATE_LEVEL = 2 };
 
 int kiln_h5_failed(const struct kiln_h5 *h5, const char *act, const char *name, struct kiln_error *error)
 {
-    return kiln_fail(error, KILN_IO, "'%s': HDF5 cannot %s '%s' (is the disk full or the file system without MPI-IO support?)", h5->path,
-                     act, name);
+    return kiln_fail(error, KILN_IO,
+                     "'%s': HDF5 cannot %s '%s' (is the disk full or the file system without MPI-IO support?)",
+                     h5->path, act, name);
 }
 
 /* Closes what is open; true when that failed. */
@@ -33,8 +34,9 @@ static hid_t timeless(hid_t class)
 static hid_t parallel_access(MPI_Comm communicator)
 {
     const hid_t access = H5Pcreate(H5P_FILE_ACCESS);
-    if (access >= 0 && (H5Pset_fapl_mpio(access, communicator, MPI_INFO_NULL) < 0 || H5Pset_all_coll_metadata_ops(access, 1) < 0 ||
-                        H5Pset_coll_metadata_write(access, 1) < 0 || H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_LATEST) < 0)) {
+    if (access >= 0 && (H5Pset_fapl_mpio(access, communicator, MPI_INFO_NULL) < 0 ||
+                        H5Pset_all_coll_metadata_ops(access, 1) < 0 || H5Pset_coll_metadata_write(access, 1) < 0 ||
+                        H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_LATEST) < 0)) {
         (void)H5Pclose(access);
         return H5I_INVALID_HID;
     }
@@ -51,17 +53,22 @@ static hid_t collective_transfer(void)
     return transfer;
 }
 
-int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const struct kiln_publish *place, struct kiln_error *error)
+int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const struct kiln_publish *place,
+                   struct kiln_error *error)
 {
-    *h5 = (struct kiln_h5){.file = H5I_INVALID_HID, .transfer = H5I_INVALID_HID, .path = place->temporary, .opens = place->opens,
+    *h5 = (struct kiln_h5){.file = H5I_INVALID_HID,
+                           .transfer = H5I_INVALID_HID,
+                           .path = place->temporary,
+                           .opens = place->opens,
                            .communicator = communicator};
     if (MPI_Comm_rank(communicator, &h5->rank) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
     (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL); /* our sentence instead of its trace */
     const hid_t access = parallel_access(communicator);
     h5->transfer = collective_transfer();
-    int status = kiln_agree(communicator, access < 0 || h5->transfer < 0 ? kiln_h5_failed(h5, "set up", "parallel access", error) : KILN_OK,
-                            error);
+    int status = kiln_agree(
+        communicator, access < 0 || h5->transfer < 0 ? kiln_h5_failed(h5, "set up", "parallel access", error) : KILN_OK,
+        error);
     if (status == KILN_OK) {
         const hid_t list = timeless(H5P_FILE_CREATE);
         h5->file = H5Fcreate(place->opens, H5F_ACC_EXCL, list, access);
@@ -88,7 +95,8 @@ static void give_up(const struct kiln_h5 *h5, int status, const struct kiln_erro
     kiln_end_all_ranks(status, error != NULL ? error : &path);
 }
 
-/* Collective. Again where a signal interrupted it, and only there: a sync that is repeated after another failure succeeds, and hides it. */
+/* Collective. Again where a signal interrupted it, and only there: a sync that is repeated after another failure
+ * succeeds, and hides it. */
 static int flush(struct kiln_h5 *h5, struct kiln_error *error)
 {
     enum { DONE, INTERRUPTED, FAILED };
@@ -132,10 +140,11 @@ int kiln_h5_group(struct kiln_h5 *h5, const char *name, struct kiln_error *error
     return KILN_OK;
 }
 
-static int put_attribute(struct kiln_h5 *h5, hid_t object, const char *name, hid_t type, hid_t space, const void *values,
-                         struct kiln_error *error)
+static int put_attribute(struct kiln_h5 *h5, hid_t object, const char *name, hid_t type, hid_t space,
+                         const void *values, struct kiln_error *error)
 {
-    const hid_t attribute = object < 0 ? H5I_INVALID_HID : H5Acreate2(object, name, type, space, H5P_DEFAULT, H5P_DEFAULT);
+    const hid_t attribute =
+        object < 0 ? H5I_INVALID_HID : H5Acreate2(object, name, type, space, H5P_DEFAULT, H5P_DEFAULT);
     bool failed = attribute < 0 || H5Awrite(attribute, type, values) < 0;
     failed = (attribute >= 0 && H5Aclose(attribute) < 0) || failed;
     return failed ? kiln_h5_failed(h5, "write the attribute", name, error) : KILN_OK;
@@ -145,8 +154,8 @@ static int put_text(struct kiln_h5 *h5, hid_t object, const char *name, const ch
 {
     const size_t length = strlen(text);
     const hid_t type = H5Tcopy(H5T_C_S1), space = H5Screate(H5S_SCALAR);
-    int status = type < 0 || space < 0 || H5Tset_size(type, length > 0 ? length : 1) < 0 || H5Tset_strpad(type, H5T_STR_NULLPAD) < 0 ||
-                         H5Tset_cset(type, H5T_CSET_UTF8) < 0
+    int status = type < 0 || space < 0 || H5Tset_size(type, length > 0 ? length : 1) < 0 ||
+                         H5Tset_strpad(type, H5T_STR_NULLPAD) < 0 || H5Tset_cset(type, H5T_CSET_UTF8) < 0
                      ? kiln_h5_failed(h5, "describe the attribute", name, error)
                      : put_attribute(h5, object, name, type, space, text, error);
     const bool kept_type = release(type, H5Tclose), kept_space = release(space, H5Sclose);
@@ -155,7 +164,8 @@ static int put_text(struct kiln_h5 *h5, hid_t object, const char *name, const ch
     return status;
 }
 
-int kiln_h5_attribute_text(struct kiln_h5 *h5, const char *object, const char *name, const char *text, struct kiln_error *error)
+int kiln_h5_attribute_text(struct kiln_h5 *h5, const char *object, const char *name, const char *text,
+                           struct kiln_error *error)
 {
     const hid_t id = H5Oopen(h5->file, object, H5P_DEFAULT);
     int status = put_text(h5, id, name, text, error);
@@ -164,8 +174,8 @@ int kiln_h5_attribute_text(struct kiln_h5 *h5, const char *object, const char *n
     return status;
 }
 
-int kiln_h5_attribute(struct kiln_h5 *h5, const char *object, const char *name, hid_t type, const void *values, size_t count,
-                      struct kiln_error *error)
+int kiln_h5_attribute(struct kiln_h5 *h5, const char *object, const char *name, hid_t type, const void *values,
+                      size_t count, struct kiln_error *error)
 {
     const hsize_t size = count;
     const hid_t id = H5Oopen(h5->file, object, H5P_DEFAULT);
@@ -193,8 +203,9 @@ static hid_t creation_list(const struct kiln_h5_dataset *what)
 int kiln_h5_make(struct kiln_h5 *h5, const struct kiln_h5_dataset *what, hid_t *dataset, struct kiln_error *error)
 {
     const hid_t space = H5Screate_simple(what->rank, what->size, NULL), list = creation_list(what);
-    *dataset = space < 0 || list < 0 ? H5I_INVALID_HID
-                                     : H5Dcreate2(h5->file, what->name, what->type, space, H5P_DEFAULT, list, H5P_DEFAULT);
+    *dataset = space < 0 || list < 0
+                   ? H5I_INVALID_HID
+                   : H5Dcreate2(h5->file, what->name, what->type, space, H5P_DEFAULT, list, H5P_DEFAULT);
     int status = *dataset < 0 ? kiln_h5_failed(h5, "create the dataset", what->name, error)
                               : put_text(h5, *dataset, "units", what->units, error);
     if (status == KILN_OK)
@@ -211,14 +222,17 @@ int kiln_h5_make(struct kiln_h5 *h5, const struct kiln_h5_dataset *what, hid_t *
 }
 
 /* Rank 0 writes all of it, the others nothing; the transfer waits for all. */
-static int write_whole(struct kiln_h5 *h5, hid_t dataset, const struct kiln_h5_dataset *what, const void *values, struct kiln_error *error)
+static int write_whole(struct kiln_h5 *h5, hid_t dataset, const struct kiln_h5_dataset *what, const void *values,
+                       struct kiln_error *error)
 {
     const hid_t space = H5Screate_simple(what->rank, what->size, NULL);
     const bool chosen = space >= 0 && (h5->rank == 0 || H5Sselect_none(space) >= 0);
-    int status = kiln_agree(h5->communicator, chosen ? KILN_OK : kiln_h5_failed(h5, "select a part of", what->name, error), error);
+    int status = kiln_agree(h5->communicator,
+                            chosen ? KILN_OK : kiln_h5_failed(h5, "select a part of", what->name, error), error);
     if (status == KILN_OK) {
         const herr_t done = H5Dwrite(dataset, what->type, space, space, h5->transfer, values);
-        status = kiln_agree(h5->communicator, done < 0 ? kiln_h5_failed(h5, "write", what->name, error) : KILN_OK, error);
+        status =
+            kiln_agree(h5->communicator, done < 0 ? kiln_h5_failed(h5, "write", what->name, error) : KILN_OK, error);
     }
     if (release(space, H5Sclose) && status == KILN_OK)
         status = kiln_h5_failed(h5, "release a selection of", what->name, error);

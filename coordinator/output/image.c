@@ -7,7 +7,7 @@
 #include <stb_image_write.h>
 #include <zlib.h>
 
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 static void place_channel(struct kiln_image *image, const char *name)
@@ -21,8 +21,8 @@ static void place_channel(struct kiln_image *image, const char *name)
     (void)snprintf(image->channels[at].name, sizeof image->channels[at].name, "%s", name);
 }
 
-int kiln_image_create_empty(struct kiln_image **image, uint32_t width, uint32_t height, const char *const *names, size_t count,
-                            struct kiln_error *error)
+int kiln_image_create_empty(struct kiln_image **image, uint32_t width, uint32_t height, const char *const *names,
+                            size_t count, struct kiln_error *error)
 {
     int status = kiln_allocate(image, 1, sizeof **image, "an image", error);
     if (status != KILN_OK)
@@ -48,7 +48,8 @@ int kiln_image_fill(struct kiln_image *image, struct kiln_error *error)
     int status = KILN_OK;
     for (size_t i = 0; status == KILN_OK && i < image->channel_count; i++)
         if (image->channels[i].values == NULL)
-            status = kiln_allocate(&image->channels[i].values, (size_t)image->width * image->height, sizeof(float), "an image's pixels", error);
+            status = kiln_allocate(&image->channels[i].values, (size_t)image->width * image->height, sizeof(float),
+                                   "an image's pixels", error);
     return status;
 }
 
@@ -67,8 +68,8 @@ int kiln_image_share(struct kiln_image *image, int memory, struct kiln_error *er
     return KILN_OK;
 }
 
-int kiln_image_create(struct kiln_image **image, uint32_t width, uint32_t height, const char *const *names, size_t count,
-                      struct kiln_error *error)
+int kiln_image_create(struct kiln_image **image, uint32_t width, uint32_t height, const char *const *names,
+                      size_t count, struct kiln_error *error)
 {
     int status = kiln_image_create_empty(image, width, height, names, count, error);
     if (status == KILN_OK)
@@ -142,7 +143,8 @@ struct kiln_exposure kiln_auto_exposure(const struct kiln_image *image, const fl
     if (!kiln_image_rgb(image, "", rgb))
         return (struct kiln_exposure){1.0, INFINITY};
     for (int pass = 0; pass < 2; pass++) {
-        const int low = pass == 0 ? 0 : bin_at(bins, 0.05 * (double)used), high = pass == 0 ? STOP_BINS : bin_at(bins, 0.95 * (double)used);
+        const int low = pass == 0 ? 0 : bin_at(bins, 0.05 * (double)used),
+                  high = pass == 0 ? STOP_BINS : bin_at(bins, 0.95 * (double)used);
         for (size_t i = 0; i < count; i++) {
             const float luminance = kiln_rgb_luminance(rgb[0][i], rgb[1][i], rgb[2][i]);
             if ((mask != NULL && !(mask[i] > 0.0f)) || !isfinite(luminance) || !(luminance > 0.0f))
@@ -159,7 +161,8 @@ struct kiln_exposure kiln_auto_exposure(const struct kiln_image *image, const fl
     }
     if (kept == 0)
         return (struct kiln_exposure){1.0, INFINITY};
-    const double scale = 0.18 / exp(sum / (double)kept), bright = exp2((double)(bin_at(bins, 0.99 * (double)used) + 1) / STOP_PARTS + STOP_LEAST);
+    const double scale = 0.18 / exp(sum / (double)kept),
+                 bright = exp2((double)(bin_at(bins, 0.99 * (double)used) + 1) / STOP_PARTS + STOP_LEAST);
     return (struct kiln_exposure){scale, fmax(0.5, scale * bright)};
 }
 
@@ -178,12 +181,14 @@ static void tone_map_pixel(const float rgb[3], double exposure, double white, ui
         return;
     }
     const double luminance = exposure * (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
-    const double scale = luminance > 0.0 ? exposure * (1.0 + luminance / (white * white)) / (1.0 + luminance) : exposure;
+    const double scale =
+        luminance > 0.0 ? exposure * (1.0 + luminance / (white * white)) / (1.0 + luminance) : exposure;
     for (int c = 0; c < 3; c++)
         out[c] = srgb_byte(scale * (double)rgb[c]);
 }
 
-int kiln_tone_map(const struct kiln_image *image, double exposure, double white, uint8_t *bytes, struct kiln_error *error)
+int kiln_tone_map(const struct kiln_image *image, double exposure, double white, uint8_t *bytes,
+                  struct kiln_error *error)
 {
     float *planes[3];
     if (!kiln_image_rgb(image, "", planes))
@@ -216,16 +221,18 @@ static void take_bytes(void *context, void *data, int size)
     sink->size += (size_t)size;
 }
 
-int kiln_png_encode_channels(const uint8_t *bytes, uint32_t width, uint32_t height, int channels, char **png, size_t *size,
-                             struct kiln_error *error)
+int kiln_png_encode_channels(const uint8_t *bytes, uint32_t width, uint32_t height, int channels, char **png,
+                             size_t *size, struct kiln_error *error)
 {
     *png = NULL;
     *size = 0;
     /* the encoder counts in int and takes about twice the picture while it works */
     if (width == 0 || height == 0 || (uint64_t)width * height > 256ull << 20)
-        return kiln_fail(error, KILN_CANNOT_CREATE, "a PNG of %u x %u pixels cannot be made (1 to 2^28 pixels)", width, height);
+        return kiln_fail(error, KILN_CANNOT_CREATE, "a PNG of %u x %u pixels cannot be made (1 to 2^28 pixels)", width,
+                         height);
     struct sink sink = {.error = error};
-    if (!stbi_write_png_to_func(take_bytes, &sink, (int)width, (int)height, channels, bytes, channels * (int)width) && sink.status == KILN_OK)
+    if (!stbi_write_png_to_func(take_bytes, &sink, (int)width, (int)height, channels, bytes, channels * (int)width) &&
+        sink.status == KILN_OK)
         sink.status = kiln_fail(error, KILN_SYSTEM, "out of memory for a PNG of %u x %u pixels", width, height);
     if (sink.status != KILN_OK) {
         kiln_free(&sink.bytes);
@@ -236,7 +243,8 @@ int kiln_png_encode_channels(const uint8_t *bytes, uint32_t width, uint32_t heig
     return KILN_OK;
 }
 
-int kiln_png_encode(const uint8_t *bytes, uint32_t width, uint32_t height, char **png, size_t *size, struct kiln_error *error)
+int kiln_png_encode(const uint8_t *bytes, uint32_t width, uint32_t height, char **png, size_t *size,
+                    struct kiln_error *error)
 {
     return kiln_png_encode_channels(bytes, width, height, 3, png, size, error);
 }
@@ -247,7 +255,8 @@ static void put_big_endian(uint8_t bytes[4], uint32_t value)
         bytes[i] = (uint8_t)(value >> (24 - 8 * i));
 }
 
-/* Puts a chunk tEXt, KEYWORD NUL TEXT, after the header of a PNG (8 bytes of signature, 25 of IHDR). Text is Latin-1; ours is ASCII. */
+/* Puts a chunk tEXt, KEYWORD NUL TEXT, after the header of a PNG (8 bytes of signature, 25 of IHDR). Text is Latin-1;
+ * ours is ASCII. */
 static int add_text(char **png, size_t *size, const char *keyword, const char *text, struct kiln_error *error)
 {
     enum { HEADER = 8 + 25 };
@@ -267,8 +276,8 @@ static int add_text(char **png, size_t *size, const char *keyword, const char *t
     return KILN_OK;
 }
 
-int kiln_png_write_bytes(const char *directory, const char *name, const uint8_t *bytes, uint32_t width, uint32_t height, const char *description,
-                         struct kiln_error *error)
+int kiln_png_write_bytes(const char *directory, const char *name, const uint8_t *bytes, uint32_t width, uint32_t height,
+                         const char *description, struct kiln_error *error)
 {
     char *png = NULL;
     size_t size = 0;
@@ -283,8 +292,8 @@ int kiln_png_write_bytes(const char *directory, const char *name, const uint8_t 
     return status;
 }
 
-int kiln_png_write(const char *directory, const char *name, const struct kiln_image *image, const float *mask, double stops, const char *description,
-                   struct kiln_error *error)
+int kiln_png_write(const char *directory, const char *name, const struct kiln_image *image, const float *mask,
+                   double stops, const char *description, struct kiln_error *error)
 {
     const struct kiln_exposure exposure = kiln_auto_exposure(image, mask);
     uint8_t *bytes = NULL;

@@ -1,12 +1,12 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 #include "coordinator/output/h5.h"
 #include "coordinator/output/kiln_h5_points.h"
 #include "coordinator/output/output.h"
 #include "coordinator/output/provenance.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 /* Names as one table of fixed-length strings, which every HDF5 reads. */
@@ -26,9 +26,14 @@ static int write_names(struct kiln_h5 *h5, const struct kiln_scene *scene, struc
         memcpy(table + i * length, name, strlen(name));
     }
     const hid_t type = H5Tcopy(H5T_C_S1);
-    if (type < 0 || H5Tset_size(type, length) < 0 || H5Tset_strpad(type, H5T_STR_NULLPAD) < 0 || H5Tset_cset(type, H5T_CSET_UTF8) < 0)
+    if (type < 0 || H5Tset_size(type, length) < 0 || H5Tset_strpad(type, H5T_STR_NULLPAD) < 0 ||
+        H5Tset_cset(type, H5T_CSET_UTF8) < 0)
         status = kiln_h5_failed(h5, "describe", "/objects/name", error);
-    const struct kiln_h5_dataset what = {.name = "/objects/name", .type = type, .rank = 1, .size = {scene->object_count}, .units = "1",
+    const struct kiln_h5_dataset what = {.name = "/objects/name",
+                                         .type = type,
+                                         .rank = 1,
+                                         .size = {scene->object_count},
+                                         .units = "1",
                                          .description = "the object's name; its lightmap is lightmaps/NAME.exr"};
     if (status == KILN_OK)
         status = kiln_h5_small(h5, &what, table, error);
@@ -49,10 +54,19 @@ static int write_objects(struct kiln_h5 *h5, const struct kiln_scene *scene, str
         sizes[2 * i] = scene->objects[i].lightmap_width;
         sizes[2 * i + 1] = scene->objects[i].lightmap_height;
     }
-    const struct kiln_h5_dataset mesh = {.name = "/objects/mesh", .type = H5T_NATIVE_UINT32, .rank = 1, .size = {scene->object_count},
-                                         .units = "1", .description = "index of the object's mesh; objects of one mesh are instances"};
-    const struct kiln_h5_dataset size = {.name = "/objects/lightmap", .type = H5T_NATIVE_UINT32, .rank = 2,
-                                         .size = {scene->object_count, 2}, .units = "texel", .description = "width and height of the lightmap"};
+    const struct kiln_h5_dataset mesh = {.name = "/objects/mesh",
+                                         .type = H5T_NATIVE_UINT32,
+                                         .rank = 1,
+                                         .size = {scene->object_count},
+                                         .units = "1",
+                                         .description =
+                                             "index of the object's mesh; objects of one mesh are instances"};
+    const struct kiln_h5_dataset size = {.name = "/objects/lightmap",
+                                         .type = H5T_NATIVE_UINT32,
+                                         .rank = 2,
+                                         .size = {scene->object_count, 2},
+                                         .units = "texel",
+                                         .description = "width and height of the lightmap"};
     status = kiln_agree(h5->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_h5_small(h5, &mesh, meshes, error);
@@ -68,8 +82,8 @@ static int sum_over_ranks(MPI_Comm communicator, uint64_t *values, uint64_t coun
 {
     for (uint64_t first = 0; first < count; first += 1u << 24) {
         const uint64_t left = count - first;
-        if (MPI_Allreduce(MPI_IN_PLACE, values + first, (int)(left < 1u << 24 ? left : 1u << 24), MPI_UINT64_T, MPI_SUM, communicator) !=
-            MPI_SUCCESS)
+        if (MPI_Allreduce(MPI_IN_PLACE, values + first, (int)(left < 1u << 24 ? left : 1u << 24), MPI_UINT64_T, MPI_SUM,
+                          communicator) != MPI_SUCCESS)
             return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the points of cells were counted");
     }
     return KILN_OK;
@@ -79,28 +93,40 @@ static int sum_over_ranks(MPI_Comm communicator, uint64_t *values, uint64_t coun
 static int count_cells(const struct kiln_bake_result *result, uint64_t **points, struct kiln_error *error)
 {
     const struct kiln_surface *s = result->surface;
-    int status = kiln_agree(result->communicator, kiln_allocate(points, s->cell_count, sizeof **points, "points of cells", error), error);
+    int status = kiln_agree(result->communicator,
+                            kiln_allocate(points, s->cell_count, sizeof **points, "points of cells", error), error);
     if (status != KILN_OK)
         return status;
-    for (size_t f = 0; f < s->fragment_count; f++)
-        (*points)[s->fragments[f].cell] += s->fragments[f].count;
+    for (size_t f = 0; f < s->tile_run_count; f++)
+        (*points)[s->tile_runs[f].cell] += s->tile_runs[f].count;
     return sum_over_ranks(result->communicator, *points, s->cell_count, error);
 }
 
-static int write_cells(struct kiln_h5 *h5, const struct kiln_surface *s, const uint64_t *points, struct kiln_error *error)
+static int write_cells(struct kiln_h5 *h5, const struct kiln_surface *s, const uint64_t *points,
+                       struct kiln_error *error)
 {
-    const struct kiln_h5_dataset counts = {.name = "/cells/points", .type = H5T_NATIVE_UINT64, .rank = 1, .size = {s->cell_count},
-                                           .units = "1", .description = "surface points in each occupied cell, in Morton order of cells"};
-    const struct kiln_h5_dataset first = {.name = "/cells/first", .type = H5T_NATIVE_UINT64, .rank = 1, .size = {s->cell_count},
-                                          .units = "1", .description = "index of the cell's first point in /points"};
+    const struct kiln_h5_dataset counts = {.name = "/cells/points",
+                                           .type = H5T_NATIVE_UINT64,
+                                           .rank = 1,
+                                           .size = {s->cell_count},
+                                           .units = "1",
+                                           .description =
+                                               "surface points in each occupied cell, in Morton order of cells"};
+    const struct kiln_h5_dataset first = {.name = "/cells/first",
+                                          .type = H5T_NATIVE_UINT64,
+                                          .rank = 1,
+                                          .size = {s->cell_count},
+                                          .units = "1",
+                                          .description = "index of the cell's first point in /points"};
     int status = kiln_h5_small(h5, &counts, points, error);
-    if (status == KILN_OK && s->cell_first != NULL) /* points are in the order of objects otherwise: a cell's are not together */
+    /* points are in the order of objects otherwise: a cell's are not together */
+    if (status == KILN_OK && s->cell_first != NULL)
         status = kiln_h5_small(h5, &first, s->cell_first, error);
     return status;
 }
 
-static int write_attributes(struct kiln_h5 *h5, const struct kiln_bake_result *result, const struct kiln_output_params *params,
-                            struct kiln_error *error)
+static int write_attributes(struct kiln_h5 *h5, const struct kiln_bake_result *result,
+                            const struct kiln_output_params *params, struct kiln_error *error)
 {
     const int32_t version = 1;
     const char *provenance = params->provenance_json == NULL ? "{}" : params->provenance_json;
@@ -121,8 +147,8 @@ static int write_attributes(struct kiln_h5 *h5, const struct kiln_bake_result *r
 }
 
 /* Everything but the points; rank 0 only. */
-static int write_small(struct kiln_h5 *h5, const struct kiln_bake_result *result, const struct kiln_output_params *params,
-                       const uint64_t *cell_points, struct kiln_error *error)
+static int write_small(struct kiln_h5 *h5, const struct kiln_bake_result *result,
+                       const struct kiln_output_params *params, const uint64_t *cell_points, struct kiln_error *error)
 {
     static const char *const groups[] = {"/points", "/irradiance", "/objects", "/cells"};
     int status = KILN_OK;
@@ -137,8 +163,9 @@ static int write_small(struct kiln_h5 *h5, const struct kiln_bake_result *result
     return status;
 }
 
-static int write_file(struct kiln_points_writer *writer, const struct kiln_bake_result *result, const struct kiln_output_params *params,
-                      const struct kiln_publish *place, int rank, struct kiln_error *error)
+static int write_file(struct kiln_points_writer *writer, const struct kiln_bake_result *result,
+                      const struct kiln_output_params *params, const struct kiln_publish *place, int rank,
+                      struct kiln_error *error)
 {
     struct kiln_h5 h5 = {.file = H5I_INVALID_HID, .transfer = H5I_INVALID_HID};
     uint64_t *cell_points = NULL;
@@ -163,7 +190,8 @@ uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface
     return kiln_points_largest(surface->point_count) + scene->object_count * 300 + surface->cell_count * 16 + (1 << 17);
 }
 
-int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params, struct kiln_error *error)
+int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params,
+                  struct kiln_error *error)
 {
     struct kiln_publish place;
     struct kiln_points_writer *writer = NULL;

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 #include "coordinator/output/chunk.h"
 #include "worker/base/memory.h"
 
@@ -22,7 +22,7 @@ struct kiln_points_writer {
     int rank, ranks;
     uint64_t chunk_rows;
     uint64_t *starts; /* ranks + 1: global points */
-    int columns; /* of kiln_columns */
+    int columns;      /* of kiln_columns */
     hid_t datasets[KILN_COLUMNS];
     struct kiln_rows rows, tail; /* of the batch; of the last own chunk, from the ranks after this one */
     uint8_t *shuffled, *packed;  /* both with one place a part */
@@ -49,7 +49,10 @@ static size_t columns_of(const struct kiln_points_writer *w) { return (size_t)w-
 
 static uint64_t round_up(uint64_t point, uint64_t rows) { return (point + rows - 1) / rows; }
 
-static uint64_t first_chunk(const struct kiln_points_writer *w, int rank) { return round_up(w->starts[rank], w->chunk_rows); }
+static uint64_t first_chunk(const struct kiln_points_writer *w, int rank)
+{
+    return round_up(w->starts[rank], w->chunk_rows);
+}
 
 static uint64_t minimum(uint64_t a, uint64_t b) { return a < b ? a : b; }
 
@@ -111,7 +114,8 @@ static size_t place_of(const struct kiln_points_writer *w, size_t part)
 /* ---- rows at the border of ranks ---- */
 
 /* Between rows of columns and one message of `count` rows, column after column. */
-static void move_rows(const struct kiln_rows *rows, int columns, uint64_t at, uint64_t count, uint8_t *message, bool out)
+static void move_rows(const struct kiln_rows *rows, int columns, uint64_t at, uint64_t count, uint8_t *message,
+                      bool out)
 {
     for (int c = 0; c < columns; c++) {
         uint8_t *column = (uint8_t *)rows->column[c] + at * kiln_column_row(c);
@@ -134,7 +138,8 @@ static int send_head(struct kiln_points_writer *w, struct kiln_error *error)
         return KILN_OK;
     kiln_rows_fill(&w->rows, w->result, first, last);
     move_rows(&w->rows, w->columns, 0, last - first, w->packed, true);
-    const int sent = MPI_Send(w->packed, (int)((last - first) * row_bytes(w->columns)), MPI_BYTE, owner_of(w, first), TAG_ROWS, w->result->communicator);
+    const int sent = MPI_Send(w->packed, (int)((last - first) * row_bytes(w->columns)), MPI_BYTE, owner_of(w, first),
+                              TAG_ROWS, w->result->communicator);
     return sent == MPI_SUCCESS ? KILN_OK : mpi_failed(error);
 }
 
@@ -144,7 +149,8 @@ static int receive_tail(struct kiln_points_writer *w, struct kiln_error *error)
         const uint64_t first = w->starts[r], count = head_end(w, r) - first;
         if (count == 0 || owner_of(w, first) != w->rank)
             continue;
-        if (MPI_Recv(w->packed, (int)(count * row_bytes(w->columns)), MPI_BYTE, r, TAG_ROWS, w->result->communicator, MPI_STATUS_IGNORE) != MPI_SUCCESS)
+        if (MPI_Recv(w->packed, (int)(count * row_bytes(w->columns)), MPI_BYTE, r, TAG_ROWS, w->result->communicator,
+                     MPI_STATUS_IGNORE) != MPI_SUCCESS)
             return mpi_failed(error);
         move_rows(&w->tail, w->columns, first % w->chunk_rows, count, w->packed, false);
     }
@@ -165,12 +171,14 @@ static int share_borders(struct kiln_points_writer *w, struct kiln_error *error)
 /* Rows beyond the last point fill the file's last chunk. */
 static void fill_batch(struct kiln_points_writer *w)
 {
-    const uint64_t own_end = w->starts[w->rank + 1], first = w->batch.first * w->chunk_rows, last = first + w->batch.count * w->chunk_rows;
+    const uint64_t own_end = w->starts[w->rank + 1], first = w->batch.first * w->chunk_rows,
+                   last = first + w->batch.count * w->chunk_rows;
     const uint64_t own = minimum(own_end, last) - first;
     kiln_rows_fill(&w->rows, w->result, first, first + own);
     for (int c = 0; c < w->columns && own_end < last; c++)
         memcpy((uint8_t *)w->rows.column[c] + own * kiln_column_row(c),
-               (uint8_t *)w->tail.column[c] + own_end % w->chunk_rows * kiln_column_row(c), (last - own_end) * kiln_column_row(c));
+               (uint8_t *)w->tail.column[c] + own_end % w->chunk_rows * kiln_column_row(c),
+               (last - own_end) * kiln_column_row(c));
 }
 
 static int pack_part(struct kiln_points_writer *w, size_t part, struct kiln_error *error)
@@ -179,8 +187,9 @@ static int pack_part(struct kiln_points_writer *w, size_t part, struct kiln_erro
     const size_t chunk = part / columns_of(w), place = place_of(w, part);
     const uint8_t *values = (const uint8_t *)w->rows.column[column] + chunk * w->chunk_rows * kiln_column_row(column);
     size_t bytes = 0;
-    const int status = kiln_chunk_pack(values, w->chunk_rows * kiln_columns[column].components, kiln_column_value(column),
-                                       kiln_columns[column].noisy, w->shuffled + place, w->packed + place, &bytes, error);
+    const int status =
+        kiln_chunk_pack(values, w->chunk_rows * kiln_columns[column].components, kiln_column_value(column),
+                        kiln_columns[column].noisy, w->shuffled + place, w->packed + place, &bytes, error);
     w->batch.bytes[part] = bytes;
     return status;
 }
@@ -222,8 +231,11 @@ static int make_datasets(struct kiln_points_writer *w, struct kiln_error *error)
     int status = KILN_OK;
     for (int c = 0; status == KILN_OK && c < w->columns; c++) {
         const struct kiln_column_info *info = &kiln_columns[c];
-        const struct kiln_h5_dataset what = {.name = info->name, .type = h5_type(c), .rank = info->components > 1 ? 2 : 1,
-                                             .size = {points, info->components}, .units = info->units != NULL ? info->units : w->result->units->irradiance,
+        const struct kiln_h5_dataset what = {.name = info->name,
+                                             .type = h5_type(c),
+                                             .rank = info->components > 1 ? 2 : 1,
+                                             .size = {points, info->components},
+                                             .units = info->units != NULL ? info->units : w->result->units->irradiance,
                                              .chunk = {points == 0 ? 0 : w->chunk_rows, info->components},
                                              .description = info->description};
         status = kiln_h5_make(w->h5, &what, &w->datasets[c], error);
@@ -314,7 +326,8 @@ static bool has_extent(hid_t dataset, int column, uint64_t points)
 {
     const hid_t space = dataset < 0 ? H5I_INVALID_HID : H5Dget_space(dataset);
     hsize_t size[KILN_H5_RANK_MAX] = {0};
-    const bool right = space >= 0 && H5Sget_simple_extent_dims(space, size, NULL) == (kiln_columns[column].components > 1 ? 2 : 1) &&
+    const bool right = space >= 0 &&
+                       H5Sget_simple_extent_dims(space, size, NULL) == (kiln_columns[column].components > 1 ? 2 : 1) &&
                        size[0] == points;
     if (space >= 0)
         (void)H5Sclose(space);
@@ -344,7 +357,8 @@ static bool read_packed(struct kiln_points_writer *w, hid_t dataset)
         hsize_t bytes = 0;
         uint32_t skipped = 0;
         good = H5Dget_chunk_storage_size(dataset, offset, &bytes) >= 0 && bytes <= room &&
-               H5Dread_chunk(dataset, H5P_DEFAULT, offset, &skipped, w->packed + place_of(w, part)) >= 0 && skipped == 0;
+               H5Dread_chunk(dataset, H5P_DEFAULT, offset, &skipped, w->packed + place_of(w, part)) >= 0 &&
+               skipped == 0;
         w->batch.bytes[part] = bytes;
     }
     return good;
@@ -368,9 +382,11 @@ static bool same_total(const struct kiln_points_writer *w, uint64_t point, const
 static bool same_chunk(struct kiln_points_writer *w, uint64_t chunk)
 {
     const size_t part = chunk * columns_of(w) + KILN_COLUMN_TOTAL, place = place_of(w, part);
-    const uint64_t first = (w->batch.first + chunk) * w->chunk_rows, last = minimum(first + w->chunk_rows, w->result->surface->point_count);
+    const uint64_t first = (w->batch.first + chunk) * w->chunk_rows,
+                   last = minimum(first + w->chunk_rows, w->result->surface->point_count);
     float *found = (float *)w->rows.column[KILN_COLUMN_TOTAL] + 3 * chunk * w->chunk_rows;
-    if (kiln_chunk_unpack(w->packed + place, w->batch.bytes[part], 3 * w->chunk_rows, sizeof(float), w->shuffled + place, found, NULL) != KILN_OK)
+    if (kiln_chunk_unpack(w->packed + place, w->batch.bytes[part], 3 * w->chunk_rows, sizeof(float),
+                          w->shuffled + place, found, NULL) != KILN_OK)
         return false;
     for (uint64_t point = first; point < last; point++)
         if (!same_total(w, point, found + 3 * (point - first)))
@@ -401,9 +417,13 @@ int kiln_points_check(struct kiln_points_writer *w, const struct kiln_publish *p
     int status = file < 0 ? kiln_fail(error, KILN_IO, "'%s' cannot be opened as HDF5", path) : KILN_OK;
     if (status == KILN_OK && !has_extents(file, w->columns, w->result->surface->point_count))
         status = kiln_fail(error, KILN_IO, "'%s': not all points are there", path);
-    const hid_t dataset = status == KILN_OK ? H5Dopen2(file, kiln_columns[KILN_COLUMN_TOTAL].name, H5P_DEFAULT) : H5I_INVALID_HID;
+    const hid_t dataset =
+        status == KILN_OK ? H5Dopen2(file, kiln_columns[KILN_COLUMN_TOTAL].name, H5P_DEFAULT) : H5I_INVALID_HID;
     if (status == KILN_OK && !same_totals(w, dataset))
-        status = kiln_stop_asked(w->result->stop) ? kiln_give_up(error) : kiln_fail(error, KILN_IO, "'%s': %s does not read back as it was written", path, kiln_columns[KILN_COLUMN_TOTAL].name);
+        status = kiln_stop_asked(w->result->stop)
+                     ? kiln_give_up(error)
+                     : kiln_fail(error, KILN_IO, "'%s': %s does not read back as it was written", path,
+                                 kiln_columns[KILN_COLUMN_TOTAL].name);
     if (dataset >= 0)
         (void)H5Dclose(dataset);
     if (file >= 0)
@@ -430,7 +450,8 @@ static int learn_starts(struct kiln_points_writer *w, struct kiln_error *error)
         return mpi_failed(error);
     w->starts[w->ranks] = s->point_count;
     if (w->starts[w->rank + 1] != s->first + s->count)
-        status = kiln_fail(error, KILN_BUG, "rank %d: its %llu points from %llu on are not followed by those of the next rank", w->rank,
+        status = kiln_fail(error, KILN_BUG,
+                           "rank %d: its %llu points from %llu on are not followed by those of the next rank", w->rank,
                            (unsigned long long)s->count, (unsigned long long)s->first);
     return kiln_agree(w->result->communicator, status, error);
 }
@@ -439,7 +460,8 @@ static int allocate(struct kiln_points_writer *w, struct kiln_error *error)
 {
     const uint64_t own = minimum(first_chunk(w, w->rank + 1) - first_chunk(w, w->rank), BATCH);
     const uint64_t held = w->rank == 0 ? minimum(first_chunk(w, w->ranks), BATCH) : own;
-    const size_t chunks = own > 0 ? own : 1, places = place_in_chunk(w, w->columns); /* one for what goes to another rank's chunk */
+    /* one for what goes to another rank's chunk */
+    const size_t chunks = own > 0 ? own : 1, places = place_in_chunk(w, w->columns);
     int status = kiln_rows_allocate(&w->rows, chunks * w->chunk_rows, error);
     if (status == KILN_OK)
         status = kiln_rows_allocate(&w->tail, w->chunk_rows, error);
@@ -450,9 +472,11 @@ static int allocate(struct kiln_points_writer *w, struct kiln_error *error)
     return status;
 }
 
-int kiln_points_writer_create(struct kiln_points_writer **writer, const struct kiln_bake_result *result, struct kiln_error *error)
+int kiln_points_writer_create(struct kiln_points_writer **writer, const struct kiln_bake_result *result,
+                              struct kiln_error *error)
 {
-    int status = kiln_agree(result->communicator, kiln_allocate(writer, 1, sizeof **writer, "points to write", error), error);
+    int status =
+        kiln_agree(result->communicator, kiln_allocate(writer, 1, sizeof **writer, "points to write", error), error);
     if (status == KILN_OK) {
         struct kiln_points_writer *w = *writer;
         w->result = result;
@@ -461,7 +485,8 @@ int kiln_points_writer_create(struct kiln_points_writer **writer, const struct k
         w->chunk_rows = w->chunk_rows == 0 ? 1 : w->chunk_rows;
         for (int c = 0; c < w->columns; c++)
             w->datasets[c] = H5I_INVALID_HID;
-        if (MPI_Comm_rank(result->communicator, &w->rank) != MPI_SUCCESS || MPI_Comm_size(result->communicator, &w->ranks) != MPI_SUCCESS)
+        if (MPI_Comm_rank(result->communicator, &w->rank) != MPI_SUCCESS ||
+            MPI_Comm_size(result->communicator, &w->ranks) != MPI_SUCCESS)
             status = mpi_failed(error);
         if (status == KILN_OK)
             status = learn_starts(w, error);

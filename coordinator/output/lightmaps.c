@@ -4,16 +4,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/cli/agree.h"
-#include "coordinator/output/borders.h"
-#include "coordinator/output/exchange.h"
-#include "coordinator/output/map.h"
+#include "coordinator/mpi/agree.h"
+#include "coordinator/output/map/borders.h"
+#include "coordinator/output/map/texel_gather.h"
+#include "coordinator/output/map/map.h"
 #include "coordinator/output/output.h"
 #include "coordinator/output/provenance.h"
-#include "coordinator/output/publish.h"
-#include "coordinator/output/seams.h"
-#include "coordinator/output/strip_exchange.h"
-#include "coordinator/output/chart_graph.h"
+#include "coordinator/files/publish.h"
+#include "coordinator/output/map/seams.h"
+#include "coordinator/output/map/strip_exchange.h"
+#include "coordinator/output/map/chart_graph.h"
 #include "worker/base/memory.h"
 
 /* About 90 bytes a texel while an object is processed: some 180 MB a rank at a time, unless one lightmap is larger. */
@@ -59,8 +59,8 @@ static void move_plane(const struct kiln_image *image, const char *name, float *
 /* Moves the map's planes into an image with the file's channels. */
 static int make_image(struct kiln_map *map, bool error_map, struct kiln_image **image, struct kiln_error *error)
 {
-    static const char *const names[] = {"R", "G", "B", "coverage.Y", "validity.Y", "direct.R", "direct.G", "direct.B",
-                                        "indirect.R", "indirect.G", "indirect.B", "error.Y"};
+    static const char *const names[] = {"R",        "G",        "B",          "coverage.Y", "validity.Y", "direct.R",
+                                        "direct.G", "direct.B", "indirect.R", "indirect.G", "indirect.B", "error.Y"};
     int status = kiln_image_create_empty(image, map->width, map->height, names, error_map ? 12 : 11, error);
     if (status != KILN_OK)
         return status;
@@ -71,7 +71,8 @@ static int make_image(struct kiln_map *map, bool error_map, struct kiln_image **
     if ((status = kiln_image_fill(*image, error)) != KILN_OK)
         return status;
     for (int c = 0; c < 3; c++) {
-        const float *direct = kiln_image_find(*image, names[5 + c])->values, *indirect = kiln_image_find(*image, names[8 + c])->values;
+        const float *direct = kiln_image_find(*image, names[5 + c])->values,
+                    *indirect = kiln_image_find(*image, names[8 + c])->values;
         float *total = kiln_image_find(*image, names[c])->values;
 #pragma omp parallel for schedule(static)
         for (size_t i = 0; i < count; i++)
@@ -108,7 +109,8 @@ struct file_words {
 static int name_file(const struct writer *w, uint32_t object, struct file_words *words, struct kiln_error *error)
 {
     const struct kiln_object *o = &w->result->scene->objects[kiln_map_object(w->result->surface, object)];
-    const int length = snprintf(words->name, sizeof words->name, "lightmaps/%s%s.exr", kiln_map_back(w->result->surface, object) ? "back/" : "",
+    const int length = snprintf(words->name, sizeof words->name, "lightmaps/%s%s.exr",
+                                kiln_map_back(w->result->surface, object) ? "back/" : "",
                                 kiln_scene_string(w->result->scene, o->name));
     if (length <= 0 || length >= KILN_PATH_SIZE)
         return kiln_fail(error, KILN_CANNOT_CREATE, "object %u has too long a name for a file", object);
@@ -118,8 +120,8 @@ static int name_file(const struct writer *w, uint32_t object, struct file_words 
 static int integer_of(uint64_t number) { return (int)(number > INT32_MAX ? INT32_MAX : number); }
 
 /* Chooses the precision of the image's channels, too. */
-static int describe_file(const struct writer *w, uint32_t object, struct kiln_image *image, double density, struct file_words *words,
-                         struct kiln_error *error)
+static int describe_file(const struct writer *w, uint32_t object, struct kiln_image *image, double density,
+                         struct file_words *words, struct kiln_error *error)
 {
     const struct kiln_scene *scene = w->result->scene;
     const struct kiln_object *o = &scene->objects[kiln_map_object(w->result->surface, object)];
@@ -134,17 +136,24 @@ static int describe_file(const struct writer *w, uint32_t object, struct kiln_im
         (void)snprintf(words->seed, sizeof words->seed, "%lld", (long long)w->seed);
     const struct kiln_exr_attribute attributes[ATTRIBUTES] = {
         {.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
-        {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = "irradiance about the shading normal; R G B = direct + indirect"},
+        {.name = "kiln:quantity",
+         .kind = KILN_EXR_STRING,
+         .text = "irradiance about the shading normal; R G B = direct + indirect"},
         {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = w->result->units->irradiance},
         {.name = "kiln:object", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, o->name)},
         {.name = "kiln:originalName", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, o->original_name)},
         {.name = "kiln:mesh", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, mesh->name)},
-        {.name = "kiln:uvSet", .kind = KILN_EXR_STRING,
-         .text = (mesh->flags & KILN_MESH_REPACKED) != 0    ? "the charts of the mesh's second UV set in kiln's own layout; top row is v = 0"
-                 : (mesh->flags & KILN_MESH_UNWRAPPED) != 0 ? "kiln's own layout; top row is v = 0" : "the mesh's second UV set; top row is v = 0"},
+        {.name = "kiln:uvSet",
+         .kind = KILN_EXR_STRING,
+         .text = (mesh->flags & KILN_MESH_REPACKED) != 0
+                     ? "the charts of the mesh's second UV set in kiln's own layout; top row is v = 0"
+                 : (mesh->flags & KILN_MESH_UNWRAPPED) != 0 ? "kiln's own layout; top row is v = 0"
+                                                            : "the mesh's second UV set; top row is v = 0"},
         {.name = "kiln:precision", .kind = KILN_EXR_STRING, .text = precision},
         {.name = "kiln:texelsPerMetre", .kind = KILN_EXR_FLOAT, .number = (float)density},
-        {.name = "kiln:capped", .kind = KILN_EXR_INTEGER, .integer = asked > 0.0 && density > 0.0 && density < 0.9 * asked},
+        {.name = "kiln:capped",
+         .kind = KILN_EXR_INTEGER,
+         .integer = asked > 0.0 && density > 0.0 && density < 0.9 * asked},
         {.name = "kiln:validTexels", .kind = KILN_EXR_INTEGER, .integer = integer_of(report->valid)},
         {.name = "kiln:filledTexels", .kind = KILN_EXR_INTEGER, .integer = integer_of(report->filled)},
         {.name = "kiln:seams", .kind = KILN_EXR_STRING, .text = w->params->stitch ? "smoothed" : "as gathered"},
@@ -207,9 +216,11 @@ static int complete_map(const struct writer *w, uint32_t object, struct kiln_err
     }
     const uint64_t covered = count_covered(w->result->surface, object);
     if (report->valid + report->filled != covered)
-        return kiln_fail(error, KILN_BUG, "object %u: %llu of its %llu points arrived where its lightmap is written", object,
-                         (unsigned long long)(report->valid + report->filled), (unsigned long long)covered);
-    int status = kiln_chart_graph_create(&graph, w->result->scene, w->result->scene->objects[kiln_map_object(w->result->surface, object)].mesh, map->width, map->height, error);
+        return kiln_fail(error, KILN_BUG, "object %u: %llu of its %llu points arrived where its lightmap is written",
+                         object, (unsigned long long)(report->valid + report->filled), (unsigned long long)covered);
+    int status = kiln_chart_graph_create(&graph, w->result->scene,
+                                         w->result->scene->objects[kiln_map_object(w->result->surface, object)].mesh,
+                                         map->width, map->height, error);
     if (status == KILN_OK) {
         chart_texels(map, graph);
         status = kiln_map_fill(map, error);
@@ -237,7 +248,8 @@ static int complete_map(const struct writer *w, uint32_t object, struct kiln_err
 }
 
 /* The object's image, and what goes with it; its map is gone then. */
-static int finish_object(const struct writer *w, uint32_t object, struct kiln_image **image, struct file_words *words, struct kiln_error *error)
+static int finish_object(const struct writer *w, uint32_t object, struct kiln_image **image, struct file_words *words,
+                         struct kiln_error *error)
 {
     int status = complete_map(w, object, error);
     const double density = w->reports[object].texels_per_metre = density_of(w->maps[object]);
@@ -282,7 +294,8 @@ static void destroy_large(struct large *large)
 }
 
 /* One object after the other, each with all threads. */
-static int begin_large(const struct writer *w, const uint32_t *objects, size_t count, struct large *large, struct kiln_error *error)
+static int begin_large(const struct writer *w, const uint32_t *objects, size_t count, struct large *large,
+                       struct kiln_error *error)
 {
     int status = kiln_allocate(&large->sources, count, sizeof *large->sources, "large lightmaps", error);
     if (status == KILN_OK)
@@ -292,10 +305,13 @@ static int begin_large(const struct writer *w, const uint32_t *objects, size_t c
     for (size_t i = 0; status == KILN_OK && i < count; i++) {
         struct file_words words;
         large->count = i + 1;
-        status = kiln_stop_asked(w->result->stop) ? kiln_give_up(error) : finish_object(w, objects[i], &large->images[i], &words, error);
+        status = kiln_stop_asked(w->result->stop) ? kiln_give_up(error)
+                                                  : finish_object(w, objects[i], &large->images[i], &words, error);
         if (status == KILN_OK)
-            status = kiln_exr_file_create(&large->files[i], w->params->directory, words.name, large->images[i], words.attributes, words.count, error);
-        large->sources[i] = (struct kiln_strip_source){.object = objects[i], .image = large->images[i], .file = large->files[i]};
+            status = kiln_exr_file_create(&large->files[i], w->params->directory, words.name, large->images[i],
+                                          words.attributes, words.count, error);
+        large->sources[i] =
+            (struct kiln_strip_source){.object = objects[i], .image = large->images[i], .file = large->files[i]};
     }
     return status;
 }
@@ -307,7 +323,8 @@ static void put_point(void *context, const struct kiln_texel_record *record)
     const struct writer *w = context;
     struct kiln_map *map = w->maps[record->map];
     const size_t texel = (size_t)record->y * map->width + record->x;
-    const struct kiln_mesh *mesh = &w->result->scene->meshes[w->result->scene->objects[kiln_map_object(w->result->surface, record->map)].mesh];
+    const struct kiln_mesh *mesh =
+        &w->result->scene->meshes[w->result->scene->objects[kiln_map_object(w->result->surface, record->map)].mesh];
     map->state[texel] = record->valid != 0 ? KILN_TEXEL_VALID : KILN_TEXEL_FILLED;
     map->area[texel] = record->area;
     map->coverage[texel] = record->coverage;
@@ -324,9 +341,10 @@ static int compare_texels(const void *a, const void *b, void *context)
     return p != q ? (p > q ? -1 : 1) : (i > j) - (i < j);
 }
 
-/* Own objects of the round into `own`, the largest first, so that no thread begins it when the others are done; makes their maps. */
-static int open_round(const struct writer *w, const struct kiln_deal *deal, uint32_t rank, uint32_t round, uint32_t *own, size_t *count,
-                      struct kiln_error *error)
+/* Own objects of the round into `own`, the largest first, so that no thread begins it when the others are done; makes
+ * their maps. */
+static int open_round(const struct writer *w, const struct kiln_assignment *deal, uint32_t rank, uint32_t round,
+                      uint32_t *own, size_t *count, struct kiln_error *error)
 {
     *count = 0;
     for (size_t i = 0; i < deal->count; i++) {
@@ -351,8 +369,8 @@ static int share_of_threads(const struct writer *w, uint32_t object, uint64_t te
     return threads < 1 ? 1 : (int)threads;
 }
 
-/* Objects are independent of each other, so threads take one each; a large one is worked on by several (the loops inside it are
- * parallel, too). The first failing object's sentence is kept. */
+/* Objects are independent of each other, so threads take one each; a large one is worked on by several (the loops
+ * inside it are parallel, too). The first failing object's sentence is kept. */
 static int write_round(const struct writer *w, const uint32_t *own, size_t count, struct kiln_error *error)
 {
     size_t first_failed = SIZE_MAX;
@@ -360,7 +378,8 @@ static int write_round(const struct writer *w, const uint32_t *own, size_t count
     uint64_t texels = 0;
     for (size_t i = 0; i < count; i++)
         texels += (uint64_t)w->result->surface->lightmaps[own[i]].width * w->result->surface->lightmaps[own[i]].height;
-    const int threads = omp_get_max_threads(), team = count < (size_t)threads ? (int)count : threads, levels = omp_get_max_active_levels();
+    const int threads = omp_get_max_threads(), team = count < (size_t)threads ? (int)count : threads,
+              levels = omp_get_max_active_levels();
     if (count == 0)
         return KILN_OK;
     omp_set_max_active_levels(2);
@@ -396,8 +415,8 @@ static size_t sort_large(const struct kiln_strip_deal *strips, uint32_t *own, si
 }
 
 /* Collective. The objects whose points are here: small ones each rank for itself, then large ones all together. */
-static int write_together(const struct writer *w, const struct kiln_deal *deal, uint32_t round, uint32_t *own, size_t count,
-                          struct kiln_error *error)
+static int write_together(const struct writer *w, const struct kiln_assignment *deal, uint32_t round, uint32_t *own,
+                          size_t count, struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
     const struct kiln_lightmap *lightmaps = w->result->surface->lightmaps;
@@ -419,12 +438,12 @@ static int write_together(const struct writer *w, const struct kiln_deal *deal, 
     return status;
 }
 
-static int write_rounds(struct writer *w, const struct kiln_deal *deal, uint32_t rank, struct kiln_error *error)
+static int write_rounds(struct writer *w, const struct kiln_assignment *deal, uint32_t rank, struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
-    struct kiln_exchange *exchange = NULL;
+    struct kiln_texel_gather *exchange = NULL;
     uint32_t *own = NULL;
-    int status = kiln_exchange_create(&exchange, w->result, deal, 0, error); /* collective */
+    int status = kiln_texel_gather_create(&exchange, w->result, deal, 0, error); /* collective */
     if (status != KILN_OK)
         return status;
     status = kiln_agree(comm, kiln_allocate(&own, deal->count, sizeof *own, "objects to write", error), error);
@@ -432,12 +451,12 @@ static int write_rounds(struct writer *w, const struct kiln_deal *deal, uint32_t
         size_t count = 0;
         status = kiln_agree(comm, open_round(w, deal, rank, round, own, &count, error), error);
         if (status == KILN_OK)
-            status = kiln_exchange_round(exchange, round, put_point, w, error);
+            status = kiln_texel_gather_round(exchange, round, put_point, w, error);
         if (status == KILN_OK)
             status = write_together(w, deal, round, own, count, error);
     }
     kiln_free(&own);
-    kiln_exchange_destroy(&exchange);
+    kiln_texel_gather_destroy(&exchange);
     return status;
 }
 
@@ -449,7 +468,8 @@ static int gather_reports(const struct kiln_bake_result *result, const struct ki
     for (size_t first = 0; first < result->surface->map_count; first += AT_ONCE) {
         const size_t left = result->surface->map_count - first;
         const int count = (int)(left < AT_ONCE ? left : AT_ONCE);
-        /* the struct is one 32-bit number, five 64-bit ones and seven doubles: joined as bytes, since the others' are all zero */
+        /* the struct is one 32-bit number, five 64-bit ones and seven doubles: joined as bytes, since the others' are
+         * all zero */
         if (MPI_Reduce(own + first, rank == 0 ? reports + first : NULL, count * (int)sizeof *own, MPI_BYTE, MPI_BOR, 0,
                        result->communicator) != MPI_SUCCESS)
             return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the ranks' reports on lightmaps were gathered");
@@ -475,9 +495,10 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
 {
     const size_t maps = result->surface->map_count;
     struct writer w = {.result = result, .params = params};
-    struct kiln_deal *deal = NULL;
+    struct kiln_assignment *deal = NULL;
     int rank = 0, ranks = 1;
-    if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS || MPI_Comm_size(result->communicator, &ranks) != MPI_SUCCESS)
+    if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS ||
+        MPI_Comm_size(result->communicator, &ranks) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
     w.ranks = (uint32_t)ranks;
     w.has_seed = kiln_provenance_seed(params->provenance_json, &w.seed);
@@ -487,7 +508,7 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     if (status == KILN_OK)
         status = kiln_allocate(&w.maps, maps, sizeof(struct kiln_map *), "lightmaps", error);
     if (status == KILN_OK)
-        status = kiln_deal_create(&deal, result->surface->lightmaps, maps, (uint32_t)ranks, texel_budget, error);
+        status = kiln_assignment_create(&deal, result->surface->lightmaps, maps, (uint32_t)ranks, texel_budget, error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
         status = write_rounds(&w, deal, (uint32_t)rank, error);
@@ -497,6 +518,6 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
         kiln_map_destroy(&w.maps[i]);
     kiln_free(&w.maps);
     kiln_free(&w.reports);
-    kiln_deal_destroy(&deal);
+    kiln_assignment_destroy(&deal);
     return status;
 }

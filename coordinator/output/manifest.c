@@ -11,8 +11,8 @@
 #include <unistd.h>
 #include <xxhash.h>
 
-#include "coordinator/cli/agree.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/mpi/agree.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/read/json_text.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
@@ -22,14 +22,16 @@ static const char NAME[] = "manifest";
 
 /* ---- one file ---- */
 
-static int read_whole(int descriptor, const char *path, XXH3_state_t *state, char *buffer, uint64_t *bytes, struct kiln_error *error)
+static int read_whole(int descriptor, const char *path, XXH3_state_t *state, char *buffer, uint64_t *bytes,
+                      struct kiln_error *error)
 {
     for (*bytes = 0;;) {
         const ssize_t got = read(descriptor, buffer, READ_BYTES);
         if (got < 0 && errno == EINTR)
             continue;
         if (got < 0)
-            return kiln_fail_errno(error, KILN_IO, "'%s' cannot be read at byte %llu", path, (unsigned long long)*bytes);
+            return kiln_fail_errno(error, KILN_IO, "'%s' cannot be read at byte %llu", path,
+                                   (unsigned long long)*bytes);
         if (got == 0)
             return KILN_OK;
         (void)XXH3_128bits_update(state, buffer, (size_t)got);
@@ -55,7 +57,8 @@ static int hash_open(int descriptor, const char *path, uint64_t *bytes, XXH128_h
     return status;
 }
 
-static int hash_file(const char *directory, const char *name, uint64_t *bytes, XXH128_hash_t *hash, struct kiln_error *error)
+static int hash_file(const char *directory, const char *name, uint64_t *bytes, XXH128_hash_t *hash,
+                     struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
     int descriptor = -1;
@@ -69,7 +72,8 @@ static int hash_file(const char *directory, const char *name, uint64_t *bytes, X
     return status;
 }
 
-int kiln_manifest_compare(const struct kiln_manifest_file *file, int descriptor, const char *path, struct kiln_error *error)
+int kiln_manifest_compare(const struct kiln_manifest_file *file, int descriptor, const char *path,
+                          struct kiln_error *error)
 {
     struct stat found;
     char text[KILN_HASH_TEXT];
@@ -78,15 +82,16 @@ int kiln_manifest_compare(const struct kiln_manifest_file *file, int descriptor,
     if (fstat(descriptor, &found) != 0)
         return kiln_fail_errno(error, KILN_BAD_INPUT, "'%s' cannot be examined", path);
     if ((uint64_t)found.st_size != file->bytes) /* before it is read: it may be far longer */
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' has %llu bytes and was written with %llu", path, (unsigned long long)found.st_size,
-                         (unsigned long long)file->bytes);
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' has %llu bytes and was written with %llu", path,
+                         (unsigned long long)found.st_size, (unsigned long long)file->bytes);
     const int status = hash_open(descriptor, path, &bytes, &hash, error);
     if (status != KILN_OK)
         return status == KILN_SYSTEM ? status : KILN_BAD_INPUT;
     (void)lseek(descriptor, 0, SEEK_SET);
     kiln_hash_text(hash.high64, hash.low64, text);
     if (strcmp(text, file->hash) != 0)
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not as it was written: its hash is %s and was %s", path, text, file->hash);
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not as it was written: its hash is %s and was %s", path, text,
+                         file->hash);
     return KILN_OK;
 }
 
@@ -106,7 +111,8 @@ int kiln_manifest_check(const struct kiln_manifest_file *file, const char *direc
 
 /* ---- writing ---- */
 
-static int name_file(struct kiln_manifest *m, const char *folder, const char *name, const char *ending, struct kiln_error *error)
+static int name_file(struct kiln_manifest *m, const char *folder, const char *name, const char *ending,
+                     struct kiln_error *error)
 {
     const size_t room = strlen(folder) + strlen(name) + strlen(ending) + 1;
     char **path = &m->files[m->count].path;
@@ -119,15 +125,21 @@ static int name_file(struct kiln_manifest *m, const char *folder, const char *na
 }
 
 /* The same on all ranks. */
-static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *scene, const struct kiln_surface *surface,
-                      const struct kiln_manifest_parts *parts, struct kiln_error *error)
+static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *scene,
+                      const struct kiln_surface *surface, const struct kiln_manifest_parts *parts,
+                      struct kiln_error *error)
 {
-    const char *const others[] = {"run.json", "scene.kscene", "kiln.h5", parts->volume ? "volume.hdf" : NULL,
-                                  parts->preview ? "preview.png" : NULL, parts->scene ? "scene.glb" : NULL};
+    const char *const others[] = {"run.json",
+                                  "scene.kscene",
+                                  "kiln.h5",
+                                  parts->volume ? "volume.hdf" : NULL,
+                                  parts->preview ? "preview.png" : NULL,
+                                  parts->scene ? "scene.glb" : NULL};
     const size_t other_count = sizeof others / sizeof *others, maps = surface != NULL ? surface->map_count : 0;
     int status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&(*manifest)->files, other_count + maps, sizeof *(*manifest)->files, "the manifest", error);
+        status =
+            kiln_allocate(&(*manifest)->files, other_count + maps, sizeof *(*manifest)->files, "the manifest", error);
     for (size_t i = 0; status == KILN_OK && i < other_count; i++)
         if (others[i] != NULL)
             status = name_file(*manifest, "", others[i], "", error);
@@ -141,7 +153,8 @@ static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *
 }
 
 /* Size and the two halves of the hash of every file that is this rank's turn; 0 for the others. */
-static int hash_own(const struct kiln_manifest *m, const char *directory, int rank, int ranks, uint64_t *values, struct kiln_error *error)
+static int hash_own(const struct kiln_manifest *m, const char *directory, int rank, int ranks, uint64_t *values,
+                    struct kiln_error *error)
 {
     int status = KILN_OK;
     for (size_t i = (size_t)rank; i < m->count && status == KILN_OK; i += (size_t)ranks) {
@@ -158,7 +171,8 @@ static int join(MPI_Comm communicator, int rank, uint64_t *values, size_t count,
     enum { AT_ONCE = 1 << 24 };
     for (size_t first = 0; first < count; first += AT_ONCE) {
         const int part = count - first < AT_ONCE ? (int)(count - first) : AT_ONCE;
-        if (MPI_Reduce(rank == 0 ? MPI_IN_PLACE : values + first, values + first, part, MPI_UINT64_T, MPI_BOR, 0, communicator) != MPI_SUCCESS)
+        if (MPI_Reduce(rank == 0 ? MPI_IN_PLACE : values + first, values + first, part, MPI_UINT64_T, MPI_BOR, 0,
+                       communicator) != MPI_SUCCESS)
             return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the results' hashes were gathered");
     }
     return KILN_OK;
@@ -170,12 +184,14 @@ static json_t *manifest_json(const struct kiln_manifest *m, const uint64_t *valu
     for (size_t i = 0; i < m->count; i++) {
         char text[KILN_HASH_TEXT];
         kiln_hash_text(values[3 * i + 1], values[3 * i + 2], text);
-        (void)json_array_append_new(files, json_pack("{s:s, s:I, s:s}", "path", m->files[i].path, "bytes", (json_int_t)values[3 * i], "xxh3_128", text));
+        (void)json_array_append_new(files, json_pack("{s:s, s:I, s:s}", "path", m->files[i].path, "bytes",
+                                                     (json_int_t)values[3 * i], "xxh3_128", text));
     }
     return json_pack("{s:s, s:o}", "kiln", KILN_VERSION, "files", files);
 }
 
-static int publish(const struct kiln_manifest *m, const char *directory, const uint64_t *values, struct kiln_error *error)
+static int publish(const struct kiln_manifest *m, const char *directory, const uint64_t *values,
+                   struct kiln_error *error)
 {
     char *text = NULL;
     size_t size = 0;
@@ -190,7 +206,8 @@ static int publish(const struct kiln_manifest *m, const char *directory, const u
 }
 
 int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene,
-                        const struct kiln_surface *surface, const struct kiln_manifest_parts *parts, struct kiln_error *error)
+                        const struct kiln_surface *surface, const struct kiln_manifest_parts *parts,
+                        struct kiln_error *error)
 {
     struct kiln_manifest *m = NULL;
     uint64_t *values = NULL;
@@ -229,7 +246,8 @@ static int compare_paths(const void *a, const void *b)
 static int remove_file(const char *directory, const char *name, struct kiln_error *error)
 {
     if (kiln_unlink_below(directory, name) != 0 && errno != ENOENT)
-        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot remove %s/%s, which an earlier bake left", directory, name);
+        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot remove %s/%s, which an earlier bake left", directory,
+                               name);
     return KILN_OK;
 }
 
@@ -241,13 +259,14 @@ static bool is_there(const char *directory, const char *name)
 }
 
 /* `wanted` is sorted. */
-static int prune_files(const struct kiln_manifest *before, const struct kiln_manifest *wanted, const char *directory, struct kiln_pruned *pruned,
-                       struct kiln_error *error)
+static int prune_files(const struct kiln_manifest *before, const struct kiln_manifest *wanted, const char *directory,
+                       struct kiln_pruned *pruned, struct kiln_error *error)
 {
     int status = KILN_OK;
     for (size_t i = 0; status == KILN_OK && i < before->count; i++) {
         const struct kiln_manifest_file *file = &before->files[i];
-        if (bsearch(file, wanted->files, wanted->count, sizeof *file, compare_paths) != NULL || !is_there(directory, file->path))
+        if (bsearch(file, wanted->files, wanted->count, sizeof *file, compare_paths) != NULL ||
+            !is_there(directory, file->path))
             continue;
         if (kiln_manifest_check(file, directory, NULL) == KILN_OK) {
             status = remove_file(directory, file->path, error);
@@ -324,14 +343,20 @@ static bool is_inside(const char *path)
     return true;
 }
 
-static bool is_hash(const char *text) { return strlen(text) == KILN_HASH_TEXT - 1 && strspn(text, "0123456789abcdef") == KILN_HASH_TEXT - 1; }
+static bool is_hash(const char *text)
+{
+    return strlen(text) == KILN_HASH_TEXT - 1 && strspn(text, "0123456789abcdef") == KILN_HASH_TEXT - 1;
+}
 
 static int take_file(struct kiln_manifest *m, const json_t *entry, const char *manifest_path, struct kiln_error *error)
 {
-    const char *path = json_string_value(json_object_get(entry, "path")), *hash = json_string_value(json_object_get(entry, "xxh3_128"));
+    const char *path = json_string_value(json_object_get(entry, "path")),
+               *hash = json_string_value(json_object_get(entry, "xxh3_128"));
     const json_t *bytes = json_object_get(entry, "bytes");
-    if (path == NULL || hash == NULL || !is_hash(hash) || !json_is_integer(bytes) || json_integer_value(bytes) < 0 || !is_inside(path))
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: entry %zu of its files is not whole", manifest_path, m->count);
+    if (path == NULL || hash == NULL || !is_hash(hash) || !json_is_integer(bytes) || json_integer_value(bytes) < 0 ||
+        !is_inside(path))
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: entry %zu of its files is not whole",
+                         manifest_path, m->count);
     struct kiln_manifest_file *file = &m->files[m->count];
     const int status = name_file(m, "", path, "", error);
     if (status == KILN_OK) {
@@ -354,17 +379,22 @@ static int take_files(struct kiln_manifest *m, const json_t *json, const char *p
     qsort(m->files, m->count, sizeof *m->files, compare_paths);
     for (size_t i = 1; i < m->count; i++) /* else one file could be read as often as it is listed */
         if (strcmp(m->files[i - 1].path, m->files[i].path) == 0)
-            return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: it lists %.200s twice", path, m->files[i].path);
+            return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: it lists %.200s twice", path,
+                             m->files[i].path);
     return KILN_OK;
 }
 
-int kiln_manifest_parse(struct kiln_manifest **manifest, const char *path, const char *text, size_t size, struct kiln_error *error)
+int kiln_manifest_parse(struct kiln_manifest **manifest, const char *path, const char *text, size_t size,
+                        struct kiln_error *error)
 {
     *manifest = NULL;
     json_t *json = kiln_unseal(text, size);
     int status = KILN_OK;
     if (json == NULL)
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' is not as it was written: it does not end with its own hash; the results cannot be checked, bake again", path);
+        status = kiln_fail(error, KILN_BAD_INPUT,
+                           "'%s' is not as it was written: it does not end with its own hash; the results cannot be "
+                           "checked, bake again",
+                           path);
     if (status == KILN_OK)
         status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
     if (status == KILN_OK)

@@ -19,10 +19,10 @@ static struct triangle_view view_triangle(const struct kiln_bake_result *result,
     return view;
 }
 
-/* Weights of corners 1 and 2 at the centroid of the triangle's part in the texel, and that part's area in texels. `scale`: of the
- * lightmap's sides beside the object's own. */
-static double piece_centroid(const struct kiln_scene *scene, const struct triangle_view *view, uint32_t x, uint32_t y, double scale,
-                             double *b1, double *b2)
+/* Weights of corners 1 and 2 at the centroid of the triangle's part in the texel, and that part's area in texels.
+ * `scale`: of the lightmap's sides beside the object's own. */
+static double piece_centroid(const struct kiln_scene *scene, const struct triangle_view *view, uint32_t x, uint32_t y,
+                             double scale, double *b1, double *b2)
 {
     double corner[3][2];
     for (int c = 0; c < 3; c++) {
@@ -40,8 +40,8 @@ static double piece_centroid(const struct kiln_scene *scene, const struct triang
 
 static double weigh(double a, double b, double c, double b1, double b2) { return a + b1 * (b - a) + b2 * (c - a); }
 
-static void add_position(const struct kiln_scene *scene, const struct triangle_view *view, double b1, double b2, double share,
-                         double position[3])
+static void add_position(const struct kiln_scene *scene, const struct triangle_view *view, double b1, double b2,
+                         double share, double position[3])
 {
     const struct kiln_vec3 *p[3];
     for (int c = 0; c < 3; c++)
@@ -54,7 +54,8 @@ static void add_position(const struct kiln_scene *scene, const struct triangle_v
         position[i] += share * (m[4 * i] * local[0] + m[4 * i + 1] * local[1] + m[4 * i + 2] * local[2] + m[4 * i + 3]);
 }
 
-/* Normals go with the inverse transpose, which is the cofactor matrix over the determinant: only its sign matters here. */
+/* Normals go with the inverse transpose, which is the cofactor matrix over the determinant: only its sign matters here.
+ */
 static struct kiln_dvec3 transform_normal(const double m[12], struct kiln_dvec3 n)
 {
     const struct kiln_dvec3 r0 = dvec3(m[0], m[1], m[2]), r1 = dvec3(m[4], m[5], m[6]), r2 = dvec3(m[8], m[9], m[10]);
@@ -65,8 +66,8 @@ static struct kiln_dvec3 transform_normal(const double m[12], struct kiln_dvec3 
     return length > 0.0 ? dvec3_scale(out, sign / length) : out;
 }
 
-static void add_normal(const struct kiln_scene *scene, const struct triangle_view *view, double b1, double b2, double share,
-                       struct kiln_dvec3 *normal)
+static void add_normal(const struct kiln_scene *scene, const struct triangle_view *view, double b1, double b2,
+                       double share, struct kiln_dvec3 *normal)
 {
     const struct kiln_vec3 *n[3];
     for (int c = 0; c < 3; c++)
@@ -77,8 +78,8 @@ static void add_normal(const struct kiln_scene *scene, const struct triangle_vie
     *normal = dvec3_add(*normal, dvec3_scale(transform_normal(view->object->transform, local), share));
 }
 
-static void describe(const struct kiln_bake_result *result, const struct kiln_point_cursor *at, const uint32_t *pieces, const float *shares,
-                     uint32_t piece_count, struct kiln_point_detail *detail)
+static void describe(const struct kiln_bake_result *result, const struct kiln_point_cursor *at, const uint32_t *pieces,
+                     const float *shares, uint32_t piece_count, struct kiln_point_detail *detail)
 {
     const double scale = 1.0 / (double)(1u << at->shift), side = at->back ? -1.0 : 1.0;
     struct kiln_dvec3 normal = dvec3(0.0, 0.0, 0.0);
@@ -100,16 +101,17 @@ static void describe(const struct kiln_bake_result *result, const struct kiln_po
     detail->coverage = (float)(coverage < 1.0 ? coverage : 1.0);
 }
 
-uint32_t kiln_fragment_details(const struct kiln_bake_result *result, size_t fragment, struct kiln_point_detail *details)
+uint32_t kiln_tile_run_details(const struct kiln_bake_result *result, size_t tile_run,
+                               struct kiln_point_detail *details)
 {
     const struct kiln_surface *s = result->surface;
-    const uint32_t count = s->fragments[fragment].count;
-    struct kiln_point_cursor at = kiln_point_first(s, fragment);
+    const uint32_t count = s->tile_runs[tile_run].count;
+    struct kiln_point_cursor at = kiln_point_first(s, tile_run);
     for (uint32_t i = 0; i < count; i++, kiln_point_next(s, &at)) {
         const uint32_t *pieces = s->pieces + at.piece;
         const uint32_t piece_count = kiln_piece_count(s, at.point);
         details[i] = (struct kiln_point_detail){.x = at.x, .y = at.y, .triangle = pieces[0]};
-        describe(result, &at, pieces, s->shares + at.share, piece_count, &details[i]);
+        describe(result, &at, pieces, s->area_cdf + at.share, piece_count, &details[i]);
         if (kiln_point_whole(s, at.point))
             details[i].coverage = 1.0f;
     }

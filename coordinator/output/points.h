@@ -1,9 +1,10 @@
-/* What the files say of a surface point beyond its light: where it lies and how much of its texel it is. Computed again from
- * the pieces when a file is written, so that nothing of it is kept during the bake. Not collective, thread-safe. */
+/* What the files say of a surface point beyond its light: where it lies and how much of its texel it is. Computed again
+ * from the pieces when a file is written, so that nothing of it is kept during the bake. Not collective, thread-safe.
+ */
 #ifndef KILN_COORDINATOR_OUTPUT_POINTS_H
 #define KILN_COORDINATOR_OUTPUT_POINTS_H
 
-#include "coordinator/bake/result.h"
+#include "coordinator/field/result.h"
 
 struct kiln_point_detail {
     uint32_t x, y;      /* texel in the object's lightmap */
@@ -13,13 +14,14 @@ struct kiln_point_detail {
     float normal[3];    /* unit, world: mean shading normal there */
 };
 
-/* The points of own fragment `fragment`, in order; `details` holds KILN_TILE_TEXELS. Returns how many. */
-uint32_t kiln_fragment_details(const struct kiln_bake_result *result, size_t fragment, struct kiln_point_detail *details);
+/* The points of own tile run `tile run`, in order; `details` holds KILN_TILE_TEXELS. Returns how many. */
+uint32_t kiln_tile_run_details(const struct kiln_bake_result *result, size_t tile_run,
+                               struct kiln_point_detail *details);
 
-/* The global index of the fragment's first point minus surface->first: where its values stand in the own arrays. */
-static inline uint64_t kiln_fragment_offset(const struct kiln_surface *surface, size_t fragment)
+/* The global index of the tile run's first point minus surface->first: where its values stand in the own arrays. */
+static inline uint64_t kiln_tile_run_offset(const struct kiln_surface *surface, size_t tile_run)
 {
-    return surface->fragments[fragment].first - surface->first;
+    return surface->tile_runs[tile_run].first - surface->first;
 }
 
 #endif

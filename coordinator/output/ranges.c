@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #include "coordinator/output/exr.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/read/h5_file.h"
 #include "coordinator/output/read/json_text.h"
 #include "coordinator/output/read/results.h"
@@ -20,9 +20,18 @@ struct range {
 };
 
 static const struct range ranges[] = {
-    {"R", 0.0, INFINITY},          {"G", 0.0, INFINITY},        {"B", 0.0, INFINITY},        {"coverage.Y", 0.0, 1.001},
-    {"validity.Y", 0.0, 1.0},      {"/direct", 0.0, INFINITY},  {"/indirect", 0.0, INFINITY}, {"/total", 0.0, INFINITY},
-    {"/error", 0.0, INFINITY},     {"/albedo", 0.0, 1.0},       {"/area", 0.0, INFINITY},    {"/validity", 0.0, 1.0},
+    {"R", 0.0, INFINITY},
+    {"G", 0.0, INFINITY},
+    {"B", 0.0, INFINITY},
+    {"coverage.Y", 0.0, 1.001},
+    {"validity.Y", 0.0, 1.0},
+    {"/direct", 0.0, INFINITY},
+    {"/indirect", 0.0, INFINITY},
+    {"/total", 0.0, INFINITY},
+    {"/error", 0.0, INFINITY},
+    {"/albedo", 0.0, 1.0},
+    {"/area", 0.0, INFINITY},
+    {"/validity", 0.0, 1.0},
     {"/mean_distance", 0.0, INFINITY},
 };
 
@@ -39,14 +48,16 @@ static struct range range_of(const char *name)
 
 /* ---- EXR ---- */
 
-static int check_channel(const char *path, const struct kiln_image *image, const struct kiln_image_channel *channel, struct kiln_error *error)
+static int check_channel(const char *path, const struct kiln_image *image, const struct kiln_image_channel *channel,
+                         struct kiln_error *error)
 {
     const struct range range = range_of(channel->name);
     const size_t count = (size_t)image->width * image->height;
     for (size_t i = 0; i < count; i++) {
         const double value = (double)channel->values[i];
         if (!isfinite(value) || value < range.low || value > range.high)
-            return kiln_fail(error, KILN_BAD_INPUT, "'%s': %s is %g at texel (%zu, %zu)", path, channel->name, value, i % image->width, i / image->width);
+            return kiln_fail(error, KILN_BAD_INPUT, "'%s': %s is %g at texel (%zu, %zu)", path, channel->name, value,
+                             i % image->width, i / image->width);
     }
     return KILN_OK;
 }
@@ -76,8 +87,8 @@ static int check_values(const struct h5_check *check, const char *name, size_t c
     const struct range range = range_of(name);
     for (size_t i = 0; i < count; i++)
         if (!isfinite(check->values[i]) || check->values[i] < range.low || check->values[i] > range.high)
-            return kiln_fail(check->error, KILN_BAD_INPUT, "'%s': %s is %g at value %llu", check->path, name, check->values[i],
-                             (unsigned long long)(first + i));
+            return kiln_fail(check->error, KILN_BAD_INPUT, "'%s': %s is %g at value %llu", check->path, name,
+                             check->values[i], (unsigned long long)(first + i));
     return KILN_OK;
 }
 
@@ -92,7 +103,9 @@ static int check_rows(const struct h5_check *check, const char *name, hid_t data
     for (int d = 1; d < rank; d++)
         row *= size[d];
     const hsize_t all = size[0], step = row > 0 && row <= BLOCK_VALUES ? BLOCK_VALUES / row : 0;
-    int status = step > 0 || row == 0 ? KILN_OK : kiln_fail(check->error, KILN_BAD_INPUT, "'%s': rows of %s are too long to check", check->path, name);
+    int status = step > 0 || row == 0 ? KILN_OK
+                                      : kiln_fail(check->error, KILN_BAD_INPUT,
+                                                  "'%s': rows of %s are too long to check", check->path, name);
     for (hsize_t first = 0; status == KILN_OK && row > 0 && first < all; first += step) {
         start[0] = first;
         size[0] = all - first < step ? all - first : step;
@@ -166,7 +179,8 @@ static int check_scene(int descriptor, const char *path, struct kiln_error *erro
 static const struct kind {
     const char *ending;
     int (*check)(int descriptor, const char *path, struct kiln_error *error);
-} kinds[] = {{".exr", check_exr}, {".h5", check_h5}, {".hdf", check_h5}, {".json", check_json}, {".kscene", check_scene}};
+} kinds[] = {
+    {".exr", check_exr}, {".h5", check_h5}, {".hdf", check_h5}, {".json", check_json}, {".kscene", check_scene}};
 
 static const struct kind *kind_of(const char *path)
 {

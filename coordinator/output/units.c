@@ -10,13 +10,17 @@ const struct kiln_units *kiln_units_of(int choice, const struct kiln_scene *scen
 {
     if (choice != KILN_UNITS_AUTO)
         return choice == KILN_UNITS_PHOTOMETRIC ? &photometric : &radiometric;
-    return scene->header->units == KILN_SCENE_UNITS_PHOTOMETRIC || scene->header->units == KILN_SCENE_UNITS_BLENDER ? &photometric : &radiometric;
+    return scene->header->units == KILN_SCENE_UNITS_PHOTOMETRIC || scene->header->units == KILN_SCENE_UNITS_BLENDER
+               ? &photometric
+               : &radiometric;
 }
 
 const char *kiln_units_reason(int choice, const struct kiln_scene *scene)
 {
-    static const char *const reasons[] = {"the file does not say", "the file says so", "the file says so", "Blender's exporter writes lights so"};
-    return choice != KILN_UNITS_AUTO ? "asked for" : reasons[scene->header->units]; /* in the order of enum kiln_scene_units */
+    static const char *const reasons[] = {"the file does not say", "the file says so", "the file says so",
+                                          "Blender's exporter writes lights so"};
+    /* in the order of enum kiln_scene_units */
+    return choice != KILN_UNITS_AUTO ? "asked for" : reasons[scene->header->units];
 }
 
 const struct kiln_units *kiln_units_of_bake(const struct kiln_results *results)

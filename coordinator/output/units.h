@@ -1,14 +1,15 @@
 /* What a bake's numbers are measured in: the one place that knows.
  *
- * kiln computes with numbers and changes none: lights in watts give irradiance in W/m2, lights in lumens give it in lux. Which of
- * the two a scene has is asked for (--units) or read from the file: from `scenes[i].extras.units` or `asset.extras.units`
- * ("radiometric" or "photometric"), or, when there are punctual lights, from the exporter's name: Blender's multiplies their watts
- * by 683 lm/W unless it is told not to. glTF calls all light photometric, but files with plain numbers abound: without a word in
- * the file it is taken as radiometric. */
+ * kiln computes with numbers and changes none: lights in watts give irradiance in W/m2, lights in lumens give it in
+ * lux. Which of the two a scene has is asked for (--units) or read from the file: from `scenes[i].extras.units` or
+ * `asset.extras.units`
+ * ("radiometric" or "photometric"), or, when there are punctual lights, from the exporter's name: Blender's multiplies
+ * their watts by 683 lm/W unless it is told not to. glTF calls all light photometric, but files with plain numbers
+ * abound: without a word in the file it is taken as radiometric. */
 #ifndef KILN_COORDINATOR_OUTPUT_UNITS_H
 #define KILN_COORDINATOR_OUTPUT_UNITS_H
 
-#include "coordinator/cli/job.h"
+#include "coordinator/job/job.h"
 #include "coordinator/output/read/results.h"
 #include "worker/scene/scene.h"
 

@@ -6,7 +6,7 @@
 #include <unistd.h>
 
 #include "coordinator/output/exr.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "shaders/random.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
@@ -56,7 +56,10 @@ void kiln_view_rays_destroy(struct kiln_view_rays **rays)
     kiln_free(rays);
 }
 
-static bool is_unpublished(const struct kiln_scene *scene, uint32_t object) { return (scene->objects[object].flags & KILN_OBJECT_CASTER_ONLY) != 0; }
+static bool is_unpublished(const struct kiln_scene *scene, uint32_t object)
+{
+    return (scene->objects[object].flags & KILN_OBJECT_CASTER_ONLY) != 0;
+}
 
 bool kiln_view_is_seen(const struct kiln_view_source *source, const struct kiln_hit *hit)
 {
@@ -95,7 +98,8 @@ static void go_on(struct kiln_hit *hit, const struct kiln_hit *next)
         hit->tint[c] *= before[c];
 }
 
-int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays *r, size_t count, struct kiln_error *error)
+int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays *r, size_t count,
+                    struct kiln_error *error)
 {
     int status = kiln_backend_intersect(source->backend, r->origins, r->directions, count, r->hits, error);
     for (size_t i = 0; i < count; i++)
@@ -104,7 +108,8 @@ int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays
         const size_t active = step_behind_backs(source, r, count);
         if (active == 0)
             break;
-        status = kiln_backend_intersect(source->backend, r->active_origins, r->active_directions, active, r->active_hits, error);
+        status = kiln_backend_intersect(source->backend, r->active_origins, r->active_directions, active,
+                                        r->active_hits, error);
         for (size_t i = 0; status == KILN_OK && i < active; i++)
             go_on(&r->hits[r->active[i]], &r->active_hits[i]);
     }
@@ -126,14 +131,16 @@ struct kiln_view_maps {
     struct map *maps; /* one an object; then one for the backs of each, where there is one */
 };
 
-int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_source *source, uint32_t coarse, struct kiln_error *error)
+int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_source *source, uint32_t coarse,
+                          struct kiln_error *error)
 {
     int status = kiln_allocate(maps, 1, sizeof **maps, "lightmaps in view", error);
     if (status != KILN_OK)
         return status;
     (*maps)->source = source;
     (*maps)->coarse = coarse;
-    status = kiln_allocate(&(*maps)->maps, 2 * source->scene->object_count, sizeof *(*maps)->maps, "lightmaps in view", error);
+    status = kiln_allocate(&(*maps)->maps, 2 * source->scene->object_count, sizeof *(*maps)->maps, "lightmaps in view",
+                           error);
     if (status != KILN_OK)
         kiln_view_maps_destroy(maps);
     return status;
@@ -150,7 +157,8 @@ void kiln_view_maps_destroy(struct kiln_view_maps **maps)
 }
 
 /* Means over boxes of `every` x `every` texels, the last ones cut. */
-static void average(const struct kiln_image *image, float *const from[3], uint32_t every, const struct kiln_image *small, float *const to[3])
+static void average(const struct kiln_image *image, float *const from[3], uint32_t every,
+                    const struct kiln_image *small, float *const to[3])
 {
     for (uint32_t y = 0; y < small->height; y++)
         for (uint32_t x = 0; x < small->width; x++)
@@ -168,10 +176,12 @@ static int make_coarse(struct map *map, uint32_t side, struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B"};
     struct kiln_image *image = map->image, *small = NULL;
-    const uint32_t longest = image->width > image->height ? image->width : image->height, every = (longest + side - 1) / side;
+    const uint32_t longest = image->width > image->height ? image->width : image->height,
+                   every = (longest + side - 1) / side;
     if (every <= 1)
         return KILN_OK;
-    const int status = kiln_image_create(&small, (image->width + every - 1) / every, (image->height + every - 1) / every, names, 3, error);
+    const int status = kiln_image_create(&small, (image->width + every - 1) / every,
+                                         (image->height + every - 1) / every, names, 3, error);
     if (status != KILN_OK)
         return status;
     float *planes[3];
@@ -193,11 +203,12 @@ static bool is_whole(const char *directory)
 }
 
 /* lightmaps/OBJECT.exr, or that of the backs, and its path. */
-static int map_path(const struct kiln_view_maps *maps, uint32_t object, bool back, char name[KILN_PATH_SIZE], char path[KILN_PATH_SIZE],
-                    struct kiln_error *error)
+static int map_path(const struct kiln_view_maps *maps, uint32_t object, bool back, char name[KILN_PATH_SIZE],
+                    char path[KILN_PATH_SIZE], struct kiln_error *error)
 {
     const struct kiln_scene *scene = maps->source->scene;
-    const int length = snprintf(name, KILN_PATH_SIZE, "lightmaps/%s%s.exr", back ? "back/" : "", kiln_scene_string(scene, scene->objects[object].name));
+    const int length = snprintf(name, KILN_PATH_SIZE, "lightmaps/%s%s.exr", back ? "back/" : "",
+                                kiln_scene_string(scene, scene->objects[object].name));
     if (length < 0 || length >= KILN_PATH_SIZE || kiln_path_join(path, maps->source->directory, name, NULL) != KILN_OK)
         return kiln_fail(error, KILN_NO_INPUT, "the path of the lightmap of object %u is too long", object);
     return KILN_OK;
@@ -211,16 +222,21 @@ static int load(struct kiln_view_maps *maps, uint32_t object, bool back, struct 
     char name[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
     int status = map_path(maps, object, back, name, path, error);
     if (status == KILN_OK)
-        status = maps->source->results != NULL ? kiln_results_image(maps->source->results, name, wanted, 3, &map->image, error)
-                                               : kiln_exr_read(path, wanted, 3, &map->image, error);
+        status = maps->source->results != NULL
+                     ? kiln_results_image(maps->source->results, name, wanted, 3, &map->image, error)
+                     : kiln_exr_read(path, wanted, 3, &map->image, error);
     if (status == KILN_NO_INPUT && !is_whole(maps->source->directory))
-        return kiln_fail(error, KILN_NO_INPUT, "the bake in %s is not finished: it has no %s yet (kiln status %s says where it is)", maps->source->directory,
-                         path + strlen(maps->source->directory) + 1, maps->source->directory);
+        return kiln_fail(error, KILN_NO_INPUT,
+                         "the bake in %s is not finished: it has no %s yet (kiln status %s says where it is)",
+                         maps->source->directory, path + strlen(maps->source->directory) + 1, maps->source->directory);
     if (status != KILN_OK)
         return status;
-    if (map->image->width != o->lightmap_width || map->image->height != o->lightmap_height || !kiln_image_rgb(map->image, "", map->planes))
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not the lightmap of this scene's object: it has %u x %u texels, the scene says %u x %u",
-                         path, map->image->width, map->image->height, o->lightmap_width, o->lightmap_height);
+    if (map->image->width != o->lightmap_width || map->image->height != o->lightmap_height ||
+        !kiln_image_rgb(map->image, "", map->planes))
+        return kiln_fail(
+            error, KILN_BAD_INPUT,
+            "'%s' is not the lightmap of this scene's object: it has %u x %u texels, the scene says %u x %u", path,
+            map->image->width, map->image->height, o->lightmap_width, o->lightmap_height);
     map->scale_x = map->scale_y = 1.0f;
     return maps->coarse > 0 ? make_coarse(map, maps->coarse, error) : KILN_OK;
 }
@@ -233,7 +249,8 @@ static bool has_back(const struct kiln_view_maps *maps, uint32_t object)
     return maps->source->results != NULL ? kiln_results_has(maps->source->results, name) : access(path, F_OK) == 0;
 }
 
-int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits, size_t count, struct kiln_error *error)
+int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits, size_t count,
+                        struct kiln_error *error)
 {
     const size_t objects = maps->source->scene->object_count;
     int status = KILN_OK;
@@ -257,12 +274,14 @@ int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits
 static void look_up(const struct map *map, float x, float y, float rgb[3])
 {
     const struct kiln_image *image = map->image;
-    const float fx = fminf(fmaxf(x - 0.5f, 0.0f), (float)(image->width - 1)), fy = fminf(fmaxf(y - 0.5f, 0.0f), (float)(image->height - 1));
+    const float fx = fminf(fmaxf(x - 0.5f, 0.0f), (float)(image->width - 1)),
+                fy = fminf(fmaxf(y - 0.5f, 0.0f), (float)(image->height - 1));
     const uint32_t x0 = (uint32_t)fx, y0 = (uint32_t)fy;
     const uint32_t x1 = x0 + 1 < image->width ? x0 + 1 : x0, y1 = y0 + 1 < image->height ? y0 + 1 : y0;
     const float wx = fx - (float)x0, wy = fy - (float)y0;
     for (int c = 0; c < 3; c++) {
-        const float *row0 = map->planes[c] + (size_t)y0 * image->width, *row1 = map->planes[c] + (size_t)y1 * image->width;
+        const float *row0 = map->planes[c] + (size_t)y0 * image->width,
+                    *row1 = map->planes[c] + (size_t)y1 * image->width;
         rgb[c] = (1.0f - wy) * ((1.0f - wx) * row0[x0] + wx * row0[x1]) + wy * ((1.0f - wx) * row1[x0] + wx * row1[x1]);
     }
 }
@@ -292,8 +311,10 @@ void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_h
 
 /* ---- texels ---- */
 
-/* A checkerboard of the object's lightmap: one square a texel, a tint for each object, darker where the surface is seen at a slant. */
-static void texel_color(const struct kiln_view_source *s, const struct kiln_hit *hit, struct kiln_vec3 direction, float rgb[3])
+/* A checkerboard of the object's lightmap: one square a texel, a tint for each object, darker where the surface is seen
+ * at a slant. */
+static void texel_color(const struct kiln_view_source *s, const struct kiln_hit *hit, struct kiln_vec3 direction,
+                        float rgb[3])
 {
     const struct kiln_hit_record *record = &s->geometry->records[hit->triangle];
     const float x = floorf(record->texel[0] + hit->u * record->texel[2] + hit->v * record->texel[4]);
@@ -313,7 +334,8 @@ static void tint(const struct kiln_hit *hit, float rgb[3])
         rgb[c] *= hit->tint[c];
 }
 
-void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, struct kiln_vec3 direction, struct kiln_view_seen *seen)
+void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, struct kiln_vec3 direction,
+                        struct kiln_view_seen *seen)
 {
     const struct kiln_view_source *s = maps->source;
     *seen = (struct kiln_view_seen){0};
@@ -327,7 +349,8 @@ void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit
         tint(hit, seen->rgb);
         return;
     }
-    const struct kiln_mesh *mesh = &s->scene->meshes[s->scene->objects[s->geometry->records[hit->triangle].object].mesh];
+    const struct kiln_mesh *mesh =
+        &s->scene->meshes[s->scene->objects[s->geometry->records[hit->triangle].object].mesh];
     const uint64_t stored = s->geometry->stored_triangle[hit->triangle];
     float color[4], irradiance[3], emission[3], b1, b2;
     kiln_geometry_stored_barycentrics(s->scene, s->geometry, hit->triangle, hit->u, hit->v, &b1, &b2);

@@ -5,21 +5,21 @@
 #include "worker/base/memory.h"
 
 enum {
-    PLACES = 1024,   /* surface points, and at most so many places to stand */
-    LOOKS = 96,      /* rays in all directions from each; the first goes down, the second up */
-    CHOSEN = 40,     /* places whose views are scored */
-    TURNS = 12,      /* directions of a view around the compass, */
-    TILTS = 2,       /* each level and tilted down */
-    WIDE = 32,       /* rays of a view */
+    PLACES = 1024, /* surface points, and at most so many places to stand */
+    LOOKS = 96,    /* rays in all directions from each; the first goes down, the second up */
+    CHOSEN = 40,   /* places whose views are scored */
+    TURNS = 12,    /* directions of a view around the compass, */
+    TILTS = 2,     /* each level and tilted down */
+    WIDE = 32,     /* rays of a view */
     HIGH = 24,
     VIEW_RAYS = WIDE * HIGH,
     COARSE = 64
 };
-static const double MOST_ESCAPING = 0.2; /* of an enclosed place's rays */
+static const double MOST_ESCAPING = 0.2;  /* of an enclosed place's rays */
 static const double LEAST_ENCLOSED = 0.1; /* of all surface points, for the scene to be closed */
 
 struct place {
-    size_t number;       /* settles which of two that are worth the same comes first */
+    size_t number; /* settles which of two that are worth the same comes first */
     struct kiln_dvec3 position;
     double near, middle; /* m: one ray in twenty ends nearer; half of them do */
     double height;       /* share of the way from the floor to the ceiling */
@@ -52,7 +52,8 @@ static struct kiln_dvec3 look_direction(int k)
 {
     if (k < 2)
         return dvec3(0.0, k == 0 ? -1.0 : 1.0, 0.0);
-    const double y = 1.0 - 2.0 * ((double)(k - 2) + 0.5) / (LOOKS - 2), r = sqrt(1.0 - y * y), phi = 2.0 * KILN_PI * fraction(k * 0.6180339887498949);
+    const double y = 1.0 - 2.0 * ((double)(k - 2) + 0.5) / (LOOKS - 2), r = sqrt(1.0 - y * y),
+                 phi = 2.0 * KILN_PI * fraction(k * 0.6180339887498949);
     return dvec3(r * cos(phi), y, r * sin(phi));
 }
 
@@ -128,8 +129,9 @@ static void stand(struct seek *s, size_t ray)
         return;
     const double share = 0.3 + 0.3 * fraction((double)ray * 0.6180339887498949);
     s->places[s->place_count].number = s->place_count;
-    s->places[s->place_count++].position = dvec3_add(dvec3_of(s->rays->origins[ray]),
-                                                     dvec3_scale(dvec3_of(s->rays->directions[ray]), share * (double)hit->distance));
+    s->places[s->place_count++].position =
+        dvec3_add(dvec3_of(s->rays->origins[ray]),
+                  dvec3_scale(dvec3_of(s->rays->directions[ray]), share * (double)hit->distance));
 }
 
 static int find_places(struct seek *s, struct kiln_error *error)
@@ -137,7 +139,8 @@ static int find_places(struct seek *s, struct kiln_error *error)
     size_t count;
     int status = spread_points(s, &count, error);
     if (status == KILN_OK)
-        status = kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count, s->rays->hits, error);
+        status = kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count, s->rays->hits,
+                                        error);
     for (size_t i = 0; status == KILN_OK && i < count; i++)
         stand(s, i);
     return status;
@@ -159,7 +162,10 @@ static double luminance_at(const struct seek *s, const struct kiln_hit *hit)
 }
 
 /* The front's light says little of the back, which may well be dark. */
-static double trust(const struct seek *s, const struct kiln_hit *hit) { return kiln_view_lends(s->maps, hit) ? 0.3 : 1.0; }
+static double trust(const struct seek *s, const struct kiln_hit *hit)
+{
+    return kiln_view_lends(s->maps, hit) ? 0.3 : 1.0;
+}
 
 static void judge_place(const struct seek *s, struct place *p, size_t first)
 {
@@ -183,7 +189,9 @@ static void judge_place(const struct seek *s, struct place *p, size_t first)
     if (LOOKS - met > MOST_ESCAPING * LOOKS || behind > 1 || lit < 0.25 * met)
         return;
     const struct kiln_hit *down = &s->rays->hits[first], *up = &s->rays->hits[first + 1];
-    p->height = down->triangle == KILN_NONE ? 1.0 : up->triangle == KILN_NONE ? 0.0 : (double)down->distance / ((double)down->distance + (double)up->distance);
+    p->height = down->triangle == KILN_NONE ? 1.0
+                : up->triangle == KILN_NONE ? 0.0
+                                            : (double)down->distance / ((double)down->distance + (double)up->distance);
     qsort(distances, (size_t)met, sizeof *distances, compare_doubles);
     p->near = distances[met / 20];
     p->middle = distances[met / 2];
@@ -238,7 +246,8 @@ static int judge_places(struct seek *s, struct kiln_error *error)
         s->rays->origins[i] = vec3_of(s->places[i / LOOKS].position);
         s->rays->directions[i] = vec3_of(look_direction((int)(i % LOOKS)));
     }
-    int status = kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count, s->rays->hits, error);
+    int status =
+        kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count, s->rays->hits, error);
     if (status == KILN_OK)
         status = kiln_view_maps_load(s->maps, s->rays->hits, count, error);
     for (size_t i = 0; status == KILN_OK && i < s->place_count; i++)
@@ -258,7 +267,8 @@ static int is_open_to(struct seek *s, struct kiln_dvec3 outside, bool *open, str
         s->rays->directions[count] = vec3_of(dvec3_scale(way, 1.0 / dvec3_length(way)));
         s->rays->passed[count++] = (float)dvec3_length(way);
     }
-    const int status = kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count, s->rays->hits, error);
+    const int status =
+        kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count, s->rays->hits, error);
     for (size_t i = 0; status == KILN_OK && i < count; i++)
         seen += s->rays->hits[i].triangle == KILN_NONE || s->rays->hits[i].distance >= s->rays->passed[i];
     *open = 5 * seen > 4 * count;
@@ -289,7 +299,8 @@ static size_t choose_places(struct seek *s)
     return chosen;
 }
 
-static void point_view(const struct place *p, const struct kiln_view_camera *lens, int turn, int tilt, struct kiln_view_camera *camera)
+static void point_view(const struct place *p, const struct kiln_view_camera *lens, int turn, int tilt,
+                       struct kiln_view_camera *camera)
 {
     const double phi = 2.0 * KILN_PI * (turn + 0.25) / TURNS, down = tilt == 0 ? 0.02 : 0.22;
     *camera = *lens;
@@ -300,8 +311,10 @@ static void point_view(const struct place *p, const struct kiln_view_camera *len
 static void aim_rays(const struct seek *s, const struct kiln_view_camera *c, size_t first)
 {
     for (size_t i = 0; i < VIEW_RAYS; i++) {
-        const double x = ((double)(i % WIDE) + 0.5) / WIDE * 2.0 - 1.0, y = 1.0 - ((double)(i / WIDE) + 0.5) / HIGH * 2.0;
-        const struct kiln_dvec3 way = dvec3_add(c->forward, dvec3_add(dvec3_scale(c->right, x * c->extent_x), dvec3_scale(c->up, y * c->extent_y)));
+        const double x = ((double)(i % WIDE) + 0.5) / WIDE * 2.0 - 1.0,
+                     y = 1.0 - ((double)(i / WIDE) + 0.5) / HIGH * 2.0;
+        const struct kiln_dvec3 way = dvec3_add(
+            c->forward, dvec3_add(dvec3_scale(c->right, x * c->extent_x), dvec3_scale(c->up, y * c->extent_y)));
         s->rays->origins[first + i] = vec3_of(c->position);
         s->rays->directions[first + i] = vec3_of(dvec3_scale(way, 1.0 / dvec3_length(way)));
     }
@@ -340,9 +353,13 @@ static struct thing thing_at(const struct seek *s, size_t ray)
     const struct kiln_hit_record *record = &g->records[hit->triangle];
     const struct kiln_vec3 p = vec3_madd(s->rays->origins[ray], s->rays->directions[ray], hit->distance);
     const double box = s->box;
-    const uint64_t x = (uint64_t)(int64_t)floor((double)p.x / box), y = (uint64_t)(int64_t)floor((double)p.y / box), z = (uint64_t)(int64_t)floor((double)p.z / box);
-    const uint64_t key = ((x * 0x9e3779b97f4a7c15u + y) * 0xc2b2ae3d27d4eb4fu + z) * 0x165667b19e3779f9u + record->object * 6u + side_of(g, hit->triangle);
-    const double light = (record->material & KILN_RECORD_EMITS) != 0 || !(s->light > 0.0) ? 1.0 : fmin(1.0, luminance_at(s, hit) / (0.3 * s->light));
+    const uint64_t x = (uint64_t)(int64_t)floor((double)p.x / box), y = (uint64_t)(int64_t)floor((double)p.y / box),
+                   z = (uint64_t)(int64_t)floor((double)p.z / box);
+    const uint64_t key = ((x * 0x9e3779b97f4a7c15u + y) * 0xc2b2ae3d27d4eb4fu + z) * 0x165667b19e3779f9u +
+                         record->object * 6u + side_of(g, hit->triangle);
+    const double light = (record->material & KILN_RECORD_EMITS) != 0 || !(s->light > 0.0)
+                             ? 1.0
+                             : fmin(1.0, luminance_at(s, hit) / (0.3 * s->light));
     const double reach = s->room > 0.0 ? fmin(1.0, (double)hit->distance / (0.4 * s->room)) : 1.0;
     return (struct thing){key, trust(s, hit) * light * reach * reach / VIEW_RAYS};
 }
@@ -372,7 +389,8 @@ static double openness(const struct seek *s, size_t first)
 {
     double sum = 0.0;
     for (size_t i = first; i < first + VIEW_RAYS; i++)
-        sum += kiln_view_is_seen(s->source, &s->rays->hits[i]) ? fmin(1.0, (double)s->rays->hits[i].distance / s->room) : 0.0;
+        sum += kiln_view_is_seen(s->source, &s->rays->hits[i]) ? fmin(1.0, (double)s->rays->hits[i].distance / s->room)
+                                                               : 0.0;
     return sum / VIEW_RAYS;
 }
 
@@ -380,7 +398,8 @@ static double openness(const struct seek *s, size_t first)
 static double comfort(double height) { return 1.0 - fmin(0.8, 1.5 * fmax(0.0, fmax(0.2 - height, height - 0.55))); }
 
 /* Scores the views of one place and keeps the best of all. */
-static int try_views(struct seek *s, const struct place *place, const struct kiln_view_camera *lens, struct view *best, struct kiln_error *error)
+static int try_views(struct seek *s, const struct place *place, const struct kiln_view_camera *lens, struct view *best,
+                     struct kiln_error *error)
 {
     struct kiln_view_camera cameras[TURNS * TILTS];
     double scores[TURNS * TILTS];
@@ -389,7 +408,8 @@ static int try_views(struct seek *s, const struct place *place, const struct kil
         aim_rays(s, &cameras[v], (size_t)v * VIEW_RAYS);
     }
     const size_t count = (size_t)TURNS * TILTS * VIEW_RAYS;
-    int status = kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count, s->rays->hits, error);
+    int status =
+        kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count, s->rays->hits, error);
     if (status == KILN_OK)
         status = kiln_view_maps_load(s->maps, s->rays->hits, count, error);
     if (status != KILN_OK)
@@ -403,7 +423,8 @@ static int try_views(struct seek *s, const struct place *place, const struct kil
     return KILN_OK;
 }
 
-static int find_view(struct seek *s, struct kiln_view_camera *camera, bool *found, double *distance, struct kiln_error *error)
+static int find_view(struct seek *s, struct kiln_view_camera *camera, bool *found, double *distance,
+                     struct kiln_error *error)
 {
     struct view best = {0};
     const size_t chosen = choose_places(s);
@@ -435,13 +456,15 @@ static int measure_light(struct seek *s, size_t count, struct kiln_error *error)
 }
 
 /* The best of the views from outside; the first is preferred a little. */
-static int compare_outside(struct seek *s, const struct kiln_view_camera *outside, size_t count, size_t *best, struct kiln_error *error)
+static int compare_outside(struct seek *s, const struct kiln_view_camera *outside, size_t count, size_t *best,
+                           struct kiln_error *error)
 {
     const struct kiln_geometry *g = s->source->geometry;
     double most = 0.0;
     for (size_t v = 0; v < count; v++)
         aim_rays(s, &outside[v], v * VIEW_RAYS);
-    int status = kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count * VIEW_RAYS, s->rays->hits, error);
+    int status = kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count * VIEW_RAYS,
+                                        s->rays->hits, error);
     if (status == KILN_OK)
         status = kiln_view_maps_load(s->maps, s->rays->hits, count * VIEW_RAYS, error);
     if (status == KILN_OK)
@@ -460,7 +483,8 @@ static int compare_outside(struct seek *s, const struct kiln_view_camera *outsid
 }
 
 int kiln_view_seek(const struct kiln_view_source *source, const struct kiln_view_camera *outside, size_t outside_count,
-                   struct kiln_view_camera *camera, bool *found, size_t *best, double *distance, struct kiln_error *error)
+                   struct kiln_view_camera *camera, bool *found, size_t *best, double *distance,
+                   struct kiln_error *error)
 {
     struct seek s = {.source = source};
     bool open = true;
@@ -479,7 +503,8 @@ int kiln_view_seek(const struct kiln_view_source *source, const struct kiln_view
         status = find_places(&s, error);
     if (status == KILN_OK)
         status = judge_places(&s, error);
-    const bool closed = status == KILN_OK && (double)s.enclosed >= LEAST_ENCLOSED * PLACES && 2 * s.roofed > s.enclosed && s.light > 0.0;
+    const bool closed = status == KILN_OK && (double)s.enclosed >= LEAST_ENCLOSED * PLACES &&
+                        2 * s.roofed > s.enclosed && s.light > 0.0;
     s.box = s.room;
     if (closed)
         status = is_open_to(&s, outside[*best].position, &open, error);

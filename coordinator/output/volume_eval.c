@@ -17,9 +17,9 @@ enum { ARRAYS = 9, VALUES = sizeof(struct kiln_volume_probe) / sizeof(float) };
 static const struct {
     const char *name;
     int components;
-} arrays[ARRAYS] = {{"irradiance_sh", 27},  {"irradiance_posx", 3}, {"irradiance_negx", 3}, {"irradiance_posy", 3},
-                    {"irradiance_negy", 3}, {"irradiance_posz", 3}, {"irradiance_negz", 3}, {"validity", 1},
-                    {"mean_distance", 1}};
+} arrays[ARRAYS] = {{"irradiance_sh", 27},  {"irradiance_posx", 3}, {"irradiance_negx", 3},
+                    {"irradiance_posy", 3}, {"irradiance_negy", 3}, {"irradiance_posz", 3},
+                    {"irradiance_negz", 3}, {"validity", 1},        {"mean_distance", 1}};
 
 struct kiln_volume {
     char *path;
@@ -38,9 +38,12 @@ static int not_a_volume(const char *path, const char *what, struct kiln_error *e
 static bool read_attribute(hid_t file, const char *name, hid_t type, hsize_t count, void *values)
 {
     const hid_t attribute = H5Aopen_by_name(file, "/VTKHDF", name, H5P_DEFAULT, H5P_DEFAULT);
-    const hid_t space = attribute < 0 ? H5I_INVALID_HID : H5Aget_space(attribute), stored = attribute < 0 ? H5I_INVALID_HID : H5Aget_type(attribute);
-    const bool plain = stored >= 0 && (H5Tget_class(stored) == H5T_INTEGER || H5Tget_class(stored) == H5T_FLOAT) && H5Tget_size(stored) <= 8;
-    const bool good = plain && space >= 0 && H5Sget_simple_extent_npoints(space) == (hssize_t)count && H5Aread(attribute, type, values) >= 0;
+    const hid_t space = attribute < 0 ? H5I_INVALID_HID : H5Aget_space(attribute),
+                stored = attribute < 0 ? H5I_INVALID_HID : H5Aget_type(attribute);
+    const bool plain = stored >= 0 && (H5Tget_class(stored) == H5T_INTEGER || H5Tget_class(stored) == H5T_FLOAT) &&
+                       H5Tget_size(stored) <= 8;
+    const bool good = plain && space >= 0 && H5Sget_simple_extent_npoints(space) == (hssize_t)count &&
+                      H5Aread(attribute, type, values) >= 0;
     if (stored >= 0)
         (void)H5Tclose(stored);
     if (space >= 0)
@@ -74,11 +77,12 @@ static int open_array(struct kiln_volume *v, int array, struct kiln_error *error
     v->datasets[array] = H5Dopen2(kiln_h5_file_id(v->file), name, H5P_DEFAULT);
     const hid_t space = v->datasets[array] < 0 ? H5I_INVALID_HID : H5Dget_space(v->datasets[array]);
     hsize_t size[8] = {0};
-    const int rank = space < 0 || H5Sget_simple_extent_ndims(space) > 4 ? -1 : H5Sget_simple_extent_dims(space, size, NULL);
+    const int rank =
+        space < 0 || H5Sget_simple_extent_ndims(space) > 4 ? -1 : H5Sget_simple_extent_dims(space, size, NULL);
     if (space >= 0)
         (void)H5Sclose(space);
-    if (rank != (arrays[array].components > 1 ? 4 : 3) || size[0] != v->size[2] || size[1] != v->size[1] || size[2] != v->size[0] ||
-        (rank == 4 && size[3] != (hsize_t)arrays[array].components))
+    if (rank != (arrays[array].components > 1 ? 4 : 3) || size[0] != v->size[2] || size[1] != v->size[1] ||
+        size[2] != v->size[0] || (rank == 4 && size[3] != (hsize_t)arrays[array].components))
         return not_a_volume(v->path, arrays[array].name, error);
     return KILN_OK;
 }
@@ -144,9 +148,11 @@ void kiln_volume_extent(const struct kiln_volume *v, uint64_t size[3], double or
 
 static bool read_values(hid_t dataset, const uint64_t at[3], int components, float *values)
 {
-    const hsize_t start[4] = {at[2], at[1], at[0], 0}, size[4] = {1, 1, 1, (hsize_t)components}, count = (hsize_t)components;
+    const hsize_t start[4] = {at[2], at[1], at[0], 0}, size[4] = {1, 1, 1, (hsize_t)components},
+                  count = (hsize_t)components;
     const hid_t space = H5Dget_space(dataset), memory = H5Screate_simple(1, &count, NULL);
-    const bool good = space >= 0 && memory >= 0 && H5Sselect_hyperslab(space, H5S_SELECT_SET, start, NULL, size, NULL) >= 0 &&
+    const bool good = space >= 0 && memory >= 0 &&
+                      H5Sselect_hyperslab(space, H5S_SELECT_SET, start, NULL, size, NULL) >= 0 &&
                       H5Dread(dataset, H5T_NATIVE_FLOAT, memory, space, H5P_DEFAULT, values) >= 0;
     if (space >= 0)
         (void)H5Sclose(space);
@@ -157,13 +163,15 @@ static bool read_values(hid_t dataset, const uint64_t at[3], int components, flo
 
 _Static_assert(VALUES == 27 + 18 + 2, "the arrays fill struct kiln_volume_probe");
 
-int kiln_volume_read(const struct kiln_volume *v, const uint64_t at[3], struct kiln_volume_probe *probe, struct kiln_error *error)
+int kiln_volume_read(const struct kiln_volume *v, const uint64_t at[3], struct kiln_volume_probe *probe,
+                     struct kiln_error *error)
 {
     float values[VALUES], *next = values;
     for (int a = 0; a < ARRAYS; a++) {
         if (!read_values(v->datasets[a], at, arrays[a].components, next))
-            return kiln_fail(error, KILN_IO, "'%s': %s of probe (%llu, %llu, %llu) cannot be read", v->path, arrays[a].name,
-                             (unsigned long long)at[0], (unsigned long long)at[1], (unsigned long long)at[2]);
+            return kiln_fail(error, KILN_IO, "'%s': %s of probe (%llu, %llu, %llu) cannot be read", v->path,
+                             arrays[a].name, (unsigned long long)at[0], (unsigned long long)at[1],
+                             (unsigned long long)at[2]);
         next += arrays[a].components;
     }
     memcpy(probe, values, sizeof values);
@@ -176,8 +184,8 @@ float kiln_volume_trust(float validity)
     return trust < 0.0f ? 0.0f : trust > 1.0f ? 1.0f : trust;
 }
 
-int kiln_volume_corners(const uint64_t size[3], const double origin[3], const double spacing[3], const double position[3],
-                        uint64_t at[8][3], double weight[8], bool *outside)
+int kiln_volume_corners(const uint64_t size[3], const double origin[3], const double spacing[3],
+                        const double position[3], uint64_t at[8][3], double weight[8], bool *outside)
 {
     uint64_t low[3];
     double part[3];
@@ -208,8 +216,8 @@ int kiln_volume_corners(const uint64_t size[3], const double origin[3], const do
     return count;
 }
 
-int kiln_volume_light(const struct kiln_volume *v, const double position[3], struct kiln_volume_probe *light, bool *outside,
-                      struct kiln_error *error)
+int kiln_volume_light(const struct kiln_volume *v, const double position[3], struct kiln_volume_probe *light,
+                      bool *outside, struct kiln_error *error)
 {
     uint64_t at[8][3];
     double weight[8], sum[VALUES] = {0}, total = 0.0;
@@ -228,15 +236,17 @@ int kiln_volume_light(const struct kiln_volume *v, const double position[3], str
     }
     if (!(total > 0.0))
         return kiln_fail(error, KILN_BAD_INPUT,
-                         "'%s': no probe around (%g, %g, %g) can be trusted, they all lie inside or behind geometry: choose another place "
+                         "'%s': no probe around (%g, %g, %g) can be trusted, they all lie inside or behind geometry: "
+                         "choose another place "
                          "or bake with a smaller --probe-spacing",
                          v->path, position[0], position[1], position[2]);
     float values[VALUES];
     for (int i = 0; i < VALUES; i++) {
         values[i] = (float)(sum[i] / total);
         if (!isfinite(values[i]))
-            return kiln_fail(error, KILN_BAD_INPUT, "'%s': a probe around (%g, %g, %g) has a value that is not a number; bake again", v->path, position[0],
-                             position[1], position[2]);
+            return kiln_fail(error, KILN_BAD_INPUT,
+                             "'%s': a probe around (%g, %g, %g) has a value that is not a number; bake again", v->path,
+                             position[0], position[1], position[2]);
     }
     memcpy(light, values, sizeof values);
     return KILN_OK;

@@ -1,10 +1,10 @@
 #include <math.h>
 #include <string.h>
 
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 #include "coordinator/output/h5.h"
 #include "coordinator/output/output.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/volume_eval.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/harmonics.h"
@@ -51,12 +51,16 @@ static bool select_range(hid_t space, const uint64_t size[3], uint64_t first, ui
     return good;
 }
 
-static int write_array(struct volume_writer *w, const char *name, uint64_t components, const char *units, const char *description,
-                       struct kiln_error *error)
+static int write_array(struct volume_writer *w, const char *name, uint64_t components, const char *units,
+                       const char *description, struct kiln_error *error)
 {
     const uint64_t *size = w->volume->size;
-    struct kiln_h5_dataset what = {.name = name, .type = H5T_NATIVE_FLOAT, .rank = components > 1 ? 4 : 3,
-                                   .size = {size[2], size[1], size[0], components}, .units = units, .description = description,
+    struct kiln_h5_dataset what = {.name = name,
+                                   .type = H5T_NATIVE_FLOAT,
+                                   .rank = components > 1 ? 4 : 3,
+                                   .size = {size[2], size[1], size[0], components},
+                                   .units = units,
+                                   .description = description,
                                    .chunk = {0, 0, 0, components}};
     for (int i = 0; i < 3; i++)
         what.chunk[i] = what.size[i] < CHUNK_SIDE ? what.size[i] : CHUNK_SIDE;
@@ -98,11 +102,13 @@ static int write_harmonics(struct volume_writer *w, struct kiln_error *error)
     const int status = kiln_agree(w->h5.communicator, check_finite(w, 27, "its light", error), error);
     if (status != KILN_OK)
         return status;
-    return write_array(w, "/VTKHDF/PointData/irradiance_sh", 27, w->result->units->irradiance,
-                       "spherical harmonics of irradiance, component 3 i + channel (linear RGB): E(n) = sum over i of c_i Y_i(n) for unit "
-                       "normal n; real orthonormal Y_00 Y_1-1 Y_10 Y_11 Y_2-2 Y_2-1 Y_20 Y_21 Y_22 in x, y, z as in Ramamoorthi and "
-                       "Hanrahan 2001; the cosine is folded in (pi, 2 pi / 3, pi / 4)",
-                       error);
+    return write_array(
+        w, "/VTKHDF/PointData/irradiance_sh", 27, w->result->units->irradiance,
+        "spherical harmonics of irradiance, component 3 i + channel (linear RGB): E(n) = sum over i of c_i Y_i(n) for "
+        "unit "
+        "normal n; real orthonormal Y_00 Y_1-1 Y_10 Y_11 Y_2-2 Y_2-1 Y_20 Y_21 Y_22 in x, y, z as in Ramamoorthi and "
+        "Hanrahan 2001; the cosine is folded in (pi, 2 pi / 3, pi / 4)",
+        error);
 }
 
 static int write_axes(struct volume_writer *w, struct kiln_error *error)
@@ -116,7 +122,8 @@ static int write_axes(struct volume_writer *w, struct kiln_error *error)
             memcpy(w->values + 3 * p, w->volume->probes[p].irradiance_axes[a], 3 * sizeof(float));
         status = kiln_agree(w->h5.communicator, check_finite(w, 3, "its light along an axis", error), error);
         if (status == KILN_OK)
-            status = write_array(w, names[a], 3, w->result->units->irradiance, "irradiance on a face looking along this axis, linear RGB, estimated directly", error);
+            status = write_array(w, names[a], 3, w->result->units->irradiance,
+                                 "irradiance on a face looking along this axis, linear RGB, estimated directly", error);
     }
     return status;
 }
@@ -125,13 +132,17 @@ static int write_scalars(struct volume_writer *w, struct kiln_error *error)
 {
     for (uint64_t p = 0; p < w->volume->count; p++)
         w->values[p] = 1.0f - w->volume->probes[p].back_share;
-    int status = write_array(w, "/VTKHDF/PointData/validity", 1, "1",
-                             "share of directions in which no back face is met first: near 0 inside geometry, where a probe is of no use", error);
+    int status = write_array(
+        w, "/VTKHDF/PointData/validity", 1, "1",
+        "share of directions in which no back face is met first: near 0 inside geometry, where a probe is of no use",
+        error);
     for (uint64_t p = 0; p < w->volume->count; p++)
         w->values[p] = w->volume->probes[p].mean_distance;
     if (status == KILN_OK)
-        status = write_array(w, "/VTKHDF/PointData/mean_distance", 1, "m",
-                             "mean distance to what is met, over all directions; the scene's diagonal stands in where nothing is", error);
+        status = write_array(
+            w, "/VTKHDF/PointData/mean_distance", 1, "m",
+            "mean distance to what is met, over all directions; the scene's diagonal stands in where nothing is",
+            error);
     return status;
 }
 
@@ -169,7 +180,8 @@ static int write_header(struct volume_writer *w, const struct kiln_output_params
     if (status == KILN_OK)
         status = kiln_h5_attribute_text(h5, "/", "kiln_version", KILN_VERSION, error);
     if (status == KILN_OK)
-        status = kiln_h5_attribute_text(h5, "/", "provenance", params->provenance_json == NULL ? "{}" : params->provenance_json, error);
+        status = kiln_h5_attribute_text(h5, "/", "provenance",
+                                        params->provenance_json == NULL ? "{}" : params->provenance_json, error);
     if (type >= 0 && H5Tclose(type) < 0 && status == KILN_OK)
         status = kiln_h5_failed(h5, "release", "Type", error);
     return kiln_agree(h5->communicator, status, error);
@@ -190,14 +202,16 @@ static int read_back(const struct volume_writer *w, const struct kiln_publish *p
         status = kiln_volume_read(volume, at, &probe, &why);
         for (int c = 0; status == KILN_OK && c < 3; c++)
             if (probe.harmonics[8][c] != (float)(kiln_harmonics_cosine(8) * (double)v->probes[own].radiance[8][c]) ||
-                probe.axes[5][c] != v->probes[own].irradiance_axes[5][c] || probe.mean_distance != v->probes[own].mean_distance)
+                probe.axes[5][c] != v->probes[own].irradiance_axes[5][c] ||
+                probe.mean_distance != v->probes[own].mean_distance)
                 status = kiln_fail(&why, KILN_IO, "probe %llu", (unsigned long long)index);
     }
     kiln_volume_close(&volume);
     if (status == KILN_OK)
         return KILN_OK;
     /* the file is our own */
-    return kiln_fail(error, status == KILN_BAD_INPUT ? KILN_IO : status, "'%s' does not read back as it was written: %s", path, why.message);
+    return kiln_fail(error, status == KILN_BAD_INPUT ? KILN_IO : status,
+                     "'%s' does not read back as it was written: %s", path, why.message);
 }
 
 /* If nothing in it could be compressed: chunks at the border are whole. */

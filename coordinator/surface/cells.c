@@ -8,16 +8,18 @@ static double cells_along(double length, double size)
     return fmax(1.0, ceil(length / size - 1e-6)); /* a side of 24.0000001 cells has 24, the last one that much larger */
 }
 
-int kiln_grid_choose(struct kiln_grid *grid, const struct kiln_geometry *geometry, double cell_size, struct kiln_error *error)
+int kiln_grid_choose(struct kiln_grid *grid, const struct kiln_geometry *geometry, double cell_size,
+                     struct kiln_error *error)
 {
     const struct kiln_dvec3 low = dvec3_of(geometry->bounds_min), side = dvec3_sub(dvec3_of(geometry->bounds_max), low);
     const double longest = fmax(side.x, fmax(side.y, side.z));
     if (!(cell_size >= 0.0) || isinf(cell_size))
-        return kiln_fail(error, KILN_BAD_INPUT, "the cell size %g is not a length: give metres above 0, or 0 to have it chosen",
-                         cell_size);
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "the cell size %g is not a length: give metres above 0, or 0 to have it chosen", cell_size);
     if (cell_size > 0.0 && cells_along(longest, cell_size) > most_along_side)
         return kiln_fail(error, KILN_BAD_INPUT,
-                         "cells of %g m are too small for a scene %g m long (at most 2^20 fit along a side): --cell-size %g would do, or "
+                         "cells of %g m are too small for a scene %g m long (at most 2^20 fit along a side): "
+                         "--cell-size %g would do, or "
                          "auto",
                          cell_size, longest, 1.001 * longest / most_along_side);
     const double size = cell_size > 0.0 ? cell_size : longest > 0.0 ? longest / CELLS_ALONG_LONGEST : 1.0;

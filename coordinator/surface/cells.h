@@ -12,9 +12,11 @@ struct kiln_grid {
     uint64_t count[3];
 };
 
-/* Lays the grid over the geometry's bounds. `cell_size` in metres; 0: a 24th of the longest side, for kiln_grid_coarsen to
- * enlarge. KILN_BAD_INPUT for a size that is not a positive number or gives more than 2^20 cells along a side. Pure. */
-int kiln_grid_choose(struct kiln_grid *grid, const struct kiln_geometry *geometry, double cell_size, struct kiln_error *error);
+/* Lays the grid over the geometry's bounds. `cell_size` in metres; 0: a 24th of the longest side, for kiln_grid_coarsen
+ * to enlarge. KILN_BAD_INPUT for a size that is not a positive number or gives more than 2^20 cells along a side. Pure.
+ */
+int kiln_grid_choose(struct kiln_grid *grid, const struct kiln_geometry *geometry, double cell_size,
+                     struct kiln_error *error);
 
 /* Doubles the cells' size: a cell's code is then its old one shifted right by 3. */
 void kiln_grid_coarsen(struct kiln_grid *grid);

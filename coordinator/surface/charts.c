@@ -31,7 +31,8 @@ static uint64_t hash_of(const struct vertex_key *key)
 }
 
 /* Joins vertices that are split only for normals, colours or materials. */
-static int join_equal(uint32_t *parent, const struct kiln_scene *scene, const struct kiln_mesh *mesh, struct kiln_error *error)
+static int join_equal(uint32_t *parent, const struct kiln_scene *scene, const struct kiln_mesh *mesh,
+                      struct kiln_error *error)
 {
     uint64_t slots = 16;
     while (slots < 2 * mesh->vertex_count)
@@ -57,7 +58,8 @@ static int join_equal(uint32_t *parent, const struct kiln_scene *scene, const st
     return KILN_OK;
 }
 
-static int find_in_mesh(uint32_t *parent, const struct kiln_scene *scene, const struct kiln_mesh *mesh, struct kiln_error *error)
+static int find_in_mesh(uint32_t *parent, const struct kiln_scene *scene, const struct kiln_mesh *mesh,
+                        struct kiln_error *error)
 {
     for (uint64_t v = 0; v < mesh->vertex_count; v++)
         parent[v] = (uint32_t)v;
@@ -74,7 +76,8 @@ static int find_in_mesh(uint32_t *parent, const struct kiln_scene *scene, const 
     return KILN_OK;
 }
 
-int kiln_charts_find(uint32_t **vertex_chart, const struct kiln_scene *scene, const uint8_t *wanted, uint32_t threads, struct kiln_error *error)
+int kiln_charts_find(uint32_t **vertex_chart, const struct kiln_scene *scene, const uint8_t *wanted, uint32_t threads,
+                     struct kiln_error *error)
 {
     *vertex_chart = NULL;
     uint32_t *chart = NULL;

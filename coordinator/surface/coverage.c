@@ -107,8 +107,9 @@ static void sort_tile(uint32_t *triangles, uint64_t count)
     }
 }
 
-int kiln_coverage_create(struct kiln_coverage *coverage, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
-                         const struct kiln_surface *surface, uint32_t map, uint32_t threads, struct kiln_error *error)
+int kiln_coverage_create(struct kiln_coverage *coverage, const struct kiln_scene *scene,
+                         const struct kiln_geometry *geometry, const struct kiln_surface *surface, uint32_t map,
+                         uint32_t threads, struct kiln_error *error)
 {
     const struct kiln_lightmap *lightmap = &surface->lightmaps[map];
     *coverage = (struct kiln_coverage){.scene = scene,
@@ -126,14 +127,16 @@ int kiln_coverage_create(struct kiln_coverage *coverage, const struct kiln_scene
     int status = kiln_allocate(&c->tile_first, tiles + 2, sizeof *c->tile_first, "an object's tiles", error);
     if (status != KILN_OK)
         goto end;
-    /* Counts stand one place on, so that filling, which moves each tile's place to its end, leaves the firsts behind. */
+    /* Counts stand one place on, so that filling, which moves each tile's place to its end, leaves the firsts behind.
+     */
     uint64_t *place = c->tile_first + 1;
 #pragma omp parallel for schedule(dynamic, 1024) num_threads(team)
     for (uint64_t k = 0; k < count; k++)
         bin(c, (uint32_t)world_triangle(range, k), place, NULL);
     for (uint64_t tile = 0; tile < tiles; tile++)
         place[tile + 1] += place[tile];
-    status = kiln_allocate(&c->triangles, place[tiles], sizeof *c->triangles, "the triangles of an object's tiles", error);
+    status =
+        kiln_allocate(&c->triangles, place[tiles], sizeof *c->triangles, "the triangles of an object's tiles", error);
     if (status != KILN_OK)
         goto end;
 #pragma omp parallel for schedule(dynamic, 1024) num_threads(team)
@@ -165,8 +168,8 @@ struct tile_window {
     uint32_t width, height; /* texels of the tile that lie in the lightmap */
 };
 
-static void add_piece(struct kiln_coverage_scratch *scratch, uint32_t triangle, uint32_t x, uint32_t y, bool whole, double area,
-                      double b1, double b2)
+static void add_piece(struct kiln_coverage_scratch *scratch, uint32_t triangle, uint32_t x, uint32_t y, bool whole,
+                      double area, double b1, double b2)
 {
     scratch->pieces[scratch->count++] =
         (struct kiln_coverage_piece){area, b1, b2, triangle, (uint8_t)kiln_morton8(x, y), whole};

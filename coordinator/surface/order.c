@@ -36,7 +36,8 @@ static int list_own_cells(const struct kiln_build *build, uint64_t **codes, size
             *points += kiln_part_points(&block->parts[i]);
             if (count > 0 && (*codes)[count - 1] == block->parts[i].code)
                 continue;
-            const int status = kiln_grow(codes, &capacity, count + 1, sizeof **codes, "the occupied cells", build->error);
+            const int status =
+                kiln_grow(codes, &capacity, count + 1, sizeof **codes, "the occupied cells", build->error);
             if (status != KILN_OK)
                 return status;
             (*codes)[count++] = block->parts[i].code;
@@ -83,8 +84,8 @@ end:
     return status;
 }
 
-/* Joins the parts of each tile that now lie in one cell (`whole_tiles`: all of them, into the cell of the tile's first point).
- * Parts stand by their first points, and so do the joined ones. */
+/* Joins the parts of each tile that now lie in one cell (`whole_tiles`: all of them, into the cell of the tile's first
+ * point). Parts stand by their first points, and so do the joined ones. */
 static void merge_parts(struct kiln_build *build, uint32_t shift, bool whole_tiles)
 {
     const int team = (int)build->threads;
@@ -112,8 +113,9 @@ static void merge_parts(struct kiln_build *build, uint32_t shift, bool whole_til
     }
 }
 
-/* Settles on the grid, lists its occupied cells in order and gives each part its cell's index. Where the size is ours to
- * choose, cells are doubled until an occupied one holds enough points on the mean: below that, fragments get small. */
+/* Settles on the grid, lists its occupied cells in order and gives each part its cell's index. Where the size is ours
+ * to choose, cells are doubled until an occupied one holds enough points on the mean: below that, tile runs get small.
+ */
 static int rank_cells(struct kiln_build *build)
 {
     size_t cells;
@@ -130,8 +132,9 @@ static int rank_cells(struct kiln_build *build)
         shift += 3;
     }
     if (cells >= UINT32_MAX)
-        return kiln_fail(build->error, KILN_BAD_INPUT, "%zu cells are occupied and kiln can hold %u: give a larger --cell-size",
-                         cells, UINT32_MAX - 1);
+        return kiln_fail(build->error, KILN_BAD_INPUT,
+                         "%zu cells are occupied and kiln can hold %u: give a larger --cell-size", cells,
+                         UINT32_MAX - 1);
     build->surface->cell_count = cells;
     if (shift > 0)
         merge_parts(build, shift, false);
@@ -152,15 +155,16 @@ static uint64_t unit_of(const struct kiln_build *build, const struct kiln_block 
     return build->params->partition == KILN_PARTITION_CELLS ? part->cell : block->map;
 }
 
-/* Gives own parts their places in global order. All parts stand by object and tile already, over the ranks too, so a stable counting
- * sort by unit is one walk with a cursor for each unit: `point` and `fragment` begin where the ranks before this one end. */
-static void number_parts(struct kiln_build *build, uint64_t *point, uint64_t *fragment)
+/* Gives own parts their places in global order. All parts stand by object and tile already, over the ranks too, so a
+ * stable counting sort by unit is one walk with a cursor for each unit: `point` and `tile run` begin where the ranks
+ * before this one end. */
+static void number_parts(struct kiln_build *build, uint64_t *point, uint64_t *tile_run)
 {
     for (uint64_t b = build->own_first; b < build->own_end; b++) {
         for (size_t i = 0; i < build->blocks[b].count; i++) {
             struct kiln_part *part = &build->blocks[b].parts[i];
             const uint64_t unit = unit_of(build, &build->blocks[b], part);
-            part->position = fragment[unit]++;
+            part->position = tile_run[unit]++;
             part->first = point[unit];
             point[unit] += kiln_part_points(part);
         }
@@ -171,13 +175,14 @@ static int allocate_units(struct kiln_build *build, uint64_t **sums, uint64_t **
 {
     const char *what = "the units of the partition";
     struct kiln_units *units = &build->units;
-    units->count =
-        build->params->partition == KILN_PARTITION_CELLS ? build->surface->cell_count : (uint64_t)build->surface->map_count;
+    units->count = build->params->partition == KILN_PARTITION_CELLS ? build->surface->cell_count
+                                                                    : (uint64_t)build->surface->map_count;
     int status = kiln_allocate(&units->points, units->count, sizeof *units->points, what, build->error);
     if (status == KILN_OK)
         status = kiln_allocate(&units->first_point, units->count + 1, sizeof *units->first_point, what, build->error);
     if (status == KILN_OK)
-        status = kiln_allocate(&units->first_fragment, units->count + 1, sizeof *units->first_fragment, what, build->error);
+        status =
+            kiln_allocate(&units->first_tile_run, units->count + 1, sizeof *units->first_tile_run, what, build->error);
     if (status == KILN_OK)
         status = kiln_allocate(sums, 2 * units->count, sizeof **sums, what, build->error);
     if (status == KILN_OK)
@@ -190,7 +195,7 @@ static int place_parts(struct kiln_build *build, int status)
 {
     const struct kiln_surface_exchange *x = build->exchange;
     struct kiln_units *units = &build->units;
-    uint64_t *sums = NULL, *before = NULL; /* points of each unit, then fragments of each */
+    uint64_t *sums = NULL, *before = NULL; /* points of each unit, then tile runs of each */
     if (status == KILN_OK)
         status = allocate_units(build, &sums, &before);
     const uint64_t count = units->count;
@@ -208,9 +213,9 @@ static int place_parts(struct kiln_build *build, int status)
     for (uint64_t u = 0; u < count; u++) {
         units->points[u] = sums[u];
         units->first_point[u + 1] = units->first_point[u] + sums[u];
-        units->first_fragment[u + 1] = units->first_fragment[u] + sums[count + u];
+        units->first_tile_run[u + 1] = units->first_tile_run[u] + sums[count + u];
         before[u] += units->first_point[u];
-        before[count + u] += units->first_fragment[u];
+        before[count + u] += units->first_tile_run[u];
     }
     number_parts(build, before, before + count);
 end:
@@ -304,7 +309,8 @@ static int fill_map(struct kiln_build *build, int status)
     if (status == KILN_OK)
         status = kiln_allocate(&s->splits, s->split_count, sizeof *s->splits, "the split lightmap tiles", build->error);
     if (status == KILN_OK && build->workers > 1)
-        status = kiln_allocate(&writer.list, entries, sizeof *writer.list, "the lightmap tiles on their way", build->error);
+        status =
+            kiln_allocate(&writer.list, entries, sizeof *writer.list, "the lightmap tiles on their way", build->error);
     for (uint64_t b = build->own_first; b < build->own_end && status == KILN_OK; b++)
         write_block(&writer, &build->blocks[b]);
     status = x->all(x->context, status, writer.list, writer.count, sizeof *writer.list, take_entries, s, build->error);
@@ -322,6 +328,6 @@ int kiln_build_order(struct kiln_build *build)
         return status;
     build->surface->point_count = build->units.first_point[build->units.count];
     build->report->points = build->surface->point_count;
-    build->report->fragments = build->units.first_fragment[build->units.count];
+    build->report->tile_runs = build->units.first_tile_run[build->units.count];
     return fill_map(build, KILN_OK);
 }

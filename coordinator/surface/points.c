@@ -45,7 +45,8 @@ static bool is_large(const struct kiln_build *build, size_t map)
 }
 
 void kiln_build_for_maps(struct kiln_build *build, const uint8_t *wanted,
-                         void (*work)(struct kiln_build *build, uint32_t map, uint32_t threads, const void *context), const void *context)
+                         void (*work)(struct kiln_build *build, uint32_t map, uint32_t threads, const void *context),
+                         const void *context)
 {
     const size_t count = build->surface->map_count;
     const int team = (int)build->threads;
@@ -83,7 +84,8 @@ static uint32_t count_maps(const struct kiln_build *build)
     return (uint32_t)objects;
 }
 
-/* That of backs is as fine as that of the front where people look at it, and takes a quarter of its points where only rays do. */
+/* That of backs is as fine as that of the front where people look at it, and takes a quarter of its points where only
+ * rays do. */
 static void size_lightmap(const struct kiln_build *build, uint32_t number, struct kiln_lightmap *map)
 {
     const uint32_t o = kiln_map_object(build->surface, number);
@@ -107,13 +109,16 @@ static int place_lightmaps(struct kiln_build *build)
     const struct kiln_scene *scene = build->scene;
     struct kiln_surface *surface = build->surface;
     if (scene->object_count > UINT32_MAX / 2)
-        return kiln_fail(build->error, KILN_BAD_INPUT, "the scene has %zu objects and at most %u are possible: join some", scene->object_count,
+        return kiln_fail(build->error, KILN_BAD_INPUT,
+                         "the scene has %zu objects and at most %u are possible: join some", scene->object_count,
                          UINT32_MAX / 2);
     surface->object_count = (uint32_t)scene->object_count;
     surface->map_count = count_maps(build);
-    int status = kiln_allocate(&surface->lightmaps, surface->map_count, sizeof *surface->lightmaps, "the lightmaps", build->error);
+    int status = kiln_allocate(&surface->lightmaps, surface->map_count, sizeof *surface->lightmaps, "the lightmaps",
+                               build->error);
     if (status == KILN_OK)
-        status = kiln_allocate(&build->map_block, (size_t)surface->map_count + 1, sizeof *build->map_block, "the lightmaps", build->error);
+        status = kiln_allocate(&build->map_block, (size_t)surface->map_count + 1, sizeof *build->map_block,
+                               "the lightmaps", build->error);
     if (status != KILN_OK)
         return status;
     for (uint32_t o = 0; o < surface->map_count; o++) {
@@ -121,9 +126,11 @@ static int place_lightmaps(struct kiln_build *build)
         size_lightmap(build, o, map);
         if (tiles_of(build, o) >= UINT32_MAX)
             return kiln_fail(build->error, KILN_BAD_INPUT,
-                             "object '%s': a lightmap of %u x %u texels is larger than kiln can hold: lower --texels-per-metre or set "
+                             "object '%s': a lightmap of %u x %u texels is larger than kiln can hold: lower "
+                             "--texels-per-metre or set "
                              "--lightmap-max",
-                             kiln_scene_string(scene, scene->objects[kiln_map_object(surface, o)].name), map->width, map->height);
+                             kiln_scene_string(scene, scene->objects[kiln_map_object(surface, o)].name), map->width,
+                             map->height);
         surface->tile_count += tiles_of(build, o);
         build->map_block[o + 1] = build->map_block[o] + (tiles_of(build, o) + KILN_BLOCK_TILES - 1) / KILN_BLOCK_TILES;
         build->report->texels += (uint64_t)map->width * map->height;
@@ -131,12 +138,14 @@ static int place_lightmaps(struct kiln_build *build)
     return KILN_OK;
 }
 
-/* Work of covering a tile of a lightmap, about. A texel within a triangle takes some 50 ns; a triangle takes 4 times as much whatever its size,
- * and each texel along its edges, where it has to be clipped, 10 times: there are as many as the root of those within. */
+/* Work of covering a tile of a lightmap, about. A texel within a triangle takes some 50 ns; a triangle takes 4 times as
+ * much whatever its size, and each texel along its edges, where it has to be clipped, 10 times: there are as many as
+ * the root of those within. */
 static double work_of_tile(const struct kiln_build *build, size_t map)
 {
     const double triangles = (double)triangles_of(build, map), texels = (double)tiles_of(build, map) * KILN_TILE_TEXELS;
-    return triangles == 0.0 ? 0.0 : KILN_TILE_TEXELS * (texels + 4.0 * triangles + 10.0 * sqrt(triangles * texels)) / texels;
+    return triangles == 0.0 ? 0.0
+                            : KILN_TILE_TEXELS * (texels + 4.0 * triangles + 10.0 * sqrt(triangles * texels)) / texels;
 }
 
 /* Says which blocks are of which lightmap, and deals them out. */
@@ -173,7 +182,8 @@ int kiln_build_measure(struct kiln_build *build)
     const struct kiln_scene *scene = build->scene;
     int status = place_lightmaps(build);
     if (status == KILN_OK)
-        status = kiln_allocate(&build->object_area, scene->object_count, sizeof *build->object_area, "the objects' areas", build->error);
+        status = kiln_allocate(&build->object_area, scene->object_count, sizeof *build->object_area,
+                               "the objects' areas", build->error);
     if (status == KILN_OK)
         status = kiln_allocate(&build->blocks, build->map_block[build->surface->map_count], sizeof *build->blocks,
                                "the blocks of lightmap tiles", build->error);
@@ -286,8 +296,9 @@ static double area_of(const struct kiln_build *build, uint32_t object)
     const struct kiln_object_range *range = &build->geometry->ranges[object];
     double area = 0.0;
     for (uint64_t k = 0; k < range->opaque_count + range->alpha_count; k++)
-        area += kiln_geometry_triangle_area(build->geometry,
-                                            k < range->opaque_count ? range->opaque_first + k : range->alpha_first + k - range->opaque_count);
+        area += kiln_geometry_triangle_area(build->geometry, k < range->opaque_count
+                                                                 ? range->opaque_first + k
+                                                                 : range->alpha_first + k - range->opaque_count);
     return area;
 }
 
@@ -295,7 +306,8 @@ static void cover_map(struct kiln_build *build, uint32_t number, uint32_t thread
 {
     (void)context;
     const struct kiln_lightmap *map = &build->surface->lightmaps[number];
-    const uint64_t tiles = tiles_of(build, number), block_first = build->map_block[number], block_last = build->map_block[number + 1];
+    const uint64_t tiles = tiles_of(build, number), block_first = build->map_block[number],
+                   block_last = build->map_block[number + 1];
     const uint64_t own_first = block_first > build->own_first ? block_first : build->own_first;
     const uint64_t own_end = block_last < build->own_end ? block_last : build->own_end;
     struct kiln_error error;
@@ -309,7 +321,8 @@ static void cover_map(struct kiln_build *build, uint32_t number, uint32_t thread
         build->object_area[number] = area_of(build, number);
     int status = kiln_allocate(&order, tiles, sizeof *order, "the order of a lightmap's tiles", &error);
     if (status == KILN_OK)
-        status = kiln_coverage_create(&coverage, build->scene, build->geometry, build->surface, number, threads, &error);
+        status =
+            kiln_coverage_create(&coverage, build->scene, build->geometry, build->surface, number, threads, &error);
     if (status != KILN_OK) {
         kiln_build_fail(build, status, &error);
         goto end;
@@ -391,7 +404,8 @@ static int exchange_sums(struct kiln_build *build, int status)
         const double whole = block->map < build->surface->object_count ? build->object_area[block->map] : 0.0;
         sums[i] = (struct block_sums){build->own_first + i, block->shared_texels, block->area, whole};
     }
-    status = build->exchange->all(build->exchange->context, status, sums, count, sizeof *sums, take_sums, build, build->error);
+    status = build->exchange->all(build->exchange->context, status, sums, count, sizeof *sums, take_sums, build,
+                                  build->error);
     kiln_free(&sums);
     return status;
 }

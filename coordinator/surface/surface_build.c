@@ -14,7 +14,8 @@ static int agree_alone(void *context, int status, struct kiln_error *error)
     return status;
 }
 
-static int sum_alone(void *context, int status, uint64_t *values, uint64_t *before, size_t count, struct kiln_error *error)
+static int sum_alone(void *context, int status, uint64_t *values, uint64_t *before, size_t count,
+                     struct kiln_error *error)
 {
     (void)context, (void)values, (void)error;
     if (status == KILN_OK && before != NULL)
@@ -22,8 +23,8 @@ static int sum_alone(void *context, int status, uint64_t *values, uint64_t *befo
     return status;
 }
 
-static int all_alone(void *context, int status, const void *own, size_t count, size_t size, kiln_surface_taker take, void *taker,
-                     struct kiln_error *error)
+static int all_alone(void *context, int status, const void *own, size_t count, size_t size, kiln_surface_taker take,
+                     void *taker, struct kiln_error *error)
 {
     (void)context, (void)size, (void)error;
     if (status == KILN_OK && count > 0)
@@ -31,14 +32,15 @@ static int all_alone(void *context, int status, const void *own, size_t count, s
     return status;
 }
 
-static int deal_alone(void *context, int status, const void *own, const size_t *counts, size_t size, kiln_surface_taker take, void *taker,
-                      struct kiln_error *error)
+static int deal_alone(void *context, int status, const void *own, const size_t *counts, size_t size,
+                      kiln_surface_taker take, void *taker, struct kiln_error *error)
 {
     (void)context, (void)own, (void)counts, (void)size, (void)take, (void)taker, (void)error;
     return status;
 }
 
-static const struct kiln_surface_exchange alone = {.agree = agree_alone, .sum = sum_alone, .all = all_alone, .deal = deal_alone};
+static const struct kiln_surface_exchange alone = {
+    .agree = agree_alone, .sum = sum_alone, .all = all_alone, .deal = deal_alone};
 
 /* ---- building ---- */
 
@@ -66,7 +68,7 @@ static void release(struct kiln_build *build)
     kiln_free(&build->cell_codes);
     kiln_free(&build->units.points);
     kiln_free(&build->units.first_point);
-    kiln_free(&build->units.first_fragment);
+    kiln_free(&build->units.first_tile_run);
 }
 
 static int find_parts(struct kiln_build *build, int status)
@@ -83,8 +85,8 @@ static int find_parts(struct kiln_build *build, int status)
     return status;
 }
 
-int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_params *params, struct kiln_surface_report *report,
-                       struct kiln_error *error)
+int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_params *params,
+                       struct kiln_surface_report *report, struct kiln_error *error)
 {
     *surface = NULL;
     *report = (struct kiln_surface_report){0};
@@ -97,9 +99,11 @@ int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_
                                .report = report,
                                .threads = params->threads > 0 ? params->threads : (uint32_t)omp_get_max_threads(),
                                .error = error};
-    int status = params->rank < params->ranks ? KILN_OK
-                                              : kiln_fail(error, KILN_USAGE, "rank %u of %u ranks does not exist: give a rank below their number",
-                                                          params->rank, params->ranks);
+    int status =
+        params->rank < params->ranks
+            ? KILN_OK
+            : kiln_fail(error, KILN_USAGE, "rank %u of %u ranks does not exist: give a rank below their number",
+                        params->rank, params->ranks);
     if (status == KILN_OK)
         status = kiln_allocate(&build.surface, 1, sizeof *build.surface, "the surface", error);
     status = find_parts(&build, status);
@@ -110,7 +114,7 @@ int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_
         report->cell_size = build.grid.size;
         for (int axis = 0; axis < 3; axis++)
             report->cells[axis] = build.grid.count[axis];
-        release(&build); /* the fragments hold what of it is still wanted */
+        release(&build); /* the tile runs hold what of it is still wanted */
         status = kiln_build_share(&build);
     }
     if (status == KILN_OK) {

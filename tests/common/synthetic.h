@@ -1,6 +1,7 @@
-/* A small scene, its surface and a made-up result, without importer, surface builder or backend: for tests of what stands
- * after them. Two objects share a mesh of two 1 m x 1 m squares that meet at x = 1 in space and lie apart, one turned by 90
- * degrees, on the layout; the second object stands 3 m further up and is mirrored. All coverage is exact by clipping. */
+/* A small scene, its surface and a made-up result, without importer, surface builder or backend: for tests of what
+ * stands after them. Two objects share a mesh of two 1 m x 1 m squares that meet at x = 1 in space and lie apart, one
+ * turned by 90 degrees, on the layout; the second object stands 3 m further up and is mirrored. All coverage is exact
+ * by clipping. */
 #ifndef KILN_TESTS_COMMON_SYNTHETIC_H
 #define KILN_TESTS_COMMON_SYNTHETIC_H
 
@@ -8,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/bake/result.h"
+#include "coordinator/field/result.h"
 #include "worker/base/memory.h"
 #include "worker/scene/clip.h"
 
@@ -34,7 +35,8 @@ static const char synthetic_strings[] = "\0first\0second\0sheet\0grey";
 
 static inline void synthetic_mesh(struct synthetic *s)
 {
-    static const float positions[8][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {1, 0, 0}, {2, 0, 0}, {2, 1, 0}, {1, 1, 0}};
+    static const float positions[8][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0},
+                                          {1, 0, 0}, {2, 0, 0}, {2, 1, 0}, {1, 1, 0}};
     /* square 0 upright; square 1 turned: its left edge (x = 1) runs along u */
     static const float texcoords[8][2] = {{0.06f, 0.11f}, {0.41f, 0.11f}, {0.41f, 0.83f}, {0.06f, 0.83f},
                                           {0.93f, 0.17f}, {0.93f, 0.87f}, {0.55f, 0.87f}, {0.55f, 0.17f}};
@@ -53,11 +55,16 @@ static inline void synthetic_scene(struct synthetic *s, uint32_t width, uint32_t
 {
     memset(s, 0, sizeof *s);
     synthetic_mesh(s);
-    s->material = (struct kiln_material){.name = 20, .base_color = {0.5f, 0.5f, 0.5f, 1}, .base_color_texture = KILN_NONE,
+    s->material = (struct kiln_material){.name = 20,
+                                         .base_color = {0.5f, 0.5f, 0.5f, 1},
+                                         .base_color_texture = KILN_NONE,
                                          .emission_texture = KILN_NONE};
     for (int i = 0; i < 2; i++) {
-        s->objects[i] = (struct kiln_object){.name = i == 0 ? 1 : 7, .original_name = i == 0 ? 1 : 7, .lightmap_width = width,
-                                             .lightmap_height = height, .transform = {i == 0 ? 1 : -1, 0, 0, 0, 0, 1, 0, i * 3.0, 0, 0, 1, 0},
+        s->objects[i] = (struct kiln_object){.name = i == 0 ? 1 : 7,
+                                             .original_name = i == 0 ? 1 : 7,
+                                             .lightmap_width = width,
+                                             .lightmap_height = height,
+                                             .transform = {i == 0 ? 1 : -1, 0, 0, 0, 0, 1, 0, i * 3.0, 0, 0, 1, 0},
                                              .flipped = (uint32_t)i};
     }
     s->objects[1].lightmap_height = height / 2 + 1;
@@ -66,12 +73,26 @@ static inline void synthetic_scene(struct synthetic *s, uint32_t width, uint32_t
     s->header.bounds_max[0] = 2;
     s->header.bounds_max[1] = 4;
     s->header.centre[1] = 2.0;
-    s->scene = (struct kiln_scene){.header = &s->header, .strings = synthetic_strings, .materials = &s->material, .meshes = &s->mesh,
-                                   .objects = s->objects, .environment = &s->environment, .positions = s->positions,
-                                   .normals = s->normals, .texcoord_base = s->texcoords, .texcoord_emission = s->texcoords,
-                                   .texcoord_lightmap = s->texcoords, .colors = &s->colors[0][0], .triangles = &s->triangles[0][0],
-                                   .triangle_materials = s->triangle_materials, .material_count = 1, .mesh_count = 1,
-                                   .object_count = 2, .vertex_count = 8, .triangle_count = 4, .descriptor = -1};
+    s->scene = (struct kiln_scene){.header = &s->header,
+                                   .strings = synthetic_strings,
+                                   .materials = &s->material,
+                                   .meshes = &s->mesh,
+                                   .objects = s->objects,
+                                   .environment = &s->environment,
+                                   .positions = s->positions,
+                                   .normals = s->normals,
+                                   .texcoord_base = s->texcoords,
+                                   .texcoord_emission = s->texcoords,
+                                   .texcoord_lightmap = s->texcoords,
+                                   .colors = &s->colors[0][0],
+                                   .triangles = &s->triangles[0][0],
+                                   .triangle_materials = s->triangle_materials,
+                                   .material_count = 1,
+                                   .mesh_count = 1,
+                                   .object_count = 2,
+                                   .vertex_count = 8,
+                                   .triangle_count = 4,
+                                   .descriptor = -1};
 }
 
 /* Area in texels of stored triangle `t` of object `o` in texel (x, y). */
@@ -88,7 +109,8 @@ static inline double synthetic_area(const struct synthetic *s, uint32_t o, uint3
     return area > 1e-9 ? area : 0.0;
 }
 
-static inline void synthetic_point(struct synthetic *s, uint32_t o, uint32_t x, uint32_t y, uint64_t point, uint64_t *piece, uint64_t *share)
+static inline void synthetic_point(struct synthetic *s, uint32_t o, uint32_t x, uint32_t y, uint64_t point,
+                                   uint64_t *piece, uint64_t *share)
 {
     struct kiln_surface *f = &s->surface;
     double total = 0.0, sum = 0.0;
@@ -101,7 +123,7 @@ static inline void synthetic_point(struct synthetic *s, uint32_t o, uint32_t x, 
             continue;
         sum += area;
         f->pieces[*piece + count] = (uint32_t)s->geometry->ranges[o].opaque_first + t;
-        f->shares[*share + count] = (float)(sum / total); /* the last is overwritten by the next point's */
+        f->area_cdf[*share + count] = (float)(sum / total); /* the last is overwritten by the next point's */
         count++;
     }
     *piece += count;
@@ -114,19 +136,19 @@ static inline void synthetic_point(struct synthetic *s, uint32_t o, uint32_t x, 
         f->albedo[3 * point + (uint64_t)c] = 32768;
 }
 
-/* The tiles, and all points in order of object, tile and bit; every tile is one fragment, cells are objects. */
+/* The tiles, and all points in order of object, tile and bit; every tile is one tile run, cells are objects. */
 static inline void synthetic_surface(struct synthetic *s)
 {
     struct kiln_surface *f = &s->surface;
     enum { ROOM = 1 << 17 };
     (void)kiln_allocate(&f->tiles, ROOM / 64, sizeof *f->tiles, "tiles", NULL);
     (void)kiln_allocate(&f->lightmaps, 2, sizeof *f->lightmaps, "lightmaps", NULL);
-    (void)kiln_allocate(&f->fragments, ROOM / 64, sizeof *f->fragments, "fragments", NULL);
+    (void)kiln_allocate(&f->tile_runs, ROOM / 64, sizeof *f->tile_runs, "tile runs", NULL);
     (void)kiln_allocate(&f->piece_base, ROOM / 64, sizeof(uint64_t), "pieces", NULL);
-    (void)kiln_allocate(&f->share_base, ROOM / 64, sizeof(uint64_t), "pieces", NULL);
+    (void)kiln_allocate(&f->area_cdf_base, ROOM / 64, sizeof(uint64_t), "pieces", NULL);
     (void)kiln_allocate(&f->piece_count, ROOM, sizeof(uint16_t), "pieces", NULL);
     (void)kiln_allocate(&f->pieces, 4 * ROOM, sizeof(uint32_t), "pieces", NULL);
-    (void)kiln_allocate(&f->shares, 4 * ROOM, sizeof(float), "pieces", NULL);
+    (void)kiln_allocate(&f->area_cdf, 4 * ROOM, sizeof(float), "pieces", NULL);
     (void)kiln_allocate(&f->albedo, 3 * ROOM, sizeof(uint16_t), "albedo", NULL);
     (void)kiln_allocate(&f->area, ROOM, sizeof(float), "area", NULL);
     (void)kiln_allocate(&f->visible, ROOM, sizeof(uint16_t), "visible", NULL);
@@ -138,9 +160,9 @@ static inline void synthetic_surface(struct synthetic *s)
         f->object_count = f->map_count = 2;
         f->cell_first[o] = f->point_count;
         for (uint32_t tile = 0; tile < f->lightmaps[o].tiles_x * f->lightmaps[o].tiles_y; tile++, f->tile_count++) {
-            struct kiln_fragment fragment = {.first = f->point_count, .map = o, .tile = tile, .cell = o};
-            f->piece_base[f->fragment_count] = piece;
-            f->share_base[f->fragment_count] = share;
+            struct kiln_tile_run tile_run = {.first = f->point_count, .map = o, .tile = tile, .cell = o};
+            f->piece_base[f->tile_run_count] = piece;
+            f->area_cdf_base[f->tile_run_count] = share;
             for (uint32_t bit = 0; bit < 64; bit++) {
                 const uint32_t x = tile % f->lightmaps[o].tiles_x * 8 + kiln_morton8_x(bit);
                 const uint32_t y = tile / f->lightmaps[o].tiles_x * 8 + kiln_morton8_y(bit);
@@ -150,30 +172,31 @@ static inline void synthetic_surface(struct synthetic *s)
                 if (x >= width || y >= height || !(area > 0.0))
                     continue;
                 synthetic_point(s, o, x, y, f->point_count, &piece, &share);
-                fragment.mask |= 1ull << bit;
-                fragment.count++;
+                tile_run.mask |= 1ull << bit;
+                tile_run.count++;
                 f->point_count++;
             }
-            f->tiles[f->tile_count] = (struct kiln_tile){fragment.mask, fragment.first};
-            if (fragment.count > 0)
-                f->fragments[f->fragment_count++] = fragment;
+            f->tiles[f->tile_count] = (struct kiln_tile){tile_run.mask, tile_run.first};
+            if (tile_run.count > 0)
+                f->tile_runs[f->tile_run_count++] = tile_run;
         }
     }
-    f->piece_base[f->fragment_count] = piece;
-    f->share_base[f->fragment_count] = share;
+    f->piece_base[f->tile_run_count] = piece;
+    f->area_cdf_base[f->tile_run_count] = share;
     f->cell_count = 2;
     f->cell_first[2] = f->point_count;
     f->count = f->point_count;
 }
 
-/* Leaves rank `rank` of `ranks` with its share of the fragments; light is a smooth function of the texel's global index and
- * every 37th point is invalid. */
+/* Leaves rank `rank` of `ranks` with its share of the tile runs; light is a smooth function of the texel's global index
+ * and every 37th point is invalid. */
 static inline void synthetic_share(struct synthetic *s, int rank, int ranks)
 {
     struct kiln_surface *f = &s->surface;
-    const size_t begin = f->fragment_count * (size_t)rank / (size_t)ranks, end = f->fragment_count * (size_t)(rank + 1) / (size_t)ranks;
-    const uint64_t first = begin < f->fragment_count ? f->fragments[begin].first : f->point_count;
-    const uint64_t last = end < f->fragment_count ? f->fragments[end].first : f->point_count;
+    const size_t begin = f->tile_run_count * (size_t)rank / (size_t)ranks,
+                 end = f->tile_run_count * (size_t)(rank + 1) / (size_t)ranks;
+    const uint64_t first = begin < f->tile_run_count ? f->tile_runs[begin].first : f->point_count;
+    const uint64_t last = end < f->tile_run_count ? f->tile_runs[end].first : f->point_count;
     (void)kiln_allocate(&s->direct, 3 * (last - first), sizeof(float), "light", NULL);
     (void)kiln_allocate(&s->indirect, 3 * (last - first), sizeof(float), "light", NULL);
     (void)kiln_allocate(&s->error, last - first, sizeof *s->error, "light", NULL);
@@ -188,10 +211,10 @@ static inline void synthetic_share(struct synthetic *s, int rank, int ranks)
             s->direct[3 * (p - first)] = NAN; /* must never be looked at */
         }
     }
-    f->fragments += begin;
+    f->tile_runs += begin;
     f->piece_base += begin;
-    f->share_base += begin;
-    f->fragment_count = end - begin;
+    f->area_cdf_base += begin;
+    f->tile_run_count = end - begin;
     f->piece_count += first;
     f->albedo += 3 * first;
     f->area += first;
@@ -202,12 +225,20 @@ static inline void synthetic_share(struct synthetic *s, int rank, int ranks)
 
 static inline struct kiln_bake_result synthetic_result(const struct synthetic *s, MPI_Comm communicator)
 {
-    return (struct kiln_bake_result){.units = kiln_units_of(KILN_UNITS_RADIOMETRIC, &s->scene), .communicator = communicator, .scene = &s->scene, .geometry = s->geometry, .surface = &s->surface,
-                                     .direct = s->direct, .indirect = s->indirect, .error = s->error, .radiosity = s->radiosity};
+    return (struct kiln_bake_result){.units = kiln_units_of(KILN_UNITS_RADIOMETRIC, &s->scene),
+                                     .communicator = communicator,
+                                     .scene = &s->scene,
+                                     .geometry = s->geometry,
+                                     .surface = &s->surface,
+                                     .direct = s->direct,
+                                     .indirect = s->indirect,
+                                     .error = s->error,
+                                     .radiosity = s->radiosity};
 }
 
 /* 0, or a status with its sentence. The arrays live until the process ends: their starts move with the share. */
-static inline int synthetic_create(struct synthetic *s, uint32_t width, uint32_t height, int rank, int ranks, struct kiln_error *error)
+static inline int synthetic_create(struct synthetic *s, uint32_t width, uint32_t height, int rank, int ranks,
+                                   struct kiln_error *error)
 {
     synthetic_scene(s, width, height);
     const int status = kiln_geometry_create(&s->geometry, &s->scene, error);

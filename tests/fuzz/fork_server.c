@@ -1,19 +1,21 @@
-/* The program as a fork server, so that a hundred mutated inputs a second can be given to a build with sanitizers: each command runs in
- * a fork of a process that has loaded its libraries already, and has MPI started with `--mpi`.
+/* The program as a fork server, so that a hundred mutated inputs a second can be given to a build with sanitizers: each
+ * command runs in a fork of a process that has loaded its libraries already, and has MPI started with `--mpi`.
  *
  * On standard input one request after the other, each a sequence of strings that end with a zero byte:
  *   SECONDS LEAKS FAILING FOLDER COUNT ARGUMENT...    (COUNT arguments; the first is "kiln")
- * Where the first argument is the path of a program instead, that is executed: from a process this small its memory is measured right.
- * The command runs with FOLDER/out and FOLDER/err as its output and errors and FOLDER/tmp as TMPDIR. SECONDS is its limit of wall-clock
- * time; LEAKS is 1 when leaks shall be looked for at its end; the FAILING-th allocation of each of its processes fails (0: none), of those
- * that kiln's own code asks for: the linker's --wrap does not reach into shared libraries. The answer is one line on standard output:
- *   KIND NUMBER SECONDS CPU_SECONDS KIBIBYTES ALLOCATIONS
- * KIND is "exit" (NUMBER: status), "signal" (NUMBER: which), "time" or "memory" (killed at the limit). KIBIBYTES is the most that one process of it held,
- * ALLOCATIONS how many its own code asked for, at most in one of its processes.
+ * Where the first argument is the path of a program instead, that is executed: from a process this small its memory is
+ * measured right. The command runs with FOLDER/out and FOLDER/err as its output and errors and FOLDER/tmp as TMPDIR.
+ * SECONDS is its limit of wall-clock time; LEAKS is 1 when leaks shall be looked for at its end; the FAILING-th
+ * allocation of each of its processes fails (0: none), of those that kiln's own code asks for: the linker's --wrap does
+ * not reach into shared libraries. The answer is one line on standard output: KIND NUMBER SECONDS CPU_SECONDS KIBIBYTES
+ * ALLOCATIONS KIND is "exit" (NUMBER: status), "signal" (NUMBER: which), "time" or "memory" (killed at the limit).
+ * KIBIBYTES is the most that one process of it held, ALLOCATIONS how many its own code asked for, at most in one of its
+ * processes.
  *
- * What the command would do with other processes is done by forks too, which the linker's --wrap brings about (tests/CMakeLists.txt):
- * posix_spawn calls kiln_main in the child instead of loading the program again. MPI_Init_thread and MPI_Finalize do nothing where MPI runs
- * already; fsync does nothing. All else is the program as it is. */
+ * What the command would do with other processes is done by forks too, which the linker's --wrap brings about
+ * (tests/CMakeLists.txt): posix_spawn calls kiln_main in the child instead of loading the program again.
+ * MPI_Init_thread and MPI_Finalize do nothing where MPI runs already; fsync does nothing. All else is the program as it
+ * is. */
 #include <errno.h>
 #include <fcntl.h>
 #include <hdf5.h>
@@ -37,7 +39,7 @@
 #include "coordinator/cli/commands.h"
 
 #if defined(__SANITIZE_ADDRESS__)
-#include <sanitizer/lsan_interface.h>
+#    include <sanitizer/lsan_interface.h>
 #else
 static int __lsan_do_recoverable_leak_check(void) { return 0; }
 #endif
@@ -50,7 +52,7 @@ enum { ARGUMENTS_MOST = 64, ACTIONS_MOST = 16, STRING_SIZE = 16384, LEAK_STATUS 
 /* Shared with the commands' processes. */
 static struct {
     long failing, most;
-} *memory;
+} * memory;
 static long allocations; /* of this process */
 
 static bool fails(void)
@@ -80,7 +82,10 @@ void *__wrap_realloc(void *old, size_t size) { return fails() ? NULL : __real_re
 
 void *__real_aligned_alloc(size_t alignment, size_t size);
 void *__wrap_aligned_alloc(size_t alignment, size_t size);
-void *__wrap_aligned_alloc(size_t alignment, size_t size) { return fails() ? NULL : __real_aligned_alloc(alignment, size); }
+void *__wrap_aligned_alloc(size_t alignment, size_t size)
+{
+    return fails() ? NULL : __real_aligned_alloc(alignment, size);
+}
 
 char *__real_strdup(const char *text);
 char *__wrap_strdup(const char *text);
@@ -129,8 +134,10 @@ int __wrap_posix_spawn_file_actions_adddup2(posix_spawn_file_actions_t *actions,
     return 0;
 }
 
-int __wrap_posix_spawn_file_actions_addopen(posix_spawn_file_actions_t *actions, int to, const char *path, int flags, mode_t mode);
-int __wrap_posix_spawn_file_actions_addopen(posix_spawn_file_actions_t *actions, int to, const char *path, int flags, mode_t mode)
+int __wrap_posix_spawn_file_actions_addopen(posix_spawn_file_actions_t *actions, int to, const char *path, int flags,
+                                            mode_t mode);
+int __wrap_posix_spawn_file_actions_addopen(posix_spawn_file_actions_t *actions, int to, const char *path, int flags,
+                                            mode_t mode)
 {
     (void)actions;
     if (noted_count == ACTIONS_MOST)
@@ -161,7 +168,8 @@ static void do_noted(void)
             (void)close_range((unsigned)noted[i].from, ~0u, 0);
             continue;
         }
-        const int descriptor = noted[i].kind == DUP2 ? noted[i].from : open(noted[i].path, noted[i].flags, noted[i].mode);
+        const int descriptor =
+            noted[i].kind == DUP2 ? noted[i].from : open(noted[i].path, noted[i].flags, noted[i].mode);
         if (descriptor < 0 || dup2(descriptor, noted[i].to) < 0)
             _exit(127);
         if (noted[i].kind == OPEN && descriptor != noted[i].to)
@@ -169,10 +177,10 @@ static void do_noted(void)
     }
 }
 
-int __wrap_posix_spawn(pid_t *pid, const char *path, const posix_spawn_file_actions_t *actions, const posix_spawnattr_t *attributes,
-                       char *const argv[], char *const envp[]);
-int __wrap_posix_spawn(pid_t *pid, const char *path, const posix_spawn_file_actions_t *actions, const posix_spawnattr_t *attributes,
-                       char *const argv[], char *const envp[])
+int __wrap_posix_spawn(pid_t *pid, const char *path, const posix_spawn_file_actions_t *actions,
+                       const posix_spawnattr_t *attributes, char *const argv[], char *const envp[]);
+int __wrap_posix_spawn(pid_t *pid, const char *path, const posix_spawn_file_actions_t *actions,
+                       const posix_spawnattr_t *attributes, char *const argv[], char *const envp[])
 {
     (void)path, (void)actions, (void)attributes, (void)envp;
     (void)fflush(NULL);
@@ -212,7 +220,10 @@ int __wrap_fsync(int descriptor) { return fcntl(descriptor, F_GETFD) < 0 ? -1 : 
 XXH64_hash_t __real_XXH3_64bits(const void *bytes, size_t size);
 XXH64_hash_t __wrap_XXH3_64bits(const void *bytes, size_t size);
 static size_t program_size;
-XXH64_hash_t __wrap_XXH3_64bits(const void *bytes, size_t size) { return size == program_size ? 1 : __real_XXH3_64bits(bytes, size); }
+XXH64_hash_t __wrap_XXH3_64bits(const void *bytes, size_t size)
+{
+    return size == program_size ? 1 : __real_XXH3_64bits(bytes, size);
+}
 
 /* ---- requests ---- */
 
@@ -272,7 +283,9 @@ static void put_streams(const char *folder)
     static const struct {
         const char *name;
         int descriptor, flags;
-    } streams[] = {{"/dev/null", 0, O_RDONLY}, {"out", 1, O_WRONLY | O_CREAT | O_TRUNC | O_APPEND}, {"err", 2, O_WRONLY | O_CREAT | O_TRUNC | O_APPEND}};
+    } streams[] = {{"/dev/null", 0, O_RDONLY},
+                   {"out", 1, O_WRONLY | O_CREAT | O_TRUNC | O_APPEND},
+                   {"err", 2, O_WRONLY | O_CREAT | O_TRUNC | O_APPEND}};
     char path[STRING_SIZE + 8];
     for (size_t i = 0; i < 3; i++) {
         (void)snprintf(path, sizeof path, "%s%s%s", i == 0 ? "" : folder, i == 0 ? "" : "/", streams[i].name);
@@ -332,9 +345,14 @@ static void serve(char **arguments, double limit, bool leaks, long failing, cons
     const char *why = watch(pid, limit);
     while (wait4(pid, &state, 0, &used) < 0 && errno == EINTR)
         ;
-    const double cpu = (double)(used.ru_utime.tv_sec + used.ru_stime.tv_sec) + 1e-6 * (double)(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
-    (void)printf("%s %d %.4f %.4f %ld %ld\n", why != NULL ? why : WIFSIGNALED(state) ? "signal" : "exit",
-                 WIFSIGNALED(state) ? WTERMSIG(state) : WEXITSTATUS(state), now() - start, cpu, used.ru_maxrss, memory->most);
+    const double cpu = (double)(used.ru_utime.tv_sec + used.ru_stime.tv_sec) +
+                       1e-6 * (double)(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
+    (void)printf("%s %d %.4f %.4f %ld %ld\n",
+                 why != NULL          ? why
+                 : WIFSIGNALED(state) ? "signal"
+                                      : "exit",
+                 WIFSIGNALED(state) ? WTERMSIG(state) : WEXITSTATUS(state), now() - start, cpu, used.ru_maxrss,
+                 memory->most);
     (void)fflush(stdout);
 }
 

@@ -1,4 +1,5 @@
-/* The glTF reader on anything: GLB when it begins so, else the JSON of a .gltf. What is taken must also lay out, write and open. */
+/* The glTF reader on anything: GLB when it begins so, else the JSON of a .gltf. What is taken must also lay out, write
+ * and open. */
 #include <string.h>
 
 #include "coordinator/import/read.h"

@@ -1,5 +1,5 @@
-/* OBJ and MTL: the input up to its first NUL is scene.obj, the rest m.mtl beside it. Whatever they are, the reader gives a scene or a
- * sentence. */
+/* OBJ and MTL: the input up to its first NUL is scene.obj, the rest m.mtl beside it. Whatever they are, the reader
+ * gives a scene or a sentence. */
 #include <string.h>
 
 #include "coordinator/import/read.h"

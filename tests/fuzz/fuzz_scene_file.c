@@ -1,5 +1,5 @@
-/* The scene file's checks on anything. The hash is made right first, so that the checks behind it are reached; then every number
- * and index that readers rely on is touched. */
+/* The scene file's checks on anything. The hash is made right first, so that the checks behind it are reached; then
+ * every number and index that readers rely on is touched. */
 #include <string.h>
 
 #include "tests/fuzz/fuzz.h"

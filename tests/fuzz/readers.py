@@ -50,7 +50,7 @@ def xxh3(data):
 
 
 def seal(text):
-    """JSON with its hash as the last line (coordinator/output/sealed.h)."""
+    """JSON with its hash as the last line (coordinator/files/checksummed_json.h)."""
     text = text if text.endswith(b'\n') else text + b'\n'
     return text + b'xxh3_128 ' + xxh3(text).encode() + b'\n'
 

@@ -1,11 +1,11 @@
-/* Run by mpirun on three ranks: whatever each rank brings, all leave with the worst status and its first rank's sentence,
- * which names the rank and its host where the failure is its own. */
+/* Run by mpirun on three ranks: whatever each rank brings, all leave with the worst status and its first rank's
+ * sentence, which names the rank and its host where the failure is its own. */
 #include <mpi.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/cli/agree.h"
+#include "coordinator/mpi/agree.h"
 
 static int wrong(int rank, int status, const char *message, int wanted, const char *sentence)
 {
@@ -19,9 +19,14 @@ int main(int argc, char **argv)
 {
     static const struct {
         int brought[3], wanted, speaker, named;
-    } cases[] = {{{0, 0, 0}, 0, -1, 0},   {{0, 0, KILN_IO}, KILN_IO, 2, 1}, {{KILN_BAD_INPUT, KILN_IO, KILN_IO}, KILN_IO, 1, 1},
-                 {{65, 65, 65}, 65, 0, 0}, {{KILN_IO, 0, 0}, KILN_IO, 0, 1}, {{0, KILN_STOPPED, KILN_USAGE}, KILN_STOPPED, 1, 0},
-                 {{0, KILN_SYSTEM, 0}, KILN_SYSTEM, 1, 1}, {{KILN_SYSTEM, KILN_SYSTEM, KILN_SYSTEM}, KILN_SYSTEM, 0, 0}};
+    } cases[] = {{{0, 0, 0}, 0, -1, 0},
+                 {{0, 0, KILN_IO}, KILN_IO, 2, 1},
+                 {{KILN_BAD_INPUT, KILN_IO, KILN_IO}, KILN_IO, 1, 1},
+                 {{65, 65, 65}, 65, 0, 0},
+                 {{KILN_IO, 0, 0}, KILN_IO, 0, 1},
+                 {{0, KILN_STOPPED, KILN_USAGE}, KILN_STOPPED, 1, 0},
+                 {{0, KILN_SYSTEM, 0}, KILN_SYSTEM, 1, 1},
+                 {{KILN_SYSTEM, KILN_SYSTEM, KILN_SYSTEM}, KILN_SYSTEM, 0, 0}};
     int rank = 0, size = 0, failures = 0, total = 0;
     MPI_Init(&argc, &argv);
     MPI_Comm_rank(MPI_COMM_WORLD, &rank);
@@ -37,7 +42,8 @@ int main(int argc, char **argv)
         if (cases[i].brought[rank] != 0)
             (void)kiln_fail(&error, cases[i].brought[rank], "case %zu, rank %d", i, rank);
         if (cases[i].speaker >= 0)
-            (void)snprintf(sentence, sizeof sentence, "rank %d on %s: case %zu, rank %d", cases[i].speaker, host, i, cases[i].speaker);
+            (void)snprintf(sentence, sizeof sentence, "rank %d on %s: case %zu, rank %d", cases[i].speaker, host, i,
+                           cases[i].speaker);
         const char *wanted = cases[i].speaker >= 0 && !cases[i].named ? strstr(sentence, "case") : sentence;
         const int status = kiln_agree(MPI_COMM_WORLD, cases[i].brought[rank], &error);
         failures += wrong(rank, status, error.message, cases[i].wanted, wanted);

@@ -1,6 +1,7 @@
 /* Loaded into a rank (LD_PRELOAD): makes the K-th call of a kind that kiln's own code makes in its main thread fail.
  *
- * KILN_FAULT=RANK:KIND:K in the environment says which; KILN_FAULT_COUNTS=FOLDER has each rank write there at its end how many calls of each kind it made.
+ * KILN_FAULT=RANK:KIND:K in the environment says which; KILN_FAULT_COUNTS=FOLDER has each rank write there at its end
+ * how many calls of each kind it made.
  *
  *   allocation  malloc, aligned_alloc, ...     gives NULL
  *   window      memfd_create, posix_fallocate, mmap: no memory
@@ -125,11 +126,11 @@ static bool fails(enum kind kind, bool counts)
 }
 
 /* The library's function, looked up once. */
-#define NEXT(name) \
-    static __typeof__(name) *next; \
-    if (next == NULL) { \
-        void *found = dlsym(RTLD_NEXT, #name); \
-        memcpy(&next, &found, sizeof next); \
+#define NEXT(name)                                                                                                     \
+    static __typeof__(name) *next;                                                                                     \
+    if (next == NULL) {                                                                                                \
+        void *found = dlsym(RTLD_NEXT, #name);                                                                         \
+        memcpy(&next, &found, sizeof next);                                                                            \
     }
 #define HERE is_own(__builtin_return_address(0))
 
@@ -149,7 +150,10 @@ static void *none(void)
 void *malloc(size_t size) { return fails(ALLOCATION, HERE) ? none() : __libc_malloc(size); }
 void *calloc(size_t count, size_t size) { return fails(ALLOCATION, HERE) ? none() : __libc_calloc(count, size); }
 void *realloc(void *old, size_t size) { return fails(ALLOCATION, HERE) ? none() : __libc_realloc(old, size); }
-void *aligned_alloc(size_t alignment, size_t size) { return fails(ALLOCATION, HERE) ? none() : __libc_memalign(alignment, size); }
+void *aligned_alloc(size_t alignment, size_t size)
+{
+    return fails(ALLOCATION, HERE) ? none() : __libc_memalign(alignment, size);
+}
 
 /* ---- what ranks share ---- */
 

@@ -1,9 +1,10 @@
-/* Run by mpirun on three ranks: an array goes from ranges to other ranges, whatever these are, in messages of any size. */
+/* Run by mpirun on three ranks: an array goes from ranges to other ranges, whatever these are, in messages of any size.
+ */
 #include <mpi.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/bake/move.h"
+#include "coordinator/mpi/redistribute.h"
 
 enum { MOST = 64 };
 
@@ -25,7 +26,7 @@ static int try_cuts(int rank, const uint64_t *before, const uint64_t *after, uin
     memset(to, 0xff, sizeof to);
     for (uint64_t i = before[rank]; i < before[rank + 1]; i++)
         from[i - before[rank]] = element_of(i);
-    kiln_move(MPI_COMM_WORLD, before, after, sizeof *from, limit, from, to);
+    kiln_redistribute(MPI_COMM_WORLD, before, after, sizeof *from, limit, from, to);
     for (uint64_t i = after[rank]; i < after[rank + 1]; i++) {
         const struct element wanted = element_of(i);
         if (memcmp(&to[i - after[rank]], &wanted, sizeof wanted) != 0) {
@@ -39,7 +40,8 @@ static int try_cuts(int rank, const uint64_t *before, const uint64_t *after, uin
 
 int main(int argc, char **argv)
 {
-    static const uint64_t cuts[][4] = {{0, 20, 40, 60}, {0, 0, 60, 60}, {0, 59, 60, 60}, {0, 1, 2, 60}, {0, 60, 60, 60}, {0, 0, 0, 60}, {0, 30, 30, 60}};
+    static const uint64_t cuts[][4] = {{0, 20, 40, 60}, {0, 0, 60, 60}, {0, 59, 60, 60}, {0, 1, 2, 60},
+                                       {0, 60, 60, 60}, {0, 0, 0, 60},  {0, 30, 30, 60}};
     static const uint64_t limits[] = {0, 1, 7};
     enum { CUTS = sizeof cuts / sizeof *cuts };
     int rank = 0, size = 0, failures = 0, total = 0;

@@ -1,5 +1,6 @@
-/* Run by mpirun on eight ranks: 1, 2, 3, 5 and 8 of them build a surface together, and each then holds, bit for bit, what a process that
- * works alone finds for its share; and where one fails, all do. Scenes have more blocks of tiles than ranks, fewer, and one. */
+/* Run by mpirun on eight ranks: 1, 2, 3, 5 and 8 of them build a surface together, and each then holds, bit for bit,
+ * what a process that works alone finds for its share; and where one fails, all do. Scenes have more blocks of tiles
+ * than ranks, fewer, and one. */
 #include <mpi.h>
 #include <stdio.h>
 #include <string.h>
@@ -37,15 +38,18 @@ static int differs(const char *what, const void *a, const void *b, size_t count,
 static int compare(const struct kiln_surface *a, const struct kiln_surface *b, size_t objects)
 {
     if (a->point_count != b->point_count || a->tile_count != b->tile_count || a->split_count != b->split_count ||
-        a->cell_count != b->cell_count || a->first != b->first || a->count != b->count || a->fragment_count != b->fragment_count) {
-        (void)fprintf(stderr, "points %llu to %llu differ in number\n", (unsigned long long)a->first, (unsigned long long)(a->first + a->count));
+        a->cell_count != b->cell_count || a->first != b->first || a->count != b->count ||
+        a->tile_run_count != b->tile_run_count) {
+        (void)fprintf(stderr, "points %llu to %llu differ in number\n", (unsigned long long)a->first,
+                      (unsigned long long)(a->first + a->count));
         return 1;
     }
-    const size_t fragments = a->fragment_count;
+    const size_t tile_runs = a->tile_run_count;
     return DIFFERS(tiles, a->tile_count) + DIFFERS(splits, a->split_count) + DIFFERS(lightmaps, objects) +
-           ((a->cell_first == NULL) != (b->cell_first == NULL)) + DIFFERS(cell_first, a->cell_first == NULL ? 0 : a->cell_count + 1) +
-           DIFFERS(fragments, fragments) + DIFFERS(piece_base, fragments + 1) + DIFFERS(share_base, fragments + 1) +
-           DIFFERS(piece_count, a->count) + DIFFERS(pieces, a->piece_base[fragments]) + DIFFERS(shares, a->share_base[fragments]) +
+           ((a->cell_first == NULL) != (b->cell_first == NULL)) +
+           DIFFERS(cell_first, a->cell_first == NULL ? 0 : a->cell_count + 1) + DIFFERS(tile_runs, tile_runs) +
+           DIFFERS(piece_base, tile_runs + 1) + DIFFERS(area_cdf_base, tile_runs + 1) + DIFFERS(piece_count, a->count) +
+           DIFFERS(pieces, a->piece_base[tile_runs]) + DIFFERS(area_cdf, a->area_cdf_base[tile_runs]) +
            DIFFERS(albedo, 3 * a->count) + DIFFERS(area, a->count) + DIFFERS(visible, a->count);
 }
 
@@ -60,7 +64,8 @@ static int build_both(MPI_Comm communicator, struct kiln_surface_params params, 
     if (kiln_surface_build(&alone, &params, &reports[0], &error) == KILN_OK) {
         params.exchange = &exchange;
         if (kiln_surface_build(&together, &params, &reports[1], &error) == KILN_OK)
-            failures = compare(together, alone, params.scene->object_count) + differs("reports", &reports[0], &reports[1], 1, sizeof *reports);
+            failures = compare(together, alone, params.scene->object_count) +
+                       differs("reports", &reports[0], &reports[1], 1, sizeof *reports);
     }
     if (error.message[0] != 0)
         (void)fprintf(stderr, "%s\n", error.message);
@@ -100,7 +105,8 @@ static int try_scene(MPI_Comm communicator, int objects)
         const struct kiln_surface_params params = {.scene = &f->scene,
                                                    .geometry = geometry,
                                                    .cell_size = sizes[i / 2],
-                                                   .partition = i % 2 == 0 ? KILN_PARTITION_CELLS : KILN_PARTITION_OBJECTS,
+                                                   .partition =
+                                                       i % 2 == 0 ? KILN_PARTITION_CELLS : KILN_PARTITION_OBJECTS,
                                                    .rank = (uint32_t)rank,
                                                    .ranks = (uint32_t)ranks,
                                                    .threads = 1 + (uint32_t)rank % 2};
@@ -108,7 +114,8 @@ static int try_scene(MPI_Comm communicator, int objects)
         if (i == 0)
             failures += fail_together(communicator, params);
         if (failures > 0)
-            (void)fprintf(stderr, "rank %d of %d, %d objects, cells of %g m, partition %d\n", rank, ranks, objects, params.cell_size, i % 2);
+            (void)fprintf(stderr, "rank %d of %d, %d objects, cells of %g m, partition %d\n", rank, ranks, objects,
+                          params.cell_size, i % 2);
         (void)MPI_Allreduce(MPI_IN_PLACE, &failures, 1, MPI_INT, MPI_SUM, communicator);
     }
     kiln_geometry_destroy(&geometry);

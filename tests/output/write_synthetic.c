@@ -31,15 +31,18 @@ static int write_all(const char *directory, bool half, bool divided, int rank, i
     if (half && s.surface.first == 0 && s.surface.count > 100)
         s.direct[0] = 70000.0f; /* must make the first object's file a float one */
     const struct kiln_bake_result result = synthetic_result(&s, MPI_COMM_WORLD);
-    const struct kiln_output_params params = {.directory = directory, .half = half, .stitch = true, .error_map = true,
+    const struct kiln_output_params params = {.directory = directory,
+                                              .half = half,
+                                              .stitch = true,
+                                              .error_map = true,
                                               .least_divided = divided ? 1 : 0,
                                               .provenance_json = "{\"seed\": 77, \"scene\": \"synthetic\"}"};
     struct kiln_lightmap_report reports[2];
     status = kiln_write_lightmaps(&result, &params, reports, error);
     for (int i = 0; status == KILN_OK && rank == 0 && i < 2; i++)
         printf("%u %llu %llu %llu %.9g %.9g\n", reports[i].map, (unsigned long long)reports[i].valid,
-               (unsigned long long)reports[i].filled, (unsigned long long)reports[i].dilated, reports[i].seam_difference_before,
-               reports[i].seam_difference_after);
+               (unsigned long long)reports[i].filled, (unsigned long long)reports[i].dilated,
+               reports[i].seam_difference_before, reports[i].seam_difference_after);
     if (status == KILN_OK)
         status = kiln_write_h5(&result, &params, error);
     struct kiln_volume_result volume = {.size = {5, 4, 3}, .origin = {-1, 0, 2}, .spacing = {0.5, 0.25, 1}};

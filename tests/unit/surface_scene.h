@@ -80,9 +80,8 @@ static inline double fixture_random(struct fixture *f)
 static inline uint32_t fixture_material(struct fixture *f, float red, float green, float blue)
 {
     assert(f->scene.material_count < FIXTURE_MATERIALS);
-    f->materials[f->scene.material_count] = (struct kiln_material){.base_color = {red, green, blue, 1.0f},
-                                                                   .base_color_texture = KILN_NONE,
-                                                                   .emission_texture = KILN_NONE};
+    f->materials[f->scene.material_count] = (struct kiln_material){
+        .base_color = {red, green, blue, 1.0f}, .base_color_texture = KILN_NONE, .emission_texture = KILN_NONE};
     return (uint32_t)f->scene.material_count++;
 }
 
@@ -129,10 +128,10 @@ static inline void fixture_triangle(struct fixture *f, uint32_t a, uint32_t b, u
     f->meshes[f->scene.mesh_count - 1].triangle_count++;
 }
 
-/* A sheet of n x n squares, each two triangles, with corner o and sides a and b, front along a x b, laid out on [u0,u1] x
- * [v0,v1]; inner vertices moved about within the sheet and its layout by `disorder` of a square. */
-static inline void fixture_sheet(struct fixture *f, struct kiln_dvec3 o, struct kiln_dvec3 a, struct kiln_dvec3 b, uint32_t n,
-                                 const double uv[4], double disorder, uint32_t material)
+/* A sheet of n x n squares, each two triangles, with corner o and sides a and b, front along a x b, laid out on [u0,u1]
+ * x [v0,v1]; inner vertices moved about within the sheet and its layout by `disorder` of a square. */
+static inline void fixture_sheet(struct fixture *f, struct kiln_dvec3 o, struct kiln_dvec3 a, struct kiln_dvec3 b,
+                                 uint32_t n, const double uv[4], double disorder, uint32_t material)
 {
     const uint32_t first = (uint32_t)f->meshes[f->scene.mesh_count - 1].vertex_count;
     for (uint32_t j = 0; j <= n; j++) {
@@ -173,7 +172,8 @@ static inline uint32_t fixture_cube(struct fixture *f, uint32_t n, double disord
 }
 
 /* Rows of a 3 x 4 transform; the identity where NULL. */
-static inline uint32_t fixture_object(struct fixture *f, uint32_t mesh, const double transform[12], uint32_t width, uint32_t height)
+static inline uint32_t fixture_object(struct fixture *f, uint32_t mesh, const double transform[12], uint32_t width,
+                                      uint32_t height)
 {
     static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
     assert(f->scene.object_count < FIXTURE_OBJECTS);
@@ -181,8 +181,8 @@ static inline uint32_t fixture_object(struct fixture *f, uint32_t mesh, const do
     *object = (struct kiln_object){.mesh = mesh, .lightmap_width = width, .lightmap_height = height};
     memcpy(object->transform, transform != NULL ? transform : identity, sizeof object->transform);
     const double *m = object->transform;
-    const double determinant = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
-                               m[2] * (m[4] * m[9] - m[5] * m[8]);
+    const double determinant =
+        m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) + m[2] * (m[4] * m[9] - m[5] * m[8]);
     object->flipped = determinant < 0.0;
     return (uint32_t)f->scene.object_count++;
 }

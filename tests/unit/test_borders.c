@@ -10,12 +10,13 @@
 
 #include "coordinator/layout/padding.h"
 #include "coordinator/layout/unwrap.h"
-#include "coordinator/output/borders.h"
+#include "coordinator/output/map/borders.h"
 #include "tests/common/synthetic.h"
 
 enum { SIDE = 16, HALF = SIDE / 2, TEXELS = SIDE * SIDE };
 
-/* Two squares of a layout side by side: chart 0 from x = 2 to `left`, chart 1 from `right` to 14, both from y = 3 to 13, in texels. */
+/* Two squares of a layout side by side: chart 0 from x = 2 to `left`, chart 1 from `right` to 14, both from y = 3 to
+ * 13, in texels. */
 static void two_charts(struct synthetic *s, float left, float right)
 {
     const float x[2][2] = {{2.0f, left}, {right, 14.0f}};
@@ -70,7 +71,8 @@ static void test_the_reader_has_it(void **state)
 {
     (void)state;
     float row[SIDE];
-    /* column 7 lies between: chart 0 ends in the left half of its last texel and does not read it, chart 1 begins in the left half and does */
+    /* column 7 lies between: chart 0 ends in the left half of its last texel and does not read it, chart 1 begins in
+     * the left half and does */
     struct kiln_border_report report = dilate(6.3f, 8.2f, 9.0f, row);
     assert_true(row[6] == 1.0f && row[7] == 9.0f && row[8] == 9.0f);
     assert_true(report.contested == 0 && report.foreign == 0 && report.length_disturbed == 0.0);
@@ -88,7 +90,8 @@ static void test_both_read_it(void **state)
 {
     (void)state;
     float row[SIDE];
-    /* both read column 7 alike: relative to what it should be, light 9 on the dark chart is worse than 1 on the bright one */
+    /* both read column 7 alike: relative to what it should be, light 9 on the dark chart is worse than 1 on the bright
+     * one */
     struct kiln_border_report report = dilate(6.9f, 8.1f, 9.0f, row);
     assert_true(row[7] == 1.0f);
     assert_in_range(report.contested, 8, 12);
@@ -117,7 +120,8 @@ static void test_texels_of_charts_stay(void **state)
 static struct kiln_padding padding_of(const struct synthetic *s, double width, double height)
 {
     struct kiln_padding padding;
-    assert_int_equal(kiln_padding_measure(&padding, s->positions, s->texcoords, 8, &s->triangles[0][0], 4, width, height, NULL), 0);
+    assert_int_equal(
+        kiln_padding_measure(&padding, s->positions, s->texcoords, 8, &s->triangles[0][0], 4, width, height, NULL), 0);
     return padding;
 }
 
@@ -129,7 +133,8 @@ static void test_distance(void **state)
     struct kiln_padding padding = padding_of(&s, SIDE, SIDE);
     assert_true(padding.charts == 2 && padding.close_charts == 2);
     assert_true(fabs(padding.border - (28.0 + 34.0)) < 1.0);
-    assert_true(padding.close >= 20.0 && padding.close <= 25.0); /* one more texel on each of the four sides that lead away */
+    /* one more texel on each of the four sides that lead away */
+    assert_true(padding.close >= 20.0 && padding.close <= 25.0);
     assert_true(kiln_padding_factor(&padding, 0.5) == 1.0);
     const double factor = kiln_padding_factor(&padding, 0.0);
     assert_true(factor >= 2.0 && factor < 2.0 * 1.1);
@@ -158,7 +163,8 @@ static void test_distance_of_many(void **state)
         const float b = (float)(random >> 40) / 16777216.0f;
         const uint32_t first = i - i % 3;
         positions[i] = vec3((float)i, a, b);
-        uv[i] = i == first ? (struct kiln_vec2){0.9f * a, 0.9f * b} : (struct kiln_vec2){uv[first].x + 0.1f * a, uv[first].y + 0.1f * b};
+        uv[i] = i == first ? (struct kiln_vec2){0.9f * a, 0.9f * b}
+                           : (struct kiln_vec2){uv[first].x + 0.1f * a, uv[first].y + 0.1f * b};
         triangles[i] = i;
     }
     struct kiln_padding padding;
@@ -179,7 +185,8 @@ static void test_distance_of_many(void **state)
                 const struct kiln_vec2 c = uv[f], d = uv[f - f % 3 + (f + 1) % 3];
                 for (int k = 0; k <= STEPS; k++) {
                     const float r = (float)k / STEPS;
-                    nearest = fmin(nearest, fmax(fabs(64.0 * (double)(c.x + r * (d.x - c.x)) - p[0]), fabs(48.0 * (double)(c.y + r * (d.y - c.y)) - p[1])));
+                    nearest = fmin(nearest, fmax(fabs(64.0 * (double)(c.x + r * (d.x - c.x)) - p[0]),
+                                                 fabs(48.0 * (double)(c.y + r * (d.y - c.y)) - p[1])));
                 }
             }
             close += nearest < 2.0 ? length / 32.0 : 0.0;
@@ -209,9 +216,11 @@ static void test_repack(void **state)
     for (int i = 0; i < 8; i++)
         positions[i] = s.positions[u->source[i]];
     struct kiln_padding padding;
-    assert_int_equal(kiln_padding_measure(&padding, positions, u->uv, 8, u->triangles, 4, u->width, u->height, NULL), 0);
+    assert_int_equal(kiln_padding_measure(&padding, positions, u->uv, 8, u->triangles, 4, u->width, u->height, NULL),
+                     0);
     assert_true(padding.charts == 2 && padding.close == 0.0);
-    for (uint32_t c = 0; c < 2; c++) { /* each as large as it was: x 4 or 8 of 16 of 2 m, y 10 of 16 of 1 m, 20 texels a metre; turned or not */
+    /* each as large as it was: x 4 or 8 of 16 of 2 m, y 10 of 16 of 1 m, 20 texels a metre; turned or not */
+    for (uint32_t c = 0; c < 2; c++) {
         double side[2];
         for (uint32_t k = 0; k < 2; k++) {
             const struct kiln_vec2 a = u->uv[u->triangles[6 * c + k]], b = u->uv[u->triangles[6 * c + k + 1]];
@@ -219,7 +228,8 @@ static void test_repack(void **state)
         }
         const double wanted[2] = {c == 0 ? 10.0 : 20.0, 12.5};
         assert_true(fabs(side[0] / wanted[0] - 1.0) < 0.13 && fabs(side[1] / wanted[1] - 1.0) < 0.13);
-        const struct kiln_vec2 a = u->uv[u->triangles[6 * c]], b = u->uv[u->triangles[6 * c + 1]], d = u->uv[u->triangles[6 * c + 2]];
+        const struct kiln_vec2 a = u->uv[u->triangles[6 * c]], b = u->uv[u->triangles[6 * c + 1]],
+                               d = u->uv[u->triangles[6 * c + 2]];
         assert_true((b.x - a.x) * (d.y - a.y) - (b.y - a.y) * (d.x - a.x) > 0.0f); /* not mirrored */
     }
     kiln_unwrapped_destroy(&u);
@@ -227,8 +237,9 @@ static void test_repack(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_the_reader_has_it),      cmocka_unit_test(test_both_read_it),
-                                       cmocka_unit_test(test_texels_of_charts_stay),  cmocka_unit_test(test_distance),
-                                       cmocka_unit_test(test_distance_of_many),       cmocka_unit_test(test_repack)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_the_reader_has_it),     cmocka_unit_test(test_both_read_it),
+        cmocka_unit_test(test_texels_of_charts_stay), cmocka_unit_test(test_distance),
+        cmocka_unit_test(test_distance_of_many),      cmocka_unit_test(test_repack)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,5 @@
-/* Rays through every layout of the BVH on the device: the hits of Embree, the same in all layouts, and none that slips through. */
+/* Rays through every layout of the BVH on the device: the hits of Embree, the same in all layouts, and none that slips
+ * through. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -16,7 +17,8 @@
 #include "worker/backend/vulkan/bvh.h"
 
 enum { RAYS = 16384, LAYOUTS = 4 };
-static const uint32_t layouts[LAYOUTS] = {KILN_TRAVERSAL_BRUTE, KILN_TRAVERSAL_BINARY, KILN_TRAVERSAL_FOUR, KILN_TRAVERSAL_EIGHT};
+static const uint32_t layouts[LAYOUTS] = {KILN_TRAVERSAL_BRUTE, KILN_TRAVERSAL_BINARY, KILN_TRAVERSAL_FOUR,
+                                          KILN_TRAVERSAL_EIGHT};
 
 struct push {
     uint64_t scene, origins, directions, hits;
@@ -85,10 +87,12 @@ static void add_ball(struct world *w, struct kiln_vec3 centre, float radius, uin
     const uint32_t first = (uint32_t)w->g.vertex_count, around = 2 * n;
     for (uint32_t i = 1; i < n; i++)
         for (uint32_t j = 0; j < around; j++) {
-            const float a = (float)KILN_PI * (float)i / (float)n, b = (float)KILN_PI * (float)j / (float)n, r = radius * (1.0f + bumps * (chance(w) - 0.5f));
+            const float a = (float)KILN_PI * (float)i / (float)n, b = (float)KILN_PI * (float)j / (float)n,
+                        r = radius * (1.0f + bumps * (chance(w) - 0.5f));
             add_vertex(w, centre.x + r * sinf(a) * cosf(b), centre.y + r * sinf(a) * sinf(b), centre.z + r * cosf(a));
         }
-    const uint32_t top = add_vertex(w, centre.x, centre.y, centre.z + radius), bottom = add_vertex(w, centre.x, centre.y, centre.z - radius);
+    const uint32_t top = add_vertex(w, centre.x, centre.y, centre.z + radius),
+                   bottom = add_vertex(w, centre.x, centre.y, centre.z - radius);
     for (uint32_t j = 0; j < around; j++) {
         const uint32_t k = (j + 1) % around;
         add_triangle(w, top, first + j, first + k);
@@ -103,7 +107,8 @@ static void add_ball(struct world *w, struct kiln_vec3 centre, float radius, uin
 
 static void add_box(struct world *w, float half)
 {
-    static const uint8_t side[6][4] = {{0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 4, 6, 2}, {1, 3, 7, 5}};
+    static const uint8_t side[6][4] = {{0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4},
+                                       {2, 6, 7, 3}, {0, 4, 6, 2}, {1, 3, 7, 5}};
     const uint32_t first = (uint32_t)w->g.vertex_count;
     for (uint32_t i = 0; i < 8; i++)
         add_vertex(w, i & 1 ? half : -half, i & 2 ? half : -half, i & 4 ? half : -half);
@@ -116,17 +121,20 @@ static void add_box(struct world *w, float half)
 static void add_soup(struct world *w, size_t count, float half, float size, float narrow)
 {
     for (size_t i = 0; i < count; i++) {
-        const float x = half * (2.0f * chance(w) - 1.0f), y = half * (2.0f * chance(w) - 1.0f), z = half * (2.0f * chance(w) - 1.0f);
+        const float x = half * (2.0f * chance(w) - 1.0f), y = half * (2.0f * chance(w) - 1.0f),
+                    z = half * (2.0f * chance(w) - 1.0f);
         const uint32_t a = add_vertex(w, x, y, z);
         add_vertex(w, x + size * (chance(w) - 0.5f), y + size * (chance(w) - 0.5f), z + size * (chance(w) - 0.5f));
-        add_vertex(w, x + narrow * (chance(w) - 0.5f), y + narrow * (chance(w) - 0.5f), z + narrow * (chance(w) - 0.5f));
+        add_vertex(w, x + narrow * (chance(w) - 0.5f), y + narrow * (chance(w) - 0.5f),
+                   z + narrow * (chance(w) - 0.5f));
         add_triangle(w, a, a + 1, a + 2);
     }
 }
 
 static struct kiln_vec3 any_direction(struct world *w)
 {
-    const float z = 2.0f * chance(w) - 1.0f, a = 2.0f * (float)KILN_PI * chance(w), r = sqrtf(fmaxf(0.0f, 1.0f - z * z));
+    const float z = 2.0f * chance(w) - 1.0f, a = 2.0f * (float)KILN_PI * chance(w),
+                r = sqrtf(fmaxf(0.0f, 1.0f - z * z));
     return vec3(r * cosf(a), r * sinf(a), z);
 }
 
@@ -134,10 +142,12 @@ static struct kiln_vec3 any_direction(struct world *w)
 static void any_rays(struct world *w, float half)
 {
     for (int i = 0; i < RAYS; i++) {
-        w->origins[i] = vec3(half * (2.0f * chance(w) - 1.0f), half * (2.0f * chance(w) - 1.0f), half * (2.0f * chance(w) - 1.0f));
+        w->origins[i] =
+            vec3(half * (2.0f * chance(w) - 1.0f), half * (2.0f * chance(w) - 1.0f), half * (2.0f * chance(w) - 1.0f));
         w->directions[i] = any_direction(w);
         if (i % 64 == 0)
-            w->directions[i] = i & 64 ? vec3(0.0f, i & 128 ? 1.0f : -1.0f, 0.0f) : vec3(i & 128 ? 1.0f : -1.0f, 0.0f, -0.0f);
+            w->directions[i] =
+                i & 64 ? vec3(0.0f, i & 128 ? 1.0f : -1.0f, 0.0f) : vec3(i & 128 ? 1.0f : -1.0f, 0.0f, -0.0f);
     }
 }
 
@@ -147,7 +157,8 @@ static void rays_at_edges(struct world *w, float half)
     for (int i = 0; i < RAYS; i++) {
         struct kiln_vec3 c[3];
         kiln_geometry_corners(&w->g, (uint64_t)i * 7919u % w->g.triangle_count, c);
-        const struct kiln_vec3 to = i % 3 == 0 ? c[0] : vec3_madd(c[0], vec3_sub(c[1], c[0]), i % 3 == 1 ? 0.5f : chance(w));
+        const struct kiln_vec3 to =
+            i % 3 == 0 ? c[0] : vec3_madd(c[0], vec3_sub(c[1], c[0]), i % 3 == 1 ? 0.5f : chance(w));
         w->origins[i] = i & 1 ? vec3(0.0f, 0.0f, 0.0f)
                               : vec3(half * (chance(w) - 0.5f), half * (chance(w) - 0.5f), half * (chance(w) - 0.5f));
         w->directions[i] = vec3_normalize(vec3_sub(to, w->origins[i]));
@@ -156,17 +167,23 @@ static void rays_at_edges(struct world *w, float half)
 
 /* ---- tracing ---- */
 
-static void trace(struct gpu *gpu, const struct world *w, const struct bvh *bvh, uint32_t traversal, bool occlusion, struct kiln_gpu_hit *hits)
+static void trace(struct gpu *gpu, const struct world *w, const struct bvh *bvh, uint32_t traversal, bool occlusion,
+                  struct kiln_gpu_hit *hits)
 {
     struct bvh_layout layout;
     struct kiln_error error = {""};
     if (bvh_layout_create(&layout, bvh, traversal, &error) != KILN_OK)
         fail_msg("%s", error.message);
     struct gpu_buffer b[6] = {{.size = 0}};
-    assert_int_equal(gpu_buffer_of(gpu, &b[0], layout.nodes, layout.node_count * layout.node_size, "nodes", &error), KILN_OK);
-    assert_int_equal(gpu_buffer_of(gpu, &b[1], layout.triangles, layout.triangle_count * sizeof *layout.triangles, "triangles", &error), KILN_OK);
-    const struct kiln_gpu_scene scene = {.trace = {.nodes = b[0].address, .triangles = b[1].address,
-                                                   .triangle_count = (uint32_t)layout.triangle_count, .extent = w->g.extent},
+    assert_int_equal(gpu_buffer_of(gpu, &b[0], layout.nodes, layout.node_count * layout.node_size, "nodes", &error),
+                     KILN_OK);
+    assert_int_equal(gpu_buffer_of(gpu, &b[1], layout.triangles, layout.triangle_count * sizeof *layout.triangles,
+                                   "triangles", &error),
+                     KILN_OK);
+    const struct kiln_gpu_scene scene = {.trace = {.nodes = b[0].address,
+                                                   .triangles = b[1].address,
+                                                   .triangle_count = (uint32_t)layout.triangle_count,
+                                                   .extent = w->g.extent},
                                          .opaque_count = (uint32_t)w->g.opaque_count};
     assert_int_equal(gpu_buffer_of(gpu, &b[2], &scene, sizeof scene, "scene", &error), KILN_OK);
     assert_int_equal(gpu_buffer_of(gpu, &b[3], w->origins, sizeof w->origins, "origins", &error), KILN_OK);
@@ -174,11 +191,15 @@ static void trace(struct gpu *gpu, const struct world *w, const struct bvh *bvh,
     assert_int_equal(gpu_buffer_of(gpu, &b[5], hits, RAYS * sizeof *hits, "hits", &error), KILN_OK);
     const uint32_t constants[6] = {traversal, 0, 0, 0, 0, occlusion};
     struct gpu_kernel *kernel = NULL;
-    const struct gpu_kernel_params params = {.name = "intersect", .code = kiln_spirv_intersect, .code_bytes = sizeof kiln_spirv_intersect,
-                                             .constants = constants, .constant_count = 6};
+    const struct gpu_kernel_params params = {.name = "intersect",
+                                             .code = kiln_spirv_intersect,
+                                             .code_bytes = sizeof kiln_spirv_intersect,
+                                             .constants = constants,
+                                             .constant_count = 6};
     assert_int_equal(gpu_kernel_create(gpu, &kernel, &params, &error), KILN_OK);
     const struct push push = {b[2].address, b[3].address, b[4].address, b[5].address, RAYS};
-    const struct gpu_step step = {.kernel = kernel, .threads_x = RAYS, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
+    const struct gpu_step step = {
+        .kernel = kernel, .threads_x = RAYS, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
     double seconds = 0.0;
     assert_int_equal(gpu_run(gpu, &step, 1, &seconds, &error), KILN_OK);
     assert_int_equal(gpu_download(gpu, &b[5], 0, hits, RAYS * sizeof *hits, &error), KILN_OK);
@@ -193,7 +214,8 @@ static void trace_embree(const struct world *w, struct kiln_hit *hits)
 {
     struct kiln_backend *embree = NULL;
     struct kiln_error error = {""};
-    assert_int_equal(kiln_backend_embree.create(&embree, &(struct kiln_backend_params){.geometry = &w->g}, &error), KILN_OK);
+    assert_int_equal(kiln_backend_embree.create(&embree, &(struct kiln_backend_params){.geometry = &w->g}, &error),
+                     KILN_OK);
     assert_int_equal(kiln_backend_embree.intersect(embree, w->origins, w->directions, RAYS, hits, &error), KILN_OK);
     kiln_backend_embree.destroy(&embree);
 }
@@ -204,7 +226,8 @@ static size_t unlike_embree(const struct kiln_gpu_hit *ours, const struct kiln_h
     size_t count = 0;
     for (int i = 0; i < RAYS; i++) {
         const bool near = fabsf(ours[i].distance - theirs[i].distance) <= 1e-5f * theirs[i].distance + 1e-6f * extent;
-        count += ours[i].triangle != theirs[i].triangle && (theirs[i].triangle == KILN_NONE || ours[i].triangle == KILN_GPU_NONE || !near);
+        count += ours[i].triangle != theirs[i].triangle &&
+                 (theirs[i].triangle == KILN_NONE || ours[i].triangle == KILN_GPU_NONE || !near);
         if (ours[i].triangle == theirs[i].triangle && ours[i].triangle != KILN_GPU_NONE)
             count += ours[i].back != theirs[i].back;
     }
@@ -212,7 +235,8 @@ static size_t unlike_embree(const struct kiln_gpu_hit *ours, const struct kiln_h
 }
 
 /* Limits just before and just behind what is met. */
-static void check_occlusion(struct gpu *gpu, const struct world *w, const struct bvh *bvh, uint32_t traversal, const struct kiln_gpu_hit *hits)
+static void check_occlusion(struct gpu *gpu, const struct world *w, const struct bvh *bvh, uint32_t traversal,
+                            const struct kiln_gpu_hit *hits)
 {
     static struct kiln_gpu_hit limits[RAYS];
     size_t wrong = 0;
@@ -341,8 +365,9 @@ static void too_deep(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(box_room),         cmocka_unit_test(balls_in_a_room), cmocka_unit_test(edges_and_corners),
-                                       cmocka_unit_test(soup_and_needles), cmocka_unit_test(poor_triangles),  cmocka_unit_test(hardly_any),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(box_room),          cmocka_unit_test(balls_in_a_room),
+                                       cmocka_unit_test(edges_and_corners), cmocka_unit_test(soup_and_needles),
+                                       cmocka_unit_test(poor_triangles),    cmocka_unit_test(hardly_any),
                                        cmocka_unit_test(too_deep)};
     if (!vulkan_device_is_there())
         return 77;

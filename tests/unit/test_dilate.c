@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/output/map.h"
+#include "coordinator/output/map/map.h"
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
@@ -135,7 +135,8 @@ static void test_dilation_covers_the_image(void **state)
     for (uint32_t i = 0; i < 72; i++)
         assert_true(map->planes[0][i] == (i % 12 <= 5 ? 1.0f : 9.0f));
     for (uint32_t i = 0; i < 72; i++) /* the states say what was there before */
-        assert_int_equal(map->state[i], i % 12 == 5 || i % 12 == 6 || i / 12 == 5 ? KILN_TEXEL_MARGIN : KILN_TEXEL_VALID);
+        assert_int_equal(map->state[i],
+                         i % 12 == 5 || i % 12 == 6 || i / 12 == 5 ? KILN_TEXEL_MARGIN : KILN_TEXEL_VALID);
     kiln_map_destroy(&map);
     assert_int_equal(kiln_map_create(&map, 12, 6, NULL), 0);
     assert_int_equal(kiln_nearest_texels(map->state, KILN_TEXEL_FILLED, 12, 6, nearest, NULL), 0);
@@ -145,8 +146,9 @@ static void test_dilation_covers_the_image(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_nearest_is_exact), cmocka_unit_test(test_fill_stays_in_the_chart),
-                                       cmocka_unit_test(test_fill_crosses_to_another_chart_when_it_must),
-                                       cmocka_unit_test(test_fill_interpolates), cmocka_unit_test(test_dilation_covers_the_image)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_nearest_is_exact), cmocka_unit_test(test_fill_stays_in_the_chart),
+        cmocka_unit_test(test_fill_crosses_to_another_chart_when_it_must), cmocka_unit_test(test_fill_interpolates),
+        cmocka_unit_test(test_dilation_covers_the_image)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

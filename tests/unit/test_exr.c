@@ -14,7 +14,7 @@
 
 #include "coordinator/output/exr.h"
 #include "coordinator/output/exr_strips.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
 static char folder[64];
@@ -56,8 +56,9 @@ static void same_bytes(const char *a, const char *b)
 }
 
 /* Begins `path` and appends strips until `end`, each packed from an image that has no other rows. */
-static struct kiln_exr_file *append_strips(const char *path, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
-                                           size_t attribute_count, uint32_t end)
+static struct kiln_exr_file *append_strips(const char *path, const struct kiln_image *image,
+                                           const struct kiln_exr_attribute *attributes, size_t attribute_count,
+                                           uint32_t end)
 {
     struct kiln_exr_file *file = NULL;
     struct kiln_error error = {{0}};
@@ -81,7 +82,8 @@ static struct kiln_exr_file *append_strips(const char *path, const struct kiln_i
 }
 
 /* What is packed strip by strip is the file that is written at once. */
-static void check_strips(const char *whole, const struct kiln_image *image, const struct kiln_exr_attribute *attributes, size_t attribute_count)
+static void check_strips(const char *whole, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
+                         size_t attribute_count)
 {
     char path[128];
     (void)snprintf(path, sizeof path, "%s/strips.exr", folder);
@@ -137,8 +139,8 @@ static void test_round_trip(void **state)
     check_round_trip(129, 65);
 }
 
-/* Among these some pack to exactly the size that they have unpacked, which a file cannot tell from a chunk left unpacked: noise
- * after 10 to 14 equal values. Writing reads each back. */
+/* Among these some pack to exactly the size that they have unpacked, which a file cannot tell from a chunk left
+ * unpacked: noise after 10 to 14 equal values. Writing reads each back. */
 static void test_packed_size_equal_to_unpacked(void **state)
 {
     (void)state;
@@ -278,9 +280,12 @@ static void test_missing_folder_is_told(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_round_trip), cmocka_unit_test(test_packed_size_equal_to_unpacked),
-                                       cmocka_unit_test(test_wrong_strips), cmocka_unit_test(test_half_overflow_is_refused),
-                                       cmocka_unit_test(test_damaged_files), cmocka_unit_test(test_publish_does_not_follow_links),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_round_trip),
+                                       cmocka_unit_test(test_packed_size_equal_to_unpacked),
+                                       cmocka_unit_test(test_wrong_strips),
+                                       cmocka_unit_test(test_half_overflow_is_refused),
+                                       cmocka_unit_test(test_damaged_files),
+                                       cmocka_unit_test(test_publish_does_not_follow_links),
                                        cmocka_unit_test(test_missing_folder_is_told)};
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

@@ -1,5 +1,5 @@
-/* A device that fails for good in the midst of a pass: Embree takes over where it stopped, and the answers are as if it had done
- * all. The device is Embree that gives up. */
+/* A device that fails for good in the midst of a pass: Embree takes over where it stopped, and the answers are as if it
+ * had done all. The device is Embree that gives up. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -16,7 +16,7 @@
 
 enum { LAST_GOOD = 9, OWN_FAILURE = KILN_IO };
 
-/* Does the first LAST_GOOD fragments, in parts of 4. */
+/* Does the first LAST_GOOD tile runs, in parts of 4. */
 struct quitter {
     struct kiln_backend base;
     struct kiln_backend_api api;
@@ -24,12 +24,13 @@ struct quitter {
 };
 
 struct answers {
-    size_t next, stop; /* fragments; stop: where the caller itself fails */
+    size_t next, stop; /* tile runs; stop: where the caller itself fails */
     const struct kiln_surface *surface;
     struct kiln_point_result *results;
 };
 
-static int keep(void *context, size_t first, size_t count, const struct kiln_point_result *results, struct kiln_error *error)
+static int keep(void *context, size_t first, size_t count, const struct kiln_point_result *results,
+                struct kiln_error *error)
 {
     struct answers *a = context;
     assert_int_equal(first, a->next); /* none twice, none left out */
@@ -37,14 +38,15 @@ static int keep(void *context, size_t first, size_t count, const struct kiln_poi
     if (a->next > a->stop)
         return kiln_fail(error, OWN_FAILURE, "the caller's own");
     for (size_t i = first; i < first + count; i++) {
-        const struct kiln_fragment *f = &a->surface->fragments[i];
+        const struct kiln_tile_run *f = &a->surface->tile_runs[i];
         memcpy(a->results + f->first, results, f->count * sizeof *results);
         results += f->count;
     }
     return KILN_OK;
 }
 
-static int quit_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays, struct kiln_error *error)
+static int quit_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
+                       struct kiln_error *error)
 {
     for (size_t first = 0; first + 4 <= LAST_GOOD; first += 4) {
         const struct kiln_batch part = {first, 4, batch->take, batch->context};
@@ -89,14 +91,16 @@ static void embree_goes_on(void **state)
     (void)fixture_object(f, floor, NULL, 64, 64);
     assert_int_equal(kiln_geometry_create(&geometry, &f->scene, &error), KILN_OK);
     assert_int_equal(kiln_lights_create(&lights, &f->scene, geometry, &error), KILN_OK);
-    const struct kiln_surface_params surface_params = {.scene = &f->scene, .geometry = geometry, .ranks = 1, .threads = 1};
+    const struct kiln_surface_params surface_params = {
+        .scene = &f->scene, .geometry = geometry, .ranks = 1, .threads = 1};
     assert_int_equal(kiln_surface_build(&surface, &surface_params, &(struct kiln_surface_report){0}, &error), KILN_OK);
-    const struct kiln_backend_params params = {.scene = &f->scene, .geometry = geometry, .lights = lights, .threads = 1};
+    const struct kiln_backend_params params = {
+        .scene = &f->scene, .geometry = geometry, .lights = lights, .threads = 1};
     assert_int_equal(kiln_backend_create(&embree, "embree", &params, &error), KILN_OK);
     assert_int_equal(kiln_backend_set_surface(embree, surface, &error), KILN_OK);
     const size_t bytes = surface->count * sizeof(struct kiln_point_result);
     struct answers expected = {.stop = SIZE_MAX, .surface = surface, .results = malloc(bytes)};
-    struct kiln_batch batch = {0, surface->fragment_count, keep, &expected};
+    struct kiln_batch batch = {0, surface->tile_run_count, keep, &expected};
     uint64_t rays = 0;
     assert_int_equal(kiln_backend_direct(embree, &batch, 4, &rays, &error), KILN_OK);
     kiln_backend_destroy(&embree);
@@ -105,7 +109,11 @@ static void embree_goes_on(void **state)
         struct quitter *q = calloc(1, sizeof *q);
         struct kiln_backend *backend = &q->base;
         struct answers got = {.stop = own ? 5 : SIZE_MAX, .surface = surface, .results = malloc(bytes)};
-        q->api = (struct kiln_backend_api){.name = "quitter", .destroy = quit_destroy, .info = quit_info, .set_surface = quit_surface, .direct = quit_direct};
+        q->api = (struct kiln_backend_api){.name = "quitter",
+                                           .destroy = quit_destroy,
+                                           .info = quit_info,
+                                           .set_surface = quit_surface,
+                                           .direct = quit_direct};
         q->base.api = &q->api;
         assert_int_equal(kiln_backend_create(&q->embree, "embree", &params, &error), KILN_OK);
         assert_int_equal(kiln_fallback_create(&backend, &params, &error), KILN_OK);
@@ -119,7 +127,8 @@ static void embree_goes_on(void **state)
         }
         struct kiln_backend_info info;
         kiln_backend_info(backend, &info);
-        assert_true(info.fell_back == !own && strcmp(info.name, own ? "quitter" : "embree") == 0 && info.recoveries == 3);
+        assert_true(info.fell_back == !own && strcmp(info.name, own ? "quitter" : "embree") == 0 &&
+                    info.recoveries == 3);
         assert_true(info.device_seconds >= 2.5);
         free(got.results);
         kiln_backend_destroy(&backend);

@@ -25,7 +25,8 @@ static void build(struct built *b)
     struct kiln_surface_report report;
     if (kiln_geometry_create(&b->geometry, &b->fixture->scene, &error) != KILN_OK)
         fail_msg("%s", error.message);
-    const struct kiln_surface_params params = {.scene = &b->fixture->scene, .geometry = b->geometry, .ranks = 1, .threads = 1};
+    const struct kiln_surface_params params = {
+        .scene = &b->fixture->scene, .geometry = b->geometry, .ranks = 1, .threads = 1};
     if (kiln_surface_build(&b->surface, &params, &report, &error) != KILN_OK)
         fail_msg("%s", error.message);
 }
@@ -53,7 +54,8 @@ static struct built cubes(void)
     return b;
 }
 
-static bool texel_of(const struct built *b, uint32_t triangle, double b1, double b2, double x, double y, double *s, double *t)
+static bool texel_of(const struct built *b, uint32_t triangle, double b1, double b2, double x, double y, double *s,
+                     double *t)
 {
     double c[3][2];
     kiln_geometry_texel_corners(&b->fixture->scene, b->geometry, triangle, c);
@@ -80,8 +82,8 @@ static void enter(struct distribution *d, double s, double t, double weight)
         d->moment[k] += weight * m[k];
 }
 
-/* What is true, found with no clipping: the texel's square is walked on a fine raster, each raster point that lies in a piece
- * counts with that triangle's square metres a texel. */
+/* What is true, found with no clipping: the texel's square is walked on a fine raster, each raster point that lies in a
+ * piece counts with that triangle's square metres a texel. */
 static struct distribution truth(const struct built *b, const struct kiln_point_cursor *at)
 {
     struct distribution d = {0};
@@ -114,7 +116,7 @@ static void check_point(const struct built *b, const struct kiln_point_cursor *a
     kinds[f.kind]++;
     struct distribution d = {0}, expected = truth(b, at);
     if (expected.count < 300)
-        return; /* too thin for the raster */
+        return;              /* too thin for the raster */
     enum { SAMPLES = 4096 }; /* a Hammersley set */
     for (uint32_t i = 0; i < SAMPLES; i++) {
         uint32_t triangle;
@@ -141,7 +143,8 @@ static void check_point(const struct built *b, const struct kiln_point_cursor *a
     }
 }
 
-/* A sheet of 3 x 3 squares on 4 x 4 texels, masked or blended by a texture of 32 x 32 texels: columns of 3 texels, or a ramp. */
+/* A sheet of 3 x 3 squares on 4 x 4 texels, masked or blended by a texture of 32 x 32 texels: columns of 3 texels, or a
+ * ramp. */
 static struct built sheet_with_alpha(uint32_t mode)
 {
     static const double whole[4] = {0.0, 1.0, 0.0, 1.0};
@@ -169,7 +172,8 @@ static double look(const struct built *b, const struct kiln_footprint *f, float 
     float b1, b2;
     kiln_footprint_sample(f, u1, u2, &triangle, &b1, &b2);
     texel_of(b, triangle, (double)b1, (double)b2, f->x, f->y, s, t);
-    return (double)kiln_surface_opacity(&b->fixture->scene, &b->fixture->meshes[0], b->geometry->stored_triangle[triangle], b1, b2);
+    return (double)kiln_surface_opacity(&b->fixture->scene, &b->fixture->meshes[0],
+                                        b->geometry->stored_triangle[triangle], b1, b2);
 }
 
 /* The mean opacity is that of many places; through the mask, places are drawn by their opacity. */
@@ -182,7 +186,8 @@ static void check_mask(const struct built *b, const struct kiln_point_cursor *at
     const double presence = (double)kiln_footprint_presence(&f, (uint32_t)at->point + 7u, &mask);
     double sum = 0.0, moment[2] = {0}, drawn[2] = {0}, s, t;
     for (int i = 0; i < FINE * FINE; i++) {
-        const double opacity = look(b, &f, ((float)(i % FINE) + 0.5f) / FINE, ((float)(i / FINE) + 0.5f) / FINE, &s, &t);
+        const double opacity =
+            look(b, &f, ((float)(i % FINE) + 0.5f) / FINE, ((float)(i / FINE) + 0.5f) / FINE, &s, &t);
         sum += opacity;
         moment[0] += opacity * s;
         moment[1] += opacity * t;
@@ -208,12 +213,13 @@ static void positions_lie_where_something_is(void **state)
     for (uint32_t mode = KILN_ALPHA_MASK; mode <= KILN_ALPHA_BLEND; mode++) {
         struct built b = sheet_with_alpha(mode);
         double off[1] = {0}, there = 0.0;
-        for (size_t f = 0; f < b.surface->fragment_count; f++) {
+        for (size_t f = 0; f < b.surface->tile_run_count; f++) {
             struct kiln_point_cursor at = kiln_point_first(b.surface, f);
-            for (uint32_t k = 0; k < b.surface->fragments[f].count; k++, kiln_point_next(b.surface, &at))
+            for (uint32_t k = 0; k < b.surface->tile_runs[f].count; k++, kiln_point_next(b.surface, &at))
                 check_mask(&b, &at, off, &there);
         }
-        print_message("%s: mean opacity off by %.1e, %.3f is there where points are\n", mode == KILN_ALPHA_MASK ? "mask" : "blend", off[0], there);
+        print_message("%s: mean opacity off by %.1e, %.3f is there where points are\n",
+                      mode == KILN_ALPHA_MASK ? "mask" : "blend", off[0], there);
         assert_true(fabs(off[0]) < 0.012);
         if (mode == KILN_ALPHA_MASK) /* 0.6 of it is there at all */
             assert_true(there > 0.85);
@@ -227,9 +233,9 @@ static void samples_are_uniform(void **state)
     struct built b = cubes();
     uint32_t kinds[3] = {0};
     uint64_t number = 0;
-    for (size_t i = 0; i < b.surface->fragment_count; i++) {
+    for (size_t i = 0; i < b.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
-        for (uint32_t k = 0; k < b.surface->fragments[i].count; k++, kiln_point_next(b.surface, &at), number++) {
+        for (uint32_t k = 0; k < b.surface->tile_runs[i].count; k++, kiln_point_next(b.surface, &at), number++) {
             if (number % 31 == 0 || (at.object == 2 && number % 3 == 0))
                 check_point(&b, &at, kinds);
         }
@@ -245,9 +251,9 @@ static void whole_texels_are_parallelograms(void **state)
     (void)state;
     struct built b = cubes();
     uint32_t count = 0;
-    for (size_t i = 0; i < b.surface->fragment_count; i++) {
+    for (size_t i = 0; i < b.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
-        for (uint32_t k = 0; k < b.surface->fragments[i].count; k++, kiln_point_next(b.surface, &at)) {
+        for (uint32_t k = 0; k < b.surface->tile_runs[i].count; k++, kiln_point_next(b.surface, &at)) {
             if (!kiln_point_whole(b.surface, at.point))
                 continue;
             struct kiln_footprint f;
@@ -272,7 +278,8 @@ static void whole_texels_are_parallelograms(void **state)
 static void normals_follow_the_transform(void **state)
 {
     (void)state;
-    static const double squeezed[2][12] = {{2, 0, 0, 1, 0, 0.5, 0, 0, 0, 0, 1, 0}, {-2, 0, 0, 1, 0, 0.5, 0, 0, 0, 0, 1, 0}};
+    static const double squeezed[2][12] = {{2, 0, 0, 1, 0, 0.5, 0, 0, 0, 0, 1, 0},
+                                           {-2, 0, 0, 1, 0, 0.5, 0, 0, 0, 0, 1, 0}};
     struct built b = {.fixture = fixture_create()};
     struct fixture *f = b.fixture;
     const uint32_t mesh = fixture_cube(f, 12, 0.0, fixture_material(f, 0.5f, 0.5f, 0.5f));
@@ -283,9 +290,9 @@ static void normals_follow_the_transform(void **state)
     fixture_object(f, mesh, squeezed[1], 96, 96);
     build(&b);
     uint32_t bent = 0;
-    for (size_t i = 0; i < b.surface->fragment_count; i++) {
+    for (size_t i = 0; i < b.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
-        for (uint32_t k = 0; k < b.surface->fragments[i].count; k++, kiln_point_next(b.surface, &at)) {
+        for (uint32_t k = 0; k < b.surface->tile_runs[i].count; k++, kiln_point_next(b.surface, &at)) {
             struct kiln_footprint footprint;
             struct kiln_vec3 geometric, shading;
             uint32_t triangle;
@@ -319,9 +326,9 @@ static void bad_normals_give_way(void **state)
     f->meshes[mesh].flags = KILN_MESH_SMOOTH;
     fixture_object(f, mesh, NULL, 32, 32);
     build(&b);
-    for (size_t i = 0; i < b.surface->fragment_count; i++) {
+    for (size_t i = 0; i < b.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
-        for (uint32_t k = 0; k < b.surface->fragments[i].count; k++, kiln_point_next(b.surface, &at)) {
+        for (uint32_t k = 0; k < b.surface->tile_runs[i].count; k++, kiln_point_next(b.surface, &at)) {
             struct kiln_footprint footprint;
             struct kiln_vec3 geometric, shading;
             kiln_footprint_prepare(&footprint, &f->scene, b.geometry, b.surface, &at);
@@ -374,8 +381,10 @@ static RTCScene embree_scene(RTCDevice device, const struct kiln_geometry *g, en
     RTCScene scene = rtcNewScene(device);
     rtcSetSceneFlags(scene, flags);
     RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, g->vertices, 0, 12, g->vertex_count);
-    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, g->indices, 0, 12, g->triangle_count);
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, g->vertices, 0, 12,
+                               g->vertex_count);
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, g->indices, 0, 12,
+                               g->triangle_count);
     rtcCommitGeometry(geometry);
     rtcAttachGeometry(scene, geometry);
     rtcReleaseGeometry(geometry);
@@ -393,11 +402,13 @@ static double height(const struct kiln_geometry *g, uint32_t t, struct kiln_vec3
     return dvec3_dot(dvec3_sub(dvec3_of(p), o), n) / dvec3_length(n);
 }
 
-/* Rays from offset origins never meet the triangle they start from, at any scale, and the offset stays a small thing. */
+/* Rays from offset origins never meet the triangle they start from, at any scale, and the offset stays a small thing.
+ */
 static void offset_rays_leave(void **state)
 {
     (void)state;
-    static const double scales[][2] = {{1e-6, 1e-6}, {1e-6, 1e-3}, {1.0, 0.0}, {1.0, 1.0}, {0.01, 100.0}, {1e3, 1.0}, {1e6, 1e6}};
+    static const double scales[][2] = {{1e-6, 1e-6},  {1e-6, 1e-3}, {1.0, 0.0}, {1.0, 1.0},
+                                       {0.01, 100.0}, {1e3, 1.0},   {1e6, 1e6}};
     RTCDevice device = rtcNewDevice("threads=1");
     for (size_t i = 0; i < sizeof scales / sizeof *scales; i++) {
         struct built b = scattered(scales[i][0], scales[i][1]);
@@ -405,7 +416,8 @@ static void offset_rays_leave(void **state)
         RTCScene robust = embree_scene(device, b.geometry, RTC_SCENE_FLAG_ROBUST);
         for (uint32_t k = 0; k < LONE * 60; k++) {
             const uint32_t t = k % LONE;
-            const float root = sqrtf((float)fixture_random(b.fixture)), b1 = root * (float)fixture_random(b.fixture), b2 = root - b1;
+            const float root = sqrtf((float)fixture_random(b.fixture)), b1 = root * (float)fixture_random(b.fixture),
+                        b2 = root - b1;
             const struct kiln_vec3 up = kiln_triangle_normal(b.geometry, t);
             if (vec3_length(up) < 0.5f)
                 continue;
@@ -416,7 +428,8 @@ static void offset_rays_leave(void **state)
             const double distance = (double)kiln_offset_distance(b.geometry, t, n);
             assert_true(above >= 0.0);
             assert_true(above <= 2.0 * distance + 1e-30);
-            assert_true(distance <= 2e-6 * (scales[i][1] + 2.0 * scales[i][0]) + 3e-3 * scales[i][0] * (t % 4 == 1 ? 1.0 : 0.05));
+            assert_true(distance <=
+                        2e-6 * (scales[i][1] + 2.0 * scales[i][0]) + 3e-3 * scales[i][0] * (t % 4 == 1 ? 1.0 : 0.05));
             /* a direction of the hemisphere, often a grazing one */
             struct kiln_vec3 d;
             do
@@ -432,8 +445,14 @@ static void offset_rays_leave(void **state)
             for (int r = 0; r < 2; r++) {
                 struct RTCIntersectContext context;
                 rtcInitIntersectContext(&context);
-                struct RTCRayHit ray = {.ray = {.org_x = o.x, .org_y = o.y, .org_z = o.z, .dir_x = d.x, .dir_y = d.y, .dir_z = d.z,
-                                                .tfar = INFINITY, .mask = ~0u},
+                struct RTCRayHit ray = {.ray = {.org_x = o.x,
+                                                .org_y = o.y,
+                                                .org_z = o.z,
+                                                .dir_x = d.x,
+                                                .dir_y = d.y,
+                                                .dir_z = d.z,
+                                                .tfar = INFINITY,
+                                                .mask = ~0u},
                                         .hit = {.geomID = RTC_INVALID_GEOMETRY_ID}};
                 rtcIntersect1(r == 0 ? plain : robust, &context, &ray);
                 assert_true(ray.hit.geomID == RTC_INVALID_GEOMETRY_ID || ray.hit.primID != t);
@@ -449,9 +468,12 @@ static void offset_rays_leave(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(positions_lie_where_something_is), cmocka_unit_test(samples_are_uniform),          cmocka_unit_test(whole_texels_are_parallelograms),
+        cmocka_unit_test(positions_lie_where_something_is),
+        cmocka_unit_test(samples_are_uniform),
+        cmocka_unit_test(whole_texels_are_parallelograms),
         cmocka_unit_test(normals_follow_the_transform),
-        cmocka_unit_test(bad_normals_give_way),         cmocka_unit_test(offset_rays_leave),
+        cmocka_unit_test(bad_normals_give_way),
+        cmocka_unit_test(offset_rays_leave),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -39,7 +39,8 @@ static void fronts_look_out(void **state)
         const double *m = f->objects[object].transform;
         const struct kiln_vec3 out = vec3_sub(c[0], vec3((float)m[3], (float)m[7], (float)m[11]));
         assert_true(vec3_dot(kiln_triangle_normal(g, t), out) > 0.0f);
-        assert_true(t >= g->ranges[object].opaque_first && t < g->ranges[object].opaque_first + g->ranges[object].opaque_count);
+        assert_true(t >= g->ranges[object].opaque_first &&
+                    t < g->ranges[object].opaque_first + g->ranges[object].opaque_count);
     }
     kiln_geometry_destroy(&g);
     fixture_destroy(f);
@@ -144,7 +145,10 @@ static void passage_is_the_most_of_all(void **state)
     static const struct {
         uint32_t mode;
         float alpha, transmission;
-    } materials[] = {{KILN_ALPHA_OPAQUE, 0.5f, 0.0f}, {KILN_ALPHA_MASK, 0.2f, 0.0f}, {KILN_ALPHA_BLEND, 0.5f, 0.0f}, {KILN_ALPHA_OPAQUE, 1.0f, 0.3f}};
+    } materials[] = {{KILN_ALPHA_OPAQUE, 0.5f, 0.0f},
+                     {KILN_ALPHA_MASK, 0.2f, 0.0f},
+                     {KILN_ALPHA_BLEND, 0.5f, 0.0f},
+                     {KILN_ALPHA_OPAQUE, 1.0f, 0.3f}};
     for (uint32_t first = 0; first < 4; first++) {
         struct fixture *f = fixture_create();
         for (uint32_t i = 0; i < 4; i++) {
@@ -201,8 +205,8 @@ static void chunks_fit_together(void **state)
     fixture_destroy(f);
 }
 
-/* Of three instances with 4 opaque and 3 alpha triangles the middle one is receiver-only: rays meet what comes before its triangles in
- * either part, and each of the others once. */
+/* Of three instances with 4 opaque and 3 alpha triangles the middle one is receiver-only: rays meet what comes before
+ * its triangles in either part, and each of the others once. */
 static void receivers_come_last(void **state)
 {
     (void)state;
@@ -236,7 +240,8 @@ static void receivers_come_last(void **state)
         const struct kiln_object_range *r = &g->ranges[g->records[t].object];
         const bool alpha = t >= g->opaque_count;
         assert_int_equal(alpha, g->stored_triangle[t] % 2);
-        assert_true(alpha ? t >= r->alpha_first && t < r->alpha_first + r->alpha_count : t >= r->opaque_first && t < r->opaque_first + r->opaque_count);
+        assert_true(alpha ? t >= r->alpha_first && t < r->alpha_first + r->alpha_count
+                          : t >= r->opaque_first && t < r->opaque_first + r->opaque_count);
     }
     kiln_geometry_meet_all(g);
     assert_int_equal(kiln_geometry_met_count(g), 21);
@@ -282,9 +287,13 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(passage_is_the_most_of_all),
-        cmocka_unit_test(fronts_look_out),     cmocka_unit_test(corners_agree),
-        cmocka_unit_test(opaque_come_first),   cmocka_unit_test(chunks_fit_together),
-        cmocka_unit_test(positions_keep_their_digits), cmocka_unit_test(receivers_come_last), cmocka_unit_test(empty_and_impossible),
+        cmocka_unit_test(fronts_look_out),
+        cmocka_unit_test(corners_agree),
+        cmocka_unit_test(opaque_come_first),
+        cmocka_unit_test(chunks_fit_together),
+        cmocka_unit_test(positions_keep_their_digits),
+        cmocka_unit_test(receivers_come_last),
+        cmocka_unit_test(empty_and_impossible),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -17,16 +17,16 @@
 
 /* What "scene.bin" holds: a quad in the plane z = 0 as floats, and what the tests need besides. */
 static const struct {
-    float positions[4][3];   /* byte 0 */
-    float normals[4][3];     /* 48 */
-    float uv[4][2];          /* 96 */
-    uint16_t indices[6];     /* 128 */
-    uint8_t bytes[4];        /* 140: sparse indices 1 and 3 */
-    float replaced[2][3];    /* 144 */
-    uint8_t colors[4][4];    /* 168 */
+    float positions[4][3];    /* byte 0 */
+    float normals[4][3];      /* 48 */
+    float uv[4][2];           /* 96 */
+    uint16_t indices[6];      /* 128 */
+    uint8_t bytes[4];         /* 140: sparse indices 1 and 3 */
+    float replaced[2][3];     /* 144 */
+    uint8_t colors[4][4];     /* 168 */
     float translations[2][3]; /* 184 */
     float zero_normals[4][3]; /* 208 */
-    float stray[4][3];       /* 256: a zero-area triangle in an otherwise good quad */
+    float stray[4][3];        /* 256: a zero-area triangle in an otherwise good quad */
 } binary = {
     .positions = {{0, 0, 0}, {2, 0, 0}, {2, 1, 0}, {0, 1, 0}},
     .normals = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {0, 0, 1}},
@@ -39,17 +39,23 @@ static const struct {
     .stray = {{0, 0, 0}, {1, 1, 1}, {2, 2, 2}, {0, 3, 0}},
 };
 
-#define VIEWS \
-    "\"buffers\":[{\"uri\":\"scene%2Ebin\",\"byteLength\":304}],\"bufferViews\":[" \
-    "{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":96,\"byteLength\":32}," \
-    "{\"buffer\":0,\"byteOffset\":128,\"byteLength\":12},{\"buffer\":0,\"byteOffset\":140,\"byteLength\":4},{\"buffer\":0,\"byteOffset\":144,\"byteLength\":24}," \
-    "{\"buffer\":0,\"byteOffset\":168,\"byteLength\":16},{\"buffer\":0,\"byteOffset\":184,\"byteLength\":24},{\"buffer\":0,\"byteOffset\":208,\"byteLength\":48}," \
+#define VIEWS                                                                                                          \
+    "\"buffers\":[{\"uri\":\"scene%2Ebin\",\"byteLength\":304}],\"bufferViews\":["                                     \
+    "{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":48},{\"buffer\":0,"               \
+    "\"byteOffset\":96,\"byteLength\":32},"                                                                            \
+    "{\"buffer\":0,\"byteOffset\":128,\"byteLength\":12},{\"buffer\":0,\"byteOffset\":140,\"byteLength\":4},{"         \
+    "\"buffer\":0,\"byteOffset\":144,\"byteLength\":24},"                                                              \
+    "{\"buffer\":0,\"byteOffset\":168,\"byteLength\":16},{\"buffer\":0,\"byteOffset\":184,\"byteLength\":24},{"        \
+    "\"buffer\":0,\"byteOffset\":208,\"byteLength\":48},"                                                              \
     "{\"buffer\":0,\"byteOffset\":256,\"byteLength\":48}]"
-#define ACCESSORS(more) \
-    "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},{\"bufferView\":1,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"}," \
-    "{\"bufferView\":2,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},{\"bufferView\":3,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}" more "]"
+#define ACCESSORS(more)                                                                                                \
+    "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},{\"bufferView\":1,"        \
+    "\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"                                                           \
+    "{\"bufferView\":2,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},{\"bufferView\":3,\"componentType\":"     \
+    "5123,\"count\":6,\"type\":\"SCALAR\"}" more "]"
 #define HEAD "{\"asset\":{\"version\":\"2.0\"}," VIEWS ","
-#define QUAD "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"NORMAL\":1,\"TEXCOORD_1\":2},\"indices\":3}]}]"
+#define QUAD                                                                                                           \
+    "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"NORMAL\":1,\"TEXCOORD_1\":2},\"indices\":3}]}]"
 #define ONE_NODE "\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}]"
 
 struct fixture {
@@ -139,11 +145,12 @@ static void nodes_multiply_and_names_are_unique(void **state)
 {
     struct fixture *f = *state;
     accepted(f, HEAD ACCESSORS("") "," QUAD ",\"scenes\":[{\"nodes\":[1]}],\"nodes\":["
-                "{\"mesh\":0,\"name\":\"a/b\",\"translation\":[0,0,5]},"
-                "{\"rotation\":[0,0,0.70710678118654752,0.70710678118654752],\"translation\":[1,2,3],\"scale\":[2,2,2],\"children\":[0,2,3]},"
-                "{\"mesh\":0,\"name\":\"A?B\",\"scale\":[-1,1,1]},"
-                "{\"mesh\":0,\"matrix\":[1,0,0,0, 0,1,0,0, 0,0,1,0, 7,8,9,1]},"
-                "{\"mesh\":0,\"name\":\"elsewhere\"}]}");
+                                   "{\"mesh\":0,\"name\":\"a/b\",\"translation\":[0,0,5]},"
+                                   "{\"rotation\":[0,0,0.70710678118654752,0.70710678118654752],\"translation\":[1,2,3]"
+                                   ",\"scale\":[2,2,2],\"children\":[0,2,3]},"
+                                   "{\"mesh\":0,\"name\":\"A?B\",\"scale\":[-1,1,1]},"
+                                   "{\"mesh\":0,\"matrix\":[1,0,0,0, 0,1,0,0, 0,0,1,0, 7,8,9,1]},"
+                                   "{\"mesh\":0,\"name\":\"elsewhere\"}]}");
     const struct kiln_object *o = DATA(struct kiln_object, KILN_SECTION_OBJECTS);
     const char *strings = DATA(char, KILN_SECTION_STRINGS);
     assert_int_equal(COUNT(KILN_SECTION_OBJECTS), 3);
@@ -167,14 +174,17 @@ static void nodes_multiply_and_names_are_unique(void **state)
 static void strips_and_fans_keep_their_winding(void **state)
 {
     struct fixture *f = *state;
-#define DRAWN_AS(mode) HEAD ACCESSORS("") ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"mode\":" mode "}]}]," ONE_NODE "}"
+#define DRAWN_AS(mode)                                                                                                 \
+    HEAD ACCESSORS("") ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"mode\":" mode                 \
+                       "}]}]," ONE_NODE "}"
     static const char *const texts[2] = {DRAWN_AS("5"), DRAWN_AS("6")};
     for (int fan = 0; fan < 2; fan++) {
         accepted(f, texts[fan]);
         assert_int_equal(COUNT(KILN_SECTION_TRIANGLES), 2);
         const struct kiln_vec3 *n = DATA(struct kiln_vec3, KILN_SECTION_NORMALS);
         const uint32_t *t = DATA(uint32_t, KILN_SECTION_TRIANGLES);
-        /* flat normals from the winding; as a strip the quad's corners cross over, and its second triangle looks back */
+        /* flat normals from the winding; as a strip the quad's corners cross over, and its second triangle looks back
+         */
         near((double)n[t[0]].z, 1.0);
         near((double)n[t[3]].z, fan ? 1.0 : -1.0);
     }
@@ -184,10 +194,18 @@ static void winding_decides_and_normals_follow(void **state)
 {
     struct fixture *f = *state;
     /* indices reversed by using the zero normals (refused) and the good ones turned (kept and turned) */
-    refused(f, HEAD ACCESSORS(",{\"bufferView\":8,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"}") ","
-               "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"NORMAL\":4},\"indices\":3}]}]," ONE_NODE "}", "normals are zero");
+    refused(
+        f,
+        HEAD ACCESSORS(
+            ",{\"bufferView\":8,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"}") ","
+                                                                                        "\"meshes\":[{\"primitives\":[{"
+                                                                                        "\"attributes\":{\"POSITION\":"
+                                                                                        "0,\"NORMAL\":4},\"indices\":3}"
+                                                                                        "]}]," ONE_NODE "}",
+        "normals are zero");
     /* positions as normals: lean (0,0,0) (2,0,0) (2,1,0) (0,1,0) lie in the plane: replaced by the geometric one */
-    accepted(f, HEAD ACCESSORS("") ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"NORMAL\":0},\"indices\":3}]}]," ONE_NODE "}");
+    accepted(f, HEAD ACCESSORS("") ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"NORMAL\":0},"
+                                   "\"indices\":3}]}]," ONE_NODE "}");
     const struct kiln_vec3 *n = DATA(struct kiln_vec3, KILN_SECTION_NORMALS);
     for (size_t v = 0; v < COUNT(KILN_SECTION_NORMALS); v++)
         near((double)n[v].z, 1.0);
@@ -197,8 +215,14 @@ static void winding_decides_and_normals_follow(void **state)
 static void triangles_without_area_are_left_out(void **state)
 {
     struct fixture *f = *state;
-    accepted(f, HEAD ACCESSORS(",{\"bufferView\":9,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"}") ","
-                "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":4},\"indices\":3}]}]," ONE_NODE "}");
+    accepted(
+        f,
+        HEAD ACCESSORS(
+            ",{\"bufferView\":9,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"}") ","
+                                                                                        "\"meshes\":[{\"primitives\":[{"
+                                                                                        "\"attributes\":{\"POSITION\":"
+                                                                                        "4},\"indices\":3}]}]," ONE_NODE
+                                                                                        "}");
     assert_int_equal(COUNT(KILN_SECTION_TRIANGLES), 1);
     assert_int_equal(COUNT(KILN_SECTION_POSITIONS), 3);
     const struct kiln_note *notes = DATA(struct kiln_note, KILN_SECTION_NOTES);
@@ -208,28 +232,42 @@ static void triangles_without_area_are_left_out(void **state)
 static void sparse_values_replace(void **state)
 {
     struct fixture *f = *state;
-#define SPARSE "\"sparse\":{\"count\":2,\"indices\":{\"bufferView\":4,\"componentType\":5121},\"values\":{\"bufferView\":5}}"
-    accepted(f, HEAD ACCESSORS(",{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"," SPARSE "}") ","
-                "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":4},\"indices\":3}]}]," ONE_NODE "}");
+#define SPARSE                                                                                                         \
+    "\"sparse\":{\"count\":2,\"indices\":{\"bufferView\":4,\"componentType\":5121},\"values\":{\"bufferView\":5}}"
+    accepted(f,
+             HEAD ACCESSORS(
+                 ",{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"," SPARSE
+                 "}") ","
+                      "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":4},\"indices\":3}]}]," ONE_NODE "}");
     float expected[4][3];
     memcpy(expected, binary.positions, sizeof expected);
     memcpy(expected[1], binary.replaced[0], 12);
     memcpy(expected[3], binary.replaced[1], 12);
     assert_memory_equal(DATA(float, KILN_SECTION_POSITIONS), expected, sizeof expected);
     /* without a buffer view the rest is zero, whatever the count; and indices that do not ascend are refused */
-    refused(f, HEAD ACCESSORS(",{\"componentType\":5126,\"count\":4000000000,\"type\":\"VEC3\"," SPARSE "}") ","
-               "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":4},\"mode\":5}]}]," ONE_NODE "}", "more than its bytes can hold");
-    refused(f, HEAD ACCESSORS(",{\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"," SPARSE "}") ","
-               "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":4}}]}]," ONE_NODE "}", "sparse");
+    refused(f,
+            HEAD ACCESSORS(",{\"componentType\":5126,\"count\":4000000000,\"type\":\"VEC3\"," SPARSE
+                           "}") ","
+                                "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":4},\"mode\":5}]}]," ONE_NODE
+                                "}",
+            "more than its bytes can hold");
+    refused(f,
+            HEAD ACCESSORS(",{\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"," SPARSE
+                           "}") ","
+                                "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":4}}]}]," ONE_NODE "}",
+            "sparse");
 }
 
 static void materials(void **state)
 {
     struct fixture *f = *state;
-    accepted(f, HEAD ACCESSORS("") ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":3,\"material\":1}]}]," ONE_NODE
-                ",\"materials\":[{},{\"name\":\"lamp\",\"doubleSided\":true,\"alphaMode\":\"MASK\",\"alphaCutoff\":0.25,\"emissiveFactor\":[1,0.5,0],"
-                "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.1,0.2,0.3,0.4],\"metallicFactor\":0.5,\"roughnessFactor\":0.75},"
-                "\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":12}}}]}");
+    accepted(f, HEAD ACCESSORS("") ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":3,"
+                                   "\"material\":1}]}]," ONE_NODE
+                                   ",\"materials\":[{},{\"name\":\"lamp\",\"doubleSided\":true,\"alphaMode\":\"MASK\","
+                                   "\"alphaCutoff\":0.25,\"emissiveFactor\":[1,0.5,0],"
+                                   "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.1,0.2,0.3,0.4],\"metallicFactor\":"
+                                   "0.5,\"roughnessFactor\":0.75},"
+                                   "\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":12}}}]}");
     const struct kiln_material *m = DATA(struct kiln_material, KILN_SECTION_MATERIALS);
     near((double)m[0].metallic, 1.0); /* the specification's defaults */
     near((double)m[0].base_color[2], 1.0);
@@ -242,41 +280,56 @@ static void materials(void **state)
     assert_int_equal(m[1].double_sided, 1);
     assert_int_equal(DATA(uint32_t, KILN_SECTION_TRIANGLE_MATERIALS)[0], 1);
     refused(f, HEAD ACCESSORS("") ",\"materials\":[{\"emissiveFactor\":[0,-1,0]}]}", "emissiveFactor");
-    refused(f, HEAD ACCESSORS("") ",\"materials\":[{\"pbrMetallicRoughness\":{\"metallicFactor\":2}}]}", "metallicFactor");
+    refused(f, HEAD ACCESSORS("") ",\"materials\":[{\"pbrMetallicRoughness\":{\"metallicFactor\":2}}]}",
+            "metallicFactor");
     refused(f, HEAD ACCESSORS("") ",\"materials\":[{\"alphaMode\":\"SOMETIMES\"}]}", "alphaMode");
 }
 
 static void glass(void **state)
 {
     struct fixture *f = *state;
-    accepted(f, HEAD ACCESSORS("") ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":3,\"material\":0}]}]," ONE_NODE
-                ",\"materials\":[{\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":0.75}}},"
-                "{\"extensions\":{\"KHR_materials_transmission\":{}}},{},"
-                "{\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1},\"KHR_materials_volume\":{\"thicknessFactor\":0.5}}}]}");
+    accepted(f,
+             HEAD ACCESSORS(
+                 "") ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":3,\"material\":0}]}]"
+                     "," ONE_NODE
+                     ",\"materials\":[{\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":0.75}}},"
+                     "{\"extensions\":{\"KHR_materials_transmission\":{}}},{},"
+                     "{\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1},\"KHR_materials_"
+                     "volume\":{\"thicknessFactor\":0.5}}}]}");
     const struct kiln_material *m = DATA(struct kiln_material, KILN_SECTION_MATERIALS);
     near((double)m[0].transmission, 0.75);
     near((double)m[1].transmission, 0.0); /* the specification's default */
     near((double)m[2].transmission, 0.0);
     near((double)m[3].transmission, 1.0);
     assert_int_equal(m[0].transmission_texture, KILN_NONE);
-    refused(f, HEAD ACCESSORS("") ",\"materials\":[{\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1.5}}}]}", "transmissionFactor");
+    refused(f,
+            HEAD ACCESSORS(
+                "") ",\"materials\":[{\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1.5}}}]}",
+            "transmissionFactor");
 }
 
 /* A 1 x 1 PNG, embedded. */
-#define PIXEL "\"images\":[{\"uri\":\"data:image/png;base64," \
+#define PIXEL                                                                                                          \
+    "\"images\":[{\"uri\":\"data:image/png;base64,"                                                                    \
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mP8z8BQDwAEhQGAhKmMIQAAAABJRU5ErkJggg==\"}]"
 
-/* A transmission texture at the base colour's coordinates, or alone, is looked up; at others it counts as its mean. The pixel is red. */
+/* A transmission texture at the base colour's coordinates, or alone, is looked up; at others it counts as its mean. The
+ * pixel is red. */
 static void glass_has_a_texture(void **state)
 {
     struct fixture *f = *state;
-    accepted(f, HEAD ACCESSORS("") "," PIXEL ",\"textures\":[{\"source\":0}],\"materials\":["
-                "{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}},\"extensions\":{\"KHR_materials_transmission\":"
-                "{\"transmissionFactor\":0.5,\"transmissionTexture\":{\"index\":0}}}},"
-                "{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}},\"extensions\":{\"KHR_materials_transmission\":"
-                "{\"transmissionFactor\":0.5,\"transmissionTexture\":{\"index\":0,\"texCoord\":1}}}},"
-                "{\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":0.5,\"transmissionTexture\":{\"index\":0,\"texCoord\":1}}}}],"
-                "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"TEXCOORD_1\":2},\"indices\":3,\"material\":2}]}]," ONE_NODE "}");
+    accepted(f,
+             HEAD ACCESSORS("") "," PIXEL ",\"textures\":[{\"source\":0}],\"materials\":["
+                                "{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}},\"extensions\":{\"KHR_"
+                                "materials_transmission\":"
+                                "{\"transmissionFactor\":0.5,\"transmissionTexture\":{\"index\":0}}}},"
+                                "{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}},\"extensions\":{\"KHR_"
+                                "materials_transmission\":"
+                                "{\"transmissionFactor\":0.5,\"transmissionTexture\":{\"index\":0,\"texCoord\":1}}}},"
+                                "{\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":0.5,"
+                                "\"transmissionTexture\":{\"index\":0,\"texCoord\":1}}}}],"
+                                "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"TEXCOORD_1\":2},"
+                                "\"indices\":3,\"material\":2}]}]," ONE_NODE "}");
     const struct kiln_material *m = DATA(struct kiln_material, KILN_SECTION_MATERIALS);
     const struct kiln_texture *t = DATA(struct kiln_texture, KILN_SECTION_TEXTURES);
     assert_true(m[0].transmission_texture != KILN_NONE && m[0].base_color_texture != m[0].transmission_texture);
@@ -297,10 +350,14 @@ static void texture_transforms_follow_the_specification(void **state)
 {
     struct fixture *f = *state;
     /* The example of KHR_texture_transform: the lower left quarter, turned; and texCoord in it overrides the other. */
-    accepted(f, HEAD ACCESSORS("") "," PIXEL ",\"textures\":[{\"source\":0,\"sampler\":0}],\"samplers\":[{\"wrapS\":33071,\"wrapT\":33648,\"magFilter\":9728}],"
-                "\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0,\"texCoord\":0,\"extensions\":{\"KHR_texture_transform\":"
-                "{\"offset\":[0,1],\"rotation\":1.57079632679,\"scale\":[0.5,0.5],\"texCoord\":1}}}}}],"
-                "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"TEXCOORD_1\":2},\"indices\":3,\"material\":0}]}]," ONE_NODE "}");
+    accepted(f,
+             HEAD ACCESSORS("") "," PIXEL ",\"textures\":[{\"source\":0,\"sampler\":0}],\"samplers\":[{\"wrapS\":33071,"
+                                "\"wrapT\":33648,\"magFilter\":9728}],"
+                                "\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0,"
+                                "\"texCoord\":0,\"extensions\":{\"KHR_texture_transform\":"
+                                "{\"offset\":[0,1],\"rotation\":1.57079632679,\"scale\":[0.5,0.5],\"texCoord\":1}}}}}],"
+                                "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"TEXCOORD_1\":2},"
+                                "\"indices\":3,\"material\":0}]}]," ONE_NODE "}");
     const struct kiln_vec2 *uv = DATA(struct kiln_vec2, KILN_SECTION_TEXCOORD_BASE);
     static const double expected[4][2] = {{0, 1}, {0, 0.5}, {0.5, 0.5}, {0.5, 1}};
     for (int v = 0; v < 4; v++) {
@@ -319,17 +376,27 @@ static void texture_transforms_follow_the_specification(void **state)
 static void colors_are_normalised(void **state)
 {
     struct fixture *f = *state;
-    accepted(f, HEAD ACCESSORS(",{\"bufferView\":6,\"componentType\":5121,\"normalized\":true,\"count\":4,\"type\":\"VEC4\"}") ","
-                "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"COLOR_0\":4},\"indices\":3}]}]," ONE_NODE "}");
+    accepted(f, HEAD ACCESSORS(",{\"bufferView\":6,\"componentType\":5121,\"normalized\":true,\"count\":4,\"type\":"
+                               "\"VEC4\"}") ","
+                                            "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"COLOR_0\":"
+                                            "4},\"indices\":3}]}]," ONE_NODE "}");
     assert_memory_equal(DATA(uint8_t, KILN_SECTION_COLORS), binary.colors, sizeof binary.colors);
 }
 
 static void instances_are_objects(void **state)
 {
     struct fixture *f = *state;
-    accepted(f, HEAD ACCESSORS(",{\"bufferView\":7,\"componentType\":5126,\"count\":2,\"type\":\"VEC3\"}") "," QUAD
-                ",\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0,\"name\":\"tree\",\"translation\":[1,1,1],"
-                "\"extensions\":{\"EXT_mesh_gpu_instancing\":{\"attributes\":{\"TRANSLATION\":4}}}}]}");
+    accepted(
+        f, HEAD ACCESSORS(
+               ",{\"bufferView\":7,\"componentType\":5126,\"count\":2,\"type\":\"VEC3\"}") "," QUAD
+                                                                                           ",\"scenes\":[{\"nodes\":[0]"
+                                                                                           "}],\"nodes\":[{\"mesh\":0,"
+                                                                                           "\"name\":\"tree\","
+                                                                                           "\"translation\":[1,1,1],"
+                                                                                           "\"extensions\":{\"EXT_mesh_"
+                                                                                           "gpu_instancing\":{"
+                                                                                           "\"attributes\":{"
+                                                                                           "\"TRANSLATION\":4}}}}]}");
     const struct kiln_object *o = DATA(struct kiln_object, KILN_SECTION_OBJECTS);
     assert_int_equal(COUNT(KILN_SECTION_OBJECTS), 2);
     near(o[0].transform[3], 11);
@@ -340,12 +407,17 @@ static void instances_are_objects(void **state)
 static void lights_and_cameras(void **state)
 {
     struct fixture *f = *state;
-    accepted(f, HEAD ACCESSORS("") ",\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"spot\",\"color\":[1,0.5,0],\"intensity\":10,\"range\":3,"
-                "\"spot\":{\"innerConeAngle\":0.2,\"outerConeAngle\":0.5}},{\"type\":\"directional\"}]}},"
-                "\"cameras\":[{\"type\":\"perspective\",\"name\":\"eye\",\"perspective\":{\"yfov\":0.8,\"znear\":0.1,\"aspectRatio\":2}}],"
-                "\"scenes\":[{\"nodes\":[0,1],\"extras\":{\"environment\":{\"type\":\"constant\",\"radiance\":[1,2,3]}}}],\"nodes\":["
-                "{\"rotation\":[-0.70710678118654752,0,0,0.70710678118654752],\"translation\":[4,5,6],\"extensions\":{\"KHR_lights_punctual\":{\"light\":0}}},"
-                "{\"camera\":0,\"scale\":[3,3,3],\"extensions\":{\"KHR_lights_punctual\":{\"light\":1}}}]}");
+    accepted(f, HEAD ACCESSORS(
+                    "") ",\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"spot\",\"color\":[1,0.5,0],"
+                        "\"intensity\":10,\"range\":3,"
+                        "\"spot\":{\"innerConeAngle\":0.2,\"outerConeAngle\":0.5}},{\"type\":\"directional\"}]}},"
+                        "\"cameras\":[{\"type\":\"perspective\",\"name\":\"eye\",\"perspective\":{\"yfov\":0.8,"
+                        "\"znear\":0.1,\"aspectRatio\":2}}],"
+                        "\"scenes\":[{\"nodes\":[0,1],\"extras\":{\"environment\":{\"type\":\"constant\",\"radiance\":["
+                        "1,2,3]}}}],\"nodes\":["
+                        "{\"rotation\":[-0.70710678118654752,0,0,0.70710678118654752],\"translation\":[4,5,6],"
+                        "\"extensions\":{\"KHR_lights_punctual\":{\"light\":0}}},"
+                        "{\"camera\":0,\"scale\":[3,3,3],\"extensions\":{\"KHR_lights_punctual\":{\"light\":1}}}]}");
     const struct kiln_light *l = DATA(struct kiln_light, KILN_SECTION_LIGHTS);
     assert_int_equal(COUNT(KILN_SECTION_LIGHTS), 2);
     assert_int_equal(l[0].kind, KILN_LIGHT_SPOT);
@@ -391,8 +463,10 @@ static void faults_have_a_place(void **state)
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
         refused(f, cases[i].text, cases[i].word);
-    refused(f, HEAD ACCESSORS(",{\"bufferView\":0,\"componentType\":5126,\"count\":5,\"type\":\"VEC3\"}") "}", "accessors[4].count");
-    refused(f, HEAD ACCESSORS(",{\"bufferView\":0,\"componentType\":5126,\"count\":4.5,\"type\":\"VEC3\"}") "}", "accessors[4].count");
+    refused(f, HEAD ACCESSORS(",{\"bufferView\":0,\"componentType\":5126,\"count\":5,\"type\":\"VEC3\"}") "}",
+            "accessors[4].count");
+    refused(f, HEAD ACCESSORS(",{\"bufferView\":0,\"componentType\":5126,\"count\":4.5,\"type\":\"VEC3\"}") "}",
+            "accessors[4].count");
 }
 
 int main(void)
@@ -404,7 +478,9 @@ int main(void)
                                        TEST(winding_decides_and_normals_follow),
                                        TEST(triangles_without_area_are_left_out),
                                        TEST(sparse_values_replace),
-                                       TEST(materials), TEST(glass), TEST(glass_has_a_texture),
+                                       TEST(materials),
+                                       TEST(glass),
+                                       TEST(glass_has_a_texture),
                                        TEST(texture_transforms_follow_the_specification),
                                        TEST(colors_are_normalised),
                                        TEST(instances_are_objects),

@@ -31,8 +31,11 @@ static struct gpu *create(const struct gpu_choice *choice)
 static struct gpu_kernel *counter(struct gpu *gpu, uint32_t step)
 {
     const uint32_t constants[] = {0, 0, 0, 0, 0, step};
-    const struct gpu_kernel_params params = {.name = "counter", .code = kiln_spirv_counter, .code_bytes = sizeof kiln_spirv_counter,
-                                             .constants = constants, .constant_count = 6};
+    const struct gpu_kernel_params params = {.name = "counter",
+                                             .code = kiln_spirv_counter,
+                                             .code_bytes = sizeof kiln_spirv_counter,
+                                             .constants = constants,
+                                             .constant_count = 6};
     struct gpu_kernel *kernel = NULL;
     assert_int_equal(gpu_kernel_create(gpu, &kernel, &params, NULL), KILN_OK);
     return kernel;
@@ -64,7 +67,8 @@ static void what_goes_up_comes_down(void **state)
     for (uint32_t i = 0; i < WORDS; i++)
         out[i] = i * 2654435761u;
     assert_int_equal(gpu_buffer_of(gpu, &buffer, out, WORDS * sizeof *out, "a test's words", NULL), KILN_OK);
-    assert_true((buffer.address % 64 == 0 || gpu_guarded(gpu)) && buffer.mapped == NULL && gpu_memory_used(gpu) >= before + buffer.size);
+    assert_true((buffer.address % 64 == 0 || gpu_guarded(gpu)) && buffer.mapped == NULL &&
+                gpu_memory_used(gpu) >= before + buffer.size);
     assert_int_equal(gpu_download(gpu, &buffer, 0, in, WORDS * sizeof *in, NULL), KILN_OK);
     assert_memory_equal(out, in, WORDS * sizeof *in);
     assert_int_equal(gpu_upload(gpu, &buffer, 400, in, 12, NULL), KILN_OK); /* a few words in the middle */
@@ -97,7 +101,8 @@ static void count_words(struct gpu *gpu, uint32_t width, uint32_t height, uint32
     assert_int_equal(gpu_buffer_of(gpu, &from, values, words * sizeof *values, "words", NULL), KILN_OK);
     assert_int_equal(gpu_buffer_create(gpu, &to, words * sizeof *values, GPU_DEVICE, "words", NULL), KILN_OK);
     const struct push push = {.from = from.address, .to = to.address, .width = width, .height = height};
-    const struct gpu_step one = {.kernel = kernel, .threads_x = width, .threads_y = height, .constants = &push, .constant_bytes = sizeof push};
+    const struct gpu_step one = {
+        .kernel = kernel, .threads_x = width, .threads_y = height, .constants = &push, .constant_bytes = sizeof push};
     assert_int_equal(gpu_run(gpu, &one, 1, &seconds, NULL), KILN_OK);
     assert_true(seconds > 0.0);
     assert_int_equal(gpu_download(gpu, &to, 0, values, words * sizeof *values, NULL), KILN_OK);
@@ -116,9 +121,9 @@ static void kernels_reach_every_thread(void **state)
     struct gpu *gpu = create(&(struct gpu_choice){.device = -1});
     count_words(gpu, 1, 1, 5);
     count_words(gpu, 1000, 33, 0);
-    count_words(gpu, 5000001, 1, 9);   /* x has more than 65,535 workgroups */
-    count_words(gpu, 70, 70003, 1);    /* more than 65,535 rows */
-    count_words(gpu, 3, 32768, 2);     /* the number of rows that says: rows go on in z */
+    count_words(gpu, 5000001, 1, 9); /* x has more than 65,535 workgroups */
+    count_words(gpu, 70, 70003, 1);  /* more than 65,535 rows */
+    count_words(gpu, 3, 32768, 2);   /* the number of rows that says: rows go on in z */
     gpu_destroy(&gpu);
 }
 
@@ -208,8 +213,11 @@ static int work(struct gpu_faults *faults, bool *lost, bool *short_of_memory)
     struct gpu_kernel *kernel = NULL;
     uint32_t words[N] = {0};
     const uint32_t constants[] = {0, 0, 0, 0, 0, 1};
-    const struct gpu_kernel_params params = {.name = "counter", .code = kiln_spirv_counter, .code_bytes = sizeof kiln_spirv_counter,
-                                             .constants = constants, .constant_count = 6};
+    const struct gpu_kernel_params params = {.name = "counter",
+                                             .code = kiln_spirv_counter,
+                                             .code_bytes = sizeof kiln_spirv_counter,
+                                             .constants = constants,
+                                             .constant_count = 6};
     *lost = *short_of_memory = false;
     struct kiln_error error = {0};
     int status = gpu_create(&gpu, &(struct gpu_choice){.device = -1, .faults = faults}, &error);
@@ -221,7 +229,8 @@ static int work(struct gpu_faults *faults, bool *lost, bool *short_of_memory)
     if (status == KILN_OK)
         status = gpu_kernel_create(gpu, &kernel, &params, &error);
     const struct push push = {.from = a.address, .to = b.address, .width = N, .height = 1};
-    const struct gpu_step step = {.kernel = kernel, .threads_x = N, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
+    const struct gpu_step step = {
+        .kernel = kernel, .threads_x = N, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
     if (status == KILN_OK)
         status = gpu_submit(gpu, 1, &step, 1, &error);
     if (status == KILN_OK)
@@ -327,11 +336,11 @@ static void pace_follows_what_is_measured(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(devices_are_listed_in_order),  cmocka_unit_test(what_goes_up_comes_down),
-        cmocka_unit_test(kernels_reach_every_thread),   cmocka_unit_test(steps_follow_each_other),
-        cmocka_unit_test(memory_has_its_limit),         cmocka_unit_test(choices_that_cannot_be_met_are_refused),
-        cmocka_unit_test(every_call_may_fail),          cmocka_unit_test(faults_are_read_from_the_environment),
-        cmocka_unit_test(validation_is_silent),         cmocka_unit_test(pace_follows_what_is_measured),
+        cmocka_unit_test(devices_are_listed_in_order), cmocka_unit_test(what_goes_up_comes_down),
+        cmocka_unit_test(kernels_reach_every_thread),  cmocka_unit_test(steps_follow_each_other),
+        cmocka_unit_test(memory_has_its_limit),        cmocka_unit_test(choices_that_cannot_be_met_are_refused),
+        cmocka_unit_test(every_call_may_fail),         cmocka_unit_test(faults_are_read_from_the_environment),
+        cmocka_unit_test(validation_is_silent),        cmocka_unit_test(pace_follows_what_is_measured),
     };
     struct kiln_error error = {0};
     struct gpu *gpu = NULL;

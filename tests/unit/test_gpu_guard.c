@@ -1,5 +1,5 @@
-/* Guarded buffers find what they are there to find: each case runs in a process of its own, which ends as it should, with the sentence
- * that it should. Skipped (77) without a software device. */
+/* Guarded buffers find what they are there to find: each case runs in a process of its own, which ends as it should,
+ * with the sentence that it should. Skipped (77) without a software device. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -52,19 +52,27 @@ static int add_words(struct gpu *gpu, const struct deed *deed, struct kiln_error
         uint32_t width, height;
     };
     static const uint32_t words[WORDS] = {0}, constants[] = {0, 0, 0, 0, 0, 1};
-    const struct gpu_kernel_params params = {.name = "counter", .code = kiln_spirv_counter, .code_bytes = sizeof kiln_spirv_counter,
-                                             .constants = constants, .constant_count = 6};
+    const struct gpu_kernel_params params = {.name = "counter",
+                                             .code = kiln_spirv_counter,
+                                             .code_bytes = sizeof kiln_spirv_counter,
+                                             .constants = constants,
+                                             .constant_count = 6};
     struct gpu_kernel *kernel = NULL;
     struct gpu_buffer source, target;
     int status = gpu_kernel_create(gpu, &kernel, &params, error);
     if (status == KILN_OK)
         status = gpu_buffer_of(gpu, &source, words, BYTES, "the source", error);
     if (status == KILN_OK)
-        status = gpu_buffer_create(gpu, &target, deed->short_target ? BYTES : 2 * BYTES, GPU_DEVICE, "the target", error);
+        status =
+            gpu_buffer_create(gpu, &target, deed->short_target ? BYTES : 2 * BYTES, GPU_DEVICE, "the target", error);
     if (status != KILN_OK)
         return status;
-    const struct push push = {.from = source.address + (uint64_t)(4 * (int64_t)deed->read_from), .to = target.address, .width = deed->width, .height = 1};
-    const struct gpu_step step = {.kernel = kernel, .threads_x = deed->width, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
+    const struct push push = {.from = source.address + (uint64_t)(4 * (int64_t)deed->read_from),
+                              .to = target.address,
+                              .width = deed->width,
+                              .height = 1};
+    const struct gpu_step step = {
+        .kernel = kernel, .threads_x = deed->width, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
     if (deed->after_the_end)
         gpu_buffer_destroy(gpu, &source);
     status = gpu_run(gpu, &step, 1, NULL, error);
@@ -144,7 +152,8 @@ static void a_word_read_too_far_is_seen(void **state)
 {
     expect(state, &(struct deed){.guard = "after", .width = WORDS + 1}, SIGSEGV,
            "the kernel 'counter' reads byte 400 of 'the source', which has 400 bytes\n");
-    expect(state, &(struct deed){.guard = "after", .width = 1, .read_from = 5000}, SIGSEGV, "reads byte 20000 of 'the source'");
+    expect(state, &(struct deed){.guard = "after", .width = 1, .read_from = 5000}, SIGSEGV,
+           "reads byte 20000 of 'the source'");
 }
 
 static void a_word_written_too_far_is_seen(void **state)

@@ -1,4 +1,5 @@
-/* Whether a checkpoint may be gone on with: every option of bake is known to matter or not to, and differences come out as a table. */
+/* Whether a checkpoint may be gone on with: every option of bake is known to matter or not to, and differences come out
+ * as a table. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -8,7 +9,7 @@
 #include <string.h>
 
 #include "coordinator/bake/identity.h"
-#include "coordinator/cli/options.h"
+#include "coordinator/job/options.h"
 
 static void every_option_is_known(void **state)
 {
@@ -23,8 +24,8 @@ static void every_option_is_known(void **state)
 
 static json_t *identity(const char *seed, const char *backend)
 {
-    return json_pack("{s:{s:s, s:s}, s:{s:s}, s:{s:s, s:s}}", "fields", "seed", seed, "bounces", "all", "sources", "a.glb", "00ff", "machine",
-                     "backend", backend, "instruction set", "avx2");
+    return json_pack("{s:{s:s, s:s}, s:{s:s}, s:{s:s, s:s}}", "fields", "seed", seed, "bounces", "all", "sources",
+                     "a.glb", "00ff", "machine", "backend", backend, "instruction set", "avx2");
 }
 
 static void differences_are_a_table(void **state)
@@ -51,6 +52,7 @@ static void differences_are_a_table(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(every_option_is_known), cmocka_unit_test(differences_are_a_table)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(every_option_is_known),
+                                       cmocka_unit_test(differences_are_a_table)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,5 +1,5 @@
-/* The parent of the confined importer: what it caches, what it publishes, and what it says when the child dies. Needs the kiln
- * program, in the variable KILN. */
+/* The parent of the confined importer: what it caches, what it publishes, and what it says when the child dies. Needs
+ * the kiln program, in the variable KILN. */
 #include <setjmp.h> // IWYU pragma: keep
 #include <stdarg.h> // IWYU pragma: keep
 #include <stddef.h> // IWYU pragma: keep
@@ -46,7 +46,8 @@ static int set_up(void **state)
     (void)snprintf(f->output, sizeof f->output, "%s/scene.kscene", f->folder);
     (void)snprintf(f->other, sizeof f->other, "%s/other.kscene", f->folder);
     put(f->scene, triangle);
-    f->params = (struct kiln_import_params){.path = f->scene, .output = f->output, .environment_scale = 1.0, .program = getenv("KILN")};
+    f->params = (struct kiln_import_params){
+        .path = f->scene, .output = f->output, .environment_scale = 1.0, .program = getenv("KILN")};
     *state = f;
     return 0;
 }
@@ -252,9 +253,12 @@ int main(void)
         return 77;
     }
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
-    const struct CMUnitTest tests[] = {TEST(the_same_again_is_not_read_again), TEST(a_failed_import_leaves_what_was_there),
-                                       TEST(what_a_killed_import_left_is_taken_over), TEST(the_second_at_the_same_time_waits),
-                                       TEST(the_childs_death_is_a_sentence), TEST(scene_files_are_taken_as_they_are),
+    const struct CMUnitTest tests[] = {TEST(the_same_again_is_not_read_again),
+                                       TEST(a_failed_import_leaves_what_was_there),
+                                       TEST(what_a_killed_import_left_is_taken_over),
+                                       TEST(the_second_at_the_same_time_waits),
+                                       TEST(the_childs_death_is_a_sentence),
+                                       TEST(scene_files_are_taken_as_they_are),
                                        TEST(places_that_do_not_exist)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -11,8 +11,8 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/cli/job_private.h"
-#include "coordinator/cli/options.h"
+#include "coordinator/job/job_private.h"
+#include "coordinator/job/options.h"
 
 static struct kiln_error error;
 
@@ -34,7 +34,8 @@ static void test_table(void **state)
     (void)state;
     for (size_t i = 0; i < kiln_option_count; i++) {
         const struct kiln_option *option = &kiln_options[i];
-        assert_true(strlen(option->name) > 1 && strspn(option->name, "abcdefghijklmnopqrstuvwxyz-") == strlen(option->name));
+        assert_true(strlen(option->name) > 1 &&
+                    strspn(option->name, "abcdefghijklmnopqrstuvwxyz-") == strlen(option->name));
         assert_true(strlen(option->help) > 5 && strlen(option->help) < 100 && strchr(option->help, '\n') == NULL);
         for (uint32_t bit = 1; bit != 0; bit <<= 1) /* one of that name for each command */
             assert_true((option->commands & bit) == 0 || kiln_option_find_for(option->name, bit) == option);
@@ -52,7 +53,8 @@ static void test_table(void **state)
         char *arguments[8] = {(char *)"kiln", (char *)kiln_commands[i].name};
         for (size_t j = 0; j < kiln_commands[i].minimum; j++)
             arguments[2 + j] = (char *)words[j];
-        assert_int_equal(kiln_job_parse(&job, 2 + (int)kiln_commands[i].minimum, arguments, &error), KILN_OK); /* defaults parse */
+        /* defaults parse */
+        assert_int_equal(kiln_job_parse(&job, 2 + (int)kiln_commands[i].minimum, arguments, &error), KILN_OK);
         kiln_job_destroy(&job);
     }
 }
@@ -70,11 +72,14 @@ static void test_defaults(void **state)
     assert_string_equal(job->quality, "preview");
     assert_null(job->environment);
     assert_null(job->instruction_set);
-    assert_true(job->device == -1 && job->traversal == 0 && job->dispatch_time == 100.0 && job->device_memory == 0 && job->verify_share == 0);
+    assert_true(job->device == -1 && job->traversal == 0 && job->dispatch_time == 100.0 && job->device_memory == 0 &&
+                job->verify_share == 0);
     assert_true(job->environment_scale == 1.0 && job->threads == 0 && job->bounces == -1 && job->tail);
     assert_true(job->stitch && job->preview && !job->half && !job->error_map && !job->json);
-    assert_true(job->samples_direct == 64 && job->samples_bounce == 8 && job->samples_indirect == 128 && job->samples_probe == 64);
-    assert_true(job->lightmap_max == 4096 && job->lightmap_size == 0 && job->texels_per_metre == 0 && job->cell_size == 0);
+    assert_true(job->samples_direct == 64 && job->samples_bounce == 8 && job->samples_indirect == 128 &&
+                job->samples_probe == 64);
+    assert_true(job->lightmap_max == 4096 && job->lightmap_size == 0 && job->texels_per_metre == 0 &&
+                job->cell_size == 0);
     assert_int_equal(job->schedule, KILN_SCHEDULE_LEAN);
     assert_false(job->partition_objects);
     kiln_job_destroy(&job);
@@ -86,9 +91,9 @@ static void test_forms(void **state)
 {
     (void)state;
     struct kiln_job *job = NULL;
-    assert_int_equal(parse(&job, 20, "bake", "--threads=3", "a.glb", "--bounces", "4", "--no-stitch", "--half", "-o", "out", "--seed",
-                           "18446744073709551615", "--cell-size", "1.5e-3", "--partition", "objects", "--schedule=equal", "--error-map=true",
-                           "--preview=false", "--samples-direct", "1e3"),
+    assert_int_equal(parse(&job, 20, "bake", "--threads=3", "a.glb", "--bounces", "4", "--no-stitch", "--half", "-o",
+                           "out", "--seed", "18446744073709551615", "--cell-size", "1.5e-3", "--partition", "objects",
+                           "--schedule=equal", "--error-map=true", "--preview=false", "--samples-direct", "1e3"),
                      KILN_OK);
     assert_true(job->threads == 3 && job->bounces == 4 && !job->stitch && job->half && job->seed == UINT64_MAX);
     assert_true(job->cell_size == 1.5e-3 && job->partition_objects && job->schedule == KILN_SCHEDULE_EQUAL);
@@ -110,10 +115,11 @@ static void test_forms(void **state)
     assert_true(job->devices && job->scene == NULL && job->argument_count == 0);
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 3, "info", "--devices", "a.glb"), KILN_USAGE);
-    assert_int_equal(parse(&job, 14, "bake", "a.glb", "--backend", "vulkan", "--device", "2", "--traversal", "pipeline", "--dispatch-time", "12.5",
-                           "--device-memory", "0.25", "--verify-share", "0.01"),
+    assert_int_equal(parse(&job, 14, "bake", "a.glb", "--backend", "vulkan", "--device", "2", "--traversal", "pipeline",
+                           "--dispatch-time", "12.5", "--device-memory", "0.25", "--verify-share", "0.01"),
                      KILN_OK);
-    assert_true(job->device == 2 && job->traversal == 2 && job->dispatch_time == 12.5 && job->device_memory == 0.25 && job->verify_share == 0.01);
+    assert_true(job->device == 2 && job->traversal == 2 && job->dispatch_time == 12.5 && job->device_memory == 0.25 &&
+                job->verify_share == 0.01);
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 3, "info", "--", "--odd.glb"), KILN_OK);
     assert_string_equal(job->scene, "--odd.glb");
@@ -144,7 +150,8 @@ static void test_order(void **state)
     char folder[] = "/tmp/kiln_test_job_XXXXXX", path[64], expected[80];
     assert_non_null(mkdtemp(folder));
     (void)snprintf(path, sizeof path, "%s/job.yaml", folder);
-    write_job(path, "scene: sub/a.glb # relative\noutput: /absolute\nquality: draft\nsamples-direct: 5\nseed: 9\nenvironment: sky.hdr\n"
+    write_job(path, "scene: sub/a.glb # relative\noutput: /absolute\nquality: draft\nsamples-direct: 5\nseed: "
+                    "9\nenvironment: sky.hdr\n"
                     "bounces: all\nstitch: false\n");
     struct kiln_job *job = NULL;
     assert_int_equal(parse(&job, 2, "bake", path), KILN_OK);
@@ -155,8 +162,10 @@ static void test_order(void **state)
     assert_string_equal(job->output, "/absolute");
     assert_true(job->samples_direct == 5 && job->samples_bounce == 4 && job->seed == 9 && !job->stitch && job->tail);
     kiln_job_destroy(&job);
-    assert_int_equal(parse(&job, 9, "bake", path, "--quality", "production", "--seed", "1", "-o", "here", "--stitch"), KILN_OK);
-    assert_true(job->samples_direct == 5 && job->samples_bounce == 16 && job->samples_probe == 256 && job->seed == 1 && job->stitch);
+    assert_int_equal(parse(&job, 9, "bake", path, "--quality", "production", "--seed", "1", "-o", "here", "--stitch"),
+                     KILN_OK);
+    assert_true(job->samples_direct == 5 && job->samples_bounce == 16 && job->samples_probe == 256 && job->seed == 1 &&
+                job->stitch);
     assert_string_equal(job->output, "here");
     assert_string_equal(job->quality, "production");
     kiln_job_destroy(&job);
@@ -175,7 +184,8 @@ static void test_refusals(void **state)
         const char *first, *second, *sentence;
         int status;
     } cases[] = {
-        {"--threads", "4097", "--threads: 4097 is out of range; it must be a whole number from 1 to 4096, or auto", KILN_USAGE},
+        {"--threads", "4097", "--threads: 4097 is out of range; it must be a whole number from 1 to 4096, or auto",
+         KILN_USAGE},
         {"--threads", "99999999999999999999", "is out of range", KILN_USAGE},
         {"--threads", "-1", "is out of range", KILN_USAGE},
         {"--threads", " 1", "is not a whole number", KILN_USAGE},
@@ -227,8 +237,9 @@ static void test_edit_distance(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_table),    cmocka_unit_test(test_defaults), cmocka_unit_test(test_forms),
-        cmocka_unit_test(test_quality_gives_way), cmocka_unit_test(test_order),    cmocka_unit_test(test_refusals),
+        cmocka_unit_test(test_table),         cmocka_unit_test(test_defaults),
+        cmocka_unit_test(test_forms),         cmocka_unit_test(test_quality_gives_way),
+        cmocka_unit_test(test_order),         cmocka_unit_test(test_refusals),
         cmocka_unit_test(test_edit_distance),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,5 +1,5 @@
-/* Lightmap layouts: meshes made here are laid out, and the result is checked by rasterising it in another way than the layout
- * code does (clipping against each texel; point-in-triangle for samples). */
+/* Lightmap layouts: meshes made here are laid out, and the result is checked by rasterising it in another way than the
+ * layout code does (clipping against each texel; point-in-triangle for samples). */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -24,14 +24,16 @@ struct shape {
 
 static uint32_t point(struct shape *s, double x, double y, double z)
 {
-    assert_int_equal(kiln_grow(&s->points, &s->point_capacity, s->point_count + 1, sizeof *s->points, "test", NULL), KILN_OK);
+    assert_int_equal(kiln_grow(&s->points, &s->point_capacity, s->point_count + 1, sizeof *s->points, "test", NULL),
+                     KILN_OK);
     s->points[s->point_count] = vec3((float)x, (float)y, (float)z);
     return (uint32_t)s->point_count++;
 }
 
 static void triangle(struct shape *s, uint32_t a, uint32_t b, uint32_t c)
 {
-    assert_int_equal(kiln_grow(&s->corners, &s->corner_capacity, s->corner_count + 3, sizeof *s->corners, "test", NULL), KILN_OK);
+    assert_int_equal(kiln_grow(&s->corners, &s->corner_capacity, s->corner_count + 3, sizeof *s->corners, "test", NULL),
+                     KILN_OK);
     s->corners[s->corner_count++] = a;
     s->corners[s->corner_count++] = b;
     s->corners[s->corner_count++] = c;
@@ -46,7 +48,8 @@ static void quad(struct shape *s, uint32_t a, uint32_t b, uint32_t c, uint32_t d
 /* A rectangle in the plane z = 0, corners counter-clockwise from (x0, y0). */
 static void rectangle(struct shape *s, double x0, double y0, double x1, double y1)
 {
-    const uint32_t a = point(s, x0, y0, 0.0), b = point(s, x1, y0, 0.0), c = point(s, x1, y1, 0.0), d = point(s, x0, y1, 0.0);
+    const uint32_t a = point(s, x0, y0, 0.0), b = point(s, x1, y0, 0.0), c = point(s, x1, y1, 0.0),
+                   d = point(s, x0, y1, 0.0);
     quad(s, a, b, c, d);
 }
 
@@ -185,8 +188,10 @@ static size_t add_mesh(struct kiln_builder *b, const struct shape *s, const stru
         assert_int_equal(kiln_builder_append(b, KILN_SECTION_COLORS, &i, 1, NULL, NULL), KILN_OK);
     }
     assert_int_equal(kiln_builder_append(b, KILN_SECTION_TEXCOORD_LIGHTMAP, uv, s->point_count, NULL, NULL), KILN_OK);
-    assert_int_equal(kiln_builder_append(b, KILN_SECTION_TRIANGLES, s->corners, s->corner_count / 3, NULL, NULL), KILN_OK);
-    assert_int_equal(kiln_builder_append(b, KILN_SECTION_TRIANGLE_MATERIALS, NULL, s->corner_count / 3, NULL, NULL), KILN_OK);
+    assert_int_equal(kiln_builder_append(b, KILN_SECTION_TRIANGLES, s->corners, s->corner_count / 3, NULL, NULL),
+                     KILN_OK);
+    assert_int_equal(kiln_builder_append(b, KILN_SECTION_TRIANGLE_MATERIALS, NULL, s->corner_count / 3, NULL, NULL),
+                     KILN_OK);
     assert_int_equal(kiln_builder_append(b, KILN_SECTION_MESHES, &mesh, 1, &index, NULL), KILN_OK);
     b->mesh_has_lightmap_uv[index] = uv != NULL;
     return index;
@@ -232,8 +237,8 @@ static struct view view_of(struct kiln_builder *b, size_t mesh)
     const struct kiln_mesh *m = mesh_of(b, mesh);
     return (struct view){KILN_BUILDER_DATA(b, struct kiln_vec3, KILN_SECTION_POSITIONS) + m->vertex_first,
                          KILN_BUILDER_DATA(b, struct kiln_vec2, KILN_SECTION_TEXCOORD_LIGHTMAP) + m->vertex_first,
-                         KILN_BUILDER_DATA(b, uint32_t, KILN_SECTION_TRIANGLES) + 3 * m->triangle_first, m->vertex_count,
-                         m->triangle_count};
+                         KILN_BUILDER_DATA(b, uint32_t, KILN_SECTION_TRIANGLES) + 3 * m->triangle_first,
+                         m->vertex_count, m->triangle_count};
 }
 
 static double area_of(const struct view *v, size_t t, const double scale[3])
@@ -260,7 +265,8 @@ static double signed_area(double p[3][2])
     return 0.5 * ((p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[1][1] - p[0][1]) * (p[2][0] - p[0][0]));
 }
 
-/* Whether the triangle and the texel, shrunk by 0.002, have a point in common: the triangle is clipped to its four sides. */
+/* Whether the triangle and the texel, shrunk by 0.002, have a point in common: the triangle is clipped to its four
+ * sides. */
 static bool touches(double p[3][2], double x, double y)
 {
     const double bounds[4] = {x + 0.002, x + 0.998, y + 0.002, y + 0.998};
@@ -346,7 +352,8 @@ static void clipped_range(double a, double b, double c, uint32_t size, uint32_t 
     *end = (uint32_t)fmin(floor(fmax(a, fmax(b, c))) + 1.0, size);
 }
 
-/* No texel and no sample (16 a texel) belongs to two charts; texels of different charts are more than `padding` apart. */
+/* No texel and no sample (16 a texel) belongs to two charts; texels of different charts are more than `padding` apart.
+ */
 static void check_charts_apart(const struct view *v, uint32_t width, uint32_t height, int padding)
 {
     uint32_t *chart = chart_numbers(v), *owner = calloc((size_t)width * height, sizeof *owner);
@@ -413,8 +420,8 @@ static void check_samples_once(const struct view *v, uint32_t width, uint32_t he
 }
 
 struct quality {
-    double use;      /* share of the lightmap that is covered */
-    double ratio[2]; /* least and largest texels a m2 of a triangle, over the mean; slivers left out */
+    double use;             /* share of the lightmap that is covered */
+    double ratio[2];        /* least and largest texels a m2 of a triangle, over the mean; slivers left out */
     double mean_area_error; /* |uv share / area share - 1|, weighted by area */
     size_t charts;
 };
@@ -451,13 +458,15 @@ static struct quality quality_of(const struct view *v, uint32_t width, uint32_t 
     return q;
 }
 
-/* Base coordinates, emission coordinates, colours and normals still belong to their vertex, and triangles to their old corners. */
+/* Base coordinates, emission coordinates, colours and normals still belong to their vertex, and triangles to their old
+ * corners. */
 static void check_vertices(struct kiln_builder *b, size_t mesh, const struct shape *s)
 {
     const struct kiln_mesh *m = mesh_of(b, mesh);
     const struct view v = view_of(b, mesh);
     const struct kiln_vec2 *base = KILN_BUILDER_DATA(b, struct kiln_vec2, KILN_SECTION_TEXCOORD_BASE) + m->vertex_first;
-    const struct kiln_vec2 *emission = KILN_BUILDER_DATA(b, struct kiln_vec2, KILN_SECTION_TEXCOORD_EMISSION) + m->vertex_first;
+    const struct kiln_vec2 *emission =
+        KILN_BUILDER_DATA(b, struct kiln_vec2, KILN_SECTION_TEXCOORD_EMISSION) + m->vertex_first;
     const struct kiln_vec3 *normals = KILN_BUILDER_DATA(b, struct kiln_vec3, KILN_SECTION_NORMALS) + m->vertex_first;
     const uint8_t *colors = KILN_BUILDER_DATA(b, uint8_t, KILN_SECTION_COLORS) + 4 * m->vertex_first;
     assert_int_equal(m->triangle_count, s->corner_count / 3);
@@ -472,8 +481,9 @@ static void check_vertices(struct kiln_builder *b, size_t mesh, const struct sha
         assert_true(base[now].x == (float)old && emission[now].y == (float)(2 * old));
         assert_true(v.uv[now].x >= 0.0f && v.uv[now].x <= 1.0f && v.uv[now].y >= 0.0f && v.uv[now].y <= 1.0f);
     }
-    static const enum kiln_scene_section sections[] = {KILN_SECTION_NORMALS, KILN_SECTION_TEXCOORD_BASE, KILN_SECTION_TEXCOORD_EMISSION,
-                                                       KILN_SECTION_TEXCOORD_LIGHTMAP, KILN_SECTION_COLORS};
+    static const enum kiln_scene_section sections[] = {KILN_SECTION_NORMALS, KILN_SECTION_TEXCOORD_BASE,
+                                                       KILN_SECTION_TEXCOORD_EMISSION, KILN_SECTION_TEXCOORD_LIGHTMAP,
+                                                       KILN_SECTION_COLORS};
     for (size_t i = 0; i < sizeof sections / sizeof *sections; i++)
         assert_int_equal(b->sections[sections[i]].count, b->sections[KILN_SECTION_POSITIONS].count);
 }
@@ -485,7 +495,8 @@ struct bounds {
 };
 
 /* Lays a shape out alone and checks everything. */
-static struct quality check_shape(const char *name, const struct shape *s, struct kiln_layout_params params, struct bounds bounds)
+static struct quality check_shape(const char *name, const struct shape *s, struct kiln_layout_params params,
+                                  struct bounds bounds)
 {
     struct kiln_builder *b = new_builder();
     const size_t mesh = add_mesh(b, s, NULL), object = add_object(b, mesh, 1.0, 1.0, 1.0);
@@ -496,8 +507,10 @@ static struct quality check_shape(const char *name, const struct shape *s, struc
     const uint32_t width = object_of(b, object)->lightmap_width, height = object_of(b, object)->lightmap_height;
     const struct view v = view_of(b, mesh);
     const struct quality q = quality_of(&v, width, height, scale);
-    print_message("%-18s %7zu triangles %6zu charts %4u x %-4u at %.3g a metre used %4.1f %%  texels a m2 %.3f to %.3f of the mean, %.2f %% off in the mean\n", name,
-                  v.triangle_count, q.charts, width, height, (double)b->texels_per_metre, 100.0 * q.use, q.ratio[0], q.ratio[1], 100.0 * q.mean_area_error);
+    print_message("%-18s %7zu triangles %6zu charts %4u x %-4u at %.3g a metre used %4.1f %%  texels a m2 %.3f to %.3f "
+                  "of the mean, %.2f %% off in the mean\n",
+                  name, v.triangle_count, q.charts, width, height, (double)b->texels_per_metre, 100.0 * q.use,
+                  q.ratio[0], q.ratio[1], 100.0 * q.mean_area_error);
     check_vertices(b, mesh, s);
     check_charts_apart(&v, width, height, params.padding == 0 ? 2 : (int)params.padding);
     check_samples_once(&v, width, height);
@@ -517,8 +530,10 @@ static void test_box(void **state)
     struct shape s = {0};
     add_box(&s, 1.0, 2.0, 0.5);
     check_shape("box", &s, (struct kiln_layout_params){.texels_per_metre = 40.0}, (struct bounds){0.6, 0.99, 1.01, 6});
-    check_shape("box, coarse", &s, (struct kiln_layout_params){.texels_per_metre = 3.3}, (struct bounds){0.1, 0.6, 1.7, 6});
-    check_shape("box, 64 x 64", &s, (struct kiln_layout_params){.lightmap_size = 64}, (struct bounds){0.5, 0.9, 1.12, 6});
+    check_shape("box, coarse", &s, (struct kiln_layout_params){.texels_per_metre = 3.3},
+                (struct bounds){0.1, 0.6, 1.7, 6});
+    check_shape("box, 64 x 64", &s, (struct kiln_layout_params){.lightmap_size = 64},
+                (struct bounds){0.5, 0.9, 1.12, 6});
     check_shape("box, padding 5", &s, (struct kiln_layout_params){.texels_per_metre = 64.0, .padding = 5},
                 (struct bounds){0.5, 0.99, 1.01, 6});
     free_shape(&s);
@@ -530,7 +545,8 @@ static void test_round(void **state)
     struct shape s = {0};
     add_surface(&s, sphere, 64, 32);
     check_shape("sphere", &s, (struct kiln_layout_params){0}, (struct bounds){0.55, 0.7, 1.3, 30});
-    check_shape("sphere, coarse", &s, (struct kiln_layout_params){.texels_per_metre = 5.0}, (struct bounds){0.2, 0.7, 1.3, 30});
+    check_shape("sphere, coarse", &s, (struct kiln_layout_params){.texels_per_metre = 5.0},
+                (struct bounds){0.2, 0.7, 1.3, 30});
     free_shape(&s);
     add_surface(&s, cylinder, 48, 10);
     check_shape("cylinder", &s, (struct kiln_layout_params){0}, (struct bounds){0.7, 0.7, 1.3, 10});
@@ -545,7 +561,8 @@ static void test_overlapping_projection(void **state)
     (void)state;
     struct shape s = {0};
     add_surface(&s, ramp, 90, 2);
-    const struct quality q = check_shape("ramp", &s, (struct kiln_layout_params){0}, (struct bounds){0.4, 0.8, 1.2, 12});
+    const struct quality q =
+        check_shape("ramp", &s, (struct kiln_layout_params){0}, (struct bounds){0.4, 0.8, 1.2, 12});
     assert_true(q.charts >= 3);
     free_shape(&s);
     add_surface(&s, moebius, 60, 4);
@@ -566,7 +583,8 @@ static void test_slivers(void **state)
     check_shape("slivers", &s, (struct kiln_layout_params){0}, (struct bounds){0.9, 0.9, 1.1, 1});
     free_shape(&s);
     rectangle(&s, 0.0, 0.0, 100.0, 0.01);
-    check_shape("ribbon", &s, (struct kiln_layout_params){.texels_per_metre = 10.0}, (struct bounds){0.01, 0.9, 1.1, 1});
+    check_shape("ribbon", &s, (struct kiln_layout_params){.texels_per_metre = 10.0},
+                (struct bounds){0.01, 0.9, 1.1, 1});
     free_shape(&s);
 }
 
@@ -581,9 +599,12 @@ static void test_soup(void **state)
             c[k] = point(&s, x + random_unit(), y + random_unit(), z + random_unit());
         triangle(&s, c[0], c[1], c[2]);
     }
-    check_shape("soup", &s, (struct kiln_layout_params){.texels_per_metre = 32.0}, (struct bounds){0.4, 0.99, 1.01, 1000});
-    check_shape("soup, coarse", &s, (struct kiln_layout_params){.texels_per_metre = 3.0}, (struct bounds){0.05, 0.99, 1.01, 1000});
-    check_shape("soup, 512 x 512", &s, (struct kiln_layout_params){.lightmap_size = 512}, (struct bounds){0.35, 0.99, 1.01, 1000});
+    check_shape("soup", &s, (struct kiln_layout_params){.texels_per_metre = 32.0},
+                (struct bounds){0.4, 0.99, 1.01, 1000});
+    check_shape("soup, coarse", &s, (struct kiln_layout_params){.texels_per_metre = 3.0},
+                (struct bounds){0.05, 0.99, 1.01, 1000});
+    check_shape("soup, 512 x 512", &s, (struct kiln_layout_params){.lightmap_size = 512},
+                (struct bounds){0.35, 0.99, 1.01, 1000});
     free_shape(&s);
 }
 
@@ -592,8 +613,10 @@ static void test_single(void **state)
     (void)state;
     struct shape s = {0};
     corner(&s, 0.0, 0.0, 2.0, 3.0);
-    check_shape("single", &s, (struct kiln_layout_params){.texels_per_metre = 30.0}, (struct bounds){0.4, 0.999, 1.001, 1});
-    check_shape("single, tiny", &s, (struct kiln_layout_params){.texels_per_metre = 0.01}, (struct bounds){0.0, 0.999, 1.001, 1});
+    check_shape("single", &s, (struct kiln_layout_params){.texels_per_metre = 30.0},
+                (struct bounds){0.4, 0.999, 1.001, 1});
+    check_shape("single, tiny", &s, (struct kiln_layout_params){.texels_per_metre = 0.01},
+                (struct bounds){0.0, 0.999, 1.001, 1});
     free_shape(&s);
 }
 
@@ -612,8 +635,8 @@ static void test_broken(void **state)
     (void)state;
     struct shape s = {0};
     add_box(&s, 1.0, 1.0, 1.0);
-    add_box(&s, 1.0, 1.0, 1.0); /* every triangle twice, from other vertices */
-    quad(&s, 0, 1, 3, 2);       /* and one side a third time, from behind */
+    add_box(&s, 1.0, 1.0, 1.0);   /* every triangle twice, from other vertices */
+    quad(&s, 0, 1, 3, 2);         /* and one side a third time, from behind */
     for (int i = 0; i < 5; i++) { /* five sheets at one edge */
         const uint32_t c = point(&s, 1.0, cos(i), sin(i)), d = point(&s, 0.0, cos(i), sin(i));
         quad(&s, 0, 1, c, d);
@@ -623,7 +646,8 @@ static void test_broken(void **state)
     corner(&s, 0.5, 0.0, 1.0, 0.0);
     corner(&s, 9.0, 9.0, 9.0, 9.0);
     point(&s, 1e6, 0, 0); /* used by nothing */
-    check_shape("broken", &s, (struct kiln_layout_params){.texels_per_metre = 40.0}, (struct bounds){0.55, 0.99, 1.01, 18});
+    check_shape("broken", &s, (struct kiln_layout_params){.texels_per_metre = 40.0},
+                (struct bounds){0.55, 0.99, 1.01, 18});
     free_shape(&s);
     corner(&s, 0.0, 0.0, 1.0, 0.0);
     struct kiln_builder *b = new_builder();
@@ -646,7 +670,8 @@ static void test_too_many_charts(void **state)
     struct kiln_builder *b = new_builder();
     const size_t mesh = add_mesh(b, &s, NULL), object = add_object(b, mesh, 1.0, 1.0, 1.0);
     struct kiln_error error = {""};
-    assert_int_equal(kiln_layout(b, &(struct kiln_layout_params){.lightmap_max = 16, .texels_per_metre = 10.0}, &error), KILN_OK);
+    assert_int_equal(kiln_layout(b, &(struct kiln_layout_params){.lightmap_max = 16, .texels_per_metre = 10.0}, &error),
+                     KILN_OK);
     check_vertices(b, mesh, &s);
     const struct view v = view_of(b, mesh);
     check_samples_once(&v, 64, 64);
@@ -720,8 +745,8 @@ static void test_second_uv_set(void **state)
     check_verdict(small, "uses only 0.01 %");
 }
 
-/* A grid whose charts share 0.1 % of their samples, as rounding at seams gives, passes; with 2 % it passes with a warning; with
- * 5 % it does not. */
+/* A grid whose charts share 0.1 % of their samples, as rounding at seams gives, passes; with 2 % it passes with a
+ * warning; with 5 % it does not. */
 static void test_overlap_tolerance(void **state)
 {
     (void)state;
@@ -762,7 +787,8 @@ static void test_sizes(void **state)
     add_object(b, mesh, -1.0, 2.0, 1.0);  /* mirrored, stretched along v */
     add_object(b, mesh, 100.0, 1.0, 1.0); /* too large for the cap */
     add_object(b, mesh, 0.0, 0.0, 0.0);   /* no area */
-    assert_int_equal(kiln_layout(b, &(struct kiln_layout_params){.texels_per_metre = 32.0, .lightmap_max = 500}, NULL), KILN_OK);
+    assert_int_equal(kiln_layout(b, &(struct kiln_layout_params){.texels_per_metre = 32.0, .lightmap_max = 500}, NULL),
+                     KILN_OK);
     static const uint32_t expected[5][2] = {{80, 80}, {240, 80}, {80, 160}, {500, 80}, {1, 1}};
     for (size_t i = 0; i < 5; i++) {
         assert_int_equal(object_of(b, i)->lightmap_width, expected[i][0]);
@@ -833,8 +859,9 @@ static double all_texels(struct kiln_builder *b)
     return sum;
 }
 
-/* Automatic density: no object has more than a quarter of all texels, or with fewer than four objects an even part; none is less than 8
- * texels across; the sum is near 2^18; equal objects have equal lightmaps; what the user says of an object counts. */
+/* Automatic density: no object has more than a quarter of all texels, or with fewer than four objects an even part;
+ * none is less than 8 texels across; the sum is near 2^18; equal objects have equal lightmaps; what the user says of an
+ * object counts. */
 static void test_shares(void **state)
 {
     (void)state;
@@ -845,7 +872,8 @@ static void test_shares(void **state)
             struct kiln_builder *b = plain_scene(&floor, &box, 2, things, made == 0 ? good_uv : NULL);
             assert_int_equal(kiln_layout(b, &(struct kiln_layout_params){0}, NULL), KILN_OK);
             const double all = all_texels(b), most = all * fmax(0.25, 1.0 / (things + 2));
-            print_message("%d things: %g texels, the grounds have %.1f %%\n", things, all, 100.0 * texels_of(b, 0) / all);
+            print_message("%d things: %g texels, the grounds have %.1f %%\n", things, all,
+                          100.0 * texels_of(b, 0) / all);
             assert_true(all > 262144.0 / 1.5 && all < 262144.0 * 1.5);
             for (size_t i = 0; i < (size_t)things + 2; i++) {
                 assert_true(texels_of(b, i) <= 1.03 * most && (things + 2 < 4 || texels_of(b, i) <= 0.25 * all));
@@ -874,10 +902,12 @@ static void test_shares(void **state)
     assert_int_equal(object_of(b, 0)->density_reason, KILN_DENSITY_SIZED);
     assert_int_equal(object_of(b, last)->density_reason, KILN_DENSITY_SCALED);
     assert_int_equal(object_of(b, last - 1)->density_reason, KILN_DENSITY_CASTER);
-    /* 300 a metre on a cube of 0.2635 m: 79 texels an edge; twice that; the one before is a little smaller and has a quarter */
+    /* 300 a metre on a cube of 0.2635 m: 79 texels an edge; twice that; the one before is a little smaller and has a
+     * quarter */
     const double edge = 0.01 + 0.0065 * 39;
     assert_true(fabs(sqrt(texels_of(b, last) * mesh_of(b, 1)->uv_area / 6.0) / (600.0 * edge) - 1.0) < 0.02);
-    assert_true(fabs(sqrt(texels_of(b, last - 1) * mesh_of(b, 1)->uv_area / 6.0) / (75.0 * (edge - 0.0065)) - 1.0) < 0.02 ||
+    assert_true(fabs(sqrt(texels_of(b, last - 1) * mesh_of(b, 1)->uv_area / 6.0) / (75.0 * (edge - 0.0065)) - 1.0) <
+                    0.02 ||
                 object_of(b, last - 1)->lightmap_width == (object_of(b, last)->lightmap_width + 1) / 2);
     kiln_builder_destroy(&b);
     free_shape(&floor);
@@ -915,7 +945,8 @@ static void test_instances(void **state)
     assert_int_equal(kiln_layout(b, &(struct kiln_layout_params){.texels_per_metre = 20.0}, NULL), KILN_OK);
     const struct view wall = view_of(b, 0);
     static const double scale[3] = {10.0, 4.0, 0.2};
-    const struct quality w = quality_of(&wall, object_of(b, 0)->lightmap_width, object_of(b, 0)->lightmap_height, scale);
+    const struct quality w =
+        quality_of(&wall, object_of(b, 0)->lightmap_width, object_of(b, 0)->lightmap_height, scale);
     assert_true(w.ratio[0] > 0.99 && w.ratio[1] < 1.01);
     kiln_builder_destroy(&b);
     free_shape(&s);
@@ -948,7 +979,8 @@ static void test_many_meshes(void **state)
         assert_int_equal(run[0]->sections[section].count, run[1]->sections[section].count);
         if (run[0]->sections[section].count > 0)
             assert_memory_equal(run[0]->sections[section].data, run[1]->sections[section].data,
-                                run[0]->sections[section].count * kiln_scene_element_size((enum kiln_scene_section)section));
+                                run[0]->sections[section].count *
+                                    kiln_scene_element_size((enum kiln_scene_section)section));
     }
     for (int i = 0; i < 2; i++)
         kiln_builder_destroy(&run[i]);

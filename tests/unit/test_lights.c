@@ -1,5 +1,5 @@
-/* Lights against closed forms: unoccluded irradiance from triangles by Lambert's polygon formula, importance that is never
- * zero where light arrives, allotment, point, spot and environment sampling. */
+/* Lights against closed forms: unoccluded irradiance from triangles by Lambert's polygon formula, importance that is
+ * never zero where light arrives, allotment, point, spot and environment sampling. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -32,7 +32,8 @@ static double polygon_irradiance(const struct kiln_dvec3 v[3], struct kiln_dvec3
 
 static struct kiln_area_light triangle(struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 c, float radiance)
 {
-    struct kiln_area_light light = {.p0 = a, .e1 = dvec3_sub(b, a), .e2 = dvec3_sub(c, a), .radiance = {radiance, radiance, radiance}};
+    struct kiln_area_light light = {
+        .p0 = a, .e1 = dvec3_sub(b, a), .e2 = dvec3_sub(c, a), .radiance = {radiance, radiance, radiance}};
     const struct kiln_dvec3 cross = dvec3_cross(light.e1, light.e2);
     light.area = 0.5 * dvec3_length(cross);
     light.normal = unit(cross);
@@ -40,7 +41,8 @@ static struct kiln_area_light triangle(struct kiln_dvec3 a, struct kiln_dvec3 b,
 }
 
 /* Irradiance at p by sampling every choice, no occlusion. */
-static double sampled_irradiance(const struct kiln_lights *lights, struct kiln_dvec3 p, struct kiln_dvec3 n, uint32_t samples, uint32_t seed)
+static double sampled_irradiance(const struct kiln_lights *lights, struct kiln_dvec3 p, struct kiln_dvec3 n,
+                                 uint32_t samples, uint32_t seed)
 {
     struct kiln_light_choice choices[KILN_CUT_MAX + 4];
     const size_t count = kiln_lights_choices(lights, p, 0.0, n, KILN_CUT_MAX, choices);
@@ -52,7 +54,8 @@ static double sampled_irradiance(const struct kiln_lights *lights, struct kiln_d
             const uint32_t scramble = kiln_hash2(seed, (uint32_t)i * 2 + k % strategies);
             double r[3];
             for (uint32_t d = 0; d < 3; d++)
-                r[d] = kiln_unit_double(kiln_owen_scramble(kiln_sobol(k / strategies, d < 2 ? d : 4), kiln_hash2(scramble, d)));
+                r[d] = kiln_unit_double(
+                    kiln_owen_scramble(kiln_sobol(k / strategies, d < 2 ? d : 4), kiln_hash2(scramble, d)));
             struct kiln_light_sample s;
             if (kiln_lights_sample(lights, &choices[i], k, p, n, r[2], r[0], r[1], &s))
                 total += s.value[1] * fmax(0.0, dvec3_dot(n, s.direction)) / choices[i].samples;
@@ -156,7 +159,12 @@ static void points_spots_and_ranges(void **state)
     light.range = 1.9;
     assert_true(sampled_irradiance(&lights, p, n, 1, 1) == 0.0);
     free(lights.nodes);
-    light = (struct kiln_point_light){.position = {0, 2, 0}, .direction = {0, -1, 0}, .intensity = {7, 7, 7}, .spot = true, .cos_inner = 0.95, .cos_outer = 0.9};
+    light = (struct kiln_point_light){.position = {0, 2, 0},
+                                      .direction = {0, -1, 0},
+                                      .intensity = {7, 7, 7},
+                                      .spot = true,
+                                      .cos_inner = 0.95,
+                                      .cos_outer = 0.9};
     kiln_light_tree_build(&lights, NULL);
     assert_true(fabs(sampled_irradiance(&lights, p, n, 1, 1) - 7.0 / 4.0) < 1e-12);
     assert_true(sampled_irradiance(&lights, dvec3(2, 0, 0), n, 1, 1) == 0.0);
@@ -177,7 +185,8 @@ static void environment_image(void **state)
         texels[3 * (5 * W + 20) + c] = 500.0f;
         texels[3 * (25 * W + 40) + c] = 300.0f; /* below the horizon */
     }
-    const struct kiln_environment environment = {.kind = KILN_ENVIRONMENT_LATLONG, .radiance = {2, 2, 2}, .rotation = 0.7f, .width = W, .height = H};
+    const struct kiln_environment environment = {
+        .kind = KILN_ENVIRONMENT_LATLONG, .radiance = {2, 2, 2}, .rotation = 0.7f, .width = W, .height = H};
     const struct kiln_scene scene = {.environment = &environment, .environment_texels = texels};
     struct kiln_geometry geometry = {.extent = 1.0f};
     struct kiln_lights lights = {.scene = &scene, .geometry = &geometry};
@@ -197,7 +206,8 @@ static void environment_image(void **state)
         fail_msg("%g instead of %g", sampled, exact);
     double density;
     for (uint32_t k = 0; k < 1000; k++) { /* the density of a drawn direction is the one found by looking it up */
-        const struct kiln_dvec3 d = kiln_environment_sample(&lights, kiln_unit_double(kiln_sobol(k, 0)), kiln_unit_double(kiln_sobol(k, 1)), &density);
+        const struct kiln_dvec3 d = kiln_environment_sample(&lights, kiln_unit_double(kiln_sobol(k, 0)),
+                                                            kiln_unit_double(kiln_sobol(k, 1)), &density);
         assert_true(fabs(dvec3_length(d) - 1.0) < 1e-12);
         assert_true(fabs(kiln_environment_density(&lights, d) / density - 1.0) < 1e-6);
     }
@@ -219,8 +229,12 @@ static void every_choice_gets_a_sample(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(one_triangle_at_any_distance), cmocka_unit_test(sides_matter),      cmocka_unit_test(many_triangles_through_the_tree),
-        cmocka_unit_test(points_spots_and_ranges),      cmocka_unit_test(environment_image), cmocka_unit_test(every_choice_gets_a_sample),
+        cmocka_unit_test(one_triangle_at_any_distance),
+        cmocka_unit_test(sides_matter),
+        cmocka_unit_test(many_triangles_through_the_tree),
+        cmocka_unit_test(points_spots_and_ranges),
+        cmocka_unit_test(environment_image),
+        cmocka_unit_test(every_choice_gets_a_sample),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

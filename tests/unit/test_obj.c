@@ -14,13 +14,34 @@
 #include "coordinator/import/obj_symbols.h"
 #include "coordinator/import/obj_text.h"
 
-static bool parse(const char *text, double *value) { return obj_parse_number((struct obj_word){text, strlen(text)}, value); }
+static bool parse(const char *text, double *value)
+{
+    return obj_parse_number((struct obj_word){text, strlen(text)}, value);
+}
 
 static void numbers_are_those_of_the_c_library(void **state)
 {
     (void)state;
-    static const char *const given[] = {"0", "-0", "1", "+1", "-1.5", ".5", "5.", "1e3", "1E+3", "1e-3", "0.1", "123456789012345678", "0.000000000000000000000000123",
-                                        "3.4028234e38", "1e-45", "1e-400", "2.2250738585072011e-308", "0.30000000000000004", "00012.500", "179769313486231570000e18"};
+    static const char *const given[] = {"0",
+                                        "-0",
+                                        "1",
+                                        "+1",
+                                        "-1.5",
+                                        ".5",
+                                        "5.",
+                                        "1e3",
+                                        "1E+3",
+                                        "1e-3",
+                                        "0.1",
+                                        "123456789012345678",
+                                        "0.000000000000000000000000123",
+                                        "3.4028234e38",
+                                        "1e-45",
+                                        "1e-400",
+                                        "2.2250738585072011e-308",
+                                        "0.30000000000000004",
+                                        "00012.500",
+                                        "179769313486231570000e18"};
     for (size_t i = 0; i < sizeof given / sizeof given[0]; i++) {
         double value = -7.0;
         const bool fits = fabs(strtod(given[i], NULL)) <= 3e38;
@@ -37,7 +58,8 @@ static void any_decimal_is_rounded_as_the_c_library_rounds_it(void **state)
     for (int i = 0; i < 20000; i++) {
         char text[64];
         double value;
-        (void)snprintf(text, sizeof text, "%s%.*f", rand() % 2 ? "-" : "", rand() % 18, (double)rand() / (1 + rand() % 1000));
+        (void)snprintf(text, sizeof text, "%s%.*f", rand() % 2 ? "-" : "", rand() % 18,
+                       (double)rand() / (1 + rand() % 1000));
         assert_true(parse(text, &value));
         assert_true(value == strtod(text, NULL));
         (void)snprintf(text, sizeof text, "%.*e", rand() % 18, ldexp((double)rand(), rand() % 60 - 60));
@@ -49,7 +71,8 @@ static void any_decimal_is_rounded_as_the_c_library_rounds_it(void **state)
 static void what_is_no_number(void **state)
 {
     (void)state;
-    static const char *const given[] = {"", "-", "+", ".", "-.", "e5", "1e", "1e+", "1.2.3", "0x10", "nan", "inf", "1,5", "1f", "--1", "1e999", "-4e38", "1 "};
+    static const char *const given[] = {"",     "-",   "+",   ".",   "-.", "e5",  "1e",    "1e+",   "1.2.3",
+                                        "0x10", "nan", "inf", "1,5", "1f", "--1", "1e999", "-4e38", "1 "};
     double value;
     for (size_t i = 0; i < sizeof given / sizeof given[0]; i++)
         assert_false(parse(given[i], &value));
@@ -83,7 +106,8 @@ static void lines_and_words(void **state)
 static void sixteen_bit_text(void **state)
 {
     (void)state;
-    static const unsigned char little[] = {0xff, 0xfe, 'v', 0, ' ', 0, 0x3d, 0xd8, 0x00, 0xde, 0xe9, 0}, big[] = {0xfe, 0xff, 0, 'v', 0, ' ', 0xd8, 0x3d, 0xde, 0x00, 0, 0xe9};
+    static const unsigned char little[] = {0xff, 0xfe, 'v', 0, ' ', 0, 0x3d, 0xd8, 0x00, 0xde, 0xe9, 0},
+                               big[] = {0xfe, 0xff, 0, 'v', 0, ' ', 0xd8, 0x3d, 0xde, 0x00, 0, 0xe9};
     const struct kiln_file files[] = {{little, sizeof little}, {big, sizeof big}};
     for (int i = 0; i < 2; i++) {
         struct obj_text t;
@@ -99,7 +123,8 @@ static struct kiln_dvec3 area_of(const struct obj_polygon *p, size_t triangle)
 {
     const uint32_t *c = p->triangles + 3 * triangle;
     const struct kiln_dvec3 a = dvec3_of(p->points[c[0]]);
-    return dvec3_scale(dvec3_cross(dvec3_sub(dvec3_of(p->points[c[1]]), a), dvec3_sub(dvec3_of(p->points[c[2]]), a)), 0.5);
+    return dvec3_scale(dvec3_cross(dvec3_sub(dvec3_of(p->points[c[1]]), a), dvec3_sub(dvec3_of(p->points[c[2]]), a)),
+                       0.5);
 }
 
 /* A star of `count` corners with radii from 0.3 to 1, in a tilted plane, turned either way round. */
@@ -124,7 +149,8 @@ static void triangles_cover_polygons(void **state)
         make_star(&p, count, k % 2 == 1);
         struct kiln_dvec3 whole = dvec3(0, 0, 0);
         for (size_t i = 0; i < count; i++)
-            whole = dvec3_add(whole, dvec3_scale(dvec3_cross(dvec3_of(p.points[i]), dvec3_of(p.points[(i + 1) % count])), 0.5));
+            whole = dvec3_add(
+                whole, dvec3_scale(dvec3_cross(dvec3_of(p.points[i]), dvec3_of(p.points[(i + 1) % count])), 0.5));
         assert_true(obj_polygon_cut(&p, count));
         double sum = 0.0;
         for (size_t i = 0; i + 2 < count; i++) {
@@ -159,7 +185,8 @@ static void large_and_hopeless_polygons_end(void **state)
     const size_t many = 200000;
     assert_int_equal(obj_polygon_room(&p, many, NULL), KILN_OK);
     for (size_t i = 0; i < many; i++)
-        p.points[i] = vec3((float)cos(2.0 * KILN_PI * (double)i / (double)many) * 1e6f, (float)sin(2.0 * KILN_PI * (double)i / (double)many) * 1e6f, 0);
+        p.points[i] = vec3((float)cos(2.0 * KILN_PI * (double)i / (double)many) * 1e6f,
+                           (float)sin(2.0 * KILN_PI * (double)i / (double)many) * 1e6f, 0);
     (void)obj_polygon_cut(&p, many); /* rounding may make it concave: refused, then */
     for (size_t i = 0; i < OBJ_CONCAVE_MAX; i++)
         p.points[i] = vec3((float)(rand() % 1000), (float)(rand() % 1000), (float)(rand() % 3));
@@ -192,10 +219,14 @@ static void names_keep_their_numbers(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(numbers_are_those_of_the_c_library), cmocka_unit_test(any_decimal_is_rounded_as_the_c_library_rounds_it),
-        cmocka_unit_test(what_is_no_number),                  cmocka_unit_test(lines_and_words),
-        cmocka_unit_test(sixteen_bit_text),                   cmocka_unit_test(triangles_cover_polygons),
-        cmocka_unit_test(a_concave_quadrilateral_is_cut_at_its_reflex_corner), cmocka_unit_test(large_and_hopeless_polygons_end),
+        cmocka_unit_test(numbers_are_those_of_the_c_library),
+        cmocka_unit_test(any_decimal_is_rounded_as_the_c_library_rounds_it),
+        cmocka_unit_test(what_is_no_number),
+        cmocka_unit_test(lines_and_words),
+        cmocka_unit_test(sixteen_bit_text),
+        cmocka_unit_test(triangles_cover_polygons),
+        cmocka_unit_test(a_concave_quadrilateral_is_cut_at_its_reflex_corner),
+        cmocka_unit_test(large_and_hopeless_polygons_end),
         cmocka_unit_test(names_keep_their_numbers),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

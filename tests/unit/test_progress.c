@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/cli/progress.h"
+#include "coordinator/run/progress.h"
 
 static double now;
 
@@ -86,7 +86,9 @@ static void test_lines_without_news(void **state)
     for (; now < 1120; now += 1)
         kiln_progress_beat(screen.progress);
     (void)fflush(screen.stream);
-    assert_string_equal(screen.text, "import\nimport: 9.00 s\nimport: 18.0 s\nimport: 27.0 s\nimport: 36.0 s\nimport: 45.0 s\nimport: 54.0 s\n");
+    assert_string_equal(
+        screen.text,
+        "import\nimport: 9.00 s\nimport: 18.0 s\nimport: 27.0 s\nimport: 36.0 s\nimport: 45.0 s\nimport: 54.0 s\n");
     end(&screen);
 }
 
@@ -146,7 +148,8 @@ static void test_unknown_total_and_nonsense(void **state)
     begin(&screen, true);
     kiln_progress_advance(screen.progress, 5); /* before any phase */
     kiln_progress_finish(screen.progress);
-    kiln_progress_phase(screen.progress, "reading a scene whose name is far too long for the line that is to show it", 0);
+    kiln_progress_phase(screen.progress, "reading a scene whose name is far too long for the line that is to show it",
+                        0);
     now += 3;
     kiln_progress_advance(screen.progress, 77);
     kiln_progress_phase(screen.progress, "too far", 10);
@@ -184,8 +187,11 @@ static void test_durations(void **state)
     static const struct {
         double seconds;
         const char *text;
-    } cases[] = {{0, "0.00 s"},        {-1, "0.00 s"},          {9.994, "9.99 s"},      {9.996, "10.0 s"},     {99.94, "99.9 s"},
-                 {99.96, "1 min 40 s"}, {3599.4, "59 min 59 s"}, {3599.6, "1 h 00 min"}, {7620, "2 h 07 min"}, {1e300, "more than 30 years"}};
+    } cases[] = {{0, "0.00 s"},           {-1, "0.00 s"},
+                 {9.994, "9.99 s"},       {9.996, "10.0 s"},
+                 {99.94, "99.9 s"},       {99.96, "1 min 40 s"},
+                 {3599.4, "59 min 59 s"}, {3599.6, "1 h 00 min"},
+                 {7620, "2 h 07 min"},    {1e300, "more than 30 years"}};
     char text[48];
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
         assert_string_equal(kiln_duration_text(cases[i].seconds, text, sizeof text), cases[i].text);
@@ -194,8 +200,12 @@ static void test_durations(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_lines), cmocka_unit_test(test_lines_without_news), cmocka_unit_test(test_bar),
-        cmocka_unit_test(test_time_left_follows_a_change), cmocka_unit_test(test_table), cmocka_unit_test(test_durations),
+        cmocka_unit_test(test_lines),
+        cmocka_unit_test(test_lines_without_news),
+        cmocka_unit_test(test_bar),
+        cmocka_unit_test(test_time_left_follows_a_change),
+        cmocka_unit_test(test_table),
+        cmocka_unit_test(test_durations),
         cmocka_unit_test(test_unknown_total_and_nonsense),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -8,7 +8,7 @@
 #include <float.h>
 #include <math.h>
 
-#include "coordinator/bake/energy.h"
+#include "coordinator/integrate/energy.h"
 #include "shaders/random.h"
 #include "worker/scene/radiosity.h"
 
@@ -59,14 +59,17 @@ static void expand(const float in[3], double scale, uint32_t hash, float out[3])
     kiln_radiosity_expand(kiln_radiosity_compact(in, scale, hash), scale, out);
 }
 
-/* A step of the largest channel is at most a part in 255 of it, and every channel is off by less than that (blue: than two). */
+/* A step of the largest channel is at most a part in 255 of it, and every channel is off by less than that (blue: than
+ * two). */
 static void compact_form_keeps_values_near(void **state)
 {
     (void)state;
     for (uint32_t i = 0; i < 200000; i++) {
         const double scale = ldexp(1.0, (int)(kiln_hash1(i) % 60) - 30);
-        const float size = ldexpf(kiln_hash1(i + 1) % 1000 == 0 ? 1.0f : (float)kiln_hash1(i + 2) * 0x1p-32f + 0.5f, (int)(kiln_hash1(i + 3) % 40) - 20);
-        const float in[3] = {size * (float)scale, size * (float)scale * (float)(i % 97) / 96.0f, size * (float)scale * (float)(i % 7) / 6.0f};
+        const float size = ldexpf(kiln_hash1(i + 1) % 1000 == 0 ? 1.0f : (float)kiln_hash1(i + 2) * 0x1p-32f + 0.5f,
+                                  (int)(kiln_hash1(i + 3) % 40) - 20);
+        const float in[3] = {size * (float)scale, size * (float)scale * (float)(i % 97) / 96.0f,
+                             size * (float)scale * (float)(i % 7) / 6.0f};
         float out[3];
         expand(in, scale, kiln_hash1(i + 7), out);
         for (int c = 0; c < 3; c++)
@@ -80,13 +83,17 @@ static void compact_values_stay_what_they_are(void **state)
     (void)state;
     for (uint32_t i = 0; i < 300000; i++) {
         const double scale = ldexp(1.0, (int)(i % 31) - 15);
-        const uint32_t bits = i < 100000 ? kiln_hash1(i) : kiln_radiosity_compact((const float[3]){(float)(i % 512), (float)(i % 511), (float)(i % 509)}, scale, kiln_hash1(i));
+        const uint32_t bits =
+            i < 100000 ? kiln_hash1(i)
+                       : kiln_radiosity_compact((const float[3]){(float)(i % 512), (float)(i % 511), (float)(i % 509)},
+                                                scale, kiln_hash1(i));
         float first[3], second[3], third[3];
         kiln_radiosity_expand(bits, scale, first);
         kiln_radiosity_unpack(kiln_radiosity_pack(first, kiln_hash1(i + 1)), second);
         expand(second, scale, kiln_hash1(i + 2), third);
         for (int c = 0; c < 3; c++)
-            assert_true(!(first[c] < second[c]) && !(first[c] > second[c]) && !(first[c] < third[c]) && !(first[c] > third[c]));
+            assert_true(!(first[c] < second[c]) && !(first[c] > second[c]) && !(first[c] < third[c]) &&
+                        !(first[c] > third[c]));
     }
 }
 
@@ -94,7 +101,8 @@ static void compact_values_stay_what_they_are(void **state)
 static void compact_rounding_has_no_bias(void **state)
 {
     (void)state;
-    const float values[4][3] = {{0.99f, 0.123f, 0.0077f}, {1234.567f, 3.1e6f, 7e5f}, {3.1e-7f, 3e-8f, 1e-7f}, {0.01f, 0.01f, 1.0f}};
+    const float values[4][3] = {
+        {0.99f, 0.123f, 0.0077f}, {1234.567f, 3.1e6f, 7e5f}, {3.1e-7f, 3e-8f, 1e-7f}, {0.01f, 0.01f, 1.0f}};
     const uint32_t n = 1 << 20;
     for (int v = 0; v < 4; v++) {
         double sum[3] = {0};
@@ -105,7 +113,8 @@ static void compact_rounding_has_no_bias(void **state)
                 sum[c] += (double)out[c] / n;
         }
         const double step = fmax((double)fmaxf(values[v][0], values[v][1]) / 255.0, (double)values[v][2] / 255.0);
-        for (int c = 0; c < 3; c++) /* ten random bits: a 1024th of a step, and the noise of 2^20 draws of half a step (blue: of one) */
+        /* ten random bits: a 1024th of a step, and the noise of 2^20 draws of half a step (blue: of one) */
+        for (int c = 0; c < 3; c++)
             assert_true(fabs(sum[c] - (double)values[v][c]) < step * (2.0 / 1024.0 + 4.0 / 1024.0));
     }
 }
@@ -132,7 +141,8 @@ static void exact_sums_do_not_depend_on_order(void **state)
     double plain = 0.0;
     enum { COUNT = 20000 };
     for (int i = 0; i < COUNT; i++) {
-        const double a = ldexp((double)kiln_hash1((uint32_t)i), -40 + i % 20), b = ldexp((double)kiln_hash1((uint32_t)(COUNT - 1 - i)), -40 + (COUNT - 1 - i) % 20);
+        const double a = ldexp((double)kiln_hash1((uint32_t)i), -40 + i % 20),
+                     b = ldexp((double)kiln_hash1((uint32_t)(COUNT - 1 - i)), -40 + (COUNT - 1 - i) % 20);
         kiln_exact_add(&forward, a, 1.0 / unit);
         kiln_exact_add(&backward, b, 1.0 / unit);
         plain += a;
@@ -143,9 +153,13 @@ static void exact_sums_do_not_depend_on_order(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(packing_keeps_values_near), cmocka_unit_test(rounding_has_no_bias),
-                                       cmocka_unit_test(odd_values_are_tamed), cmocka_unit_test(compact_form_keeps_values_near),
-        cmocka_unit_test(compact_values_stay_what_they_are), cmocka_unit_test(compact_rounding_has_no_bias),
-        cmocka_unit_test(compact_form_tames_odd_values), cmocka_unit_test(exact_sums_do_not_depend_on_order)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(packing_keeps_values_near),
+                                       cmocka_unit_test(rounding_has_no_bias),
+                                       cmocka_unit_test(odd_values_are_tamed),
+                                       cmocka_unit_test(compact_form_keeps_values_near),
+                                       cmocka_unit_test(compact_values_stay_what_they_are),
+                                       cmocka_unit_test(compact_rounding_has_no_bias),
+                                       cmocka_unit_test(compact_form_tames_odd_values),
+                                       cmocka_unit_test(exact_sums_do_not_depend_on_order)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

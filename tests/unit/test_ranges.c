@@ -24,7 +24,8 @@ static int verdict(const char *name, double odd, char *message, size_t size)
     const hsize_t extent[2] = {2, 3};
     double values[6] = {0.5, 0.5, 0.5, 0.5, odd, 0.5};
     (void)snprintf(full, sizeof full, "/irradiance/%s", name);
-    const hid_t file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT), space = H5Screate_simple(2, extent, NULL);
+    const hid_t file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT),
+                space = H5Screate_simple(2, extent, NULL);
     const hid_t group = H5Gcreate2(file, "/irradiance", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
     const hid_t dataset = H5Dcreate2(file, full, H5T_NATIVE_FLOAT, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
     assert_true(H5Dwrite(dataset, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) >= 0);
@@ -53,7 +54,8 @@ static void test_files_that_are_none(void **state)
 {
     (void)state;
     struct kiln_error error = {{0}};
-    static const char *const none[] = {"/nowhere/kiln.h5", "/nowhere/a.exr", "/nowhere/run.json", "/nowhere/scene.kscene"};
+    static const char *const none[] = {"/nowhere/kiln.h5", "/nowhere/a.exr", "/nowhere/run.json",
+                                       "/nowhere/scene.kscene"};
     for (size_t i = 0; i < sizeof none / sizeof *none; i++)
         assert_int_not_equal(kiln_ranges_check(none[i], &error), KILN_OK);
     assert_int_equal(kiln_ranges_check("/nowhere/preview.png", &error), KILN_OK); /* nothing in it to check */

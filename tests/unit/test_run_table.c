@@ -13,14 +13,16 @@
 
 static json_t *phase(const char *name, double low, double mean, double high)
 {
-    return json_pack("{s:s, s:{s:f, s:f, s:f}, s:f}", "name", name, "seconds", "min", low, "avg", mean, "max", high, "imbalance", high / mean - 1.0);
+    return json_pack("{s:s, s:{s:f, s:f, s:f}, s:f}", "name", name, "seconds", "min", low, "avg", mean, "max", high,
+                     "imbalance", high / mean - 1.0);
 }
 
 /* A bake of 100 s. */
 static json_t *report_of(json_t *phases)
 {
-    return json_pack("{s:f, s:f, s:i, s:i, s:i, s:o, s:s, s:{s:I, s:I}}", "seconds", 60.0, "seconds_before", 40.0, "restarts", 1, "ranks", 4, "threads", 1,
-                     "phases", phases, "output", "out", "memory", "peak_rank", (json_int_t)1 << 30, "asked_node", (json_int_t)1 << 34);
+    return json_pack("{s:f, s:f, s:i, s:i, s:i, s:o, s:s, s:{s:I, s:I}}", "seconds", 60.0, "seconds_before", 40.0,
+                     "restarts", 1, "ranks", 4, "threads", 1, "phases", phases, "output", "out", "memory", "peak_rank",
+                     (json_int_t)1 << 30, "asked_node", (json_int_t)1 << 34);
 }
 
 static size_t note_count(json_t *phases, const char *first)
@@ -37,12 +39,22 @@ static size_t note_count(json_t *phases, const char *first)
 static void test_notes(void **state)
 {
     (void)state;
-    assert_int_equal(note_count(json_pack("[o,o]", phase("bounces", 88.0, 90.0, 94.0), phase("kiln.h5", 9.0, 9.0, 9.0)), ""), 0); /* 4.4 %, 9 % */
-    assert_int_equal(note_count(json_pack("[o,o]", phase("bounces", 70.0, 75.0, 82.5), phase("final gather", 9.0, 10.0, 12.0)),
-                                "bounces: the slowest rank took 10 % longer than the mean, which costs 7.5 s a rank; try a smaller --cell-size"), 1);
-    assert_int_equal(note_count(json_pack("[o,o]", phase("emission", 10.0, 11.0, 14.0), phase("waiting", 1.0, 20.0, 40.0)), "--trace FILE.json"), 1);
-    assert_int_equal(note_count(json_pack("[o,o]", phase("lightmaps", 4.0, 4.0, 4.0), phase("checkpoints", 7.0, 7.0, 7.0)),
-                                "files took 11 % of the time (11.0 s), most of it checkpoints (7.0 s); a longer --checkpoint-every"), 1);
+    /* 4.4 %, 9 % */
+    assert_int_equal(
+        note_count(json_pack("[o,o]", phase("bounces", 88.0, 90.0, 94.0), phase("kiln.h5", 9.0, 9.0, 9.0)), ""), 0);
+    assert_int_equal(
+        note_count(json_pack("[o,o]", phase("bounces", 70.0, 75.0, 82.5), phase("final gather", 9.0, 10.0, 12.0)),
+                   "bounces: the slowest rank took 10 % longer than the mean, which costs 7.5 s a rank; try a smaller "
+                   "--cell-size"),
+        1);
+    assert_int_equal(
+        note_count(json_pack("[o,o]", phase("emission", 10.0, 11.0, 14.0), phase("waiting", 1.0, 20.0, 40.0)),
+                   "--trace FILE.json"),
+        1);
+    assert_int_equal(
+        note_count(json_pack("[o,o]", phase("lightmaps", 4.0, 4.0, 4.0), phase("checkpoints", 7.0, 7.0, 7.0)),
+                   "files took 11 % of the time (11.0 s), most of it checkpoints (7.0 s); a longer --checkpoint-every"),
+        1);
     assert_int_equal(note_count(json_pack("[o]", phase("bounces", 0.1, 1.0, 1.9)), ""), 0); /* less than a second */
     assert_int_equal(note_count(json_array(), ""), 0);
 }
@@ -51,8 +63,10 @@ static void test_notes(void **state)
 static json_t *border_note(double disturbed, double factor, double density)
 {
     json_t *report = report_of(json_array());
-    (void)json_object_set_new(report, "borders", json_pack("{s:f, s:f, s:i, s:f, s:f}", "texels", 1000.0, "disturbed_texels", disturbed,
-                                                           "disturbed_lightmaps", 3, "padding_factor", factor, "texels_per_metre", density));
+    (void)json_object_set_new(report, "borders",
+                              json_pack("{s:f, s:f, s:i, s:f, s:f}", "texels", 1000.0, "disturbed_texels", disturbed,
+                                        "disturbed_lightmaps", 3, "padding_factor", factor, "texels_per_metre",
+                                        density));
     json_t *notes = kiln_run_notes(report), *note = json_incref(json_array_get(notes, 0));
     json_decref(notes);
     json_decref(report);
@@ -82,7 +96,8 @@ static void test_table(void **state)
     char *text = NULL;
     size_t size = 0;
     FILE *stream = open_memstream(&text, &size);
-    json_t *report = report_of(json_pack("[o,o]", phase("bounces", 70.0, 80.0, 90.0), phase("waiting", 10.0, 20.0, 30.0)));
+    json_t *report =
+        report_of(json_pack("[o,o]", phase("bounces", 70.0, 80.0, 90.0), phase("waiting", 10.0, 20.0, 30.0)));
     (void)json_object_set_new(report, "notes", kiln_run_notes(report));
     kiln_run_table(stream, report);
     kiln_run_table(stream, NULL); /* says nothing of value, and does not fall over */
@@ -98,6 +113,7 @@ static void test_table(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_notes), cmocka_unit_test(test_borders), cmocka_unit_test(test_table)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_notes), cmocka_unit_test(test_borders),
+                                       cmocka_unit_test(test_table)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

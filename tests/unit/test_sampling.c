@@ -11,7 +11,8 @@
 #include "worker/sampling/harmonics.h"
 #include "worker/sampling/sequence.h"
 
-/* Every elementary interval of 1/256 of the square holds exactly one of 256 points, also after scrambling and shifting. */
+/* Every elementary interval of 1/256 of the square holds exactly one of 256 points, also after scrambling and shifting.
+ */
 static void check_net(const uint32_t *x, const uint32_t *y)
 {
     for (uint32_t bits = 0; bits <= 8; bits++) {
@@ -99,7 +100,8 @@ static void cosine_direction_has_the_right_moments(void **state)
     double z = 0.0, z2 = 0.0, x = 0.0;
     const uint32_t n = 4096;
     for (uint32_t k = 0; k < n; k++) {
-        const struct kiln_dvec3 d = kiln_cosine_direction(kiln_unit_double(kiln_sobol(k, 0)), kiln_unit_double(kiln_sobol(k, 1)));
+        const struct kiln_dvec3 d =
+            kiln_cosine_direction(kiln_unit_double(kiln_sobol(k, 0)), kiln_unit_double(kiln_sobol(k, 1)));
         assert_true(fabs(dvec3_length(d) - 1.0) < 1e-12);
         z += d.z / n;
         z2 += d.z * d.z / n;
@@ -117,7 +119,8 @@ static void harmonics_are_orthonormal(void **state)
     const uint32_t n = 1 << 14;
     for (uint32_t k = 0; k < n; k++) {
         double y[KILN_HARMONICS];
-        kiln_harmonics(kiln_sphere_direction(kiln_unit_double(kiln_sobol(k, 0)), kiln_unit_double(kiln_sobol(k, 1))), y);
+        kiln_harmonics(kiln_sphere_direction(kiln_unit_double(kiln_sobol(k, 0)), kiln_unit_double(kiln_sobol(k, 1))),
+                       y);
         for (int i = 0; i < KILN_HARMONICS; i++)
             for (int j = 0; j < KILN_HARMONICS; j++)
                 gram[i][j] += y[i] * y[j] * 4.0 * KILN_PI / n;
@@ -131,7 +134,8 @@ static void basis_is_orthonormal(void **state)
 {
     (void)state;
     for (uint32_t k = 0; k < 1000; k++) {
-        const struct kiln_vec3 n = vec3_of(kiln_sphere_direction(kiln_unit_double(kiln_sobol(k, 0)), kiln_unit_double(kiln_sobol(k, 1))));
+        const struct kiln_vec3 n =
+            vec3_of(kiln_sphere_direction(kiln_unit_double(kiln_sobol(k, 0)), kiln_unit_double(kiln_sobol(k, 1))));
         struct kiln_vec3 t, b;
         kiln_basis(n, &t, &b);
         assert_true(fabsf(vec3_dot(t, n)) < 1e-6f && fabsf(vec3_dot(b, n)) < 1e-6f && fabsf(vec3_dot(t, b)) < 1e-6f);
@@ -144,9 +148,12 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(directions_follow_the_recurrence),
-        cmocka_unit_test(first_two_dimensions_are_a_net),       cmocka_unit_test(texels_share_strata),
-        cmocka_unit_test(shared_digits_never_exceed_the_samples), cmocka_unit_test(cosine_direction_has_the_right_moments),
-        cmocka_unit_test(harmonics_are_orthonormal),             cmocka_unit_test(basis_is_orthonormal),
+        cmocka_unit_test(first_two_dimensions_are_a_net),
+        cmocka_unit_test(texels_share_strata),
+        cmocka_unit_test(shared_digits_never_exceed_the_samples),
+        cmocka_unit_test(cosine_direction_has_the_right_moments),
+        cmocka_unit_test(harmonics_are_orthonormal),
+        cmocka_unit_test(basis_is_orthonormal),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

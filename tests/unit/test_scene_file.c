@@ -1,4 +1,5 @@
-/* The scene file: what is written comes back; what is damaged, in any bit or at any length, is refused with a sentence. */
+/* The scene file: what is written comes back; what is damaged, in any bit or at any length, is refused with a sentence.
+ */
 #include <setjmp.h> // IWYU pragma: keep
 #include <stdarg.h> // IWYU pragma: keep
 #include <stddef.h> // IWYU pragma: keep
@@ -32,7 +33,8 @@ static void append(struct kiln_builder *b, enum kiln_scene_section section, cons
     assert_int_equal(kiln_builder_append(b, section, data, count, NULL, NULL), KILN_OK);
 }
 
-/* Two objects of one quad, a texture, a light, a camera, an environment image, a source, a note: something in every section. */
+/* Two objects of one quad, a texture, a light, a camera, an environment image, a source, a note: something in every
+ * section. */
 static void build(const char *path)
 {
     struct kiln_builder *b = NULL;
@@ -44,18 +46,27 @@ static void build(const char *path)
     const uint32_t triangles[6] = {0, 1, 2, 0, 2, 3}, materials[2] = {0, 0};
     const uint8_t texels[16] = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16};
     const float sky[6] = {1, 2, 3, 4, 5, 6};
-    const struct kiln_material material = {.name = text(b, "paint"), .base_color = {0.5f, 0.5f, 0.5f, 1}, .base_color_texture = 0, .emission_texture = KILN_NONE};
+    const struct kiln_material material = {.name = text(b, "paint"),
+                                           .base_color = {0.5f, 0.5f, 0.5f, 1},
+                                           .base_color_texture = 0,
+                                           .emission_texture = KILN_NONE};
     const struct kiln_texture texture = {.width = 2, .height = 2};
-    const struct kiln_mesh mesh = {.name = text(b, "quad"), .vertex_count = 4, .triangle_count = 2, .surface_area = 1, .uv_area = 1};
-    struct kiln_object object = {.name = text(b, "first"), .transform = {1, 0, 0, 10, 0, 1, 0, 20, 0, 0, 1, 30}, .lightmap_width = 8, .lightmap_height = 8};
+    const struct kiln_mesh mesh = {
+        .name = text(b, "quad"), .vertex_count = 4, .triangle_count = 2, .surface_area = 1, .uv_area = 1};
+    struct kiln_object object = {.name = text(b, "first"),
+                                 .transform = {1, 0, 0, 10, 0, 1, 0, 20, 0, 0, 1, 30},
+                                 .lightmap_width = 8,
+                                 .lightmap_height = 8};
     object.original_name = text(b, "First of all");
     append(b, KILN_SECTION_OBJECTS, &object, 1);
     object.name = text(b, "second");
     object.transform[3] = -10;
     append(b, KILN_SECTION_OBJECTS, &object, 1);
     const struct kiln_light light = {.name = object.name, .direction = {0, -1, 0}, .intensity = {1, 1, 1}};
-    const struct kiln_camera camera = {.name = object.name, .forward = {0, 0, -1}, .up = {0, 1, 0}, .right = {1, 0, 0}, .extent_y = 1};
-    const struct kiln_environment environment = {.kind = KILN_ENVIRONMENT_LATLONG, .radiance = {1, 1, 1}, .width = 2, .height = 1};
+    const struct kiln_camera camera = {
+        .name = object.name, .forward = {0, 0, -1}, .up = {0, 1, 0}, .right = {1, 0, 0}, .extent_y = 1};
+    const struct kiln_environment environment = {
+        .kind = KILN_ENVIRONMENT_LATLONG, .radiance = {1, 1, 1}, .width = 2, .height = 1};
     const struct kiln_source source = {.path = text(b, "scene.glb"), .size = 12, .hash = {1, 2}};
     append(b, KILN_SECTION_POSITIONS, positions, 4);
     append(b, KILN_SECTION_NORMALS, normals, 4);
@@ -189,7 +200,8 @@ static void any_truncation_is_refused(void **state)
 }
 
 /* Changes bytes of a section's element, makes the hash right again, and wants a refusal that says `word`. */
-static void forged(const struct fixture *f, enum kiln_scene_section section, size_t offset, const void *bytes, size_t size, const char *word)
+static void forged(const struct fixture *f, enum kiln_scene_section section, size_t offset, const void *bytes,
+                   size_t size, const char *word)
 {
     unsigned char *copy = malloc(f->size);
     struct kiln_scene_header header;

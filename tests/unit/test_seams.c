@@ -7,7 +7,7 @@
 
 #include <stdio.h>
 
-#include "coordinator/output/seams.h"
+#include "coordinator/output/map/seams.h"
 #include "tests/common/synthetic.h"
 
 enum { WIDTH = 40, HEIGHT = 32 };
@@ -86,8 +86,8 @@ static void test_smoothing(void **state)
     struct kiln_map *map = make_map(&s, 0.4f, &nearest), *before = make_map(&s, 0.4f, &nearest);
     const double energy_before = energy(map);
     assert_int_equal(kiln_seams_smooth(map, graph, nearest, true, &report, NULL), 0);
-    printf("seam: %.4f of the mean before, %.4f after; energy changed by %.2g\n", report.difference_before, report.difference_after,
-           energy(map) / energy_before - 1.0);
+    printf("seam: %.4f of the mean before, %.4f after; energy changed by %.2g\n", report.difference_before,
+           report.difference_after, energy(map) / energy_before - 1.0);
     assert_true(report.samples >= 40);
     assert_true(report.difference_before > 0.05);
     assert_true(report.difference_after < 0.1 * report.difference_before);

@@ -7,7 +7,7 @@
 
 #include <cmocka.h>
 
-#include "coordinator/bake/simulate_light.h"
+#include "coordinator/plan/simulate_light.h"
 
 enum { CELLS = 64, CELL_POINTS = 50000 };
 
@@ -21,7 +21,12 @@ struct world {
 /* Points of the second half of the cells cost `factor` times as much as those of the first, and these `cost` s. */
 static void fill(struct world *w, double cost, double factor)
 {
-    *w = (struct world){.job = {.bounces = 5, .samples_direct = 8, .samples_bounce = 8, .samples_indirect = 64, .give_away = true, .ranks_per_node = 1}};
+    *w = (struct world){.job = {.bounces = 5,
+                                .samples_direct = 8,
+                                .samples_bounce = 8,
+                                .samples_indirect = 64,
+                                .work_stealing = true,
+                                .ranks_per_node = 1}};
     for (int i = 0; i < CELLS; i++) {
         w->points[i] = CELL_POINTS;
         for (int l = 0; l < KILN_LIGHTS; l++)
@@ -31,7 +36,7 @@ static void fill(struct world *w, double cost, double factor)
                                                    .cell_points = w->points,
                                                    .cell_cost = {w->cost[0], w->cost[1], w->cost[2]},
                                                    .cell_count = CELLS,
-                                                   .fragments = CELLS * CELL_POINTS / 64,
+                                                   .tile_runs = CELLS * CELL_POINTS / 64,
                                                    .bounces = 5,
                                                    .threads = 1,
                                                    .any_share = true,
@@ -49,7 +54,10 @@ static struct kiln_simulated_light simulate(const struct world *w, uint32_t rank
     return light;
 }
 
-static double seconds(const struct kiln_simulated_light *l) { return l->seconds[0] + l->seconds[1] + l->seconds[2] + l->move; }
+static double seconds(const struct kiln_simulated_light *l)
+{
+    return l->seconds[0] + l->seconds[1] + l->seconds[2] + l->move;
+}
 
 static void even_work_stays(void **state)
 {
@@ -70,7 +78,8 @@ static void cut_anew(void **state)
     fill(&w, 1e-5, 3.0);
     w.job.rebalance = KILN_REBALANCE_NEVER;
     const struct kiln_simulated_light never = simulate(&w, 2);
-    assert_true(fabs(never.kept - 0.5) < 1e-9 && fabs(never.imbalance - 0.5) < 1e-9 && never.cuts == 0 && never.move == 0.0);
+    assert_true(fabs(never.kept - 0.5) < 1e-9 && fabs(never.imbalance - 0.5) < 1e-9 && never.cuts == 0 &&
+                never.move == 0.0);
     w.job.rebalance = KILN_REBALANCE_AUTO;
     const struct kiln_simulated_light automatic = simulate(&w, 2);
     assert_int_equal(automatic.cuts, 1);
@@ -92,7 +101,7 @@ static void does_not_pay(void **state)
     fill(&w, 1e-8, 3.0);
     assert_int_equal(simulate(&w, 2).cuts, 0);
     fill(&w, 2e-7, 3.0); /* so little that a batch is a whole share */
-    w.job.bounces = 2; /* a single cut, after the only bounce; a share of the three has costs of 1 and 3 */
+    w.job.bounces = 2;   /* a single cut, after the only bounce; a share of the three has costs of 1 and 3 */
     w.simulation.bounces = 2;
     w.simulation.part_points = 4 * CELLS * CELL_POINTS;
     const struct kiln_simulated_light coarse = simulate(&w, 3);
@@ -109,23 +118,25 @@ static void given_away(void **state)
     fill(&w, 1e-5, 3.0);
     w.job.ranks_per_node = 2;
     const struct kiln_simulated_light together = simulate(&w, 2);
-    assert_true(together.cuts == 0 && together.imbalance > 0.0 && together.imbalance < 0.01 && fabs(together.kept - 0.5) < 1e-9);
+    assert_true(together.cuts == 0 && together.imbalance > 0.0 && together.imbalance < 0.01 &&
+                fabs(together.kept - 0.5) < 1e-9);
     w.job.share_ranks = 1;
     assert_true(simulate(&w, 2).cuts == 1);
     w.job.share_ranks = 0;
-    w.job.give_away = false;
+    w.job.work_stealing = false;
     assert_true(simulate(&w, 2).cuts == 1);
-    w.job.give_away = true;
+    w.job.work_stealing = true;
     w.simulation.any_share = false;
     assert_true(fabs(simulate(&w, 2).imbalance - 0.5) < 1e-9);
     fill(&w, 1e-5, 3.0); /* two nodes of two: within a node all is even, between them it is not */
     w.job.ranks_per_node = 2;
     const struct kiln_simulated_light nodes = simulate(&w, 4);
-    assert_true(nodes.cuts == 1 && fabs(nodes.first[KILN_LIGHT_DIRECT] - 0.5) < 1e-9 && nodes.last[KILN_LIGHT_FINAL] < 0.03);
+    assert_true(nodes.cuts == 1 && fabs(nodes.first[KILN_LIGHT_DIRECT] - 0.5) < 1e-9 &&
+                nodes.last[KILN_LIGHT_FINAL] < 0.03);
 }
 
-/* One of two ranks takes three times as long: alone 3 / 2 - 1 too much; with help both end after 3 / 4 of that mean; and cuts by what points
- * cost where they are now come nearer to that each time. */
+/* One of two ranks takes three times as long: alone 3 / 2 - 1 too much; with help both end after 3 / 4 of that mean;
+ * and cuts by what points cost where they are now come nearer to that each time. */
 static void slow_rank(void **state)
 {
     (void)state;
@@ -146,7 +157,8 @@ static void slow_rank(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(even_work_stays), cmocka_unit_test(cut_anew), cmocka_unit_test(does_not_pay),
-                                       cmocka_unit_test(given_away), cmocka_unit_test(slow_rank)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(even_work_stays), cmocka_unit_test(cut_anew),
+                                       cmocka_unit_test(does_not_pay), cmocka_unit_test(given_away),
+                                       cmocka_unit_test(slow_rank)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

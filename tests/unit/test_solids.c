@@ -106,6 +106,7 @@ static void lit_inside(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(closed_and_outwards), cmocka_unit_test(open_or_inside_out), cmocka_unit_test(lit_inside)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(closed_and_outwards), cmocka_unit_test(open_or_inside_out),
+                                       cmocka_unit_test(lit_inside)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

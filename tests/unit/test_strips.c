@@ -9,19 +9,20 @@
 #include <string.h>
 
 #include "coordinator/output/exr_strips.h"
-#include "coordinator/output/strip_exchange.h"
+#include "coordinator/output/map/strip_exchange.h"
 #include "worker/base/memory.h"
 
 enum { OBJECTS = 40, RANKS = 70 };
 
 struct scene {
     struct kiln_lightmap lightmaps[OBJECTS];
-    struct kiln_deal *deal;
+    struct kiln_assignment *deal;
     struct kiln_strip_deal *strips;
     uint32_t ranks;
 };
 
-static void make(struct scene *s, const uint32_t (*sizes)[2], size_t objects, uint32_t ranks, uint64_t budget, uint64_t least)
+static void make(struct scene *s, const uint32_t (*sizes)[2], size_t objects, uint32_t ranks, uint64_t budget,
+                 uint64_t least)
 {
     memset(s, 0, sizeof *s);
     s->ranks = ranks;
@@ -30,14 +31,14 @@ static void make(struct scene *s, const uint32_t (*sizes)[2], size_t objects, ui
         s->lightmaps[i].height = sizes[i][1];
         s->lightmaps[i].published = 1;
     }
-    assert_int_equal(kiln_deal_create(&s->deal, s->lightmaps, objects, ranks, budget, NULL), 0);
+    assert_int_equal(kiln_assignment_create(&s->deal, s->lightmaps, objects, ranks, budget, NULL), 0);
     assert_int_equal(kiln_strip_deal_create(&s->strips, s->lightmaps, s->deal, 0, ranks, least, NULL), 0);
 }
 
 static void drop(struct scene *s)
 {
     kiln_strip_deal_destroy(&s->strips);
-    kiln_deal_destroy(&s->deal);
+    kiln_assignment_destroy(&s->deal);
 }
 
 static double texels(const struct scene *s, const struct kiln_strip *strip)
@@ -81,7 +82,8 @@ static double unevenness(const struct scene *s)
         if (s->deal->round[i] != 0)
             continue;
         total += (KILN_FINISH_WORK + KILN_PACK_WORK) * size;
-        load[s->deal->owner[i]] += (kiln_strip_deal_has(s->strips, (uint32_t)i) ? KILN_FINISH_WORK : KILN_FINISH_WORK + KILN_PACK_WORK) * size;
+        load[s->deal->owner[i]] +=
+            (kiln_strip_deal_has(s->strips, (uint32_t)i) ? KILN_FINISH_WORK : KILN_FINISH_WORK + KILN_PACK_WORK) * size;
     }
     for (size_t i = 0; i < s->strips->count; i++)
         load[s->strips->strips[i].packer] += KILN_PACK_WORK * texels(s, &s->strips->strips[i]);
@@ -90,7 +92,8 @@ static double unevenness(const struct scene *s)
     return most / (total / s->ranks);
 }
 
-/* Owners that send at most so many strips ahead, packers that take theirs only in the order of their lists: all get done. */
+/* Owners that send at most so many strips ahead, packers that take theirs only in the order of their lists: all get
+ * done. */
 static void check_no_circle(const struct scene *s)
 {
     const size_t count = s->strips->count;
@@ -136,10 +139,12 @@ static void test_one_large_object(void **state)
         make(&s, sizes, 4, ranks, 1u << 21, 1u << 19);
         check_complete(&s);
         check_no_circle(&s);
-        assert_int_equal(s.strips->count, ranks == 1 ? 0 : ranks < 33 ? 256 : 256 + 64); /* on so many the second is large, too */
+        /* on so many the second is large, too */
+        assert_int_equal(s.strips->count, ranks == 1 ? 0 : ranks < 33 ? 256 : 256 + 64);
         if (ranks == 2) /* the owner has a fifth of it in any case, and fills up */
             assert_true(unevenness(&s) < 1.02);
-        const double alone = (double)KILN_FINISH_WORK / (KILN_FINISH_WORK + KILN_PACK_WORK) * ranks; /* what is left when it packs nothing */
+        /* what is left when it packs nothing */
+        const double alone = (double)KILN_FINISH_WORK / (KILN_FINISH_WORK + KILN_PACK_WORK) * ranks;
         assert_true(unevenness(&s) < (alone > 1.0 ? alone : 1.0) * 1.05);
         drop(&s);
     }
@@ -193,7 +198,8 @@ static void test_any_sizes(void **state)
                 sizes[i][k] = 1 + (random >> 16) % (i % 5 == 0 ? 3000 : 300);
             }
         struct scene s;
-        make(&s, (const uint32_t(*)[2])sizes, objects, 1 + (uint32_t)(round * 7) % RANKS, round % 3 == 0 ? 1u << 21 : UINT64_MAX / 2, round % 2 == 0 ? 1 : 10000);
+        make(&s, (const uint32_t(*)[2])sizes, objects, 1 + (uint32_t)(round * 7) % RANKS,
+             round % 3 == 0 ? 1u << 21 : UINT64_MAX / 2, round % 2 == 0 ? 1 : 10000);
         check_complete(&s);
         check_no_circle(&s);
         drop(&s);
@@ -202,7 +208,8 @@ static void test_any_sizes(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_one_large_object), cmocka_unit_test(test_packers_take_turns),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_one_large_object),
+                                       cmocka_unit_test(test_packers_take_turns),
                                        cmocka_unit_test(test_even_rounds_stay), cmocka_unit_test(test_any_sizes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -28,7 +28,8 @@ static struct kiln_geometry *create_geometry(struct fixture *f)
     return g;
 }
 
-static void build(struct built *b, double cell_size, enum kiln_partition partition, uint32_t rank, uint32_t ranks, uint32_t threads)
+static void build(struct built *b, double cell_size, enum kiln_partition partition, uint32_t rank, uint32_t ranks,
+                  uint32_t threads)
 {
     struct kiln_error error = {""};
     kiln_surface_destroy(&b->surface);
@@ -80,14 +81,15 @@ static void areas_add_up(void **state)
     struct built b = cubes();
     build(&b, 0.0, KILN_PARTITION_CELLS, 0, 1, 2);
     double area[5] = {0}, total = 0.0;
-    for (size_t i = 0; i < b.surface->fragment_count; i++) {
+    for (size_t i = 0; i < b.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
-        for (uint32_t k = 0; k < b.surface->fragments[i].count; k++, kiln_point_next(b.surface, &at)) {
+        for (uint32_t k = 0; k < b.surface->tile_runs[i].count; k++, kiln_point_next(b.surface, &at)) {
             assert_true(b.surface->area[at.point] > 0.0f);
             area[at.object] += (double)b.surface->area[at.point];
         }
     }
-    /* the plain cube has 6 x 4 m2, the 3-fold one 9 times, the small one 1/25; the flat one two sides of 4 and four of 0.04 */
+    /* the plain cube has 6 x 4 m2, the 3-fold one 9 times, the small one 1/25; the flat one two sides of 4 and four of
+     * 0.04 */
     assert_true(fabs(area[0] / 24.0 - 1.0) < 1e-5);
     assert_true(fabs(area[2] / 8.16 - 1.0) < 1e-5);
     assert_true(fabs(area[3] / 0.96 - 1.0) < 1e-5);
@@ -102,7 +104,7 @@ static void areas_add_up(void **state)
     release(&b);
 }
 
-static uint64_t morton_of_tile(const struct kiln_surface *s, const struct kiln_fragment *f)
+static uint64_t morton_of_tile(const struct kiln_surface *s, const struct kiln_tile_run *f)
 {
     const uint32_t x = f->tile % s->lightmaps[f->map].tiles_x, y = f->tile / s->lightmaps[f->map].tiles_x;
     uint64_t code = 0;
@@ -116,9 +118,9 @@ static void check_order(const struct built *b, enum kiln_partition partition)
 {
     const struct kiln_surface *s = b->surface;
     uint64_t next = 0, found = 0;
-    const struct kiln_fragment *before = NULL;
-    for (size_t i = 0; i < s->fragment_count; i++) {
-        const struct kiln_fragment *f = &s->fragments[i];
+    const struct kiln_tile_run *before = NULL;
+    for (size_t i = 0; i < s->tile_run_count; i++) {
+        const struct kiln_tile_run *f = &s->tile_runs[i];
         assert_int_equal(f->first, next);
         assert_int_equal(f->count, __builtin_popcountll(f->mask));
         assert_true(f->cell < s->cell_count);
@@ -140,7 +142,7 @@ static void check_order(const struct built *b, enum kiln_partition partition)
             next++;
         }
         assert_int_equal(at.piece, s->piece_base[i + 1]);
-        assert_int_equal(at.share, s->share_base[i + 1]);
+        assert_int_equal(at.share, s->area_cdf_base[i + 1]);
     }
     assert_int_equal(next, s->point_count);
     for (uint32_t o = 0; o < b->fixture->scene.object_count; o++) {
@@ -177,9 +179,9 @@ static void cells_change_nothing_else(void **state)
     build(&a, 0.0, KILN_PARTITION_CELLS, 0, 1, 1);
     build(&b, 0.7, KILN_PARTITION_OBJECTS, 0, 1, 2);
     assert_int_equal(a.surface->point_count, b.surface->point_count);
-    for (size_t i = 0; i < a.surface->fragment_count; i++) {
+    for (size_t i = 0; i < a.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(a.surface, i);
-        for (uint32_t k = 0; k < a.surface->fragments[i].count; k++, kiln_point_next(a.surface, &at)) {
+        for (uint32_t k = 0; k < a.surface->tile_runs[i].count; k++, kiln_point_next(a.surface, &at)) {
             const uint64_t p = at.point, q = kiln_surface_find(b.surface, at.object, at.x, at.y);
             assert_true(q != KILN_NO_POINT);
             assert_true(a.surface->area[p] == b.surface->area[q]);
@@ -215,28 +217,31 @@ static void shares_tile_the_whole(void **state)
         build(&whole, size, partition, 0, 1, 1);
         const struct kiln_surface *w = whole.surface;
         for (size_t i = 0; i < sizeof rank_counts / sizeof *rank_counts; i++) {
-            uint64_t point = 0, fragment = 0, most = 0;
+            uint64_t point = 0, tile_run = 0, most = 0;
             for (uint32_t rank = 0; rank < rank_counts[i]; rank++) {
                 build(&own, size, partition, rank, rank_counts[i], 1 + rank % 2);
                 const struct kiln_surface *s = own.surface;
                 compare_global(w, s);
                 assert_int_equal(s->first, point);
                 if (s->count > 0) {
-                    const uint64_t pieces = w->piece_base[fragment], shares = w->share_base[fragment];
-                    assert_memory_equal(s->fragments, w->fragments + fragment, s->fragment_count * sizeof *s->fragments);
+                    const uint64_t pieces = w->piece_base[tile_run], shares = w->area_cdf_base[tile_run];
+                    assert_memory_equal(s->tile_runs, w->tile_runs + tile_run,
+                                        s->tile_run_count * sizeof *s->tile_runs);
                     assert_memory_equal(s->piece_count, w->piece_count + point, s->count * sizeof *s->piece_count);
                     assert_memory_equal(s->albedo, w->albedo + 3 * point, 3 * s->count * sizeof *s->albedo);
                     assert_memory_equal(s->area, w->area + point, s->count * sizeof *s->area);
-                    assert_memory_equal(s->pieces, w->pieces + pieces, s->piece_base[s->fragment_count] * sizeof *s->pieces);
-                    if (s->share_base[s->fragment_count] > 0)
-                        assert_memory_equal(s->shares, w->shares + shares, s->share_base[s->fragment_count] * sizeof *s->shares);
+                    assert_memory_equal(s->pieces, w->pieces + pieces,
+                                        s->piece_base[s->tile_run_count] * sizeof *s->pieces);
+                    if (s->area_cdf_base[s->tile_run_count] > 0)
+                        assert_memory_equal(s->area_cdf, w->area_cdf + shares,
+                                            s->area_cdf_base[s->tile_run_count] * sizeof *s->area_cdf);
                 }
                 most = s->count > most ? s->count : most;
                 point += s->count;
-                fragment += s->fragment_count;
+                tile_run += s->tile_run_count;
             }
             assert_int_equal(point, w->point_count);
-            assert_int_equal(fragment, w->fragment_count);
+            assert_int_equal(tile_run, w->tile_run_count);
             assert_int_equal(most, own.report.points_max);
             const double imbalance = (double)most * rank_counts[i] / (double)w->point_count - 1.0;
             assert_true(imbalance <= 0.101);
@@ -292,7 +297,8 @@ static double polygon_area(const struct kiln_clip_corner *polygon, uint32_t corn
     return 0.5 * fabs(twice);
 }
 
-/* Pieces: ascending triangles, shares that are the areas found by clipping anew, ending at 1; whole where the corners are in. */
+/* Pieces: ascending triangles, shares that are the areas found by clipping anew, ending at 1; whole where the corners
+ * are in. */
 static void pieces_are_right(void **state)
 {
     (void)state;
@@ -300,9 +306,9 @@ static void pieces_are_right(void **state)
     build(&b, 0.0, KILN_PARTITION_CELLS, 0, 1, 2);
     const struct kiln_surface *s = b.surface;
     uint64_t wholes = 0, many = 0;
-    for (size_t i = 0; i < s->fragment_count; i++) {
+    for (size_t i = 0; i < s->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(s, i);
-        for (uint32_t k = 0; k < s->fragments[i].count; k++, kiln_point_next(s, &at)) {
+        for (uint32_t k = 0; k < s->tile_runs[i].count; k++, kiln_point_next(s, &at)) {
             const uint32_t count = kiln_piece_count(s, at.point);
             double sum = 0.0;
             for (uint32_t j = 0; j < count; j++) {
@@ -314,10 +320,11 @@ static void pieces_are_right(void **state)
                 kiln_geometry_texel_corners(&b.fixture->scene, b.geometry, t, corner);
                 const uint32_t corners = kiln_clip_triangle(corner, at.x, at.y, at.x + 1.0, at.y + 1.0, polygon);
                 const double texels = polygon_area(polygon, corners);
-                const double scale = kiln_geometry_triangle_area(b.geometry, t) / (0.5 * fabs(kiln_clip_twice_area(corner)));
+                const double scale =
+                    kiln_geometry_triangle_area(b.geometry, t) / (0.5 * fabs(kiln_clip_twice_area(corner)));
                 sum += texels * scale;
                 if (j + 1 < count)
-                    assert_true(fabs((double)s->shares[at.share + j] * (double)s->area[at.point] - sum) <=
+                    assert_true(fabs((double)s->area_cdf[at.share + j] * (double)s->area[at.point] - sum) <=
                                 1e-6 * (double)s->area[at.point]);
                 assert_true(kiln_point_whole(s, at.point) == (count == 1 && texels > 1.0 - 1e-9));
             }
@@ -343,8 +350,8 @@ static void albedo_is_the_mean(void **state)
     for (int i = 0; i < 256; i++) {
         texels[4 * i] = i / 16 % 2 == 0 ? 255 : 0; /* red: every other row */
         texels[4 * i + 1] = 255;
-        texels[4 * i + 2] = i % 2 == 0 ? 255 : 51;  /* blue: every other column */
-        texels[4 * i + 3] = i % 2 == 0 ? 255 : 0;   /* alpha: the same columns */
+        texels[4 * i + 2] = i % 2 == 0 ? 255 : 51; /* blue: every other column */
+        texels[4 * i + 3] = i % 2 == 0 ? 255 : 0;  /* alpha: the same columns */
     }
     f->materials[material].base_color_texture = texture;
     const uint32_t mesh = fixture_mesh(f);
@@ -405,7 +412,7 @@ static void crowded_texel(void **state)
     build(&b, 0.0, KILN_PARTITION_CELLS, 0, 1, 2);
     assert_int_equal(b.surface->point_count, 1);
     assert_int_equal(b.surface->piece_count[0], 32767);
-    assert_true(b.surface->shares[32765] <= 1.0f);
+    assert_true(b.surface->area_cdf[32765] <= 1.0f);
     assert_true(fabsf(b.surface->area[0] - 1.0f) < 1e-5f);
     double least = 1.0, dropped_most = 0.0;
     uint64_t next = 0;
@@ -432,7 +439,8 @@ static void nothing_there(void **state)
     b.geometry = create_geometry(f);
     for (uint32_t rank = 0; rank < 3; rank++) {
         build(&b, 0.0, rank == 1 ? KILN_PARTITION_OBJECTS : KILN_PARTITION_CELLS, rank, 3, 1);
-        assert_int_equal(b.surface->point_count + b.surface->tile_count + b.surface->cell_count + b.surface->fragment_count, 0);
+        assert_int_equal(
+            b.surface->point_count + b.surface->tile_count + b.surface->cell_count + b.surface->tile_run_count, 0);
     }
     /* an object without triangles, one whose triangles have no area, one that is a single point of the surface */
     const uint32_t empty = fixture_mesh(f);
@@ -461,13 +469,13 @@ static void nothing_there(void **state)
     release(&b);
 }
 
-/* A layout that folds triangles to lines and points: their surface goes to the texels of their centroids, on the far edge of
- * the lightmap and on texel borders too; one that leaves the lightmap is told. */
+/* A layout that folds triangles to lines and points: their surface goes to the texels of their centroids, on the far
+ * edge of the lightmap and on texel borders too; one that leaves the lightmap is told. */
 static void collapsed_triangles_keep_their_area(void **state)
 {
     (void)state;
-    static const double lines[6][4] = {{0.2, 0.2, 0.2, 0.8}, {0.2, 0.9, 0.5, 0.5}, {0.25, 0.25, 0.1, 0.7}, {1, 1, 0, 1},
-                                       {1, 1, 1, 1},         {0, 0.3, 0, 0}};
+    static const double lines[6][4] = {{0.2, 0.2, 0.2, 0.8}, {0.2, 0.9, 0.5, 0.5}, {0.25, 0.25, 0.1, 0.7},
+                                       {1, 1, 0, 1},         {1, 1, 1, 1},         {0, 0.3, 0, 0}};
     struct built b = {.fixture = fixture_create()};
     struct fixture *f = b.fixture;
     const uint32_t grey = fixture_material(f, 0.5f, 0.5f, 0.5f);
@@ -482,20 +490,22 @@ static void collapsed_triangles_keep_their_area(void **state)
     assert_true(b.surface->point_count >= 12);
     assert_true(kiln_surface_find(b.surface, 4, 11, 11) != KILN_NO_POINT);
     check_order(&b, KILN_PARTITION_CELLS);
-    for (size_t i = 0; i < b.surface->fragment_count; i++) {
+    for (size_t i = 0; i < b.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
-        for (uint32_t k = 0; k < b.surface->fragments[i].count; k++, kiln_point_next(b.surface, &at)) {
+        for (uint32_t k = 0; k < b.surface->tile_runs[i].count; k++, kiln_point_next(b.surface, &at)) {
             struct kiln_footprint footprint;
             double mean[2] = {0.0, 0.0};
             kiln_footprint_prepare(&footprint, &f->scene, b.geometry, b.surface, &at);
             for (uint32_t j = 0; j < 1024; j++) {
                 uint32_t triangle;
                 float b1, b2;
-                kiln_footprint_sample(&footprint, ((float)(j % 32) + 0.5f) / 32, ((float)(j / 32) + 0.5f) / 32, &triangle, &b1, &b2);
+                kiln_footprint_sample(&footprint, ((float)(j % 32) + 0.5f) / 32, ((float)(j / 32) + 0.5f) / 32,
+                                      &triangle, &b1, &b2);
                 mean[0] += (double)b1 / 1024;
                 mean[1] += (double)b2 / 1024;
             }
-            assert_true(fabs(mean[0] - 1.0 / 3) < 0.01 && fabs(mean[1] - 1.0 / 3) < 0.01); /* over the whole triangles */
+            /* over the whole triangles */
+            assert_true(fabs(mean[0] - 1.0 / 3) < 0.01 && fabs(mean[1] - 1.0 / 3) < 0.01);
         }
     }
     for (size_t v = 0; v < 16; v++)
@@ -534,7 +544,8 @@ static void cell_sizes(void **state)
         assert_null(s);
         assert_true(strlen(error.message) > 20);
     }
-    const struct kiln_surface_params params = {.scene = &b.fixture->scene, .geometry = b.geometry, .rank = 2, .ranks = 2};
+    const struct kiln_surface_params params = {
+        .scene = &b.fixture->scene, .geometry = b.geometry, .rank = 2, .ranks = 2};
     assert_int_equal(kiln_surface_build(&s, &params, &report, &error), KILN_USAGE);
     release(&b);
 }
@@ -568,18 +579,19 @@ static void cuts_are_near_the_mean(void **state)
     }
 }
 
-/* Beyond the number of cells shares are cut between fragments, at the same ones as where somebody has a list of them all. */
-static void fragments_are_cut_alike(void **state)
+/* Beyond the number of cells shares are cut between tile runs, at the same ones as where somebody has a list of them
+ * all. */
+static void tile_runs_are_cut_alike(void **state)
 {
     (void)state;
     static const uint32_t ranks[] = {2, 7, 60, 2000};
     struct built b = cubes();
     build(&b, 100.0, KILN_PARTITION_CELLS, 0, 1, 1);
     assert_int_equal(b.surface->cell_count, 1);
-    const size_t count = b.surface->fragment_count;
+    const size_t count = b.surface->tile_run_count;
     uint64_t *points = calloc(count, sizeof *points), cuts[2001];
     for (size_t f = 0; f < count; f++)
-        points[f] = b.surface->fragments[f].count;
+        points[f] = b.surface->tile_runs[f].count;
     for (int i = 0; i < 4; i++) {
         kiln_partition_cut(points, count, ranks[i], cuts);
         for (uint32_t r = 0, step = ranks[i] / 12 + 1; r < ranks[i]; r += step) {
@@ -588,7 +600,7 @@ static void fragments_are_cut_alike(void **state)
                 first += points[f];
             build(&b, 100.0, KILN_PARTITION_CELLS, r, ranks[i], 2);
             assert_int_equal(b.surface->first, first);
-            assert_int_equal(b.surface->fragment_count, cuts[r + 1] - cuts[r]);
+            assert_int_equal(b.surface->tile_run_count, cuts[r + 1] - cuts[r]);
         }
     }
     free(points);
@@ -598,14 +610,20 @@ static void fragments_are_cut_alike(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(areas_add_up),       cmocka_unit_test(order_is_kept),
-        cmocka_unit_test(cells_change_nothing_else), cmocka_unit_test(shares_tile_the_whole),
-        cmocka_unit_test(coverage_is_exact),  cmocka_unit_test(pieces_are_right),
-        cmocka_unit_test(albedo_is_the_mean), cmocka_unit_test(shared_texels_are_counted),
-        cmocka_unit_test(crowded_texel),      cmocka_unit_test(nothing_there),
+        cmocka_unit_test(areas_add_up),
+        cmocka_unit_test(order_is_kept),
+        cmocka_unit_test(cells_change_nothing_else),
+        cmocka_unit_test(shares_tile_the_whole),
+        cmocka_unit_test(coverage_is_exact),
+        cmocka_unit_test(pieces_are_right),
+        cmocka_unit_test(albedo_is_the_mean),
+        cmocka_unit_test(shared_texels_are_counted),
+        cmocka_unit_test(crowded_texel),
+        cmocka_unit_test(nothing_there),
         cmocka_unit_test(collapsed_triangles_keep_their_area),
-        cmocka_unit_test(cell_sizes),         cmocka_unit_test(cuts_are_near_the_mean),
-        cmocka_unit_test(fragments_are_cut_alike),
+        cmocka_unit_test(cell_sizes),
+        cmocka_unit_test(cuts_are_near_the_mean),
+        cmocka_unit_test(tile_runs_are_cut_alike),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,5 @@
-/* Text from outside: what a terminal acts on is written as \xNN, sentences are one line, and nothing is cut within a character. */
+/* Text from outside: what a terminal acts on is written as \xNN, sentences are one line, and nothing is cut within a
+ * character. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -21,10 +22,14 @@ static const struct {
     {"\x1b[31m\r\n\t\a\x7f", "\\x1b[31m\\x0d\\x0a\\x09\\x07\\x7f"},
     {"\xc2\x9b"
      "2J",
-     "\\xc2\\x9b2J"},                                             /* C1: a control sequence in one character */
-    {"a\xe2\x80\xae" "b", "a\\xe2\\x80\\xae" "b"},                /* right to left from here on */
+     "\\xc2\\x9b2J"}, /* C1: a control sequence in one character */
+    {"a\xe2\x80\xae"
+     "b",
+     "a\\xe2\\x80\\xae"
+     "b"},                                                              /* right to left from here on */
     {"\xe2\x81\xa6x\xe2\x80\xa8y", "\\xe2\\x81\\xa6x\\xe2\\x80\\xa8y"}, /* an isolate, a line separator */
-    {"\xff\xc3(\xc0\xaf\xed\xa0\x80\xf4\x90\x80\x80", "\\xff\\xc3(\\xc0\\xaf\\xed\\xa0\\x80\\xf4\\x90\\x80\\x80"}, /* no UTF-8 */
+    /* no UTF-8 */
+    {"\xff\xc3(\xc0\xaf\xed\xa0\x80\xf4\x90\x80\x80", "\\xff\\xc3(\\xc0\\xaf\\xed\\xa0\\x80\\xf4\\x90\\x80\\x80"},
     {"cut \xe4\xbd", "cut \\xe4\\xbd"},
 };
 
@@ -38,7 +43,10 @@ static void test_plain(void **state)
     }
     assert_string_equal(kiln_text_plain(text, 5, "abc\xe4\xbd\xa0"), "abc");
     assert_string_equal(kiln_text_plain(text, 7, "abc\xe4\xbd\xa0"), "abc\xe4\xbd\xa0");
-    assert_string_equal(kiln_text_plain(text, 6, "ab\x1b" "c"), "ab");
+    assert_string_equal(kiln_text_plain(text, 6,
+                                        "ab\x1b"
+                                        "c"),
+                        "ab");
     assert_string_equal(kiln_text_plain(text, 1, "abc"), "");
 }
 
@@ -46,9 +54,21 @@ static void test_copies_are_cut_at_characters(void **state)
 {
     (void)state;
     char text[8];
-    static const char *const cut[] = {"", "", "", "", "\xf0\x9f\x95\xaf", "\xf0\x9f\x95\xaf" "a", "\xf0\x9f\x95\xaf" "a", "\xf0\x9f\x95\xaf" "a"};
+    static const char *const cut[] = {"",
+                                      "",
+                                      "",
+                                      "",
+                                      "\xf0\x9f\x95\xaf",
+                                      "\xf0\x9f\x95\xaf"
+                                      "a",
+                                      "\xf0\x9f\x95\xaf"
+                                      "a",
+                                      "\xf0\x9f\x95\xaf"
+                                      "a"};
     for (size_t size = 1; size <= 7; size++) {
-        kiln_text_copy(text, size, "\xf0\x9f\x95\xaf" "a\xe4\xbd\xa0");
+        kiln_text_copy(text, size,
+                       "\xf0\x9f\x95\xaf"
+                       "a\xe4\xbd\xa0");
         assert_string_equal(text, cut[size - 1]);
     }
 }
@@ -89,7 +109,8 @@ static void test_printing_keeps_only_its_own_line_feed(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_plain), cmocka_unit_test(test_copies_are_cut_at_characters),
-                                       cmocka_unit_test(test_sentences_are_one_line), cmocka_unit_test(test_printing_keeps_only_its_own_line_feed)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_plain), cmocka_unit_test(test_copies_are_cut_at_characters),
+        cmocka_unit_test(test_sentences_are_one_line), cmocka_unit_test(test_printing_keeps_only_its_own_line_feed)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -32,14 +32,26 @@ static void make(struct fixture *f)
         f->texels[i] = (uint8_t)(random >> 24);
     }
     f->texture = (struct kiln_texture){.width = 8, .height = 4, .srgb = 1};
-    f->material = (struct kiln_material){.base_color = {1, 1, 1, 1}, .emission = {2, 3, 4}, .base_color_texture = KILN_NONE, .emission_texture = 0};
+    f->material = (struct kiln_material){
+        .base_color = {1, 1, 1, 1}, .emission = {2, 3, 4}, .base_color_texture = KILN_NONE, .emission_texture = 0};
     f->mesh = (struct kiln_mesh){.vertex_count = 3, .triangle_count = 1};
     f->triangle[1] = 1;
     f->triangle[2] = 2;
     memset(f->colors, 255, sizeof f->colors);
-    f->scene = (struct kiln_scene){.textures = &f->texture, .texture_count = 1, .texels = f->texels, .materials = &f->material, .material_count = 1,
-                                   .meshes = &f->mesh, .mesh_count = 1, .texcoord_base = f->uv, .texcoord_emission = f->uv, .colors = f->colors,
-                                   .triangles = f->triangle, .triangle_materials = &f->triangle_material, .triangle_count = 1, .vertex_count = 3};
+    f->scene = (struct kiln_scene){.textures = &f->texture,
+                                   .texture_count = 1,
+                                   .texels = f->texels,
+                                   .materials = &f->material,
+                                   .material_count = 1,
+                                   .meshes = &f->mesh,
+                                   .mesh_count = 1,
+                                   .texcoord_base = f->uv,
+                                   .texcoord_emission = f->uv,
+                                   .colors = f->colors,
+                                   .triangles = f->triangle,
+                                   .triangle_materials = &f->triangle_material,
+                                   .triangle_count = 1,
+                                   .vertex_count = 3};
 }
 
 static double decoded(uint8_t code)
@@ -119,7 +131,10 @@ static void wrap_modes(void **state)
     /* column of texel x = 8 k + i, and its mirror image in every odd period */
     for (int at = -24; at < 24; at++) {
         const int repeated = (at % 8 + 8) % 8, period = (at - repeated) / 8;
-        const int expected[3] = {[KILN_WRAP_REPEAT] = repeated, [KILN_WRAP_CLAMP] = at < 0 ? 0 : at > 7 ? 7 : at,
+        const int expected[3] = {[KILN_WRAP_REPEAT] = repeated,
+                                 [KILN_WRAP_CLAMP] = at < 0   ? 0
+                                                     : at > 7 ? 7
+                                                              : at,
                                  [KILN_WRAP_MIRROR] = period % 2 == 0 ? repeated : 7 - repeated};
         for (uint32_t mode = 0; mode < 3; mode++) {
             float rgba[4];
@@ -167,7 +182,8 @@ static void sampled_mean(const struct fixture *f, int n, double mean[3])
         for (int j = 0; j < 2 * (n - i) - 1; j++) {
             const double up = j % 2 == 0 ? 1.0 : 2.0;
             float rgb[3];
-            kiln_surface_emission(&f->scene, &f->mesh, 0, (float)((i + up / 3.0) / n), (float)((j / 2 + up / 3.0) / n), rgb);
+            kiln_surface_emission(&f->scene, &f->mesh, 0, (float)((i + up / 3.0) / n), (float)((j / 2 + up / 3.0) / n),
+                                  rgb);
             for (int c = 0; c < 3; c++)
                 mean[c] += (double)rgb[c];
         }
@@ -179,7 +195,7 @@ static void means_of_triangles(void **state)
 {
     (void)state;
     static const struct kiln_vec2 triangles[][3] = {
-        {{0, 0}, {1, 0}, {0, 1}},               /* half of the texture */
+        {{0, 0}, {1, 0}, {0, 1}},                      /* half of the texture */
         {{0.1f, 0.2f}, {0.14f, 0.21f}, {0.11f, 0.3f}}, /* within few texels */
         {{-0.7f, 0.3f}, {2.2f, -0.4f}, {0.4f, 1.9f}},  /* across borders */
         {{3, 3}, {-2, 3.5f}, {1, -4}},                 /* many periods, the other way round */
@@ -260,7 +276,8 @@ static void light_is_let_through_by_alpha_and_transmission(void **state)
     make(&f);
     f.uv[0] = f.uv[1] = f.uv[2] = (struct kiln_vec2){4.5f / 8.0f, 2.5f / 4.0f};
     memset(f.colors, 255, 12);
-    f.material.base_color[0] = 0.5f, f.material.base_color[1] = 0.25f, f.material.base_color[2] = 1.0f, f.material.base_color[3] = 0.8f;
+    f.material.base_color[0] = 0.5f, f.material.base_color[1] = 0.25f, f.material.base_color[2] = 1.0f,
+    f.material.base_color[3] = 0.8f;
     f.material.base_color_texture = KILN_NONE;
     f.material.metallic = 0.2f;
     f.material.alpha_cutoff = 0.5f;
@@ -270,7 +287,9 @@ static void light_is_let_through_by_alpha_and_transmission(void **state)
         f.material.transmission = i < 3 ? 0.0f : 0.7f;
         f.material.transmission_texture = i < 6 ? KILN_NONE : 0;
         f.material.base_color[3] = i < 9 ? 0.8f : 0.3f;
-        const double a = mode == KILN_ALPHA_OPAQUE ? 1.0 : mode == KILN_ALPHA_MASK ? (i < 9 ? 1.0 : 0.0) : (double)f.material.base_color[3];
+        const double a = mode == KILN_ALPHA_OPAQUE ? 1.0
+                         : mode == KILN_ALPHA_MASK ? (i < 9 ? 1.0 : 0.0)
+                                                   : (double)f.material.base_color[3];
         const double t = i < 3 ? 0.0 : i < 6 ? 0.7 : 0.7 * texel_value(&f, 4, 2, 0);
         struct kiln_passage p;
         kiln_surface_passage(&f.scene, &f.mesh, 0, 0.5f, 0.25f, &p);

@@ -1,5 +1,5 @@
-/* The verifying backend: silent about an honest device, and what it says of several kinds of dishonest ones. The device is Embree
- * with its answers distorted on the way. */
+/* The verifying backend: silent about an honest device, and what it says of several kinds of dishonest ones. The device
+ * is Embree with its answers distorted on the way. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -59,14 +59,15 @@ static float distort(enum lie lie, uint64_t point, float value)
     }
 }
 
-static int take_and_lie(void *context, size_t first, size_t count, const struct kiln_point_result *results, struct kiln_error *error)
+static int take_and_lie(void *context, size_t first, size_t count, const struct kiln_point_result *results,
+                        struct kiln_error *error)
 {
     struct liar *l = context;
     struct kiln_point_result *told = NULL;
     size_t points = 0;
     const struct kiln_surface *s = l->surface;
     for (size_t i = first; i < first + count; i++)
-        points += s->fragments[i].count;
+        points += s->tile_runs[i].count;
     told = malloc(points * sizeof *told);
     memcpy(told, results, points * sizeof *told);
     for (size_t i = 0; i < points; i++)
@@ -80,7 +81,8 @@ static int take_and_lie(void *context, size_t first, size_t count, const struct 
     return status;
 }
 
-static int count_taken(void *context, size_t first, size_t count, const struct kiln_point_result *results, struct kiln_error *error)
+static int count_taken(void *context, size_t first, size_t count, const struct kiln_point_result *results,
+                       struct kiln_error *error)
 {
     (void)first;
     (void)results;
@@ -89,19 +91,20 @@ static int count_taken(void *context, size_t first, size_t count, const struct k
     return KILN_OK;
 }
 
-static int lying_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, uint64_t *rays,
-                        struct kiln_error *error)
+static int lying_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
+                        uint64_t *rays, struct kiln_error *error)
 {
     struct liar *l = (struct liar *)backend;
-    const struct kiln_batch own = {batch->fragment_first, batch->fragment_count, take_and_lie, l};
+    const struct kiln_batch own = {batch->tile_run_first, batch->tile_run_count, take_and_lie, l};
     l->batch = batch;
     return kiln_backend_gather(l->embree, &own, samples, stream, rays, error);
 }
 
-static int lying_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays, struct kiln_error *error)
+static int lying_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
+                        struct kiln_error *error)
 {
     struct liar *l = (struct liar *)backend;
-    const struct kiln_batch own = {batch->fragment_first, batch->fragment_count, take_and_lie, l};
+    const struct kiln_batch own = {batch->tile_run_first, batch->tile_run_count, take_and_lie, l};
     if (l->lie == A_LITTLE_BRIGHTER) /* a plain sky has no noise to hide in */
         return kiln_backend_direct(l->embree, batch, samples, rays, error);
     l->batch = batch;
@@ -139,7 +142,8 @@ static struct world create(double share, enum lie lie)
     struct kiln_error error = {""};
     struct world w = {.fixture = fixture_create(), .liar = calloc(1, sizeof *w.liar)};
     struct fixture *f = w.fixture;
-    const uint32_t grey = fixture_material(f, 0.5f, 0.5f, 0.5f), cube = fixture_cube(f, 2, 0.0, grey), floor = fixture_mesh(f);
+    const uint32_t grey = fixture_material(f, 0.5f, 0.5f, 0.5f), cube = fixture_cube(f, 2, 0.0, grey),
+                   floor = fixture_mesh(f);
     fixture_sheet(f, dvec3(-4, 0, 4), dvec3(8, 0, 0), dvec3(0, 0, -8), 4, uv, 0.3, grey);
     f->environment = (struct kiln_environment){.kind = KILN_ENVIRONMENT_CONSTANT, .radiance = {1.0f, 0.8f, 0.6f}};
     (void)fixture_object(f, cube, lifted, 60, 40);
@@ -148,11 +152,17 @@ static struct world create(double share, enum lie lie)
     assert_int_equal(kiln_lights_create(&w.lights, &f->scene, w.geometry, &error), KILN_OK);
     const struct kiln_surface_params surface = {.scene = &f->scene, .geometry = w.geometry, .ranks = 1, .threads = 1};
     assert_int_equal(kiln_surface_build(&w.surface, &surface, &(struct kiln_surface_report){0}, &error), KILN_OK);
-    const struct kiln_backend_params params = {.scene = &f->scene, .geometry = w.geometry, .lights = w.lights, .threads = 2, .verify_share = share};
+    const struct kiln_backend_params params = {
+        .scene = &f->scene, .geometry = w.geometry, .lights = w.lights, .threads = 2, .verify_share = share};
     w.liar->lie = lie;
     assert_int_equal(kiln_backend_create(&w.liar->embree, "embree", &params, &error), KILN_OK);
-    w.liar->api = (struct kiln_backend_api){.name = "liar", .destroy = liar_destroy, .info = liar_info, .set_surface = liar_surface,
-                                            .set_radiosity = liar_radiosity, .direct = lying_direct, .gather = lying_gather};
+    w.liar->api = (struct kiln_backend_api){.name = "liar",
+                                            .destroy = liar_destroy,
+                                            .info = liar_info,
+                                            .set_surface = liar_surface,
+                                            .set_radiosity = liar_radiosity,
+                                            .direct = lying_direct,
+                                            .gather = lying_gather};
     w.liar->base.api = &w.liar->api;
     w.backend = &w.liar->base;
     assert_int_equal(kiln_verify_create(&w.backend, &params, &error), KILN_OK);
@@ -196,14 +206,14 @@ static int bake(double share, enum lie lie, struct kiln_error *error)
 {
     struct world w = create(share, lie);
     uint64_t rays = 0;
-    const struct kiln_batch batch = {0, w.surface->fragment_count, count_taken, &w};
+    const struct kiln_batch batch = {0, w.surface->tile_run_count, count_taken, &w};
     error->message[0] = '\0';
     int status = kiln_backend_direct(w.backend, &batch, 16, &rays, error);
     w.liar->points = 0;
     if (status == KILN_OK)
         status = kiln_backend_gather(w.backend, &batch, 16, 1, &rays, error);
     if (status == KILN_OK)
-        assert_int_equal(w.liar->taken, 2 * w.surface->fragment_count);
+        assert_int_equal(w.liar->taken, 2 * w.surface->tile_run_count);
     check_info(&w, share, lie, status);
     destroy(&w);
     return status;
@@ -226,8 +236,12 @@ static void liars_are_found(void **state)
         enum lie lie;
         double share;
         const char *word;
-    } cases[] = {{A_LITTLE_BRIGHTER, 1.0, "to the same side"}, {HALF, 1.0, "6 standard errors"}, {HALF, 0.1, "6 standard errors"},
-                 {ONE_NAN, 1.0, "not numbers"},                {SOME_WRONG, 1.0, "too many texels"}, {SOME_WRONG, 0.3, "too many texels"}};
+    } cases[] = {{A_LITTLE_BRIGHTER, 1.0, "to the same side"},
+                 {HALF, 1.0, "6 standard errors"},
+                 {HALF, 0.1, "6 standard errors"},
+                 {ONE_NAN, 1.0, "not numbers"},
+                 {SOME_WRONG, 1.0, "too many texels"},
+                 {SOME_WRONG, 0.3, "too many texels"}};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct kiln_error error;
         assert_int_equal(bake(cases[i].share, cases[i].lie, &error), KILN_NO_DEVICE);

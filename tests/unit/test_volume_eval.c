@@ -11,7 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/volume_eval.h"
 #include "worker/sampling/harmonics.h"
 
@@ -122,7 +122,8 @@ static void test_other_files_are_refused(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_corners), cmocka_unit_test(test_a_probe_counts_alone_where_it_stands),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_corners),
+                                       cmocka_unit_test(test_a_probe_counts_alone_where_it_stands),
                                        cmocka_unit_test(test_trust), cmocka_unit_test(test_irradiance_of_known_light),
                                        cmocka_unit_test(test_other_files_are_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,4 +1,5 @@
-/* Choosing and sampling of lights on the device against the same on the host, for every kind of light, in double and in float. */
+/* Choosing and sampling of lights on the device against the same on the host, for every kind of light, in double and in
+ * float. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -16,7 +17,7 @@
 #include "worker/backend/vulkan/layout.h"
 #include "worker/backend/vulkan/lights.h"
 #include "worker/light/environment.h"
-#include "worker/light/target.h"
+#include "worker/light/area_light_sampler.h"
 #include "worker/light/tree.h"
 #include "worker/sampling/sequence.h"
 
@@ -38,8 +39,9 @@ struct push {
 /* How the device's numbers differ from the host's. */
 struct differences {
     size_t choices, brings, samples; /* queries that differ in these, the last by more than the tolerance */
-    size_t aimed, aimed_samples;     /* by a target on both sides; of these, how many differ by more than the tolerance */
-    double worst, aimed_worst;       /* of the others */
+    /* by a target on both sides; of these, how many differ by more than the tolerance */
+    size_t aimed, aimed_samples;
+    double worst, aimed_worst; /* of the others */
 };
 
 static double uniform(uint32_t *seed) { return kiln_unit_double(kiln_hash1((*seed)++)); }
@@ -61,7 +63,8 @@ static void store3(float to[3], struct kiln_dvec3 a)
 static bool make_query(const struct kiln_lights *lights, double reach, uint32_t *seed, struct query *q)
 {
     struct kiln_light_choice choices[CHOICES];
-    const struct kiln_dvec3 p = dvec3_scale(dvec3(uniform(seed) - 0.5, uniform(seed) - 0.5, uniform(seed) - 0.5), 2.0 * reach);
+    const struct kiln_dvec3 p =
+        dvec3_scale(dvec3(uniform(seed) - 0.5, uniform(seed) - 0.5, uniform(seed) - 0.5), 2.0 * reach);
     const bool probe = uniform(seed) < 0.125;
     memset(q, 0, sizeof *q);
     store3(q->p, p);
@@ -95,36 +98,41 @@ static double apart(const double a[3], const double b[3])
     return difference / size;
 }
 
-static void compare_choices(const struct kiln_lights *lights, const struct query *q, const struct answer *a, struct differences *d)
+static void compare_choices(const struct kiln_lights *lights, const struct query *q, const struct answer *a,
+                            struct differences *d)
 {
     struct kiln_light_choice choices[CHOICES];
     const size_t count = kiln_lights_choices(lights, array3(q->p), (double)q->spread, array3(q->n), q->limit, choices);
     (void)kiln_lights_allot(choices, count, q->samples);
     bool same = count == a->choices;
     for (size_t i = 0; same && i < count; i++)
-        same = a->what[i] == ((uint32_t)choices[i].kind << KILN_GPU_CHOICE_KIND_SHIFT | choices[i].index) && a->given[i] == choices[i].samples;
+        same = a->what[i] == ((uint32_t)choices[i].kind << KILN_GPU_CHOICE_KIND_SHIFT | choices[i].index) &&
+               a->given[i] == choices[i].samples;
     d->choices += !same;
 }
 
 /* The sample as the host draws it; returns whether by a target. */
-static bool draw_sample(const struct kiln_lights *lights, const struct query *q, bool *brings, struct kiln_light_sample *s)
+static bool draw_sample(const struct kiln_lights *lights, const struct query *q, bool *brings,
+                        struct kiln_light_sample *s)
 {
-    const struct kiln_light_choice choice = {.kind = (enum kiln_choice_kind)q->kind, .index = q->index, .samples = q->count};
+    const struct kiln_light_choice choice = {
+        .kind = (enum kiln_choice_kind)q->kind, .index = q->index, .samples = q->count};
     const struct kiln_dvec3 place = array3(q->place);
     const double u = kiln_unit_double(q->u), v = kiln_unit_double(q->v);
-    struct kiln_light_target target;
-    if (!kiln_light_target(lights, &choice, array3(q->p), (double)q->spread, &target)) {
+    struct kiln_area_light_sampler target;
+    if (!kiln_area_light_sampler(lights, &choice, array3(q->p), (double)q->spread, &target)) {
         *brings = kiln_lights_sample(lights, &choice, q->k, place, array3(q->n), kiln_unit_double(q->pick), u, v, s);
         return false;
     }
-    struct kiln_target_samples t;
+    struct kiln_area_light_samples t;
     for (int l = 0; l < KILN_TARGET_LANES; l++) {
         t.u[l] = u, t.v[l] = v;
         t.place[0][l] = place.x, t.place[1][l] = place.y, t.place[2][l] = place.z;
     }
-    kiln_light_target_sample(&target, &t);
+    kiln_area_light_sampler_draw(&target, &t);
     *brings = t.weight[0] > 0.0;
-    *s = (struct kiln_light_sample){.direction = dvec3_scale(dvec3(t.to[0][0], t.to[1][0], t.to[2][0]), 1.0 / t.distance[0]),
+    *s = (struct kiln_light_sample){.direction =
+                                        dvec3_scale(dvec3(t.to[0][0], t.to[1][0], t.to[2][0]), 1.0 / t.distance[0]),
                                     .distance = t.distance[0],
                                     .backoff = t.backoff[0]};
     for (int c = 0; c < 3; c++)
@@ -132,8 +140,8 @@ static bool draw_sample(const struct kiln_lights *lights, const struct query *q,
     return true;
 }
 
-static void compare_sample(const struct kiln_lights *lights, const struct query *q, const struct answer *a, double tolerance, double aimed_tolerance,
-                           struct differences *d)
+static void compare_sample(const struct kiln_lights *lights, const struct query *q, const struct answer *a,
+                           double tolerance, double aimed_tolerance, struct differences *d)
 {
     struct kiln_light_sample s;
     bool brings;
@@ -170,25 +178,29 @@ static double compare_functions(const struct query *q, const struct answer *a, b
 }
 
 /* Asks the device. */
-static void answer_queries(struct gpu *gpu, const struct kiln_lights *lights, bool float64, const struct query *queries, struct answer *answers)
+static void answer_queries(struct gpu *gpu, const struct kiln_lights *lights, bool float64, const struct query *queries,
+                           struct answer *answers)
 {
     struct vulkan_lights on_device;
     struct kiln_gpu_scene scene = {0};
     assert_int_equal(vulkan_lights_create(gpu, lights, float64, &on_device, &scene.lights, NULL), KILN_OK);
     const uint32_t constants[] = {0, 0, 0, on_device.kinds, 0};
-    const struct gpu_kernel_params params = {.name = "lights",
-                                             .code = float64 ? kiln_spirv_vulkan_lights : kiln_spirv_vulkan_lights_float,
-                                             .code_bytes = float64 ? sizeof kiln_spirv_vulkan_lights : sizeof kiln_spirv_vulkan_lights_float,
-                                             .constants = constants,
-                                             .constant_count = 5};
+    const struct gpu_kernel_params params = {
+        .name = "lights",
+        .code = float64 ? kiln_spirv_vulkan_lights : kiln_spirv_vulkan_lights_float,
+        .code_bytes = float64 ? sizeof kiln_spirv_vulkan_lights : sizeof kiln_spirv_vulkan_lights_float,
+        .constants = constants,
+        .constant_count = 5};
     struct gpu_kernel *kernel = NULL;
     struct gpu_buffer buffers[3];
     assert_int_equal(gpu_kernel_create(gpu, &kernel, &params, NULL), KILN_OK);
     assert_int_equal(gpu_buffer_of(gpu, &buffers[0], &scene, sizeof scene, "a scene", NULL), KILN_OK);
     assert_int_equal(gpu_buffer_of(gpu, &buffers[1], queries, QUERIES * sizeof *queries, "queries", NULL), KILN_OK);
-    assert_int_equal(gpu_buffer_create(gpu, &buffers[2], QUERIES * sizeof *answers, GPU_DEVICE, "answers", NULL), KILN_OK);
+    assert_int_equal(gpu_buffer_create(gpu, &buffers[2], QUERIES * sizeof *answers, GPU_DEVICE, "answers", NULL),
+                     KILN_OK);
     const struct push push = {buffers[0].address, buffers[1].address, buffers[2].address, QUERIES};
-    const struct gpu_step step = {.kernel = kernel, .threads_x = QUERIES, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
+    const struct gpu_step step = {
+        .kernel = kernel, .threads_x = QUERIES, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
     assert_int_equal(gpu_run(gpu, &step, 1, NULL, NULL), KILN_OK);
     assert_int_equal(gpu_download(gpu, &buffers[2], 0, answers, QUERIES * sizeof *answers, NULL), KILN_OK);
     for (int i = 0; i < 3; i++)
@@ -197,9 +209,11 @@ static void answer_queries(struct gpu *gpu, const struct kiln_lights *lights, bo
     vulkan_lights_destroy(gpu, &on_device);
 }
 
-static void compare_variant(struct gpu *gpu, const struct kiln_lights *lights, bool float64, const struct query *queries, const char *name)
+static void compare_variant(struct gpu *gpu, const struct kiln_lights *lights, bool float64,
+                            const struct query *queries, const char *name)
 {
-    const double tolerance = float64 ? 1e-9 : 1e-3, aimed_tolerance = float64 ? 1e-9 : 1e-4, exact = float64 ? 1e-13 : 2e-6;
+    const double tolerance = float64 ? 1e-9 : 1e-3, aimed_tolerance = float64 ? 1e-9 : 1e-4,
+                 exact = float64 ? 1e-13 : 2e-6;
     const double share = float64 ? 0.0 : 0.01;
     struct answer *answers = calloc(QUERIES, sizeof *answers);
     struct differences d = {0};
@@ -210,13 +224,16 @@ static void compare_variant(struct gpu *gpu, const struct kiln_lights *lights, b
         compare_sample(lights, &queries[i], &answers[i], tolerance, aimed_tolerance, &d);
         worst = fmax(worst, compare_functions(&queries[i], &answers[i], float64));
     }
-    print_message("%s, %s: of %d, choices differ in %zu, whether light comes in %zu, samples in %zu, the others by %.1e; functions by %.1e; "
+    print_message("%s, %s: of %d, choices differ in %zu, whether light comes in %zu, samples in %zu, the others by "
+                  "%.1e; functions by %.1e; "
                   "of %zu samples of targets %zu, the others by %.1e\n",
-                  name, float64 ? "double" : "float", QUERIES, d.choices, d.brings, d.samples, d.worst, worst, d.aimed, d.aimed_samples, d.aimed_worst);
+                  name, float64 ? "double" : "float", QUERIES, d.choices, d.brings, d.samples, d.worst, worst, d.aimed,
+                  d.aimed_samples, d.aimed_worst);
     free(answers);
     assert_true(worst <= exact);
     assert_true((double)d.aimed_samples <= share * (double)d.aimed);
-    assert_true((double)d.samples <= share * QUERIES && (double)d.brings <= share * QUERIES && (double)d.choices <= share * QUERIES);
+    assert_true((double)d.samples <= share * QUERIES && (double)d.brings <= share * QUERIES &&
+                (double)d.choices <= share * QUERIES);
 }
 
 static void compare(struct gpu *gpu, struct kiln_lights *lights, double reach, const char *name)
@@ -236,7 +253,10 @@ static void compare(struct gpu *gpu, struct kiln_lights *lights, double reach, c
 
 static struct kiln_area_light triangle(struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 c, uint32_t *seed)
 {
-    struct kiln_area_light light = {.p0 = a, .e1 = dvec3_sub(b, a), .e2 = dvec3_sub(c, a), .radiance = {(float)uniform(seed), 1.0f, (float)uniform(seed)}};
+    struct kiln_area_light light = {.p0 = a,
+                                    .e1 = dvec3_sub(b, a),
+                                    .e2 = dvec3_sub(c, a),
+                                    .radiance = {(float)uniform(seed), 1.0f, (float)uniform(seed)}};
     const struct kiln_dvec3 cross = dvec3_cross(light.e1, light.e2);
     light.area = 0.5 * dvec3_length(cross);
     light.normal = unit(cross);
@@ -250,7 +270,8 @@ static void fill_areas(struct kiln_area_light *areas, size_t count, double size,
 {
     for (size_t i = 0; i < count; i++) {
         const struct kiln_dvec3 a = dvec3(uniform(seed) * 2 - 1, uniform(seed) * 2 - 1, uniform(seed) * 2 - 1);
-        const struct kiln_dvec3 along = dvec3_scale(any_direction(seed), size), across = dvec3_scale(any_direction(seed), size * thin);
+        const struct kiln_dvec3 along = dvec3_scale(any_direction(seed), size),
+                                across = dvec3_scale(any_direction(seed), size * thin);
         areas[i] = triangle(a, dvec3_add(a, along), dvec3_add(a, across), seed);
     }
 }
@@ -259,8 +280,11 @@ static void fill_points(struct kiln_point_light *points, size_t count, uint32_t 
 {
     for (size_t i = 0; i < count; i++) {
         const bool spot = i % 2 == 1;
-        points[i] = (struct kiln_point_light){.position = dvec3_scale(any_direction(seed), uniform(seed)), .direction = any_direction(seed), .spot = spot,
-                                              .intensity = {1.0f, (float)uniform(seed), 2.0f}, .range = i % 3 == 0 ? 1.0 + uniform(seed) : 0.0};
+        points[i] = (struct kiln_point_light){.position = dvec3_scale(any_direction(seed), uniform(seed)),
+                                              .direction = any_direction(seed),
+                                              .spot = spot,
+                                              .intensity = {1.0f, (float)uniform(seed), 2.0f},
+                                              .range = i % 3 == 0 ? 1.0 + uniform(seed) : 0.0};
         points[i].cos_outer = spot ? 0.9 * uniform(seed) : 0.0;
         points[i].cos_inner = spot ? points[i].cos_outer + (i % 5 == 1 ? 0.0 : 0.1 * uniform(seed)) : 0.0;
     }
@@ -272,8 +296,9 @@ static void area_lights(void **state)
         const char *name;
         size_t count;
         double size, thin, reach;
-    } cases[] = {{"one triangle", 1, 0.5, 1.0, 2.0},   {"near triangles", 20, 0.5, 1.0, 1.0}, {"far triangles", 20, 0.3, 1.0, 300.0},
-                 {"huge triangles", 5, 300.0, 1.0, 2.0}, {"thin triangles", 20, 1.0, 0.01, 1.5}, {"tiny triangles", 30, 1e-4, 1.0, 1.0},
+    } cases[] = {{"one triangle", 1, 0.5, 1.0, 2.0},      {"near triangles", 20, 0.5, 1.0, 1.0},
+                 {"far triangles", 20, 0.3, 1.0, 300.0},  {"huge triangles", 5, 300.0, 1.0, 2.0},
+                 {"thin triangles", 20, 1.0, 0.01, 1.5},  {"tiny triangles", 30, 1e-4, 1.0, 1.0},
                  {"1,000 triangles", 1000, 0.1, 1.0, 1.5}};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         uint32_t seed = 1000;
@@ -292,7 +317,8 @@ static void points_and_suns(void **state)
     uint32_t seed = 5;
     fill_points(points, 40, &seed);
     for (size_t i = 0; i < 7; i++)
-        suns[i] = (struct kiln_directional_light){.towards = any_direction(&seed), .irradiance = {1.0f, (float)uniform(&seed), 0.1f}};
+        suns[i] = (struct kiln_directional_light){.towards = any_direction(&seed),
+                                                  .irradiance = {1.0f, (float)uniform(&seed), 0.1f}};
     struct kiln_lights lights = {.points = points, .point_count = 40};
     compare(*state, &lights, 1.5, "point and spot lights");
     lights = (struct kiln_lights){.points = points, .point_count = 3, .directionals = suns, .directional_count = 7};
@@ -309,7 +335,8 @@ static void everything(void **state)
     for (int i = 0; i < W * H * 3; i++)
         texels[i] = (float)uniform(&seed);
     texels[3 * (5 * W + 20)] = 500.0f;
-    struct kiln_environment environment = {.kind = KILN_ENVIRONMENT_LATLONG, .radiance = {2, 1, 0.5f}, .rotation = 0.7f, .width = W, .height = H};
+    struct kiln_environment environment = {
+        .kind = KILN_ENVIRONMENT_LATLONG, .radiance = {2, 1, 0.5f}, .rotation = 0.7f, .width = W, .height = H};
     const struct kiln_scene scene = {.environment = &environment, .environment_texels = texels};
     const struct kiln_directional_light sun = {.towards = {0, 1, 0}, .irradiance = {3, 2, 1}};
     struct kiln_lights lights = {.scene = &scene};
@@ -334,7 +361,8 @@ static void everything(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(area_lights), cmocka_unit_test(points_and_suns), cmocka_unit_test(everything)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(area_lights), cmocka_unit_test(points_and_suns),
+                                       cmocka_unit_test(everything)};
     if (!vulkan_device_is_there())
         return 77;
     return cmocka_run_group_tests(tests, vulkan_device_open, vulkan_device_close);

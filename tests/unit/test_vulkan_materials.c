@@ -43,7 +43,8 @@ static int open_device(void **state)
         print_error("%s\n", error.message);
         return -1;
     }
-    const struct gpu_kernel_params params = {.name = "materials", .code = kiln_spirv_materials, .code_bytes = sizeof kiln_spirv_materials};
+    const struct gpu_kernel_params params = {
+        .name = "materials", .code = kiln_spirv_materials, .code_bytes = sizeof kiln_spirv_materials};
     *state = &device;
     return gpu_kernel_create(device.gpu, &device.kernel, &params, NULL);
 }
@@ -57,22 +58,26 @@ static int close_device(void **state)
 }
 
 /* The answers of all places, four floats each. */
-static void evaluate(struct device *d, const struct kiln_gpu_materials *layout, const struct place *places, float *answers)
+static void evaluate(struct device *d, const struct kiln_gpu_materials *layout, const struct place *places,
+                     float *answers)
 {
     const struct kiln_gpu_scene scene = {.materials = *layout};
     struct gpu_buffer buffers[3];
     assert_int_equal(gpu_buffer_of(d->gpu, &buffers[0], &scene, sizeof scene, "a scene", NULL), KILN_OK);
     assert_int_equal(gpu_buffer_of(d->gpu, &buffers[1], places, PLACES * sizeof *places, "places", NULL), KILN_OK);
-    assert_int_equal(gpu_buffer_create(d->gpu, &buffers[2], PLACES * 4 * sizeof(float), GPU_DEVICE, "answers", NULL), KILN_OK);
+    assert_int_equal(gpu_buffer_create(d->gpu, &buffers[2], PLACES * 4 * sizeof(float), GPU_DEVICE, "answers", NULL),
+                     KILN_OK);
     const struct push push = {buffers[0].address, buffers[1].address, buffers[2].address, PLACES};
-    const struct gpu_step step = {.kernel = d->kernel, .threads_x = PLACES, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
+    const struct gpu_step step = {
+        .kernel = d->kernel, .threads_x = PLACES, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
     assert_int_equal(gpu_run(d->gpu, &step, 1, NULL, NULL), KILN_OK);
     assert_int_equal(gpu_download(d->gpu, &buffers[2], 0, answers, PLACES * 4 * sizeof(float), NULL), KILN_OK);
     for (int i = 0; i < 3; i++)
         gpu_buffer_destroy(d->gpu, &buffers[i]);
 }
 
-static void expected(const struct kiln_scene *scene, const struct kiln_geometry *g, const struct place *p, float rgba[4])
+static void expected(const struct kiln_scene *scene, const struct kiln_geometry *g, const struct place *p,
+                     float rgba[4])
 {
     const struct kiln_mesh *mesh = &scene->meshes[scene->objects[g->records[p->triangle].object].mesh];
     float b1, b2;
@@ -103,7 +108,8 @@ static void choose_places(const struct kiln_backend_params *params, struct place
         const uint32_t triangle = (uint32_t)(uniform(&seed) * (double)g->triangle_count);
         if (!vulkan_materials_holds(params, triangle))
             continue;
-        const bool emission = triangle < g->opaque_count || ((g->records[triangle].material & KILN_RECORD_EMITS) != 0 && uniform(&seed) < 0.5);
+        const bool emission = triangle < g->opaque_count ||
+                              ((g->records[triangle].material & KILN_RECORD_EMITS) != 0 && uniform(&seed) < 0.5);
         double u = uniform(&seed), v = uniform(&seed);
         if (u + v > 1.0)
             u = 1.0 - u, v = 1.0 - v;
@@ -111,8 +117,8 @@ static void choose_places(const struct kiln_backend_params *params, struct place
     }
 }
 
-/* Worst difference, in units of the material's factor. A nearest filter may take the neighbour where a place lies on its border
- * within rounding: such places are counted, and must be few. */
+/* Worst difference, in units of the material's factor. A nearest filter may take the neighbour where a place lies on
+ * its border within rounding: such places are counted, and must be few. */
 static void compare(struct device *device, const struct kiln_scene *scene, const char *name)
 {
     struct kiln_geometry *g = NULL;
@@ -152,7 +158,8 @@ static void compare(struct device *device, const struct kiln_scene *scene, const
 /* Textures of odd sizes with every filter, wrap and coding; coordinates far outside of 0..1, some very far. */
 static void textures_of_all_kinds(void **state)
 {
-    static const uint32_t sizes[TEXTURES][2] = {{1, 1}, {7, 3}, {64, 64}, {1024, 512}, {2, 333}, {65536, 2}, {1, 8192}, {31, 31}, {256, 1}, {3, 5}, {500, 500}, {16, 16}};
+    static const uint32_t sizes[TEXTURES][2] = {{1, 1},    {7, 3},   {64, 64}, {1024, 512}, {2, 333},   {65536, 2},
+                                                {1, 8192}, {31, 31}, {256, 1}, {3, 5},      {500, 500}, {16, 16}};
     struct fixture *f = fixture_create();
     struct kiln_texture textures[TEXTURES];
     uint8_t *texels = malloc(TEXELS);
@@ -160,8 +167,13 @@ static void textures_of_all_kinds(void **state)
     for (size_t i = 0; i < TEXELS; i++)
         texels[i] = (uint8_t)(256.0 * fixture_random(f));
     for (uint32_t i = 0; i < TEXTURES; i++) {
-        textures[i] = (struct kiln_texture){.first = used, .width = sizes[i][0], .height = sizes[i][1], .srgb = i % 2, .nearest = i % 4 == 3,
-                                            .wrap_u = i % 3, .wrap_v = i / 3 % 3};
+        textures[i] = (struct kiln_texture){.first = used,
+                                            .width = sizes[i][0],
+                                            .height = sizes[i][1],
+                                            .srgb = i % 2,
+                                            .nearest = i % 4 == 3,
+                                            .wrap_u = i % 3,
+                                            .wrap_v = i / 3 % 3};
         used += 4 * (uint64_t)sizes[i][0] * sizes[i][1];
     }
     assert_true(used <= TEXELS);
@@ -170,7 +182,8 @@ static void textures_of_all_kinds(void **state)
     f->scene.texels = texels;
     const uint32_t plain = fixture_material(f, 1, 1, 1);
     for (uint32_t i = 0; i < TEXTURES; i++) {
-        struct kiln_material *m = &f->materials[fixture_material(f, (float)fixture_random(f), (float)fixture_random(f), 1.0f)];
+        struct kiln_material *m =
+            &f->materials[fixture_material(f, (float)fixture_random(f), (float)fixture_random(f), 1.0f)];
         m->base_color[3] = 0.9f;
         m->base_color_texture = i;
         m->alpha_mode = i % 3; /* one in three is opaque */
@@ -186,12 +199,15 @@ static void textures_of_all_kinds(void **state)
     for (uint32_t m = 0; m < 2; m++) {
         fixture_mesh(f);
         for (uint32_t i = 0; i <= TEXTURES; i++)
-            fixture_sheet(f, dvec3(i, 0, 0), dvec3(1, 0, 0), dvec3(0, 1, 0), 3, flat, 0.1, (i * 5 + m) % (TEXTURES + 1) == 0 ? plain : 1 + (i * 5 + m) % TEXTURES);
+            fixture_sheet(f, dvec3(i, 0, 0), dvec3(1, 0, 0), dvec3(0, 1, 0), 3, flat, 0.1,
+                          (i * 5 + m) % (TEXTURES + 1) == 0 ? plain : 1 + (i * 5 + m) % TEXTURES);
     }
     for (size_t i = 0; i < f->scene.vertex_count; i++) {
         const double reach = i % 7 == 0 ? 3000.0 : 3.0;
-        f->base[i] = (struct kiln_vec2){(float)(reach * (fixture_random(f) - 0.5)), (float)(reach * (fixture_random(f) - 0.5))};
-        f->emission[i] = (struct kiln_vec2){(float)(reach * (fixture_random(f) - 0.5)), (float)(reach * (fixture_random(f) - 0.5))};
+        f->base[i] =
+            (struct kiln_vec2){(float)(reach * (fixture_random(f) - 0.5)), (float)(reach * (fixture_random(f) - 0.5))};
+        f->emission[i] =
+            (struct kiln_vec2){(float)(reach * (fixture_random(f) - 0.5)), (float)(reach * (fixture_random(f) - 0.5))};
         for (size_t c = 0; c < 4; c++)
             f->colors[4 * i + c] = (uint8_t)(256.0 * fixture_random(f));
     }
@@ -217,7 +233,10 @@ static void plain_scenes_cost_nothing(void **state)
     struct vulkan_materials materials;
     struct kiln_gpu_materials layout;
     const uint64_t before = gpu_memory_used(device->gpu);
-    assert_int_equal(vulkan_materials_create(device->gpu, &(struct kiln_backend_params){.scene = &f->scene, .geometry = g}, &materials, &layout, NULL), KILN_OK);
+    assert_int_equal(vulkan_materials_create(device->gpu,
+                                             &(struct kiln_backend_params){.scene = &f->scene, .geometry = g},
+                                             &materials, &layout, NULL),
+                     KILN_OK);
     assert_int_equal(gpu_memory_used(device->gpu), before);
     assert_true(layout.coatings == 0 && layout.slots == 0);
     vulkan_materials_destroy(device->gpu, &materials);
@@ -231,7 +250,8 @@ static void imported_scene(struct device *device, const char *path)
     const int descriptor = mkstemp(output);
     assert_true(descriptor >= 0);
     (void)close(descriptor);
-    struct kiln_import_params params = {.path = path, .output = output, .environment_scale = 1.0, .program = getenv("KILN")};
+    struct kiln_import_params params = {
+        .path = path, .output = output, .environment_scale = 1.0, .program = getenv("KILN")};
     struct kiln_import_report report = {0};
     struct kiln_error error = {0};
     struct kiln_scene *scene = NULL;

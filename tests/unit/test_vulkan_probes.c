@@ -1,5 +1,5 @@
-/* Probes and emission on a Vulkan device against Embree's: the same rays and random numbers, so only rounding differs. And the
- * same bits however probes are dealt out to calls. Skipped (77) without a device. */
+/* Probes and emission on a Vulkan device against Embree's: the same rays and random numbers, so only rounding differs.
+ * And the same bits however probes are dealt out to calls. Skipped (77) without a device. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -40,18 +40,25 @@ static void add_lights(struct world *w, unsigned wish)
     struct fixture *f = w->fixture;
     f->scene.lights = w->punctual;
     if (wish & PUNCTUAL) {
-        w->punctual[f->scene.light_count++] = (struct kiln_light){.kind = KILN_LIGHT_POINT, .position = {0.4, 1.5, -0.3}, .intensity = {3, 2, 1}, .range = 20.0f};
-        w->punctual[f->scene.light_count++] = (struct kiln_light){.kind = KILN_LIGHT_SPOT, .position = {-2, 2, 2}, .direction = {0.577350f, -0.577350f, -0.577350f},
-                                                                  .intensity = {9, 9, 9}, .cos_inner = 0.95f, .cos_outer = 0.7f};
+        w->punctual[f->scene.light_count++] = (struct kiln_light){
+            .kind = KILN_LIGHT_POINT, .position = {0.4, 1.5, -0.3}, .intensity = {3, 2, 1}, .range = 20.0f};
+        w->punctual[f->scene.light_count++] = (struct kiln_light){.kind = KILN_LIGHT_SPOT,
+                                                                  .position = {-2, 2, 2},
+                                                                  .direction = {0.577350f, -0.577350f, -0.577350f},
+                                                                  .intensity = {9, 9, 9},
+                                                                  .cos_inner = 0.95f,
+                                                                  .cos_outer = 0.7f};
     }
     if (wish & SUN)
-        w->punctual[f->scene.light_count++] = (struct kiln_light){.kind = KILN_LIGHT_DIRECTIONAL, .direction = {0.6f, -0.8f, 0}, .intensity = {1, 1, 2}};
+        w->punctual[f->scene.light_count++] =
+            (struct kiln_light){.kind = KILN_LIGHT_DIRECTIONAL, .direction = {0.6f, -0.8f, 0}, .intensity = {1, 1, 2}};
     if (wish & SKY)
         f->environment = (struct kiln_environment){.kind = KILN_ENVIRONMENT_CONSTANT, .radiance = {0.5f, 1, 2}};
     if (wish & IMAGE) {
         for (size_t i = 0; i < sizeof w->sky / sizeof *w->sky; i++)
             w->sky[i] = (float)fixture_random(f);
-        f->environment = (struct kiln_environment){.kind = KILN_ENVIRONMENT_LATLONG, .radiance = {1, 1, 1}, .rotation = 0.7f, .width = 6, .height = 3};
+        f->environment = (struct kiln_environment){
+            .kind = KILN_ENVIRONMENT_LATLONG, .radiance = {1, 1, 1}, .rotation = 0.7f, .width = 6, .height = 3};
         f->scene.environment_texels = w->sky;
     }
 }
@@ -73,7 +80,8 @@ static void build(struct world *w, unsigned wish)
     static const double mirrored[12] = {-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
     *w = (struct world){.fixture = fixture_create()};
     struct fixture *f = w->fixture;
-    const uint32_t grey = fixture_material(f, 0.5f, 0.5f, 0.5f), lamp = fixture_material(f, 0, 0, 0), curtain = fixture_material(f, 1, 1, 1);
+    const uint32_t grey = fixture_material(f, 0.5f, 0.5f, 0.5f), lamp = fixture_material(f, 0, 0, 0),
+                   curtain = fixture_material(f, 1, 1, 1);
     uint32_t texture;
     uint8_t *texels = fixture_texture(f, 8, 8, &texture);
     for (int i = 0; i < 256; i++)
@@ -106,11 +114,15 @@ static void build(struct world *w, unsigned wish)
     struct kiln_surface_report report;
     assert_int_equal(kiln_geometry_create(&w->geometry, &f->scene, NULL), KILN_OK);
     assert_int_equal(kiln_lights_create(&w->lights, &f->scene, w->geometry, NULL), KILN_OK);
-    assert_int_equal(kiln_surface_build(&w->surface, &(struct kiln_surface_params){.scene = &f->scene, .geometry = w->geometry, .ranks = 1, .threads = 1},
-                                        &report, NULL), KILN_OK);
+    assert_int_equal(kiln_surface_build(&w->surface,
+                                        &(struct kiln_surface_params){
+                                            .scene = &f->scene, .geometry = w->geometry, .ranks = 1, .threads = 1},
+                                        &report, NULL),
+                     KILN_OK);
     invent_radiosity(w);
     for (int i = 0; i < PROBES; i++)
-        w->positions[i] = vec3((float)(6.0 * fixture_random(f) - 3.0), (float)(3.0 * fixture_random(f) + 0.01), (float)(6.0 * fixture_random(f) - 3.0));
+        w->positions[i] = vec3((float)(6.0 * fixture_random(f) - 3.0), (float)(3.0 * fixture_random(f) + 0.01),
+                               (float)(6.0 * fixture_random(f) - 3.0));
 }
 
 static void release(struct world *w)
@@ -126,25 +138,31 @@ static struct kiln_backend *open_backend(const struct world *w, const char *name
 {
     struct kiln_error error = {0};
     struct kiln_backend *backend = NULL;
-    const struct kiln_backend_params params = {.scene = &w->fixture->scene, .geometry = w->geometry, .lights = w->lights, .seed = 0x123456789abull,
+    const struct kiln_backend_params params = {.scene = &w->fixture->scene,
+                                               .geometry = w->geometry,
+                                               .lights = w->lights,
+                                               .seed = 0x123456789abull,
                                                .slice_seconds = slice_seconds};
-    if (kiln_backend_create(&backend, name, &params, &error) != KILN_OK || kiln_backend_set_surface(backend, w->surface, &error) != KILN_OK ||
+    if (kiln_backend_create(&backend, name, &params, &error) != KILN_OK ||
+        kiln_backend_set_surface(backend, w->surface, &error) != KILN_OK ||
         kiln_backend_set_radiosity(backend, w->radiosity, &error) != KILN_OK)
         fail_msg("%s: %s", name, error.message);
     return backend;
 }
 
-static uint64_t probes(struct kiln_backend *backend, const struct world *w, size_t first, size_t count, struct kiln_probe_result *results)
+static uint64_t probes(struct kiln_backend *backend, const struct world *w, size_t first, size_t count,
+                       struct kiln_probe_result *results)
 {
     struct kiln_error error = {0};
     uint64_t rays = 0;
-    if (kiln_backend_probes(backend, w->positions + first, count, 0xfffffff0ull + first, SAMPLES, results + first, &rays, &error) != KILN_OK)
+    if (kiln_backend_probes(backend, w->positions + first, count, 0xfffffff0ull + first, SAMPLES, results + first,
+                            &rays, &error) != KILN_OK)
         fail_msg("%s", error.message);
     return rays;
 }
 
-/* Worst difference over all probes, as a share of the strongest coefficient of the probe. A ray that meets another texel or
- * another side of an edge changes a probe by about 1 / SAMPLES; few may. */
+/* Worst difference over all probes, as a share of the strongest coefficient of the probe. A ray that meets another
+ * texel or another side of an edge changes a probe by about 1 / SAMPLES; few may. */
 static void compare(const struct kiln_probe_result *a, const struct kiln_probe_result *b, const char *what)
 {
     double worst = 0.0;
@@ -220,7 +238,8 @@ static void emission_lands_alike(void **state)
     for (int c = 0; c < 3; c++) {
         assert_true(results[0].emitted[c] > 0.0 && results[0].emitted[c] == results[1].emitted[c]);
         const double most = 1e-4 * results[0].emitted[c];
-        assert_true(fabs(results[0].received[c] - results[1].received[c]) <= most && fabs(results[0].blocked[c] - results[1].blocked[c]) <= most);
+        assert_true(fabs(results[0].received[c] - results[1].received[c]) <= most &&
+                    fabs(results[0].blocked[c] - results[1].blocked[c]) <= most);
         assert_true(fabs(results[0].escaped[c] - results[1].escaped[c]) <= most);
         assert_true(fabs(results[0].ranged[c] - results[1].ranged[c]) <= most && results[0].ranged[c] > 0.0);
     }
@@ -248,12 +267,14 @@ static void any_chunks_give_the_same_bits(void **state)
 }
 
 /* Opens a device whose `call`-th Vulkan call fails, and asks for all probes; gives how many calls there were. */
-static uint64_t with_fault(const struct world *w, const char *kind, uint64_t call, struct kiln_probe_result *results, uint32_t *recoveries)
+static uint64_t with_fault(const struct world *w, const char *kind, uint64_t call, struct kiln_probe_result *results,
+                           uint32_t *recoveries)
 {
     char fault[48];
     (void)snprintf(fault, sizeof fault, "%s:%llu", kind, (unsigned long long)call);
     assert_int_equal(setenv("KILN_GPU_FAULT", fault, 1), 0);
-    struct kiln_backend *backend = open_backend(w, "vulkan", 1e-9); /* the least there is in each: as many calls each time */
+    /* the least there is in each: as many calls each time */
+    struct kiln_backend *backend = open_backend(w, "vulkan", 1e-9);
     assert_true(probes(backend, w, 0, PROBES, results) > 0);
     const struct vulkan_backend *b = (const struct vulkan_backend *)backend;
     const uint64_t calls = b->faults.calls;
@@ -275,7 +296,8 @@ static void failing_devices_change_nothing(void **state)
     const uint64_t calls = with_fault(&w, "lost", 1000000, whole, &recoveries);
     for (uint64_t i = 1; i <= TRIES; i++) { /* the later half, where the probes are */
         memset(again, 0, PROBES * sizeof *again);
-        (void)with_fault(&w, i % 2 == 0 ? "lost" : "memory", calls / 2 + calls / 2 * i / (TRIES + 1), again, &recoveries);
+        (void)with_fault(&w, i % 2 == 0 ? "lost" : "memory", calls / 2 + calls / 2 * i / (TRIES + 1), again,
+                         &recoveries);
         assert_true(recoveries == 1);
         assert_memory_equal(whole, again, PROBES * sizeof *whole);
     }

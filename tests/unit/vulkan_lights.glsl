@@ -23,7 +23,7 @@ layout(push_constant, scalar) uniform Push
     uint count;
 } push;
 
-#include "shaders/target.glsl"
+#include "shaders/area_light_sampler.glsl"
 
 KILN_ARRAY(Queries, Query, 4);
 KILN_ARRAY(Answers, Answer, 8);
@@ -51,7 +51,7 @@ void sample_light(Query q, uint x)
     const bool aimed = kiln_light_is_target(choice, vec3_of(q.p), q.spread);
     bool brings;
     if (aimed)
-        brings = kiln_light_target_sample(kiln_light_target_of(choice.index, vec3_of(q.p)), place - real3(vec3_of(q.p)), real_unit(q.u), real_unit(q.v), s);
+        brings = kiln_area_light_sampler_draw(kiln_area_light_sampler_of(choice.index, vec3_of(q.p)), place - real3(vec3_of(q.p)), real_unit(q.u), real_unit(q.v), s);
     else
         brings = kiln_lights_sample(choice, q.k, place, real3(vec3_of(q.n)), real_unit(q.pick), real_unit(q.u), real_unit(q.v), s);
     Answers(push.answers).at[x].aimed = aimed ? 1u : 0u;

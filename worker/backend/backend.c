@@ -25,8 +25,8 @@ static bool has_gpu(void)
 }
 
 /* The backend itself, and around it what the parameters ask for: going on without the device, then checking it. */
-static int create(struct kiln_backend **backend, const struct kiln_backend_api *api, const struct kiln_backend_params *params,
-                  struct kiln_error *error)
+static int create(struct kiln_backend **backend, const struct kiln_backend_api *api,
+                  const struct kiln_backend_params *params, struct kiln_error *error)
 {
     int status = api->create(backend, params, error);
     if (status != KILN_OK)
@@ -40,7 +40,8 @@ static int create(struct kiln_backend **backend, const struct kiln_backend_api *
 }
 
 /* A GPU that does not work is no reason not to bake. */
-static int create_best(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error)
+static int create_best(struct kiln_backend **backend, const struct kiln_backend_params *params,
+                       struct kiln_error *error)
 {
     struct kiln_error why;
     if (has_gpu()) {
@@ -82,19 +83,19 @@ int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *rad
     return backend->api->set_radiosity(backend, radiosity, error);
 }
 
-int kiln_backend_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible,
+int kiln_backend_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
                           struct kiln_error *error)
 {
-    if (fragment_count == 0)
+    if (tile_run_count == 0)
         return KILN_OK;
-    return backend->api->validity(backend, fragment_first, fragment_count, visible, error);
+    return backend->api->validity(backend, tile_run_first, tile_run_count, visible, error);
 }
 
 int kiln_backend_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
                         struct kiln_error *error)
 {
     assert(samples > 0);
-    if (batch->fragment_count == 0)
+    if (batch->tile_run_count == 0)
         return KILN_OK;
     return backend->api->direct(backend, batch, samples, rays, error);
 }
@@ -103,13 +104,14 @@ int kiln_backend_gather(struct kiln_backend *backend, const struct kiln_batch *b
                         uint64_t *rays, struct kiln_error *error)
 {
     assert(samples > 0);
-    if (batch->fragment_count == 0)
+    if (batch->tile_run_count == 0)
         return KILN_OK;
     return backend->api->gather(backend, batch, samples, stream, rays, error);
 }
 
-int kiln_backend_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first,
-                        uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
+int kiln_backend_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count,
+                        uint64_t index_first, uint32_t samples, struct kiln_probe_result *results, uint64_t *rays,
+                        struct kiln_error *error)
 {
     assert(samples > 0);
     if (count == 0)
@@ -117,19 +119,20 @@ int kiln_backend_probes(struct kiln_backend *backend, const struct kiln_vec3 *po
     return backend->api->probes(backend, positions, count, index_first, samples, results, rays, error);
 }
 
-int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
-                           size_t count, struct kiln_hit *hits, struct kiln_error *error)
+int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                           const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
+                           struct kiln_error *error)
 {
     if (count == 0)
         return KILN_OK;
     return backend->api->intersect(backend, origins, directions, count, hits, error);
 }
 
-int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
-                         uint64_t *rays, struct kiln_error *error)
+int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples,
+                         uint32_t stream, double *seconds, uint64_t *rays, struct kiln_error *error)
 {
     assert(samples > 0);
-    if (batch->fragment_count == 0)
+    if (batch->tile_run_count == 0)
         return KILN_OK;
     return backend->api->ceiling(backend, batch, samples, stream, seconds, rays, error);
 }

@@ -1,6 +1,6 @@
-/* Light traced from the lights, for the energy ledger: what share of it meets front faces, back faces, nothing. It shares no
- * code with the direct pass but the lights' description, so that agreement of the two means something. Particles are made here,
- * on the host; every backend finds with its own tracer what they hit. */
+/* Light traced from the lights, for the energy ledger: what share of it meets front faces, back faces, nothing. It
+ * shares no code with the direct pass but the lights' description, so that agreement of the two means something.
+ * Particles are made here, on the host; every backend finds with its own tracer what they hit. */
 #include <assert.h>
 #include <math.h>
 #include <omp.h>
@@ -34,14 +34,14 @@ struct emission {
     double radius; /* of the sphere about the scene */
     struct kiln_vec3 centre;
     size_t light_count;
-    double total; /* flux_of all lights */
+    double total;               /* flux_of all lights */
     struct particle *particles; /* BATCH of each of these */
     struct kiln_vec3 *origins, *directions;
     struct kiln_hit *hits;
 };
 
-/* How far a group has come in dealing out its particles. The choice is systematic: a light gets those whose place on the line
- * of fluxes is its own. */
+/* How far a group has come in dealing out its particles. The choice is systematic: a light gets those whose place on
+ * the line of fluxes is its own. */
 struct walk {
     uint32_t base, samples, next; /* hash of the group; particles in all, dealt out */
     double step, start;
@@ -51,7 +51,10 @@ struct walk {
 };
 
 static double area_flux(const struct kiln_area_light *a) { return KILN_PI * a->area * (a->two_sided ? 2.0 : 1.0); }
-static double solid_angle(const struct kiln_point_light *l) { return l->spot ? 2.0 * KILN_PI * (1.0 - l->cos_outer) : 4.0 * KILN_PI; }
+static double solid_angle(const struct kiln_point_light *l)
+{
+    return l->spot ? 2.0 * KILN_PI * (1.0 - l->cos_outer) : 4.0 * KILN_PI;
+}
 
 /* Luminance of the flux of light i (areas, points, directionals, environment), the one weight that all use. */
 static double flux_of(const struct emission *e, size_t i)
@@ -73,7 +76,8 @@ static struct kiln_dvec3 turn(struct kiln_dvec3 local, struct kiln_dvec3 axis)
 {
     struct kiln_vec3 t, b;
     kiln_basis(vec3_of(axis), &t, &b);
-    return dvec3_add(dvec3_add(dvec3_scale(dvec3_of(t), local.x), dvec3_scale(dvec3_of(b), local.y)), dvec3_scale(axis, local.z));
+    return dvec3_add(dvec3_add(dvec3_scale(dvec3_of(t), local.x), dvec3_scale(dvec3_of(b), local.y)),
+                     dvec3_scale(axis, local.z));
 }
 
 static void from_area(const struct emission *e, const struct kiln_area_light *a, const double r[5], struct particle *p)
@@ -89,8 +93,9 @@ static void from_area(const struct emission *e, const struct kiln_area_light *a,
     memcpy(rgb, a->radiance, sizeof rgb);
     if (a->textured) {
         const struct kiln_object *object = &params->scene->objects[params->geometry->records[a->triangle].object];
-        kiln_surface_emission(params->scene, &params->scene->meshes[object->mesh], params->geometry->stored_triangle[a->triangle],
-                              (float)(object->flipped ? b2 : b1), (float)(object->flipped ? b1 : b2), rgb);
+        kiln_surface_emission(params->scene, &params->scene->meshes[object->mesh],
+                              params->geometry->stored_triangle[a->triangle], (float)(object->flipped ? b2 : b1),
+                              (float)(object->flipped ? b1 : b2), rgb);
     }
     for (int c = 0; c < 3; c++)
         p->flux[c] = (double)rgb[c] * area_flux(a);
@@ -98,7 +103,8 @@ static void from_area(const struct emission *e, const struct kiln_area_light *a,
 
 static void from_point(const struct kiln_point_light *l, const double r[5], struct particle *p)
 {
-    const double lowest = l->spot ? l->cos_outer : -1.0, z = 1.0 - r[2] * (1.0 - lowest), s = sqrt(fmax(0.0, 1.0 - z * z));
+    const double lowest = l->spot ? l->cos_outer : -1.0, z = 1.0 - r[2] * (1.0 - lowest),
+                 s = sqrt(fmax(0.0, 1.0 - z * z));
     const double phi = 2.0 * KILN_PI * r[3];
     p->direction = turn(dvec3(s * cos(phi), s * sin(phi), z), l->spot ? l->direction : dvec3(0.0, 0.0, 1.0));
     p->origin = vec3_of(l->position);
@@ -162,7 +168,8 @@ static size_t deal(const struct emission *e, struct walk *w)
     size_t count = 0;
     while (count < BATCH && w->next < w->samples && w->light < e->light_count) {
         if (w->start + w->next * w->step < w->reached) {
-            e->particles[count++] = (struct particle){.light = (uint32_t)w->light, .index = w->index++, .scale = w->step / w->flux};
+            e->particles[count++] =
+                (struct particle){.light = (uint32_t)w->light, .index = w->index++, .scale = w->step / w->flux};
             w->next++;
             continue;
         }
@@ -180,18 +187,21 @@ static void make_batch(const struct emission *e, uint32_t base, size_t count)
         struct particle *p = &e->particles[j];
         double r[KILN_DIMENSIONS];
         for (uint32_t d = 0; d < KILN_DIMENSIONS; d++)
-            r[d] = kiln_unit_double(kiln_owen_scramble(kiln_sobol(p->index, d), kiln_hash2(kiln_hash2(base, p->light + 1u), d)));
+            r[d] = kiln_unit_double(
+                kiln_owen_scramble(kiln_sobol(p->index, d), kiln_hash2(kiln_hash2(base, p->light + 1u), d)));
         make_particle(e, r, p);
         e->origins[j] = p->origin;
         e->directions[j] = vec3_of(p->direction);
     }
 }
 
-static void land(const struct emission *e, const struct particle *p, const struct kiln_hit *hit, struct kiln_emission_result *out)
+static void land(const struct emission *e, const struct particle *p, const struct kiln_hit *hit,
+                 struct kiln_emission_result *out)
 {
     double *target = out->escaped, kept = 1.0;
     if (hit->triangle != KILN_NONE) {
-        const bool double_sided = (e->params->geometry->records[hit->triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0;
+        const bool double_sided =
+            (e->params->geometry->records[hit->triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0;
         target = !hit->back || double_sided ? out->received : out->blocked;
         if (p->ranged != NULL)
             kept = kiln_point_light_range(p->ranged, (double)hit->distance);
@@ -206,7 +216,8 @@ static void land(const struct emission *e, const struct particle *p, const struc
 }
 
 /* Sums in the order of the particles, whatever the batches. */
-static int trace_group(const struct emission *e, uint32_t group, uint32_t samples, struct kiln_emission_result *out, struct kiln_error *error)
+static int trace_group(const struct emission *e, uint32_t group, uint32_t samples, struct kiln_emission_result *out,
+                       struct kiln_error *error)
 {
     struct walk w;
     begin_group(e, &w, group, samples);
@@ -252,7 +263,8 @@ static int make_room(struct emission *e, struct kiln_error *error)
     return status == KILN_OK ? kiln_allocate(&e->hits, BATCH, sizeof *e->hits, "the particles' hits", error) : status;
 }
 
-int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result, struct kiln_error *error)
+int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result,
+                          struct kiln_error *error)
 {
     assert(samples > 0);
     const struct kiln_lights *l = backend->params.lights;

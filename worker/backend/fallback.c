@@ -7,7 +7,7 @@
 
 struct fallback_backend {
     struct kiln_backend base;
-    struct kiln_backend_api api; /* the device's name, our functions */
+    struct kiln_backend_api api;          /* the device's name, our functions */
     struct kiln_backend *device, *embree; /* one of them is NULL */
     struct kiln_backend_info last;        /* of the device, when it was given up */
     const struct kiln_surface *surface;
@@ -16,10 +16,7 @@ struct fallback_backend {
 
 /* ---- changing over ---- */
 
-static struct kiln_backend *present(struct fallback_backend *f)
-{
-    return f->embree != NULL ? f->embree : f->device;
-}
+static struct kiln_backend *present(struct fallback_backend *f) { return f->embree != NULL ? f->embree : f->device; }
 
 /* After a call on the device returned `status`: KILN_OK when Embree has taken over and the call is to be made again. */
 static int change_over(struct fallback_backend *f, int status, struct kiln_error *error)
@@ -37,7 +34,8 @@ static int change_over(struct fallback_backend *f, int status, struct kiln_error
         kiln_backend_destroy(&embree);
         return status;
     }
-    (void)fprintf(stderr, "kiln: warning: %s; going on with Embree\n", error != NULL ? error->message : "the device failed");
+    (void)fprintf(stderr, "kiln: warning: %s; going on with Embree\n",
+                  error != NULL ? error->message : "the device failed");
     if (error != NULL)
         error->message[0] = '\0';
     f->embree = embree;
@@ -50,69 +48,72 @@ static int change_over(struct fallback_backend *f, int status, struct kiln_error
 
 struct watched_pass {
     const struct kiln_batch *batch; /* the caller's */
-    size_t next;                    /* first fragment not handed over */
+    size_t next;                    /* first tile run not handed over */
     int taken;                      /* what the caller said last */
 };
 
 /* kiln_take_results that remembers how far it came. */
-static int take_part(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results,
-                     struct kiln_error *error)
+static int take_part(void *context, size_t tile_run_first, size_t tile_run_count,
+                     const struct kiln_point_result *results, struct kiln_error *error)
 {
     struct watched_pass *w = context;
     if (w->batch->take != NULL)
-        w->taken = w->batch->take(w->batch->context, fragment_first, fragment_count, results, error);
-    w->next = fragment_first + fragment_count;
+        w->taken = w->batch->take(w->batch->context, tile_run_first, tile_run_count, results, error);
+    w->next = tile_run_first + tile_run_count;
     return w->taken;
 }
 
-typedef int (*trace_batch)(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, uint64_t *rays,
-                           struct kiln_error *error);
+typedef int (*trace_batch)(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples,
+                           uint32_t stream, uint64_t *rays, struct kiln_error *error);
 
-static int trace_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, uint64_t *rays,
-                        struct kiln_error *error)
+static int trace_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
+                        uint64_t *rays, struct kiln_error *error)
 {
     (void)stream;
     return kiln_backend_direct(backend, batch, samples, rays, error);
 }
 
-static int run_pass(struct fallback_backend *f, trace_batch trace, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
-                    uint64_t *rays, struct kiln_error *error)
+static int run_pass(struct fallback_backend *f, trace_batch trace, const struct kiln_batch *batch, uint32_t samples,
+                    uint32_t stream, uint64_t *rays, struct kiln_error *error)
 {
-    struct watched_pass w = {.batch = batch, .next = batch->fragment_first};
-    const struct kiln_batch all = {batch->fragment_first, batch->fragment_count, take_part, &w};
+    struct watched_pass w = {.batch = batch, .next = batch->tile_run_first};
+    const struct kiln_batch all = {batch->tile_run_first, batch->tile_run_count, take_part, &w};
     int status = trace(present(f), &all, samples, stream, rays, error);
     if (status == KILN_OK || w.taken != KILN_OK)
         return status;
     status = change_over(f, status, error);
-    const struct kiln_batch rest = {w.next, batch->fragment_first + batch->fragment_count - w.next, batch->take, batch->context};
+    const struct kiln_batch rest = {w.next, batch->tile_run_first + batch->tile_run_count - w.next, batch->take,
+                                    batch->context};
     return status == KILN_OK ? trace(f->embree, &rest, samples, stream, rays, error) : status;
 }
 
-static int fallback_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays, struct kiln_error *error)
+static int fallback_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples,
+                           uint64_t *rays, struct kiln_error *error)
 {
     return run_pass((struct fallback_backend *)backend, trace_direct, batch, samples, 0, rays, error);
 }
 
-static int fallback_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, uint64_t *rays,
-                           struct kiln_error *error)
+static int fallback_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples,
+                           uint32_t stream, uint64_t *rays, struct kiln_error *error)
 {
     return run_pass((struct fallback_backend *)backend, kiln_backend_gather, batch, samples, stream, rays, error);
 }
 
 /* ---- calls that are made again as a whole ---- */
 
-static int fallback_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible,
-                             struct kiln_error *error)
+static int fallback_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count,
+                             uint16_t *visible, struct kiln_error *error)
 {
     struct fallback_backend *f = (struct fallback_backend *)backend;
-    int status = kiln_backend_validity(present(f), fragment_first, fragment_count, visible, error);
+    int status = kiln_backend_validity(present(f), tile_run_first, tile_run_count, visible, error);
     if (status != KILN_OK && (status = change_over(f, status, error)) == KILN_OK)
-        status = kiln_backend_validity(f->embree, fragment_first, fragment_count, visible, error);
+        status = kiln_backend_validity(f->embree, tile_run_first, tile_run_count, visible, error);
     return status;
 }
 
-static int fallback_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first, uint32_t samples,
-                           struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
+static int fallback_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count,
+                           uint64_t index_first, uint32_t samples, struct kiln_probe_result *results, uint64_t *rays,
+                           struct kiln_error *error)
 {
     struct fallback_backend *f = (struct fallback_backend *)backend;
     int status = kiln_backend_probes(present(f), positions, count, index_first, samples, results, rays, error);
@@ -121,8 +122,9 @@ static int fallback_probes(struct kiln_backend *backend, const struct kiln_vec3 
     return status;
 }
 
-static int fallback_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions, size_t count,
-                              struct kiln_hit *hits, struct kiln_error *error)
+static int fallback_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                              const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
+                              struct kiln_error *error)
 {
     struct fallback_backend *f = (struct fallback_backend *)backend;
     int status = kiln_backend_intersect(present(f), origins, directions, count, hits, error);
@@ -131,7 +133,8 @@ static int fallback_intersect(struct kiln_backend *backend, const struct kiln_ve
     return status;
 }
 
-static int fallback_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
+static int fallback_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface,
+                                struct kiln_error *error)
 {
     struct fallback_backend *f = (struct fallback_backend *)backend;
     f->surface = surface;
@@ -149,10 +152,11 @@ static int fallback_set_radiosity(struct kiln_backend *backend, const uint64_t *
 }
 
 /* A measurement of the device: no other one will do. */
-static int fallback_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
-                            uint64_t *rays, struct kiln_error *error)
+static int fallback_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples,
+                            uint32_t stream, double *seconds, uint64_t *rays, struct kiln_error *error)
 {
-    return kiln_backend_ceiling(present((struct fallback_backend *)backend), batch, samples, stream, seconds, rays, error);
+    return kiln_backend_ceiling(present((struct fallback_backend *)backend), batch, samples, stream, seconds, rays,
+                                error);
 }
 
 static void fallback_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
@@ -172,7 +176,8 @@ static void fallback_destroy(struct kiln_backend **backend)
     kiln_free(backend);
 }
 
-int kiln_fallback_create(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error)
+int kiln_fallback_create(struct kiln_backend **backend, const struct kiln_backend_params *params,
+                         struct kiln_error *error)
 {
     struct fallback_backend *f = NULL;
     const int status = kiln_allocate(&f, 1, sizeof *f, "the backend", error);

@@ -1,8 +1,9 @@
 /* System calls that a signal may interrupt, made again until they have been heard out.
  *
- * POSIX lets open, fsync, rename and their like fail with EINTR, which says nothing about the disk; on local file systems they do not, on
- * networks and in user space they may. close is never repeated: Linux has released the descriptor by then, whatever it returns, and another
- * thread may have got it since; that it was interrupted is no failure, for what must be on disk was synced before. */
+ * POSIX lets open, fsync, rename and their like fail with EINTR, which says nothing about the disk; on local file
+ * systems they do not, on networks and in user space they may. close is never repeated: Linux has released the
+ * descriptor by then, whatever it returns, and another thread may have got it since; that it was interrupted is no
+ * failure, for what must be on disk was synced before. */
 #ifndef KILN_WORKER_BASE_CALLS_H
 #define KILN_WORKER_BASE_CALLS_H
 

@@ -1,11 +1,12 @@
-/* Loops over lanes that are worth compiling once for each instruction set. Contraction is off, so all give the same bits. */
+/* Loops over lanes that are worth compiling once for each instruction set. Contraction is off, so all give the same
+ * bits. */
 #ifndef KILN_WORKER_BASE_CLONES_H
 #define KILN_WORKER_BASE_CLONES_H
 
 #if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__)
-#define KILN_CLONES __attribute__((target_clones("avx2", "default")))
+#    define KILN_CLONES __attribute__((target_clones("avx2", "default")))
 #else
-#define KILN_CLONES
+#    define KILN_CLONES
 #endif
 
 #endif

@@ -1,5 +1,6 @@
-/* Disjoint sets of numbers 0 .. n - 1 with union by the least number (Tarjan 1975, with path halving). `parent` has n entries; a root is its
- * own parent and the least of its set, so that what is numbered by roots does not depend on the order of unions. Not thread-safe. */
+/* Disjoint sets of numbers 0 .. n - 1 with union by the least number (Tarjan 1975, with path halving). `parent` has n
+ * entries; a root is its own parent and the least of its set, so that what is numbered by roots does not depend on the
+ * order of unions. Not thread-safe. */
 #ifndef KILN_WORKER_BASE_DISJOINT_SETS_H
 #define KILN_WORKER_BASE_DISJOINT_SETS_H
 

@@ -54,8 +54,11 @@ void kiln_mapped_watch(const void *base, size_t size, const char *name)
     for (size_t i = 0; i < MAPPINGS && size > 0; i++) {
         if (atomic_load(&mappings[i].size) != 0)
             continue;
-        (void)snprintf(mappings[i].sentence, SENTENCE, "kiln: error: '%.400s' was cut short while it was in use, or its disk cannot be read: nothing may "
-                       "change it while kiln runs; run the same command again\n", name);
+        (void)snprintf(
+            mappings[i].sentence, SENTENCE,
+            "kiln: error: '%.400s' was cut short while it was in use, or its disk cannot be read: nothing may "
+            "change it while kiln runs; run the same command again\n",
+            name);
         for (char *c = mappings[i].sentence; c[1] != '\0'; c++) /* the last one ends the line */
             if ((unsigned char)*c < ' ' || *c == 0x7f)
                 *c = '?';

@@ -56,7 +56,8 @@ void kiln_free(void *pointer)
     memcpy(pointer, &block, sizeof block);
 }
 
-static int allocate_own(void *context, void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
+static int allocate_own(void *context, void *pointer, size_t count, size_t size, const char *what,
+                        struct kiln_error *error)
 {
     (void)context;
     return kiln_allocate(pointer, count, size, what, error);

@@ -74,7 +74,8 @@ int kiln_fail_errno(struct kiln_error *error, int status, const char *format, ..
         const size_t used = strlen(error->message);
         struct rlimit most;
         if (number == EFBIG && getrlimit(RLIMIT_FSIZE, &most) == 0 && most.rlim_cur != RLIM_INFINITY)
-            (void)snprintf(error->message + used, sizeof error->message - used, ": no file may have more than %llu bytes here (ulimit -f)",
+            (void)snprintf(error->message + used, sizeof error->message - used,
+                           ": no file may have more than %llu bytes here (ulimit -f)",
                            (unsigned long long)most.rlim_cur);
         else
             (void)snprintf(error->message + used, sizeof error->message - used, ": %s", strerror(number));

@@ -1,8 +1,9 @@
 /* Status codes and the sentence that goes with them.
  *
  * A function that can fail returns int: 0 (KILN_OK) or one of the codes below, which are also the program's exit codes
- * (sysexits.h, extended). Its last argument is a struct kiln_error that receives one sentence: which file, which place in
- * it, which value is wrong, and what to do. On success the struct is left alone. Invariants of our own are asserted instead. */
+ * (sysexits.h, extended). Its last argument is a struct kiln_error that receives one sentence: which file, which place
+ * in it, which value is wrong, and what to do. On success the struct is left alone. Invariants of our own are asserted
+ * instead. */
 #ifndef KILN_WORKER_BASE_STATUS_H
 #define KILN_WORKER_BASE_STATUS_H
 
@@ -23,19 +24,24 @@ enum kiln_status {
 };
 
 struct kiln_error {
-    char message[2048]; /* UTF-8 without control characters (text.h), one line but for a table; empty when nothing failed */
+    /* UTF-8 without control characters (text.h), one line but for a table; empty when nothing failed */
+    char message[2048];
 };
 
 /* Writes the sentence and returns `status`, so that a failing function can say `return kiln_fail(error, KILN_IO, ...)`.
- * `error` may be NULL (the sentence is dropped). Text from outside goes in as an argument, never as format; what a terminal would act on in it, line
- * feeds too, comes out as \xNN. */
+ * `error` may be NULL (the sentence is dropped). Text from outside goes in as an argument, never as format; what a
+ * terminal would act on in it, line feeds too, comes out as \xNN. */
 int kiln_fail(struct kiln_error *error, int status, const char *format, ...) __attribute__((format(printf, 3, 4)));
 
-/* As kiln_fail, with `table` after the sentence, whose rows begin with a line feed each: cells from outside go through kiln_text_plain before. */
-int kiln_fail_table(struct kiln_error *error, int status, const char *table, const char *format, ...) __attribute__((format(printf, 4, 5)));
+/* As kiln_fail, with `table` after the sentence, whose rows begin with a line feed each: cells from outside go through
+ * kiln_text_plain before. */
+int kiln_fail_table(struct kiln_error *error, int status, const char *table, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
 
-/* As kiln_fail, with ": " and the text of errno at the end; of EFBIG that is the process's limit. Chooses KILN_PERMISSION for EACCES/EPERM, KILN_NO_INPUT for
- * ENOENT and KILN_SYSTEM for ENOMEM when `status` is 0; else uses `status`. */
-int kiln_fail_errno(struct kiln_error *error, int status, const char *format, ...) __attribute__((format(printf, 3, 4)));
+/* As kiln_fail, with ": " and the text of errno at the end; of EFBIG that is the process's limit. Chooses
+ * KILN_PERMISSION for EACCES/EPERM, KILN_NO_INPUT for ENOENT and KILN_SYSTEM for ENOMEM when `status` is 0; else uses
+ * `status`. */
+int kiln_fail_errno(struct kiln_error *error, int status, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
 
 #endif

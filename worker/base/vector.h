@@ -1,4 +1,5 @@
-/* Vectors of three: float for tracing (relative to the scene's centre), double for areas, totals and world positions. */
+/* Vectors of three: float for tracing (relative to the scene's centre), double for areas, totals and world positions.
+ */
 #ifndef KILN_WORKER_BASE_VECTOR_H
 #define KILN_WORKER_BASE_VECTOR_H
 
@@ -17,9 +18,18 @@ struct kiln_dvec3 {
 #define KILN_PI 3.14159265358979323846
 
 static inline struct kiln_vec3 vec3(float x, float y, float z) { return (struct kiln_vec3){x, y, z}; }
-static inline struct kiln_vec3 vec3_add(struct kiln_vec3 a, struct kiln_vec3 b) { return vec3(a.x + b.x, a.y + b.y, a.z + b.z); }
-static inline struct kiln_vec3 vec3_sub(struct kiln_vec3 a, struct kiln_vec3 b) { return vec3(a.x - b.x, a.y - b.y, a.z - b.z); }
-static inline struct kiln_vec3 vec3_mul(struct kiln_vec3 a, struct kiln_vec3 b) { return vec3(a.x * b.x, a.y * b.y, a.z * b.z); }
+static inline struct kiln_vec3 vec3_add(struct kiln_vec3 a, struct kiln_vec3 b)
+{
+    return vec3(a.x + b.x, a.y + b.y, a.z + b.z);
+}
+static inline struct kiln_vec3 vec3_sub(struct kiln_vec3 a, struct kiln_vec3 b)
+{
+    return vec3(a.x - b.x, a.y - b.y, a.z - b.z);
+}
+static inline struct kiln_vec3 vec3_mul(struct kiln_vec3 a, struct kiln_vec3 b)
+{
+    return vec3(a.x * b.x, a.y * b.y, a.z * b.z);
+}
 static inline struct kiln_vec3 vec3_scale(struct kiln_vec3 a, float s) { return vec3(a.x * s, a.y * s, a.z * s); }
 static inline struct kiln_vec3 vec3_madd(struct kiln_vec3 a, struct kiln_vec3 b, float s)
 {
@@ -41,8 +51,14 @@ static inline struct kiln_vec3 vec3_normalize(struct kiln_vec3 a)
 static inline struct kiln_dvec3 dvec3(double x, double y, double z) { return (struct kiln_dvec3){x, y, z}; }
 static inline struct kiln_dvec3 dvec3_of(struct kiln_vec3 a) { return dvec3((double)a.x, (double)a.y, (double)a.z); }
 static inline struct kiln_vec3 vec3_of(struct kiln_dvec3 a) { return vec3((float)a.x, (float)a.y, (float)a.z); }
-static inline struct kiln_dvec3 dvec3_add(struct kiln_dvec3 a, struct kiln_dvec3 b) { return dvec3(a.x + b.x, a.y + b.y, a.z + b.z); }
-static inline struct kiln_dvec3 dvec3_sub(struct kiln_dvec3 a, struct kiln_dvec3 b) { return dvec3(a.x - b.x, a.y - b.y, a.z - b.z); }
+static inline struct kiln_dvec3 dvec3_add(struct kiln_dvec3 a, struct kiln_dvec3 b)
+{
+    return dvec3(a.x + b.x, a.y + b.y, a.z + b.z);
+}
+static inline struct kiln_dvec3 dvec3_sub(struct kiln_dvec3 a, struct kiln_dvec3 b)
+{
+    return dvec3(a.x - b.x, a.y - b.y, a.z - b.z);
+}
 static inline struct kiln_dvec3 dvec3_scale(struct kiln_dvec3 a, double s) { return dvec3(a.x * s, a.y * s, a.z * s); }
 static inline double dvec3_dot(struct kiln_dvec3 a, struct kiln_dvec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 static inline struct kiln_dvec3 dvec3_cross(struct kiln_dvec3 a, struct kiln_dvec3 b)

@@ -31,7 +31,8 @@ int kiln_environment_build(struct kiln_lights *lights, struct kiln_error *error)
     const uint32_t w = e->width, h = e->height;
     int status = kiln_allocate(&lights->marginal, h, sizeof *lights->marginal, "the environment's rows", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&lights->conditional, (size_t)w * h, sizeof *lights->conditional, "the environment's distribution", error);
+        status = kiln_allocate(&lights->conditional, (size_t)w * h, sizeof *lights->conditional,
+                               "the environment's distribution", error);
     if (status != KILN_OK)
         return status;
     double total = 0.0, sum[3] = {0};
@@ -46,7 +47,8 @@ int kiln_environment_build(struct kiln_lights *lights, struct kiln_error *error)
             lights->conditional[(size_t)y * w + x] = (float)row;
         }
         for (uint32_t x = 0; x < w; x++)
-            lights->conditional[(size_t)y * w + x] = row > 0.0 ? (float)((double)lights->conditional[(size_t)y * w + x] / row) : (float)(x + 1) / (float)w;
+            lights->conditional[(size_t)y * w + x] =
+                row > 0.0 ? (float)((double)lights->conditional[(size_t)y * w + x] / row) : (float)(x + 1) / (float)w;
         total += row;
         lights->marginal[y] = (float)total;
     }
@@ -109,7 +111,8 @@ static double texel_density(const struct kiln_lights *lights, uint32_t x, uint32
 {
     const struct kiln_environment *e = lights->scene->environment;
     const double chance = step_width(lights->marginal, y) * step_width(lights->conditional + (size_t)y * e->width, x);
-    const double solid = (cos(KILN_PI * y / e->height) - cos(KILN_PI * (y + 1.0) / e->height)) * 2.0 * KILN_PI / e->width;
+    const double solid =
+        (cos(KILN_PI * y / e->height) - cos(KILN_PI * (y + 1.0) / e->height)) * 2.0 * KILN_PI / e->width;
     return chance / solid;
 }
 

@@ -4,8 +4,8 @@
 
 #include "worker/light/lights.h"
 
-/* Sets lights->environment, its mean, and for an image the cumulative distributions by luminance x sin(theta). An image is
- * taken as piecewise constant, by the light and by everything that looks at it alike. */
+/* Sets lights->environment, its mean, and for an image the cumulative distributions by luminance x sin(theta). An image
+ * is taken as piecewise constant, by the light and by everything that looks at it alike. */
 int kiln_environment_build(struct kiln_lights *lights, struct kiln_error *error);
 
 #endif

@@ -17,7 +17,8 @@ static struct kiln_dvec3 unit(struct kiln_dvec3 a)
 }
 
 /* Which mesh a world triangle belongs to. */
-static const struct kiln_mesh *mesh_of(const struct kiln_scene *scene, const struct kiln_geometry *geometry, uint32_t triangle)
+static const struct kiln_mesh *mesh_of(const struct kiln_scene *scene, const struct kiln_geometry *geometry,
+                                       uint32_t triangle)
 {
     return &scene->meshes[scene->objects[geometry->records[triangle].object].mesh];
 }
@@ -36,10 +37,13 @@ static bool make_area_light(const struct kiln_scene *scene, const struct kiln_ge
     light->area = 0.5 * dvec3_length(cross);
     light->normal = unit(cross);
     for (int c = 0; c < 3; c++)
-        light->rounding = fmax(light->rounding, 8.0 * 0x1p-24 * (double)fmaxf(fabsf(corner[c].x), fmaxf(fabsf(corner[c].y), fabsf(corner[c].z))));
+        light->rounding =
+            fmax(light->rounding,
+                 8.0 * 0x1p-24 * (double)fmaxf(fabsf(corner[c].x), fmaxf(fabsf(corner[c].y), fabsf(corner[c].z))));
     light->two_sided = m->double_sided != 0;
     light->textured = m->emission_texture != KILN_NONE;
-    kiln_triangle_mean_emission(scene, mesh_of(scene, geometry, triangle), geometry->stored_triangle[triangle], light->radiance);
+    kiln_triangle_mean_emission(scene, mesh_of(scene, geometry, triangle), geometry->stored_triangle[triangle],
+                                light->radiance);
     return light->area > 0.0 && kiln_luminance(light->radiance) > 0.0;
 }
 
@@ -48,12 +52,14 @@ static int gather_area_lights(struct kiln_lights *lights, struct kiln_error *err
     size_t capacity = 0;
     for (size_t t = 0; t < lights->geometry->triangle_count; t++) {
         const struct kiln_hit_record *record = &lights->geometry->records[t];
-        if ((record->material & KILN_RECORD_EMITS) == 0 || (lights->scene->objects[record->object].flags & KILN_OBJECT_RECEIVER_ONLY) != 0)
+        if ((record->material & KILN_RECORD_EMITS) == 0 ||
+            (lights->scene->objects[record->object].flags & KILN_OBJECT_RECEIVER_ONLY) != 0)
             continue;
         struct kiln_area_light light;
         if (!make_area_light(lights->scene, lights->geometry, (uint32_t)t, &light))
             continue;
-        const int status = kiln_grow(&lights->areas, &capacity, lights->area_count + 1, sizeof light, "the emissive triangles", error);
+        const int status =
+            kiln_grow(&lights->areas, &capacity, lights->area_count + 1, sizeof light, "the emissive triangles", error);
         if (status != KILN_OK)
             return status;
         lights->areas[lights->area_count++] = light;
@@ -66,13 +72,15 @@ static int gather_punctual_lights(struct kiln_lights *lights, struct kiln_error 
     const struct kiln_scene *scene = lights->scene;
     int status = kiln_allocate(&lights->points, scene->light_count, sizeof *lights->points, "the point lights", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&lights->directionals, scene->light_count, sizeof *lights->directionals, "the directional lights", error);
+        status = kiln_allocate(&lights->directionals, scene->light_count, sizeof *lights->directionals,
+                               "the directional lights", error);
     if (status != KILN_OK)
         return status;
     const double *centre = scene->header->centre;
     for (size_t i = 0; i < scene->light_count; i++) {
         const struct kiln_light *l = &scene->lights[i];
-        const struct kiln_dvec3 direction = unit(dvec3((double)l->direction[0], (double)l->direction[1], (double)l->direction[2]));
+        const struct kiln_dvec3 direction =
+            unit(dvec3((double)l->direction[0], (double)l->direction[1], (double)l->direction[2]));
         if (kiln_luminance(l->intensity) <= 0.0)
             continue;
         if (l->kind == KILN_LIGHT_DIRECTIONAL) {
@@ -93,8 +101,8 @@ static int gather_punctual_lights(struct kiln_lights *lights, struct kiln_error 
     return KILN_OK;
 }
 
-int kiln_lights_create(struct kiln_lights **lights, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
-                       struct kiln_error *error)
+int kiln_lights_create(struct kiln_lights **lights, const struct kiln_scene *scene,
+                       const struct kiln_geometry *geometry, struct kiln_error *error)
 {
     *lights = NULL;
     struct kiln_lights *l = NULL;
@@ -107,8 +115,9 @@ int kiln_lights_create(struct kiln_lights **lights, const struct kiln_scene *sce
     if (status == KILN_OK)
         status = gather_punctual_lights(l, error);
     if (status == KILN_OK && l->area_count + l->point_count > UINT32_MAX / 2)
-        status = kiln_fail(error, KILN_BAD_INPUT, "the scene has %zu emissive triangles and lights; kiln takes at most %u",
-                           l->area_count + l->point_count, UINT32_MAX / 2);
+        status =
+            kiln_fail(error, KILN_BAD_INPUT, "the scene has %zu emissive triangles and lights; kiln takes at most %u",
+                      l->area_count + l->point_count, UINT32_MAX / 2);
     if (status == KILN_OK)
         status = kiln_light_tree_build(l, error);
     if (status == KILN_OK)
@@ -136,8 +145,8 @@ void kiln_lights_destroy(struct kiln_lights **lights)
 }
 
 /* Splits the most important inner cluster until there is room for no more or only single lights are left. */
-static size_t cut_tree(const struct kiln_lights *lights, struct kiln_dvec3 p, double spread, struct kiln_dvec3 n, size_t limit,
-                       struct kiln_light_choice *choices)
+static size_t cut_tree(const struct kiln_lights *lights, struct kiln_dvec3 p, double spread, struct kiln_dvec3 n,
+                       size_t limit, struct kiln_light_choice *choices)
 {
     if (lights->node_count == 0)
         return 0;
@@ -149,7 +158,8 @@ static size_t cut_tree(const struct kiln_lights *lights, struct kiln_dvec3 p, do
     while (count < limit) {
         size_t best = count;
         for (size_t i = 0; i < count; i++)
-            if (lights->nodes[choices[i].index].left != KILN_NONE && (best == count || choices[i].importance > choices[best].importance))
+            if (lights->nodes[choices[i].index].left != KILN_NONE &&
+                (best == count || choices[i].importance > choices[best].importance))
                 best = i;
         if (best == count)
             break;
@@ -185,7 +195,8 @@ size_t kiln_lights_choices(const struct kiln_lights *lights, struct kiln_dvec3 p
                                                           kiln_luminance(lights->directionals[i].irradiance) * cosine};
     }
     if (lights->environment)
-        choices[count++] = (struct kiln_light_choice){KILN_CHOICE_ENVIRONMENT, 0, 0, KILN_PI * kiln_luminance(lights->environment_mean)};
+        choices[count++] = (struct kiln_light_choice){KILN_CHOICE_ENVIRONMENT, 0, 0,
+                                                      KILN_PI * kiln_luminance(lights->environment_mean)};
     return count;
 }
 
@@ -210,7 +221,8 @@ double kiln_point_light_cone(const struct kiln_point_light *light, struct kiln_d
     if (!light->spot)
         return 1.0;
     const double cosine = dvec3_dot(light->direction, direction);
-    const double t = fmax(0.0, fmin(1.0, (cosine - light->cos_outer) / fmax(1e-9, light->cos_inner - light->cos_outer)));
+    const double t =
+        fmax(0.0, fmin(1.0, (cosine - light->cos_outer) / fmax(1e-9, light->cos_inner - light->cos_outer)));
     return t * t;
 }
 
@@ -222,7 +234,8 @@ double kiln_point_light_range(const struct kiln_point_light *light, double dista
     return fmax(0.0, fmin(1.0, 1.0 - q * q * q * q));
 }
 
-static bool sample_point_light(const struct kiln_point_light *light, struct kiln_dvec3 p, double weight, struct kiln_light_sample *s)
+static bool sample_point_light(const struct kiln_point_light *light, struct kiln_dvec3 p, double weight,
+                               struct kiln_light_sample *s)
 {
     const struct kiln_dvec3 to = dvec3_sub(light->position, p);
     const double distance = dvec3_length(to);
@@ -238,7 +251,8 @@ static bool sample_point_light(const struct kiln_point_light *light, struct kiln
     return factor > 0.0;
 }
 
-void kiln_area_light_radiance(const struct kiln_lights *lights, const struct kiln_area_light *light, double b1, double b2, float rgb[3])
+void kiln_area_light_radiance(const struct kiln_lights *lights, const struct kiln_area_light *light, double b1,
+                              double b2, float rgb[3])
 {
     memcpy(rgb, light->radiance, 3 * sizeof *rgb);
     if (!light->textured)
@@ -255,18 +269,20 @@ void kiln_area_light_radiance(const struct kiln_lights *lights, const struct kil
 
 void kiln_area_light_weights(const struct kiln_area_light *light, struct kiln_dvec3 on, double *b1, double *b2)
 {
-    const double e11 = dvec3_dot(light->e1, light->e1), e12 = dvec3_dot(light->e1, light->e2), e22 = dvec3_dot(light->e2, light->e2);
+    const double e11 = dvec3_dot(light->e1, light->e1), e12 = dvec3_dot(light->e1, light->e2),
+                 e22 = dvec3_dot(light->e2, light->e2);
     const double below = e11 * e22 - e12 * e12, x = dvec3_dot(on, light->e1), y = dvec3_dot(on, light->e2);
     *b1 = fmax(0.0, fmin(1.0, (x * e22 - y * e12) / below));
     *b2 = fmax(0.0, fmin(1.0 - *b1, (y * e11 - x * e12) / below));
 }
 
-static bool sample_area_light(const struct kiln_lights *lights, const struct kiln_area_light *light, struct kiln_dvec3 p, double weight,
-                              double u, double v, struct kiln_light_sample *s)
+static bool sample_area_light(const struct kiln_lights *lights, const struct kiln_area_light *light,
+                              struct kiln_dvec3 p, double weight, double u, double v, struct kiln_light_sample *s)
 {
     const struct kiln_dvec3 to0 = dvec3_sub(light->p0, p);
     const double side = -dvec3_dot(to0, light->normal), height = fabs(side); /* of p above the front face */
-    /* In the light's own plane, as far as floats tell, nothing of it is seen: a lamp laid flush on a ceiling does not light it. */
+    /* In the light's own plane, as far as floats tell, nothing of it is seen: a lamp laid flush on a ceiling does not
+     * light it. */
     if ((light->two_sided ? height : side) <= 2.0 * light->rounding)
         return false;
     const struct kiln_spherical_triangle t = kiln_spherical_triangle(to0, light->e1, light->e2, light->area, height);
@@ -298,8 +314,8 @@ static bool sample_area_light(const struct kiln_lights *lights, const struct kil
 }
 
 /* Walks from a cluster down to one light, each child by its importance for p; gives 1 / probability. */
-static bool pick_light(const struct kiln_lights *lights, uint32_t node, struct kiln_dvec3 p, struct kiln_dvec3 n, double pick,
-                       uint32_t *light, double *weight)
+static bool pick_light(const struct kiln_lights *lights, uint32_t node, struct kiln_dvec3 p, struct kiln_dvec3 n,
+                       double pick, uint32_t *light, double *weight)
 {
     *weight = 1.0;
     while (lights->nodes[node].left != KILN_NONE) {
@@ -324,12 +340,14 @@ static bool pick_light(const struct kiln_lights *lights, uint32_t node, struct k
     return true;
 }
 
-/* An image is sampled in turn by its own luminance and by the cosine, weighted by the balance heuristic; a constant sky, or a
- * lone sample, by the cosine only (a probe: by the sky only). */
-uint32_t kiln_lights_strategies(const struct kiln_lights *lights, const struct kiln_light_choice *choice, struct kiln_dvec3 n)
+/* An image is sampled in turn by its own luminance and by the cosine, weighted by the balance heuristic; a constant
+ * sky, or a lone sample, by the cosine only (a probe: by the sky only). */
+uint32_t kiln_lights_strategies(const struct kiln_lights *lights, const struct kiln_light_choice *choice,
+                                struct kiln_dvec3 n)
 {
     const bool probe = n.x == 0.0 && n.y == 0.0 && n.z == 0.0;
-    return choice->kind == KILN_CHOICE_ENVIRONMENT && lights->conditional != NULL && choice->samples >= 2 && !probe ? 2 : 1;
+    return choice->kind == KILN_CHOICE_ENVIRONMENT && lights->conditional != NULL && choice->samples >= 2 && !probe ? 2
+                                                                                                                    : 1;
 }
 
 static bool sample_environment(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index,
@@ -346,7 +364,8 @@ static bool sample_environment(const struct kiln_lights *lights, const struct ki
         const struct kiln_dvec3 local = kiln_cosine_direction(u, v);
         struct kiln_vec3 t, b;
         kiln_basis(vec3_of(n), &t, &b);
-        s->direction = unit(dvec3_add(dvec3_add(dvec3_scale(dvec3_of(t), local.x), dvec3_scale(dvec3_of(b), local.y)), dvec3_scale(n, local.z)));
+        s->direction = unit(dvec3_add(dvec3_add(dvec3_scale(dvec3_of(t), local.x), dvec3_scale(dvec3_of(b), local.y)),
+                                      dvec3_scale(n, local.z)));
     }
     s->distance = (double)INFINITY;
     s->backoff = 0.0;
@@ -369,8 +388,9 @@ static bool sample_environment(const struct kiln_lights *lights, const struct ki
     return true;
 }
 
-bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index, struct kiln_dvec3 p,
-                        struct kiln_dvec3 n, double pick, double u, double v, struct kiln_light_sample *sample)
+bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index,
+                        struct kiln_dvec3 p, struct kiln_dvec3 n, double pick, double u, double v,
+                        struct kiln_light_sample *sample)
 {
     if (choice->kind == KILN_CHOICE_ENVIRONMENT)
         return sample_environment(lights, choice, index, n, u, v, sample);

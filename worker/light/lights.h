@@ -1,10 +1,10 @@
 /* All light sources of a scene, and choosing among them.
  *
  * Emissive triangles, point and spot lights hang in a light tree (Conty Estevez and Kulla, "Importance Sampling of Many
- * Lights with Adaptive Tree Splitting", 2018; bounds as in pbrt-v4 section 12.6). For a shaded point the tree is cut into at
- * most KILN_CUT_MAX clusters by splitting the most important one again and again; directional lights and the environment are
- * choices of their own. Each choice then gets a fixed number of samples, in proportion to its importance, so that a lone
- * light has no choice noise at all. Importance is zero only where the contribution is.
+ * Lights with Adaptive Tree Splitting", 2018; bounds as in pbrt-v4 section 12.6). For a shaded point the tree is cut
+ * into at most KILN_CUT_MAX clusters by splitting the most important one again and again; directional lights and the
+ * environment are choices of their own. Each choice then gets a fixed number of samples, in proportion to its
+ * importance, so that a lone light has no choice noise at all. Importance is zero only where the contribution is.
  *
  * Lights are built once and only read afterwards: safe to share between threads. Positions are relative to the scene's
  * centre. Radiance in W m-2 sr-1, intensity in W/sr, directional lights in W/m2. */
@@ -47,10 +47,12 @@ struct kiln_directional_light {
 /* Bounds of a cluster: where it is, which way it shines, how much. */
 struct kiln_light_node {
     struct kiln_dvec3 minimum, maximum;
-    struct kiln_dvec3 axis;  /* unit */
-    double cos_o, cos_e;     /* spread of normals about the axis; emission beyond it */
-    double power;            /* luminance of radiance x area, or of intensity: over a squared distance the irradiance that it may bring */
-    uint32_t left, right;    /* children; a leaf has left == KILN_NONE and right = index of the light (areas first, then points) */
+    struct kiln_dvec3 axis; /* unit */
+    double cos_o, cos_e;    /* spread of normals about the axis; emission beyond it */
+    /* luminance of radiance x area, or of intensity: over a squared distance the irradiance that it may bring */
+    double power;
+    /* children; a leaf has left == KILN_NONE and right = index of the light (areas first, then points) */
+    uint32_t left, right;
     bool two_sided;
 };
 
@@ -65,13 +67,13 @@ struct kiln_lights {
     struct kiln_light_node *nodes; /* [0] is the root */
     /* environment */
     bool environment;
-    float environment_mean[3];  /* mean radiance over the sphere */
+    float environment_mean[3];     /* mean radiance over the sphere */
     float *marginal, *conditional; /* lat-long: cumulative luminance x sin by row, and within rows; else NULL */
 };
 
 /* Borrows scene and geometry. Not collective. Destroy with kiln_lights_destroy. */
-int kiln_lights_create(struct kiln_lights **lights, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
-                       struct kiln_error *error);
+int kiln_lights_create(struct kiln_lights **lights, const struct kiln_scene *scene,
+                       const struct kiln_geometry *geometry, struct kiln_error *error);
 void kiln_lights_destroy(struct kiln_lights **lights);
 static inline bool kiln_lights_none(const struct kiln_lights *l)
 {
@@ -87,9 +89,9 @@ struct kiln_light_choice {
     double importance; /* about the irradiance it may bring, W/m2 */
 };
 
-/* Choices for points within `spread` metres of p with unit normal n (n = 0: every direction counts, as for a probe or a texel
- * with several normals), in a fixed order. Directional lights
- * beyond the cut's room are all kept: `choices` must hold KILN_CUT_MAX + directional_count + 1. Returns how many. */
+/* Choices for points within `spread` metres of p with unit normal n (n = 0: every direction counts, as for a probe or a
+ * texel with several normals), in a fixed order. Directional lights beyond the cut's room are all kept: `choices` must
+ * hold KILN_CUT_MAX + directional_count + 1. Returns how many. */
 size_t kiln_lights_choices(const struct kiln_lights *lights, struct kiln_dvec3 p, double spread, struct kiln_dvec3 n,
                            size_t node_limit, struct kiln_light_choice *choices);
 /* Shares out `samples` by importance, at least one each; returns the total given (at most samples + count). */
@@ -101,23 +103,28 @@ struct kiln_light_sample {
     struct kiln_dvec3 direction; /* unit */
     double distance;             /* m; INFINITY for light from outside */
     double value[3];             /* radiance / density of the direction */
-    double backoff;              /* m: stop the shadow ray this much before the light (rounding of the light's own position) */
+    /* m: stop the shadow ray this much before the light (rounding of the light's own position) */
+    double backoff;
 };
 
-/* Number of sampling strategies a choice alternates between: its `index`-th sample is number index / strategies of strategy
- * index % strategies. Each strategy needs a sequence of random points of its own: the parity of a Sobol' index is a digit of
- * the point, so one sequence dealt out in turn would give each strategy half of the square. */
-uint32_t kiln_lights_strategies(const struct kiln_lights *lights, const struct kiln_light_choice *choice, struct kiln_dvec3 n);
+/* Number of sampling strategies a choice alternates between: its `index`-th sample is number index / strategies of
+ * strategy index % strategies. Each strategy needs a sequence of random points of its own: the parity of a Sobol' index
+ * is a digit of the point, so one sequence dealt out in turn would give each strategy half of the square. */
+uint32_t kiln_lights_strategies(const struct kiln_lights *lights, const struct kiln_light_choice *choice,
+                                struct kiln_dvec3 n);
 
 /* Draws the choice's `index`-th sample with random numbers in (0,1): `pick` goes down the tree, u and v over the light.
  * False when it brings nothing. n as above. */
-bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index, struct kiln_dvec3 p,
-                        struct kiln_dvec3 n, double pick, double u, double v, struct kiln_light_sample *sample);
+bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index,
+                        struct kiln_dvec3 p, struct kiln_dvec3 n, double pick, double u, double v,
+                        struct kiln_light_sample *sample);
 
-/* Barycentric weights of corners 1 and 2 of the place `on` from corner 0 in the light's plane (Cramer's rule), held within the triangle. */
+/* Barycentric weights of corners 1 and 2 of the place `on` from corner 0 in the light's plane (Cramer's rule), held
+ * within the triangle. */
 void kiln_area_light_weights(const struct kiln_area_light *light, struct kiln_dvec3 on, double *b1, double *b2);
 /* Radiance at barycentric (b1, b2) of an emissive triangle, world corner order. */
-void kiln_area_light_radiance(const struct kiln_lights *lights, const struct kiln_area_light *light, double b1, double b2, float rgb[3]);
+void kiln_area_light_radiance(const struct kiln_lights *lights, const struct kiln_area_light *light, double b1,
+                              double b2, float rgb[3]);
 
 /* Radiance arriving from outside along `direction` (pointing outwards). Zero without an environment. */
 void kiln_environment_radiance(const struct kiln_lights *lights, struct kiln_dvec3 direction, float rgb[3]);

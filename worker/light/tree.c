@@ -6,10 +6,19 @@
 
 #include "worker/base/memory.h"
 
-static struct kiln_dvec3 dmin(struct kiln_dvec3 a, struct kiln_dvec3 b) { return dvec3(fmin(a.x, b.x), fmin(a.y, b.y), fmin(a.z, b.z)); }
-static struct kiln_dvec3 dmax(struct kiln_dvec3 a, struct kiln_dvec3 b) { return dvec3(fmax(a.x, b.x), fmax(a.y, b.y), fmax(a.z, b.z)); }
+static struct kiln_dvec3 dmin(struct kiln_dvec3 a, struct kiln_dvec3 b)
+{
+    return dvec3(fmin(a.x, b.x), fmin(a.y, b.y), fmin(a.z, b.z));
+}
+static struct kiln_dvec3 dmax(struct kiln_dvec3 a, struct kiln_dvec3 b)
+{
+    return dvec3(fmax(a.x, b.x), fmax(a.y, b.y), fmax(a.z, b.z));
+}
 static double component(struct kiln_dvec3 a, int axis) { return axis == 0 ? a.x : axis == 1 ? a.y : a.z; }
-static struct kiln_dvec3 centre_of(const struct kiln_light_node *n) { return dvec3_scale(dvec3_add(n->minimum, n->maximum), 0.5); }
+static struct kiln_dvec3 centre_of(const struct kiln_light_node *n)
+{
+    return dvec3_scale(dvec3_add(n->minimum, n->maximum), 0.5);
+}
 
 static struct kiln_light_node leaf_of(const struct kiln_lights *lights, uint32_t index)
 {
@@ -151,11 +160,18 @@ int kiln_light_tree_build(struct kiln_lights *lights, struct kiln_error *error)
 }
 
 /* cos(max(0, a - b)) and sin of it from cosines and sines. */
-static double cos_less(double sin_a, double cos_a, double sin_b, double cos_b) { return cos_a > cos_b ? 1.0 : cos_a * cos_b + sin_a * sin_b; }
-static double sin_less(double sin_a, double cos_a, double sin_b, double cos_b) { return cos_a > cos_b ? 0.0 : sin_a * cos_b - cos_a * sin_b; }
+static double cos_less(double sin_a, double cos_a, double sin_b, double cos_b)
+{
+    return cos_a > cos_b ? 1.0 : cos_a * cos_b + sin_a * sin_b;
+}
+static double sin_less(double sin_a, double cos_a, double sin_b, double cos_b)
+{
+    return cos_a > cos_b ? 0.0 : sin_a * cos_b - cos_a * sin_b;
+}
 static double sin_of(double c) { return sqrt(fmax(0.0, 1.0 - c * c)); }
 
-double kiln_light_node_importance(const struct kiln_light_node *node, struct kiln_dvec3 p, double spread, struct kiln_dvec3 n)
+double kiln_light_node_importance(const struct kiln_light_node *node, struct kiln_dvec3 p, double spread,
+                                  struct kiln_dvec3 n)
 {
     const struct kiln_dvec3 centre = centre_of(node);
     const struct kiln_dvec3 half = dvec3_scale(dvec3_sub(node->maximum, node->minimum), 0.5);
@@ -173,7 +189,8 @@ double kiln_light_node_importance(const struct kiln_light_node *node, struct kil
         if (node->two_sided)
             cos_w = fabs(cos_w);
         const double sin_w = sin_of(cos_w), sin_o = sin_of(node->cos_o);
-        const double cos_x = cos_less(sin_w, cos_w, sin_o, node->cos_o), sin_x = sin_less(sin_w, cos_w, sin_o, node->cos_o);
+        const double cos_x = cos_less(sin_w, cos_w, sin_o, node->cos_o),
+                     sin_x = sin_less(sin_w, cos_w, sin_o, node->cos_o);
         emission = cos_less(sin_x, cos_x, sin_b, cos_b);
         if (emission <= node->cos_e)
             return 0.0;
@@ -184,7 +201,8 @@ double kiln_light_node_importance(const struct kiln_light_node *node, struct kil
                 return 0.0;
         }
     }
-    /* Beyond the cluster's own size the inverse square holds; within it the light cannot fill more than a hemisphere. */
+    /* Beyond the cluster's own size the inverse square holds; within it the light cannot fill more than a hemisphere.
+     */
     const double floor2 = 0.25 * dvec3_dot(half, half);
     const double importance = node->power * fmax(emission, 1e-3) * fmax(reception, 1e-3) / fmax(d2, floor2);
     return importance > 0.0 && isfinite(importance) ? importance : node->power > 0.0 ? DBL_MIN : 0.0;

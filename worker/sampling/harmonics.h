@@ -1,5 +1,5 @@
-/* Real spherical harmonics, bands 0..2, orthonormal, in the order 00, 1-1, 10, 11, 2-2, 2-1, 20, 21, 22 (Ramamoorthi and
- * Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001). */
+/* Real spherical harmonics, bands 0..2, orthonormal, in the order 00, 1-1, 10, 11, 2-2, 2-1, 20, 21, 22 (Ramamoorthi
+ * and Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001). */
 #ifndef KILN_WORKER_SAMPLING_HARMONICS_H
 #define KILN_WORKER_SAMPLING_HARMONICS_H
 

@@ -19,8 +19,8 @@ static inline uint32_t kiln_tile_key(uint32_t seed_key, uint32_t object, uint32_
     return kiln_hash2(kiln_hash2(seed_key ^ 0x74696c65u, object), tile);
 }
 
-/* From 64 samples on, rays share positions on points that are more than one square: a position costs as much as a ray. Sample k
- * starts at position k / kiln_position_reuse(samples). */
+/* From 64 samples on, rays share positions on points that are more than one square: a position costs as much as a ray.
+ * Sample k starts at position k / kiln_position_reuse(samples). */
 static inline uint32_t kiln_position_reuse(uint32_t samples)
 {
     return samples <= 64 ? 1 : samples < 256 ? (samples + 63) / 64 : 4;

@@ -4,7 +4,8 @@
 
 #include "shaders/random.h"
 
-/* Made from new-joe-kuo-6.21201, dimensions 1 to 5 (degree, coefficients, initial numbers: test_sampling.c has the recurrence). */
+/* Made from new-joe-kuo-6.21201, dimensions 1 to 5 (degree, coefficients, initial numbers: test_sampling.c has the
+ * recurrence). */
 static const uint32_t directions[KILN_DIMENSIONS][32] = {
     {0x80000000u, 0x40000000u, 0x20000000u, 0x10000000u, 0x08000000u, 0x04000000u, 0x02000000u, 0x01000000u,
      0x00800000u, 0x00400000u, 0x00200000u, 0x00100000u, 0x00080000u, 0x00040000u, 0x00020000u, 0x00010000u,

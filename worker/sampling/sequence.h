@@ -23,7 +23,8 @@ uint32_t kiln_sobol(uint32_t index, uint32_t dimension);
 /* Writes points 0 .. count-1 of one dimension, Owen-scrambled with `seed`. */
 void kiln_sobol_scrambled(uint32_t *points, uint32_t count, uint32_t dimension, uint32_t seed);
 
-/* Centre of the 2^-23 interval that a 32-bit fraction lies in: exact, so strictly inside (0, 1) in float (2^-24 would round to 1). */
+/* Centre of the 2^-23 interval that a 32-bit fraction lies in: exact, so strictly inside (0, 1) in float (2^-24 would
+ * round to 1). */
 static inline float kiln_unit_float(uint32_t fraction) { return ((float)(fraction >> 9) + 0.5f) * 0x1p-23f; }
 static inline double kiln_unit_double(uint32_t fraction) { return ((double)fraction + 0.5) * 0x1p-32; }
 

@@ -35,7 +35,8 @@ static uint32_t place_collapsed(const double corner[3][2], double x0, double y0,
                                 struct kiln_clip_corner *polygon)
 {
     static const double below_one = 0x1.fffffffffffffp-1;
-    const double x = (corner[0][0] + corner[1][0] + corner[2][0]) / 3.0, y = (corner[0][1] + corner[1][1] + corner[2][1]) / 3.0;
+    const double x = (corner[0][0] + corner[1][0] + corner[2][0]) / 3.0,
+                 y = (corner[0][1] + corner[1][1] + corner[2][1]) / 3.0;
     const double at_x = fmin(fmax(x, 0.0), below_one), at_y = fmin(fmax(y, 0.0), below_one);
     if (at_x < x0 || at_x >= x1 || at_y < y0 || at_y >= y1)
         return 0;
@@ -88,7 +89,8 @@ uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, dou
 }
 
 /* Sum of the fan's doubled areas, by the outline or by the weights, and of its centroids times those. */
-static double fan_sum(const struct kiln_clip_corner *polygon, uint32_t count, bool weights, struct kiln_clip_corner *sum)
+static double fan_sum(const struct kiln_clip_corner *polygon, uint32_t count, bool weights,
+                      struct kiln_clip_corner *sum)
 {
     double twice = 0.0;
     const struct kiln_clip_corner *o = polygon;

@@ -1,18 +1,19 @@
-/* The part of a triangle that lies in an axis-aligned rectangle of its lightmap: what "covers a texel" means everywhere.
+/* The part of a triangle that lies in an axis-aligned rectangle of its lightmap: what "covers a texel" means
+ * everywhere.
  *
- * Sutherland and Hodgman 1974, in double, with barycentric weights carried along the edges, so that a needle's corners stay on
- * it. Coordinates are best taken relative to the texel. Pure functions. */
+ * Sutherland and Hodgman 1974, in double, with barycentric weights carried along the edges, so that a needle's corners
+ * stay on it. Coordinates are best taken relative to the texel. Pure functions. */
 #ifndef KILN_WORKER_SCENE_CLIP_H
 #define KILN_WORKER_SCENE_CLIP_H
 
 #include <stdint.h>
 
-/* A triangle cut by a rectangle has at most 7 corners. Where rounding makes a needle's outline wind, each of the four cuts can
- * add half as many corners as there were: 3, 4, 6, 9, 13. */
+/* A triangle cut by a rectangle has at most 7 corners. Where rounding makes a needle's outline wind, each of the four
+ * cuts can add half as many corners as there were: 3, 4, 6, 9, 13. */
 enum { KILN_CLIP_CORNERS = 13 };
 
-/* A part of a texel smaller than this, in texels (or relative to the triangle's own area, where that is below 1), is rounding
- * and does not cover it. Corners at 2^14 texels are good to 2e-12. */
+/* A part of a texel smaller than this, in texels (or relative to the triangle's own area, where that is below 1), is
+ * rounding and does not cover it. Corners at 2^14 texels are good to 2e-12. */
 #define KILN_CLIP_SMALLEST 1e-11
 
 struct kiln_clip_corner {
@@ -20,22 +21,22 @@ struct kiln_clip_corner {
     double b1, b2; /* weights of the triangle's corners 1 and 2 */
 };
 
-/* Cuts a triangle in texel-local coordinates (kiln_clip_local) to [x0, x1] x [y0, y1], a part of the square 0..1; gives the
- * number of corners of `polygon`, less than 3 where nothing is left. The winding is the triangle's. A collapsed triangle, one
- * without area in the lightmap, is not cut: it lies wholly in the part that holds its centroid (the parts' lower sides
- * included; a centroid outside the square is moved into it), so that its surface is not lost. */
+/* Cuts a triangle in texel-local coordinates (kiln_clip_local) to [x0, x1] x [y0, y1], a part of the square 0..1; gives
+ * the number of corners of `polygon`, less than 3 where nothing is left. The winding is the triangle's. A collapsed
+ * triangle, one without area in the lightmap, is not cut: it lies wholly in the part that holds its centroid (the
+ * parts' lower sides included; a centroid outside the square is moved into it), so that its surface is not lost. */
 uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, double x1, double y1,
                             struct kiln_clip_corner polygon[KILN_CLIP_CORNERS]);
 
 /* Area (>= 0, in the lightmap) and centroid of a convex polygon. `centroid` is untouched when the area is 0. */
 double kiln_clip_area(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid);
 
-/* What part of the triangle's area a convex polygon of it is, 0..1, measured by the weights, and its centroid. `centroid` is
- * untouched when there is none. */
+/* What part of the triangle's area a convex polygon of it is, 0..1, measured by the weights, and its centroid.
+ * `centroid` is untouched when there is none. */
 double kiln_clip_share(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid);
 
-/* The triangle's corners relative to texel (x, y), whose square is then 0..1 in both axes. Whoever clips to a texel starts from
- * this, so that all find the same parts to the last bit. */
+/* The triangle's corners relative to texel (x, y), whose square is then 0..1 in both axes. Whoever clips to a texel
+ * starts from this, so that all find the same parts to the last bit. */
 static inline void kiln_clip_local(const double corner[3][2], double x, double y, double local[3][2])
 {
     for (int c = 0; c < 3; c++) {
@@ -44,7 +45,8 @@ static inline void kiln_clip_local(const double corner[3][2], double x, double y
     }
 }
 
-/* Weights of corners 1 and 2 as linear functions of the position: b = at[0] + at[1] x + at[2] y. The triangle must have area. */
+/* Weights of corners 1 and 2 as linear functions of the position: b = at[0] + at[1] x + at[2] y. The triangle must have
+ * area. */
 struct kiln_clip_weights {
     double b1[3], b2[3];
 };
@@ -70,7 +72,8 @@ static inline double kiln_clip_smallest(double triangle_area)
     return KILN_CLIP_SMALLEST / (triangle_area > 1.0 ? triangle_area : 1.0);
 }
 
-/* Whether the triangle holds the whole rectangle, edges included, or surely misses its inside. Not for collapsed ones. */
+/* Whether the triangle holds the whole rectangle, edges included, or surely misses its inside. Not for collapsed ones.
+ */
 enum kiln_clip_class { KILN_CLIP_OUTSIDE = 0, KILN_CLIP_PARTLY = 1, KILN_CLIP_INSIDE = 2 };
 static inline enum kiln_clip_class kiln_clip_classify(const double c[3][2], double x0, double y0, double x1, double y1)
 {

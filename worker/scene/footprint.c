@@ -71,15 +71,16 @@ static bool prepare_few(struct kiln_footprint *f)
     return true;
 }
 
-void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
-                            const struct kiln_surface *surface, const struct kiln_point_cursor *at)
+void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_scene *scene,
+                            const struct kiln_geometry *geometry, const struct kiln_surface *surface,
+                            const struct kiln_point_cursor *at)
 {
     struct kiln_footprint *f = footprint;
     f->scene = scene;
     f->geometry = geometry;
     f->pieces = surface->pieces + at->piece;
     f->piece_count = kiln_piece_count(surface, at->point);
-    f->shares = surface->shares + at->share;
+    f->area_cdf = surface->area_cdf + at->share;
     f->x = at->x;
     f->y = at->y;
     f->shift = at->shift;
@@ -92,8 +93,8 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
     f->kind = f->piece_count <= KILN_FOOTPRINT_PIECES && prepare_few(f) ? KILN_FOOTPRINT_FEW : KILN_FOOTPRINT_MANY;
 }
 
-/* Index of the first of `count` entries above u (the last where none is; it is 1 and not read); u becomes the place between it and
- * the one before, 0..1. */
+/* Index of the first of `count` entries above u (the last where none is; it is 1 and not read); u becomes the place
+ * between it and the one before, 0..1. */
 static uint32_t choose(const float *until, uint32_t count, double *u)
 {
     uint32_t low = 0, high = count - 1;
@@ -104,7 +105,8 @@ static uint32_t choose(const float *until, uint32_t count, double *u)
         else
             low = middle + 1;
     }
-    const double before = low > 0 ? (double)until[low - 1] : 0.0, width = (low + 1 < count ? (double)until[low] : 1.0) - before;
+    const double before = low > 0 ? (double)until[low - 1] : 0.0,
+                 width = (low + 1 < count ? (double)until[low] : 1.0) - before;
     *u = width > 0.0 ? fmin(fmax((*u - before) / width, 0.0), 1.0) : 0.5;
     return low;
 }
@@ -113,12 +115,14 @@ static uint32_t choose(const float *until, uint32_t count, double *u)
 static void sample_corners(const double b1[3], const double b2[3], double u1, double u2, float *out1, float *out2)
 {
     const double root = sqrt(u1), w0 = 1.0 - root, w2 = root * u2, w1 = root - w2;
-    const double s1 = fmax(w0 * b1[0] + w1 * b1[1] + w2 * b1[2], 0.0), s2 = fmax(w0 * b2[0] + w1 * b2[1] + w2 * b2[2], 0.0);
+    const double s1 = fmax(w0 * b1[0] + w1 * b1[1] + w2 * b1[2], 0.0),
+                 s2 = fmax(w0 * b2[0] + w1 * b2[1] + w2 * b2[2], 0.0);
     *out1 = fminf((float)s1, 1.0f);
     *out2 = fminf((float)s2, 1.0f - *out1); /* clipping and rounding may leave the triangle by the last bit */
 }
 
-static void sample_polygon(const struct kiln_clip_corner *polygon, uint32_t corners, double u1, double u2, float *b1, float *b2)
+static void sample_polygon(const struct kiln_clip_corner *polygon, uint32_t corners, double u1, double u2, float *b1,
+                           float *b2)
 {
     double until[KILN_CLIP_CORNERS];
     float shares[KILN_CLIP_CORNERS];
@@ -147,7 +151,8 @@ static void sample_many(const struct kiln_footprint *f, uint32_t triangle, doubl
     sample_polygon(polygon, corners, u1, u2, b1, b2);
 }
 
-void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, float u2, uint32_t *triangle, float *b1, float *b2)
+void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, float u2, uint32_t *triangle, float *b1,
+                           float *b2)
 {
     const struct kiln_footprint *f = footprint;
     double u = (double)u1;
@@ -157,7 +162,7 @@ void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, flo
         *b2 = fminf(fmaxf(f->whole.b[1] + u1 * f->whole.b_du[1] + u2 * f->whole.b_dv[1], 0.0f), 1.0f - *b1);
         return;
     }
-    const uint32_t piece = f->piece_count > 1 ? choose(f->shares, f->piece_count, &u) : 0;
+    const uint32_t piece = f->piece_count > 1 ? choose(f->area_cdf, f->piece_count, &u) : 0;
     *triangle = f->pieces[piece];
     if (f->kind == KILN_FOOTPRINT_FEW)
         sample_few(&f->few[piece], u, (double)u2, b1, b2);
@@ -174,10 +179,12 @@ uint32_t kiln_footprint_parts(const struct kiln_footprint *f, uint32_t piece, st
     if (corners < 3)
         return 0;
     fan_areas(polygon, corners, until);
-    const double begin = piece > 0 ? (double)f->shares[piece - 1] : 0.0, end = piece + 1 < f->piece_count ? (double)f->shares[piece] : 1.0;
+    const double begin = piece > 0 ? (double)f->area_cdf[piece - 1] : 0.0,
+                 end = piece + 1 < f->piece_count ? (double)f->area_cdf[piece] : 1.0;
     for (uint32_t i = 0; i + 2 < corners; i++) {
         const struct kiln_clip_corner *corner[3] = {&polygon[0], &polygon[i + 1], &polygon[i + 2]};
-        parts[i] = (struct kiln_footprint_part){.triangle = f->pieces[piece], .until = begin + (end - begin) * (i + 3 < corners ? until[i] : 1.0)};
+        parts[i] = (struct kiln_footprint_part){.triangle = f->pieces[piece],
+                                                .until = begin + (end - begin) * (i + 3 < corners ? until[i] : 1.0)};
         for (int c = 0; c < 3; c++) {
             parts[i].b1[c] = corner[c]->b1;
             parts[i].b2[c] = corner[c]->b2;
@@ -186,14 +193,21 @@ uint32_t kiln_footprint_parts(const struct kiln_footprint *f, uint32_t piece, st
     return corners - 2;
 }
 
-static struct kiln_vec3 lower(struct kiln_vec3 a, struct kiln_vec3 b) { return vec3(fminf(a.x, b.x), fminf(a.y, b.y), fminf(a.z, b.z)); }
-static struct kiln_vec3 upper(struct kiln_vec3 a, struct kiln_vec3 b) { return vec3(fmaxf(a.x, b.x), fmaxf(a.y, b.y), fmaxf(a.z, b.z)); }
+static struct kiln_vec3 lower(struct kiln_vec3 a, struct kiln_vec3 b)
+{
+    return vec3(fminf(a.x, b.x), fminf(a.y, b.y), fminf(a.z, b.z));
+}
+static struct kiln_vec3 upper(struct kiln_vec3 a, struct kiln_vec3 b)
+{
+    return vec3(fmaxf(a.x, b.x), fmaxf(a.y, b.y), fmaxf(a.z, b.z));
+}
 
 struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *f)
 {
     if (f->kind == KILN_FOOTPRINT_WHOLE)
-        return (struct kiln_footprint_extent){vec3_madd(vec3_madd(f->whole.origin, f->whole.du, 0.5f), f->whole.dv, 0.5f),
-                                              0.5f * (vec3_length(f->whole.du) + vec3_length(f->whole.dv)), true};
+        return (struct kiln_footprint_extent){
+            vec3_madd(vec3_madd(f->whole.origin, f->whole.du, 0.5f), f->whole.dv, 0.5f),
+            0.5f * (vec3_length(f->whole.du) + vec3_length(f->whole.dv)), true};
     const struct kiln_vec3 normal = kiln_triangle_normal(f->geometry, f->pieces[0]);
     struct kiln_vec3 low = vec3(INFINITY, INFINITY, INFINITY), high = vec3(-INFINITY, -INFINITY, -INFINITY);
     bool one_normal = true;
@@ -202,7 +216,8 @@ struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *
         const uint32_t count = kiln_footprint_parts(f, i, parts);
         for (uint32_t k = 0; k < count; k++)
             for (int c = 0; c < 3; c++) {
-                const struct kiln_vec3 p = kiln_triangle_position(f->geometry, parts[k].triangle, (float)parts[k].b1[c], (float)parts[k].b2[c]);
+                const struct kiln_vec3 p = kiln_triangle_position(f->geometry, parts[k].triangle, (float)parts[k].b1[c],
+                                                                  (float)parts[k].b2[c]);
                 low = lower(low, p);
                 high = upper(high, p);
             }
@@ -210,17 +225,19 @@ struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *
     }
     if (!(low.x <= high.x)) /* nothing of it is left after clipping: its first corner stands in */
         low = high = kiln_triangle_position(f->geometry, f->pieces[0], 0.0f, 0.0f);
-    return (struct kiln_footprint_extent){vec3_scale(vec3_add(low, high), 0.5f), 0.5f * vec3_length(vec3_sub(high, low)), one_normal};
+    return (struct kiln_footprint_extent){vec3_scale(vec3_add(low, high), 0.5f),
+                                          0.5f * vec3_length(vec3_sub(high, low)), one_normal};
 }
 
-/* Texels of the texture that says where a material is there, over one lightmap texel of the triangle; 0: no texture says it. */
+/* Texels of the texture that says where a material is there, over one lightmap texel of the triangle; 0: no texture
+ * says it. */
 static double texture_detail(const struct kiln_footprint *f, uint32_t triangle)
 {
     const struct kiln_scene *scene = f->scene;
     const struct kiln_material *m = &scene->materials[f->geometry->records[triangle].material & KILN_RECORD_MATERIAL];
     const uint32_t texture = m->transmission > 0.0f && m->transmission_texture != KILN_NONE ? m->transmission_texture
-                             : m->alpha_mode != KILN_ALPHA_OPAQUE                          ? m->base_color_texture
-                                                                                           : KILN_NONE;
+                             : m->alpha_mode != KILN_ALPHA_OPAQUE                           ? m->base_color_texture
+                                                                                            : KILN_NONE;
     double local[3][2], at[3][2];
     uint64_t vertex[3];
     if (texture == KILN_NONE)
@@ -251,16 +268,18 @@ static float opacity_at(const struct kiln_footprint *f, float u1, float u2)
     float u, v, b1, b2;
     kiln_footprint_sample(f, u1, u2, &triangle, &u, &v);
     kiln_geometry_stored_barycentrics(f->scene, g, triangle, u, v, &b1, &b2);
-    return kiln_surface_opacity(f->scene, &f->scene->meshes[f->scene->objects[g->records[triangle].object].mesh], g->stored_triangle[triangle], b1, b2);
+    return kiln_surface_opacity(f->scene, &f->scene->meshes[f->scene->objects[g->records[triangle].object].mesh],
+                                g->stored_triangle[triangle], b1, b2);
 }
 
-/* Sets the cells whose opacity, of `side` x `side` lookups, is above a threshold that is another in each cell: the fractions of 256 in an
- * order that spreads neighbours out (van der Corput's), begun somewhere. */
+/* Sets the cells whose opacity, of `side` x `side` lookups, is above a threshold that is another in each cell: the
+ * fractions of 256 in an order that spreads neighbours out (van der Corput's), begun somewhere. */
 static void fill_mask(struct kiln_mask *mask, const float *opacity, uint32_t side, uint32_t key)
 {
     const uint32_t begin = kiln_hash1(key) >> 24;
     for (uint32_t cell = 0; cell < KILN_MASK_SIDE * KILN_MASK_SIDE; cell++) {
-        const uint32_t x = kiln_cell_column(cell) * side / KILN_MASK_SIDE, y = kiln_cell_column(cell >> 1) * side / KILN_MASK_SIDE;
+        const uint32_t x = kiln_cell_column(cell) * side / KILN_MASK_SIDE,
+                       y = kiln_cell_column(cell >> 1) * side / KILN_MASK_SIDE;
         const float threshold = ((float)(((kiln_reverse_bits(cell) >> 24) + begin) & 255u) + 0.5f) / 256.0f;
         const uint32_t set = opacity[y * side + x] > threshold;
         mask->cells[cell / 32] |= set << cell % 32;
@@ -277,7 +296,8 @@ float kiln_footprint_presence(const struct kiln_footprint *f, uint32_t key, stru
     float opacity[KILN_MASK_SIDE * KILN_MASK_SIDE], sum = 0.0f, low = 1.0f, high = 0.0f;
     for (uint32_t i = 0; i < count; i++) {
         const uint32_t hash = kiln_hash2(key, i);
-        const float x = (float)(i % side) + kiln_unit_float(hash), y = (float)(i / side) + kiln_unit_float(kiln_hash1(hash));
+        const float x = (float)(i % side) + kiln_unit_float(hash),
+                    y = (float)(i / side) + kiln_unit_float(kiln_hash1(hash));
         opacity[i] = opacity_at(f, fminf(x / (float)side, 0x1.fffffep-1f), fminf(y / (float)side, 0x1.fffffep-1f));
         sum += opacity[i];
         low = fminf(low, opacity[i]);
@@ -309,7 +329,8 @@ struct kiln_vec3 kiln_triangle_normal(const struct kiln_geometry *geometry, uint
 
 static struct kiln_dvec3 row(const double *m, int r) { return dvec3(m[4 * r], m[4 * r + 1], m[4 * r + 2]); }
 
-/* Normals go with the cofactors of the transform: the inverse transpose times the determinant, whose sign is taken out. */
+/* Normals go with the cofactors of the transform: the inverse transpose times the determinant, whose sign is taken out.
+ */
 static struct kiln_dvec3 to_world(const struct kiln_object *object, struct kiln_dvec3 n)
 {
     const struct kiln_dvec3 x = row(object->transform, 0), y = row(object->transform, 1), z = row(object->transform, 2);
@@ -318,7 +339,8 @@ static struct kiln_dvec3 to_world(const struct kiln_object *object, struct kiln_
     return unit(object->flipped ? dvec3_scale(world, -1.0) : world);
 }
 
-struct kiln_vec3 kiln_triangle_exact_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry, uint32_t triangle)
+struct kiln_vec3 kiln_triangle_exact_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry,
+                                            uint32_t triangle)
 {
     const double *m = scene->objects[geometry->records[triangle].object].transform;
     uint64_t vertex[3];
@@ -335,13 +357,14 @@ struct kiln_vec3 kiln_triangle_exact_normal(const struct kiln_scene *scene, cons
     const struct kiln_object *object = &scene->objects[geometry->records[triangle].object];
     if ((scene->meshes[object->mesh].flags & KILN_MESH_SMOOTH) != 0)
         return vec3_of(normal);
-    const struct kiln_dvec3 stored = to_world(object, dvec3_add(dvec3_of(scene->normals[vertex[0]]),
-                                                                dvec3_add(dvec3_of(scene->normals[vertex[1]]), dvec3_of(scene->normals[vertex[2]]))));
+    const struct kiln_dvec3 stored = to_world(
+        object, dvec3_add(dvec3_of(scene->normals[vertex[0]]),
+                          dvec3_add(dvec3_of(scene->normals[vertex[1]]), dvec3_of(scene->normals[vertex[2]]))));
     return vec3_of(dvec3_dot(stored, normal) > 1.0 - 1e-6 ? stored : normal);
 }
 
-static struct kiln_dvec3 shading_normal(const struct kiln_scene *scene, const struct kiln_geometry *g, uint32_t triangle, double b1,
-                                        double b2)
+static struct kiln_dvec3 shading_normal(const struct kiln_scene *scene, const struct kiln_geometry *g,
+                                        uint32_t triangle, double b1, double b2)
 {
     const struct kiln_object *object = &scene->objects[g->records[triangle].object];
     const struct kiln_dvec3 geometric = triangle_normal(g, triangle);
@@ -349,15 +372,15 @@ static struct kiln_dvec3 shading_normal(const struct kiln_scene *scene, const st
         return geometric;
     uint64_t vertex[3];
     kiln_geometry_stored_vertices(scene, g, triangle, vertex);
-    const struct kiln_dvec3 mesh = dvec3_add(
-        dvec3_scale(dvec3_of(scene->normals[vertex[0]]), 1.0 - b1 - b2),
-        dvec3_add(dvec3_scale(dvec3_of(scene->normals[vertex[1]]), b1), dvec3_scale(dvec3_of(scene->normals[vertex[2]]), b2)));
+    const struct kiln_dvec3 mesh = dvec3_add(dvec3_scale(dvec3_of(scene->normals[vertex[0]]), 1.0 - b1 - b2),
+                                             dvec3_add(dvec3_scale(dvec3_of(scene->normals[vertex[1]]), b1),
+                                                       dvec3_scale(dvec3_of(scene->normals[vertex[2]]), b2)));
     const struct kiln_dvec3 shading = to_world(object, mesh);
     return dvec3_dot(shading, geometric) > 0.0 ? shading : geometric;
 }
 
-struct kiln_vec3 kiln_triangle_shading_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry, uint32_t triangle,
-                                              float b1, float b2)
+struct kiln_vec3 kiln_triangle_shading_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry,
+                                              uint32_t triangle, float b1, float b2)
 {
     return vec3_of(shading_normal(scene, geometry, triangle, (double)b1, (double)b2));
 }
@@ -373,7 +396,8 @@ static struct kiln_dvec3 piece_normal(const struct kiln_footprint *f, uint32_t t
     return shading_normal(f->scene, f->geometry, triangle, centroid.b1, centroid.b2);
 }
 
-void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_vec3 *geometric, struct kiln_vec3 *shading)
+void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_vec3 *geometric,
+                            struct kiln_vec3 *shading)
 {
     const struct kiln_footprint *f = footprint;
     const struct kiln_object *object = &f->scene->objects[f->geometry->records[f->pieces[0]].object];
@@ -382,7 +406,7 @@ void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_
     double before = 0.0, most = 0.0;
     uint32_t largest = f->pieces[0];
     for (uint32_t i = 0; i < f->piece_count; i++) {
-        const double until = i + 1 < f->piece_count ? (double)f->shares[i] : 1.0, share = until - before;
+        const double until = i + 1 < f->piece_count ? (double)f->area_cdf[i] : 1.0, share = until - before;
         flat = dvec3_add(flat, dvec3_scale(triangle_normal(f->geometry, f->pieces[i]), share));
         if (smooth)
             soft = dvec3_add(soft, dvec3_scale(piece_normal(f, f->pieces[i]), share));
@@ -398,7 +422,9 @@ void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_
     flat = unit(flat);
     const double side = f->back ? -1.0 : 1.0;
     *geometric = vec3_of(dvec3_scale(flat, side));
-    *shading = smooth && dvec3_length(soft) >= 1e-3 && dvec3_dot(soft, flat) > 0.0 ? vec3_of(dvec3_scale(unit(soft), side)) : *geometric;
+    *shading = smooth && dvec3_length(soft) >= 1e-3 && dvec3_dot(soft, flat) > 0.0
+                   ? vec3_of(dvec3_scale(unit(soft), side))
+                   : *geometric;
 }
 
 float kiln_offset_distance(const struct kiln_geometry *geometry, uint32_t triangle, struct kiln_vec3 n)

@@ -6,24 +6,27 @@
 #include "worker/base/memory.h"
 #include "worker/scene/solids.h"
 
-enum { CHUNK = 1 << 16 }; /* triangles or vertices one thread takes at a time, so that one large mesh keeps all threads busy */
+/* triangles or vertices one thread takes at a time, so that one large mesh keeps all threads busy */
+enum { CHUNK = 1 << 16 };
 
 /* Scratch of kiln_geometry_create. */
 struct expansion {
     const struct kiln_scene *scene;
     struct kiln_geometry *geometry;
-    float *alpha_floor;    /* material: the least alpha its factor and texture can give */
-    float *alpha_limit;    /* material: a triangle whose alpha may be at or below it (MASK) or below it (BLEND) is no opaque one */
-    uint64_t *mesh_chunk;  /* mesh: its first chunk of triangles; one more at the end */
-    uint64_t *chunk_alpha; /* chunk: alpha triangles of the mesh before it */
-    uint64_t *mesh_alpha;  /* mesh: its alpha triangles */
+    float *alpha_floor; /* material: the least alpha its factor and texture can give */
+    /* material: a triangle whose alpha may be at or below it (MASK) or below it (BLEND) is no opaque one */
+    float *alpha_limit;
+    uint64_t *mesh_chunk;                                  /* mesh: its first chunk of triangles; one more at the end */
+    uint64_t *chunk_alpha;                                 /* chunk: alpha triangles of the mesh before it */
+    uint64_t *mesh_alpha;                                  /* mesh: its alpha triangles */
     uint64_t *object_triangle_chunk, *object_vertex_chunk; /* object: its first work item; one more at the end */
     uint64_t *object_vertex;                               /* object: its first world vertex; one more at the end */
 };
 
 static uint64_t chunks_of(uint64_t count) { return (count + CHUNK - 1) / CHUNK; }
 
-/* The last index whose `first` is at most `item`: with equal entries (empty runs) that is the run that holds the item. */
+/* The last index whose `first` is at most `item`: with equal entries (empty runs) that is the run that holds the item.
+ */
 static size_t run_of(const uint64_t *first, size_t count, uint64_t item)
 {
     size_t low = 0, high = count;
@@ -128,7 +131,8 @@ static int plan(struct expansion *e, struct kiln_error *error)
         e->object_vertex[o] = vertices;
         triangles += mesh->triangle_count;
         vertices += mesh->vertex_count;
-        uint64_t *own_opaque = is_unmet(scene, o) ? &unmet_opaque : &opaque, *own_alpha = is_unmet(scene, o) ? &unmet_alpha : &alpha;
+        uint64_t *own_opaque = is_unmet(scene, o) ? &unmet_opaque : &opaque,
+                 *own_alpha = is_unmet(scene, o) ? &unmet_alpha : &alpha;
         g->ranges[o].opaque_first = *own_opaque;
         g->ranges[o].opaque_count = mesh->triangle_count - e->mesh_alpha[m];
         g->ranges[o].alpha_first = *own_alpha;
@@ -136,11 +140,12 @@ static int plan(struct expansion *e, struct kiln_error *error)
         *own_opaque += g->ranges[o].opaque_count;
         *own_alpha += g->ranges[o].alpha_count;
         if (triangles >= UINT32_MAX || vertices >= UINT32_MAX || scene->triangle_count >= UINT32_MAX)
-            return kiln_fail(error, KILN_BAD_INPUT,
-                             "the scene has more than %u triangles or vertices once its instances are expanded (object %zu of %zu, "
-                             "'%s', brings them to %llu and %llu): leave out objects or bake it in parts",
-                             UINT32_MAX - 1, o + 1, scene->object_count, kiln_scene_string(scene, scene->objects[o].name),
-                             (unsigned long long)triangles, (unsigned long long)vertices);
+            return kiln_fail(
+                error, KILN_BAD_INPUT,
+                "the scene has more than %u triangles or vertices once its instances are expanded (object %zu of %zu, "
+                "'%s', brings them to %llu and %llu): leave out objects or bake it in parts",
+                UINT32_MAX - 1, o + 1, scene->object_count, kiln_scene_string(scene, scene->objects[o].name),
+                (unsigned long long)triangles, (unsigned long long)vertices);
     }
     e->object_vertex[scene->object_count] = vertices;
     for (size_t o = 0; o < scene->object_count; o++) {
@@ -183,10 +188,11 @@ static int place_vertices(struct expansion *e, struct kiln_error *error)
     if (first_bad == UINT64_MAX)
         return KILN_OK;
     const size_t o = run_of(e->object_vertex, scene->object_count, first_bad);
-    return kiln_fail(error, KILN_BAD_INPUT,
-                     "object '%s': vertex %llu of its mesh lies more than 1e18 m from the scene's centre, or nowhere: check the "
-                     "object's transform",
-                     kiln_scene_string(scene, scene->objects[o].name), (unsigned long long)(first_bad - e->object_vertex[o]));
+    return kiln_fail(
+        error, KILN_BAD_INPUT,
+        "object '%s': vertex %llu of its mesh lies more than 1e18 m from the scene's centre, or nowhere: check the "
+        "object's transform",
+        kiln_scene_string(scene, scene->objects[o].name), (unsigned long long)(first_bad - e->object_vertex[o]));
 }
 
 static void expand_triangle(const struct expansion *e, size_t o, uint64_t stored, uint64_t world)
@@ -256,7 +262,8 @@ static void find_bounds(struct kiln_geometry *g)
     if (g->triangle_count == 0)
         return;
     float x0 = FLT_MAX, y0 = FLT_MAX, z0 = FLT_MAX, x1 = -FLT_MAX, y1 = -FLT_MAX, z1 = -FLT_MAX;
-    const size_t count = 3 * g->triangle_count; /* corners, not vertices: a vertex that no triangle uses is not in the scene */
+    /* corners, not vertices: a vertex that no triangle uses is not in the scene */
+    const size_t count = 3 * g->triangle_count;
 #pragma omp parallel for reduction(min : x0, y0, z0) reduction(max : x1, y1, z1)
     for (size_t i = 0; i < count; i++) {
         const float *p = g->vertices + 3 * (size_t)g->indices[i];
@@ -276,7 +283,8 @@ static void count_two_sided(struct kiln_geometry *g)
 }
 
 /* An array of the geometry itself. */
-static int kept(struct kiln_geometry *g, void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
+static int kept(struct kiln_geometry *g, void *pointer, size_t count, size_t size, const char *what,
+                struct kiln_error *error)
 {
     return g->memory.allocate(g->memory.context, pointer, count, size, what, error);
 }
@@ -293,9 +301,11 @@ static int allocate_plan(struct expansion *e, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_allocate(&e->mesh_alpha, scene->mesh_count, sizeof *e->mesh_alpha, what, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&e->object_triangle_chunk, scene->object_count + 1, sizeof *e->object_triangle_chunk, what, error);
+        status = kiln_allocate(&e->object_triangle_chunk, scene->object_count + 1, sizeof *e->object_triangle_chunk,
+                               what, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&e->object_vertex_chunk, scene->object_count + 1, sizeof *e->object_vertex_chunk, what, error);
+        status = kiln_allocate(&e->object_vertex_chunk, scene->object_count + 1, sizeof *e->object_vertex_chunk, what,
+                               error);
     if (status == KILN_OK)
         status = kiln_allocate(&e->object_vertex, scene->object_count + 1, sizeof *e->object_vertex, what, error);
     if (status == KILN_OK)
@@ -315,7 +325,8 @@ static int allocate_world(struct kiln_geometry *g, struct kiln_error *error)
     if (status == KILN_OK)
         status = kept(g, &g->records, g->triangle_count, sizeof *g->records, "the world's hit records", error);
     if (status == KILN_OK)
-        status = kept(g, &g->stored_triangle, g->triangle_count, sizeof *g->stored_triangle, "the world's triangles", error);
+        status =
+            kept(g, &g->stored_triangle, g->triangle_count, sizeof *g->stored_triangle, "the world's triangles", error);
     return status;
 }
 
@@ -324,8 +335,8 @@ int kiln_geometry_create(struct kiln_geometry **geometry, const struct kiln_scen
     return kiln_geometry_create_in(geometry, scene, &kiln_own_memory, error);
 }
 
-int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_scene *scene, const struct kiln_allocator *memory,
-                            struct kiln_error *error)
+int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_scene *scene,
+                            const struct kiln_allocator *memory, struct kiln_error *error)
 {
     struct expansion e = {.scene = scene};
     *geometry = NULL;
@@ -333,7 +344,8 @@ int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_s
     if (status == KILN_OK)
         e.geometry->memory = *memory;
     if (status == KILN_OK && scene->material_count > (size_t)KILN_RECORD_MATERIAL + 1)
-        status = kiln_fail(error, KILN_BAD_INPUT, "the scene has %zu materials and at most %u are possible: merge equal ones",
+        status = kiln_fail(error, KILN_BAD_INPUT,
+                           "the scene has %zu materials and at most %u are possible: merge equal ones",
                            scene->material_count, KILN_RECORD_MATERIAL + 1);
     if (status == KILN_OK)
         status = allocate_plan(&e, error);
@@ -369,8 +381,9 @@ int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_s
     return status;
 }
 
-int kiln_geometry_attach(struct kiln_geometry **geometry, const struct kiln_geometry *made, void *(*place)(const void *context, const void *there),
-                         const struct kiln_allocator *memory, struct kiln_error *error)
+int kiln_geometry_attach(struct kiln_geometry **geometry, const struct kiln_geometry *made,
+                         void *(*place)(const void *context, const void *there), const struct kiln_allocator *memory,
+                         struct kiln_error *error)
 {
     const int status = kiln_allocate(geometry, 1, sizeof **geometry, "the world's geometry", error);
     if (status != KILN_OK)

@@ -1,13 +1,14 @@
 /* Radiosity as it is kept and exchanged: 8 bytes a point, three unsigned floats of 21 bits (8 exponent, 13 mantissa).
  *
- * Rounding is stochastic, driven by a hash the caller gives, so that the mean over many points is exact and a furnace with
- * albedo 0.99 does not drift; a value is off by at most 2^-13 of itself. Negative values and NaN become 0; values above
- * 3.4e38 become the largest finite one. One aligned load fetches all three channels.
+ * Rounding is stochastic, driven by a hash the caller gives, so that the mean over many points is exact and a furnace
+ * with albedo 0.99 does not drift; a value is off by at most 2^-13 of itself. Negative values and NaN become 0; values
+ * above 3.4e38 become the largest finite one. One aligned load fetches all three channels.
  *
- * Between bounces it travels in 4 bytes: a shared exponent of 6 bits, 9 bits for red and green, 8 for blue (the least of luminance), after
- * Ward's RGBE (Graphics Gems II, 1991) and the RGB9_E5 of GPUs. Rounding is stochastic too. The scale is the scene's mean irradiance, so
- * that 2^31 times that and, with full precision, 2^-32 times that fit whatever the units; a texel with all the scene's light is below the one, for there
- * are fewer texels. The 8-byte form holds every value of the 4-byte one exactly, and packing such a value again gives that value. */
+ * Between bounces it travels in 4 bytes: a shared exponent of 6 bits, 9 bits for red and green, 8 for blue (the least
+ * of luminance), after Ward's RGBE (Graphics Gems II, 1991) and the RGB9_E5 of GPUs. Rounding is stochastic too. The
+ * scale is the scene's mean irradiance, so that 2^31 times that and, with full precision, 2^-32 times that fit whatever
+ * the units; a texel with all the scene's light is below the one, for there are fewer texels. The 8-byte form holds
+ * every value of the 4-byte one exactly, and packing such a value again gives that value. */
 #ifndef KILN_WORKER_SCENE_RADIOSITY_H
 #define KILN_WORKER_SCENE_RADIOSITY_H
 
@@ -63,7 +64,8 @@ static inline uint32_t kiln_radiosity_compact(const float rgb[3], double scale, 
     }
     exponent = exponent < 0 ? 0 : exponent > KILN_COMPACT_EXPONENT ? KILN_COMPACT_EXPONENT : exponent;
     const double quantum = ldexp(scale, exponent - KILN_COMPACT_BIAS);
-    return kiln_radiosity_compact_channel(rgb[0], quantum, 511, hash) | kiln_radiosity_compact_channel(rgb[1], quantum, 511, hash >> 10) << 9 |
+    return kiln_radiosity_compact_channel(rgb[0], quantum, 511, hash) |
+           kiln_radiosity_compact_channel(rgb[1], quantum, 511, hash >> 10) << 9 |
            kiln_radiosity_compact_channel(rgb[2], 2.0 * quantum, 255, hash >> 20) << 18 | (uint32_t)exponent << 26;
 }
 

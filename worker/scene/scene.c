@@ -96,16 +96,19 @@ __attribute__((format(printf, 2, 3))) static int damaged(const struct check *che
     va_start(arguments, format);
     (void)vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
-    return kiln_fail(check->error, KILN_BAD_INPUT, "%s: %s; the scene file is damaged, import the scene again", check->path, text);
+    return kiln_fail(check->error, KILN_BAD_INPUT, "%s: %s; the scene file is damaged, import the scene again",
+                     check->path, text);
 }
 
 static int check_header(const struct check *check, const struct kiln_scene_header *header, uint64_t size)
 {
     if (header->magic != KILN_SCENE_MAGIC)
-        return kiln_fail(check->error, KILN_BAD_INPUT, "%s: not a kiln scene file (its first bytes are not those of one)", check->path);
+        return kiln_fail(check->error, KILN_BAD_INPUT,
+                         "%s: not a kiln scene file (its first bytes are not those of one)", check->path);
     if (header->version != KILN_SCENE_VERSION)
-        return kiln_fail(check->error, KILN_BAD_INPUT, "%s: scene file version %u, this kiln reads version %u; import the scene again",
-                         check->path, header->version, KILN_SCENE_VERSION);
+        return kiln_fail(check->error, KILN_BAD_INPUT,
+                         "%s: scene file version %u, this kiln reads version %u; import the scene again", check->path,
+                         header->version, KILN_SCENE_VERSION);
     if (header->size != size)
         return damaged(check, "the header says %llu bytes, the file has %llu", (unsigned long long)header->size,
                        (unsigned long long)size);
@@ -113,11 +116,11 @@ static int check_header(const struct check *check, const struct kiln_scene_heade
     for (unsigned s = 0; s < KILN_SECTION_COUNT; s++) {
         const uint64_t offset = header->sections[s].offset, count = header->sections[s].count;
         if (offset % SECTION_ALIGNMENT != 0 || offset < end || offset > size)
-            return damaged(check, "section '%s' starts at byte %llu of %llu", section_kinds[s].name, (unsigned long long)offset,
-                           (unsigned long long)size);
+            return damaged(check, "section '%s' starts at byte %llu of %llu", section_kinds[s].name,
+                           (unsigned long long)offset, (unsigned long long)size);
         if (count > (size - offset) / section_kinds[s].size)
-            return damaged(check, "section '%s' has %llu elements, more than the file has room for", section_kinds[s].name,
-                           (unsigned long long)count);
+            return damaged(check, "section '%s' has %llu elements, more than the file has room for",
+                           section_kinds[s].name, (unsigned long long)count);
         end = offset + count * section_kinds[s].size;
     }
     return KILN_OK;
@@ -165,12 +168,14 @@ static int check_materials(const struct check *check)
         return damaged(check, "there is no material");
     for (size_t i = 0; i < scene->material_count; i++) {
         const struct kiln_material *m = &scene->materials[i];
-        if (!is_string(check, m->name) || !is_texture(check, m->base_color_texture) || !is_texture(check, m->emission_texture))
+        if (!is_string(check, m->name) || !is_texture(check, m->base_color_texture) ||
+            !is_texture(check, m->emission_texture))
             return damaged(check, "material %zu names a string or texture that is not there", i);
         if (m->transmission > 0.0f && !is_texture(check, m->transmission_texture))
             return damaged(check, "material %zu names a texture of its transmission that is not there", i);
-        if (!within(m->base_color, 4, 0.0f, 1.0f) || !within(m->emission, 3, 0.0f, HUGE_VALF) || !all_finite(m->emission, 3) ||
-            !within(&m->alpha_cutoff, 1, 0.0f, HUGE_VALF) || !within(&m->metallic, 1, 0.0f, 1.0f) || !within(&m->transmission, 1, 0.0f, 1.0f) ||
+        if (!within(m->base_color, 4, 0.0f, 1.0f) || !within(m->emission, 3, 0.0f, HUGE_VALF) ||
+            !all_finite(m->emission, 3) || !within(&m->alpha_cutoff, 1, 0.0f, HUGE_VALF) ||
+            !within(&m->metallic, 1, 0.0f, 1.0f) || !within(&m->transmission, 1, 0.0f, 1.0f) ||
             !within(&m->roughness, 1, 0.0f, 1.0f) || m->alpha_mode > KILN_ALPHA_BLEND || m->double_sided > 1)
             return damaged(check, "material %zu has a value outside its range", i);
     }
@@ -179,8 +184,9 @@ static int check_materials(const struct check *check)
         const struct kiln_texture *t = &scene->textures[i];
         const uint64_t pixels = (uint64_t)t->width * t->height;
         if (pixels == 0 || t->first > bytes || pixels > (bytes - t->first) / 4)
-            return damaged(check, "texture %zu, %u x %u texels from byte %llu, does not fit into the %llu bytes of texels", i, t->width,
-                           t->height, (unsigned long long)t->first, (unsigned long long)bytes);
+            return damaged(check,
+                           "texture %zu, %u x %u texels from byte %llu, does not fit into the %llu bytes of texels", i,
+                           t->width, t->height, (unsigned long long)t->first, (unsigned long long)bytes);
         if (t->srgb > 1 || t->nearest > 1 || t->wrap_u > KILN_WRAP_MIRROR || t->wrap_v > KILN_WRAP_MIRROR)
             return damaged(check, "texture %zu has an unknown mode", i);
     }
@@ -206,7 +212,8 @@ static int check_mesh(const struct check *check, size_t index)
     const uint32_t *materials = scene->triangle_materials + m->triangle_first;
     for (size_t i = 0; i < m->triangle_count; i++)
         if (materials[i] >= scene->material_count)
-            return damaged(check, "mesh %zu, triangle %zu: material %u of %zu", index, i, materials[i], scene->material_count);
+            return damaged(check, "mesh %zu, triangle %zu: material %u of %zu", index, i, materials[i],
+                           scene->material_count);
     return KILN_OK;
 }
 
@@ -228,7 +235,8 @@ static int check_vertices(const struct check *check)
     return KILN_OK;
 }
 
-/* No two meshes have a vertex or a triangle in common, so that checking all of them takes no longer than reading the file. */
+/* No two meshes have a vertex or a triangle in common, so that checking all of them takes no longer than reading the
+ * file. */
 static int check_meshes(const struct check *check)
 {
     const struct kiln_scene *scene = check->scene;
@@ -287,10 +295,13 @@ static int check_objects(const struct check *check)
             return damaged(check, "the name of object %zu cannot be a file name", i);
         if (!all_finite_double(o->transform, 12) || o->flipped > 1)
             return damaged(check, "object %zu has a transform that is not a number", i);
-        if (o->lightmap_width == 0 || o->lightmap_height == 0 || o->lightmap_width > 65536 || o->lightmap_height > 65536)
-            return damaged(check, "object %zu has a lightmap of %u x %u texels", i, o->lightmap_width, o->lightmap_height);
+        if (o->lightmap_width == 0 || o->lightmap_height == 0 || o->lightmap_width > 65536 ||
+            o->lightmap_height > 65536)
+            return damaged(check, "object %zu has a lightmap of %u x %u texels", i, o->lightmap_width,
+                           o->lightmap_height);
         if (o->density_reason >= KILN_DENSITY_REASONS)
-            return damaged(check, "object %zu has its density for a reason that is none of the %d", i, (int)KILN_DENSITY_REASONS);
+            return damaged(check, "object %zu has its density for a reason that is none of the %d", i,
+                           (int)KILN_DENSITY_REASONS);
     }
     return check_names(check);
 }
@@ -300,17 +311,19 @@ static int check_lights(const struct check *check)
     const struct kiln_scene *scene = check->scene;
     for (size_t i = 0; i < scene->light_count; i++) {
         const struct kiln_light *l = &scene->lights[i];
-        const float length = sqrtf(l->direction[0] * l->direction[0] + l->direction[1] * l->direction[1] + l->direction[2] * l->direction[2]);
+        const float length = sqrtf(l->direction[0] * l->direction[0] + l->direction[1] * l->direction[1] +
+                                   l->direction[2] * l->direction[2]);
         if (!is_string(check, l->name) || l->kind > KILN_LIGHT_DIRECTIONAL || !all_finite_double(l->position, 3) ||
-            !(fabsf(length - 1.0f) < 0.01f) || !all_finite(l->intensity, 3) || !within(l->intensity, 3, 0.0f, HUGE_VALF) ||
-            !isfinite(l->range) || l->range < 0.0f || !within(&l->cos_inner, 1, -1.0f, 1.0f) || !within(&l->cos_outer, 1, -1.0f, 1.0f))
+            !(fabsf(length - 1.0f) < 0.01f) || !all_finite(l->intensity, 3) ||
+            !within(l->intensity, 3, 0.0f, HUGE_VALF) || !isfinite(l->range) || l->range < 0.0f ||
+            !within(&l->cos_inner, 1, -1.0f, 1.0f) || !within(&l->cos_outer, 1, -1.0f, 1.0f))
             return damaged(check, "light %zu has a value outside its range", i);
     }
     for (size_t i = 0; i < scene->camera_count; i++) {
         const struct kiln_camera *c = &scene->cameras[i];
-        if (!is_string(check, c->name) || c->orthographic > 1 || !all_finite_double(c->position, 3) || !all_finite(c->forward, 3) ||
-            !all_finite(c->up, 3) || !all_finite(c->right, 3) || !isfinite(c->extent_y) || !(c->extent_y > 0.0f) ||
-            !isfinite(c->aspect) || c->aspect < 0.0f)
+        if (!is_string(check, c->name) || c->orthographic > 1 || !all_finite_double(c->position, 3) ||
+            !all_finite(c->forward, 3) || !all_finite(c->up, 3) || !all_finite(c->right, 3) || !isfinite(c->extent_y) ||
+            !(c->extent_y > 0.0f) || !isfinite(c->aspect) || c->aspect < 0.0f)
             return damaged(check, "camera %zu has a value outside its range", i);
     }
     const struct kiln_environment *e = scene->environment;
@@ -318,10 +331,11 @@ static int check_lights(const struct check *check)
     if (e->kind > KILN_ENVIRONMENT_LATLONG || !all_finite(e->radiance, 3) || !within(e->radiance, 3, 0.0f, HUGE_VALF) ||
         !isfinite(e->rotation))
         return damaged(check, "the environment has a value outside its range");
-    if (e->kind == KILN_ENVIRONMENT_LATLONG
-            ? e->width == 0 || e->height == 0 || e->width > 65536 || e->height > 65536 || values != 3 * (uint64_t)e->width * e->height
-            : values != 0)
-        return damaged(check, "the environment of %u x %u texels has %llu values", e->width, e->height, (unsigned long long)values);
+    if (e->kind == KILN_ENVIRONMENT_LATLONG ? e->width == 0 || e->height == 0 || e->width > 65536 ||
+                                                  e->height > 65536 || values != 3 * (uint64_t)e->width * e->height
+                                            : values != 0)
+        return damaged(check, "the environment of %u x %u texels has %llu values", e->width, e->height,
+                       (unsigned long long)values);
     if (!all_finite(scene->environment_texels, values) || !within(scene->environment_texels, values, 0.0f, HUGE_VALF))
         return damaged(check, "the environment has a texel that is negative or not a number");
     return KILN_OK;
@@ -356,14 +370,16 @@ static int check_contents(const struct check *check)
     if (header->sections[KILN_SECTION_TRIANGLE_MATERIALS].count != scene->triangle_count ||
         header->sections[KILN_SECTION_ENVIRONMENT].count != 1)
         return damaged(check, "it has %llu materials for %zu triangles and %llu environments",
-                       (unsigned long long)header->sections[KILN_SECTION_TRIANGLE_MATERIALS].count, scene->triangle_count,
-                       (unsigned long long)header->sections[KILN_SECTION_ENVIRONMENT].count);
+                       (unsigned long long)header->sections[KILN_SECTION_TRIANGLE_MATERIALS].count,
+                       scene->triangle_count, (unsigned long long)header->sections[KILN_SECTION_ENVIRONMENT].count);
     const uint64_t known = header->sections[KILN_SECTION_TRIANGLE_SOURCES].count;
     if (known != 0 && known != scene->triangle_count)
-        return damaged(check, "it has the sources of %llu triangles and %zu triangles", (unsigned long long)known, scene->triangle_count);
+        return damaged(check, "it has the sources of %llu triangles and %zu triangles", (unsigned long long)known,
+                       scene->triangle_count);
     if (!all_finite_double(header->centre, 3) || !all_finite_double(header->bounds_min, 3) ||
-        !all_finite_double(header->bounds_max, 3) || !isfinite(header->texels_per_metre) || header->texels_per_metre < 0.0f ||
-        !isfinite(header->padding_factor) || header->units > KILN_SCENE_UNITS_BLENDER)
+        !all_finite_double(header->bounds_max, 3) || !isfinite(header->texels_per_metre) ||
+        header->texels_per_metre < 0.0f || !isfinite(header->padding_factor) ||
+        header->units > KILN_SCENE_UNITS_BLENDER)
         return damaged(check, "the header has a value that is not a number");
     int status = check_texts(check);
     if (status == KILN_OK)
@@ -402,7 +418,8 @@ static void set_pointers(struct kiln_scene *scene, const unsigned char *base)
     scene->triangle_materials = SECTION(KILN_SECTION_TRIANGLE_MATERIALS);
     scene->sources = SECTION(KILN_SECTION_SOURCES);
     scene->notes = SECTION(KILN_SECTION_NOTES);
-    scene->triangle_sources = header->sections[KILN_SECTION_TRIANGLE_SOURCES].count > 0 ? SECTION(KILN_SECTION_TRIANGLE_SOURCES) : NULL;
+    scene->triangle_sources =
+        header->sections[KILN_SECTION_TRIANGLE_SOURCES].count > 0 ? SECTION(KILN_SECTION_TRIANGLE_SOURCES) : NULL;
 #undef SECTION
     scene->material_count = (size_t)header->sections[KILN_SECTION_MATERIALS].count;
     scene->texture_count = (size_t)header->sections[KILN_SECTION_TEXTURES].count;
@@ -428,7 +445,8 @@ static int map_file(struct kiln_scene *scene, const char *path, void **base, str
                          (long long)status.st_size);
     *base = mmap(NULL, (size_t)status.st_size, PROT_READ, MAP_SHARED, scene->descriptor, 0);
     if (*base == MAP_FAILED)
-        return kiln_fail_errno(error, KILN_SYSTEM, "%s: the scene file of %lld bytes cannot be mapped", path, (long long)status.st_size);
+        return kiln_fail_errno(error, KILN_SYSTEM, "%s: the scene file of %lld bytes cannot be mapped", path,
+                               (long long)status.st_size);
     scene->mapped_bytes = (size_t)status.st_size;
     scene->header = *base;
     scene->modified = status.st_mtim;
@@ -491,7 +509,10 @@ int kiln_scene_check_unchanged(const struct kiln_scene *scene, const char *path,
     }
     if (same)
         return KILN_OK;
-    return kiln_fail(error, KILN_IO, "'%s' was changed while it was in use: nothing may write to it while kiln runs; run the same command again", path);
+    return kiln_fail(
+        error, KILN_IO,
+        "'%s' was changed while it was in use: nothing may write to it while kiln runs; run the same command again",
+        path);
 }
 
 void kiln_scene_close(struct kiln_scene **pointer)

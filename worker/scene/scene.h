@@ -2,8 +2,9 @@
  *
  * The file is written once by the importer (coordinator/import) and mapped by every rank. It is one header followed by
  * sections; a section is an array of one of the structs below, 64-byte aligned, little-endian, no pointers. The header
- * carries a version, the file's size, each section's offset, element size and count, and XXH3-128 of all bytes after the
- * header; kiln_scene_open checks all of these and every index in the file before it returns, so readers need no checks.
+ * carries a version, the file's size, each section's offset, element size and count, and XXH3-128 of all bytes after
+ * the header; kiln_scene_open checks all of these and every index in the file before it returns, so readers need no
+ * checks.
  *
  * Units: metres, linear RGB, right-handed, y up, as glTF. Matrices are row-major 3 x 4: p' = M[0..2] p + M[3]. */
 #ifndef KILN_WORKER_SCENE_SCENE_H
@@ -17,30 +18,32 @@
 #include "worker/base/vector.h"
 
 #define KILN_SCENE_MAGIC 0x4e434b4cu /* "LKCN" */
-#define KILN_SCENE_VERSION 3u /* 3: triangle sources */
-#define KILN_NONE 0xffffffffu /* "no texture", "no material", ... */
+#define KILN_SCENE_VERSION 3u        /* 3: triangle sources */
+#define KILN_NONE 0xffffffffu        /* "no texture", "no material", ... */
 
 enum kiln_alpha_mode { KILN_ALPHA_OPAQUE = 0, KILN_ALPHA_MASK = 1, KILN_ALPHA_BLEND = 2 };
 enum kiln_wrap { KILN_WRAP_REPEAT = 0, KILN_WRAP_CLAMP = 1, KILN_WRAP_MIRROR = 2 };
 enum kiln_light_kind { KILN_LIGHT_POINT = 0, KILN_LIGHT_SPOT = 1, KILN_LIGHT_DIRECTIONAL = 2 };
 enum kiln_environment_kind { KILN_ENVIRONMENT_NONE = 0, KILN_ENVIRONMENT_CONSTANT = 1, KILN_ENVIRONMENT_LATLONG = 2 };
 
-/* A material as far as diffuse transport needs it. Diffuse albedo = base_color x texture x (1 - metallic). What lets light through and
- * how much: struct kiln_passage in worker/scene/texture.h. */
+/* A material as far as diffuse transport needs it. Diffuse albedo = base_color x texture x (1 - metallic). What lets
+ * light through and how much: struct kiln_passage in worker/scene/texture.h. */
 struct kiln_material {
-    uint32_t name;                 /* offset into `strings` */
-    float base_color[4];           /* linear, 0..1; [3] is alpha */
-    float emission[3];             /* radiance: factor x strength, W m-2 sr-1, >= 0 */
-    uint32_t base_color_texture;   /* KILN_NONE: none */
-    uint32_t emission_texture;     /* KILN_NONE: none; multiplies `emission` */
-    uint32_t alpha_mode;           /* enum kiln_alpha_mode */
-    float alpha_cutoff;            /* for KILN_ALPHA_MASK */
-    uint32_t double_sided;         /* 0 or 1: emits and reflects on both faces */
-    float metallic;                /* factor, 0..1; metal has no diffuse part */
+    uint32_t name;               /* offset into `strings` */
+    float base_color[4];         /* linear, 0..1; [3] is alpha */
+    float emission[3];           /* radiance: factor x strength, W m-2 sr-1, >= 0 */
+    uint32_t base_color_texture; /* KILN_NONE: none */
+    uint32_t emission_texture;   /* KILN_NONE: none; multiplies `emission` */
+    uint32_t alpha_mode;         /* enum kiln_alpha_mode */
+    float alpha_cutoff;          /* for KILN_ALPHA_MASK */
+    uint32_t double_sided;       /* 0 or 1: emits and reflects on both faces */
+    float metallic;              /* factor, 0..1; metal has no diffuse part */
     float roughness;
-    float transmission;            /* KHR_materials_transmission: share of the light that a thin wall of it lets through, 0..1 */
-    uint32_t transmission_texture; /* at the base colour's coordinates; its red channel multiplies `transmission`. KILN_NONE: none. Not
-                                      looked at where `transmission` is 0 */
+    /* KHR_materials_transmission: share of the light that a thin wall of it lets through, 0..1 */
+    float transmission;
+    /* at the base colour's coordinates; its red channel multiplies `transmission`. KILN_NONE: none. Not looked at where
+     * `transmission` is 0 */
+    uint32_t transmission_texture;
 };
 
 /* An image, 8 bits a channel RGBA. Texel (0,0) is the top left, at texture coordinate (0,0) as in glTF. */
@@ -63,9 +66,9 @@ struct kiln_mesh {
     double uv_area;      /* area of the lightmap layout, share of the unit square */
 };
 enum {
-    KILN_MESH_SMOOTH = 1,        /* shading normals differ from geometric ones somewhere */
-    KILN_MESH_UNWRAPPED = 2,     /* the lightmap layout is kiln's own */
-    KILN_MESH_REPACKED = 8,      /* and made of the charts of the mesh's own */
+    KILN_MESH_SMOOTH = 1,         /* shading normals differ from geometric ones somewhere */
+    KILN_MESH_UNWRAPPED = 2,      /* the lightmap layout is kiln's own */
+    KILN_MESH_REPACKED = 8,       /* and made of the charts of the mesh's own */
     KILN_MESH_HAS_EMISSION_UV = 4 /* texcoord_emission differs from texcoord_base somewhere */
 };
 
@@ -73,14 +76,15 @@ enum {
 struct kiln_object {
     uint32_t name; /* the node's name, made unique and safe as a file name: [A-Za-z0-9._-], never starting with '.' */
     uint32_t mesh;
-    double transform[12]; /* mesh to world, row-major 3 x 4 */
+    double transform[12];                     /* mesh to world, row-major 3 x 4 */
     uint32_t lightmap_width, lightmap_height; /* texels, >= 1 */
     uint32_t flipped;                         /* 1: the transform mirrors; front faces are then clockwise */
     uint32_t original_name;                   /* the node's name as it stood in the file */
     uint32_t source_node, source_mesh;        /* their indices in a glTF file; KILN_NONE where the source is none */
     uint32_t flags;                           /* KILN_OBJECT_* */
     uint32_t density_reason;                  /* enum kiln_density_reason */
-    uint32_t source_instance, unused;         /* which of its node's instances (EXT_mesh_gpu_instancing); KILN_NONE: none */
+    /* which of its node's instances (EXT_mesh_gpu_instancing); KILN_NONE: none */
+    uint32_t source_instance, unused;
 };
 enum {
     KILN_OBJECT_CASTER_ONLY = 1,   /* stops and reflects light; its lightmap is not published */
@@ -104,11 +108,11 @@ enum kiln_density_reason {
 /* A punctual light in world space (KHR_lights_punctual). */
 struct kiln_light {
     uint32_t name;
-    uint32_t kind;       /* enum kiln_light_kind */
-    double position[3];  /* m, world (not relative to the centre) */
-    float direction[3];  /* unit, the way the light travels */
-    float intensity[3];  /* point, spot: W/sr; directional: W/m2 on a facing surface */
-    float range;         /* m; 0: no limit */
+    uint32_t kind;      /* enum kiln_light_kind */
+    double position[3]; /* m, world (not relative to the centre) */
+    float direction[3]; /* unit, the way the light travels */
+    float intensity[3]; /* point, spot: W/sr; directional: W/m2 on a facing surface */
+    float range;        /* m; 0: no limit */
     float cos_inner, cos_outer;
     uint32_t reserved;
 };
@@ -123,12 +127,12 @@ struct kiln_camera {
     uint32_t reserved;
 };
 
-/* Light from outside. For a lat-long image, direction d has u = 0.5 + atan2(d.x, -d.z)/(2 pi), v = acos(d.y)/pi; texels are
- * RGB floats, top row first. */
+/* Light from outside. For a lat-long image, direction d has u = 0.5 + atan2(d.x, -d.z)/(2 pi), v = acos(d.y)/pi; texels
+ * are RGB floats, top row first. */
 struct kiln_environment {
-    uint32_t kind; /* enum kiln_environment_kind */
-    float radiance[3];  /* constant: the radiance; lat-long: a factor on the image */
-    float rotation;     /* radians about +y, added to the azimuth */
+    uint32_t kind;     /* enum kiln_environment_kind */
+    float radiance[3]; /* constant: the radiance; lat-long: a factor on the image */
+    float rotation;    /* radians about +y, added to the azimuth */
     uint32_t width, height;
     uint32_t reserved;
 };
@@ -154,12 +158,13 @@ enum kiln_scene_section {
     KILN_SECTION_TRIANGLE_MATERIALS, /* uint32_t a triangle */
     KILN_SECTION_SOURCES,            /* struct kiln_source: the files the scene was made from */
     KILN_SECTION_NOTES,              /* struct kiln_note: what the importer saw, changed or left out */
-    KILN_SECTION_TRIANGLE_SOURCES,   /* struct kiln_triangle_source a triangle, or none: where it stands in its source's mesh */
+    /* struct kiln_triangle_source a triangle, or none: where it stands in its source's mesh */
+    KILN_SECTION_TRIANGLE_SOURCES,
     KILN_SECTION_COUNT
 };
 
-/* Of the source's mesh object.source_mesh: which of its primitives, and which triangle of that, as the file counts them (strips and fans
- * too). Its corners are those of the file, in the same order or with the last two exchanged. */
+/* Of the source's mesh object.source_mesh: which of its primitives, and which triangle of that, as the file counts them
+ * (strips and fans too). Its corners are those of the file, in the same order or with the last two exchanged. */
 struct kiln_triangle_source {
     uint32_t primitive, triangle;
 };
@@ -190,14 +195,16 @@ enum kiln_scene_units {
 
 struct kiln_scene_header {
     uint32_t magic, version;
-    uint64_t size;                     /* of the file, bytes */
-    uint64_t content_hash[2];          /* XXH3-128 of all `size` bytes with this field zero: kiln_scene_content_hash */
-    uint64_t import_hash[2];           /* XXH3-128 of sources and import settings: the key of the cache */
-    double centre[3];                  /* world; traced positions are relative to it. Where the detail is, not the bounds' middle */
+    uint64_t size;            /* of the file, bytes */
+    uint64_t content_hash[2]; /* XXH3-128 of all `size` bytes with this field zero: kiln_scene_content_hash */
+    uint64_t import_hash[2];  /* XXH3-128 of sources and import settings: the key of the cache */
+    /* world; traced positions are relative to it. Where the detail is, not the bounds' middle */
+    double centre[3];
     double bounds_min[3], bounds_max[3]; /* world, of all objects */
-    float texels_per_metre;            /* the density the lightmaps were sized for; 0 when sized otherwise */
-    float padding_factor;              /* on the lightmaps' sides, from which on two texels lie between nearly all charts; 0: as they are; -1: none */
-    uint32_t units;                    /* enum kiln_scene_units: what the source says of its lights' numbers */
+    float texels_per_metre;              /* the density the lightmaps were sized for; 0 when sized otherwise */
+    /* on the lightmaps' sides, from which on two texels lie between nearly all charts; 0: as they are; -1: none */
+    float padding_factor;
+    uint32_t units; /* enum kiln_scene_units: what the source says of its lights' numbers */
     uint32_t reserved;
     struct {
         uint64_t offset, count;
@@ -232,7 +239,7 @@ struct kiln_scene {
     size_t vertex_count, triangle_count; /* stored; instances not expanded */
     size_t source_count, note_count;
     size_t mapped_bytes;
-    int descriptor; /* private */
+    int descriptor;           /* private */
     struct timespec modified; /* private: when the file was, as it was opened */
 };
 
@@ -240,18 +247,24 @@ struct kiln_scene {
 size_t kiln_scene_element_size(enum kiln_scene_section section);
 const char *kiln_scene_section_name(enum kiln_scene_section section);
 
-/* The content hash of a file whose header is `header` and whose other bytes, [sizeof header, header->size), are `rest`. */
+/* The content hash of a file whose header is `header` and whose other bytes, [sizeof header, header->size), are `rest`.
+ */
 void kiln_scene_content_hash(const struct kiln_scene_header *header, const void *rest, uint64_t hash[2]);
 
-/* Maps `path` and checks it whole: header, hash, bounds of every section, every index, every number finite. Not collective.
- * KILN_NO_INPUT, KILN_BAD_INPUT (not a scene file, damaged, other version), KILN_SYSTEM. Destroy with kiln_scene_close. */
+/* Maps `path` and checks it whole: header, hash, bounds of every section, every index, every number finite. Not
+ * collective. KILN_NO_INPUT, KILN_BAD_INPUT (not a scene file, damaged, other version), KILN_SYSTEM. Destroy with
+ * kiln_scene_close. */
 int kiln_scene_open(struct kiln_scene **scene, const char *path, struct kiln_error *error);
 /* The same of an open file, which is the scene's from now on, also on failure; `path` is for sentences. */
 int kiln_scene_open_descriptor(struct kiln_scene **scene, int descriptor, const char *path, struct kiln_error *error);
 void kiln_scene_close(struct kiln_scene **scene);
-/* KILN_IO when the file was written to since it was opened: what was read from it may be anything. `path` is for the sentence. */
+/* KILN_IO when the file was written to since it was opened: what was read from it may be anything. `path` is for the
+ * sentence. */
 int kiln_scene_check_unchanged(const struct kiln_scene *scene, const char *path, struct kiln_error *error);
 
-static inline const char *kiln_scene_string(const struct kiln_scene *scene, uint32_t offset) { return scene->strings + offset; }
+static inline const char *kiln_scene_string(const struct kiln_scene *scene, uint32_t offset)
+{
+    return scene->strings + offset;
+}
 
 #endif

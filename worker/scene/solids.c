@@ -34,7 +34,8 @@ static int by_position(const void *a, const void *b)
 }
 
 /* Gives each vertex of the mesh the least vertex at its position. */
-static int weld(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint32_t *welded, struct kiln_error *error)
+static int weld(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint32_t *welded,
+                struct kiln_error *error)
 {
     struct corner *corners = NULL;
     const int status = kiln_allocate(&corners, mesh->vertex_count, sizeof *corners, "the vertices of a mesh", error);
@@ -46,7 +47,8 @@ static int weld(const struct kiln_scene *scene, const struct kiln_mesh *mesh, ui
     }
     qsort(corners, mesh->vertex_count, sizeof *corners, by_position);
     for (uint64_t i = 0; i < mesh->vertex_count; i++) {
-        const bool same = i > 0 && memcmp(corners[i].position, corners[i - 1].position, sizeof corners[i].position) == 0;
+        const bool same =
+            i > 0 && memcmp(corners[i].position, corners[i - 1].position, sizeof corners[i].position) == 0;
         welded[corners[i].vertex] = same ? welded[corners[i - 1].vertex] : corners[i].vertex;
     }
     kiln_free(&corners);
@@ -69,7 +71,8 @@ static int by_vertices(const void *a, const void *b)
     return p->triangle < q->triangle ? -1 : p->triangle > q->triangle;
 }
 
-static size_t list_edges(const struct kiln_scene *scene, const struct kiln_mesh *mesh, const uint32_t *welded, struct edge *edges)
+static size_t list_edges(const struct kiln_scene *scene, const struct kiln_mesh *mesh, const uint32_t *welded,
+                         struct edge *edges)
 {
     size_t count = 0;
     for (uint64_t t = 0; t < mesh->triangle_count; t++) {
@@ -84,20 +87,24 @@ static size_t list_edges(const struct kiln_scene *scene, const struct kiln_mesh 
     return count;
 }
 
-/* Six times the volume under each piece's triangles and twice their area, about the mesh's first vertex; and its bounds. */
+/* Six times the volume under each piece's triangles and twice their area, about the mesh's first vertex; and its
+ * bounds. */
 struct piece_measure {
     double volume, area;
     struct kiln_dvec3 low, high;
 };
 
-static void measure(const struct kiln_scene *scene, const struct kiln_mesh *mesh, const struct pieces *pieces, struct piece_measure *measures)
+static void measure(const struct kiln_scene *scene, const struct kiln_mesh *mesh, const struct pieces *pieces,
+                    struct piece_measure *measures)
 {
     const struct kiln_dvec3 origin = dvec3_of(scene->positions[mesh->vertex_first]);
     for (uint64_t t = 0; t < mesh->triangle_count; t++) {
         struct piece_measure *m = &measures[pieces->of[t]];
         struct kiln_dvec3 p[3];
         for (uint64_t i = 0; i < 3; i++) {
-            p[i] = dvec3_sub(dvec3_of(scene->positions[mesh->vertex_first + scene->triangles[3 * (mesh->triangle_first + t) + i]]), origin);
+            p[i] = dvec3_sub(
+                dvec3_of(scene->positions[mesh->vertex_first + scene->triangles[3 * (mesh->triangle_first + t) + i]]),
+                origin);
             const bool first = !(m->area > 0.0) && i == 0;
             m->low = first ? p[i] : dvec3(fmin(m->low.x, p[i].x), fmin(m->low.y, p[i].y), fmin(m->low.z, p[i].z));
             m->high = first ? p[i] : dvec3(fmax(m->high.x, p[i].x), fmax(m->high.y, p[i].y), fmax(m->high.z, p[i].z));
@@ -108,7 +115,8 @@ static void measure(const struct kiln_scene *scene, const struct kiln_mesh *mesh
     }
 }
 
-static int judge_pieces(const struct kiln_scene *scene, const struct kiln_mesh *mesh, struct pieces *pieces, struct kiln_error *error)
+static int judge_pieces(const struct kiln_scene *scene, const struct kiln_mesh *mesh, struct pieces *pieces,
+                        struct kiln_error *error)
 {
     struct piece_measure *measures = NULL;
     const int status = kiln_allocate(&measures, pieces->count, sizeof *measures, "the pieces of a mesh", error);
@@ -125,7 +133,8 @@ static int judge_pieces(const struct kiln_scene *scene, const struct kiln_mesh *
 }
 
 /* Joins triangles at their edges, numbers the pieces and notes which are closed. */
-static int number_pieces(const struct kiln_mesh *mesh, const struct edge *edges, size_t edge_count, struct pieces *pieces, struct kiln_error *error)
+static int number_pieces(const struct kiln_mesh *mesh, const struct edge *edges, size_t edge_count,
+                         struct pieces *pieces, struct kiln_error *error)
 {
     uint32_t *parent = pieces->of;
     kiln_sets_begin(parent, mesh->triangle_count);
@@ -162,7 +171,8 @@ static void pieces_destroy(struct pieces *pieces)
     kiln_free(&pieces->closed);
 }
 
-static int find_pieces(const struct kiln_scene *scene, const struct kiln_mesh *mesh, struct pieces *pieces, struct kiln_error *error)
+static int find_pieces(const struct kiln_scene *scene, const struct kiln_mesh *mesh, struct pieces *pieces,
+                       struct kiln_error *error)
 {
     uint32_t *welded = NULL;
     struct edge *edges = NULL;
@@ -208,7 +218,8 @@ static uint64_t world_triangle(const struct kiln_object_range *range, uint64_t k
     return k < range->opaque_count ? range->opaque_first + k : range->alpha_first + (k - range->opaque_count);
 }
 
-static int list_object_emitters(const struct kiln_geometry *g, size_t object, struct emitters *e, struct kiln_error *error)
+static int list_object_emitters(const struct kiln_geometry *g, size_t object, struct emitters *e,
+                                struct kiln_error *error)
 {
     const struct kiln_object_range *range = &g->ranges[object];
     const uint64_t count = range->opaque_count + range->alpha_count;
@@ -222,7 +233,8 @@ static int list_object_emitters(const struct kiln_geometry *g, size_t object, st
             continue;
         struct kiln_vec3 c[3];
         kiln_geometry_corners(g, t, c);
-        const struct kiln_dvec3 middle = dvec3_scale(dvec3_add(dvec3_of(c[0]), dvec3_add(dvec3_of(c[1]), dvec3_of(c[2]))), 1.0 / 3.0);
+        const struct kiln_dvec3 middle =
+            dvec3_scale(dvec3_add(dvec3_of(c[0]), dvec3_add(dvec3_of(c[1]), dvec3_of(c[2]))), 1.0 / 3.0);
         const int status = add_emitter(e, middle, (uint32_t)t, error);
         if (status != KILN_OK)
             return status;
@@ -230,7 +242,8 @@ static int list_object_emitters(const struct kiln_geometry *g, size_t object, st
     return KILN_OK;
 }
 
-static int list_emitters(const struct kiln_geometry *g, const struct kiln_scene *scene, struct emitters *e, struct kiln_error *error)
+static int list_emitters(const struct kiln_geometry *g, const struct kiln_scene *scene, struct emitters *e,
+                         struct kiln_error *error)
 {
     const double *centre = scene->header->centre;
     int status = KILN_OK;
@@ -250,12 +263,13 @@ struct placed {
     bool solid;
 };
 
-static void place_pieces(const struct kiln_geometry *g, const struct kiln_mesh *mesh, size_t object, const struct pieces *pieces,
-                         struct placed *placed)
+static void place_pieces(const struct kiln_geometry *g, const struct kiln_mesh *mesh, size_t object,
+                         const struct pieces *pieces, struct placed *placed)
 {
     const struct kiln_object_range *range = &g->ranges[object];
     for (uint32_t i = 0; i < pieces->count; i++)
-        placed[i] = (struct placed){vec3(INFINITY, INFINITY, INFINITY), vec3(-INFINITY, -INFINITY, -INFINITY), pieces->closed[i] != 0};
+        placed[i] = (struct placed){vec3(INFINITY, INFINITY, INFINITY), vec3(-INFINITY, -INFINITY, -INFINITY),
+                                    pieces->closed[i] != 0};
     for (uint64_t k = 0; k < range->opaque_count + range->alpha_count; k++) {
         const uint64_t t = world_triangle(range, k);
         struct placed *p = &placed[pieces->of[g->stored_triangle[t] - mesh->triangle_first]];
@@ -270,10 +284,10 @@ static void place_pieces(const struct kiln_geometry *g, const struct kiln_mesh *
     }
 }
 
-/* How often a ray from p leaves the piece more often than it enters it: p's winding number. The direction is along no axis, so that it
- * seldom meets an edge. */
-static int crossings(const struct kiln_geometry *g, const struct kiln_mesh *mesh, size_t object, const struct pieces *pieces, uint32_t piece,
-                     struct kiln_dvec3 p, struct kiln_dvec3 direction)
+/* How often a ray from p leaves the piece more often than it enters it: p's winding number. The direction is along no
+ * axis, so that it seldom meets an edge. */
+static int crossings(const struct kiln_geometry *g, const struct kiln_mesh *mesh, size_t object,
+                     const struct pieces *pieces, uint32_t piece, struct kiln_dvec3 p, struct kiln_dvec3 direction)
 {
     const struct kiln_object_range *range = &g->ranges[object];
     int sum = 0;
@@ -286,22 +300,25 @@ static int crossings(const struct kiln_geometry *g, const struct kiln_mesh *mesh
         struct kiln_dvec3 to[3];
         for (int i = 0; i < 3; i++)
             to[i] = dvec3_sub(dvec3_of(c[i]), p);
-        const double u = dvec3_dot(direction, dvec3_cross(to[1], to[2])), v = dvec3_dot(direction, dvec3_cross(to[2], to[0]));
+        const double u = dvec3_dot(direction, dvec3_cross(to[1], to[2])),
+                     v = dvec3_dot(direction, dvec3_cross(to[2], to[0]));
         const double w = dvec3_dot(direction, dvec3_cross(to[0], to[1]));
         const bool leaves = u > 0.0 && v > 0.0 && w > 0.0, enters = u < 0.0 && v < 0.0 && w < 0.0;
         if (!leaves && !enters)
             continue;
-        const double volume = dvec3_dot(to[0], dvec3_cross(to[1], to[2])); /* of one sign with u + v + w: the triangle lies ahead */
+        /* of one sign with u + v + w: the triangle lies ahead */
+        const double volume = dvec3_dot(to[0], dvec3_cross(to[1], to[2]));
         if ((volume > 0.0) == leaves)
             sum += leaves ? 1 : -1;
     }
     return sum;
 }
 
-static bool is_inside(const struct kiln_geometry *g, const struct kiln_mesh *mesh, size_t object, const struct pieces *pieces, uint32_t piece,
-                      struct kiln_dvec3 p)
+static bool is_inside(const struct kiln_geometry *g, const struct kiln_mesh *mesh, size_t object,
+                      const struct pieces *pieces, uint32_t piece, struct kiln_dvec3 p)
 {
-    static const struct kiln_dvec3 directions[3] = {{0.5370, 0.7642, 0.3574}, {-0.8417, 0.2963, 0.4514}, {0.1873, -0.4219, -0.8871}};
+    static const struct kiln_dvec3 directions[3] = {
+        {0.5370, 0.7642, 0.3574}, {-0.8417, 0.2963, 0.4514}, {0.1873, -0.4219, -0.8871}};
     int votes = 0;
     for (int i = 0; i < 3; i++)
         votes += crossings(g, mesh, object, pieces, piece, p, directions[i]) != 0 ? 1 : 0;
@@ -310,12 +327,13 @@ static bool is_inside(const struct kiln_geometry *g, const struct kiln_mesh *mes
 
 static bool within(const struct placed *box, struct kiln_dvec3 p)
 {
-    return p.x > (double)box->low.x && p.x < (double)box->high.x && p.y > (double)box->low.y && p.y < (double)box->high.y &&
-           p.z > (double)box->low.z && p.z < (double)box->high.z;
+    return p.x > (double)box->low.x && p.x < (double)box->high.x && p.y > (double)box->low.y &&
+           p.y < (double)box->high.y && p.z > (double)box->low.z && p.z < (double)box->high.z;
 }
 
-static bool is_lit_inside(const struct kiln_geometry *g, const struct kiln_mesh *mesh, size_t object, const struct pieces *pieces, uint32_t piece,
-                          const struct placed *box, const struct emitters *emitters)
+static bool is_lit_inside(const struct kiln_geometry *g, const struct kiln_mesh *mesh, size_t object,
+                          const struct pieces *pieces, uint32_t piece, const struct placed *box,
+                          const struct emitters *emitters)
 {
     for (size_t i = 0; i < emitters->count; i++) {
         const struct emitter *e = &emitters->list[i];
@@ -327,8 +345,9 @@ static bool is_lit_inside(const struct kiln_geometry *g, const struct kiln_mesh 
     return false;
 }
 
-static int close_object(struct kiln_geometry *g, const struct kiln_scene *scene, size_t object, const struct pieces *pieces,
-                        const struct emitters *emitters, uint8_t *out, struct kiln_error *error)
+static int close_object(struct kiln_geometry *g, const struct kiln_scene *scene, size_t object,
+                        const struct pieces *pieces, const struct emitters *emitters, uint8_t *out,
+                        struct kiln_error *error)
 {
     const struct kiln_mesh *mesh = &scene->meshes[scene->objects[object].mesh];
     struct placed *placed = NULL;
@@ -363,7 +382,8 @@ static int find_all_pieces(const struct kiln_scene *scene, struct pieces *pieces
 #pragma omp parallel for schedule(dynamic)
     for (size_t m = 0; m < scene->mesh_count; m++) {
         struct kiln_error own;
-        const int failed = has_two_sides(scene, &scene->meshes[m]) ? find_pieces(scene, &scene->meshes[m], &pieces[m], &own) : KILN_OK;
+        const int failed =
+            has_two_sides(scene, &scene->meshes[m]) ? find_pieces(scene, &scene->meshes[m], &pieces[m], &own) : KILN_OK;
         if (failed != KILN_OK) {
 #pragma omp critical(kiln_solids_failure)
             status = kiln_fail(error, failed, "%s", own.message);
@@ -372,15 +392,16 @@ static int find_all_pieces(const struct kiln_scene *scene, struct pieces *pieces
     return status;
 }
 
-static int close_all(struct kiln_geometry *g, const struct kiln_scene *scene, const struct pieces *pieces, const struct emitters *emitters,
-                     uint8_t *solid, struct kiln_error *error)
+static int close_all(struct kiln_geometry *g, const struct kiln_scene *scene, const struct pieces *pieces,
+                     const struct emitters *emitters, uint8_t *solid, struct kiln_error *error)
 {
     int status = KILN_OK;
 #pragma omp parallel for schedule(dynamic)
     for (size_t o = 0; o < scene->object_count; o++) {
         const struct pieces *own_pieces = &pieces[scene->objects[o].mesh];
         struct kiln_error own;
-        const int failed = own_pieces->of != NULL ? close_object(g, scene, o, own_pieces, emitters, solid, &own) : KILN_OK;
+        const int failed =
+            own_pieces->of != NULL ? close_object(g, scene, o, own_pieces, emitters, solid, &own) : KILN_OK;
         if (failed != KILN_OK) {
 #pragma omp critical(kiln_solids_failure)
             status = kiln_fail(error, failed, "%s", own.message);

@@ -14,12 +14,12 @@ void kiln_surface_destroy(struct kiln_surface **surface)
         kiln_free(&s->cell_first);
     }
     if (!s->share_is_lent) {
-        kiln_free(&s->fragments);
+        kiln_free(&s->tile_runs);
         kiln_free(&s->piece_base);
-        kiln_free(&s->share_base);
+        kiln_free(&s->area_cdf_base);
         kiln_free(&s->piece_count);
         kiln_free(&s->pieces);
-        kiln_free(&s->shares);
+        kiln_free(&s->area_cdf);
         kiln_free(&s->albedo);
         kiln_free(&s->area);
         kiln_free(&s->visible);

@@ -11,10 +11,19 @@
 #include "worker/base/memory.h"
 
 /* kiln's own files have groups in groups at most, a dozen objects in each, chunks of 0.5 MiB. */
-enum { DEPTH_MOST = 4, LINKS_MOST = 256, OBJECTS_MOST = 1024, ATTRIBUTES_MOST = 64, NAME_SIZE = 512, RANK_MOST = 4, STRING_MOST = 1 << 16 };
+enum {
+    DEPTH_MOST = 4,
+    LINKS_MOST = 256,
+    OBJECTS_MOST = 1024,
+    ATTRIBUTES_MOST = 64,
+    NAME_SIZE = 512,
+    RANK_MOST = 4,
+    STRING_MOST = 1 << 16
+};
 #define CHUNK_BYTES_MOST ((uint64_t)16 << 20)
 #define DEFLATE_MOST 1100u /* deflate packs 1,032 : 1 at best */
-/* In all: what is always fine, and how much more for every byte stored. A volume of a scene without light packs 50 : 1. */
+/* In all: what is always fine, and how much more for every byte stored. A volume of a scene without light packs 50 : 1.
+ */
 #define INFLATED_ALWAYS ((uint64_t)256 << 20)
 #define INFLATED_MOST 100u
 
@@ -115,7 +124,8 @@ static herr_t driver_read(H5FD_t *base, H5FD_mem_t type, hid_t transfer, haddr_t
     return 0;
 }
 
-static herr_t driver_write(H5FD_t *base, H5FD_mem_t type, hid_t transfer, haddr_t address, size_t size, const void *buffer)
+static herr_t driver_write(H5FD_t *base, H5FD_mem_t type, hid_t transfer, haddr_t address, size_t size,
+                           const void *buffer)
 {
     (void)base;
     (void)type;
@@ -126,17 +136,29 @@ static herr_t driver_write(H5FD_t *base, H5FD_mem_t type, hid_t transfer, haddr_
     return -1;
 }
 
-static const H5FD_class_t driver = {.name = "kiln_descriptor", .maxaddr = ADDRESS_MOST, .fc_degree = H5F_CLOSE_STRONG, .fapl_size = sizeof(struct source),
-                                    .open = driver_open, .close = driver_close, .cmp = driver_compare, .query = driver_query,
-                                    .get_eoa = driver_used, .set_eoa = driver_use, .get_eof = driver_end, .read = driver_read,
-                                    .write = driver_write, .fl_map = H5FD_FLMAP_DICHOTOMY};
+static const H5FD_class_t driver = {.name = "kiln_descriptor",
+                                    .maxaddr = ADDRESS_MOST,
+                                    .fc_degree = H5F_CLOSE_STRONG,
+                                    .fapl_size = sizeof(struct source),
+                                    .open = driver_open,
+                                    .close = driver_close,
+                                    .cmp = driver_compare,
+                                    .query = driver_query,
+                                    .get_eoa = driver_used,
+                                    .set_eoa = driver_use,
+                                    .get_eof = driver_end,
+                                    .read = driver_read,
+                                    .write = driver_write,
+                                    .fl_map = H5FD_FLMAP_DICHOTOMY};
 
 static hid_t open_through_driver(int descriptor, uint64_t bytes, const char *path)
 {
     bool opened = false;
     const struct source source = {descriptor, bytes, &opened};
     const hid_t kind = H5FDregister(&driver), access = H5Pcreate(H5P_FILE_ACCESS);
-    const hid_t file = kind >= 0 && access >= 0 && H5Pset_driver(access, kind, &source) >= 0 ? H5Fopen(path, H5F_ACC_RDONLY, access) : H5I_INVALID_HID;
+    const hid_t file = kind >= 0 && access >= 0 && H5Pset_driver(access, kind, &source) >= 0
+                           ? H5Fopen(path, H5F_ACC_RDONLY, access)
+                           : H5I_INVALID_HID;
     if (access >= 0)
         (void)H5Pclose(access);
     if (kind >= 0)
@@ -148,8 +170,9 @@ static hid_t open_through_driver(int descriptor, uint64_t bytes, const char *pat
 
 static int refuse(struct kiln_h5_file *f, const char *name, const char *what)
 {
-    f->status = kiln_fail(f->error, KILN_BAD_INPUT, "'%s': %.200s %s: kiln writes no such file, it is damaged or somebody else's; bake again", f->path,
-                          name, what);
+    f->status = kiln_fail(f->error, KILN_BAD_INPUT,
+                          "'%s': %.200s %s: kiln writes no such file, it is damaged or somebody else's; bake again",
+                          f->path, name, what);
     return f->status;
 }
 
@@ -191,7 +214,8 @@ struct storage {
     uint64_t type_size, values, stored;
 };
 
-static int check_chunks(struct kiln_h5_file *f, const char *name, hid_t dataset, hid_t space, hid_t list, const struct storage *s)
+static int check_chunks(struct kiln_h5_file *f, const char *name, hid_t dataset, hid_t space, hid_t list,
+                        const struct storage *s)
 {
     hsize_t chunk[RANK_MOST], there = 0;
     uint64_t wanted = 1, bytes = s->type_size;
@@ -219,14 +243,17 @@ static int check_total(struct kiln_h5_file *f, const char *name)
     if (f->stored > f->bytes)
         return refuse(f, name, "is stored in bytes that other datasets have too, or that the file has not");
     if (f->inflated > INFLATED_ALWAYS + times(INFLATED_MOST, f->bytes))
-        return refuse(f, name, "brings what is to be unpacked to more than 256 MiB and a hundred times the file's size");
+        return refuse(f, name,
+                      "brings what is to be unpacked to more than 256 MiB and a hundred times the file's size");
     return KILN_OK;
 }
 
-static int check_storage(struct kiln_h5_file *f, const char *name, hid_t dataset, hid_t space, hid_t list, struct storage *s)
+static int check_storage(struct kiln_h5_file *f, const char *name, hid_t dataset, hid_t space, hid_t list,
+                         struct storage *s)
 {
     s->rank = H5Sget_simple_extent_ndims(space);
-    if (s->rank < 0 || s->rank > RANK_MOST || (s->rank > 0 && H5Sget_simple_extent_dims(space, s->size, NULL) != s->rank))
+    if (s->rank < 0 || s->rank > RANK_MOST ||
+        (s->rank > 0 && H5Sget_simple_extent_dims(space, s->size, NULL) != s->rank))
         return refuse(f, name, "has more than four dimensions");
     s->values = H5Sget_simple_extent_type(space) == H5S_NULL ? 0 : 1;
     for (int d = 0; d < s->rank; d++)
@@ -352,7 +379,8 @@ static int walk(struct kiln_h5_file *f, hid_t group, const char *name, int depth
     return f->status;
 }
 
-int kiln_h5_file_visit(struct kiln_h5_file *f, int (*visit)(void *context, const char *name, hid_t dataset), void *context, struct kiln_error *error)
+int kiln_h5_file_visit(struct kiln_h5_file *f, int (*visit)(void *context, const char *name, hid_t dataset),
+                       void *context, struct kiln_error *error)
 {
     f->visit = visit;
     f->context = context;
@@ -383,7 +411,8 @@ int kiln_h5_file_open(struct kiln_h5_file **file, int descriptor, const char *pa
         status = kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a plain file", path);
     f->bytes = status == KILN_OK ? (uint64_t)found.st_size : 0;
     if (status == KILN_OK && (f->id = open_through_driver(descriptor, f->bytes, path)) < 0)
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' cannot be opened as HDF5: it is damaged or cut off; bake again", path);
+        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' cannot be opened as HDF5: it is damaged or cut off; bake again",
+                           path);
     if (status == KILN_OK)
         status = kiln_h5_file_visit(f, check_dataset, f, error);
     if (status != KILN_OK)

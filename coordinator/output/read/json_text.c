@@ -34,7 +34,8 @@ json_t *kiln_json_text(const char *text, size_t size, const char *path, struct k
 {
     json_error_t where = {.line = 0};
     if (!is_bounded(text, size)) {
-        (void)kiln_fail(error, KILN_BAD_INPUT, "'%s' has more than %d values or is nested deeper than %d: kiln writes no such file", path,
+        (void)kiln_fail(error, KILN_BAD_INPUT,
+                        "'%s' has more than %d values or is nested deeper than %d: kiln writes no such file", path,
                         (int)KILN_JSON_VALUES_MOST, (int)KILN_JSON_DEPTH_MOST);
         return NULL;
     }

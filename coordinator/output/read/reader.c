@@ -31,8 +31,12 @@ uint64_t reader_seconds(uint64_t bytes) { return 4 + bytes / 1000000; }
 
 static struct kiln_confined_call call_of(const struct kiln_reader *r, const char *const *arguments)
 {
-    return (struct kiln_confined_call){.arguments = arguments, .input = -1, .subject = r->request.path, .what = "the reader of results",
-                                       .crashed = "it is damaged or somebody made it so; bake again", .costly = "it is damaged; bake again",
+    return (struct kiln_confined_call){.arguments = arguments,
+                                       .input = -1,
+                                       .subject = r->request.path,
+                                       .what = "the reader of results",
+                                       .crashed = "it is damaged or somebody made it so; bake again",
+                                       .costly = "it is damaged; bake again",
                                        .seconds = 30.0 + 10.0 * (double)r->request.seconds};
 }
 
@@ -61,7 +65,8 @@ static int start(struct kiln_reader *r, struct kiln_error *error)
     return status;
 }
 
-/* The state the child ended in. It ends by itself when nothing more can come; what it reads may have taught it not to. */
+/* The state the child ended in. It ends by itself when nothing more can come; what it reads may have taught it not to.
+ */
 static int stop(struct kiln_reader *r, bool kill_it)
 {
     const struct timespec step = {0, 2000000};
@@ -91,7 +96,10 @@ static int send_request(const struct kiln_reader *r, const int *descriptors, siz
         char bytes[CMSG_SPACE(READER_DESCRIPTORS * sizeof(int))];
     } control = {.bytes = {0}};
     struct iovec part = {(void *)(uintptr_t)&r->request, sizeof r->request};
-    struct msghdr message = {.msg_iov = &part, .msg_iovlen = 1, .msg_control = control.bytes, .msg_controllen = CMSG_SPACE(count * sizeof(int))};
+    struct msghdr message = {.msg_iov = &part,
+                             .msg_iovlen = 1,
+                             .msg_control = control.bytes,
+                             .msg_controllen = CMSG_SPACE(count * sizeof(int))};
     struct cmsghdr *header = CMSG_FIRSTHDR(&message);
     header->cmsg_level = SOL_SOCKET;
     header->cmsg_type = SCM_RIGHTS;
@@ -133,7 +141,8 @@ static enum heard hear(struct kiln_reader *r, double seconds)
 
 static bool is_status(int32_t status)
 {
-    return status == KILN_OK || status == KILN_BAD_INPUT || status == KILN_NO_INPUT || status == KILN_BUG || status == KILN_SYSTEM || status == KILN_IO;
+    return status == KILN_OK || status == KILN_BAD_INPUT || status == KILN_NO_INPUT || status == KILN_BUG ||
+           status == KILN_SYSTEM || status == KILN_IO;
 }
 
 /* Asks what is in r->request, for a file, about it and perhaps one in memory. */
@@ -156,7 +165,8 @@ static int ask(struct kiln_reader *r, const char *path, const int *descriptors, 
     r->reply.sentence[sizeof r->reply.sentence - 1] = '\0';
     if (!is_status(r->reply.status)) {
         (void)stop(r, true);
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s': the reader of results answered nonsense on this file; bake again", path);
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "'%s': the reader of results answered nonsense on this file; bake again", path);
     }
     return r->reply.status == KILN_OK ? KILN_OK : kiln_fail(error, r->reply.status, "%s", r->reply.sentence);
 }
@@ -173,8 +183,8 @@ int kiln_reader_ranges(struct kiln_reader *r, int descriptor, const char *path, 
     return ask(r, path, &descriptor, 1, error);
 }
 
-int kiln_reader_light(struct kiln_reader *r, int descriptor, const char *path, const double position[3], struct kiln_volume_probe *light,
-                      bool *outside, struct kiln_error *error)
+int kiln_reader_light(struct kiln_reader *r, int descriptor, const char *path, const double position[3],
+                      struct kiln_volume_probe *light, bool *outside, struct kiln_error *error)
 {
     clear(r, READER_LIGHT);
     memcpy(r->request.position, position, sizeof r->request.position);
@@ -188,22 +198,27 @@ int kiln_reader_light(struct kiln_reader *r, int descriptor, const char *path, c
 
 /* ---- pictures ---- */
 
-/* The picture that the reply describes, over the floats in the file in memory, which can become neither longer nor shorter any more. */
-static int take_image(const struct kiln_reader *r, int memory, const char *path, struct kiln_image **image, struct kiln_error *error)
+/* The picture that the reply describes, over the floats in the file in memory, which can become neither longer nor
+ * shorter any more. */
+static int take_image(const struct kiln_reader *r, int memory, const char *path, struct kiln_image **image,
+                      struct kiln_error *error)
 {
     const struct reader_reply *reply = &r->reply;
     const char *names[READER_CHANNELS];
     struct stat found;
     bool good = reply->channel_count <= READER_CHANNELS && reply->width > 0 && reply->height > 0 &&
-                fcntl(memory, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0 && fstat(memory, &found) == 0;
-    const unsigned __int128 bytes = (unsigned __int128)reply->width * reply->height * reply->channel_count * sizeof(float);
+                fcntl(memory, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0 &&
+                fstat(memory, &found) == 0;
+    const unsigned __int128 bytes =
+        (unsigned __int128)reply->width * reply->height * reply->channel_count * sizeof(float);
     good = good && bytes == (unsigned __int128)found.st_size;
     for (uint32_t i = 0; good && i < reply->channel_count; i++) {
         names[i] = reply->channels[i].name;
         good = memchr(names[i], '\0', KILN_CHANNEL_NAME_SIZE) != NULL;
     }
     if (!good)
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s': the reader of results answered nonsense on this file; bake again", path);
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "'%s': the reader of results answered nonsense on this file; bake again", path);
     int status = kiln_image_create_empty(image, reply->width, reply->height, names, reply->channel_count, error);
     if (status == KILN_OK)
         status = kiln_image_share(*image, memory, error);
@@ -214,8 +229,8 @@ static int take_image(const struct kiln_reader *r, int memory, const char *path,
     return status;
 }
 
-int kiln_reader_image(struct kiln_reader *r, int descriptor, const char *path, const char *const *wanted, size_t wanted_count,
-                      struct kiln_image **image, struct kiln_error *error)
+int kiln_reader_image(struct kiln_reader *r, int descriptor, const char *path, const char *const *wanted,
+                      size_t wanted_count, struct kiln_image **image, struct kiln_error *error)
 {
     const int memory = memfd_create("kiln picture", MFD_CLOEXEC | MFD_ALLOW_SEALING);
     *image = NULL;

@@ -13,7 +13,7 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/confined/fence.h"
 #include "coordinator/output/exr.h"
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/ranges.h"
 #include "coordinator/output/read/reader_private.h"
 #include "worker/base/calls.h"
@@ -33,12 +33,14 @@ static uint64_t machine_memory(void)
     return pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size : (uint64_t)1 << 34;
 }
 
-/* Pictures are unpacked whole, 1,100 times their bytes at most, and floats take twice the room of halves; the rest goes block by block. */
+/* Pictures are unpacked whole, 1,100 times their bytes at most, and floats take twice the room of halves; the rest goes
+ * block by block. */
 static uint64_t memory_for(const struct reader_request *request, uint64_t bytes)
 {
     const uint64_t always = ((uint64_t)192 << 20) + ((uint64_t)16 << 20) * (uint64_t)omp_get_max_threads();
     const uint64_t factor = request->task == READER_IMAGE || ends_with(request->path, ".exr") ? 2400 : 1;
-    const uint64_t wanted = always + (ends_with(request->path, ".json") ? (uint64_t)1 << 30 : 0) + factor * bytes, most = machine_memory() / 4 * 3;
+    const uint64_t wanted = always + (ends_with(request->path, ".json") ? (uint64_t)1 << 30 : 0) + factor * bytes,
+                   most = machine_memory() / 4 * 3;
     return wanted < most ? wanted : most;
 }
 
@@ -55,15 +57,18 @@ static int write_channels(int memory, const struct kiln_image *image, struct kil
     return status;
 }
 
-static int read_image(const struct reader_request *request, int file, int memory, struct reader_reply *reply, struct kiln_error *error)
+static int read_image(const struct reader_request *request, int file, int memory, struct reader_reply *reply,
+                      struct kiln_error *error)
 {
     const char *wanted[READER_CHANNELS];
     struct kiln_image *image = NULL;
     for (uint32_t i = 0; i < request->wanted_count; i++)
         wanted[i] = request->wanted[i];
-    int status = kiln_exr_read_open(file, request->path, request->wanted_count > 0 ? wanted : NULL, request->wanted_count, &image, error);
+    int status = kiln_exr_read_open(file, request->path, request->wanted_count > 0 ? wanted : NULL,
+                                    request->wanted_count, &image, error);
     if (status == KILN_OK && image->channel_count > READER_CHANNELS)
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' has %zu channels, and at most %d are read", request->path, image->channel_count, READER_CHANNELS);
+        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' has %zu channels, and at most %d are read", request->path,
+                           image->channel_count, READER_CHANNELS);
     if (status == KILN_OK) {
         reply->width = image->width;
         reply->height = image->height;
@@ -78,7 +83,8 @@ static int read_image(const struct reader_request *request, int file, int memory
     return status;
 }
 
-static int read_light(const struct reader_request *request, int file, struct reader_reply *reply, struct kiln_error *error)
+static int read_light(const struct reader_request *request, int file, struct reader_reply *reply,
+                      struct kiln_error *error)
 {
     struct kiln_volume *volume = NULL;
     bool outside = false;
@@ -94,7 +100,9 @@ static void do_task(const struct reader_request *request, const int *files, stru
 {
     struct kiln_error error = {""};
     struct stat found;
-    int status = fstat(files[0], &found) == 0 ? KILN_OK : kiln_fail_errno(&error, KILN_IO, "'%s' cannot be examined", request->path);
+    int status = fstat(files[0], &found) == 0
+                     ? KILN_OK
+                     : kiln_fail_errno(&error, KILN_IO, "'%s' cannot be examined", request->path);
     memset(reply, 0, sizeof *reply);
     if (status == KILN_OK)
         kiln_fence_limits(memory_for(request, (uint64_t)found.st_size), request->seconds);
@@ -105,7 +113,9 @@ static void do_task(const struct reader_request *request, const int *files, stru
     else if (status == KILN_OK)
         status = read_light(request, files[0], reply, &error);
     if (status == KILN_SYSTEM)
-        status = kiln_fail(&error, KILN_BAD_INPUT, "'%s': reading it takes more memory than the %llu MiB that its size warrants, or than there is: it is damaged; bake again",
+        status = kiln_fail(&error, KILN_BAD_INPUT,
+                           "'%s': reading it takes more memory than the %llu MiB that its size warrants, or than there "
+                           "is: it is damaged; bake again",
                            request->path, (unsigned long long)(memory_for(request, (uint64_t)found.st_size) >> 20));
     reply->status = status;
     memcpy(reply->sentence, error.message, sizeof reply->sentence);
@@ -121,15 +131,16 @@ static bool next_request(struct reader_request *request, int files[READER_DESCRI
         char bytes[CMSG_SPACE(READER_DESCRIPTORS * sizeof(int))];
     } control;
     struct iovec part = {request, sizeof *request};
-    struct msghdr message = {.msg_iov = &part, .msg_iovlen = 1, .msg_control = control.bytes, .msg_controllen = sizeof control.bytes};
+    struct msghdr message = {
+        .msg_iov = &part, .msg_iovlen = 1, .msg_control = control.bytes, .msg_controllen = sizeof control.bytes};
     ssize_t got;
     do
         got = recvmsg(STDIN_FILENO, &message, MSG_CMSG_CLOEXEC);
     while (got < 0 && errno == EINTR);
     const struct cmsghdr *header = got > 0 ? CMSG_FIRSTHDR(&message) : NULL;
     const size_t count = request->task == READER_IMAGE ? 2 : 1;
-    if (got != (ssize_t)sizeof *request || header == NULL || header->cmsg_type != SCM_RIGHTS || header->cmsg_len != CMSG_LEN(count * sizeof(int)) ||
-        request->wanted_count > READER_CHANNELS)
+    if (got != (ssize_t)sizeof *request || header == NULL || header->cmsg_type != SCM_RIGHTS ||
+        header->cmsg_len != CMSG_LEN(count * sizeof(int)) || request->wanted_count > READER_CHANNELS)
         return false;
     memcpy(files, CMSG_DATA(header), count * sizeof(int));
     return true;

@@ -1,5 +1,5 @@
-/* What a reader and its child say to each other: one message each way for a file, over a socket that keeps messages apart. Both are the same
- * program. For nobody else. */
+/* What a reader and its child say to each other: one message each way for a file, over a socket that keeps messages
+ * apart. Both are the same program. For nobody else. */
 #ifndef KILN_COORDINATOR_OUTPUT_READ_READER_PRIVATE_H
 #define KILN_COORDINATOR_OUTPUT_READ_READER_PRIVATE_H
 
@@ -14,20 +14,20 @@ enum reader_task { READER_RANGES, READER_IMAGE, READER_LIGHT };
 
 enum { READER_PATH = 1024, READER_CHANNELS = 64, READER_DESCRIPTORS = 2 };
 
-/* With it go the file's descriptor and, for READER_IMAGE, that of an empty file in memory for the floats: all of channel 0, all of channel 1,
- * and so on. */
+/* With it go the file's descriptor and, for READER_IMAGE, that of an empty file in memory for the floats: all of
+ * channel 0, all of channel 1, and so on. */
 struct reader_request {
     uint32_t task;
     uint32_t wanted_count; /* READER_IMAGE; 0: all channels */
     char wanted[READER_CHANNELS][KILN_CHANNEL_NAME_SIZE];
-    double position[3];    /* READER_LIGHT */
-    uint64_t seconds;      /* of CPU time */
+    double position[3]; /* READER_LIGHT */
+    uint64_t seconds;   /* of CPU time */
     char path[READER_PATH];
 };
 
 struct reader_reply {
     int32_t status;
-    char sentence[sizeof ((struct kiln_error *)0)->message];
+    char sentence[sizeof((struct kiln_error *)0)->message];
     uint32_t width, height, channel_count; /* READER_IMAGE */
     struct {
         char name[KILN_CHANNEL_NAME_SIZE];

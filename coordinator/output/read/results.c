@@ -9,14 +9,14 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#include "coordinator/output/publish.h"
+#include "coordinator/files/publish.h"
 #include "coordinator/output/read/json_text.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 struct kiln_results {
     const char *directory;
-    int descriptor; /* of the folder */
+    int descriptor;                 /* of the folder */
     struct kiln_manifest *manifest; /* in the order of paths */
     struct kiln_reader *reader;
 };
@@ -25,7 +25,8 @@ struct kiln_results {
 
 static int open_below(int folder, const char *name, uint64_t flags)
 {
-    const struct open_how how = {.flags = flags | O_CLOEXEC, .resolve = RESOLVE_BENEATH | RESOLVE_NO_SYMLINKS | RESOLVE_NO_MAGICLINKS};
+    const struct open_how how = {.flags = flags | O_CLOEXEC,
+                                 .resolve = RESOLVE_BENEATH | RESOLVE_NO_SYMLINKS | RESOLVE_NO_MAGICLINKS};
     long descriptor;
     do
         descriptor = syscall(SYS_openat2, folder, name, &how, sizeof how);
@@ -36,11 +37,16 @@ static int open_below(int folder, const char *name, uint64_t flags)
 static int open_failed(const char *path, struct kiln_error *error)
 {
     if (errno == ELOOP || errno == EXDEV)
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is behind a symbolic link or leads out of the bake's folder: put the file itself there", path);
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "'%s' is behind a symbolic link or leads out of the bake's folder: put the file itself there",
+                         path);
     if (errno == ENXIO || errno == ENODEV)
         return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a plain file", path);
     if (errno == ENOSYS)
-        return kiln_fail(error, KILN_SITE, "'%s': this kernel has no openat2(2), which confines readers to their folder; Linux 5.6 or later is needed", path);
+        return kiln_fail(
+            error, KILN_SITE,
+            "'%s': this kernel has no openat2(2), which confines readers to their folder; Linux 5.6 or later is needed",
+            path);
     return kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "'%s' cannot be opened", path);
 }
 
@@ -78,17 +84,22 @@ static const struct kiln_manifest_file *find_entry(const struct kiln_manifest *m
     return NULL;
 }
 
-static int compare_with_manifest(const struct kiln_results *r, const char *name, int descriptor, const char *path, struct kiln_error *error)
+static int compare_with_manifest(const struct kiln_results *r, const char *name, int descriptor, const char *path,
+                                 struct kiln_error *error)
 {
     const struct kiln_manifest_file *file = r->manifest != NULL ? find_entry(r->manifest, name) : NULL;
     if (r->manifest == NULL)
         return KILN_OK;
     if (file == NULL)
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not among the files that the bake wrote, by its manifest: bake again, or remove the manifest", path);
+        return kiln_fail(
+            error, KILN_BAD_INPUT,
+            "'%s' is not among the files that the bake wrote, by its manifest: bake again, or remove the manifest",
+            path);
     return kiln_manifest_compare(file, descriptor, path, error);
 }
 
-int kiln_results_file(const struct kiln_results *r, const char *name, int *descriptor, char path[], struct kiln_error *error)
+int kiln_results_file(const struct kiln_results *r, const char *name, int *descriptor, char path[],
+                      struct kiln_error *error)
 {
     *descriptor = -1;
     int status = kiln_path_join(path, r->directory, name, error);
@@ -124,7 +135,8 @@ int kiln_results_folder(const struct kiln_results *r, const char *name, int *des
 
 /* ---- reading ---- */
 
-int kiln_results_bytes(const struct kiln_results *r, const char *name, size_t most, char **bytes, size_t *size, struct kiln_error *error)
+int kiln_results_bytes(const struct kiln_results *r, const char *name, size_t most, char **bytes, size_t *size,
+                       struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
     int descriptor;
@@ -152,8 +164,8 @@ int kiln_results_json(const struct kiln_results *r, const char *name, json_t **j
     return status;
 }
 
-int kiln_results_image(struct kiln_results *r, const char *name, const char *const *wanted, size_t count, struct kiln_image **image,
-                       struct kiln_error *error)
+int kiln_results_image(struct kiln_results *r, const char *name, const char *const *wanted, size_t count,
+                       struct kiln_image **image, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
     int descriptor;

@@ -10,6 +10,7 @@ void kiln_backend_embree_version(char *text, size_t size)
         return;
     }
     (void)snprintf(text, size, "%ld.%ld.%ld", rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_VERSION_MAJOR),
-                   rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_VERSION_MINOR), rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_VERSION_PATCH));
+                   rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_VERSION_MINOR),
+                   rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_VERSION_PATCH));
     rtcReleaseDevice(device);
 }

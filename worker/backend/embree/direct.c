@@ -8,7 +8,7 @@
 #include "worker/backend/embree/frame.h"
 #include "worker/backend/embree/shadow.h"
 #include "worker/base/memory.h"
-#include "worker/light/target.h"
+#include "worker/light/area_light_sampler.h"
 #include "worker/sampling/sequence.h"
 
 enum { SEQUENCES = 32 };
@@ -22,23 +22,24 @@ struct sequence {
 
 /* Samples of a target, a packet's at a time. */
 struct target_lanes {
-    struct kiln_target_samples samples;
-    uint32_t random[KILN_DIMENSIONS][PACKET]; /* fractions of 2^32 */
+    struct kiln_area_light_samples samples;
+    uint32_t random[KILN_DIMENSIONS][PACKET];                     /* fractions of 2^32 */
     float position[3][PACKET], normal[3][PACKET], offset[PACKET]; /* of the places: see frame_position */
 };
 _Static_assert((int)PACKET == (int)KILN_TARGET_LANES, "a packet is one call's samples");
 
 /* A thread's working set. */
 struct direct_work {
-    struct fragment_frame frame;
+    struct tile_run_frame frame;
     struct shadow_packet shadows;
-    struct kiln_light_target target;
+    struct kiln_area_light_sampler target;
     struct target_lanes lanes;
     struct kiln_light_choice *choices;
     uint32_t *sobol[KILN_DIMENSIONS]; /* table_size points each */
     uint32_t table_size;
-    struct sequence sequences[SEQUENCES]; /* by identity, direct mapped; the points of all tiles of a fragment choose alike */
-    uint32_t *sequence_points;            /* what they are made of */
+    /* by identity, direct mapped; the points of all tiles of a tile run choose alike */
+    struct sequence sequences[SEQUENCES];
+    uint32_t *sequence_points; /* what they are made of */
 };
 
 static void work_destroy(struct direct_work **work)
@@ -52,22 +53,24 @@ static void work_destroy(struct direct_work **work)
     kiln_free(work);
 }
 
-static int work_create(struct direct_work **work, const struct embree_backend *b, uint32_t samples, struct kiln_error *error)
+static int work_create(struct direct_work **work, const struct embree_backend *b, uint32_t samples,
+                       struct kiln_error *error)
 {
     int status = kiln_allocate(work, 1, sizeof **work, "the direct pass", error);
     if (status != KILN_OK)
         return status;
     struct direct_work *w = *work;
     w->table_size = samples + 1; /* a lone choice gets all samples, rounded up at most */
-    status = kiln_allocate(&w->choices, KILN_CUT_MAX + b->params.lights->directional_count + 1, sizeof *w->choices, "the light choices", error);
+    status = kiln_allocate(&w->choices, KILN_CUT_MAX + b->params.lights->directional_count + 1, sizeof *w->choices,
+                           "the light choices", error);
     for (uint32_t d = 0; d < KILN_DIMENSIONS && status == KILN_OK; d++) {
         status = kiln_allocate(&w->sobol[d], w->table_size, sizeof(uint32_t), "the samples of a pass", error);
         for (uint32_t k = 0; status == KILN_OK && k < w->table_size; k++)
             w->sobol[d][k] = kiln_sobol(k, d);
     }
     if (status == KILN_OK)
-        status = kiln_allocate(&w->sequence_points, (size_t)SEQUENCES * KILN_DIMENSIONS * w->table_size, sizeof(uint32_t), "the samples of a tile",
-                               error);
+        status = kiln_allocate(&w->sequence_points, (size_t)SEQUENCES * KILN_DIMENSIONS * w->table_size,
+                               sizeof(uint32_t), "the samples of a tile", error);
     for (size_t i = 0; status == KILN_OK && i < SEQUENCES; i++)
         for (size_t d = 0; d < KILN_DIMENSIONS; d++)
             w->sequences[i].points[d] = w->sequence_points + (i * KILN_DIMENSIONS + d) * w->table_size;
@@ -76,7 +79,10 @@ static int work_create(struct direct_work **work, const struct embree_backend *b
     return status;
 }
 
-static uint32_t identity_of(const struct kiln_light_choice *choice) { return kiln_hash2((uint32_t)choice->kind * 2u + 1u, choice->index); }
+static uint32_t identity_of(const struct kiln_light_choice *choice)
+{
+    return kiln_hash2((uint32_t)choice->kind * 2u + 1u, choice->index);
+}
 
 /* The first `count` samples of the choice called `identity`. */
 static const struct sequence *find_sequence(struct direct_work *w, uint32_t identity, uint32_t count)
@@ -129,7 +135,8 @@ static void place_lanes(struct direct_work *w, const struct embree_backend *b, u
 KILN_CLONES static void start_samples(struct target_lanes *restrict t)
 {
     for (int l = 0; l < PACKET; l++) {
-        t->samples.u[l] = ((double)(int32_t)(t->random[KILN_DIMENSION_U][l] ^ 0x80000000u) + 2147483648.5) * 0x1p-32; /* kiln_unit_double */
+        /* kiln_unit_double */
+        t->samples.u[l] = ((double)(int32_t)(t->random[KILN_DIMENSION_U][l] ^ 0x80000000u) + 2147483648.5) * 0x1p-32;
         t->samples.v[l] = ((double)(int32_t)(t->random[KILN_DIMENSION_V][l] ^ 0x80000000u) + 2147483648.5) * 0x1p-32;
     }
     for (int c = 0; c < 3; c++)
@@ -146,7 +153,8 @@ KILN_CLONES static void fill_rays(const struct target_lanes *restrict t, struct 
             to[c][l] = t->samples.to[c][l] - (double)t->normal[c][l] * (double)t->offset[l];
     for (int l = 0; l < PACKET; l++) {
         const double distance = sqrt(to[0][l] * to[0][l] + to[1][l] * to[1][l] + to[2][l] * to[2][l]);
-        s->rays.org_x[l] = t->position[0][l], s->rays.org_y[l] = t->position[1][l], s->rays.org_z[l] = t->position[2][l];
+        s->rays.org_x[l] = t->position[0][l], s->rays.org_y[l] = t->position[1][l],
+        s->rays.org_z[l] = t->position[2][l];
         s->rays.dir_x[l] = (float)(to[0][l] / distance);
         s->rays.dir_y[l] = (float)(to[1][l] / distance);
         s->rays.dir_z[l] = (float)(to[2][l] / distance);
@@ -160,12 +168,13 @@ KILN_CLONES static void fill_rays(const struct target_lanes *restrict t, struct 
 static void weigh_lane(struct direct_work *w, const struct embree_backend *b, uint32_t j, uint32_t l)
 {
     const struct kiln_area_light *light = w->target.light;
-    const struct kiln_target_samples *t = &w->lanes.samples;
+    const struct kiln_area_light_samples *t = &w->lanes.samples;
     struct shadow_packet *s = &w->shadows;
     const struct kiln_vec3 n = vec3(w->lanes.normal[0][l], w->lanes.normal[1][l], w->lanes.normal[2][l]);
     const struct kiln_dvec3 to = dvec3_scale(dvec3(t->to[0][l], t->to[1][l], t->to[2][l]), 1.0 / t->distance[l]);
     const double cosine = dvec3_dot(dvec3_of(n), to);
-    const double shading_cosine = w->frame.smooth ? fmax(0.0, dvec3_dot(dvec3_of(frame_shading(&w->frame, j, n)), to)) : cosine;
+    const double shading_cosine =
+        w->frame.smooth ? fmax(0.0, dvec3_dot(dvec3_of(frame_shading(&w->frame, j, n)), to)) : cosine;
     float textured[3];
     const float *radiance = light->radiance;
     s->valid[l] = s->index[l] < s->samples && cosine > 0.0 && t->weight[l] > 0.0 ? -1 : 0;
@@ -180,12 +189,12 @@ static void weigh_lane(struct direct_work *w, const struct embree_backend *b, ui
 }
 
 /* A packet of the target's samples at point j, from `first` on, whose random numbers are drawn. */
-static void sample_packet(struct direct_work *w, const struct embree_backend *b, struct embree_context *context, uint32_t j, uint32_t first,
-                          uint64_t *rays)
+static void sample_packet(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
+                          uint32_t j, uint32_t first, uint64_t *rays)
 {
     place_lanes(w, b, j);
     start_samples(&w->lanes);
-    kiln_light_target_sample(&w->target, &w->lanes.samples);
+    kiln_area_light_sampler_draw(&w->target, &w->lanes.samples);
     fill_rays(&w->lanes, &w->shadows);
     for (uint32_t l = 0; l < PACKET; l++) {
         w->shadows.index[l] = first + l;
@@ -196,8 +205,8 @@ static void sample_packet(struct direct_work *w, const struct embree_backend *b,
 }
 
 /* All samples of the target at point j, whose choice is called `identity`. */
-static void sample_target(struct direct_work *w, const struct embree_backend *b, struct embree_context *context, uint32_t j,
-                          uint32_t identity, uint32_t samples, struct shadow_sums *sums, uint64_t *rays)
+static void sample_target(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
+                          uint32_t j, uint32_t identity, uint32_t samples, struct shadow_sums *sums, uint64_t *rays)
 {
     const struct sequence *q = find_sequence(w, identity, samples);
     uint32_t shift[KILN_DIMENSIONS];
@@ -214,10 +223,10 @@ static void sample_target(struct direct_work *w, const struct embree_backend *b,
 }
 
 /* All samples of one choice at point j. */
-static void sample_choice(struct direct_work *w, const struct embree_backend *b, struct embree_context *context, uint32_t j,
-                          const struct kiln_light_choice *choice, struct shadow_sums *sums, uint64_t *rays)
+static void sample_choice(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
+                          uint32_t j, const struct kiln_light_choice *choice, struct shadow_sums *sums, uint64_t *rays)
 {
-    struct fragment_frame *f = &w->frame;
+    struct tile_run_frame *f = &w->frame;
     const uint32_t identity = identity_of(choice);
     const struct kiln_dvec3 normal0 = dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j]);
     const uint32_t strategies = kiln_lights_strategies(b->params.lights, choice, normal0);
@@ -235,16 +244,19 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
         for (uint32_t d = 0; d < KILN_DIMENSIONS; d++)
             random[d] = kiln_unit_double(sequence[strategy]->points[d][i / strategies] ^ shift[strategy][d]);
         struct kiln_vec3 p, n;
-        const float offset = frame_position(f, b, j, (float)random[KILN_DIMENSION_S], (float)random[KILN_DIMENSION_T], &p, &n);
+        const float offset =
+            frame_position(f, b, j, (float)random[KILN_DIMENSION_S], (float)random[KILN_DIMENSION_T], &p, &n);
         struct kiln_light_sample s;
-        const struct kiln_dvec3 normal = dvec3_of(n), place = dvec3_sub(dvec3_of(p), dvec3_scale(normal, (double)offset));
+        const struct kiln_dvec3 normal = dvec3_of(n),
+                                place = dvec3_sub(dvec3_of(p), dvec3_scale(normal, (double)offset));
         if (!kiln_lights_sample(b->params.lights, choice, i, place, normal, random[KILN_DIMENSION_CHOICE],
                                 random[KILN_DIMENSION_U], random[KILN_DIMENSION_V], &s))
             continue;
         const double cosine = dvec3_dot(normal, s.direction);
         if (!(cosine > 0.0))
             continue;
-        const double shading_cosine = f->smooth ? fmax(0.0, dvec3_dot(dvec3_of(frame_shading(f, j, n)), s.direction)) : cosine;
+        const double shading_cosine =
+            f->smooth ? fmax(0.0, dvec3_dot(dvec3_of(frame_shading(f, j, n)), s.direction)) : cosine;
         aim_from(&s, place, dvec3_of(p));
         shadow_add(&w->shadows, b, context, p, &s, i, cosine, shading_cosine);
         (*rays)++;
@@ -252,20 +264,23 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
     shadow_end(&w->shadows, b, context);
 }
 
-static void direct_point(struct direct_work *w, const struct embree_backend *b, struct embree_context *context, uint32_t j,
-                         uint32_t samples, struct kiln_point_result *result, uint64_t *rays)
+static void direct_point(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
+                         uint32_t j, uint32_t samples, struct kiln_point_result *result, uint64_t *rays)
 {
-    const struct fragment_frame *f = &w->frame;
-    const struct kiln_dvec3 normal = f->extent[j].one_normal ? dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j])
-                                                      : dvec3(0.0, 0.0, 0.0);
+    const struct tile_run_frame *f = &w->frame;
+    const struct kiln_dvec3 normal =
+        f->extent[j].one_normal ? dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j])
+                                : dvec3(0.0, 0.0, 0.0);
     const size_t limit = samples / 2 < 1 ? 1 : samples / 2 < KILN_CUT_MAX ? samples / 2 : KILN_CUT_MAX;
-    const size_t count = kiln_lights_choices(b->params.lights, dvec3_of(f->extent[j].centre), (double)f->extent[j].spread, normal, limit, w->choices);
+    const size_t count = kiln_lights_choices(b->params.lights, dvec3_of(f->extent[j].centre),
+                                             (double)f->extent[j].spread, normal, limit, w->choices);
     (void)kiln_lights_allot(w->choices, count, samples);
     double incident[3] = {0}, irradiance[3] = {0}, variance = 0.0;
     for (size_t i = 0; i < count; i++) {
         struct shadow_sums sums = {0};
         const struct kiln_light_choice *choice = &w->choices[i];
-        if (kiln_light_target(b->params.lights, choice, dvec3_of(f->extent[j].centre), (double)f->extent[j].spread, &w->target))
+        if (kiln_area_light_sampler(b->params.lights, choice, dvec3_of(f->extent[j].centre),
+                                    (double)f->extent[j].spread, &w->target))
             sample_target(w, b, context, j, identity_of(choice), choice->samples, &sums, rays);
         else
             sample_choice(w, b, context, j, choice, &sums, rays);
@@ -284,11 +299,12 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
     result->present = f->present[j];
 }
 
-static int direct_part(struct embree_backend *b, size_t fragment_first, size_t fragment_count, uint32_t samples, uint32_t stream,
-                       struct kiln_point_result *batch_results, uint64_t *rays, struct kiln_error *error)
+static int direct_part(struct embree_backend *b, size_t tile_run_first, size_t tile_run_count, uint32_t samples,
+                       uint32_t stream, struct kiln_point_result *batch_results, uint64_t *rays,
+                       struct kiln_error *error)
 {
     (void)stream;
-    const uint64_t base = b->surface->fragments[fragment_first].first;
+    const uint64_t base = b->surface->tile_runs[tile_run_first].first;
     uint64_t traced = 0;
     double seconds = 0.0;
     int status = KILN_OK;
@@ -307,13 +323,13 @@ static int direct_part(struct embree_backend *b, size_t fragment_first, size_t f
         embree_context(b, &context);
         const double begin = embree_thread_seconds();
 #pragma omp for schedule(dynamic, 4) nowait
-        for (size_t i = 0; i < fragment_count; i++) {
+        for (size_t i = 0; i < tile_run_count; i++) {
             if (status != KILN_OK)
                 continue;
-            const size_t fragment = fragment_first + i;
-            struct kiln_point_result *results = batch_results + (b->surface->fragments[fragment].first - base);
-            memset(results, 0, b->surface->fragments[fragment].count * sizeof *results);
-            frame_build(&w->frame, b, fragment, FRAME_EXTENT);
+            const size_t tile_run = tile_run_first + i;
+            struct kiln_point_result *results = batch_results + (b->surface->tile_runs[tile_run].first - base);
+            memset(results, 0, b->surface->tile_runs[tile_run].count * sizeof *results);
+            frame_build(&w->frame, b, tile_run, FRAME_EXTENT);
             for (int q = 0; q < SEQUENCES; q++)
                 w->sequences[q].used = false;
             for (uint32_t j = 0; j < w->frame.count; j++)

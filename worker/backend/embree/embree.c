@@ -5,7 +5,7 @@
 #include <string.h>
 #include <time.h>
 #ifdef __SSE__
-#include <xmmintrin.h>
+#    include <xmmintrin.h>
 #endif
 
 #include "shaders/random.h"
@@ -37,7 +37,8 @@ static int embree_failure(RTCDevice device, const char *what, struct kiln_error 
     const enum RTCError code = rtcGetDeviceError(device);
     if (code == RTC_ERROR_NONE)
         return KILN_OK;
-    const char *const names[] = {"", "unknown error", "invalid argument", "invalid operation", "out of memory", "unsupported CPU", "cancelled"};
+    const char *const names[] = {
+        "", "unknown error", "invalid argument", "invalid operation", "out of memory", "unsupported CPU", "cancelled"};
     return kiln_fail(error, code == RTC_ERROR_UNSUPPORTED_CPU ? KILN_NO_DEVICE : KILN_SYSTEM, "Embree, %s: %s", what,
                      code > 0 && (size_t)code < sizeof names / sizeof *names ? names[code] : "error");
 }
@@ -48,9 +49,10 @@ static void attach(struct embree_backend *b, unsigned id, size_t first, size_t c
     if (count == 0)
         return;
     RTCGeometry geometry = rtcNewGeometry(b->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, g->vertices, 0, 3 * sizeof(float), g->vertex_count);
-    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, g->indices, first * 3 * sizeof(uint32_t),
-                               3 * sizeof(uint32_t), count);
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, g->vertices, 0,
+                               3 * sizeof(float), g->vertex_count);
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, g->indices,
+                               first * 3 * sizeof(uint32_t), 3 * sizeof(uint32_t), count);
     rtcSetGeometryMask(geometry, ~0u);
     if (id == 1)
         embree_set_filters(b, geometry);
@@ -89,7 +91,8 @@ enum { PART_POINTS = 1 << 16 };
 
 double embree_thread_seconds(void) { return seconds_of(CLOCK_THREAD_CPUTIME_ID); }
 
-static int embree_create(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error)
+static int embree_create(struct kiln_backend **backend, const struct kiln_backend_params *params,
+                         struct kiln_error *error)
 {
     struct embree_backend *b = NULL;
     *backend = NULL;
@@ -102,7 +105,8 @@ static int embree_create(struct kiln_backend **backend, const struct kiln_backen
     b->coherent = params->geometry->triangle_count < 1024;
     const char *isa = params->instruction_set;
     char config[128];
-    (void)snprintf(config, sizeof config, "threads=%u%s%s", b->threads, isa != NULL ? ",isa=" : "", isa != NULL ? isa : "");
+    (void)snprintf(config, sizeof config, "threads=%u%s%s", b->threads, isa != NULL ? ",isa=" : "",
+                   isa != NULL ? isa : "");
     const double start = seconds_of(CLOCK_MONOTONIC);
     b->device = rtcNewDevice(config);
     if (b->device == NULL) {
@@ -128,8 +132,8 @@ static int embree_create(struct kiln_backend **backend, const struct kiln_backen
         (void)snprintf(b->device_text, sizeof b->device_text, "Embree %ld.%ld.%ld, %s, %u thread%s",
                        rtcGetDeviceProperty(b->device, RTC_DEVICE_PROPERTY_VERSION_MAJOR),
                        rtcGetDeviceProperty(b->device, RTC_DEVICE_PROPERTY_VERSION_MINOR),
-                       rtcGetDeviceProperty(b->device, RTC_DEVICE_PROPERTY_VERSION_PATCH), isa != NULL ? isa : "best instruction set",
-                       b->threads, b->threads == 1 ? "" : "s");
+                       rtcGetDeviceProperty(b->device, RTC_DEVICE_PROPERTY_VERSION_PATCH),
+                       isa != NULL ? isa : "best instruction set", b->threads, b->threads == 1 ? "" : "s");
     }
     *backend = &b->base;
     if (status != KILN_OK)
@@ -140,12 +144,16 @@ static int embree_create(struct kiln_backend **backend, const struct kiln_backen
 static void embree_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     const struct embree_backend *b = (const struct embree_backend *)backend;
-    *info = (struct kiln_backend_info){.name = "embree", .build_seconds = b->build_seconds, .thread_seconds = b->thread_seconds, .any_share = true,
+    *info = (struct kiln_backend_info){.name = "embree",
+                                       .build_seconds = b->build_seconds,
+                                       .thread_seconds = b->thread_seconds,
+                                       .any_share = true,
                                        .part_points = PART_POINTS};
     memcpy(info->device, b->device_text, sizeof info->device);
 }
 
-static int embree_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
+static int embree_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface,
+                              struct kiln_error *error)
 {
     (void)error;
     ((struct embree_backend *)backend)->surface = surface;
@@ -159,18 +167,20 @@ static int embree_set_radiosity(struct kiln_backend *backend, const uint64_t *ra
     return KILN_OK;
 }
 
-int embree_in_parts(struct embree_backend *b, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, embree_trace_part trace,
-                    uint64_t *rays, struct kiln_error *error)
+int embree_in_parts(struct embree_backend *b, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
+                    embree_trace_part trace, uint64_t *rays, struct kiln_error *error)
 {
-    const struct kiln_fragment *fragments = b->surface->fragments;
-    const size_t last = batch->fragment_first + batch->fragment_count;
-    const uint64_t all = fragments[last - 1].first + fragments[last - 1].count - fragments[batch->fragment_first].first, most = PART_POINTS + KILN_TILE_TEXELS;
+    const struct kiln_tile_run *tile_runs = b->surface->tile_runs;
+    const size_t last = batch->tile_run_first + batch->tile_run_count;
+    const uint64_t all = tile_runs[last - 1].first + tile_runs[last - 1].count - tile_runs[batch->tile_run_first].first,
+                   most = PART_POINTS + KILN_TILE_TEXELS;
     struct kiln_point_result *results = NULL;
-    int status = kiln_allocate(&results, (size_t)(all < most ? all : most), sizeof *results, "a batch's results", error);
-    for (size_t first = batch->fragment_first; first < last && status == KILN_OK;) {
+    int status =
+        kiln_allocate(&results, (size_t)(all < most ? all : most), sizeof *results, "a batch's results", error);
+    for (size_t first = batch->tile_run_first; first < last && status == KILN_OK;) {
         size_t end = first;
         for (uint64_t points = 0; end < last && points < PART_POINTS; end++)
-            points += fragments[end].count;
+            points += tile_runs[end].count;
         status = trace(b, first, end - first, samples, stream, results, rays, error);
         if (status == KILN_OK && batch->take != NULL)
             status = batch->take(batch->context, first, end - first, results, error);
@@ -180,8 +190,9 @@ int embree_in_parts(struct embree_backend *b, const struct kiln_batch *batch, ui
     return status;
 }
 
-static int embree_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
-                            size_t count, struct kiln_hit *hits, struct kiln_error *error)
+static int embree_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                            const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
+                            struct kiln_error *error)
 {
     (void)error;
     struct embree_backend *b = (struct embree_backend *)backend;
@@ -192,8 +203,14 @@ static int embree_intersect(struct kiln_backend *backend, const struct kiln_vec3
         embree_context(b, &context);
 #pragma omp for schedule(dynamic, 4096)
         for (size_t i = 0; i < count; i++) {
-            struct RTCRayHit r = {.ray = {.org_x = origins[i].x, .org_y = origins[i].y, .org_z = origins[i].z, .dir_x = directions[i].x,
-                                          .dir_y = directions[i].y, .dir_z = directions[i].z, .tfar = INFINITY, .mask = ~0u},
+            struct RTCRayHit r = {.ray = {.org_x = origins[i].x,
+                                          .org_y = origins[i].y,
+                                          .org_z = origins[i].z,
+                                          .dir_x = directions[i].x,
+                                          .dir_y = directions[i].y,
+                                          .dir_z = directions[i].z,
+                                          .tfar = INFINITY,
+                                          .mask = ~0u},
                                   .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
             hits[i] = (struct kiln_hit){.triangle = KILN_NONE, .tint = {1.0f, 1.0f, 1.0f}};
             embree_nearest1(b, &context, &r, kiln_ray_seed(origins[i], directions[i]), hits[i].tint);

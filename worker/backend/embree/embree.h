@@ -18,7 +18,7 @@ struct embree_backend {
     RTCDevice device;
     RTCScene scene;
     uint32_t threads;
-    bool coherent;       /* so few triangles that packets stay together all the way down */
+    bool coherent; /* so few triangles that packets stay together all the way down */
     double build_seconds;
     double thread_seconds; /* see kiln_backend_info */
     char device_text[128];
@@ -38,21 +38,22 @@ void embree_leave(unsigned saved);
 double embree_thread_seconds(void);
 
 /* Hands a batch to `trace` in parts of some 65,536 points, and each part's answers to the batch's taker. */
-typedef int (*embree_trace_part)(struct embree_backend *b, size_t fragment_first, size_t fragment_count, uint32_t samples, uint32_t stream,
-                                 struct kiln_point_result *results, uint64_t *rays, struct kiln_error *error);
-int embree_in_parts(struct embree_backend *b, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, embree_trace_part trace,
-                    uint64_t *rays, struct kiln_error *error);
+typedef int (*embree_trace_part)(struct embree_backend *b, size_t tile_run_first, size_t tile_run_count,
+                                 uint32_t samples, uint32_t stream, struct kiln_point_result *results, uint64_t *rays,
+                                 struct kiln_error *error);
+int embree_in_parts(struct embree_backend *b, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
+                    embree_trace_part trace, uint64_t *rays, struct kiln_error *error);
 
-int embree_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible,
+int embree_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
                     struct kiln_error *error);
 int embree_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
                   struct kiln_error *error);
-int embree_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, uint64_t *rays,
-                  struct kiln_error *error);
+int embree_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
+                  uint64_t *rays, struct kiln_error *error);
 int embree_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first,
                   uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error);
 
-int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
-                   uint64_t *rays, struct kiln_error *error);
+int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
+                   double *seconds, uint64_t *rays, struct kiln_error *error);
 
 #endif

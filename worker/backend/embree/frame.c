@@ -8,7 +8,7 @@
 #include "worker/sampling/sequence.h"
 
 /* Normal of a triangle and how far rays start off it, kept for the next point of the same one. */
-static void know(struct fragment_frame *f, const struct embree_backend *b, uint32_t triangle)
+static void know(struct tile_run_frame *f, const struct embree_backend *b, uint32_t triangle)
 {
     if (f->known_triangle == triangle)
         return;
@@ -19,7 +19,7 @@ static void know(struct fragment_frame *f, const struct embree_backend *b, uint3
 }
 
 /* Positions on the whole square, offset once for all: rounding of s and t is part of the bound. */
-static void build_whole(struct fragment_frame *f, const struct embree_backend *b, uint32_t j, uint32_t triangle)
+static void build_whole(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, uint32_t triangle)
 {
     const struct kiln_footprint *p = &f->footprint[j];
     know(f, b, triangle);
@@ -33,7 +33,13 @@ static void build_whole(struct fragment_frame *f, const struct embree_backend *b
 
 static bool meets_back(const struct embree_backend *b, struct kiln_vec3 p, struct kiln_vec3 d)
 {
-    struct RTCRayHit r = {.ray = {.org_x = p.x, .org_y = p.y, .org_z = p.z, .dir_x = d.x, .dir_y = d.y, .dir_z = d.z, .tfar = INFINITY,
+    struct RTCRayHit r = {.ray = {.org_x = p.x,
+                                  .org_y = p.y,
+                                  .org_z = p.z,
+                                  .dir_x = d.x,
+                                  .dir_y = d.y,
+                                  .dir_z = d.z,
+                                  .tfar = INFINITY,
                                   .mask = ~0u},
                           .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
     embree_nearest_half(b, &r);
@@ -51,13 +57,14 @@ bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 positio
     struct kiln_vec3 t, s;
     kiln_basis(normal, &t, &s);
     for (int i = 0; i < 3; i++)
-        if (!meets_back(backend, position, vec3_madd(vec3_madd(vec3_scale(t, turn[i][0]), s, turn[i][1]), normal, 0.6f)))
+        if (!meets_back(backend, position,
+                        vec3_madd(vec3_madd(vec3_scale(t, turn[i][0]), s, turn[i][1]), normal, 0.6f)))
             return false;
     return true;
 }
 
-static void draw_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
-                          struct kiln_vec3 *position, struct kiln_vec3 *normal)
+static void draw_position(struct tile_run_frame *frame, const struct embree_backend *backend, uint32_t j, float s,
+                          float t, struct kiln_vec3 *position, struct kiln_vec3 *normal)
 {
     uint32_t triangle;
     float b1, b2;
@@ -70,7 +77,7 @@ static void draw_position(struct fragment_frame *frame, const struct embree_back
     *position = vec3_madd(kiln_triangle_position(g, triangle, b1, b2), frame->known_normal, frame->known_offset);
 }
 
-float frame_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
+float frame_position(struct tile_run_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
                      struct kiln_vec3 *position, struct kiln_vec3 *normal)
 {
     if (frame->whole[j]) {
@@ -84,14 +91,15 @@ float frame_position(struct fragment_frame *frame, const struct embree_backend *
     draw_position(frame, backend, j, s, t, position, normal);
     enum { TRIES = 32 };
     for (uint32_t i = 0; frame->partly_buried[j] && i < TRIES && frame_buried(backend, *position, *normal); i++) {
-        const uint32_t hash = kiln_hash2(kiln_hash2((uint32_t)(s * 0x1p24f), (uint32_t)(t * 0x1p24f)), frame->key[j] + i);
+        const uint32_t hash =
+            kiln_hash2(kiln_hash2((uint32_t)(s * 0x1p24f), (uint32_t)(t * 0x1p24f)), frame->key[j] + i);
         draw_position(frame, backend, j, kiln_unit_float(hash), kiln_unit_float(kiln_hash1(hash)), position, normal);
     }
     return frame->known_offset;
 }
 
-static void build_point(struct fragment_frame *f, const struct embree_backend *b, const struct kiln_point_cursor *at, uint32_t j,
-                        bool partly_buried, unsigned wish)
+static void build_point(struct tile_run_frame *f, const struct embree_backend *b, const struct kiln_point_cursor *at,
+                        uint32_t j, bool partly_buried, unsigned wish)
 {
     struct kiln_footprint *p = &f->footprint[j];
     const struct kiln_lightmap *map = &b->surface->lightmaps[at->map];
@@ -114,17 +122,17 @@ static void build_point(struct fragment_frame *f, const struct embree_backend *b
         f->extent[j] = kiln_footprint_extent(p);
 }
 
-void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, unsigned wish)
+void frame_build(struct tile_run_frame *frame, const struct embree_backend *backend, size_t tile_run, unsigned wish)
 {
     const struct kiln_surface *s = backend->surface;
-    const struct kiln_fragment *f = &s->fragments[fragment];
+    const struct kiln_tile_run *f = &s->tile_runs[tile_run];
     const struct kiln_scene *scene = backend->params.scene;
     frame->count = 0;
     frame->known_triangle = KILN_NONE;
     frame->smooth = (scene->meshes[scene->objects[kiln_map_object(s, f->map)].mesh].flags & KILN_MESH_SMOOTH) != 0;
     frame->back = kiln_map_back(s, f->map);
     frame->tile_key = kiln_tile_key(kiln_seed_key(backend->params.seed), f->map, f->tile);
-    struct kiln_point_cursor at = kiln_point_first(s, fragment);
+    struct kiln_point_cursor at = kiln_point_first(s, tile_run);
     for (uint32_t k = 0; k < f->count; k++, kiln_point_next(s, &at)) {
         const bool every = (wish & FRAME_EVERY) != 0;
         if (!every && !kiln_point_valid(s, at.point))

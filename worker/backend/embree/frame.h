@@ -1,26 +1,26 @@
-/* One fragment's points made ready for sampling: where their samples may lie and which way they face. */
+/* One tile run's points made ready for sampling: where their samples may lie and which way they face. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_FRAME_H
 #define KILN_WORKER_BACKEND_EMBREE_FRAME_H
 
 #include "worker/backend/embree/embree.h"
 #include "worker/scene/footprint.h"
 
-/* Of the fragment's points only the valid ones, in order. Positions already carry the offset off their surface that keeps
- * rays from meeting it again (see worker/scene/footprint.h). About 40 KiB: keep one a thread. */
-struct fragment_frame {
-    uint32_t count;     /* valid points */
-    uint32_t tile_key;  /* hash of (seed, object, tile) */
-    bool smooth;        /* some shading normal differs from the geometric one */
-    bool back;          /* of backs: all normals are those of the triangles turned round */
-    uint32_t place[KILN_TILE_TEXELS]; /* of point j among the fragment's points */
+/* Of the tile run's points only the valid ones, in order. Positions already carry the offset off their surface that
+ * keeps rays from meeting it again (see worker/scene/footprint.h). About 40 KiB: keep one a thread. */
+struct tile_run_frame {
+    uint32_t count;                   /* valid points */
+    uint32_t tile_key;                /* hash of (seed, object, tile) */
+    bool smooth;                      /* some shading normal differs from the geometric one */
+    bool back;                        /* of backs: all normals are those of the triangles turned round */
+    uint32_t place[KILN_TILE_TEXELS]; /* of point j among the tile run's points */
     uint32_t key[KILN_TILE_TEXELS];   /* hash of (seed, object, texel) */
     bool whole[KILN_TILE_TEXELS];     /* position = origin + s edge_s + t edge_t, one normal; else use frame_position */
     bool partly_buried[KILN_TILE_TEXELS]; /* frame_position draws again until a place is not buried; never `whole` */
     float origin[3][KILN_TILE_TEXELS], edge_s[3][KILN_TILE_TEXELS], edge_t[3][KILN_TILE_TEXELS];
-    float normal[3][KILN_TILE_TEXELS];  /* geometric, unit; of a point that is not whole: its first piece's */
-    float offset[KILN_TILE_TEXELS];     /* m along the normal that positions of a whole point carry */
-    float shading[3][KILN_TILE_TEXELS]; /* unit; set where `smooth` */
-    float present[KILN_TILE_TEXELS];  /* see struct kiln_point_result */
+    float normal[3][KILN_TILE_TEXELS];       /* geometric, unit; of a point that is not whole: its first piece's */
+    float offset[KILN_TILE_TEXELS];          /* m along the normal that positions of a whole point carry */
+    float shading[3][KILN_TILE_TEXELS];      /* unit; set where `smooth` */
+    float present[KILN_TILE_TEXELS];         /* see struct kiln_point_result */
     struct kiln_mask mask[KILN_TILE_TEXELS]; /* where something is; a point with one is never `whole` */
     /* with FRAME_EXTENT only */
     struct kiln_footprint_extent extent[KILN_TILE_TEXELS];
@@ -32,19 +32,21 @@ struct fragment_frame {
 };
 
 enum frame_wish {
-    FRAME_EVERY = 1, /* the invalid points too, and all of them as if nothing was buried: for the validity pass itself */
+    /* the invalid points too, and all of them as if nothing was buried: for the validity pass itself */
+    FRAME_EVERY = 1,
     FRAME_EXTENT = 2 /* `extent` too: for choosing lights */
 };
-void frame_build(struct fragment_frame *frame, const struct embree_backend *backend, size_t fragment, unsigned wish);
+void frame_build(struct tile_run_frame *frame, const struct embree_backend *backend, size_t tile_run, unsigned wish);
 
-/* Position (offset included) and geometric normal of a sample of point j; s and t in (0,1), uniform over what of its area is there
- * and not buried. Returns the offset, m along the normal: light is weighed where the surface is, only its ray starts off it. */
-float frame_position(struct fragment_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
+/* Position (offset included) and geometric normal of a sample of point j; s and t in (0,1), uniform over what of its
+ * area is there and not buried. Returns the offset, m along the normal: light is weighed where the surface is, only its
+ * ray starts off it. */
+float frame_position(struct tile_run_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
                      struct kiln_vec3 *position, struct kiln_vec3 *normal);
 
-/* The shading normal of a sample of point j whose geometric normal is n: of a coarse texel's pieces some may turn away from the mean
- * of them all; those are lit as their own normal says. n itself where the frame is not smooth. */
-static inline struct kiln_vec3 frame_shading(const struct fragment_frame *f, uint32_t j, struct kiln_vec3 n)
+/* The shading normal of a sample of point j whose geometric normal is n: of a coarse texel's pieces some may turn away
+ * from the mean of them all; those are lit as their own normal says. n itself where the frame is not smooth. */
+static inline struct kiln_vec3 frame_shading(const struct tile_run_frame *f, uint32_t j, struct kiln_vec3 n)
 {
     if (!f->smooth)
         return n;
@@ -52,8 +54,8 @@ static inline struct kiln_vec3 frame_shading(const struct fragment_frame *f, uin
     return vec3_dot(shading, n) > 0.0f ? shading : n;
 }
 
-/* Whether a place (offset included) with this normal is buried: a ray along the normal and three around it all meet back faces of
- * single-sided surfaces. */
+/* Whether a place (offset included) with this normal is buried: a ray along the normal and three around it all meet
+ * back faces of single-sided surfaces. */
 bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 position, struct kiln_vec3 normal);
 
 #endif

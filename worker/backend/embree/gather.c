@@ -1,5 +1,5 @@
-/* The bounce pass: cosine-distributed rays of a fragment's points, all in one direction stratum at a time, and the radiosity
- * that they find. Everything is done 64 lanes at a time in structures of arrays; Embree gets packets of 8. */
+/* The bounce pass: cosine-distributed rays of a tile run's points, all in one direction stratum at a time, and the
+ * radiosity that they find. Everything is done 64 lanes at a time in structures of arrays; Embree gets packets of 8. */
 #include <math.h>
 #include <omp.h>
 #include <string.h>
@@ -18,7 +18,7 @@ enum { LANES = 64, TABLE = 64, SUB_NETS = 4 };
 
 /* A thread's working set. Lane l of step i takes sample i * copies + copy[l] of point `point[l]`. */
 struct gather_work {
-    struct fragment_frame frame;
+    struct tile_run_frame frame;
     uint32_t samples, copies, lanes, shared_digits;
     uint32_t point[LANES], copy[LANES];
     uint32_t shift_u[LANES], shift_v[LANES], shift_s[LANES], shift_t[LANES];
@@ -27,14 +27,16 @@ struct gather_work {
     /* what the current step's rays are made of */
     float origin[3][LANES], edge_s[3][LANES], edge_t[3][LANES], normal[3][LANES];
     float ray_origin[3][LANES], ray_direction[3][LANES], cosine[LANES];
-    /* positions of points whose texel is not one square of one triangle: sample k takes the (k / reuse)-th, which stands at entry
-     * k / reuse % TABLE from when it is first wanted; positions_made of them so far */
+    /* positions of points whose texel is not one square of one triangle: sample k takes the (k / reuse)-th, which
+     * stands at entry k / reuse % TABLE from when it is first wanted; positions_made of them so far */
     uint32_t reuse, positions_made;
     float table_position[3][LANES][TABLE], table_normal[3][LANES][TABLE];
-    /* smooth meshes: `normal` is then the axis half-way between geometric and shading normal, and this the geometric one */
+    /* smooth meshes: `normal` is then the axis half-way between geometric and shading normal, and this the geometric
+     * one */
     float facet[3][LANES], table_facet[3][LANES][TABLE];
     struct RTCRayHit8 packets[LANES / PACKET];
-    /* scenes that leave hits to chance, or tint them: what chance hangs on, of each lane's point and of each ray; and each ray's tint */
+    /* scenes that leave hits to chance, or tint them: what chance hangs on, of each lane's point and of each ray; and
+     * each ray's tint */
     uint32_t chance[LANES], ray_seed[LANES];
     float tint[LANES][3];
     /* sums a point */
@@ -106,9 +108,9 @@ KILN_CLONES static void scramble(uint32_t *restrict out, const uint32_t *restric
         out[k] = kiln_owen_scramble(in[k], seed);
 }
 
-/* Half-way between n and the shading normal there. Cosine-distributed about it, a direction has density (n.w + s.w) / |n + s|
- * over pi: the irradiance about either normal is a mean with weights that stay below 2 wherever both cosines are positive, where
- * sampling about n alone has s.w / n.w without bound. */
+/* Half-way between n and the shading normal there. Cosine-distributed about it, a direction has density (n.w + s.w) /
+ * |n + s| over pi: the irradiance about either normal is a mean with weights that stay below 2 wherever both cosines
+ * are positive, where sampling about n alone has s.w / n.w without bound. */
 static struct kiln_vec3 axis_of(const struct gather_work *w, uint32_t j, struct kiln_vec3 n)
 {
     return w->frame.smooth ? vec3_normalize(vec3_add(n, frame_shading(&w->frame, j, n))) : n;
@@ -123,8 +125,8 @@ static void fill_tables(struct gather_work *w, const struct embree_backend *b, u
                 continue;
             const uint32_t i = k % TABLE;
             struct kiln_vec3 p, n;
-            frame_position(&w->frame, b, j, kiln_unit_float(w->scrambled[2][k] ^ w->shift_s[j]), kiln_unit_float(w->scrambled[3][k] ^ w->shift_t[j]),
-                           &p, &n);
+            frame_position(&w->frame, b, j, kiln_unit_float(w->scrambled[2][k] ^ w->shift_s[j]),
+                           kiln_unit_float(w->scrambled[3][k] ^ w->shift_t[j]), &p, &n);
             w->table_position[0][j][i] = p.x, w->table_position[1][j][i] = p.y, w->table_position[2][j][i] = p.z;
             const struct kiln_vec3 axis = axis_of(w, j, n);
             w->table_normal[0][j][i] = axis.x, w->table_normal[1][j][i] = axis.y, w->table_normal[2][j][i] = axis.z;
@@ -133,9 +135,9 @@ static void fill_tables(struct gather_work *w, const struct embree_backend *b, u
     w->positions_made = wanted > w->positions_made ? wanted : w->positions_made;
 }
 
-static void prepare(struct gather_work *w, const struct embree_backend *b, size_t fragment, uint32_t stream)
+static void prepare(struct gather_work *w, const struct embree_backend *b, size_t tile_run, uint32_t stream)
 {
-    frame_build(&w->frame, b, fragment, 0);
+    frame_build(&w->frame, b, tile_run, 0);
     const uint32_t count = w->frame.count;
     if (count == 0)
         return;
@@ -196,8 +198,8 @@ struct sample_numbers {
 /* As kiln_unit_float; through a signed number, which is converted eight at a time. */
 static inline float unit_of(uint32_t fraction) { return ((float)(int32_t)(fraction >> 9) + 0.5f) * 0x1p-23f; }
 
-/* Rays of lanes [begin, end), which take the same sample of their points: position in the texel, then a cosine-distributed
- * direction about the normal. */
+/* Rays of lanes [begin, end), which take the same sample of their points: position in the texel, then a
+ * cosine-distributed direction about the normal. */
 KILN_CLONES static void make_rays(struct gather_work *restrict w, uint32_t begin, uint32_t end, struct sample_numbers k)
 {
     for (uint32_t l = begin; l < end; l++) {
@@ -220,8 +222,8 @@ KILN_CLONES static void make_rays(struct gather_work *restrict w, uint32_t begin
     }
 }
 
-/* Makes the rays of step `step`, also of points that take their positions from a table. Samples that do not exist have no
- * lanes. Returns how many lanes there are. */
+/* Makes the rays of step `step`, also of points that take their positions from a table. Samples that do not exist have
+ * no lanes. Returns how many lanes there are. */
 static uint32_t prepare_step(struct gather_work *w, const struct embree_backend *b, uint32_t step)
 {
     const uint32_t count = w->frame.count, first = step * w->copies;
@@ -237,8 +239,8 @@ static uint32_t prepare_step(struct gather_work *w, const struct embree_backend 
         }
     }
     for (uint32_t c = 0; c < copies; c++) {
-        const struct sample_numbers numbers = {w->scrambled[0][first + c], w->scrambled[1][first + c], w->scrambled[2][first + c],
-                                               w->scrambled[3][first + c]};
+        const struct sample_numbers numbers = {w->scrambled[0][first + c], w->scrambled[1][first + c],
+                                               w->scrambled[2][first + c], w->scrambled[3][first + c]};
         make_rays(w, c * count, (c + 1) * count, numbers);
     }
     for (uint32_t l = 0; l < copies * count && embree_blends(b); l++)
@@ -263,7 +265,8 @@ static void fill_packets(struct gather_work *w, uint32_t lanes)
     }
 }
 
-static void trace_packets(const struct embree_backend *b, struct embree_context *context, struct gather_work *w, uint32_t lanes)
+static void trace_packets(const struct embree_backend *b, struct embree_context *context, struct gather_work *w,
+                          uint32_t lanes)
 {
     static const int all[PACKET] __attribute__((aligned(32))) = {-1, -1, -1, -1, -1, -1, -1, -1};
     const uint32_t whole = lanes / PACKET, rest = lanes % PACKET;
@@ -279,24 +282,27 @@ static void trace_packets(const struct embree_backend *b, struct embree_context 
 
 /* Bit of a texel in its tile: kiln_morton8 of the low three bits of x and y, by y * 8 + x. */
 static const uint8_t morton_of[KILN_TILE_TEXELS] = {
-    0,  1,  4,  5,  16, 17, 20, 21, 2,  3,  6,  7,  18, 19, 22, 23, 8,  9,  12, 13, 24, 25, 28, 29, 10, 11, 14, 15, 26, 27, 30, 31,
-    32, 33, 36, 37, 48, 49, 52, 53, 34, 35, 38, 39, 50, 51, 54, 55, 40, 41, 44, 45, 56, 57, 60, 61, 42, 43, 46, 47, 58, 59, 62, 63,
+    0,  1,  4,  5,  16, 17, 20, 21, 2,  3,  6,  7,  18, 19, 22, 23, 8,  9,  12, 13, 24, 25,
+    28, 29, 10, 11, 14, 15, 26, 27, 30, 31, 32, 33, 36, 37, 48, 49, 52, 53, 34, 35, 38, 39,
+    50, 51, 54, 55, 40, 41, 44, 45, 56, 57, 60, 61, 42, 43, 46, 47, 58, 59, 62, 63,
 };
 
-/* Weight of a lane's direction for what arrives about the geometric normal; 0: the direction lies below the surface. The wedge that
- * lies above the surface but below the axis' horizon is not drawn; the factor 2 / (1 + cos tilt) makes up for its share, so that
- * the weights' mean is 1 and no energy is lost. */
+/* Weight of a lane's direction for what arrives about the geometric normal; 0: the direction lies below the surface.
+ * The wedge that lies above the surface but below the axis' horizon is not drawn; the factor 2 / (1 + cos tilt) makes
+ * up for its share, so that the weights' mean is 1 and no energy is lost. */
 static inline float facet_weight(const struct gather_work *w, uint32_t l)
 {
     if (!w->frame.smooth)
         return 1.0f;
-    const float cosine = w->facet[0][l] * w->ray_direction[0][l] + w->facet[1][l] * w->ray_direction[1][l] + w->facet[2][l] * w->ray_direction[2][l];
-    const float tilt = w->facet[0][l] * w->normal[0][l] + w->facet[1][l] * w->normal[1][l] + w->facet[2][l] * w->normal[2][l];
+    const float cosine = w->facet[0][l] * w->ray_direction[0][l] + w->facet[1][l] * w->ray_direction[1][l] +
+                         w->facet[2][l] * w->ray_direction[2][l];
+    const float tilt =
+        w->facet[0][l] * w->normal[0][l] + w->facet[1][l] * w->normal[1][l] + w->facet[2][l] * w->normal[2][l];
     return cosine > 0.0f ? 2.0f / (1.0f + tilt) * cosine / w->cosine[l] : 0.0f;
 }
 
-/* From hits to surface points in three rounds, so that each load has been asked for a round before: the way to memory is as long
- * as tracing a ray. First the tile of each hit; what missed or met a back face is counted and drops out. */
+/* From hits to surface points in three rounds, so that each load has been asked for a round before: the way to memory
+ * is as long as tracing a ray. First the tile of each hit; what missed or met a back face is counted and drops out. */
 KILN_CLONES static uint32_t find_tiles(const struct embree_backend *b, struct gather_work *w, uint32_t lanes)
 {
     const struct kiln_hit_record *records = b->params.geometry->records;
@@ -312,7 +318,8 @@ KILN_CLONES static uint32_t find_tiles(const struct embree_backend *b, struct ga
             continue;
         }
         const struct kiln_hit_record *record = &records[embree_triangle(b, geometry, r->hit.primID[i])];
-        const float facing = r->hit.Ng_x[i] * w->ray_direction[0][l] + r->hit.Ng_y[i] * w->ray_direction[1][l] + r->hit.Ng_z[i] * w->ray_direction[2][l];
+        const float facing = r->hit.Ng_x[i] * w->ray_direction[0][l] + r->hit.Ng_y[i] * w->ray_direction[1][l] +
+                             r->hit.Ng_z[i] * w->ray_direction[2][l];
         if (facing > 0.0f && (record->material & KILN_RECORD_DOUBLE_SIDED) == 0) {
             w->blocked[j] += (double)facet_weight(w, l);
             continue;
@@ -329,7 +336,8 @@ KILN_CLONES static uint32_t find_tiles(const struct embree_backend *b, struct ga
             x >>= map->shift;
             y >>= map->shift;
         }
-        const struct kiln_tile *tile = &tiles[map->tile_first + (uint64_t)((uint32_t)y / 8u) * map->tiles_x + (uint32_t)x / 8u];
+        const struct kiln_tile *tile =
+            &tiles[map->tile_first + (uint64_t)((uint32_t)y / 8u) * map->tiles_x + (uint32_t)x / 8u];
         __builtin_prefetch(tile);
         w->hit_tile[count] = tile;
         w->hit_bit[count] = morton_of[((uint32_t)y & 7u) << 3 | ((uint32_t)x & 7u)];
@@ -368,7 +376,8 @@ KILN_CLONES static void find_points(const struct embree_backend *b, struct gathe
     }
 }
 
-/* At last the radiosity is added, lane by lane: for each point in the order of its samples, whatever the number of lanes. */
+/* At last the radiosity is added, lane by lane: for each point in the order of its samples, whatever the number of
+ * lanes. */
 KILN_CLONES static void collect(const struct embree_backend *b, struct gather_work *w, uint32_t step, uint32_t count)
 {
     const uint32_t first = step * w->copies;
@@ -384,19 +393,23 @@ KILN_CLONES static void collect(const struct embree_backend *b, struct gather_wo
             w->glass[j][c] += (double)(facet * (1.0f - w->tint[l][c]));
         }
         if (w->frame.smooth) {
-            const struct kiln_vec3 shading = frame_shading(&w->frame, j, vec3(w->facet[0][l], w->facet[1][l], w->facet[2][l]));
-            const float cosine = shading.x * w->ray_direction[0][l] + shading.y * w->ray_direction[1][l] + shading.z * w->ray_direction[2][l];
+            const struct kiln_vec3 shading =
+                frame_shading(&w->frame, j, vec3(w->facet[0][l], w->facet[1][l], w->facet[2][l]));
+            const float cosine = shading.x * w->ray_direction[0][l] + shading.y * w->ray_direction[1][l] +
+                                 shading.z * w->ray_direction[2][l];
             weight = cosine > 0.0f ? cosine / w->cosine[l] : 0.0f;
             for (int c = 0; c < 3; c++)
                 w->irradiance[j][c] += (double)(weight * rgb[c]);
         }
         for (int c = 0; c < 3; c++)
             w->incident[j][c] += (double)(facet * rgb[c]);
-        w->sub_net[w->sub_net_of[first + w->copy[l]]][j] += (double)(weight * (0.2126f * rgb[0] + 0.7152f * rgb[1] + 0.0722f * rgb[2]));
+        w->sub_net[w->sub_net_of[first + w->copy[l]]][j] +=
+            (double)(weight * (0.2126f * rgb[0] + 0.7152f * rgb[1] + 0.0722f * rgb[2]));
     }
 }
 
-/* Standard error of the mean of four sub-nets: more than the error of the whole net, whose parts balance one another. */
+/* Standard error of the mean of four sub-nets: more than the error of the whole net, whose parts balance one another.
+ */
 static float sub_net_error(const struct gather_work *w, uint32_t j)
 {
     if (w->samples < SUB_NETS)
@@ -430,11 +443,11 @@ static void store(const struct gather_work *w, struct kiln_point_result *results
 
 static uint32_t steps_of(const struct gather_work *w) { return (w->samples + w->copies - 1) / w->copies; }
 
-static void gather_fragment(const struct embree_backend *b, struct embree_context *context, struct gather_work *w, size_t fragment,
-                            uint32_t stream, struct kiln_point_result *results, uint64_t *rays)
+static void gather_tile_run(const struct embree_backend *b, struct embree_context *context, struct gather_work *w,
+                            size_t tile_run, uint32_t stream, struct kiln_point_result *results, uint64_t *rays)
 {
-    memset(results, 0, b->surface->fragments[fragment].count * sizeof *results);
-    prepare(w, b, fragment, stream);
+    memset(results, 0, b->surface->tile_runs[tile_run].count * sizeof *results);
+    prepare(w, b, tile_run, stream);
     if (w->frame.count == 0)
         return;
     const uint32_t steps = steps_of(w);
@@ -450,10 +463,10 @@ static void gather_fragment(const struct embree_backend *b, struct embree_contex
     store(w, results);
 }
 
-static int gather_part(struct embree_backend *b, size_t fragment_first, size_t fragment_count, uint32_t samples, uint32_t stream,
-                       struct kiln_point_result *results, uint64_t *rays, struct kiln_error *error)
+static int gather_part(struct embree_backend *b, size_t tile_run_first, size_t tile_run_count, uint32_t samples,
+                       uint32_t stream, struct kiln_point_result *results, uint64_t *rays, struct kiln_error *error)
 {
-    const uint64_t base = b->surface->fragments[fragment_first].first;
+    const uint64_t base = b->surface->tile_runs[tile_run_first].first;
     uint64_t traced = 0;
     double seconds = 0.0;
     int status = KILN_OK;
@@ -472,10 +485,11 @@ static int gather_part(struct embree_backend *b, size_t fragment_first, size_t f
         embree_context(b, &context);
         const double begin = embree_thread_seconds();
 #pragma omp for schedule(dynamic, 4) nowait
-        for (size_t i = 0; i < fragment_count; i++) {
-            const size_t fragment = fragment_first + i;
+        for (size_t i = 0; i < tile_run_count; i++) {
+            const size_t tile_run = tile_run_first + i;
             if (status == KILN_OK)
-                gather_fragment(b, &context, w, fragment, stream, results + (b->surface->fragments[fragment].first - base), &traced);
+                gather_tile_run(b, &context, w, tile_run, stream,
+                                results + (b->surface->tile_runs[tile_run].first - base), &traced);
         }
         seconds += embree_thread_seconds() - begin;
         embree_leave(saved);
@@ -486,8 +500,8 @@ static int gather_part(struct embree_backend *b, size_t fragment_first, size_t f
     return status;
 }
 
-int embree_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, uint64_t *rays,
-                  struct kiln_error *error)
+int embree_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
+                  uint64_t *rays, struct kiln_error *error)
 {
     return embree_in_parts((struct embree_backend *)backend, batch, samples, stream, gather_part, rays, error);
 }
@@ -499,8 +513,8 @@ static double seconds_now(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
-                   uint64_t *rays, struct kiln_error *error)
+int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
+                   double *seconds, uint64_t *rays, struct kiln_error *error)
 {
     struct embree_backend *b = (struct embree_backend *)backend;
     struct gather_work *w = NULL;
@@ -510,8 +524,8 @@ int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch,
     const unsigned saved = embree_enter();
     struct embree_context context;
     embree_context(b, &context);
-    for (size_t i = 0; i < batch->fragment_count; i++) {
-        prepare(w, b, batch->fragment_first + i, stream);
+    for (size_t i = 0; i < batch->tile_run_count; i++) {
+        prepare(w, b, batch->tile_run_first + i, stream);
         const uint32_t steps = w->frame.count == 0 ? 0 : steps_of(w);
         for (uint32_t step = 0; step < steps; step++) {
             const uint32_t lanes = prepare_step(w, b, step);

@@ -5,12 +5,14 @@
 #include "worker/backend/embree/embree.h"
 #include "worker/scene/radiosity.h"
 
-/* Barycentrics -> texel -> surface point, of the triangle's front or (`back`, where it has two sides) of its back. KILN_NO_POINT for a hit beside every point (a sliver without texels). */
+/* Barycentrics -> texel -> surface point, of the triangle's front or (`back`, where it has two sides) of its back.
+ * KILN_NO_POINT for a hit beside every point (a sliver without texels). */
 static inline uint64_t embree_point(const struct embree_backend *b, uint32_t triangle, float u, float v, bool back)
 {
     const struct kiln_hit_record *record = &b->params.geometry->records[triangle];
     const struct kiln_lightmap *front = &b->surface->lightmaps[record->object];
-    const uint32_t number = record->object + (back ? b->surface->object_count : 0u), shift = b->surface->lightmaps[number].shift;
+    const uint32_t number = record->object + (back ? b->surface->object_count : 0u),
+                   shift = b->surface->lightmaps[number].shift;
     const float x = record->texel[0] + u * record->texel[2] + v * record->texel[4];
     const float y = record->texel[1] + u * record->texel[3] + v * record->texel[5];
     const int32_t ix = (int32_t)x, iy = (int32_t)y;

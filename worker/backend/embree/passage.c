@@ -9,7 +9,8 @@
 static const double DEPTH_UNIT = 0x1p-40;
 static const int64_t DEEPEST = (int64_t)48 << 40; /* 2^-48 and less is nothing */
 
-/* Embree's accessors for RTCRayN and RTCHitN exist in C++ only; both are N values of each field in turn (rtcore_ray.h). */
+/* Embree's accessors for RTCRayN and RTCHitN exist in C++ only; both are N values of each field in turn (rtcore_ray.h).
+ */
 enum { RAY_ID = 10, HIT_U = 3, HIT_V = 4, HIT_PRIMITIVE = 5 };
 
 /* A hit on a triangle that is not opaque, by the stored triangle and its barycentrics. */
@@ -19,7 +20,8 @@ struct place {
     float b1, b2;
 };
 
-static struct place place_of(const struct embree_backend *b, const struct RTCFilterFunctionNArguments *arguments, unsigned i)
+static struct place place_of(const struct embree_backend *b, const struct RTCFilterFunctionNArguments *arguments,
+                             unsigned i)
 {
     const struct kiln_geometry *g = b->params.geometry;
     const struct kiln_scene *scene = b->params.scene;
@@ -128,8 +130,8 @@ void embree_context(const struct embree_backend *b, struct embree_context *conte
 }
 
 /* Tints of the rays that have passed something with a colour; the others' are 1. */
-static void find_tints8(const struct embree_backend *b, struct embree_context *context, const int *valid, const struct RTCRayHit8 *rays,
-                        float tint[PACKET][3])
+static void find_tints8(const struct embree_backend *b, struct embree_context *context, const int *valid,
+                        const struct RTCRayHit8 *rays, float tint[PACKET][3])
 {
     struct RTCRayHit8 again = *rays;
     int wanted[PACKET] __attribute__((aligned(32)));
@@ -148,8 +150,8 @@ static void find_tints8(const struct embree_backend *b, struct embree_context *c
             tint[i][c] = (float)share_of(context->depth[i][c]);
 }
 
-void embree_nearest8(const struct embree_backend *b, struct embree_context *context, const int *valid, struct RTCRayHit8 *rays,
-                     const uint32_t seed[PACKET], float tint[PACKET][3])
+void embree_nearest8(const struct embree_backend *b, struct embree_context *context, const int *valid,
+                     struct RTCRayHit8 *rays, const uint32_t seed[PACKET], float tint[PACKET][3])
 {
     if (embree_blends(b)) {
         context->question = EMBREE_BY_CHANCE;
@@ -163,7 +165,8 @@ void embree_nearest8(const struct embree_backend *b, struct embree_context *cont
         find_tints8(b, context, valid, rays, tint);
 }
 
-void embree_nearest1(const struct embree_backend *b, struct embree_context *context, struct RTCRayHit *ray, uint32_t seed, float tint[3])
+void embree_nearest1(const struct embree_backend *b, struct embree_context *context, struct RTCRayHit *ray,
+                     uint32_t seed, float tint[3])
 {
     context->question = EMBREE_BY_CHANCE;
     context->seed[0] = seed;
@@ -190,8 +193,8 @@ void embree_nearest_half(const struct embree_backend *b, struct RTCRayHit *ray)
     rtcIntersect1(b->scene, &context.rtc, ray);
 }
 
-void embree_through8(const struct embree_backend *b, struct embree_context *context, const int *valid, struct RTCRay8 *rays,
-                     double through[PACKET][3])
+void embree_through8(const struct embree_backend *b, struct embree_context *context, const int *valid,
+                     struct RTCRay8 *rays, double through[PACKET][3])
 {
     const enum RTCIntersectContextFlags flags = context->rtc.flags;
     if (embree_blends(b)) {
@@ -208,7 +211,8 @@ void embree_through8(const struct embree_backend *b, struct embree_context *cont
             through[i][c] = share_of(context->depth[i][c]);
 }
 
-void embree_through1(const struct embree_backend *b, struct embree_context *context, struct RTCRay *ray, double through[3])
+void embree_through1(const struct embree_backend *b, struct embree_context *context, struct RTCRay *ray,
+                     double through[3])
 {
     context->question = EMBREE_THROUGH;
     memset(context->depth[0], 0, sizeof context->depth[0]);

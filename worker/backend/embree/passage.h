@@ -1,22 +1,26 @@
-/* Rays through surfaces that let light through: masks, blended surfaces, thin glass (struct kiln_passage in worker/scene/texture.h).
+/* Rays through surfaces that let light through: masks, blended surfaces, thin glass (struct kiln_passage in
+ * worker/scene/texture.h).
  *
- * A shadow ray brings the product of what all surfaces on its way let through: no chance, no noise. A ray that looks for the surface
- * it meets takes each surface for there or not, with a chance that is its opacity, by a hash of the ray's seed and the triangle; what
- * the passed ones tint on its way to the hit multiplies what it finds. Masks leave nothing to chance.
+ * A shadow ray brings the product of what all surfaces on its way let through: no chance, no noise. A ray that looks
+ * for the surface it meets takes each surface for there or not, with a chance that is its opacity, by a hash of the
+ * ray's seed and the triangle; what the passed ones tint on its way to the hit multiplies what it finds. Masks leave
+ * nothing to chance.
  *
- * Embree calls filters in any order, also for what lies behind the hit that it ends with. So a product is a sum of optical depths,
- * -log2 of what is let through, in fixed point; and the tint is found by a second look at the same ray, up to its hit, which only rays
- * take that have passed something with a colour.
+ * Embree calls filters in any order, also for what lies behind the hit that it ends with. So a product is a sum of
+ * optical depths, -log2 of what is let through, in fixed point; and the tint is found by a second look at the same ray,
+ * up to its hit, which only rays take that have passed something with a colour.
  *
- * Each triangle must be asked once by a shadow ray. So the BVH has no spatial splits, and these rays are traced as incoherent ones:
- * Embree 3.13 traces coherent packets of shadow rays so that a triangle is asked up to 8 times for one ray. */
+ * Each triangle must be asked once by a shadow ray. So the BVH has no spatial splits, and these rays are traced as
+ * incoherent ones: Embree 3.13 traces coherent packets of shadow rays so that a triangle is asked up to 8 times for one
+ * ray. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_PASSAGE_H
 #define KILN_WORKER_BACKEND_EMBREE_PASSAGE_H
 
 #include "worker/backend/embree/embree.h"
 
 enum embree_question {
-    EMBREE_BY_HALF,   /* which is the nearest surface that is there by half at least? for what chance must have no part in */
+    /* which is the nearest surface that is there by half at least? for what chance must have no part in */
+    EMBREE_BY_HALF,
     EMBREE_BY_CHANCE, /* which is the nearest that chance takes for there? */
     EMBREE_TINT,      /* what do those let through that chance has passed? */
     EMBREE_THROUGH    /* what do all let through? */
@@ -26,9 +30,9 @@ enum embree_question {
 struct embree_context {
     struct RTCIntersectContext rtc; /* first: filters are given its address */
     enum embree_question question;
-    uint32_t seed[PACKET];          /* of each ray */
-    int64_t depth[PACKET][3];       /* optical depth so far, of each colour, in units of 2^-40 */
-    bool tinted[PACKET];            /* has passed something with a colour */
+    uint32_t seed[PACKET];    /* of each ray */
+    int64_t depth[PACKET][3]; /* optical depth so far, of each colour, in units of 2^-40 */
+    bool tinted[PACKET];      /* has passed something with a colour */
 };
 
 /* Context for incoherent or (few triangles) coherent packets. */
@@ -37,20 +41,29 @@ void embree_context(const struct embree_backend *b, struct embree_context *conte
 /* Registers what the scene needs with the geometry of its triangles that are not opaque. */
 void embree_set_filters(const struct embree_backend *b, RTCGeometry geometry);
 
-/* Whether shadow rays may come through in part, and whether nearest hits may be tinted: without, the functions below leave `through`
- * or `tint` as they are, and seeds are not looked at. */
-static inline bool embree_blends(const struct embree_backend *b) { return b->params.geometry->passage >= KILN_PASSAGE_BLEND; }
-static inline bool embree_tints(const struct embree_backend *b) { return b->params.geometry->passage >= KILN_PASSAGE_TINT; }
+/* Whether shadow rays may come through in part, and whether nearest hits may be tinted: without, the functions below
+ * leave `through` or `tint` as they are, and seeds are not looked at. */
+static inline bool embree_blends(const struct embree_backend *b)
+{
+    return b->params.geometry->passage >= KILN_PASSAGE_BLEND;
+}
+static inline bool embree_tints(const struct embree_backend *b)
+{
+    return b->params.geometry->passage >= KILN_PASSAGE_TINT;
+}
 
-/* Nearest hits. `tint`: share of what is found there that arrives, of each colour. `valid`: -1 for a ray, 0 for none. */
-void embree_nearest8(const struct embree_backend *b, struct embree_context *context, const int *valid, struct RTCRayHit8 *rays,
-                     const uint32_t seed[PACKET], float tint[PACKET][3]);
-void embree_nearest1(const struct embree_backend *b, struct embree_context *context, struct RTCRayHit *ray, uint32_t seed, float tint[3]);
+/* Nearest hits. `tint`: share of what is found there that arrives, of each colour. `valid`: -1 for a ray, 0 for none.
+ */
+void embree_nearest8(const struct embree_backend *b, struct embree_context *context, const int *valid,
+                     struct RTCRayHit8 *rays, const uint32_t seed[PACKET], float tint[PACKET][3]);
+void embree_nearest1(const struct embree_backend *b, struct embree_context *context, struct RTCRayHit *ray,
+                     uint32_t seed, float tint[3]);
 /* The nearest hit by EMBREE_BY_HALF. */
 void embree_nearest_half(const struct embree_backend *b, struct RTCRayHit *ray);
 /* Shadow rays: tfar is negative where nothing comes through; else `through` is the share that does, of each colour. */
-void embree_through8(const struct embree_backend *b, struct embree_context *context, const int *valid, struct RTCRay8 *rays,
-                     double through[PACKET][3]);
-void embree_through1(const struct embree_backend *b, struct embree_context *context, struct RTCRay *ray, double through[3]);
+void embree_through8(const struct embree_backend *b, struct embree_context *context, const int *valid,
+                     struct RTCRay8 *rays, double through[PACKET][3]);
+void embree_through1(const struct embree_backend *b, struct embree_context *context, struct RTCRay *ray,
+                     double through[3]);
 
 #endif

@@ -1,4 +1,5 @@
-/* Radiance probes for the irradiance volume: rays over the whole sphere for what surfaces send, shadow rays for the lights. */
+/* Radiance probes for the irradiance volume: rays over the whole sphere for what surfaces send, shadow rays for the
+ * lights. */
 #include <math.h>
 #include <omp.h>
 #include <string.h>
@@ -30,18 +31,25 @@ static void add(struct probe_sums *sums, struct kiln_dvec3 d, const double value
             sums->axes[along[a] >= 0.0 ? 2 * a : 2 * a + 1][c] += fabs(along[a]) * value[c];
 }
 
-static void gather_sphere(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 p, uint32_t key,
-                          uint32_t samples, struct probe_sums *sums)
+static void gather_sphere(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 p,
+                          uint32_t key, uint32_t samples, struct probe_sums *sums)
 {
     const struct kiln_geometry *g = b->params.geometry;
     const struct kiln_vec3 diagonal = vec3_sub(g->bounds_max, g->bounds_min);
     const double far = (double)vec3_length(diagonal), weight = 4.0 * KILN_PI / samples;
     const bool sky = b->params.lights->environment && b->params.lights->conditional == NULL;
     for (uint32_t k = 0; k < samples; k++) {
-        const double u = kiln_unit_double(kiln_owen_scramble(kiln_sobol(k, 0), kiln_hash2(key, 0))), v = kiln_unit_double(kiln_owen_scramble(kiln_sobol(k, 1), kiln_hash2(key, 1)));
+        const double u = kiln_unit_double(kiln_owen_scramble(kiln_sobol(k, 0), kiln_hash2(key, 0))),
+                     v = kiln_unit_double(kiln_owen_scramble(kiln_sobol(k, 1), kiln_hash2(key, 1)));
         const struct kiln_dvec3 d = kiln_sphere_direction(u, v);
-        struct RTCRayHit r = {.ray = {.org_x = p.x, .org_y = p.y, .org_z = p.z, .dir_x = (float)d.x, .dir_y = (float)d.y, .dir_z = (float)d.z,
-                                      .tfar = INFINITY, .mask = ~0u},
+        struct RTCRayHit r = {.ray = {.org_x = p.x,
+                                      .org_y = p.y,
+                                      .org_z = p.z,
+                                      .dir_x = (float)d.x,
+                                      .dir_y = (float)d.y,
+                                      .dir_z = (float)d.z,
+                                      .tfar = INFINITY,
+                                      .mask = ~0u},
                               .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
         float rgb[3] = {0}, tint[3] = {1.0f, 1.0f, 1.0f};
         embree_nearest1(b, context, &r, kiln_hash2(key + 1u, k), tint);
@@ -68,8 +76,9 @@ static void gather_sphere(const struct embree_backend *b, struct embree_context 
 }
 
 /* Light straight from the lights; a constant sky is met by the rays above. */
-static uint64_t gather_lights(const struct embree_backend *b, struct embree_context *context, struct kiln_light_choice *choices,
-                              struct kiln_vec3 position, uint32_t key, uint32_t samples, struct probe_sums *sums)
+static uint64_t gather_lights(const struct embree_backend *b, struct embree_context *context,
+                              struct kiln_light_choice *choices, struct kiln_vec3 position, uint32_t key,
+                              uint32_t samples, struct probe_sums *sums)
 {
     const struct kiln_lights *lights = b->params.lights;
     const struct kiln_dvec3 p = dvec3_of(position), any = dvec3(0.0, 0.0, 0.0);
@@ -88,9 +97,15 @@ static uint64_t gather_lights(const struct embree_backend *b, struct embree_cont
             struct kiln_light_sample s;
             if (!kiln_lights_sample(lights, &choices[i], k, p, any, random[2], random[0], random[1], &s))
                 continue;
-            struct RTCRay ray = {.org_x = position.x, .org_y = position.y, .org_z = position.z, .dir_x = (float)s.direction.x,
-                                 .dir_y = (float)s.direction.y, .dir_z = (float)s.direction.z, .mask = ~0u,
-                                 .tfar = isfinite(s.distance) ? (float)((s.distance - s.backoff) * (1.0 - 0x1p-20)) : INFINITY};
+            struct RTCRay ray = {.org_x = position.x,
+                                 .org_y = position.y,
+                                 .org_z = position.z,
+                                 .dir_x = (float)s.direction.x,
+                                 .dir_y = (float)s.direction.y,
+                                 .dir_z = (float)s.direction.z,
+                                 .mask = ~0u,
+                                 .tfar = isfinite(s.distance) ? (float)((s.distance - s.backoff) * (1.0 - 0x1p-20))
+                                                              : INFINITY};
             double through[3] = {1.0, 1.0, 1.0};
             embree_through1(b, context, &ray, through);
             rays++;
@@ -126,7 +141,8 @@ int embree_probes(struct kiln_backend *backend, const struct kiln_vec3 *position
             const uint32_t key = kiln_hash2(kiln_hash2(seed, (uint32_t)index), (uint32_t)(index >> 32));
             struct probe_sums sums = {0};
             gather_sphere(b, &context, positions[i], key, samples, &sums);
-            traced += samples + gather_lights(b, &context, choices + room * (size_t)omp_get_thread_num(), positions[i], key, samples, &sums);
+            traced += samples + gather_lights(b, &context, choices + room * (size_t)omp_get_thread_num(), positions[i],
+                                              key, samples, &sums);
             struct kiln_probe_result *r = &results[i];
             for (int h = 0; h < KILN_HARMONICS; h++)
                 for (int c = 0; c < 3; c++)

@@ -39,8 +39,9 @@ static void flush(struct shadow_packet *packet, const struct embree_backend *b, 
     packet->count = 0;
 }
 
-void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 p,
-                const struct kiln_light_sample *sample, uint32_t index, double cosine, double shading_cosine)
+void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context,
+                struct kiln_vec3 p, const struct kiln_light_sample *sample, uint32_t index, double cosine,
+                double shading_cosine)
 {
     const uint32_t i = packet->count++;
     packet->index[i] = index;
@@ -78,7 +79,8 @@ double shadow_variance(const struct shadow_sums *sums, uint32_t samples)
     if (samples >= 8) {
         double spread = 0.0;
         for (uint32_t q = 0; q < 4; q++) { /* of a number that 4 does not divide, quarters differ by one sample */
-            const uint32_t begin = (uint32_t)(((uint64_t)q * samples + 3) / 4), end = (uint32_t)(((uint64_t)(q + 1) * samples + 3) / 4);
+            const uint32_t begin = (uint32_t)(((uint64_t)q * samples + 3) / 4),
+                           end = (uint32_t)(((uint64_t)(q + 1) * samples + 3) / 4);
             const double off = sums->quarter[q] / (end - begin) - mean;
             spread += off * off;
         }

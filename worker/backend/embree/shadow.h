@@ -8,12 +8,12 @@
 struct shadow_sums {
     double incident[3], irradiance[3];
     double quarter[4]; /* luminance of irradiance, of each quarter of the samples */
-    double square; /* sum of squared luminances */
+    double square;     /* sum of squared luminances */
 };
 
 struct shadow_packet {
     struct RTCRay8 rays __attribute__((aligned(32)));
-    int valid[PACKET] __attribute__((aligned(32))); /* -1: a ray; 0: none */
+    int valid[PACKET] __attribute__((aligned(32)));    /* -1: a ray; 0: none */
     double incident[PACKET][3], irradiance[PACKET][3]; /* what a sample brings if nothing is in its way */
     uint32_t count, samples, index[PACKET];
     struct shadow_sums *sums;
@@ -22,16 +22,20 @@ struct shadow_packet {
 /* Starts a choice with `samples` samples, whose answers go to `sums`. */
 void shadow_begin(struct shadow_packet *packet, struct shadow_sums *sums, uint32_t samples);
 /* The ray of sample `index` from p; the cosines are those of the geometric and the shading normal. */
-void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 p,
-                const struct kiln_light_sample *sample, uint32_t index, double cosine, double shading_cosine);
+void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context,
+                struct kiln_vec3 p, const struct kiln_light_sample *sample, uint32_t index, double cosine,
+                double shading_cosine);
 void shadow_end(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context);
 /* Traces the valid ones of a packet that was filled as a whole, and sums up. */
 void shadow_trace(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context);
 /* How far a shadow ray goes towards a light so far away. */
-static inline float shadow_limit(double distance, double backoff) { return (float)((distance - backoff) * (1.0 - 0x1p-20)); }
+static inline float shadow_limit(double distance, double backoff)
+{
+    return (float)((distance - backoff) * (1.0 - 0x1p-20));
+}
 
-/* Variance of the mean of the luminance, from the spread of its four quarters, each a net of its own: more than that of the whole
- * net, whose parts balance one another. Below 8 samples as if they were independent. */
+/* Variance of the mean of the luminance, from the spread of its four quarters, each a net of its own: more than that of
+ * the whole net, whose parts balance one another. Below 8 samples as if they were independent. */
 double shadow_variance(const struct shadow_sums *sums, uint32_t samples);
 
 #endif

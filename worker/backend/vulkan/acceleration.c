@@ -27,23 +27,31 @@ static int load_calls(struct acceleration *a, struct kiln_error *error)
 {
     VkDevice device = gpu_vk_device(a->gpu);
     a->calls = (struct calls){
-        .sizes = (PFN_vkGetAccelerationStructureBuildSizesKHR)vkGetDeviceProcAddr(device, "vkGetAccelerationStructureBuildSizesKHR"),
+        .sizes = (PFN_vkGetAccelerationStructureBuildSizesKHR)vkGetDeviceProcAddr(
+            device, "vkGetAccelerationStructureBuildSizesKHR"),
         .create = (PFN_vkCreateAccelerationStructureKHR)vkGetDeviceProcAddr(device, "vkCreateAccelerationStructureKHR"),
-        .destroy = (PFN_vkDestroyAccelerationStructureKHR)vkGetDeviceProcAddr(device, "vkDestroyAccelerationStructureKHR"),
-        .address = (PFN_vkGetAccelerationStructureDeviceAddressKHR)vkGetDeviceProcAddr(device, "vkGetAccelerationStructureDeviceAddressKHR"),
-        .build = (PFN_vkCmdBuildAccelerationStructuresKHR)vkGetDeviceProcAddr(device, "vkCmdBuildAccelerationStructuresKHR")};
-    if (a->calls.sizes == NULL || a->calls.create == NULL || a->calls.destroy == NULL || a->calls.address == NULL || a->calls.build == NULL)
-        return kiln_fail(error, KILN_NO_DEVICE, "%s has no acceleration structures; use --traversal compute", gpu_about(a->gpu)->name);
+        .destroy =
+            (PFN_vkDestroyAccelerationStructureKHR)vkGetDeviceProcAddr(device, "vkDestroyAccelerationStructureKHR"),
+        .address = (PFN_vkGetAccelerationStructureDeviceAddressKHR)vkGetDeviceProcAddr(
+            device, "vkGetAccelerationStructureDeviceAddressKHR"),
+        .build = (PFN_vkCmdBuildAccelerationStructuresKHR)vkGetDeviceProcAddr(device,
+                                                                              "vkCmdBuildAccelerationStructuresKHR")};
+    if (a->calls.sizes == NULL || a->calls.create == NULL || a->calls.destroy == NULL || a->calls.address == NULL ||
+        a->calls.build == NULL)
+        return kiln_fail(error, KILN_NO_DEVICE, "%s has no acceleration structures; use --traversal compute",
+                         gpu_about(a->gpu)->name);
     return KILN_OK;
 }
 
 /* Scratch memory must begin at a multiple of what the device says (a power of two). */
 static uint64_t scratch_alignment(const struct gpu *gpu)
 {
-    VkPhysicalDeviceAccelerationStructurePropertiesKHR own = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_PROPERTIES_KHR};
+    VkPhysicalDeviceAccelerationStructurePropertiesKHR own = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_PROPERTIES_KHR};
     VkPhysicalDeviceProperties2 properties = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &own};
     vkGetPhysicalDeviceProperties2(gpu->physical, &properties);
-    return own.minAccelerationStructureScratchOffsetAlignment > 1 ? own.minAccelerationStructureScratchOffsetAlignment : 1;
+    return own.minAccelerationStructureScratchOffsetAlignment > 1 ? own.minAccelerationStructureScratchOffsetAlignment
+                                                                  : 1;
 }
 
 /* ---- building one level ---- */
@@ -60,39 +68,51 @@ static void record_build(VkCommandBuffer commands, void *context)
     w->a->calls.build(commands, 1, &w->info, &w->ranges);
 }
 
-static int create_handle(struct acceleration *a, struct level *level, VkAccelerationStructureTypeKHR type, uint64_t size, struct kiln_error *error)
+static int create_handle(struct acceleration *a, struct level *level, VkAccelerationStructureTypeKHR type,
+                         uint64_t size, struct kiln_error *error)
 {
     int status = gpu_buffer_create(a->gpu, &level->memory, size, GPU_DEVICE, "the acceleration structure", error);
     if (status != KILN_OK)
         return status;
-    const VkAccelerationStructureCreateInfoKHR info = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_CREATE_INFO_KHR,
-                                                       .buffer = gpu_vk_buffer(&level->memory), .size = size, .type = type};
+    const VkAccelerationStructureCreateInfoKHR info = {.sType =
+                                                           VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_CREATE_INFO_KHR,
+                                                       .buffer = gpu_vk_buffer(&level->memory),
+                                                       .size = size,
+                                                       .type = type};
     const VkResult result = GPU_TRY(a->gpu, a->calls.create(gpu_vk_device(a->gpu), &info, NULL, &level->handle));
     if (result != VK_SUCCESS)
-        return gpu_failure(a->gpu, result, error, "cannot create an acceleration structure of %llu bytes", (unsigned long long)size);
-    const VkAccelerationStructureDeviceAddressInfoKHR where = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_DEVICE_ADDRESS_INFO_KHR,
-                                                               .accelerationStructure = level->handle};
+        return gpu_failure(a->gpu, result, error, "cannot create an acceleration structure of %llu bytes",
+                           (unsigned long long)size);
+    const VkAccelerationStructureDeviceAddressInfoKHR where = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_DEVICE_ADDRESS_INFO_KHR,
+        .accelerationStructure = level->handle};
     level->address = a->calls.address(gpu_vk_device(a->gpu), &where);
     return KILN_OK;
 }
 
 /* `ranges` has one entry for each of the geometries. */
 static int build_level(struct acceleration *a, struct level *level, VkAccelerationStructureTypeKHR type,
-                       const VkAccelerationStructureGeometryKHR *geometries, const VkAccelerationStructureBuildRangeInfoKHR *ranges, uint32_t count,
-                       struct kiln_error *error)
+                       const VkAccelerationStructureGeometryKHR *geometries,
+                       const VkAccelerationStructureBuildRangeInfoKHR *ranges, uint32_t count, struct kiln_error *error)
 {
-    struct work w = {.a = a, .ranges = ranges,
-                     .info = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR, .type = type,
+    struct work w = {.a = a,
+                     .ranges = ranges,
+                     .info = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR,
+                              .type = type,
                               .flags = VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_TRACE_BIT_KHR,
-                              .mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR, .geometryCount = count, .pGeometries = geometries}};
+                              .mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR,
+                              .geometryCount = count,
+                              .pGeometries = geometries}};
     const uint32_t primitives[2] = {ranges[0].primitiveCount, count > 1 ? ranges[1].primitiveCount : 0};
-    VkAccelerationStructureBuildSizesInfoKHR sizes = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_SIZES_INFO_KHR};
+    VkAccelerationStructureBuildSizesInfoKHR sizes = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_SIZES_INFO_KHR};
     a->calls.sizes(gpu_vk_device(a->gpu), VK_ACCELERATION_STRUCTURE_BUILD_TYPE_DEVICE_KHR, &w.info, primitives, &sizes);
     struct gpu_buffer scratch = {.size = 0};
     const uint64_t alignment = scratch_alignment(a->gpu);
     int status = create_handle(a, level, type, sizes.accelerationStructureSize, error);
     if (status == KILN_OK)
-        status = gpu_buffer_create(a->gpu, &scratch, sizes.buildScratchSize + alignment, GPU_DEVICE, "building the acceleration structure", error);
+        status = gpu_buffer_create(a->gpu, &scratch, sizes.buildScratchSize + alignment, GPU_DEVICE,
+                                   "building the acceleration structure", error);
     if (status == KILN_OK) {
         w.info.dstAccelerationStructure = level->handle;
         w.info.scratchData.deviceAddress = (scratch.address + alignment - 1) & ~(alignment - 1);
@@ -111,34 +131,41 @@ static VkAccelerationStructureGeometryKHR triangles_of(const struct kiln_geometr
         .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
         .geometryType = VK_GEOMETRY_TYPE_TRIANGLES_KHR,
         .geometry.triangles = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_TRIANGLES_DATA_KHR,
-                               .vertexFormat = VK_FORMAT_R32G32B32_SFLOAT, .vertexData.deviceAddress = vertices->address,
-                               .vertexStride = 3 * sizeof(float), .maxVertex = g->vertex_count > 0 ? (uint32_t)(g->vertex_count - 1) : 0,
-                               .indexType = VK_INDEX_TYPE_UINT32, .indexData.deviceAddress = indices->address},
+                               .vertexFormat = VK_FORMAT_R32G32B32_SFLOAT,
+                               .vertexData.deviceAddress = vertices->address,
+                               .vertexStride = 3 * sizeof(float),
+                               .maxVertex = g->vertex_count > 0 ? (uint32_t)(g->vertex_count - 1) : 0,
+                               .indexType = VK_INDEX_TYPE_UINT32,
+                               .indexData.deviceAddress = indices->address},
         .flags = flags};
 }
 
-static int build_bottom(struct acceleration *a, const struct kiln_geometry *g, const struct gpu_buffer *vertices, const struct gpu_buffer *indices,
-                        struct kiln_error *error)
+static int build_bottom(struct acceleration *a, const struct kiln_geometry *g, const struct gpu_buffer *vertices,
+                        const struct gpu_buffer *indices, struct kiln_error *error)
 {
     /* whether there is something may be asked more than once for a triangle, how much comes through may not */
-    const VkGeometryFlagsKHR once = g->passage >= KILN_PASSAGE_BLEND ? VK_GEOMETRY_NO_DUPLICATE_ANY_HIT_INVOCATION_BIT_KHR : 0;
-    const VkAccelerationStructureGeometryKHR geometries[2] = {triangles_of(g, vertices, indices, VK_GEOMETRY_OPAQUE_BIT_KHR),
-                                                              triangles_of(g, vertices, indices, once)};
+    const VkGeometryFlagsKHR once =
+        g->passage >= KILN_PASSAGE_BLEND ? VK_GEOMETRY_NO_DUPLICATE_ANY_HIT_INVOCATION_BIT_KHR : 0;
+    const VkAccelerationStructureGeometryKHR geometries[2] = {
+        triangles_of(g, vertices, indices, VK_GEOMETRY_OPAQUE_BIT_KHR), triangles_of(g, vertices, indices, once)};
     const VkAccelerationStructureBuildRangeInfoKHR ranges[2] = {
         {.primitiveCount = (uint32_t)(g->opaque_count - g->opaque_unmet)},
-        {.primitiveCount = (uint32_t)(g->triangle_count - g->opaque_count - g->alpha_unmet), .primitiveOffset = (uint32_t)(g->opaque_count * 3 * sizeof(uint32_t))}};
+        {.primitiveCount = (uint32_t)(g->triangle_count - g->opaque_count - g->alpha_unmet),
+         .primitiveOffset = (uint32_t)(g->opaque_count * 3 * sizeof(uint32_t))}};
     return build_level(a, &a->bottom, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, geometries, ranges, 2, error);
 }
 
 /* Fronts: without flags, a triangle's front is where cross(b - a, c - a) points to. */
 static int build_top(struct acceleration *a, struct kiln_error *error)
 {
-    const VkAccelerationStructureInstanceKHR instance = {.transform = {{{1.0f, 0.0f, 0.0f, 0.0f}, {0.0f, 1.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 1.0f, 0.0f}}},
-                                                         .mask = 0xff,
-                                                         .flags = VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR,
-                                                         .accelerationStructureReference = a->bottom.address};
+    const VkAccelerationStructureInstanceKHR instance = {
+        .transform = {{{1.0f, 0.0f, 0.0f, 0.0f}, {0.0f, 1.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 1.0f, 0.0f}}},
+        .mask = 0xff,
+        .flags = VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR,
+        .accelerationStructureReference = a->bottom.address};
     struct gpu_buffer instances = {.size = 0}; /* its address is a multiple of 64: 16 are wanted */
-    int status = gpu_buffer_of(a->gpu, &instances, &instance, sizeof instance, "the acceleration structure's instance", error);
+    int status =
+        gpu_buffer_of(a->gpu, &instances, &instance, sizeof instance, "the acceleration structure's instance", error);
     const VkAccelerationStructureGeometryKHR geometry = {
         .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
         .geometryType = VK_GEOMETRY_TYPE_INSTANCES_KHR,
@@ -154,9 +181,11 @@ static int build_top(struct acceleration *a, struct kiln_error *error)
 static int build(struct acceleration *a, const struct kiln_geometry *g, struct kiln_error *error)
 {
     struct gpu_buffer vertices = {.size = 0}, indices = {.size = 0};
-    int status = gpu_buffer_of(a->gpu, &vertices, g->vertices, g->vertex_count * 3 * sizeof(float), "the vertices", error);
+    int status =
+        gpu_buffer_of(a->gpu, &vertices, g->vertices, g->vertex_count * 3 * sizeof(float), "the vertices", error);
     if (status == KILN_OK)
-        status = gpu_buffer_of(a->gpu, &indices, g->indices, g->triangle_count * 3 * sizeof(uint32_t), "the triangles", error);
+        status = gpu_buffer_of(a->gpu, &indices, g->indices, g->triangle_count * 3 * sizeof(uint32_t), "the triangles",
+                               error);
     if (status == KILN_OK)
         status = build_bottom(a, g, &vertices, &indices, error);
     gpu_buffer_destroy(a->gpu, &vertices);
@@ -170,11 +199,13 @@ static int check_size(const struct kiln_geometry *g, struct kiln_error *error)
     const uint64_t most = UINT32_MAX / (3 * sizeof(uint32_t));
     if (g->triangle_count <= most)
         return KILN_OK;
-    return kiln_fail(error, KILN_NO_DEVICE, "%zu triangles are more than the ray-tracing pipeline takes (%llu); use --traversal compute",
+    return kiln_fail(error, KILN_NO_DEVICE,
+                     "%zu triangles are more than the ray-tracing pipeline takes (%llu); use --traversal compute",
                      g->triangle_count, (unsigned long long)most);
 }
 
-int acceleration_create(struct acceleration **acceleration, struct gpu *gpu, const struct kiln_geometry *geometry, struct kiln_error *error)
+int acceleration_create(struct acceleration **acceleration, struct gpu *gpu, const struct kiln_geometry *geometry,
+                        struct kiln_error *error)
 {
     *acceleration = NULL;
     int status = check_size(geometry, error);

@@ -1,7 +1,8 @@
-/* The world's triangles in the device's own acceleration structure, for VK_KHR_ray_tracing_pipeline (shaders/trace_pipeline.glsl).
+/* The world's triangles in the device's own acceleration structure, for VK_KHR_ray_tracing_pipeline
+ * (shaders/trace_pipeline.glsl).
  *
- * One bottom level of two geometries, as in the Embree backend: 0 the opaque triangles, 1 those that may let rays through; one
- * top level that holds it once, where it is. */
+ * One bottom level of two geometries, as in the Embree backend: 0 the opaque triangles, 1 those that may let rays
+ * through; one top level that holds it once, where it is. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_ACCELERATION_H
 #define KILN_WORKER_BACKEND_VULKAN_ACCELERATION_H
 
@@ -12,9 +13,11 @@
 
 struct acceleration;
 
-/* Builds it on a device whose description says ray_tracing; waits until it is there. Vertices and indices are on the device only
- * meanwhile. The gpu is borrowed and must outlive it. KILN_NO_DEVICE when the device refuses, with its reason. */
-int acceleration_create(struct acceleration **acceleration, struct gpu *gpu, const struct kiln_geometry *geometry, struct kiln_error *error);
+/* Builds it on a device whose description says ray_tracing; waits until it is there. Vertices and indices are on the
+ * device only meanwhile. The gpu is borrowed and must outlive it. KILN_NO_DEVICE when the device refuses, with its
+ * reason. */
+int acceleration_create(struct acceleration **acceleration, struct gpu *gpu, const struct kiln_geometry *geometry,
+                        struct kiln_error *error);
 void acceleration_destroy(struct acceleration **acceleration);
 
 /* For struct kiln_gpu_trace.top_level. */

@@ -26,7 +26,7 @@ struct bvh {
     const struct kiln_geometry *geometry;
     struct node *nodes; /* the root first */
     size_t node_count, node_capacity;
-    uint32_t *order;    /* world triangles, leaf by leaf */
+    uint32_t *order; /* world triangles, leaf by leaf */
     size_t order_count;
     uint32_t depth_limit, depth;
 };
@@ -70,7 +70,8 @@ static void set_bounds(void *pointer, const struct RTCBounds **bounds, unsigned 
                                              {bounds[i]->upper_x, bounds[i]->upper_y, bounds[i]->upper_z}};
 }
 
-static void *create_leaf(RTCThreadLocalAllocator allocator, const struct RTCBuildPrimitive *primitives, size_t count, void *user)
+static void *create_leaf(RTCThreadLocalAllocator allocator, const struct RTCBuildPrimitive *primitives, size_t count,
+                         void *user)
 {
     (void)user;
     assert(count >= 1 && count <= LEAF_MOST);
@@ -152,7 +153,8 @@ static void list_leaves(struct leaf_list *list, const struct built *from, const 
         list_leaves(list, from->is.inner.child[i], &from->is.inner.box[i]);
 }
 
-static void halve(struct bvh *bvh, uint32_t at, const struct leaf_list *list, size_t first, size_t count, uint32_t depth)
+static void halve(struct bvh *bvh, uint32_t at, const struct leaf_list *list, size_t first, size_t count,
+                  uint32_t depth)
 {
     bvh->depth = depth > bvh->depth ? depth : bvh->depth;
     if (count == 1) {
@@ -167,7 +169,8 @@ static void halve(struct bvh *bvh, uint32_t at, const struct leaf_list *list, si
 }
 
 /* A subtree that goes too deep: its leaves, in their order, under a tree as flat as can be. */
-static int flatten_evenly(struct bvh *bvh, uint32_t at, const struct built *from, uint32_t depth, struct kiln_error *error)
+static int flatten_evenly(struct bvh *bvh, uint32_t at, const struct built *from, uint32_t depth,
+                          struct kiln_error *error)
 {
     struct leaf_list list = {NULL, NULL, 0};
     const size_t count = count_leaves(from);
@@ -232,13 +235,15 @@ static struct box fill_primitives(const struct kiln_geometry *g, struct RTCBuild
     for (size_t i = 0; i < count; i++) {
         const size_t triangle = kiln_geometry_met(g, i);
         const struct box b = triangle_box(g, triangle, margin);
-        primitives[i] = (struct RTCBuildPrimitive){b.lower[0], b.lower[1], b.lower[2], 0, b.upper[0], b.upper[1], b.upper[2], (unsigned)triangle};
+        primitives[i] = (struct RTCBuildPrimitive){b.lower[0], b.lower[1], b.lower[2], 0,
+                                                   b.upper[0], b.upper[1], b.upper[2], (unsigned)triangle};
     }
     return (struct box){{g->bounds_min.x - margin, g->bounds_min.y - margin, g->bounds_min.z - margin},
                         {g->bounds_max.x + margin, g->bounds_max.y + margin, g->bounds_max.z + margin}};
 }
 
-static int build_with(struct bvh *bvh, RTCDevice device, struct RTCBuildPrimitive *primitives, uint32_t threads, struct kiln_error *error)
+static int build_with(struct bvh *bvh, RTCDevice device, struct RTCBuildPrimitive *primitives, uint32_t threads,
+                      struct kiln_error *error)
 {
     const struct box bounds = fill_primitives(bvh->geometry, primitives, threads);
     struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
@@ -256,8 +261,10 @@ static int build_with(struct bvh *bvh, RTCDevice device, struct RTCBuildPrimitiv
     arguments.createLeaf = create_leaf;
     const struct built *root = arguments.bvh != NULL ? rtcBuildBVH(&arguments) : NULL;
     const int status = root != NULL ? flatten_root(bvh, root, &bounds, error)
-                                    : kiln_fail(error, KILN_SYSTEM, "Embree could not build the BVH of %zu triangles (its error %d): "
-                                                "probably too little memory", kiln_geometry_met_count(bvh->geometry), (int)rtcGetDeviceError(device));
+                                    : kiln_fail(error, KILN_SYSTEM,
+                                                "Embree could not build the BVH of %zu triangles (its error %d): "
+                                                "probably too little memory",
+                                                kiln_geometry_met_count(bvh->geometry), (int)rtcGetDeviceError(device));
     if (arguments.bvh != NULL)
         rtcReleaseBVH(arguments.bvh);
     return status;
@@ -269,10 +276,12 @@ static int build(struct bvh *bvh, uint32_t threads, struct kiln_error *error)
     (void)snprintf(config, sizeof config, "threads=%u", threads);
     RTCDevice device = rtcNewDevice(config);
     if (device == NULL)
-        return kiln_fail(error, KILN_SYSTEM, "Embree, which builds the BVH, could not create its device with '%s' (its error %d)", config,
+        return kiln_fail(error, KILN_SYSTEM,
+                         "Embree, which builds the BVH, could not create its device with '%s' (its error %d)", config,
                          (int)rtcGetDeviceError(NULL));
     struct RTCBuildPrimitive *primitives = NULL;
-    int status = kiln_allocate(&primitives, kiln_geometry_met_count(bvh->geometry), sizeof *primitives, "the boxes of the triangles", error);
+    int status = kiln_allocate(&primitives, kiln_geometry_met_count(bvh->geometry), sizeof *primitives,
+                               "the boxes of the triangles", error);
     if (status == KILN_OK)
         status = build_with(bvh, device, primitives, threads, error);
     kiln_free(&primitives);
@@ -280,11 +289,13 @@ static int build(struct bvh *bvh, uint32_t threads, struct kiln_error *error)
     return status;
 }
 
-int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params, struct kiln_error *error)
+int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params,
+               struct kiln_error *error)
 {
     *bvh = NULL;
     if (geometry->triangle_count > KILN_GPU_LEAF_FIRST)
-        return kiln_fail(error, KILN_BAD_INPUT, "%zu triangles are more than a BVH for the device can hold (%u): bake parts of the scene",
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%zu triangles are more than a BVH for the device can hold (%u): bake parts of the scene",
                          geometry->triangle_count, KILN_GPU_LEAF_FIRST);
     struct bvh *b = NULL;
     int status = kiln_allocate(&b, 1, sizeof *b, "the BVH", error);
@@ -292,10 +303,12 @@ int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const str
         return status;
     b->geometry = geometry;
     b->depth_limit = params->depth_limit != 0 ? params->depth_limit : DEPTH_LIMIT;
-    status = kiln_allocate(&b->order, kiln_geometry_met_count(geometry) + 1, sizeof *b->order, "the BVH's order of triangles", error);
+    status = kiln_allocate(&b->order, kiln_geometry_met_count(geometry) + 1, sizeof *b->order,
+                           "the BVH's order of triangles", error);
     if (status == KILN_OK)
-        status = kiln_geometry_met_count(geometry) == 0 ? build_empty(b, error)
-                                               : build(b, params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs(), error);
+        status = kiln_geometry_met_count(geometry) == 0
+                     ? build_empty(b, error)
+                     : build(b, params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs(), error);
     if (status != KILN_OK)
         bvh_destroy(&b);
     *bvh = b;
@@ -313,7 +326,8 @@ void bvh_destroy(struct bvh **bvh)
 
 /* ---- layouts ---- */
 
-struct export {
+struct export
+{
     const struct bvh *bvh;
     struct bvh_layout *layout;
     size_t node_capacity;
@@ -357,15 +371,17 @@ static double along_diagonal(const struct box *parent, const struct box *box, ui
 {
     double sum = 0.0;
     for (uint32_t k = 0; k < 3; k++) {
-        const double d = ((double)box->lower[k] + (double)box->upper[k]) - ((double)parent->lower[k] + (double)parent->upper[k]);
+        const double d =
+            ((double)box->lower[k] + (double)box->upper[k]) - ((double)parent->lower[k] + (double)parent->upper[k]);
         sum += (slot >> (2 - k) & 1u) != 0 ? -d : d;
     }
     return sum;
 }
 
-/* Slots by octant, so that a ray meets children about in the order slot XOR its own octant (Ylitie et al. 2017, section 3.3; the
- * assignment is greedy here). */
-static void arrange(const struct bvh *bvh, uint32_t parent, const uint32_t *children, uint32_t count, struct family *family)
+/* Slots by octant, so that a ray meets children about in the order slot XOR its own octant (Ylitie et al. 2017,
+ * section 3.3; the assignment is greedy here). */
+static void arrange(const struct bvh *bvh, uint32_t parent, const uint32_t *children, uint32_t count,
+                    struct family *family)
 {
     double cost[WIDTH_MOST][WIDTH_MOST];
     bool placed[WIDTH_MOST] = {false};
@@ -376,7 +392,8 @@ static void arrange(const struct bvh *bvh, uint32_t parent, const uint32_t *chil
         uint32_t best_child = KILN_GPU_NONE, best_slot = 0;
         for (uint32_t i = 0; i < count; i++)
             for (uint32_t slot = 0; slot < WIDTH_MOST && !placed[i]; slot++)
-                if (family->member[slot] == KILN_GPU_NONE && (best_child == KILN_GPU_NONE || cost[i][slot] < cost[best_child][best_slot])) {
+                if (family->member[slot] == KILN_GPU_NONE &&
+                    (best_child == KILN_GPU_NONE || cost[i][slot] < cost[best_child][best_slot])) {
                     best_child = i;
                     best_slot = slot;
                 }
@@ -406,7 +423,8 @@ static int settle(struct export *e, struct family *family)
         for (uint32_t j = 0; j < node->count; j++)
             place_triangle(layout, e->bvh->geometry, e->bvh->order[node->first + j]);
     }
-    return kiln_grow(&layout->nodes, &e->node_capacity, layout->node_count, layout->node_size, "a layout of the BVH", e->error);
+    return kiln_grow(&layout->nodes, &e->node_capacity, layout->node_count, layout->node_size, "a layout of the BVH",
+                     e->error);
 }
 
 static uint32_t child_code(const struct bvh *bvh, const struct family *family, uint32_t i)
@@ -455,14 +473,16 @@ static int step_exponent(double length)
     return length > 0.0 && exponent > -126 ? exponent : -126;
 }
 
-static void encode8_bounds(const struct bvh *bvh, const struct family *family, uint32_t k, int exponent, struct kiln_gpu_node8 *to)
+static void encode8_bounds(const struct bvh *bvh, const struct family *family, uint32_t k, int exponent,
+                           struct kiln_gpu_node8 *to)
 {
     for (uint32_t i = 0; i < 8; i++) {
         if (family->member[i] == KILN_GPU_NONE)
             continue;
         const struct box *box = &bvh->nodes[family->member[i]].box;
         const double origin = (double)to->origin[k];
-        const double lower = floor(ldexp((double)box->lower[k] - origin, -exponent)), upper = ceil(ldexp((double)box->upper[k] - origin, -exponent));
+        const double lower = floor(ldexp((double)box->lower[k] - origin, -exponent)),
+                     upper = ceil(ldexp((double)box->upper[k] - origin, -exponent));
         assert(lower >= 0.0 && upper <= 255.0);
         set_byte(to->bounds[k], i, (uint32_t)lower);
         set_byte(to->bounds[3 + k], i, (uint32_t)upper);
@@ -504,7 +524,8 @@ static uint32_t stack_of(const struct export *e, uint32_t children, uint32_t dee
     return deepest + children - 1;
 }
 
-/* Fills the layout's node `at` from node `from` of the tree, and all below; `stack` gets what a walk from here needs. */
+/* Fills the layout's node `at` from node `from` of the tree, and all below; `stack` gets what a walk from here needs.
+ */
 static int fill(struct export *e, uint32_t from, uint32_t at, uint32_t *stack)
 {
     uint32_t children[WIDTH_MOST];
@@ -541,17 +562,22 @@ static int fill(struct export *e, uint32_t from, uint32_t at, uint32_t *stack)
 static int export_tree(struct bvh_layout *layout, const struct bvh *bvh, uint32_t kind, struct kiln_error *error)
 {
     const uint32_t width[] = {0, 2, 4, 8}, room[] = {0, KILN_GPU_STACK2, KILN_GPU_STACK4, KILN_GPU_STACK8};
-    const size_t size[] = {0, sizeof(struct kiln_gpu_node2), sizeof(struct kiln_gpu_node4), sizeof(struct kiln_gpu_node8)};
+    const size_t size[] = {0, sizeof(struct kiln_gpu_node2), sizeof(struct kiln_gpu_node4),
+                           sizeof(struct kiln_gpu_node8)};
     struct export e = {.bvh = bvh, .layout = layout, .kind = kind, .width = width[kind], .error = error};
     layout->node_size = size[kind];
     layout->node_count = 1;
-    int status = kiln_grow(&layout->nodes, &e.node_capacity, 1 + bvh->node_count / width[kind], layout->node_size, "a layout of the BVH", error);
+    int status = kiln_grow(&layout->nodes, &e.node_capacity, 1 + bvh->node_count / width[kind], layout->node_size,
+                           "a layout of the BVH", error);
     if (status == KILN_OK)
         status = fill(&e, 0, 0, &layout->stack);
     layout->stack += kind == KILN_TRAVERSAL_EIGHT ? 0 : 1; /* the entry that ends the walk */
     if (status == KILN_OK && layout->stack > room[kind])
-        status = kiln_fail(error, KILN_BAD_INPUT, "the %u-wide layout of the BVH needs a stack of %u entries and shaders have %u: use --traversal "
-                           "binary", width[kind], layout->stack, room[kind]);
+        status =
+            kiln_fail(error, KILN_BAD_INPUT,
+                      "the %u-wide layout of the BVH needs a stack of %u entries and shaders have %u: use --traversal "
+                      "binary",
+                      width[kind], layout->stack, room[kind]);
     return status;
 }
 
@@ -559,12 +585,15 @@ int bvh_layout_create(struct bvh_layout *layout, const struct bvh *bvh, uint32_t
 {
     *layout = (struct bvh_layout){NULL, 0, 0, NULL, 0, 0};
     assert(traversal <= KILN_TRAVERSAL_EIGHT);
-    int status = kiln_allocate(&layout->triangles, bvh->order_count, sizeof *layout->triangles, "the triangles of the BVH", error);
+    int status = kiln_allocate(&layout->triangles, bvh->order_count, sizeof *layout->triangles,
+                               "the triangles of the BVH", error);
     if (status == KILN_OK && traversal != KILN_TRAVERSAL_BRUTE)
         status = export_tree(layout, bvh, traversal, error);
     else if (status == KILN_OK)
         for (size_t i = 0; i < bvh->order_count; i++)
-            place_triangle(layout, bvh->geometry, kiln_geometry_met_count(bvh->geometry) != 0 ? (uint32_t)kiln_geometry_met(bvh->geometry, i) : KILN_GPU_NONE);
+            place_triangle(layout, bvh->geometry,
+                           kiln_geometry_met_count(bvh->geometry) != 0 ? (uint32_t)kiln_geometry_met(bvh->geometry, i)
+                                                                       : KILN_GPU_NONE);
     if (status != KILN_OK)
         bvh_layout_free(layout);
     return status;
@@ -580,14 +609,16 @@ void bvh_layout_free(struct bvh_layout *layout)
 /* Whether any walk of the layout fits the stack, without making it: the tree's depth bounds it. */
 static bool surely_fits(const struct bvh *bvh, uint32_t kind)
 {
-    return kind == KILN_TRAVERSAL_EIGHT ? bvh->depth <= KILN_GPU_STACK8 : kind != KILN_TRAVERSAL_FOUR || 3 * bvh->depth < KILN_GPU_STACK4;
+    return kind == KILN_TRAVERSAL_EIGHT ? bvh->depth <= KILN_GPU_STACK8
+                                        : kind != KILN_TRAVERSAL_FOUR || 3 * bvh->depth < KILN_GPU_STACK4;
 }
 
 size_t bvh_candidates(const struct bvh *bvh, bool software, uint32_t *candidates, size_t room)
 {
-    /* On an H200 four-wide was the fastest from 46 triangles to 4 million (binary 5 to 10 % behind, compressed eight-wide 10 to 55 %,
-     * all triangles tested 45 % behind at 46); on Mesa's software device eight-wide was twice as
-     * fast as any other, and has the shortest loops. Exporting a layout of millions of triangles takes longer than it may win. */
+    /* On an H200 four-wide was the fastest from 46 triangles to 4 million (binary 5 to 10 % behind, compressed
+     * eight-wide 10 to 55 %, all triangles tested 45 % behind at 46); on Mesa's software device eight-wide was twice as
+     * fast as any other, and has the shortest loops. Exporting a layout of millions of triangles takes longer than it
+     * may win. */
     const uint32_t real[] = {KILN_TRAVERSAL_FOUR, KILN_TRAVERSAL_BINARY, KILN_TRAVERSAL_EIGHT};
     const uint32_t played[] = {KILN_TRAVERSAL_EIGHT, KILN_TRAVERSAL_BINARY};
     const uint32_t *from = software ? played : real;

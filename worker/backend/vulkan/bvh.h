@@ -1,8 +1,8 @@
 /* One tree of boxes over the world's triangles, built by Embree (rtcBuildBVH), and the layouts in which kernels walk it
  * (shaders/layout_trace.h says what is in them).
  *
- * Any triangles will do: none, degenerate ones, many in one place. Boxes have a margin for the rounding errors of tracing
- * (KILN_GPU_BOX_MARGIN). None of these is collective. */
+ * Any triangles will do: none, degenerate ones, many in one place. Boxes have a margin for the rounding errors of
+ * tracing (KILN_GPU_BOX_MARGIN). None of these is collective. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_BVH_H
 #define KILN_WORKER_BACKEND_VULKAN_BVH_H
 
@@ -22,26 +22,28 @@ struct bvh_params {
     uint32_t depth_limit; /* below this depth subtrees are cut in equal halves; 0: 40 */
 };
 
-/* Builds the tree. The geometry is borrowed and must outlive it. KILN_SYSTEM when memory runs out, KILN_BAD_INPUT beyond 2^29
- * triangles (more than a leaf can point at). Memory while it lasts: about 40 bytes a triangle; four times that while it is built. */
-int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params, struct kiln_error *error);
+/* Builds the tree. The geometry is borrowed and must outlive it. KILN_SYSTEM when memory runs out, KILN_BAD_INPUT
+ * beyond 2^29 triangles (more than a leaf can point at). Memory while it lasts: about 40 bytes a triangle; four times
+ * that while it is built. */
+int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params,
+               struct kiln_error *error);
 void bvh_destroy(struct bvh **bvh);
 
 /* A layout in plain memory, ready to be uploaded as it is. */
 struct bvh_layout {
-    void *nodes;          /* node_count of node_size bytes; none for brute force */
+    void *nodes; /* node_count of node_size bytes; none for brute force */
     size_t node_count, node_size;
     struct kiln_gpu_triangle *triangles; /* in the order of leaves; at least one */
     size_t triangle_count;
-    uint32_t stack;       /* entries that a walk may need, at most what shaders have */
+    uint32_t stack; /* entries that a walk may need, at most what shaders have */
 };
-/* Exports one layout (a KILN_TRAVERSAL_* but for the pipeline). KILN_BAD_INPUT when its walk could need a deeper stack than shaders
- * have (never for brute force and binary). Free with bvh_layout_free. */
+/* Exports one layout (a KILN_TRAVERSAL_* but for the pipeline). KILN_BAD_INPUT when its walk could need a deeper stack
+ * than shaders have (never for brute force and binary). Free with bvh_layout_free. */
 int bvh_layout_create(struct bvh_layout *layout, const struct bvh *bvh, uint32_t traversal, struct kiln_error *error);
 void bvh_layout_free(struct bvh_layout *layout);
 
-/* Values of TRAVERSAL that are worth timing on a device, the likeliest first; at most `room`. The first is the default. Leaves out
- * the ray-tracing pipeline and layouts that would need too deep a stack. */
+/* Values of TRAVERSAL that are worth timing on a device, the likeliest first; at most `room`. The first is the default.
+ * Leaves out the ray-tracing pipeline and layouts that would need too deep a stack. */
 size_t bvh_candidates(const struct bvh *bvh, bool software, uint32_t *candidates, size_t room);
 
 #endif

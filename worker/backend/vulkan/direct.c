@@ -1,4 +1,5 @@
-/* The direct pass: shaders/choose.comp, direct.comp, direct_precise.comp and direct_reduce.comp over the batch's points. */
+/* The direct pass: shaders/choose.comp, direct.comp, direct_precise.comp and direct_reduce.comp over the batch's
+ * points. */
 #include "worker/backend/vulkan/pass.h"
 
 #include "shaders/choose.h"
@@ -12,7 +13,8 @@
 #include "shaders/direct_reduce.h"
 #include "shaders/direct_reduce_float.h"
 
-const struct vulkan_shader vulkan_choose_shader = {.name = "direct: choices of lights", .compute = VULKAN_CODE(choose), .compute_float = VULKAN_CODE(choose_float)};
+const struct vulkan_shader vulkan_choose_shader = {
+    .name = "direct: choices of lights", .compute = VULKAN_CODE(choose), .compute_float = VULKAN_CODE(choose_float)};
 const struct vulkan_shader vulkan_direct_shader = {.name = "direct",
                                                    .compute = VULKAN_CODE(direct),
                                                    .pipeline = VULKAN_CODE(direct_pipeline),
@@ -21,7 +23,8 @@ const struct vulkan_shader vulkan_direct_shader = {.name = "direct",
 const struct vulkan_shader vulkan_direct_precise_shader = {.name = "direct: near lights",
                                                            .compute = VULKAN_CODE(direct_precise),
                                                            .pipeline = VULKAN_CODE(direct_precise_pipeline)};
-const struct vulkan_shader vulkan_direct_sums_shader = {.name = "direct: sums", .compute = VULKAN_CODE(direct_reduce), .compute_float = VULKAN_CODE(direct_reduce_float)};
+const struct vulkan_shader vulkan_direct_sums_shader = {
+    .name = "direct: sums", .compute = VULKAN_CODE(direct_reduce), .compute_float = VULKAN_CODE(direct_reduce_float)};
 
 /* Push constants of all, as shaders/direct.glsl has them. */
 struct direct_push {
@@ -56,26 +59,28 @@ static int prepare(void *context, struct kiln_error *error)
     return status;
 }
 
-static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording, struct kiln_error *error)
+static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
+                  struct kiln_error *error)
 {
     struct direct *d = context;
-    const int status = chunk->buried.count > 0 ? vulkan_kernel_of(d->b, &vulkan_direct_shader, true, 0, &d->buried, error) : KILN_OK;
+    const int status =
+        chunk->buried.count > 0 ? vulkan_kernel_of(d->b, &vulkan_direct_shader, true, 0, &d->buried, error) : KILN_OK;
     if (status != KILN_OK)
         return status;
     const struct direct_push push = {.scene = d->b->scene.address,
-                               .chunk = chunk->all,
-                               .pass = {.results = chunk->results,
-                                        .sobol = d->b->sobol.address,
-                                        .scratch = chunk->scratch,
-                                        .rays = chunk->words,
-                                        .room = chunk->all.total,
-                                        .slots = d->slots,
-                                        .samples = d->samples,
-                                        .limit = d->limit,
-                                        .sobol_stride = d->b->sobol_count,
-                                        .row_first = chunk->row_first,
-                                        .slices = d->slices.per_quarter,
-                                        .split = d->slices.split}};
+                                     .chunk = chunk->all,
+                                     .pass = {.results = chunk->results,
+                                              .sobol = d->b->sobol.address,
+                                              .scratch = chunk->scratch,
+                                              .rays = chunk->words,
+                                              .room = chunk->all.total,
+                                              .slots = d->slots,
+                                              .samples = d->samples,
+                                              .limit = d->limit,
+                                              .sobol_stride = d->b->sobol_count,
+                                              .row_first = chunk->row_first,
+                                              .slices = d->slices.per_quarter,
+                                              .split = d->slices.split}};
     if (chunk->row_first == 0)
         vulkan_record(recording, d->choose, chunk->all.total, 1, &push, sizeof push);
     struct direct_push buried = push;
@@ -83,8 +88,9 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     buried.pass.row_first *= d->slices.split;
     buried.pass.slices *= d->slices.split;
     buried.pass.split = 1;
-    const struct vulkan_dispatch both[2] = {{d->buried, chunk->buried.count, chunk->row_count * d->slices.split, &buried},
-                                            {d->whole, chunk->all.count, chunk->row_count, &push}};
+    const struct vulkan_dispatch both[2] = {
+        {d->buried, chunk->buried.count, chunk->row_count * d->slices.split, &buried},
+        {d->whole, chunk->all.count, chunk->row_count, &push}};
     vulkan_record_both(recording, both, sizeof push);
     if (d->precise)
         vulkan_record(recording, d->near, chunk->all.count, chunk->row_count, &push, sizeof push);
@@ -93,28 +99,32 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     return KILN_OK;
 }
 
-static int take(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results, const uint32_t *words,
-                struct kiln_error *error)
+static int take(void *context, size_t tile_run_first, size_t tile_run_count, const struct kiln_point_result *results,
+                const uint32_t *words, struct kiln_error *error)
 {
     struct direct *d = context;
-    const struct kiln_fragment *fragments = d->b->surface->fragments + fragment_first;
-    const uint64_t points = fragments[fragment_count - 1].first + fragments[fragment_count - 1].count - fragments[0].first;
+    const struct kiln_tile_run *tile_runs = d->b->surface->tile_runs + tile_run_first;
+    const uint64_t points =
+        tile_runs[tile_run_count - 1].first + tile_runs[tile_run_count - 1].count - tile_runs[0].first;
     uint64_t rays = 0;
 #pragma omp parallel for num_threads((int)d->b->threads) reduction(+ : rays) if (points > 1 << 14)
     for (uint64_t i = 0; i < points; i++)
         rays += words[i];
     d->rays += rays;
-    return d->batch->take != NULL ? d->batch->take(d->batch->context, fragment_first, fragment_count, results, error) : KILN_OK;
+    return d->batch->take != NULL ? d->batch->take(d->batch->context, tile_run_first, tile_run_count, results, error)
+                                  : KILN_OK;
 }
 
 /* Bytes of scratch a point, see struct kiln_gpu_direct. */
 static size_t scratch_bytes(const struct direct *d)
 {
-    const size_t rows = 4 * (size_t)d->slices.per_quarter * d->slices.split, choice = sizeof(struct kiln_gpu_choice) + rows * sizeof(float);
+    const size_t rows = 4 * (size_t)d->slices.per_quarter * d->slices.split,
+                 choice = sizeof(struct kiln_gpu_choice) + rows * sizeof(float);
     return rows * vulkan_lights_sums_bytes(d->b->float64) + d->slots * choice + sizeof(uint32_t);
 }
 
-int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays, struct kiln_error *error)
+int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
+                  struct kiln_error *error)
 {
     struct direct d = {.b = (struct vulkan_backend *)backend, .batch = batch, .samples = samples};
     const struct kiln_lights *lights = d.b->params.lights;
@@ -135,7 +145,7 @@ int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, 
                                      .record = record,
                                      .take = take,
                                      .context = &d};
-    const int status = vulkan_run_pass(d.b, &pass, batch->fragment_first, batch->fragment_count, error);
+    const int status = vulkan_run_pass(d.b, &pass, batch->tile_run_first, batch->tile_run_count, error);
     *rays += d.rays;
     return status;
 }

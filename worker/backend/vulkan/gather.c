@@ -6,7 +6,8 @@
 #include "shaders/gather_pipeline.h"
 #include "shaders/gather_reduce.h"
 
-const struct vulkan_shader vulkan_gather_shader = {.name = "gather", .compute = VULKAN_CODE(gather), .pipeline = VULKAN_CODE(gather_pipeline)};
+const struct vulkan_shader vulkan_gather_shader = {
+    .name = "gather", .compute = VULKAN_CODE(gather), .pipeline = VULKAN_CODE(gather_pipeline)};
 const struct vulkan_shader vulkan_gather_sums_shader = {.name = "gather: sums", .compute = VULKAN_CODE(gather_reduce)};
 
 /* Push constants, as the shaders have them. */
@@ -34,32 +35,36 @@ struct gather {
     uint64_t rays;
 };
 
-static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording, struct kiln_error *error)
+static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
+                  struct kiln_error *error)
 {
     struct gather *g = context;
-    const int status = chunk->buried.count > 0 ? vulkan_kernel_of(g->b, &vulkan_gather_shader, true, g->lookup, &g->buried, error) : KILN_OK;
+    const int status = chunk->buried.count > 0
+                           ? vulkan_kernel_of(g->b, &vulkan_gather_shader, true, g->lookup, &g->buried, error)
+                           : KILN_OK;
     if (status != KILN_OK)
         return status;
     const struct gather_push push = {.scene = g->b->scene.address,
-                               .chunk = chunk->all,
-                               .sobol = g->b->sobol.address,
-                               .slices = chunk->scratch,
-                               .samples = g->samples,
-                               .stream = g->stream,
-                               .reuse = kiln_position_reuse(g->samples),
-                               .sobol_stride = g->b->sobol_count,
-                               .per_quarter = g->slices.per_quarter,
-                               .row_first = chunk->row_first,
-                               .slice = g->slices.samples,
-                               .row_step = g->slices.split};
+                                     .chunk = chunk->all,
+                                     .sobol = g->b->sobol.address,
+                                     .slices = chunk->scratch,
+                                     .samples = g->samples,
+                                     .stream = g->stream,
+                                     .reuse = kiln_position_reuse(g->samples),
+                                     .sobol_stride = g->b->sobol_count,
+                                     .per_quarter = g->slices.per_quarter,
+                                     .row_first = chunk->row_first,
+                                     .slice = g->slices.samples,
+                                     .row_step = g->slices.split};
     struct gather_push buried = push;
     buried.chunk = chunk->buried;
     buried.per_quarter *= g->slices.split;
     buried.row_first *= g->slices.split;
     buried.slice /= g->slices.split;
     buried.row_step = 1;
-    const struct vulkan_dispatch both[2] = {{g->buried, chunk->buried.count, chunk->row_count * g->slices.split, &buried},
-                                            {g->whole, chunk->all.count, chunk->row_count, &push}};
+    const struct vulkan_dispatch both[2] = {
+        {g->buried, chunk->buried.count, chunk->row_count * g->slices.split, &buried},
+        {g->whole, chunk->all.count, chunk->row_count, &push}};
     vulkan_record_both(recording, both, sizeof push);
     const struct reduce_push reduce = {.scene = g->b->scene.address,
                                        .chunk = chunk->all,
@@ -73,20 +78,22 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     return KILN_OK;
 }
 
-static int take(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results, const uint32_t *words,
-                struct kiln_error *error)
+static int take(void *context, size_t tile_run_first, size_t tile_run_count, const struct kiln_point_result *results,
+                const uint32_t *words, struct kiln_error *error)
 {
     (void)words;
     struct gather *g = context;
     const struct kiln_surface *s = g->b->surface;
-    const struct kiln_fragment *fragments = s->fragments + fragment_first;
-    const uint64_t first = fragments[0].first - s->first, end = fragments[fragment_count - 1].first - s->first + fragments[fragment_count - 1].count;
+    const struct kiln_tile_run *tile_runs = s->tile_runs + tile_run_first;
+    const uint64_t first = tile_runs[0].first - s->first,
+                   end = tile_runs[tile_run_count - 1].first - s->first + tile_runs[tile_run_count - 1].count;
     uint64_t valid = 0;
 #pragma omp parallel for num_threads((int)g->b->threads) reduction(+ : valid) if (end - first > 1 << 14)
     for (uint64_t own = first; own < end; own++)
         valid += kiln_point_valid(s, own);
     g->rays += valid * g->samples;
-    return g->batch->take != NULL ? g->batch->take(g->batch->context, fragment_first, fragment_count, results, error) : KILN_OK;
+    return g->batch->take != NULL ? g->batch->take(g->batch->context, tile_run_first, tile_run_count, results, error)
+                                  : KILN_OK;
 }
 
 static int prepare(void *context, struct kiln_error *error)
@@ -104,7 +111,8 @@ static int run(struct gather *g, enum vulkan_pace pace, double *seconds, struct 
 {
     g->slices = vulkan_slices_of(g->b, g->samples);
     const uint32_t rows = 4 * g->slices.per_quarter;
-    const uint32_t floats = g->b->params.geometry->passage == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
+    const uint32_t floats =
+        g->b->params.geometry->passage == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
     const struct vulkan_pass pass = {.pace = pace,
                                      .states = true,
                                      .rows = rows,
@@ -116,22 +124,23 @@ static int run(struct gather *g, enum vulkan_pace pace, double *seconds, struct 
                                      .take = take,
                                      .context = g,
                                      .seconds = seconds};
-    return vulkan_run_pass(g->b, &pass, g->batch->fragment_first, g->batch->fragment_count, error);
+    return vulkan_run_pass(g->b, &pass, g->batch->tile_run_first, g->batch->tile_run_count, error);
 }
 
-int vulkan_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, uint64_t *rays,
-                  struct kiln_error *error)
+int vulkan_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
+                  uint64_t *rays, struct kiln_error *error)
 {
-    struct gather g = {.b = (struct vulkan_backend *)backend, .batch = batch, .samples = samples, .stream = stream, .lookup = 1};
+    struct gather g = {
+        .b = (struct vulkan_backend *)backend, .batch = batch, .samples = samples, .stream = stream, .lookup = 1};
     const int status = run(&g, VULKAN_PACE_GATHER, NULL, error);
     *rays += g.rays;
     return status;
 }
 
-int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
-                   uint64_t *rays, struct kiln_error *error)
+int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
+                   double *seconds, uint64_t *rays, struct kiln_error *error)
 {
-    const struct kiln_batch nobody = {.fragment_first = batch->fragment_first, .fragment_count = batch->fragment_count};
+    const struct kiln_batch nobody = {.tile_run_first = batch->tile_run_first, .tile_run_count = batch->tile_run_count};
     struct gather g = {.b = (struct vulkan_backend *)backend, .batch = &nobody, .samples = samples, .stream = stream};
     const int status = run(&g, VULKAN_PACE_CEILING, seconds, error);
     *rays += g.rays;

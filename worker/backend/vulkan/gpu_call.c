@@ -15,8 +15,11 @@ int gpu_faults_read(struct gpu_faults *faults, struct kiln_error *error)
     char kind[16];
     unsigned long long at = 0, every = 0;
     int end = 0, longer = 0;
-    if (sscanf(text, "%15[a-z]:%llu%n:%llu%n", kind, &at, &end, &every, &longer) < 2 || text[longer > end ? longer : end] != '\0' || at == 0)
-        return kiln_fail(error, KILN_USAGE, "KILN_GPU_FAULT is '%.100s'; it is lost:K or memory:K, with :N after it for every N calls more", text);
+    if (sscanf(text, "%15[a-z]:%llu%n:%llu%n", kind, &at, &end, &every, &longer) < 2 ||
+        text[longer > end ? longer : end] != '\0' || at == 0)
+        return kiln_fail(
+            error, KILN_USAGE,
+            "KILN_GPU_FAULT is '%.100s'; it is lost:K or memory:K, with :N after it for every N calls more", text);
     if (strcmp(kind, "lost") != 0 && strcmp(kind, "memory") != 0)
         return kiln_fail(error, KILN_USAGE, "KILN_GPU_FAULT is '%.100s'; the faults are called lost and memory", text);
     faults->kind = strcmp(kind, "lost") == 0 ? GPU_FAULT_LOST : GPU_FAULT_MEMORY;
@@ -37,7 +40,8 @@ bool gpu_refuses(struct gpu *gpu)
 {
     if (!gpu->lost && !fault_is_due(gpu->faults))
         return false;
-    gpu->refusal = gpu->lost || gpu->faults->kind == GPU_FAULT_LOST ? VK_ERROR_DEVICE_LOST : VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    gpu->refusal =
+        gpu->lost || gpu->faults->kind == GPU_FAULT_LOST ? VK_ERROR_DEVICE_LOST : VK_ERROR_OUT_OF_DEVICE_MEMORY;
     return true;
 }
 
@@ -50,15 +54,9 @@ VkResult gpu_outcome(struct gpu *gpu, VkResult result)
     return result;
 }
 
-bool gpu_lost(const struct gpu *gpu)
-{
-    return gpu->lost;
-}
+bool gpu_lost(const struct gpu *gpu) { return gpu->lost; }
 
-bool gpu_short_of_memory(const struct gpu *gpu)
-{
-    return !gpu->lost && gpu->short_of_memory;
-}
+bool gpu_short_of_memory(const struct gpu *gpu) { return !gpu->lost && gpu->short_of_memory; }
 
 static const char *meaning(VkResult result)
 {
@@ -92,6 +90,6 @@ int gpu_failure(const struct gpu *gpu, VkResult result, struct kiln_error *error
     (void)vsnprintf(sentence, sizeof sentence, format, arguments);
     va_end(arguments);
     const char *device = gpu != NULL && gpu->about.name[0] != '\0' ? gpu->about.name : "Vulkan";
-    return kiln_fail(error, result == VK_ERROR_OUT_OF_HOST_MEMORY ? KILN_SYSTEM : KILN_NO_DEVICE, "%s: %s: %s (VkResult %d)", device, sentence,
-                     meaning(result), (int)result);
+    return kiln_fail(error, result == VK_ERROR_OUT_OF_HOST_MEMORY ? KILN_SYSTEM : KILN_NO_DEVICE,
+                     "%s: %s: %s (VkResult %d)", device, sentence, meaning(result), (int)result);
 }

@@ -18,13 +18,15 @@ static void list_found(const struct gpu_found *found, size_t count, char *text, 
     (void)snprintf(text, size, "none");
     for (size_t i = 0; i < count && length < size; i++) {
         const struct gpu_description *a = &found[i].about;
-        const int n = snprintf(text + length, size - length, "%s%zu %s%s%s", i > 0 ? "; " : "", i, a->name, a->fit ? "" : " lacks ", a->lacks);
+        const int n = snprintf(text + length, size - length, "%s%zu %s%s%s", i > 0 ? "; " : "", i, a->name,
+                               a->fit ? "" : " lacks ", a->lacks);
         length += n > 0 ? (size_t)n : 0;
     }
 }
 
 /* The local_rank-th in turn of the fit devices, real ones as long as there is one; writes how many ranks share it. */
-static const struct gpu_found *take_turn(const struct gpu_found *found, size_t count, const struct gpu_choice *choice, uint32_t *sharers)
+static const struct gpu_found *take_turn(const struct gpu_found *found, size_t count, const struct gpu_choice *choice,
+                                         uint32_t *sharers)
 {
     uint32_t real = 0, software = 0;
     for (size_t i = 0; i < count; i++)
@@ -58,7 +60,8 @@ static int choose(struct gpu *gpu, const struct gpu_choice *choice, struct kiln_
     if (one == NULL && choice->device < 0)
         status = kiln_fail(error, KILN_NO_DEVICE, "no Vulkan device here is fit for kiln; found: %s", text);
     else if (one == NULL)
-        status = kiln_fail(error, KILN_NO_DEVICE, "there is no fit Vulkan device %d here; found: %s", (int)choice->device, text);
+        status = kiln_fail(error, KILN_NO_DEVICE, "there is no fit Vulkan device %d here; found: %s",
+                           (int)choice->device, text);
     if (one != NULL) {
         gpu->physical = one->physical;
         gpu->about = one->about;
@@ -84,9 +87,11 @@ static void choose_queue(struct gpu *gpu, double *tick_bits)
 static void learn_properties(struct gpu *gpu)
 {
     gpu->ray_tracing.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_PIPELINE_PROPERTIES_KHR;
-    VkPhysicalDeviceMaintenance3Properties largest = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_3_PROPERTIES,
+    VkPhysicalDeviceMaintenance3Properties largest = {.sType =
+                                                          VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_3_PROPERTIES,
                                                       .pNext = gpu->about.ray_tracing ? &gpu->ray_tracing : NULL};
-    VkPhysicalDeviceProperties2 properties = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &largest};
+    VkPhysicalDeviceProperties2 properties = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2,
+                                              .pNext = &largest};
     vkGetPhysicalDeviceProperties2(gpu->physical, &properties);
     gpu->ray_tracing.pNext = NULL;
     gpu->limits = properties.properties.limits;
@@ -94,7 +99,8 @@ static void learn_properties(struct gpu *gpu)
     gpu->knows_budget = gpu_has_extension(gpu->physical, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
     vkGetPhysicalDeviceMemoryProperties(gpu->physical, &gpu->memory);
     for (uint32_t i = gpu->memory.memoryHeapCount; i-- > 0;)
-        if ((gpu->memory.memoryHeaps[i].flags & VK_MEMORY_HEAP_DEVICE_LOCAL_BIT) != 0 && gpu->memory.memoryHeaps[i].size == gpu->about.memory)
+        if ((gpu->memory.memoryHeaps[i].flags & VK_MEMORY_HEAP_DEVICE_LOCAL_BIT) != 0 &&
+            gpu->memory.memoryHeaps[i].size == gpu->about.memory)
             gpu->heap = i;
 }
 
@@ -116,8 +122,10 @@ static void load_extensions(struct gpu *gpu)
     if (!gpu->about.ray_tracing)
         return;
     struct gpu_extensions *e = &gpu->extensions;
-    e->create_pipelines = (PFN_vkCreateRayTracingPipelinesKHR)vkGetDeviceProcAddr(gpu->device, "vkCreateRayTracingPipelinesKHR");
-    e->group_handles = (PFN_vkGetRayTracingShaderGroupHandlesKHR)vkGetDeviceProcAddr(gpu->device, "vkGetRayTracingShaderGroupHandlesKHR");
+    e->create_pipelines =
+        (PFN_vkCreateRayTracingPipelinesKHR)vkGetDeviceProcAddr(gpu->device, "vkCreateRayTracingPipelinesKHR");
+    e->group_handles = (PFN_vkGetRayTracingShaderGroupHandlesKHR)vkGetDeviceProcAddr(
+        gpu->device, "vkGetRayTracingShaderGroupHandlesKHR");
     e->trace_rays = (PFN_vkCmdTraceRaysKHR)vkGetDeviceProcAddr(gpu->device, "vkCmdTraceRaysKHR");
 }
 
@@ -125,19 +133,30 @@ static int create_device(struct gpu *gpu, struct kiln_error *error)
 {
     const char *extensions[MOST_EXTENSIONS];
     const float priority = 1.0f;
-    VkPhysicalDeviceRayTracingPipelineFeaturesKHR pipeline = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_PIPELINE_FEATURES_KHR,
-                                                              .rayTracingPipeline = VK_TRUE};
-    VkPhysicalDeviceAccelerationStructureFeaturesKHR structure = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_FEATURES_KHR,
-                                                                  .pNext = &pipeline, .accelerationStructure = VK_TRUE};
+    VkPhysicalDeviceRayTracingPipelineFeaturesKHR pipeline = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_PIPELINE_FEATURES_KHR, .rayTracingPipeline = VK_TRUE};
+    VkPhysicalDeviceAccelerationStructureFeaturesKHR structure = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_FEATURES_KHR,
+        .pNext = &pipeline,
+        .accelerationStructure = VK_TRUE};
     VkPhysicalDeviceVulkan12Features v12 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES,
                                             .pNext = gpu->about.ray_tracing ? &structure : NULL,
-                                            .bufferDeviceAddress = VK_TRUE, .scalarBlockLayout = VK_TRUE, .timelineSemaphore = VK_TRUE};
-    const VkPhysicalDeviceFeatures2 features = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, .pNext = &v12,
-                                                .features = {.shaderInt64 = VK_TRUE, .shaderFloat64 = gpu->about.float64}};
-    const VkDeviceQueueCreateInfo queue = {.sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO, .queueFamilyIndex = gpu->queue_family,
-                                           .queueCount = 1, .pQueuePriorities = &priority};
-    const VkDeviceCreateInfo info = {.sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, .pNext = &features, .queueCreateInfoCount = 1,
-                                     .pQueueCreateInfos = &queue, .enabledExtensionCount = list_extensions(gpu, extensions),
+                                            .bufferDeviceAddress = VK_TRUE,
+                                            .scalarBlockLayout = VK_TRUE,
+                                            .timelineSemaphore = VK_TRUE};
+    const VkPhysicalDeviceFeatures2 features = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2,
+        .pNext = &v12,
+        .features = {.shaderInt64 = VK_TRUE, .shaderFloat64 = gpu->about.float64}};
+    const VkDeviceQueueCreateInfo queue = {.sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO,
+                                           .queueFamilyIndex = gpu->queue_family,
+                                           .queueCount = 1,
+                                           .pQueuePriorities = &priority};
+    const VkDeviceCreateInfo info = {.sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
+                                     .pNext = &features,
+                                     .queueCreateInfoCount = 1,
+                                     .pQueueCreateInfos = &queue,
+                                     .enabledExtensionCount = list_extensions(gpu, extensions),
                                      .ppEnabledExtensionNames = extensions};
     const VkResult result = GPU_TRY(gpu, vkCreateDevice(gpu->physical, &info, NULL, &gpu->device));
     if (result != VK_SUCCESS)
@@ -225,30 +244,20 @@ void gpu_destroy(struct gpu **gpu)
     kiln_free(gpu);
 }
 
-const struct gpu_description *gpu_about(const struct gpu *gpu)
-{
-    return &gpu->about;
-}
+const struct gpu_description *gpu_about(const struct gpu *gpu) { return &gpu->about; }
 
-double gpu_slice(const struct gpu *gpu)
-{
-    return gpu->slice_seconds;
-}
+double gpu_slice(const struct gpu *gpu) { return gpu->slice_seconds; }
 
-size_t gpu_messages(const struct gpu *gpu)
-{
-    return atomic_load(&gpu->messages);
-}
+size_t gpu_messages(const struct gpu *gpu) { return atomic_load(&gpu->messages); }
 
-VkDevice gpu_vk_device(const struct gpu *gpu)
-{
-    return gpu->device;
-}
+VkDevice gpu_vk_device(const struct gpu *gpu) { return gpu->device; }
 
 void gpu_name(const struct gpu *gpu, VkObjectType type, uint64_t handle, const char *name)
 {
-    const VkDebugUtilsObjectNameInfoEXT info = {.sType = VK_STRUCTURE_TYPE_DEBUG_UTILS_OBJECT_NAME_INFO_EXT, .objectType = type,
-                                                .objectHandle = handle, .pObjectName = name};
+    const VkDebugUtilsObjectNameInfoEXT info = {.sType = VK_STRUCTURE_TYPE_DEBUG_UTILS_OBJECT_NAME_INFO_EXT,
+                                                .objectType = type,
+                                                .objectHandle = handle,
+                                                .pObjectName = name};
     if (gpu->extensions.set_name != NULL)
         (void)gpu->extensions.set_name(gpu->device, &info);
 }

@@ -14,7 +14,10 @@
 #include "worker/backend/vulkan/gpu_private.h"
 #include "worker/base/memory.h"
 
-enum { GUARD_BYTES = 1 << 18 /* a multiple of any page; most strides of an index that is one too large are smaller */, ALIGNMENT = 64 };
+enum {
+    GUARD_BYTES = 1 << 18 /* a multiple of any page; most strides of an index that is one too large are smaller */,
+    ALIGNMENT = 64
+};
 
 enum { NOT_YET, BEGUN, DONE };
 
@@ -28,13 +31,11 @@ struct gpu_guard {
     atomic_int explaining;    /* NOT_YET, BEGUN, DONE */
 };
 
-/* The one thing that a signal handler can find. The first guard that is there has it; others' faults end the process without a sentence. */
+/* The one thing that a signal handler can find. The first guard that is there has it; others' faults end the process
+ * without a sentence. */
 static struct gpu_guard *_Atomic guard_of_handler;
 
-bool gpu_guarded(const struct gpu *gpu)
-{
-    return gpu->guard != NULL;
-}
+bool gpu_guarded(const struct gpu *gpu) { return gpu->guard != NULL; }
 
 /* ---- the sentence, by means that a signal handler may use ---- */
 
@@ -123,8 +124,8 @@ static void say_what_happened(const struct gpu_guard *guard, uintptr_t address, 
         return; /* nobody is there to be told */
 }
 
-/* The access is tried again when this returns, and then ends as it would have without. A kernel runs on several threads, which may
- * come here at once: the first of them speaks, and none may end the process before it has. */
+/* The access is tried again when this returns, and then ends as it would have without. A kernel runs on several
+ * threads, which may come here at once: the first of them speaks, and none may end the process before it has. */
 static void explain(int number, siginfo_t *info, void *context)
 {
     struct gpu_guard *guard = atomic_load(&guard_of_handler);
@@ -144,7 +145,8 @@ static void begin_to_explain(struct gpu_guard *guard)
 {
     struct gpu_guard *nobody = NULL;
     const struct sigaction action = {.sa_sigaction = explain, .sa_flags = SA_SIGINFO};
-    guard->explains = atomic_compare_exchange_strong(&guard_of_handler, &nobody, guard) && sigaction(SIGSEGV, &action, &guard->earlier) == 0;
+    guard->explains = atomic_compare_exchange_strong(&guard_of_handler, &nobody, guard) &&
+                      sigaction(SIGSEGV, &action, &guard->earlier) == 0;
 }
 
 static void end_explaining(struct gpu_guard *guard)
@@ -166,8 +168,11 @@ int gpu_guard_create(struct gpu *gpu, struct kiln_error *error)
     if (!before && strcmp(wish, "after") != 0)
         return kiln_fail(error, KILN_USAGE, "KILN_VULKAN_GUARD is '%.100s'; it is after, before or 0", wish);
     if (!gpu->about.software)
-        return kiln_fail(error, KILN_NO_DEVICE, "KILN_VULKAN_GUARD asks for guarded buffers, and only software devices have them: choose one by "
-                         "--device, %s is a real one", gpu->about.name);
+        return kiln_fail(
+            error, KILN_NO_DEVICE,
+            "KILN_VULKAN_GUARD asks for guarded buffers, and only software devices have them: choose one by "
+            "--device, %s is a real one",
+            gpu->about.name);
     const int status = kiln_allocate(&gpu->guard, 1, sizeof *gpu->guard, "guards of buffers", error);
     if (status != KILN_OK)
         return status;
@@ -181,7 +186,8 @@ int gpu_guard_start(struct gpu *gpu, struct kiln_error *error)
 {
     if (gpu->guard == NULL)
         return KILN_OK;
-    const int status = gpu_buffer_create(gpu, &gpu->guard->marker, sizeof(const char *), GPU_HOST, "the present kernel's name", error);
+    const int status =
+        gpu_buffer_create(gpu, &gpu->guard->marker, sizeof(const char *), GPU_HOST, "the present kernel's name", error);
     if (status != KILN_OK)
         return status;
     memset(gpu->guard->marker.mapped, 0, sizeof(const char *));
@@ -238,7 +244,8 @@ static void lay_out(const struct gpu_guard *guard, struct gpu_guarded *g, unsign
     g->offset = (VkDeviceSize)(g->start - g->skip - base);
 }
 
-int gpu_guard_take(struct gpu *gpu, VkDeviceMemory memory, size_t size, const char *what, struct gpu_guarded **guarded, struct kiln_error *error)
+int gpu_guard_take(struct gpu *gpu, VkDeviceMemory memory, size_t size, const char *what, struct gpu_guarded **guarded,
+                   struct kiln_error *error)
 {
     void *base;
     struct gpu_guarded *g = NULL;
@@ -253,7 +260,9 @@ int gpu_guard_take(struct gpu *gpu, VkDeviceMemory memory, size_t size, const ch
     lay_out(gpu->guard, g, base);
     fill(g);
     if (mprotect(g->begin - GUARD_BYTES, GUARD_BYTES, PROT_NONE) != 0 || mprotect(g->end, GUARD_BYTES, PROT_NONE) != 0)
-        status = kiln_fail_errno(error, KILN_SYSTEM, "cannot guard the memory of %s (a process may have so many mappings: vm.max_map_count)", what);
+        status = kiln_fail_errno(
+            error, KILN_SYSTEM, "cannot guard the memory of %s (a process may have so many mappings: vm.max_map_count)",
+            what);
     atomic_store(&gpu->guard->newest, g); /* also after a failure: freed with the others */
     *guarded = g;
     return status;
@@ -266,7 +275,9 @@ static void check_gap(const struct gpu_guarded *g)
         if (p == g->start)
             p += g->size;
         if (p < g->end && *p != gap_byte((uintptr_t)p)) {
-            (void)fprintf(stderr, "kiln: error: guard: something was written %td bytes after the beginning of '%s', which has %zu bytes\n",
+            (void)fprintf(stderr,
+                          "kiln: error: guard: something was written %td bytes after the beginning of '%s', which has "
+                          "%zu bytes\n",
                           p - g->start, g->what, g->size);
             abort();
         }
@@ -299,6 +310,7 @@ void gpu_guard_mark(const struct gpu *gpu, VkCommandBuffer commands, const char 
     if (gpu->guard == NULL || gpu->guard->marker.memory == NULL)
         return;
     gpu_barrier(commands);
-    vkCmdUpdateBuffer(commands, gpu_vk_buffer(&gpu->guard->marker), gpu_buffer_skip(&gpu->guard->marker), sizeof kernel, &kernel);
+    vkCmdUpdateBuffer(commands, gpu_vk_buffer(&gpu->guard->marker), gpu_buffer_skip(&gpu->guard->marker), sizeof kernel,
+                      &kernel);
     gpu_barrier(commands);
 }

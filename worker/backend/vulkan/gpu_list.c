@@ -23,7 +23,8 @@ bool gpu_has_extension(VkPhysicalDevice physical, const char *name)
 static void describe_driver(VkPhysicalDevice physical, struct gpu_description *about)
 {
     VkPhysicalDeviceVulkan12Properties v12 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_PROPERTIES};
-    VkPhysicalDeviceVulkan11Properties v11 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_1_PROPERTIES, .pNext = &v12};
+    VkPhysicalDeviceVulkan11Properties v11 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_1_PROPERTIES,
+                                              .pNext = &v12};
     VkPhysicalDeviceProperties2 properties = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &v11};
     vkGetPhysicalDeviceProperties2(physical, &properties);
     memcpy(about->uuid, v11.deviceUUID, sizeof about->uuid);
@@ -34,8 +35,10 @@ static void describe_driver(VkPhysicalDevice physical, struct gpu_description *a
 static void describe_memory(VkPhysicalDevice physical, struct gpu_description *about)
 {
     const bool known = gpu_has_extension(physical, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
-    VkPhysicalDeviceMemoryBudgetPropertiesEXT budget = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_BUDGET_PROPERTIES_EXT};
-    VkPhysicalDeviceMemoryProperties2 memory = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_PROPERTIES_2, .pNext = known ? &budget : NULL};
+    VkPhysicalDeviceMemoryBudgetPropertiesEXT budget = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_BUDGET_PROPERTIES_EXT};
+    VkPhysicalDeviceMemoryProperties2 memory = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_PROPERTIES_2,
+                                                .pNext = known ? &budget : NULL};
     vkGetPhysicalDeviceMemoryProperties2(physical, &memory);
     for (uint32_t i = 0; i < memory.memoryProperties.memoryHeapCount; i++) {
         const VkMemoryHeap *heap = &memory.memoryProperties.memoryHeaps[i];
@@ -62,9 +65,10 @@ static bool offers_ray_tracing(VkPhysicalDevice physical)
         !gpu_has_extension(physical, VK_KHR_ACCELERATION_STRUCTURE_EXTENSION_NAME) ||
         !gpu_has_extension(physical, VK_KHR_DEFERRED_HOST_OPERATIONS_EXTENSION_NAME))
         return false;
-    VkPhysicalDeviceRayTracingPipelineFeaturesKHR pipeline = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_PIPELINE_FEATURES_KHR};
-    VkPhysicalDeviceAccelerationStructureFeaturesKHR structure = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_FEATURES_KHR,
-                                                                  .pNext = &pipeline};
+    VkPhysicalDeviceRayTracingPipelineFeaturesKHR pipeline = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_PIPELINE_FEATURES_KHR};
+    VkPhysicalDeviceAccelerationStructureFeaturesKHR structure = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_FEATURES_KHR, .pNext = &pipeline};
     VkPhysicalDeviceFeatures2 features = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, .pNext = &structure};
     vkGetPhysicalDeviceFeatures2(physical, &features);
     return pipeline.rayTracingPipeline && structure.accelerationStructure;
@@ -98,7 +102,8 @@ static void describe(VkPhysicalDevice physical, struct gpu_description *about)
 {
     VkPhysicalDeviceProperties properties;
     vkGetPhysicalDeviceProperties(physical, &properties);
-    *about = (struct gpu_description){.api_version = properties.apiVersion, .software = properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU};
+    *about = (struct gpu_description){.api_version = properties.apiVersion,
+                                      .software = properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU};
     (void)snprintf(about->name, sizeof about->name, "%.127s", properties.deviceName);
     if (properties.apiVersion >= VK_API_VERSION_1_2) {
         describe_driver(physical, about);

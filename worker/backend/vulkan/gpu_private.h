@@ -1,7 +1,7 @@
 /* Inside of a gpu, for the files gpu_*.c and for what builds on Vulkan itself (acceleration.c).
  *
- * Every Vulkan call that can fail stands in GPU_TRY, which counts it, plays faults and notes what failed; gpu_failure then makes
- * the sentence:
+ * Every Vulkan call that can fail stands in GPU_TRY, which counts it, plays faults and notes what failed; gpu_failure
+ * then makes the sentence:
  *
  *     const VkResult result = GPU_TRY(gpu, vkCreateBuffer(gpu_vk_device(gpu), &info, NULL, &buffer));
  *     if (result != VK_SUCCESS)
@@ -82,8 +82,10 @@ int gpu_failure(const struct gpu *gpu, VkResult result, struct kiln_error *error
 
 VkDevice gpu_vk_device(const struct gpu *gpu);
 VkBuffer gpu_vk_buffer(const struct gpu_buffer *buffer);
-size_t gpu_buffer_skip(const struct gpu_buffer *buffer); /* bytes of the VkBuffer before the buffer's first: 0 without guard */
-/* Records commands by calling back, runs them after all submissions so far and waits. A full barrier stands before and after. */
+/* bytes of the VkBuffer before the buffer's first: 0 without guard */
+size_t gpu_buffer_skip(const struct gpu_buffer *buffer);
+/* Records commands by calling back, runs them after all submissions so far and waits. A full barrier stands before and
+ * after. */
 typedef void (*gpu_record)(VkCommandBuffer commands, void *context);
 int gpu_run_commands(struct gpu *gpu, gpu_record record, void *context, double *seconds, struct kiln_error *error);
 /* All writes so far are seen by all that comes after, on the device and on the host. */
@@ -93,7 +95,8 @@ void gpu_name(const struct gpu *gpu, VkObjectType type, uint64_t handle, const c
 
 /* ---- between gpu_*.c ---- */
 
-/* gpu_instance.c: an instance with the validation layer if asked for; `*instance` stays VK_NULL_HANDLE when no driver is there. */
+/* gpu_instance.c: an instance with the validation layer if asked for; `*instance` stays VK_NULL_HANDLE when no driver
+ * is there. */
 int gpu_instance_create(struct gpu *gpu, bool validation, VkInstance *instance, struct kiln_error *error);
 /* gpu_list.c */
 struct gpu_found {
@@ -106,27 +109,29 @@ bool gpu_has_extension(VkPhysicalDevice physical, const char *name);
 /* gpu_submit.c */
 int gpu_slots_create(struct gpu *gpu, struct kiln_error *error);
 void gpu_slots_destroy(struct gpu *gpu);
-/* Before something is destroyed: waits if anything is under way, whose slots stay taken. False: the device hangs, so that waiting
- * would have no end, and what is on it must be left alone. */
+/* Before something is destroyed: waits if anything is under way, whose slots stay taken. False: the device hangs, so
+ * that waiting would have no end, and what is on it must be left alone. */
 bool gpu_settle(const struct gpu *gpu);
 int gpu_slot_begin(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
 int gpu_slot_end(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
 int gpu_slot_wait(struct gpu *gpu, struct gpu_slot *slot, double *seconds, struct kiln_error *error);
 /* gpu_memory.c */
 int gpu_staging_create(struct gpu *gpu, struct kiln_error *error);
-/* gpu_guard.c: buffers on memory whose surroundings nobody may touch, see gpu.h. Where nothing is said otherwise these do nothing without. */
+/* gpu_guard.c: buffers on memory whose surroundings nobody may touch, see gpu.h. Where nothing is said otherwise these
+ * do nothing without. */
 struct gpu_guarded {
     struct gpu_guarded *next;
     char what[64];
     VkDeviceMemory memory;
-    unsigned char *begin, *end;   /* the pages that may be touched */
-    unsigned char *start;         /* the buffer */
+    unsigned char *begin, *end; /* the pages that may be touched */
+    unsigned char *start;       /* the buffer */
     size_t size;
-    size_t skip;                  /* bytes of the VkBuffer before it */
-    VkDeviceSize offset;          /* of the VkBuffer in its memory */
+    size_t skip;         /* bytes of the VkBuffer before it */
+    VkDeviceSize offset; /* of the VkBuffer in its memory */
     atomic_bool retired;
 };
-/* Reads KILN_VULKAN_GUARD; KILN_USAGE when it is not understood, KILN_NO_DEVICE for a real device. Before the VkDevice is made. */
+/* Reads KILN_VULKAN_GUARD; KILN_USAGE when it is not understood, KILN_NO_DEVICE for a real device. Before the VkDevice
+ * is made. */
 int gpu_guard_create(struct gpu *gpu, struct kiln_error *error);
 /* Once buffers can be made. */
 int gpu_guard_start(struct gpu *gpu, struct kiln_error *error);
@@ -135,8 +140,10 @@ void gpu_guard_destroy(struct gpu *gpu);
 /* Bytes of the VkBuffer for a buffer, and of the memory for a VkBuffer that needs so much; the same without guard. */
 size_t gpu_guard_buffer_size(const struct gpu *gpu, size_t size);
 VkDeviceSize gpu_guard_memory_size(const struct gpu *gpu, VkDeviceSize needed);
-/* Guarded only. Takes over memory of gpu_guard_memory_size bytes: the guard frees it, unless this fails and `guarded` stays NULL. */
-int gpu_guard_take(struct gpu *gpu, VkDeviceMemory memory, size_t size, const char *what, struct gpu_guarded **guarded, struct kiln_error *error);
+/* Guarded only. Takes over memory of gpu_guard_memory_size bytes: the guard frees it, unless this fails and `guarded`
+ * stays NULL. */
+int gpu_guard_take(struct gpu *gpu, VkDeviceMemory memory, size_t size, const char *what, struct gpu_guarded **guarded,
+                   struct kiln_error *error);
 /* The buffer is destroyed; its memory may not be touched from now on. */
 void gpu_guard_retire(struct gpu_guarded *guarded);
 /* From here on the device is busy with a kernel of this name, a string that stays; NULL: with no kernel. */
@@ -144,8 +151,10 @@ void gpu_guard_mark(const struct gpu *gpu, VkCommandBuffer commands, const char 
 /* gpu_kernel.c */
 int gpu_layouts_create(struct gpu *gpu, struct kiln_error *error);
 void gpu_layouts_destroy(struct gpu *gpu);
-void gpu_kernel_record(const struct gpu_kernel *kernel, VkCommandBuffer commands, const struct gpu_step *step, const struct gpu *gpu);
+void gpu_kernel_record(const struct gpu_kernel *kernel, VkCommandBuffer commands, const struct gpu_step *step,
+                       const struct gpu *gpu);
 /* KILN_BUG with the numbers when the device cannot start so many threads at once. */
-int gpu_kernel_fits(const struct gpu_kernel *kernel, const struct gpu_step *step, const struct gpu *gpu, struct kiln_error *error);
+int gpu_kernel_fits(const struct gpu_kernel *kernel, const struct gpu_step *step, const struct gpu *gpu,
+                    struct kiln_error *error);
 
 #endif

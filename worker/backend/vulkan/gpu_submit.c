@@ -3,7 +3,8 @@
 
 #include "worker/backend/vulkan/gpu_private.h"
 
-#define PATIENCE_NANOSECONDS 600000000000ull /* for one submission; a device that is not back by then is taken for lost */
+/* for one submission; a device that is not back by then is taken for lost */
+#define PATIENCE_NANOSECONDS 600000000000ull
 
 static double now(void)
 {
@@ -16,13 +17,17 @@ static double now(void)
 
 static VkResult create_slot(struct gpu *gpu, struct gpu_slot *slot)
 {
-    const VkCommandPoolCreateInfo pool = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO, .flags = VK_COMMAND_POOL_CREATE_TRANSIENT_BIT,
+    const VkCommandPoolCreateInfo pool = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO,
+                                          .flags = VK_COMMAND_POOL_CREATE_TRANSIENT_BIT,
                                           .queueFamilyIndex = gpu->queue_family};
     VkResult result = GPU_TRY(gpu, vkCreateCommandPool(gpu->device, &pool, NULL, &slot->pool));
-    const VkCommandBufferAllocateInfo commands = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO, .commandPool = slot->pool,
-                                                  .level = VK_COMMAND_BUFFER_LEVEL_PRIMARY, .commandBufferCount = 1};
+    const VkCommandBufferAllocateInfo commands = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
+                                                  .commandPool = slot->pool,
+                                                  .level = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
+                                                  .commandBufferCount = 1};
     const VkFenceCreateInfo fence = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
-    const VkQueryPoolCreateInfo queries = {.sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO, .queryType = VK_QUERY_TYPE_TIMESTAMP, .queryCount = 2};
+    const VkQueryPoolCreateInfo queries = {
+        .sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO, .queryType = VK_QUERY_TYPE_TIMESTAMP, .queryCount = 2};
     if (result == VK_SUCCESS)
         result = GPU_TRY(gpu, vkAllocateCommandBuffers(gpu->device, &commands, &slot->commands));
     if (result == VK_SUCCESS)
@@ -61,16 +66,20 @@ bool gpu_settle(const struct gpu *gpu)
 
 void gpu_barrier(VkCommandBuffer commands)
 {
-    const VkMemoryBarrier barrier = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER, .srcAccessMask = VK_ACCESS_MEMORY_WRITE_BIT,
+    const VkMemoryBarrier barrier = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
+                                     .srcAccessMask = VK_ACCESS_MEMORY_WRITE_BIT,
                                      .dstAccessMask = VK_ACCESS_MEMORY_READ_BIT | VK_ACCESS_MEMORY_WRITE_BIT};
-    vkCmdPipelineBarrier(commands, VK_PIPELINE_STAGE_ALL_COMMANDS_BIT, VK_PIPELINE_STAGE_ALL_COMMANDS_BIT | VK_PIPELINE_STAGE_HOST_BIT, 0, 1,
-                         &barrier, 0, NULL, 0, NULL);
+    vkCmdPipelineBarrier(commands, VK_PIPELINE_STAGE_ALL_COMMANDS_BIT,
+                         VK_PIPELINE_STAGE_ALL_COMMANDS_BIT | VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, NULL, 0,
+                         NULL);
 }
 
-/* Times are taken once all before them is done, so that what the slots add up to is never more than the time that passed. */
+/* Times are taken once all before them is done, so that what the slots add up to is never more than the time that
+ * passed. */
 int gpu_slot_begin(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error)
 {
-    const VkCommandBufferBeginInfo info = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO, .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT};
+    const VkCommandBufferBeginInfo info = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
+                                           .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT};
     assert(!slot->under_way);
     VkResult result = GPU_TRY(gpu, vkResetCommandPool(gpu->device, slot->pool, 0));
     if (result == VK_SUCCESS)
@@ -90,7 +99,8 @@ int gpu_slot_end(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *erro
     gpu_barrier(slot->commands);
     if (gpu->limits.timestampPeriod > 0.0f)
         vkCmdWriteTimestamp(slot->commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, slot->queries, 1);
-    const VkSubmitInfo info = {.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = &slot->commands};
+    const VkSubmitInfo info = {
+        .sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = &slot->commands};
     VkResult result = GPU_TRY(gpu, vkEndCommandBuffer(slot->commands));
     if (result == VK_SUCCESS)
         result = GPU_TRY(gpu, vkResetFences(gpu->device, 1, &slot->fence));
@@ -108,8 +118,9 @@ static VkResult read_clock(struct gpu *gpu, const struct gpu_slot *slot, double 
     *seconds = 0.0;
     if (gpu->limits.timestampPeriod <= 0.0f)
         return VK_SUCCESS;
-    const VkResult result = GPU_TRY(gpu, vkGetQueryPoolResults(gpu->device, slot->queries, 0, 2, sizeof ticks, ticks, sizeof *ticks,
-                                                               VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT));
+    const VkResult result =
+        GPU_TRY(gpu, vkGetQueryPoolResults(gpu->device, slot->queries, 0, 2, sizeof ticks, ticks, sizeof *ticks,
+                                           VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT));
     *seconds = ticks[1] > ticks[0] ? (double)(ticks[1] - ticks[0]) * (double)gpu->limits.timestampPeriod * 1e-9 : 0.0;
     return result;
 }
@@ -125,7 +136,8 @@ int gpu_slot_wait(struct gpu *gpu, struct gpu_slot *slot, double *seconds, struc
     if (result == VK_TIMEOUT)
         gpu->lost = gpu->hangs = true;
     if (result != VK_SUCCESS && result != VK_TIMEOUT)
-        (void)vkDeviceWaitIdle(gpu->device); /* nothing of it may be under way when the slot or its buffers are used again */
+        /* nothing of it may be under way when the slot or its buffers are used again */
+        (void)vkDeviceWaitIdle(gpu->device);
     if (result == VK_SUCCESS)
         result = read_clock(gpu, slot, &took);
     slot->under_way = false;
@@ -148,7 +160,8 @@ static void record_step(const struct gpu *gpu, VkCommandBuffer commands, const s
         return;
     }
     const VkBufferCopy region = {.srcOffset = gpu_buffer_skip(step->from) + step->from_offset,
-                                 .dstOffset = gpu_buffer_skip(step->to) + step->to_offset, .size = step->size};
+                                 .dstOffset = gpu_buffer_skip(step->to) + step->to_offset,
+                                 .size = step->size};
     assert(step->from_offset + step->size <= step->from->size && step->to_offset + step->size <= step->to->size);
     gpu_guard_mark(gpu, commands, NULL);
     vkCmdCopyBuffer(commands, gpu_vk_buffer(step->from), gpu_vk_buffer(step->to), 1, &region);
@@ -220,7 +233,8 @@ int gpu_run_commands(struct gpu *gpu, gpu_record record, void *context, double *
 
 void gpu_clock_read(const struct gpu *gpu, struct gpu_clock *clock)
 {
-    *clock = (struct gpu_clock){.busy = gpu->busy, .elapsed = gpu->first_submission > 0.0 ? now() - gpu->first_submission : 0.0};
+    *clock = (struct gpu_clock){.busy = gpu->busy,
+                                .elapsed = gpu->first_submission > 0.0 ? now() - gpu->first_submission : 0.0};
 }
 
 /* ---- pace ---- */
@@ -238,5 +252,6 @@ void gpu_pacer_learn(struct gpu_pacer *pacer, uint64_t work, double seconds)
     if (work == 0 || seconds <= 0.0)
         return;
     const double rate = (double)work / seconds;
-    pacer->rate = rate < pacer->rate || pacer->rate <= 0.0 ? rate : 0.5 * (rate + pacer->rate); /* slower at once, faster by and by */
+    /* slower at once, faster by and by */
+    pacer->rate = rate < pacer->rate || pacer->rate <= 0.0 ? rate : 0.5 * (rate + pacer->rate);
 }

@@ -17,12 +17,15 @@
 struct shape {
     size_t reals, words, size, float_size;
 };
-#define SHAPE(name, first_word, word_count) \
-    {offsetof(struct name, first_word) / sizeof(double), word_count, sizeof(struct name), sizeof(struct name##_float)}
-#define SHAPE_HOLDS(name, first_word, word_count)                                                                                     \
-    _Static_assert(sizeof(struct name##_float) == offsetof(struct name##_float, first_word) + 4 * (word_count) &&                     \
-                       offsetof(struct name, first_word) == 2 * offsetof(struct name##_float, first_word) &&                          \
-                       sizeof(struct name) == offsetof(struct name, first_word) + 4 * (word_count),                                   \
+#define SHAPE(name, first_word, word_count)                                                                            \
+    {                                                                                                                  \
+        offsetof(struct name, first_word) / sizeof(double), word_count, sizeof(struct name),                           \
+            sizeof(struct name##_float)                                                                                \
+    }
+#define SHAPE_HOLDS(name, first_word, word_count)                                                                      \
+    _Static_assert(sizeof(struct name##_float) == offsetof(struct name##_float, first_word) + 4 * (word_count) &&      \
+                       offsetof(struct name, first_word) == 2 * offsetof(struct name##_float, first_word) &&           \
+                       sizeof(struct name) == offsetof(struct name, first_word) + 4 * (word_count),                    \
                    "struct " #name " is not reals, then words without a gap")
 
 SHAPE_HOLDS(kiln_gpu_light_node, left, 4);
@@ -62,11 +65,13 @@ static void narrow(const struct shape *shape, unsigned char *data, size_t count)
             const float slim = (float)wide;
             memcpy(to + r * sizeof slim, &slim, sizeof slim);
         }
-        memmove(to + shape->reals * sizeof(float), from + shape->reals * sizeof(double), shape->words * sizeof(uint32_t));
+        memmove(to + shape->reals * sizeof(float), from + shape->reals * sizeof(double),
+                shape->words * sizeof(uint32_t));
     }
 }
 
-static int put_bytes(struct builder *b, const void *data, size_t size, const char *what, uint64_t *address, struct kiln_error *error)
+static int put_bytes(struct builder *b, const void *data, size_t size, const char *what, uint64_t *address,
+                     struct kiln_error *error)
 {
     struct gpu_buffer *buffer = &b->lights->buffers[b->used++];
     const int status = gpu_buffer_of(b->gpu, buffer, data, size, what, error);
@@ -108,7 +113,8 @@ static void make_area(const struct kiln_lights *model, size_t i, void *entry)
     *area = (struct kiln_gpu_area_light){.area = a->area,
                                          .rounding = a->rounding,
                                          .triangle = a->triangle,
-                                         .flags = (a->two_sided ? KILN_LIGHT_TWO_SIDED : 0) | (a->textured ? KILN_LIGHT_HAS_TEXTURE : 0)};
+                                         .flags = (a->two_sided ? KILN_LIGHT_TWO_SIDED : 0) |
+                                                  (a->textured ? KILN_LIGHT_HAS_TEXTURE : 0)};
     copy3(area->p0, a->p0);
     copy3(area->e1, a->e1);
     copy3(area->e2, a->e2);
@@ -120,7 +126,10 @@ static void make_point(const struct kiln_lights *model, size_t i, void *entry)
 {
     const struct kiln_point_light *p = &model->points[i];
     struct kiln_gpu_point_light *point = entry;
-    *point = (struct kiln_gpu_point_light){.range = p->range, .cos_inner = p->cos_inner, .cos_outer = p->cos_outer, .flags = p->spot ? KILN_LIGHT_IS_SPOT : 0};
+    *point = (struct kiln_gpu_point_light){.range = p->range,
+                                           .cos_inner = p->cos_inner,
+                                           .cos_outer = p->cos_outer,
+                                           .flags = p->spot ? KILN_LIGHT_IS_SPOT : 0};
     copy3(point->position, p->position);
     copy3(point->direction, p->direction);
     memcpy(point->intensity, p->intensity, sizeof point->intensity);
@@ -144,7 +153,8 @@ static void make_row(const struct kiln_lights *model, size_t i, void *entry)
 
 /* ---- onto the device ---- */
 
-static int put_list(struct builder *b, const struct shape *shape, void (*make)(const struct kiln_lights *model, size_t i, void *entry), size_t count,
+static int put_list(struct builder *b, const struct shape *shape,
+                    void (*make)(const struct kiln_lights *model, size_t i, void *entry), size_t count,
                     const char *what, uint64_t *address, struct kiln_error *error)
 {
     unsigned char *list = NULL;
@@ -181,11 +191,14 @@ static int put_image(struct builder *b, struct kiln_gpu_lights *layout, struct k
     layout->width = e->width;
     layout->height = e->height;
     layout->rotation = e->rotation;
-    int status = put_bytes(b, b->model->marginal, e->height * sizeof(float), "the environment's rows", &layout->marginal, error);
+    int status =
+        put_bytes(b, b->model->marginal, e->height * sizeof(float), "the environment's rows", &layout->marginal, error);
     if (status == KILN_OK)
-        status = put_bytes(b, b->model->conditional, texels * sizeof(float), "the environment's distribution", &layout->conditional, error);
+        status = put_bytes(b, b->model->conditional, texels * sizeof(float), "the environment's distribution",
+                           &layout->conditional, error);
     if (status == KILN_OK)
-        status = put_list(b, &real_shape, make_row, 2 * (size_t)e->height + 1, "the environment's rows", &layout->rows, error);
+        status = put_list(b, &real_shape, make_row, 2 * (size_t)e->height + 1, "the environment's rows", &layout->rows,
+                          error);
     if (status == KILN_OK)
         status = put_texels(b, &layout->texels, error);
     return status;
@@ -205,7 +218,8 @@ static int put_environment(struct builder *b, struct kiln_gpu_lights *layout, st
 
 static uint32_t kinds_of(const struct kiln_lights *model)
 {
-    uint32_t kinds = (model->area_count != 0 ? KILN_LIGHT_AREA : 0) | (model->point_count != 0 ? KILN_LIGHT_PUNCTUAL : 0) |
+    uint32_t kinds = (model->area_count != 0 ? KILN_LIGHT_AREA : 0) |
+                     (model->point_count != 0 ? KILN_LIGHT_PUNCTUAL : 0) |
                      (model->directional_count != 0 ? KILN_LIGHT_SUN : 0);
     for (size_t i = 0; i < model->area_count; i++)
         kinds |= model->areas[i].textured ? KILN_LIGHT_TEXTURED : 0;
@@ -225,11 +239,13 @@ int vulkan_lights_create(struct gpu *gpu, const struct kiln_lights *model, bool 
     layout->directional_count = (uint32_t)model->directional_count;
     int status = put_list(&b, &node_shape, make_node, model->node_count, "the light tree", &layout->nodes, error);
     if (status == KILN_OK)
-        status = put_list(&b, &area_shape, make_area, model->area_count, "the emissive triangles", &layout->areas, error);
+        status =
+            put_list(&b, &area_shape, make_area, model->area_count, "the emissive triangles", &layout->areas, error);
     if (status == KILN_OK)
         status = put_list(&b, &point_shape, make_point, model->point_count, "the point lights", &layout->points, error);
     if (status == KILN_OK)
-        status = put_list(&b, &directional_shape, make_directional, model->directional_count, "the directional lights", &layout->directionals, error);
+        status = put_list(&b, &directional_shape, make_directional, model->directional_count, "the directional lights",
+                          &layout->directionals, error);
     if (status == KILN_OK)
         status = put_environment(&b, layout, error);
     if (status != KILN_OK)

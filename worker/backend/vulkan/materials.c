@@ -8,11 +8,14 @@
 _Static_assert((int)KILN_GPU_ALPHA_MASK == (int)KILN_ALPHA_MASK && (int)KILN_GPU_WRAP_CLAMP == (int)KILN_WRAP_CLAMP &&
                    (int)KILN_GPU_WRAP_MIRROR == (int)KILN_WRAP_MIRROR && KILN_GPU_NONE == KILN_NONE,
                "shaders and C disagree on a constant");
-_Static_assert((int)KILN_GPU_ALPHA_OPAQUE == (int)KILN_ALPHA_OPAQUE && (int)KILN_GPU_PASSAGE_MASK == (int)KILN_PASSAGE_MASK &&
-                   (int)KILN_GPU_PASSAGE_BLEND == (int)KILN_PASSAGE_BLEND && (int)KILN_GPU_PASSAGE_TINT == (int)KILN_PASSAGE_TINT,
+_Static_assert((int)KILN_GPU_ALPHA_OPAQUE == (int)KILN_ALPHA_OPAQUE &&
+                   (int)KILN_GPU_PASSAGE_MASK == (int)KILN_PASSAGE_MASK &&
+                   (int)KILN_GPU_PASSAGE_BLEND == (int)KILN_PASSAGE_BLEND &&
+                   (int)KILN_GPU_PASSAGE_TINT == (int)KILN_PASSAGE_TINT,
                "shaders and C disagree on what surfaces do to light");
 
-static const uint64_t most_texel_bytes = (uint64_t)1 << 30; /* of a buffer: every device allows as much in one allocation */
+/* of a buffer: every device allows as much in one allocation */
+static const uint64_t most_texel_bytes = (uint64_t)1 << 30;
 
 /* What is made on the host before it is uploaded. */
 struct staging {
@@ -32,7 +35,8 @@ bool vulkan_materials_holds(const struct kiln_backend_params *params, uint32_t t
     const struct kiln_geometry *g = params->geometry;
     const uint32_t word = g->records[triangle].material;
     return triangle >= g->opaque_count ||
-           ((word & KILN_RECORD_EMITS) != 0 && params->scene->materials[word & KILN_RECORD_MATERIAL].emission_texture != KILN_NONE);
+           ((word & KILN_RECORD_EMITS) != 0 &&
+            params->scene->materials[word & KILN_RECORD_MATERIAL].emission_texture != KILN_NONE);
 }
 
 /* The shortest run of world triangles that has all that are wanted. */
@@ -51,13 +55,16 @@ static void want_textures(struct staging *s, uint32_t triangle, const struct kil
 {
     if (triangle >= s->params->geometry->opaque_count && material->base_color_texture != KILN_NONE)
         s->wanted[material->base_color_texture] = true;
-    if (triangle >= s->params->geometry->opaque_count && material->transmission > 0.0f && material->transmission_texture != KILN_NONE)
+    if (triangle >= s->params->geometry->opaque_count && material->transmission > 0.0f &&
+        material->transmission_texture != KILN_NONE)
         s->wanted[material->transmission_texture] = true;
-    if ((s->params->geometry->records[triangle].material & KILN_RECORD_EMITS) != 0 && material->emission_texture != KILN_NONE)
+    if ((s->params->geometry->records[triangle].material & KILN_RECORD_EMITS) != 0 &&
+        material->emission_texture != KILN_NONE)
         s->wanted[material->emission_texture] = true;
 }
 
-static void fill_coating(struct kiln_gpu_coating *coating, const struct kiln_scene *scene, uint32_t mesh, uint32_t stored)
+static void fill_coating(struct kiln_gpu_coating *coating, const struct kiln_scene *scene, uint32_t mesh,
+                         uint32_t stored)
 {
     const uint64_t first = scene->meshes[mesh].vertex_first;
     for (size_t c = 0; c < 3; c++) {
@@ -85,7 +92,8 @@ static void number_coatings(struct staging *s)
             continue;
         if (s->coating_of[stored] == KILN_NONE)
             s->coating_of[stored] = (uint32_t)s->coating_count++;
-        s->slots[i] = s->coating_of[stored] | (scene->objects[g->records[triangle].object].flipped ? KILN_GPU_FLIPPED : 0u);
+        s->slots[i] =
+            s->coating_of[stored] | (scene->objects[g->records[triangle].object].flipped ? KILN_GPU_FLIPPED : 0u);
         want_textures(s, triangle, &scene->materials[g->records[triangle].material & KILN_RECORD_MATERIAL]);
     }
 }
@@ -97,8 +105,8 @@ static void fill_coatings(struct staging *s)
     for (size_t i = 0; i < s->slot_count; i++)
         if (s->slots[i] != KILN_GPU_NONE) {
             const size_t triangle = s->slot_first + i;
-            fill_coating(&s->coatings[s->slots[i] & ~KILN_GPU_FLIPPED], scene, scene->objects[g->records[triangle].object].mesh,
-                         g->stored_triangle[triangle]);
+            fill_coating(&s->coatings[s->slots[i] & ~KILN_GPU_FLIPPED], scene,
+                         scene->objects[g->records[triangle].object].mesh, g->stored_triangle[triangle]);
         }
 }
 
@@ -126,9 +134,11 @@ static int make_staging(struct staging *s, struct kiln_error *error)
     const struct kiln_scene *scene = s->params->scene;
     int status = kiln_allocate(&s->slots, s->slot_count, sizeof *s->slots, "the coated triangles", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->coating_of, scene->triangle_count, sizeof *s->coating_of, "the coatings' numbers", error);
+        status =
+            kiln_allocate(&s->coating_of, scene->triangle_count, sizeof *s->coating_of, "the coatings' numbers", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->materials, scene->material_count, sizeof *s->materials, "the device's materials", error);
+        status =
+            kiln_allocate(&s->materials, scene->material_count, sizeof *s->materials, "the device's materials", error);
     if (status == KILN_OK)
         status = kiln_allocate(&s->textures, scene->texture_count, sizeof *s->textures, "the device's textures", error);
     if (status == KILN_OK)
@@ -138,8 +148,10 @@ static int make_staging(struct staging *s, struct kiln_error *error)
     number_coatings(s);
     kiln_free(&s->coating_of);
     if (s->coating_count > KILN_GPU_FLIPPED - 1)
-        return kiln_fail(error, KILN_NO_DEVICE, "%zu triangles with alpha or textured emission are more than the Vulkan backend's %u: bake with Embree",
-                         s->coating_count, KILN_GPU_FLIPPED - 1);
+        return kiln_fail(
+            error, KILN_NO_DEVICE,
+            "%zu triangles with alpha or textured emission are more than the Vulkan backend's %u: bake with Embree",
+            s->coating_count, KILN_GPU_FLIPPED - 1);
     status = kiln_allocate(&s->coatings, s->coating_count, sizeof *s->coatings, "the coatings", error);
     if (status != KILN_OK)
         return status;
@@ -176,7 +188,8 @@ static size_t run_of_textures(const struct staging *s, size_t first, uint64_t *b
     return i - first;
 }
 
-static int upload_run(struct staging *s, struct gpu_buffer *buffer, size_t first, size_t count, uint64_t bytes, struct kiln_error *error)
+static int upload_run(struct staging *s, struct gpu_buffer *buffer, size_t first, size_t count, uint64_t bytes,
+                      struct kiln_error *error)
 {
     const struct kiln_scene *scene = s->params->scene;
     int status = gpu_buffer_create(s->gpu, buffer, bytes, GPU_DEVICE, "the textures", error);
@@ -185,8 +198,13 @@ static int upload_run(struct staging *s, struct gpu_buffer *buffer, size_t first
         const struct kiln_texture *t = &scene->textures[i];
         if (!s->wanted[i])
             continue;
-        s->textures[i] = (struct kiln_gpu_texture){.texels = buffer->address + offset, .width = t->width, .height = t->height, .srgb = t->srgb,
-                                                   .nearest = t->nearest, .wrap_u = t->wrap_u, .wrap_v = t->wrap_v};
+        s->textures[i] = (struct kiln_gpu_texture){.texels = buffer->address + offset,
+                                                   .width = t->width,
+                                                   .height = t->height,
+                                                   .srgb = t->srgb,
+                                                   .nearest = t->nearest,
+                                                   .wrap_u = t->wrap_u,
+                                                   .wrap_v = t->wrap_v};
         status = gpu_upload(s->gpu, buffer, offset, scene->texels + t->first, texture_bytes(t), error);
         offset += texture_bytes(t);
     }
@@ -202,7 +220,8 @@ static int upload_texels(struct staging *s, struct vulkan_materials *m, struct k
         count = run_of_textures(s, first, &bytes);
         if (bytes == 0)
             continue;
-        status = kiln_grow(&m->texels, &room, m->texel_buffers + 1, sizeof *m->texels, "the list of texel buffers", error);
+        status =
+            kiln_grow(&m->texels, &room, m->texel_buffers + 1, sizeof *m->texels, "the list of texel buffers", error);
         if (status != KILN_OK)
             break;
         m->texels[m->texel_buffers] = (struct gpu_buffer){0};
@@ -211,7 +230,8 @@ static int upload_texels(struct staging *s, struct vulkan_materials *m, struct k
     return status;
 }
 
-static int upload_all(struct staging *s, struct vulkan_materials *m, struct kiln_gpu_materials *layout, struct kiln_error *error)
+static int upload_all(struct staging *s, struct vulkan_materials *m, struct kiln_gpu_materials *layout,
+                      struct kiln_error *error)
 {
     const struct kiln_scene *scene = s->params->scene;
     float linear[256];
@@ -237,8 +257,9 @@ static int upload_all(struct staging *s, struct vulkan_materials *m, struct kiln
     return status;
 }
 
-int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *params, struct vulkan_materials *materials,
-                            struct kiln_gpu_materials *layout, struct kiln_error *error)
+int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *params,
+                            struct vulkan_materials *materials, struct kiln_gpu_materials *layout,
+                            struct kiln_error *error)
 {
     struct staging s = {.params = params, .gpu = gpu};
     *materials = (struct vulkan_materials){0};

@@ -1,5 +1,6 @@
-/* Materials and textures on the device, for shaders/material.glsl. Only what kernels ask for is uploaded: coatings of triangles
- * that may let rays through or whose emission has a texture, and the textures these need. Nothing at all in a scene without. */
+/* Materials and textures on the device, for shaders/material.glsl. Only what kernels ask for is uploaded: coatings of
+ * triangles that may let rays through or whose emission has a texture, and the textures these need. Nothing at all in a
+ * scene without. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_MATERIALS_H
 #define KILN_WORKER_BACKEND_VULKAN_MATERIALS_H
 
@@ -11,14 +12,16 @@ enum { VULKAN_MATERIAL_BUFFERS = 5 };
 
 struct vulkan_materials {
     struct gpu_buffer buffers[VULKAN_MATERIAL_BUFFERS]; /* materials, textures, coatings, slots, table of sRGB codes */
-    struct gpu_buffer *texels; /* as many buffers as the texels need: one alone may be no larger than the device allows */
+    /* as many buffers as the texels need: one alone may be no larger than the device allows */
+    struct gpu_buffer *texels;
     size_t texel_buffers;
 };
 
 /* Uploads and writes the addresses into `layout` (all 0 when there is nothing). `params` are read only during the call.
  * KILN_NO_DEVICE when it does not fit, KILN_SYSTEM. Not collective. */
-int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *params, struct vulkan_materials *materials,
-                            struct kiln_gpu_materials *layout, struct kiln_error *error);
+int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *params,
+                            struct vulkan_materials *materials, struct kiln_gpu_materials *layout,
+                            struct kiln_error *error);
 void vulkan_materials_destroy(struct gpu *gpu, struct vulkan_materials *materials);
 
 /* Whether a kernel may ask for world triangle `triangle`: what is uploaded, and what the test goes through. */

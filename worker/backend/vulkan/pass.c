@@ -4,20 +4,22 @@
 
 #include "worker/base/memory.h"
 
-/* Of a chunk. Passes of few samples take more points: else what every chunk costs, its last few threads and its way to the host, would
- * show. */
+/* Of a chunk. Passes of few samples take more points: else what every chunk costs, its last few threads and its way to
+ * the host, would show. */
 enum { LEAST_POINTS = 1 << 13, USUAL_POINTS = 1 << 19, MOST_POINTS = 1 << 20, ENOUGH_RAYS = 1 << 24 };
 
 enum { ANSWER_BYTES = sizeof(struct kiln_gpu_result) + sizeof(uint32_t) };
 
-void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y, const void *constants, size_t bytes)
+void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y,
+                   const void *constants, size_t bytes)
 {
     if (x == 0 || y == 0)
         return;
     struct gpu_step *step = &recording->steps[recording->count];
     uint64_t *copy = recording->constants[recording->count++];
     memcpy(copy, constants, bytes);
-    *step = (struct gpu_step){.kernel = kernel, .threads_x = x, .threads_y = y, .constants = copy, .constant_bytes = bytes};
+    *step =
+        (struct gpu_step){.kernel = kernel, .threads_x = x, .threads_y = y, .constants = copy, .constant_bytes = bytes};
 }
 
 void vulkan_record_both(struct vulkan_recording *recording, const struct vulkan_dispatch both[2], size_t constant_bytes)
@@ -32,7 +34,7 @@ void vulkan_record_both(struct vulkan_recording *recording, const struct vulkan_
 /* A chunk under way in a slot. */
 struct flight {
     bool under_way;
-    size_t fragment_first, fragment_count;
+    size_t tile_run_first, tile_run_count;
     uint32_t total;
     double work; /* of what was submitted last */
 };
@@ -41,16 +43,16 @@ struct flight {
 struct run {
     struct vulkan_backend *b;
     const struct vulkan_pass *pass;
-    size_t next, end;       /* fragments not yet begun */
-    size_t taken;           /* first fragment not yet handed over */
-    uint32_t most_points;   /* that a slot holds */
+    size_t next, end;     /* tile runs not yet begun */
+    size_t taken;         /* first tile run not yet handed over */
+    uint32_t most_points; /* that a slot holds */
     struct flight flights[GPU_SLOTS];
-    uint32_t slot;          /* to be used next; the oldest flight too when all are under way */
-    bool refused;           /* whoever takes the answers has failed: no failure of the device */
+    uint32_t slot; /* to be used next; the oldest flight too when all are under way */
+    bool refused;  /* whoever takes the answers has failed: no failure of the device */
 };
 
-static int grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory, const char *what,
-                       struct kiln_error *error)
+static int grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory,
+                       const char *what, struct kiln_error *error)
 {
     if (gpu_guarded(b->gpu) ? buffer->size == size : buffer->size >= size)
         return KILN_OK;
@@ -58,7 +60,10 @@ static int grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size
     return gpu_buffer_create(b->gpu, buffer, size, memory, what, error);
 }
 
-static uint64_t points_there(const struct vulkan_backend *b) { return b->surface->count < MOST_POINTS ? b->surface->count : MOST_POINTS; }
+static uint64_t points_there(const struct vulkan_backend *b)
+{
+    return b->surface->count < MOST_POINTS ? b->surface->count : MOST_POINTS;
+}
 
 static int make_room(struct vulkan_backend *b, uint64_t points, uint64_t scratch, struct kiln_error *error)
 {
@@ -68,15 +73,16 @@ static int make_room(struct vulkan_backend *b, uint64_t points, uint64_t scratch
         if (status == KILN_OK)
             status = grow_buffer(b, &b->slots[i].answers, points * ANSWER_BYTES, GPU_DEVICE, "a pass's answers", error);
         if (status == KILN_OK)
-            status = grow_buffer(b, &b->slots[i].host, points * ANSWER_BYTES, GPU_HOST, "a pass's answers for the host", error);
+            status = grow_buffer(b, &b->slots[i].host, points * ANSWER_BYTES, GPU_HOST, "a pass's answers for the host",
+                                 error);
     }
     return status;
 }
 
 static uint64_t lesser(uint64_t a, uint64_t b) { return a < b ? a : b; }
 
-/* What most passes would ask for, since memory takes its time to come by: scratch up to the most, but no more than the share's points need
- * when many samples are summed up for them; and a quarter of the memory that is left at most. */
+/* What most passes would ask for, since memory takes its time to come by: scratch up to the most, but no more than the
+ * share's points need when many samples are summed up for them; and a quarter of the memory that is left at most. */
 void vulkan_passes_ahead(struct vulkan_backend *b)
 {
     const uint64_t a_slot = gpu_memory_left(b->gpu) / (4 * 2 * GPU_SLOTS); /* half of it for answers */
@@ -134,28 +140,31 @@ static void size_chunk(const struct run *r, uint64_t *points, uint32_t *rows)
         *points = wanted * pass->rows < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : (uint64_t)(wanted * pass->rows);
 }
 
-/* The next fragments of one block, at most so many points (but at least one fragment). */
-static void take_fragments(struct run *r, const struct vulkan_block *block, uint64_t points, struct flight *flight)
+/* The next tile runs of one block, at most so many points (but at least one tile run). */
+static void take_tile_runs(struct run *r, const struct vulkan_block *block, uint64_t points, struct flight *flight)
 {
-    const struct kiln_fragment *fragments = r->b->surface->fragments;
-    size_t end = block->fragment_first + block->fragment_count;
+    const struct kiln_tile_run *tile_runs = r->b->surface->tile_runs;
+    size_t end = block->tile_run_first + block->tile_run_count;
     end = end > r->end ? r->end : end;
-    *flight = (struct flight){.fragment_first = r->next};
-    while (r->next < end && (flight->fragment_count == 0 || flight->total + fragments[r->next].count <= points)) {
-        flight->total += fragments[r->next++].count;
-        flight->fragment_count++;
+    *flight = (struct flight){.tile_run_first = r->next};
+    while (r->next < end && (flight->tile_run_count == 0 || flight->total + tile_runs[r->next].count <= points)) {
+        flight->total += tile_runs[r->next++].count;
+        flight->tile_run_count++;
     }
 }
 
-static void describe(const struct run *r, const struct vulkan_block *block, const struct flight *flight, struct vulkan_chunk *chunk)
+static void describe(const struct run *r, const struct vulkan_block *block, const struct flight *flight,
+                     struct vulkan_chunk *chunk)
 {
     const struct gpu *gpu = r->b->gpu;
     const struct vulkan_slot *slot = &r->b->slots[r->slot];
-    const uint64_t results = slot->answers.address + gpu_buffer_tail(gpu, &slot->answers, flight->total * (size_t)ANSWER_BYTES);
-    const uint64_t first = r->b->surface->fragments[flight->fragment_first].first - r->b->surface->first - block->first;
-    *chunk = (struct vulkan_chunk){.scratch = slot->scratch.address + gpu_buffer_tail(gpu, &slot->scratch, flight->total * r->pass->scratch_bytes),
-                                   .results = results,
-                                   .words = results + (uint64_t)flight->total * sizeof(struct kiln_gpu_result)};
+    const uint64_t results =
+        slot->answers.address + gpu_buffer_tail(gpu, &slot->answers, flight->total * (size_t)ANSWER_BYTES);
+    const uint64_t first = r->b->surface->tile_runs[flight->tile_run_first].first - r->b->surface->first - block->first;
+    *chunk = (struct vulkan_chunk){
+        .scratch = slot->scratch.address + gpu_buffer_tail(gpu, &slot->scratch, flight->total * r->pass->scratch_bytes),
+        .results = results,
+        .words = results + (uint64_t)flight->total * sizeof(struct kiln_gpu_result)};
     gpu_buffer_forget(gpu, &slot->scratch);
     gpu_buffer_forget(gpu, &slot->answers);
     chunk->all = (struct kiln_gpu_chunk){.points = block->points.address,
@@ -168,7 +177,8 @@ static void describe(const struct run *r, const struct vulkan_block *block, cons
     chunk->buried = chunk->all;
     chunk->buried.list = block->list.address;
     chunk->buried.first = lower_bound(block->buried, r->pass->states ? block->buried_count : 0, first);
-    chunk->buried.count = lower_bound(block->buried, r->pass->states ? block->buried_count : 0, first + flight->total) - chunk->buried.first;
+    chunk->buried.count = lower_bound(block->buried, r->pass->states ? block->buried_count : 0, first + flight->total) -
+                          chunk->buried.first;
 }
 
 static int wait_slot(struct run *r, uint32_t slot, struct kiln_error *error)
@@ -182,17 +192,20 @@ static int wait_slot(struct run *r, uint32_t slot, struct kiln_error *error)
     return status;
 }
 
-/* Software devices end a kernel's loops after some ten thousands of rounds in all, without a word; kernels notice and say so by an
- * error of -1. */
-static int check(const struct run *r, const struct flight *flight, const struct kiln_point_result *results, struct kiln_error *error)
+/* Software devices end a kernel's loops after some ten thousands of rounds in all, without a word; kernels notice and
+ * say so by an error of -1. */
+static int check(const struct run *r, const struct flight *flight, const struct kiln_point_result *results,
+                 struct kiln_error *error)
 {
     bool stopped = false;
 #pragma omp parallel for num_threads((int)r->b->threads) reduction(|| : stopped) if (flight->total > 1 << 14)
     for (uint32_t i = 0; i < flight->total; i++)
         stopped = stopped || results[i].error < 0.0f;
     if (stopped)
-        return kiln_fail(error, KILN_NO_DEVICE, "%s ends long loops early, and a surface point of object %u needs one; use another device or --backend embree",
-                             gpu_about(r->b->gpu)->name, r->b->surface->fragments[flight->fragment_first].map);
+        return kiln_fail(error, KILN_NO_DEVICE,
+                         "%s ends long loops early, and a surface point of object %u needs one; use another device or "
+                         "--backend embree",
+                         gpu_about(r->b->gpu)->name, r->b->surface->tile_runs[flight->tile_run_first].map);
     return KILN_OK;
 }
 
@@ -208,8 +221,8 @@ static int land(struct run *r, uint32_t slot, struct kiln_error *error)
     if (status == KILN_OK && r->pass->states)
         status = check(r, flight, results, error);
     if (status == KILN_OK) {
-        r->taken = flight->fragment_first + flight->fragment_count;
-        status = r->pass->take(r->pass->context, flight->fragment_first, flight->fragment_count, results,
+        r->taken = flight->tile_run_first + flight->tile_run_count;
+        status = r->pass->take(r->pass->context, flight->tile_run_first, flight->tile_run_count, results,
                                r->pass->wants_words ? (const uint32_t *)(results + flight->total) : NULL, error);
         r->refused = status != KILN_OK;
     }
@@ -224,13 +237,16 @@ static int submit_portion(struct run *r, struct vulkan_chunk *chunk, struct flig
     if (status != KILN_OK)
         return status;
     if (chunk->last)
-        recording.steps[recording.count++] = (struct gpu_step){.from = &slot->answers, .to = &slot->host, .from_offset = chunk->results - slot->answers.address,
-                                                               .size = flight->total * (r->pass->wants_words ? (size_t)ANSWER_BYTES : sizeof(struct kiln_gpu_result))};
+        recording.steps[recording.count++] = (struct gpu_step){
+            .from = &slot->answers,
+            .to = &slot->host,
+            .from_offset = chunk->results - slot->answers.address,
+            .size = flight->total * (r->pass->wants_words ? (size_t)ANSWER_BYTES : sizeof(struct kiln_gpu_result))};
     flight->work = r->pass->work * (double)flight->total * (double)chunk->row_count;
     return gpu_submit(r->b->gpu, r->slot, recording.steps, recording.count, error);
 }
 
-/* The block of the next fragment. Where memory is short, what is under way has to land first. */
+/* The block of the next tile run. Where memory is short, what is under way has to land first. */
 static int find_block(struct run *r, struct vulkan_block **block, struct kiln_error *error)
 {
     uint32_t in_use = 0;
@@ -257,7 +273,7 @@ static int start(struct run *r, struct kiln_error *error)
     struct vulkan_chunk chunk;
     struct flight *flight = &r->flights[r->slot];
     size_chunk(r, &points, &rows);
-    take_fragments(r, block, points, flight);
+    take_tile_runs(r, block, points, flight);
     describe(r, block, flight, &chunk);
     for (uint32_t row = 0; row < r->pass->rows && status == KILN_OK; row += rows) {
         if (row != 0)
@@ -293,10 +309,11 @@ static int run_chunks(struct run *r, struct kiln_error *error)
     return status;
 }
 
-int vulkan_run_pass(struct vulkan_backend *b, const struct vulkan_pass *pass, size_t fragment_first, size_t fragment_count,
-                    struct kiln_error *error)
+int vulkan_run_pass(struct vulkan_backend *b, const struct vulkan_pass *pass, size_t tile_run_first,
+                    size_t tile_run_count, struct kiln_error *error)
 {
-    struct run r = {.b = b, .pass = pass, .next = fragment_first, .end = fragment_first + fragment_count, .taken = fragment_first};
+    struct run r = {
+        .b = b, .pass = pass, .next = tile_run_first, .end = tile_run_first + tile_run_count, .taken = tile_run_first};
     for (;;) {
         int status = pass->prepare(pass->context, error);
         if (status == KILN_OK && pass->states)

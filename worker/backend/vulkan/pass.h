@@ -1,10 +1,11 @@
-/* Running a pass over a range of fragments: chunks sized by time, several under way, answers handed over in order. */
+/* Running a pass over a range of tile runs: chunks sized by time, several under way, answers handed over in order. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_PASS_H
 #define KILN_WORKER_BACKEND_VULKAN_PASS_H
 
 #include "worker/backend/vulkan/vulkan.h"
 
-/* What a pass has to record steps for. A chunk's rows (slices of samples) may come in several portions, one after the other. */
+/* What a pass has to record steps for. A chunk's rows (slices of samples) may come in several portions, one after the
+ * other. */
 struct vulkan_chunk {
     struct kiln_gpu_chunk all;    /* every point, thread by thread */
     struct kiln_gpu_chunk buried; /* those that are partly buried; count 0: none */
@@ -22,37 +23,41 @@ struct vulkan_recording {
     size_t count;
 };
 /* Adds a kernel over (x, y) threads; the constants are copied. Nothing for x or y of 0. */
-void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y, const void *constants, size_t bytes);
+void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y,
+                   const void *constants, size_t bytes);
 
-/* Two kernels, neither of which needs anything of the other: they may run side by side. What takes few threads long goes first, so that the
- * other's fill the device meanwhile. */
+/* Two kernels, neither of which needs anything of the other: they may run side by side. What takes few threads long
+ * goes first, so that the other's fill the device meanwhile. */
 struct vulkan_dispatch {
     struct gpu_kernel *kernel;
     uint32_t x, y;
     const void *constants;
 };
-void vulkan_record_both(struct vulkan_recording *recording, const struct vulkan_dispatch both[2], size_t constant_bytes);
+void vulkan_record_both(struct vulkan_recording *recording, const struct vulkan_dispatch both[2],
+                        size_t constant_bytes);
 
 struct vulkan_pass {
     enum vulkan_pace pace;
-    bool states;           /* points as the validity pass left them, and answers in results; else all points, and words only */
-    uint32_t rows;         /* slices of samples */
-    double work;           /* of one row of a point: rays, about */
-    uint64_t first_guess;  /* work of the first chunk, when nothing is known yet */
-    size_t scratch_bytes;  /* a point */
-    bool wants_words;      /* else they are not copied back */
+    /* points as the validity pass left them, and answers in results; else all points, and words only */
+    bool states;
+    uint32_t rows;                                           /* slices of samples */
+    double work;                                             /* of one row of a point: rays, about */
+    uint64_t first_guess;                                    /* work of the first chunk, when nothing is known yet */
+    size_t scratch_bytes;                                    /* a point */
+    bool wants_words;                                        /* else they are not copied back */
     int (*prepare)(void *context, struct kiln_error *error); /* gets kernels and tables; again after each recovery */
-    int (*record)(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording, struct kiln_error *error);
-    /* Answers of consecutive fragments; words is NULL unless wanted. What it returns but for KILN_OK ends the pass. */
-    int (*take)(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results, const uint32_t *words,
-                struct kiln_error *error);
+    int (*record)(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
+                  struct kiln_error *error);
+    /* Answers of consecutive tile runs; words is NULL unless wanted. What it returns but for KILN_OK ends the pass. */
+    int (*take)(void *context, size_t tile_run_first, size_t tile_run_count, const struct kiln_point_result *results,
+                const uint32_t *words, struct kiln_error *error);
     void *context;
     double *seconds; /* NULL, or what the device was busy is added here */
 };
 
-/* Over `fragment_count` fragments from `fragment_first` on. A device that was lost or has run out of memory is made anew and the pass
- * goes on with what had not been handed over yet: see vulkan_recover. */
-int vulkan_run_pass(struct vulkan_backend *b, const struct vulkan_pass *pass, size_t fragment_first, size_t fragment_count,
-                    struct kiln_error *error);
+/* Over `tile_run_count` tile runs from `tile_run_first` on. A device that was lost or has run out of memory is made
+ * anew and the pass goes on with what had not been handed over yet: see vulkan_recover. */
+int vulkan_run_pass(struct vulkan_backend *b, const struct vulkan_pass *pass, size_t tile_run_first,
+                    size_t tile_run_count, struct kiln_error *error);
 
 #endif

@@ -10,21 +10,28 @@
 
 enum { BLOCK_POINTS = 1 << 20, BLOCK_PIECES = 1 << 21 };
 
-static uint64_t pieces_of(const struct kiln_surface *s, size_t fragment) { return s->piece_base[fragment + 1] - s->piece_base[fragment]; }
+static uint64_t pieces_of(const struct kiln_surface *s, size_t tile_run)
+{
+    return s->piece_base[tile_run + 1] - s->piece_base[tile_run];
+}
 
-/* Cuts the fragments into blocks; with `blocks` NULL only counts them. */
+/* Cuts the tile runs into blocks; with `blocks` NULL only counts them. */
 static size_t cut(const struct kiln_surface *s, struct vulkan_block *blocks)
 {
     size_t count = 0;
-    for (size_t f = 0; f < s->fragment_count;) {
+    for (size_t f = 0; f < s->tile_run_count;) {
         const size_t first = f;
         uint64_t points = 0, pieces = 0;
-        while (f < s->fragment_count && (f == first || (points + s->fragments[f].count <= BLOCK_POINTS && pieces + pieces_of(s, f) <= BLOCK_PIECES))) {
-            points += s->fragments[f].count;
+        while (f < s->tile_run_count && (f == first || (points + s->tile_runs[f].count <= BLOCK_POINTS &&
+                                                        pieces + pieces_of(s, f) <= BLOCK_PIECES))) {
+            points += s->tile_runs[f].count;
             pieces += pieces_of(s, f++);
         }
         if (blocks != NULL)
-            blocks[count] = (struct vulkan_block){.fragment_first = first, .fragment_count = f - first, .first = s->fragments[first].first - s->first, .count = points};
+            blocks[count] = (struct vulkan_block){.tile_run_first = first,
+                                                  .tile_run_count = f - first,
+                                                  .first = s->tile_runs[first].first - s->first,
+                                                  .count = points};
         count++;
     }
     return count;
@@ -93,8 +100,8 @@ struct part_list {
 struct points_workspace {
     struct kiln_gpu_point *points;
     size_t point_room;
-    uint16_t *thread_of; /* of a fragment */
-    size_t fragment_room;
+    uint16_t *thread_of; /* of a tile run */
+    size_t tile_run_room;
     uint32_t threads;
     struct part_list lists[]; /* one a thread */
 };
@@ -141,7 +148,8 @@ static struct kiln_gpu_part part_of(const struct maker *m, struct known *k, cons
     struct kiln_vec3 corner[3];
     kiln_geometry_corners(m->p->params->geometry, from->triangle, corner);
     know(k, m, from->triangle);
-    const struct kiln_dvec3 c0 = dvec3_of(corner[0]), e1 = dvec3_sub(dvec3_of(corner[1]), c0), e2 = dvec3_sub(dvec3_of(corner[2]), c0);
+    const struct kiln_dvec3 c0 = dvec3_of(corner[0]), e1 = dvec3_sub(dvec3_of(corner[1]), c0),
+                            e2 = dvec3_sub(dvec3_of(corner[2]), c0);
     struct kiln_dvec3 at[3];
     for (int c = 0; c < 3; c++)
         at[c] = dvec3_add(dvec3_scale(e1, from->b1[c]), dvec3_scale(e2, from->b2[c]));
@@ -165,8 +173,8 @@ static void box_add(struct box *box, struct kiln_vec3 p)
     box->high = vec3(fmaxf(box->high.x, p.x), fmaxf(box->high.y, p.y), fmaxf(box->high.z, p.z));
 }
 
-static int make_parts(struct maker *m, struct part_list *list, struct known *k, const struct kiln_footprint *f, struct kiln_gpu_point *point,
-                      struct kiln_error *error)
+static int make_parts(struct maker *m, struct part_list *list, struct known *k, const struct kiln_footprint *f,
+                      struct kiln_gpu_point *point, struct kiln_error *error)
 {
     struct box box = {vec3(INFINITY, INFINITY, INFINITY), vec3(-INFINITY, -INFINITY, -INFINITY)};
     bool one_normal = true;
@@ -175,11 +183,13 @@ static int make_parts(struct maker *m, struct part_list *list, struct known *k, 
     for (uint32_t i = 0; i < f->piece_count; i++) {
         struct kiln_footprint_part parts[KILN_FOOTPRINT_PARTS];
         uint32_t count = kiln_footprint_parts(f, i, parts);
-        if (count == 0 && i + 1 == f->piece_count && list->count == point->first_part) { /* clipping left nothing of it: a place stands in */
+        /* clipping left nothing of it: a place stands in */
+        if (count == 0 && i + 1 == f->piece_count && list->count == point->first_part) {
             parts[0] = (struct kiln_footprint_part){.triangle = f->pieces[0], .until = 1.0};
             count = 1;
         }
-        const int status = kiln_grow(&list->at, &list->room, list->count + count, sizeof *list->at, "the parts of points", error);
+        const int status =
+            kiln_grow(&list->at, &list->room, list->count + count, sizeof *list->at, "the parts of points", error);
         if (status != KILN_OK)
             return status;
         for (uint32_t j = 0; j < count; j++) {
@@ -210,10 +220,12 @@ static void make_whole(const struct known *k, const struct kiln_footprint *f, st
 }
 
 /* A point's mask stands behind its parts. */
-static int make_mask(struct part_list *list, struct kiln_gpu_point *point, const struct kiln_mask *mask, struct kiln_error *error)
+static int make_mask(struct part_list *list, struct kiln_gpu_point *point, const struct kiln_mask *mask,
+                     struct kiln_error *error)
 {
     struct kiln_gpu_mask to = {.count = mask->count};
-    const int status = kiln_grow(&list->at, &list->room, list->count + 1, sizeof *list->at, "the parts of points", error);
+    const int status =
+        kiln_grow(&list->at, &list->room, list->count + 1, sizeof *list->at, "the parts of points", error);
     if (status != KILN_OK)
         return status;
     if ((point->flags & KILN_GPU_POINT_PARTIAL) == 0)
@@ -224,8 +236,8 @@ static int make_mask(struct part_list *list, struct kiln_gpu_point *point, const
     return KILN_OK;
 }
 
-static int make_point(struct maker *m, struct part_list *list, struct known *k, const struct kiln_point_cursor *at, uint32_t tile_key,
-                      bool smooth, struct kiln_gpu_point *point, struct kiln_error *error)
+static int make_point(struct maker *m, struct part_list *list, struct known *k, const struct kiln_point_cursor *at,
+                      uint32_t tile_key, bool smooth, struct kiln_gpu_point *point, struct kiln_error *error)
 {
     const struct kiln_surface *s = m->p->surface;
     const struct kiln_backend_params *params = m->p->params;
@@ -236,7 +248,8 @@ static int make_point(struct maker *m, struct part_list *list, struct known *k, 
                                      .shading = k->normal,
                                      .offset = k->offset,
                                      .tile_key = tile_key,
-                                     .key = kiln_texel_key(kiln_seed_key(params->seed), at->map, (uint64_t)at->y * s->lightmaps[at->map].width + at->x)};
+                                     .key = kiln_texel_key(kiln_seed_key(params->seed), at->map,
+                                                           (uint64_t)at->y * s->lightmaps[at->map].width + at->x)};
     struct kiln_mask mask;
     point->present = kiln_footprint_presence(&f, point->key, &mask);
     if (smooth) {
@@ -252,14 +265,15 @@ static int make_point(struct maker *m, struct part_list *list, struct known *k, 
     return status == KILN_OK && mask.count != 0 ? make_mask(list, point, &mask, error) : status;
 }
 
-static int make_fragment(struct maker *m, struct part_list *list, struct known *k, size_t fragment, struct kiln_error *error)
+static int make_tile_run(struct maker *m, struct part_list *list, struct known *k, size_t tile_run,
+                         struct kiln_error *error)
 {
     const struct kiln_surface *s = m->p->surface;
     const struct kiln_scene *scene = m->p->params->scene;
-    const struct kiln_fragment *f = &s->fragments[fragment];
+    const struct kiln_tile_run *f = &s->tile_runs[tile_run];
     const bool smooth = (scene->meshes[scene->objects[kiln_map_object(s, f->map)].mesh].flags & KILN_MESH_SMOOTH) != 0;
     const uint32_t tile_key = kiln_tile_key(kiln_seed_key(m->p->params->seed), f->map, f->tile);
-    struct kiln_point_cursor at = kiln_point_first(s, fragment);
+    struct kiln_point_cursor at = kiln_point_first(s, tile_run);
     int status = KILN_OK;
     if (k->back != at.back)
         *k = (struct known){.back = at.back, .triangle = KILN_NONE};
@@ -280,10 +294,10 @@ static int make_all(struct maker *m, struct kiln_error *error)
         struct kiln_error own;
         int mine = KILN_OK;
 #pragma omp for schedule(dynamic, 16)
-        for (size_t f = 0; f < block->fragment_count; f++) {
+        for (size_t f = 0; f < block->tile_run_count; f++) {
             m->w->thread_of[f] = (uint16_t)thread;
             if (mine == KILN_OK)
-                mine = make_fragment(m, &m->w->lists[thread], &k, block->fragment_first + f, &own);
+                mine = make_tile_run(m, &m->w->lists[thread], &k, block->tile_run_first + f, &own);
         }
         if (mine != KILN_OK) {
 #pragma omp critical(kiln_make_points)
@@ -297,15 +311,15 @@ static int make_all(struct maker *m, struct kiln_error *error)
 static void place_parts(struct maker *m)
 {
     struct points_workspace *w = m->w;
-    const struct kiln_fragment *fragments = m->p->surface->fragments + m->block->fragment_first;
+    const struct kiln_tile_run *tile_runs = m->p->surface->tile_runs + m->block->tile_run_first;
     for (uint32_t t = 0; t < w->threads; t++) {
         w->lists[t].offset = m->part_count;
         m->part_count += w->lists[t].count;
     }
 #pragma omp parallel for num_threads((int)w->threads) schedule(static)
-    for (size_t f = 0; f < m->block->fragment_count; f++) {
-        struct kiln_gpu_point *points = w->points + (fragments[f].first - fragments[0].first);
-        for (uint32_t i = 0; i < fragments[f].count; i++)
+    for (size_t f = 0; f < m->block->tile_run_count; f++) {
+        struct kiln_gpu_point *points = w->points + (tile_runs[f].first - tile_runs[0].first);
+        for (uint32_t i = 0; i < tile_runs[f].count; i++)
             points[i].first_part += (uint32_t)w->lists[w->thread_of[f]].offset;
     }
 }
@@ -314,15 +328,17 @@ static int make_workspace(struct vulkan_points *p, const struct vulkan_block *bl
 {
     int status = KILN_OK;
     if (p->workspace == NULL) {
-        status = kiln_allocate(&p->workspace, 1, sizeof *p->workspace + p->threads * sizeof(struct part_list), "what points are made in", error);
+        status = kiln_allocate(&p->workspace, 1, sizeof *p->workspace + p->threads * sizeof(struct part_list),
+                               "what points are made in", error);
         if (status == KILN_OK)
             p->workspace->threads = p->threads;
     }
     if (status == KILN_OK)
-        status = kiln_grow(&p->workspace->points, &p->workspace->point_room, block->count, sizeof *p->workspace->points, "a block of points", error);
+        status = kiln_grow(&p->workspace->points, &p->workspace->point_room, block->count, sizeof *p->workspace->points,
+                           "a block of points", error);
     if (status == KILN_OK)
-        status = kiln_grow(&p->workspace->thread_of, &p->workspace->fragment_room, block->fragment_count, sizeof *p->workspace->thread_of,
-                           "a block's fragments", error);
+        status = kiln_grow(&p->workspace->thread_of, &p->workspace->tile_run_room, block->tile_run_count,
+                           sizeof *p->workspace->thread_of, "a block's tile runs", error);
     return status;
 }
 
@@ -355,15 +371,19 @@ enum { RESERVE = 192 << 20 };
 
 static int upload(struct vulkan_points *p, struct vulkan_block *block, const struct maker *m, struct kiln_error *error)
 {
-    int status = gpu_buffer_of(p->gpu, &block->points, m->w->points, block->count * sizeof *m->w->points, "a block of points", error);
+    int status = gpu_buffer_of(p->gpu, &block->points, m->w->points, block->count * sizeof *m->w->points,
+                               "a block of points", error);
     if (status == KILN_OK)
-        status = gpu_buffer_create(p->gpu, &block->parts, m->part_count * sizeof(struct kiln_gpu_part), GPU_DEVICE, "the parts of a block of points", error);
+        status = gpu_buffer_create(p->gpu, &block->parts, m->part_count * sizeof(struct kiln_gpu_part), GPU_DEVICE,
+                                   "the parts of a block of points", error);
     for (uint32_t t = 0; t < m->w->threads && status == KILN_OK; t++) {
         const struct part_list *list = &m->w->lists[t];
-        status = gpu_upload(p->gpu, &block->parts, list->offset * sizeof *list->at, list->at, list->count * sizeof *list->at, error);
+        status = gpu_upload(p->gpu, &block->parts, list->offset * sizeof *list->at, list->at,
+                            list->count * sizeof *list->at, error);
     }
     if (status == KILN_OK)
-        status = gpu_buffer_create(p->gpu, &block->states, block->count * sizeof(uint32_t), GPU_DEVICE, "the states of a block of points", error);
+        status = gpu_buffer_create(p->gpu, &block->states, block->count * sizeof(uint32_t), GPU_DEVICE,
+                                   "the states of a block of points", error);
     return status;
 }
 
@@ -373,7 +393,8 @@ static int bring(struct vulkan_points *p, struct vulkan_block *block, uint64_t s
     struct maker m = {.p = p, .block = block, .w = p->workspace};
     if (status == KILN_OK)
         status = fill(&m, error);
-    const uint64_t wanted = block->count * (sizeof(struct kiln_gpu_point) + 2 * sizeof(uint32_t)) + m.part_count * sizeof(struct kiln_gpu_part) + RESERVE;
+    const uint64_t wanted = block->count * (sizeof(struct kiln_gpu_point) + 2 * sizeof(uint32_t)) +
+                            m.part_count * sizeof(struct kiln_gpu_part) + RESERVE;
     while (status == KILN_OK && gpu_memory_left(p->gpu) < wanted && make_way(p, since))
         ;
     if (status == KILN_OK)
@@ -398,11 +419,14 @@ static int bring_states(struct vulkan_points *p, struct vulkan_block *block, str
     block->buried_count = (uint32_t)buried;
     int status = kiln_allocate(&states, block->count, sizeof *states, "the states of a block of points", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&block->buried, block->buried_count, sizeof *block->buried, "the partly buried points", error);
+        status = kiln_allocate(&block->buried, block->buried_count, sizeof *block->buried, "the partly buried points",
+                               error);
     if (status == KILN_OK) {
 #pragma omp parallel for num_threads((int)vulkan_light_threads(p->threads))
         for (uint64_t i = 0; i < block->count; i++)
-            states[i] = visible[i] == 0 ? KILN_GPU_STATE_INVALID : visible[i] == 0xffff ? KILN_GPU_STATE_VALID : KILN_GPU_STATE_BURIED;
+            states[i] = visible[i] == 0        ? KILN_GPU_STATE_INVALID
+                        : visible[i] == 0xffff ? KILN_GPU_STATE_VALID
+                                               : KILN_GPU_STATE_BURIED;
         for (uint32_t i = 0, n = 0; n < block->buried_count; i++)
             if (states[i] == KILN_GPU_STATE_BURIED)
                 block->buried[n++] = i;
@@ -410,7 +434,8 @@ static int bring_states(struct vulkan_points *p, struct vulkan_block *block, str
     if (status == KILN_OK)
         status = gpu_upload(p->gpu, &block->states, 0, states, block->count * sizeof *states, error);
     if (status == KILN_OK)
-        status = gpu_buffer_of(p->gpu, &block->list, block->buried, block->buried_count * sizeof *block->buried, "the partly buried points", error);
+        status = gpu_buffer_of(p->gpu, &block->list, block->buried, block->buried_count * sizeof *block->buried,
+                               "the partly buried points", error);
     block->states_known = status == KILN_OK;
     kiln_free(&states);
     return status;
@@ -425,13 +450,13 @@ int vulkan_points_ready(struct vulkan_points *points, struct kiln_error *error)
     return status;
 }
 
-int vulkan_points_block(struct vulkan_points *points, size_t fragment, bool states, uint32_t in_use, struct vulkan_block **block,
-                        struct kiln_error *error)
+int vulkan_points_block(struct vulkan_points *points, size_t tile_run, bool states, uint32_t in_use,
+                        struct vulkan_block **block, struct kiln_error *error)
 {
     size_t low = 0, high = points->block_count - 1;
-    while (low < high) { /* the last block that begins at or before the fragment */
+    while (low < high) { /* the last block that begins at or before the tile run */
         const size_t middle = high - (high - low) / 2;
-        if (points->blocks[middle].fragment_first <= fragment)
+        if (points->blocks[middle].tile_run_first <= tile_run)
             low = middle;
         else
             high = middle - 1;

@@ -1,5 +1,5 @@
-/* Surface points on the device, in blocks: ranges of own fragments whose points are made ready for sampling once and stay there while
- * there is room. When there is not, the block that was used longest ago makes way. */
+/* Surface points on the device, in blocks: ranges of own tile runs whose points are made ready for sampling once and
+ * stay there while there is room. When there is not, the block that was used longest ago makes way. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_POINTS_H
 #define KILN_WORKER_BACKEND_VULKAN_POINTS_H
 
@@ -8,10 +8,11 @@
 #include "worker/backend/vulkan/layout.h"
 
 struct vulkan_block {
-    size_t fragment_first, fragment_count;
+    size_t tile_run_first, tile_run_count;
     uint64_t first, count; /* own points */
     struct gpu_buffer points, parts, states, list;
-    uint32_t *buried;      /* partly buried points, index within the block, ascending; the device's `list` holds the same */
+    /* partly buried points, index within the block, ascending; the device's `list` holds the same */
+    uint32_t *buried;
     uint32_t buried_count;
     uint64_t last_used;
     bool resident, states_known;
@@ -24,13 +25,13 @@ struct vulkan_points {
     size_t block_count;
     struct vulkan_block *blocks;
     uint64_t clock;
-    uint32_t threads; /* that make points */
+    uint32_t threads;                   /* that make points */
     struct points_workspace *workspace; /* private: what blocks are made in, kept from one to the next */
-    bool smooth; /* some object has shading normals of its own */
+    bool smooth;                        /* some object has shading normals of its own */
 };
 
-/* Threads for loops of a few operations a point while the device is at work: more would wait for each other at the end of every loop, the
- * longer the fewer cores are free for those that drive devices. */
+/* Threads for loops of a few operations a point while the device is at work: more would wait for each other at the end
+ * of every loop, the longer the fewer cores are free for those that drive devices. */
 static inline uint32_t vulkan_light_threads(uint32_t threads)
 {
     const uint32_t most = 16, some = threads - threads / 8;
@@ -42,11 +43,11 @@ int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const s
                          const struct kiln_surface *surface, struct kiln_error *error);
 void vulkan_points_destroy(struct vulkan_points **points);
 
-/* The block that holds `fragment`, on the device; `states`: with what surface->visible says now (else states are undefined). The
- * `in_use` blocks asked for last are not given up for it: the device may be at work on them. KILN_NO_DEVICE when there is no
- * room for it then. */
-int vulkan_points_block(struct vulkan_points *points, size_t fragment, bool states, uint32_t in_use, struct vulkan_block **block,
-                        struct kiln_error *error);
+/* The block that holds `tile run`, on the device; `states`: with what surface->visible says now (else states are
+ * undefined). The `in_use` blocks asked for last are not given up for it: the device may be at work on them.
+ * KILN_NO_DEVICE when there is no room for it then. */
+int vulkan_points_block(struct vulkan_points *points, size_t tile_run, bool states, uint32_t in_use,
+                        struct vulkan_block **block, struct kiln_error *error);
 
 /* Brings the states of all blocks that are on the device: at once, while it has nothing else to do. */
 int vulkan_points_ready(struct vulkan_points *points, struct kiln_error *error);

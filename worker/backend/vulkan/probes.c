@@ -1,6 +1,6 @@
-/* Radiance probes on the device: shaders/probes.comp takes slices of each probe's samples, probes_reduce.comp adds them up. A chunk of
- * probes is as large as one slice of time and the room for partial sums allow; of few probes with many samples the slices
- * come in portions. Neither changes what is added to what, so results do not depend on it. */
+/* Radiance probes on the device: shaders/probes.comp takes slices of each probe's samples, probes_reduce.comp adds them
+ * up. A chunk of probes is as large as one slice of time and the room for partial sums allow; of few probes with many
+ * samples the slices come in portions. Neither changes what is added to what, so results do not depend on it. */
 #include <assert.h>
 #include <stdint.h> /* before the shaders */
 #include <string.h>
@@ -24,7 +24,8 @@ static const struct vulkan_shader reduce_shader = {.name = "probes_reduce", .com
 enum { FIRST_GUESS = 1 << 14, SLICE_BYTES = KILN_GPU_PROBE_FLOATS * sizeof(float) };
 static const uint64_t most_scratch = (uint64_t)64 << 20; /* bytes of partial sums */
 
-_Static_assert(sizeof(struct kiln_probe_result) == SLICE_BYTES - sizeof(float), "a probe's answer on the device ends with the shadow rays");
+_Static_assert(sizeof(struct kiln_probe_result) == SLICE_BYTES - sizeof(float),
+               "a probe's answer on the device ends with the shadow rays");
 
 struct probes_push {
     uint64_t scene, positions, sobol, slices, index;
@@ -54,9 +55,11 @@ static int make_room(struct probes_run *r, size_t count, struct kiln_error *erro
     r->room = (uint32_t)(count < fitting ? count : fitting);
     int status = gpu_buffer_create(gpu, &r->slices, r->room * a_probe, GPU_DEVICE, "the probes' partial sums", error);
     if (status == KILN_OK)
-        status = gpu_buffer_create(gpu, &r->positions, r->room * sizeof(struct kiln_vec3), GPU_HOST, "the probes' positions", error);
+        status = gpu_buffer_create(gpu, &r->positions, r->room * sizeof(struct kiln_vec3), GPU_HOST,
+                                   "the probes' positions", error);
     if (status == KILN_OK)
-        status = gpu_buffer_create(gpu, &r->results, (size_t)r->room * SLICE_BYTES, GPU_HOST, "the probes' answers", error);
+        status =
+            gpu_buffer_create(gpu, &r->results, (size_t)r->room * SLICE_BYTES, GPU_HOST, "the probes' answers", error);
     return status;
 }
 
@@ -70,7 +73,10 @@ static int prepare(struct probes_run *r, size_t count, uint32_t samples, struct 
         status = vulkan_kernel_of(b, &reduce_shader, false, 0, &r->reduce, error);
     if (status == KILN_OK)
         status = vulkan_sobol(b, samples + 1, error); /* a lone light gets all samples, rounded up at most */
-    r->push = (struct probes_push){.scene = b->scene.address, .sobol = b->sobol.address, .sobol_stride = b->sobol_count, .samples = samples,
+    r->push = (struct probes_push){.scene = b->scene.address,
+                                   .sobol = b->sobol.address,
+                                   .sobol_stride = b->sobol_count,
+                                   .samples = samples,
                                    .slice_count = (samples - 1) / KILN_GPU_PROBE_SAMPLES + 1,
                                    .seed = kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32) ^ 0x70726f62u),
                                    .far = vec3_length(vec3_sub(g->bounds_max, g->bounds_min))};
@@ -89,11 +95,17 @@ static int run_rows(struct probes_run *r, uint32_t rows, struct kiln_error *erro
 {
     const struct probes_push *p = &r->push;
     struct gpu_pacer *pacer = &r->b->pacers[VULKAN_PACE_PROBES];
-    const uint64_t results = r->results.address + gpu_buffer_tail(r->b->gpu, &r->results, (size_t)p->count * SLICE_BYTES);
-    const struct reduce_push reduce = {.scene = p->scene, .slices = p->slices, .results = results, .count = p->count, .slice_count = p->slice_count};
+    const uint64_t results =
+        r->results.address + gpu_buffer_tail(r->b->gpu, &r->results, (size_t)p->count * SLICE_BYTES);
+    const struct reduce_push reduce = {
+        .scene = p->scene, .slices = p->slices, .results = results, .count = p->count, .slice_count = p->slice_count};
     const struct gpu_step steps[] = {
         {.kernel = r->trace, .threads_x = p->count, .threads_y = rows, .constants = p, .constant_bytes = sizeof *p},
-        {.kernel = r->reduce, .threads_x = p->count, .threads_y = KILN_GPU_PROBE_FLOATS, .constants = &reduce, .constant_bytes = sizeof reduce},
+        {.kernel = r->reduce,
+         .threads_x = p->count,
+         .threads_y = KILN_GPU_PROBE_FLOATS,
+         .constants = &reduce,
+         .constant_bytes = sizeof reduce},
     };
     double seconds;
     const int status = gpu_run(r->b->gpu, steps, p->slice_first + rows == p->slice_count ? 2 : 1, &seconds, error);
@@ -114,13 +126,15 @@ static void size_chunk(const struct probes_run *r, size_t left, uint32_t *probes
     *rows = (uint32_t)(portion < r->push.slice_count ? portion : r->push.slice_count);
 }
 
-static int run_chunk(struct probes_run *r, const struct kiln_vec3 *positions, uint32_t count, uint32_t rows, struct kiln_error *error)
+static int run_chunk(struct probes_run *r, const struct kiln_vec3 *positions, uint32_t count, uint32_t rows,
+                     struct kiln_error *error)
 {
     r->push.count = count;
     const struct gpu *gpu = r->b->gpu;
     const size_t place = gpu_buffer_tail(gpu, &r->positions, count * sizeof *positions);
     r->push.positions = r->positions.address + place;
-    r->push.slices = r->slices.address + gpu_buffer_tail(gpu, &r->slices, (size_t)count * r->push.slice_count * SLICE_BYTES);
+    r->push.slices =
+        r->slices.address + gpu_buffer_tail(gpu, &r->slices, (size_t)count * r->push.slice_count * SLICE_BYTES);
     gpu_buffer_forget(gpu, &r->slices);
     memcpy((char *)r->positions.mapped + place, positions, count * sizeof *positions);
     int status = KILN_OK;
@@ -131,13 +145,16 @@ static int run_chunk(struct probes_run *r, const struct kiln_vec3 *positions, ui
     return status;
 }
 
-static int take_answers(const struct probes_run *r, uint32_t count, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
+static int take_answers(const struct probes_run *r, uint32_t count, struct kiln_probe_result *results, uint64_t *rays,
+                        struct kiln_error *error)
 {
-    const float *answers = (const float *)r->results.mapped + gpu_buffer_tail(r->b->gpu, &r->results, (size_t)count * SLICE_BYTES) / sizeof *answers;
+    const float *answers = (const float *)r->results.mapped +
+                           gpu_buffer_tail(r->b->gpu, &r->results, (size_t)count * SLICE_BYTES) / sizeof *answers;
     for (size_t i = 0; i < count; i++, answers += KILN_GPU_PROBE_FLOATS) {
         memcpy(&results[i], answers, sizeof *results);
         if (results[i].mean_distance < 0.0f) /* see vulkan_run_pass */
-            return kiln_fail(error, KILN_NO_DEVICE, "%s ends long loops early, and a probe needs one; use another device or --backend embree",
+            return kiln_fail(error, KILN_NO_DEVICE,
+                             "%s ends long loops early, and a probe needs one; use another device or --backend embree",
                              gpu_about(r->b->gpu)->name);
         *rays += r->push.samples + (uint64_t)answers[KILN_GPU_PROBE_FLOATS - 1];
     }
@@ -170,11 +187,16 @@ static int run_call(struct vulkan_backend *b, struct probes_call *call, struct k
     return status;
 }
 
-int vulkan_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first, uint32_t samples,
-                  struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
+int vulkan_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first,
+                  uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    struct probes_call call = {.positions = positions, .count = count, .index_first = index_first, .rays = rays, .samples = samples, .results = results};
+    struct probes_call call = {.positions = positions,
+                               .count = count,
+                               .index_first = index_first,
+                               .rays = rays,
+                               .samples = samples,
+                               .results = results};
     assert(b->radiosity != NULL);
     for (;;) {
         int status = run_call(b, &call, error);

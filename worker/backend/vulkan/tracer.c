@@ -14,7 +14,8 @@ static const double TRIAL_SECONDS = 0.05, LAYOUT_MARGIN = 1.1, PIPELINE_MARGIN =
 
 const char *vulkan_tracer_name(const struct vulkan_tracer *tracer)
 {
-    static const char *const names[] = {"all triangles tested", "binary BVH", "four-wide BVH", "compressed eight-wide BVH"};
+    static const char *const names[] = {"all triangles tested", "binary BVH", "four-wide BVH",
+                                        "compressed eight-wide BVH"};
     return tracer->acceleration != NULL ? "ray-tracing pipeline" : names[tracer->traversal & 3u];
 }
 
@@ -26,7 +27,8 @@ void vulkan_tracer_destroy(struct gpu *gpu, struct vulkan_tracer *tracer)
     *tracer = (struct vulkan_tracer){0};
 }
 
-static int make_compute(struct vulkan_backend *b, const struct bvh *bvh, uint32_t traversal, struct vulkan_tracer *t, struct kiln_error *error)
+static int make_compute(struct vulkan_backend *b, const struct bvh *bvh, uint32_t traversal, struct vulkan_tracer *t,
+                        struct kiln_error *error)
 {
     struct bvh_layout layout = {0};
     *t = (struct vulkan_tracer){.traversal = traversal};
@@ -34,7 +36,8 @@ static int make_compute(struct vulkan_backend *b, const struct bvh *bvh, uint32_
     if (status == KILN_OK)
         status = gpu_buffer_of(b->gpu, &t->nodes, layout.nodes, layout.node_count * layout.node_size, "the BVH", error);
     if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &t->triangles, layout.triangles, layout.triangle_count * sizeof *layout.triangles, "the BVH's triangles", error);
+        status = gpu_buffer_of(b->gpu, &t->triangles, layout.triangles,
+                               layout.triangle_count * sizeof *layout.triangles, "the BVH's triangles", error);
     t->layout = (struct kiln_gpu_trace){.nodes = t->nodes.address,
                                         .triangles = t->triangles.address,
                                         .triangle_count = (uint32_t)layout.triangle_count,
@@ -47,15 +50,19 @@ static int make_pipeline(struct vulkan_backend *b, struct vulkan_tracer *t, stru
 {
     *t = (struct vulkan_tracer){.traversal = KILN_TRAVERSAL_PIPELINE};
     if (!gpu_about(b->gpu)->ray_tracing)
-        return kiln_fail(error, KILN_NO_DEVICE, "%s offers no ray-tracing pipeline; use --traversal compute", gpu_about(b->gpu)->name);
+        return kiln_fail(error, KILN_NO_DEVICE, "%s offers no ray-tracing pipeline; use --traversal compute",
+                         gpu_about(b->gpu)->name);
     const int status = acceleration_create(&t->acceleration, b->gpu, b->params.geometry, error);
-    t->layout = (struct kiln_gpu_trace){.top_level = status == KILN_OK ? acceleration_address(t->acceleration) : 0, .extent = b->params.geometry->extent};
+    t->layout = (struct kiln_gpu_trace){.top_level = status == KILN_OK ? acceleration_address(t->acceleration) : 0,
+                                        .extent = b->params.geometry->extent};
     return status;
 }
 
-static int make(struct vulkan_backend *b, const struct bvh *bvh, uint32_t traversal, struct vulkan_tracer *t, struct kiln_error *error)
+static int make(struct vulkan_backend *b, const struct bvh *bvh, uint32_t traversal, struct vulkan_tracer *t,
+                struct kiln_error *error)
 {
-    return traversal == KILN_TRAVERSAL_PIPELINE ? make_pipeline(b, t, error) : make_compute(b, bvh, traversal, t, error);
+    return traversal == KILN_TRAVERSAL_PIPELINE ? make_pipeline(b, t, error)
+                                                : make_compute(b, bvh, traversal, t, error);
 }
 
 /* Makes all kernels to come use the tracer. */
@@ -76,7 +83,8 @@ static void make_rays(const struct vulkan_backend *b, struct kiln_vec3 *origins,
         const uint32_t triangle = (uint32_t)((uint64_t)i * g->triangle_count / TRIAL_RAYS), key = kiln_hash1(i);
         const struct kiln_vec3 n = kiln_triangle_normal(g, triangle);
         const float s = sqrtf(kiln_unit_float(key)), t = kiln_unit_float(kiln_hash1(key + 1u));
-        const struct kiln_dvec3 local = kiln_cosine_direction(kiln_unit_double(kiln_hash1(key + 2u)), kiln_unit_double(kiln_hash1(key + 3u)));
+        const struct kiln_dvec3 local =
+            kiln_cosine_direction(kiln_unit_double(kiln_hash1(key + 2u)), kiln_unit_double(kiln_hash1(key + 3u)));
         struct kiln_vec3 x, y;
         kiln_basis(n, &x, &y);
         origins[i] = kiln_offset_origin(kiln_triangle_position(g, triangle, s * (1.0f - t), s * t), n, g, triangle);
@@ -85,13 +93,15 @@ static void make_rays(const struct vulkan_backend *b, struct kiln_vec3 *origins,
 }
 
 /* Rays per second of the tracer in use. */
-static int try_rays(struct vulkan_backend *b, const struct gpu_buffer *rays, const struct gpu_buffer *hits, double *rate, struct kiln_error *error)
+static int try_rays(struct vulkan_backend *b, const struct gpu_buffer *rays, const struct gpu_buffer *hits,
+                    double *rate, struct kiln_error *error)
 {
     double total = 0.0, best = INFINITY;
     int status = KILN_OK;
     for (int i = 0; i < MOST_TRIALS && status == KILN_OK && (i < 2 || total < TRIAL_SECONDS); i++) {
         double seconds = 0.0;
-        status = vulkan_intersect_on_device(b, rays->address, rays->address + TRIAL_RAYS * sizeof(struct kiln_vec3), hits->address, TRIAL_RAYS, &seconds, error);
+        status = vulkan_intersect_on_device(b, rays->address, rays->address + TRIAL_RAYS * sizeof(struct kiln_vec3),
+                                            hits->address, TRIAL_RAYS, &seconds, error);
         total += seconds;
         best = fmin(best, seconds);
     }
@@ -100,7 +110,8 @@ static int try_rays(struct vulkan_backend *b, const struct gpu_buffer *rays, con
 }
 
 /* Tries the candidates in turn and leaves the best in use. */
-static int try_all(struct vulkan_backend *b, const struct bvh *bvh, const uint32_t *candidates, size_t count, struct kiln_error *error)
+static int try_all(struct vulkan_backend *b, const struct bvh *bvh, const uint32_t *candidates, size_t count,
+                   struct kiln_error *error)
 {
     struct kiln_vec3 *host = NULL;
     struct gpu_buffer rays = {0}, hits = {0};
@@ -111,7 +122,8 @@ static int try_all(struct vulkan_backend *b, const struct bvh *bvh, const uint32
         status = gpu_buffer_of(b->gpu, &rays, host, 2 * TRIAL_RAYS * sizeof *host, "rays to try", error);
     }
     if (status == KILN_OK)
-        status = gpu_buffer_create(b->gpu, &hits, TRIAL_RAYS * sizeof(struct kiln_gpu_hit), GPU_DEVICE, "hits of rays to try", error);
+        status = gpu_buffer_create(b->gpu, &hits, TRIAL_RAYS * sizeof(struct kiln_gpu_hit), GPU_DEVICE,
+                                   "hits of rays to try", error);
     for (size_t i = 0; i < count && status == KILN_OK; i++) {
         struct vulkan_tracer t;
         status = make(b, bvh, candidates[i], &t, error);
@@ -119,7 +131,8 @@ static int try_all(struct vulkan_backend *b, const struct bvh *bvh, const uint32
             status = use(b, &t, error);
         if (status == KILN_OK)
             status = try_rays(b, &rays, &hits, &t.rate, error);
-        const bool better = status == KILN_OK && t.rate > best.rate * (t.acceleration != NULL ? PIPELINE_MARGIN : LAYOUT_MARGIN);
+        const bool better =
+            status == KILN_OK && t.rate > best.rate * (t.acceleration != NULL ? PIPELINE_MARGIN : LAYOUT_MARGIN);
         b->tracer = (struct vulkan_tracer){0};
         vulkan_tracer_destroy(b->gpu, better ? &best : &t);
         best = better ? t : best;
@@ -161,7 +174,8 @@ int vulkan_tracer_create(struct vulkan_backend *b, struct kiln_error *error)
     const struct bvh_params params = {.threads = b->params.threads};
     struct bvh *bvh = NULL;
     uint32_t candidates[MOST_CANDIDATES];
-    int status = b->params.traversal != KILN_TRAVERSE_PIPELINE ? bvh_create(&bvh, b->params.geometry, &params, error) : KILN_OK;
+    int status =
+        b->params.traversal != KILN_TRAVERSE_PIPELINE ? bvh_create(&bvh, b->params.geometry, &params, error) : KILN_OK;
     if (status == KILN_OK) {
         const size_t count = list_candidates(b, bvh, candidates);
         struct vulkan_tracer t;

@@ -1,4 +1,5 @@
-/* What finds hits on this device: one of the BVH's layouts walked by compute shaders, or the device's own ray tracing. */
+/* What finds hits on this device: one of the BVH's layouts walked by compute shaders, or the device's own ray tracing.
+ */
 #ifndef KILN_WORKER_BACKEND_VULKAN_TRACER_H
 #define KILN_WORKER_BACKEND_VULKAN_TRACER_H
 
@@ -16,11 +17,11 @@ struct vulkan_tracer {
     double rate; /* rays per second when it was tried, 0: it was not */
 };
 
-/* Builds what params.traversal asks for. AUTO and COMPUTE on a real device: times the candidates with diffuse rays of the scene, for
- * some 50 ms each, and keeps the fastest: an earlier one (bvh_candidates) unless a later is a tenth faster, the pipeline only when it
- * is a quarter faster than compute, so that a choice between near equals, whose hits differ in the last bits, does not depend on the
- * day. All compute layouts find the same hits. The rest of the scene must be on the device. KILN_NO_DEVICE when the pipeline is asked
- * for and not there. */
+/* Builds what params.traversal asks for. AUTO and COMPUTE on a real device: times the candidates with diffuse rays of
+ * the scene, for some 50 ms each, and keeps the fastest: an earlier one (bvh_candidates) unless a later is a tenth
+ * faster, the pipeline only when it is a quarter faster than compute, so that a choice between near equals, whose hits
+ * differ in the last bits, does not depend on the day. All compute layouts find the same hits. The rest of the scene
+ * must be on the device. KILN_NO_DEVICE when the pipeline is asked for and not there. */
 int vulkan_tracer_create(struct vulkan_backend *b, struct kiln_error *error);
 void vulkan_tracer_destroy(struct gpu *gpu, struct vulkan_tracer *tracer);
 const char *vulkan_tracer_name(const struct vulkan_tracer *tracer);

@@ -5,7 +5,8 @@
 #include "shaders/validity.h"
 #include "shaders/validity_pipeline.h"
 
-const struct vulkan_shader vulkan_validity_shader = {.name = "validity", .compute = VULKAN_CODE(validity), .pipeline = VULKAN_CODE(validity_pipeline)};
+const struct vulkan_shader vulkan_validity_shader = {
+    .name = "validity", .compute = VULKAN_CODE(validity), .pipeline = VULKAN_CODE(validity_pipeline)};
 
 enum { FIRST_LOOK = 16, SECOND_LOOK = 64 };
 
@@ -24,7 +25,8 @@ struct validity {
     size_t open_count, open_room;
 };
 
-static struct validity_push push_of(const struct validity *v, struct kiln_gpu_chunk chunk, uint64_t counts, uint32_t stream, uint32_t looks)
+static struct validity_push push_of(const struct validity *v, struct kiln_gpu_chunk chunk, uint64_t counts,
+                                    uint32_t stream, uint32_t looks)
 {
     return (struct validity_push){.scene = v->b->scene.address,
                                   .chunk = chunk,
@@ -35,7 +37,8 @@ static struct validity_push push_of(const struct validity *v, struct kiln_gpu_ch
                                   .looks = looks};
 }
 
-static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording, struct kiln_error *error)
+static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
+                  struct kiln_error *error)
 {
     (void)error;
     const struct validity *v = context;
@@ -44,20 +47,22 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     return KILN_OK;
 }
 
-static int take(void *context, size_t fragment_first, size_t fragment_count, const struct kiln_point_result *results, const uint32_t *words,
-                struct kiln_error *error)
+static int take(void *context, size_t tile_run_first, size_t tile_run_count, const struct kiln_point_result *results,
+                const uint32_t *words, struct kiln_error *error)
 {
     (void)results;
     struct validity *v = context;
     const struct kiln_surface *s = v->b->surface;
-    const struct kiln_fragment *fragments = s->fragments + fragment_first;
-    const uint64_t first = fragments[0].first - s->first, end = fragments[fragment_count - 1].first - s->first + fragments[fragment_count - 1].count;
+    const struct kiln_tile_run *tile_runs = s->tile_runs + tile_run_first;
+    const uint64_t first = tile_runs[0].first - s->first,
+                   end = tile_runs[tile_run_count - 1].first - s->first + tile_runs[tile_run_count - 1].count;
     for (uint64_t own = first; own < end; own++) {
         const uint32_t buried = words[own - first];
         v->visible[own] = buried == 0 ? 0xffff : 0;
         if (buried == 0 || buried == FIRST_LOOK)
             continue;
-        const int status = kiln_grow(&v->open, &v->open_room, v->open_count + 1, sizeof *v->open, "points that are partly buried", error);
+        const int status = kiln_grow(&v->open, &v->open_room, v->open_count + 1, sizeof *v->open,
+                                     "points that are partly buried", error);
         if (status != KILN_OK)
             return status;
         v->open[v->open_count++] = own;
@@ -74,7 +79,8 @@ static uint16_t share(uint32_t buried)
 }
 
 /* The second look at `count` open points of one block, `open` being their own numbers. */
-static int look_again(struct validity *v, const struct vulkan_block *block, const uint64_t *open, uint32_t count, struct kiln_error *error)
+static int look_again(struct validity *v, const struct vulkan_block *block, const uint64_t *open, uint32_t count,
+                      struct kiln_error *error)
 {
     struct gpu *gpu = v->b->gpu;
     struct gpu_buffer list = {0}, counts = {0};
@@ -90,10 +96,19 @@ static int look_again(struct validity *v, const struct vulkan_block *block, cons
     for (uint32_t first = 0; first < count && status == KILN_OK;) {
         uint64_t at_once = gpu_pacer_next(pacer, 1 << 16) / SECOND_LOOK + 1;
         at_once = at_once < count - first ? at_once : count - first;
-        const struct kiln_gpu_chunk chunk = {.points = block->points.address, .parts = block->parts.address, .states = block->states.address,
-                                             .list = list.address, .first = first, .count = (uint32_t)at_once};
-        const struct validity_push push = push_of(v, chunk, counts.address + first * sizeof *numbers, 0x76616c32u, SECOND_LOOK);
-        const struct gpu_step step = {.kernel = v->kernel, .threads_x = (uint32_t)at_once, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
+        const struct kiln_gpu_chunk chunk = {.points = block->points.address,
+                                             .parts = block->parts.address,
+                                             .states = block->states.address,
+                                             .list = list.address,
+                                             .first = first,
+                                             .count = (uint32_t)at_once};
+        const struct validity_push push =
+            push_of(v, chunk, counts.address + first * sizeof *numbers, 0x76616c32u, SECOND_LOOK);
+        const struct gpu_step step = {.kernel = v->kernel,
+                                      .threads_x = (uint32_t)at_once,
+                                      .threads_y = 1,
+                                      .constants = &push,
+                                      .constant_bytes = sizeof push};
         double seconds;
         status = gpu_run(gpu, &step, 1, &seconds, error);
         if (status == KILN_OK)
@@ -109,11 +124,11 @@ static int look_again(struct validity *v, const struct vulkan_block *block, cons
 }
 
 /* Block by block: open points come in ascending order. */
-static int look_at_open(struct validity *v, size_t fragment_first, size_t fragment_count, struct kiln_error *error)
+static int look_at_open(struct validity *v, size_t tile_run_first, size_t tile_run_count, struct kiln_error *error)
 {
     int status = KILN_OK;
     size_t next = 0;
-    for (size_t f = fragment_first; f < fragment_first + fragment_count && status == KILN_OK && next < v->open_count;) {
+    for (size_t f = tile_run_first; f < tile_run_first + tile_run_count && status == KILN_OK && next < v->open_count;) {
         struct vulkan_block *block;
         status = vulkan_points_block(v->b->points, f, false, 0, &block, error);
         size_t end = next;
@@ -122,7 +137,7 @@ static int look_at_open(struct validity *v, size_t fragment_first, size_t fragme
         if (end > next)
             status = look_again(v, block, v->open + next, (uint32_t)(end - next), error);
         next = end;
-        f = status == KILN_OK ? block->fragment_first + block->fragment_count : f;
+        f = status == KILN_OK ? block->tile_run_first + block->tile_run_count : f;
     }
     return status;
 }
@@ -134,15 +149,23 @@ static int prepare(void *context, struct kiln_error *error)
     return status == KILN_OK ? vulkan_kernel_of(v->b, &vulkan_validity_shader, false, 0, &v->kernel, error) : status;
 }
 
-int vulkan_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible, struct kiln_error *error)
+int vulkan_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
+                    struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     struct validity v = {.b = b, .visible = visible};
-    const struct vulkan_pass pass = {.pace = VULKAN_PACE_VALIDITY, .rows = 1, .work = FIRST_LOOK, .first_guess = 1 << 18, .wants_words = true,
-                                     .prepare = prepare, .record = record, .take = take, .context = &v};
-    int status = vulkan_run_pass(b, &pass, fragment_first, fragment_count, error);
+    const struct vulkan_pass pass = {.pace = VULKAN_PACE_VALIDITY,
+                                     .rows = 1,
+                                     .work = FIRST_LOOK,
+                                     .first_guess = 1 << 18,
+                                     .wants_words = true,
+                                     .prepare = prepare,
+                                     .record = record,
+                                     .take = take,
+                                     .context = &v};
+    int status = vulkan_run_pass(b, &pass, tile_run_first, tile_run_count, error);
     if (status == KILN_OK)
-        status = look_at_open(&v, fragment_first, fragment_count, error);
+        status = look_at_open(&v, tile_run_first, tile_run_count, error);
     if (visible == b->surface->visible && b->points != NULL) /* gone when the device could not be made anew */
         vulkan_points_forget_states(b->points);
     kiln_free(&v.open);

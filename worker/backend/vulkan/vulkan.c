@@ -14,7 +14,8 @@
 #include "shaders/trace_rchit.h"
 #include "shaders/trace_rmiss.h"
 
-static const struct vulkan_shader intersect_shader = {.name = "intersect", .compute = VULKAN_CODE(intersect), .pipeline = VULKAN_CODE(intersect_pipeline)};
+static const struct vulkan_shader intersect_shader = {
+    .name = "intersect", .compute = VULKAN_CODE(intersect), .pipeline = VULKAN_CODE(intersect_pipeline)};
 
 static double seconds_now(void)
 {
@@ -35,8 +36,11 @@ static const struct gpu_hit_shaders hit_shaders = {.closest_hit = kiln_spirv_tra
 static int make_kernel(struct vulkan_backend *b, struct vulkan_kernel *k, struct kiln_error *error)
 {
     const struct vulkan_shader *s = k->shader;
-    const bool pipeline = b->tracer.acceleration != NULL && s->pipeline.words != NULL, plain = !b->float64 && s->compute_float.words != NULL;
-    const struct vulkan_code *code = pipeline ? (plain ? &s->pipeline_float : &s->pipeline) : plain ? &s->compute_float : &s->compute;
+    const bool pipeline = b->tracer.acceleration != NULL && s->pipeline.words != NULL,
+               plain = !b->float64 && s->compute_float.words != NULL;
+    const struct vulkan_code *code = pipeline ? (plain ? &s->pipeline_float : &s->pipeline)
+                                     : plain  ? &s->compute_float
+                                              : &s->compute;
     uint32_t constants[VULKAN_CONSTANTS];
     memcpy(constants, b->constants, sizeof constants);
     constants[VULKAN_DRAW_AGAIN] = k->draw_again;
@@ -50,7 +54,8 @@ static int make_kernel(struct vulkan_backend *b, struct vulkan_kernel *k, struct
     return gpu_kernel_create(b->gpu, &k->kernel, &params, error);
 }
 
-static struct gpu_kernel *find_kernel(const struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own)
+static struct gpu_kernel *find_kernel(const struct vulkan_backend *b, const struct vulkan_shader *shader,
+                                      bool draw_again, uint32_t own)
 {
     for (size_t i = 0; i < b->kernel_count; i++)
         if (b->kernels[i].shader == shader && b->kernels[i].draw_again == draw_again && b->kernels[i].own == own)
@@ -58,14 +63,15 @@ static struct gpu_kernel *find_kernel(const struct vulkan_backend *b, const stru
     return NULL;
 }
 
-int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own, struct gpu_kernel **kernel,
-                     struct kiln_error *error)
+int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own,
+                     struct gpu_kernel **kernel, struct kiln_error *error)
 {
     *kernel = find_kernel(b, shader, draw_again, own);
     if (*kernel != NULL)
         return KILN_OK;
     struct vulkan_kernel k = {.shader = shader, .draw_again = draw_again, .own = own};
-    int status = kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + 1, sizeof *b->kernels, "the device's kernels", error);
+    int status =
+        kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + 1, sizeof *b->kernels, "the device's kernels", error);
     if (status == KILN_OK)
         status = make_kernel(b, &k, error);
     if (status == KILN_OK)
@@ -86,7 +92,8 @@ void vulkan_forget_kernels(struct vulkan_backend *b)
 static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
 {
     const struct kiln_geometry *g = b->params.geometry;
-    int status = gpu_buffer_of(b->gpu, &b->records, g->records, g->triangle_count * sizeof *g->records, "what rays need to know of triangles", error);
+    int status = gpu_buffer_of(b->gpu, &b->records, g->records, g->triangle_count * sizeof *g->records,
+                               "what rays need to know of triangles", error);
     if (status == KILN_OK)
         status = vulkan_materials_create(b->gpu, &b->params, &b->materials, &b->layout.materials, error);
     if (status == KILN_OK && b->params.lights != NULL)
@@ -103,7 +110,10 @@ static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
 }
 
 /* The root of everything: after each change of an address. */
-int vulkan_upload_root(struct vulkan_backend *b, struct kiln_error *error) { return gpu_upload(b->gpu, &b->scene, 0, &b->layout, sizeof b->layout, error); }
+int vulkan_upload_root(struct vulkan_backend *b, struct kiln_error *error)
+{
+    return gpu_upload(b->gpu, &b->scene, 0, &b->layout, sizeof b->layout, error);
+}
 
 /* ---- life ---- */
 
@@ -154,8 +164,12 @@ static void vulkan_destroy(struct kiln_backend **backend)
 /* A device with the scene on it. */
 static int set_up(struct vulkan_backend *b, struct kiln_error *error)
 {
-    const struct gpu_choice choice = {.device = (int32_t)b->params.device - 1, .local_rank = b->params.local_rank, .local_ranks = b->params.local_ranks,
-                                      .slice_seconds = b->params.slice_seconds, .memory_limit = b->params.device_memory, .faults = &b->faults};
+    const struct gpu_choice choice = {.device = (int32_t)b->params.device - 1,
+                                      .local_rank = b->params.local_rank,
+                                      .local_ranks = b->params.local_ranks,
+                                      .slice_seconds = b->params.slice_seconds,
+                                      .memory_limit = b->params.device_memory,
+                                      .faults = &b->faults};
     int status = gpu_create(&b->gpu, &choice, error);
     if (status != KILN_OK)
         return status;
@@ -167,7 +181,8 @@ static int set_up(struct vulkan_backend *b, struct kiln_error *error)
     if (status == KILN_OK)
         status = vulkan_tracer_create(b, error);
     b->build_seconds = seconds_now() - start;
-    (void)snprintf(b->device_text, sizeof b->device_text, "%.60s, %s%s", gpu_about(b->gpu)->name, vulkan_tracer_name(&b->tracer), b->float64 ? "" : ", no doubles");
+    (void)snprintf(b->device_text, sizeof b->device_text, "%.60s, %s%s", gpu_about(b->gpu)->name,
+                   vulkan_tracer_name(&b->tracer), b->float64 ? "" : ", no doubles");
     return status;
 }
 
@@ -200,12 +215,14 @@ int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error)
             status = upload_radiosity(b, error);
     }
     if (status != KILN_OK)
-        return kiln_fail(error, KILN_NO_DEVICE, "%.300s; made anew %u times without success: use --backend embree or another --device",
+        return kiln_fail(error, KILN_NO_DEVICE,
+                         "%.300s; made anew %u times without success: use --backend embree or another --device",
                          why.message, b->recoveries);
     return KILN_OK;
 }
 
-static int vulkan_create(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error)
+static int vulkan_create(struct kiln_backend **backend, const struct kiln_backend_params *params,
+                         struct kiln_error *error)
 {
     struct vulkan_backend *b = NULL;
     *backend = NULL;
@@ -233,8 +250,12 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
     struct gpu_clock clock = {0.0, 0.0};
     if (b->gpu != NULL)
         gpu_clock_read(b->gpu, &clock);
-    *info = (struct kiln_backend_info){.name = "vulkan", .memory = b->gpu != NULL ? gpu_memory_used(b->gpu) : 0, .build_seconds = b->build_seconds,
-                                       .device_seconds = b->busy_before + clock.busy, .recoveries = b->recoveries, .take_threads = b->threads};
+    *info = (struct kiln_backend_info){.name = "vulkan",
+                                       .memory = b->gpu != NULL ? gpu_memory_used(b->gpu) : 0,
+                                       .build_seconds = b->build_seconds,
+                                       .device_seconds = b->busy_before + clock.busy,
+                                       .recoveries = b->recoveries,
+                                       .take_threads = b->threads};
     (void)snprintf(info->device, sizeof info->device, "%s", b->device_text);
 }
 
@@ -245,13 +266,17 @@ static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
     const struct kiln_surface *s = b->surface;
     const size_t maps = s->map_count;
     clear_surface(b);
-    int status = gpu_buffer_of(b->gpu, &b->lightmaps, s->lightmaps, maps * sizeof *s->lightmaps, "the lightmaps' sizes", error);
+    int status =
+        gpu_buffer_of(b->gpu, &b->lightmaps, s->lightmaps, maps * sizeof *s->lightmaps, "the lightmaps' sizes", error);
     if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &b->tiles, s->tiles, s->tile_count * sizeof *s->tiles, "the tiles of the lightmaps", error);
+        status = gpu_buffer_of(b->gpu, &b->tiles, s->tiles, s->tile_count * sizeof *s->tiles,
+                               "the tiles of the lightmaps", error);
     if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &b->splits, s->splits, s->split_count * sizeof *s->splits, "the tiles of the lightmaps", error);
+        status = gpu_buffer_of(b->gpu, &b->splits, s->splits, s->split_count * sizeof *s->splits,
+                               "the tiles of the lightmaps", error);
     if (status == KILN_OK)
-        status = gpu_buffer_create(b->gpu, &b->radiosity_buffer, s->point_count * sizeof(uint64_t), GPU_DEVICE, "the radiosity of all points", error);
+        status = gpu_buffer_create(b->gpu, &b->radiosity_buffer, s->point_count * sizeof(uint64_t), GPU_DEVICE,
+                                   "the radiosity of all points", error);
     if (status == KILN_OK)
         status = vulkan_points_create(&b->points, b->gpu, &b->params, s, error);
     b->layout.lightmaps = b->lightmaps.address;
@@ -264,21 +289,28 @@ static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
 
 static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error)
 {
-    return gpu_upload(b->gpu, &b->radiosity_buffer, 0, b->radiosity, b->surface->point_count * sizeof *b->radiosity, error);
+    return gpu_upload(b->gpu, &b->radiosity_buffer, 0, b->radiosity, b->surface->point_count * sizeof *b->radiosity,
+                      error);
 }
 
-/* Makes what bakes need, all at once: drivers take a second for some kernels, and each on one core. Software devices make theirs when they
- * first run. What fails here is made again, and reported, when it is asked for. */
+/* Makes what bakes need, all at once: drivers take a second for some kernels, and each on one core. Software devices
+ * make theirs when they first run. What fails here is made again, and reported, when it is asked for. */
 static void make_ahead(struct vulkan_backend *b)
 {
-    struct vulkan_kernel wished[] = {{.shader = &vulkan_direct_shader, .draw_again = 1}, {.shader = &vulkan_direct_shader},
-                                     {.shader = &vulkan_gather_shader, .own = 1, .draw_again = 1}, {.shader = &vulkan_gather_shader, .own = 1},
-                                     {.shader = &vulkan_choose_shader}, {.shader = &vulkan_validity_shader}, {.shader = &vulkan_direct_sums_shader},
-                                     {.shader = &vulkan_gather_sums_shader}, {.shader = &vulkan_direct_precise_shader}};
+    struct vulkan_kernel wished[] = {{.shader = &vulkan_direct_shader, .draw_again = 1},
+                                     {.shader = &vulkan_direct_shader},
+                                     {.shader = &vulkan_gather_shader, .own = 1, .draw_again = 1},
+                                     {.shader = &vulkan_gather_shader, .own = 1},
+                                     {.shader = &vulkan_choose_shader},
+                                     {.shader = &vulkan_validity_shader},
+                                     {.shader = &vulkan_direct_sums_shader},
+                                     {.shader = &vulkan_gather_sums_shader},
+                                     {.shader = &vulkan_direct_precise_shader}};
     enum { ALL = sizeof wished / sizeof *wished };
     const int count = b->float64 && b->params.lights->area_count > 0 ? ALL : ALL - 1;
     if (gpu_about(b->gpu)->software || b->tracer.acceleration != NULL || b->faults.kind != GPU_FAULT_NONE ||
-        kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + ALL, sizeof *b->kernels, "the device's kernels", NULL) != KILN_OK)
+        kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + ALL, sizeof *b->kernels, "the device's kernels",
+                  NULL) != KILN_OK)
         return;
 #pragma omp parallel for num_threads(count + 1) schedule(static, 1)
     for (int i = 0; i <= count; i++)
@@ -291,7 +323,8 @@ static void make_ahead(struct vulkan_backend *b)
             b->kernels[b->kernel_count++] = wished[i];
 }
 
-static int vulkan_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
+static int vulkan_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface,
+                              struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     b->surface = surface;
@@ -324,7 +357,8 @@ int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *er
         for (uint32_t k = 0; k < room; k++)
             table[(size_t)d * room + k] = kiln_sobol(k, d);
     if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &b->sobol, table, (size_t)room * KILN_DIMENSIONS * sizeof *table, "the samples of a pass", error);
+        status = gpu_buffer_of(b->gpu, &b->sobol, table, (size_t)room * KILN_DIMENSIONS * sizeof *table,
+                               "the samples of a pass", error);
     if (status == KILN_OK)
         b->sobol_count = room;
     kiln_free(&table);
@@ -338,38 +372,46 @@ struct intersect_push {
     uint32_t count;
 };
 
-int vulkan_intersect_on_device(struct vulkan_backend *b, uint64_t origins, uint64_t directions, uint64_t hits, uint32_t count, double *seconds,
-                               struct kiln_error *error)
+int vulkan_intersect_on_device(struct vulkan_backend *b, uint64_t origins, uint64_t directions, uint64_t hits,
+                               uint32_t count, double *seconds, struct kiln_error *error)
 {
     struct gpu_kernel *kernel;
     const int status = vulkan_kernel_of(b, &intersect_shader, false, 0, &kernel, error);
     if (status != KILN_OK)
         return status;
-    const struct intersect_push push = {.scene = b->scene.address, .origins = origins, .directions = directions, .hits = hits, .count = count};
-    const struct gpu_step step = {.kernel = kernel, .threads_x = count, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
+    const struct intersect_push push = {
+        .scene = b->scene.address, .origins = origins, .directions = directions, .hits = hits, .count = count};
+    const struct gpu_step step = {
+        .kernel = kernel, .threads_x = count, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
     return gpu_run(b->gpu, &step, 1, seconds, error);
 }
 
 /* Some rays at once, through buffers that hold `room` of them. */
-static int intersect_some(struct vulkan_backend *b, const struct gpu_buffer *in, const struct gpu_buffer *out, size_t room,
-                          const struct kiln_vec3 *origins, const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits, struct kiln_error *error)
+static int intersect_some(struct vulkan_backend *b, const struct gpu_buffer *in, const struct gpu_buffer *out,
+                          size_t room, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
+                          size_t count, struct kiln_hit *hits, struct kiln_error *error)
 {
     memcpy(in->mapped, origins, count * sizeof *origins);
     memcpy((struct kiln_vec3 *)in->mapped + room, directions, count * sizeof *directions);
     double seconds;
-    const int status = vulkan_intersect_on_device(b, in->address, in->address + room * sizeof *directions, out->address, (uint32_t)count, &seconds, error);
+    const int status = vulkan_intersect_on_device(b, in->address, in->address + room * sizeof *directions, out->address,
+                                                  (uint32_t)count, &seconds, error);
     if (status != KILN_OK)
         return status;
     gpu_pacer_learn(&b->pacers[VULKAN_PACE_INTERSECT], count, seconds);
     const struct kiln_gpu_hit *found = out->mapped;
     for (size_t i = 0; i < count; i++)
-        hits[i] = (struct kiln_hit){.triangle = found[i].triangle, .u = found[i].u, .v = found[i].v, .distance = found[i].distance, .back = found[i].back != 0,
+        hits[i] = (struct kiln_hit){.triangle = found[i].triangle,
+                                    .u = found[i].u,
+                                    .v = found[i].v,
+                                    .distance = found[i].distance,
+                                    .back = found[i].back != 0,
                                     .tint = {found[i].tint[0], found[i].tint[1], found[i].tint[2]}};
     return KILN_OK;
 }
 
-int vulkan_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions, size_t count,
-                     struct kiln_hit *hits, struct kiln_error *error)
+int vulkan_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
+                     size_t count, struct kiln_hit *hits, struct kiln_error *error)
 {
     enum { MOST = 1 << 20 };
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
@@ -392,8 +434,9 @@ int vulkan_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origi
 
 /* Passes that start over after a recovery; the others go on where they were (vulkan_run_pass, vulkan_probes). */
 
-static int intersect_again(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions, size_t count,
-                           struct kiln_hit *hits, struct kiln_error *error)
+static int intersect_again(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                           const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
+                           struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     int status = vulkan_intersect(backend, origins, directions, count, hits, error);
@@ -406,15 +449,16 @@ static int intersect_again(struct kiln_backend *backend, const struct kiln_vec3 
     return status;
 }
 
-static int validity_again(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible, struct kiln_error *error)
+static int validity_again(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
+                          struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    int status = vulkan_validity(backend, fragment_first, fragment_count, visible, error);
+    int status = vulkan_validity(backend, tile_run_first, tile_run_count, visible, error);
     while (status != KILN_OK && vulkan_can_recover(b)) {
         status = vulkan_recover(b, error);
         if (status != KILN_OK)
             return status;
-        status = vulkan_validity(backend, fragment_first, fragment_count, visible, error);
+        status = vulkan_validity(backend, tile_run_first, tile_run_count, visible, error);
     }
     return status;
 }

@@ -1,11 +1,13 @@
 /* The Vulkan backend: private declarations shared by its files, one file a pass (as every backend folder has them).
  *
- * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of all points,
- * and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one slice of time
- * (pass.h); two to three chunks are under way at once, so that the device does not wait while answers are taken over.
+ * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
+ * all points, and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one
+ * slice of time (pass.h); two to three chunks are under way at once, so that the device does not wait while answers are
+ * taken over.
  *
- * Nothing in this folder is collective. Unless said otherwise functions return KILN_OK, KILN_NO_DEVICE when the device is lost or its
- * memory short, or KILN_SYSTEM when the host's is. A device that is lost takes all buffers with it: vulkan_recover. */
+ * Nothing in this folder is collective. Unless said otherwise functions return KILN_OK, KILN_NO_DEVICE when the device
+ * is lost or its memory short, or KILN_SYSTEM when the host's is. A device that is lost takes all buffers with it:
+ * vulkan_recover. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_VULKAN_H
 #define KILN_WORKER_BACKEND_VULKAN_VULKAN_H
 
@@ -28,13 +30,25 @@ struct vulkan_shader {
     struct vulkan_code compute, pipeline;             /* with doubles, where the kernel uses `real` */
     struct vulkan_code compute_float, pipeline_float; /* without; NULL: it does not use `real` */
 };
-#define VULKAN_CODE(name) {kiln_spirv_##name, sizeof kiln_spirv_##name}
+#define VULKAN_CODE(name)                                                                                              \
+    {                                                                                                                  \
+        kiln_spirv_##name, sizeof kiln_spirv_##name                                                                    \
+    }
 
-extern const struct vulkan_shader vulkan_validity_shader, vulkan_choose_shader, vulkan_direct_shader, vulkan_direct_precise_shader, vulkan_direct_sums_shader,
-    vulkan_gather_shader, vulkan_gather_sums_shader;
+extern const struct vulkan_shader vulkan_validity_shader, vulkan_choose_shader, vulkan_direct_shader,
+    vulkan_direct_precise_shader, vulkan_direct_sums_shader, vulkan_gather_shader, vulkan_gather_sums_shader;
 
-/* The numbers of the specialisation constants that all kernels share (shaders/kernel.glsl); more are each kernel's own. */
-enum vulkan_constant { VULKAN_TRAVERSAL, VULKAN_HAS_ALPHA, VULKAN_HAS_SMOOTH, VULKAN_LIGHT_KINDS, VULKAN_DRAW_AGAIN, VULKAN_OWN, VULKAN_CONSTANTS };
+/* The numbers of the specialisation constants that all kernels share (shaders/kernel.glsl); more are each kernel's own.
+ */
+enum vulkan_constant {
+    VULKAN_TRAVERSAL,
+    VULKAN_HAS_ALPHA,
+    VULKAN_HAS_SMOOTH,
+    VULKAN_LIGHT_KINDS,
+    VULKAN_DRAW_AGAIN,
+    VULKAN_OWN,
+    VULKAN_CONSTANTS
+};
 
 struct vulkan_kernel {
     const struct vulkan_shader *shader;
@@ -48,20 +62,29 @@ struct vulkan_slot {
 };
 
 /* Passes whose speed is learned one by one. */
-enum vulkan_pace { VULKAN_PACE_VALIDITY, VULKAN_PACE_DIRECT, VULKAN_PACE_GATHER, VULKAN_PACE_CEILING, VULKAN_PACE_PROBES, VULKAN_PACE_INTERSECT, VULKAN_PACES };
+enum vulkan_pace {
+    VULKAN_PACE_VALIDITY,
+    VULKAN_PACE_DIRECT,
+    VULKAN_PACE_GATHER,
+    VULKAN_PACE_CEILING,
+    VULKAN_PACE_PROBES,
+    VULKAN_PACE_INTERSECT,
+    VULKAN_PACES
+};
 
 struct vulkan_backend {
     struct kiln_backend base;
     struct kiln_backend_params params;
     const struct kiln_surface *surface; /* NULL: not given yet */
     const uint64_t *radiosity;          /* NULL: not given yet */
-    struct gpu *gpu;                    /* NULL: it was lost and could not be made anew; only info and destroy may follow */
+    /* NULL: it was lost and could not be made anew; only info and destroy may follow */
+    struct gpu *gpu;
     struct gpu_faults faults;
-    uint32_t recoveries;    /* so far */
-    double busy_before;     /* s, of the devices before them */
-    uint64_t scratch_most;  /* bytes that a slot's partial sums may take */
+    uint32_t recoveries;   /* so far */
+    double busy_before;    /* s, of the devices before them */
+    uint64_t scratch_most; /* bytes that a slot's partial sums may take */
     bool float64;
-    uint32_t threads;       /* vulkan_light_threads */
+    uint32_t threads; /* vulkan_light_threads */
     /* the scene on the device */
     struct kiln_gpu_scene layout;
     struct gpu_buffer scene, records;
@@ -84,37 +107,40 @@ struct vulkan_backend {
 };
 
 /* The kernel of a shader; made when first asked for, destroyed with the backend. `own`: the kernel's own constant. */
-int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own, struct gpu_kernel **kernel,
-                     struct kiln_error *error);
+int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own,
+                     struct gpu_kernel **kernel, struct kiln_error *error);
 
 /* What kernels were made of has changed. */
 void vulkan_forget_kernels(struct vulkan_backend *b);
 /* b->layout has changed. */
 int vulkan_upload_root(struct vulkan_backend *b, struct kiln_error *error);
-/* Rays that lie on the device: `count` origins, directions (struct kiln_vec3) and room for hits (struct kiln_gpu_hit). One dispatch. */
-int vulkan_intersect_on_device(struct vulkan_backend *b, uint64_t origins, uint64_t directions, uint64_t hits, uint32_t count, double *seconds,
-                               struct kiln_error *error);
+/* Rays that lie on the device: `count` origins, directions (struct kiln_vec3) and room for hits (struct kiln_gpu_hit).
+ * One dispatch. */
+int vulkan_intersect_on_device(struct vulkan_backend *b, uint64_t origins, uint64_t directions, uint64_t hits,
+                               uint32_t count, double *seconds, struct kiln_error *error);
 
-/* After a failure: whether trying again may help, for the device was lost or had too little memory, and not too often. */
+/* After a failure: whether trying again may help, for the device was lost or had too little memory, and not too often.
+ */
 bool vulkan_can_recover(const struct vulkan_backend *b);
-/* Makes the device anew with all that was on it (but for buffers of passes); when memory was short, passes get half as much from now
- * on. Pointers to kernels and addresses are no longer valid. KILN_NO_DEVICE when that fails too. */
+/* Makes the device anew with all that was on it (but for buffers of passes); when memory was short, passes get half as
+ * much from now on. Pointers to kernels and addresses are no longer valid. KILN_NO_DEVICE when that fails too. */
 int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error);
 
 /* Sobol' points 0 .. count-1 of all dimensions on the device: dimension d from word d * b->sobol_count on. */
 int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error);
 
-/* How each quarter of a point's samples is dealt out: `per_quarter` slices of `samples` each, one a thread. Of a partly buried point each
- * slice goes to `split` threads, which divides `samples`: a software device ends a thread's loops after 65,535 rounds in all, which
- * such a point needs for a dozen samples. (Slices are not that small for all points, for it executes code at least once wherever
- * no thread has anything to do in it.) */
+/* How each quarter of a point's samples is dealt out: `per_quarter` slices of `samples` each, one a thread. Of a partly
+ * buried point each slice goes to `split` threads, which divides `samples`: a software device ends a thread's loops
+ * after 65,535 rounds in all, which such a point needs for a dozen samples. (Slices are not that small for all points,
+ * for it executes code at least once wherever no thread has anything to do in it.) */
 struct vulkan_slices {
     uint32_t samples, per_quarter, split;
 };
 static inline struct vulkan_slices vulkan_slices_of(const struct vulkan_backend *b, uint32_t samples)
 {
     enum { WORTH_A_THREAD = 16, MOST = 1024 /* threads a quarter */ };
-    const uint32_t quarter = (samples + 3) / 4, least = (quarter + MOST - 1) / MOST, few = quarter < WORTH_A_THREAD ? quarter : WORTH_A_THREAD;
+    const uint32_t quarter = (samples + 3) / 4, least = (quarter + MOST - 1) / MOST,
+                   few = quarter < WORTH_A_THREAD ? quarter : WORTH_A_THREAD;
     const uint32_t split = gpu_about(b->gpu)->software && least < few ? (few + least - 1) / least : 1;
     const uint32_t slice = split > 1 ? split * least : least > few ? least : few;
     return (struct vulkan_slices){.samples = slice, .per_quarter = (quarter + slice - 1) / slice, .split = split};
@@ -123,15 +149,17 @@ static inline struct vulkan_slices vulkan_slices_of(const struct vulkan_backend 
 /* Makes what passes over the surface will ask for, as far as there is room for it (pass.c). */
 void vulkan_passes_ahead(struct vulkan_backend *b);
 
-int vulkan_validity(struct kiln_backend *backend, size_t fragment_first, size_t fragment_count, uint16_t *visible, struct kiln_error *error);
-int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays, struct kiln_error *error);
-int vulkan_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, uint64_t *rays,
+int vulkan_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
+                    struct kiln_error *error);
+int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
                   struct kiln_error *error);
-int vulkan_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first, uint32_t samples,
-                  struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error);
-int vulkan_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions, size_t count,
-                     struct kiln_hit *hits, struct kiln_error *error);
-int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream, double *seconds,
-                   uint64_t *rays, struct kiln_error *error);
+int vulkan_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
+                  uint64_t *rays, struct kiln_error *error);
+int vulkan_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first,
+                  uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error);
+int vulkan_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
+                     size_t count, struct kiln_hit *hits, struct kiln_error *error);
+int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
+                   double *seconds, uint64_t *rays, struct kiln_error *error);
 
 #endif

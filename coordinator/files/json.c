@@ -1,0 +1,39 @@
+#include "coordinator/files/json.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+json_t *kiln_json_string(const char *text)
+{
+    json_t *string = json_string(text);
+    if (string != NULL)
+        return string;
+    char *plain = strdup(text);
+    for (char *at = plain; at != NULL && *at != '\0'; at++)
+        *at = (*at & 0x80) != 0 ? '?' : *at;
+    string = plain != NULL ? json_string(plain) : NULL;
+    free(plain);
+    return string;
+}
+
+/* All of it in ASCII, without the one control character that JSON lets through. */
+static int write_plain(const char *bytes, size_t size, void *stream)
+{
+    for (size_t i = 0; i < size; i++)
+        if ((bytes[i] == 0x7f ? fputs("\\u007f", stream) : fputc(bytes[i], stream)) == EOF)
+            return -1;
+    return 0;
+}
+
+int kiln_json_print(json_t *object, struct kiln_error *error)
+{
+    if (object == NULL)
+        return kiln_fail(error, KILN_SYSTEM, "out of memory for the JSON object");
+    const int failed = json_dump_callback(object, write_plain, stdout, JSON_COMPACT | JSON_ENSURE_ASCII);
+    json_decref(object);
+    if (failed != 0)
+        return kiln_fail(error, KILN_IO, "cannot write to stdout");
+    (void)fputc('\n', stdout);
+    return KILN_OK;
+}

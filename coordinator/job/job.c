@@ -1,0 +1,300 @@
+#include "coordinator/job/job.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <strings.h>
+
+#include "coordinator/job/job_private.h"
+#include "coordinator/job/options.h"
+#include "worker/base/memory.h"
+
+static struct kiln_job_owned *owned(struct kiln_job *job) { return job->strings; }
+
+/* Room for `length` bytes and a zero byte, all of them zero. */
+static int keep_room(struct kiln_job *job, size_t length, char **copy, struct kiln_error *error)
+{
+    struct kiln_job_owned *own = owned(job);
+    char *block = NULL;
+    int status = kiln_grow(&own->strings, &own->capacity, own->count + 1, sizeof(char *), "the job", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&block, length + 1, 1, "the job", error);
+    if (status != KILN_OK)
+        return status;
+    own->strings[own->count++] = block;
+    *copy = block;
+    return KILN_OK;
+}
+
+int kiln_job_keep(struct kiln_job *job, const char *text, size_t length, char **copy, struct kiln_error *error)
+{
+    const int status = keep_room(job, length, copy, error);
+    if (status == KILN_OK)
+        memcpy(*copy, text, length);
+    return status;
+}
+
+int kiln_job_keep_path(struct kiln_job *job, const char *path, const char *folder, char **copy,
+                       struct kiln_error *error)
+{
+    if (folder == NULL || path[0] == '/' || strcmp(folder, ".") == 0)
+        return kiln_job_keep(job, path, strlen(path), copy, error);
+    const size_t before = strlen(folder), after = strlen(path);
+    const bool slash = before > 0 && folder[before - 1] == '/';
+    const int status = keep_room(job, before + !slash + after, copy, error);
+    if (status != KILN_OK)
+        return status;
+    memcpy(*copy, folder, before);
+    if (!slash)
+        (*copy)[before] = '/';
+    memcpy(*copy + before + !slash, path, after);
+    return KILN_OK;
+}
+
+static bool is_job_file(const char *path)
+{
+    const char *dot = strrchr(path, '.');
+    return dot != NULL && (strcasecmp(dot, ".yaml") == 0 || strcasecmp(dot, ".yml") == 0);
+}
+
+static int set_defaults(struct kiln_job *job, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; i < kiln_option_count && status == KILN_OK; i++)
+        if (kiln_options[i].fallback != NULL)
+            status = kiln_option_set(job, &kiln_options[i], kiln_options[i].fallback, kiln_options[i].name, KILN_BUG,
+                                     NULL, error);
+    return status;
+}
+
+static void set_quality(struct kiln_job *job)
+{
+    for (size_t i = 0; i < kiln_quality_count; i++)
+        if (strcmp(kiln_qualities[i].name, job->quality) == 0) {
+            job->samples_direct = kiln_qualities[i].samples_direct;
+            job->samples_bounce = kiln_qualities[i].samples_bounce;
+            job->samples_indirect = kiln_qualities[i].samples_indirect;
+            job->samples_probe = kiln_qualities[i].samples_probe;
+        }
+}
+
+/* One option as it stands on the command line. */
+struct word {
+    const struct kiln_option *option;
+    const char *value; /* NULL: not given with '=' */
+    bool negated;      /* --no-NAME */
+};
+
+static int unknown_option(const struct kiln_command *command, const char *name, struct kiln_error *error)
+{
+    const struct kiln_option *elsewhere = kiln_option_find(name);
+    const bool negated = strncmp(name, "no-", 3) == 0;
+    const char *nearest = kiln_option_nearest(negated ? name + 3 : name, command->bit);
+    char near[80] = "", list[200] = "";
+    if (nearest != NULL)
+        (void)snprintf(near, sizeof near, "the nearest one is --%s%s", negated ? "no-" : "", nearest);
+    if (elsewhere == NULL)
+        return kiln_fail(error, KILN_USAGE, "unknown option --%.200s; %s%skiln %s --help lists all%s", name, near,
+                         nearest == NULL ? "" : " (", command->name, nearest == NULL ? "" : ")");
+    for (size_t i = 0; i < kiln_command_count; i++)
+        if ((elsewhere->commands & kiln_commands[i].bit) != 0) {
+            const size_t used = strlen(list);
+            (void)snprintf(list + used, sizeof list - used, "%s%s", used == 0 ? "" : ", ", kiln_commands[i].name);
+        }
+    return kiln_fail(error, KILN_USAGE, "kiln %s has no option --%s; it belongs to %s%s%s%s", command->name, name, list,
+                     nearest == NULL ? "" : " (here, ", near, nearest == NULL ? "" : ")");
+}
+
+static int recognise(const struct kiln_command *command, const char *argument, struct word *word,
+                     struct kiln_error *error)
+{
+    char name[64];
+    const char *start = argument + 2, *equals = strchr(start, '=');
+    if (strncmp(argument, "--", 2) != 0) {
+        if (argument[1] != 'o' || (argument[2] != '\0' && argument[2] != '='))
+            return kiln_fail(error, KILN_USAGE, "unknown option %.200s; the short options are -o and -h", argument);
+        word->option = kiln_option_find("output");
+        word->value = argument[2] == '=' ? argument + 3 : NULL;
+        return (word->option->commands & command->bit) != 0 ? KILN_OK : unknown_option(command, "output", error);
+    }
+    (void)snprintf(name, sizeof name, "%.*s", (int)(equals == NULL ? strlen(start) : (size_t)(equals - start)), start);
+    word->value = equals == NULL ? NULL : equals + 1;
+    word->option = kiln_option_find_for(name, command->bit);
+    if (word->option == NULL && strncmp(name, "no-", 3) == 0) {
+        word->option = kiln_option_find(name + 3);
+        word->negated = true;
+        if (word->option != NULL && (word->option->kind != KILN_OPTION_FLAG || word->value != NULL))
+            return kiln_fail(error, KILN_USAGE,
+                             "--%.200s: only a switch can be turned off with --no-, and without a value", start);
+    }
+    if (word->option == NULL || (word->option->commands & command->bit) == 0)
+        return unknown_option(command, word->option == NULL ? name : word->option->name, error);
+    return KILN_OK;
+}
+
+/* Reads the option at arguments[*at], moves *at past it, and stores it, or with `only` stores it only if it is that
+ * one. */
+static int read_option(struct kiln_job *job, const struct kiln_command *command, char **arguments, int *at,
+                       const char *only, struct kiln_error *error)
+{
+    struct word word = {NULL, NULL, false};
+    char where[80];
+    int status = recognise(command, arguments[*at], &word, error);
+    if (status != KILN_OK)
+        return status;
+    (void)snprintf(where, sizeof where, "--%s", word.option->name);
+    const char *value = word.value;
+    if (word.option->kind == KILN_OPTION_FLAG)
+        value = word.negated ? "false" : value == NULL ? "true" : value;
+    else if (value == NULL) {
+        value = arguments[*at + 1];
+        if (value == NULL || strncmp(value, "--", 2) == 0)
+            return kiln_fail(error, KILN_USAGE, "%s needs a value%s%s", where, word.option->value != NULL ? ": " : "",
+                             word.option->value != NULL ? word.option->value : "");
+        *at += 1;
+    }
+    *at += 1;
+    if (only != NULL && strcmp(only, word.option->name) != 0)
+        return KILN_OK;
+    owned(job)->given[word.option - kiln_options] = true;
+    return kiln_option_set(job, word.option, value, where, KILN_USAGE, NULL, error);
+}
+
+/* A number may begin with '-' and still be an argument: kiln probe DIR -1 0 2. */
+static bool is_option(const char *argument)
+{
+    return argument[0] == '-' && argument[1] != '\0' && strchr("0123456789.", argument[1]) == NULL;
+}
+
+/* Goes through the command line. With `only` nothing but that option is stored; otherwise all options, and the
+ * arguments are collected unless `collect` is false. */
+static int read_command_line(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv,
+                             const char *only, struct kiln_error *error)
+{
+    bool options = true;
+    job->argument_count = 0;
+    for (int at = 2; at < argc;) {
+        if (options && strcmp(argv[at], "--") == 0) {
+            options = false;
+            at++;
+        } else if (options && is_option(argv[at])) {
+            const int status = read_option(job, command, argv, &at, only, error);
+            if (status != KILN_OK)
+                return status;
+        } else {
+            job->arguments[job->argument_count++] = argv[at++];
+        }
+    }
+    return KILN_OK;
+}
+
+static int check_arguments(const struct kiln_job *job, const struct kiln_command *command, struct kiln_error *error)
+{
+    const size_t count = job->argument_count;
+    if (job->devices)
+        return count == 0 ? KILN_OK
+                          : kiln_fail(error, KILN_USAGE, "kiln %s --devices takes no argument '%.200s'", command->name,
+                                      job->arguments[0]);
+    if (count > command->maximum)
+        return kiln_fail(error, KILN_USAGE, "kiln %s takes no argument '%.200s'; usage: kiln %s %s", command->name,
+                         job->arguments[command->maximum], command->name, command->arguments);
+    if (count < command->minimum)
+        return kiln_fail(error, KILN_USAGE, "kiln %s needs %s; for example: %s", command->name, command->arguments,
+                         command->examples[0]);
+    return KILN_OK;
+}
+
+int kiln_job_default_output(struct kiln_job *job, const char *path, const char *ending, struct kiln_error *error)
+{
+    const char *slash = strrchr(path, '/');
+    const char *name = slash == NULL ? path : slash + 1, *dot = strrchr(name, '.');
+    const size_t length = dot == NULL || dot == name ? strlen(name) : (size_t)(dot - name);
+    char text[300];
+    (void)snprintf(text, sizeof text, "%s%.*s%s", name[0] == '-' ? "./" : "", length < 240 ? (int)length : 240, name,
+                   ending);
+    return kiln_job_keep(job, text, strlen(text), &job->output, error);
+}
+
+static bool given(struct kiln_job *job, const char *name)
+{
+    return owned(job)->given[kiln_option_find(name) - kiln_options];
+}
+
+static int fill(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv,
+                struct kiln_error *error)
+{
+    int status = set_defaults(job, error);
+    if (status == KILN_OK)
+        status = read_command_line(job, command, argc, argv, "devices", error);
+    if (status == KILN_OK)
+        status = read_command_line(job, command, argc, argv, "quality", error);
+    if (status == KILN_OK)
+        status = check_arguments(job, command, error);
+    if (status == KILN_OK && command->bit == KILN_FOR_BENCH)
+        job->scene = job->arguments[1];
+    const bool scene = status == KILN_OK && command->scene && job->argument_count > 0;
+    const char *file = scene && is_job_file(job->arguments[0]) ? job->arguments[0] : NULL;
+    if (file != NULL && !given(job, "quality"))
+        status = kiln_job_file_read_quality(job, file, error);
+    if (status != KILN_OK)
+        return status;
+    set_quality(job);
+    if (file != NULL)
+        status = kiln_job_file_read(job, file, error);
+    else if (scene)
+        status = kiln_job_keep(job, job->arguments[0], strlen(job->arguments[0]), &job->scene, error);
+    if (status == KILN_OK)
+        status = read_command_line(job, command, argc, argv, NULL, error);
+    if (status == KILN_OK && command->bit == KILN_FOR_BAKE && job->output == NULL)
+        status = kiln_job_default_output(job, job->arguments[0], "-bake", error);
+    if (status == KILN_OK && !given(job, "tail"))
+        job->tail = job->bounces < 0;
+    if (status == KILN_OK && job->quiet && job->verbose)
+        status = kiln_fail(error, KILN_USAGE, "--quiet and --verbose exclude each other");
+    return status;
+}
+
+int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_error *error)
+{
+    *job = NULL;
+    if (argc < 2)
+        return kiln_fail(error, KILN_USAGE, "no command given; kiln --help lists them");
+    const struct kiln_command *command = kiln_command_find(argv[1]);
+    if (command == NULL)
+        return kiln_command_unknown(argv[1], error);
+    struct kiln_job *made = NULL;
+    struct kiln_job_owned *own = NULL;
+    int status = kiln_allocate(&made, 1, sizeof *made, "the job", error);
+    if (status == KILN_OK) {
+        status = kiln_allocate(&own, 1, sizeof *own, "the job", error);
+        made->strings = own;
+    }
+    if (status == KILN_OK)
+        status = kiln_allocate(&own->given, kiln_option_count, sizeof(bool), "the job", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&made->arguments, (size_t)argc, sizeof(char *), "the job", error);
+    if (status == KILN_OK) {
+        made->command = command->name;
+        status = fill(made, command, argc, argv, error);
+    }
+    if (status == KILN_OK)
+        *job = made;
+    else
+        kiln_job_destroy(&made);
+    return status;
+}
+
+void kiln_job_destroy(struct kiln_job **job)
+{
+    if (*job == NULL)
+        return;
+    struct kiln_job_owned *own = owned(*job);
+    if (own != NULL) {
+        for (size_t i = 0; i < own->count; i++)
+            kiln_free(&own->strings[i]);
+        kiln_free(&own->strings);
+        kiln_free(&own->given);
+    }
+    kiln_free(&own);
+    kiln_free(&(*job)->arguments);
+    kiln_free(job);
+}

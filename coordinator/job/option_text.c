@@ -1,0 +1,44 @@
+#include <stdio.h>
+
+#include "coordinator/job/options.h"
+
+static const char *number_text(const struct kiln_option *option, double value, const char *format,
+                               char room[KILN_OPTION_TEXT])
+{
+    if (option->word != NULL && value == option->word_value)
+        return option->word;
+    (void)snprintf(room, KILN_OPTION_TEXT, format, value);
+    return room;
+}
+
+const char *kiln_option_text(const struct kiln_job *job, const struct kiln_option *option, char room[KILN_OPTION_TEXT])
+{
+    const void *at = (const char *)job + option->offset;
+    const char *text = NULL;
+    switch (option->kind) {
+    case KILN_OPTION_FLAG:
+        return *(const bool *)at ? "on" : "off";
+    case KILN_OPTION_CHOICE_FLAG:
+        return option->choices[*(const bool *)at ? 1 : 0];
+    case KILN_OPTION_CHOICE_ENUM:
+        return option->choices[*(const int *)at];
+    case KILN_OPTION_UINT32:
+        return number_text(option, (double)*(const uint32_t *)at, "%.0f", room);
+    case KILN_OPTION_INT64:
+        return number_text(option, (double)*(const int64_t *)at, "%.0f", room);
+    case KILN_OPTION_UINT64:
+        (void)snprintf(room, KILN_OPTION_TEXT, "%llu", (unsigned long long)*(const uint64_t *)at);
+        return room;
+    case KILN_OPTION_DOUBLE:
+        return number_text(option, *(const double *)at, "%.17g", room);
+    case KILN_OPTION_STRING:
+    case KILN_OPTION_PATH:
+    case KILN_OPTION_ENVIRONMENT:
+    case KILN_OPTION_POINT:
+    case KILN_OPTION_RULES:
+    case KILN_OPTION_CHOICE:
+        text = *(char *const *)at;
+        break;
+    }
+    return text != NULL ? text : "not given";
+}

@@ -1,0 +1,216 @@
+/* From text to a field of the job: the same strict rules for defaults, job file and command line. */
+#include <ctype.h>
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "coordinator/job/job_private.h"
+#include "coordinator/job/options.h"
+
+#define MOST_RADIANCE 1e30
+
+static void *field(struct kiln_job *job, const struct kiln_option *option) { return (char *)job + option->offset; }
+
+/* Digits, signs, one point and an exponent: keeps out what strtod takes besides (nan, inf, hexadecimal, leading
+ * blanks). */
+static bool decimal(const char *text, double *value)
+{
+    if (text[0] == '\0' || text[strspn(text, "0123456789+-.eE")] != '\0')
+        return false;
+    char *end = NULL;
+    *value = strtod(text, &end);
+    return *end == '\0' && end != text && isfinite(*value);
+}
+
+static bool whole(const char *text, bool *negative, uint64_t *magnitude)
+{
+    *negative = text[0] == '-';
+    const char *digits = text + (text[0] == '-' || text[0] == '+');
+    if (digits[0] == '\0')
+        return false;
+    if (digits[strspn(digits, "0123456789")] == '\0') {
+        errno = 0;
+        *magnitude = strtoull(digits, NULL, 10);
+        return errno == 0;
+    }
+    double value; /* 1e6 */
+    if (!isdigit((unsigned char)digits[0]) || !decimal(digits, &value) || value != floor(value) || value > 0x1p53)
+        return false;
+    *magnitude = (uint64_t)value;
+    return true;
+}
+
+static int refuse_number(const struct kiln_option *option, const char *text, const char *where, int status, bool number,
+                         struct kiln_error *error)
+{
+    char word[48] = "", range[96];
+    if (option->word != NULL)
+        (void)snprintf(word, sizeof word, ", or %s", option->word);
+    if (option->maximum >= 0x1p64)
+        (void)snprintf(range, sizeof range, "from %.15g to 18446744073709551615", option->minimum);
+    else
+        (void)snprintf(range, sizeof range, "from %.15g to %.15g", option->minimum, option->maximum);
+    const char *kind = option->kind == KILN_OPTION_DOUBLE ? "a number" : "a whole number";
+    if (number)
+        return kiln_fail(error, status, "%s: %.200s is out of range; it must be %s %s%s", where, text, kind, range,
+                         word);
+    return kiln_fail(error, status, "%s: '%.200s' is not %s; it must be one %s%s", where, text, kind, range, word);
+}
+
+static int set_number(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
+                      int status, struct kiln_error *error)
+{
+    bool negative = false;
+    uint64_t magnitude = 0;
+    double value = 0;
+    if (option->word != NULL && strcmp(text, option->word) == 0) {
+        value = option->word_value;
+        negative = value < 0;
+        magnitude = (uint64_t)fabs(value);
+    } else {
+        if (option->kind == KILN_OPTION_DOUBLE ? !decimal(text, &value) : !whole(text, &negative, &magnitude)) {
+            double any;
+            return refuse_number(option, text, where, status,
+                                 option->kind != KILN_OPTION_DOUBLE && decimal(text, &any) && any == floor(any), error);
+        }
+        if (option->kind != KILN_OPTION_DOUBLE)
+            value = negative ? -(double)magnitude : (double)magnitude;
+        if (value < option->minimum || value > option->maximum)
+            return refuse_number(option, text, where, status, true, error);
+    }
+    switch (option->kind) {
+    case KILN_OPTION_UINT32:
+        *(uint32_t *)field(job, option) = (uint32_t)magnitude;
+        break;
+    case KILN_OPTION_UINT64:
+        *(uint64_t *)field(job, option) = magnitude;
+        break;
+    case KILN_OPTION_INT64:
+        *(int64_t *)field(job, option) = negative ? -(int64_t)magnitude : (int64_t)magnitude;
+        break;
+    default:
+        *(double *)field(job, option) = value;
+        break;
+    }
+    return KILN_OK;
+}
+
+static int set_flag(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
+                    int status, struct kiln_error *error)
+{
+    if (strcmp(text, "true") != 0 && strcmp(text, "false") != 0)
+        return kiln_fail(error, status, "%s: '%.200s' is neither true nor false", where, text);
+    *(bool *)field(job, option) = text[0] == 't';
+    return KILN_OK;
+}
+
+static int set_choice(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
+                      int status, struct kiln_error *error)
+{
+    char list[256] = "";
+    for (int i = 0; option->choices[i] != NULL; i++) {
+        if (strcmp(text, option->choices[i]) == 0) {
+            if (option->kind == KILN_OPTION_CHOICE_FLAG) {
+                *(bool *)field(job, option) = i == 1;
+                return KILN_OK;
+            }
+            if (option->kind == KILN_OPTION_CHOICE_ENUM) {
+                memcpy(field(job, option), &i, sizeof i);
+                return KILN_OK;
+            }
+            return kiln_job_keep(job, text, strlen(text), field(job, option), error);
+        }
+        const size_t used = strlen(list);
+        (void)snprintf(list + used, sizeof list - used, "%s%s", i == 0 ? "" : ", ", option->choices[i]);
+    }
+    return kiln_fail(error, option->refusal != 0 ? option->refusal : status,
+                     "%s: this build has no %s '%.200s'; it has: %s", where, option->name, text, list);
+}
+
+/* Three numbers between commas. */
+static bool triple(const char *text, double values[3])
+{
+    char part[64];
+    for (int i = 0; i < 3; i++) {
+        const size_t length = strcspn(text, ",");
+        if (length >= sizeof part)
+            return false;
+        memcpy(part, text, length);
+        part[length] = '\0';
+        if (!decimal(part, &values[i]) || text[length] != (i < 2 ? ',' : '\0'))
+            return false;
+        text += length + 1;
+    }
+    return true;
+}
+
+static int set_point(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
+                     int status, struct kiln_error *error)
+{
+    double place[3];
+    if (!triple(text, place))
+        return kiln_fail(error, status,
+                         "%s: '%.200s' is not a point; it must be three numbers with commas between, as in 0,1.5,3",
+                         where, text);
+    for (int axis = 0; axis < 3; axis++)
+        if (fabs(place[axis]) > KILN_PLACE_MOST)
+            return kiln_fail(error, status, "%s: %g is out of range; each of X,Y,Z must be a number from %g to %g",
+                             where, place[axis], -KILN_PLACE_MOST, KILN_PLACE_MOST);
+    return kiln_job_keep(job, text, strlen(text), field(job, option), error);
+}
+
+static int set_environment(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
+                           int status, const char *folder, struct kiln_error *error)
+{
+    double radiance[3];
+    const bool colour = triple(text, radiance);
+    for (int c = 0; colour && c < 3; c++)
+        if (radiance[c] < 0.0 || radiance[c] > MOST_RADIANCE)
+            return kiln_fail(error, status,
+                             "%s: a radiance of %g is out of range; each of R,G,B must be a number from 0 to %g", where,
+                             radiance[c], MOST_RADIANCE);
+    if (colour || strcmp(text, "none") == 0)
+        return kiln_job_keep(job, text, strlen(text), field(job, option), error);
+    const char *dot = strrchr(text, '.');
+    if (dot == NULL || (strcasecmp(dot, ".hdr") != 0 && strcasecmp(dot, ".exr") != 0))
+        return kiln_fail(
+            error, status,
+            "%s: '%.200s' is neither none, nor a radiance R,G,B (three numbers from 0 up), nor an image (.hdr or .exr)",
+            where, text);
+    return kiln_job_keep_path(job, text, folder, field(job, option), error);
+}
+
+int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
+                    int status, const char *folder, struct kiln_error *error)
+{
+    switch (option->kind) {
+    case KILN_OPTION_FLAG:
+        return set_flag(job, option, text, where, status, error);
+    case KILN_OPTION_CHOICE:
+    case KILN_OPTION_CHOICE_ENUM:
+    case KILN_OPTION_CHOICE_FLAG:
+        return set_choice(job, option, text, where, status, error);
+    case KILN_OPTION_UINT32:
+    case KILN_OPTION_UINT64:
+    case KILN_OPTION_INT64:
+    case KILN_OPTION_DOUBLE:
+        return set_number(job, option, text, where, status, error);
+    default:
+        break;
+    }
+    if (text[0] == '\0')
+        return kiln_fail(error, status, "%s: is empty; it must be %s", where, option->value);
+    const bool writes = strcmp(option->name, "output") == 0 || strcmp(option->name, "trace") == 0;
+    if (writes && text[0] == '-') /* other programs would take it for an option */
+        return kiln_fail(error, status,
+                         "%s: '%.200s' begins with '-': write './%.200s' if that is what the file is to be called",
+                         where, text, text);
+    if (option->kind == KILN_OPTION_ENVIRONMENT)
+        return set_environment(job, option, text, where, status, folder, error);
+    if (option->kind == KILN_OPTION_POINT)
+        return set_point(job, option, text, where, status, error);
+    if (option->kind == KILN_OPTION_RULES)
+        return kiln_job_rules_parse(text, where, status, job, field(job, option), error);
+    return kiln_job_keep_path(job, text, option->kind == KILN_OPTION_PATH ? folder : NULL, field(job, option), error);
+}

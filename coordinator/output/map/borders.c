@@ -1,0 +1,244 @@
+#include "coordinator/output/map/borders.h"
+
+#include <math.h>
+
+#include "coordinator/output/image.h"
+#include "worker/base/memory.h"
+
+enum { SIDE = 4, STEPS_A_TEXEL = 4 };
+static const float LEAST_WEIGHT = 1.0f / 1024.0f; /* below it a texel is not read: what stands there does not show */
+
+/* A chart that reads a texel. Claims of one texel are a list, in the order in which borders come to it. */
+struct claim {
+    uint32_t chart, source; /* source: the chart's nearest texel */
+    uint32_t next;          /* KILN_NONE: the last */
+    float weight;           /* w */
+};
+
+struct work {
+    const struct kiln_map *map;
+    const struct kiln_chart_graph *graph;
+    uint32_t *nearest;
+    uint32_t *first; /* a texel: its first claim, or KILN_NONE */
+    struct claim *claims;
+    size_t count, capacity;
+    struct kiln_border_report *report;
+};
+
+/* ---- walking borders ---- */
+
+struct step {
+    uint32_t texel[SIDE];
+    float weight[SIDE];
+};
+
+/* The four texels read at (x, y), clamped at the image's edge as a sampler clamps. */
+static struct step step_at(const struct kiln_map *map, float x, float y)
+{
+    struct step step;
+    const float fx = x - 0.5f, fy = y - 0.5f, bx = floorf(fx), by = floorf(fy);
+    for (int k = 0; k < SIDE; k++) {
+        const int64_t ix = (int64_t)bx + (k & 1), iy = (int64_t)by + (k >> 1);
+        const int64_t cx = ix < 0             ? 0
+                           : ix >= map->width ? map->width - 1
+                                              : ix,
+                      cy = iy < 0              ? 0
+                           : iy >= map->height ? map->height - 1
+                                               : iy;
+        step.texel[k] = (uint32_t)(cy * map->width + cx);
+        step.weight[k] = ((k & 1) != 0 ? fx - bx : 1.0f - (fx - bx)) * ((k >> 1) != 0 ? fy - by : 1.0f - (fy - by));
+    }
+    return step;
+}
+
+/* Calls use(work, border, step, length) from one end of the border to the other, both included. */
+static int walk(struct work *w, const struct kiln_border_edge *border,
+                int (*use)(struct work *, const struct kiln_border_edge *, const struct step *, float,
+                           struct kiln_error *),
+                struct kiln_error *error)
+{
+    const float dx = border->texel[1][0] - border->texel[0][0], dy = border->texel[1][1] - border->texel[0][1];
+    const float length = hypotf(dx, dy);
+    const uint32_t steps = (uint32_t)ceilf((float)STEPS_A_TEXEL * length);
+    int status = KILN_OK;
+    for (uint32_t i = 0; i <= steps && status == KILN_OK; i++) {
+        const float t = (float)i / (float)steps;
+        const struct step step = step_at(w->map, border->texel[0][0] + t * dx, border->texel[0][1] + t * dy);
+        status = use(w, border, &step, (i == 0 || i == steps ? 0.5f : 1.0f) * length / (float)steps, error);
+    }
+    return status;
+}
+
+static int walk_all(struct work *w,
+                    int (*use)(struct work *, const struct kiln_border_edge *, const struct step *, float,
+                               struct kiln_error *),
+                    struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; i < w->graph->border_count && status == KILN_OK; i++)
+        status = walk(w, &w->graph->borders[i], use, error);
+    return status;
+}
+
+/* ---- claims ---- */
+
+/* Texels around one by distance; of equal ones the smaller column, then the smaller row. */
+static const int8_t around[24][2] = {{-1, 0}, {0, -1}, {0, 1},  {1, 0}, {-1, -1}, {-1, 1}, {1, -1},  {1, 1},
+                                     {-2, 0}, {0, -2}, {0, 2},  {2, 0}, {-2, -1}, {-2, 1}, {-1, -2}, {-1, 2},
+                                     {1, -2}, {1, 2},  {2, -1}, {2, 1}, {-2, -2}, {-2, 2}, {2, -2},  {2, 2}};
+
+/* The chart's surface texel nearest to `texel`, or KILN_NONE: two texels away at most, for a chart reads only texels
+ * next to its own. */
+static uint32_t nearest_of_chart(const struct kiln_map *map, uint32_t texel, uint32_t chart)
+{
+    for (size_t k = 0; k < sizeof around / sizeof *around; k++) {
+        const int64_t x = (int64_t)(texel % map->width) + around[k][0],
+                      y = (int64_t)(texel / map->width) + around[k][1];
+        if (x < 0 || y < 0 || x >= map->width || y >= map->height)
+            continue;
+        const size_t other = (size_t)y * map->width + (size_t)x;
+        if (map->state[other] != KILN_TEXEL_MARGIN && map->chart[other] == chart)
+            return (uint32_t)other;
+    }
+    return KILN_NONE;
+}
+
+static int add_claim(struct work *w, uint32_t texel, uint32_t chart, float weight, struct kiln_error *error)
+{
+    uint32_t last = KILN_NONE;
+    for (uint32_t c = w->first[texel]; c != KILN_NONE; c = w->claims[c].next) {
+        if (w->claims[c].chart == chart) {
+            w->claims[c].weight += weight;
+            return KILN_OK;
+        }
+        last = c;
+    }
+    const int status =
+        kiln_grow(&w->claims, &w->capacity, w->count + 1, sizeof *w->claims, "texels at borders of charts", error);
+    if (status != KILN_OK)
+        return status;
+    w->claims[w->count] = (struct claim){chart, nearest_of_chart(w->map, texel, chart), KILN_NONE, weight};
+    *(last == KILN_NONE ? &w->first[texel] : &w->claims[last].next) = (uint32_t)w->count++;
+    return KILN_OK;
+}
+
+/* A texel of the chart's own is nothing to claim. */
+static int claim_step(struct work *w, const struct kiln_border_edge *border, const struct step *step, float length,
+                      struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (int k = 0; k < SIDE && status == KILN_OK; k++)
+        if (step->weight[k] >= LEAST_WEIGHT && w->map->chart[step->texel[k]] != border->chart)
+            status = add_claim(w, step->texel[k], border->chart, step->weight[k] * step->weight[k] * length, error);
+    return status;
+}
+
+/* ---- whose a texel is ---- */
+
+static double luminance_at(const struct kiln_map *map, uint32_t texel)
+{
+    float rgb[3];
+    for (int c = 0; c < 3; c++)
+        rgb[c] = map->planes[KILN_MAP_DIRECT + c][texel] + map->planes[KILN_MAP_INDIRECT + c][texel];
+    return (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
+}
+
+/* Squared relative errors of all who read the texel, when it holds `value`. */
+static double error_of(const struct work *w, uint32_t texel, double value, double darkest)
+{
+    double sum = 0.0;
+    for (uint32_t c = w->first[texel]; c != KILN_NONE; c = w->claims[c].next) {
+        if (w->claims[c].source == KILN_NONE)
+            continue;
+        const double own = luminance_at(w->map, w->claims[c].source), off = (value - own) / fmax(own, darkest);
+        sum += (double)w->claims[c].weight * off * off;
+    }
+    return sum;
+}
+
+/* The source that makes the error least; of equal ones that of who reads most, then the first. KILN_NONE: nobody has
+ * one. */
+static uint32_t choose_source(const struct work *w, uint32_t texel, double darkest)
+{
+    uint32_t best = KILN_NONE;
+    double least = INFINITY;
+    float most = 0.0f;
+    for (uint32_t c = w->first[texel]; c != KILN_NONE; c = w->claims[c].next) {
+        const struct claim *claim = &w->claims[c];
+        if (claim->source == KILN_NONE)
+            continue;
+        const double error = error_of(w, texel, luminance_at(w->map, claim->source), darkest);
+        if (best != KILN_NONE && !(error < least || (error == least && claim->weight > most)))
+            continue;
+        best = claim->source;
+        least = error;
+        most = claim->weight;
+    }
+    return best;
+}
+
+/* Darker charts than this count as this dark: a thousandth of the mean. */
+static double darkest_of(const struct kiln_map *map)
+{
+    double sum = 0.0;
+    size_t used = 0;
+    for (size_t i = 0; i < kiln_map_texels(map); i++)
+        if (map->state[i] != KILN_TEXEL_MARGIN) {
+            sum += luminance_at(map, (uint32_t)i);
+            used++;
+        }
+    return sum > 0.0 ? 1e-3 * sum / (double)used : 1.0;
+}
+
+static void choose_all(struct work *w)
+{
+    const double darkest = darkest_of(w->map);
+    for (size_t i = 0; i < kiln_map_texels(w->map); i++) {
+        const uint32_t first = w->first[i];
+        if (first == KILN_NONE)
+            continue;
+        const bool several = w->claims[first].next != KILN_NONE;
+        if (w->map->state[i] != KILN_TEXEL_MARGIN) {
+            for (uint32_t c = first; c != KILN_NONE; c = w->claims[c].next)
+                w->report->foreign++;
+            continue;
+        }
+        const uint32_t source = several ? choose_source(w, (uint32_t)i, darkest) : w->claims[first].source;
+        w->report->contested += several;
+        if (source != KILN_NONE)
+            w->nearest[i] = source;
+    }
+}
+
+static int measure_step(struct work *w, const struct kiln_border_edge *border, const struct step *step, float length,
+                        struct kiln_error *error)
+{
+    (void)error;
+    bool disturbed = false;
+    for (int k = 0; k < SIDE; k++)
+        disturbed = disturbed || (step->weight[k] >= LEAST_WEIGHT && w->nearest[step->texel[k]] != KILN_NONE &&
+                                  w->map->chart[w->nearest[step->texel[k]]] != border->chart);
+    w->report->length += (double)length;
+    w->report->length_disturbed += disturbed ? (double)length : 0.0;
+    return KILN_OK;
+}
+
+int kiln_borders_assign(const struct kiln_map *map, const struct kiln_chart_graph *graph, uint32_t *nearest,
+                        struct kiln_border_report *report, struct kiln_error *error)
+{
+    struct work w = {.map = map, .graph = graph, .nearest = nearest, .report = report};
+    const size_t texels = kiln_map_texels(map);
+    *report = (struct kiln_border_report){0};
+    int status = kiln_allocate(&w.first, texels, sizeof *w.first, "texels at borders of charts", error);
+    for (size_t i = 0; i < texels && status == KILN_OK; i++)
+        w.first[i] = KILN_NONE;
+    if (status == KILN_OK)
+        status = walk_all(&w, claim_step, error);
+    if (status == KILN_OK) {
+        choose_all(&w);
+        status = walk_all(&w, measure_step, error);
+    }
+    kiln_free(&w.first);
+    kiln_free(&w.claims);
+    return status;
+}

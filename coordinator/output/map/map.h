@@ -1,0 +1,57 @@
+/* One object's lightmap on its way to a file: gathered points in, every texel of the image filled out. Nothing is
+ * collective; all of it is deterministic and looks at this one object alone. The order is: put, fill, nearest, assign
+ * (borders.h), smooth, dilate. */
+#ifndef KILN_COORDINATOR_OUTPUT_MAP_MAP_H
+#define KILN_COORDINATOR_OUTPUT_MAP_MAP_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "worker/base/status.h"
+
+enum kiln_map_plane {
+    KILN_MAP_DIRECT = 0,   /* 3 planes, W/m2 */
+    KILN_MAP_INDIRECT = 3, /* 3 planes, W/m2 */
+    KILN_MAP_ERROR = 6,    /* standard error of the luminance of direct + indirect */
+    KILN_MAP_PLANES = 7
+};
+
+enum kiln_texel_state {
+    KILN_TEXEL_MARGIN = 0, /* on no surface */
+    KILN_TEXEL_FILLED = 1, /* on a surface where no light could be gathered */
+    KILN_TEXEL_VALID = 2   /* gathered */
+};
+
+/* Arrays of width x height, top row (v = 0) first. */
+struct kiln_map {
+    uint32_t width, height;
+    float *planes[KILN_MAP_PLANES];
+    float *area;     /* m2 of surface in the texel */
+    float *coverage; /* share of the texel's square on the layout, 0..1 */
+    uint8_t *state;  /* enum kiln_texel_state */
+    uint32_t *chart; /* of the texel's first piece; KILN_NONE in the margin */
+};
+
+/* All margin. KILN_CANNOT_CREATE from 2^32 - 1 texels on. */
+int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, struct kiln_error *error);
+void kiln_map_destroy(struct kiln_map **map);
+
+static inline size_t kiln_map_texels(const struct kiln_map *map) { return (size_t)map->width * map->height; }
+
+/* Gives every KILN_TEXEL_FILLED texel the values of its surroundings: inside its chart layer by layer from the valid
+ * texels on (the mean of the neighbours that are known, edge neighbours counting twice), and, in a chart where nothing
+ * is valid, from the nearest known texel of the object. An object without a valid texel stays 0. */
+int kiln_map_fill(struct kiln_map *map, struct kiln_error *error);
+
+/* For every texel the index (y * width + x) of the nearest texel whose state is at least `least`; exact Euclidean
+ * distance between centres, ties to the smaller column, then the smaller row (Meijster, Roerdink and Hesselink 2000, in
+ * linear time). KILN_NONE everywhere when there is none. `nearest` has width x height entries. */
+int kiln_nearest_texels(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t *nearest,
+                        struct kiln_error *error);
+
+/* Every margin texel takes the values of the texel on a surface that it stands for. Returns how many there were (0 when
+ * all is margin). */
+uint64_t kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest);
+
+#endif

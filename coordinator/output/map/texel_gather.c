@@ -1,0 +1,347 @@
+#include "coordinator/output/map/texel_gather.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "coordinator/mpi/agree.h"
+#include "coordinator/output/points.h"
+#include "worker/base/memory.h"
+
+/* ---- dealing ---- */
+
+static uint64_t texels_of(const struct kiln_lightmap *map) { return (uint64_t)map->width * map->height; }
+
+static int compare_sizes(const void *a, const void *b, void *context)
+{
+    const struct kiln_lightmap *maps = context;
+    const uint32_t i = *(const uint32_t *)a, j = *(const uint32_t *)b;
+    const uint64_t p = texels_of(&maps[i]), q = texels_of(&maps[j]);
+    if (p != q)
+        return p > q ? -1 : 1;
+    return i < j ? -1 : i > j;
+}
+
+struct bin {
+    uint64_t load, round_load;
+    uint32_t rank, round;
+};
+
+static int lighter(const struct bin *a, const struct bin *b)
+{
+    return a->load != b->load ? a->load < b->load : a->rank < b->rank;
+}
+
+/* Restores a heap (lightest first) whose root has grown. */
+static void sink_root(struct bin *heap, uint32_t count)
+{
+    for (uint32_t i = 0;;) {
+        uint32_t least = i;
+        for (uint32_t child = 2 * i + 1; child <= 2 * i + 2 && child < count; child++)
+            if (lighter(&heap[child], &heap[least]))
+                least = child;
+        if (least == i)
+            return;
+        const struct bin swap = heap[i];
+        heap[i] = heap[least];
+        heap[least] = swap;
+        i = least;
+    }
+}
+
+static void deal_all(struct kiln_assignment *deal, const struct kiln_lightmap *maps, const uint32_t *order,
+                     struct bin *heap, uint32_t ranks, uint64_t budget)
+{
+    for (uint32_t r = 0; r < ranks; r++)
+        heap[r] = (struct bin){.rank = r};
+    for (size_t i = 0; i < deal->count; i++) {
+        if (maps[order[i]].published == 0) {
+            deal->owner[order[i]] = deal->round[order[i]] = KILN_NONE;
+            continue;
+        }
+        const uint64_t size = texels_of(&maps[order[i]]);
+        struct bin *bin = &heap[0];
+        if (bin->round_load > 0 && bin->round_load + size > budget) {
+            bin->round++;
+            bin->round_load = 0;
+        }
+        bin->load += size;
+        bin->round_load += size;
+        deal->owner[order[i]] = bin->rank;
+        deal->round[order[i]] = bin->round;
+        if (bin->round >= deal->rounds)
+            deal->rounds = bin->round + 1;
+        sink_root(heap, ranks);
+    }
+}
+
+int kiln_assignment_create(struct kiln_assignment **deal, const struct kiln_lightmap *lightmaps, size_t count,
+                           uint32_t ranks, uint64_t texel_budget, struct kiln_error *error)
+{
+    uint32_t *order = NULL;
+    struct bin *heap = NULL;
+    int status = kiln_allocate(deal, 1, sizeof **deal, "dealing lightmaps to ranks", error);
+    if (status != KILN_OK)
+        return status;
+    (*deal)->count = count;
+    status = kiln_allocate(&(*deal)->owner, count, sizeof(uint32_t), "dealing lightmaps to ranks", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&(*deal)->round, count, sizeof(uint32_t), "dealing lightmaps to ranks", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&order, count, sizeof *order, "dealing lightmaps to ranks", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&heap, ranks, sizeof *heap, "dealing lightmaps to ranks", error);
+    if (status == KILN_OK) {
+        for (size_t i = 0; i < count; i++)
+            order[i] = (uint32_t)i;
+        qsort_r(order, count, sizeof *order, compare_sizes, (void *)(uintptr_t)lightmaps);
+        deal_all(*deal, lightmaps, order, heap, ranks, texel_budget);
+    }
+    kiln_free(&order);
+    kiln_free(&heap);
+    if (status != KILN_OK)
+        kiln_assignment_destroy(deal);
+    return status;
+}
+
+void kiln_assignment_destroy(struct kiln_assignment **deal)
+{
+    if (*deal == NULL)
+        return;
+    kiln_free(&(*deal)->owner);
+    kiln_free(&(*deal)->round);
+    kiln_free(deal);
+}
+
+/* ---- travelling ---- */
+
+/* Where a tile run's records stand in a pass. */
+struct place {
+    size_t tile_run, at;
+};
+
+struct kiln_texel_gather {
+    const struct kiln_bake_result *result;
+    const struct kiln_assignment *deal;
+    int ranks;
+    size_t limit;           /* records to one rank in a pass; a tile run's worth at least */
+    uint64_t *bucket_first; /* rounds x ranks + 1: where the tile runs for (round, owner) stand in `order` */
+    uint64_t *cursor;       /* per destination, during a round */
+    size_t *order;          /* own tile runs by (round, owner), else in their own order */
+    struct kiln_texel_record *out, *in;
+    struct place *places; /* of the pass at hand, one a tile run */
+    size_t in_capacity;
+    int *out_counts, *out_starts, *in_counts, *in_starts;
+    MPI_Datatype type;
+};
+
+/* SIZE_MAX: nobody wants it. */
+static size_t bucket_of(const struct kiln_texel_gather *e, size_t tile_run)
+{
+    const uint32_t map = e->result->surface->tile_runs[tile_run].map;
+    if (e->deal->owner[map] == KILN_NONE)
+        return SIZE_MAX;
+    return (size_t)e->deal->round[map] * (size_t)e->ranks + e->deal->owner[map];
+}
+
+static void sort_tile_runs(struct kiln_texel_gather *e)
+{
+    const size_t tile_runs = e->result->surface->tile_run_count, buckets = (size_t)e->deal->rounds * (size_t)e->ranks;
+    for (size_t f = 0; f < tile_runs; f++)
+        if (bucket_of(e, f) != SIZE_MAX)
+            e->bucket_first[bucket_of(e, f) + 1]++;
+    for (size_t b = 0; b < buckets; b++)
+        e->bucket_first[b + 1] += e->bucket_first[b];
+    for (size_t f = 0; f < tile_runs; f++)
+        if (bucket_of(e, f) != SIZE_MAX)
+            e->order[e->bucket_first[bucket_of(e, f)]++] = f;
+    for (size_t b = buckets; b > 0; b--)
+        e->bucket_first[b] = e->bucket_first[b - 1];
+    e->bucket_first[0] = 0;
+}
+
+static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *error)
+{
+    const size_t ranks = (size_t)e->ranks;
+    int **counts[] = {&e->out_counts, &e->out_starts, &e->in_counts, &e->in_starts};
+    int status = kiln_allocate(&e->bucket_first, (size_t)e->deal->rounds * ranks + 1, sizeof(uint64_t),
+                               "the exchange of points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&e->cursor, ranks, sizeof(uint64_t), "the exchange of points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&e->order, e->result->surface->tile_run_count, sizeof(size_t), "the exchange of points",
+                               error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&e->out, e->limit * ranks, sizeof *e->out, "points to send", error);
+    if (status == KILN_OK) /* a tile run has a point at least */
+        status = kiln_allocate(&e->places, e->limit * ranks, sizeof *e->places, "points to send", error);
+    for (size_t i = 0; status == KILN_OK && i < sizeof counts / sizeof *counts; i++)
+        status = kiln_allocate(counts[i], ranks, sizeof(int), "the exchange of points", error);
+    return status;
+}
+
+int kiln_texel_gather_create(struct kiln_texel_gather **exchange, const struct kiln_bake_result *result,
+                             const struct kiln_assignment *deal, size_t records_per_pass, struct kiln_error *error)
+{
+    int status = kiln_allocate(exchange, 1, sizeof **exchange, "the exchange of points", error);
+    if (status == KILN_OK) {
+        struct kiln_texel_gather *e = *exchange;
+        e->result = result;
+        e->deal = deal;
+        e->type = MPI_DATATYPE_NULL;
+        if (MPI_Comm_size(result->communicator, &e->ranks) != MPI_SUCCESS ||
+            MPI_Type_contiguous((int)sizeof(struct kiln_texel_record), MPI_BYTE, &e->type) != MPI_SUCCESS ||
+            MPI_Type_commit(&e->type) != MPI_SUCCESS)
+            status =
+                kiln_fail(error, KILN_SITE, "MPI refused a datatype of %zu bytes", sizeof(struct kiln_texel_record));
+        const size_t total = records_per_pass == 0 ? (size_t)1 << 18 : records_per_pass;
+        e->limit = total / (size_t)(e->ranks > 0 ? e->ranks : 1);
+        if (e->limit < KILN_TILE_TEXELS)
+            e->limit = KILN_TILE_TEXELS;
+        if (status == KILN_OK)
+            status = allocate_exchange(e, error);
+    }
+    if (status == KILN_OK)
+        sort_tile_runs(*exchange);
+    status = kiln_agree(result->communicator, status, error);
+    if (status != KILN_OK)
+        kiln_texel_gather_destroy(exchange);
+    return status;
+}
+
+void kiln_texel_gather_destroy(struct kiln_texel_gather **exchange)
+{
+    struct kiln_texel_gather *e = *exchange;
+    if (e == NULL)
+        return;
+    if (e->type != MPI_DATATYPE_NULL)
+        (void)MPI_Type_free(&e->type);
+    kiln_free(&e->bucket_first);
+    kiln_free(&e->cursor);
+    kiln_free(&e->order);
+    kiln_free(&e->out);
+    kiln_free(&e->places);
+    kiln_free(&e->in);
+    kiln_free(&e->out_counts);
+    kiln_free(&e->out_starts);
+    kiln_free(&e->in_counts);
+    kiln_free(&e->in_starts);
+    kiln_free(exchange);
+}
+
+static int pack_tile_run(const struct kiln_texel_gather *e, size_t tile_run, struct kiln_texel_record *out,
+                         struct kiln_error *error)
+{
+    const struct kiln_bake_result *r = e->result;
+    const uint64_t offset = kiln_tile_run_offset(r->surface, tile_run);
+    struct kiln_point_detail details[KILN_TILE_TEXELS];
+    const uint32_t count = kiln_tile_run_details(r, tile_run, details), map = r->surface->tile_runs[tile_run].map;
+    for (uint32_t i = 0; i < count; i++) {
+        const uint64_t point = offset + i;
+        struct kiln_texel_record *record = &out[i];
+        *record = (struct kiln_texel_record){.map = map,
+                                             .x = details[i].x,
+                                             .y = details[i].y,
+                                             .triangle = details[i].triangle,
+                                             .valid = kiln_point_valid(r->surface, point),
+                                             .area = r->surface->area[point],
+                                             .coverage = details[i].coverage};
+        memcpy(&record->values[KILN_MAP_DIRECT], r->direct + 3 * point, 3 * sizeof(float));
+        memcpy(&record->values[KILN_MAP_INDIRECT], r->indirect + 3 * point, 3 * sizeof(float));
+        record->values[KILN_MAP_ERROR] = kiln_error_unpack(r->error[point]);
+        for (int p = 0; record->valid != 0 && p < KILN_MAP_PLANES; p++)
+            if (!isfinite(record->values[p]))
+                return kiln_fail(error, KILN_BUG,
+                                 "object '%s', texel (%u, %u): the light gathered there is not a finite number",
+                                 kiln_scene_string(r->scene, r->scene->objects[kiln_map_object(r->surface, map)].name),
+                                 record->x, record->y);
+    }
+    return KILN_OK;
+}
+
+/* Finds places for as many tile runs for each rank as fit; `more` tells whether something is left. Returns how many. */
+static size_t plan_pass(struct kiln_texel_gather *e, uint32_t round, int *more)
+{
+    size_t total = 0, count = 0;
+    *more = 0;
+    for (int rank = 0; rank < e->ranks; rank++) {
+        const uint64_t end = e->bucket_first[(size_t)round * (size_t)e->ranks + (size_t)rank + 1];
+        e->out_starts[rank] = (int)total;
+        size_t packed = 0;
+        for (; e->cursor[rank] < end; e->cursor[rank]++) {
+            const size_t tile_run = e->order[e->cursor[rank]];
+            if (packed + e->result->surface->tile_runs[tile_run].count > e->limit)
+                break;
+            e->places[count++] = (struct place){.tile_run = tile_run, .at = total + packed};
+            packed += e->result->surface->tile_runs[tile_run].count;
+        }
+        *more = *more || e->cursor[rank] < end;
+        e->out_counts[rank] = (int)packed;
+        total += packed;
+    }
+    return count;
+}
+
+static int pack_pass(struct kiln_texel_gather *e, uint32_t round, int *more, struct kiln_error *error)
+{
+    const size_t count = plan_pass(e, round, more);
+    int status = KILN_OK;
+#pragma omp parallel for schedule(dynamic, 32)
+    for (size_t i = 0; i < count; i++) {
+        struct kiln_error mine = {{0}};
+        const int result = pack_tile_run(e, e->places[i].tile_run, e->out + e->places[i].at, &mine);
+        if (result == KILN_OK)
+            continue;
+#pragma omp critical(kiln_pack_pass)
+        status = kiln_fail(error, result, "%s", mine.message);
+    }
+    return status;
+}
+
+static int mpi_failed(const char *what, struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_RANK_LOST, "MPI failed in %s while points were brought to the ranks that write them",
+                     what);
+}
+
+static int travel(struct kiln_texel_gather *e, int *received, struct kiln_error *error)
+{
+    const MPI_Comm comm = e->result->communicator;
+    if (MPI_Alltoall(e->out_counts, 1, MPI_INT, e->in_counts, 1, MPI_INT, comm) != MPI_SUCCESS)
+        return mpi_failed("MPI_Alltoall", error);
+    *received = 0;
+    for (int r = 0; r < e->ranks; r++) { /* at most limit x ranks in all, far below 2^31 */
+        e->in_starts[r] = *received;
+        *received += e->in_counts[r];
+    }
+    int status = kiln_grow(&e->in, &e->in_capacity, (size_t)*received, sizeof *e->in, "points received", error);
+    if ((status = kiln_agree(comm, status, error)) != KILN_OK)
+        return status;
+    if (MPI_Alltoallv(e->out, e->out_counts, e->out_starts, e->type, e->in, e->in_counts, e->in_starts, e->type,
+                      comm) != MPI_SUCCESS)
+        return mpi_failed("MPI_Alltoallv", error);
+    return KILN_OK;
+}
+
+int kiln_texel_gather_round(struct kiln_texel_gather *e, uint32_t round,
+                            void (*put)(void *, const struct kiln_texel_record *), void *context,
+                            struct kiln_error *error)
+{
+    const MPI_Comm comm = e->result->communicator;
+    for (int r = 0; r < e->ranks; r++)
+        e->cursor[r] = e->bucket_first[(size_t)round * (size_t)e->ranks + (size_t)r];
+    for (int more = 1; more != 0;) {
+        int mine = 0, received = 0;
+        int status = kiln_agree(comm, pack_pass(e, round, &mine, error), error);
+        if (status == KILN_OK)
+            status = travel(e, &received, error);
+        if (status != KILN_OK)
+            return status;
+#pragma omp parallel for schedule(static)
+        for (int i = 0; i < received; i++)
+            put(context, &e->in[i]);
+        if (MPI_Allreduce(&mine, &more, 1, MPI_INT, MPI_MAX, comm) != MPI_SUCCESS)
+            return mpi_failed("MPI_Allreduce", error);
+    }
+    return KILN_OK;
+}

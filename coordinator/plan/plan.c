@@ -1,0 +1,533 @@
+#include "coordinator/plan/plan.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "coordinator/integrate/energy.h"
+#include "coordinator/run/process_memory.h"
+#include "coordinator/integrate/transport.h"
+#include "coordinator/bake/volume.h"
+#include "coordinator/export/export.h"
+#include "worker/base/memory.h"
+#include "worker/scene/radiosity.h"
+
+/* Bounces that `--bounces all` is taken to make, the final gather among them: scenes settle after 5 to 8. */
+enum { TYPICAL_BOUNCES = 7 };
+/* Tile runs traced at a place: so many that every thread gets some, or a GPU is busy. */
+enum { THREAD_TILE_RUNS = 4, LEAST_TILE_RUNS = 8, DEVICE_TILE_RUNS = 2048, SAMPLE_PROBES = 256, LEAST_SAMPLES = 8 };
+enum { BOUNCE_TILE_RUNS = 4 }; /* so many times as many for a bounce, which has few samples */
+static const double CALIBRATION_SECONDS = 15.0;
+
+/* Embree 3.13, robust, medium quality: bytes of BVH a triangle, measured between 32 thousand and 4 million triangles.
+ */
+static const double BVH_BYTES = 100.0;
+static const uint64_t LEAST_PROGRAM_BYTES = 40ull << 20;
+/* what passes and MPI take that is not there yet when the program is measured */
+static const uint64_t PASS_BYTES = 8ull << 20;
+
+/* What writing the results takes, measured: see the rows' words. */
+static const double LIGHTMAP_WORK = 85.0;           /* bytes a texel of the lightmaps under way */
+static const uint64_t LIGHTMAP_BUDGET = 1ull << 21; /* texels under way on a rank, or one lightmap */
+/* a point on its way to the lightmap's writer: sent and received */
+static const double RECORD_BYTES = 2 * 58.0;
+/* bytes a point of kiln.h5 in hand; of them still held afterwards */
+static const double H5_ROW = 113.0, H5_KEPT = 90.0;
+static const uint64_t ROWS_AT_ONCE = 1ull << 18;
+static const uint64_t PREVIEW_BYTES = 62ull << 20; /* rays of a band, 120 bytes each */
+static const double PREVIEW_TEXEL = 12.0;          /* lightmaps in view */
+static const double CHECKPOINT_POINT = 44.0;       /* bytes on disk */
+/* of a point, that move with it besides its surface */
+static const double RESULT_BYTES = 6 * sizeof(float) + sizeof(uint16_t);
+
+static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
+static const double LIGHTMAP_TEXEL_SECONDS = 1.6e-6; /* of one thread: filled, smoothed, compressed, read back */
+static const double H5_POINT_SECONDS = 1.35e-6;      /* of one rank: described, compressed, read back */
+/* Of these two, what one rank does alone when there are several, of one thread. For an object of few seams: */
+/* its points taken in, finished, sent to be packed, written, compared */
+static const double OWNER_TEXEL_SECONDS = 0.2e-6;
+static const double OWNER_TEXEL_BYTES = 44.0 + 33.0; /* sent to be packed; got back */
+static const double H5_WRITER_POINT_SECONDS = 35e-9; /* packed bytes taken in and written */
+/* s of one thread: by all of a rank's threads, by one */
+static const double PREVIEW_DRAWN = 0.6, PREVIEW_WRITTEN = 0.25;
+static const double COMPACT_BYTES = 4.0, FULL_BYTES = 8.0; /* of a point's radiosity on its way */
+static const double MAP_ENTRY_BYTES = 24.0;                /* of a tile or split, from who found it to every rank */
+static const double MAP_POINT_SECONDS = 0.5e-9;            /* of a rank, for a point that another found */
+
+/* Compressed bytes, measured over the project's scenes. */
+static const double LIGHTMAP_POINT_DISK = 33.0, H5_POINT_DISK = 45.5, PROBE_DISK = 0.85, PREVIEW_DISK = 0.55e6;
+
+static uint64_t share_bytes(const struct kiln_surface *s)
+{
+    const uint64_t pieces = s->piece_base != NULL && s->tile_run_count > 0 ? s->piece_base[s->tile_run_count] : 0;
+    const uint64_t shares = s->area_cdf_base != NULL && s->tile_run_count > 0 ? s->area_cdf_base[s->tile_run_count] : 0;
+    const uint64_t point = sizeof *s->piece_count + 3 * sizeof *s->albedo + sizeof *s->area + sizeof *s->visible;
+    return s->count * point + pieces * sizeof *s->pieces + shares * sizeof *s->area_cdf +
+           s->tile_run_count * (sizeof *s->tile_runs + sizeof *s->piece_base + sizeof *s->area_cdf_base);
+}
+
+static uint64_t all_bytes(const struct kiln_surface *s)
+{
+    return s->tile_count * sizeof *s->tiles + s->split_count * sizeof *s->splits + s->map_count * sizeof *s->lightmaps +
+           (s->cell_first != NULL ? s->cell_count * sizeof *s->cell_first : 0);
+}
+
+static uint64_t section_bytes(const struct kiln_scene *scene, enum kiln_scene_section section)
+{
+    return scene->header->sections[section].count * kiln_scene_element_size(section);
+}
+
+static bool on_device(const struct kiln_prepared *p) { return strcmp(p->backend->api->name, "embree") != 0; }
+
+static uint64_t largest_lightmap(const struct kiln_scene *scene)
+{
+    uint64_t most = 0;
+    for (size_t i = 0; i < scene->object_count; i++) {
+        const uint64_t texels = (uint64_t)scene->objects[i].lightmap_width * scene->objects[i].lightmap_height;
+        most = texels > most ? texels : most;
+    }
+    return most;
+}
+
+static double least(double a, double b) { return a < b ? a : b; }
+
+/* The phases that write follow one another; the fullest is the first rank, which draws the preview. */
+static uint64_t result_bytes(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
+{
+    const double own = plan->here.light.points_most, texels = (double)plan->surface.texels,
+                 largest = (double)largest_lightmap(p->scene);
+    const double at_once = fmax(largest, least(texels / job->ranks, (double)LIGHTMAP_BUDGET));
+    const double rows = least(own, (double)ROWS_AT_ONCE);
+    const double lightmaps = LIGHTMAP_WORK * at_once + RECORD_BYTES * rows;
+    const double preview = job->preview ? (double)PREVIEW_BYTES + PREVIEW_TEXEL * texels + H5_KEPT * rows : 0.0;
+    return (uint64_t)fmax(lightmaps, fmax(H5_ROW * rows, preview));
+}
+
+static void known_memory(struct kiln_plan *plan, const struct kiln_prepared *p)
+{
+    struct kiln_plan_memory *m = &plan->memory;
+    const struct kiln_geometry *g = p->geometry;
+    m->textures =
+        section_bytes(p->scene, KILN_SECTION_TEXELS) + section_bytes(p->scene, KILN_SECTION_ENVIRONMENT_TEXELS);
+    m->scene = p->scene->mapped_bytes - m->textures;
+    m->geometry = g->vertex_count * 3 * sizeof *g->vertices +
+                  g->triangle_count * (3 * sizeof *g->indices + sizeof *g->records + sizeof *g->stored_triangle);
+    m->bvh = on_device(p) ? 0 : (uint64_t)(BVH_BYTES * (double)g->triangle_count);
+}
+
+/* Before the share is built: what is resident now and has no name yet is the program's. */
+static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *p)
+{
+    struct kiln_plan_memory *m = &plan->memory;
+    const uint64_t named =
+        m->textures + m->scene + m->geometry + m->bvh + all_bytes(p->surface) + share_bytes(p->surface);
+    const uint64_t resident = kiln_process_memory(KILN_MEMORY_NOW);
+    m->program = PASS_BYTES + (resident > named + LEAST_PROGRAM_BYTES ? resident - named : LEAST_PROGRAM_BYTES);
+}
+
+static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_surface *share,
+                        const struct kiln_job *job)
+{
+    struct kiln_plan_memory *m = &plan->memory;
+    struct kiln_backend_info info = {0};
+    kiln_backend_info(p->backend, &info);
+    m->device = on_device(p) ? info.memory : 0;
+    m->surface_all = all_bytes(share);
+    const double own = share->count > 0 ? (double)share_bytes(share) / (double)share->count : 0.0;
+    m->surface_own = (uint64_t)(own * plan->here.light.points_most);
+    m->transport = kiln_transport_bytes((uint64_t)plan->here.light.points_most, plan->surface.points);
+    m->volume = plan->probes * sizeof(struct kiln_probe_result);
+    m->results = result_bytes(plan, p, job);
+    m->moving = plan->here.light.cuts > 0 ? (uint64_t)(fmax(own, RESULT_BYTES) * plan->here.light.points_most) : 0;
+    const uint64_t last = m->volume + m->results; /* there is none of these while points move */
+    m->total = m->program + m->scene + m->textures + m->geometry + m->bvh + m->surface_all + m->surface_own +
+               m->transport + (last > m->moving ? last : m->moving);
+    if (plan->surface.points > 0)
+        plan->bytes_per_point =
+            own + (double)m->surface_all / (double)plan->surface.points +
+            (double)(kiln_transport_bytes(plan->surface.points, plan->surface.points) - kiln_transport_bytes(0, 0)) /
+                (double)plan->surface.points;
+    if (p->geometry->triangle_count > 0)
+        plan->bytes_per_triangle = (double)(m->scene + m->geometry) / (double)p->geometry->triangle_count;
+}
+
+static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
+{
+    const double points = (double)plan->surface.points;
+    plan->lightmap_bytes =
+        (uint64_t)(points * LIGHTMAP_POINT_DISK * (job->half ? 0.45 : 1.0) * (job->error_map ? 10.0 / 9.0 : 1.0));
+    plan->h5_bytes = (uint64_t)(points * H5_POINT_DISK);
+    plan->volume_bytes = (uint64_t)((double)(plan->probes * sizeof(struct kiln_probe_result)) * PROBE_DISK);
+    plan->scene_bytes = p->scene->mapped_bytes;
+    plan->preview_bytes = job->preview ? (uint64_t)PREVIEW_DISK : 0;
+    plan->export_bytes = job->export ? kiln_export_size(p->scene) : 0;
+    plan->disk_bytes = plan->lightmap_bytes + plan->h5_bytes + plan->volume_bytes + plan->scene_bytes +
+                       plan->preview_bytes + plan->export_bytes;
+    plan->checkpoint_bytes = (uint64_t)(points * CHECKPOINT_POINT);
+}
+
+/* ---- calibration ---- */
+
+static int sample_pass(const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_batch *batch,
+                       int light, double *seconds, struct kiln_error *error)
+{
+    struct kiln_backend_info begin, end;
+    uint64_t rays = 0;
+    kiln_backend_info(p->backend, &begin);
+    const double start = MPI_Wtime();
+    const bool bounce = light == KILN_LIGHT_BOUNCE;
+    const int status =
+        light == KILN_LIGHT_DIRECT
+            ? kiln_backend_direct(p->backend, batch, job->samples_direct, &rays, error)
+            : kiln_backend_gather(p->backend, batch, bounce ? job->samples_bounce : job->samples_indirect,
+                                  bounce ? 1 : 0xffff, &rays, error);
+    *seconds = MPI_Wtime() - start;
+    kiln_backend_info(p->backend, &end);
+    if (end.thread_seconds > begin.thread_seconds)
+        *seconds = (end.thread_seconds - begin.thread_seconds) / p->threads;
+    return status;
+}
+
+static int take_sample(const struct kiln_prepared *p, const struct kiln_job *job, size_t first, size_t count,
+                       struct kiln_plan_sample *sample, struct kiln_error *error)
+{
+    const struct kiln_tile_run *tile_runs = p->surface->tile_runs;
+    const size_t rest = p->surface->tile_run_count - first;
+    int status = KILN_OK;
+    *sample = (struct kiln_plan_sample){.first = tile_runs[first].first};
+    for (int light = 0; light < KILN_LIGHTS && status == KILN_OK; light++) {
+        const size_t wanted = light == KILN_LIGHT_BOUNCE ? BOUNCE_TILE_RUNS * count : count;
+        const struct kiln_batch batch = {first, wanted < rest ? wanted : rest, NULL, NULL};
+        const struct kiln_tile_run *last = &tile_runs[first + batch.tile_run_count - 1];
+        sample->points[light] = last->first + last->count - sample->first;
+        status = sample_pass(p, job, &batch, light, &sample->seconds[light], error);
+    }
+    return status;
+}
+
+/* Sample i of all, so that those taken so far lie spread over the scene whenever time runs out. */
+static size_t sample_place(size_t i)
+{
+    size_t place = 0;
+    for (size_t bit = 1; bit < KILN_PLAN_SAMPLES; bit <<= 1, i >>= 1)
+        place = place << 1 | (i & 1);
+    return place;
+}
+
+static int fill_radiosity(const struct kiln_prepared *p, uint64_t **radiosity, struct kiln_error *error)
+{
+    static const float light[3] = {1.0f, 0.9f, 0.8f};
+    const int status =
+        kiln_allocate(radiosity, p->surface->point_count, sizeof **radiosity, "a sample's radiosity", error);
+    for (uint64_t i = 0; status == KILN_OK && i < p->surface->point_count; i++)
+        (*radiosity)[i] = kiln_radiosity_pack(light, (uint32_t)i);
+    return status == KILN_OK ? kiln_backend_set_radiosity(p->backend, *radiosity, error) : status;
+}
+
+static int calibrate(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
+                     struct kiln_error *error)
+{
+    const size_t count = p->surface->tile_run_count,
+                 busy = on_device(p) ? DEVICE_TILE_RUNS : (size_t)p->threads * THREAD_TILE_RUNS;
+    size_t run = busy < LEAST_TILE_RUNS ? LEAST_TILE_RUNS : busy;
+    if (run * KILN_PLAN_SAMPLES > count)
+        run = on_device(p) ? (count < DEVICE_TILE_RUNS ? count : DEVICE_TILE_RUNS)
+                           : (count + KILN_PLAN_SAMPLES - 1) / KILN_PLAN_SAMPLES;
+    const double start = MPI_Wtime();
+    struct kiln_plan_sample warm;
+    int status = count > 0 ? take_sample(p, job, 0, run < 4 ? run : 4, &warm, error) : KILN_OK;
+    for (size_t i = 0; i < KILN_PLAN_SAMPLES && status == KILN_OK && count > 0; i++) {
+        if (i >= LEAST_SAMPLES && MPI_Wtime() - start > CALIBRATION_SECONDS)
+            break;
+        const size_t first = sample_place(i) * (count - run) / (KILN_PLAN_SAMPLES - 1);
+        status = take_sample(p, job, first, run, &plan->samples[plan->sample_count++], error);
+    }
+    return status;
+}
+
+static double take_seconds(const struct kiln_prepared *p) { return TAKE_POINT_SECONDS / p->threads; }
+
+static double preview_seconds(const struct kiln_prepared *p, const struct kiln_job *job)
+{
+    return job->preview ? PREVIEW_DRAWN / p->threads + PREVIEW_WRITTEN : 0.0;
+}
+
+static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *job, double *seconds,
+                         struct kiln_error *error)
+{
+    struct kiln_vec3 positions[SAMPLE_PROBES];
+    struct kiln_probe_result results[SAMPLE_PROBES];
+    uint64_t rays = 0;
+    const struct kiln_vec3 low = p->geometry->bounds_min, size = vec3_sub(p->geometry->bounds_max, low);
+    for (int i = 0; i < SAMPLE_PROBES; i++) {
+        const float t = ((float)i + 0.5f) / SAMPLE_PROBES;
+        positions[i] = vec3(low.x + t * size.x, low.y + (1.0f - t) * size.y, low.z + t * size.z);
+    }
+    const double start = MPI_Wtime();
+    const int status =
+        kiln_backend_probes(p->backend, positions, SAMPLE_PROBES, 0, job->samples_probe, results, &rays, error);
+    *seconds = (MPI_Wtime() - start) / SAMPLE_PROBES;
+    return status;
+}
+
+static int emission_seconds(const struct kiln_prepared *p, double *seconds, struct kiln_error *error)
+{
+    struct kiln_emission_result result;
+    const double start = MPI_Wtime();
+    const int status = kiln_backend_emission(p->backend, KILN_EMISSION_SAMPLES, &result, error);
+    *seconds = MPI_Wtime() - start;
+    return status;
+}
+
+/* ---- time ---- */
+
+static double phase_seconds(const struct kiln_phases *phases, const char *name)
+{
+    for (size_t i = 0; i < phases->count; i++)
+        if (strcmp(phases->name[i], name) == 0)
+            return phases->seconds[i];
+    return 0.0;
+}
+
+/* Ranks of a node share its cores, unless their threads were said; each has a GPU of its own. */
+static double crowd(const struct kiln_prepared *p, const struct kiln_job *job)
+{
+    const uint32_t together = job->ranks_per_node > 0 ? job->ranks_per_node : 1;
+    return on_device(p) || job->threads != 0 ? 1.0 : together < job->ranks ? together : job->ranks;
+}
+
+static double write_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
+{
+    const double ranks = job->ranks / crowd(p, job);
+    return LIGHTMAP_TEXEL_SECONDS * (double)plan->surface.texels / p->threads / ranks +
+           H5_POINT_SECONDS * (double)plan->surface.points / ranks + preview_seconds(p, job);
+}
+
+/* Of a point, in the exchange after a bounce, when there are so many. */
+static double bounce_bytes(const struct kiln_job *job, uint64_t points)
+{
+    return kiln_exchange_is_compact(job->exchange, points) ? COMPACT_BYTES : FULL_BYTES;
+}
+
+/* What samples of it took, for which there is no phase. */
+struct timing {
+    double probe;       /* s each */
+    double emission;    /* s in all */
+    uint32_t slow_rank; /* KILN_SLOW_RANK */
+    double slowness;
+};
+
+/* All that does not depend on how even the ranks' work is. */
+static void plan_before_and_after(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
+                                  const struct kiln_phases *phases, const struct timing *timing)
+{
+    struct kiln_plan_seconds *s = &plan->seconds;
+    const double together = crowd(p, job), ranks = (double)job->ranks;
+    s->import = phase_seconds(phases, "import");
+    s->world = phase_seconds(phases, "scene and BVH") * together;
+    s->surface = phase_seconds(phases, "surface points") * together / ranks;
+    if (plan->surface.points > 0)
+        s->validity = phase_seconds(phases, "validity") * (double)plan->surface.points_max * together /
+                      (double)plan->surface.points;
+    s->emission = timing->emission * together;
+    s->probes = timing->probe * ceil((double)plan->probes / ranks) * together;
+    if (ranks > 1.0)
+        plan->exchange_bytes =
+            bounce_bytes(job, plan->surface.points) * ((double)plan->surface.points - (double)plan->surface.points_max);
+    s->write = write_seconds(plan, p, job);
+}
+
+static void plan_light(struct kiln_plan *plan)
+{
+    struct kiln_plan_seconds *s = &plan->seconds;
+    s->direct = plan->here.light.seconds[KILN_LIGHT_DIRECT];
+    s->bounces = plan->here.light.seconds[KILN_LIGHT_BOUNCE];
+    s->final = plan->here.light.seconds[KILN_LIGHT_FINAL];
+    s->exchange = plan->here.exchange;
+    s->move = plan->here.light.move;
+    s->total = s->import + s->world + s->surface + s->validity + s->emission + s->direct + s->bounces + s->final +
+               s->probes + s->exchange + s->move + s->write;
+}
+
+/* ---- scaling ---- */
+
+/* The nearest sample; NULL when there is none. */
+static const struct kiln_plan_sample *sample_near(const struct kiln_plan *plan, uint64_t point)
+{
+    const struct kiln_plan_sample *best = NULL;
+    double least_away = INFINITY;
+    for (size_t i = 0; i < plan->sample_count; i++) {
+        const struct kiln_plan_sample *s = &plan->samples[i];
+        const double away = fabs((double)s->first - (double)point);
+        if (away < least_away && s->points[KILN_LIGHT_DIRECT] > 0) {
+            least_away = away;
+            best = s;
+        }
+    }
+    return best;
+}
+
+/* Seconds that a point costs in a stretch of them, by the samples that were taken there, or else the nearest. */
+static double cost_in(const struct kiln_plan *plan, uint64_t first, uint64_t count, int light)
+{
+    double seconds = 0.0, points = 0.0;
+    for (size_t i = 0; i < plan->sample_count; i++) {
+        const struct kiln_plan_sample *s = &plan->samples[i];
+        if (s->first >= first && s->first < first + count) {
+            seconds += s->seconds[light];
+            points += (double)s->points[light];
+        }
+    }
+    const struct kiln_plan_sample *near = points > 0.0 ? NULL : sample_near(plan, first + count / 2);
+    return points > 0.0 ? seconds / points : near != NULL ? near->seconds[light] / (double)near->points[light] : 0.0;
+}
+
+/* The cells of the simulation: their points, and what one costs a rank. */
+struct cells {
+    uint64_t *points;
+    double *cost[KILN_LIGHTS];
+    size_t count;
+};
+
+static void free_cells(struct cells *cells)
+{
+    kiln_free(&cells->points);
+    for (int l = 0; l < KILN_LIGHTS; l++)
+        kiln_free(&cells->cost[l]);
+}
+
+static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
+                      struct cells *cells, struct kiln_error *error)
+{
+    const struct kiln_surface *s = p->surface; /* of one rank: all */
+    const bool in_cells = s->cell_first != NULL;
+    cells->count = in_cells ? (size_t)s->cell_count : s->tile_run_count;
+    int status = kiln_allocate(&cells->points, cells->count, sizeof *cells->points, "the simulated cells", error);
+    for (int l = 0; l < KILN_LIGHTS && status == KILN_OK; l++)
+        status = kiln_allocate(&cells->cost[l], cells->count, sizeof *cells->cost[l], "the simulated cells", error);
+    for (size_t i = 0; status == KILN_OK && i < cells->count; i++) {
+        const uint64_t first = in_cells ? s->cell_first[i] : s->tile_runs[i].first;
+        cells->points[i] = in_cells ? s->cell_first[i + 1] - first : s->tile_runs[i].count;
+        for (int l = 0; l < KILN_LIGHTS; l++)
+            cells->cost[l][i] = crowd(p, job) * (cost_in(plan, first, cells->points[i], l) + take_seconds(p));
+    }
+    return status;
+}
+
+/* Everything that grows with the points does so in proportion. */
+static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const struct kiln_prepared *p,
+                                            const struct kiln_job *job, const struct cells *cells,
+                                            const struct timing *timing)
+{
+    const struct kiln_plan_seconds *s = &plan->seconds;
+    const double together = crowd(p, job), points = fmax(1.0, (double)plan->surface.points),
+                 texel = (double)plan->surface.texels / points;
+    const double surface = p->surface->count > 0 ? (double)share_bytes(p->surface) / (double)p->surface->count : 0.0;
+    struct kiln_backend_info info = {0};
+    kiln_backend_info(p->backend, &info);
+    return (struct kiln_simulation){
+        .light = {.job = job,
+                  .cell_points = cells->points,
+                  .cell_cost = {cells->cost[0], cells->cost[1], cells->cost[2]},
+                  .cell_count = cells->count,
+                  .tile_runs = plan->surface.tile_runs,
+                  .bounces = plan->bounces,
+                  .threads = p->threads,
+                  .any_share = info.any_share,
+                  .part_points = info.part_points,
+                  .share_bytes = surface + RESULT_BYTES,
+                  .bandwidth = job->node_bandwidth * 1e9,
+                  .latency = job->node_latency * 1e-6,
+                  .slow_rank = timing->slow_rank,
+                  .slowness = timing->slowness},
+        .density = job->points > 0 ? (double)job->points / points : 1.0,
+        .once = s->import + s->world + s->emission + preview_seconds(p, job),
+        .find_a_point = s->surface * job->ranks / points,
+        .map_a_point = MAP_POINT_SECONDS * together,
+        .map_bytes = MAP_ENTRY_BYTES * (double)(p->surface->tile_count + p->surface->split_count) / points,
+        .shared_a_point = s->validity / fmax(1.0, (double)plan->surface.points_max) +
+                          together * (H5_POINT_SECONDS + texel * LIGHTMAP_TEXEL_SECONDS / p->threads),
+        .shared = timing->probe * (double)plan->probes * together,
+        .largest_object = (OWNER_TEXEL_SECONDS + OWNER_TEXEL_BYTES / (job->node_bandwidth * 1e9)) *
+                          (double)largest_lightmap(p->scene),
+        .alone_a_point = H5_WRITER_POINT_SECONDS,
+        .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),
+        .exchanges = plan->bounces + 1};
+}
+
+/* The bake as it is asked for, then the curves. */
+static int simulate(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
+                    const struct timing *timing, struct kiln_error *error)
+{
+    struct cells cells = {0};
+    int status = fill_cells(plan, p, job, &cells, error);
+    if (status == KILN_OK) {
+        struct kiln_simulation simulation = simulation_of(plan, p, job, &cells, timing);
+        const double density = simulation.density, bytes = simulation.radiosity_bytes;
+        simulation.density = 1.0;
+        simulation.radiosity_bytes = bounce_bytes(job, plan->surface.points);
+        status = kiln_simulate(&simulation, job->ranks, 1.0, &plan->here, error);
+        simulation.density = density;
+        simulation.radiosity_bytes = bytes;
+        if (status == KILN_OK)
+            status = kiln_simulate_curves(&simulation, job->ranks, plan->strong, plan->weak, &plan->curve_count, error);
+    }
+    free_cells(&cells);
+    return status;
+}
+
+static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
+                         struct timing *timing, struct kiln_error *error)
+{
+    uint64_t *radiosity = NULL;
+    const double start = MPI_Wtime();
+    int status = fill_radiosity(p, &radiosity, error);
+    if (status == KILN_OK)
+        status = calibrate(plan, p, job, error);
+    if (status == KILN_OK && plan->probes > 0)
+        status = probe_seconds(p, job, &timing->probe, error);
+    if (status == KILN_OK)
+        status = emission_seconds(p, &timing->emission, error);
+    plan->calibration_seconds = MPI_Wtime() - start;
+    kiln_free(&radiosity);
+    return status;
+}
+
+int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job,
+                   const struct kiln_phases *phases, struct kiln_error *error)
+{
+    *plan = (struct kiln_plan){.triangles = prepared->geometry->triangle_count,
+                               .bounces = job->bounces < 0 ? TYPICAL_BOUNCES : (uint32_t)job->bounces};
+    known_memory(plan, prepared);
+    measure_program(plan, prepared);
+    struct kiln_surface *share = NULL;
+    const struct kiln_surface_params params = {.scene = prepared->scene,
+                                               .geometry = prepared->geometry,
+                                               .cell_size = job->cell_size,
+                                               .partition = job->partition_objects ? KILN_PARTITION_OBJECTS
+                                                                                   : KILN_PARTITION_CELLS,
+                                               .both_sides = job->both_sides,
+                                               .ranks = job->ranks,
+                                               .threads = prepared->threads};
+    int status = kiln_surface_build(&share, &params, &plan->surface, error);
+    struct kiln_volume_result volume = {0};
+    struct timing timing = {0};
+    if (status == KILN_OK && job->samples_probe > 0)
+        status = kiln_volume_grid(&volume, prepared->scene, job->probe_spacing, error);
+    if (status == KILN_OK)
+        status = kiln_slow_rank(&timing.slow_rank, &timing.slowness, error);
+    if (status == KILN_OK) {
+        plan->probes = volume.size[0] * volume.size[1] * volume.size[2];
+        plan_disk(plan, prepared, job);
+        status = trace_samples(plan, prepared, job, &timing, error);
+    }
+    if (status == KILN_OK) {
+        plan_before_and_after(plan, prepared, job, phases, &timing);
+        status = simulate(plan, prepared, job, &timing, error);
+    }
+    if (status == KILN_OK) {
+        plan_light(plan);
+        plan_memory(plan, prepared, share, job);
+    }
+    kiln_surface_destroy(&share);
+    return status;
+}

@@ -1,0 +1,82 @@
+#include "coordinator/plan/simulate.h"
+
+#include <math.h>
+
+static const double NODE_MEMORY_BANDWIDTH = 10e9; /* bytes a second that ranks of one node hand over */
+
+double kiln_exchange_seconds(double bytes, uint32_t ranks, uint32_t nodes, double bandwidth, double latency)
+{
+    if (nodes > 1)
+        return bytes * (nodes - 1.0) / nodes / bandwidth + ceil(log2(nodes)) * latency;
+    return ranks > 1 ? bytes / NODE_MEMORY_BANDWIDTH : 0.0;
+}
+
+/* Seconds until all know where the points lie: every rank of a node is told. */
+static double find_seconds(const struct kiln_simulation *s, const struct kiln_scaled *scaled, uint32_t together)
+{
+    const double share = s->find_a_point * scaled->points / scaled->ranks,
+                 map = scaled->ranks > 1 ? s->map_a_point * scaled->points : 0.0;
+    return share + map +
+           kiln_exchange_seconds(s->map_bytes * scaled->points * together, scaled->ranks, scaled->nodes,
+                                 s->light.bandwidth, s->light.latency);
+}
+
+/* Packing is divided; what one rank does alone comes on top of it, as if nothing of it could go on at the same time. */
+static double write_seconds(const struct kiln_simulation *s, const struct kiln_scaled *scaled, double density)
+{
+    const double alone = s->largest_object * density + s->alone_a_point * scaled->points;
+    return s->shared_a_point * scaled->points / scaled->ranks + (scaled->ranks > 1 ? alone : 0.0);
+}
+
+int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double density, struct kiln_scaled *scaled,
+                  struct kiln_error *error)
+{
+    const struct kiln_light_simulation *l = &s->light;
+    const uint32_t together = l->job->ranks_per_node > 0 ? l->job->ranks_per_node : 1;
+    *scaled =
+        (struct kiln_scaled){.ranks = ranks, .nodes = (ranks + together - 1) / together, .trace = s->shared / ranks};
+    const int status = kiln_simulate_light(l, ranks, density, &scaled->light, error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < l->cell_count; i++)
+        scaled->points += density * (double)l->cell_points[i];
+    for (int i = 0; i < KILN_LIGHTS; i++)
+        scaled->trace += scaled->light.seconds[i];
+    scaled->exchange = s->exchanges * kiln_exchange_seconds(s->radiosity_bytes * scaled->points, ranks, scaled->nodes,
+                                                            l->bandwidth, l->latency);
+    scaled->find = find_seconds(s, scaled, together < ranks ? together : ranks);
+    scaled->once = s->once;
+    scaled->write = write_seconds(s, scaled, density);
+    scaled->seconds =
+        scaled->trace + scaled->light.move + scaled->exchange + scaled->find + scaled->once + scaled->write;
+    return KILN_OK;
+}
+
+/* Against the first entry; `work` is how much more there is to do than there. */
+static void rate(const struct kiln_scaled *first, struct kiln_scaled *scaled, double work)
+{
+    const double ideal = work / scaled->ranks;
+    scaled->efficiency = scaled->seconds > 0.0 ? ideal * first->seconds / scaled->seconds : 1.0;
+    const double traced = scaled->trace + scaled->light.move + scaled->exchange;
+    scaled->trace_efficiency =
+        traced > 0.0 ? ideal * (first->trace + first->light.move + first->exchange) / traced : 1.0;
+}
+
+int kiln_simulate_curves(const struct kiln_simulation *s, uint32_t most, struct kiln_scaled *strong,
+                         struct kiln_scaled *weak, size_t *count, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    *count = 0;
+    for (uint32_t ranks = 1; status == KILN_OK && *count<KILN_CURVE_MAX; ranks = ranks> most / 2 ? most : 2 * ranks) {
+        const size_t i = *count;
+        status = kiln_simulate(s, ranks, s->density, &strong[i], error);
+        if (status == KILN_OK)
+            status = kiln_simulate(s, ranks, s->density * ranks, &weak[i], error);
+        rate(&strong[0], &strong[i], 1.0);
+        rate(&weak[0], &weak[i], ranks);
+        ++*count;
+        if (ranks >= most)
+            break;
+    }
+    return status;
+}

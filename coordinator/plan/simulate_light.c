@@ -1,0 +1,350 @@
+#include "coordinator/plan/simulate_light.h"
+
+#include <math.h>
+
+#include "coordinator/integrate/repartition.h"
+#include "coordinator/surface/surface_build.h"
+#include "worker/base/memory.h"
+
+static const double WHOLE_CELLS = 0.1;   /* as the partition: cells stay whole up to so much imbalance */
+static const double BATCH_SECONDS = 1.0; /* of work in a batch, where checkpoints and signs of life ask for no less */
+
+struct state {
+    const struct kiln_light_simulation *s;
+    uint32_t ranks;
+    double density;
+    double *points, *cost[KILN_LIGHTS]; /* of all cells before each one, and after the last */
+    double *cuts, *next;                /* points before each rank's share, and after the last; now, and after a move */
+    double *work;                       /* s of all ranks before each one, and of all: as the last pass showed them */
+    /* by what part the largest share exceeds the others because its tile runs are whole */
+    double grain;
+    bool helps;
+};
+
+/* What a simulated pass shows. Seconds. */
+struct pass {
+    double seconds; /* until the last rank is done */
+    double longest; /* work of a rank, or of the mean rank of those that help each other */
+    double total;   /* of all ranks */
+};
+
+struct step {
+    enum kiln_pass_kind kind;
+    int light; /* which of the costs */
+    uint32_t samples;
+};
+
+/* ---- cells ---- */
+
+static int make_cells(struct state *t, struct kiln_error *error)
+{
+    const struct kiln_light_simulation *s = t->s;
+    int status = kiln_allocate(&t->points, s->cell_count + 1, sizeof *t->points, "the simulated cells", error);
+    for (size_t i = 0; status == KILN_OK && i < s->cell_count; i++)
+        t->points[i + 1] = t->points[i] + (double)s->cell_points[i];
+    for (int l = 0; l < KILN_LIGHTS && status == KILN_OK; l++) {
+        status = kiln_allocate(&t->cost[l], s->cell_count + 1, sizeof *t->cost[l], "the simulated cells", error);
+        for (size_t i = 0; status == KILN_OK && i < s->cell_count; i++)
+            t->cost[l][i + 1] = t->cost[l][i] + (double)s->cell_points[i] * s->cell_cost[l][i];
+    }
+    return status;
+}
+
+/* The cell in which a sum over cells reaches `value`. */
+static size_t cell_at(const struct state *t, const double *sums, double value)
+{
+    size_t low = 0, high = t->s->cell_count;
+    while (low + 1 < high) {
+        const size_t middle = (low + high) / 2;
+        if (sums[middle] <= value)
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+/* Where `to` is when `from` has reached `value`: both are sums over cells. */
+static double at(const struct state *t, const double *from, const double *to, double value)
+{
+    const size_t cell = cell_at(t, from, value);
+    const double width = from[cell + 1] - from[cell];
+    const double part = width > 0.0 ? fmin(1.0, fmax(0.0, value - from[cell]) / width) : 0.0;
+    return to[cell] + part * (to[cell + 1] - to[cell]);
+}
+
+static double cost_before(const struct state *t, int light, uint32_t rank)
+{
+    return at(t, t->points, t->cost[light], t->cuts[rank]);
+}
+
+/* ---- ranks ---- */
+
+static uint32_t ranks_of_node(const struct state *t)
+{
+    return t->s->job->ranks_per_node > 0 ? t->s->job->ranks_per_node : 1;
+}
+
+/* Ranks that help each other: as kiln_node_create groups those of a node. */
+static uint32_t group_begin(const struct state *t, uint32_t rank)
+{
+    const uint32_t node = ranks_of_node(t), most = t->s->job->share_ranks, in_node = rank % node;
+    return !t->helps ? rank : most > 0 ? rank - in_node % most : rank - in_node;
+}
+
+static uint32_t group_end(const struct state *t, uint32_t begin)
+{
+    const uint32_t node = ranks_of_node(t), most = t->s->job->share_ranks, node_end = begin - begin % node + node;
+    const uint32_t end = !t->helps ? begin + 1 : most > 0 && begin + most < node_end ? begin + most : node_end;
+    return end < t->ranks ? end : t->ranks;
+}
+
+static double slowness(const struct state *t, uint32_t rank)
+{
+    return rank == t->s->slow_rank ? fmax(1.0, t->s->slowness) : 1.0;
+}
+
+/* How many times as long as a rank of usual speed whoever computes the points of these ranks takes. */
+static double group_slowness(const struct state *t, uint32_t begin, uint32_t end)
+{
+    const uint32_t slow = t->s->slow_rank;
+    if (slow < begin || slow >= end)
+        return 1.0;
+    return (end - begin) / (end - begin - 1.0 + 1.0 / slowness(t, slow));
+}
+
+/* Whole cells where that is even enough, else equal numbers of points: as the partition does. */
+static int first_cuts(struct state *t, struct kiln_error *error)
+{
+    const struct kiln_light_simulation *s = t->s;
+    const double all = t->points[s->cell_count], tile_runs = fmax(1.0, (double)s->tile_runs * t->density) / t->ranks;
+    uint64_t *cuts = NULL;
+    double most = INFINITY;
+    int status = KILN_OK;
+    if (t->ranks <= s->cell_count) {
+        status = kiln_allocate(&cuts, (size_t)t->ranks + 1, sizeof *cuts, "the simulated ranks", error);
+        if (status == KILN_OK) {
+            kiln_partition_cut(s->cell_points, s->cell_count, t->ranks, cuts);
+            most = 0.0;
+        }
+        for (uint32_t r = 0; status == KILN_OK && r < t->ranks; r++)
+            most = fmax(most, t->points[cuts[r + 1]] - t->points[cuts[r]]);
+    }
+    const bool whole = most <= (1.0 + WHOLE_CELLS) * all / t->ranks;
+    t->grain = whole ? 1.0 : ceil(tile_runs) / tile_runs;
+    for (uint32_t r = 0; status == KILN_OK && r <= t->ranks; r++)
+        t->cuts[r] = whole ? t->points[cuts[r]] : all * r / t->ranks;
+    kiln_free(&cuts);
+    return status;
+}
+
+static double most_points(const struct state *t)
+{
+    double most = 0.0;
+    for (uint32_t r = 0; r < t->ranks; r++)
+        most = fmax(most, t->cuts[r + 1] - t->cuts[r]);
+    return most * t->density;
+}
+
+/* ---- a pass ---- */
+
+/* Ranks that help each other end up to a smallest batch apart: 0.02 s of work, or a tile run a thread. */
+static double wait_for_batch(const struct state *t, int light)
+{
+    const double tile_run = t->cost[light][t->s->cell_count] / fmax(1.0, (double)t->s->tile_runs);
+    return 0.5 * fmax(KILN_LEAST_BATCH, tile_run * t->s->threads);
+}
+
+static struct pass run_pass(const struct state *t, int light)
+{
+    struct pass p = {0.0, 0.0, 0.0};
+    for (uint32_t begin = 0, end; begin < t->ranks; begin = end) {
+        double alone = 0.0, work = 0.0, before = cost_before(t, light, begin);
+        end = group_end(t, begin);
+        for (uint32_t r = begin; r < end; r++) {
+            const double after = cost_before(t, light, r + 1), own = t->density * (after - before);
+            alone = fmax(alone, slowness(t, r) * own);
+            work += own;
+            before = after;
+        }
+        work *= group_slowness(t, begin, end);
+        const bool together = end - begin > 1;
+        const double mean = work / (end - begin), longest = together ? mean : alone;
+        p.seconds =
+            fmax(p.seconds, together ? fmin(t->grain * alone, mean + wait_for_batch(t, light)) : t->grain * alone);
+        p.longest = fmax(p.longest, longest);
+        p.total += work;
+    }
+    return p;
+}
+
+/* ---- new cuts ---- */
+
+/* A stretch of the row of cells: points and their cost. */
+struct stretch {
+    double begin, end, cost_begin, cost_end;
+};
+
+/* The stretch of a rank's share in which its cost reaches `wanted`, so long that a bake knows only what all its points
+ * cost: a part of a batch. */
+static struct stretch stretch_at(const struct state *t, int light, uint32_t rank, double wanted)
+{
+    const double all = t->points[t->s->cell_count], a_second = all / t->cost[light][t->s->cell_count];
+    const double width = fmin((double)t->s->part_points / t->density, a_second * BATCH_SECONDS / t->density);
+    const double begin = t->cuts[rank], end = t->cuts[rank + 1];
+    double low = 0.0, high = ceil((end - begin) / width);
+    while (low + 1.0 < high) {
+        const double middle = floor(0.5 * (low + high));
+        if (at(t, t->points, t->cost[light], begin + middle * width) <= wanted)
+            low = middle;
+        else
+            high = middle;
+    }
+    struct stretch s = {.begin = begin + low * width, .end = fmin(end, begin + (low + 1.0) * width)};
+    s.cost_begin = at(t, t->points, t->cost[light], s.begin);
+    s.cost_end = at(t, t->points, t->cost[light], s.end);
+    return s;
+}
+
+/* Where the work, as the last pass showed it in rank's share, reaches `ideal`; a cell's begin where one is near. */
+static double cut_at(const struct state *t, int light, uint32_t rank, double ideal, double slack)
+{
+    const uint32_t begin = group_begin(t, rank);
+    const double slow = group_slowness(t, begin, group_end(t, begin));
+    const double wanted = cost_before(t, light, rank) + (ideal - t->work[rank]) / slow;
+    const struct stretch s =
+        t->s->part_points > 0 ? stretch_at(t, light, rank, wanted) : (struct stretch){0.0, 0.0, 0.0, 0.0};
+    const double width = s.end - s.begin, a_point = width > 0.0 ? (s.cost_end - s.cost_begin) / width : 0.0;
+    const double cut = a_point > 0.0 ? fmin(s.end, s.begin + (wanted - s.cost_begin) / a_point)
+                                     : at(t, t->cost[light], t->points, wanted);
+    const size_t cell = cell_at(t, t->points, cut),
+                 near = cut - t->points[cell] < t->points[cell + 1] - cut ? cell : cell + 1;
+    const double off =
+        fabs(at(t, t->points, t->cost[light], t->points[near]) - at(t, t->points, t->cost[light], cut)) * slow;
+    return off <= slack && t->points[near] > t->cuts[rank] && t->points[near] < t->cuts[rank + 1] ? t->points[near]
+                                                                                                  : cut;
+}
+
+static void make_cuts(struct state *t, int light)
+{
+    for (uint32_t r = 0; r < t->ranks; r++) {
+        const uint32_t begin = group_begin(t, r);
+        t->work[r + 1] = t->work[r] + group_slowness(t, begin, group_end(t, begin)) *
+                                          (cost_before(t, light, r + 1) - cost_before(t, light, r));
+    }
+    const double total = t->work[t->ranks];
+    uint32_t rank = 0;
+    t->next[0] = 0.0;
+    t->next[t->ranks] = t->cuts[t->ranks];
+    for (uint32_t k = 1; k < t->ranks; k++) {
+        const double ideal = total * k / t->ranks;
+        while (rank + 1 < t->ranks && t->work[rank + 1] <= ideal)
+            rank++;
+        t->next[k] = fmax(t->next[k - 1], cut_at(t, light, rank, ideal, KILN_BOUND_SLACK * total / t->ranks));
+    }
+}
+
+/* Most points that `together` neighbouring ranks get from others. */
+static double most_moved(const struct state *t, uint32_t together)
+{
+    double most = 0.0;
+    for (uint32_t r = 0, end; r < t->ranks; r = end) {
+        end = t->ranks - r > together ? r + together : t->ranks;
+        const double kept = fmin(t->cuts[end], t->next[end]) - fmax(t->cuts[r], t->next[r]);
+        most = fmax(most, t->next[end] - t->next[r] - fmax(0.0, kept));
+    }
+    return most * t->density;
+}
+
+/* The shares are cut anew where a bake would do it after the pass. */
+static void consider(struct state *t, const struct step *last, const struct step *next, uint32_t bounce,
+                     const struct pass *pass, struct kiln_simulated_light *light)
+{
+    const struct kiln_light_simulation *s = t->s;
+    const struct kiln_repartition_passes passes = {last->kind, next->kind, last->samples, next->samples, bounce};
+    if (t->ranks == 1 || !(pass->total > 0.0) || !kiln_repartition_is_allowed(s->job, s->any_share) ||
+        !kiln_repartition_is_due(s->job, &passes))
+        return;
+    const double gain = kiln_repartition_gain(s->job, &passes, pass->longest, pass->total / t->ranks);
+    if (!kiln_repartition_is_asked(s->job, gain))
+        return;
+    make_cuts(t, last->light);
+    const double moved = most_moved(t, 1), cost = kiln_repartition_cost(moved, s->share_bytes);
+    if (!(moved >= 1.0) || !kiln_repartition_pays(s->job, gain, cost))
+        return;
+    light->move += fmax(cost, most_moved(t, ranks_of_node(t)) * s->share_bytes / s->bandwidth + s->latency);
+    light->cuts++;
+    double *cuts = t->cuts;
+    t->cuts = t->next;
+    t->next = cuts;
+    light->points_most = fmax(light->points_most, most_points(t));
+}
+
+/* ---- the bake ---- */
+
+static struct step step_of(const struct kiln_light_simulation *s, uint32_t pass)
+{
+    const struct kiln_job *job = s->job;
+    if (pass == 0)
+        return (struct step){KILN_PASS_DIRECT, KILN_LIGHT_DIRECT, job->samples_direct};
+    if (job->schedule == KILN_SCHEDULE_EQUAL)
+        return (struct step){KILN_PASS_BOUNCE, KILN_LIGHT_FINAL, job->samples_indirect};
+    return pass < s->bounces ? (struct step){KILN_PASS_BOUNCE, KILN_LIGHT_BOUNCE, job->samples_bounce}
+                             : (struct step){KILN_PASS_FINAL, KILN_LIGHT_FINAL, job->samples_indirect};
+}
+
+static double over_mean(double seconds, double mean) { return mean > 0.0 ? seconds / mean - 1.0 : 0.0; }
+
+static void run_bake(struct state *t, struct kiln_simulated_light *light)
+{
+    const struct kiln_light_simulation *s = t->s;
+    struct pass kept[KILN_LIGHTS], pass = {0.0, 0.0, 0.0};
+    struct step last = {.light = -1};
+    double seconds = 0.0, mean = 0.0, kept_seconds = 0.0, kept_mean = 0.0;
+    t->helps = false;
+    for (int l = 0; l < KILN_LIGHTS; l++)
+        kept[l] = run_pass(t, l);
+    t->helps = s->any_share && s->job->work_stealing;
+    for (uint32_t k = 0; k <= s->bounces; k++) {
+        const struct step step = step_of(s, k);
+        if (k > 0)
+            consider(t, &last, &step, k, &pass, light);
+        pass = run_pass(t, step.light);
+        light->seconds[step.light] += pass.seconds;
+        light->last[step.light] = over_mean(pass.longest, pass.total / t->ranks);
+        if (step.light != last.light)
+            light->first[step.light] = light->last[step.light];
+        seconds += pass.seconds;
+        mean += pass.total / t->ranks;
+        kept_seconds += kept[step.light].seconds;
+        kept_mean += kept[step.light].total / t->ranks;
+        last = step;
+    }
+    light->imbalance = over_mean(seconds, mean);
+    light->kept = over_mean(kept_seconds, kept_mean);
+}
+
+int kiln_simulate_light(const struct kiln_light_simulation *s, uint32_t ranks, double density,
+                        struct kiln_simulated_light *light, struct kiln_error *error)
+{
+    struct state t = {.s = s, .ranks = ranks, .density = density};
+    *light = (struct kiln_simulated_light){.move = 0.0};
+    if (s->cell_count == 0)
+        return KILN_OK;
+    int status = make_cells(&t, error);
+    double **const arrays[] = {&t.cuts, &t.next, &t.work};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays && status == KILN_OK; i++)
+        status = kiln_allocate(arrays[i], (size_t)ranks + 1, sizeof **arrays[i], "the simulated ranks", error);
+    if (status == KILN_OK)
+        status = first_cuts(&t, error);
+    if (status == KILN_OK) {
+        light->points_most = most_points(&t);
+        run_bake(&t, light);
+    }
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
+        kiln_free(arrays[i]);
+    for (int l = 0; l < KILN_LIGHTS; l++)
+        kiln_free(&t.cost[l]);
+    kiln_free(&t.points);
+    return status;
+}

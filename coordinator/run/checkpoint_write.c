@@ -1,0 +1,222 @@
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/statvfs.h>
+#include <time.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+#include "coordinator/run/checkpoint_private.h"
+#include "coordinator/mpi/agree.h"
+#include "worker/base/calls.h"
+#include "worker/base/memory.h"
+
+static double free_bytes(const char *path)
+{
+    struct statvfs found;
+    return statvfs(path, &found) == 0 ? (double)found.f_bavail * (double)found.f_frsize : -1.0;
+}
+
+/* Rank 0: room for `bytes` and a fifth more, if need be by giving up the older one of two generations. */
+static int make_room(const struct kiln_checkpoint *c, uint64_t bytes, struct kiln_error *error)
+{
+    const double needed = 1.2 * (double)bytes + 16384.0; /* the manifest, the status file, folders */
+    double there = free_bytes(c->directory);
+    if (there >= 0.0 && there < needed) {
+        uint64_t *generations = NULL;
+        size_t count = 0;
+        int status = checkpoint_list(c->directory, false, &generations, &count, error);
+        for (size_t i = count; status == KILN_OK && i-- > 1;)
+            checkpoint_remove_generation(c->directory, false, generations[i]);
+        kiln_free(&generations);
+        if (status != KILN_OK)
+            return status;
+        there = free_bytes(c->directory);
+    }
+    if (there >= 0.0 && there < needed)
+        return kiln_fail(
+            error, KILN_IO,
+            "the disk of '%s' has %.3f MB left and a checkpoint needs %.3f MB: make room and run the same command "
+            "again; the last checkpoint is whole",
+            c->directory, there * 1e-6, needed * 1e-6);
+    return KILN_OK;
+}
+
+/* Rank 0: the folder of the next generation, empty. */
+static int begin(const struct kiln_checkpoint *c, uint64_t bytes, uint64_t generation, struct kiln_error *error)
+{
+    struct kiln_folder folder;
+    int status = kiln_folder_open(&folder, c->directory, "checkpoint", true, error);
+    kiln_folder_close(&folder);
+    if (status == KILN_OK && c->written == 0) { /* the folder of all generations has an entry to be kept, too */
+        status = kiln_folder_open(&folder, c->directory, NULL, false, error);
+        if (status == KILN_OK)
+            status = kiln_folder_sync(&folder, error);
+        kiln_folder_close(&folder);
+    }
+    if (status == KILN_OK)
+        status = make_room(c, bytes, error);
+    if (status == KILN_OK) {
+        checkpoint_remove_generation(c->directory, true, generation);
+        status = checkpoint_open_generation(&folder, c->directory, true, generation, true, error);
+        kiln_folder_close(&folder);
+    }
+    return status;
+}
+
+static uint64_t sum_bytes(const struct kiln_block *blocks, size_t count)
+{
+    uint64_t bytes = 0;
+    for (size_t i = 0; i < count; i++)
+        bytes += blocks[i].count * blocks[i].size;
+    return bytes;
+}
+
+/* A megabyte at a time is hashed and written, so that it is read from memory once. */
+static int write_block(int descriptor, XXH3_state_t *hash, const struct kiln_block *block, uint64_t offset,
+                       const char *path, struct kiln_error *error)
+{
+    enum { STEP = 1 << 20 };
+    const char *bytes = block->data;
+    const uint64_t size = block->count * block->size;
+    int status = KILN_OK;
+    for (uint64_t at = 0; at < size && status == KILN_OK; at += STEP) {
+        const size_t step = (size_t)(size - at < STEP ? size - at : STEP);
+        (void)XXH3_128bits_update(hash, bytes + at, step);
+        status = kiln_write_all(descriptor, bytes + at, step, (size_t)(offset + at), path, error);
+    }
+    return status;
+}
+
+static int write_part(const struct kiln_checkpoint *c, uint64_t generation, const struct kiln_block *blocks,
+                      size_t count, struct checkpoint_part *part, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE], name[CHECKPOINT_NAME];
+    int descriptor = -1;
+    XXH3_state_t *hash = XXH3_createState();
+    checkpoint_file_name(name, true, generation, (size_t)c->rank);
+    int status = hash == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: a checkpoint's hash") : KILN_OK;
+    if (status == KILN_OK)
+        status = kiln_path_join(path, c->directory, name, error);
+    if (status == KILN_OK)
+        status = kiln_open_below(c->directory, name, O_WRONLY | O_CREAT | O_EXCL, 0666, &descriptor, error);
+    if (status == KILN_NO_INPUT)
+        status = KILN_CANNOT_CREATE;
+    if (status == KILN_OK)
+        (void)XXH3_128bits_reset(hash);
+    for (size_t i = 0; i < count && status == KILN_OK; i++) {
+        struct checkpoint_block *b = &part->blocks[part->block_count++];
+        *b = (struct checkpoint_block){
+            .first = blocks[i].first, .count = blocks[i].count, .size = blocks[i].size, .offset = part->bytes};
+        memcpy(b->name, blocks[i].name, sizeof b->name);
+        status = write_block(descriptor, hash, &blocks[i], part->bytes, path, error);
+        part->bytes += b->count * b->size;
+    }
+    if (status == KILN_OK && kiln_fsync(descriptor) != 0)
+        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be synced to disk", path);
+    if (descriptor >= 0 && kiln_close(descriptor) != 0 && status == KILN_OK)
+        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be closed", path);
+    if (status == KILN_OK) {
+        const XXH128_hash_t value = XXH3_128bits_digest(hash);
+        kiln_hash_text(value.high64, value.low64, part->hash);
+    }
+    (void)XXH3_freeState(hash);
+    return status;
+}
+
+static json_t *part_json(const struct checkpoint_part *part)
+{
+    json_t *blocks = json_array();
+    for (uint32_t i = 0; i < part->block_count; i++) {
+        const struct checkpoint_block *b = &part->blocks[i];
+        json_array_append_new(blocks, json_pack("[s,I,I,I,I]", b->name, (json_int_t)b->first, (json_int_t)b->count,
+                                                (json_int_t)b->size, (json_int_t)b->offset));
+    }
+    return json_pack("{s:I, s:s, s:o}", "bytes", (json_int_t)part->bytes, "xxh3_128", part->hash, "blocks", blocks);
+}
+
+/* Rank 0. */
+static json_t *manifest_json(const json_t *identity, uint64_t generation, const struct checkpoint_part *parts,
+                             size_t count)
+{
+    static const char *const order = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? "little" : "big";
+    struct timespec now;
+    (void)clock_gettime(CLOCK_REALTIME, &now);
+    json_t *files = json_array();
+    for (size_t i = 0; i < count; i++)
+        json_array_append_new(files, part_json(&parts[i]));
+    return json_pack("{s:s, s:i, s:s, s:s, s:I, s:f, s:O, s:o}", "file", "kiln checkpoint", "format",
+                     KILN_CHECKPOINT_FORMAT, "kiln", KILN_VERSION, "byte_order", order, "generation",
+                     (json_int_t)generation, "written", (double)now.tv_sec + 1e-9 * (double)now.tv_nsec, "identity",
+                     (json_t *)(uintptr_t)identity, "parts", files);
+}
+
+/* Rank 0: everything is written; from here on the generation counts. */
+static int publish(struct kiln_checkpoint *c, uint64_t generation, const json_t *identity,
+                   const struct checkpoint_part *parts, struct kiln_error *error)
+{
+    char name[CHECKPOINT_NAME], *text = NULL;
+    size_t size = 0;
+    json_t *json = manifest_json(identity, generation, parts, (size_t)c->ranks);
+    int status = kiln_seal(json, JSON_COMPACT, &text, &size, "a checkpoint's manifest", error);
+    json_decref(json);
+    checkpoint_manifest_name(name, true, generation);
+    if (status == KILN_OK)
+        status = kiln_publish_bytes_below(c->directory, name, text, size, error);
+    if (status == KILN_OK)
+        status = checkpoint_publish_generation(c->directory, generation, error);
+    kiln_free(&text);
+    if (status == KILN_OK) {
+        uint64_t *generations = NULL;
+        size_t count = 0;
+        if (checkpoint_list(c->directory, false, &generations, &count, NULL) == KILN_OK)
+            for (size_t i = 2; i < count; i++)
+                checkpoint_remove_generation(c->directory, false, generations[i]);
+        kiln_free(&generations);
+    }
+    return status;
+}
+
+int kiln_checkpoint_write(struct kiln_checkpoint *c, const json_t *identity, const struct kiln_block *blocks,
+                          size_t block_count, struct kiln_error *error)
+{
+    const double start = MPI_Wtime();
+    const uint64_t generation = c->newest + 1;
+    uint64_t bytes = sum_bytes(blocks, block_count), all = 0;
+    struct checkpoint_part own = {0}, *parts = NULL;
+    (void)MPI_Allreduce(&bytes, &all, 1, MPI_UINT64_T, MPI_SUM, c->communicator);
+    int status = KILN_OK;
+    if (c->rank == 0)
+        status = kiln_allocate(&parts, (size_t)c->ranks, sizeof *parts, "a checkpoint's manifest", error);
+    if (status == KILN_OK && c->rank == 0)
+        status = begin(c, all, generation, error);
+    status = kiln_agree(c->communicator, status, error);
+    if (status == KILN_OK)
+        status = kiln_agree(c->communicator, write_part(c, generation, blocks, block_count, &own, error), error);
+    if (status == KILN_OK) {
+        (void)MPI_Gather(&own, (int)sizeof own, MPI_BYTE, parts, (int)sizeof own, MPI_BYTE, 0, c->communicator);
+        if (c->rank == 0)
+            status = publish(c, generation, identity, parts, error);
+        status = kiln_agree(c->communicator, status, error);
+    }
+    if (status != KILN_OK && c->rank == 0)
+        checkpoint_remove_generation(c->directory, true, generation);
+    if (status == KILN_OK) {
+        c->newest = generation;
+        c->written++;
+        c->last_bytes = all;
+    }
+    c->seconds += MPI_Wtime() - start;
+    kiln_free(&parts);
+    return status;
+}
+
+uint64_t kiln_checkpoint_last(const struct kiln_checkpoint *c) { return c->written > 0 ? c->newest : c->generation; }
+
+void kiln_checkpoint_spent(const struct kiln_checkpoint *c, uint64_t *count, double *seconds, uint64_t *bytes)
+{
+    *count = c->written;
+    *seconds = c->seconds;
+    *bytes = c->last_bytes;
+}

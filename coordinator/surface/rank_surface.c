@@ -1,0 +1,321 @@
+#include <assert.h>
+#include <stdlib.h>
+
+#include "coordinator/surface/build.h"
+#include "worker/base/memory.h"
+#include "worker/scene/texture.h"
+
+enum { COLOR_SAMPLES = 16 }; /* of a textured texel's covered part */
+
+/* One thread's working space. */
+struct share_scratch {
+    struct kiln_coverage_scratch coverage;
+    uint32_t *order; /* indices of the tile's pieces, by texel, then by triangle */
+    size_t order_capacity;
+    double *areas; /* for a texel with too many pieces */
+    size_t areas_capacity;
+};
+
+struct color_sum {
+    double there[3], weight; /* weighted with how much of the surface is there */
+    double all[3], area;     /* weighted with area alone: for a texel of which nothing is there */
+};
+
+static void sample_color(const struct kiln_build *build, uint32_t triangle, double b1, double b2, double area,
+                         struct color_sum *sum)
+{
+    const struct kiln_geometry *g = build->geometry;
+    const struct kiln_scene *scene = build->scene;
+    const struct kiln_hit_record *record = &g->records[triangle];
+    float s1, s2, rgba[4];
+    kiln_geometry_stored_barycentrics(scene, g, triangle, (float)b1, (float)b2, &s1, &s2);
+    kiln_surface_color(scene, &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle], s1, s2,
+                       rgba);
+    double weight = area;
+    if (triangle >= g->opaque_count)
+        weight *= (double)kiln_surface_opacity(scene, &scene->meshes[scene->objects[record->object].mesh],
+                                               g->stored_triangle[triangle], s1, s2);
+    for (int c = 0; c < 3; c++) {
+        sum->there[c] += weight * (double)rgba[c];
+        sum->all[c] += area * (double)rgba[c];
+    }
+    sum->weight += weight;
+    sum->area += area;
+}
+
+/* A whole texel: the centres of 4 x 4 sub-squares. */
+static void sample_square(const struct kiln_build *build, uint32_t triangle, const double local[3][2], double area,
+                          struct color_sum *sum)
+{
+    const struct kiln_clip_weights w = kiln_clip_weights(local);
+    for (int i = 0; i < COLOR_SAMPLES; i++) {
+        const double x = (i % 4 + 0.5) / 4.0, y = (i / 4 + 0.5) / 4.0;
+        sample_color(build, triangle, w.b1[0] + w.b1[1] * x + w.b1[2] * y, w.b2[0] + w.b2[1] * x + w.b2[2] * y,
+                     area / COLOR_SAMPLES, sum);
+    }
+}
+
+/* Part of a texel: its bounding box is cut into equal parts, as many as its share of the texel asks, each sampled at
+ * its covered part's centroid. The parts of all pieces together are at least about 8. */
+static void sample_polygon(const struct kiln_build *build, uint32_t triangle, const double local[3][2], double area,
+                           double share, struct color_sum *sum)
+{
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
+    const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
+    const double whole = kiln_clip_share(polygon, corners, &centroid);
+    double x0 = 1.0, y0 = 1.0, x1 = 0.0, y1 = 0.0;
+    for (uint32_t i = 0; i < corners; i++) {
+        x0 = fmin(x0, polygon[i].x), y0 = fmin(y0, polygon[i].y);
+        x1 = fmax(x1, polygon[i].x), y1 = fmax(y1, polygon[i].y);
+    }
+    if (!(fabs(kiln_clip_twice_area(local)) > 0.0)) { /* not to be cut */
+        sample_color(build, triangle, centroid.b1, centroid.b2, area, sum);
+        return;
+    }
+    const int side = (int)fmin(4.0, ceil(6.0 * sqrt(share)));
+    const double dx = (x1 - x0) / side, dy = (y1 - y0) / side;
+    for (int i = 0; i < side * side; i++) {
+        const double x = x0 + i % side * dx, y = y0 + i / side * dy;
+        if (kiln_clip_classify(local, x, y, x + dx, y + dy) == KILN_CLIP_OUTSIDE)
+            continue;
+        const uint32_t count = kiln_clip_triangle(local, x, y, x + dx, y + dy, polygon);
+        const double part = kiln_clip_share(polygon, count, &centroid);
+        if (part > 0.0)
+            sample_color(build, triangle, centroid.b1, centroid.b2, area * (part / whole), sum);
+    }
+}
+
+static void add_piece_color(const struct kiln_build *build, const struct kiln_coverage_piece *piece, uint32_t x,
+                            uint32_t y, uint32_t shift, double total, struct color_sum *sum)
+{
+    const struct kiln_hit_record *record = &build->geometry->records[piece->triangle];
+    if (build->scene->materials[record->material & KILN_RECORD_MATERIAL].base_color_texture == KILN_NONE) {
+        sample_color(build, piece->triangle, piece->b1, piece->b2, piece->area, sum);
+        return;
+    }
+    double corner[3][2], local[3][2];
+    kiln_geometry_map_corners(build->scene, build->geometry, piece->triangle, shift, corner);
+    kiln_clip_local(corner, x, y, local);
+    if (piece->whole)
+        sample_square(build, piece->triangle, local, piece->area, sum);
+    else
+        sample_polygon(build, piece->triangle, local, piece->area, piece->area / total, sum);
+}
+
+static uint16_t albedo_of(const struct color_sum *sum, int channel)
+{
+    const double value = sum->weight > 0.0 ? sum->there[channel] / sum->weight : sum->all[channel] / sum->area;
+    return value > 0.0 ? (uint16_t)lrint(fmin(value, 1.0) * 65535.0) : 0;
+}
+
+static int descending(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return x > y ? -1 : x < y ? 1 : 0;
+}
+
+/* Of more than KILN_PIECES_MOST pieces keeps the largest; of equal ones those with lower numbers. Gives the new count.
+ */
+static int keep_largest(struct share_scratch *scratch, uint32_t *order, uint32_t *count, struct kiln_error *error)
+{
+    const int status =
+        kiln_grow(&scratch->areas, &scratch->areas_capacity, *count, sizeof *scratch->areas, "a texel's pieces", error);
+    if (status != KILN_OK)
+        return status;
+    for (uint32_t i = 0; i < *count; i++)
+        scratch->areas[i] = scratch->coverage.pieces[order[i]].area;
+    qsort(scratch->areas, *count, sizeof *scratch->areas, descending);
+    const double limit = scratch->areas[KILN_PIECES_MOST - 1];
+    uint32_t larger = 0, kept = 0;
+    while (scratch->areas[larger] > limit)
+        larger++;
+    uint32_t equal = KILN_PIECES_MOST - larger; /* how many of just this size find room */
+    for (uint32_t i = 0; i < *count; i++) {
+        const double area = scratch->coverage.pieces[order[i]].area;
+        if (area < limit || (!(area > limit) && equal == 0))
+            continue;
+        equal -= area > limit ? 0 : 1;
+        order[kept++] = order[i];
+    }
+    *count = kept;
+    return KILN_OK;
+}
+
+struct point_place {
+    uint64_t point, piece, share; /* where the next point's data go */
+    uint32_t x, y, shift;         /* its texel; as in the lightmap */
+};
+
+static int fill_point(struct kiln_build *build, struct share_scratch *scratch, uint32_t *order, uint32_t count,
+                      struct point_place *place, struct kiln_error *error)
+{
+    struct kiln_surface *s = build->surface;
+    const struct kiln_coverage_piece *pieces = scratch->coverage.pieces;
+    double total = 0.0, kept = 0.0, sum = 0.0;
+    for (uint32_t i = 0; i < count; i++)
+        total += pieces[order[i]].area;
+    if (count > KILN_PIECES_MOST) {
+        const int status = keep_largest(scratch, order, &count, error);
+        if (status != KILN_OK)
+            return status;
+    }
+    for (uint32_t i = 0; i < count; i++)
+        kept += pieces[order[i]].area;
+    struct color_sum color = {0};
+    for (uint32_t i = 0; i < count; i++) {
+        const struct kiln_coverage_piece *piece = &pieces[order[i]];
+        add_piece_color(build, piece, place->x, place->y, place->shift, kept, &color);
+        s->pieces[place->piece++] = piece->triangle;
+        sum += piece->area;
+        if (i + 1 < count)
+            s->area_cdf[place->share++] = (float)fmin(sum / kept, 1.0);
+    }
+    const uint64_t p = place->point++;
+    s->piece_count[p] = (uint16_t)(count | (count == 1 && pieces[order[0]].whole ? KILN_PIECES_WHOLE : 0u));
+    s->area[p] = fmaxf((float)total, 0x1p-126f); /* never 0, however small the scene */
+    s->visible[p] = 0xffff;
+    for (int c = 0; c < 3; c++)
+        s->albedo[3 * p + (uint64_t)c] = albedo_of(&color, c);
+    return KILN_OK;
+}
+
+/* Counting sort of a tile's pieces by texel; first[bit] .. first[bit + 1] - 1 are that texel's. */
+static int sort_pieces(struct share_scratch *scratch, size_t first[KILN_TILE_TEXELS + 1], struct kiln_error *error)
+{
+    const size_t count = scratch->coverage.count;
+    const int status =
+        kiln_grow(&scratch->order, &scratch->order_capacity, count, sizeof *scratch->order, "a tile's pieces", error);
+    if (status != KILN_OK)
+        return status;
+    size_t place[KILN_TILE_TEXELS];
+    for (int bit = 0; bit <= KILN_TILE_TEXELS; bit++)
+        first[bit] = 0;
+    for (size_t i = 0; i < count; i++)
+        first[scratch->coverage.pieces[i].bit + 1]++;
+    for (int bit = 0; bit < KILN_TILE_TEXELS; bit++) {
+        place[bit] = first[bit];
+        first[bit + 1] += first[bit];
+    }
+    for (size_t i = 0; i < count; i++)
+        scratch->order[place[scratch->coverage.pieces[i].bit]++] = (uint32_t)i;
+    return KILN_OK;
+}
+
+static int fill_tile_run(struct kiln_build *build, const struct kiln_coverage *coverage, size_t f,
+                         struct share_scratch *scratch, struct kiln_error *error)
+{
+    struct kiln_surface *s = build->surface;
+    const struct kiln_tile_run *tile_run = &s->tile_runs[f];
+    size_t first[KILN_TILE_TEXELS + 1];
+    int status = kiln_coverage_tile(coverage, tile_run->tile, &scratch->coverage, error);
+    if (status == KILN_OK)
+        status = sort_pieces(scratch, first, error);
+    struct point_place place = {
+        tile_run->first - s->first, s->piece_base[f], s->area_cdf_base[f], 0, 0, coverage->shift};
+    for (uint64_t rest = tile_run->mask; rest != 0 && status == KILN_OK; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        place.x = tile_run->tile % coverage->tiles_x * KILN_TILE_SIDE + kiln_morton8_x(bit);
+        place.y = tile_run->tile / coverage->tiles_x * KILN_TILE_SIDE + kiln_morton8_y(bit);
+        status = fill_point(build, scratch, scratch->order + first[bit], (uint32_t)(first[bit + 1] - first[bit]),
+                            &place, error);
+    }
+    assert(status != KILN_OK || (place.piece == s->piece_base[f + 1] && place.share == s->area_cdf_base[f + 1]));
+    return status;
+}
+
+struct own_maps {
+    uint64_t *first;     /* lightmap: its first entry of `tile runs`; one more at the end */
+    uint64_t *tile_runs; /* own tile runs, by lightmap */
+    uint8_t *wanted;     /* lightmap: has own tile runs */
+};
+
+static void fill_map(struct kiln_build *build, uint32_t map, uint32_t threads, const void *context)
+{
+    const struct own_maps *maps = context;
+    struct kiln_error error;
+    struct kiln_coverage coverage = {0};
+    const int status =
+        kiln_coverage_create(&coverage, build->scene, build->geometry, build->surface, map, threads, &error);
+    if (status != KILN_OK) {
+        kiln_build_fail(build, status, &error);
+        return;
+    }
+    const int team = (int)threads;
+    const uint64_t *tile_runs = maps->tile_runs + maps->first[map];
+    const uint64_t count = maps->first[map + 1] - maps->first[map];
+#pragma omp parallel num_threads(team)
+    {
+        struct share_scratch scratch = {0};
+        struct kiln_error own;
+#pragma omp for schedule(dynamic, 64)
+        for (uint64_t i = 0; i < count; i++) {
+            if (kiln_build_failed(build))
+                continue;
+            const int failed = fill_tile_run(build, &coverage, tile_runs[i], &scratch, &own);
+            if (failed != KILN_OK)
+                kiln_build_fail(build, failed, &own);
+        }
+        kiln_coverage_scratch_destroy(&scratch.coverage);
+        kiln_free(&scratch.order);
+        kiln_free(&scratch.areas);
+    }
+    kiln_coverage_destroy(&coverage);
+}
+
+static int group_by_map(struct kiln_build *build, struct own_maps *own)
+{
+    const struct kiln_surface *s = build->surface;
+    const size_t maps = s->map_count;
+    const char *what = "the own tile runs of each lightmap";
+    uint64_t *place = NULL;
+    int status = kiln_allocate(&own->first, maps + 1, sizeof *own->first, what, build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&own->tile_runs, s->tile_run_count, sizeof *own->tile_runs, what, build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&own->wanted, maps, sizeof *own->wanted, what, build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&place, maps, sizeof *place, what, build->error);
+    if (status != KILN_OK)
+        goto end;
+    for (size_t f = 0; f < s->tile_run_count; f++)
+        own->first[s->tile_runs[f].map + 1]++;
+    for (size_t o = 0; o < maps; o++) {
+        own->wanted[o] = own->first[o + 1] > 0;
+        place[o] = own->first[o];
+        own->first[o + 1] += own->first[o];
+    }
+    for (size_t f = 0; f < s->tile_run_count; f++)
+        own->tile_runs[place[s->tile_runs[f].map]++] = f;
+end:
+    kiln_free(&place);
+    return status;
+}
+
+int kiln_build_share(struct kiln_build *build)
+{
+    struct kiln_surface *s = build->surface;
+    struct own_maps own = {0};
+    int status = kiln_allocate(&s->piece_count, s->count, sizeof *s->piece_count, "the surface points", build->error);
+    if (status == KILN_OK)
+        status =
+            kiln_allocate(&s->pieces, s->piece_base[s->tile_run_count], sizeof *s->pieces, "the pieces", build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->area_cdf, s->area_cdf_base[s->tile_run_count], sizeof *s->area_cdf, "the pieces",
+                               build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->albedo, 3 * s->count, sizeof *s->albedo, "the surface points", build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->area, s->count, sizeof *s->area, "the surface points", build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->visible, s->count, sizeof *s->visible, "the surface points", build->error);
+    if (status == KILN_OK)
+        status = group_by_map(build, &own);
+    if (status == KILN_OK) {
+        kiln_build_for_maps(build, own.wanted, fill_map, &own);
+        status = build->status;
+    }
+    kiln_free(&own.first);
+    kiln_free(&own.tile_runs);
+    kiln_free(&own.wanted);
+    return build->exchange->agree(build->exchange->context, status, build->error);
+}

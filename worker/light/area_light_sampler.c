@@ -1,0 +1,137 @@
+#include "worker/light/area_light_sampler.h"
+
+#include "worker/base/clones.h"
+
+/* Of the height above the light: how far places may be from the centre. */
+static const double SPREAD_MOST = 0.125;
+/* Cosine between two corners from which on floats would lose the sum of their directions. */
+static const double OPPOSITE = -0.99;
+
+bool kiln_area_light_sampler(const struct kiln_lights *lights, const struct kiln_light_choice *choice,
+                             struct kiln_dvec3 centre, double spread, struct kiln_area_light_sampler *target)
+{
+    if (choice->kind != KILN_CHOICE_NODE)
+        return false;
+    const struct kiln_light_node *node = &lights->nodes[choice->index];
+    if (node->left != KILN_NONE || node->right >= lights->area_count)
+        return false;
+    const struct kiln_area_light *light = &lights->areas[node->right];
+    *target = (struct kiln_area_light_sampler){.light = light, .centre = centre, .to0 = dvec3_sub(light->p0, centre)};
+    const double side = -dvec3_dot(target->to0, light->normal);
+    target->height = light->two_sided ? fabs(side) : side;
+    target->towards = side > 0.0 ? dvec3_scale(light->normal, -1.0) : light->normal;
+    if (!(target->height > 4.0 * light->rounding && spread <= SPREAD_MOST * target->height))
+        return false;
+    target->seen = kiln_spherical_triangle(target->to0, light->e1, light->e2, light->area, target->height);
+    target->spherical = target->seen.omega > KILN_SPHERICAL_FROM;
+    const struct kiln_spherical_triangle *seen = &target->seen;
+    return fmin(fmin(dvec3_dot(seen->a, seen->b), dvec3_dot(seen->b, seen->c)), dvec3_dot(seen->c, seen->a)) > OPPOSITE;
+}
+
+/* Sine and cosine for angles of a few turns at most; absolute error below 1e-15. By blends, so that lanes go together.
+ */
+static inline void sine_cosine(double x, double *sine, double *cosine)
+{
+    const double rounder = 0x1.8p52, quarters = (x * 0.63661977236758134308 + rounder) - rounder;
+    const double r = (x - quarters * 1.57079632679489655800) - quarters * 6.12323399573676603587e-17, r2 = r * r;
+    const double s =
+        r + r * r2 *
+                (-1.6666666666666666667e-1 +
+                 r2 * (8.3333333333333333333e-3 +
+                       r2 * (-1.9841269841269841270e-4 +
+                             r2 * (2.7557319223985890653e-6 +
+                                   r2 * (-2.5052108385441718775e-8 +
+                                         r2 * (1.6059043836821614599e-10 +
+                                               r2 * (-7.6471637318198164759e-13 + r2 * 2.8114572543455207632e-15)))))));
+    const double c =
+        1.0 +
+        r2 * (-0.5 +
+              r2 * (4.1666666666666666667e-2 +
+                    r2 * (-1.3888888888888888889e-3 +
+                          r2 * (2.4801587301587301587e-5 +
+                                r2 * (-2.7557319223985890653e-7 +
+                                      r2 * (2.0876756987868098979e-9 +
+                                            r2 * (-1.1470745597729724714e-11 + r2 * 4.7794773323873852974e-14)))))));
+    const double halves = (quarters * 0.5 - 0.25 + rounder) - rounder; /* floor(quarters / 2) */
+    const double odd = quarters - 2.0 * halves, half_odd = halves - 2.0 * ((halves * 0.5 - 0.25 + rounder) - rounder);
+    const double sign = 1.0 - 2.0 * half_odd;
+    *sine = sign * (odd > 0.5 ? c : s);
+    *cosine = sign * (odd > 0.5 ? -s : c);
+}
+
+static inline double at_most(double x, double most) { return x < most ? x : most; }
+static inline double at_least(double x, double least) { return x > least ? x : least; }
+
+/* Lane l's sample, (x, y, z) from the centre, as its own place sees it; `area`: 1 / density of the sample on the light,
+ * m2. */
+static inline void see_from_place(const struct kiln_area_light_sampler *restrict t,
+                                  struct kiln_area_light_samples *restrict s, int l, double x, double y, double z,
+                                  double area)
+{
+    const double fx = s->place[0][l] - t->centre.x, fy = s->place[1][l] - t->centre.y,
+                 fz = s->place[2][l] - t->centre.z;
+    const double height = t->height - (fx * t->towards.x + fy * t->towards.y + fz * t->towards.z);
+    x -= fx, y -= fy, z -= fz;
+    /* cosine at the light */
+    const double squared = x * x + y * y + z * z, distance = sqrt(squared), seen = height / distance;
+    const double weight = seen * area / squared;
+    s->to[0][l] = x, s->to[1][l] = y, s->to[2][l] = z;
+    s->distance[l] = distance;
+    s->weight[l] = weight > 0.0 && weight < 1e300 ? weight : 0.0;
+    s->backoff[l] = at_most(0.5 * distance, t->light->rounding / at_least(seen, 1e-6));
+}
+
+/* Directions from the centre, as kiln_spherical_triangle_direction, as far as the light's plane. */
+KILN_CLONES static void sample_spherical(const struct kiln_area_light_sampler *restrict target,
+                                         struct kiln_area_light_samples *restrict s)
+{
+    const struct kiln_spherical_triangle *t = &target->seen;
+    const struct kiln_dvec3 towards = target->towards;
+    for (int l = 0; l < KILN_TARGET_LANES; l++) {
+        double sine, cosine;
+        sine_cosine(0.5 * s->u[l] * t->omega, &sine, &cosine);
+        const double of_a = t->volume * cosine - t->ca_bc * sine, of_c = t->ab * sine;
+        const double mx = of_a * t->a.x + of_c * t->c.x, my = of_a * t->a.y + of_c * t->c.y,
+                     mz = of_a * t->a.z + of_c * t->c.z;
+        const double twice = 2.0 * (mx * t->a.x + my * t->a.y + mz * t->a.z) / (mx * mx + my * my + mz * mz);
+        const double cx = twice * mx - t->a.x, cy = twice * my - t->a.y, cz = twice * mz - t->a.z;
+        const double d = cx * t->b.x + cy * t->b.y + cz * t->b.z, drop = s->v[l] * (1.0 - d);
+        const double k = sqrt(s->v[l] * (2.0 - drop) / (1.0 + d)), of_b = 1.0 - drop - d * k;
+        const double dx = k * cx + of_b * t->b.x, dy = k * cy + of_b * t->b.y, dz = k * cz + of_b * t->b.z;
+        const double cosine_there = dx * towards.x + dy * towards.y + dz * towards.z,
+                     far = target->height / cosine_there;
+        see_from_place(target, s, l, far * dx, far * dy, far * dz, far * far * t->omega / cosine_there);
+    }
+}
+
+KILN_CLONES static void sample_flat(const struct kiln_area_light_sampler *restrict t,
+                                    struct kiln_area_light_samples *restrict s)
+{
+    const struct kiln_area_light *light = t->light;
+    for (int l = 0; l < KILN_TARGET_LANES; l++) {
+        const double root = sqrt(s->u[l]), b1 = root * (1.0 - s->v[l]), b2 = root * s->v[l];
+        see_from_place(t, s, l, t->to0.x + (b1 * light->e1.x + b2 * light->e2.x),
+                       t->to0.y + (b1 * light->e1.y + b2 * light->e2.y),
+                       t->to0.z + (b1 * light->e1.z + b2 * light->e2.z), light->area);
+    }
+}
+
+/* Where on the light the samples are. */
+static void find_weights(const struct kiln_area_light_sampler *t, struct kiln_area_light_samples *s)
+{
+    for (int l = 0; l < KILN_TARGET_LANES; l++) {
+        const struct kiln_dvec3 place = dvec3(s->place[0][l], s->place[1][l], s->place[2][l]),
+                                to = dvec3(s->to[0][l], s->to[1][l], s->to[2][l]);
+        kiln_area_light_weights(t->light, dvec3_sub(dvec3_add(to, place), t->light->p0), &s->b1[l], &s->b2[l]);
+    }
+}
+
+void kiln_area_light_sampler_draw(const struct kiln_area_light_sampler *target, struct kiln_area_light_samples *samples)
+{
+    if (target->spherical)
+        sample_spherical(target, samples);
+    else
+        sample_flat(target, samples);
+    if (target->light->textured)
+        find_weights(target, samples);
+}
