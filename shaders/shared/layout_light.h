@@ -1,17 +1,18 @@
-/* Lights on the device; part of shaders/layout.h. */
+/* Lights on the device; part of shaders/shared/layout.h. */
 
-#define KILN_LIGHT_AREA 1u /* bits of the specialisation constant LIGHT_KINDS */
-#define KILN_LIGHT_PUNCTUAL 2u
-#define KILN_LIGHT_SUN 4u
-#define KILN_LIGHT_SKY 8u
-#define KILN_LIGHT_IMAGE 16u
-#define KILN_LIGHT_TEXTURED 32u
+#define KILN_GPU_KIND_AREA 1u /* bits of the specialisation constant LIGHT_KINDS */
+#define KILN_GPU_KIND_PUNCTUAL 2u
+#define KILN_GPU_KIND_SUN 4u
+#define KILN_GPU_KIND_SKY 8u
+#define KILN_GPU_KIND_IMAGE 16u
+#define KILN_GPU_KIND_TEXTURED 32u
 
-#define KILN_LIGHT_TWO_SIDED 1u /* flags of area lights and clusters */
-#define KILN_LIGHT_HAS_TEXTURE 2u
-#define KILN_LIGHT_IS_SPOT 1u /* flag of point lights */
+#define KILN_GPU_LIGHT_TWO_SIDED 1u /* flags of area lights and clusters */
+#define KILN_GPU_LIGHT_HAS_TEXTURE 2u
+#define KILN_GPU_LIGHT_IS_SPOT 1u /* flag of point lights */
 
-/* The arrays hold the structs of shaders/layout_light_real.h, in double where the device has it and else in float. */
+/* The arrays hold the structs of shaders/shared/layout_light_real.h, in double where the device has it and else in
+ * float. */
 struct kiln_gpu_lights {
     KILN_ADDRESS nodes, areas, points, directionals;
     KILN_ADDRESS marginal, conditional; /* float: as in struct kiln_lights */
@@ -43,12 +44,17 @@ KILN_SIZE_IS(kiln_gpu_choice, 8);
 /* A direct pass over a chunk of points, in `rows` = 4 `slices` `split` rows a point. Thread q * slices + s takes slice
  * s of quarter q of every choice's samples, and row (q * slices + s) * split; for partly buried points, each of whose
  * slices is cut in as many again, the kernel runs with `slices` so many times larger and `split` 1. The other kernels
- * get the former. `scratch` holds arrays strided by `room` >= the chunk's points, each beginning at a multiple of 8
- * bytes (shaders/direct.glsl reckons where): struct kiln_gpu_direct_sums sums[rows * room]          row * room + point
- * (see shaders/layout_light_real.h) struct kiln_gpu_choice choices[slots * room]           i * room + point float
- * luminances[slots * rows * room]                  (rows * i + row) * room + point: from the row's samples of a choice,
- * of choices with 8 samples and more word counts[room]                                      choices of a point;
- * KILN_GPU_COUNT_PRECISE: some of them are with slots >= clusters of the cut + directional_count + 1. */
+ * get the former.
+ *
+ * `scratch` holds four arrays strided by `room` >= the chunk's points, each beginning at a multiple of 8 bytes
+ * (shaders/direct.glsl computes where):
+ *
+ *   struct kiln_gpu_direct_sums sums[rows * room], at row * room + point: see shaders/shared/layout_light_real.h
+ *   struct kiln_gpu_choice choices[slots * room], at i * room + point; slots >= clusters of the cut +
+ *                directional_count + 1
+ *   float luminances[slots * rows * room], at (rows * i + row) * room + point: sum over the row's samples of choice i,
+ *                for choices of KILN_QUARTERS_FROM samples and more
+ *   word counts[room]: choices of a point; with KILN_GPU_COUNT_PRECISE where some of them are precise */
 #define KILN_GPU_COUNT_PRECISE 0x80000000u
 struct kiln_gpu_direct {
     KILN_ADDRESS results; /* struct kiln_gpu_result, one a point of the chunk */

@@ -27,7 +27,7 @@
         _Static_assert(sizeof(struct type) == (size), "shaders and C disagree on struct " #type)
 #endif
 
-#include "shaders/mask.h"
+#include "shaders/shared/mask.h"
 
 #define KILN_GPU_NONE 0xffffffffu
 
@@ -81,7 +81,7 @@ struct kiln_gpu_part {
 };
 KILN_SIZE_IS(kiln_gpu_part, 56);
 
-/* A point's mask (shaders/mask.h), as large as a part. */
+/* A point's mask (shaders/shared/mask.h), as large as a part. */
 struct kiln_gpu_mask {
     KILN_WORD cells[KILN_MASK_WORDS];
     KILN_WORD count; /* bits that are set, at least 1 */
@@ -119,9 +119,9 @@ struct kiln_gpu_result { /* struct kiln_point_result */
 };
 KILN_SIZE_IS(kiln_gpu_result, 52);
 
-#include "shaders/layout_trace.h"
-#include "shaders/layout_material.h"
-#include "shaders/layout_light.h"
+#include "shaders/shared/layout_trace.h"
+#include "shaders/shared/layout_material.h"
+#include "shaders/shared/layout_light.h"
 
 /* ---- the root: one buffer, whose address every kernel gets ---- */
 

@@ -5,7 +5,7 @@
 #ifndef KILN_SHADERS_MASK_H
 #define KILN_SHADERS_MASK_H
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 
 #define KILN_MASK_SIDE 16u
 #define KILN_MASK_WORDS 8u

@@ -5,10 +5,13 @@
 #include "shaders/material.glsl"
 
 const uint KILN_BY_HALF = 0u, KILN_BY_CHANCE = 1u, KILN_THROUGH = 2u; /* enum embree_question */
-const float KILN_DARK = 3.5527136788005009e-15; /* 2^-48: so little light is none */
+const float KILN_DARK = 3.5527136788005009e-15;                       /* 2^-48: so little light is none */
 
 /* Whether chance takes for there a surface of that opacity. */
-bool kiln_is_there(uint seed, uint triangle, float opacity) { return float(kiln_hash2(seed, triangle) >> 8) * 5.9604644775390625e-8 < opacity; }
+bool kiln_is_there(uint seed, uint triangle, float opacity)
+{
+    return float(kiln_hash2(seed, triangle) >> 8) * 5.9604644775390625e-8 < opacity;
+}
 
 /* Whether a mask has a hole there. */
 bool kiln_is_hole(uint triangle, float u, float v)

@@ -1,19 +1,20 @@
-/* Tracing in compute: the ray, the triangle test, and the choice of the layout. Part of shaders/trace.glsl.
+/* Tracing in compute: the ray, the triangle test, and the choice of the layout. Part of shaders/trace/trace.glsl.
  *
- * Watertight after Woop, Benthin and Wald, "Watertight ray/triangle intersection" (2013): corners are laid flat along the ray,
- * each always by the same operations, so that triangles share their flat corners exactly; then the ray is inside where the three
- * edge functions of the flat triangle do not differ in sign. An edge function is the difference of two rounded products (never
- * fused): exactly antisymmetric, and never of the wrong sign, only zero when in doubt; and zero counts as inside. Instead of
- * shears along the ray's main axis, which want the axes permuted, corners are laid flat by two vectors across the ray. */
-#include "shaders/trace_alpha.glsl"
+ * Watertight after Woop, Benthin and Wald, "Watertight ray/triangle intersection" (2013): corners are laid flat along
+ * the ray, each always by the same operations, so that triangles share their flat corners exactly; then the ray is
+ * inside where the three edge functions of the flat triangle do not differ in sign. An edge function is the difference
+ * of two rounded products (never fused): exactly antisymmetric, and never of the wrong sign, only zero when in doubt;
+ * and zero counts as inside. Instead of shears along the ray's main axis, which want the axes permuted, corners are
+ * laid flat by two vectors across the ray. */
+#include "shaders/trace/alpha.glsl"
 
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer TraceQuads { uvec4 at[]; };
 
 struct kiln_ray {
     vec3 origin, direction;
-    vec3 across, up;     /* right-handed: across x up = direction */
-    float after;         /* what lies up to here was met before and let the ray through: */
-    uint after_number;   /* at this very distance, triangles up to this number */
+    vec3 across, up;   /* right-handed: across x up = direction */
+    float after;       /* what lies up to here was met before and let the ray through: */
+    uint after_number; /* at this very distance, triangles up to this number */
 };
 
 /* The nearest triangle so far; `distance` begins as the ray's limit. */
@@ -34,11 +35,13 @@ kiln_ray kiln_ray_of(vec3 origin, vec3 direction)
     return kiln_ray(origin, direction, across, up, 0.0, KILN_GPU_NONE);
 }
 
-/* For slabs, t = (plane - origin) / direction; finite also where the direction has a zero (margins of boxes hide the change). */
+/* For slabs, t = (plane - origin) / direction; finite also where the direction has a zero (margins of boxes hide the
+ * change). */
 vec3 kiln_inverse(vec3 direction)
 {
     const float tiny = 1.0e-18;
-    const vec3 least = vec3(direction.x < 0.0 ? -tiny : tiny, direction.y < 0.0 ? -tiny : tiny, direction.z < 0.0 ? -tiny : tiny);
+    const vec3 least =
+        vec3(direction.x < 0.0 ? -tiny : tiny, direction.y < 0.0 ? -tiny : tiny, direction.z < 0.0 ? -tiny : tiny);
     return 1.0 / mix(direction, least, lessThan(abs(direction), vec3(tiny)));
 }
 
@@ -56,8 +59,8 @@ float kiln_edge(vec2 p, vec2 q)
     return difference;
 }
 
-/* What rounding takes from the two products of kiln_edge, put back; for the triangles, very narrow as the ray sees them, that
- * have nothing else. Where fma is not fused this adds nothing. */
+/* What rounding takes from the two products of kiln_edge, put back; for the triangles, very narrow as the ray sees
+ * them, that have nothing else. Where fma is not fused this adds nothing. */
 float kiln_edge_remainder(vec2 p, vec2 q)
 {
     precise const float forward = p.x * q.y, backward = p.y * q.x;
@@ -68,9 +71,9 @@ float kiln_edge_remainder(vec2 p, vec2 q)
 
 bool kiln_same_sign(vec3 w) { return min(min(w.x, w.y), w.z) >= 0.0 || max(max(w.x, w.y), w.z) <= 0.0; }
 
-/* Where a ray from 0 meets the triangle, of weights w / area. From the plane's normal: the weights of a needle are good to no more than
- * its length over its width, and along the axes the normal has no error at all. Of a triangle seen edge-on, less than half a degree, the
- * weights tell better. In no case nearer or farther than the corners. */
+/* Where a ray from 0 meets the triangle, of weights w / area. From the plane's normal: the weights of a needle are good
+ * to no more than its length over its width, and along the axes the normal has no error at all. Of a triangle seen
+ * edge-on, less than half a degree, the weights tell better. In no case nearer or farther than the corners. */
 float kiln_hit_distance(vec3 a, vec3 b, vec3 c, vec3 direction, vec3 w, float scale)
 {
     precise const vec3 normal = cross(b - a, c - a);
@@ -96,7 +99,8 @@ bool kiln_test(const kiln_ray ray, TraceQuads triangles, uint index, inout kiln_
         return false;
     precise float area = w.x + w.y + w.z;
     if (area == 0.0) {
-        w = vec3(kiln_edge_remainder(flat_b, flat_c), kiln_edge_remainder(flat_c, flat_a), kiln_edge_remainder(flat_a, flat_b));
+        w = vec3(kiln_edge_remainder(flat_b, flat_c), kiln_edge_remainder(flat_c, flat_a),
+                 kiln_edge_remainder(flat_a, flat_b));
         area = w.x + w.y + w.z;
         if (area == 0.0 || !kiln_same_sign(w))
             return false;
@@ -114,7 +118,8 @@ bool kiln_test(const kiln_ray ray, TraceQuads triangles, uint index, inout kiln_
     return true;
 }
 
-/* Whether what was found ends a search for anything in the way: not what may let the ray through, for there may be more before it. */
+/* Whether what was found ends a search for anything in the way: not what may let the ray through, for there may be more
+ * before it. */
 bool kiln_ends(const kiln_found found) { return HAS_ALPHA == 0u || found.triangle < SCENE.opaque_count; }
 
 /* Tests a leaf's triangles; true when the search is over. */
@@ -127,9 +132,9 @@ bool kiln_test_leaf(const kiln_ray ray, TraceQuads triangles, uint leaf, bool an
     return false;
 }
 
-#include "shaders/trace_binary.glsl"
-#include "shaders/trace_four.glsl"
-#include "shaders/trace_eight.glsl"
+#include "shaders/trace/binary.glsl"
+#include "shaders/trace/four.glsl"
+#include "shaders/trace/eight.glsl"
 
 void kiln_walk_brute(const kiln_ray ray, bool any, inout kiln_found found)
 {
@@ -154,8 +159,8 @@ kiln_found kiln_walk_once(const kiln_ray ray, float limit, bool any)
     return found;
 }
 
-/* Surfaces that let light through are asked outside of the walk, whose loops stay small, and the walk begins anew behind those that the
- * ray passes: inside it the lookup made the whole kernel up to 400 times slower. */
+/* Surfaces that let light through are asked outside of the walk, whose loops stay small, and the walk begins anew
+ * behind those that the ray passes: inside it the lookup made the whole kernel up to 400 times slower. */
 kiln_found kiln_walk(vec3 origin, vec3 direction, float limit, bool any, uint question, uint seed, inout vec3 share)
 {
     kiln_ray ray = kiln_ray_of(origin, direction);
@@ -174,7 +179,8 @@ kiln_found kiln_walk(vec3 origin, vec3 direction, float limit, bool any, uint qu
 kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 tint)
 {
     tint = vec3(1.0);
-    const kiln_found found = kiln_walk(origin, direction, uintBitsToFloat(0x7f800000u), false, KILN_BY_CHANCE, seed, tint);
+    const kiln_found found =
+        kiln_walk(origin, direction, uintBitsToFloat(0x7f800000u), false, KILN_BY_CHANCE, seed, tint);
     return kiln_hit(found.triangle, found.u, found.v, found.distance, found.back);
 }
 
@@ -188,5 +194,6 @@ kiln_hit kiln_trace(vec3 origin, vec3 direction)
 vec3 kiln_through(vec3 origin, vec3 direction, float limit)
 {
     vec3 share = vec3(1.0);
-    return kiln_walk(origin, direction, limit, true, KILN_THROUGH, 0u, share).triangle != KILN_GPU_NONE ? vec3(0.0) : share;
+    return kiln_walk(origin, direction, limit, true, KILN_THROUGH, 0u, share).triangle != KILN_GPU_NONE ? vec3(0.0)
+                                                                                                        : share;
 }

@@ -1,6 +1,7 @@
-/* Walking struct kiln_gpu_node2, the nearer child first (Aila and Laine 2009). Part of trace_compute.glsl. */
+/* Walking struct kiln_gpu_node2, the nearer child first (Aila and Laine 2009). Part of trace/compute.glsl. */
 
-/* Does the ray meet the box before `limit`? `slab` holds where it crosses the lower and upper planes; `near` is where it enters. */
+/* Does the ray meet the box before `limit`? `slab` holds where it crosses the lower and upper planes; `near` is where
+ * it enters. */
 bool kiln_meets(vec2 x, vec2 y, vec2 z, float limit, out float near)
 {
     near = max(max(min(x.x, x.y), min(y.x, y.y)), max(min(z.x, z.y), 0.0));

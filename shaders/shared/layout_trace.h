@@ -1,5 +1,5 @@
-/* What tracing needs on the device; part of shaders/layout.h. The layouts are made by worker/backend/vulkan/bvh.c and
- * walked by shaders/trace_*.glsl.
+/* What tracing needs on the device; part of shaders/shared/layout.h. worker/backend/vulkan/bvh.c makes the layouts,
+ * the files of shaders/trace walk them.
  *
  * TRAVERSAL, a specialisation constant, is one of these layouts. Hits do not depend on it: every layout applies the
  * same triangle test and gives the nearest triangle, of equally near ones that of the lowest number. */
@@ -7,9 +7,8 @@
 #define KILN_TRAVERSAL_BINARY 1u
 #define KILN_TRAVERSAL_FOUR 2u
 #define KILN_TRAVERSAL_EIGHT 3u /* compressed */
-#define KILN_TRAVERSAL_PIPELINE                                                                                        \
-    4u /* the device's own acceleration structure, in kernels compiled with KILN_PIPELINE                              \
-        */
+/* the device's own acceleration structure, in kernels compiled with KILN_PIPELINE */
+#define KILN_TRAVERSAL_PIPELINE 4u
 
 /* A triangle as it is traced, 48 bytes; world numbers as in worker/scene/geometry.h. */
 struct kiln_gpu_triangle {

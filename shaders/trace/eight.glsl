@@ -1,14 +1,18 @@
-/* Walking struct kiln_gpu_node8 (Ylitie, Karras and Laine 2017, sections 3 and 4). Part of trace_compute.glsl.
+/* Walking struct kiln_gpu_node8 (Ylitie, Karras and Laine 2017, sections 3 and 4). Part of trace/compute.glsl.
  *
- * A group of nodes is two words: the index of the first, and the slots still to be visited (bits 24 to 31, in the order of the
- * ray's octant) with those that are nodes (bits 0 to 7). A group of triangles: the first, and those still to be tested. */
+ * A group of nodes is two words: the index of the first, and the slots still to be visited (bits 24 to 31, in the order
+ * of the ray's octant) with those that are nodes (bits 0 to 7). A group of triangles: the first, and those still to be
+ * tested. */
 
 float kiln_byte(uint word, int which) { return float(bitfieldExtract(word, 8 * which, 8)); }
 
-/* The children of a node that the ray meets: bits 24 to 31 nodes, in the order of the octant, bits 0 to 23 triangles. */
+/* The children of a node that the ray meets: bits 24 to 31 nodes, in the order of the octant, bits 0 to 23 triangles.
+ */
 uint kiln_meets_eight(uvec4 quads[5], vec3 origin, vec3 inverse, uint octant, float limit)
 {
-    const vec3 step_size = uintBitsToFloat(uvec3(bitfieldExtract(quads[0].w, 0, 8), bitfieldExtract(quads[0].w, 8, 8), bitfieldExtract(quads[0].w, 16, 8)) << 23);
+    const vec3 step_size = uintBitsToFloat(
+        uvec3(bitfieldExtract(quads[0].w, 0, 8), bitfieldExtract(quads[0].w, 8, 8), bitfieldExtract(quads[0].w, 16, 8))
+        << 23);
     const vec3 scale = step_size * inverse, shift = (uintBitsToFloat(quads[0].xyz) - origin) * inverse;
     const bvec3 negative = lessThan(inverse, vec3(0.0));
     uint mask = 0u;
@@ -17,12 +21,16 @@ uint kiln_meets_eight(uvec4 quads[5], vec3 origin, vec3 inverse, uint octant, fl
         const uint inner = (meta & (meta << 1)) & 0x10101010u;
         const uint place = (meta ^ (octant * 0x01010101u & (inner >> 4) * 0xffu)) & 0x1f1f1f1fu;
         const uint bits = meta >> 5 & 0x07070707u;
-        const uvec3 lower = half_node == 0 ? uvec3(quads[2].x, quads[2].z, quads[3].x) : uvec3(quads[2].y, quads[2].w, quads[3].y);
-        const uvec3 upper = half_node == 0 ? uvec3(quads[3].z, quads[4].x, quads[4].z) : uvec3(quads[3].w, quads[4].y, quads[4].w);
+        const uvec3 lower =
+            half_node == 0 ? uvec3(quads[2].x, quads[2].z, quads[3].x) : uvec3(quads[2].y, quads[2].w, quads[3].y);
+        const uvec3 upper =
+            half_node == 0 ? uvec3(quads[3].z, quads[4].x, quads[4].z) : uvec3(quads[3].w, quads[4].y, quads[4].w);
         const uvec3 near_plane = mix(lower, upper, negative), far_plane = mix(upper, lower, negative);
         for (int i = 0; i < 4; i++) {
-            const vec3 enter = fma(vec3(kiln_byte(near_plane.x, i), kiln_byte(near_plane.y, i), kiln_byte(near_plane.z, i)), scale, shift);
-            const vec3 leave = fma(vec3(kiln_byte(far_plane.x, i), kiln_byte(far_plane.y, i), kiln_byte(far_plane.z, i)), scale, shift);
+            const vec3 enter = fma(
+                vec3(kiln_byte(near_plane.x, i), kiln_byte(near_plane.y, i), kiln_byte(near_plane.z, i)), scale, shift);
+            const vec3 leave = fma(
+                vec3(kiln_byte(far_plane.x, i), kiln_byte(far_plane.y, i), kiln_byte(far_plane.z, i)), scale, shift);
             if (max(max(enter.x, enter.y), max(enter.z, 0.0)) <= min(min(leave.x, leave.y), min(leave.z, limit)))
                 mask |= bitfieldExtract(bits, 8 * i, 8) << bitfieldExtract(place, 8 * i, 8);
         }

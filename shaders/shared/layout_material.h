@@ -1,4 +1,4 @@
-/* Materials and textures on the device; part of shaders/layout.h.
+/* Materials and textures on the device; part of shaders/shared/layout.h.
  *
  * Only what kernels ask for is there: surfaces that may let rays through, and surfaces whose emission has a texture. A
  * scene with neither has address 0 everywhere. */

@@ -1,4 +1,4 @@
-/* Walking struct kiln_gpu_node4, children in the order in which the ray enters them. Part of trace_compute.glsl. */
+/* Walking struct kiln_gpu_node4, children in the order in which the ray enters them. Part of trace/compute.glsl. */
 
 /* Puts the nearer of two children first. */
 void kiln_order(inout float near_a, inout uint child_a, inout float near_b, inout uint child_b)
@@ -16,7 +16,8 @@ void kiln_walk_four(const kiln_ray ray, bool any, inout kiln_found found)
 {
     TraceQuads nodes = TraceQuads(SCENE.trace.nodes), triangles = TraceQuads(SCENE.trace.triangles);
     const vec3 inverse = kiln_inverse(ray.direction), shift = -ray.origin * inverse;
-    const uvec3 entry = uvec3(inverse.x < 0.0 ? 1u : 0u, inverse.y < 0.0 ? 3u : 2u, inverse.z < 0.0 ? 5u : 4u); /* the plane met first */
+    const uvec3 entry = uvec3(inverse.x < 0.0 ? 1u : 0u, inverse.y < 0.0 ? 3u : 2u,
+                              inverse.z < 0.0 ? 5u : 4u); /* the plane met first */
     const float infinity = uintBitsToFloat(0x7f800000u);
     uint stack[KILN_GPU_STACK4], depth = 0u;
     stack[depth++] = KILN_GPU_NONE;

@@ -1,9 +1,10 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
-#include "shaders/trace_payload.glsl"
+#include "shaders/trace/payload.glsl"
 
-layout(push_constant, scalar) uniform Push { KILN_ADDRESS scene; } push;
+layout(push_constant, scalar) uniform Push { KILN_ADDRESS scene; }
+push;
 layout(location = 0) rayPayloadInEXT kiln_payload kiln_answer;
 hitAttributeEXT vec2 kiln_weights;
 
@@ -16,5 +17,6 @@ void main()
         triangle |= KILN_PAYLOAD_BACK;
     if (HAS_ALPHA == KILN_GPU_PASSAGE_TINT && kiln_answer.distance != 0u)
         triangle |= KILN_PAYLOAD_TINTED;
-    kiln_answer = kiln_payload(triangle, floatBitsToUint(kiln_weights.x), floatBitsToUint(kiln_weights.y), floatBitsToUint(gl_HitTEXT));
+    kiln_answer = kiln_payload(triangle, floatBitsToUint(kiln_weights.x), floatBitsToUint(kiln_weights.y),
+                               floatBitsToUint(gl_HitTEXT));
 }
