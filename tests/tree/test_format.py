@@ -16,9 +16,10 @@ def find():
     """The program, or None."""
     for name in (f'clang-format-{VERSION}', 'clang-format'):
         path = shutil.which(name)
-        if path and re.search(rf'version {VERSION}\.', subprocess.run([path, '--version'], capture_output=True, text=True,
-                                                                     check=True).stdout):
-            return path
+        if path:
+            said = subprocess.run([path, '--version'], capture_output=True, text=True, check=True).stdout
+            if re.search(rf'version {VERSION}\.', said):
+                return path
     return None
 
 

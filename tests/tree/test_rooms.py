@@ -73,8 +73,8 @@ def read_symbols(folder):
     defined, needed = {}, []
     if not objects:
         return defined, needed
-    listing = subprocess.run(['nm', '-A', '--format=posix', *objects], check=True, capture_output=True, text=True).stdout
-    for line in listing.splitlines():
+    listing = subprocess.run(['nm', '-A', '--format=posix', *objects], check=True, capture_output=True, text=True)
+    for line in listing.stdout.splitlines():
         path, rest = line.split(': ', 1)
         name, kind = rest.split()[:2]
         if kind in 'TDBRV':

@@ -7,15 +7,19 @@ import unittest
 import tree
 
 COLUMNS = 120
-KINDS = re.compile(r'(\.(c|h|cpp|comp|glsl|rahit|rchit|rmiss|py|sh|js|md|yaml|yml|cmake)|CMakeLists\.txt|CMakePresets\.json'
-                   r'|\.clang-format|cluster/packages)$')
+KINDS = re.compile(r'(\.(c|h|cpp|comp|glsl|rahit|rchit|rmiss|py|sh|js|md|yaml|yml|cmake)'
+                   r'|CMakeLists\.txt|CMakePresets\.json|\.clang-format|cluster/packages)$')
 # Pages of the place where kiln was planned, which its readers do not have.
-ELSEWHERE = re.compile(r'\b(' + '|'.join(('DES' + 'IGN', 'HAB' + 'ITS', 'PERF' + 'ORMANCE', 'USE' + 'RS', 'RELIA' + 'BILITY',
-                                           'ST' + 'ACK')) + r')(\.md\b| section\b| finding\b|,? says\b|\s+asks\b|\b\s*§)'
+PAGES = ('DES' 'IGN', 'HAB' 'ITS', 'PERF' 'ORMANCE', 'USE' 'RS', 'RELIA' 'BILITY', 'ST' 'ACK')
+ELSEWHERE = re.compile(r'\b(' + '|'.join(PAGES) + r')(\.md\b| section\b| finding\b|,? says\b|\s+asks\b|\b\s*§)'
                        r'|/wo' + r'rk/')
 # A file that a text names: by its path, or a page or header by its name alone.
-NAMED = re.compile(r'(?<![\w./<-])((?:coordinator|worker|shaders|tests|cluster|jobs)/[\w./-]*\.(?:c|h|cpp|comp|glsl|py|md|txt)'
-                   r'|[A-Z]+\.md)\b')
+NAMED = re.compile(r'(?<![\w./<-])((?:coordinator|worker|shaders|tests|cluster|jobs)/[\w./-]*'
+                   r'\.(?:c|h|cpp|comp|glsl|py|md|txt)|[A-Z]+\.md)\b')
+# A source that a comment names by its name alone, and those of libraries.
+COMMENT = re.compile(r'/\*.*?\*/|//[^\n]*', re.S)
+SOURCE = re.compile(r'(?<![\w<"/.-])([a-z_]\w{2,}\.(?:h|glsl|comp|c))\b')
+LIBRARIES = {'cmocka.h', 'rtcore_ray.h', 'sysexits.h'}
 BUILT = re.compile(r'^shaders/\w+\.h$|^tests/\w+\.h$')
 
 
@@ -63,6 +67,18 @@ def lost_names(files, known):
                     yield f'{path}:{number}: there is no {name}'
 
 
+def lost_sources(files, known):
+    """Sources that comments of C and GLSL name and that are not there."""
+    names = {os.path.basename(path) for path in known} | LIBRARIES
+    for path, text in files.items():
+        if tree.SOURCES.search(path):
+            for comment in COMMENT.finditer(text):
+                for name in SOURCE.finditer(comment.group(0)):
+                    if name.group(1) not in names:
+                        line = text.count('\n', 0, comment.start() + name.start()) + 1
+                        yield f'{path}:{line}: there is no {name.group(1)}'
+
+
 class Texts(unittest.TestCase):
     """The repository as it is."""
 
@@ -87,6 +103,9 @@ class Texts(unittest.TestCase):
         own = {path: text for path, text in self.files.items() if not path.startswith('tests/tree/')}  # made-up names
         self.none(lost_names(own, self.known))
 
+    def test_sources(self):
+        self.none(lost_sources(self.files, self.known))
+
 
 class Checks(unittest.TestCase):
     """The checks themselves."""
@@ -105,8 +124,13 @@ class Checks(unittest.TestCase):
 
     def test_names(self):
         known = {'coordinator/a.h', 'tests/README.md', 'tests/unit/b.c'}
-        for line, count in {'coordinator/a.h': 0, 'coordinator/b.h': 1, 'README.md': 0, 'TODO.md': 1, '<mpi.h>': 0}.items():
+        cases = {'coordinator/a.h': 0, 'coordinator/b.h': 1, 'README.md': 0, 'TODO.md': 1, '<mpi.h>': 0}
+        for line, count in cases.items():
             self.assertEqual(count, len(list(lost_names({'tests/x.py': line}, known))), line)
+
+        known = {'coordinator/a.h', 'coordinator/work.h'}
+        for line, count in {'/* see work.h */': 0, '/* see\n(play.h) */': 1, 'x = play.h;': 0, '// play.c': 1}.items():
+            self.assertEqual(count, len(list(lost_sources({'worker/x.c': line}, known))), line)
 
 
 if __name__ == '__main__':

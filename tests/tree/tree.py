@@ -68,7 +68,7 @@ def table():
 
 
 def includes(sources):
-    """(file, line, included path) of every #include "..." in {path: text}. A name without a folder is beside the file."""
+    """(file, line, included path) of every #include "..." in {path: text}. A name without folder is beside the file."""
     for path, text in sources.items():
         for number, line in enumerate(text.splitlines(), 1):
             match = INCLUDE.match(line)
