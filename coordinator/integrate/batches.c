@@ -111,16 +111,20 @@ static int run_batch(struct pass_work *w, const struct kiln_rank_data *share, st
     struct kiln_backend_info begin, end;
     struct transport_state *s = w->state;
     const struct kiln_transport_params *p = s->params;
-    const struct kiln_batch batch = {range.first, range.count, transport_take_part, w};
+    const struct kiln_pass *const pass = s->step.kind == KILN_PASS_DIRECT ? &kiln_pass_direct : &kiln_pass_gather;
+    const struct kiln_batch batch = {.first = range.first,
+                                     .count = range.count,
+                                     .stream = s->step.stream,
+                                     .samples = s->step.samples,
+                                     .take = transport_take_part,
+                                     .context = w};
+    assert(share == s->own || pass->is_stealable);
     w->share = share;
     w->points = 0;
     kiln_backend_info(p->backend, &begin);
     const double start = MPI_Wtime();
     w->since = start;
-    const int status =
-        s->step.kind == KILN_PASS_DIRECT
-            ? kiln_backend_direct(p->backend, &batch, s->step.samples, &w->pass->rays, error)
-            : kiln_backend_gather(p->backend, &batch, s->step.samples, s->step.stream, &w->pass->rays, error);
+    const int status = kiln_backend_run(p->backend, pass, NULL, &batch, &w->pass->rays, error);
     be_slow(s, MPI_Wtime() - start);
     *seconds = MPI_Wtime() - start;
     kiln_backend_info(p->backend, &end);

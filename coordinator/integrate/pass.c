@@ -188,10 +188,10 @@ static void take_tile_run(const struct pass_work *w, const struct kiln_tile_run 
     }
 }
 
-int transport_take_part(void *context, size_t first, size_t count, const struct kiln_point_result *results,
-                        struct kiln_error *error)
+int transport_take_part(void *context, size_t first, size_t count, const void *part_results, struct kiln_error *error)
 {
     struct pass_work *w = context;
+    const struct kiln_point_result *results = part_results;
     struct transport_state *s = w->state;
     const struct kiln_transport_params *p = s->params;
     const struct kiln_surface *surface = &w->share->surface;

@@ -5,6 +5,8 @@
 
 #include "coordinator/integrate/transport.h"
 #include "shaders/random.h"
+#include "worker/pass/direct.h"
+#include "worker/pass/gather.h"
 
 enum { FINAL_STREAM = 0xffff };
 
@@ -103,8 +105,7 @@ struct pass_work {
 };
 
 /* kiln_take_results of all passes (pass.c); the context is the pass_work. */
-int transport_take_part(void *context, size_t first, size_t count, const struct kiln_point_result *results,
-                        struct kiln_error *error);
+int transport_take_part(void *context, size_t first, size_t count, const void *part_results, struct kiln_error *error);
 
 /* batches.c. Within a node a rank that has nothing more to do takes work away from the others (queue.h), as far as
  * their backends can (any_share in kiln_backend_info): it computes a range from the end of another's share, and writes

@@ -9,6 +9,9 @@
 #include "coordinator/bake/volume.h"
 #include "coordinator/export/export.h"
 #include "worker/base/memory.h"
+#include "worker/pass/direct.h"
+#include "worker/pass/gather.h"
+#include "worker/pass/probes.h"
 #include "worker/scene/radiosity.h"
 
 /* Bounces that `--bounces all` is taken to make, the final gather among them: scenes settle after 5 to 8. */
@@ -167,19 +170,20 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
 
 /* ---- calibration ---- */
 
-static int sample_pass(const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_batch *batch,
+static int sample_pass(const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_batch *items,
                        int light, double *seconds, struct kiln_error *error)
 {
+    struct kiln_batch batch = *items;
     struct kiln_backend_info begin, end;
     uint64_t rays = 0;
     kiln_backend_info(p->backend, &begin);
     const double start = MPI_Wtime();
     const bool bounce = light == KILN_LIGHT_BOUNCE;
+    const bool direct = light == KILN_LIGHT_DIRECT;
+    batch.samples = direct ? job->samples_direct : bounce ? job->samples_bounce : job->samples_indirect;
+    batch.stream = direct ? 0 : bounce ? 1 : 0xffff;
     const int status =
-        light == KILN_LIGHT_DIRECT
-            ? kiln_backend_direct(p->backend, batch, job->samples_direct, &rays, error)
-            : kiln_backend_gather(p->backend, batch, bounce ? job->samples_bounce : job->samples_indirect,
-                                  bounce ? 1 : 0xffff, &rays, error);
+        kiln_backend_run(p->backend, direct ? &kiln_pass_direct : &kiln_pass_gather, NULL, &batch, &rays, error);
     *seconds = MPI_Wtime() - start;
     kiln_backend_info(p->backend, &end);
     if (end.thread_seconds > begin.thread_seconds)
@@ -196,8 +200,8 @@ static int take_sample(const struct kiln_prepared *p, const struct kiln_job *job
     *sample = (struct kiln_plan_sample){.first = tile_runs[first].first};
     for (int light = 0; light < KILN_LIGHTS && status == KILN_OK; light++) {
         const size_t wanted = light == KILN_LIGHT_BOUNCE ? BOUNCE_TILE_RUNS * count : count;
-        const struct kiln_batch batch = {first, wanted < rest ? wanted : rest, NULL, NULL};
-        const struct kiln_tile_run *last = &tile_runs[first + batch.tile_run_count - 1];
+        const struct kiln_batch batch = {.first = first, .count = wanted < rest ? wanted : rest};
+        const struct kiln_tile_run *last = &tile_runs[first + batch.count - 1];
         sample->points[light] = last->first + last->count - sample->first;
         status = sample_pass(p, job, &batch, light, &sample->seconds[light], error);
     }
@@ -255,7 +259,6 @@ static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *j
                          struct kiln_error *error)
 {
     struct kiln_vec3 positions[SAMPLE_PROBES];
-    struct kiln_probe_result results[SAMPLE_PROBES];
     uint64_t rays = 0;
     const struct kiln_vec3 low = p->geometry->bounds_min, size = vec3_sub(p->geometry->bounds_max, low);
     for (int i = 0; i < SAMPLE_PROBES; i++) {
@@ -263,8 +266,8 @@ static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *j
         positions[i] = vec3(low.x + t * size.x, low.y + (1.0f - t) * size.y, low.z + t * size.z);
     }
     const double start = MPI_Wtime();
-    const int status =
-        kiln_backend_probes(p->backend, positions, SAMPLE_PROBES, 0, job->samples_probe, results, &rays, error);
+    const struct kiln_batch items = {.count = SAMPLE_PROBES, .positions = positions, .samples = job->samples_probe};
+    const int status = kiln_backend_run(p->backend, &kiln_pass_probes, NULL, &items, &rays, error);
     *seconds = (MPI_Wtime() - start) / SAMPLE_PROBES;
     return status;
 }
