@@ -85,14 +85,14 @@ struct kiln_backend_info {
     size_t memory;    /* bytes held by the backend itself (its BVH and copies) */
     double build_seconds;
     double device_seconds; /* that a device was busy with kernels and copies so far; 0: it has no clock of its own */
-    /* that threads computed direct light and gathers so far, waiting for each other not counted: the sum over threads;
-     * 0: a device does that */
+    /* processor time of the direct and gather passes so far, summed over threads, without waiting for each other; 0: a
+     * device does the work */
     double thread_seconds;
     uint32_t take_threads; /* more than these are not worth having to take answers over; 0: any number is */
-    /* kiln_backend_set_surface costs nothing: it can compute a part of another rank's share between its own. A device
-     * that keeps its points cannot: the ranks of its node neither give work away nor take any */
+    /* kiln_backend_set_surface costs nothing: the backend can run stealable passes (worker/pass/pass.h) over tile runs
+     * of another rank between its own. A device keeps its points, so it cannot, and no rank of its node steals work */
     bool any_share;
-    uint64_t part_points; /* a batch's answers are handed over in parts of about so many; 0: it depends */
+    uint64_t part_points; /* a batch's results are taken in parts of about so many points; 0: it depends */
     uint32_t recoveries;  /* how often it was lost or short of memory, and made anew */
     /* it failed for good and Embree went on: name, device, memory and build_seconds are Embree's */
     bool fell_back;
@@ -110,8 +110,7 @@ struct kiln_backend_api {
     void (*info)(const struct kiln_backend *backend, struct kiln_backend_info *info);
     int (*set_surface)(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error);
     int (*set_radiosity)(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error);
-    /* The arguments of kiln_backend_run, checked; at least one item, one number of samples for all (samples_of NULL).
-     */
+    /* The arguments of kiln_backend_run, checked; at least one item; samples_of is NULL */
     int (*run)(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
     int (*intersect)(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
