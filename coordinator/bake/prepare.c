@@ -8,7 +8,7 @@
 
 #include "coordinator/bake/surface_exchange.h"
 #include "coordinator/mpi/agree.h"
-#include "coordinator/cli/devices.h"
+#include "coordinator/bake/devices.h"
 #include "worker/base/memory.h"
 #include "worker/pass/validity.h"
 

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 
 #include "coordinator/surface/surface_build.h"
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "tests/unit/surface_scene.h"
 #include "worker/backend/verify.h"
 #include "worker/light/lights.h"
@@ -146,7 +146,7 @@ static struct world create(double share, enum lie lie)
     const struct kiln_surface_params surface = {.scene = &f->scene, .geometry = w.geometry, .ranks = 1, .threads = 1};
     assert_int_equal(kiln_surface_build(&w.surface, &surface, &(struct kiln_surface_report){0}, &error), KILN_OK);
     const struct kiln_backend_params params = {
-        .scene = &f->scene, .geometry = w.geometry, .lights = w.lights, .threads = 2, .verify_share = share};
+        .scene = &f->scene, .geometry = w.geometry, .lights = w.lights, .threads = 2, .verify_fraction = share};
     w.liar->lie = lie;
     assert_int_equal(kiln_backend_create(&w.liar->embree, "embree", &params, &error), KILN_OK);
     w.liar->api = (struct kiln_backend_api){.name = "liar",

@@ -34,7 +34,7 @@ static int create(struct kiln_backend **backend, const struct kiln_backend_api *
     (*backend)->params = *params;
     if (api != &kiln_backend_embree && params->goes_on)
         status = kiln_fallback_create(backend, params, error);
-    if (status == KILN_OK && api != &kiln_backend_embree && params->verify_share > 0.0)
+    if (status == KILN_OK && api != &kiln_backend_embree && params->verify_fraction > 0.0)
         status = kiln_verify_create(backend, params, error);
     return status;
 }

@@ -12,7 +12,7 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/base/stop.h"
 #include "worker/pass/pass.h"
 #include "worker/scene/scene.h"
@@ -48,7 +48,7 @@ struct kiln_backend_params {
     double slice_seconds;   /* what one dispatch may take; 0: 0.1 */
     uint64_t device_memory; /* bytes; 0: what the device has */
     bool goes_on;           /* with Embree once the device has failed for good (worker/backend/fallback.h) */
-    double verify_share;    /* of the tile runs, traced again with Embree (worker/backend/verify.h); 0: none */
+    double verify_fraction; /* of the tile runs, traced again with Embree (worker/backend/verify.h); 0: none */
     /* ends creation, emission and validity early, with KILN_STOPPED; NULL: nothing does */
     const struct kiln_stop *stop;
 };

@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/base/memory.h"
 
 static const double MOST_ERRORS = 6.0, ROUNDING = 1e-4;
@@ -168,7 +168,7 @@ static bool is_chosen(const struct verify_backend *v, const struct kiln_tile_run
     const uint64_t seed = v->base.params.seed;
     uint32_t hash = kiln_hash2(kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32)), 0x76657269u);
     hash = kiln_hash2(kiln_hash2(kiln_hash2(hash, f->map), f->tile), stream);
-    return (double)hash < v->base.params.verify_share * 0x1p32;
+    return (double)hash < v->base.params.verify_fraction * 0x1p32;
 }
 
 static int trace_again(struct verified_run *run, size_t first, size_t count, struct kiln_error *error)
@@ -274,7 +274,7 @@ int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_
 {
     struct verify_backend *v = NULL;
     struct kiln_backend_params plain = *params;
-    plain.verify_share = 0.0;
+    plain.verify_fraction = 0.0;
     int status = kiln_allocate(&v, 1, sizeof *v, "the verifying backend", error);
     if (status == KILN_OK)
         status = kiln_backend_create(&v->embree, "embree", &plain, error);

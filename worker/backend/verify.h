@@ -18,7 +18,7 @@
 
 #include "worker/backend/backend.h"
 
-/* Wraps *backend, which becomes the wrapper (and dies with it), verifying params->verify_share of its tile runs. On
+/* Wraps *backend, which becomes the wrapper (and dies with it), verifying params->verify_fraction of its tile runs. On
  * failure *backend is destroyed and NULL. */
 int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_params *params,
                        struct kiln_error *error);

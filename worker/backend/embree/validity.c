@@ -1,7 +1,7 @@
 /* The validity pass (worker/pass/validity.h): which share of each point is buried in other geometry. */
 #include <omp.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/backend/embree/embree.h"
 #include "worker/backend/embree/frame.h"
 #include "worker/base/memory.h"
