@@ -224,11 +224,13 @@ static int check_room(const struct bake *b, const struct kiln_prepared *p, const
             error, KILN_SYSTEM,
             "%llu probes take %.1f GiB on this host, which has %.1f GiB: use a larger --probe-spacing, or more hosts",
             (unsigned long long)probes, needed / 0x1p30, memory / 0x1p30);
-    return p->surface == NULL
-               ? KILN_OK
-               : kiln_require_space(b->job->output,
-                                    kiln_h5_space(p->scene, p->surface) + (probes > 0 ? kiln_volume_space(volume) : 0),
-                                    error);
+    if (p->surface == NULL)
+        return KILN_OK;
+    struct kiln_field_set fields;
+    kiln_field_set_choose(&fields, b->job);
+    return kiln_require_space(
+        b->job->output, kiln_h5_space(p->scene, p->surface, &fields) + (probes > 0 ? kiln_volume_space(volume) : 0),
+        error);
 }
 
 /* kiln_prepare_care: all that can be refused is refused before the first ray. */
@@ -387,21 +389,18 @@ static int write_twice(struct bake *b, const struct kiln_bake_result *result, co
 
 static int write_results(struct bake *b, const char *provenance, struct kiln_error *error)
 {
+    const struct kiln_node_data *data = b->transport->node_data;
     const struct kiln_bake_result result = {.units = kiln_units_of(b->job->units, b->prepared->scene),
                                             .communicator = b->communicator,
                                             .scene = b->prepared->scene,
                                             .geometry = b->prepared->geometry,
                                             .surface = b->prepared->surface,
-                                            .direct = b->transport->direct,
-                                            .indirect = b->transport->indirect,
-                                            .error = b->transport->error,
+                                            .fields = kiln_node_data_fields(data),
+                                            .data = kiln_rank_data(data, kiln_node_data_own(data)),
                                             .radiosity = b->transport->radiosity,
                                             .stop = kiln_control_stop(b->control)};
-    const struct kiln_output_params params = {.directory = b->job->output,
-                                              .half = b->job->half,
-                                              .stitch = b->job->stitch,
-                                              .error_map = b->job->error_map,
-                                              .provenance_json = provenance};
+    const struct kiln_output_params params = {
+        .directory = b->job->output, .half = b->job->half, .stitch = b->job->stitch, .provenance_json = provenance};
     kiln_phase(&b->phases, "lightmaps");
     kiln_progress_phase(b->progress, "lightmaps", 0);
     int status = kiln_allocate(&b->lightmaps, b->prepared->surface->map_count, sizeof *b->lightmaps,

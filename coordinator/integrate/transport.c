@@ -29,11 +29,6 @@ static void pack_all(struct transport_state *s, const float *values, uint32_t st
     }
 }
 
-size_t kiln_transport_bytes(uint64_t own, uint64_t total)
-{
-    return (size_t)total * sizeof(uint64_t) + (size_t)own * (sizeof(uint64_t) + 6 * sizeof(float) + sizeof(uint16_t));
-}
-
 /* Reflected power of the passes so far (direct and bounces), and the ratio of the last two, luminance. */
 static double ratio_of(const struct kiln_transport_report *r, size_t pass)
 {
@@ -385,8 +380,11 @@ void transport_use_shares(struct transport_state *s)
 static int make_shares(struct transport_state *s, struct kiln_error *error)
 {
     const struct kiln_transport_params *p = s->params;
-    int status = kiln_node_data_create(&s->out->node_data, p->node, p->surface, steals_work(p), error);
+    struct kiln_field_set fields;
+    kiln_field_set_choose(&fields, p->job);
+    int status = kiln_node_data_create(&s->out->node_data, p->node, p->surface, &fields, steals_work(p), error);
     if (status == KILN_OK) {
+        kiln_node_data_set_radiosity(s->out->node_data, s->out->radiosity);
         transport_use_shares(s);
         /* its arrays have moved; a device, whose ranks lend nothing, keeps what it has of them */
         if (p->surface->share_is_lent)

@@ -59,9 +59,9 @@ struct kiln_transport_report {
 /* This rank's share. Three floats a point in direct and indirect, W/m2 about the shading normal; see bake/result.h. */
 struct kiln_transport {
     float *direct, *indirect;
-    uint16_t *error;               /* kiln_error_pack */
+    uint16_t *error;                  /* kiln_error_pack */
     struct kiln_node_data *node_data; /* whose these three are */
-    uint64_t *radiosity;           /* all points: packed total radiosity; belongs to the spread */
+    uint64_t *radiosity;              /* all points: packed total radiosity; belongs to the spread */
     struct kiln_radiosity_allgather *allgather;
     struct kiln_transport_report report;
 };
@@ -98,9 +98,5 @@ int kiln_transport_save(struct kiln_transport *transport, const struct kiln_tran
 /* For tests of who helps whom: from the environment variable KILN_SLOW_RANK, R:F, rank R takes F times as long for a
  * batch (F >= 1). 0 and 1 where it is not set; KILN_USAGE when it is not understood. */
 int kiln_slow_rank(uint32_t *rank, double *factor, struct kiln_error *error);
-
-/* Bytes that kiln_transport_run allocates on a node's only rank for `own` of `total` surface points: what `plan`
- * predicts with. */
-size_t kiln_transport_bytes(uint64_t own, uint64_t total);
 
 #endif

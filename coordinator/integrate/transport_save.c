@@ -3,45 +3,144 @@
 #include <string.h>
 #include <time.h>
 
+#include "coordinator/field/field_blocks.h"
 #include "coordinator/integrate/transport_private.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
-#include "worker/scene/radiosity.h"
 
 #define WRITE_BYTES 20e6 /* a second, at the slowest disk that is not taken for a dead one */
 
 enum { PASSES_MOST = 10002 }; /* with the most bounces that can be asked for */
-enum { POINT_BYTES = 12 + 12 + 2 + 2 + 8 + 8 };
+enum { OTHER_BLOCKS = 12 };   /* besides the fields: those listed here, and what kiln_transport_save adds */
+static_assert((int)KILN_FIELDS_MAX + (int)OTHER_BLOCKS <= (int)KILN_BLOCKS_MAX, "a checkpoint has room for all fields");
 
-/* What all ranks have the same. */
+/* ---- records ----
+ *
+ * What lies in a checkpoint besides the fields. Members have fixed widths and leave no gaps, and none of these structs
+ * is used for anything else: one that changes makes KILN_CHECKPOINT_FORMAT (checkpoint_private.h) one larger. */
+
+/* The block "state", once: where the bake stands. */
 struct saved_state {
     uint32_t kind, bounce, finished; /* of the pass under way */
     uint32_t bounces, tail, restarts;
     double tail_ratio[3], tail_share;
     double unit, unit_squared, seconds;
 };
+static_assert(sizeof(struct saved_state) == 6 * 4 + 7 * 8, "a record has no gaps");
 
-/* What a rank did in each pass. */
+/* The block "passes", once, an element a pass: what all ranks have the same of it. */
+struct saved_report {
+    uint32_t kind, bounce, samples;
+    uint32_t judged, moved, reserved; /* of the balance: 0 or 1; 0 */
+    double incident[3], reflected[3], sent[3], escaped[3], blocked[3], glass[3], variance;
+    double imbalance, gain, cost;
+    uint64_t points;
+};
+static_assert(sizeof(struct saved_report) == 6 * 4 + 23 * 8, "a record has no gaps");
+
+/* The block "own_passes" of each rank, an element a pass: what that rank did in it. */
 struct saved_pass {
     uint64_t rays;
-    double seconds, exchange_seconds;
+    double seconds, exchange_seconds, device_seconds;
 };
+static_assert(sizeof(struct saved_pass) == 4 * 8, "a record has no gaps");
 
-/* A group of tiles that has something. */
-struct saved_group {
-    uint64_t index, low;
+/* A sum in 128 bits. */
+struct saved_sum {
+    uint64_t low;
     int64_t high;
 };
 
+/* The block "own_groups" of each rank: the power of each group of tiles that has some. */
+struct saved_group {
+    uint64_t index;
+    struct saved_sum sum;
+};
+static_assert(sizeof(struct saved_group) == 3 * 8, "a record has no gaps");
+
+/* The block "done" of each rank: ranges of points whose answers are in the fields. */
 struct saved_range {
-    uint64_t first, count; /* points */
+    uint64_t first, count;
 };
 
+/* The block "own_sums" of each rank, once: its sums in the pass under way. */
 struct saved_sums {
-    struct kiln_exact_sum pass[SUM_COUNT], variance;
+    struct saved_sum pass[SUM_COUNT], variance;
 };
+static_assert(sizeof(struct saved_sums) == (SUM_COUNT + 1) * 16, "a record has no gaps");
 
-uint64_t transport_save_bytes(const struct transport_state *s) { return s->params->surface->point_count * POINT_BYTES; }
+static struct saved_sum sum_saved(const struct kiln_exact_sum *sum)
+{
+    return (struct saved_sum){(uint64_t)sum->value, (int64_t)(sum->value >> 64)};
+}
+
+static __int128 sum_read(const struct saved_sum *sum)
+{
+    return (__int128)sum->high * ((__int128)1 << 64) + (__int128)sum->low;
+}
+
+static struct saved_report report_saved(const struct kiln_pass_report *r)
+{
+    const struct kiln_pass_energy *e = &r->energy;
+    struct saved_report saved = {.kind = (uint32_t)r->kind,
+                                 .bounce = r->bounce,
+                                 .samples = r->samples,
+                                 .judged = r->balance.judged,
+                                 .moved = r->balance.moved,
+                                 .variance = e->variance,
+                                 .imbalance = r->balance.imbalance,
+                                 .gain = r->balance.gain,
+                                 .cost = r->balance.cost,
+                                 .points = r->balance.points};
+    for (int c = 0; c < 3; c++) {
+        saved.incident[c] = e->incident[c];
+        saved.reflected[c] = e->reflected[c];
+        saved.sent[c] = e->sent[c];
+        saved.escaped[c] = e->escaped[c];
+        saved.blocked[c] = e->blocked[c];
+        saved.glass[c] = e->glass[c];
+    }
+    return saved;
+}
+
+/* What ranks did themselves is not in it: see add_part. */
+static struct kiln_pass_report report_read(const struct saved_report *saved)
+{
+    struct kiln_pass_report r = {.kind = (enum kiln_pass_kind)saved->kind,
+                                 .bounce = saved->bounce,
+                                 .samples = saved->samples,
+                                 .energy = {.variance = saved->variance},
+                                 .balance = {.judged = saved->judged != 0,
+                                             .moved = saved->moved != 0,
+                                             .imbalance = saved->imbalance,
+                                             .gain = saved->gain,
+                                             .cost = saved->cost,
+                                             .points = saved->points}};
+    for (int c = 0; c < 3; c++) {
+        r.energy.incident[c] = saved->incident[c];
+        r.energy.reflected[c] = saved->reflected[c];
+        r.energy.sent[c] = saved->sent[c];
+        r.energy.escaped[c] = saved->escaped[c];
+        r.energy.blocked[c] = saved->blocked[c];
+        r.energy.glass[c] = saved->glass[c];
+    }
+    return r;
+}
+
+static const struct kiln_field_set *fields_of(const struct transport_state *s)
+{
+    return kiln_node_data_fields(s->out->node_data);
+}
+
+static struct kiln_save_moment moment_of(const struct transport_state *s, bool finished)
+{
+    return (struct kiln_save_moment){.in_step = !finished, .in_gather = s->step.kind != KILN_PASS_DIRECT};
+}
+
+uint64_t transport_save_bytes(const struct transport_state *s)
+{
+    return s->params->surface->point_count * kiln_field_set_saved_bytes(fields_of(s));
+}
 
 /* ---- writing ---- */
 
@@ -49,6 +148,7 @@ uint64_t transport_save_bytes(const struct transport_state *s) { return s->param
 struct save_work {
     struct saved_state state;
     struct saved_sums sums;
+    struct saved_report *reports;
     struct saved_pass *passes;
     struct saved_group *groups;
     struct saved_range *done;
@@ -65,11 +165,6 @@ static void add_block(struct save_work *w, const char *name, uint64_t first, uin
     (void)strncpy(b->name, name, sizeof b->name - 1);
 }
 
-static struct saved_group group_saved(size_t index, const struct kiln_exact_sum *sum)
-{
-    return (struct saved_group){index, (uint64_t)sum->value, (int64_t)(sum->value >> 64)};
-}
-
 static int collect_groups(const struct transport_state *s, struct save_work *w, struct kiln_error *error)
 {
     size_t count = 0;
@@ -78,7 +173,7 @@ static int collect_groups(const struct transport_state *s, struct save_work *w, 
     const int status = kiln_allocate(&w->groups, count, sizeof *w->groups, "a checkpoint's groups", error);
     for (size_t i = 0; status == KILN_OK && i < s->group_count; i++)
         if (s->group_now[i].value != 0)
-            w->groups[w->group_count++] = group_saved(i, &s->group_now[i]);
+            w->groups[w->group_count++] = (struct saved_group){i, sum_saved(&s->group_now[i])};
     return status;
 }
 
@@ -111,9 +206,14 @@ static int collect_done(const struct transport_state *s, struct save_work *w, st
 static int collect_passes(const struct transport_state *s, struct save_work *w, struct kiln_error *error)
 {
     const struct kiln_transport_report *r = &s->out->report;
-    const int status = kiln_allocate(&w->passes, r->pass_count, sizeof *w->passes, "a checkpoint's passes", error);
-    for (size_t i = 0; status == KILN_OK && i < r->pass_count; i++)
-        w->passes[i] = (struct saved_pass){r->passes[i].rays, r->passes[i].seconds, r->passes[i].exchange_seconds};
+    int status = kiln_allocate(&w->passes, r->pass_count, sizeof *w->passes, "a checkpoint's passes", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&w->reports, r->pass_count, sizeof *w->reports, "a checkpoint's passes", error);
+    for (size_t i = 0; status == KILN_OK && i < r->pass_count; i++) {
+        const struct kiln_pass_report *p = &r->passes[i];
+        w->passes[i] = (struct saved_pass){p->rays, p->seconds, p->exchange_seconds, p->device_seconds};
+        w->reports[i] = report_saved(p);
+    }
     return status;
 }
 
@@ -136,30 +236,23 @@ static struct saved_state state_of(const struct transport_state *s, bool finishe
 
 static void list_blocks(const struct transport_state *s, struct save_work *w, bool finished)
 {
-    const struct kiln_surface *surface = s->params->surface;
     const struct kiln_transport_report *r = &s->out->report;
-    const uint64_t first = surface->first, count = surface->count;
+    const struct kiln_save_moment moment = moment_of(s, finished);
     if (s->params->rank == 0) {
         add_block(w, "state", 0, 1, sizeof w->state, &w->state);
-        add_block(w, "passes", 0, r->pass_count, sizeof *r->passes, r->passes);
+        add_block(w, "passes", 0, r->pass_count, sizeof *w->reports, w->reports);
     }
     if (s->params->rank == 0 && !finished) {
         add_block(w, "group_before", 0, s->group_count, sizeof *s->group_before, s->group_before);
         add_block(w, "group_total", 0, s->group_count, sizeof *s->group_total, s->group_total);
     }
     add_block(w, "own_passes", 0, r->pass_count, sizeof *w->passes, w->passes);
-    add_block(w, "direct", first, count, 3 * sizeof(float), s->out->direct);
-    add_block(w, "sum", first, count, 3 * sizeof(float), s->own->sum);
-    add_block(w, "error", first, count, sizeof *s->out->error, s->out->error);
-    add_block(w, "visible", first, count, sizeof *surface->visible, surface->visible);
+    w->block_count += kiln_field_blocks(fields_of(s), s->own, &moment, w->blocks + w->block_count);
     if (finished)
         return;
     add_block(w, "done", 0, w->done_count, sizeof *w->done, w->done);
     add_block(w, "own_sums", 0, 1, sizeof w->sums, &w->sums);
     add_block(w, "own_groups", 0, w->group_count, sizeof *w->groups, w->groups);
-    add_block(w, "next", first, count, sizeof *s->own->next, s->own->next);
-    if (s->step.kind != KILN_PASS_DIRECT)
-        add_block(w, "source", first, count, sizeof *s->out->radiosity, s->out->radiosity + first);
 }
 
 static int save_with(struct transport_state *s, bool finished, const struct kiln_block *more, size_t more_count,
@@ -171,8 +264,9 @@ static int save_with(struct transport_state *s, bool finished, const struct kiln
     kiln_control_blocking(p->control, "writing a checkpoint", 60.0 + (double)transport_save_bytes(s) / WRITE_BYTES);
     if (!finished)
         transport_settle(s);
-    struct save_work w = {.state = state_of(s, finished), .sums = {.variance = s->variance}};
-    memcpy(w.sums.pass, s->sums, sizeof s->sums);
+    struct save_work w = {.state = state_of(s, finished), .sums = {.variance = sum_saved(&s->variance)}};
+    for (int k = 0; k < SUM_COUNT; k++)
+        w.sums.pass[k] = sum_saved(&s->sums[k]);
     int status = collect_passes(s, &w, error);
     if (status == KILN_OK && !finished)
         status = collect_groups(s, &w, error);
@@ -189,6 +283,7 @@ static int save_with(struct transport_state *s, bool finished, const struct kiln
     kiln_trace_add(p->trace, KILN_TRACE_CHECKPOINT, "checkpoint", start, MPI_Wtime(), (int64_t)p->surface->count);
     if (status == KILN_OK)
         kiln_control_saved(p->control, kiln_checkpoint_last(p->checkpoint), MPI_Wtime() - start, (double)time(NULL));
+    kiln_free(&w.reports);
     kiln_free(&w.passes);
     kiln_free(&w.groups);
     kiln_free(&w.done);
@@ -225,13 +320,6 @@ static int no_such_pass(unsigned kind, struct kiln_error *error)
         kind, KILN_PASS_FINAL + 1);
 }
 
-static int no_such_value(const char *name, struct kiln_error *error)
-{
-    return kiln_fail(
-        error, KILN_IO,
-        "the checkpoint has values in '%s' that no bake can have; give --no-resume to start from the beginning", name);
-}
-
 static bool state_is_sane(const struct saved_state *state)
 {
     enum { BOUNCES_MOST = 1 << 20 };
@@ -242,6 +330,14 @@ static bool state_is_sane(const struct saved_state *state)
                state->unit_squared > 0.0;
     for (int c = 0; c < 3; c++)
         sane = sane && isfinite(state->tail_ratio[c]);
+    return sane;
+}
+
+static bool groups_are_sane(const struct transport_state *s)
+{
+    bool sane = true;
+    for (size_t i = 0; i < s->group_count; i++)
+        sane = sane && isfinite(s->group_before[i]) && isfinite(s->group_total[i]);
     return sane;
 }
 
@@ -265,7 +361,7 @@ static int restore_state(struct transport_state *s, bool *finished, struct kiln_
     s->unit = state.unit;
     s->unit_squared = state.unit_squared;
     if (!state_is_sane(&state))
-        return no_such_value("state", error);
+        return kiln_block_insane("state", error);
     transport_step_make(s, (enum kiln_pass_kind)state.kind, state.bounce, &s->step);
     if (*finished)
         return KILN_OK;
@@ -274,21 +370,41 @@ static int restore_state(struct transport_state *s, bool *finished, struct kiln_
     if (status == KILN_OK)
         status =
             kiln_checkpoint_read(c, "group_total", 0, s->group_count, sizeof *s->group_total, s->group_total, error);
-    return status;
+    return status == KILN_OK && !groups_are_sane(s) ? kiln_block_insane("group_total", error) : status;
 }
 
-/* A file may have any byte where a bool was. */
-static bool balance_is_sane(const struct kiln_pass_balance *b)
+static bool report_is_sane(const struct saved_report *r)
 {
-    unsigned char judged, moved;
-    memcpy(&judged, &b->judged, 1);
-    memcpy(&moved, &b->moved, 1);
-    return judged <= 1 && moved <= 1 && isfinite(b->imbalance) && isfinite(b->gain) && isfinite(b->cost);
+    bool sane = r->judged <= 1 && r->moved <= 1 && isfinite(r->imbalance) && isfinite(r->gain) && isfinite(r->cost) &&
+                isfinite(r->variance);
+    for (int c = 0; c < 3; c++)
+        sane = sane && isfinite(r->incident[c]) && isfinite(r->reflected[c]) && isfinite(r->sent[c]) &&
+               isfinite(r->escaped[c]) && isfinite(r->blocked[c]) && isfinite(r->glass[c]);
+    return sane;
+}
+
+/* Each is a record that the file has all of: their number was looked at before. */
+static int read_reports(struct transport_state *s, size_t count, struct kiln_error *error)
+{
+    struct kiln_transport_report *r = &s->out->report;
+    struct saved_report *saved = NULL;
+    int status = kiln_allocate(&saved, count, sizeof *saved, "a checkpoint's passes", error);
+    if (status == KILN_OK)
+        status = kiln_checkpoint_read(s->params->checkpoint, "passes", 0, count, sizeof *saved, saved, error);
+    for (size_t i = 0; i < count && status == KILN_OK; i++) {
+        if (saved[i].kind > KILN_PASS_FINAL)
+            status = no_such_pass(saved[i].kind, error);
+        else if (!report_is_sane(&saved[i]))
+            status = kiln_block_insane("passes", error);
+        else
+            r->passes[r->pass_count++] = report_read(&saved[i]);
+    }
+    kiln_free(&saved);
+    return status;
 }
 
 static int restore_passes(struct transport_state *s, struct kiln_error *error)
 {
-    struct kiln_transport_report *r = &s->out->report;
     uint64_t first, count;
     kiln_checkpoint_part_range(s->params->checkpoint, 0, "passes", &first, &count);
     if (count == 0 || count > PASSES_MOST)
@@ -296,113 +412,19 @@ static int restore_passes(struct transport_state *s, struct kiln_error *error)
             error, KILN_IO,
             "the checkpoint has %llu passes and 1 to %d are possible; give --no-resume to start from the beginning",
             (unsigned long long)count, (int)PASSES_MOST);
-    int status = transport_make_room(r, (size_t)count, error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(s->params->checkpoint, "passes", 0, count, sizeof *r->passes, r->passes, error);
-    if (status != KILN_OK)
-        return status;
-    r->pass_count = (size_t)count;
-    for (size_t i = 0; i < r->pass_count; i++) { /* these are of the ranks that did them */
-        if ((unsigned)r->passes[i].kind > KILN_PASS_FINAL)
-            return no_such_pass((unsigned)r->passes[i].kind, error);
-        if (!balance_is_sane(&r->passes[i].balance))
-            return no_such_value("passes", error);
-        r->passes[i].rays = 0;
-        r->passes[i].given = r->passes[i].taken = 0;
-        r->passes[i].seconds = r->passes[i].exchange_seconds = 0.0;
-    }
-    return status;
+    s->out->report.pass_count = 0;
+    const int status = transport_make_room(&s->out->report, (size_t)count, error);
+    return status == KILN_OK ? read_reports(s, (size_t)count, error) : status;
 }
 
-/* What a bake can have come to: sums of these are taken in fixed point, where others have no place. */
-static bool floats_are_sane(const float *values, uint64_t count)
-{
-    bool sane = true;
-    for (uint64_t i = 0; i < count; i++)
-        sane = sane && fabsf(values[i]) < 1e36f; /* not so for what is no number */
-    return sane;
-}
-
-static bool doubles_are_sane(const double *values, size_t count)
-{
-    bool sane = true;
-    for (size_t i = 0; i < count; i++)
-        sane = sane && isfinite(values[i]);
-    return sane;
-}
-
-static bool errors_are_sane(const uint16_t *values, uint64_t count)
-{
-    bool sane = true;
-    for (uint64_t i = 0; i < count; i++)
-        sane = sane && isfinite(kiln_error_unpack(values[i]));
-    return sane;
-}
-
-static bool radiosities_are_sane(const uint64_t *values, uint64_t count)
-{
-    bool sane = true;
-    for (uint64_t i = 0; i < count; i++) {
-        float rgb[3];
-        kiln_radiosity_unpack(values[i], rgb);
-        sane = sane && floats_are_sane(rgb, 3);
-    }
-    return sane;
-}
-
-static int check_points(const struct transport_state *s, bool finished, struct kiln_error *error)
-{
-    const uint64_t count = s->params->surface->count;
-    const bool has_source = !finished && s->step.kind != KILN_PASS_DIRECT;
-    if (!floats_are_sane(s->out->direct, 3 * count))
-        return no_such_value("direct", error);
-    if (!floats_are_sane(s->own->sum, 3 * count))
-        return no_such_value("sum", error);
-    if (!errors_are_sane(s->out->error, count))
-        return no_such_value("error", error);
-    if (!finished && !radiosities_are_sane(s->own->next, count))
-        return no_such_value("next", error);
-    if (has_source && !radiosities_are_sane(s->out->radiosity + s->params->surface->first, count))
-        return no_such_value("source", error);
-    if (!finished &&
-        (!doubles_are_sane(s->group_before, s->group_count) || !doubles_are_sane(s->group_total, s->group_count)))
-        return no_such_value("group_total", error);
-    return KILN_OK;
-}
-
+/* Which points are buried was found by the backend that began; another one may see a point at an edge otherwise. */
 static int restore_points(struct transport_state *s, bool finished, struct kiln_error *error)
 {
-    const struct kiln_checkpoint *c = s->params->checkpoint;
-    const struct kiln_surface *surface = s->params->surface;
-    const uint64_t first = surface->first, count = surface->count;
-    int status = kiln_checkpoint_read(c, "direct", first, count, 3 * sizeof(float), s->out->direct, error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(c, "sum", first, count, 3 * sizeof(float), s->own->sum, error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(c, "error", first, count, sizeof *s->out->error, s->out->error, error);
-    if (status == KILN_OK && !finished)
-        status = kiln_checkpoint_read(c, "next", first, count, sizeof *s->own->next, s->own->next, error);
-    if (status == KILN_OK && !finished && s->step.kind != KILN_PASS_DIRECT)
-        status = kiln_checkpoint_read(c, "source", first, count, sizeof *s->out->radiosity, s->out->radiosity + first,
-                                      error);
-    return status == KILN_OK ? check_points(s, finished, error) : status;
-}
-
-/* What is buried was found by the backend that began; another one may see a point at the edge otherwise. */
-static int restore_visible(struct transport_state *s, struct kiln_error *error)
-{
-    const struct kiln_surface *surface = s->params->surface;
-    uint16_t *visible = NULL;
-    int status = kiln_allocate(&visible, surface->count, sizeof *visible, "the buried points", error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(s->params->checkpoint, "visible", surface->first, surface->count, sizeof *visible,
-                                      visible, error);
-    if (status == KILN_OK && memcmp(visible, surface->visible, surface->count * sizeof *visible) != 0) {
-        memcpy(surface->visible, visible, surface->count * sizeof *visible);
-        status = kiln_backend_set_surface(s->params->backend, surface, error);
-    }
-    kiln_free(&visible);
-    return status;
+    const struct kiln_save_moment moment = moment_of(s, finished);
+    bool changed = false;
+    const int status = kiln_field_blocks_read(s->params->checkpoint, fields_of(s), s->own, &moment, &changed, error);
+    return status == KILN_OK && changed ? kiln_backend_set_surface(s->params->backend, s->params->surface, error)
+                                        : status;
 }
 
 /* Adds one file's sums to this rank's: which rank does that makes no difference to the total. */
@@ -419,19 +441,19 @@ static int add_part(struct transport_state *s, size_t part, bool finished, struc
         r->passes[i].rays += passes[i].rays;
         r->passes[i].seconds += passes[i].seconds;
         r->passes[i].exchange_seconds += passes[i].exchange_seconds;
+        r->passes[i].device_seconds += passes[i].device_seconds;
     }
     if (status == KILN_OK && !finished)
         status = kiln_checkpoint_read_part(c, part, "own_sums", sizeof *sums, &sums, &count, error);
     for (int k = 0; status == KILN_OK && !finished && count == 1 && k < SUM_COUNT; k++)
-        s->sums[k].value += sums->pass[k].value;
+        s->sums[k].value += sum_read(&sums->pass[k]);
     if (status == KILN_OK && !finished)
-        s->variance.value += count == 1 ? sums->variance.value : 0;
+        s->variance.value += count == 1 ? sum_read(&sums->variance) : 0;
     if (status == KILN_OK && !finished)
         status = kiln_checkpoint_read_part(c, part, "own_groups", sizeof *groups, &groups, &count, error);
     for (uint64_t i = 0; status == KILN_OK && !finished && i < count; i++)
         if (groups[i].index < s->group_count)
-            s->group_now[groups[i].index].value +=
-                (__int128)groups[i].high * ((__int128)1 << 64) + (__int128)groups[i].low;
+            s->group_now[groups[i].index].value += sum_read(&groups[i].sum);
     kiln_free(&passes);
     kiln_free(&groups);
     kiln_free(&sums);
@@ -503,8 +525,6 @@ int transport_restore(struct transport_state *s, bool *finished, struct kiln_err
         status = restore_passes(s, error);
     if (status == KILN_OK)
         status = restore_points(s, *finished, error);
-    if (status == KILN_OK)
-        status = restore_visible(s, error);
     for (size_t part = (size_t)p->rank; status == KILN_OK && part < kiln_checkpoint_parts(p->checkpoint);
          part += (size_t)p->ranks)
         status = add_part(s, part, *finished, error);
