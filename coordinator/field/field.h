@@ -5,7 +5,7 @@
  *   checkpoints                                                        coordinator/field/field_blocks.c
  *   columns of kiln.h5                                                 coordinator/output/columns.c
  *   layers of the lightmaps                                            coordinator/output/map/layers.c
- *   ranges that `kiln verify` expects                                  coordinator/output/ranges.c
+ *   ranges that `kiln verify` expects                                  coordinator/output/read/ranges.c
  *   memory and disk that `kiln plan` predicts                          coordinator/plan/plan.c
  *
  * A new quantity is a new row, and the code that computes its values. A row whose `present` says no for a job is left
@@ -64,7 +64,7 @@ enum { KILN_FIELD_COMPONENTS_MAX = 16 };
 /* A row of the table. Strings and arrays are static. */
 struct kiln_field {
     const char *name; /* also of its block in a checkpoint: shorter than KILN_BLOCK_NAME */
-    const char *unit; /* "m2", "1", ...; NULL: that of the bake's irradiance (coordinator/output/units.h) */
+    const char *unit; /* "m2", "1", ...; NULL: that of the bake's irradiance (coordinator/field/units.h) */
     enum kiln_field_type type;
     uint32_t components; /* of an item */
     enum kiln_domain domain;

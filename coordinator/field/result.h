@@ -6,7 +6,7 @@
 
 #include "coordinator/field/packed_error.h"
 #include "coordinator/field/rank_data.h"
-#include "coordinator/output/units.h"
+#include "coordinator/field/units.h"
 #include "worker/backend/backend.h"
 
 /* All arrays are of this rank's own points (surface->count, in global order from surface->first); irradiance is in

@@ -16,7 +16,7 @@ OPTIONS = ('--samples-direct', 16, '--samples-bounce', 4, '--samples-indirect', 
 WAYS = (  # name, ranks, options, environment
     ('dispatches of 1 ms', 0, ('--dispatch-time', 1), {}),
     ('dispatches of 1 s', 0, ('--dispatch-time', 1000), {}),
-    ('verified', 0, ('--verify-share', 0.2), {}),
+    ('verified', 0, ('--verify-fraction', 0.2), {}),
     ('little memory', 0, ('--device-memory', 0.26), {}),
     ('binary BVH', 0, ('--traversal', 'binary'), {}),
     ('four-wide BVH', 0, ('--traversal', 'four'), {}),
@@ -65,7 +65,7 @@ def main():
             other = [k for k in wanted if found.get(k) != wanted[k]]
             checks.that(not other, '%s, %s: other bits in %s' % (os.path.basename(scene), name, ', '.join(other)), bake.process)
             compared = bake.run['backend']['verified_texels']
-            checks.that((compared > 0) == ('--verify-share' in more), '%s: %d texels were compared' % (name, compared), bake.process)
+            checks.that((compared > 0) == ('--verify-fraction' in more), '%s: %d texels were compared' % (name, compared), bake.process)
             if 'KILN_GPU_FAULT' in environment:
                 checks.that(bake.run['backend']['recoveries'] > 0, '%s: nothing was recovered from' % name, bake.process)
             print('%-18s %-28s %.1f s' % (os.path.basename(scene), name, bake.process.seconds), flush=True)
