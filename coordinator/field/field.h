@@ -93,6 +93,12 @@ struct kiln_field {
 /* All rows. */
 const struct kiln_field *kiln_fields(size_t *count);
 
+/* What users call a published field, and `kiln view --show` takes: the last part of its dataset's name ("direct"). NULL
+ * for a field that is not published. */
+const char *kiln_field_shown_name(const struct kiln_field *field);
+/* The field of the table that users call so and that lightmaps may have; NULL when there is none. */
+const struct kiln_field *kiln_field_shown(const char *name);
+
 enum { KILN_FIELDS_MAX = 32 };
 
 /* The fields that one bake has, in the table's order. */

@@ -190,6 +190,20 @@ const struct kiln_field *kiln_fields(size_t *count)
     return table;
 }
 
+const char *kiln_field_shown_name(const struct kiln_field *field)
+{
+    return field->dataset != NULL ? strrchr(field->dataset, '/') + 1 : NULL;
+}
+
+const struct kiln_field *kiln_field_shown(const char *name)
+{
+    for (size_t i = 0; i < ROWS; i++)
+        if (table[i].dataset != NULL && table[i].channels != NULL &&
+            strcmp(kiln_field_shown_name(&table[i]), name) == 0)
+            return &table[i];
+    return NULL;
+}
+
 /* ---- the fields of a bake ---- */
 
 size_t kiln_field_set_find(const struct kiln_field_set *set, const char *name)
