@@ -134,6 +134,12 @@ uint64_t kiln_field_set_saved_bytes(const struct kiln_field_set *set);
  * of a point besides its surface. */
 uint64_t kiln_field_set_transport_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total);
 
+/* Of what is published: floats of a texel in a lightmap's file; bytes of a texel while a lightmap is made, which has
+ * all fields with channels, and of a point in kiln.h5. */
+uint32_t kiln_field_set_channels(const struct kiln_field_set *set);
+uint64_t kiln_field_set_plane_bytes(const struct kiln_field_set *set);
+uint64_t kiln_field_set_column_bytes(const struct kiln_field_set *set);
+
 /* One item's components as published: floats in the field's unit. `values` is the field's array. Of the types that are
  * no numbers (tile runs, queues) there are none. */
 void kiln_field_floats(const struct kiln_field *field, const void *values, uint64_t item, float *floats);

@@ -306,6 +306,32 @@ uint64_t kiln_field_set_transport_bytes(const struct kiln_field_set *set, uint64
                (kiln_field_set_point_bytes(set, KILN_FIELD_RESULT) + kiln_field_set_point_bytes(set, KILN_FIELD_STEP));
 }
 
+uint32_t kiln_field_set_channels(const struct kiln_field_set *set)
+{
+    uint32_t channels = 0;
+    for (size_t i = 0; i < set->count; i++)
+        channels += set->entry[i].in_lightmaps ? set->entry[i].field->components : 0;
+    return channels;
+}
+
+uint64_t kiln_field_set_plane_bytes(const struct kiln_field_set *set)
+{
+    uint64_t floats = 0;
+    for (size_t i = 0; i < set->count; i++) {
+        const struct kiln_field *f = set->entry[i].field;
+        floats += f->channels != NULL && f->life != KILN_FIELD_SUM ? f->components : 0;
+    }
+    return floats * sizeof(float);
+}
+
+uint64_t kiln_field_set_column_bytes(const struct kiln_field_set *set)
+{
+    uint64_t floats = 0;
+    for (size_t i = 0; i < set->count; i++)
+        floats += set->entry[i].field->dataset != NULL ? set->entry[i].field->components : 0;
+    return floats * sizeof(float);
+}
+
 /* ---- values ---- */
 
 void kiln_field_floats(const struct kiln_field *field, const void *values, uint64_t item, float *floats)

@@ -14,6 +14,7 @@
 
 #include <jansson.h>
 
+#include "coordinator/field/field.h"
 #include "coordinator/output/image.h"
 #include "coordinator/output/read/results.h"
 #include "worker/backend/backend.h"
