@@ -96,7 +96,7 @@ struct kiln_job {
     uint32_t width, height;
     double exposure;                     /* stops */
     char *from, *to;                     /* "x,y,z": eye and target of a view */
-    bool show_texels;                    /* a checkerboard of texels, no light */
+    char *show;                          /* "light", "texels", or the name of a field in the lightmaps */
     double field_of_view;                /* degrees, vertical */
     uint32_t ranks;                      /* plan */
     double node_memory;                  /* GiB; plan */

@@ -14,6 +14,7 @@
 
 #include <jansson.h>
 
+#include "coordinator/field/field.h"
 #include "coordinator/output/image.h"
 #include "coordinator/output/read/results.h"
 #include "worker/backend/backend.h"
@@ -28,7 +29,10 @@ struct kiln_view_source {
     const struct kiln_geometry *geometry;
     const struct kiln_lights *lights; /* for the environment; NULL: black */
     struct kiln_backend *backend;
-    bool texels;                  /* a checkerboard of the lightmaps' texels in the place of light */
+    bool texels; /* a checkerboard of the lightmaps' texels in the place of light */
+    /* a field of the lightmaps, which is shown as it is on surfaces, its first three components as red, green and blue;
+     * NULL: light */
+    const struct kiln_field *field;
     const struct kiln_stop *stop; /* borrowed; NULL: none. KILN_STOPPED then */
 };
 

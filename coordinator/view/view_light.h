@@ -42,8 +42,8 @@ void kiln_view_maps_destroy(struct kiln_view_maps **maps);
 int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits, size_t count,
                         struct kiln_error *error);
 
-/* Irradiance at a hit that is seen and whose lightmap is loaded, bilinear, as a sampler that clamps at the edge; 0
- * where there is none, on a caster-only object. Thread-safe. */
+/* Irradiance (or the source's field) at a hit that is seen and whose lightmap is loaded, bilinear, as a sampler that
+ * clamps at the edge; 0 where there is none, on a caster-only object. Thread-safe. */
 void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, float rgb[3]);
 
 /* Whether a hit is from behind and the back's light was not baked as a lightmap: the front's stands in for it. */
@@ -51,9 +51,11 @@ bool kiln_view_lends(const struct kiln_view_maps *maps, const struct kiln_hit *h
 
 /* What is seen along a ray. */
 struct kiln_view_seen {
-    float rgb[3]; /* base colour x E / pi + emission, or the environment; with source->texels the checkerboard */
-    float metal;  /* how much of the surface is a metal, 0..1, whose reflection this stands in for */
-    float lent;   /* 1: a back that shows its front's light */
+    /* base colour x E / pi + emission, or the environment; with source->texels the checkerboard; with source->field its
+     * values, and 0 where there is no surface */
+    float rgb[3];
+    float metal; /* how much of the surface is a metal, 0..1, whose reflection this stands in for */
+    float lent;  /* 1: a back that shows its front's light */
 };
 
 /* Thread-safe. */

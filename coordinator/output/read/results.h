@@ -13,6 +13,7 @@
 #include <jansson.h>
 
 #include "coordinator/field/units.h"
+#include "coordinator/field/field.h"
 #include "coordinator/output/image.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/read/reader.h"
@@ -45,6 +46,10 @@ int kiln_results_folder(const struct kiln_results *results, const char *name, in
 /* A picture of the folder, as kiln_reader_image reads it. For one thread. */
 int kiln_results_image(struct kiln_results *results, const char *name, const char *const *wanted, size_t count,
                        struct kiln_image **image, struct kiln_error *error);
+/* The fields that a lightmap of the folder has, each with all its channels, in the order of the table
+ * (coordinator/field/field.h): `fields` has room for KILN_FIELDS_MAX. All lightmaps of a bake have the same. */
+int kiln_results_fields(struct kiln_results *results, const char *lightmap, const struct kiln_field **fields,
+                        size_t *count, struct kiln_error *error);
 /* run.json and its like; json_decref it. */
 int kiln_results_json(const struct kiln_results *results, const char *name, json_t **json, struct kiln_error *error);
 /* All bytes of a file of at most `most`: *bytes is from kiln_allocate. */
