@@ -28,7 +28,7 @@ def try_layouts(checks, kiln, scene, layouts):
     table = harness.Table(('ranks', 6), ('a node', 7), ('limit', 6), ('exchange', 9), ('seconds', 8), ('sent between nodes', 19), ('result', 10))
     first = {}
     for ranks, node, limit, form in layouts:
-        bake = kiln.bake(scene, *SMALL, '--share-ranks', node, '--exchange-limit', limit, '--exchange', form, ranks=ranks, timeout=120)
+        bake = kiln.bake(scene, *SMALL, '--shared-memory-ranks', node, '--exchange-limit', limit, '--exchange', form, ranks=ranks, timeout=120)
         if checks.baked(bake):
             result, sent = Result(bake), bake.run['mpi']['received_between_nodes']
             found = differences(first.setdefault(form, result), result)
@@ -41,7 +41,7 @@ def try_layouts(checks, kiln, scene, layouts):
 
 
 def try_memory(checks, kiln):
-    """Geometry of some 40 MB; the private copies that --share-ranks 1 makes show what is saved."""
+    """Geometry of some 40 MB; the private copies that --shared-memory-ranks 1 makes show what is saved."""
     scene = os.path.join(kiln.scratch, 'city.glb')
     made = kiln.command('generate', 'city', '-o', scene, '--triangles', 600000, '--quiet')
     if not checks.that(made.status == 0, 'no scene', made):
@@ -50,7 +50,7 @@ def try_memory(checks, kiln):
     held, shared = {}, {}
     for ranks, node in ((1, 'all'), (4, 'all'), (4, 1)):
         bake = kiln.bake(scene, '--texels-per-metre', 0.7, '--samples-direct', 1, '--samples-bounce', 1, '--samples-indirect', 1, '--samples-probe', 0,
-                         '--bounces', 2, '--threads', 1, '--share-ranks', node, ranks=ranks, timeout=200)
+                         '--bounces', 2, '--threads', 1, '--shared-memory-ranks', node, ranks=ranks, timeout=200)
         if not checks.baked(bake):
             return
         memory = bake.run['memory']
@@ -110,7 +110,7 @@ def try_accuracy(checks, kiln, cornell, seeds):
 
 def try_trace(checks, kiln, scene):
     path = os.path.join(kiln.scratch, 'trace.json')
-    bake = kiln.bake(scene, *SMALL, '--share-ranks', 2, '--trace', path, ranks=3)
+    bake = kiln.bake(scene, *SMALL, '--shared-memory-ranks', 2, '--trace', path, ranks=3)
     if not checks.baked(bake) or not checks.that(os.path.exists(path), 'there is no trace', bake.process):
         return
     with open(path, encoding='utf-8') as f:
@@ -126,7 +126,7 @@ def try_trace(checks, kiln, scene):
         row = sorted((e['ts'], e['ts'] + e['dur']) for e in complete if e['pid'] == rank and e['cat'] == 'batch')
         checks.that(all(a[1] <= b[0] + 1 for a, b in zip(row, row[1:])), 'batches of rank %d overlap' % rank)
         points = sum(e['args']['count'] for e in complete if e['pid'] == rank and e['cat'] == 'batch')
-        points += bake.run['balance']['given_away']['points_per_rank'][rank]
+        points += bake.run['balance']['stolen_points']['from_rank'][rank]
         passes = len([e for e in complete if e['pid'] == rank and e['cat'] == 'pass'])
         checks.that(points == passes * bake.run['balance']['points_per_rank'][rank], 'batches of rank %d have %d points in %d passes' % (rank, points, passes))
     share = bake.run['mpi']['waiting_share']

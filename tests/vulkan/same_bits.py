@@ -16,7 +16,7 @@ OPTIONS = ('--samples-direct', 16, '--samples-bounce', 4, '--samples-indirect', 
 WAYS = (  # name, ranks, options, environment: what --full does on every scene
     ('dispatches of 1 ms', 0, ('--dispatch-time', 1), {}),
     ('dispatches of 1 s', 0, ('--dispatch-time', 1000), {}),
-    ('verified', 0, ('--verify-share', 0.2), {}),
+    ('verified', 0, ('--verify-fraction', 0.2), {}),
     ('little memory', 0, ('--device-memory', 0.26), {}),
     ('binary BVH', 0, ('--traversal', 'binary'), {}),
     ('four-wide BVH', 0, ('--traversal', 'four'), {}),
@@ -32,7 +32,7 @@ CORNELL, LIGHTS, SIDES = 'cornell', 'lights', 'sides'
 SOME = (
     (CORNELL, 'dispatches of 1 ms, four-wide BVH', 0, ('--dispatch-time', 1, '--traversal', 'four'), {}),
     (CORNELL, 'verified, little memory, binary BVH', 0,
-     ('--verify-share', 0.2, '--device-memory', 0.26, '--traversal', 'binary'), {}),
+     ('--verify-fraction', 0.2, '--device-memory', 0.26, '--traversal', 'binary'), {}),
     (CORNELL, 'short of memory', 0, (), {'KILN_GPU_FAULT': 'memory:120'}),
     (LIGHTS, '2 ranks, dispatches of 2 ms', 2, ('--dispatch-time', 2), {}),
     (SIDES, 'lost, dispatches of 1 ms', 0, ('--dispatch-time', 1), {'KILN_GPU_FAULT': 'lost:150'}),
@@ -67,7 +67,7 @@ def try_scene(checks, kiln, path, options, ways):
         other = [k for k in wanted if found.get(k) != wanted[k]]
         checks.that(not other, '%s, %s: other bits in %s' % (scene, name, ', '.join(other)), bake.process)
         compared = bake.run['backend']['verified_texels']
-        checks.that((compared > 0) == ('--verify-share' in more), '%s: %d texels were compared' % (name, compared), bake.process)
+        checks.that((compared > 0) == ('--verify-fraction' in more), '%s: %d texels were compared' % (name, compared), bake.process)
         if 'KILN_GPU_FAULT' in environment:
             checks.that(bake.run['backend']['recoveries'] > 0, '%s: nothing was recovered from' % name, bake.process)
         print('%-18s %-36s %.1f s' % (scene, name, bake.process.seconds), flush=True)
