@@ -109,7 +109,7 @@ static void run(const char *folder, int rank)
     struct events events = {{0}, 0};
     struct asker askers[ASKERS];
     atomic_bool leave = false;
-    if (kiln_watchdog_create(&watchdog, MPI_COMM_WORLD, 8.0, &error) != 0)
+    if (kiln_watchdog_create(&watchdog, MPI_COMM_WORLD, 8.0, NULL, &error) != 0)
         fail(error.message);
     const struct kiln_control_params params = {.communicator = MPI_COMM_WORLD,
                                                .directory = folder,
