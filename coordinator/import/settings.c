@@ -11,7 +11,7 @@
 
 /* ---- one setting ---- */
 
-/* A row for each key: how its value is read into the settings. */
+/* The table of keys and how their values are read. */
 struct key {
     const char *name;
     const char *wanted; /* completes "it must be ..." */
@@ -25,7 +25,7 @@ static bool read_scale(struct kiln_object_settings *settings, const json_t *valu
     return json_is_number(value) && scale >= 0.001 && scale <= 1000.0;
 }
 
-/* A whole number, also one that a program wrote as 128.0. */
+/* Reads a whole number, also if written as 128.0. */
 static bool read_size(struct kiln_object_settings *settings, const json_t *value)
 {
     const double size = json_number_value(value);
@@ -35,7 +35,7 @@ static bool read_size(struct kiln_object_settings *settings, const json_t *value
     return true;
 }
 
-/* A custom property of a modelling program may know no truth values, only 0 and 1. */
+/* Reads a truth value. Custom properties of modelling programs may have only the numbers 0 and 1. */
 static bool read_exclude(struct kiln_object_settings *settings, const json_t *value)
 {
     const bool number = json_is_number(value) && (json_number_value(value) == 0.0 || json_number_value(value) == 1.0);
@@ -43,7 +43,7 @@ static bool read_exclude(struct kiln_object_settings *settings, const json_t *va
     return json_is_boolean(value) || number;
 }
 
-/* The place of a word in a list, from 1 on; 0: it is not there. */
+/* The index of a word in a list, from 1 on; 0: not in it. */
 static uint8_t place_of(const json_t *value, const char *const *words, uint8_t count)
 {
     const char *text = json_string_value(value);
@@ -58,14 +58,14 @@ static bool read_role(struct kiln_object_settings *settings, const json_t *value
     /* in the order of enum kiln_object_role */
     static const char *const words[] = {"both", "caster-only", "receiver-only"};
     settings->role = place_of(value, words, 3);
-    return settings->role != KILN_ROLE_UNSAID;
+    return settings->role != KILN_ROLE_UNSET;
 }
 
 static bool read_sides(struct kiln_object_settings *settings, const json_t *value)
 {
     static const char *const words[] = {"one", "two"}; /* in the order of enum kiln_object_sides */
     settings->sides = place_of(value, words, 2);
-    return settings->sides != KILN_SIDES_UNSAID;
+    return settings->sides != KILN_SIDES_UNSET;
 }
 
 static const struct key keys[] = {{"density-scale", "a number from 0.001 to 1000", read_scale},
@@ -112,18 +112,18 @@ int kiln_object_settings_read(struct kiln_object_settings *settings, const char 
 
 /* ---- rules ---- */
 
-/* What a later rule says takes the place of what an earlier one said. */
+/* Overwrites settings by those that a later rule sets. */
 static void merge(struct kiln_object_settings *settings, const struct kiln_object_settings *rule)
 {
     if (rule->density_scale != 0.0)
         settings->density_scale = rule->density_scale;
     if (rule->lightmap_size != 0)
         settings->lightmap_size = rule->lightmap_size;
-    if (rule->role != KILN_ROLE_UNSAID)
+    if (rule->role != KILN_ROLE_UNSET)
         settings->role = rule->role;
-    if (rule->sides != KILN_SIDES_UNSAID)
+    if (rule->sides != KILN_SIDES_UNSET)
         settings->sides = rule->sides;
-    if (rule->exclude != KILN_EXCLUDE_UNSAID)
+    if (rule->exclude != KILN_EXCLUDE_UNSET)
         settings->exclude = rule->exclude;
 }
 
@@ -149,7 +149,7 @@ static int read_rule(const char *pattern, const json_t *json, struct kiln_object
     return status;
 }
 
-/* A name with brackets in it is taken as it is, too. */
+/* Whether a name matches a pattern; a pattern that equals the name matches too, even if it contains brackets. */
 static bool matches(const char *pattern, const char *name)
 {
     return strcmp(pattern, name) == 0 || fnmatch(pattern, name, 0) == 0;
@@ -175,7 +175,7 @@ static int apply_rules(struct kiln_builder *builder, const char *text, struct ki
     json_t *rules = json_loads(text, JSON_REJECT_DUPLICATES, NULL), *settings;
     int status = json_is_object(rules)
                      ? KILN_OK
-                     : kiln_fail(error, KILN_USAGE, "the rules for objects are no JSON object: %.100s", text);
+                     : kiln_fail(error, KILN_USAGE, "the rules for objects are not a JSON object: %.100s", text);
     json_object_foreach(rules, pattern, settings)
     {
         struct kiln_object_settings rule;
@@ -183,7 +183,7 @@ static int apply_rules(struct kiln_builder *builder, const char *text, struct ki
         if (status == KILN_OK && apply_rule(builder, pattern, &rule) == 0)
             status = kiln_builder_note(
                 builder, KILN_NOTE_SAID, error,
-                "objects '%.200s': no object of the scene has a name like this; kiln info --verbose lists the names",
+                "objects '%.200s': no object of the scene has a name that matches; kiln info --verbose lists the names",
                 pattern);
         if (status != KILN_OK)
             break;
@@ -202,7 +202,7 @@ static uint32_t flags_of(const struct kiln_object_settings *settings)
            (settings->sides == KILN_SIDES_ONE ? KILN_OBJECT_ONE_SIDE : 0u);
 }
 
-/* Moves the objects that stay to the front. */
+/* Removes the excluded objects from the list. */
 static size_t keep_objects(struct kiln_builder *builder)
 {
     struct kiln_object *objects = KILN_BUILDER_DATA(builder, struct kiln_object, KILN_SECTION_OBJECTS);
@@ -234,7 +234,7 @@ static int note_roles(struct kiln_builder *builder, size_t excluded, struct kiln
         status = kiln_builder_note(builder, 0, error, "%zu objects are caster-only: their lightmaps are not published",
                                    casters);
     if (status == KILN_OK && receivers > 0)
-        status = kiln_builder_note(builder, 0, error, "%zu objects are receiver-only: no ray meets them", receivers);
+        status = kiln_builder_note(builder, 0, error, "%zu objects are receiver-only: no ray hits them", receivers);
     return status;
 }
 
