@@ -25,8 +25,8 @@ enum {
     RANK_PSS,
     RANK_SHARED,
     RANK_RECEIVED,
-    RANK_GIVEN,
-    RANK_TAKEN,
+    RANK_STOLEN_FROM,
+    RANK_STOLEN_BY,
     RANK_RECOVERIES,
     RANK_FELL_BACK,
     RANK_VERIFIED,
@@ -108,8 +108,8 @@ static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
         values[t->passes[i].kind == KILN_PASS_DIRECT   ? RANK_DIRECT
                : t->passes[i].kind == KILN_PASS_BOUNCE ? RANK_BOUNCES
                                                        : RANK_FINAL] += t->passes[i].rays;
-        values[RANK_GIVEN] += t->passes[i].given;
-        values[RANK_TAKEN] += t->passes[i].taken;
+        values[RANK_STOLEN_FROM] += t->passes[i].given;
+        values[RANK_STOLEN_BY] += t->passes[i].taken;
     }
 }
 
@@ -125,20 +125,20 @@ static json_t *rebalance_json(const struct kiln_pass_balance *b)
                      "predicted_gain", b->gain, "predicted_cost", b->cost, "points", (json_int_t)b->points);
 }
 
-/* `given`: points that changed hands in each pass, of all ranks. */
-static json_t *passes_json(const struct kiln_transport_report *t, const uint64_t *given)
+/* `stolen`: points of each pass that were computed by another rank than their own, over all ranks. */
+static json_t *passes_json(const struct kiln_transport_report *t, const uint64_t *stolen)
 {
     static const char *const kinds[] = {"direct", "bounce", "final"};
     json_t *array = json_array();
     for (size_t i = 0; i < t->pass_count; i++) {
         const struct kiln_pass_report *p = &t->passes[i];
-        json_array_append_new(array,
-                              json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
-                                        kinds[p->kind], "bounce", (int)p->bounce, "samples", (int)p->samples, "seconds",
-                                        p->seconds, "exchange_seconds", p->exchange_seconds, "device_seconds",
-                                        p->device_seconds, "energy", luminance(p->energy.incident), "incident",
-                                        rgb_json(p->energy.incident), "reflected", rgb_json(p->energy.reflected),
-                                        "given_away", (json_int_t)given[i], "rebalance", rebalance_json(&p->balance)));
+        json_array_append_new(array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
+                                               kinds[p->kind], "bounce", (int)p->bounce, "samples", (int)p->samples,
+                                               "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
+                                               "device_seconds", p->device_seconds, "energy",
+                                               luminance(p->energy.incident), "incident", rgb_json(p->energy.incident),
+                                               "reflected", rgb_json(p->energy.reflected), "stolen_points",
+                                               (json_int_t)stolen[i], "rebalance", rebalance_json(&p->balance)));
     }
     return array;
 }
@@ -252,13 +252,13 @@ static json_t *balance_json(const struct kiln_run *run, const uint64_t *values)
 {
     const struct kiln_surface_report *s = &run->prepared->surface_report;
     json_t *per_rank = ranks_json(run, values, RANK_POINTS);
-    json_t *given =
-        json_pack("{s:b, s:o, s:o}", "on", run->transport->report.steals_work, "points_per_rank",
-                  ranks_json(run, values, RANK_GIVEN), "taken_per_rank", ranks_json(run, values, RANK_TAKEN));
+    json_t *stolen =
+        json_pack("{s:b, s:o, s:o}", "on", run->transport->report.steals_work, "from_rank",
+                  ranks_json(run, values, RANK_STOLEN_FROM), "by_rank", ranks_json(run, values, RANK_STOLEN_BY));
     return json_pack("{s:s, s:f, s:I, s:I, s:f, s:o, s:o}", "partition",
                      run->job->partition_objects ? "objects" : "cells", "point_imbalance", s->imbalance,
                      "cells_occupied", (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total,
-                     "cell_size", s->cell_size, "points_per_rank", per_rank, "given_away", given);
+                     "cell_size", s->cell_size, "points_per_rank", per_rank, "stolen_points", stolen);
 }
 
 /* Bytes a node that Slurm gives this job; 0: no job of Slurm's, or it was not asked for. */
@@ -363,7 +363,7 @@ static json_t *units_json(const struct kiln_run *run)
 }
 
 static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t *error_reached, json_t *mpi,
-                              const uint64_t *values, const uint64_t *given)
+                              const uint64_t *values, const uint64_t *stolen)
 {
     const struct kiln_prepared *p = run->prepared;
     const struct kiln_transport_report *t = &run->transport->report;
@@ -392,7 +392,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "phases", phases);
     json_object_set_new(root, "rays", rays);
     json_object_set_new(root, "mrays_per_second", json_real(traced > 0.0 ? total_rays / traced * 1e-6 : 0.0));
-    json_object_set_new(root, "bounces", passes_json(t, given));
+    json_object_set_new(root, "bounces", passes_json(t, stolen));
     json_object_set_new(root, "indirect_bounces", json_integer((json_int_t)t->bounces));
     json_object_set_new(
         root, "tail",
@@ -425,7 +425,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
 struct gathered {
     uint64_t *values; /* rank 0: RANK_VALUES a rank */
     double *phases;   /* rank 0: KILN_PHASES_MAX a rank */
-    uint64_t *given;  /* one a pass */
+    uint64_t *stolen; /* one a pass */
 };
 
 /* Collective. */
@@ -433,7 +433,7 @@ static int make_room(const struct kiln_run *run, struct gathered *g, struct kiln
 {
     const struct kiln_prepared *p = run->prepared;
     const size_t ranks = (size_t)p->ranks;
-    int status = kiln_allocate(&g->given, run->transport->report.pass_count, sizeof *g->given, "the report", error);
+    int status = kiln_allocate(&g->stolen, run->transport->report.pass_count, sizeof *g->stolen, "the report", error);
     if (status == KILN_OK && p->rank == 0)
         status = kiln_allocate(&g->values, ranks * RANK_VALUES, sizeof *g->values, "the report", error);
     if (status == KILN_OK && p->rank == 0)
@@ -450,8 +450,8 @@ static void gather(const struct kiln_run *run, struct gathered *g)
     own_values(run, own);
     (void)MPI_Gather(own, RANK_VALUES, MPI_UINT64_T, g->values, RANK_VALUES, MPI_UINT64_T, 0, p->communicator);
     for (size_t i = 0; i < t->pass_count; i++)
-        g->given[i] = t->passes[i].given;
-    (void)MPI_Reduce(p->rank == 0 ? MPI_IN_PLACE : g->given, g->given, (int)t->pass_count, MPI_UINT64_T, MPI_SUM, 0,
+        g->stolen[i] = t->passes[i].given;
+    (void)MPI_Reduce(p->rank == 0 ? MPI_IN_PLACE : g->stolen, g->stolen, (int)t->pass_count, MPI_UINT64_T, MPI_SUM, 0,
                      p->communicator);
 }
 
@@ -466,7 +466,7 @@ int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_err
         json_t *phases = kiln_phases_json(run->phases, p->communicator, g.phases);
         json_t *error_reached = error_json(run), *mpi = mpi_json(run);
         if (p->rank == 0) {
-            *report = report_on_root(run, phases, error_reached, mpi, g.values, g.given);
+            *report = report_on_root(run, phases, error_reached, mpi, g.values, g.stolen);
             json_object_set_new(*report, "notes", kiln_run_notes(*report));
         } else {
             json_decref(error_reached);
@@ -474,6 +474,6 @@ int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_err
     }
     kiln_free(&g.values);
     kiln_free(&g.phases);
-    kiln_free(&g.given);
+    kiln_free(&g.stolen);
     return status;
 }

@@ -100,7 +100,7 @@ static bool emits(const struct kiln_builder *builder)
     return found;
 }
 
-/* Finds the units of the file's lights (coordinator/output/units.h). Blender's exporter converts the watts of lamps to
+/* Finds the units of the file's lights (coordinator/field/units.h). Blender's exporter converts the watts of lamps to
  * lumens but leaves emission as it is: lamps and emitting surfaces are then a factor of 683 apart. */
 static void find_units(struct gltf *g)
 {

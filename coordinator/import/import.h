@@ -25,7 +25,7 @@ struct kiln_import_params {
     const char *environment;  /* as in struct kiln_job; an image that the user names may lie anywhere */
     double environment_scale; /* factor; 1: unchanged, 0: no light from the environment */
     double environment_rotation_degrees;
-    const char *objects; /* rules for single objects (coordinator/import/settings.h); NULL: none */
+    const char *objects; /* rules for single objects (coordinator/job/object_settings.h); NULL: none */
     /* where normals point to the back of a triangle's winding, the normals decide which side is its front, not the
      * winding */
     bool trust_normals;

@@ -8,6 +8,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 
 #include "worker/base/status.h"
 
@@ -49,15 +50,15 @@ struct kiln_job {
     int units;                   /* enum kiln_units_choice */
 
     /* where it runs */
-    char *backend;         /* auto | embree | vulkan */
-    int64_t device;        /* as `kiln info --devices` numbers them; -1: in turn, by the rank's place on its node */
-    int traversal;         /* enum kiln_traversal */
-    double verify_share;   /* of the tile runs, traced again with Embree */
-    double dispatch_time;  /* ms that one dispatch may take */
-    double device_memory;  /* GiB; 0: what the device has free */
-    bool devices;          /* info: list devices, no scene */
-    uint32_t threads;      /* a rank; 0: the cores this process may use, divided by the ranks of the node */
-    char *instruction_set; /* NULL: the best that all ranks have */
+    char *backend;          /* auto | embree | vulkan */
+    int64_t device;         /* as `kiln info --devices` numbers them; -1: in turn, by the rank's place on its node */
+    int traversal;          /* enum kiln_traversal */
+    double verify_fraction; /* fraction of the tile runs that are traced again with Embree */
+    double dispatch_time;   /* ms that one dispatch may take */
+    double device_memory;   /* GiB; 0: what the device has free */
+    bool devices;           /* info: list devices, no scene */
+    uint32_t threads;       /* a rank; 0: the cores this process may use, divided by the ranks of the node */
+    char *instruction_set;  /* NULL: the best that all ranks have */
 
     /* transport */
     char *quality;   /* draft | preview | production | reference: what the sample counts start from */
@@ -73,7 +74,7 @@ struct kiln_job {
     uint32_t lightmap_size; /* 0: by density */
     uint32_t lightmap_max;  /* texels a side */
     bool repack;            /* lay charts that lie too close together out anew */
-    char *objects;          /* settings of single objects, as JSON: coordinator/import/settings.h; NULL: none */
+    char *objects;          /* settings of single objects, as JSON: coordinator/job/object_settings.h; NULL: none */
     bool trust_normals;     /* they decide the front of a triangle, not its winding */
     double cell_size;       /* m; 0: chosen */
     bool partition_objects;
@@ -148,5 +149,8 @@ struct kiln_job {
  * kiln_job_destroy. */
 int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_error *error);
 void kiln_job_destroy(struct kiln_job **job);
+
+/* Prints one line for each option that was given by its former name, with the present name. Not collective. */
+void kiln_job_print_renamed(const struct kiln_job *job, FILE *stream);
 
 #endif

@@ -3,7 +3,7 @@
 #ifndef KILN_COORDINATOR_LAYOUT_LAYOUT_H
 #define KILN_COORDINATOR_LAYOUT_LAYOUT_H
 
-#include "coordinator/import/builder.h"
+#include "coordinator/scene/builder.h"
 
 /* Zero means default in every field. */
 struct kiln_layout_params {

@@ -13,7 +13,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/import/builder.h"
+#include "coordinator/scene/builder.h"
 
 struct fixture {
     char folder[64], path[96], damaged[96];

@@ -12,7 +12,7 @@
 #include <math.h>
 #include <stdbool.h>
 
-#include "shaders/mask.h"
+#include "shaders/shared/mask.h"
 #include "worker/scene/surface.h"
 
 /* A cursor over the points of a tile run, in order:
@@ -140,7 +140,7 @@ struct kiln_footprint_extent {
 struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *footprint);
 
 /* An opacity mask: which cells of the unit square of (u1, u2), as kiln_footprint_sample takes them, hold surface
- * (shaders/mask.h). */
+ * (shaders/shared/mask.h). */
 struct kiln_mask {
     uint32_t cells[KILN_MASK_WORDS];
     uint32_t count; /* number of set bits; 0: no mask, sample the whole point */
