@@ -1,0 +1,335 @@
+#include "worker/backend/vulkan/chunks.h"
+
+#include <assert.h>
+#include <string.h>
+
+#include "worker/base/memory.h"
+
+/* Of a chunk. Passes of few samples take more points: else what every chunk costs, its last few threads and its way to
+ * the host, would show. */
+enum { LEAST_POINTS = 1 << 13, USUAL_POINTS = 1 << 19, MOST_POINTS = 1 << 20, ENOUGH_RAYS = 1 << 24 };
+
+/* Bytes of a point's answer: the result and a word. */
+static size_t answer_bytes(const struct vulkan_chunked *pass) { return pass->result_bytes + sizeof(uint32_t); }
+
+void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y,
+                   const void *constants, size_t bytes)
+{
+    if (x == 0 || y == 0)
+        return;
+    struct gpu_step *step = &recording->steps[recording->count];
+    uint64_t *copy = recording->constants[recording->count++];
+    memcpy(copy, constants, bytes);
+    *step =
+        (struct gpu_step){.kernel = kernel, .threads_x = x, .threads_y = y, .constants = copy, .constant_bytes = bytes};
+}
+
+void vulkan_record_both(struct vulkan_recording *recording, const struct vulkan_dispatch both[2], size_t constant_bytes)
+{
+    const size_t first = recording->count;
+    for (int i = 0; i < 2; i++)
+        vulkan_record(recording, both[i].kernel, both[i].x, both[i].y, both[i].constants, constant_bytes);
+    if (recording->count == first + 2)
+        recording->steps[first + 1].alongside = true;
+}
+
+/* A chunk under way in a slot. */
+struct flight {
+    bool under_way;
+    size_t tile_run_first, tile_run_count;
+    uint32_t total;
+    double work; /* of what was submitted last */
+};
+
+/* A pass that is being run. */
+struct run {
+    struct vulkan_backend *b;
+    const struct vulkan_chunked *pass;
+    size_t next, end;     /* tile runs not yet begun */
+    size_t taken;         /* first tile run not yet handed over */
+    uint32_t most_points; /* that a slot holds */
+    struct flight flights[GPU_SLOTS];
+    uint32_t slot; /* to be used next; the oldest flight too when all are under way */
+    bool refused;  /* whoever takes the answers has failed: no failure of the device */
+};
+
+static int grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory,
+                       const char *what, struct kiln_error *error)
+{
+    if (gpu_guarded(b->gpu) ? buffer->size == size : buffer->size >= size)
+        return KILN_OK;
+    gpu_buffer_destroy(b->gpu, buffer);
+    return gpu_buffer_create(b->gpu, buffer, size, memory, what, error);
+}
+
+static uint64_t points_there(const struct vulkan_backend *b)
+{
+    return b->surface->count < MOST_POINTS ? b->surface->count : MOST_POINTS;
+}
+
+/* Slots with room for so many bytes of answers and of partial sums. */
+static int make_room(struct vulkan_backend *b, uint64_t answers, uint64_t scratch, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (int i = 0; i < GPU_SLOTS && status == KILN_OK; i++) {
+        status = grow_buffer(b, &b->slots[i].scratch, scratch, GPU_DEVICE, "a pass's partial sums", error);
+        if (status == KILN_OK)
+            status = grow_buffer(b, &b->slots[i].answers, answers, GPU_DEVICE, "a pass's answers", error);
+        if (status == KILN_OK)
+            status = grow_buffer(b, &b->slots[i].host, answers, GPU_HOST, "a pass's answers for the host", error);
+    }
+    return status;
+}
+
+static uint64_t lesser(uint64_t a, uint64_t b) { return a < b ? a : b; }
+
+/* What most passes would ask for, since memory takes its time to come by: scratch up to the most, but no more than the
+ * share's points need when many samples are summed up for them; and a quarter of the memory that is left at most. */
+void vulkan_passes_ahead(struct vulkan_backend *b)
+{
+    const uint64_t a_slot = gpu_memory_left(b->gpu) / (4 * 2 * GPU_SLOTS); /* half of it for answers */
+    const uint64_t scratch = lesser(lesser(b->surface->count << 10, b->scratch_most), a_slot);
+    const uint64_t answers = lesser(points_there(b) * (sizeof(struct kiln_gpu_result) + sizeof(uint32_t)), a_slot);
+    (void)make_room(b, answers, scratch, NULL);
+}
+
+/* How many points a chunk may have, by what the slots may hold; makes the slots that large, for batches of any size. */
+static int make_slots(struct run *r, struct kiln_error *error)
+{
+    struct vulkan_backend *b = r->b;
+    const uint64_t samples = (uint64_t)(r->pass->work * r->pass->rows) + 1;
+    uint64_t there = ENOUGH_RAYS / samples < USUAL_POINTS ? USUAL_POINTS : ENOUGH_RAYS / samples;
+    there = there > points_there(b) ? points_there(b) : there;
+    uint64_t scratch = gpu_memory_left(b->gpu) / (2 * GPU_SLOTS);
+    scratch = scratch < b->slots[0].scratch.size ? b->slots[0].scratch.size : scratch;
+    scratch = scratch > b->scratch_most ? b->scratch_most : scratch;
+    const uint64_t a_point = r->pass->scratch_bytes + answer_bytes(r->pass);
+    uint64_t points = scratch / a_point;
+    points = points < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : points > there ? there : points;
+    const int status = make_room(b, points * answer_bytes(r->pass), points * r->pass->scratch_bytes, error);
+    r->most_points = (uint32_t)points;
+    return status;
+}
+
+/* First of the ascending `list` that is not below `value`. */
+static uint32_t lower_bound(const uint32_t *list, uint32_t count, uint64_t value)
+{
+    uint32_t low = 0, high = count;
+    while (low < high) {
+        const uint32_t middle = low + (high - low) / 2;
+        if (list[middle] < value)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+/* Points and rows of the next chunk: full rows of as many points as fit into a slice; of a few points as many rows. */
+static void size_chunk(const struct run *r, uint64_t *points, uint32_t *rows)
+{
+    const struct vulkan_chunked *pass = r->pass;
+    const double work = (double)gpu_pacer_next(&r->b->pacers[pass->pace], pass->first_guess);
+    const double a_point = pass->work * pass->rows;
+    const double wanted = work / a_point;
+    *points = wanted > (double)r->most_points ? r->most_points : (uint64_t)wanted;
+    *rows = pass->rows;
+    if (*points >= LEAST_POINTS || *points >= r->most_points)
+        return;
+    *points = LEAST_POINTS < r->most_points ? LEAST_POINTS : r->most_points;
+    const double some = work / (pass->work * (double)*points);
+    *rows = some < 1.0 ? 1 : some > (double)pass->rows ? pass->rows : (uint32_t)some;
+    if (some < 1.0) /* even one row is too much */
+        *points = wanted * pass->rows < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : (uint64_t)(wanted * pass->rows);
+}
+
+/* The next tile runs of one block, at most so many points (but at least one tile run). */
+static void take_tile_runs(struct run *r, const struct vulkan_block *block, uint64_t points, struct flight *flight)
+{
+    const struct kiln_tile_run *tile_runs = r->b->surface->tile_runs;
+    size_t end = block->tile_run_first + block->tile_run_count;
+    end = end > r->end ? r->end : end;
+    *flight = (struct flight){.tile_run_first = r->next};
+    while (r->next < end && (flight->tile_run_count == 0 || flight->total + tile_runs[r->next].count <= points)) {
+        flight->total += tile_runs[r->next++].count;
+        flight->tile_run_count++;
+    }
+}
+
+static void describe(const struct run *r, const struct vulkan_block *block, const struct flight *flight,
+                     struct vulkan_chunk *chunk)
+{
+    const struct gpu *gpu = r->b->gpu;
+    const struct vulkan_slot *slot = &r->b->slots[r->slot];
+    const uint64_t results =
+        slot->answers.address + gpu_buffer_tail(gpu, &slot->answers, flight->total * answer_bytes(r->pass));
+    const uint64_t first = r->b->surface->tile_runs[flight->tile_run_first].first - r->b->surface->first - block->first;
+    *chunk = (struct vulkan_chunk){
+        .scratch = slot->scratch.address + gpu_buffer_tail(gpu, &slot->scratch, flight->total * r->pass->scratch_bytes),
+        .results = results,
+        .words = results + (uint64_t)flight->total * r->pass->result_bytes};
+    gpu_buffer_forget(gpu, &slot->scratch);
+    gpu_buffer_forget(gpu, &slot->answers);
+    chunk->all = (struct kiln_gpu_chunk){.points = block->points.address,
+                                         .parts = block->parts.address,
+                                         .states = block->states.address,
+                                         .first = (uint32_t)first,
+                                         .count = flight->total,
+                                         .origin = (uint32_t)first,
+                                         .total = flight->total};
+    chunk->buried = chunk->all;
+    chunk->buried.list = block->list.address;
+    chunk->buried.first = lower_bound(block->buried, r->pass->states ? block->buried_count : 0, first);
+    chunk->buried.count = lower_bound(block->buried, r->pass->states ? block->buried_count : 0, first + flight->total) -
+                          chunk->buried.first;
+}
+
+static int wait_slot(struct run *r, uint32_t slot, struct kiln_error *error)
+{
+    double seconds = 0.0;
+    const int status = gpu_wait(r->b->gpu, slot, &seconds, error);
+    if (status == KILN_OK)
+        gpu_pacer_learn(&r->b->pacers[r->pass->pace], (uint64_t)r->flights[slot].work, seconds);
+    if (r->pass->seconds != NULL)
+        *r->pass->seconds += seconds;
+    return status;
+}
+
+/* Software devices end a kernel's loops after some ten thousands of rounds in all, without a word; kernels notice and
+ * say so by a negative number. */
+static int check(const struct run *r, const struct flight *flight, const char *results, struct kiln_error *error)
+{
+    bool stopped = false;
+    const size_t stride = r->pass->result_bytes, offset = r->pass->failed_offset;
+#pragma omp parallel for num_threads((int)r->b->threads) reduction(|| : stopped) if (flight->total > 1 << 14)
+    for (uint32_t i = 0; i < flight->total; i++)
+        stopped = stopped || *(const float *)(const void *)(results + i * stride + offset) < 0.0f;
+    if (stopped)
+        return kiln_fail(error, KILN_NO_DEVICE,
+                         "%s ends long loops early, and a surface point of object %u needs one; use another device or "
+                         "--backend embree",
+                         gpu_about(r->b->gpu)->name, r->b->surface->tile_runs[flight->tile_run_first].map);
+    return KILN_OK;
+}
+
+/* Waits for the flight in a slot and hands its answers over. */
+static int land(struct run *r, uint32_t slot, struct kiln_error *error)
+{
+    struct flight *flight = &r->flights[slot];
+    if (!flight->under_way)
+        return KILN_OK;
+    int status = wait_slot(r, slot, error);
+    flight->under_way = false;
+    const char *results = r->b->slots[slot].host.mapped;
+    const uint32_t *words = (const uint32_t *)(const void *)(results + flight->total * r->pass->result_bytes);
+    if (status == KILN_OK && r->pass->result_bytes > 0)
+        status = check(r, flight, results, error);
+    if (status == KILN_OK) {
+        r->taken = flight->tile_run_first + flight->tile_run_count;
+        status = r->pass->take(r->pass->context, flight->tile_run_first, flight->tile_run_count, results,
+                               r->pass->wants_words ? words : NULL, error);
+        r->refused = status != KILN_OK;
+    }
+    return status;
+}
+
+static int submit_portion(struct run *r, struct vulkan_chunk *chunk, struct flight *flight, struct kiln_error *error)
+{
+    struct vulkan_recording recording = {.count = 0};
+    const struct vulkan_slot *slot = &r->b->slots[r->slot];
+    int status = r->pass->record(r->pass->context, chunk, &recording, error);
+    if (status != KILN_OK)
+        return status;
+    if (chunk->last)
+        recording.steps[recording.count++] = (struct gpu_step){
+            .from = &slot->answers,
+            .to = &slot->host,
+            .from_offset = chunk->results - slot->answers.address,
+            .size = flight->total * (r->pass->wants_words ? answer_bytes(r->pass) : r->pass->result_bytes)};
+    flight->work = r->pass->work * (double)flight->total * (double)chunk->row_count;
+    return gpu_submit(r->b->gpu, r->slot, recording.steps, recording.count, error);
+}
+
+/* The block of the next tile run. Where memory is short, what is under way has to land first. */
+static int find_block(struct run *r, struct vulkan_block **block, struct kiln_error *error)
+{
+    uint32_t in_use = 0;
+    for (int i = 0; i < GPU_SLOTS; i++)
+        in_use += r->flights[i].under_way;
+    int status = vulkan_points_block(r->b->points, r->next, r->pass->states, in_use, block, error);
+    if (status == KILN_OK || in_use == 0 || gpu_lost(r->b->gpu))
+        return status;
+    status = KILN_OK;
+    for (uint32_t i = 0; i < GPU_SLOTS && status == KILN_OK; i++)
+        status = land(r, (r->slot + i) % GPU_SLOTS, error);
+    return status == KILN_OK ? vulkan_points_block(r->b->points, r->next, r->pass->states, 0, block, error) : status;
+}
+
+/* Starts the next chunk in r->slot, which is free. */
+static int start(struct run *r, struct kiln_error *error)
+{
+    struct vulkan_block *block;
+    int status = find_block(r, &block, error);
+    if (status != KILN_OK)
+        return status;
+    uint64_t points;
+    uint32_t rows;
+    struct vulkan_chunk chunk;
+    struct flight *flight = &r->flights[r->slot];
+    size_chunk(r, &points, &rows);
+    take_tile_runs(r, block, points, flight);
+    describe(r, block, flight, &chunk);
+    for (uint32_t row = 0; row < r->pass->rows && status == KILN_OK; row += rows) {
+        if (row != 0)
+            status = wait_slot(r, r->slot, error);
+        chunk.row_first = row;
+        chunk.row_count = r->pass->rows - row < rows ? r->pass->rows - row : rows;
+        chunk.last = row + chunk.row_count == r->pass->rows;
+        if (status == KILN_OK)
+            status = submit_portion(r, &chunk, flight, error);
+    }
+    flight->under_way = status == KILN_OK;
+    return status;
+}
+
+static int run_chunks(struct run *r, struct kiln_error *error)
+{
+    int status = r->next < r->end ? make_slots(r, error) : KILN_OK;
+    while (r->next < r->end && status == KILN_OK) {
+        status = land(r, r->slot, error);
+        if (status == KILN_OK)
+            status = start(r, error);
+        r->slot = (r->slot + 1) % GPU_SLOTS;
+    }
+    for (uint32_t i = 0; i < GPU_SLOTS; i++) { /* the rest, oldest first; after a failure they are only waited for */
+        const uint32_t slot = (r->slot + i) % GPU_SLOTS;
+        struct kiln_error ignored;
+        if (status == KILN_OK)
+            status = land(r, slot, error);
+        else if (r->flights[slot].under_way)
+            (void)gpu_wait(r->b->gpu, slot, NULL, &ignored);
+        r->flights[slot].under_way = false;
+    }
+    return status;
+}
+
+int vulkan_run_in_chunks(struct vulkan_backend *b, const struct vulkan_chunked *pass, const struct kiln_batch *batch,
+                         struct kiln_error *error)
+{
+    struct run r = {
+        .b = b, .pass = pass, .next = batch->first, .end = batch->first + batch->count, .taken = batch->first};
+    assert(pass->result_bytes == 0 || pass->result_bytes == pass->pass->result_bytes);
+    for (;;) {
+        int status = pass->prepare(pass->context, error);
+        if (status == KILN_OK && pass->states)
+            status = vulkan_points_ready(b->points, error);
+        if (status == KILN_OK)
+            status = run_chunks(&r, error);
+        if (status == KILN_OK || r.refused || !vulkan_can_recover(b))
+            return status;
+        status = vulkan_recover(b, error);
+        if (status != KILN_OK)
+            return status;
+        r.next = r.taken; /* what was handed over is not done again */
+    }
+}

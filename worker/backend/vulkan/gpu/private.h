@@ -1,0 +1,160 @@
+/* Inside of a gpu, for the files of this folder and for what builds on Vulkan itself (acceleration.c).
+ *
+ * Every Vulkan call that can fail stands in GPU_TRY, which counts it, plays faults and notes what failed; gpu_failure
+ * then makes the sentence:
+ *
+ *     const VkResult result = GPU_TRY(gpu, vkCreateBuffer(gpu_vk_device(gpu), &info, NULL, &buffer));
+ *     if (result != VK_SUCCESS)
+ *         return gpu_failure(gpu, result, error, "cannot create a buffer of %zu bytes for %s", size, what);
+ */
+#ifndef KILN_WORKER_BACKEND_VULKAN_GPU_PRIVATE_H
+#define KILN_WORKER_BACKEND_VULKAN_GPU_PRIVATE_H
+
+#include <stdatomic.h>
+#include <vulkan/vulkan.h>
+
+#include "worker/backend/vulkan/gpu/gpu.h"
+
+enum {
+    GPU_STAGING_PIECES = 2,
+    GPU_STAGING_BYTES = 8 << 20, /* of one piece */
+    GPU_ALL_SLOTS = GPU_SLOTS + GPU_STAGING_PIECES,
+    GPU_PUSH_BYTES = 128
+};
+
+struct gpu_slot {
+    VkCommandPool pool;
+    VkCommandBuffer commands;
+    VkFence fence;
+    VkQueryPool queries; /* when it started and ended */
+    bool under_way;
+};
+
+/* Functions of extensions; NULL without ray tracing. */
+struct gpu_extensions {
+    PFN_vkCreateRayTracingPipelinesKHR create_pipelines;
+    PFN_vkGetRayTracingShaderGroupHandlesKHR group_handles;
+    PFN_vkCmdTraceRaysKHR trace_rays;
+    PFN_vkSetDebugUtilsObjectNameEXT set_name; /* NULL without validation */
+};
+
+struct gpu {
+    struct gpu_description about;
+    VkInstance instance;
+    VkDebugUtilsMessengerEXT messenger;
+    VkPhysicalDevice physical;
+    VkDevice device;
+    VkQueue queue;
+    uint32_t queue_family;
+    VkPhysicalDeviceLimits limits;
+    VkPhysicalDeviceRayTracingPipelinePropertiesKHR ray_tracing;
+    VkPhysicalDeviceMemoryProperties memory;
+    VkDeviceSize largest_allocation;
+    uint32_t heap; /* the device's own */
+    bool knows_budget;
+    uint32_t sharers; /* ranks on this device */
+    uint64_t memory_limit, memory_used;
+    double slice_seconds;
+    struct gpu_extensions extensions;
+    VkPipelineLayout compute_layout, tracing_layout;
+    struct gpu_slot slots[GPU_ALL_SLOTS]; /* the last ones are for staging */
+    struct gpu_buffer staging[GPU_STAGING_PIECES];
+    struct gpu_guard *guard; /* NULL: buffers are not guarded */
+    struct gpu_faults *faults;
+    VkResult refusal; /* what the call that was just played a fault returns */
+    bool lost, short_of_memory;
+    bool hangs; /* lost, in that it did not answer in time */
+    atomic_size_t messages;
+    double busy, first_submission; /* s; of the monotonic clock, 0: none yet */
+};
+
+/* ---- calls that can fail ---- */
+
+/* True when the next call is not to be made; gpu->refusal is its result. */
+bool gpu_refuses(struct gpu *gpu);
+VkResult gpu_outcome(struct gpu *gpu, VkResult result);
+#define GPU_TRY(gpu, call) gpu_outcome((gpu), gpu_refuses(gpu) ? (gpu)->refusal : (call))
+/* The format's sentence, then what the result means; returns the status code for it. */
+int gpu_failure(const struct gpu *gpu, VkResult result, struct kiln_error *error, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
+
+/* ---- for acceleration.c ---- */
+
+VkDevice gpu_vk_device(const struct gpu *gpu);
+VkBuffer gpu_vk_buffer(const struct gpu_buffer *buffer);
+/* bytes of the VkBuffer before the buffer's first: 0 without guard */
+size_t gpu_buffer_skip(const struct gpu_buffer *buffer);
+/* Records commands by calling back, runs them after all submissions so far and waits. A full barrier stands before and
+ * after. */
+typedef void (*gpu_record)(VkCommandBuffer commands, void *context);
+int gpu_run_commands(struct gpu *gpu, gpu_record record, void *context, double *seconds, struct kiln_error *error);
+/* All writes so far are seen by all that comes after, on the device and on the host. */
+void gpu_barrier(VkCommandBuffer commands);
+/* A name in messages of the validation layer; nothing without. */
+void gpu_name(const struct gpu *gpu, VkObjectType type, uint64_t handle, const char *name);
+
+/* ---- between the files of this folder ---- */
+
+/* instance.c: an instance with the validation layer if asked for; `*instance` stays VK_NULL_HANDLE when no driver
+ * is there. */
+int gpu_instance_create(struct gpu *gpu, bool validation, VkInstance *instance, struct kiln_error *error);
+/* list.c */
+struct gpu_found {
+    VkPhysicalDevice physical;
+    struct gpu_description about;
+};
+/* The machine's devices in the order of gpu_list; free with kiln_free. */
+int gpu_find(VkInstance instance, struct gpu_found **found, size_t *count, struct kiln_error *error);
+bool gpu_has_extension(VkPhysicalDevice physical, const char *name);
+/* submit.c */
+int gpu_slots_create(struct gpu *gpu, struct kiln_error *error);
+void gpu_slots_destroy(struct gpu *gpu);
+/* Before something is destroyed: waits if anything is under way, whose slots stay taken. False: the device hangs, so
+ * that waiting would have no end, and what is on it must be left alone. */
+bool gpu_settle(const struct gpu *gpu);
+int gpu_slot_begin(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
+int gpu_slot_end(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
+int gpu_slot_wait(struct gpu *gpu, struct gpu_slot *slot, double *seconds, struct kiln_error *error);
+/* memory.c */
+int gpu_staging_create(struct gpu *gpu, struct kiln_error *error);
+/* guard.c: buffers on memory whose surroundings nobody may touch, see gpu.h. Where nothing is said otherwise these
+ * do nothing without. */
+struct gpu_guarded {
+    struct gpu_guarded *next;
+    char what[64];
+    VkDeviceMemory memory;
+    unsigned char *begin, *end; /* the pages that may be touched */
+    unsigned char *start;       /* the buffer */
+    size_t size;
+    size_t skip;         /* bytes of the VkBuffer before it */
+    VkDeviceSize offset; /* of the VkBuffer in its memory */
+    atomic_bool retired;
+};
+/* Reads KILN_VULKAN_GUARD; KILN_USAGE when it is not understood, KILN_NO_DEVICE for a real device. Before the VkDevice
+ * is made. */
+int gpu_guard_create(struct gpu *gpu, struct kiln_error *error);
+/* Once buffers can be made. */
+int gpu_guard_start(struct gpu *gpu, struct kiln_error *error);
+/* Gives back the memory of all buffers: after the last of them, before the VkDevice. */
+void gpu_guard_destroy(struct gpu *gpu);
+/* Bytes of the VkBuffer for a buffer, and of the memory for a VkBuffer that needs so much; the same without guard. */
+size_t gpu_guard_buffer_size(const struct gpu *gpu, size_t size);
+VkDeviceSize gpu_guard_memory_size(const struct gpu *gpu, VkDeviceSize needed);
+/* Guarded only. Takes over memory of gpu_guard_memory_size bytes: the guard frees it, unless this fails and `guarded`
+ * stays NULL. */
+int gpu_guard_take(struct gpu *gpu, VkDeviceMemory memory, size_t size, const char *what, struct gpu_guarded **guarded,
+                   struct kiln_error *error);
+/* The buffer is destroyed; its memory may not be touched from now on. */
+void gpu_guard_retire(struct gpu_guarded *guarded);
+/* From here on the device is busy with a kernel of this name, a string that stays; NULL: with no kernel. */
+void gpu_guard_mark(const struct gpu *gpu, VkCommandBuffer commands, const char *kernel);
+/* kernel.c */
+int gpu_layouts_create(struct gpu *gpu, struct kiln_error *error);
+void gpu_layouts_destroy(struct gpu *gpu);
+void gpu_kernel_record(const struct gpu_kernel *kernel, VkCommandBuffer commands, const struct gpu_step *step,
+                       const struct gpu *gpu);
+/* KILN_BUG with the numbers when the device cannot start so many threads at once. */
+int gpu_kernel_fits(const struct gpu_kernel *kernel, const struct gpu_step *step, const struct gpu *gpu,
+                    struct kiln_error *error);
+
+#endif
