@@ -1,6 +1,6 @@
-/* The commands. Each gets the parsed job, writes results to stdout and progress to stderr, and returns an exit status
- * with a sentence in `error` when it is not 0; kiln_main prints that sentence once, on rank 0. Commands marked (MPI)
- * run between MPI_Init and MPI_Finalize and are collective; the others never start MPI and run in one process. */
+/* The commands of kiln. Each takes the parsed job, writes results to stdout and progress to stderr, and returns an exit
+ * status, with a message in `error` unless it is 0. kiln_main prints that message once, on rank 0. Commands marked
+ * (MPI) run between MPI_Init and MPI_Finalize and are collective. The others never start MPI and run in one process. */
 #ifndef KILN_COORDINATOR_CLI_COMMANDS_H
 #define KILN_COORDINATOR_CLI_COMMANDS_H
 
@@ -25,12 +25,12 @@ int kiln_command_export(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_status(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_stop(struct kiln_job *job, struct kiln_error *error);
 
-/* Not a command for users: the confined child that reads a scene (coordinator/import/child.c). argv as it was spawned.
+/* Internal commands: main functions of confined child processes. This one reads a scene (coordinator/import/child.c).
  */
 int kiln_import_child(int argc, char **argv);
-/* The same for the one that writes a scene with its lightmaps (coordinator/export/child.c). */
+/* Writes a scene with its lightmaps (coordinator/export/child.c). */
 int kiln_export_child(int argc, char **argv);
-/* The same for the one that takes results apart (coordinator/output/read/reader_child.c). */
+/* Parses files of results (coordinator/output/read/reader_child.c). */
 int kiln_reader_child(int argc, char **argv);
 
 #endif

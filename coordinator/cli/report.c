@@ -1,4 +1,4 @@
-/* kiln report: report.html of a finished bake. */
+/* kiln report: writes report.html of a finished bake. */
 #include "coordinator/output/report.h"
 
 #include <stdio.h>
