@@ -87,7 +87,8 @@ static int write_picture(const struct view *v, const struct kiln_job *job, const
 {
     const char *dot = strrchr(path, '.');
     char viewpoint[KILN_VIEWPOINT_TEXT];
-    const char *approximate = approximations[(v->picture.shares.metal > 0.0) + 2 * (v->picture.shares.lent > 0.0)];
+    const char *approximate =
+        approximations[(v->picture.approximate.metal > 0.0) + 2 * (v->picture.approximate.front_light > 0.0)];
     if (dot != NULL && strcasecmp(dot, ".png") == 0)
         return kiln_picture_write(NULL, path, &v->picture, job->exposure, error);
     kiln_viewpoint_text(&v->picture.viewpoint, viewpoint);

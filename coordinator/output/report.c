@@ -253,10 +253,10 @@ static void add_viewpoint(struct report *r)
         kiln_html_add(&r->page,
                       " Metals, %.1f %% of it, are shown by their base colour under the irradiance: approximate.",
                       100.0 * number(field(preview, "metal_share")));
-    if (number(field(preview, "lent_share")) > 0.0005)
+    if (number(field(preview, "front_light_share")) > 0.0005)
         kiln_html_add(&r->page,
                       " Backs of double-sided surfaces, %.1f %% of it, show their fronts' light: approximate.",
-                      100.0 * number(field(preview, "lent_share")));
+                      100.0 * number(field(preview, "front_light_share")));
     kiln_html_add(&r->page, "</p>\n");
 }
 

@@ -293,7 +293,7 @@ static const struct map *map_of(const struct kiln_view_maps *maps, const struct 
     return hit->back && back->image != NULL ? back : &maps->maps[object];
 }
 
-bool kiln_view_lends(const struct kiln_view_maps *maps, const struct kiln_hit *hit)
+bool kiln_view_shows_front(const struct kiln_view_maps *maps, const struct kiln_hit *hit)
 {
     return hit->back && map_of(maps, hit) == &maps->maps[maps->source->geometry->records[hit->triangle].object];
 }
@@ -358,7 +358,7 @@ void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit
     kiln_surface_emission(s->scene, mesh, stored, b1, b2, emission);
     kiln_view_irradiance(maps, hit, irradiance);
     seen->metal = s->scene->materials[s->scene->triangle_materials[stored]].metallic;
-    seen->lent = kiln_view_lends(maps, hit) ? 1.0f : 0.0f;
+    seen->front_light = kiln_view_shows_front(maps, hit) ? 1.0f : 0.0f;
     for (int c = 0; c < 3; c++)
         seen->rgb[c] = color[c] * irradiance[c] * (float)(1.0 / KILN_PI) + emission[c];
     tint(hit, seen->rgb);

@@ -164,7 +164,7 @@ static double luminance_at(const struct seek *s, const struct kiln_hit *hit)
 /* The front's light says little of the back, which may well be dark. */
 static double trust(const struct seek *s, const struct kiln_hit *hit)
 {
-    return kiln_view_lends(s->maps, hit) ? 0.3 : 1.0;
+    return kiln_view_shows_front(s->maps, hit) ? 0.3 : 1.0;
 }
 
 static void judge_place(const struct seek *s, struct place *p, size_t first)
