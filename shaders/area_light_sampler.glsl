@@ -4,8 +4,9 @@
  *       const kiln_area_light_sampler target = kiln_area_light_sampler_of(choice.index, centre);
  *       if (kiln_area_light_sampler_draw(target, place - centre, u, v, s)) ...
  *
- * Else the choice is left to kiln_lights_sample. Whether it is one, where the light is and how high the point is above its plane is
- * reckoned from what is stored; all else needs no more than floats. Needs what shaders/lights.glsl needs. */
+ * Else the choice is left to kiln_lights_sample. Whether it is one, where the light is and how high the point is above
+ * its plane is reckoned from what is stored; all else needs no more than floats. Needs what shaders/lights.glsl needs.
+ */
 #ifndef KILN_TARGET_GLSL
 #define KILN_TARGET_GLSL
 
@@ -39,7 +40,7 @@ kiln_area_light_sampler kiln_area_light_sampler_of(uint node, vec3 centre)
 
 bool kiln_is_lone_area_light(kiln_light_choice choice)
 {
-    if (!light_kind(KILN_LIGHT_AREA) || choice.kind != KILN_CHOICE_NODE)
+    if (!light_kind(KILN_GPU_KIND_AREA) || choice.kind != KILN_CHOICE_NODE)
         return false;
     const kiln_gpu_light_node node = LightNodes(SCENE.lights.nodes).at[choice.index];
     return node.left == KILN_GPU_NONE && node.right < SCENE.lights.area_count;
@@ -50,16 +51,18 @@ bool kiln_light_is_target(kiln_light_choice choice, vec3 centre, float spread)
 {
     if (!kiln_is_lone_area_light(choice))
         return false;
-    const kiln_gpu_area_light light = AreaLights(SCENE.lights.areas).at[LightNodes(SCENE.lights.nodes).at[choice.index].right];
+    const kiln_gpu_area_light light =
+        AreaLights(SCENE.lights.areas).at[LightNodes(SCENE.lights.nodes).at[choice.index].right];
     const stored side = dot(stored3(centre) - stored3_of(light.p0), stored3_of(light.normal));
-    const real height = real((light.flags & KILN_LIGHT_TWO_SIDED) != 0u ? abs(side) : side);
+    const real height = real((light.flags & KILN_GPU_LIGHT_TWO_SIDED) != 0u ? abs(side) : side);
     if (!(height > 4 * real(light.rounding) && real(spread) <= TARGET_SPREAD_MOST * height))
         return false;
     const kiln_spherical_triangle seen = kiln_area_light_sampler_of(choice.index, centre).seen;
     return min(min(dot(seen.a, seen.b), dot(seen.b, seen.c)), dot(seen.c, seen.a)) > TARGET_OPPOSITE;
 }
 
-/* From the centre to a place on the light, evenly in solid angle; `area`: 1 / density of that place on the light, m2. */
+/* From the centre to a place on the light, evenly in solid angle; `area`: 1 / density of that place on the light, m2.
+ */
 real3 target_spherical(kiln_area_light_sampler t, real u, real v, out real area)
 {
     const real3 direction = kiln_spherical_triangle_direction(t.seen, u, v);

@@ -25,7 +25,8 @@ void kiln_kernel(uint x, uint y)
         const uint kind = is_target ? KILN_GPU_CHOICE_TARGET : choice.kind;
         uint samples = choice.samples;
 #ifdef KILN_FLOAT64
-        if (!is_target && state == KILN_GPU_STATE_VALID && kiln_is_lone_area_light(choice)) { /* very near, or seen from its edge */
+        if (!is_target && state == KILN_GPU_STATE_VALID &&
+            kiln_is_lone_area_light(choice)) { /* very near, or seen from its edge */
             samples |= KILN_GPU_CHOICE_PRECISE;
             precise_ones = KILN_GPU_COUNT_PRECISE;
         }

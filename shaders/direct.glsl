@@ -1,5 +1,5 @@
-/* What the kernels of the direct pass share: choose.comp, direct.comp, direct_precise.comp, direct_reduce.comp. Their push constants are
- * the same. */
+/* What the kernels of the direct pass share: choose.comp, direct.comp, direct_precise.comp, direct_reduce.comp. Their
+ * push constants are the same. */
 
 layout(push_constant, scalar) uniform Push
 {
@@ -30,5 +30,8 @@ uint64_t direct_counts_at() { return direct_luminances_at() + 4ul * push.pass.sl
 
 DirectSums direct_sums(uint row) { return DirectSums(push.pass.scratch + DIRECT_SUMS_BYTES * row * push.pass.room); }
 DirectChoices direct_choice(uint i) { return DirectChoices(direct_choices_at() + 8ul * i * push.pass.room); }
-DirectFloats direct_luminance(uint i, uint row) { return DirectFloats(direct_luminances_at() + 4ul * (uint64_t(direct_rows()) * i + row) * push.pass.room); }
+DirectFloats direct_luminance(uint i, uint row)
+{
+    return DirectFloats(direct_luminances_at() + 4ul * (uint64_t(direct_rows()) * i + row) * push.pass.room);
+}
 DirectWords direct_counts() { return DirectWords(direct_counts_at()); }

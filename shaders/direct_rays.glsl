@@ -1,15 +1,15 @@
-/* Shadow rays: direct.comp and direct_precise.comp (KILN_PRECISE). Thread (x, y) takes a slice of a quarter of every choice's samples at
- * point x (struct kiln_gpu_direct); of the choices with few samples those that are its own in turn, whole. Neighbouring threads take
- * the same sample of neighbouring points. */
+/* Shadow rays: direct.comp and direct_precise.comp (KILN_PRECISE). Thread (x, y) takes a slice of a quarter of every
+ * choice's samples at point x (struct kiln_gpu_direct); of the choices with few samples those that are its own in turn,
+ * whole. Neighbouring threads take the same sample of neighbouring points. */
 #include "shaders/kernel.glsl"
 #include "shaders/direct.glsl"
 
 #define KILN_TRACES
-#include "shaders/trace.glsl"
+#include "shaders/trace/trace.glsl"
 #include "shaders/surface.glsl"
 #include "shaders/position.glsl"
 #ifndef KILN_PRECISE
-#include "shaders/area_light_sampler.glsl"
+#    include "shaders/area_light_sampler.glsl"
 #endif
 
 const uint DIMENSION_U = 0u, DIMENSION_V = 1u, DIMENSION_S = 2u, DIMENSION_T = 3u, DIMENSION_CHOICE = 4u;
@@ -21,7 +21,10 @@ struct Sequence {
 
 uint identity_of(uint kind, uint index) { return kiln_hash2(kind * 2u + 1u, index); }
 
-Sequence sequence_of(kiln_gpu_point p, uint identity) { return Sequence(kiln_hash2(p.tile_key, identity), kiln_hash2(p.key, identity)); }
+Sequence sequence_of(kiln_gpu_point p, uint identity)
+{
+    return Sequence(kiln_hash2(p.tile_key, identity), kiln_hash2(p.key, identity));
+}
 
 uint draw(Sequence sequence, uint k, uint dimension)
 {
@@ -31,9 +34,9 @@ uint draw(Sequence sequence, uint k, uint dimension)
 
 /* What a thread does. */
 struct Row {
-    uint index;       /* the point's, or KILN_GPU_NONE: nothing */
-    uint slot;        /* the point's in the chunk */
-    uint part, row;   /* slice of all four quarters; row of the sums */
+    uint index;     /* the point's, or KILN_GPU_NONE: nothing */
+    uint slot;      /* the point's in the chunk */
+    uint part, row; /* slice of all four quarters; row of the sums */
 };
 
 Row row_of(uint x, uint y)
@@ -55,7 +58,8 @@ void share_of(Row r, uint i, uint samples, out uint begin, out uint end)
     end = i % (4u * push.pass.slices) == r.part ? samples : 0u;
     if (samples < QUARTERS_FROM)
         return;
-    /* quarter q holds the samples k with k * 4 / samples == q; 2^20 samples and 1024 slices fit 32 bits, whose division is fast */
+    /* quarter q holds the samples k with k * 4 / samples == q; 2^20 samples and 1024 slices fit 32 bits, whose division
+     * is fast */
     const uint quarter = r.part / push.pass.slices, slice = r.part % push.pass.slices;
     const uint first = (quarter * samples + 3u) / 4u, last = ((quarter + 1u) * samples + 3u) / 4u;
     begin = first + (last - first) * slice / push.pass.slices;
@@ -97,8 +101,9 @@ void add_choice(inout Total total, Row r, uint i, uint samples, Sums sums)
 
 void store_total(Row r, Total t)
 {
-    direct_sums(r.row).at[r.slot] = kiln_gpu_direct_sums(stored[3](t.incident.x, t.incident.y, t.incident.z),
-                                                         stored[3](t.irradiance.x, t.irradiance.y, t.irradiance.z), t.variance, t.rays, t.stopped);
+    direct_sums(r.row).at[r.slot] =
+        kiln_gpu_direct_sums(stored[3](t.incident.x, t.incident.y, t.incident.z),
+                             stored[3](t.irradiance.x, t.irradiance.y, t.irradiance.z), t.variance, t.rays, t.stopped);
 }
 
 const real SHORT_OF = 1 - real(9.5367431640625e-7LF); /* of a ray's length: what lies at its end is not in its way */
@@ -124,7 +129,8 @@ void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 o
     if (HAS_ALPHA >= KILN_GPU_PASSAGE_BLEND)
         s.value *= real3(through);
     const bool smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;
-    const real3 irradiance = s.value * (smooth_point ? max(real(0), dot(real3(kiln_shading(p, n)), s.direction)) : cosine);
+    const real3 irradiance =
+        s.value * (smooth_point ? max(real(0), dot(real3(kiln_shading(p, n)), s.direction)) : cosine);
     const real luminance = real_luminance(irradiance);
     sums.incident += s.value * cosine;
     sums.irradiance += irradiance;
@@ -134,16 +140,19 @@ void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 o
 
 #ifdef KILN_PRECISE
 /* Of a lone area light. */
-bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, Sequence sequence, uint k, out kiln_light_sample s)
+bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, Sequence sequence, uint k,
+                out kiln_light_sample s)
 {
     const uint light = LightNodes(SCENE.lights.nodes).at[choice.index].right;
-    return sample_area_light(light, place, 1, real_unit(draw(sequence, k, DIMENSION_U)), real_unit(draw(sequence, k, DIMENSION_V)), s);
+    return sample_area_light(light, place, 1, real_unit(draw(sequence, k, DIMENSION_U)),
+                             real_unit(draw(sequence, k, DIMENSION_V)), s);
 }
 #else
-bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, Sequence sequence, uint k, out kiln_light_sample s)
+bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, Sequence sequence, uint k,
+                out kiln_light_sample s)
 {
-    return kiln_lights_sample(choice, i, place, n, real_unit(draw(sequence, k, DIMENSION_CHOICE)), real_unit(draw(sequence, k, DIMENSION_U)),
-                              real_unit(draw(sequence, k, DIMENSION_V)), s);
+    return kiln_lights_sample(choice, i, place, n, real_unit(draw(sequence, k, DIMENSION_CHOICE)),
+                              real_unit(draw(sequence, k, DIMENSION_U)), real_unit(draw(sequence, k, DIMENSION_V)), s);
 }
 #endif
 
@@ -151,7 +160,8 @@ void add_sample(inout Sums sums, kiln_gpu_point p, kiln_light_choice choice, Seq
 {
     vec3 position, n;
     float offset;
-    kiln_position(p, push.chunk.parts, float(real_unit(draw(sequence, k, DIMENSION_S))), float(real_unit(draw(sequence, k, DIMENSION_T))), position, n, offset);
+    kiln_position(p, push.chunk.parts, float(real_unit(draw(sequence, k, DIMENSION_S))),
+                  float(real_unit(draw(sequence, k, DIMENSION_T))), position, n, offset);
     const real3 off = real3(n) * real(offset);
     kiln_light_sample s;
     if (draw_light(choice, i, real3(position) - off, real3(n), sequence, k, s))
@@ -161,7 +171,8 @@ void add_sample(inout Sums sums, kiln_gpu_point p, kiln_light_choice choice, Seq
 /* Samples begin .. end-1 of a choice. */
 Sums sample_choice(kiln_gpu_point p, kiln_light_choice choice, uint begin, uint end, inout uint stopped)
 {
-    const uint identity = identity_of(choice.kind, choice.index), strategies = kiln_lights_strategies(choice, real3(p.normal));
+    const uint identity = identity_of(choice.kind, choice.index),
+               strategies = kiln_lights_strategies(choice, real3(p.normal));
     Sums sums = Sums(real3(0), real3(0), 0, 0, 0u);
     uint i = begin;
     for (; i < end; i++)
@@ -175,11 +186,12 @@ void add_target_sample(inout Sums sums, kiln_gpu_point p, kiln_area_light_sample
 {
     vec3 position, n;
     float offset;
-    kiln_position(p, push.chunk.parts, real_unit(draw(sequence, k, DIMENSION_S)), real_unit(draw(sequence, k, DIMENSION_T)), position, n, offset);
+    kiln_position(p, push.chunk.parts, real_unit(draw(sequence, k, DIMENSION_S)),
+                  real_unit(draw(sequence, k, DIMENSION_T)), position, n, offset);
     const vec3 off = n * offset;
     kiln_light_sample s;
     if (kiln_area_light_sampler_draw(target, (position - p.centre) - off, real_unit(draw(sequence, k, DIMENSION_U)),
-                                 real_unit(draw(sequence, k, DIMENSION_V)), s))
+                                     real_unit(draw(sequence, k, DIMENSION_V)), s))
         add_light(sums, p, position, n, off, s);
 }
 
@@ -223,7 +235,8 @@ void kiln_kernel(uint x, uint y)
     uint i = 0u;
     for (; i < count; i++) {
         const kiln_gpu_choice packed = direct_choice(i).at[r.slot];
-        const uint kind = packed.what >> KILN_GPU_CHOICE_KIND_SHIFT, index = packed.what & ((1u << KILN_GPU_CHOICE_KIND_SHIFT) - 1u);
+        const uint kind = packed.what >> KILN_GPU_CHOICE_KIND_SHIFT,
+                   index = packed.what & ((1u << KILN_GPU_CHOICE_KIND_SHIFT) - 1u);
         const uint samples = packed.samples & ~KILN_GPU_CHOICE_PRECISE;
         uint begin, end;
         share_of(r, i, samples, begin, end);
@@ -231,7 +244,7 @@ void kiln_kernel(uint x, uint y)
             continue;
         Sums sums;
 #ifndef KILN_PRECISE
-        if (light_kind(KILN_LIGHT_AREA) && kind == KILN_GPU_CHOICE_TARGET)
+        if (light_kind(KILN_GPU_KIND_AREA) && kind == KILN_GPU_CHOICE_TARGET)
             sums = sample_target(p, index, begin, end, total.stopped);
         else
 #endif

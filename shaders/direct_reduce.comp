@@ -27,7 +27,8 @@ real quarters_variance(uint i, uint step, uint x, uint samples)
     }
     const real mean = total / real(samples);
     for (uint q = 0u; q < 4u; q++) { /* of a number that 4 does not divide, quarters differ by one sample */
-        const uint begin = uint((uint64_t(q) * samples + 3ul) / 4ul), end = uint((uint64_t(q + 1u) * samples + 3ul) / 4ul);
+        const uint begin = uint((uint64_t(q) * samples + 3ul) / 4ul),
+                   end = uint((uint64_t(q + 1u) * samples + 3ul) / 4ul);
         const real off = quarter[q] / real(end - begin) - mean;
         spread += off * off;
     }
@@ -40,8 +41,10 @@ void kiln_kernel(uint x, uint y)
         return;
     const uint index = push.chunk.origin + x;
     uint rays = 0u;
-    kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
-    const uint state = DirectWords(push.chunk.states).at[index], step = state == KILN_GPU_STATE_BURIED ? 1u : push.pass.split;
+    kiln_gpu_result r =
+        kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
+    const uint state = DirectWords(push.chunk.states).at[index],
+               step = state == KILN_GPU_STATE_BURIED ? 1u : push.pass.split;
     if (state != KILN_GPU_STATE_INVALID) {
         real3 incident = real3(0), irradiance = real3(0);
         real variance = 0;

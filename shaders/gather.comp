@@ -1,6 +1,7 @@
-/* The bounce pass: thread (x, y) takes slice y of the samples of point x, a few cosine-distributed rays, and adds up the radiosity
- * that they find. The samples of a point fall into four quarters, each of `slices` slices: neighbouring threads take the same
- * sample of neighbouring points, whose directions share a stratum (shaders/random.h). gather_reduce.comp adds up the slices. */
+/* The bounce pass: thread (x, y) takes slice y of the samples of point x, a few cosine-distributed rays, and adds up
+ * the radiosity that they find. The samples of a point fall into four quarters, each of `slices` slices: neighbouring
+ * threads take the same sample of neighbouring points, whose directions share a stratum (shaders/shared/random.h).
+ * gather_reduce.comp adds up the slices. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -9,8 +10,9 @@ layout(push_constant, scalar) uniform Push
 {
     KILN_ADDRESS scene;
     kiln_gpu_chunk chunk;
-    KILN_ADDRESS sobol;  /* words: dimension d's samples from d * sobol_stride on */
-    KILN_ADDRESS slices; /* float: component c of row r of point x at ((r * SLICE_FLOATS + c) * chunk.total + point - origin) */
+    KILN_ADDRESS sobol; /* words: dimension d's samples from d * sobol_stride on */
+    KILN_ADDRESS
+        slices; /* float: component c of row r of point x at ((r * SLICE_FLOATS + c) * chunk.total + point - origin) */
     KILN_WORD samples, stream, reuse, sobol_stride;
     KILN_WORD per_quarter; /* slices a quarter */
     KILN_WORD row_first;   /* slice of y = 0 */
@@ -19,7 +21,7 @@ layout(push_constant, scalar) uniform Push
 } push;
 
 #define KILN_TRACES
-#include "shaders/trace.glsl"
+#include "shaders/trace/trace.glsl"
 #include "shaders/surface.glsl"
 #include "shaders/position.glsl"
 
@@ -138,8 +140,10 @@ void kiln_kernel(uint x, uint row)
     for (; k < to; k++) {
         const uint place = shares ? k / push.reuse : k;
         if (place != drawn) {
-            const float s = kiln_unit_float(kiln_owen_scramble(sobol.at[2u * push.sobol_stride + place], seed[2]) ^ shift_s);
-            const float t = kiln_unit_float(kiln_owen_scramble(sobol.at[3u * push.sobol_stride + place], seed[3]) ^ shift_t);
+            const float s =
+                kiln_unit_float(kiln_owen_scramble(sobol.at[2u * push.sobol_stride + place], seed[2]) ^ shift_s);
+            const float t =
+                kiln_unit_float(kiln_owen_scramble(sobol.at[3u * push.sobol_stride + place], seed[3]) ^ shift_t);
             float offset;
             kiln_position(p, push.chunk.parts, s, t, position, normal, offset);
             drawn = place;

@@ -1,5 +1,5 @@
-/* Adds up what gather.comp found, slice after slice, and makes each point's answer of it; zeros for invalid points. The slices of partly
- * buried points fill all rows, those of other points each `split`-th. */
+/* Adds up what gather.comp found, slice after slice, and makes each point's answer of it; zeros for invalid points. The
+ * slices of partly buried points fill all rows, those of other points each `split`-th. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -27,7 +27,8 @@ void kiln_kernel(uint x, uint y)
     if (x >= push.chunk.total)
         return;
     const uint index = push.chunk.origin + x;
-    kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
+    kiln_gpu_result r =
+        kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
     const uint state = WordArray(push.chunk.states).at[index];
     if (state != KILN_GPU_STATE_INVALID) {
         const uint rows = push.per_quarter * push.split, step = state == KILN_GPU_STATE_BURIED ? 1u : push.split;
@@ -58,7 +59,8 @@ void kiln_kernel(uint x, uint y)
         }
         r.escaped = mean(sums[6], n);
         r.blocked = mean(sums[7], n);
-        /* Standard error of the mean of four sub-nets: more than the error of the whole net, whose parts balance one another. */
+        /* Standard error of the mean of four sub-nets: more than the error of the whole net, whose parts balance one
+         * another. */
         if (push.samples >= 4u) {
             const float middle = 0.25 * (quarters[0] + quarters[1] + quarters[2] + quarters[3]);
             float square = 0.0;

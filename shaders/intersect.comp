@@ -6,14 +6,15 @@
 /* 1: only whether anything is met within the distance that `hits` has already; the triangle is then 0. */
 layout(constant_id = 5) const uint OCCLUSION = 0u;
 
-layout(push_constant, scalar) uniform Push {
+layout(push_constant, scalar) uniform Push
+{
     KILN_ADDRESS scene;
     KILN_ADDRESS origins, directions; /* vec3 each */
     KILN_ADDRESS hits;                /* struct kiln_gpu_hit */
     uint count;
 } push;
 
-#include "shaders/trace.glsl"
+#include "shaders/trace/trace.glsl"
 
 KILN_ARRAY(IntersectVectors, vec3, 4);
 KILN_ARRAY(IntersectHits, kiln_gpu_hit, 4);
@@ -30,13 +31,15 @@ void kiln_kernel(uint x, uint y)
     const float start = max(0.0, length(origin) - 1.75 * SCENE.trace.extent);
     origin += start * direction;
     if (OCCLUSION != 0u) {
-        const bool occluded = kiln_through(origin, direction, IntersectHits(push.hits).at[x].distance - start) == vec3(0.0);
+        const bool occluded =
+            kiln_through(origin, direction, IntersectHits(push.hits).at[x].distance - start) == vec3(0.0);
         IntersectHits(push.hits).at[x].triangle = occluded ? 0u : KILN_GPU_NONE;
         return;
     }
     vec3 tint;
     const kiln_hit hit = kiln_trace_by_chance(origin, direction, seed, tint);
-    IntersectHits(push.hits).at[x] = kiln_gpu_hit(hit.triangle, hit.u, hit.v, hit.distance + start, hit.back ? 1u : 0u, float[3](tint.x, tint.y, tint.z));
+    IntersectHits(push.hits).at[x] = kiln_gpu_hit(hit.triangle, hit.u, hit.v, hit.distance + start, hit.back ? 1u : 0u,
+                                                  float[3](tint.x, tint.y, tint.z));
 }
 
 #include "shaders/main.glsl"

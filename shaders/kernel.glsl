@@ -7,32 +7,32 @@
  *     void kiln_kernel(uint x, uint y) { ... }
  *     #include "shaders/main.glsl"
  *
- * Data is reached by address alone: KILN_ARRAY(Points, kiln_gpu_point, 4) makes a type, Points(push.points).at[i] an element.
- * Indices reach 2^31 - 1; beyond, add to the address in 64 bits. */
+ * Data is reached by address alone: KILN_ARRAY(Points, kiln_gpu_point, 4) makes a type, Points(push.points).at[i] an
+ * element. Indices reach 2^31 - 1; beyond, add to the address in 64 bits. */
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
 #ifdef KILN_PIPELINE
-#extension GL_EXT_ray_tracing : require
+#    extension GL_EXT_ray_tracing : require
 #endif
 
-#include "shaders/layout.h"
-#include "shaders/random.h"
+#include "shaders/shared/layout.h"
+#include "shaders/shared/random.h"
 
-/* KILN_FLOAT64: what lights are, and sums, lie there as doubles (`stored`). They are reckoned with in doubles too (`real`) but for kernels
- * with KILN_PLAIN, which leave to others what floats would not do for. */
+/* KILN_FLOAT64: what lights are, and sums, lie there as doubles (`stored`). They are reckoned with in doubles too
+ * (`real`) but for kernels with KILN_PLAIN, which leave to others what floats would not do for. */
 #ifdef KILN_FLOAT64
-#define stored double
-#define stored3 dvec3
+#    define stored double
+#    define stored3 dvec3
 #else
-#define stored float
-#define stored3 vec3
+#    define stored float
+#    define stored3 vec3
 #endif
 #if defined(KILN_FLOAT64) && !defined(KILN_PLAIN)
-#define KILN_DOUBLES
-#define real double
+#    define KILN_DOUBLES
+#    define real double
 #else
-#define real float
+#    define real float
 #endif
 
 /* The same numbers in every kernel; a kernel's own start at 5. */
@@ -43,7 +43,7 @@ layout(constant_id = 3) const uint LIGHT_KINDS = 0xffffffffu;
 layout(constant_id = 4) const uint DRAW_AGAIN = 1u;
 
 /* `alignment` in bytes: 8 where the element has 64-bit members, else 4. */
-#define KILN_ARRAY(Name, type, alignment) \
+#define KILN_ARRAY(Name, type, alignment)                                                                              \
     layout(buffer_reference, scalar, buffer_reference_align = alignment) buffer Name { type at[]; }
 
 layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer SceneRef { kiln_gpu_scene value; };

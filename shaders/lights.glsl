@@ -1,14 +1,14 @@
-/* Choosing among lights and sampling them: worker/light/lights.c, tree.c and environment.c, branch by branch, so that the same
- * random numbers give the same samples. Kinds of light that the scene lacks are compiled away (LIGHT_KINDS).
+/* Choosing among lights and sampling them: worker/light/lights.c, tree.c and environment.c, branch by branch, so that
+ * the same random numbers give the same samples. Kinds of light that the scene lacks are compiled away (LIGHT_KINDS).
  *
  *   uint candidates = kiln_lights_choose(p, spread, n, limit, sky);     // limit <= KILN_CUT_MAX
  *   for (uint i = 0u; i < candidates; i++)
- *       if (kiln_lights_candidate(i, n, samples, choice))               // in kiln_lights_choices' order, with kiln_lights_allot's samples
- *           for (uint k = 0u; k < choice.samples; k++)
- *               if (kiln_lights_sample(choice, k, p, n, pick, u, v, s)) ...
+ *       if (kiln_lights_candidate(i, n, samples, choice))               // in kiln_lights_choices' order, with
+ * kiln_lights_allot's samples for (uint k = 0u; k < choice.samples; k++) if (kiln_lights_sample(choice, k, p, n, pick,
+ * u, v, s)) ...
  *
- * n is the geometric normal; the zero vector for a probe: every direction counts. `sky` false leaves the environment out. A
- * thread has one set of candidates at a time. Needs shaders/kernel.glsl and the push constants before it. */
+ * n is the geometric normal; the zero vector for a probe: every direction counts. `sky` false leaves the environment
+ * out. A thread has one set of candidates at a time. Needs shaders/kernel.glsl and the push constants before it. */
 #ifndef KILN_LIGHTS_GLSL
 #define KILN_LIGHTS_GLSL
 
@@ -16,9 +16,9 @@
 #include "shaders/spherical_triangle.glsl"
 #include "shaders/material.glsl"
 
-#define KILN_LIGHT_REAL stored
-#define KILN_LIGHT_NAME(name) name
-#include "shaders/layout_light_real.h"
+#define KILN_STORED_REAL stored
+#define KILN_STORED_NAME(name) name
+#include "shaders/shared/layout_light_real.h"
 
 const uint KILN_CUT_MAX = 24u;
 
@@ -28,7 +28,8 @@ struct kiln_light_choice {
     uint kind, index, samples; /* index: node or directional light */
 };
 
-/* The contribution to irradiance is value x max(0, n . direction) if nothing lies between p and p + distance x direction. */
+/* The contribution to irradiance is value x max(0, n . direction) if nothing lies between p and p + distance x
+ * direction. */
 struct kiln_light_sample {
     real3 direction; /* unit */
     real distance;   /* m; KILN_INFINITY for light from outside */
@@ -51,8 +52,14 @@ bool is_probe(real3 n) { return n.x == 0 && n.y == 0 && n.z == 0; }
 
 /* ---- importance of a cluster (worker/light/tree.c) ---- */
 
-real cos_less(real sin_a, real cos_a, real sin_b, real cos_b) { return cos_a > cos_b ? real(1) : cos_a * cos_b + sin_a * sin_b; }
-real sin_less(real sin_a, real cos_a, real sin_b, real cos_b) { return cos_a > cos_b ? real(0) : sin_a * cos_b - cos_a * sin_b; }
+real cos_less(real sin_a, real cos_a, real sin_b, real cos_b)
+{
+    return cos_a > cos_b ? real(1) : cos_a * cos_b + sin_a * sin_b;
+}
+real sin_less(real sin_a, real cos_a, real sin_b, real cos_b)
+{
+    return cos_a > cos_b ? real(0) : sin_a * cos_b - cos_a * sin_b;
+}
 real sin_of(real c) { return sqrt(max(real(0), 1 - c * c)); }
 
 real light_importance(uint index, real3 p, real spread, real3 n)
@@ -66,10 +73,11 @@ real light_importance(uint index, real3 p, real spread, real3 n)
         const real cos_b = sqrt(max(real(0), 1 - radius2 / d2)), sin_b = sin_of(cos_b);
         const real3 w = away * (1 / sqrt(d2));
         real cos_w = dot(real3_of(node.axis), w);
-        if ((node.flags & KILN_LIGHT_TWO_SIDED) != 0u)
+        if ((node.flags & KILN_GPU_LIGHT_TWO_SIDED) != 0u)
             cos_w = abs(cos_w);
         const real sin_w = sin_of(cos_w);
-        const real cos_x = cos_less(sin_w, cos_w, real(node.sin_o), real(node.cos_o)), sin_x = sin_less(sin_w, cos_w, real(node.sin_o), real(node.cos_o));
+        const real cos_x = cos_less(sin_w, cos_w, real(node.sin_o), real(node.cos_o)),
+                   sin_x = sin_less(sin_w, cos_w, real(node.sin_o), real(node.cos_o));
         emission = cos_less(sin_x, cos_x, sin_b, cos_b);
         if (emission <= real(node.cos_e))
             return 0;
@@ -81,7 +89,8 @@ real light_importance(uint index, real3 p, real spread, real3 n)
         }
     }
     const real least = real(1e-3LF);
-    const real importance = real(node.power) * max(emission, least) * max(reception, least) / max(d2, real(node.floor2));
+    const real importance =
+        real(node.power) * max(emission, least) * max(reception, least) / max(d2, real(node.floor2));
     return importance > 0 && !isinf(importance) ? importance : node.power > 0 ? KILN_REAL_TINY : real(0);
 }
 
@@ -118,7 +127,8 @@ void cut_split(uint best, real3 p, real spread, real3 n)
     const uint parent = cut_node[best];
     bool kept = false;
     for (uint c = 0u; c < 2u; c++) {
-        const uint child = c == 0u ? LightNodes(SCENE.lights.nodes).at[parent].left : LightNodes(SCENE.lights.nodes).at[parent].right;
+        const uint child =
+            c == 0u ? LightNodes(SCENE.lights.nodes).at[parent].left : LightNodes(SCENE.lights.nodes).at[parent].right;
         const real importance = light_importance(child, p, spread, n);
         if (importance <= 0)
             continue;
@@ -162,17 +172,17 @@ uint kiln_lights_choose(real3 p, real spread, real3 n, uint limit, bool sky)
 {
     cut_count = 0u;
     cut_total = 0;
-    if (light_kind(KILN_LIGHT_AREA | KILN_LIGHT_PUNCTUAL))
+    if (light_kind(KILN_GPU_KIND_AREA | KILN_GPU_KIND_PUNCTUAL))
         cut_tree(p, spread, n, limit);
     for (uint i = 0u; i < cut_count; i++)
         cut_total += cut_importance[i];
     uint candidates = cut_count;
-    if (light_kind(KILN_LIGHT_SUN)) {
+    if (light_kind(KILN_GPU_KIND_SUN)) {
         for (uint i = 0u; i < SCENE.lights.directional_count; i++)
             cut_total += sun_importance(i, n);
         candidates += SCENE.lights.directional_count;
     }
-    if (light_kind(KILN_LIGHT_SKY | KILN_LIGHT_IMAGE) && sky && SCENE.lights.environment != 0u) {
+    if (light_kind(KILN_GPU_KIND_SKY | KILN_GPU_KIND_IMAGE) && sky && SCENE.lights.environment != 0u) {
         cut_total += sky_importance();
         candidates++;
     }
@@ -181,7 +191,7 @@ uint kiln_lights_choose(real3 p, real spread, real3 n, uint limit, bool sky)
 
 bool kiln_lights_candidate(uint i, real3 n, uint samples, out kiln_light_choice choice)
 {
-    const uint suns = light_kind(KILN_LIGHT_SUN) ? SCENE.lights.directional_count : 0u;
+    const uint suns = light_kind(KILN_GPU_KIND_SUN) ? SCENE.lights.directional_count : 0u;
     real importance;
     if (i < cut_count) {
         choice.kind = KILN_CHOICE_NODE;
@@ -227,7 +237,8 @@ uint find_step(LightFloats cumulative, uint first, uint count, real u, out real 
         else
             low = middle + 1u;
     }
-    const real begin = low == 0u ? real(0) : real(cumulative.at[first + low - 1u]), end = real(cumulative.at[first + low]);
+    const real begin = low == 0u ? real(0) : real(cumulative.at[first + low - 1u]),
+               end = real(cumulative.at[first + low]);
 #ifdef KILN_DOUBLES
     const real last = 1.0LF - 1e-12LF;
 #else
@@ -240,8 +251,10 @@ uint find_step(LightFloats cumulative, uint first, uint count, real u, out real 
 real sky_texel_density(uvec2 at)
 {
     const uint width = SCENE.lights.width;
-    const real chance = step_width(LightFloats(SCENE.lights.marginal), 0u, at.y) * step_width(LightFloats(SCENE.lights.conditional), at.y * width, at.x);
-    return chance / (real(LightReals(SCENE.lights.rows).at[SCENE.lights.height + 1u + at.y]) * 2 * KILN_REAL_PI / real(width));
+    const real chance = step_width(LightFloats(SCENE.lights.marginal), 0u, at.y) *
+                        step_width(LightFloats(SCENE.lights.conditional), at.y * width, at.x);
+    return chance /
+           (real(LightReals(SCENE.lights.rows).at[SCENE.lights.height + 1u + at.y]) * 2 * KILN_REAL_PI / real(width));
 }
 
 /* Radiance arriving from outside along `direction` (pointing outwards). */
@@ -249,7 +262,7 @@ vec3 kiln_environment_radiance(real3 direction)
 {
     if (SCENE.lights.environment == 0u)
         return vec3(0.0);
-    if (!light_kind(KILN_LIGHT_IMAGE))
+    if (!light_kind(KILN_GPU_KIND_IMAGE))
         return vec3_of(SCENE.lights.sky);
     const uvec2 at = sky_texel(direction);
     LightFloats texels = LightFloats(SCENE.lights.texels + 12ul * (uint64_t(at.y) * SCENE.lights.width + at.x));
@@ -259,7 +272,7 @@ vec3 kiln_environment_radiance(real3 direction)
 /* Density per steradian of kiln_environment_sample. */
 real kiln_environment_density(real3 direction)
 {
-    return light_kind(KILN_LIGHT_IMAGE) ? sky_texel_density(sky_texel(direction)) : 1 / (4 * KILN_REAL_PI);
+    return light_kind(KILN_GPU_KIND_IMAGE) ? sky_texel_density(sky_texel(direction)) : 1 / (4 * KILN_REAL_PI);
 }
 
 real3 kiln_sphere_direction(real u, real v)
@@ -272,7 +285,7 @@ real3 kiln_sphere_direction(real u, real v)
 
 real3 kiln_environment_sample(real u, real v, out real density)
 {
-    if (!light_kind(KILN_LIGHT_IMAGE)) {
+    if (!light_kind(KILN_GPU_KIND_IMAGE)) {
         density = 1 / (4 * KILN_REAL_PI);
         return kiln_sphere_direction(u, v);
     }
@@ -284,7 +297,8 @@ real3 kiln_environment_sample(real u, real v, out real density)
     LightReals rows = LightReals(SCENE.lights.rows);
     const real top = real(rows.at[y]), bottom = real(rows.at[y + 1u]);
     const real height = top + (bottom - top) * fy, r = sqrt(max(real(0), 1 - height * height));
-    real_sincos(((real(x) + fx) / real(width) - real(0.5LF)) * 2 * KILN_REAL_PI - real(SCENE.lights.rotation), sine, cosine);
+    real_sincos(((real(x) + fx) / real(width) - real(0.5LF)) * 2 * KILN_REAL_PI - real(SCENE.lights.rotation), sine,
+                cosine);
     return real3(r * sine, height, -r * cosine);
 }
 
@@ -294,7 +308,8 @@ real3 cosine_direction(real3 n, real u, real v)
     const vec3 f = vec3(n);
     const float side = (floatBitsToUint(f.z) >> 31) != 0u ? -1.0 : 1.0;
     const float a = -1.0 / (side + f.z), c = f.x * f.y * a;
-    const real3 t = real3(vec3(1.0 + side * f.x * f.x * a, side * c, -side * f.x)), b = real3(vec3(c, side + f.y * f.y * a, -f.y));
+    const real3 t = real3(vec3(1.0 + side * f.x * f.x * a, side * c, -side * f.x)),
+                b = real3(vec3(c, side + f.y * f.y * a, -f.y));
     const real r = sqrt(u);
     real sine, cosine;
     real_sincos(2 * KILN_REAL_PI * v, sine, cosine);
@@ -304,7 +319,10 @@ real3 cosine_direction(real3 n, real u, real v)
 /* See worker/light/lights.h. */
 uint kiln_lights_strategies(kiln_light_choice choice, real3 n)
 {
-    return light_kind(KILN_LIGHT_IMAGE) && choice.kind == KILN_CHOICE_ENVIRONMENT && choice.samples >= 2u && !is_probe(n) ? 2u : 1u;
+    return light_kind(KILN_GPU_KIND_IMAGE) && choice.kind == KILN_CHOICE_ENVIRONMENT && choice.samples >= 2u &&
+                   !is_probe(n)
+               ? 2u
+               : 1u;
 }
 
 bool sample_environment(kiln_light_choice choice, uint index, real3 n, real u, real v, inout kiln_light_sample s)
@@ -334,10 +352,11 @@ bool sample_environment(kiln_light_choice choice, uint index, real3 n, real u, r
 /* KHR_lights_punctual: intensity towards unit `direction` from the light, and the factor of the range at a distance. */
 real point_light_cone(kiln_gpu_point_light light, real3 direction)
 {
-    if ((light.flags & KILN_LIGHT_IS_SPOT) == 0u)
+    if ((light.flags & KILN_GPU_LIGHT_IS_SPOT) == 0u)
         return 1;
     const real cosine = dot(real3_of(light.direction), direction);
-    const real t = clamp((cosine - real(light.cos_outer)) / max(real(1e-9LF), real(light.cos_inner - light.cos_outer)), real(0), real(1));
+    const real t = clamp((cosine - real(light.cos_outer)) / max(real(1e-9LF), real(light.cos_inner - light.cos_outer)),
+                         real(0), real(1));
     return t * t;
 }
 
@@ -357,7 +376,8 @@ bool sample_point_light(uint index, real3 p, real weight, inout kiln_light_sampl
     if (!(s.distance > 0))
         return false;
     s.direction = to * (1 / s.distance);
-    const real factor = weight * point_light_cone(light, -s.direction) * point_light_range(light, s.distance) / (s.distance * s.distance);
+    const real factor = weight * point_light_cone(light, -s.direction) * point_light_range(light, s.distance) /
+                        (s.distance * s.distance);
     s.value = real3(vec3_of(light.intensity)) * factor;
     return factor > 0 && !isinf(factor); /* the square of a float's smallest distances is 0 */
 }
@@ -367,20 +387,22 @@ const real SPHERICAL_FROM = real(0.02LF); /* sr; see spherical_triangle.h */
 vec3 textured_emission(kiln_gpu_area_light light, real3 on)
 {
     const real3 e1 = real3_of(light.e1), e2 = real3_of(light.e2);
-    const real e11 = dot(e1, e1), e12 = dot(e1, e2), e22 = dot(e2, e2), below = e11 * e22 - e12 * e12, x = dot(on, e1), y = dot(on, e2);
-    const real b1 = clamp((x * e22 - y * e12) / below, real(0), real(1)), b2 = clamp((y * e11 - x * e12) / below, real(0), 1 - b1);
+    const real e11 = dot(e1, e1), e12 = dot(e1, e2), e22 = dot(e2, e2), below = e11 * e22 - e12 * e12, x = dot(on, e1),
+               y = dot(on, e2);
+    const real b1 = clamp((x * e22 - y * e12) / below, real(0), real(1)),
+               b2 = clamp((y * e11 - x * e12) / below, real(0), 1 - b1);
     return kiln_surface_emission(light.triangle, float(b1), float(b2));
 }
 
 /* The light's radiance `on` from its corner 0. */
 vec3 area_light_radiance(kiln_gpu_area_light light, real3 on)
 {
-    const bool textured = light_kind(KILN_LIGHT_TEXTURED) && (light.flags & KILN_LIGHT_HAS_TEXTURE) != 0u;
+    const bool textured = light_kind(KILN_GPU_KIND_TEXTURED) && (light.flags & KILN_GPU_LIGHT_HAS_TEXTURE) != 0u;
     return textured ? textured_emission(light, on) : vec3_of(light.radiance);
 }
 
-/* How much before a light at `distance`, seen at this cosine, a shadow ray ends: the light's corners are floats, and so may be its
- * samples. */
+/* How much before a light at `distance`, seen at this cosine, a shadow ray ends: the light's corners are floats, and so
+ * may be its samples. */
 real light_backoff(kiln_gpu_area_light light, real distance, real cosine)
 {
 #ifdef KILN_DOUBLES
@@ -397,7 +419,7 @@ bool sample_area_light(uint index, real3 p, real weight, real u, real v, out kil
     const stored3 stored0 = stored3_of(light.p0) - stored3(p);
     const real side = real(-dot(stored0, stored3_of(light.normal))), height = abs(side); /* of p above the front face */
     /* In the light's own plane, as far as floats tell, nothing of it is seen. */
-    if (((light.flags & KILN_LIGHT_TWO_SIDED) != 0u ? height : side) <= 2 * real(light.rounding))
+    if (((light.flags & KILN_GPU_LIGHT_TWO_SIDED) != 0u ? height : side) <= 2 * real(light.rounding))
         return false;
     const real3 to0 = real3(stored0), e1 = real3_of(light.e1), e2 = real3_of(light.e2);
     const kiln_spherical_triangle t = kiln_spherical_triangle_of(to0, e1, e2, real(light.area), height);
@@ -416,7 +438,8 @@ bool sample_area_light(uint index, real3 p, real weight, real u, real v, out kil
     s.direction = to * (1 / s.distance);
     const real seen = height / s.distance; /* cosine at the light */
     s.backoff = light_backoff(light, s.distance, seen);
-    s.value = real3(area_light_radiance(light, to - to0)) * weight * (spherical ? t.omega : seen * real(light.area) / (s.distance * s.distance));
+    s.value = real3(area_light_radiance(light, to - to0)) * weight *
+              (spherical ? t.omega : seen * real(light.area) / (s.distance * s.distance));
     return true;
 }
 
@@ -442,30 +465,31 @@ bool pick_light(uint node, real3 p, real3 n, real pick, out uint light, out real
     return true;
 }
 
-/* Draws the choice's `index`-th sample with random numbers in (0,1): `pick` goes down the tree, u and v over the light. False
- * when it brings nothing. */
-bool kiln_lights_sample(kiln_light_choice choice, uint index, real3 p, real3 n, real pick, real u, real v, out kiln_light_sample s)
+/* Draws the choice's `index`-th sample with random numbers in (0,1): `pick` goes down the tree, u and v over the light.
+ * False when it brings nothing. */
+bool kiln_lights_sample(kiln_light_choice choice, uint index, real3 p, real3 n, real pick, real u, real v,
+                        out kiln_light_sample s)
 {
     s.direction = real3(0);
     s.value = real3(0);
     s.distance = real(KILN_INFINITY);
     s.backoff = 0;
-    if (light_kind(KILN_LIGHT_SKY | KILN_LIGHT_IMAGE) && choice.kind == KILN_CHOICE_ENVIRONMENT)
+    if (light_kind(KILN_GPU_KIND_SKY | KILN_GPU_KIND_IMAGE) && choice.kind == KILN_CHOICE_ENVIRONMENT)
         return sample_environment(choice, index, n, u, v, s);
-    if (light_kind(KILN_LIGHT_SUN) && choice.kind == KILN_CHOICE_DIRECTIONAL) {
+    if (light_kind(KILN_GPU_KIND_SUN) && choice.kind == KILN_CHOICE_DIRECTIONAL) {
         const kiln_gpu_directional_light light = DirectionalLights(SCENE.lights.directionals).at[choice.index];
         s.direction = real3_of(light.towards);
         s.value = real3(vec3_of(light.irradiance));
         return true;
     }
-    if (!light_kind(KILN_LIGHT_AREA | KILN_LIGHT_PUNCTUAL))
+    if (!light_kind(KILN_GPU_KIND_AREA | KILN_GPU_KIND_PUNCTUAL))
         return false;
     uint light;
     real weight;
     if (!pick_light(choice.index, p, n, pick, light, weight))
         return false;
     const uint areas = SCENE.lights.area_count;
-    if (light_kind(KILN_LIGHT_AREA) && (!light_kind(KILN_LIGHT_PUNCTUAL) || light < areas))
+    if (light_kind(KILN_GPU_KIND_AREA) && (!light_kind(KILN_GPU_KIND_PUNCTUAL) || light < areas))
         return sample_area_light(light, p, weight, u, v, s);
     return sample_point_light(light - areas, p, weight, s);
 }

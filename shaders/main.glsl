@@ -1,13 +1,10 @@
-/* The entry point: last in a kernel file. Threads (x, y) of a compute dispatch come in workgroups of 64 along x; a dimension
- * that has more workgroups than a device takes at once goes on in z (gpu_submit.c decides: y when there are exactly
- * KILN_FOLD_Y rows, else x). */
-#include "shaders/fold.h"
+/* The entry point: last in a kernel file. Threads (x, y) of a compute dispatch come in workgroups of 64 along x; a
+ * dimension that has more workgroups than a device takes at once goes on in z (gpu_submit.c decides: y when there are
+ * exactly KILN_FOLD_Y rows, else x). */
+#include "shaders/shared/fold.h"
 
 #ifdef KILN_PIPELINE
-void main()
-{
-    kiln_kernel(gl_LaunchIDEXT.x, gl_LaunchIDEXT.y);
-}
+void main() { kiln_kernel(gl_LaunchIDEXT.x, gl_LaunchIDEXT.y); }
 #else
 layout(local_size_x = 64, local_size_y = 1, local_size_z = 1) in;
 

@@ -1,7 +1,7 @@
 /* Alpha and emission of surfaces, by the formulas and filters of worker/scene/texture.c.
  *
- * For world triangles that have a coating (see layout_material.h): those that may let rays through, and those whose emission
- * has a texture. (u, v) are the world triangle's barycentrics, as tracing gives them. */
+ * For world triangles that have a coating (see shared/layout_material.h): those that may let rays through, and those
+ * whose emission has a texture. (u, v) are the world triangle's barycentrics, as tracing gives them. */
 #ifndef KILN_SHADERS_MATERIAL_GLSL
 #define KILN_SHADERS_MATERIAL_GLSL
 
@@ -13,8 +13,8 @@ KILN_ARRAY(MaterialFloats, float, 4);
 
 const uint kiln_texel_fraction = 45u; /* binary digits of a texel coordinate: 2 periods of 2^16 texels fit into 63 */
 
-/* Texel coordinate of a texture coordinate in fixed point: exact to 2^-45 of a period without doubles. Wrapping makes equal what
- * differs by two periods, and taking those off is exact. */
+/* Texel coordinate of a texture coordinate in fixed point: exact to 2^-45 of a period without doubles. Wrapping makes
+ * equal what differs by two periods, and taking those off is exact. */
 int64_t kiln_texel_coordinate(float u, uint size, uint wrap)
 {
     const float near = wrap == KILN_GPU_WRAP_CLAMP ? clamp(u, -1.0, 2.0) : u - 2.0 * trunc(0.5 * u);
@@ -46,13 +46,16 @@ vec4 kiln_texel(kiln_gpu_texture t, int x, int y)
 vec4 kiln_texture_sample(uint index, vec2 at)
 {
     const kiln_gpu_texture t = TextureArray(SCENE.materials.textures).at[index];
-    const int64_t shift = t.nearest != 0u ? 0l : 1l << (kiln_texel_fraction - 1u); /* a bilinear cell begins at a texel's centre */
-    const int64_t x = kiln_texel_coordinate(at.x, t.width, t.wrap_u) - shift, y = kiln_texel_coordinate(at.y, t.height, t.wrap_v) - shift;
+    const int64_t shift =
+        t.nearest != 0u ? 0l : 1l << (kiln_texel_fraction - 1u); /* a bilinear cell begins at a texel's centre */
+    const int64_t x = kiln_texel_coordinate(at.x, t.width, t.wrap_u) - shift,
+                  y = kiln_texel_coordinate(at.y, t.height, t.wrap_v) - shift;
     const int left = int(x >> kiln_texel_fraction), top = int(y >> kiln_texel_fraction);
     const vec4 first = kiln_texel(t, left, top);
     if (t.nearest != 0u)
         return first;
-    const float fx = float(uint(x >> (kiln_texel_fraction - 32u))) / 4294967296.0, fy = float(uint(y >> (kiln_texel_fraction - 32u))) / 4294967296.0;
+    const float fx = float(uint(x >> (kiln_texel_fraction - 32u))) / 4294967296.0,
+                fy = float(uint(y >> (kiln_texel_fraction - 32u))) / 4294967296.0;
     const vec4 upper = first + fx * (kiln_texel(t, left + 1, top) - first);
     const vec4 third = kiln_texel(t, left, top + 1), lower = third + fx * (kiln_texel(t, left + 1, top + 1) - third);
     return upper + fy * (lower - upper);
@@ -89,14 +92,16 @@ float kiln_texture_alpha(uint index, vec2 at)
 {
     const kiln_gpu_texture t = TextureArray(SCENE.materials.textures).at[index];
     const int64_t shift = t.nearest != 0u ? 0l : 1l << (kiln_texel_fraction - 1u);
-    const int64_t x = kiln_texel_coordinate(at.x, t.width, t.wrap_u) - shift, y = kiln_texel_coordinate(at.y, t.height, t.wrap_v) - shift;
+    const int64_t x = kiln_texel_coordinate(at.x, t.width, t.wrap_u) - shift,
+                  y = kiln_texel_coordinate(at.y, t.height, t.wrap_v) - shift;
     const int left = int(x >> kiln_texel_fraction), top = int(y >> kiln_texel_fraction);
     const uint x0 = kiln_wrapped(left, t.width, t.wrap_u), y0 = kiln_wrapped(top, t.height, t.wrap_v);
     const float first = kiln_texel_alpha(t, y0, x0);
     if (t.nearest != 0u)
         return first;
     const uint x1 = kiln_wrapped(left + 1, t.width, t.wrap_u), y1 = kiln_wrapped(top + 1, t.height, t.wrap_v);
-    const float fx = float(uint(x >> (kiln_texel_fraction - 32u))) / 4294967296.0, fy = float(uint(y >> (kiln_texel_fraction - 32u))) / 4294967296.0;
+    const float fx = float(uint(x >> (kiln_texel_fraction - 32u))) / 4294967296.0,
+                fy = float(uint(y >> (kiln_texel_fraction - 32u))) / 4294967296.0;
     const float upper = first + fx * (kiln_texel_alpha(t, y0, x1) - first);
     const float third = kiln_texel_alpha(t, y1, x0), lower = third + fx * (kiln_texel_alpha(t, y1, x1) - third);
     return upper + fy * (lower - upper);
@@ -109,7 +114,9 @@ vec2 kiln_surface_alpha(uint triangle, float u, float v)
 {
     const kiln_gpu_coating coating = kiln_coating_of(triangle, u, v);
     const kiln_gpu_material m = kiln_material_of(coating.material);
-    float alpha = ((1.0 - u - v) * float(coating.colors[0] >> 24) + u * float(coating.colors[1] >> 24) + v * float(coating.colors[2] >> 24)) / 255.0;
+    float alpha = ((1.0 - u - v) * float(coating.colors[0] >> 24) + u * float(coating.colors[1] >> 24) +
+                   v * float(coating.colors[2] >> 24)) /
+                  255.0;
     alpha *= m.base_alpha;
     if (m.base_color_texture != KILN_GPU_NONE)
         alpha *= kiln_texture_alpha(m.base_color_texture, kiln_interpolated(coating.base, u, v));
@@ -127,14 +134,17 @@ kiln_passage kiln_surface_passage(uint triangle, float u, float v)
     const kiln_gpu_coating coating = kiln_coating_of(triangle, u, v);
     const kiln_gpu_material m = kiln_material_of(coating.material);
     const vec2 at = kiln_interpolated(coating.base, u, v);
-    vec4 color = ((1.0 - u - v) * kiln_vertex_color(coating.colors[0]) + u * kiln_vertex_color(coating.colors[1]) + v * kiln_vertex_color(coating.colors[2])) *
+    vec4 color = ((1.0 - u - v) * kiln_vertex_color(coating.colors[0]) + u * kiln_vertex_color(coating.colors[1]) +
+                  v * kiln_vertex_color(coating.colors[2])) *
                  vec4(m.base_color[0], m.base_color[1], m.base_color[2], m.base_alpha);
     if (m.base_color_texture != KILN_GPU_NONE && (HAS_ALPHA == KILN_GPU_PASSAGE_TINT && m.transmission > 0.0))
         color *= kiln_texture_sample(m.base_color_texture, at);
     else if (m.base_color_texture != KILN_GPU_NONE)
         color.a *= kiln_texture_alpha(m.base_color_texture, at);
     color = clamp(color, 0.0, 1.0);
-    const float covered = m.alpha_mode == KILN_GPU_ALPHA_OPAQUE ? 1.0 : m.alpha_mode == KILN_GPU_ALPHA_MASK ? (color.a >= m.alpha_cutoff ? 1.0 : 0.0) : color.a;
+    const float covered = m.alpha_mode == KILN_GPU_ALPHA_OPAQUE ? 1.0
+                          : m.alpha_mode == KILN_GPU_ALPHA_MASK ? (color.a >= m.alpha_cutoff ? 1.0 : 0.0)
+                                                                : color.a;
     if (HAS_ALPHA != KILN_GPU_PASSAGE_TINT || m.transmission == 0.0)
         return kiln_passage(covered, vec3(1.0 - covered));
     float let = covered * m.transmission;

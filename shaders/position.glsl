@@ -1,5 +1,5 @@
-/* Positions on surface points: as kiln_footprint_sample and frame_position of the other backend. Needs trace.glsl before it where
- * DRAW_AGAIN may be 1. */
+/* Positions on surface points: as kiln_footprint_sample and frame_position of the other backend. Needs trace.glsl
+ * before it where DRAW_AGAIN may be 1. */
 
 KILN_ARRAY(PointArray, kiln_gpu_point, 8);
 KILN_ARRAY(PartArray, kiln_gpu_part, 8);
@@ -45,7 +45,8 @@ void kiln_mask_place(uint64_t address, inout float s, inout float t)
 }
 
 /* A place on the point for s and t in (0, 1): position with its offset, geometric normal, and that offset. */
-void kiln_place(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal, out float offset)
+void kiln_place(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal,
+                out float offset)
 {
     if (HAS_ALPHA != 0u && (p.flags & KILN_GPU_POINT_MASKED) != 0u)
         kiln_mask_place(parts + (uint64_t(p.first_part) + p.part_count) * 56ul, s, t);
@@ -79,7 +80,8 @@ bool kiln_meets_back(vec3 position, vec3 direction)
     const kiln_hit hit = kiln_trace(position, direction);
     if (hit.triangle == KILN_GPU_NONE || !hit.back)
         return false;
-    return (floatBitsToUint(RecordHalves(SCENE.records + uint64_t(hit.triangle) * 32ul).at[1].w) & KILN_DOUBLE_SIDED) == 0u;
+    return (floatBitsToUint(RecordHalves(SCENE.records + uint64_t(hit.triangle) * 32ul).at[1].w) & KILN_DOUBLE_SIDED) ==
+           0u;
 }
 
 /* A ray along the normal and three around it, 53 degrees off, all meet backs of single-sided surfaces. */
@@ -96,8 +98,10 @@ bool kiln_buried(vec3 position, vec3 normal)
     return true;
 }
 
-/* kiln_place, drawn again while it is buried where DRAW_AGAIN says so (for points in the state KILN_GPU_STATE_BURIED only). */
-void kiln_position(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal, out float offset)
+/* kiln_place, drawn again while it is buried where DRAW_AGAIN says so (for points in the state KILN_GPU_STATE_BURIED
+ * only). */
+void kiln_position(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal,
+                   out float offset)
 {
     kiln_place(p, parts, s, t, position, normal, offset);
     if (DRAW_AGAIN == 0u)
@@ -110,8 +114,8 @@ void kiln_position(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 
 }
 #endif
 
-/* The chunk's point of thread x: its index among the block's points, or KILN_GPU_NONE when thread x has none. With DRAW_AGAIN the
- * list names partly buried points; without, all points that are valid as a whole. */
+/* The chunk's point of thread x: its index among the block's points, or KILN_GPU_NONE when thread x has none. With
+ * DRAW_AGAIN the list names partly buried points; without, all points that are valid as a whole. */
 uint kiln_point_of_thread(kiln_gpu_chunk chunk, uint x)
 {
     if (x >= chunk.count)

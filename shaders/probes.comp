@@ -1,11 +1,12 @@
-/* Radiance probes: thread (x, y) takes slice `slice_first` + y of the samples of probe x. A slice is a run of rays over the whole
- * sphere for what surfaces send, and as long a run of shadow rays to the lights, whose samples are counted through choice after
- * choice; the last slice has what is left of these. A constant sky is met by the rays over the sphere. Directions, random numbers
- * and estimators are those of worker/backend/embree/probes.c; probes_reduce.comp adds up the slices. */
+/* Radiance probes: thread (x, y) takes slice `slice_first` + y of the samples of probe x. A slice is a run of rays over
+ * the whole sphere for what surfaces send, and as long a run of shadow rays to the lights, whose samples are counted
+ * through choice after choice; the last slice has what is left of these. A constant sky is met by the rays over the
+ * sphere. Directions, random numbers and estimators are those of worker/backend/embree/probes.c; probes_reduce.comp
+ * adds up the slices. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
-#include "shaders/layout_probe.h"
+#include "shaders/shared/layout_probe.h"
 
 layout(push_constant, scalar) uniform Push
 {
@@ -15,11 +16,11 @@ layout(push_constant, scalar) uniform Push
     KILN_ADDRESS slices; /* float: component c of slice s of probe x at (s * KILN_GPU_PROBE_FLOATS + c) * count + x */
     KILN_WORD64 index;   /* of the first probe among all */
     KILN_WORD count, samples, slice_first, slice_count, sobol_stride, seed;
-    KILN_REAL32 far;     /* m: stands in for the distance of escapes */
+    KILN_REAL32 far; /* m: stands in for the distance of escapes */
 } push;
 
 #define KILN_TRACES
-#include "shaders/trace.glsl"
+#include "shaders/trace/trace.glsl"
 #include "shaders/surface.glsl"
 #include "shaders/lights.glsl"
 
@@ -61,14 +62,15 @@ void add_direction(inout ProbeSums sums, vec3 d, vec3 value)
 
 void sphere_sample(inout ProbeSums sums, vec3 p, uint key, uint k)
 {
-    const real3 direction = kiln_sphere_direction(scrambled(k, DIMENSION_U, kiln_hash2(key, 0u)), scrambled(k, DIMENSION_V, kiln_hash2(key, 1u)));
+    const real3 direction = kiln_sphere_direction(scrambled(k, DIMENSION_U, kiln_hash2(key, 0u)),
+                                                  scrambled(k, DIMENSION_V, kiln_hash2(key, 1u)));
     const vec3 d = vec3(direction);
     vec3 tint;
     const kiln_hit hit = kiln_trace_by_chance(p, d, kiln_hash2(key + 1u, k), tint);
     vec3 radiance = vec3(0.0);
     if (hit.triangle == KILN_GPU_NONE) {
         sums.distance += push.far;
-        if (light_kind(KILN_LIGHT_SKY))
+        if (light_kind(KILN_GPU_KIND_SKY))
             radiance = kiln_environment_radiance(direction);
     } else {
         sums.distance += min(hit.distance, push.far);
@@ -86,12 +88,14 @@ void sphere_sample(inout ProbeSums sums, vec3 p, uint key, uint k)
 void light_sample(inout ProbeSums sums, vec3 position, kiln_light_choice choice, uint identity, uint k)
 {
     kiln_light_sample s;
-    const real u = scrambled(k, DIMENSION_U, kiln_hash2(identity, 0u)), v = scrambled(k, DIMENSION_V, kiln_hash2(identity, 1u));
+    const real u = scrambled(k, DIMENSION_U, kiln_hash2(identity, 0u)),
+               v = scrambled(k, DIMENSION_V, kiln_hash2(identity, 1u));
     const real pick = scrambled(k, DIMENSION_CHOICE, kiln_hash2(identity, 2u));
     if (!kiln_lights_sample(choice, k, real3(position), real3(0), pick, u, v, s))
         return;
     sums.rays += 1.0;
-    const float limit = isinf(s.distance) ? KILN_INFINITY : float((s.distance - s.backoff) * real(0.99999904632568359375LF));
+    const float limit =
+        isinf(s.distance) ? KILN_INFINITY : float((s.distance - s.backoff) * real(0.99999904632568359375LF));
     const vec3 d = vec3(s.direction);
     const vec3 through = kiln_through(position, d, limit);
     if (through != vec3(0.0))
@@ -102,7 +106,8 @@ void light_sample(inout ProbeSums sums, vec3 position, kiln_light_choice choice,
 void light_samples(inout ProbeSums sums, vec3 position, uint key, uint from, uint to)
 {
     uint before = 0u; /* samples of the choices so far */
-    const uint candidates = kiln_lights_choose(real3(position), 0, real3(0), KILN_CUT_MAX, light_kind(KILN_LIGHT_IMAGE));
+    const uint candidates =
+        kiln_lights_choose(real3(position), 0, real3(0), KILN_CUT_MAX, light_kind(KILN_GPU_KIND_IMAGE));
     uint i = 0u;
     for (; i < candidates && before < to; i++) {
         kiln_light_choice choice;
@@ -155,7 +160,7 @@ void kiln_kernel(uint x, uint y)
     for (; k < to; k++)
         sphere_sample(sums, position, key, k);
     sums.stopped = k < to;
-    if (LIGHT_KINDS != 0u && LIGHT_KINDS != KILN_LIGHT_SKY)
+    if (LIGHT_KINDS != 0u && LIGHT_KINDS != KILN_GPU_KIND_SKY)
         light_samples(sums, position, key, from, slice + 1u == push.slice_count ? 0xffffffffu : to);
     if (sums.stopped)
         sums.distance = -1.0e30;

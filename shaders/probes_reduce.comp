@@ -2,7 +2,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
-#include "shaders/layout_probe.h"
+#include "shaders/shared/layout_probe.h"
 #include "shaders/sum.glsl"
 
 layout(push_constant, scalar) uniform Push

@@ -1,19 +1,19 @@
 /* Functions of `real`, the numbers light is reckoned with: double or float (see shaders/kernel.glsl).
  *
- * GLSL has no sine, cosine and so on of doubles, and Vulkan promises little of those of floats (acos: 4,096 units in the last
- * place), so both are made here: Taylor's series after reduction to a quarter turn, and Newton's method from the float value.
- * Absolute errors below 1e-15 for angles up to a few turns in double, 3e-7 in float.
+ * GLSL has no sine, cosine and so on of doubles, and Vulkan promises little of those of floats (acos: 4,096 units in
+ * the last place), so both are made here: Taylor's series after reduction to a quarter turn, and Newton's method from
+ * the float value. Absolute errors below 1e-15 for angles up to a few turns in double, 3e-7 in float.
  *
  * Constants are written as real(1.5LF): folded at compile time, so that the float variant has no doubles in it. */
 #ifndef KILN_REAL_GLSL
 #define KILN_REAL_GLSL
 
 #ifdef KILN_DOUBLES
-#define real3 dvec3
+#    define real3 dvec3
 const real KILN_REAL_TINY = real(2.2250738585072014e-308LF);
 const real KILN_REAL_BELOW_ONE = real(0.99999999999999988897769753748LF); /* 1 - 2^-53 */
 #else
-#define real3 vec3
+#    define real3 vec3
 const real KILN_REAL_TINY = real(1.17549435e-38LF);
 const real KILN_REAL_BELOW_ONE = real(0.999999940395355224609375LF); /* 1 - 2^-24 */
 #endif
@@ -22,7 +22,10 @@ const real KILN_REAL_PI = real(3.14159265358979323846LF);
 #define KILN_INFINITY uintBitsToFloat(0x7f800000u)
 
 /* Centre of the 2^-32 interval of a fraction; strictly inside (0, 1). */
-real real_unit(uint fraction) { return min((real(fraction) + real(0.5LF)) * real(2.3283064365386962890625e-10LF), KILN_REAL_BELOW_ONE); }
+real real_unit(uint fraction)
+{
+    return min((real(fraction) + real(0.5LF)) * real(2.3283064365386962890625e-10LF), KILN_REAL_BELOW_ONE);
+}
 
 /* Sine and cosine of x, a few turns at most. */
 void float_sincos(float x, out float sine, out float cosine)
@@ -61,12 +64,25 @@ void real_sincos(real x, out real sine, out real cosine)
     const real quarters = floor(x * 0.63661977236758134308LF + 0.5LF);
     const real r = (x - quarters * 1.57079632679489655800LF) - quarters * 6.12323399573676603587e-17LF;
     const real r2 = r * r;
-    const real s = r + r * r2 * (-1.6666666666666666667e-1LF + r2 * (8.3333333333333333333e-3LF + r2 * (-1.9841269841269841270e-4LF +
-                   r2 * (2.7557319223985890653e-6LF + r2 * (-2.5052108385441718775e-8LF + r2 * (1.6059043836821614599e-10LF +
-                   r2 * (-7.6471637318198164759e-13LF + r2 * 2.8114572543455207632e-15LF)))))));
-    const real c = 1.0LF + r2 * (-0.5LF + r2 * (4.1666666666666666667e-2LF + r2 * (-1.3888888888888888889e-3LF +
-                   r2 * (2.4801587301587301587e-5LF + r2 * (-2.7557319223985890653e-7LF + r2 * (2.0876756987868098979e-9LF +
-                   r2 * (-1.1470745597729724714e-11LF + r2 * 4.7794773323873852974e-14LF)))))));
+    const real s =
+        r +
+        r * r2 *
+            (-1.6666666666666666667e-1LF +
+             r2 * (8.3333333333333333333e-3LF +
+                   r2 * (-1.9841269841269841270e-4LF +
+                         r2 * (2.7557319223985890653e-6LF +
+                               r2 * (-2.5052108385441718775e-8LF +
+                                     r2 * (1.6059043836821614599e-10LF +
+                                           r2 * (-7.6471637318198164759e-13LF + r2 * 2.8114572543455207632e-15LF)))))));
+    const real c =
+        1.0LF +
+        r2 * (-0.5LF +
+              r2 * (4.1666666666666666667e-2LF +
+                    r2 * (-1.3888888888888888889e-3LF +
+                          r2 * (2.4801587301587301587e-5LF +
+                                r2 * (-2.7557319223985890653e-7LF +
+                                      r2 * (2.0876756987868098979e-9LF + r2 * (-1.1470745597729724714e-11LF +
+                                                                               r2 * 4.7794773323873852974e-14LF)))))));
     const int quadrant = int(quarters) & 3;
     const real a = (quadrant & 1) == 0 ? s : c, b = (quadrant & 1) == 0 ? c : s;
     sine = (quadrant & 2) == 0 ? a : -a;
@@ -88,8 +104,8 @@ real real_atan2(real y, real x)
     return first + off * (1 - off * off * 0.33333333333333333333LF);
 }
 #else
-#define real_sincos float_sincos
-#define real_atan2 float_atan2
+#    define real_sincos float_sincos
+#    define real_atan2 float_atan2
 #endif
 
 /* Arc cosine of x in -1 .. 1. */

@@ -1,4 +1,5 @@
-/* A triangle as seen from a point, and directions that are even in its solid angle: worker/light/spherical_triangle.h. */
+/* A triangle as seen from a point, and directions that are even in its solid angle: worker/light/spherical_triangle.h.
+ */
 #ifndef KILN_SPHERICAL_TRIANGLE_GLSL
 #define KILN_SPHERICAL_TRIANGLE_GLSL
 

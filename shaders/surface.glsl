@@ -23,7 +23,8 @@ bool kiln_bit_set(uvec2 mask, uint bit) { return ((bit < 32u ? mask.x >> bit : m
 /* Three unsigned floats of 21 bits: worker/scene/radiosity.h. */
 vec3 kiln_radiosity_unpack(uvec2 packed)
 {
-    return vec3(uintBitsToFloat((packed.x & 0x1fffffu) << 10), uintBitsToFloat((packed.x >> 21 | (packed.y & 0x3ffu) << 11) << 10),
+    return vec3(uintBitsToFloat((packed.x & 0x1fffffu) << 10),
+                uintBitsToFloat((packed.x >> 21 | (packed.y & 0x3ffu) << 11) << 10),
                 uintBitsToFloat((packed.y >> 10 & 0x1fffffu) << 10));
 }
 
@@ -45,7 +46,8 @@ kiln_landing kiln_land(uint triangle, float u, float v, bool back)
     to.object = floatBitsToUint(b.z);
     to.material = floatBitsToUint(b.w);
     kiln_gpu_lightmap map = Lightmaps(SCENE.lightmaps).at[to.object];
-    int x = clamp(int(a.x + u * a.z + v * b.x), 0, int(map.width) - 1), y = clamp(int(a.y + u * a.w + v * b.y), 0, int(map.height) - 1);
+    int x = clamp(int(a.x + u * a.z + v * b.x), 0, int(map.width) - 1),
+        y = clamp(int(a.y + u * a.w + v * b.y), 0, int(map.height) - 1);
     if (back && (to.material & KILN_DOUBLE_SIDED) != 0u) {
         map = Lightmaps(SCENE.lightmaps).at[SCENE.object_count + to.object];
         x >>= map.shift;
@@ -73,4 +75,3 @@ vec3 kiln_radiosity_at(kiln_landing to)
     const uint64_t point = (uint64_t(tile.w) << 32 | tile.z) + kiln_bits_below(tile.xy, to.bit);
     return kiln_radiosity_unpack(RadiosityWords(SCENE.radiosity + point * 8ul).at[0]);
 }
-

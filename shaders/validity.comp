@@ -1,5 +1,5 @@
-/* How many of some places of each point are buried, a thread a point. See the validity pass of the Embree backend: 16 places first,
- * 64 more where they disagree. */
+/* How many of some places of each point are buried, a thread a point. See the validity pass of the Embree backend: 16
+ * places first, 64 more where they disagree. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -14,7 +14,7 @@ layout(push_constant, scalar) uniform Push
 } push;
 
 #define KILN_TRACES
-#include "shaders/trace.glsl"
+#include "shaders/trace/trace.glsl"
 #include "shaders/surface.glsl"
 #include "shaders/position.glsl"
 
@@ -22,7 +22,8 @@ void kiln_kernel(uint x, uint y)
 {
     if (x >= push.chunk.count)
         return;
-    const uint index = push.chunk.list != 0ul ? WordArray(push.chunk.list).at[push.chunk.first + x] : push.chunk.first + x;
+    const uint index =
+        push.chunk.list != 0ul ? WordArray(push.chunk.list).at[push.chunk.first + x] : push.chunk.first + x;
     const kiln_gpu_point p = PointArray(push.chunk.points).at[index];
     const uint key = kiln_hash2(p.key, push.stream);
     const uint shift_s = kiln_hash1(key), shift_t = kiln_hash1(key + 1u);
@@ -31,8 +32,8 @@ void kiln_kernel(uint x, uint y)
     for (uint k = 0u; k < push.looks; k++) {
         vec3 position, normal;
         float offset;
-        kiln_place(p, push.chunk.parts, kiln_unit_float(sobol.at[k] ^ shift_s), kiln_unit_float(sobol.at[push.sobol_stride + k] ^ shift_t), position,
-                   normal, offset);
+        kiln_place(p, push.chunk.parts, kiln_unit_float(sobol.at[k] ^ shift_s),
+                   kiln_unit_float(sobol.at[push.sobol_stride + k] ^ shift_t), position, normal, offset);
         buried += kiln_buried(position, normal) ? 1u : 0u;
     }
     WordArray(push.counts).at[x] = buried;

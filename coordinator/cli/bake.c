@@ -19,7 +19,7 @@
 #include "coordinator/export/export.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/files/publish.h"
-#include "coordinator/output/view.h"
+#include "coordinator/view/view.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"

@@ -25,12 +25,4 @@ int kiln_command_export(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_status(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_stop(struct kiln_job *job, struct kiln_error *error);
 
-/* Internal commands: main functions of confined child processes. This one reads a scene (coordinator/import/child.c).
- */
-int kiln_import_child(int argc, char **argv);
-/* Writes a scene with its lightmaps (coordinator/export/child.c). */
-int kiln_export_child(int argc, char **argv);
-/* Parses files of results (coordinator/output/read/reader_child.c). */
-int kiln_reader_child(int argc, char **argv);
-
 #endif

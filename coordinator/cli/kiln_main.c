@@ -19,6 +19,9 @@
 #include "coordinator/job/options.h"
 #include "coordinator/run/process.h"
 #include "coordinator/cli/same_job.h"
+#include "coordinator/export/child.h"
+#include "coordinator/import/child.h"
+#include "coordinator/output/read/reader.h"
 #include "coordinator/run/threads.h"
 #include "coordinator/output/manifest.h"
 

@@ -13,8 +13,8 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/temporary.h"
-#include "coordinator/output/curve.h"
-#include "coordinator/output/html.h"
+#include "coordinator/view/curve.h"
+#include "coordinator/files/html.h"
 #include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 

@@ -4,7 +4,7 @@
 #define KILN_COORDINATOR_INTEGRATE_TRANSPORT_PRIVATE_H
 
 #include "coordinator/integrate/transport.h"
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 
 enum { FINAL_STREAM = 0xffff };
 

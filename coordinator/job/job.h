@@ -76,7 +76,7 @@ struct kiln_job {
     uint32_t lightmap_size; /* 0: by density */
     uint32_t lightmap_max;  /* texels a side */
     bool repack;            /* pack charts again that lie too close together */
-    char *objects;          /* settings of objects, as JSON (coordinator/import/settings.h); NULL: none */
+    char *objects;          /* settings of objects, as JSON (coordinator/job/object_settings.h); NULL: none */
     bool trust_normals;     /* normals decide which side of a triangle is its front; otherwise its winding does */
     double cell_size;       /* m; 0: chosen automatically */
     bool partition_objects; /* assign whole objects to ranks, otherwise whole cells */

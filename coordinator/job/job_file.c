@@ -12,7 +12,7 @@
 
 #include "coordinator/job/job_private.h"
 #include "coordinator/job/options.h"
-#include "coordinator/import/settings.h"
+#include "coordinator/job/object_settings.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 

@@ -25,7 +25,7 @@ enum kiln_option_kind {
     KILN_OPTION_ENVIRONMENT, /* none | R,G,B | a path ending in .hdr or .exr */
     KILN_OPTION_POINT,       /* text "x,y,z", metres, each within KILN_PLACE_MOST */
     /* settings of objects by patterns of their names: a mapping of mappings in a job file, {PATTERN: {KEY: VALUE}} on
-       the command line; stored as JSON, see coordinator/import/settings.h */
+       the command line; stored as JSON, see coordinator/job/object_settings.h */
     KILN_OPTION_RULES,
     KILN_OPTION_CHOICE,      /* one of `choices`, stored as text */
     KILN_OPTION_CHOICE_ENUM, /* one of `choices`, stored as its index (int), the value of an enum */

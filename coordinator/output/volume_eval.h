@@ -18,7 +18,7 @@ struct kiln_volume_probe {
 
 struct kiln_volume;
 
-/* Opens a volume. KILN_NO_INPUT; KILN_BAD_INPUT if it is not a volume of kiln (read/h5_file.h). A volume that somebody
+/* Opens a volume. KILN_NO_INPUT; KILN_BAD_INPUT if it is not a volume of kiln (h5_file.h). A volume that somebody
  * else may have written must be read in a confined child (read/reader.h). Close with kiln_volume_close. */
 int kiln_volume_open(struct kiln_volume **volume, const char *path, struct kiln_error *error);
 /* The same for an open file, which is borrowed as long as the volume is open; `path` is for messages. */

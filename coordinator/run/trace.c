@@ -6,7 +6,7 @@
 #include <unistd.h>
 
 #include "coordinator/mpi/agree.h"
-#include "coordinator/output/html.h"
+#include "coordinator/files/html.h"
 #include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 

@@ -1,4 +1,5 @@
-/* A kernel for tests of the device layer: adds x + 3 y + STEP to each of width x height words, from one array to another. */
+/* A kernel for tests of the device layer: adds x + 3 y + STEP to each of width x height words, from one array to
+ * another. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -7,7 +8,8 @@ layout(constant_id = 5) const uint STEP = 0u;
 
 KILN_ARRAY(Words, uint, 4);
 
-layout(push_constant, scalar) uniform Push {
+layout(push_constant, scalar) uniform Push
+{
     KILN_ADDRESS scene;
     KILN_ADDRESS from, to;
     uint width, height;

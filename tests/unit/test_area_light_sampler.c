@@ -10,7 +10,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/light/area_light_sampler.h"
 #include "worker/light/tree.h"
 #include "worker/sampling/sequence.h"

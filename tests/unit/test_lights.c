@@ -9,7 +9,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/light/environment.h"
 #include "worker/light/lights.h"
 #include "worker/light/tree.h"

@@ -9,7 +9,7 @@
 #include <math.h>
 
 #include "coordinator/integrate/energy.h"
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/scene/radiosity.h"
 
 static void packing_keeps_values_near(void **state)

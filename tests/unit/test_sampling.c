@@ -7,7 +7,7 @@
 #include <cmocka.h>
 #include <math.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/sampling/harmonics.h"
 #include "worker/sampling/sequence.h"
 

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 
 #include "coordinator/surface/surface_build.h"
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "tests/unit/surface_scene.h"
 #include "worker/backend/verify.h"
 #include "worker/light/lights.h"

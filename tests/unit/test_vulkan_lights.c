@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "tests/unit/vulkan_device.h"
 #include "tests/vulkan_lights.h"
 #include "tests/vulkan_lights_float.h"

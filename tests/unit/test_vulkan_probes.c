@@ -13,7 +13,7 @@
 #include <string.h>
 
 #include "coordinator/surface/surface_build.h"
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "tests/unit/surface_scene.h"
 #include "tests/unit/vulkan_device.h"
 #include "worker/backend/vulkan/vulkan.h"

@@ -1,13 +1,14 @@
-/* Choices and samples of lights that a test asks for; body of vulkan_lights.comp (double) and vulkan_lights_float.comp. */
+/* Choices and samples of lights that a test asks for; body of vulkan_lights.comp (double) and vulkan_lights_float.comp.
+ */
 #include "shaders/kernel.glsl"
 
 const uint CHOICES = 40u;
 
 struct Query {
     float p[3], n[3], place[3], spread; /* a sample is seen from `place`, which is within `spread` of p */
-    uint limit, samples;          /* for choosing */
-    uint kind, index, count, k;   /* sample k of a choice of `count` samples */
-    uint pick, u, v;              /* fractions */
+    uint limit, samples;                /* for choosing */
+    uint kind, index, count, k;         /* sample k of a choice of `count` samples */
+    uint pick, u, v;                    /* fractions */
 };
 
 struct Answer {
@@ -51,9 +52,11 @@ void sample_light(Query q, uint x)
     const bool aimed = kiln_light_is_target(choice, vec3_of(q.p), q.spread);
     bool brings;
     if (aimed)
-        brings = kiln_area_light_sampler_draw(kiln_area_light_sampler_of(choice.index, vec3_of(q.p)), place - real3(vec3_of(q.p)), real_unit(q.u), real_unit(q.v), s);
+        brings = kiln_area_light_sampler_draw(kiln_area_light_sampler_of(choice.index, vec3_of(q.p)),
+                                              place - real3(vec3_of(q.p)), real_unit(q.u), real_unit(q.v), s);
     else
-        brings = kiln_lights_sample(choice, q.k, place, real3(vec3_of(q.n)), real_unit(q.pick), real_unit(q.u), real_unit(q.v), s);
+        brings = kiln_lights_sample(choice, q.k, place, real3(vec3_of(q.n)), real_unit(q.pick), real_unit(q.u),
+                                    real_unit(q.v), s);
     Answers(push.answers).at[x].aimed = aimed ? 1u : 0u;
     Answers(push.answers).at[x].brings = brings ? 1u : 0u;
     for (uint c = 0u; c < 3u; c++) {

@@ -24,7 +24,7 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/base/stop.h"
 #include "worker/scene/scene.h"
 #include "worker/scene/geometry.h"

@@ -6,7 +6,7 @@
 #include <omp.h>
 #include <string.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/backend/backend.h"
 #include "worker/base/memory.h"
 #include "worker/light/lights.h"

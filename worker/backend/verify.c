@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/base/memory.h"
 
 enum { CHANNELS = 6 }; /* irradiance, incident */

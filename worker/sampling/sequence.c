@@ -2,7 +2,7 @@
 
 #include <assert.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 
 /* Made from new-joe-kuo-6.21201, dimensions 1 to 5 (degree, coefficients, initial numbers: test_sampling.c has the
  * recurrence). */

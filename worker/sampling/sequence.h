@@ -1,4 +1,5 @@
-/* Sobol' points for all samples of a pass, and warps from the unit square. See shaders/random.h for the scrambling. */
+/* Sobol' points for all samples of a pass, and warps from the unit square. See shaders/shared/random.h for the
+ * scrambling. */
 #ifndef KILN_WORKER_SAMPLING_SEQUENCE_H
 #define KILN_WORKER_SAMPLING_SEQUENCE_H
 

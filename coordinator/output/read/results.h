@@ -13,6 +13,7 @@
 
 #include <jansson.h>
 
+#include "coordinator/field/units.h"
 #include "coordinator/output/image.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/read/reader.h"
@@ -55,8 +56,7 @@ int kiln_results_scene(const struct kiln_results *results, struct kiln_scene **s
 /* The reader for these files; its child is started when it is first used. For one thread at a time. */
 struct kiln_reader *kiln_results_reader(struct kiln_results *results);
 
-/* Opens a file that the user named, whose path may contain links, for reading without blocking. KILN_BAD_INPUT if it is
- * not a regular file. */
-int kiln_open_plain(const char *path, int *descriptor, struct kiln_error *error);
+/* The units of a finished bake, from its run.json; radiometric if that does not say. */
+const struct kiln_units *kiln_units_of_bake(const struct kiln_results *results);
 
 #endif

@@ -3,7 +3,7 @@
 #include <omp.h>
 #include <string.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/backend/embree/embree.h"
 #include "worker/backend/embree/frame.h"
 #include "worker/backend/embree/shadow.h"

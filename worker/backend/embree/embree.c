@@ -8,7 +8,7 @@
 #    include <xmmintrin.h>
 #endif
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/backend/embree/passage.h"
 #include "worker/base/memory.h"
 

@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/backend/embree/passage.h"
 #include "worker/sampling/keys.h"
 #include "worker/sampling/sequence.h"

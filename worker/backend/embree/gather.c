@@ -5,7 +5,7 @@
 #include <string.h>
 #include <time.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/backend/embree/embree.h"
 #include "worker/backend/embree/frame.h"
 #include "worker/backend/embree/lookup.h"

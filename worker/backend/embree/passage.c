@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/scene/texture.h"
 
 static const double DEPTH_UNIT = 0x1p-40;

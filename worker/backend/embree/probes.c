@@ -4,7 +4,7 @@
 #include <omp.h>
 #include <string.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/backend/embree/embree.h"
 #include "worker/backend/embree/lookup.h"
 #include "worker/backend/embree/passage.h"

@@ -5,7 +5,7 @@
  * which less than 1/32 is left is invalid too. */
 #include <omp.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/backend/embree/embree.h"
 #include "worker/backend/embree/frame.h"
 #include "worker/base/memory.h"

@@ -1,5 +1,5 @@
 /* The world's triangles in the device's own acceleration structure, for VK_KHR_ray_tracing_pipeline
- * (shaders/trace_pipeline.glsl).
+ * (shaders/trace/pipeline.glsl).
  *
  * One bottom level of two geometries, as in the Embree backend: 0 the opaque triangles, 1 those that may let rays
  * through; one top level that holds it once, where it is. */

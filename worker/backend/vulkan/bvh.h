@@ -1,5 +1,5 @@
 /* One tree of boxes over the world's triangles, built by Embree (rtcBuildBVH), and the layouts in which kernels walk it
- * (shaders/layout_trace.h says what is in them).
+ * (shaders/shared/layout_trace.h says what is in them).
  *
  * Any triangles will do: none, degenerate ones, many in one place. Boxes have a margin for the rounding errors of
  * tracing (KILN_GPU_BOX_MARGIN). None of these is collective. */
@@ -12,7 +12,7 @@
 
 #include "worker/base/status.h"
 #include "worker/scene/geometry.h"
-#include "shaders/layout.h"
+#include "shaders/shared/layout.h"
 
 struct bvh;
 

@@ -1,7 +1,7 @@
 #include <assert.h>
 #include <string.h>
 
-#include "shaders/fold.h"
+#include "shaders/shared/fold.h"
 #include "worker/backend/vulkan/gpu_private.h"
 #include "worker/base/memory.h"
 

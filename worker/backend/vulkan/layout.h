@@ -3,7 +3,7 @@
 #define KILN_WORKER_BACKEND_VULKAN_LAYOUT_H
 
 #include "worker/base/vector.h"
-#include "shaders/layout.h"
+#include "shaders/shared/layout.h"
 
 #include "worker/backend/backend.h"
 

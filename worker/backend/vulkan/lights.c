@@ -4,14 +4,14 @@
 
 #include "worker/base/memory.h"
 
-#define KILN_LIGHT_REAL double
-#define KILN_LIGHT_NAME(name) name
-#include "shaders/layout_light_real.h"
-#undef KILN_LIGHT_REAL
-#undef KILN_LIGHT_NAME
-#define KILN_LIGHT_REAL float
-#define KILN_LIGHT_NAME(name) name##_float
-#include "shaders/layout_light_real.h"
+#define KILN_STORED_REAL double
+#define KILN_STORED_NAME(name) name
+#include "shaders/shared/layout_light_real.h"
+#undef KILN_STORED_REAL
+#undef KILN_STORED_NAME
+#define KILN_STORED_REAL float
+#define KILN_STORED_NAME(name) name##_float
+#include "shaders/shared/layout_light_real.h"
 
 /* How many reals a struct begins with, and how many words follow. */
 struct shape {
@@ -101,7 +101,7 @@ static void make_node(const struct kiln_lights *model, size_t i, void *entry)
                                          .power = n->power,
                                          .left = n->left,
                                          .right = n->right,
-                                         .flags = n->two_sided ? KILN_LIGHT_TWO_SIDED : 0};
+                                         .flags = n->two_sided ? KILN_GPU_LIGHT_TWO_SIDED : 0};
     copy3(node->centre, dvec3_scale(dvec3_add(n->minimum, n->maximum), 0.5));
     copy3(node->axis, n->axis);
 }
@@ -113,8 +113,8 @@ static void make_area(const struct kiln_lights *model, size_t i, void *entry)
     *area = (struct kiln_gpu_area_light){.area = a->area,
                                          .rounding = a->rounding,
                                          .triangle = a->triangle,
-                                         .flags = (a->two_sided ? KILN_LIGHT_TWO_SIDED : 0) |
-                                                  (a->textured ? KILN_LIGHT_HAS_TEXTURE : 0)};
+                                         .flags = (a->two_sided ? KILN_GPU_LIGHT_TWO_SIDED : 0) |
+                                                  (a->textured ? KILN_GPU_LIGHT_HAS_TEXTURE : 0)};
     copy3(area->p0, a->p0);
     copy3(area->e1, a->e1);
     copy3(area->e2, a->e2);
@@ -129,7 +129,7 @@ static void make_point(const struct kiln_lights *model, size_t i, void *entry)
     *point = (struct kiln_gpu_point_light){.range = p->range,
                                            .cos_inner = p->cos_inner,
                                            .cos_outer = p->cos_outer,
-                                           .flags = p->spot ? KILN_LIGHT_IS_SPOT : 0};
+                                           .flags = p->spot ? KILN_GPU_LIGHT_IS_SPOT : 0};
     copy3(point->position, p->position);
     copy3(point->direction, p->direction);
     memcpy(point->intensity, p->intensity, sizeof point->intensity);
@@ -218,13 +218,13 @@ static int put_environment(struct builder *b, struct kiln_gpu_lights *layout, st
 
 static uint32_t kinds_of(const struct kiln_lights *model)
 {
-    uint32_t kinds = (model->area_count != 0 ? KILN_LIGHT_AREA : 0) |
-                     (model->point_count != 0 ? KILN_LIGHT_PUNCTUAL : 0) |
-                     (model->directional_count != 0 ? KILN_LIGHT_SUN : 0);
+    uint32_t kinds = (model->area_count != 0 ? KILN_GPU_KIND_AREA : 0) |
+                     (model->point_count != 0 ? KILN_GPU_KIND_PUNCTUAL : 0) |
+                     (model->directional_count != 0 ? KILN_GPU_KIND_SUN : 0);
     for (size_t i = 0; i < model->area_count; i++)
-        kinds |= model->areas[i].textured ? KILN_LIGHT_TEXTURED : 0;
+        kinds |= model->areas[i].textured ? KILN_GPU_KIND_TEXTURED : 0;
     if (model->environment)
-        kinds |= model->conditional != NULL ? KILN_LIGHT_IMAGE : KILN_LIGHT_SKY;
+        kinds |= model->conditional != NULL ? KILN_GPU_KIND_IMAGE : KILN_GPU_KIND_SKY;
     return kinds;
 }
 

@@ -5,13 +5,13 @@
 #include "worker/backend/vulkan/gpu.h"
 #include "worker/light/lights.h"
 
-#include "shaders/layout.h"
+#include "shaders/shared/layout.h"
 
 enum { VULKAN_LIGHT_BUFFERS = 8 };
 
 struct vulkan_lights {
     struct gpu_buffer buffers[VULKAN_LIGHT_BUFFERS];
-    uint32_t kinds; /* KILN_LIGHT_* bits: the specialisation constant LIGHT_KINDS */
+    uint32_t kinds; /* KILN_GPU_KIND_* bits: the specialisation constant LIGHT_KINDS */
 };
 
 /* Uploads and writes addresses and numbers into `layout`. `float64`: the kernels that read it are those whose `real` is

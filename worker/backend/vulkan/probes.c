@@ -5,13 +5,13 @@
 #include <stdint.h> /* before the shaders */
 #include <string.h>
 
-#include "shaders/layout_probe.h"
+#include "shaders/shared/layout_probe.h"
 #include "shaders/probes.h"
 #include "shaders/probes_float.h"
 #include "shaders/probes_pipeline.h"
 #include "shaders/probes_pipeline_float.h"
 #include "shaders/probes_reduce.h"
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/backend/vulkan/vulkan.h"
 
 static const struct vulkan_shader probes_shader = {.name = "probes",

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "shaders/random.h"
+#include "shaders/shared/random.h"
 #include "worker/backend/vulkan/vulkan.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"

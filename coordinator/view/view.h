@@ -1,0 +1,121 @@
+/* Renderer of views: draws a picture of a bake with primary rays of a pinhole camera and shades surfaces from the
+ * published lightmaps.
+ *
+ * The radiance of a pixel is the mean over a fixed grid of sub-pixel rays of base colour x E / pi + emission at the
+ * first hit, or of the environment where a ray leaves the scene. E is read bilinearly from DIR/lightmaps/OBJECT.exr.
+ * Lightmaps are loaded when first needed and all stay in memory, 12 bytes for each texel.
+ *
+ * Metals reflect nothing diffusely; they are shown as diffuse surfaces of their base colour, which is an approximation.
+ * Single-sided surfaces are visible from their front only, as glTF defines: rays that hit their back continue. Rays
+ * also pass through caster-only objects, which have no lightmap, unless these emit. The back of a double-sided surface
+ * shows lightmaps/back/OBJECT.exr if that was baked, else the light of its front. The picture reports how much of it
+ * shows metals and how much such backs.
+ *
+ * Not collective. Deterministic for one backend and instruction set; one process draws from published files, so the
+ * number of ranks that baked them does not matter. */
+#ifndef KILN_COORDINATOR_VIEW_VIEW_H
+#define KILN_COORDINATOR_VIEW_VIEW_H
+
+#include <jansson.h>
+
+#include "coordinator/output/image.h"
+#include "coordinator/output/read/results.h"
+#include "worker/backend/backend.h"
+#include "worker/light/lights.h"
+
+/* The bake that is drawn. All pointers are borrowed. */
+struct kiln_view_source {
+    const char *directory; /* folder of the bake, from which lightmaps are read */
+    /* the same folder, if somebody else may have written it; NULL: this process has just written it */
+    struct kiln_results *results;
+    const struct kiln_scene *scene;
+    const struct kiln_geometry *geometry;
+    const struct kiln_lights *lights; /* has the environment; NULL: black */
+    struct kiln_backend *backend;
+    bool texels;                  /* draw a checkerboard of the lightmaps' texels instead of light */
+    const struct kiln_stop *stop; /* may ask to stop (KILN_STOPPED); NULL: never */
+};
+
+struct kiln_view_camera {
+    struct kiln_dvec3 position;           /* m, relative to the scene's centre */
+    struct kiln_dvec3 right, up, forward; /* unit */
+    double extent_x, extent_y;            /* half the picture's size at distance 1; in metres when orthographic */
+    bool orthographic;
+};
+
+/* The requested view. In every field, zero or NULL means the default. */
+struct kiln_view_wish {
+    const char *camera; /* name of a camera of the scene; default: the first */
+    /* positions of eye and target, world, m; `to` alone turns the camera, `from` alone looks at the middle of the scene
+     */
+    const double *from, *to;
+    double field_of_view;   /* degrees, vertical; default: the camera's; else 45, or 55 from inside */
+    uint32_t width, height; /* pixels; default: 960, and the height by the aspect of the camera, or 4:3 */
+};
+
+/* How the viewpoint was chosen: a camera of the scene, the request, or automatically from inside or outside. */
+enum kiln_view_kind { KILN_VIEW_CAMERA, KILN_VIEW_GIVEN, KILN_VIEW_INSIDE, KILN_VIEW_OUTSIDE };
+
+struct kiln_viewpoint {
+    enum kiln_view_kind kind;
+    const char *camera;    /* KILN_VIEW_CAMERA: its name, borrowed from the scene; else NULL */
+    double from[3], to[3]; /* world, m */
+};
+
+/* Chooses camera and size. If the scene has no camera and none is requested, the view is from inside if the scene is
+ * closed (view_seek.h), else from outside with all of the scene in the picture. KILN_USAGE if there is no camera of
+ * that name (the message lists the existing ones), or if eye and target coincide; also the statuses of reading
+ * lightmaps. */
+int kiln_view_aim(const struct kiln_view_source *source, const struct kiln_view_wish *wish,
+                  struct kiln_view_camera *camera, uint32_t *width, uint32_t *height, struct kiln_viewpoint *viewpoint,
+                  struct kiln_error *error);
+
+struct kiln_view_params {
+    struct kiln_view_source source;
+    struct kiln_view_camera camera;
+    uint32_t width, height;
+    uint32_t side; /* side x side rays for each pixel; 0: 3 */
+};
+
+/* Fractions of the picture, 0 to 1, that are approximate. */
+struct kiln_view_approximate {
+    double metal;       /* metals, shown as diffuse surfaces */
+    double front_light; /* backs, shown with the light of their fronts */
+};
+
+/* Renders an image with channels R G B, radiance. KILN_BAD_INPUT if a lightmap does not belong to the scene,
+ * KILN_NO_INPUT if it is missing. */
+int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **image,
+                     struct kiln_view_approximate *approximate, struct kiln_error *error);
+
+/* A rendered picture with its viewpoint and exposure. */
+struct kiln_picture {
+    struct kiln_image *image; /* radiance */
+    struct kiln_viewpoint viewpoint;
+    double exposure; /* automatic, stops; the picture shows radiance x 2^(exposure + requested stops) */
+    struct kiln_view_approximate approximate;
+};
+
+/* Chooses the camera and renders, with `side` x `side` rays for each pixel. Receiver-only objects are visible too: if
+ * rays pass through them in the source's geometry, a BVH with them is built for the picture. Release with
+ * kiln_image_destroy(&picture->image). */
+int kiln_picture_make(const struct kiln_view_source *source, const struct kiln_view_wish *wish, uint32_t side,
+                      struct kiln_picture *picture, struct kiln_error *error);
+
+enum { KILN_VIEWPOINT_TEXT = 640, KILN_PICTURE_TEXT = 1024 };
+
+/* Describes the viewpoint: "seen from inside, at 1.2,1.5,0.3 towards 0.1,1.2,-3 (...)". */
+void kiln_viewpoint_text(const struct kiln_viewpoint *viewpoint, char text[KILN_VIEWPOINT_TEXT]);
+
+/* Describes viewpoint, exposure (`stops` was added to it) and approximations, one sentence on each line. */
+void kiln_picture_text(const struct kiln_picture *picture, double stops, char text[KILN_PICTURE_TEXT]);
+
+/* The same as JSON: {"viewpoint": {"chosen": "camera" | "given" | "inside" | "outside", "camera", "from", "to"},
+ * "exposure": {"automatic", "added"} in stops, "metal_share", "front_light_share"}. */
+json_t *kiln_picture_json(const struct kiln_picture *picture, double stops);
+
+/* Publishes the tone-mapped picture at the destination (publish.h), with kiln_picture_text as its PNG Description. */
+int kiln_picture_write(const char *directory, const char *name, const struct kiln_picture *picture, double stops,
+                       struct kiln_error *error);
+
+#endif

@@ -1,0 +1,137 @@
+/* What C and GLSL both must know of the data on the device: every struct once, in scalar layout, which is C's. Included
+ * by GLSL and by C, which includes worker/base/vector.h before and checks sizes at compile time.
+ *
+ * Addresses are 64-bit device addresses (0: there is none). Positions are relative to the scene's centre, in metres. */
+#ifndef KILN_SHADERS_LAYOUT_H
+#define KILN_SHADERS_LAYOUT_H
+
+#ifdef GL_core_profile
+#    define KILN_ADDRESS uint64_t
+#    define KILN_WORD64 uint64_t
+#    define KILN_WORD uint
+#    define KILN_REAL32 float
+#    define KILN_REAL64 double
+#    define KILN_VECTOR vec3
+#    define KILN_STRUCT /* of a member whose type is a struct */
+#    define KILN_SIZE_IS(type, size)
+#else
+#    include <stdint.h>
+#    define KILN_ADDRESS uint64_t
+#    define KILN_WORD64 uint64_t
+#    define KILN_WORD uint32_t
+#    define KILN_REAL32 float
+#    define KILN_REAL64 double
+#    define KILN_VECTOR struct kiln_vec3
+#    define KILN_STRUCT struct
+#    define KILN_SIZE_IS(type, size)                                                                                   \
+        _Static_assert(sizeof(struct type) == (size), "shaders and C disagree on struct " #type)
+#endif
+
+#include "shaders/shared/mask.h"
+
+#define KILN_GPU_NONE 0xffffffffu
+
+/* ---- the scene's surfaces: what a hit needs to know (worker/scene/geometry.h, surface.h) ---- */
+
+struct kiln_gpu_record { /* struct kiln_hit_record */
+    KILN_REAL32 texel[6];
+    KILN_WORD object, material;
+};
+KILN_SIZE_IS(kiln_gpu_record, 32);
+
+struct kiln_gpu_lightmap { /* struct kiln_lightmap */
+    KILN_WORD64 tile_first;
+    KILN_WORD width, height, tiles_x, tiles_y, shift, published;
+};
+KILN_SIZE_IS(kiln_gpu_lightmap, 32);
+
+struct kiln_gpu_tile { /* struct kiln_tile, struct kiln_tile_part */
+    KILN_WORD64 mask, first;
+};
+KILN_SIZE_IS(kiln_gpu_tile, 16);
+
+/* ---- surface points made ready for sampling ---- */
+
+#define KILN_GPU_POINT_PARTIAL 1u /* edges unused: parts[first_part .. first_part + part_count) */
+#define KILN_GPU_POINT_ONE_NORMAL 2u
+#define KILN_GPU_POINT_SMOOTH 4u /* the shading normal may differ from the geometric one */
+#define KILN_GPU_POINT_MASKED 8u /* something is not everywhere on it: its mask is parts[first_part + part_count] */
+
+/* Position of a whole point = origin + s edge_s + t edge_t, the offset off the surface included. */
+struct kiln_gpu_point {
+    KILN_VECTOR origin, edge_s, edge_t;
+    KILN_VECTOR normal;  /* geometric, unit; of a partial point its first piece's */
+    KILN_VECTOR shading; /* unit */
+    KILN_REAL32 offset;  /* m along the normal that positions carry (whole points) */
+    KILN_WORD key;       /* hash of (seed, object, texel) */
+    KILN_WORD tile_key;  /* hash of (seed, object, tile) */
+    KILN_WORD flags;
+    KILN_WORD first_part, part_count; /* partial points: also those that are partly buried */
+    KILN_REAL32 present;              /* see struct kiln_point_result */
+    KILN_VECTOR centre;               /* of the point, for choosing lights */
+    KILN_REAL32 spread;               /* m: no part of it is farther from `centre` */
+};
+KILN_SIZE_IS(kiln_gpu_point, 104);
+
+/* A triangle of a partial point; positions carry the offset: p + b1 e1 + b2 e2. */
+struct kiln_gpu_part {
+    KILN_VECTOR p, e1, e2, normal;
+    KILN_REAL32 until; /* share of the point's area up to this part's end; the last is 1 */
+    KILN_REAL32 offset;
+};
+KILN_SIZE_IS(kiln_gpu_part, 56);
+
+/* A point's mask (shaders/shared/mask.h), as large as a part. */
+struct kiln_gpu_mask {
+    KILN_WORD cells[KILN_MASK_WORDS];
+    KILN_WORD count; /* bits that are set, at least 1 */
+    KILN_WORD reserved[5];
+};
+KILN_SIZE_IS(kiln_gpu_mask, 56);
+
+/* What became of a point in the validity pass: a word each. */
+#define KILN_GPU_STATE_INVALID 0u
+#define KILN_GPU_STATE_VALID 1u
+#define KILN_GPU_STATE_BURIED 2u /* partly: positions are drawn again while they are buried */
+
+/* The points that a kernel works on: thread x has point `first + x`, or the point that `list` (of words, 0: none) names
+ * at first + x. Answers stand by x of the chunk: point index - origin. */
+struct kiln_gpu_chunk {
+    KILN_ADDRESS points, parts, states, list;
+    KILN_WORD first, count; /* threads */
+    KILN_WORD origin;       /* index of the chunk's first point */
+    KILN_WORD total;        /* points of the chunk, valid or not */
+};
+KILN_SIZE_IS(kiln_gpu_chunk, 48);
+
+/* A gather pass sums up slices of samples, of so many floats each: incident, irradiance (3 each), escaped, blocked,
+ * luminance of irradiance. */
+#define KILN_GPU_SLICE_FLOATS 9u
+#define KILN_GPU_SLICE_TINTED_FLOATS 12u /* in scenes with tinted surfaces; glass (3) is the last */
+
+/* ---- answers ---- */
+
+struct kiln_gpu_result { /* struct kiln_point_result */
+    KILN_REAL32 irradiance[3], incident[3];
+    KILN_REAL32 error, escaped, blocked;
+    KILN_REAL32 glass[3];
+    KILN_REAL32 present;
+};
+KILN_SIZE_IS(kiln_gpu_result, 52);
+
+#include "shaders/shared/layout_trace.h"
+#include "shaders/shared/layout_material.h"
+#include "shaders/shared/layout_light.h"
+
+/* ---- the root: one buffer, whose address every kernel gets ---- */
+
+struct kiln_gpu_scene {
+    KILN_STRUCT kiln_gpu_trace trace;
+    KILN_STRUCT kiln_gpu_materials materials;
+    KILN_STRUCT kiln_gpu_lights lights;
+    KILN_ADDRESS records, lightmaps, tiles, splits, radiosity;
+    KILN_WORD opaque_count; /* world triangles from opaque_count on may let rays through */
+    KILN_WORD object_count; /* lightmaps from here on are those of backs: worker/scene/surface.h */
+};
+
+#endif

@@ -1,0 +1,68 @@
+/* Lights on the device; part of shaders/shared/layout.h. */
+
+#define KILN_GPU_KIND_AREA 1u /* bits of the specialisation constant LIGHT_KINDS */
+#define KILN_GPU_KIND_PUNCTUAL 2u
+#define KILN_GPU_KIND_SUN 4u
+#define KILN_GPU_KIND_SKY 8u
+#define KILN_GPU_KIND_IMAGE 16u
+#define KILN_GPU_KIND_TEXTURED 32u
+
+#define KILN_GPU_LIGHT_TWO_SIDED 1u /* flags of area lights and clusters */
+#define KILN_GPU_LIGHT_HAS_TEXTURE 2u
+#define KILN_GPU_LIGHT_IS_SPOT 1u /* flag of point lights */
+
+/* The arrays hold the structs of shaders/shared/layout_light_real.h, in double where the device has it and else in
+ * float. */
+struct kiln_gpu_lights {
+    KILN_ADDRESS nodes, areas, points, directionals;
+    KILN_ADDRESS marginal, conditional; /* float: as in struct kiln_lights */
+    /* real: cos(pi y / height), y = 0 .. height; then how much each is above the next, which for many rows is less than
+     * floats could tell from the cosines */
+    KILN_ADDRESS rows;
+    KILN_ADDRESS texels; /* float: the image, RGB, times its factor */
+    KILN_WORD area_count, directional_count;
+    KILN_WORD width, height; /* of the image */
+    KILN_REAL32 rotation;    /* radians about +y */
+    KILN_REAL32 sky[3];      /* radiance of a constant sky */
+    KILN_REAL32 mean[3];     /* mean radiance of the environment */
+    KILN_WORD environment;   /* 0 or 1: there is one that shines */
+};
+KILN_SIZE_IS(kiln_gpu_lights, 112);
+
+/* What choose.comp leaves for the kernels that trace, one a choice: kind in the two highest bits, index in the others.
+ */
+#define KILN_GPU_CHOICE_KIND_SHIFT 30u
+/* in `samples`: a lone area light, to be reckoned in doubles where the device has them */
+#define KILN_GPU_CHOICE_PRECISE 0x80000000u
+/* a kind beside those of shaders/lights.glsl: a node that is a target (shaders/area_light_sampler.glsl) */
+#define KILN_GPU_CHOICE_TARGET 3u
+struct kiln_gpu_choice {
+    KILN_WORD what, samples;
+};
+KILN_SIZE_IS(kiln_gpu_choice, 8);
+
+/* A direct pass over a chunk of points, in `rows` = 4 `slices` `split` rows a point. Thread q * slices + s takes slice
+ * s of quarter q of every choice's samples, and row (q * slices + s) * split; for partly buried points, each of whose
+ * slices is cut in as many again, the kernel runs with `slices` so many times larger and `split` 1. The other kernels
+ * get the former.
+ *
+ * `scratch` holds four arrays strided by `room` >= the chunk's points, each beginning at a multiple of 8 bytes
+ * (shaders/direct.glsl computes where):
+ *
+ *   struct kiln_gpu_direct_sums sums[rows * room], at row * room + point: see shaders/shared/layout_light_real.h
+ *   struct kiln_gpu_choice choices[slots * room], at i * room + point; slots >= clusters of the cut +
+ *                directional_count + 1
+ *   float luminances[slots * rows * room], at (rows * i + row) * room + point: sum over the row's samples of choice i,
+ *                for choices of KILN_QUARTERS_FROM samples and more
+ *   word counts[room]: choices of a point; with KILN_GPU_COUNT_PRECISE where some of them are precise */
+#define KILN_GPU_COUNT_PRECISE 0x80000000u
+struct kiln_gpu_direct {
+    KILN_ADDRESS results; /* struct kiln_gpu_result, one a point of the chunk */
+    KILN_ADDRESS sobol;   /* words: dimension d's points from d * sobol_stride on */
+    KILN_ADDRESS scratch;
+    KILN_ADDRESS rays; /* word: shadow rays of a point of the chunk */
+    KILN_WORD room, slots, samples, limit, sobol_stride;
+    KILN_WORD row_first; /* thread (x, y) is y + row_first of its point's */
+    KILN_WORD slices, split;
+};
+KILN_SIZE_IS(kiln_gpu_direct, 64);

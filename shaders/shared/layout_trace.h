@@ -1,0 +1,84 @@
+/* What tracing needs on the device; part of shaders/shared/layout.h. worker/backend/vulkan/bvh.c makes the layouts,
+ * the files of shaders/trace walk them.
+ *
+ * TRAVERSAL, a specialisation constant, is one of these layouts. Hits do not depend on it: every layout applies the
+ * same triangle test and gives the nearest triangle, of equally near ones that of the lowest number. */
+#define KILN_TRAVERSAL_BRUTE 0u /* no tree: all triangles in order of their numbers */
+#define KILN_TRAVERSAL_BINARY 1u
+#define KILN_TRAVERSAL_FOUR 2u
+#define KILN_TRAVERSAL_EIGHT 3u /* compressed */
+/* the device's own acceleration structure, in kernels compiled with KILN_PIPELINE */
+#define KILN_TRAVERSAL_PIPELINE 4u
+
+/* A triangle as it is traced, 48 bytes; world numbers as in worker/scene/geometry.h. */
+struct kiln_gpu_triangle {
+    KILN_REAL32 a[3];
+    KILN_WORD number; /* KILN_GPU_NONE: a stand-in that nothing meets, for a world without triangles */
+    KILN_REAL32 b[3];
+    KILN_WORD unused_b;
+    KILN_REAL32 c[3];
+    KILN_WORD unused_c;
+};
+KILN_SIZE_IS(kiln_gpu_triangle, 48);
+
+/* A child of a node, binary and four: the index of a node; or, with KILN_GPU_LEAF, a leaf's first triangle (29 bits)
+ * and one less than their count (2 bits). KILN_GPU_NONE: nothing. */
+#define KILN_GPU_LEAF 0x80000000u
+#define KILN_GPU_LEAF_COUNT_SHIFT 29u
+#define KILN_GPU_LEAF_FIRST 0x1fffffffu
+
+/* Two children (Aila and Laine, "Understanding the efficiency of ray traversal on GPUs", 2009), 64 bytes: each child's
+ * box as lower x, upper x, lower y, upper y; then lower z, upper z of both. */
+struct kiln_gpu_node2 {
+    KILN_REAL32 xy[2][4];
+    KILN_REAL32 z[4];
+    KILN_WORD child[2], unused[2];
+};
+KILN_SIZE_IS(kiln_gpu_node2, 64);
+
+/* Four children, 128 bytes, a value a child: lower x, upper x, lower y, ... upper z. A child that is not there has a
+ * box whose lower bounds are above its upper ones. */
+struct kiln_gpu_node4 {
+    KILN_REAL32 bounds[6][4];
+    KILN_WORD child[4], unused[4];
+};
+KILN_SIZE_IS(kiln_gpu_node4, 128);
+
+/* Eight children, 80 bytes (Ylitie, Karras and Laine, "Efficient incoherent ray traversal on GPUs through compressed
+ * wide BVHs", 2017, section 3). Boxes are counted in steps of 2^(exponent - 127) from `origin`. `meta` of a child: 0
+ * none; a node 1 << 5 | 24 + slot; a leaf its count in unary digits << 5 | place of its first triangle after
+ * triangle_first. */
+struct kiln_gpu_node8 {
+    KILN_REAL32 origin[3];
+    KILN_WORD exponents_inner; /* exponent of x, y, z in a byte each, and which slots are nodes */
+    KILN_WORD node_first, triangle_first;
+    KILN_WORD meta[2];      /* bytes */
+    KILN_WORD bounds[6][2]; /* bytes: lower x, y, z, upper x, y, z */
+};
+KILN_SIZE_IS(kiln_gpu_node8, 80);
+
+/* Entries of a thread's stack in each layout (one more for the end); bvh.c refuses a layout that needs more. */
+#define KILN_GPU_STACK2 64u
+#define KILN_GPU_STACK4 124u
+#define KILN_GPU_STACK8 44u
+
+/* Boxes are wider than what they hold by this share of the world's extent: more than the errors of the triangle test
+ * (14 units of 2^-24 of a coordinate and the origin's together) and of the box test (5) for origins within 2.5 extents
+ * of the world's centre. */
+#define KILN_GPU_BOX_MARGIN 3.814697265625e-6f /* 2^-18 */
+
+struct kiln_gpu_hit { /* an answer of intersect.comp; struct kiln_hit */
+    KILN_WORD triangle;
+    KILN_REAL32 u, v, distance;
+    KILN_WORD back;
+    KILN_REAL32 tint[3];
+};
+KILN_SIZE_IS(kiln_gpu_hit, 32);
+
+struct kiln_gpu_trace {
+    KILN_ADDRESS nodes, triangles; /* a BVH for compute; multiples of 16 */
+    KILN_ADDRESS top_level;        /* acceleration structure of the ray-tracing pipeline */
+    KILN_WORD triangle_count;      /* of `triangles` */
+    KILN_REAL32 extent;            /* largest absolute coordinate of the world, m */
+};
+KILN_SIZE_IS(kiln_gpu_trace, 32);

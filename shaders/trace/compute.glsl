@@ -1,0 +1,199 @@
+/* Tracing in compute: the ray, the triangle test, and the choice of the layout. Part of shaders/trace/trace.glsl.
+ *
+ * Watertight after Woop, Benthin and Wald, "Watertight ray/triangle intersection" (2013): corners are laid flat along
+ * the ray, each always by the same operations, so that triangles share their flat corners exactly; then the ray is
+ * inside where the three edge functions of the flat triangle do not differ in sign. An edge function is the difference
+ * of two rounded products (never fused): exactly antisymmetric, and never of the wrong sign, only zero when in doubt;
+ * and zero counts as inside. Instead of shears along the ray's main axis, which want the axes permuted, corners are
+ * laid flat by two vectors across the ray. */
+#include "shaders/trace/alpha.glsl"
+
+layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer TraceQuads { uvec4 at[]; };
+
+struct kiln_ray {
+    vec3 origin, direction;
+    vec3 across, up;   /* right-handed: across x up = direction */
+    float after;       /* what lies up to here was met before and let the ray through: */
+    uint after_number; /* at this very distance, triangles up to this number */
+};
+
+/* The nearest triangle so far; `distance` begins as the ray's limit. */
+struct kiln_found {
+    float distance, u, v;
+    uint triangle;
+    bool back;
+};
+
+/* Two unit vectors across the ray (Duff et al., "Building an orthonormal basis, revisited", 2017). */
+kiln_ray kiln_ray_of(vec3 origin, vec3 direction)
+{
+    const float s = direction.z < 0.0 ? -1.0 : 1.0;
+    precise const float a = -1.0 / (s + direction.z);
+    precise const float b = direction.x * direction.y * a;
+    precise const vec3 across = vec3(1.0 + s * direction.x * direction.x * a, s * b, -s * direction.x);
+    precise const vec3 up = vec3(b, s + direction.y * direction.y * a, -direction.y);
+    return kiln_ray(origin, direction, across, up, 0.0, KILN_GPU_NONE);
+}
+
+/* For slabs, t = (plane - origin) / direction; finite also where the direction has a zero (margins of boxes hide the
+ * change). */
+vec3 kiln_inverse(vec3 direction)
+{
+    const float tiny = 1.0e-18;
+    const vec3 least =
+        vec3(direction.x < 0.0 ? -tiny : tiny, direction.y < 0.0 ? -tiny : tiny, direction.z < 0.0 ? -tiny : tiny);
+    return 1.0 / mix(direction, least, lessThan(abs(direction), vec3(tiny)));
+}
+
+float kiln_along(vec3 axis, vec3 place)
+{
+    precise const float sum = fma(axis.x, place.x, fma(axis.y, place.y, axis.z * place.z));
+    return sum;
+}
+
+float kiln_edge(vec2 p, vec2 q)
+{
+    precise const float forward = p.x * q.y;
+    precise const float backward = p.y * q.x;
+    precise const float difference = forward - backward;
+    return difference;
+}
+
+/* What rounding takes from the two products of kiln_edge, put back; for the triangles, very narrow as the ray sees
+ * them, that have nothing else. Where fma is not fused this adds nothing. */
+float kiln_edge_remainder(vec2 p, vec2 q)
+{
+    precise const float forward = p.x * q.y, backward = p.y * q.x;
+    precise const float lost_forward = fma(p.x, q.y, -forward), lost_backward = fma(p.y, q.x, -backward);
+    precise const float difference = (forward - backward) + (lost_forward - lost_backward);
+    return difference;
+}
+
+bool kiln_same_sign(vec3 w) { return min(min(w.x, w.y), w.z) >= 0.0 || max(max(w.x, w.y), w.z) <= 0.0; }
+
+/* Where a ray from 0 meets the triangle, of weights w / area. From the plane's normal: the weights of a needle are good
+ * to no more than its length over its width, and along the axes the normal has no error at all. Of a triangle seen
+ * edge-on, less than half a degree, the weights tell better. In no case nearer or farther than the corners. */
+float kiln_hit_distance(vec3 a, vec3 b, vec3 c, vec3 direction, vec3 w, float scale)
+{
+    precise const vec3 normal = cross(b - a, c - a);
+    precise const float steepness = dot(normal, direction), height = dot(normal, a);
+    const float at_a = kiln_along(direction, a), at_b = kiln_along(direction, b), at_c = kiln_along(direction, c);
+    const bool edge_on = steepness * steepness <= 1.0e-4 * dot(normal, normal);
+    precise const float weighted = fma(w.x * scale, at_a, fma(w.y * scale, at_b, w.z * scale * at_c));
+    return clamp(edge_on ? weighted : height / steepness, min(min(at_a, at_b), at_c), max(max(at_a, at_b), at_c));
+}
+
+/* Tests a triangle; true when it is now the one found. */
+bool kiln_test(const kiln_ray ray, TraceQuads triangles, uint index, inout kiln_found found)
+{
+    const uvec4 first = triangles.at[3u * index];
+    precise const vec3 a = uintBitsToFloat(first.xyz) - ray.origin;
+    precise const vec3 b = uintBitsToFloat(triangles.at[3u * index + 1u].xyz) - ray.origin;
+    precise const vec3 c = uintBitsToFloat(triangles.at[3u * index + 2u].xyz) - ray.origin;
+    const vec2 flat_a = vec2(kiln_along(ray.across, a), kiln_along(ray.up, a));
+    const vec2 flat_b = vec2(kiln_along(ray.across, b), kiln_along(ray.up, b));
+    const vec2 flat_c = vec2(kiln_along(ray.across, c), kiln_along(ray.up, c));
+    vec3 w = vec3(kiln_edge(flat_b, flat_c), kiln_edge(flat_c, flat_a), kiln_edge(flat_a, flat_b));
+    if (!kiln_same_sign(w))
+        return false;
+    precise float area = w.x + w.y + w.z;
+    if (area == 0.0) {
+        w = vec3(kiln_edge_remainder(flat_b, flat_c), kiln_edge_remainder(flat_c, flat_a),
+                 kiln_edge_remainder(flat_a, flat_b));
+        area = w.x + w.y + w.z;
+        if (area == 0.0 || !kiln_same_sign(w))
+            return false;
+    }
+    precise const float scale = 1.0 / area;
+    precise const float u = w.y * scale, v = w.z * scale;
+    const float t = kiln_hit_distance(a, b, c, ray.direction, w, scale);
+    const uint number = first.w;
+    bool beyond = t > 0.0;
+    if (HAS_ALPHA != 0u)
+        beyond = t > ray.after || (t == ray.after && ray.after_number != KILN_GPU_NONE && number > ray.after_number);
+    if (!(beyond && (t < found.distance || (t == found.distance && number < found.triangle))))
+        return false;
+    found = kiln_found(t, u, v, number, area > 0.0);
+    return true;
+}
+
+/* Whether what was found ends a search for anything in the way: not what may let the ray through, for there may be more
+ * before it. */
+bool kiln_ends(const kiln_found found) { return HAS_ALPHA == 0u || found.triangle < SCENE.opaque_count; }
+
+/* Tests a leaf's triangles; true when the search is over. */
+bool kiln_test_leaf(const kiln_ray ray, TraceQuads triangles, uint leaf, bool any, inout kiln_found found)
+{
+    const uint first = leaf & KILN_GPU_LEAF_FIRST, end = first + (leaf >> KILN_GPU_LEAF_COUNT_SHIFT & 3u) + 1u;
+    for (uint i = first; i < end; i++)
+        if (kiln_test(ray, triangles, i, found) && any && kiln_ends(found))
+            return true;
+    return false;
+}
+
+#include "shaders/trace/binary.glsl"
+#include "shaders/trace/four.glsl"
+#include "shaders/trace/eight.glsl"
+
+void kiln_walk_brute(const kiln_ray ray, bool any, inout kiln_found found)
+{
+    TraceQuads triangles = TraceQuads(SCENE.trace.triangles);
+    const uint count = SCENE.trace.triangle_count;
+    for (uint i = 0u; i < count; i++)
+        if (kiln_test(ray, triangles, i, found) && any && kiln_ends(found))
+            return;
+}
+
+kiln_found kiln_walk_once(const kiln_ray ray, float limit, bool any)
+{
+    kiln_found found = kiln_found(limit, 0.0, 0.0, KILN_GPU_NONE, false);
+    if (TRAVERSAL == KILN_TRAVERSAL_BINARY)
+        kiln_walk_binary(ray, any, found);
+    else if (TRAVERSAL == KILN_TRAVERSAL_FOUR)
+        kiln_walk_four(ray, any, found);
+    else if (TRAVERSAL == KILN_TRAVERSAL_EIGHT)
+        kiln_walk_eight(ray, any, found);
+    else
+        kiln_walk_brute(ray, any, found);
+    return found;
+}
+
+/* Surfaces that let light through are asked outside of the walk, whose loops stay small, and the walk begins anew
+ * behind those that the ray passes: inside it the lookup made the whole kernel up to 400 times slower. */
+kiln_found kiln_walk(vec3 origin, vec3 direction, float limit, bool any, uint question, uint seed, inout vec3 share)
+{
+    kiln_ray ray = kiln_ray_of(origin, direction);
+    kiln_found found = kiln_walk_once(ray, limit, any);
+    if (HAS_ALPHA != 0u) {
+        while (found.triangle != KILN_GPU_NONE && found.triangle >= SCENE.opaque_count &&
+               kiln_passes(question, seed, found.triangle, found.u, found.v, share)) {
+            ray.after = found.distance;
+            ray.after_number = found.triangle;
+            found = kiln_walk_once(ray, limit, any);
+        }
+    }
+    return found;
+}
+
+kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 tint)
+{
+    tint = vec3(1.0);
+    const kiln_found found =
+        kiln_walk(origin, direction, uintBitsToFloat(0x7f800000u), false, KILN_BY_CHANCE, seed, tint);
+    return kiln_hit(found.triangle, found.u, found.v, found.distance, found.back);
+}
+
+kiln_hit kiln_trace(vec3 origin, vec3 direction)
+{
+    vec3 share = vec3(1.0);
+    const kiln_found found = kiln_walk(origin, direction, uintBitsToFloat(0x7f800000u), false, KILN_BY_HALF, 0u, share);
+    return kiln_hit(found.triangle, found.u, found.v, found.distance, found.back);
+}
+
+vec3 kiln_through(vec3 origin, vec3 direction, float limit)
+{
+    vec3 share = vec3(1.0);
+    return kiln_walk(origin, direction, limit, true, KILN_THROUGH, 0u, share).triangle != KILN_GPU_NONE ? vec3(0.0)
+                                                                                                        : share;
+}

@@ -1,0 +1,34 @@
+/* What the shaders of the ray-tracing pipeline hand each other, 16 bytes; floats as their bits.
+ *
+ * What a ray asks of surfaces that let light through (shaders/trace/alpha.glsl), its flags tell the any-hit shader, and
+ * the payload holds, until an answer takes its place: no flags                             which surface is the
+ * nearest? `v` is KILN_BY_HALF or KILN_BY_CHANCE, `u` the seed; `distance` becomes 1 when something with a colour was
+ * passed, which the closest-hit shader hands on skip closest hit                     tint: `triangle_back` is the seed;
+ * u, v, distance are the optical depths of red, green and blue skip closest hit, end on first hit   through: likewise,
+ * without a seed Any-hit shaders are called in any order. So a product of what surfaces let through is a sum of optical
+ * depths, -log2, in units of 2^-24. */
+#define KILN_PAYLOAD_BACK 0x80000000u /* with the triangle's number; KILN_GPU_NONE alone: nothing was met */
+#define KILN_PAYLOAD_TINTED 0x40000000u
+#define KILN_PAYLOAD_NUMBER 0x3fffffffu
+
+struct kiln_payload {
+    uint triangle_back;
+    uint u, v, distance;
+};
+
+const uint KILN_DEEPEST = 48u << 24; /* 2^-48 and less is nothing */
+
+void kiln_deepen(inout kiln_payload payload, vec3 through)
+{
+    const uvec3 deeper = uvec3(min(-log2(clamp(through, 1.0e-30, 1.0)), 48.0) * 16777216.0 + 0.5);
+    const uvec3 depth = min(uvec3(payload.u, payload.v, payload.distance) + deeper, uvec3(KILN_DEEPEST));
+    payload.u = depth.x;
+    payload.v = depth.y;
+    payload.distance = depth.z;
+}
+
+vec3 kiln_share_of(kiln_payload payload)
+{
+    const uvec3 depth = uvec3(payload.u, payload.v, payload.distance);
+    return mix(exp2(-vec3(depth) / 16777216.0), vec3(0.0), greaterThanEqual(depth, uvec3(KILN_DEEPEST)));
+}

@@ -1,0 +1,61 @@
+/* Tracing by VK_KHR_ray_tracing_pipeline: part of shaders/trace/trace.glsl, in ray generation shaders. One hit group
+ * (trace.rchit, trace.rahit) and one miss shader (trace.rmiss) serve nearest hits and occlusion alike. */
+#include "shaders/trace/alpha.glsl"
+#include "shaders/trace/payload.glsl"
+
+layout(location = 0) rayPayloadEXT kiln_payload kiln_answer;
+
+const float kiln_far = 3.0e38; /* a finite number stands for "no limit" */
+
+/* Rays begin here: the device's own triangle test knows distances less well than kiln's (on an H200 rays met, from 0
+ * on, the triangle they had left: 0.3 % of all light was lost). */
+float kiln_start() { return SCENE.trace.extent * (1.0 / 262144.0); }
+
+kiln_hit kiln_nearest(vec3 origin, vec3 direction, uint question, uint seed)
+{
+    if (HAS_ALPHA >= KILN_GPU_PASSAGE_BLEND)
+        kiln_answer = kiln_payload(0u, seed, question, 0u);
+    traceRayEXT(accelerationStructureEXT(SCENE.trace.top_level), gl_RayFlagsNoneEXT, 0xff, 0, 0, 0, origin,
+                kiln_start(), direction, kiln_far, 0);
+    kiln_hit hit;
+    hit.back = kiln_answer.triangle_back != KILN_GPU_NONE && (kiln_answer.triangle_back & KILN_PAYLOAD_BACK) != 0u;
+    hit.triangle =
+        kiln_answer.triangle_back == KILN_GPU_NONE ? KILN_GPU_NONE : kiln_answer.triangle_back & KILN_PAYLOAD_NUMBER;
+    hit.u = uintBitsToFloat(kiln_answer.u);
+    hit.v = uintBitsToFloat(kiln_answer.v);
+    hit.distance = uintBitsToFloat(kiln_answer.distance);
+    return hit;
+}
+
+kiln_hit kiln_trace(vec3 origin, vec3 direction) { return kiln_nearest(origin, direction, KILN_BY_HALF, 0u); }
+
+kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 tint)
+{
+    const kiln_hit hit = kiln_nearest(origin, direction, KILN_BY_CHANCE, seed);
+    tint = vec3(1.0);
+    if (HAS_ALPHA != KILN_GPU_PASSAGE_TINT)
+        return hit;
+    const bool missed = hit.triangle == KILN_GPU_NONE;
+    if (missed ? kiln_answer.distance == 0u : (kiln_answer.triangle_back & KILN_PAYLOAD_TINTED) == 0u)
+        return hit;
+    kiln_answer = kiln_payload(seed, 0u, 0u, 0u);
+    traceRayEXT(accelerationStructureEXT(SCENE.trace.top_level), gl_RayFlagsSkipClosestHitShaderEXT, 0xff, 0, 0, 0,
+                origin, kiln_start(), direction, missed ? kiln_far : max(hit.distance, kiln_start()), 0);
+    tint = kiln_share_of(kiln_answer);
+    return hit;
+}
+
+vec3 kiln_through(vec3 origin, vec3 direction, float limit)
+{
+    if (!(limit > kiln_start())) /* traceRayEXT wants the far end not before the near one */
+        return vec3(1.0);
+    kiln_answer.triangle_back = 0u; /* stays, unless the miss shader runs */
+    if (HAS_ALPHA >= KILN_GPU_PASSAGE_BLEND)
+        kiln_answer = kiln_payload(0u, 0u, 0u, 0u);
+    traceRayEXT(accelerationStructureEXT(SCENE.trace.top_level),
+                gl_RayFlagsTerminateOnFirstHitEXT | gl_RayFlagsSkipClosestHitShaderEXT, 0xff, 0, 0, 0, origin,
+                kiln_start(), direction, min(limit, kiln_far), 0);
+    if (kiln_answer.triangle_back != KILN_GPU_NONE)
+        return vec3(0.0);
+    return HAS_ALPHA >= KILN_GPU_PASSAGE_BLEND ? kiln_share_of(kiln_answer) : vec3(1.0);
+}

@@ -1,0 +1,29 @@
+/* Tracing rays through the world.
+ *
+ *     kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 tint);
+ *         the nearest triangle; one that is partly there with a chance that is its opacity. `tint`: share of what it
+ * sends that arrives kiln_hit kiln_trace(vec3 origin, vec3 direction); the nearest triangle that is there by half at
+ * least: for what chance must have no part in vec3 kiln_through(vec3 origin, vec3 direction, float limit); share of
+ * light that comes from `limit` away: 0 with an opaque triangle in between
+ *
+ * Directions are of unit length; a hit lies at a distance above 0. (u, v) are the weights of the triangle's corners 1
+ * and 2. Triangles that may let rays through (worker/scene/geometry.h) are asked what they do when HAS_ALPHA is not 0.
+ *
+ * Kernels for compute walk the layout that TRAVERSAL tells; those compiled with KILN_PIPELINE call the device's own ray
+ * tracing. */
+#ifndef KILN_SHADERS_TRACE_GLSL
+#define KILN_SHADERS_TRACE_GLSL
+
+struct kiln_hit {
+    uint triangle; /* KILN_GPU_NONE: nothing */
+    float u, v, distance;
+    bool back; /* met from behind */
+};
+
+#ifdef KILN_PIPELINE
+#    include "shaders/trace/pipeline.glsl"
+#else
+#    include "shaders/trace/compute.glsl"
+#endif
+
+#endif
