@@ -5,13 +5,13 @@
 
 #include "coordinator/bake/prepare.h"
 #include "coordinator/field/result.h"
-#include "coordinator/integrate/transport.h"
+#include "coordinator/integrate/integrate.h"
 #include "coordinator/output/output.h"
 
 struct kiln_run {
     const struct kiln_job *job;
     const struct kiln_prepared *prepared;
-    const struct kiln_transport *transport;
+    const struct kiln_solution *solution;
     const struct kiln_volume_result *volume;      /* size 0: there is no volume */
     const struct kiln_lightmap_report *lightmaps; /* rank 0: one for each lightmap of the surface */
     const struct kiln_phases *phases;

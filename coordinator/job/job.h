@@ -10,26 +10,9 @@
 #include <stdint.h>
 #include <stdio.h>
 
+#include "coordinator/job/faults.h"
+#include "coordinator/integrate/settings.h"
 #include "worker/base/status.h"
-
-/* Format in which ranks exchange radiosity: COMPACT has 4 bytes a point, FULL 8. AUTO is compact for 2^22 surface
- * points or more. With fewer points its rounding is visible in the energy ratio of two bounces, which the tail
- * magnifies a hundred times for an albedo of 0.99; with more points it averages out. */
-enum kiln_exchange_form { KILN_EXCHANGE_AUTO = 0, KILN_EXCHANGE_COMPACT = 1, KILN_EXCHANGE_FULL = 2 };
-
-static inline bool kiln_exchange_is_compact(int form, uint64_t points)
-{
-    return form == KILN_EXCHANGE_COMPACT || (form == KILN_EXCHANGE_AUTO && points >= 1u << 22);
-}
-
-/* Whether points are repartitioned among ranks between passes: if it saves time, never, or after every pass (for
- * tests). */
-enum kiln_rebalance { KILN_REBALANCE_AUTO = 0, KILN_REBALANCE_NEVER = 1, KILN_REBALANCE_ALWAYS = 2 };
-
-enum kiln_schedule {
-    KILN_SCHEDULE_LEAN = 0, /* bounces with few rays, the energy tail, one final gather with many rays */
-    KILN_SCHEDULE_EQUAL = 1 /* the same number of rays in every bounce, no tail, no final gather: the reference mode */
-};
 
 /* Unit of the lights: AUTO takes what the file says; the others override it. */
 enum kiln_units_choice { KILN_UNITS_AUTO = 0, KILN_UNITS_RADIOMETRIC = 1, KILN_UNITS_PHOTOMETRIC = 2 };
@@ -64,7 +47,7 @@ struct kiln_job {
 
     /* transport */
     char *quality;   /* draft | preview | production | reference: preset of the sample counts */
-    char *method;    /* cells */
+    char *method;    /* name of an integrator (coordinator/integrate/integrators.c) */
     int64_t bounces; /* indirect bounces; -1: until little energy is left, then the tail */
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;
@@ -140,6 +123,8 @@ struct kiln_job {
     double range;           /* irradiance of RGBM value 1,1,1,1; 0: each page's largest value */
     uint32_t atlas;         /* largest side of a page, texels; 0: one page for each object */
     bool drop_baked_lights; /* remove lights whose light is in the lightmaps */
+
+    struct kiln_faults faults; /* faults that tests inject, read from the environment */
 
     bool answered; /* the command has printed its JSON object, even if it then fails */
     void *strings; /* private: struct kiln_job_owned */

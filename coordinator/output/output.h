@@ -8,6 +8,7 @@
 #define KILN_COORDINATOR_OUTPUT_OUTPUT_H
 
 #include "coordinator/field/result.h"
+#include "coordinator/job/faults.h"
 
 struct kiln_output_params {
     const char *directory;
@@ -15,6 +16,7 @@ struct kiln_output_params {
     uint64_t least_divided; /* texels from which on several ranks may pack a lightmap; 0: KILN_STRIPS_LEAST */
     /* kiln_provenance: one JSON object without time stamps, stored as an attribute of the HDF5 files */
     const char *provenance_json;
+    const struct kiln_faults *faults; /* for tests; NULL: none */
 };
 
 /* Report of kiln_write_lightmaps on one lightmap, for run.json. Complete on rank 0; zeros on the others. */

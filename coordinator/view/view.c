@@ -8,7 +8,7 @@
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
-/* Rays of a band of pixel rows are traced together; about 2^19 of them, 63 MB. */
+/* Rays of a band of pixel rows are traced together: about 2^19 rays, 63 MB. */
 enum { BAND_RAYS = 1 << 19 };
 
 struct renderer {
@@ -34,7 +34,7 @@ static void make_ray(const struct renderer *r, uint32_t x, uint32_t y, uint32_t 
     *direction = vec3_of(dvec3_scale(way, 1.0 / dvec3_length(way)));
 }
 
-/* One pixel from its rays. */
+/* Computes a pixel as the mean over its rays. */
 static void shade_pixel(const struct renderer *r, size_t first, uint32_t rays, float rgb[3],
                         struct kiln_view_approximate *row)
 {
@@ -50,7 +50,7 @@ static void shade_pixel(const struct renderer *r, size_t first, uint32_t rays, f
     }
 }
 
-/* Shares are summed row by row, so that threads do not change them. */
+/* Renders a band of rows. The approximate fractions are summed row by row, so that they do not depend on threads. */
 static int render_band(struct renderer *r, uint32_t first, uint32_t rows, struct kiln_error *error)
 {
     const uint32_t width = r->params->width, rays = r->side * r->side;
@@ -161,7 +161,7 @@ void kiln_viewpoint_text(const struct kiln_viewpoint *v, char text[KILN_VIEWPOIN
         (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen by the scene's camera '%s'",
                        kiln_text_plain(place, sizeof place, v->camera));
     else if (v->kind == KILN_VIEW_GIVEN)
-        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen as asked, %s", place);
+        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen as requested, %s", place);
     else
         (void)snprintf(
             text, KILN_VIEWPOINT_TEXT,

@@ -10,6 +10,7 @@
 
 #include <mpi.h>
 
+#include "coordinator/job/faults.h"
 #include "coordinator/output/exr_strips.h"
 #include "coordinator/output/map/strips.h"
 
@@ -23,9 +24,10 @@ struct kiln_strip_source {
 };
 
 /* Collective. `sources` are the objects of this rank whose strips are distributed, in the order of its stream. Every
- * file is published when its last strip has been written. Returns the worst status of all ranks, with its message. */
+ * file is published when its last strip has been written. `faults` (may be NULL) names the rank whose packing fails,
+ * for tests. Returns the worst status of all ranks, with its message. */
 int kiln_strips_write(MPI_Comm communicator, const struct kiln_strip_deal *strips,
                       const struct kiln_lightmap *lightmaps, const struct kiln_strip_source *sources,
-                      size_t source_count, struct kiln_error *error);
+                      size_t source_count, const struct kiln_faults *faults, struct kiln_error *error);
 
 #endif

@@ -8,7 +8,7 @@
 #include "coordinator/output/points.h"
 #include "worker/base/memory.h"
 
-/* ---- dealing ---- */
+/* ---- assignment of lightmaps ---- */
 
 static uint64_t texels_of(const struct kiln_lightmap *map) { return (uint64_t)map->width * map->height; }
 
@@ -32,7 +32,7 @@ static int lighter(const struct bin *a, const struct bin *b)
     return a->load != b->load ? a->load < b->load : a->rank < b->rank;
 }
 
-/* Restores a heap (lightest first) whose root has grown. */
+/* Restores a min-heap after its root has grown. */
 static void sink_root(struct bin *heap, uint32_t count)
 {
     for (uint32_t i = 0;;) {
@@ -80,17 +80,17 @@ int kiln_assignment_create(struct kiln_assignment **deal, const struct kiln_ligh
 {
     uint32_t *order = NULL;
     struct bin *heap = NULL;
-    int status = kiln_allocate(deal, 1, sizeof **deal, "dealing lightmaps to ranks", error);
+    int status = kiln_allocate(deal, 1, sizeof **deal, "the assignment of lightmaps to ranks", error);
     if (status != KILN_OK)
         return status;
     (*deal)->count = count;
-    status = kiln_allocate(&(*deal)->owner, count, sizeof(uint32_t), "dealing lightmaps to ranks", error);
+    status = kiln_allocate(&(*deal)->owner, count, sizeof(uint32_t), "the assignment of lightmaps to ranks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&(*deal)->round, count, sizeof(uint32_t), "dealing lightmaps to ranks", error);
+        status = kiln_allocate(&(*deal)->round, count, sizeof(uint32_t), "the assignment of lightmaps to ranks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&order, count, sizeof *order, "dealing lightmaps to ranks", error);
+        status = kiln_allocate(&order, count, sizeof *order, "the assignment of lightmaps to ranks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&heap, ranks, sizeof *heap, "dealing lightmaps to ranks", error);
+        status = kiln_allocate(&heap, ranks, sizeof *heap, "the assignment of lightmaps to ranks", error);
     if (status == KILN_OK) {
         for (size_t i = 0; i < count; i++)
             order[i] = (uint32_t)i;
@@ -113,9 +113,9 @@ void kiln_assignment_destroy(struct kiln_assignment **deal)
     kiln_free(deal);
 }
 
-/* ---- travelling ---- */
+/* ---- exchange ---- */
 
-/* Where a tile run's records stand in a pass. */
+/* Where the records of a tile run lie in a pass. */
 struct place {
     size_t tile_run, at;
 };
@@ -124,18 +124,18 @@ struct kiln_texel_gather {
     const struct kiln_bake_result *result;
     const struct kiln_assignment *deal;
     int ranks;
-    size_t limit;           /* records to one rank in a pass; a tile run's worth at least */
-    uint64_t *bucket_first; /* rounds x ranks + 1: where the tile runs for (round, owner) stand in `order` */
-    uint64_t *cursor;       /* per destination, during a round */
-    size_t *order;          /* own tile runs by (round, owner), else in their own order */
+    size_t limit;           /* most records to one rank in a pass; at least those of one tile run */
+    uint64_t *bucket_first; /* rounds x ranks + 1 entries: where the tile runs for (round, owner) begin in `order` */
+    uint64_t *cursor;       /* for each destination, during a round */
+    size_t *order;          /* own tile runs, sorted by (round, owner) and then by index */
     struct kiln_texel_record *out, *in;
-    struct place *places; /* of the pass at hand, one a tile run */
+    struct place *places; /* of the tile runs of the present pass */
     size_t in_capacity;
     int *out_counts, *out_starts, *in_counts, *in_starts;
     MPI_Datatype type;
 };
 
-/* SIZE_MAX: nobody wants it. */
+/* The bucket of a tile run; SIZE_MAX: its lightmap is not published. */
 static size_t bucket_of(const struct kiln_texel_gather *e, size_t tile_run)
 {
     const uint32_t map = e->result->surface->tile_runs[tile_run].map;
@@ -173,7 +173,7 @@ static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *err
                                error);
     if (status == KILN_OK)
         status = kiln_allocate(&e->out, e->limit * ranks, sizeof *e->out, "points to send", error);
-    if (status == KILN_OK) /* a tile run has a point at least */
+    if (status == KILN_OK) /* a tile run has at least one point */
         status = kiln_allocate(&e->places, e->limit * ranks, sizeof *e->places, "points to send", error);
     for (size_t i = 0; status == KILN_OK && i < sizeof counts / sizeof *counts; i++)
         status = kiln_allocate(counts[i], ranks, sizeof(int), "the exchange of points", error);
@@ -192,8 +192,8 @@ int kiln_texel_gather_create(struct kiln_texel_gather **exchange, const struct k
         if (MPI_Comm_size(result->communicator, &e->ranks) != MPI_SUCCESS ||
             MPI_Type_contiguous((int)sizeof(struct kiln_texel_record), MPI_BYTE, &e->type) != MPI_SUCCESS ||
             MPI_Type_commit(&e->type) != MPI_SUCCESS)
-            status =
-                kiln_fail(error, KILN_SITE, "MPI refused a datatype of %zu bytes", sizeof(struct kiln_texel_record));
+            status = kiln_fail(error, KILN_SITE, "MPI cannot create a datatype of %zu bytes",
+                               sizeof(struct kiln_texel_record));
         const size_t total = records_per_pass == 0 ? (size_t)1 << 18 : records_per_pass;
         e->limit = total / (size_t)(e->ranks > 0 ? e->ranks : 1);
         if (e->limit < KILN_TILE_TEXELS)
@@ -259,7 +259,8 @@ static int pack_tile_run(const struct kiln_texel_gather *e, size_t tile_run, str
     return KILN_OK;
 }
 
-/* Finds places for as many tile runs for each rank as fit; `more` tells whether something is left. Returns how many. */
+/* Plans a pass: takes as many tile runs for each rank as fit. *more tells whether some are left. Returns the number of
+ * tile runs. */
 static size_t plan_pass(struct kiln_texel_gather *e, uint32_t round, int *more)
 {
     size_t total = 0, count = 0;
@@ -300,7 +301,7 @@ static int pack_pass(struct kiln_texel_gather *e, uint32_t round, int *more, str
 
 static int mpi_failed(const char *what, struct kiln_error *error)
 {
-    return kiln_fail(error, KILN_RANK_LOST, "MPI failed in %s while points were brought to the ranks that write them",
+    return kiln_fail(error, KILN_RANK_LOST, "MPI failed in %s while points were sent to the ranks that write them",
                      what);
 }
 
@@ -310,7 +311,7 @@ static int travel(struct kiln_texel_gather *e, int *received, struct kiln_error 
     if (MPI_Alltoall(e->out_counts, 1, MPI_INT, e->in_counts, 1, MPI_INT, comm) != MPI_SUCCESS)
         return mpi_failed("MPI_Alltoall", error);
     *received = 0;
-    for (int r = 0; r < e->ranks; r++) { /* at most limit x ranks in all, far below 2^31 */
+    for (int r = 0; r < e->ranks; r++) { /* at most limit x ranks records, far below 2^31 */
         e->in_starts[r] = *received;
         *received += e->in_counts[r];
     }

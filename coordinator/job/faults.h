@@ -1,0 +1,40 @@
+/* Fault injection for tests: makes a rank misbehave, so that the reaction of the others can be tested. The faults are
+ * read from the environment once, with the job, and passed to the code that simulates them. Without variables the
+ * struct is all zeros. Not collective: every rank reads its own environment. */
+#ifndef KILN_COORDINATOR_JOB_FAULTS_H
+#define KILN_COORDINATOR_JOB_FAULTS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "worker/base/status.h"
+
+enum { KILN_FAULT_PLACE = 64 }; /* bytes of the name of a place, with the zero byte */
+
+struct kiln_faults {
+    /* KILN_SLOW_RANK=RANK:FACTOR. The rank takes `slowness` times as long for each batch, 1 to 1,000,000; 0: no rank
+     * is slow. */
+    uint32_t slow_rank;
+    double slowness;
+    /* KILN_HALT_RANK=RANK:PLACE. The rank stops itself (SIGSTOP) when it reaches the place: the name of a phase, a pass
+     * or a blocking call, as given to kiln_watchdog_phase and kiln_watchdog_blocking. "": no rank does. */
+    uint32_t halt_rank;
+    char halt_place[KILN_FAULT_PLACE];
+    /* KILN_FAILING_PACKER=RANK. The rank fails to pack strips of other ranks' lightmaps. */
+    bool packer_fails;
+    uint32_t failing_packer;
+    /* KILN_LOCKS=none. The lock of a bake's folder behaves as on a file system without locks. */
+    bool no_locks;
+};
+
+/* Reads the environment. KILN_USAGE, with the variable and its valid values, for a value that is not valid. */
+int kiln_faults_read(struct kiln_faults *faults, struct kiln_error *error);
+
+/* Factor on the time of a batch on this rank; 1 if it is not the slow one. */
+double kiln_faults_slowness(const struct kiln_faults *faults, uint32_t rank);
+/* The place at which this rank stops itself; NULL: none. Valid as long as `faults`. */
+const char *kiln_faults_halt(const struct kiln_faults *faults, uint32_t rank);
+/* Whether this rank fails to pack for other ranks. `faults` may be NULL: no faults. */
+bool kiln_faults_packer_fails(const struct kiln_faults *faults, uint32_t rank);
+
+#endif
