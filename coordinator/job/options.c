@@ -1030,7 +1030,8 @@ const char *kiln_option_default(const struct kiln_option *option)
     return option->fallback != NULL ? option->fallback : "";
 }
 
-/* Names longer than the table's are cut, which cannot bring a wrong one nearer. */
+/* Wagner and Fischer's dynamic programming with transpositions. Names are cut at a length that no known name has, which
+ * cannot make a wrong name nearer. */
 size_t kiln_edit_distance(const char *a, const char *b)
 {
     enum { LIMIT = 48 };
