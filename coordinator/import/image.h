@@ -7,7 +7,7 @@
  * 3. Do the run lengths, chunks or scans that follow the header add up?
  *
  * What decodes what: PNG libpng, row by row to its final place; JPEG, and for OBJ files BMP and TGA, stb_image; OpenEXR
- * OpenEXRCore, chunk by chunk to its final place; Radiance kiln's own radiance.c. */
+ * OpenEXRCore, chunk by chunk to its final place; Radiance kiln's own image_radiance.c. */
 #ifndef KILN_COORDINATOR_IMPORT_IMAGE_H
 #define KILN_COORDINATOR_IMPORT_IMAGE_H
 

@@ -11,7 +11,7 @@
 #include <stdio.h>
 
 #include "coordinator/job/faults.h"
-#include "coordinator/integrate/settings.h"
+#include "coordinator/job/choices.h"
 #include "worker/base/status.h"
 
 /* What the lights' numbers are measured in: what the file says, or as asked. */
