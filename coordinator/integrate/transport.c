@@ -13,8 +13,6 @@
 #define LONG_TAIL_RATIO 0.8 /* of a bounce to the one before */
 #define EXCHANGE_BYTES 10e6 /* a second, at the slowest network that is not taken for a dead one */
 
-double kiln_luminance(const double rgb[3]) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
-
 /* Rounding of a texel's radiosity: by what the texel is, never by where it stands in the global order. */
 /* Packs three floats a point, `values`, of all own points into s->own->next. */
 static void pack_all(struct transport_state *s, const float *values, uint32_t stream)

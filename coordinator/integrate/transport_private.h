@@ -4,6 +4,7 @@
 #define KILN_COORDINATOR_INTEGRATE_TRANSPORT_PRIVATE_H
 
 #include "coordinator/integrate/transport.h"
+#include "shaders/shared/color.h"
 #include "shaders/shared/random.h"
 
 enum { FINAL_STREAM = 0xffff };
@@ -64,8 +65,6 @@ struct transport_state {
     uint32_t take_threads; /* that take answers over */
     double slowness;       /* how many times the time of a batch it shall take */
 };
-
-double kiln_luminance(const double rgb[3]);
 
 /* The steps of a job. */
 void transport_step_make(const struct transport_state *s, enum kiln_pass_kind kind, uint32_t bounce,

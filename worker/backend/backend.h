@@ -24,7 +24,7 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "shaders/shared/random.h"
+#include "shaders/shared/streams.h"
 #include "worker/base/stop.h"
 #include "worker/scene/scene.h"
 #include "worker/scene/geometry.h"
@@ -107,7 +107,7 @@ static inline uint32_t kiln_ray_seed(struct kiln_vec3 origin, struct kiln_vec3 d
     uint32_t o[3], d[3];
     memcpy(o, &origin, sizeof o);
     memcpy(d, &direction, sizeof d);
-    return kiln_hash2(kiln_hash2(kiln_hash2(o[0], o[1]), kiln_hash2(o[2], d[0])), kiln_hash2(d[1], d[2]));
+    return kiln_ray_bits_seed(o[0], o[1], o[2], d[0], d[1], d[2]);
 }
 
 /* One probe's answer: SH coefficients of incident radiance, bands 0..2, order (l,m) = 00, 1-1, 10, 11, 2-2, 2-1, 20,

@@ -5,13 +5,11 @@
  * which less than 1/32 is left is invalid too. */
 #include <omp.h>
 
-#include "shaders/shared/random.h"
+#include "shaders/shared/streams.h"
 #include "worker/backend/embree/embree.h"
 #include "worker/backend/embree/frame.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
-
-enum { FIRST_LOOK = 16, SECOND_LOOK = 64 };
 
 /* How many of `samples` places of point j are buried. */
 static uint32_t count_buried(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, uint32_t samples,
@@ -30,13 +28,14 @@ static uint32_t count_buried(struct tile_run_frame *f, const struct embree_backe
 
 static uint16_t visible_share(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j)
 {
-    const uint32_t first = count_buried(f, b, j, FIRST_LOOK, 0x76616c31u);
-    if (first == 0 || first == FIRST_LOOK)
+    const uint32_t first = count_buried(f, b, j, KILN_VALIDITY_FIRST_LOOK, KILN_VALIDITY_FIRST_STREAM);
+    if (first == 0 || first == KILN_VALIDITY_FIRST_LOOK)
         return first == 0 ? 0xffff : 0;
-    const uint32_t left = SECOND_LOOK - count_buried(f, b, j, SECOND_LOOK, 0x76616c32u);
-    if (left == SECOND_LOOK) /* the first look saw a corner that the second missed */
-        return 0xffff - 0xffff / SECOND_LOOK;
-    return left < SECOND_LOOK / 32 ? 0 : (uint16_t)(left * 0xffffu / SECOND_LOOK);
+    const uint32_t left =
+        KILN_VALIDITY_SECOND_LOOK - count_buried(f, b, j, KILN_VALIDITY_SECOND_LOOK, KILN_VALIDITY_SECOND_STREAM);
+    if (left == KILN_VALIDITY_SECOND_LOOK) /* the first look saw a corner that the second missed */
+        return 0xffff - 0xffff / KILN_VALIDITY_SECOND_LOOK;
+    return left < KILN_VALIDITY_SECOND_LOOK / 32 ? 0 : (uint16_t)(left * 0xffffu / KILN_VALIDITY_SECOND_LOOK);
 }
 
 int embree_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,

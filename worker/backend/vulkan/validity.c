@@ -2,13 +2,12 @@
 #include "worker/backend/vulkan/pass.h"
 #include "worker/base/memory.h"
 
+#include "shaders/shared/streams.h"
 #include "shaders/validity.h"
 #include "shaders/validity_pipeline.h"
 
 const struct vulkan_shader vulkan_validity_shader = {
     .name = "validity", .compute = VULKAN_CODE(validity), .pipeline = VULKAN_CODE(validity_pipeline)};
-
-enum { FIRST_LOOK = 16, SECOND_LOOK = 64 };
 
 struct validity_push {
     uint64_t scene;
@@ -42,7 +41,8 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
 {
     (void)error;
     const struct validity *v = context;
-    const struct validity_push push = push_of(v, chunk->all, chunk->words, 0x76616c31u, FIRST_LOOK);
+    const struct validity_push push =
+        push_of(v, chunk->all, chunk->words, KILN_VALIDITY_FIRST_STREAM, KILN_VALIDITY_FIRST_LOOK);
     vulkan_record(recording, v->kernel, chunk->all.count, 1, &push, sizeof push);
     return KILN_OK;
 }
@@ -59,7 +59,7 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     for (uint64_t own = first; own < end; own++) {
         const uint32_t buried = words[own - first];
         v->visible[own] = buried == 0 ? 0xffff : 0;
-        if (buried == 0 || buried == FIRST_LOOK)
+        if (buried == 0 || buried == KILN_VALIDITY_FIRST_LOOK)
             continue;
         const int status = kiln_grow(&v->open, &v->open_room, v->open_count + 1, sizeof *v->open,
                                      "points that are partly buried", error);
@@ -72,10 +72,10 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
 
 static uint16_t share(uint32_t buried)
 {
-    const uint32_t left = SECOND_LOOK - buried;
-    if (left == SECOND_LOOK) /* the first look saw a corner that the second missed */
-        return 0xffff - 0xffff / SECOND_LOOK;
-    return left < SECOND_LOOK / 32 ? 0 : (uint16_t)(left * 0xffffu / SECOND_LOOK);
+    const uint32_t left = KILN_VALIDITY_SECOND_LOOK - buried;
+    if (left == KILN_VALIDITY_SECOND_LOOK) /* the first look saw a corner that the second missed */
+        return 0xffff - 0xffff / KILN_VALIDITY_SECOND_LOOK;
+    return left < KILN_VALIDITY_SECOND_LOOK / 32 ? 0 : (uint16_t)(left * 0xffffu / KILN_VALIDITY_SECOND_LOOK);
 }
 
 /* The second look at `count` open points of one block, `open` being their own numbers. */
@@ -94,7 +94,7 @@ static int look_again(struct validity *v, const struct vulkan_block *block, cons
         status = gpu_buffer_create(gpu, &counts, count * sizeof *numbers, GPU_HOST, "what is buried of them", error);
     struct gpu_pacer *pacer = &v->b->pacers[VULKAN_PACE_VALIDITY];
     for (uint32_t first = 0; first < count && status == KILN_OK;) {
-        uint64_t at_once = gpu_pacer_next(pacer, 1 << 16) / SECOND_LOOK + 1;
+        uint64_t at_once = gpu_pacer_next(pacer, 1 << 16) / KILN_VALIDITY_SECOND_LOOK + 1;
         at_once = at_once < count - first ? at_once : count - first;
         const struct kiln_gpu_chunk chunk = {.points = block->points.address,
                                              .parts = block->parts.address,
@@ -102,8 +102,8 @@ static int look_again(struct validity *v, const struct vulkan_block *block, cons
                                              .list = list.address,
                                              .first = first,
                                              .count = (uint32_t)at_once};
-        const struct validity_push push =
-            push_of(v, chunk, counts.address + first * sizeof *numbers, 0x76616c32u, SECOND_LOOK);
+        const struct validity_push push = push_of(v, chunk, counts.address + first * sizeof *numbers,
+                                                  KILN_VALIDITY_SECOND_STREAM, KILN_VALIDITY_SECOND_LOOK);
         const struct gpu_step step = {.kernel = v->kernel,
                                       .threads_x = (uint32_t)at_once,
                                       .threads_y = 1,
@@ -112,7 +112,7 @@ static int look_again(struct validity *v, const struct vulkan_block *block, cons
         double seconds;
         status = gpu_run(gpu, &step, 1, &seconds, error);
         if (status == KILN_OK)
-            gpu_pacer_learn(pacer, at_once * SECOND_LOOK, seconds);
+            gpu_pacer_learn(pacer, at_once * KILN_VALIDITY_SECOND_LOOK, seconds);
         first += (uint32_t)at_once;
     }
     for (uint32_t i = 0; status == KILN_OK && i < count; i++)
@@ -145,7 +145,7 @@ static int look_at_open(struct validity *v, size_t tile_run_first, size_t tile_r
 static int prepare(void *context, struct kiln_error *error)
 {
     struct validity *v = context;
-    const int status = vulkan_sobol(v->b, SECOND_LOOK, error);
+    const int status = vulkan_sobol(v->b, KILN_VALIDITY_SECOND_LOOK, error);
     return status == KILN_OK ? vulkan_kernel_of(v->b, &vulkan_validity_shader, false, 0, &v->kernel, error) : status;
 }
 
@@ -156,7 +156,7 @@ int vulkan_validity(struct kiln_backend *backend, size_t tile_run_first, size_t 
     struct validity v = {.b = b, .visible = visible};
     const struct vulkan_pass pass = {.pace = VULKAN_PACE_VALIDITY,
                                      .rows = 1,
-                                     .work = FIRST_LOOK,
+                                     .work = KILN_VALIDITY_FIRST_LOOK,
                                      .first_guess = 1 << 18,
                                      .wants_words = true,
                                      .prepare = prepare,
