@@ -12,6 +12,7 @@
 #ifndef KILN_LIGHTS_GLSL
 #define KILN_LIGHTS_GLSL
 
+#include "shaders/real.glsl"
 #include "shaders/material.glsl"
 #include "shaders/shared/area_light.h"
 #include "shaders/shared/color.h"

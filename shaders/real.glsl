@@ -1,5 +1,4 @@
-/* Functions of `real`, the numbers light is calculated with: double or float (see shaders/kernel.glsl). Part of
- * shaders/shared/real.h.
+/* Functions of `real`, the numbers light is calculated with: double or float (see shaders/kernel.glsl)..
  *
  * GLSL has no sine, cosine and so on of doubles, and Vulkan promises little of those of floats (acos: 4,096 units in
  * the last place), so both are made here: Taylor's series after reduction to a quarter turn, and Newton's method from
@@ -10,6 +9,7 @@
 #define KILN_REAL_GLSL
 
 #include "shaders/shared/color.h"
+#include "shaders/shared/real.h"
 
 #ifdef KILN_DOUBLES
 #    define real3 dvec3

@@ -36,9 +36,9 @@ static const char *const probing[] = {"probe-spacing", "samples-probe"};
 static const char *const other[] = {
     "output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "error-map", "preview", "exposure",
     "json", "quiet", "verbose", "resume", "checkpoint-every", "max-time", "watchdog", "device", "devices", "traversal",
-    "dispatch-time", "device-memory", "verify-share",
+    "dispatch-time", "device-memory", "verify-fraction",
     /* units name the numbers and change none */
-    "trace", "share-ranks", "give-away", "rebalance", "exchange-limit", "units", "export"};
+    "trace", "shared-memory-ranks", "work-stealing", "rebalance", "exchange-limit", "units", "export"};
 
 static bool is_among(const char *name, const char *const *list, size_t count)
 {

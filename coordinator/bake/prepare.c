@@ -8,7 +8,7 @@
 
 #include "coordinator/bake/surface_exchange.h"
 #include "coordinator/mpi/agree.h"
-#include "coordinator/cli/devices.h"
+#include "coordinator/bake/devices.h"
 #include "worker/base/memory.h"
 
 enum { FIRST_TILE_RUNS = 256, MOST_TILE_RUNS = 1 << 16 }; /* of a batch of the validity pass */

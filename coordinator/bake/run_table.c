@@ -4,8 +4,10 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "coordinator/integrate/integrator.h"
 #include "coordinator/run/phases.h"
 #include "coordinator/run/progress.h"
+#include "worker/base/color.h"
 #include "worker/base/text.h"
 
 enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32 };
@@ -15,10 +17,8 @@ struct advice {
     const char *phase, *text;
 };
 
+static const char *const step_advice = "try a smaller --cell-size, which deals the cells out more evenly";
 static const struct advice balance_advice[] = {
-    {"direct light", "try a smaller --cell-size, which deals the cells out more evenly"},
-    {"bounces", "try a smaller --cell-size, which deals the cells out more evenly"},
-    {"final gather", "try a smaller --cell-size, which deals the cells out more evenly"},
     {"preview", "one rank draws it; --no-preview leaves it out"},
 };
 static const struct advice file_advice[] = {
@@ -85,7 +85,9 @@ static void note_imbalance(const json_t *report, json_t *notes)
             notes, json_sprintf("%s: the slowest rank took %.0f %% longer than the mean, which costs %.1f s a rank; %s",
                                 name_of(worst), 100.0 * json_number_value(json_object_get(worst, "imbalance")), most,
                                 advice_for(balance_advice, BALANCE_ADVICE, name_of(worst),
-                                           "--trace FILE.json shows which rank, and when")));
+                                           kiln_integrator_has_phase(name_of(worst))
+                                               ? step_advice
+                                               : "--trace FILE.json shows which rank, and when")));
 }
 
 static void note_files(const json_t *report, json_t *notes)
@@ -114,12 +116,11 @@ static void note_files(const json_t *report, json_t *notes)
 
 static double luminance_of(const json_t *energy, const char *term)
 {
-    static const double weight[3] = {0.2126, 0.7152, 0.0722};
-    const json_t *rgb = json_object_get(energy, term);
-    double sum = 0.0;
+    const json_t *array = json_object_get(energy, term);
+    double rgb[3];
     for (size_t c = 0; c < 3; c++)
-        sum += weight[c] * json_number_value(json_array_get(rgb, c));
-    return sum;
+        rgb[c] = json_number_value(json_array_get(array, c));
+    return kiln_luminance(rgb);
 }
 
 /* Light that met surfaces and is in no lightmap's account: promise 4 of the design. */

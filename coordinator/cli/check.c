@@ -7,7 +7,7 @@
 
 #include "coordinator/cli/commands.h"
 #include "coordinator/files/json.h"
-#include "coordinator/import/scene_survey.h"
+#include "coordinator/bake/scene_survey.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 

@@ -25,12 +25,4 @@ int kiln_command_export(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_status(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_stop(struct kiln_job *job, struct kiln_error *error);
 
-/* Not a command for users: the confined child that reads a scene (coordinator/import/child.c). argv as it was spawned.
- */
-int kiln_import_child(int argc, char **argv);
-/* The same for the one that writes a scene with its lightmaps (coordinator/export/child.c). */
-int kiln_export_child(int argc, char **argv);
-/* The same for the one that takes results apart (coordinator/output/read/reader_child.c). */
-int kiln_reader_child(int argc, char **argv);
-
 #endif

@@ -1,6 +1,6 @@
 /* kiln compare: two lightmaps, or all lightmaps of two bakes. Bakes whose lightmaps differ in size are compared at
  * places on the surfaces. */
-#include "coordinator/output/compare.h"
+#include "coordinator/view/compare.h"
 
 #include <dirent.h>
 #include <errno.h>
@@ -16,10 +16,11 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/output_name.h"
-#include "coordinator/output/compare_surface.h"
+#include "coordinator/files/plain_file.h"
+#include "coordinator/view/compare_surface.h"
 #include "coordinator/output/image.h"
 #include "coordinator/output/read/results.h"
-#include "coordinator/output/units.h"
+#include "coordinator/field/units.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 

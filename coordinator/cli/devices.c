@@ -1,7 +1,6 @@
 #include "coordinator/cli/devices.h"
 
 #include <stdio.h>
-#include <string.h>
 
 #include "coordinator/bake/prepare.h"
 #include "coordinator/files/json.h"
@@ -9,19 +8,6 @@
 #include "worker/base/text.h"
 
 enum { MOST_DEVICES = 64, UUID_TEXT = 37 };
-
-void kiln_devices_choose(const struct kiln_job *job, int node_rank, int node_ranks, struct kiln_backend_params *params)
-{
-    params->device = (uint32_t)(job->device + 1);
-    params->local_rank = (uint32_t)node_rank;
-    params->local_ranks = (uint32_t)node_ranks;
-    params->traversal = (enum kiln_traversal)job->traversal;
-    params->slice_seconds = job->dispatch_time * 1e-3;
-    params->device_memory = (uint64_t)(job->device_memory * 0x1p30);
-    /* who asks for a device by name gets it, or an error */
-    params->goes_on = job->backend == NULL || strcmp(job->backend, "auto") == 0;
-    params->verify_share = job->verify_share;
-}
 
 static void uuid_text(const uint8_t uuid[16], char text[UUID_TEXT])
 {

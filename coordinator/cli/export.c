@@ -15,7 +15,7 @@
 #include "coordinator/files/output_name.h"
 #include "coordinator/export/pages.h"
 #include "coordinator/files/publish.h"
-#include "coordinator/output/units.h"
+#include "coordinator/field/units.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 

@@ -5,9 +5,9 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/devices.h"
 #include "coordinator/files/json.h"
-#include "coordinator/import/scene_survey.h"
+#include "coordinator/bake/scene_survey.h"
 #include "coordinator/run/progress.h"
-#include "coordinator/output/units.h"
+#include "coordinator/field/units.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 

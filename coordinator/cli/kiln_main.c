@@ -18,6 +18,9 @@
 #include "coordinator/job/options.h"
 #include "coordinator/run/process.h"
 #include "coordinator/cli/same_job.h"
+#include "coordinator/export/child.h"
+#include "coordinator/import/child.h"
+#include "coordinator/output/read/reader.h"
 #include "coordinator/run/threads.h"
 #include "coordinator/output/manifest.h"
 
@@ -164,6 +167,13 @@ static void print_usage(int rank)
     (void)fputs(line, stderr);
 }
 
+/* On one rank. */
+static void note_former_names(const struct kiln_job *job)
+{
+    if (job != NULL && !job->quiet)
+        kiln_job_print_renamed(job, stderr);
+}
+
 /* Output that could not be written is a failure, however well the command went. */
 static int flush_output(int status, struct kiln_error *error)
 {
@@ -177,6 +187,7 @@ static int run_alone(int argc, char **argv, const struct kiln_command *command, 
 {
     struct kiln_job *job = NULL;
     int status = prepare(&job, argc, argv, command, error);
+    note_former_names(job);
     if (status == KILN_OK)
         status = flush_output(run(command, job, error), error);
     if (job != NULL && job->verbose)
@@ -284,7 +295,10 @@ static int run_watched(const struct kiln_command *command, struct kiln_job *job,
     struct kiln_watchdog *watchdog = NULL;
     if (command->bit == KILN_FOR_BAKE)
         return run(command, job, error);
-    int status = kiln_watchdog_create(&watchdog, MPI_COMM_WORLD, job->watchdog, error);
+    int rank;
+    (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+    int status = kiln_watchdog_create(&watchdog, MPI_COMM_WORLD, job->watchdog,
+                                      kiln_faults_halt(&job->faults, (uint32_t)rank), error);
     if (status == KILN_OK) {
         kiln_watchdog_phase(watchdog, command->name);
         status = run(command, job, error);
@@ -311,6 +325,8 @@ static int run_with_mpi(int argc, char **argv, const struct kiln_command *comman
     struct kiln_job *job = NULL;
     bool started = false;
     int status = prepare(&job, argc, argv, command, error);
+    if (rank == 0)
+        note_former_names(job);
     if (status == KILN_OK)
         status = check_threads(job, many, error);
     if (status == KILN_OK || many) {

@@ -10,7 +10,7 @@
 #include "coordinator/files/json.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/output/read/results.h"
-#include "coordinator/output/units.h"
+#include "coordinator/field/units.h"
 
 static const char *const axis_names[6] = {"+x", "-x", "+y", "-y", "+z", "-z"};
 

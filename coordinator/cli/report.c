@@ -1,5 +1,5 @@
 /* kiln report: report.html of a finished bake. */
-#include "coordinator/output/report.h"
+#include "coordinator/view/report.h"
 
 #include <stdio.h>
 

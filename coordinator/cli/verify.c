@@ -8,7 +8,7 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/publish.h"
-#include "coordinator/output/ranges.h"
+#include "coordinator/output/read/ranges.h"
 #include "coordinator/output/read/results.h"
 #include "worker/base/memory.h"
 

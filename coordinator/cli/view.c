@@ -1,5 +1,5 @@
 /* kiln view: a picture of a finished bake. */
-#include "coordinator/output/view.h"
+#include "coordinator/view/view.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -10,12 +10,12 @@
 
 #include "coordinator/run/lock.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/cli/devices.h"
+#include "coordinator/bake/devices.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/output_name.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/files/publish.h"
-#include "coordinator/output/units.h"
+#include "coordinator/field/units.h"
 #include "worker/base/text.h"
 
 struct view {

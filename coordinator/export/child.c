@@ -3,7 +3,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/cli/commands.h"
 #include "coordinator/import/child.h"
 #include "worker/base/memory.h"
 

@@ -40,4 +40,8 @@ void kiln_export_link(struct kiln_glb_build *b, json_t *node, json_t *link);
 /* The root's extension, and the extension's name among those used. */
 void kiln_export_root(struct kiln_glb_build *b, json_t *plan);
 
+/* Not a command for users: the confined child that writes a scene with its lightmaps (child.c). argv as it was spawned.
+ * Returns its exit status. */
+int kiln_export_child(int argc, char **argv);
+
 #endif

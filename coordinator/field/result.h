@@ -5,7 +5,7 @@
 #include <mpi.h>
 
 #include "coordinator/field/packed_error.h"
-#include "coordinator/output/units.h"
+#include "coordinator/field/units.h"
 #include "worker/backend/backend.h"
 
 /* All arrays are this rank's share (surface->count points, in global order from surface->first) and in

@@ -5,7 +5,7 @@
 #include <string.h>
 #include <xxhash.h>
 
-#include "coordinator/output/read/json_text.h"
+#include "coordinator/files/json_text.h"
 #include "worker/base/memory.h"
 
 static const char KEY[] = "xxh3_128 ";

@@ -15,7 +15,7 @@
 
 #include <stdbool.h>
 
-#include "coordinator/import/builder.h"
+#include "coordinator/scene/builder.h"
 
 struct kiln_attributes {
     struct kiln_vec2 base, emission, lightmap;

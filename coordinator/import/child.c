@@ -13,7 +13,6 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#include "coordinator/cli/commands.h"
 #include "coordinator/confined/confined.h"
 #include "coordinator/confined/fence.h"
 #include "coordinator/import/read.h"

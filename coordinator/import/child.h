@@ -25,4 +25,8 @@ void (*kiln_child_follower(const struct kiln_import_params *params))(const struc
 /* The child's last word on standard output: status and sentence. */
 void kiln_child_answer(int status, const char *sentence);
 
+/* Not a command for users: the confined child that reads a scene (child.c). argv as it was spawned. Returns its exit
+ * status. */
+int kiln_import_child(int argc, char **argv);
+
 #endif

@@ -10,7 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "coordinator/import/builder.h"
+#include "coordinator/scene/builder.h"
 
 /* A file in memory, read-only, until kiln_file_unmap. */
 struct kiln_file {

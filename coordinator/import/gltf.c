@@ -100,7 +100,7 @@ static bool emits(const struct kiln_builder *builder)
     return found;
 }
 
-/* What the file says of its lights' units (coordinator/output/units.h). Blender's exporter turns the watts of lamps
+/* What the file says of its lights' units (coordinator/field/units.h). Blender's exporter turns the watts of lamps
  * into lumens, but leaves emission as it is: lamps and emitting surfaces are then 683 times apart. */
 static void find_units(struct gltf *g)
 {

@@ -14,7 +14,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "coordinator/import/builder.h"
+#include "coordinator/scene/builder.h"
 #include "coordinator/import/confine.h"
 
 enum { KILN_IMAGE_SIDE_MAX = 16384, KILN_ENVIRONMENT_SIDE_MAX = 65536 };

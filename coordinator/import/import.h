@@ -25,7 +25,7 @@ struct kiln_import_params {
     const char *environment;  /* as in struct kiln_job; an image named by the user may lie anywhere */
     double environment_scale; /* factor; 1: as it is, 0: no light from outside */
     double environment_rotation_degrees;
-    const char *objects; /* rules for single objects, as coordinator/import/settings.h has them; NULL: none */
+    const char *objects; /* rules for single objects, as coordinator/job/object_settings.h has them; NULL: none */
     /* where a triangle's normals lean against its winding: they decide its front, not the winding */
     bool trust_normals;
     /* bytes; 0: 4 GiB + 64 x the size of the scene's files, at most 3/4 of the machine's memory */

@@ -23,7 +23,7 @@
 #ifndef KILN_COORDINATOR_IMPORT_OBJ_H
 #define KILN_COORDINATOR_IMPORT_OBJ_H
 
-#include "coordinator/import/builder.h"
+#include "coordinator/scene/builder.h"
 #include "coordinator/import/confine.h"
 
 /* Reads the scene `confine` was made for into an empty builder. KILN_BAD_INPUT, KILN_SYSTEM, KILN_PERMISSION. */

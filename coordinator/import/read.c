@@ -11,6 +11,7 @@
 #include "coordinator/import/gltf.h"
 #include "coordinator/import/image.h"
 #include "coordinator/import/obj.h"
+#include "coordinator/import/settings.h"
 #include "worker/base/memory.h"
 
 enum reader { READER_NONE, READER_GLTF, READER_OBJ };

@@ -3,7 +3,7 @@
 #ifndef KILN_COORDINATOR_IMPORT_READ_H
 #define KILN_COORDINATOR_IMPORT_READ_H
 
-#include "coordinator/import/builder.h"
+#include "coordinator/scene/builder.h"
 #include "coordinator/import/confine.h"
 #include "coordinator/import/import.h"
 

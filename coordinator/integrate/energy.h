@@ -22,6 +22,7 @@
 #include <stdbool.h>
 
 #include "worker/backend/backend.h"
+#include "worker/base/color.h"
 
 enum { KILN_EMISSION_SAMPLES = 1 << 18 }; /* particles that are traced from the lights */
 
@@ -53,8 +54,8 @@ double kiln_exact_unit(double scale);
 /* Collective: adds up `count` sums over all ranks; every rank gets the same bits. */
 int kiln_exact_reduce(MPI_Comm communicator, struct kiln_exact_sum *sums, size_t count, struct kiln_error *error);
 
-/* What one pass over all points adds up to, W. */
-struct kiln_pass_energy {
+/* What one step, over all points, adds up to, W. */
+struct kiln_step_energy {
     double incident[3];  /* sum of area x incident irradiance */
     double reflected[3]; /* sum of area x albedo x incident */
     double sent[3];      /* gather only: sum of area x radiosity gathered from */

@@ -82,6 +82,7 @@ struct word {
     const struct kiln_option *option;
     const char *value; /* NULL: not given with '=' */
     bool negated;      /* --no-NAME */
+    bool renamed;      /* by its former name */
 };
 
 static int unknown_option(const struct kiln_command *command, const char *name, struct kiln_error *error)
@@ -128,6 +129,7 @@ static int recognise(const struct kiln_command *command, const char *argument, s
     }
     if (word->option == NULL || (word->option->commands & command->bit) == 0)
         return unknown_option(command, word->option == NULL ? name : word->option->name, error);
+    word->renamed = strcmp(word->negated ? name + 3 : name, word->option->name) != 0;
     return KILN_OK;
 }
 
@@ -136,7 +138,7 @@ static int recognise(const struct kiln_command *command, const char *argument, s
 static int read_option(struct kiln_job *job, const struct kiln_command *command, char **arguments, int *at,
                        const char *only, struct kiln_error *error)
 {
-    struct word word = {NULL, NULL, false};
+    struct word word = {NULL, NULL, false, false};
     char where[80];
     int status = recognise(command, arguments[*at], &word, error);
     if (status != KILN_OK)
@@ -156,6 +158,8 @@ static int read_option(struct kiln_job *job, const struct kiln_command *command,
     if (only != NULL && strcmp(only, word.option->name) != 0)
         return KILN_OK;
     owned(job)->given[word.option - kiln_options] = true;
+    if (word.renamed)
+        owned(job)->renamed[word.option - kiln_options] = true;
     return kiln_option_set(job, word.option, value, where, KILN_USAGE, NULL, error);
 }
 
@@ -271,16 +275,30 @@ int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_err
     if (status == KILN_OK)
         status = kiln_allocate(&own->given, kiln_option_count, sizeof(bool), "the job", error);
     if (status == KILN_OK)
+        status = kiln_allocate(&own->renamed, kiln_option_count, sizeof(bool), "the job", error);
+    if (status == KILN_OK)
         status = kiln_allocate(&made->arguments, (size_t)argc, sizeof(char *), "the job", error);
     if (status == KILN_OK) {
         made->command = command->name;
         status = fill(made, command, argc, argv, error);
     }
     if (status == KILN_OK)
+        status = kiln_faults_read(&made->faults, error);
+    if (status == KILN_OK)
         *job = made;
     else
         kiln_job_destroy(&made);
     return status;
+}
+
+void kiln_job_print_renamed(const struct kiln_job *job, FILE *stream)
+{
+    const struct kiln_job_owned *own = job->strings;
+    for (size_t i = 0; i < kiln_option_count; i++)
+        if (own->renamed[i])
+            (void)fprintf(stream,
+                          "kiln: note: the option %s is now called %s; the next version will not accept the old name\n",
+                          kiln_options[i].former, kiln_options[i].name);
 }
 
 void kiln_job_destroy(struct kiln_job **job)
@@ -293,6 +311,7 @@ void kiln_job_destroy(struct kiln_job **job)
             kiln_free(&own->strings[i]);
         kiln_free(&own->strings);
         kiln_free(&own->given);
+        kiln_free(&own->renamed);
     }
     kiln_free(&own);
     kiln_free(&(*job)->arguments);

@@ -8,25 +8,11 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 
+#include "coordinator/job/faults.h"
+#include "coordinator/integrate/settings.h"
 #include "worker/base/status.h"
-
-/* AUTO: compact from 2^22 surface points on. With fewer its rounding shows in the ratio of two bounces, which the tail
- * magnifies a hundred times where the albedo is 0.99; with more it averages out. */
-enum kiln_exchange_form { KILN_EXCHANGE_AUTO = 0, KILN_EXCHANGE_COMPACT = 1, KILN_EXCHANGE_FULL = 2 };
-
-static inline bool kiln_exchange_is_compact(int form, uint64_t points)
-{
-    return form == KILN_EXCHANGE_COMPACT || (form == KILN_EXCHANGE_AUTO && points >= 1u << 22);
-}
-
-/* Whether shares are cut anew between passes: when that pays, never, after every pass (for tests). */
-enum kiln_rebalance { KILN_REBALANCE_AUTO = 0, KILN_REBALANCE_NEVER = 1, KILN_REBALANCE_ALWAYS = 2 };
-
-enum kiln_schedule {
-    KILN_SCHEDULE_LEAN = 0, /* cheap bounces, a tail, one final gather */
-    KILN_SCHEDULE_EQUAL = 1 /* the same rays in every bounce, nothing else: the reference mode */
-};
 
 /* What the lights' numbers are measured in: what the file says, or as asked. */
 enum kiln_units_choice { KILN_UNITS_AUTO = 0, KILN_UNITS_RADIOMETRIC = 1, KILN_UNITS_PHOTOMETRIC = 2 };
@@ -49,19 +35,19 @@ struct kiln_job {
     int units;                   /* enum kiln_units_choice */
 
     /* where it runs */
-    char *backend;         /* auto | embree | vulkan */
-    int64_t device;        /* as `kiln info --devices` numbers them; -1: in turn, by the rank's place on its node */
-    int traversal;         /* enum kiln_traversal */
-    double verify_share;   /* of the tile runs, traced again with Embree */
-    double dispatch_time;  /* ms that one dispatch may take */
-    double device_memory;  /* GiB; 0: what the device has free */
-    bool devices;          /* info: list devices, no scene */
-    uint32_t threads;      /* a rank; 0: the cores this process may use, divided by the ranks of the node */
-    char *instruction_set; /* NULL: the best that all ranks have */
+    char *backend;          /* auto | embree | vulkan */
+    int64_t device;         /* as `kiln info --devices` numbers them; -1: in turn, by the rank's place on its node */
+    int traversal;          /* enum kiln_traversal */
+    double verify_fraction; /* fraction of the tile runs that are traced again with Embree */
+    double dispatch_time;   /* ms that one dispatch may take */
+    double device_memory;   /* GiB; 0: what the device has free */
+    bool devices;           /* info: list devices, no scene */
+    uint32_t threads;       /* a rank; 0: the cores this process may use, divided by the ranks of the node */
+    char *instruction_set;  /* NULL: the best that all ranks have */
 
     /* transport */
     char *quality;   /* draft | preview | production | reference: what the sample counts start from */
-    char *method;    /* cells */
+    char *method;    /* name of an integrator: integrate/integrators.c */
     int64_t bounces; /* indirect bounces; -1: as many as there is energy for, and a tail */
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;
@@ -73,7 +59,7 @@ struct kiln_job {
     uint32_t lightmap_size; /* 0: by density */
     uint32_t lightmap_max;  /* texels a side */
     bool repack;            /* lay charts that lie too close together out anew */
-    char *objects;          /* settings of single objects, as JSON: coordinator/import/settings.h; NULL: none */
+    char *objects;          /* settings of single objects, as JSON: coordinator/job/object_settings.h; NULL: none */
     bool trust_normals;     /* they decide the front of a triangle, not its winding */
     double cell_size;       /* m; 0: chosen */
     bool partition_objects;
@@ -138,6 +124,8 @@ struct kiln_job {
     uint32_t atlas;         /* largest side of a page; 0: one page an object */
     bool drop_baked_lights; /* leave the lights out that are in the lightmaps */
 
+    struct kiln_faults faults; /* of the environment, for tests */
+
     bool answered; /* by the command: its JSON object is on stdout, though it fails */
     void *strings; /* private: what the job owns */
 };
@@ -148,5 +136,8 @@ struct kiln_job {
  * kiln_job_destroy. */
 int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_error *error);
 void kiln_job_destroy(struct kiln_job **job);
+
+/* Prints one line for each option that was given by its former name, with the present name. Not collective. */
+void kiln_job_print_renamed(const struct kiln_job *job, FILE *stream);
 
 #endif

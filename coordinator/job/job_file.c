@@ -12,7 +12,7 @@
 
 #include "coordinator/job/job_private.h"
 #include "coordinator/job/options.h"
-#include "coordinator/import/settings.h"
+#include "coordinator/job/object_settings.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
@@ -305,7 +305,10 @@ static int store(struct reader *reader, const char *key, size_t key_line, const 
                          reader->path, line, key, text);
     char where[700];
     (void)snprintf(where, sizeof where, "%.500s:%zu: %s", reader->path, line, key);
-    ((struct kiln_job_owned *)reader->job->strings)->given[option - kiln_options] = true;
+    struct kiln_job_owned *own = reader->job->strings;
+    own->given[option - kiln_options] = true;
+    if (strcmp(key, option->name) != 0)
+        own->renamed[option - kiln_options] = true;
     return kiln_option_set(reader->job, option, text, where, KILN_BAD_INPUT, reader->folder, error);
 }
 

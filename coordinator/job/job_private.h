@@ -8,7 +8,8 @@
 struct kiln_job_owned {
     char **strings;
     size_t count, capacity;
-    bool *given; /* kiln_option_count flags: set by the job file or the command line, not by a default */
+    bool *given;   /* kiln_option_count flags: set by the job file or the command line, not by a default */
+    bool *renamed; /* kiln_option_count flags: given by its former name */
 };
 
 /* Copies `length` bytes of `text` as a string that the job owns. */

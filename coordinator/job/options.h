@@ -25,7 +25,7 @@ enum kiln_option_kind {
     KILN_OPTION_ENVIRONMENT, /* none | R,G,B | a path ending in .hdr or .exr */
     KILN_OPTION_POINT,       /* text "x,y,z" of three numbers within KILN_PLACE_MOST, metres */
     /* settings by pattern of objects' names: a mapping of mappings in a job file, {PATTERN: {KEY: VALUE}} in one line
-       elsewhere; kept as JSON, see coordinator/import/settings.h */
+       elsewhere; kept as JSON, see coordinator/job/object_settings.h */
     KILN_OPTION_RULES,
     KILN_OPTION_CHOICE,      /* one of `choices`, kept as text */
     KILN_OPTION_CHOICE_ENUM, /* one of `choices`, kept as its index in an enum (int) */
@@ -52,8 +52,9 @@ enum kiln_command_bit {
 };
 
 struct kiln_option {
-    const char *name;  /* "samples-direct": the key of a job file; with "--" before it, the option */
-    const char *group; /* heading in --help */
+    const char *name;   /* "samples-direct": the key of a job file; with "--" before it, the option */
+    const char *former; /* the name it had in the version before, which is still accepted; NULL: none */
+    const char *group;  /* heading in --help */
     enum kiln_option_kind kind;
     const char *value;          /* placeholder that carries the unit: "METRES"; NULL for flags and choices */
     const char *fallback;       /* the default, as text that is parsed like a value given; NULL: zero */
@@ -93,11 +94,10 @@ struct kiln_command {
 extern const struct kiln_command kiln_commands[];
 extern const size_t kiln_command_count;
 
-/* NULL when there is none of that name. */
+/* The option with that name, present or former. NULL when there is none. */
 const struct kiln_option *kiln_option_find(const char *name);
-/* The same, but of several with that name the one that belongs to one of `commands`: bake deals out a partition of the
- * scene and Slurm queues in one of its own; plan takes a number of ranks and bench a list. Users of either word find it
- * where they look for it. */
+/* The same; where several options have that name, the one that belongs to one of `commands`. --partition is the unit of
+ * work of bake and the Slurm partition of submit; --ranks is a number for plan and a list for bench. */
 const struct kiln_option *kiln_option_find_for(const char *name, uint32_t commands);
 const struct kiln_command *kiln_command_find(const char *name);
 

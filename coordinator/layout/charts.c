@@ -17,17 +17,18 @@ struct maker {
     const struct kiln_topology *topology;
     struct kiln_charts *charts;
     double texels_per_metre;
-    uint32_t *label; /* a triangle: number of the part it is in; grows with every cut */
+    uint32_t *label; /* per triangle: the number of the candidate it belongs to; split candidates get new numbers */
     uint32_t label_count;
-    uint32_t *stamp;      /* a vertex: label that last gathered it */
-    struct point *points; /* a vertex each; twice as many, for the hull */
-    uint32_t *queue;      /* a triangle each */
-    uint32_t *side;       /* a triangle: which half, during a cut */
+    uint32_t *stamp;      /* per vertex: the label of the candidate that last collected it */
+    struct point *points; /* room for one per vertex, and twice as many for the hull */
+    uint32_t *queue;      /* room for one per triangle */
+    uint32_t *side;       /* per triangle: which half it goes to, while a candidate is split */
     struct kiln_bitmap bitmap;
 };
 
-/* A part of `order` that is to become a chart, with the axis of a cone around its normals. */
-struct part {
+/* A candidate chart: a range of `order`, with the axis of a cone that holds its normals. It becomes a chart or is
+ * split. */
+struct candidate {
     uint32_t first, count;
     struct kiln_dvec3 axis;
 };
@@ -64,7 +65,7 @@ static size_t convex_hull(struct point *points, size_t count, struct point *hull
     return n > 1 ? n - 1 : n;
 }
 
-/* Extent of the hull along (c, s) and across it. */
+/* Extent of the hull along the direction (c, s) and perpendicular to it. */
 static void hull_extent(const struct point *hull, size_t count, double c, double s, double low[2], double high[2])
 {
     low[0] = low[1] = INFINITY;
@@ -78,8 +79,8 @@ static void hull_extent(const struct point *hull, size_t count, double c, double
     }
 }
 
-/* Turns the chart so that its bounding box has the least area (one side then lies along an edge of the hull), longer
- * side along u, and moves it to the origin. */
+/* Rotates the chart to the bounding box of least area (one side of which lies along an edge of the hull), with the
+ * longer side along u, and moves the box to the origin. */
 static void align_chart(struct maker *m, struct kiln_chart *chart, size_t point_count)
 {
     struct point *hull = m->points + m->topology->vertex_count;
@@ -116,20 +117,20 @@ static void align_chart(struct maker *m, struct kiln_chart *chart, size_t point_
     chart->height = high[1] - low[1];
 }
 
-static struct kiln_dvec3 projection_axis(const struct maker *m, const struct part *part)
+static struct kiln_dvec3 projection_axis(const struct maker *m, const struct candidate *candidate)
 {
     const struct kiln_topology *t = m->topology;
-    const uint32_t *order = m->charts->order + part->first;
+    const uint32_t *order = m->charts->order + candidate->first;
     struct kiln_dvec3 sum = dvec3(0.0, 0.0, 0.0);
-    for (size_t i = 0; i < part->count; i++)
+    for (size_t i = 0; i < candidate->count; i++)
         sum = dvec3_add(sum, dvec3_scale(t->normals[order[i]], t->areas[order[i]]));
     const double length = dvec3_length(sum);
     if (!(length > 0.0))
-        return part->axis;
+        return candidate->axis;
     const struct kiln_dvec3 mean = dvec3_scale(sum, 1.0 / length);
-    for (size_t i = 0; i < part->count; i++)
+    for (size_t i = 0; i < candidate->count; i++)
         if (dvec3_dot(mean, t->normals[order[i]]) < cos(KILN_CHART_CONE))
-            return part->axis;
+            return candidate->axis;
     return mean;
 }
 
@@ -145,16 +146,16 @@ static void plane_axes(struct kiln_dvec3 n, struct kiln_dvec3 *u, struct kiln_dv
     *v = dvec3_cross(n, *u);
 }
 
-/* The plane, scale, turn and box of a part. */
-static void project_part(struct maker *m, const struct part *part, struct kiln_chart *chart)
+/* Computes the plane, scale, rotation and bounding box of a candidate. */
+static void project_candidate(struct maker *m, const struct candidate *candidate, struct kiln_chart *chart)
 {
     const struct kiln_topology *t = m->topology;
-    const uint32_t *order = m->charts->order + part->first;
-    const struct kiln_dvec3 normal = projection_axis(m, part);
-    *chart = (struct kiln_chart){.first = part->first, .count = part->count};
+    const uint32_t *order = m->charts->order + candidate->first;
+    const struct kiln_dvec3 normal = projection_axis(m, candidate);
+    *chart = (struct kiln_chart){.first = candidate->first, .count = candidate->count};
     plane_axes(normal, &chart->u, &chart->v);
     double flat = 0.0;
-    for (size_t i = 0; i < part->count; i++) {
+    for (size_t i = 0; i < candidate->count; i++) {
         chart->area += t->areas[order[i]];
         flat += t->areas[order[i]] * dvec3_dot(t->normals[order[i]], normal);
     }
@@ -163,7 +164,7 @@ static void project_part(struct maker *m, const struct part *part, struct kiln_c
     chart->v = dvec3_scale(chart->v, scale);
     const uint32_t stamp = m->label[order[0]] + 1;
     size_t count = 0;
-    for (size_t i = 0; i < 3 * (size_t)part->count; i++) {
+    for (size_t i = 0; i < 3 * (size_t)candidate->count; i++) {
         const uint32_t vertex = t->triangles[3 * (size_t)order[i / 3] + i % 3];
         if (m->stamp[vertex] == stamp)
             continue;
@@ -176,7 +177,7 @@ static void project_part(struct maker *m, const struct part *part, struct kiln_c
     chart->rectangular = chart->area > 0.9999 * chart->width * chart->height;
 }
 
-/* Whether samples show the chart lying over itself. */
+/* Tests by samples whether the chart's projection overlaps itself. */
 static int chart_overlaps(struct maker *m, const struct kiln_chart *chart, bool *overlaps, struct kiln_error *error)
 {
     const struct kiln_topology *t = m->topology;
@@ -202,8 +203,8 @@ static int chart_overlaps(struct maker *m, const struct kiln_chart *chart, bool 
     return KILN_OK;
 }
 
-/* Walks breadth first through the triangles of one label from the queue's first `filled`, marking `side`; gives how
- * many were met. Triangles in the queue at the start are marked already. */
+/* Breadth-first walk through the triangles of one label, from the `filled` triangles in the queue (already marked),
+ * until `limit` are reached. Marks `side`. Returns how many triangles were reached. */
 static size_t walk(struct maker *m, uint32_t label, size_t filled, size_t limit)
 {
     const struct kiln_topology *t = m->topology;
@@ -226,54 +227,55 @@ static void clear_sides(struct maker *m, const uint32_t *order, size_t count)
         m->side[order[i]] = KILN_NONE;
 }
 
-/* Cuts a part in two connected ones that grow in step from two triangles far from each other. */
-static void cut_part(struct maker *m, const struct part *part, struct part halves[2])
+/* Splits a candidate into two connected halves: two regions that grow at the same rate from two triangles far from each
+ * other. */
+static void split_candidate(struct maker *m, const struct candidate *candidate, struct candidate halves[2])
 {
-    uint32_t *order = m->charts->order + part->first;
+    uint32_t *order = m->charts->order + candidate->first;
     const uint32_t label = m->label[order[0]];
     uint32_t far[2] = {order[0], order[0]};
     for (int end = 0; end < 2; end++) {
-        clear_sides(m, order, part->count);
+        clear_sides(m, order, candidate->count);
         m->queue[0] = end == 0 ? order[0] : far[0];
         m->side[m->queue[0]] = 0;
-        far[end] = m->queue[walk(m, label, 1, part->count) - 1];
+        far[end] = m->queue[walk(m, label, 1, candidate->count) - 1];
     }
-    clear_sides(m, order, part->count);
+    clear_sides(m, order, candidate->count);
     for (uint32_t end = 0; end < 2; end++) {
         m->queue[end] = far[end];
         m->side[far[end]] = end;
     }
-    walk(m, label, 2, part->count);
+    walk(m, label, 2, candidate->count);
     const uint32_t labels[2] = {m->label_count, m->label_count + 1};
     m->label_count += 2;
     uint32_t counts[2] = {0, 0};
-    for (size_t i = 0; i < part->count; i++)
+    for (size_t i = 0; i < candidate->count; i++)
         if (m->side[order[i]] == 0)
             m->queue[counts[0]++] = order[i];
-    for (size_t i = 0; i < part->count; i++)
+    for (size_t i = 0; i < candidate->count; i++)
         if (m->side[order[i]] != 0)
             m->queue[counts[0] + counts[1]++] = order[i];
-    memcpy(order, m->queue, part->count * sizeof *order);
-    for (size_t i = 0; i < part->count; i++)
+    memcpy(order, m->queue, candidate->count * sizeof *order);
+    for (size_t i = 0; i < candidate->count; i++)
         m->label[order[i]] = labels[i >= counts[0]];
-    halves[0] = (struct part){part->first, counts[0], part->axis};
-    halves[1] = (struct part){part->first + counts[0], counts[1], part->axis};
+    halves[0] = (struct candidate){candidate->first, counts[0], candidate->axis};
+    halves[1] = (struct candidate){candidate->first + counts[0], counts[1], candidate->axis};
 }
 
-/* Turns one part into charts, cutting it as often as must be. */
-static int make_charts(struct maker *m, struct part whole, struct kiln_error *error)
+/* Makes charts of one candidate, splitting it as often as needed. */
+static int make_charts(struct maker *m, struct candidate whole, struct kiln_error *error)
 {
-    struct part *stack = NULL;
+    struct candidate *stack = NULL;
     size_t capacity = 0, depth = 0;
     int status = kiln_grow(&stack, &capacity, 1, sizeof *stack, "charts", error);
     if (status == KILN_OK)
         stack[depth++] = whole;
     while (depth > 0 && status == KILN_OK) {
-        const struct part part = stack[--depth];
+        const struct candidate candidate = stack[--depth];
         struct kiln_chart chart;
         bool overlaps = false;
-        project_part(m, &part, &chart);
-        if (part.count > 1)
+        project_candidate(m, &candidate, &chart);
+        if (candidate.count > 1)
             status = chart_overlaps(m, &chart, &overlaps, error);
         if (status == KILN_OK)
             status = kiln_grow(&stack, &capacity, depth + 2, sizeof *stack, "charts", error);
@@ -286,8 +288,8 @@ static int make_charts(struct maker *m, struct part whole, struct kiln_error *er
             m->charts->charts[m->charts->count++] = chart;
             continue;
         }
-        struct part halves[2];
-        cut_part(m, &part, halves);
+        struct candidate halves[2];
+        split_candidate(m, &candidate, halves);
         stack[depth++] = halves[1];
         stack[depth++] = halves[0];
     }
@@ -295,7 +297,7 @@ static int make_charts(struct maker *m, struct part whole, struct kiln_error *er
     return status;
 }
 
-/* Sorts triangles by segment and labels them; first[s] .. first[s + 1] is a segment's range. */
+/* Sorts triangles by segment and labels them. Segment s has the range first[s] .. first[s + 1] of `order`. */
 static void order_triangles(struct maker *m, const struct kiln_segments *segments, uint32_t *first)
 {
     const size_t count = m->topology->triangle_count;
@@ -305,7 +307,8 @@ static void order_triangles(struct maker *m, const struct kiln_segments *segment
     for (size_t s = 0; s < segments->count; s++)
         first[s + 1] += first[s];
     m->charts->order_count = first[segments->count];
-    memcpy(m->queue, first, segments->count * sizeof *first); /* there are no more segments than triangles */
+    /* the queue is large enough: there are no more segments than triangles */
+    memcpy(m->queue, first, segments->count * sizeof *first);
     for (size_t i = 0; i < count; i++) {
         m->label[i] = segments->segment[i];
         if (segments->segment[i] != KILN_NONE)
@@ -326,7 +329,7 @@ static int maker_allocate(struct maker *m, struct kiln_error *error)
         status = kiln_allocate(&m->side, triangles, sizeof *m->side, "charts", error);
     if (status == KILN_OK)
         status = kiln_allocate(&m->stamp, vertices, sizeof *m->stamp, "charts", error);
-    /* The hull of n points passes through at most 2 n on its way. */
+    /* While it is built, the hull of n points holds up to 2 n points. */
     if (status == KILN_OK)
         status = kiln_allocate(&m->points, 3 * vertices + 2, sizeof *m->points, "charts", error);
     return status;
@@ -349,7 +352,7 @@ int kiln_charts_create(struct kiln_charts **charts, const struct kiln_topology *
     if (status == KILN_OK) {
         order_triangles(&m, segments, first);
         for (size_t s = 0; s < segments->count && status == KILN_OK; s++)
-            status = make_charts(&m, (struct part){first[s], first[s + 1] - first[s], segments->axes[s]}, error);
+            status = make_charts(&m, (struct candidate){first[s], first[s + 1] - first[s], segments->axes[s]}, error);
     }
     kiln_free(&first);
     kiln_segments_destroy(&segments);

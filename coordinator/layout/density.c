@@ -6,9 +6,10 @@
 
 #include "worker/base/memory.h"
 
-/* aimed at for a quarter: sides are rounded up, and packing is not foreseen to the texel */
-static const double largest_share = 0.24;
-static const double small_share = 0.125; /* of the target, which all objects of least size take together at most */
+/* the fraction aimed at to stay below a quarter: sides are rounded up, and packing cannot be predicted to the texel */
+static const double largest_fraction = 0.24;
+/* the fraction of the target that all objects of least size together take at most */
+static const double small_fraction = 0.125;
 enum { LEAST_SIDE = 8, ROUNDS_MAX = 200 };
 
 double kiln_density_tidy(double value)
@@ -35,8 +36,8 @@ static size_t count_wanted(const struct kiln_density_demand *demands, size_t cou
     return wanted;
 }
 
-/* The density of an object when all have `common`, none more than `most` texels, none a side shorter than `least`. The
- * least size comes first: it is a few dozen texels. */
+/* The density of an object when the common density is `common`, no object has more than `most` texels, and no longer
+ * side is shorter than `least`. The least side takes precedence: it is a few dozen texels. */
 static double density_of(const struct kiln_density_demand *demand, double common, double most, double least)
 {
     double density = common * demand->factor;
@@ -58,8 +59,8 @@ static double total_texels(const struct kiln_density_demand *demands, size_t cou
     return sum;
 }
 
-/* The common density at which the objects have `target` texels, each at most `most`: by bisection, for the sum grows
- * with it. */
+/* Finds the common density at which the objects together have `target` texels, each at most `most`, by bisection: the
+ * sum grows with the density. */
 static double solve_common(const struct kiln_density_demand *demands, size_t count, double target, double most,
                            double least)
 {
@@ -67,7 +68,7 @@ static double solve_common(const struct kiln_density_demand *demands, size_t cou
     for (size_t i = 0; i < count; i++) {
         if (!is_wanted(&demands[i]))
             continue;
-        /* from here on the object has its share */
+        /* from this density on the object has the most it may have */
         const double full = sqrt(most / demands[i].texels) / demands[i].factor;
         high = fmax(high, full);
         low = fmin(low, full);
@@ -83,14 +84,14 @@ static double solve_common(const struct kiln_density_demand *demands, size_t cou
     return high;
 }
 
-/* The share of what there really is, for a rounded density makes more or fewer texels than the target: the largest
- * number of texels that is `share` of the sum it leads to, from above. */
-static double settle_most(const struct kiln_density_demand *demands, size_t count, double share, double common,
+/* The most texels an object may have, as a fraction of the real sum: a rounded density makes more or fewer texels than
+ * the target. Finds the largest number of texels that is `fraction` of the sum it leads to, by iteration from above. */
+static double settle_most(const struct kiln_density_demand *demands, size_t count, double fraction, double common,
                           double least)
 {
     double most = INFINITY;
     for (int i = 0; i < ROUNDS_MAX; i++) {
-        const double next = share * total_texels(demands, count, common, most, least);
+        const double next = fraction * total_texels(demands, count, common, most, least);
         const bool settled = next >= most * (1.0 - 1e-9);
         most = next;
         if (settled)
@@ -108,12 +109,12 @@ int kiln_density_choose(struct kiln_density *density, const struct kiln_density_
     if (status != KILN_OK)
         return status;
     if (wanted > 0) {
-        const double share = fmax(largest_share, 1.0 / (double)wanted);
-        const double least = fmin(LEAST_SIDE, floor(sqrt(small_share * target / (double)wanted)));
-        const double common = kiln_density_tidy(solve_common(demands, count, target, share * target, least));
+        const double fraction = fmax(largest_fraction, 1.0 / (double)wanted);
+        const double least = fmin(LEAST_SIDE, floor(sqrt(small_fraction * target / (double)wanted)));
+        const double common = kiln_density_tidy(solve_common(demands, count, target, fraction * target, least));
         density->texels_per_metre = common;
         density->least_side = (uint32_t)fmax(least, 1.0);
-        density->most_texels = settle_most(demands, count, share, common, least);
+        density->most_texels = settle_most(demands, count, fraction, common, least);
     }
     for (size_t i = 0; i < count; i++)
         density->of[i] = is_wanted(&demands[i]) ? density_of(&demands[i], density->texels_per_metre,

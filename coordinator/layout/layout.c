@@ -10,24 +10,28 @@
 #include "worker/base/memory.h"
 
 enum { DEFAULT_MAX = 4096, DEFAULT_PADDING = 2, LARGEST_SIDE = 1 << 16, NOTES_MAX = 16 };
-static const double SCENE_TEXELS = 262144.0;   /* 2^18: what the default density aims at */
-static const double EXPECTED_USE = 0.7;        /* share of a lightmap that our own layouts fill, before one is made */
-static const double PADDED_TEXELS = 1048576.0; /* 2^20: what it may come to where charts need more room between them */
-/* of the border of charts, that may lie nearer than two texels to another chart */
-static const double CLOSE_SHARE = 0.01;
-static const double RAISE_MAX = 4.0;      /* times the density, for that */
-static const double CASTER_FACTOR = 0.25; /* on the density of an object whose lightmap nobody sees */
+static const double SCENE_TEXELS = 262144.0; /* 2^18: texels of the whole scene with automatic density */
+/* fraction of a lightmap that kiln's own layouts fill, assumed before one is made */
+static const double EXPECTED_USE = 0.7;
+/* 2^20: texels of the whole scene, at most, when densities are raised so that charts lie further apart */
+static const double PADDED_TEXELS = 1048576.0;
+/* fraction of a layout's chart borders that may lie nearer than two texels to another chart */
+static const double CLOSE_FRACTION = 0.01;
+static const double RAISE_MAX = 4.0; /* a density is raised by at most this factor, for that */
+/* factor on the density of a caster-only object, whose lightmap nobody sees */
+static const double CASTER_FACTOR = 0.25;
 
-/* An object as its lightmap sees it: area in the world, and metres a unit of u and of v (area-weighted means). */
+/* What sizes an object's lightmap: its area in the world, m2, and the metres that a unit of u and of v spans
+ * (area-weighted means). */
 struct measure {
     double area, along_u, along_v;
 };
 
-/* The measure of the last shape that a mesh was given. Turning an object changes nothing and scaling it evenly only
- * scales the measure, so that a thousand copies are measured once. */
+/* The measure of the last shape that a mesh was given by a transform. Rotating an object changes nothing, and scaling
+ * it evenly only scales the measure, so a thousand copies are measured once. */
 struct shape {
     bool known;
-    double metric[6]; /* of the transform, divided by its trace */
+    double metric[6]; /* metric tensor of the transform, divided by its trace */
     struct measure measure;
 };
 
@@ -38,29 +42,29 @@ struct sized_padding {
 
 /* What was decided for a mesh. */
 struct mesh_plan {
-    bool unwrap; /* or repack, which is an unwrapping whose charts are given */
+    bool unwrap; /* unwrap, or repack: an unwrapping whose charts are given */
     bool repack;
-    size_t reference; /* its object with the largest area; SIZE_MAX: none */
+    size_t reference; /* the mesh's object with the most texels, for which it is unwrapped; SIZE_MAX: none */
     struct kiln_unwrapped *unwrapped;
     struct measure measure; /* of the reference object, in the new layout */
     struct shape shape;
-    double use;                     /* share of the lightmap that the layout fills */
-    double density;                 /* that it was unwrapped for, */
-    bool sized;                     /* or for a size, so that the density is what came out */
-    struct sized_padding *paddings; /* of the lightmaps it was measured in */
+    double use;                     /* fraction of the lightmap that the layout fills */
+    double density;                 /* the density that it was unwrapped for */
+    bool sized;                     /* unwrapped for a given size; the density is then a result */
+    struct sized_padding *paddings; /* one for each lightmap size the layout was measured at */
     size_t padding_count, padding_capacity;
-    double metres[2]; /* repack: of the reference object, a unit of u and v of the file's layout */
+    double metres[2]; /* repack: metres that a unit of u and of v of the file's layout spans on the reference object */
 };
 
 struct planner {
     struct kiln_builder *builder;
     struct kiln_layout_params params;
     double texels_per_metre;
-    struct mesh_plan *plans;     /* a mesh */
-    struct measure *measures;    /* an object, in the file's layout */
+    struct mesh_plan *plans;     /* one per mesh */
+    struct measure *measures;    /* one per object, in the file's layout */
     struct kiln_density density; /* automatic */
-    double *densities;           /* an object: its texels a metre */
-    uint64_t *source;            /* new vertices: which old one (index among all) */
+    double *densities;           /* per object: its texels a metre */
+    uint64_t *source;            /* per new vertex: the old vertex it copies (index among all meshes' vertices) */
     struct kiln_vec2 *uv;
     size_t vertex_count, source_capacity, uv_capacity;
     size_t absent, refused, unclean, capped, shared, repacked; /* counts for notes */
@@ -110,8 +114,8 @@ static struct kiln_dvec3 apply(const double m[9], struct kiln_dvec3 p)
                  m[6] * p.x + m[7] * p.y + m[8] * p.z);
 }
 
-/* Area-weighted mean length of dP/du and dP/dv over the triangles that have an extent in the layout. `uv` may be NULL.
- */
+/* Area-weighted mean lengths of dP/du and dP/dv over the triangles that have an extent in the layout. `uv` may be
+ * NULL. */
 static struct measure measure_triangles(const struct kiln_vec3 *points, const struct kiln_vec2 *uv,
                                         const uint32_t *corners, size_t count, const double linear[9])
 {
@@ -142,7 +146,7 @@ static struct measure measure_triangles(const struct kiln_vec3 *points, const st
     return m;
 }
 
-/* The transform's metric divided by its trace; gives the root of the trace. */
+/* The transform's metric tensor divided by its trace. Returns the square root of the trace. */
 static double shape_metric(const double m[9], double metric[6])
 {
     static const int pairs[6][2] = {{0, 0}, {1, 1}, {2, 2}, {0, 1}, {0, 2}, {1, 2}};
@@ -178,7 +182,7 @@ static struct measure measure_shape(struct shape *shape, const struct kiln_vec3 
     return (struct measure){m.area * scale * scale, m.along_u * scale, m.along_v * scale};
 }
 
-/* A note of a kind of which there may be very many: only the first few are written. */
+/* Counts a note of a kind that may occur very often; true for the first few, which are written out. */
 static bool note_wanted(size_t *count) { return (*count)++ < NOTES_MAX; }
 
 static int check_mesh(struct planner *p, size_t index, struct kiln_error *error)
@@ -205,7 +209,8 @@ static int check_mesh(struct planner *p, size_t index, struct kiln_error *error)
         return status;
     if (!verdict.valid)
         return note_wanted(&p->refused)
-                   ? kiln_builder_note(p->builder, 1, error, "mesh \"%s\": its second UV set %s; it is unwrapped anew",
+                   ? kiln_builder_note(p->builder, 1, error,
+                                       "mesh \"%s\": its second UV set %s; kiln unwraps the mesh instead",
                                        string(p, mesh->name), verdict.reason)
                    : KILN_OK;
     if (verdict.warning[0] != '\0' && note_wanted(&p->unclean))
@@ -215,7 +220,7 @@ static int check_mesh(struct planner *p, size_t index, struct kiln_error *error)
     mesh->uv_area = verdict.uv_area;
     struct kiln_vec2 *uv = lightmap_uv(p, mesh);
     for (size_t i = 0; i < mesh->vertex_count; i++) {
-        /* Vertices that no triangle uses may hold anything. */
+        /* Vertices that no triangle uses may have any coordinates. */
         uv[i].x = isfinite(uv[i].x) ? fminf(fmaxf(uv[i].x, 0.0f), 1.0f) : 0.0f;
         uv[i].y = isfinite(uv[i].y) ? fminf(fmaxf(uv[i].y, 0.0f), 1.0f) : 0.0f;
     }
@@ -235,21 +240,21 @@ static void measure_objects(struct planner *p)
 
 /* ---- densities ---- */
 
-/* What the user makes of an object's density, */
+/* The user's factor on an object's density; 1 where none is given. */
 static double scale_of(const struct planner *p, size_t index)
 {
     const double scale = settings_of(p, index)->density_scale;
     return scale > 0.0 ? scale : 1.0;
 }
 
-/* and what its role does, where he says nothing. */
+/* The factor that an object's role puts on its density where the user gives none. */
 static double role_factor(const struct planner *p, size_t index)
 {
     const struct kiln_object_settings *settings = settings_of(p, index);
     return settings->role == KILN_ROLE_CASTER_ONLY && settings->density_scale == 0.0 ? CASTER_FACTOR : 1.0;
 }
 
-/* The side that the user gives the object's lightmap; 0: it goes by density. */
+/* The lightmap side that the user gives for an object; 0: the size follows the density. */
 static uint32_t own_size(const struct planner *p, size_t index)
 {
     const struct kiln_object_settings *settings = settings_of(p, index);
@@ -260,8 +265,8 @@ static uint32_t own_size(const struct planner *p, size_t index)
                : (uint32_t)fmax(1.0, round(p->params.lightmap_size * scale_of(p, index) * role_factor(p, index)));
 }
 
-/* Objects whose size the user gives take no part; one that he scales takes part as if he had not, and is scaled then.
- */
+/* An object's demand for texels. An object whose size the user gives demands none. One with a density-scale demands
+ * what it would without, and is scaled afterwards. */
 static struct kiln_density_demand demand_of(const struct planner *p, size_t index)
 {
     const struct measure *m = &p->measures[index];
@@ -274,7 +279,7 @@ static struct kiln_density_demand demand_of(const struct planner *p, size_t inde
     return demand;
 }
 
-/* Why an object's density is another than the common one. */
+/* Why an object's density differs from the common one. */
 static uint32_t reason_of(const struct planner *p, size_t index, const struct kiln_density_demand *demand)
 {
     const double density = p->density.of[index], wanted = p->density.texels_per_metre * demand->factor;
@@ -291,7 +296,7 @@ static uint32_t reason_of(const struct planner *p, size_t index, const struct ki
     return settings_of(p, index)->role == KILN_ROLE_CASTER_ONLY ? KILN_DENSITY_CASTER : KILN_DENSITY_COMMON;
 }
 
-/* The density the user names is that of all objects, times their own factor. */
+/* All objects get the density that the user names, times their own factor. */
 static int name_densities(struct planner *p, struct kiln_error *error)
 {
     p->density = (struct kiln_density){.texels_per_metre = p->params.texels_per_metre, .most_texels = INFINITY};
@@ -311,8 +316,8 @@ static int deal_densities(struct planner *p, struct kiln_density_demand *demands
                : kiln_density_choose(&p->density, demands, object_count(p), SCENE_TEXELS, error);
 }
 
-/* Each object's density, and the one they have in common. Again after meshes have been unwrapped, when it is known how
- * well they pack. */
+/* Automatic density: chooses the common density and each object's. Called again after meshes have been unwrapped, when
+ * it is known how well they pack. */
 static int choose_densities(struct planner *p, struct kiln_error *error)
 {
     struct kiln_density_demand *demands = NULL;
@@ -330,15 +335,14 @@ static int choose_densities(struct planner *p, struct kiln_error *error)
     return status;
 }
 
-/* The texels that an object's surface is to have. */
+/* How many texels an object's surface should have. */
 static double wanted_texels(const struct planner *p, size_t index)
 {
     const double size = own_size(p, index), density = p->densities[index];
     return size > 0.0 ? size * size : p->measures[index].area * density * density;
 }
 
-/* Finds each mesh's object with the most texels, the largest of several with as many: the mesh is unwrapped for that
- * one. */
+/* Finds each mesh's object with the most texels (of several, the largest). The mesh is unwrapped for that object. */
 static void find_references(struct planner *p)
 {
     for (size_t i = 0; i < mesh_count(p); i++)
@@ -375,7 +379,7 @@ static int note_packing(struct planner *p, size_t index, struct kiln_error *erro
     return status;
 }
 
-/* Area of the new layout, share of the unit square. */
+/* Area of the new layout, as a fraction of the unit square. */
 static double layout_area(const struct kiln_unwrapped *u, uint64_t triangle_count)
 {
     double area = 0.0;
@@ -420,7 +424,7 @@ static int unwrap_mesh(struct planner *p, size_t index, struct kiln_error *error
     return KILN_OK;
 }
 
-/* Measures an unwrapped mesh in its new layout, as all its objects show it: into `measures`. */
+/* Measures an unwrapped mesh in its new layout, for each object that shows it: into `measures`. */
 static int measure_unwrapped(struct planner *p, size_t index, const size_t *members, size_t member_count,
                              struct kiln_error *error)
 {
@@ -452,13 +456,13 @@ static void group_objects(const struct planner *p, size_t *first, size_t *member
         first[m + 1] += first[m];
     for (size_t i = object_count(p); i-- > 0;)
         members[--first[objects(p)[i].mesh + 1]] = i;
-    /* Each entry has moved down to the start of its mesh's range: move the starts back into place. */
+    /* Filling has moved each entry to the start of its mesh's range: shift the starts back into place. */
     for (size_t m = 0; m < mesh_count(p); m++)
         first[m] = first[m + 1];
     first[mesh_count(p)] = object_count(p);
 }
 
-/* Whether the mesh has no layout yet, or one for quite another density. */
+/* Whether the mesh has no layout yet, or one made for a clearly different density. */
 static bool is_stale(const struct planner *p, size_t index)
 {
     const struct mesh_plan *plan = &p->plans[index];
@@ -488,7 +492,7 @@ static int unwrap_meshes(struct planner *p, struct kiln_error *error)
     return status;
 }
 
-/* Texels along one side, at least `least`, at most the cap; *capped is set where the cap bites. */
+/* Texels along one side, at least `least`, at most the largest allowed; *capped is set if that limit applies. */
 static uint32_t side_of(const struct planner *p, double texels, uint32_t least, bool *capped)
 {
     const double side = isfinite(texels) ? fmax(ceil(texels - 1e-3), least) : least;
@@ -496,7 +500,7 @@ static uint32_t side_of(const struct planner *p, double texels, uint32_t least, 
     return (uint32_t)fmin(fmax(side, 1.0), p->params.lightmap_max);
 }
 
-/* By density. *capped is set where the largest side allowed is too small. */
+/* The lightmap size that follows from the density. *capped is set if the largest side allowed is too small for it. */
 static void size_by_density(const struct planner *p, size_t index, uint32_t *width, uint32_t *height, bool *capped)
 {
     const struct mesh_plan *plan = &p->plans[objects(p)[index].mesh];
@@ -508,7 +512,7 @@ static void size_by_density(const struct planner *p, size_t index, uint32_t *wid
         return;
     }
     const struct kiln_unwrapped *u = plan->unwrapped;
-    /* Not so small that less than a texel is left of the padding. */
+    /* A size at which at least one texel is left of the padding. */
     const uint32_t least_width = (u->width + p->params.padding - 1) / p->params.padding;
     const uint32_t least_height = (u->height + p->params.padding - 1) / p->params.padding;
     *width =
@@ -539,13 +543,14 @@ static int size_object(struct planner *p, size_t index, struct kiln_error *error
 
 /* ---- padding ---- */
 
-/* Objects of a mesh that are stretched in many ways are not all measured: it takes the time of many imports. */
+/* A mesh's layout is measured at this many lightmap sizes, at most: objects of one mesh may be stretched in many ways,
+ * and measuring all of them would take many times the import. */
 enum { PADDINGS_MAX = 12 };
 
-/* The measurement whose lightmap is most like one of width x height; *difference: of the logarithms of the sides, 0
- * when it is the same. */
-static const struct sized_padding *likest_padding(const struct mesh_plan *plan, double width, double height,
-                                                  double *difference)
+/* The measurement at the lightmap size nearest to width x height. *difference: of the logarithms of the sides; 0 if the
+ * size is the same. */
+static const struct sized_padding *nearest_padding(const struct mesh_plan *plan, double width, double height,
+                                                   double *difference)
 {
     const struct sized_padding *best = NULL;
     *difference = INFINITY;
@@ -560,15 +565,16 @@ static const struct sized_padding *likest_padding(const struct mesh_plan *plan, 
     return best;
 }
 
-/* How far apart the charts of an object lie in a lightmap of width x height; from the likest lightmaps of PADDINGS_MAX,
- * where the mesh's have more sizes. Factors that would make a side longer than allowed are left out. */
+/* Measures how far apart an object's charts lie in a lightmap of width x height. Where the mesh has more than
+ * PADDINGS_MAX sizes, uses the measurement at the nearest size. Factors that would make a side longer than allowed are
+ * left out. */
 static int measure_padding(struct planner *p, size_t index, double width, double height, struct kiln_padding *padding,
                            struct kiln_error *error)
 {
     const struct kiln_mesh *mesh = &meshes(p)[objects(p)[index].mesh];
     struct mesh_plan *plan = &p->plans[objects(p)[index].mesh];
     double difference = 0.0;
-    const struct sized_padding *likest = likest_padding(plan, width, height, &difference);
+    const struct sized_padding *likest = nearest_padding(plan, width, height, &difference);
     int status = KILN_OK;
     if (difference > 0.0 && plan->padding_count < PADDINGS_MAX) {
         status = kiln_grow(&plan->paddings, &plan->padding_capacity, plan->padding_count + 1, sizeof *plan->paddings,
@@ -589,8 +595,8 @@ static int measure_padding(struct planner *p, size_t index, double width, double
     return status;
 }
 
-/* Has the meshes packed anew whose charts lie less than two texels apart in the lightmap of their object with the most
- * texels. */
+/* Marks for repacking the meshes whose charts lie less than two texels apart in the lightmap of the object with the
+ * most texels. */
 static int choose_repacks(struct planner *p, struct kiln_error *error)
 {
     int status = choose_densities(p, error);
@@ -616,11 +622,11 @@ static int choose_repacks(struct planner *p, struct kiln_error *error)
     return status;
 }
 
-/* An object that would be right with more texels. */
+/* An object whose charts would lie far enough apart if it had more texels. */
 struct raise {
     size_t object;
-    double factor, added; /* texels */
-    double worth;         /* metres of border that become right, a texel */
+    double factor, added; /* factor on the lightmap's sides; texels that this adds */
+    double worth;         /* metres of border that are then far enough from other charts, per added texel */
 };
 
 static int compare_raises(const void *a, const void *b)
@@ -631,7 +637,7 @@ static int compare_raises(const void *a, const void *b)
     return (p->object > q->object) - (p->object < q->object);
 }
 
-/* Objects with a layout of the file's whose density nobody has named. */
+/* Whether automatic density may be raised: the object has its file's layout, and nobody has named its density. */
 static bool may_raise(const struct planner *p, size_t index)
 {
     const struct kiln_object_settings *settings = settings_of(p, index);
@@ -641,8 +647,8 @@ static bool may_raise(const struct planner *p, size_t index)
            m->along_u > 0.0 && m->along_v > 0.0;
 }
 
-/* What automatic density makes of `raises`: those first that are worth most, as long as the scene stays below
- * PADDED_TEXELS. An object may come to have more than its share of all texels: light that bleeds is worse. */
+/* Raises the densities of the objects with the most worth per texel, as long as the scene stays below PADDED_TEXELS. An
+ * object may then have more than its allowed fraction of all texels: light that bleeds between charts is worse. */
 static void raise_best(struct planner *p, struct raise *raises, size_t count, double texels)
 {
     qsort(raises, count, sizeof *raises, compare_raises);
@@ -676,9 +682,9 @@ static int raise_densities(struct planner *p, struct kiln_error *error)
         if (!may_raise(p, i))
             continue;
         const double width = density * p->measures[i].along_u, height = density * p->measures[i].along_v;
-        texels += width * height - own; /* the whole lightmap */
+        texels += width * height - own; /* the texels of the whole lightmap */
         status = measure_padding(p, i, width, height, &padding, error);
-        const double factor = status == KILN_OK ? kiln_padding_factor(&padding, CLOSE_SHARE) : 1.0;
+        const double factor = status == KILN_OK ? kiln_padding_factor(&padding, CLOSE_FRACTION) : 1.0;
         if (factor > 1.0 && factor <= RAISE_MAX)
             raises[count++] = raise_of(i, factor, density, width * height, &padding);
     }
@@ -688,17 +694,19 @@ static int raise_densities(struct planner *p, struct kiln_error *error)
     return status;
 }
 
-/* The padding of all published lightmaps. */
+/* Sums over the padding of all published lightmaps. */
 struct padding_sum {
-    struct kiln_padding all;         /* as they are */
-    struct kiln_padding common;      /* as they would be if all had the density of the header, in texels of that */
-    size_t lightmaps, close, raised; /* lightmaps: of several charts; close: with more than CLOSE_SHARE */
-    double raise;                    /* the largest factor */
-    size_t worst;                    /* object */
-    double worst_share;
+    struct kiln_padding all;    /* at the sizes that the lightmaps have */
+    struct kiln_padding common; /* at the sizes they would have with the header's density, in texels of that */
+    /* counts of lightmaps: with several charts; with more than CLOSE_FRACTION of border too close; with a raised
+     * density */
+    size_t lightmaps, close, raised;
+    double raise; /* the largest factor by which a density was raised */
+    size_t worst; /* the object with the largest fraction of close border */
+    double worst_fraction;
 };
 
-/* Whether the object's lightmap would be another if it had the density of the header. */
+/* Whether the object's lightmap would have another size with the header's density. */
 static bool differs_from_common(const struct planner *p, size_t index)
 {
     return !p->plans[objects(p)[index].mesh].unwrap && own_size(p, index) == 0 &&
@@ -726,13 +734,13 @@ static int add_object(struct planner *p, size_t index, struct padding_sum *sum, 
     const int status = measure_padding(p, index, object->lightmap_width, object->lightmap_height, &padding, error);
     if (status != KILN_OK)
         return status;
-    const double share = padding.border > 0.0 ? padding.close / padding.border : 0.0;
+    const double close_fraction = padding.border > 0.0 ? padding.close / padding.border : 0.0;
     kiln_padding_add(&sum->all, &padding);
     sum->lightmaps += padding.charts > 1;
-    sum->close += share > CLOSE_SHARE;
-    if (share > sum->worst_share) {
+    sum->close += close_fraction > CLOSE_FRACTION;
+    if (close_fraction > sum->worst_fraction) {
         sum->worst = index;
-        sum->worst_share = share;
+        sum->worst_fraction = close_fraction;
     }
     if (object->density_reason == KILN_DENSITY_PADDING) {
         sum->raised++;
@@ -750,19 +758,19 @@ static int sum_padding(struct planner *p, struct padding_sum *sum, struct kiln_e
     return status;
 }
 
-/* Two digits, rounded up. */
+/* Rounds up to two significant digits. */
 static double round_up(double value)
 {
     const double unit = pow(10.0, floor(log10(value)) - 1.0);
     return unit * ceil(value / unit - 1e-9);
 }
 
-/* What would help, as the end of a sentence. `named`: texels a metre, or a side where the user gives that. */
+/* Writes what would help, as the end of a sentence. `named`: texels a metre or, where the user gives sizes, a side. */
 static void name_remedy(const struct planner *p, double named, char *text, size_t size)
 {
     if (!isfinite(named))
         (void)snprintf(text, size,
-                       "no density would do, for charts touch or lightmaps would be larger than --lightmap-max");
+                       "no density is enough, because charts touch or lightmaps would be larger than --lightmap-max");
     else if (p->params.lightmap_size > 0)
         (void)snprintf(text, size, "--lightmap-size %.0f would leave less than 1 %%", named);
     else
@@ -783,7 +791,7 @@ static int note_padding(struct planner *p, struct kiln_error *error)
             sum.raised, sum.raised == 1 ? " has" : "s have", sum.raise);
     if (status != KILN_OK || sum.close == 0)
         return status;
-    const double factor = kiln_padding_factor(&sum.common, CLOSE_SHARE);
+    const double factor = kiln_padding_factor(&sum.common, CLOSE_FRACTION);
     const double unit = p->params.lightmap_size > 0 ? p->params.lightmap_size : p->texels_per_metre,
                  wanted = factor * unit;
     const double named = isfinite(factor) ? p->params.lightmap_size > 0 ? ceil(wanted) : round_up(wanted) : INFINITY;
@@ -795,11 +803,11 @@ static int note_padding(struct planner *p, struct kiln_error *error)
         "%.2g %% of "
         "the length of all borders, most in \"%s\": %.2g %%), and light bleeds from one to the other; %s%s",
         sum.close, sum.lightmaps, sum.all.close_charts, sum.all.charts, 100.0 * sum.all.close / sum.all.border,
-        string(p, objects(p)[sum.worst].name), 100.0 * sum.worst_share, remedy,
+        string(p, objects(p)[sum.worst].name), 100.0 * sum.worst_fraction, remedy,
         p->params.repack ? "" : "; --repack lays the charts out anew");
 }
 
-/* Appends the mesh's vertices, in its old or its new layout, to the new vertex list. */
+/* Appends the mesh's vertices, in its old or new layout, to the list of new vertices. */
 static int collect_mesh(struct planner *p, size_t index, struct kiln_error *error)
 {
     struct kiln_mesh *mesh = &meshes(p)[index];
@@ -824,7 +832,7 @@ static int collect_mesh(struct planner *p, size_t index, struct kiln_error *erro
     return KILN_OK;
 }
 
-/* Puts the vertices of one section into their new order. */
+/* Reorders the vertices of one section to the new list. */
 static int gather_section(struct planner *p, enum kiln_scene_section section, struct kiln_error *error)
 {
     const size_t size = kiln_scene_element_size(section);
@@ -864,22 +872,22 @@ static int rebuild_vertices(struct planner *p, struct kiln_error *error)
     return status;
 }
 
-static int note_share(struct planner *p, size_t index, double at_one, struct kiln_error *error)
+static int note_limited(struct planner *p, size_t index, double at_one, struct kiln_error *error)
 {
     const struct kiln_object *object = &objects(p)[index];
-    return kiln_builder_note(p->builder, 0, error,
-                             "object \"%s\" would have %.0f %% of all texels if all had the same density: it has its "
-                             "share, %.3g texels a metre where "
-                             "others have %.3g (density-scale for it, or --texels-per-metre for all, change that)",
-                             string(p, object->name), 100.0 * demand_of(p, index).texels / at_one, p->densities[index],
-                             p->texels_per_metre);
+    return kiln_builder_note(
+        p->builder, 0, error,
+        "object \"%s\" would take %.0f %% of all texels at the density of the others (%.3g texels a metre) and has "
+        "%.3g "
+        "texels a metre instead (density-scale for it, or --texels-per-metre for all, change that)",
+        string(p, object->name), 100.0 * demand_of(p, index).texels / at_one, p->texels_per_metre, p->densities[index]);
 }
 
-/* Says what automatic density did with objects that are not like the others. */
+/* Adds notes on objects to which automatic density gave another density than the common one. */
 static int note_densities(struct planner *p, struct kiln_error *error)
 {
     size_t small = 0, shared = 0;
-    double at_one = 0.0; /* texels, at one a metre */
+    double at_one = 0.0; /* texels of all objects at one texel a metre */
     int status = KILN_OK;
     for (size_t i = 0; i < object_count(p); i++) {
         const double texels = demand_of(p, i).texels;
@@ -888,13 +896,13 @@ static int note_densities(struct planner *p, struct kiln_error *error)
     for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++) {
         small += objects(p)[i].density_reason == KILN_DENSITY_LEAST;
         if (objects(p)[i].density_reason == KILN_DENSITY_SHARE && note_wanted(&shared))
-            status = note_share(p, i, at_one, error);
+            status = note_limited(p, i, at_one, error);
     }
     if (small > 0 && status == KILN_OK)
-        status =
-            kiln_builder_note(p->builder, 0, error,
-                              "%zu small objects have more than %.3g texels a metre, so that they are %u texels across",
-                              small, p->texels_per_metre, p->density.least_side);
+        status = kiln_builder_note(p->builder, 0, error,
+                                   "%zu small objects have more than the common %.3g texels a metre, so that their "
+                                   "lightmaps are %u texels across",
+                                   small, p->texels_per_metre, p->density.least_side);
     return status;
 }
 
@@ -923,8 +931,8 @@ static int write_totals(struct planner *p, struct kiln_error *error)
     return status;
 }
 
-/* What unwrapped meshes take is known once they are packed: then the density is chosen again, until the sum is near the
- * target and no object has too large a share. */
+/* Unwraps the meshes that need it. How many texels they need is known only once they are packed; then the density is
+ * chosen again, until the sum is near the target and no object has too large a fraction. */
 static int unwrap_all(struct planner *p, struct kiln_error *error)
 {
     enum { ROUNDS = 3 };
@@ -982,14 +990,15 @@ static int check_params(struct kiln_layout_params *params, struct kiln_error *er
     if (params->padding == 0)
         params->padding = DEFAULT_PADDING;
     if (params->lightmap_max > LARGEST_SIDE || params->lightmap_size > LARGEST_SIDE)
-        return kiln_fail(error, KILN_USAGE, "a lightmap of %u texels a side is asked for; the largest is %d",
-                         params->lightmap_size > params->lightmap_max ? params->lightmap_size : params->lightmap_max,
-                         LARGEST_SIDE);
+        return kiln_fail(
+            error, KILN_USAGE, "the options ask for a lightmap of %u texels a side; at most %d are possible",
+            params->lightmap_size > params->lightmap_max ? params->lightmap_size : params->lightmap_max, LARGEST_SIDE);
     if (!isfinite(params->texels_per_metre) || params->texels_per_metre < 0.0)
-        return kiln_fail(error, KILN_USAGE, "texels a metre is %g; it must be a number above 0",
+        return kiln_fail(error, KILN_USAGE, "the density is %g texels a metre; it must be a number above 0",
                          params->texels_per_metre);
     if (params->padding > 64)
-        return kiln_fail(error, KILN_USAGE, "a padding of %u texels is asked for; the largest is 64", params->padding);
+        return kiln_fail(error, KILN_USAGE, "the options ask for a padding of %u texels; at most 64 are possible",
+                         params->padding);
     return KILN_OK;
 }
 

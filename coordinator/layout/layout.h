@@ -1,29 +1,33 @@
-/* Lightmap layouts: takes a mesh's second UV set when it is a valid one, unwraps otherwise; decides lightmap sizes. */
+/* Lightmap layouts and sizes: uses a mesh's second UV set where it is valid, unwraps the mesh otherwise, and decides
+ * the size of each object's lightmap. */
 #ifndef KILN_COORDINATOR_LAYOUT_LAYOUT_H
 #define KILN_COORDINATOR_LAYOUT_LAYOUT_H
 
-#include "coordinator/import/builder.h"
+#include "coordinator/scene/builder.h"
 
 /* Zero means default in every field. */
 struct kiln_layout_params {
-    double texels_per_metre; /* 0: chosen so that the whole scene has about 2^18 texels; more where charts need room */
-    uint32_t lightmap_size;  /* every lightmap N x N; 0: by density */
-    uint32_t lightmap_max;   /* cap on a side; default 4096 */
-    uint32_t padding;        /* texels between charts; default 2, which holds under bilinear filtering */
-    bool repack;             /* lay the charts of given layouts out anew where less than two texels lie between them */
+    /* 0: automatic: the whole scene gets about 2^18 texels, or more where charts need more distance */
+    double texels_per_metre;
+    uint32_t lightmap_size; /* every lightmap is N x N texels; 0: sizes follow the density */
+    uint32_t lightmap_max;  /* largest side, texels; default 4096 */
+    uint32_t padding;       /* texels between charts; default 2, enough for bilinear filtering */
+    bool repack;            /* pack the charts of a valid UV set anew where they lie less than two texels apart */
 };
 
-/* Where the density is chosen here, an object with a layout of its file's gets what puts two texels between its charts
- * (padding.h) along all but 1 % of their borders, up to four times the density, as long as the scene stays below 2^20
- * texels: those objects first where a texel is worth most. Where charts lie closer in what comes out, a note says in
- * how many lightmaps and along how much of the borders, and which density would do; the header's padding_factor says
- * the latter, too.
+/* Makes the layouts and sets the lightmap sizes of all objects in the builder.
  *
- * For each mesh: checks the second UV set (inside 0..1, finite, no overlap between triangles beyond what rounding at
- * chart seams gives, not collapsed); where it fails or is absent, unwraps (charts by normal and connectivity, planar or
- * LSCM parametrisation with bounded stretch, packed with padding), splitting vertices where charts meet. For each
- * object sets lightmap_width and lightmap_height. Fills mesh.uv_area, surface_area, KILN_MESH_UNWRAPPED. Adds notes
- * that say why a UV set was refused. Deterministic. */
+ * For each mesh: checks the second UV set (inside 0..1, finite, not collapsed, no overlap between triangles beyond
+ * rounding at chart seams). Where it fails or is absent, unwraps the mesh: segments by normal and connectivity, planar
+ * charts with bounded stretch, packed with padding; vertices are duplicated where charts meet. For each object: sets
+ * lightmap_width and lightmap_height. Fills mesh.uv_area, surface_area and KILN_MESH_UNWRAPPED. Adds notes that say why
+ * a UV set was refused. Deterministic.
+ *
+ * With automatic density, an object that keeps its file's layout gets a higher density if that puts two texels between
+ * its charts (padding.h) along all but 1 % of their borders: up to four times the common density, as long as the scene
+ * stays below 2^20 texels. Objects where an added texel separates the most border come first. Where charts still lie
+ * closer, a note says in how many lightmaps, along how much of the borders, and which density would be enough; the
+ * scene header's padding_factor says the latter, too. */
 int kiln_layout(struct kiln_builder *builder, const struct kiln_layout_params *params, struct kiln_error *error);
 
 #endif

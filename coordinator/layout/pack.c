@@ -6,19 +6,25 @@
 #include "coordinator/layout/raster.h"
 #include "worker/base/memory.h"
 
+/* How a place for a chart is found. The grid of cells (texels, or finer) is a bitmap of what is taken: the texels that
+ * the placed charts touch, and their padding. A chart is rasterised to a mask of the cells it touches, in up to four
+ * orientations. The mask is moved over the grid row by row from below; in each row, all x positions are tested at once
+ * with shifted words. Large charts are searched in a coarser copy of the grid (struct level). With many charts, a
+ * search begins where the last one of like size ended. Around this, pack_largest varies the density and pack_free the
+ * width. */
 enum {
     BORDER = 1,
-    MANY_CHARTS = 256,  /* from here on a search starts where the last one of like size ended */
-    TURN_CHARTS = 2000, /* from here on only two of the four orientations are tried */
+    MANY_CHARTS = 256,  /* with at least this many charts, a search starts where the last one of like size ended */
+    TURN_CHARTS = 2000, /* with at least this many charts, only two of the four orientations are tried */
     CLASSES = 64,
     LEVELS = 12,
     CANDIDATES_MAX = 10,
-    TRIES_TRIANGLES = 2000000 /* triangles drawn, over all widths tried */
+    TRIES_TRIANGLES = 2000000 /* triangles rasterised, at most, over all widths tried */
 };
-static const double SNAP = 0.125;           /* largest stretch that puts a rectangle's sides on texel borders */
-static const double TOUCH_TOLERANCE = 1e-3; /* of a cell; a chart's own rounding is below 1e-9 */
+static const double SNAP = 0.125;           /* largest stretch that may put a rectangle's sides on texel borders */
+static const double TOUCH_TOLERANCE = 1e-3; /* in cells; a chart's own rounding is below 1e-9 */
 
-/* A chart's box in cells, and how its metres become cells. */
+/* A chart's bounding box in cells, and the scale from its metres to cells. */
 struct box {
     uint32_t chart;
     uint32_t width, height;
@@ -29,11 +35,11 @@ struct run {
     uint32_t row, first, end;
 };
 
-/* The grid seen in blocks of 1 << index cells: a block is set where any of its cells is. Index 0 is the grid itself.
- * Rows of cells first .. end-1 have changed since the level was last looked at. */
+/* The grid reduced to blocks of 1 << index cells: a block is set if any of its cells is. Index 0 is the grid itself.
+ * Rows of cells first .. end-1 have changed since this level was last brought up to date. */
 struct level {
     struct kiln_bitmap blocks; /* unused at index 0 */
-    uint32_t *longest_free;    /* a row: its longest run of free blocks */
+    uint32_t *longest_free;    /* per row: its longest run of free blocks */
     size_t longest_capacity;
     uint32_t changed_first, changed_end;
 };
@@ -44,13 +50,13 @@ struct packer {
     uint32_t padding;
     struct box *boxes; /* largest first */
     double (*maps)[6]; /* in cells of the whole grid, border included */
-    /* The attempt under way. `fine` has a bit a cell, set where no chart may be. */
+    /* The current attempt. `fine` has a bit per cell, set where no chart may be. */
     uint32_t inner_width, height_limit;
     uint32_t used_width, used_height;
     struct kiln_bitmap fine;
     struct level levels[LEVELS];
     uint32_t cursor[CLASSES][CLASSES]; /* cells */
-    /* The chart under way. */
+    /* The current chart. */
     struct kiln_bitmap upright, mask, coarse_mask;
     struct run *runs;
     size_t run_count, run_capacity;
@@ -89,7 +95,7 @@ static int compare_boxes(const void *a, const void *b)
     return p->chart < q->chart ? -1 : p->chart > q->chart;
 }
 
-/* Metres of the chart to cells of its own box, turned by quarter turns. */
+/* The map from a chart's metres to cells of its own box, rotated by `turns` quarter turns. */
 static void box_map(const struct box *box, int turns, double m[6])
 {
     const double w = box->width, h = box->height, sx = box->scale[0], sy = box->scale[1], ix = box->inset[0],
@@ -121,7 +127,7 @@ static uint32_t next_bit(const uint64_t *row, uint32_t from, uint32_t end, bool 
     return end;
 }
 
-/* Cells of its box, not turned, that the chart touches. */
+/* Rasterises the chart, not rotated: the cells of its box that it touches. */
 static int draw_upright(struct packer *p, const struct box *box, struct kiln_error *error)
 {
     const struct kiln_chart *chart = &p->charts->charts[box->chart];
@@ -148,7 +154,7 @@ static int draw_upright(struct packer *p, const struct box *box, struct kiln_err
     return KILN_OK;
 }
 
-/* The upright mask turned as box_map turns points. */
+/* The upright mask, rotated as box_map rotates positions. */
 static int turn_mask(struct packer *p, int turns, struct kiln_error *error)
 {
     const struct kiln_bitmap *from = &p->upright;
@@ -180,7 +186,7 @@ static uint32_t longest_free_run(const uint64_t *row, uint32_t width)
     return longest;
 }
 
-/* Row y of a bitmap at 1/block: a block is set where any of its cells is. */
+/* Row y of a bitmap reduced by `block`: a block is set if any of its cells is. */
 static void shrink_row(const struct kiln_bitmap *from, struct kiln_bitmap *to, uint32_t y, uint32_t block)
 {
     uint64_t *row = to->words + (size_t)y * to->stride;
@@ -243,7 +249,7 @@ static int reset_levels(struct packer *p, struct kiln_error *error)
     return status;
 }
 
-/* The mask's rows as runs of blocks, the middle row first: it is likely to be the longest. */
+/* The mask's rows as runs of blocks, beginning with the middle row, which is likely to be the longest. */
 static int mask_runs(struct packer *p, uint32_t level, uint32_t *height, struct kiln_error *error)
 {
     const struct kiln_bitmap *mask = &p->mask;
@@ -287,8 +293,8 @@ static void or_shifted(uint64_t *to, const uint64_t *from, size_t words, uint32_
     }
 }
 
-/* Lowest x at which the mask is free in rows y .. of the searched grid, below `positions`, or KILN_NONE. Bit x of
- * `blocked` says that some run of the mask meets a set cell when the mask stands at x. */
+/* Lowest x, below `positions`, at which the mask is free in the grid's rows from y on, or KILN_NONE. Bit x of `blocked`
+ * is set if some run of the mask overlaps a set cell when the mask is at x. */
 static uint32_t free_position(struct packer *p, uint32_t level, uint32_t y, uint32_t positions)
 {
     const struct kiln_bitmap *grid = level_grid(p, level);
@@ -323,11 +329,11 @@ static uint32_t size_class(uint32_t size)
 }
 
 struct position {
-    uint32_t x, y, top; /* cells; top: first free row above */
+    uint32_t x, y, top; /* cells; top: first row above the mask */
     int turns;
 };
 
-/* Searches from below, in steps of a block, for the mask's first place whose top is below best->top. */
+/* Searches from below, in steps of a block, for the mask's first free position whose top is below best->top. */
 static int search(struct packer *p, uint32_t level, int turns, struct position *best, struct kiln_error *error)
 {
     uint32_t height;
@@ -355,7 +361,7 @@ static int search(struct packer *p, uint32_t level, int turns, struct position *
     return KILN_OK;
 }
 
-/* Sets the mask and its padding in the fine grid. */
+/* Marks the mask and its padding as taken in the fine grid. */
 static int stamp(struct packer *p, const struct position *at, struct kiln_error *error)
 {
     const uint32_t top = at->y + p->mask.height + p->padding, bottom = at->y > p->padding ? at->y - p->padding : 0;
@@ -382,8 +388,8 @@ static int stamp(struct packer *p, const struct position *at, struct kiln_error 
     return KILN_OK;
 }
 
-/* Large charts are looked for in steps of a block: less work, and no more lost than a small share of the chart's
- * narrower side. */
+/* The level at which a chart is searched. Large charts are searched in steps of a block: less work, at the loss of a
+ * small fraction of the chart's narrower side. */
 static uint32_t box_level(const struct packer *p, const struct box *box)
 {
     const size_t count = p->charts->count;
@@ -429,7 +435,8 @@ static int place(struct packer *p, const struct box *box, bool *fits, struct kil
     return status;
 }
 
-/* One attempt: charts at `density` cells a metre in a grid width x (at most) height, border included. */
+/* One attempt: packs all charts at `density` cells a metre into a grid of `width` x at most `height` cells, border
+ * included. */
 static int attempt(struct packer *p, double density, uint32_t width, uint32_t height, bool *fits,
                    struct kiln_error *error)
 {
@@ -462,7 +469,7 @@ static int attempt(struct packer *p, double density, uint32_t width, uint32_t he
     return status;
 }
 
-/* Cells that the charts take up with their padding, reckoned from areas. */
+/* Cells that the charts need with their padding, estimated from their areas. */
 static double needed_cells(const struct packer *p, double density)
 {
     double cells = 0.0;
@@ -498,7 +505,7 @@ static size_t candidate_widths(const struct packer *p, double density, uint32_t 
 }
 
 struct best {
-    double (*maps)[6]; /* in 0..1 */
+    double (*maps)[6]; /* to 0..1 */
     uint32_t width, height;
     double density;
 };
@@ -513,7 +520,7 @@ static void keep(const struct packer *p, struct best *best, uint32_t width, uint
     best->density = density;
 }
 
-/* The smallest of a few lightmaps at the wanted density; *fits is false where all are larger than the limit. */
+/* The smallest of a few lightmaps at the wanted density. *fits is false if all are larger than the limit. */
 static int pack_free(struct packer *p, struct best *best, const struct kiln_pack_params *params, bool *fits,
                      struct kiln_error *error)
 {
@@ -536,8 +543,8 @@ static int pack_free(struct packer *p, struct best *best, const struct kiln_pack
     return KILN_OK;
 }
 
-/* The highest density, at most `ceiling`, at which all fits a grid of side x side; by steps, then by halving the last
- * step. */
+/* The highest density, at most `ceiling`, at which all charts fit a grid of side x side: found by steps, then by
+ * bisection of the last step. */
 static int pack_largest(struct packer *p, struct best *best, const struct kiln_pack_params *params, uint32_t cells,
                         bool *fits, struct kiln_error *error)
 {

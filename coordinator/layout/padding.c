@@ -10,10 +10,10 @@
 #include "worker/base/memory.h"
 
 enum { CELLS_MAX = 1 << 22, CELL_ENTRIES = 8, RINGS_MAX = 16, ENTRIES_MAX = 1 << 26 };
-/* texels between samples of a border; more where there would be very many */
+/* texels between samples of a border; more where there would be very many samples */
 static const double STEP = 0.5;
 static const double SAMPLES_MAX = 1 << 23;
-static const double TOLERANCE = 1.0 / 64.0; /* texels: packers put charts two texels apart to rounding */
+static const double TOLERANCE = 1.0 / 64.0; /* texels: packers put charts two texels apart, up to rounding */
 
 /* ---- charts ---- */
 
@@ -21,7 +21,7 @@ struct key {
     uint32_t words[5];
 };
 
-/* Adding 0 makes -0 equal to 0. */
+/* Adding 0 makes -0 and 0 the same bits. */
 static struct key key_of(const struct kiln_vec3 *positions, const struct kiln_vec2 *uv, uint32_t v)
 {
     const float values[5] = {positions[v].x + 0.0f, positions[v].y + 0.0f, positions[v].z + 0.0f, uv[v].x + 0.0f,
@@ -59,7 +59,7 @@ static int join_vertices(uint32_t *first, const struct kiln_vec3 *positions, con
     return KILN_OK;
 }
 
-/* An edge in the table: its first triangle and corner, + 1, or 0. */
+/* A hash table of edges. An entry is an edge's first triangle and corner, + 1; 0: free. */
 struct edge_table {
     uint32_t *entries;
     size_t slots;
@@ -73,7 +73,7 @@ static void edge_ends(const uint32_t *first, const uint32_t *triangles, uint32_t
     *high = a < b ? b : a;
 }
 
-/* Joins the triangle to the first one that has the same edge, if there is one. */
+/* Joins the triangle to the first triangle that has the same edge, if there is one. */
 static void join_edge(struct edge_table *table, const uint32_t *first, const uint32_t *triangles, uint32_t edge,
                       uint32_t *parent, uint8_t *borders)
 {
@@ -124,7 +124,8 @@ int kiln_padding_charts(const struct kiln_vec3 *positions, const struct kiln_vec
     if (status == KILN_OK)
         status = join_triangles(first, triangles, triangle_count, parent, borders, error);
     for (uint32_t t = 0; t < triangle_count && status == KILN_OK; t++) {
-        const uint32_t root = kiln_sets_root(parent, t); /* the least of its set, so numbered already unless it is t */
+        /* the least of its set, so it is numbered already unless it is t */
+        const uint32_t root = kiln_sets_root(parent, t);
         chart[t] = root == t ? (uint32_t)(*chart_count)++ : chart[root];
     }
     kiln_free(&first);
@@ -144,7 +145,7 @@ struct grid {
     size_t segment_count;
     double cell; /* texels a side */
     uint32_t across, down, rings;
-    size_t *first;     /* cell c has the entries first[c + 1] .. first[c + 2] - 1 */
+    size_t *first;     /* the entries of cell c are first[c + 1] .. first[c + 2] - 1 */
     uint32_t *entries; /* segments */
 };
 
@@ -154,7 +155,7 @@ static uint32_t cell_at(double x, double cell, uint32_t count)
     return i <= 0.0 ? 0 : i >= (double)count ? count - 1 : (uint32_t)i;
 }
 
-/* Columns of cells that the segment meets within row y: of the whole segment where it lies along the row. */
+/* The columns of cells that the segment touches within row y; of the whole segment where it lies along the row. */
 static void columns_in_row(const struct grid *g, const struct segment *s, uint32_t y, uint32_t *low, uint32_t *high)
 {
     double t[2] = {0.0, 1.0};
@@ -169,7 +170,7 @@ static void columns_in_row(const struct grid *g, const struct segment *s, uint32
     *high = cell_at(fmax(x0, x1), g->cell, g->across);
 }
 
-/* Counts the segment in each cell it meets, or enters it there. */
+/* Counts the segment in each cell it touches or, if not `count`, enters it there. */
 static void enter(struct grid *g, uint32_t index, bool count)
 {
     const struct segment *s = &g->segments[index];
@@ -182,7 +183,8 @@ static void enter(struct grid *g, uint32_t index, bool count)
             if (count)
                 g->first[cell + 1]++;
             else
-                g->entries[--g->first[cell + 1]] = index; /* from the end of the cell's entries to their beginning */
+                /* fills the cell's entries from their end to their beginning */
+                g->entries[--g->first[cell + 1]] = index;
         }
     }
 }
@@ -195,7 +197,7 @@ static void choose_cell(struct grid *g, double cell, double width, double height
     g->down = (uint32_t)fmax(1.0, ceil(height / cell));
 }
 
-/* Cells of two texels, smaller ones where many segments would share one. */
+/* Chooses cells of two texels, or smaller ones where many segments would share one. */
 static void size_grid(struct grid *g, double width, double height)
 {
     double cell = KILN_PADDING_TEXELS;
@@ -207,7 +209,7 @@ static void size_grid(struct grid *g, double width, double height)
     choose_cell(g, cell, width, height);
 }
 
-/* Entries before each cell into first[cell + 2]. */
+/* Counts the entries before each cell into first[cell + 2]. */
 static int count_entries(struct grid *g, struct kiln_error *error)
 {
     const size_t cells = (size_t)g->across * g->down;
@@ -220,7 +222,8 @@ static int count_entries(struct grid *g, struct kiln_error *error)
     return status;
 }
 
-/* A counting sort. Cells grow where long segments would make too many entries. */
+/* Sorts the segments into cells by counting sort. Cells are made larger where long segments would make too many
+ * entries. */
 static int fill_grid(struct grid *g, double width, double height, struct kiln_error *error)
 {
     size_grid(g, width, height);
@@ -238,8 +241,8 @@ static int fill_grid(struct grid *g, double width, double height, struct kiln_er
     return status;
 }
 
-/* The larger of |x| and |y| between a point and the nearest point of a segment: it is convex along the segment, with
- * its least at an end, where x or y is 0, or where both are equal. */
+/* The distance (the larger of |x| and |y|) from a point to the nearest point of a segment. It is convex along the
+ * segment; its minimum is at an end, where x or y is 0, or where |x| = |y|. */
 static double distance_to(const struct segment *s, const double p[2])
 {
     const double a = s->from[0] - p[0], c = s->from[1] - p[1], b = s->to[0] - s->from[0], d = s->to[1] - s->from[1];
@@ -267,8 +270,8 @@ static double nearest_in_cell(const struct grid *g, const double p[2], uint32_t 
     return best;
 }
 
-/* Distance from a point of a chart to the nearest other chart, where it is below two texels; ring after ring of cells.
- */
+/* Distance from a point of a chart to the nearest other chart, if below two texels: searches the cells around it in
+ * growing rings. */
 static double nearest_other(const struct grid *g, const double p[2], uint32_t chart)
 {
     const int64_t cx = cell_at(p[0], g->cell, g->across), cy = cell_at(p[1], g->cell, g->down);
@@ -297,14 +300,14 @@ static void count_length(struct kiln_padding *padding, double distance, double l
 
 static double length_of(const struct segment *s) { return hypot(s->to[0] - s->from[0], s->to[1] - s->from[1]); }
 
-/* Samples all borders as one line, at even steps along it. */
+/* Samples all borders as if they were one line, at even steps along it. */
 static void measure_segments(struct kiln_padding *padding, const struct grid *g, uint8_t *is_close)
 {
     double total = 0.0;
     for (size_t i = 0; i < g->segment_count; i++)
         total += length_of(&g->segments[i]);
     const double step = fmax(STEP, total / SAMPLES_MAX);
-    double left = 0.5 * step; /* until the next sample */
+    double left = 0.5 * step; /* length until the next sample */
     for (size_t i = 0; i < g->segment_count; i++) {
         const struct segment *s = &g->segments[i];
         const double length = length_of(s);
@@ -389,14 +392,14 @@ void kiln_padding_add(struct kiln_padding *sum, const struct kiln_padding *paddi
         sum->by_factor[i] += padding->by_factor[i];
 }
 
-double kiln_padding_factor(const struct kiln_padding *padding, double share)
+double kiln_padding_factor(const struct kiln_padding *padding, double fraction)
 {
     double left = padding->close;
-    if (left <= share * padding->border)
+    if (left <= fraction * padding->border)
         return 1.0;
     for (int i = 0; i < KILN_PADDING_STEPS; i++) {
         left -= padding->by_factor[i];
-        if (left <= share * padding->border)
+        if (left <= fraction * padding->border)
             return exp2((double)(i + 1) / KILN_PADDING_OCTAVE);
     }
     return INFINITY;

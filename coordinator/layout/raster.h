@@ -1,6 +1,6 @@
-/* Bitmaps and the two ways in which layouts rasterise triangles into them: by samples (what is covered twice) and by
- * touch (which texels a triangle lies in, however little). Coordinates are in units of bitmap cells; cell (x, y) is the
- * square [x, x+1) x [y, y+1). */
+/* Bitmaps, and two ways to rasterise triangles into them: by sample points (to find what is covered twice) and
+ * conservatively (which cells a triangle lies in, however little). Coordinates are in units of bitmap cells; cell (x,
+ * y) is the square [x, x+1) x [y, y+1). */
 #ifndef KILN_COORDINATOR_LAYOUT_RASTER_H
 #define KILN_COORDINATOR_LAYOUT_RASTER_H
 
@@ -9,7 +9,8 @@
 
 #include "worker/base/status.h"
 
-/* Row y holds bit x in words[y * stride + x / 64], bit x % 64. Zero-initialise; free `words` with kiln_free. */
+/* A bitmap. Bit x of row y is bit x % 64 of words[y * stride + x / 64]. Zero-initialise; free `words` with
+ * kiln_free. */
 struct kiln_bitmap {
     uint32_t width, height;
     size_t stride;
@@ -17,7 +18,7 @@ struct kiln_bitmap {
     size_t capacity;
 };
 
-/* Makes it width x height, all clear; memory is kept from one use to the next. */
+/* Makes the bitmap width x height, all clear. Keeps its memory from one use to the next. */
 int kiln_bitmap_reset(struct kiln_bitmap *bitmap, uint32_t width, uint32_t height, struct kiln_error *error);
 /* Appends clear rows until there are at least `height`. */
 int kiln_bitmap_extend(struct kiln_bitmap *bitmap, uint32_t height, struct kiln_error *error);
@@ -26,16 +27,16 @@ static inline int kiln_bitmap_get(const struct kiln_bitmap *b, uint32_t x, uint3
 {
     return (int)(b->words[(size_t)y * b->stride + x / 64] >> (x % 64) & 1u);
 }
-/* Sets cells first .. end-1 of row y and gives how many of them were set before. */
+/* Sets cells first .. end-1 of row y. Returns how many of them were set before. */
 uint32_t kiln_bitmap_set_run(struct kiln_bitmap *bitmap, uint32_t y, uint32_t first, uint32_t end);
 
-/* Sets the cells whose centre the triangle covers; parts outside the bitmap are left out. Two triangles with an edge of
- * the same coordinates never share a cell along it, nor leave one out. `covered` and `again` are increased by the
- * number of cells and by how many of them were set already. */
+/* Sets the cells whose centre the triangle covers; parts outside the bitmap are ignored. Two triangles that have an
+ * edge with the same coordinates never both cover a cell along it, nor leave one out. Adds to `covered` the number of
+ * cells, and to `again` the number of those that were set before. */
 void kiln_raster_samples(struct kiln_bitmap *bitmap, const double corner[3][2], uint64_t *covered, uint64_t *again);
 
-/* Sets the cells that the triangle lies in by more than `tolerance` in both directions, at least one. All corners lie
- * inside the bitmap. */
+/* Sets the cells that the triangle lies in by more than `tolerance` in both directions; at least one. All corners must
+ * lie inside the bitmap. */
 void kiln_raster_touch(struct kiln_bitmap *bitmap, const double corner[3][2], double tolerance);
 
 #endif

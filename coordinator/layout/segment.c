@@ -5,11 +5,11 @@
 
 #include "worker/base/memory.h"
 
-/* Triangles this near to a seed's normal join its patch at once. */
+/* Triangles whose normals are this near to the seed's join its flat patch. */
 static const double FLAT_COSINE = 0.9994; /* 2 degrees */
-/* A border shorter than this share of the smaller piece's outline joins nothing: such a chart would be two on a thread.
- */
-static const double BORDER_SHARE = 0.02;
+/* Two pieces are not merged over a border shorter than this fraction of the smaller piece's outline: the chart would be
+ * two charts joined by a narrow strip. */
+static const double BORDER_FRACTION = 0.02;
 static const double BORDER_WEIGHT = 0.5;
 enum { ROUNDS = 6 };
 
@@ -22,7 +22,7 @@ struct piece {
     struct cone cone;
     double outline; /* m */
     uint32_t parent;
-    uint32_t first_link, last_link; /* list of links: 2 x border + side */
+    uint32_t first_link, last_link; /* linked list of its borders; a link is 2 x border + side */
     uint32_t links;
 };
 
@@ -39,17 +39,17 @@ struct candidate {
 
 struct merger {
     const struct kiln_topology *topology;
-    uint32_t *patch; /* a triangle */
+    uint32_t *patch; /* per triangle: its patch */
     struct piece *pieces;
     size_t piece_count, piece_capacity;
     struct border *borders;
     size_t border_count, border_capacity;
-    uint32_t *links; /* next link of each, 2 a border */
-    uint32_t *table; /* border by pair of pieces; entries that have moved on or are gone may stay behind */
+    uint32_t *links; /* 2 per border: the next link in the list */
+    uint32_t *table; /* hash table: border by pair of pieces; entries of merged or removed borders may remain */
     size_t table_size, table_used;
     struct candidate *heap;
     size_t heap_count, heap_capacity;
-    uint32_t *queue; /* a triangle each, for the flood */
+    uint32_t *queue; /* room for one per triangle, for the flood fill */
 };
 
 static double angle_between(struct kiln_dvec3 a, struct kiln_dvec3 b)
@@ -57,7 +57,7 @@ static double angle_between(struct kiln_dvec3 a, struct kiln_dvec3 b)
     return atan2(dvec3_length(dvec3_cross(a, b)), dvec3_dot(a, b));
 }
 
-/* The least cone around both. */
+/* The smallest cone that holds both cones. */
 static struct cone cone_merge(const struct cone *a, const struct cone *b)
 {
     const double between = angle_between(a->axis, b->axis);
@@ -80,7 +80,7 @@ static double edge_length(const struct kiln_topology *t, size_t half)
     return dvec3_length(dvec3_sub(t->points[c[(k + 1) % 3]], t->points[c[k]]));
 }
 
-/* Flat patches by flood fill from each triangle that has none yet. */
+/* Finds flat patches by flood fill from each triangle that belongs to none yet. */
 static int flood(struct merger *m, struct kiln_error *error)
 {
     const struct kiln_topology *t = m->topology;
@@ -133,7 +133,7 @@ static bool borders_pair(const struct border *border, uint32_t a, uint32_t b)
            ((border->piece[0] == a && border->piece[1] == b) || (border->piece[0] == b && border->piece[1] == a));
 }
 
-/* The border between two pieces, or KILN_NONE and in *free_slot where to put it. */
+/* The border between two pieces; if none, KILN_NONE, and in *free_slot the slot to put it. */
 static uint32_t table_find(const struct merger *m, uint32_t a, uint32_t b, size_t *free_slot)
 {
     size_t slot = table_slot(m, a, b);
@@ -144,7 +144,7 @@ static uint32_t table_find(const struct merger *m, uint32_t a, uint32_t b, size_
     return KILN_NONE;
 }
 
-/* Makes the table anew with the borders that are still there. */
+/* Rebuilds the table from the borders that still exist. */
 static int table_rebuild(struct merger *m, struct kiln_error *error)
 {
     size_t alive = 0;
@@ -188,7 +188,7 @@ static void link_piece(struct merger *m, uint32_t piece, uint32_t link)
     p->links++;
 }
 
-/* Finds the borders between patches and how long they are. */
+/* Finds the borders between patches and their lengths. */
 static int find_borders(struct merger *m, struct kiln_error *error)
 {
     const struct kiln_topology *t = m->topology;
@@ -231,15 +231,15 @@ static bool before(const struct candidate *a, const struct candidate *b)
     return a->cost < b->cost || (a->cost == b->cost && a->border < b->border);
 }
 
-/* What merging over this border costs; false where it must not be. */
+/* The cost of merging over this border; false if the two pieces must not be merged. */
 static bool border_cost(const struct merger *m, uint32_t border, double *cost)
 {
     const struct border *b = &m->borders[border];
     const struct piece *p = &m->pieces[b->piece[0]], *q = &m->pieces[b->piece[1]];
     const struct cone cone = cone_merge(&p->cone, &q->cone);
-    const double share = b->length / fmin(p->outline, q->outline);
-    *cost = cone.angle / KILN_CHART_CONE + BORDER_WEIGHT * (1.0 - share);
-    return cone.angle <= KILN_CHART_CONE && share >= BORDER_SHARE;
+    const double fraction = b->length / fmin(p->outline, q->outline);
+    *cost = cone.angle / KILN_CHART_CONE + BORDER_WEIGHT * (1.0 - fraction);
+    return cone.angle <= KILN_CHART_CONE && fraction >= BORDER_FRACTION;
 }
 
 static int heap_push(struct merger *m, uint32_t border, struct kiln_error *error)
@@ -277,7 +277,7 @@ static struct candidate heap_pop(struct merger *m)
     return top;
 }
 
-/* The piece with fewer borders goes into the other, so that a border moves at most log n times. */
+/* Merges the piece with fewer borders into the other, so that a border is moved at most log n times. */
 static int merge(struct merger *m, uint32_t border, struct kiln_error *error)
 {
     uint32_t keep = m->borders[border].piece[0], lose = m->borders[border].piece[1];
@@ -317,7 +317,8 @@ static int merge(struct merger *m, uint32_t border, struct kiln_error *error)
     return status;
 }
 
-/* Costs in the heap may be out of date: what comes out is reckoned again, and put back if it has become dearer. */
+/* Merges in order of cost. Costs in the heap may be out of date: the cost of what comes out is computed again, and it
+ * is put back if it has grown. */
 static int merge_all(struct merger *m, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -342,8 +343,8 @@ static uint32_t find_piece(const struct merger *m, uint32_t piece)
     return piece;
 }
 
-/* Numbers the pieces that are left by their first triangle, and gives each the tighter of two exact cones: about the
- * cone's axis so far and about the mean normal. Merged cones are wider than they need be. */
+/* Numbers the remaining pieces by their first triangle and computes exact cones, as merged cones are wider than needed:
+ * the narrower of two, one about the cone's axis so far and one about the mean normal. */
 static int renumber(struct merger *m, struct kiln_error *error)
 {
     const struct kiln_topology *t = m->topology;
@@ -399,7 +400,7 @@ cleanup:
     return status;
 }
 
-/* Merges, tightens the cones, and merges again while that still brings much. */
+/* Merges, narrows the cones, and merges again as long as that still joins many pieces. */
 static int merge_in_rounds(struct merger *m, struct kiln_error *error)
 {
     int status = KILN_OK;

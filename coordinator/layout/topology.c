@@ -40,7 +40,7 @@ static void measure_triangles(struct kiln_topology *t)
     }
 }
 
-/* weld[v]: the first vertex with v's coordinates. */
+/* Finds for each vertex v the first vertex with v's coordinates, weld[v]. */
 static int weld_vertices(const struct kiln_topology *t, const struct kiln_vec3 *positions, uint32_t *weld,
                          struct kiln_error *error)
 {
@@ -73,8 +73,8 @@ static int weld_vertices(const struct kiln_topology *t, const struct kiln_vec3 *
 struct edge_table {
     const struct kiln_topology *topology;
     const uint32_t *weld;
-    uint32_t *first; /* half-edge, by hash of its two ends */
-    uint32_t *next;  /* half-edges along the same edge */
+    uint32_t *first; /* per hash of two ends: the first half-edge */
+    uint32_t *next;  /* per half-edge: the next one along the same edge */
     size_t size;
 };
 
@@ -104,7 +104,7 @@ static void join(struct kiln_topology *t, uint32_t a, uint32_t b)
     t->neighbours[b] = a / 3;
 }
 
-/* Joins the half-edges of one edge in pairs: opposite directions, best agreement of normals first. */
+/* Pairs the half-edges of one edge: opposite directions, best agreement of normals first. */
 static void pair_edge(struct kiln_topology *t, const struct edge_table *e, uint32_t head)
 {
     uint32_t half[PAIRED_MAX];
@@ -117,7 +117,8 @@ static void pair_edge(struct kiln_topology *t, const struct edge_table *e, uint3
     for (;;) {
         double best = -2.0;
         size_t best_i = 0, best_j = 0;
-        /* The list runs from the last half-edge to the first: backwards, so that ties go to the lowest triangles. */
+        /* The list runs from the last half-edge to the first: walk it backwards, so that ties go to the lowest
+         * triangles. */
         for (size_t i = count; i-- > 1;) {
             for (size_t j = i; j-- > 0;) {
                 if (half[i] == KILN_NONE || half[j] == KILN_NONE || edge_from(e, half[i]) != edge_to(e, half[j]))

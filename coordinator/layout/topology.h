@@ -1,4 +1,4 @@
-/* A mesh as unwrapping sees it: positions welded, triangles with normals, areas and neighbours. */
+/* The topology of a mesh for unwrapping: welded positions; triangles with normals, areas and neighbours. */
 #ifndef KILN_COORDINATOR_LAYOUT_TOPOLOGY_H
 #define KILN_COORDINATOR_LAYOUT_TOPOLOGY_H
 
@@ -11,26 +11,26 @@
 
 struct kiln_topology {
     size_t vertex_count, triangle_count;
-    const uint32_t *triangles; /* borrowed, 3 a triangle */
-    /* a vertex: metres in the reference object's own space, relative to the mesh's middle */
+    const uint32_t *triangles; /* borrowed; 3 per triangle */
+    /* per vertex: m, in the reference object's own space, relative to the mesh's middle */
     struct kiln_dvec3 *points;
-    struct kiln_dvec3 *normals; /* a triangle: unit; zero where degenerate */
-    double *areas;              /* a triangle: m2; 0 where degenerate */
-    uint32_t *neighbours;       /* 3 a triangle: the triangle beyond edge k (corner k to k+1), or KILN_NONE */
+    struct kiln_dvec3 *normals; /* per triangle: unit; zero if degenerate */
+    double *areas;              /* per triangle: m2; 0 if degenerate */
+    uint32_t *neighbours;       /* 3 per triangle: the triangle across edge k (corner k to k+1), or KILN_NONE */
     size_t degenerate_count;
 };
 
-/* `linear` (row-major 3 x 3) takes mesh space to the space in which areas and angles count. Vertices with the same
- * coordinates are one. Two triangles are neighbours where they run along an edge in opposite directions; where more
- * than two meet, those are paired whose normals agree best; edges of more than 8 triangles join nothing. A triangle is
- * degenerate when its height is below 1e-7 of its longest edge. The triangles are borrowed. Destroy with
- * kiln_topology_destroy. */
+/* Builds the topology. `linear` (row-major 3 x 3) maps mesh space to the space in which areas and angles are measured.
+ * Vertices with the same coordinates are one. Two triangles are neighbours if they traverse an edge in opposite
+ * directions. Where more than two share an edge, those whose normals agree best are paired; an edge of more than 8
+ * triangles joins none. A triangle is degenerate if its height is below 1e-7 of its longest edge. The triangles are
+ * borrowed. Destroy with kiln_topology_destroy. */
 int kiln_topology_create(struct kiln_topology **topology, const struct kiln_vec3 *positions, size_t vertex_count,
                          const uint32_t *triangles, size_t triangle_count, const double linear[9],
                          struct kiln_error *error);
 void kiln_topology_destroy(struct kiln_topology **topology);
 
-/* A 64-bit mix for the hash tables of this room. */
+/* A 64-bit hash for the tables of this room. */
 static inline uint64_t kiln_layout_mix(uint64_t x)
 {
     x ^= x >> 32;
@@ -40,7 +40,7 @@ static inline uint64_t kiln_layout_mix(uint64_t x)
     return x ^ x >> 32;
 }
 
-/* The least power of two that holds `count` entries at most half full. */
+/* The least power of two of which `count` entries fill at most half. */
 static inline size_t kiln_layout_table_size(size_t count)
 {
     size_t size = 16;

@@ -23,7 +23,8 @@ static int add_vertex(struct kiln_unwrapped *u, uint32_t source, struct kiln_vec
 
 static float unit(double value) { return (float)fmin(fmax(value, 0.0), 1.0); }
 
-/* copy[v] is the last copy made of vertex v, made[v] the chart it was made for plus 1. */
+/* Writes the vertices and triangles of all charts. copy[v] is the last copy made of vertex v; made[v] is the chart it
+ * was made for, plus 1. */
 static int lay_charts(struct kiln_unwrapped *u, const struct kiln_topology *t, const struct kiln_charts *charts,
                       const struct kiln_packing *packing, uint32_t *copy, uint32_t *made, struct kiln_error *error)
 {
@@ -48,7 +49,7 @@ static int lay_charts(struct kiln_unwrapped *u, const struct kiln_topology *t, c
     return status;
 }
 
-/* Each gets one point: that of a corner which is on a chart, else that of the first vertex there is. */
+/* Gives each degenerate triangle one point: that of a corner which lies on a chart, else that of the first vertex. */
 static int lay_degenerate(struct kiln_unwrapped *u, const struct kiln_topology *t, const uint32_t *copy,
                           const uint32_t *made, struct kiln_error *error)
 {
@@ -86,7 +87,7 @@ static int lay_vertices(struct kiln_unwrapped *u, const struct kiln_topology *t,
     return status;
 }
 
-/* Packs the charts and lays the vertices out. */
+/* Packs the charts and writes the new vertices. */
 static int lay_out(struct kiln_unwrapped **unwrapped, const struct kiln_topology *topology,
                    const struct kiln_charts *charts, const struct kiln_unwrap_params *params, struct kiln_error *error)
 {
@@ -138,7 +139,7 @@ int kiln_unwrap(struct kiln_unwrapped **unwrapped, const struct kiln_vec3 *posit
 
 /* ---- charts that are given ---- */
 
-/* The layout as a flat mesh, in metres. */
+/* The existing layout as a flat mesh, in metres. */
 static int flat_topology(struct kiln_topology *t, const struct kiln_vec2 *uv, size_t vertex_count,
                          const uint32_t *triangles, size_t triangle_count, const double metres[2],
                          struct kiln_error *error)
@@ -159,7 +160,7 @@ static int flat_topology(struct kiln_topology *t, const struct kiln_vec2 *uv, si
     return status;
 }
 
-/* The chart's box and area, from its triangles. */
+/* Computes the chart's bounding box and area from its triangles. */
 static void measure_chart(struct kiln_chart *chart, const struct kiln_topology *t, const uint32_t *order)
 {
     double low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
@@ -181,7 +182,7 @@ static void measure_chart(struct kiln_chart *chart, const struct kiln_topology *
     chart->rectangular = chart->area >= (1.0 - 1e-5) * chart->width * chart->height;
 }
 
-/* Triangles with an area, chart by chart; charts without any are left out. */
+/* Lists the triangles with an area, chart by chart; charts without any are left out. */
 static int fill_charts(struct kiln_charts *charts, const struct kiln_topology *t, const uint32_t *chart, size_t count,
                        struct kiln_error *error)
 {
@@ -200,7 +201,8 @@ static int fill_charts(struct kiln_charts *charts, const struct kiln_topology *t
     }
     for (size_t i = 0; i < t->triangle_count && status == KILN_OK; i++)
         if (t->areas[i] > 0.0) {
-            charts->order[first[chart[i]]++] = (uint32_t)i; /* leaves each mark at the end of its chart */
+            /* this moves each chart's entry of `first` to the chart's end */
+            charts->order[first[chart[i]]++] = (uint32_t)i;
             charts->order_count++;
         }
     for (size_t c = 0; c < charts->count && status == KILN_OK; c++)

@@ -5,7 +5,8 @@
 #include "coordinator/layout/raster.h"
 #include "worker/base/memory.h"
 
-static const double OUTSIDE_TOLERANCE = 1e-4, COLLAPSED_DENSITY = 1e-4, COLLAPSED_SHARE = 5e-3, OVERLAP_SHARE = 0.03;
+static const double OUTSIDE_TOLERANCE = 1e-4, COLLAPSED_DENSITY = 1e-4, COLLAPSED_FRACTION = 5e-3,
+                    OVERLAP_FRACTION = 0.03;
 static const double COLLAPSED_WARNING = 1e-3, OVERLAP_WARNING = 5e-3;
 static const double LEAST_USE = 1.0 / 256.0;
 enum { SIDE = 2048, SIDE_LARGE = 4096, LARGE_MESH = 20000 };
@@ -37,7 +38,7 @@ static bool inside(float value)
     return (double)value >= -OUTSIDE_TOLERANCE && (double)value <= 1.0 + OUTSIDE_TOLERANCE;
 }
 
-/* Finite and within 0..1. */
+/* Whether all coordinates in use are finite and within 0..1. */
 static bool range_holds(struct kiln_uv_verdict *verdict, const struct kiln_vec2 *uv, const uint32_t *triangles,
                         size_t count)
 {
@@ -66,7 +67,7 @@ static bool area_holds(struct kiln_uv_verdict *verdict, const struct kiln_vec3 *
             !(verdict->uv_area > 0.0))
             collapsed += own;
     }
-    if (collapsed > COLLAPSED_SHARE * area) {
+    if (collapsed > COLLAPSED_FRACTION * area) {
         snprintf(verdict->reason, sizeof verdict->reason, "is collapsed for %.3g %% of the surface",
                  100.0 * collapsed / area);
         return false;
@@ -91,12 +92,12 @@ static bool overlap_holds(struct kiln_uv_verdict *verdict, struct kiln_bitmap *b
         corners(uv, triangles + 3 * i, bitmap->width, corner);
         kiln_raster_samples(bitmap, (const double(*)[2])corner, &covered, &again);
     }
-    /* A sample claimed n times has been counted n times in covered, n - 1 times in again. */
+    /* A sample covered n times was counted n times in `covered` and n - 1 times in `again`. */
     verdict->overlap = covered > again ? fmin((double)again / (double)(covered - again), 1.0) : 0.0;
-    if (verdict->overlap > OVERLAP_WARNING && verdict->overlap <= OVERLAP_SHARE)
+    if (verdict->overlap > OVERLAP_WARNING && verdict->overlap <= OVERLAP_FRACTION)
         snprintf(verdict->warning, sizeof verdict->warning, "overlaps itself in %.3g %% of what it covers",
                  100.0 * verdict->overlap);
-    if (verdict->overlap <= OVERLAP_SHARE)
+    if (verdict->overlap <= OVERLAP_FRACTION)
         return true;
     snprintf(verdict->reason, sizeof verdict->reason, "overlaps itself in %.3g %% of what it covers",
              100.0 * verdict->overlap);

@@ -7,16 +7,16 @@
 #include <time.h>
 #include <unistd.h>
 
-#define IDLE_SHARE 0.01      /* of a core */
-enum { IDLE_BYTES = 65536 }; /* a second: what threads that watch write */
+#define IDLE_CORES 0.01      /* cores that idle threads may use */
+enum { IDLE_BYTES = 65536 }; /* bytes a second that monitoring threads may read and write */
 
-/* What /proc says of a process's or thread's state. */
+/* State of a process or thread, from its stat file in /proc. */
 struct state {
-    char letter;
-    uint64_t ticks; /* of processor time */
+    char letter;    /* R running, S sleeping, D disk wait, ... */
+    uint64_t ticks; /* processor time */
 };
 
-/* The name in brackets may hold anything, brackets too. */
+/* The program name in the file stands in brackets and may itself contain brackets, so the last bracket is searched. */
 static bool read_state(const char *path, struct state *state)
 {
     char text[512];
@@ -34,7 +34,7 @@ static bool read_state(const char *path, struct state *state)
     return true;
 }
 
-/* The sum of the lines of a file in /proc whose names are among two. */
+/* The sum of the values of two lines, named `one` and `other`, of a file in /proc. */
 static uint64_t read_sum(const char *path, const char *one, const char *other)
 {
     char line[128];
@@ -52,7 +52,7 @@ static uint64_t read_sum(const char *path, const char *one, const char *other)
     return sum;
 }
 
-/* Processor time and states of the children that a thread has started. */
+/* Adds the processor time of the children that the thread has started; sets *disk if one is in disk wait. */
 static void add_children(const char *thread, uint64_t *ticks, bool *disk)
 {
     char path[300], child[64];
@@ -64,14 +64,14 @@ static void add_children(const char *thread, uint64_t *ticks, bool *disk)
         (void)snprintf(child, sizeof child, "/proc/%ld/stat", number);
         if (!read_state(child, &state))
             continue;
-        *ticks += state.ticks + 1; /* a new one is a sign of work */
+        *ticks += state.ticks + 1; /* + 1, so that starting a child counts as activity */
         *disk = *disk || state.letter == 'D';
     }
     if (file != NULL)
         (void)fclose(file);
 }
 
-static void look_at_children(uint64_t *ticks, bool *disk)
+static void sample_children(uint64_t *ticks, bool *disk)
 {
     DIR *threads = opendir("/proc/self/task");
     const struct dirent *entry;
@@ -89,9 +89,9 @@ static double clock_seconds(clockid_t clock)
     return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
 }
 
-void kiln_activity_ask(struct kiln_activity *a, double now)
+void kiln_activity_sample(struct kiln_activity *a, double now)
 {
-    struct kiln_activity next = {.asked = now};
+    struct kiln_activity next = {.sampled = now};
     struct state main = {'R', 0};
     char path[64];
     bool disk = false;
@@ -102,22 +102,22 @@ void kiln_activity_ask(struct kiln_activity *a, double now)
     next.bytes = read_sum("/proc/self/io", "rchar", "wchar");
     next.ticks = main.ticks;
     next.processor = clock_seconds(CLOCK_PROCESS_CPUTIME_ID) - clock_seconds(CLOCK_THREAD_CPUTIME_ID);
-    look_at_children(&next.children, &disk);
+    sample_children(&next.children, &disk);
     disk = disk || main.letter == 'D';
-    const double passed = now - a->asked;
-    const bool works = !seen || a->asked <= 0.0 || disk || next.switches != a->switches || next.ticks != a->ticks ||
-                       next.children != a->children || next.processor - a->processor > IDLE_SHARE * passed ||
-                       (double)(next.bytes - a->bytes) > IDLE_BYTES * passed;
-    next.idle_since = works ? 0.0 : a->idle_since > 0.0 ? a->idle_since : a->asked;
+    const double passed = now - a->sampled;
+    const bool active = !seen || a->sampled <= 0.0 || disk || next.switches != a->switches || next.ticks != a->ticks ||
+                        next.children != a->children || next.processor - a->processor > IDLE_CORES * passed ||
+                        (double)(next.bytes - a->bytes) > IDLE_BYTES * passed;
+    next.idle_since = active ? 0.0 : a->idle_since > 0.0 ? a->idle_since : a->sampled;
     next.disk_since = !disk ? 0.0 : a->disk_since > 0.0 ? a->disk_since : now;
     *a = next;
 }
 
 double kiln_activity_idle(const struct kiln_activity *a)
 {
-    return a->idle_since > 0.0 ? a->asked - a->idle_since : 0.0;
+    return a->idle_since > 0.0 ? a->sampled - a->idle_since : 0.0;
 }
 double kiln_activity_disk(const struct kiln_activity *a)
 {
-    return a->disk_since > 0.0 ? a->asked - a->disk_since : 0.0;
+    return a->disk_since > 0.0 ? a->sampled - a->disk_since : 0.0;
 }

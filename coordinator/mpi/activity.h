@@ -1,28 +1,33 @@
-/* Whether this process does anything: a thread of it asks once in a while.
+/* Activity monitor: tells whether this process makes progress, from counters in /proc.
  *
- * A process is at work when it uses processor time, when its main thread goes to sleep and wakes, when it reads or
- * writes, or when a child that it has started does so. Time of the asking thread and what a process's idle threads need
- * (1 % of a core) do not count. A main thread or child that waits for a disk, which cannot be told from a slow one, is
- * at work too, and known apart. */
+ * A thread of the process samples the counters at intervals. The process is active when it used processor time, when
+ * its main thread was scheduled, when it read or wrote, or when a child process of it did. Not counted are the
+ * processor time of the sampling thread, and 1 % of a core, which idle threads use. A main thread or child in
+ * uninterruptible disk wait (state D) also counts as active, since a hanging disk looks like a slow one; the length of
+ * that wait is kept apart. */
 #ifndef KILN_COORDINATOR_MPI_ACTIVITY_H
 #define KILN_COORDINATOR_MPI_ACTIVITY_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/* All zero: not asked yet. */
+/* All zero before the first sample. Times are seconds on the clock of the caller. */
 struct kiln_activity {
-    double asked;      /* when it was last asked; s on the clock of the caller */
-    double idle_since; /* 0: it was at work */
-    double disk_since; /* 0: it does not wait for a disk */
-    uint64_t switches, ticks, bytes, children;
-    double processor; /* s */
+    double sampled;    /* time of the last sample */
+    double idle_since; /* begin of the present idle time; 0: the process is active */
+    double disk_since; /* begin of the present disk wait; 0: none */
+    uint64_t switches; /* context switches of the main thread */
+    uint64_t ticks;    /* processor time of the main thread, in the kernel's ticks */
+    uint64_t bytes;    /* read and written by the process */
+    uint64_t children; /* processor time of all children in ticks, plus one for each child */
+    double processor;  /* processor time of the process without the sampling thread, s */
 };
 
-/* To be called by one thread, at intervals of its choice: `now` on any clock that does not jump. */
-void kiln_activity_ask(struct kiln_activity *activity, double now);
-double kiln_activity_idle(const struct kiln_activity *activity); /* s without a sign of work until it was last asked */
-/* s in which each time it was asked it waited for a disk */
+/* Takes a sample at time `now`, in seconds on any clock that does not jump. Always call it from the same thread. */
+void kiln_activity_sample(struct kiln_activity *activity, double now);
+/* Seconds up to the last sample for which the process has been idle; 0 when it is active. */
+double kiln_activity_idle(const struct kiln_activity *activity);
+/* Seconds up to the last sample for which every sample found a disk wait. */
 double kiln_activity_disk(const struct kiln_activity *activity);
 
 #endif

@@ -10,20 +10,20 @@ static int lost(struct kiln_error *error)
                      "a rank was lost while the ranks compared their results; run the same command again");
 }
 
-/* As all have the same sentence, it has to say whose it is. */
-static void name_rank(struct kiln_error *sentence)
+/* Adds the prefix "rank N on HOST: ", since all ranks get the same message. */
+static void add_prefix(struct kiln_error *error)
 {
-    struct kiln_error told = *sentence;
+    const struct kiln_error given = *error;
     char host[64] = "";
     int rank, named;
-    if (MPI_Comm_rank(MPI_COMM_WORLD, &rank) != MPI_SUCCESS || sscanf(told.message, "rank %d on ", &named) == 1)
+    if (MPI_Comm_rank(MPI_COMM_WORLD, &rank) != MPI_SUCCESS || sscanf(given.message, "rank %d on ", &named) == 1)
         return;
     (void)gethostname(host, sizeof host - 1);
-    (void)kiln_fail(sentence, KILN_SYSTEM, "rank %d on %s: %s", rank, host, told.message);
+    (void)kiln_fail(error, KILN_SYSTEM, "rank %d on %s: %s", rank, host, given.message);
 }
 
-/* Whether a failure of this kind is of the rank or its host; the others are the job's. */
-static bool is_of_the_rank(int status)
+/* Whether failures with this status are caused by a single rank or its host; all others concern the whole job. */
+static bool is_local_failure(int status)
 {
     switch (status) {
     case KILN_NO_INPUT:
@@ -42,15 +42,15 @@ static bool is_of_the_rank(int status)
 
 void kiln_name_rank(int status, struct kiln_error *error)
 {
-    if (is_of_the_rank(status))
-        name_rank(error);
+    if (is_local_failure(status))
+        add_prefix(error);
 }
 
 void kiln_end_all_ranks(int status, const struct kiln_error *error)
 {
-    struct kiln_error sentence = *error;
-    name_rank(&sentence);
-    (void)fprintf(stderr, "kiln: error: %s\n", sentence.message);
+    struct kiln_error named = *error;
+    add_prefix(&named);
+    (void)fprintf(stderr, "kiln: error: %s\n", named.message);
     (void)fflush(stderr);
     (void)MPI_Abort(MPI_COMM_WORLD, status);
     _exit(status);
@@ -65,20 +65,20 @@ int kiln_agree(MPI_Comm communicator, int status, struct kiln_error *error)
     if (MPI_Comm_rank(communicator, &rank) != MPI_SUCCESS)
         return lost(error);
     own[0].rank = own[1].rank = rank;
-    /* The worst status and, of the second pair, the best. On equal values MAXLOC keeps the lowest rank. */
+    /* The first pair gives the worst status, the second the best. MAXLOC keeps the lowest rank among equal values. */
     if (MPI_Allreduce(own, most, 2, MPI_2INT, MPI_MAXLOC, communicator) != MPI_SUCCESS)
         return lost(error);
     const int worst = most[0].status, best = -most[1].status;
     if (worst == KILN_OK)
         return KILN_OK;
-    struct kiln_error sentence = {{0}};
+    struct kiln_error shared = {{0}};
     if (most[0].rank == rank && error != NULL)
-        sentence = *error;
+        shared = *error;
     if (most[0].rank == rank && best != worst)
-        kiln_name_rank(worst, &sentence);
-    if (MPI_Bcast(&sentence, (int)sizeof sentence, MPI_BYTE, most[0].rank, communicator) != MPI_SUCCESS)
+        kiln_name_rank(worst, &shared);
+    if (MPI_Bcast(&shared, (int)sizeof shared, MPI_BYTE, most[0].rank, communicator) != MPI_SUCCESS)
         return lost(error);
     if (error != NULL)
-        *error = sentence;
+        *error = shared;
     return worst;
 }

@@ -1,4 +1,5 @@
-/* One answer for all ranks: no rank goes on, or waits for ever, when another has failed. */
+/* Error agreement: all ranks of a communicator learn the worst status of any rank and its error message. When one rank
+ * has failed, no other continues or waits for it for ever. */
 #ifndef KILN_COORDINATOR_MPI_AGREE_H
 #define KILN_COORDINATOR_MPI_AGREE_H
 
@@ -6,20 +7,22 @@
 
 #include "worker/base/status.h"
 
-/* Collective over `communicator`. Each rank brings its own status and, when that is not 0, its sentence. Every rank
- * returns the worst (largest) status and holds the sentence of the first rank that failed with it; 0 leaves `error`
- * alone. Call it after any step that may fail on some ranks only, before the next collective call. Unless all fail
- * alike, the sentence of a failure that is of the rank or its host (memory, threads, files, devices; not usage or
- * input) begins with "rank N on HOST: ". `error` may be NULL on any rank. A failing MPI call inside gives
- * KILN_RANK_LOST where the communicator returns errors instead of aborting. */
+/* Collective over `communicator`. Each rank passes its own status, and its message in `error` when the status is not
+ * KILN_OK. Every rank returns the worst (largest) status of all; if that is not KILN_OK, `error` receives the message
+ * of the lowest rank with that status. Otherwise `error` is left alone. `error` may be NULL on any rank.
+ *
+ * Call it after every step that may fail on some ranks only, before the next collective call. When the ranks do not all
+ * have the same status, and the failure is one of a single rank or host (memory, threads, files, devices; not usage or
+ * input), the message gets the prefix "rank N on HOST: ". A failing MPI call inside gives KILN_RANK_LOST if the
+ * communicator returns errors instead of aborting. */
 int kiln_agree(MPI_Comm communicator, int status, struct kiln_error *error);
 
-/* Not collective. Lets the sentence of a failure that is the rank's or its host's own begin with "rank N on HOST: ",
- * once: for those that another rank passes on. */
+/* Not collective. Puts the prefix "rank N on HOST: " before the message if the failure is one of this rank or its host
+ * and the message has no such prefix yet. For messages that another rank will print. */
 void kiln_name_rank(int status, struct kiln_error *error);
 
-/* Not collective, and does not return: for a failure where others already wait for this rank's messages. Says the
- * sentence, with rank and host, and ends all ranks with the status. */
+/* Not collective; does not return. Prints the message with rank and host, and ends all ranks with the status
+ * (MPI_Abort). For failures at points where other ranks already wait for messages of this rank. */
 void kiln_end_all_ranks(int status, const struct kiln_error *error) __attribute__((noreturn));
 
 #endif

@@ -8,32 +8,35 @@
 #include "coordinator/mpi/shared_memory.h"
 #include "coordinator/mpi/waiting.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/assert_same.h"
 
 struct block {
-    uint64_t shared; /* bytes of shared memory; 0: from kiln_allocate */
-    void *here;
-    const void *there; /* on the leader */
+    uint64_t shared;   /* bytes of shared memory; 0: from kiln_allocate */
+    void *here;        /* address on this rank */
+    const void *there; /* address on the leader */
 };
 
 struct kiln_node_memory {
     MPI_Comm communicator;
     int rank, ranks;
-    bool full, told;
+    bool full;   /* kiln_node_full */
+    bool warned; /* the reason has been printed */
     uint64_t bytes;
     struct block *blocks;
     size_t count, room;
 };
 
-/* What the leader has for those who wait. */
+/* A message from the leader to the ranks that wait in kiln_node_build. */
 struct call {
-    int64_t end;
-    uint64_t bytes;
+    int64_t end;    /* not 0: the build is over */
+    uint64_t bytes; /* otherwise: size of the block to allocate together */
 };
 
 int kiln_node_create(struct kiln_node_memory **node, MPI_Comm communicator, uint32_t most, struct kiln_error *error)
 {
     struct kiln_node_memory *n = NULL;
     *node = NULL;
+    kiln_assert_same(communicator, most, "the number of ranks that share memory");
     const int status = kiln_agree(communicator, kiln_allocate(&n, 1, sizeof *n, "the memory of a node", error), error);
     if (status != KILN_OK) {
         kiln_free(&n);
@@ -73,18 +76,18 @@ MPI_Comm kiln_node_communicator(const struct kiln_node_memory *node) { return no
 bool kiln_node_full(const struct kiln_node_memory *node) { return node->full; }
 uint64_t kiln_node_bytes(const struct kiln_node_memory *node) { return node->bytes; }
 
-/* Once a node. */
-static void say_why_not(struct kiln_node_memory *n, const struct kiln_error *why)
+/* Prints, once for each node, why memory is not shared. */
+static void warn_not_shared(struct kiln_node_memory *n, const struct kiln_error *why)
 {
-    if (n->rank == 0 && !n->told)
+    if (n->rank == 0 && !n->warned)
         (void)fprintf(stderr,
-                      "kiln: warning: what the ranks of a host could share each of them keeps for itself, which takes "
+                      "kiln: warning: the ranks of this host cannot share memory; each keeps its own copy, which takes "
                       "more memory: %s\n",
                       why->message);
-    n->told = true;
+    n->warned = true;
 }
 
-/* Collective. Shared memory of the leader's; the same status on all. */
+/* Collective over the node. The leader allocates shared memory and the other ranks map it; all get the same status. */
 static int open_block(const struct kiln_node_memory *n, uint64_t bytes, struct block *block, struct kiln_error *error)
 {
     struct kiln_shared_key key = {0};
@@ -105,7 +108,7 @@ static int open_block(const struct kiln_node_memory *n, uint64_t bytes, struct b
 
 static int add_block(struct kiln_node_memory *n, const struct block *block, uint64_t bytes)
 {
-    n->blocks[n->count++] = *block; /* there is room: see make_block */
+    n->blocks[n->count++] = *block; /* make_block has made room */
     n->bytes += bytes;
     return KILN_OK;
 }
@@ -119,7 +122,7 @@ static int make_own_block(struct kiln_node_memory *n, uint64_t bytes, void **her
     return status == KILN_OK ? add_block(n, &block, bytes) : status;
 }
 
-/* Collective, with the leader's `bytes` the same on all. */
+/* Collective over the node; `bytes` is the same on all ranks. */
 static int make_block(struct kiln_node_memory *n, uint64_t bytes, void **here, struct kiln_error *error)
 {
     struct block block = {0};
@@ -134,7 +137,7 @@ static int make_block(struct kiln_node_memory *n, uint64_t bytes, void **here, s
         status = open_block(n, bytes, &block, &why);
     if (status != KILN_OK) {
         n->full = true;
-        say_why_not(n, &why);
+        warn_not_shared(n, &why);
         return kiln_fail(error, status, "%s", why.message);
     }
     uint64_t there = (uint64_t)(uintptr_t)block.here;
@@ -144,7 +147,7 @@ static int make_block(struct kiln_node_memory *n, uint64_t bytes, void **here, s
     return add_block(n, &block, bytes);
 }
 
-/* At least a byte, so that blocks of nothing have addresses too. */
+/* Rounds up to a multiple of 64, and to at least 64, so that an empty block has an address of its own too. */
 static int bytes_of(size_t count, size_t size, const char *what, uint64_t *bytes, struct kiln_error *error)
 {
     if (size != 0 && count > SIZE_MAX / 2 / size)
@@ -159,6 +162,7 @@ int kiln_node_block(struct kiln_node_memory *node, void *pointer, size_t count, 
     uint64_t bytes = 0;
     void *here = NULL;
     int status = bytes_of(count, size, what, &bytes, error);
+    kiln_assert_same(node->communicator, bytes, what);
     if (status == KILN_OK)
         status = make_block(node, bytes, &here, error);
     memcpy(pointer, &here, sizeof here);
@@ -171,14 +175,14 @@ int kiln_node_block(struct kiln_node_memory *node, void *pointer, size_t count, 
 
 struct kiln_node_parts {
     int ranks;
-    bool is_shared; /* or from kiln_allocate */
+    bool is_shared; /* false: the only part is from kiln_allocate */
     struct {
         void *at;
         uint64_t bytes;
-    } part[]; /* one a rank */
+    } part[]; /* one for each rank */
 };
 
-/* Collective. Each rank makes its own part, and opens the others'. */
+/* Collective over the node. Each rank allocates its own part and maps those of the others. */
 static int open_parts(const struct kiln_node_memory *n, struct kiln_node_parts *p, uint64_t bytes,
                       struct kiln_shared_key *keys, struct kiln_error *error)
 {
@@ -204,7 +208,7 @@ static void close_parts(struct kiln_node_parts *p)
         kiln_shared_release(&p->part[r].at, p->part[r].bytes);
 }
 
-/* Collective on the node. */
+/* Collective over the node. */
 static int share_parts(struct kiln_node_memory *n, struct kiln_node_parts *p, uint64_t bytes, const char *what,
                        struct kiln_error *error)
 {
@@ -221,7 +225,7 @@ static int share_parts(struct kiln_node_memory *n, struct kiln_node_parts *p, ui
     kiln_free(&keys);
     if (status == KILN_OK)
         return KILN_OK;
-    say_why_not(n, &why);
+    warn_not_shared(n, &why);
     return kiln_fail(error, status, "%s", why.message);
 }
 
@@ -262,8 +266,8 @@ void *kiln_node_part(const struct kiln_node_parts *parts, int rank) { return par
 
 /* ---- building ---- */
 
-/* The leader's word to those who wait for it with the same call. */
-static void tell(const struct kiln_node_memory *n, struct call *call)
+/* Leader: sends the message to the ranks that wait in attend(). */
+static void send_call(const struct kiln_node_memory *n, struct call *call)
 {
     MPI_Request request;
     if (n->ranks == 1)
@@ -272,7 +276,7 @@ static void tell(const struct kiln_node_memory *n, struct call *call)
     (void)MPI_Wait(&request, MPI_STATUS_IGNORE);
 }
 
-/* kiln_allocator.allocate, on the leader while the others attend. */
+/* kiln_allocator.allocate, called on the leader while the other ranks are in attend(). */
 static int allocate_here(void *context, void *pointer, size_t count, size_t size, const char *what,
                          struct kiln_error *error)
 {
@@ -281,14 +285,15 @@ static int allocate_here(void *context, void *pointer, size_t count, size_t size
     void *here = NULL;
     int status = bytes_of(count, size, what, &call.bytes, error);
     if (status == KILN_OK) {
-        tell(n, &call);
+        send_call(n, &call);
         status = make_block(n, call.bytes, &here, error);
     }
     memcpy(pointer, &here, sizeof here);
     return status;
 }
 
-static void release_later(void *context, void *pointer)
+/* kiln_allocator.release: the block is freed with the node memory. */
+static void forget_pointer(void *context, void *pointer)
 {
     (void)context;
     void *none = NULL;
@@ -297,10 +302,10 @@ static void release_later(void *context, void *pointer)
 
 struct kiln_allocator kiln_node_allocator(struct kiln_node_memory *node)
 {
-    return (struct kiln_allocator){.allocate = allocate_here, .release = release_later, .context = node};
+    return (struct kiln_allocator){.allocate = allocate_here, .release = forget_pointer, .context = node};
 }
 
-/* The leader may want all cores meanwhile: nobody spins. */
+/* Waits asleep, since the leader may use all cores meanwhile. */
 static void sleep_until(MPI_Request *request)
 {
     struct timespec pause = {0, 20000};
@@ -317,7 +322,7 @@ static void sleep_until(MPI_Request *request)
     kiln_waiting_end();
 }
 
-/* Takes part in what the leader does. */
+/* Takes part in the allocations of the leader until its build is over. */
 static void attend(struct kiln_node_memory *n)
 {
     struct call call;
@@ -339,7 +344,7 @@ int kiln_node_build(struct kiln_node_memory *node, kiln_node_builder build, void
         const struct kiln_allocator memory = kiln_node_allocator(node);
         status = build(context, &memory, error);
         struct call last = {.end = 1};
-        tell(node, &last);
+        send_call(node, &last);
     } else {
         attend(node);
     }
@@ -360,6 +365,7 @@ void *kiln_node_place(const void *node, const void *there)
 
 void kiln_node_broadcast(const struct kiln_node_memory *node, void *data, size_t size)
 {
+    kiln_assert_same(node->communicator, size, "the bytes that a node's leader passes on");
     if (node->ranks > 1)
         (void)MPI_Bcast(data, (int)size, MPI_BYTE, 0, node->communicator);
 }

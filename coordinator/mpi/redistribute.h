@@ -1,6 +1,7 @@
-/* An array over all elements of a global order, of which each rank has a range, goes over to other ranges.
+/* Redistribution of an array among ranks: each rank holds a contiguous range of the elements of a global order, and
+ * afterwards holds another range.
  *
- * Ranges are given by cuts, the same on all ranks: rank r has the elements cuts[r] .. cuts[r + 1] - 1. */
+ * Ranges are given by their bounds, the same on all ranks: rank r holds the elements bounds[r] .. bounds[r + 1] - 1. */
 #ifndef KILN_COORDINATOR_MPI_REDISTRIBUTE_H
 #define KILN_COORDINATOR_MPI_REDISTRIBUTE_H
 
@@ -8,9 +9,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Collective. What rank r has by the cuts `before` at `from`, it and others have by `after` at `to`, which does not
- * overlap it: elements of `size` bytes, at most `limit` of them in a message (0: what MPI can count), so that any
- * number will do. Ranks without elements in common send each other nothing. */
+/* Collective over `communicator`. Rank r has its range by the bounds `before` at `from` and receives its range by the
+ * bounds `after` at `to`, which must not overlap `from`. An element has `size` bytes. A message has at most `limit`
+ * elements (0: the largest count that MPI takes), so ranges may be longer than INT_MAX. Only ranks whose old and new
+ * ranges intersect exchange messages. */
 void kiln_redistribute(MPI_Comm communicator, const uint64_t *before, const uint64_t *after, size_t size,
                        uint64_t limit, const void *from, void *to);
 

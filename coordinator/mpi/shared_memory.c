@@ -8,9 +8,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum { SPARE_BYTES = 16 << 20 }; /* what is left for others */
+enum { SPARE_BYTES = 16 << 20 }; /* kept free for other processes */
 
-/* Whether the machine has so much to give: pages are taken at once, and who takes the last ones is killed for it. */
+/* Whether the machine has that much memory. All pages are allocated at once, and a process that exhausts memory is
+ * killed by the kernel. */
 static bool is_available(uint64_t bytes)
 {
     char line[128];
@@ -26,7 +27,7 @@ static bool is_available(uint64_t bytes)
 
 static int failed(uint64_t bytes, const char *what, struct kiln_error *error)
 {
-    return kiln_fail_errno(error, KILN_SYSTEM, "%llu bytes that the ranks of a host share cannot be %s",
+    return kiln_fail_errno(error, KILN_SYSTEM, "shared memory of %llu bytes for the ranks of this host cannot be %s",
                            (unsigned long long)bytes, what);
 }
 
@@ -39,8 +40,8 @@ static int map(void **memory, int descriptor, uint64_t bytes, struct kiln_error 
     return KILN_OK;
 }
 
-/* All pages, now; a signal may come meanwhile. */
-static int take_pages(int descriptor, uint64_t bytes)
+/* Allocates all pages now, and continues after signals. */
+static int allocate_pages(int descriptor, uint64_t bytes)
 {
     int problem;
     do
@@ -58,13 +59,13 @@ int kiln_shared_make(void **memory, struct kiln_shared_key *key, uint64_t bytes,
     *key = (struct kiln_shared_key){0};
     if (!is_available(bytes))
         return kiln_fail(error, KILN_SYSTEM,
-                         "%llu bytes that the ranks of a host share are more than the host has left",
+                         "shared memory of %llu bytes for the ranks of this host is more than the host has left",
                          (unsigned long long)bytes);
     const int descriptor = memfd_create("kiln", MFD_CLOEXEC);
     if (descriptor < 0)
-        return failed(bytes, "made", error);
-    if (take_pages(descriptor, bytes) != 0 || fstat(descriptor, &file) != 0)
-        status = failed(bytes, "had", error);
+        return failed(bytes, "created", error);
+    if (allocate_pages(descriptor, bytes) != 0 || fstat(descriptor, &file) != 0)
+        status = failed(bytes, "allocated", error);
     if (status == KILN_OK)
         status = map(memory, descriptor, bytes, error);
     if (status != KILN_OK) {
@@ -96,9 +97,10 @@ int kiln_shared_open(void **memory, const struct kiln_shared_key *key, struct ki
         status = failed(key->bytes, "opened", error);
     else if ((uint64_t)file.st_dev != key->device || (uint64_t)file.st_ino != key->inode ||
              (uint64_t)file.st_size != key->bytes)
-        status =
-            kiln_fail(error, KILN_SYSTEM,
-                      "%s is not the memory that the ranks of a host share: do they see each other's processes?", path);
+        status = kiln_fail(error, KILN_SYSTEM,
+                           "%s is not the shared memory of the ranks of this host; check that they see each other's "
+                           "processes in /proc",
+                           path);
     if (status == KILN_OK)
         status = map(memory, descriptor, key->bytes, error);
     (void)close(descriptor);

@@ -4,17 +4,17 @@
 #include <stdatomic.h>
 #include <stdbool.h>
 
-/* MPI's calls have no argument in which this could be kept: it is the process's. Written by the followed thread, read
- * by any. */
+/* The record. It is global because the intercepted MPI calls have no argument in which it could be passed. Written by
+ * the tracked thread, read by any thread. */
 static struct {
     _Atomic(const char *) call;
     _Atomic uint64_t steps, bytes;
 } present;
-static _Thread_local bool followed;
-static _Thread_local int depth;           /* of calls in calls */
-static _Thread_local uint64_t on_its_way; /* bytes of messages that were begun since all ranks last met */
+static _Thread_local bool tracked;
+static _Thread_local int depth;              /* of nested calls */
+static _Thread_local uint64_t pending_bytes; /* of messages that were begun since the last synchronizing call */
 
-void kiln_waiting_follow(void) { followed = true; }
+void kiln_waiting_follow(void) { tracked = true; }
 
 static void step(void)
 {
@@ -24,20 +24,20 @@ static void step(void)
 
 static void begin(const char *call, uint64_t bytes)
 {
-    if (!followed || depth++ > 0)
+    if (!tracked || depth++ > 0)
         return;
-    atomic_store_explicit(&present.bytes, bytes + on_its_way, memory_order_relaxed);
+    atomic_store_explicit(&present.bytes, bytes + pending_bytes, memory_order_relaxed);
     step();
     atomic_store_explicit(&present.call, call, memory_order_release);
 }
 
-/* `met`: it was a call that no rank leaves before all have come, and what was on its way has arrived. */
-static int end(int result, bool met)
+/* `synchronizes`: no rank leaves the call before all have entered it, so messages begun before have arrived. */
+static int end(int result, bool synchronizes)
 {
-    if (!followed || --depth > 0)
+    if (!tracked || --depth > 0)
         return result;
-    if (met)
-        on_its_way = 0;
+    if (synchronizes)
+        pending_bytes = 0;
     atomic_store_explicit(&present.call, NULL, memory_order_relaxed);
     step();
     return result;
@@ -45,14 +45,14 @@ static int end(int result, bool met)
 
 static int started(int result, uint64_t bytes)
 {
-    if (followed)
-        on_its_way += bytes;
+    if (tracked)
+        pending_bytes += bytes;
     return result;
 }
 
 static int tested(int result, const int *found)
 {
-    if (followed && *found != 0)
+    if (tracked && *found != 0)
         step();
     return result;
 }
@@ -67,7 +67,7 @@ void kiln_waiting_look(struct kiln_waiting *waiting)
     waiting->bytes = atomic_load_explicit(&present.bytes, memory_order_relaxed);
 }
 
-/* ---- MPI's calls ---- */
+/* ---- the intercepted MPI calls ---- */
 
 static uint64_t bytes_of(int64_t count, MPI_Datatype type)
 {
@@ -93,15 +93,15 @@ static uint64_t bytes_of_all(const int *counts, MPI_Datatype type, MPI_Comm comm
     return bytes_of(sum, type);
 }
 
-/* A call that waits for others: its parameters as they are declared, its arguments, the bytes that it moves, and
- * whether all meet in it. */
-#define WAITS(name, parameters, arguments, bytes, met)                                                                 \
+/* Defines a call that may block: its declared parameters, its arguments, the bytes that it transfers, and whether it
+ * synchronizes all ranks. */
+#define WAITS(name, parameters, arguments, bytes, synchronizes)                                                        \
     int MPI_##name parameters                                                                                          \
     {                                                                                                                  \
         begin("MPI_" #name, bytes);                                                                                    \
-        return end(PMPI_##name arguments, met);                                                                        \
+        return end(PMPI_##name arguments, synchronizes);                                                               \
     }
-/* One that begins a message, and one that asks whether it is there. */
+/* Define a call that begins a non-blocking operation, and one that tests for its completion. */
 #define STARTS(name, parameters, arguments, bytes)                                                                     \
     int MPI_##name parameters { return started(PMPI_##name arguments, bytes); }
 #define TESTS(name, parameters, arguments, found)                                                                      \

@@ -1,30 +1,30 @@
-/* Where this process waits for others.
+/* Wait tracker: records in which MPI call the main thread of this process waits for other ranks.
  *
- * Every call of MPI that may wait is seen through MPI's profiling interface (MPI 3.1, chapter 14): the definitions of
- * MPI_Allreduce and its like in waiting.c take the place of the library's, for kiln and for what it is linked with
- * (HDF5), and call PMPI_Allreduce. Loops that wait with MPI_Test say so themselves. Only calls of the thread that
- * called kiln_waiting_follow count, so that the watchdog's own messages do not. What this costs is two stores to memory
- * a call.
+ * Every MPI call that may block is intercepted through MPI's profiling interface (MPI 3.1, chapter 14): waiting.c
+ * defines MPI_Allreduce and the others, which kiln and the libraries that it is linked with (HDF5) then call, and each
+ * of them calls PMPI_Allreduce and so on. Loops that wait with MPI_Test call kiln_waiting_begin and kiln_waiting_end
+ * themselves. Only calls of the thread that called kiln_waiting_follow are recorded, so the watchdog's own messages are
+ * not. The cost is two stores to memory for each call.
  *
- * Calls that read and write files are not among them: a process in one is at work. */
+ * MPI calls that read and write files are not intercepted: a process in one of them counts as active. */
 #ifndef KILN_COORDINATOR_MPI_WAITING_H
 #define KILN_COORDINATOR_MPI_WAITING_H
 
 #include <stdint.h>
 
 struct kiln_waiting {
-    const char *call; /* static: "MPI_Allreduce"; NULL: it does not wait */
-    uint64_t steps;   /* moves on with every call that begins or ends, and with every MPI_Test that finds something */
-    uint64_t bytes;   /* that the call moves, and those before it that may not have arrived yet; of this rank */
+    const char *call; /* such as "MPI_Allreduce", a static string; NULL: the thread does not wait */
+    uint64_t steps;   /* counts calls that began or ended, and MPI_Tests that found something */
+    uint64_t bytes;   /* that this rank sends or receives in the call, and in earlier ones that may be under way */
 };
 
-/* From now on this thread's calls are seen: once, by the main thread. */
+/* From now on the calls of this thread are recorded. Call it once, in the main thread. */
 void kiln_waiting_follow(void);
-/* A loop begins that does nothing but wait (what it waits for, static), and ends. */
+/* Marks the begin and end of a loop that only waits. `call`, a static string, names what it waits for. */
 void kiln_waiting_begin(const char *call);
 void kiln_waiting_end(void);
 
-/* For any thread. */
+/* Copies the present record. May be called by any thread. */
 void kiln_waiting_look(struct kiln_waiting *waiting);
 
 #endif

@@ -14,55 +14,57 @@
 #include "coordinator/mpi/activity.h"
 #include "coordinator/mpi/waiting.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/assert_same.h"
 #include "worker/base/memory.h"
 
-enum { TAG_SIGN = 7, HOST = 64, PHASE = 48, CALL = 40, ABORT_SECONDS = 10 };
+enum { TAG_HEARTBEAT = 7, HOST = 64, PHASE = 48, CALL = 40, ABORT_SECONDS = 10 };
 
-#define NETWORK_BYTES 10e6         /* a second, at the slowest network that is not taken for a dead one */
-#define PATIENCE_SHARE (1.0 / 3.0) /* of the limit, while all ranks wait for each other */
-#define PATIENCE_LEAST 5.0         /* s */
-#define DISK_LIMITS 10.0           /* limits that a disk may take for one read or write */
+#define NETWORK_BYTES 10e6          /* bytes a second: a slower network counts as dead */
+#define DEADLOCK_LIMITS (1.0 / 3.0) /* all ranks may wait for each other for so many limits, */
+#define DEADLOCK_LEAST 5.0          /* but at least for so many seconds */
+#define DISK_LIMITS 10.0            /* one read or write may take so many limits */
 
-/* What a rank says of itself. */
-struct sign {
+/* What a rank reports about itself. Durations are in seconds. */
+struct heartbeat {
     char phase[PHASE];
-    double share;    /* of a pass */
-    double batch;    /* s, its last one */
-    double away;     /* s since it came back from that; 0: it is in no pass */
-    char call[CALL]; /* it waits for others in, when it does */
-    double waits;    /* s without a step forward there; 0: it does not wait */
-    double grace;    /* s more that the present call may take */
-    double idle;     /* s in which it has done nothing at all, nor waited for others */
-    double disk;     /* s in one read or write */
-    int32_t last;    /* no other will come */
+    double progress; /* fraction of the pass that is done; -1: in no pass */
+    double batch;    /* duration of its last batch */
+    double running;  /* time since the end of that batch; 0: in no pass */
+    char call[CALL]; /* MPI call in which the rank waits; valid if waits > 0 */
+    double waits;    /* time in that call without progress; 0: it does not wait */
+    double grace;    /* additional time that the present call may take */
+    double idle;     /* time without activity and without waiting for other ranks */
+    double disk;     /* time in one read or write */
+    int32_t last;    /* not 0: the rank sends no further heartbeat */
 };
 
-struct witness {
-    double seen; /* on this rank's clock */
-    struct sign sign;
+/* The last heartbeat of a rank. */
+struct peer {
+    double received; /* time on this rank's clock, s */
+    struct heartbeat heartbeat;
 };
 
 struct kiln_watchdog {
-    MPI_Comm communicator; /* the thread's own, but for kiln_watchdog_destroy after its end */
+    MPI_Comm communicator; /* used by the thread only, and by kiln_watchdog_destroy after the thread's end */
     int rank, ranks;
     double limit, period;
     char (*hosts)[HOST];
-    struct witness *witnesses;
+    struct peer *peers; /* one for each rank */
     MPI_Request sending;
-    struct sign sent;
-    double last_look;
-    struct kiln_activity activity; /* the thread's */
-    uint64_t steps;                /* kiln_waiting.steps, since `still` */
-    double still;
-    const char *halt; /* where this rank is to stand still, for tests; NULL: nowhere */
+    struct heartbeat sent;         /* buffer of `sending` */
+    double last_received;          /* when the thread last received heartbeats */
+    struct kiln_activity activity; /* used by the thread */
+    uint64_t steps;                /* kiln_waiting.steps, unchanged since `steps_since` */
+    double steps_since;
+    const char *halt; /* for tests: the phase in which this rank stops itself; NULL: none */
     pthread_t thread;
     bool thread_runs;
     /* shared with the thread */
     pthread_mutex_t mutex;
     pthread_cond_t wake;
     bool leave;
-    struct sign own;
-    double back; /* when this rank came back from its last batch; 0: it is in no pass */
+    struct heartbeat own;
+    double batch_end; /* when this rank finished its last batch; 0: it is in no pass */
     const char *blocking;
     double blocking_until, blocking_grace;
 };
@@ -76,7 +78,7 @@ static double now(void)
 
 /* ---- the thread ---- */
 
-/* Does not return. MPI may hang with the ranks that are lost: then the process goes without it, and mpirun ends the
+/* Does not return. MPI_Abort may hang because of the lost ranks; then the alarm ends this process, and mpirun ends the
  * others. */
 static void end_job(const struct kiln_watchdog *w)
 {
@@ -87,200 +89,205 @@ static void end_job(const struct kiln_watchdog *w)
     _exit(KILN_RANK_LOST);
 }
 
-/* Whom this rank tells: all tell rank 0, which tells the last. */
-static int listener(const struct kiln_watchdog *w) { return w->rank == 0 ? w->ranks - 1 : 0; }
-/* Whom it hears: [*first, *end). */
-static void heard(const struct kiln_watchdog *w, int *first, int *end)
+/* The rank that receives the heartbeats of this one: rank 0; for rank 0 the last rank. */
+static int receiver(const struct kiln_watchdog *w) { return w->rank == 0 ? w->ranks - 1 : 0; }
+/* The ranks whose heartbeats this one receives: [*first, *end). */
+static void senders(const struct kiln_watchdog *w, int *first, int *end)
 {
     *first = w->rank == 0 ? 1 : 0;
     *end = w->rank == 0 ? w->ranks : w->rank == w->ranks - 1 ? 1 : 0;
 }
 
-static void tell(struct kiln_watchdog *w, const struct sign *sign)
+static void send_heartbeat(struct kiln_watchdog *w, const struct heartbeat *heartbeat)
 {
     int sent = 1;
     if (w->sending != MPI_REQUEST_NULL)
         (void)MPI_Test(&w->sending, &sent, MPI_STATUS_IGNORE);
     if (sent == 0)
-        return; /* the one before has not left */
-    w->sent = *sign;
-    (void)MPI_Isend(&w->sent, sizeof w->sent, MPI_BYTE, listener(w), TAG_SIGN, w->communicator, &w->sending);
+        return; /* the previous one has not been sent yet */
+    w->sent = *heartbeat;
+    (void)MPI_Isend(&w->sent, sizeof w->sent, MPI_BYTE, receiver(w), TAG_HEARTBEAT, w->communicator, &w->sending);
 }
 
 static void receive(struct kiln_watchdog *w, int rank)
 {
-    (void)MPI_Recv(&w->witnesses[rank].sign, sizeof(struct sign), MPI_BYTE, rank, TAG_SIGN, w->communicator,
+    (void)MPI_Recv(&w->peers[rank].heartbeat, sizeof(struct heartbeat), MPI_BYTE, rank, TAG_HEARTBEAT, w->communicator,
                    MPI_STATUS_IGNORE);
-    w->witnesses[rank].seen = now();
+    w->peers[rank].received = now();
 }
 
-static void listen(struct kiln_watchdog *w)
+static void receive_heartbeats(struct kiln_watchdog *w)
 {
     int first, end;
-    heard(w, &first, &end);
+    senders(w, &first, &end);
     for (int rank = first; rank < end; rank++)
         for (int there = 1; there != 0;) {
-            (void)MPI_Iprobe(rank, TAG_SIGN, w->communicator, &there, MPI_STATUS_IGNORE);
+            (void)MPI_Iprobe(rank, TAG_HEARTBEAT, w->communicator, &there, MPI_STATUS_IGNORE);
             if (there != 0)
                 receive(w, rank);
         }
-    if (now() - w->last_look > 0.25 * w->limit + w->period) /* it was this rank that was away: let them speak first */
+    if (now() - w->last_received > 0.25 * w->limit + w->period) /* this process itself was stopped: give others time */
         for (int rank = first; rank < end; rank++)
-            w->witnesses[rank].seen = fmax(w->witnesses[rank].seen, now() - 0.5 * w->limit);
-    w->last_look = now();
+            w->peers[rank].received = fmax(w->peers[rank].received, now() - 0.5 * w->limit);
+    w->last_received = now();
 }
 
 /* ---- ranks that wait for each other ---- */
 
-static bool is_alike(const struct sign *a, const struct sign *b)
+/* Whether both ranks wait in the same call of the same phase. */
+static bool is_same_place(const struct heartbeat *a, const struct heartbeat *b)
 {
     return strcmp(a->call, b->call) == 0 && strcmp(a->phase, b->phase) == 0;
 }
 
-static int count_alike(const struct kiln_watchdog *w, int rank)
+static int count_same_place(const struct kiln_watchdog *w, int rank)
 {
     int count = 0;
     for (int r = 0; r < w->ranks; r++)
-        count += is_alike(&w->witnesses[r].sign, &w->witnesses[rank].sign);
+        count += is_same_place(&w->peers[r].heartbeat, &w->peers[rank].heartbeat);
     return count;
 }
 
-/* The first of `most` ranks or fewer that stand where no rank before it does; -1: none. */
+/* The first rank from `after` on that is the lowest one in its place, where the number of ranks in that place is from
+ * `fewest` to `most`; -1: none. */
 static int next_place(const struct kiln_watchdog *w, int after, int fewest, int most)
 {
     for (int r = after; r < w->ranks; r++) {
         int same = 0;
-        while (!is_alike(&w->witnesses[same].sign, &w->witnesses[r].sign))
+        while (!is_same_place(&w->peers[same].heartbeat, &w->peers[r].heartbeat))
             same++;
-        const int count = same == r ? count_alike(w, r) : 0;
+        const int count = same == r ? count_same_place(w, r) : 0;
         if (count >= fewest && count <= most)
             return r;
     }
     return -1;
 }
 
-static void say_place_of(const struct kiln_watchdog *w, int rank, const char *before)
+static void print_place(const struct kiln_watchdog *w, int rank, const char *before)
 {
-    const struct sign *sign = &w->witnesses[rank].sign;
-    const int others = count_alike(w, rank) - 1;
+    const struct heartbeat *heartbeat = &w->peers[rank].heartbeat;
+    const int others = count_same_place(w, rank) - 1;
     (void)fprintf(stderr, "%srank %d on %s", before, rank, w->hosts[rank]);
     if (others > 0)
         (void)fprintf(stderr, " and %d other%s", others, others == 1 ? "" : "s");
-    (void)fprintf(stderr, " in %s ('%s')", sign->call, sign->phase);
+    (void)fprintf(stderr, " in %s ('%s')", heartbeat->call, heartbeat->phase);
 }
 
-/* Few ranks in a place are named before many: it is they who went astray. */
-static void say_who_waits_where(const struct kiln_watchdog *w, double seconds)
+/* Prints the places in the order of how many ranks wait there, fewest first, since those have probably gone wrong. */
+static void print_deadlock(const struct kiln_watchdog *w, double seconds)
 {
     enum { PLACES = 6 };
-    int said = 0;
-    (void)fprintf(stderr, "kiln: error: all ranks wait for each other, and none has come on for %.0f s:", seconds);
-    for (int size = 1; size <= w->ranks && said < PLACES; size++)
-        for (int r = next_place(w, 0, size, size); r >= 0 && said < PLACES; r = next_place(w, r + 1, size, size))
-            say_place_of(w, r, said++ == 0 ? " " : "; ");
-    (void)fprintf(stderr, ". The job ends; run the same command again, and should this come again, report it\n");
+    int printed = 0;
+    (void)fprintf(stderr,
+                  "kiln: error: all ranks wait for each other, and none has made progress for %.0f s:", seconds);
+    for (int size = 1; size <= w->ranks && printed < PLACES; size++)
+        for (int r = next_place(w, 0, size, size); r >= 0 && printed < PLACES; r = next_place(w, r + 1, size, size))
+            print_place(w, r, printed++ == 0 ? " " : "; ");
+    (void)fprintf(stderr, ". The job ends; run the same command again, and report it if it happens again\n");
 }
 
-/* Rank 0. A rank whose last sign is old may have come on since: its silence is judged, and not this. */
-static void judge_all(struct kiln_watchdog *w)
+/* Rank 0: ends the job in a deadlock. A rank whose last heartbeat is old may have made progress since, so check_rank
+ * decides about it, by the age of that heartbeat. */
+static void check_deadlock(struct kiln_watchdog *w)
 {
     double least = INFINITY, grace = 0.0;
     for (int r = 0; r < w->ranks; r++) {
-        const struct sign *sign = &w->witnesses[r].sign;
-        if (sign->last != 0 || !(sign->waits > 0.0) || now() - w->witnesses[r].seen > 3.0 * w->period + 1.0)
+        const struct heartbeat *heartbeat = &w->peers[r].heartbeat;
+        if (heartbeat->last != 0 || !(heartbeat->waits > 0.0) || now() - w->peers[r].received > 3.0 * w->period + 1.0)
             return;
-        least = fmin(least, sign->waits);
-        grace = fmax(grace, sign->grace);
+        least = fmin(least, heartbeat->waits);
+        grace = fmax(grace, heartbeat->grace);
     }
-    if (least <= fmax(PATIENCE_LEAST, PATIENCE_SHARE * w->limit) + grace)
+    if (least <= fmax(DEADLOCK_LEAST, DEADLOCK_LIMITS * w->limit) + grace)
         return;
-    say_who_waits_where(w, least);
+    print_deadlock(w, least);
     end_job(w);
 }
 
 /* ---- single ranks ---- */
 
-static void judge(const struct kiln_watchdog *w, int rank)
+/* Ends the job if the last heartbeat of `rank` is too old, or shows that the rank makes no progress. */
+static void check_rank(const struct kiln_watchdog *w, int rank)
 {
-    const struct sign *sign = &w->witnesses[rank].sign;
-    const double silent = now() - w->witnesses[rank].seen;
-    if (sign->last != 0)
+    const struct heartbeat *heartbeat = &w->peers[rank].heartbeat;
+    const double silent = now() - w->peers[rank].received;
+    if (heartbeat->last != 0)
         return;
     if (silent > w->limit)
         (void)fprintf(stderr,
                       "kiln: error: rank %d on %s has given no sign of life for %.1f s, and the others wait for it; "
                       "its last one was in "
                       "'%s'",
-                      rank, w->hosts[rank], silent, sign->phase);
-    else if (sign->away > fmax(w->limit, 4.0 * sign->batch))
+                      rank, w->hosts[rank], silent, heartbeat->phase);
+    else if (heartbeat->running > fmax(w->limit, 4.0 * heartbeat->batch))
         (void)fprintf(stderr,
-                      "kiln: error: rank %d on %s has not come back from its work for %.1f s, and the others wait for "
-                      "it; it is in '%s'",
-                      rank, w->hosts[rank], sign->away, sign->phase);
-    else if (sign->idle > w->limit)
+                      "kiln: error: rank %d on %s has not finished its batch of work for %.1f s, and the others wait "
+                      "for it; it is in '%s'",
+                      rank, w->hosts[rank], heartbeat->running, heartbeat->phase);
+    else if (heartbeat->idle > w->limit)
         (void)fprintf(stderr,
                       "kiln: error: rank %d on %s has neither computed nor read nor written nor waited for other ranks "
                       "for %.1f s; it is in '%s'",
-                      rank, w->hosts[rank], sign->idle, sign->phase);
-    else if (sign->disk > DISK_LIMITS * w->limit)
+                      rank, w->hosts[rank], heartbeat->idle, heartbeat->phase);
+    else if (heartbeat->disk > DISK_LIMITS * w->limit)
         (void)fprintf(stderr, "kiln: error: rank %d on %s has waited for a disk for %.1f s; it is in '%s'", rank,
-                      w->hosts[rank], sign->disk, sign->phase);
+                      w->hosts[rank], heartbeat->disk, heartbeat->phase);
     else
         return;
-    if (sign->share >= 0.0)
-        (void)fprintf(stderr, " at %.0f %%", 100.0 * sign->share);
+    if (heartbeat->progress >= 0.0)
+        (void)fprintf(stderr, " at %.0f %%", 100.0 * heartbeat->progress);
     (void)fprintf(stderr, ". The job ends; run the same command again\n");
     end_job(w);
 }
 
-static void watch_others(struct kiln_watchdog *w)
+static void check_others(struct kiln_watchdog *w)
 {
     int first, end;
-    heard(w, &first, &end);
+    senders(w, &first, &end);
     if (end == first)
         return;
-    listen(w);
+    receive_heartbeats(w);
     for (int rank = first; rank < end; rank++)
-        judge(w, rank);
+        check_rank(w, rank);
     if (w->rank == 0)
-        judge_all(w);
+        check_deadlock(w);
 }
 
-/* It cannot know who is missing, but the job does not hang. */
-static void give_up(const struct kiln_watchdog *w, const char *what)
+/* The call has exceeded its deadline. This rank cannot know which one it waits for. */
+static void end_overdue(const struct kiln_watchdog *w, const char *what)
 {
     (void)fprintf(stderr,
                   "kiln: error: rank %d on %s has waited in '%s' for other ranks beyond the watchdog's limit of %g s: "
                   "one of them, or "
-                  "the way to it, is lost; run the same command again\n",
+                  "the network to it, is lost; run the same command again\n",
                   w->rank, w->hosts[w->rank], what, w->limit);
     end_job(w);
 }
 
-static void say_place(struct sign *sign, const char *phase)
+static void set_phase(struct heartbeat *heartbeat, const char *phase)
 {
-    (void)snprintf(sign->phase, sizeof sign->phase, "%s", phase);
-    sign->share = -1.0;
+    (void)snprintf(heartbeat->phase, sizeof heartbeat->phase, "%s", phase);
+    heartbeat->progress = -1.0;
 }
 
-/* What the process does, or waits for. */
-static void look_at_oneself(struct kiln_watchdog *w, struct sign *sign, double time)
+/* Adds what the process waits for, and how long it has been idle. */
+static void add_activity(struct kiln_watchdog *w, struct heartbeat *heartbeat, double time)
 {
     struct kiln_waiting waiting;
     kiln_waiting_look(&waiting);
-    kiln_activity_ask(&w->activity, time);
+    kiln_activity_sample(&w->activity, time);
     if (waiting.call == NULL || waiting.steps != w->steps)
-        w->still = time;
+        w->steps_since = time;
     w->steps = waiting.steps;
-    sign->disk = kiln_activity_disk(&w->activity);
-    if (waiting.call != NULL && !(sign->disk > 0.0)) {
-        (void)snprintf(sign->call, sizeof sign->call, "%s", waiting.call);
-        sign->waits = time - w->still;
-        sign->grace += (double)waiting.bytes / NETWORK_BYTES;
+    heartbeat->disk = kiln_activity_disk(&w->activity);
+    if (waiting.call != NULL && !(heartbeat->disk > 0.0)) {
+        (void)snprintf(heartbeat->call, sizeof heartbeat->call, "%s", waiting.call);
+        heartbeat->waits = time - w->steps_since;
+        heartbeat->grace += (double)waiting.bytes / NETWORK_BYTES;
     }
-    /* within a pass it is `away` that counts: a device may be at work */
-    if (waiting.call == NULL && !(sign->away > 0.0))
-        sign->idle = kiln_activity_idle(&w->activity);
+    /* within a pass `running` counts instead, since a GPU may be computing */
+    if (waiting.call == NULL && !(heartbeat->running > 0.0))
+        heartbeat->idle = kiln_activity_idle(&w->activity);
 }
 
 static void *run(void *data)
@@ -289,20 +296,20 @@ static void *run(void *data)
     (void)pthread_mutex_lock(&w->mutex);
     while (!w->leave) {
         const double time = now();
-        struct sign sign = w->own;
-        sign.away = w->back > 0.0 ? time - w->back : 0.0;
+        struct heartbeat heartbeat = w->own;
+        heartbeat.running = w->batch_end > 0.0 ? time - w->batch_end : 0.0;
         if (w->blocking != NULL) {
-            say_place(&sign, w->blocking);
-            sign.grace = w->blocking_grace;
+            set_phase(&heartbeat, w->blocking);
+            heartbeat.grace = w->blocking_grace;
         }
         const char *overdue = w->blocking != NULL && time > w->blocking_until ? w->blocking : NULL;
         (void)pthread_mutex_unlock(&w->mutex);
         if (overdue != NULL)
-            give_up(w, overdue);
-        look_at_oneself(w, &sign, time);
-        tell(w, &sign);
-        w->witnesses[w->rank] = (struct witness){.seen = time, .sign = sign};
-        watch_others(w);
+            end_overdue(w, overdue);
+        add_activity(w, &heartbeat, time);
+        send_heartbeat(w, &heartbeat);
+        w->peers[w->rank] = (struct peer){.received = time, .heartbeat = heartbeat};
+        check_others(w);
         struct timespec until;
         (void)clock_gettime(CLOCK_REALTIME, &until);
         const double end = (double)until.tv_nsec * 1e-9 + w->period;
@@ -316,7 +323,7 @@ static void *run(void *data)
     return NULL;
 }
 
-/* Signals are for the main thread. */
+/* The thread blocks all signals, so that the main thread gets them. */
 static int start_thread(struct kiln_watchdog *w, struct kiln_error *error)
 {
     sigset_t all, before;
@@ -342,41 +349,33 @@ static void stop_thread(struct kiln_watchdog *w)
 
 /* ---- life ---- */
 
-static int learn_hosts(struct kiln_watchdog *w, struct kiln_error *error)
+/* Collective. */
+static int gather_hosts(struct kiln_watchdog *w, struct kiln_error *error)
 {
     char own[HOST] = "";
     (void)gethostname(own, sizeof own - 1);
     int status = kiln_allocate(&w->hosts, (size_t)w->ranks, HOST, "the ranks' hosts", error);
     if (status == KILN_OK)
-        status =
-            kiln_allocate(&w->witnesses, (size_t)w->ranks, sizeof *w->witnesses, "the ranks' signs of life", error);
+        status = kiln_allocate(&w->peers, (size_t)w->ranks, sizeof *w->peers, "the ranks' heartbeats", error);
     status = kiln_agree(w->communicator, status, error);
     if (status == KILN_OK)
         (void)MPI_Allgather(own, HOST, MPI_BYTE, w->hosts, HOST, MPI_BYTE, w->communicator);
     return status;
 }
 
+/* For tests: stops this process in the phase that KILN_HALT_RANK names. */
 static void halt_at(const struct kiln_watchdog *w, const char *place)
 {
     if (w->halt != NULL && strcmp(w->halt, place) == 0)
         (void)raise(SIGSTOP);
 }
 
-/* KILN_HALT_RANK=RANK:PLACE */
-static const char *own_halt(int rank)
-{
-    const char *text = getenv("KILN_HALT_RANK");
-    char *rest = NULL;
-    return text != NULL && strtol(text, &rest, 10) == rank && *rest == ':' ? rest + 1 : NULL;
-}
-
 static void begin_watch(struct kiln_watchdog *w)
 {
-    w->halt = own_halt(w->rank);
-    w->own = (struct sign){.phase = "start", .share = -1.0};
-    w->last_look = now();
+    w->own = (struct heartbeat){.phase = "start", .progress = -1.0};
+    w->last_received = now();
     for (int rank = 0; rank < w->ranks; rank++)
-        w->witnesses[rank] = (struct witness){.seen = w->last_look, .sign = w->own};
+        w->peers[rank] = (struct peer){.received = w->last_received, .heartbeat = w->own};
 }
 
 static void free_all(struct kiln_watchdog **watchdog)
@@ -386,11 +385,11 @@ static void free_all(struct kiln_watchdog **watchdog)
     (void)pthread_cond_destroy(&w->wake);
     (void)pthread_mutex_destroy(&w->mutex);
     kiln_free(&w->hosts);
-    kiln_free(&w->witnesses);
+    kiln_free(&w->peers);
     kiln_free(watchdog);
 }
 
-/* All ranks have the same library and the same limit. */
+/* The same on all ranks, since all have the same MPI library and limit. */
 static bool is_possible(MPI_Comm communicator, double limit)
 {
     int rank, ranks, level;
@@ -400,15 +399,18 @@ static bool is_possible(MPI_Comm communicator, double limit)
     if (limit <= 0.0 || ranks == 1)
         return false;
     if (level < MPI_THREAD_MULTIPLE && rank == 0)
-        (void)fprintf(stderr, "kiln: warning: this MPI library does not let several threads call it "
-                              "(MPI_THREAD_MULTIPLE): there is no watchdog\n");
+        (void)fprintf(stderr,
+                      "kiln: warning: there is no watchdog, since this MPI library does not let several threads "
+                      "call it (MPI_THREAD_MULTIPLE)\n");
     return level >= MPI_THREAD_MULTIPLE;
 }
 
-int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator, double limit, struct kiln_error *error)
+int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator, double limit, const char *halt,
+                         struct kiln_error *error)
 {
     struct kiln_watchdog *w = NULL;
     *watchdog = NULL;
+    kiln_assert_same_bytes(communicator, &limit, sizeof limit, "the watchdog's limit");
     if (!is_possible(communicator, limit)) {
         (void)alarm(0);
         return KILN_OK;
@@ -419,6 +421,7 @@ int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator,
         return status;
     }
     w->limit = limit;
+    w->halt = halt;
     w->period = fmin(1.0, limit / 8.0);
     w->sending = MPI_REQUEST_NULL;
     (void)MPI_Comm_dup(communicator, &w->communicator);
@@ -426,7 +429,7 @@ int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator,
     (void)MPI_Comm_size(w->communicator, &w->ranks);
     (void)pthread_mutex_init(&w->mutex, NULL);
     (void)pthread_cond_init(&w->wake, NULL);
-    status = learn_hosts(w, error);
+    status = gather_hosts(w, error);
     if (status == KILN_OK) {
         begin_watch(w);
         status = start_thread(w, error);
@@ -442,9 +445,9 @@ int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator,
     return status;
 }
 
-/* ---- before and after: without MPI, by the alarm clock ---- */
+/* ---- deadlines before and after the watchdog: alarm(2), without MPI ---- */
 
-static char start_text[300]; /* for the handler, which gets nothing else */
+static char start_text[300]; /* global, since a signal handler has no other argument */
 
 static void end_start(int number)
 {
@@ -461,8 +464,8 @@ void kiln_watchdog_start(int rank, double seconds)
     (void)gethostname(host, sizeof host - 1);
     (void)snprintf(start_text, sizeof start_text,
                    "kiln: error: rank %d on %s has waited for the other ranks for %.0f s, and they have not all "
-                   "started: one of them "
-                   "is lost, or does something else; give all ranks the same command, and run it again\n",
+                   "started: one of them is lost or runs something else; give all ranks the same command and run it "
+                   "again\n",
                    rank, host, ceil(seconds));
     (void)signal(SIGALRM, end_start);
     (void)alarm((unsigned)fmin(ceil(seconds), 1e6));
@@ -471,14 +474,13 @@ void kiln_watchdog_start(int rank, double seconds)
 static void end_now(int number)
 {
     static const char text[] = "kiln: error: the job does not come to its end within the watchdog's limit: a rank, or "
-                               "the way to it, is lost; what "
-                               "the bake's manifest names is complete\n";
+                               "the network to it, is lost; the files that the bake's manifest names are complete\n";
     (void)number;
     (void)!write(STDERR_FILENO, text, sizeof text - 1);
     _exit(KILN_RANK_LOST);
 }
 
-/* Each rank's last sign is waited for, so that none is on its way when the communicator goes. */
+/* Receives the last heartbeat of each sender, so that no message is under way when the communicator is freed. */
 void kiln_watchdog_destroy(struct kiln_watchdog **watchdog)
 {
     struct kiln_watchdog *w = *watchdog;
@@ -489,11 +491,11 @@ void kiln_watchdog_destroy(struct kiln_watchdog **watchdog)
     (void)MPI_Barrier(w->communicator);
     stop_thread(w);
     (void)MPI_Wait(&w->sending, MPI_STATUS_IGNORE);
-    w->sent = (struct sign){.last = 1};
-    (void)MPI_Isend(&w->sent, sizeof w->sent, MPI_BYTE, listener(w), TAG_SIGN, w->communicator, &w->sending);
-    heard(w, &first, &end);
+    w->sent = (struct heartbeat){.last = 1};
+    (void)MPI_Isend(&w->sent, sizeof w->sent, MPI_BYTE, receiver(w), TAG_HEARTBEAT, w->communicator, &w->sending);
+    senders(w, &first, &end);
     for (int rank = first; rank < end; rank++)
-        while (w->witnesses[rank].sign.last == 0)
+        while (w->peers[rank].heartbeat.last == 0)
             receive(w, rank);
     (void)MPI_Wait(&w->sending, MPI_STATUS_IGNORE);
     (void)signal(SIGALRM, end_now);
@@ -503,27 +505,27 @@ void kiln_watchdog_destroy(struct kiln_watchdog **watchdog)
     free_all(&w);
 }
 
-/* ---- what the main thread says ---- */
+/* ---- called by the main thread ---- */
 
 void kiln_watchdog_phase(struct kiln_watchdog *w, const char *phase)
 {
     if (w == NULL)
         return;
     (void)pthread_mutex_lock(&w->mutex);
-    say_place(&w->own, phase);
-    w->back = 0.0;
+    set_phase(&w->own, phase);
+    w->batch_end = 0.0;
     (void)pthread_mutex_unlock(&w->mutex);
     halt_at(w, phase);
 }
 
-void kiln_watchdog_batch(struct kiln_watchdog *w, double share, double seconds)
+void kiln_watchdog_batch(struct kiln_watchdog *w, double progress, double seconds)
 {
     if (w == NULL)
         return;
     (void)pthread_mutex_lock(&w->mutex);
-    w->own.share = share;
+    w->own.progress = progress;
     w->own.batch = seconds;
-    w->back = now();
+    w->batch_end = now();
     (void)pthread_mutex_unlock(&w->mutex);
 }
 
@@ -532,7 +534,7 @@ void kiln_watchdog_rest(struct kiln_watchdog *w)
     if (w == NULL)
         return;
     (void)pthread_mutex_lock(&w->mutex);
-    w->back = 0.0;
+    w->batch_end = 0.0;
     (void)pthread_mutex_unlock(&w->mutex);
 }
 

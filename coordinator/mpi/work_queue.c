@@ -2,7 +2,7 @@
 
 #include <assert.h>
 
-_Static_assert(ATOMIC_LLONG_LOCK_FREE == 2, "a lock would be one process's own");
+_Static_assert(ATOMIC_LLONG_LOCK_FREE == 2, "an atomic that needs a lock does not work between processes");
 
 static uint64_t word_of(struct kiln_range range)
 {
@@ -39,7 +39,7 @@ bool kiln_work_queue_take(struct kiln_work_queue *queue, struct kiln_range seen,
 bool kiln_work_queue_steal(struct kiln_work_queue *queue, struct kiln_range seen, size_t count, uint64_t points)
 {
     uint64_t before = word_of(seen);
-    queue->away += points; /* first: who sees the range shorter sees this too */
+    queue->away += points; /* before the range shrinks: whoever sees the shorter range also sees these points */
     if (atomic_compare_exchange_strong(&queue->left, &before,
                                        word_of((struct kiln_range){seen.first, seen.count - count})))
         return true;
@@ -49,7 +49,7 @@ bool kiln_work_queue_steal(struct kiln_work_queue *queue, struct kiln_range seen
 
 void kiln_work_queue_return(struct kiln_work_queue *queue, uint64_t points)
 {
-    queue->returned += points; /* first: when nothing is away all is returned */
+    queue->returned += points; /* before `away` falls: when nothing is away, all points have been counted as returned */
     queue->away -= points;
 }
 

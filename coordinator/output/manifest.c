@@ -13,7 +13,7 @@
 
 #include "coordinator/mpi/agree.h"
 #include "coordinator/files/publish.h"
-#include "coordinator/output/read/json_text.h"
+#include "coordinator/files/json_text.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 

@@ -111,7 +111,7 @@ uint32_t kiln_tile_run_details(const struct kiln_bake_result *result, size_t til
         const uint32_t *pieces = s->pieces + at.piece;
         const uint32_t piece_count = kiln_piece_count(s, at.point);
         details[i] = (struct kiln_point_detail){.x = at.x, .y = at.y, .triangle = pieces[0]};
-        describe(result, &at, pieces, s->area_cdf + at.share, piece_count, &details[i]);
+        describe(result, &at, pieces, s->area_cdf + at.cdf, piece_count, &details[i]);
         if (kiln_point_whole(s, at.point))
             details[i].coverage = 1.0f;
     }

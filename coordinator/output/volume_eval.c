@@ -6,8 +6,8 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/output/read/h5_file.h"
-#include "coordinator/output/read/results.h"
+#include "coordinator/output/h5_file.h"
+#include "coordinator/files/plain_file.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/harmonics.h"
 

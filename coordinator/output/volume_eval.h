@@ -18,7 +18,7 @@ struct kiln_volume_probe {
 
 struct kiln_volume;
 
-/* KILN_NO_INPUT, KILN_BAD_INPUT when it is no kiln volume (read/h5_file.h). A volume that somebody else may have
+/* KILN_NO_INPUT, KILN_BAD_INPUT when it is no kiln volume (h5_file.h). A volume that somebody else may have
  * written is read in a confined child (read/reader.h). */
 int kiln_volume_open(struct kiln_volume **volume, const char *path, struct kiln_error *error);
 /* The same of an open file, which is borrowed as long as the volume is open; `path` is for sentences. */

@@ -19,21 +19,22 @@
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
-/* What asks to stop besides signals, whose numbers are smaller; when several do, the largest is named. */
+/* Reasons to stop. A signal is represented by its number, which is smaller than these. Of several reasons the largest
+ * is reported. */
 enum { REASON_MAX_TIME = 1000, REASON_FILE };
 enum { VALUE_BUSY, VALUE_STOP, VALUE_SAVE, VALUE_FAILED, VALUES };
 
-#define COST_SHARE 50.0 /* a checkpoint after a bounce may cost one part in so many */
-#define COST_START 0.02 /* s, and bytes a second, while none has been written yet */
-#define COST_BYTES 300e6
-#define LOOK_MS 250         /* between two looks for the file that asks to stop, on rank 0 */
-#define OTHERS_LOOK_MS 1000 /* and on the others */
+#define COST_DIVISOR 50.0   /* checkpoints after bounces may take 1/50 of the time */
+#define COST_START 0.02     /* predicted cost before the first checkpoint: seconds, */
+#define COST_BYTES 300e6    /* plus its size at so many bytes a second */
+#define LOOK_MS 250         /* interval at which rank 0 looks for the stop file */
+#define OTHERS_LOOK_MS 1000 /* and the other ranks */
 
 struct kiln_control {
     struct kiln_control_params params;
-    MPI_Comm communicator; /* of its own */
+    MPI_Comm communicator; /* a duplicate, used by the control only */
     int rank, ranks;
-    double monotonic_begin; /* params.begin, on that clock */
+    double monotonic_begin; /* params.begin on CLOCK_MONOTONIC */
     /* the present round */
     bool posted;
     MPI_Request round;
@@ -41,19 +42,19 @@ struct kiln_control {
     int reason;
     /* saving */
     double last_saved, cost;
-    /* what any thread may ask */
+    /* may be used by any thread */
     struct kiln_stop stop;
-    atomic_int heard;        /* the reason, once there is one */
-    atomic_llong next_look;  /* ms */
-    pthread_mutex_t looking; /* held by who looks for the file */
-    /* shared with the thread */
+    atomic_int reason_found; /* the reason to stop; 0: none so far */
+    atomic_llong next_look;  /* when to look for the stop file again, ms */
+    pthread_mutex_t looking; /* held by the thread that looks for it */
+    /* shared with the status thread */
     pthread_t thread;
     bool thread_runs;
     pthread_mutex_t mutex;
     pthread_cond_t wake;
     bool leave;
     struct kiln_bake_status status;
-    struct kiln_lock *lock; /* rank 0: of the folder */
+    struct kiln_lock *lock; /* rank 0: lock of the folder */
 };
 
 static double seconds_now(clockid_t clock)
@@ -63,9 +64,9 @@ static double seconds_now(clockid_t clock)
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-/* ---- the thread ---- */
+/* ---- the status thread ---- */
 
-/* Rank 0: writes the status file once a second. A disk that stands still holds up nothing but this. */
+/* Rank 0: writes the status file once a second. A hanging disk blocks only this thread. */
 static void *write_status(void *data)
 {
     struct kiln_control *c = data;
@@ -89,7 +90,7 @@ static void *write_status(void *data)
     return NULL;
 }
 
-/* Signals are for the main thread. */
+/* The thread blocks all signals, so that the main thread gets them. */
 static void start_thread(struct kiln_control *c)
 {
     sigset_t all, before;
@@ -134,19 +135,19 @@ void kiln_control_follow(struct kiln_control *c, struct kiln_progress *progress)
 
 static bool asked(void *context);
 
-/* ---- life ---- */
+/* ---- create and destroy ---- */
 
-/* Rank 0: nobody else may be writing here. An older kiln takes no lock, but says that it is there. */
-static int claim_folder(struct kiln_lock **lock, const char *directory, struct kiln_error *error)
+/* Rank 0: locks the folder. Also refuses if an older kiln is at work, which takes no lock but writes a status file. */
+static int claim_folder(struct kiln_lock **lock, const char *directory, bool no_locks, struct kiln_error *error)
 {
     struct kiln_folder folder;
     struct kiln_bake_status before;
-    int status = kiln_lock_take(lock, directory, error);
-    /* a bake that was refused took the folder with it that it had made */
+    int status = kiln_lock_take(lock, directory, no_locks, error);
+    /* another bake that was refused may have removed the folder, which it had created */
     for (int i = 0; i < 3 && status == KILN_NO_INPUT; i++) {
         status = kiln_make_directories(directory, error);
         if (status == KILN_OK)
-            status = kiln_lock_take(lock, directory, error);
+            status = kiln_lock_take(lock, directory, no_locks, error);
     }
     if (status == KILN_OK && kiln_bake_status_read(directory, &before, NULL) == KILN_OK &&
         kiln_bake_status_alive(directory, &before))
@@ -188,11 +189,12 @@ int kiln_control_create(struct kiln_control **control, const struct kiln_control
     c->status =
         (struct kiln_bake_status){.state = "running", .phase = "start", .share = -1.0, .left = -1.0, .ranks = c->ranks};
     kiln_bake_status_sign(&c->status);
-    /* when the run began; the thread makes seconds of it */
+    /* here the time at which the run began; the thread turns it into seconds since then */
     c->status.seconds = c->status.updated - (MPI_Wtime() - params->begin);
     *control = c;
     status =
-        kiln_agree(c->communicator, c->rank == 0 ? claim_folder(&c->lock, params->directory, error) : KILN_OK, error);
+        kiln_agree(c->communicator,
+                   c->rank == 0 ? claim_folder(&c->lock, params->directory, params->no_locks, error) : KILN_OK, error);
     if (status != KILN_OK) {
         kiln_control_destroy(control);
         return status;
@@ -221,7 +223,7 @@ int kiln_control_check_folder(const struct kiln_control *c, struct kiln_error *e
     return kiln_lock_check(c->lock, error);
 }
 
-static void write_last_word(struct kiln_control *c, int status, const char *message)
+static void write_final_status(struct kiln_control *c, int status, const char *message)
 {
     struct kiln_bake_status last = c->status;
     (void)snprintf(last.state, sizeof last.state, "%s", status == KILN_STOPPED ? "stopped" : "failed");
@@ -237,13 +239,13 @@ void kiln_control_conclude(struct kiln_control *c, int status, const char *messa
     stop_thread(c);
     if (c->rank != 0)
         return;
-    if (kiln_lock_check(c->lock, NULL) == KILN_OK) { /* else it is another bake's by now */
+    if (kiln_lock_check(c->lock, NULL) == KILN_OK) { /* else another bake has taken the folder over */
         kiln_stop_forget(c->params.directory);
         if (remove) {
             kiln_bake_status_remove(c->params.directory);
             kiln_checkpoint_remove_folder(c->params.directory);
         } else {
-            write_last_word(c, status, message);
+            write_final_status(c, status, message);
         }
     }
     kiln_lock_release(&c->lock);
@@ -251,12 +253,12 @@ void kiln_control_conclude(struct kiln_control *c, int status, const char *messa
 
 /* ---- rounds ---- */
 
-/* What asks this rank to stop, of its signals, the clock and the file; 0: nothing. Any thread, and at most one of them
- * waits for the disk. */
-static int hear(struct kiln_control *c)
+/* The reason for this rank to stop (signal, time or stop file); 0: none. Any thread may call it, and at most one thread
+ * at a time waits for the disk. */
+static int stop_reason(struct kiln_control *c)
 {
     struct timespec now;
-    int reason = atomic_load_explicit(&c->heard, memory_order_relaxed);
+    int reason = atomic_load_explicit(&c->reason_found, memory_order_relaxed);
     if (reason != 0)
         return reason;
     reason = (int)*c->params.signal;
@@ -273,20 +275,20 @@ static int hear(struct kiln_control *c)
         (void)pthread_mutex_unlock(&c->looking);
     }
     if (reason != 0)
-        atomic_store_explicit(&c->heard, reason, memory_order_relaxed);
+        atomic_store_explicit(&c->reason_found, reason, memory_order_relaxed);
     return reason;
 }
 
-/* In rounds: rank 0 watches the clock and the file for all. */
-static int asked_to_stop(struct kiln_control *c) { return c->rank == 0 ? hear(c) : (int)*c->params.signal; }
+/* The same for rounds, where only rank 0 checks the time and the stop file. */
+static int reason_in_rounds(struct kiln_control *c) { return c->rank == 0 ? stop_reason(c) : (int)*c->params.signal; }
 
-/* kiln_stop: where ranks work without rounds. A signal that reached this rank alone is passed on by the file that the
- * others look for. */
+/* kiln_stop callback for phases without rounds. If a signal has reached this rank, creates the stop file, which the
+ * other ranks look for. */
 static bool asked(void *context)
 {
     struct kiln_control *c = context;
-    const bool knew = atomic_load_explicit(&c->heard, memory_order_relaxed) != 0;
-    const int reason = hear(c);
+    const bool knew = atomic_load_explicit(&c->reason_found, memory_order_relaxed) != 0;
+    const int reason = stop_reason(c);
     if (reason != 0 && reason < REASON_MAX_TIME && c->ranks > 1 && !knew)
         (void)kiln_stop_request(c->params.directory, NULL);
     return reason != 0;
@@ -294,10 +296,10 @@ static bool asked(void *context)
 
 const struct kiln_stop *kiln_control_stop(const struct kiln_control *c) { return &c->stop; }
 
-/* The least is the one that is not passed on. */
+/* The smallest reason is the original one: a signal is passed on as a stop file, which has a larger number. */
 void kiln_control_why(struct kiln_control *c)
 {
-    int reason = hear(c), least = 0;
+    int reason = stop_reason(c), least = 0;
     reason = reason != 0 ? reason : REASON_FILE + 1;
     (void)MPI_Allreduce(&reason, &least, 1, MPI_INT, MPI_MIN, c->communicator);
     c->reason = least;
@@ -307,7 +309,7 @@ static void post(struct kiln_control *c, bool done, int failed)
 {
     const double every = c->params.checkpoint_every;
     c->own[VALUE_BUSY] = !done;
-    c->own[VALUE_STOP] = asked_to_stop(c);
+    c->own[VALUE_STOP] = reason_in_rounds(c);
     c->own[VALUE_SAVE] = c->rank == 0 && every > 0.0 && MPI_Wtime() - c->last_saved >= every;
     c->own[VALUE_FAILED] = failed;
     (void)MPI_Iallreduce(c->own, c->all, VALUES, MPI_INT64_T, MPI_MAX, c->communicator, &c->round);
@@ -343,10 +345,10 @@ double kiln_control_batch_seconds(const struct kiln_control *c)
     return fmax(seconds, 0.02);
 }
 
-enum kiln_event kiln_control_poll(struct kiln_control *c, bool done, double share, double batch, int failed)
+enum kiln_event kiln_control_poll(struct kiln_control *c, bool done, double progress, double batch, int failed)
 {
     int complete = 0;
-    kiln_watchdog_batch(c->params.watchdog, share, batch);
+    kiln_watchdog_batch(c->params.watchdog, progress, batch);
     if (!c->posted)
         post(c, done || failed != 0, failed);
     (void)MPI_Test(&c->round, &complete, MPI_STATUS_IGNORE);
@@ -361,17 +363,17 @@ enum kiln_event kiln_control_poll(struct kiln_control *c, bool done, double shar
     return event;
 }
 
-enum kiln_event kiln_control_wait(struct kiln_control *c, bool done, double share, int failed,
+enum kiln_event kiln_control_wait(struct kiln_control *c, bool done, double progress, int failed,
                                   bool (*news)(void *context), void *context)
 {
     struct timespec pause = {0, 10000};
     enum kiln_event event;
     kiln_waiting_begin("a wait for the end of the pass");
     for (;;) {
-        event = kiln_control_poll(c, done, share, 0.0, failed);
+        event = kiln_control_poll(c, done, progress, 0.0, failed);
         if (event != KILN_EVENT_NONE || (news != NULL && news(context)))
             break;
-        (void)nanosleep(&pause, NULL); /* the cores may be wanted by a rank that is not done */
+        (void)nanosleep(&pause, NULL); /* sleep, since ranks that are not done may use the cores */
         if (pause.tv_nsec < 1000000)
             pause.tv_nsec += pause.tv_nsec / 2;
     }
@@ -392,7 +394,7 @@ void kiln_control_meet(struct kiln_control *c)
         (void)MPI_Test(&all, &here, MPI_STATUS_IGNORE);
         if (here != 0)
             break;
-        (void)asked(c); /* a signal that reached only who waits has to reach who works */
+        (void)asked(c); /* pass a signal on to the ranks that still work */
         (void)nanosleep(&pause, NULL);
         if (pause.tv_nsec < 1000000)
             pause.tv_nsec += pause.tv_nsec / 2;
@@ -404,8 +406,8 @@ enum kiln_event kiln_control_between(struct kiln_control *c, uint64_t bytes)
 {
     const double every = c->params.checkpoint_every;
     const double cost = c->cost > 0.0 ? c->cost : COST_START + (double)bytes / COST_BYTES;
-    int64_t values[2] = {asked_to_stop(c),
-                         c->rank == 0 && every > 0.0 && MPI_Wtime() - c->last_saved >= fmin(every, COST_SHARE * cost)};
+    int64_t values[2] = {reason_in_rounds(c), c->rank == 0 && every > 0.0 &&
+                                                  MPI_Wtime() - c->last_saved >= fmin(every, COST_DIVISOR * cost)};
     kiln_control_blocking(c, "between passes", 0.0);
     (void)MPI_Allreduce(MPI_IN_PLACE, values, 2, MPI_INT64_T, MPI_MAX, c->communicator);
     kiln_control_blocking(c, NULL, 0.0);

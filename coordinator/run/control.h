@@ -1,17 +1,20 @@
-/* How the ranks of a bake agree to stop, to save and to end a pass together while each of them computes on.
+/* Run control: the ranks of a bake decide together when to save a checkpoint, to stop, and to end a pass, while each of
+ * them keeps computing.
  *
- * Between two batches of work (about a second apart) and while it waits for others, a rank calls kiln_control_poll.
- * That drives a chain of non-blocking all-reduces, the rounds: each rank puts in whether it is done, whether it was
- * asked to stop and whether it has failed; when a round is complete all ranks hold the same answer and do the same.
- * Nobody waits in a round, and a pass ends with the first round in which all are done. A signal therefore need not
- * reach all ranks, and reaching one twice does no harm.
+ * A rank calls kiln_control_poll between two batches of work (about a second apart) and while it waits for other ranks.
+ * The calls drive a chain of non-blocking all-reduces, called rounds. In each round a rank contributes whether it is
+ * done, whether it was asked to stop, and whether it has failed. When a round completes, all ranks hold the same result
+ * and take the same decision. No rank waits for a round to complete. A pass ends with the first round in which all
+ * ranks are done. So a signal need not reach all ranks, and may reach a rank twice.
  *
- * What asks to stop: SIGUSR1, SIGTERM, SIGINT, SIGHUP on any rank; the file that `kiln stop` leaves, and --max-time. In
- * passes rank 0 looks for these two and the rounds spread the word. Where ranks work on without rounds (import, BVH,
- * surface, files) each looks for itself, through kiln_control_stop, gives up with KILN_STOPPED, and the agreement on
- * that phase's errors tells the others, which have looked too.
+ * A bake is asked to stop by SIGUSR1, SIGTERM, SIGINT or SIGHUP on any rank, by the file that `kiln stop` creates, and
+ * by
+ * --max-time. Within passes rank 0 checks the file and the time, and the rounds distribute the request. In phases
+ * without rounds (import, BVH, surface, files) each rank checks for itself through kiln_control_stop and gives up with
+ * KILN_STOPPED; the other ranks have checked too, and learn of it when they agree on the errors of that phase.
  *
- * Who has fallen silent is the watchdog's business (watchdog.h), which is told here where a rank stands.
+ * Hanging and lost ranks are found by the watchdog (watchdog.h), which gets the phase and progress of the rank from
+ * here.
  *
  * A thread of rank 0 writes the status file (status_file.h). */
 #ifndef KILN_COORDINATOR_RUN_CONTROL_H
@@ -28,18 +31,19 @@
 
 struct kiln_control_params {
     MPI_Comm communicator;
-    const char *directory;               /* of the bake; borrowed */
-    double begin;                        /* MPI_Wtime() when the run began: --max-time counts from there */
+    const char *directory;               /* folder of the bake; borrowed */
+    double begin;                        /* MPI_Wtime() at the begin of the run, from which --max-time counts */
     double max_time;                     /* s; 0: none */
-    double checkpoint_every;             /* s; 0: no checkpoints but when stopped */
-    struct kiln_watchdog *watchdog;      /* borrowed, and outlives the control; NULL: none */
-    double limit;                        /* s, the watchdog's; 0: none */
+    double checkpoint_every;             /* s; 0: a checkpoint is written only when the bake is stopped */
+    struct kiln_watchdog *watchdog;      /* borrowed, must outlive the control; NULL: none */
+    double limit;                        /* limit of the watchdog, s; 0: none */
+    bool no_locks;                       /* for tests: as kiln_lock_take has it */
     const volatile sig_atomic_t *signal; /* number of the last signal that asks to stop; 0: none */
 };
 
 enum kiln_event {
-    KILN_EVENT_NONE, /* go on */
-    KILN_EVENT_SAVE, /* all ranks: write a checkpoint, then go on */
+    KILN_EVENT_NONE, /* continue */
+    KILN_EVENT_SAVE, /* all ranks: write a checkpoint, then continue */
     KILN_EVENT_STOP, /* all ranks: write a checkpoint, then end */
     KILN_EVENT_FAIL, /* a rank has failed: end */
     KILN_EVENT_DONE  /* all ranks are done */
@@ -47,64 +51,69 @@ enum kiln_event {
 
 struct kiln_control;
 
-/* Collective. KILN_CANNOT_CREATE when another bake is at work in the folder. A request to stop that is still there from
- * before is forgotten. Destroy with kiln_control_destroy. */
+/* Collective. Locks the folder of the bake; KILN_CANNOT_CREATE when another bake is at work there. Removes a stop
+ * request that is left from an earlier run. Destroy with kiln_control_destroy. */
 int kiln_control_create(struct kiln_control **control, const struct kiln_control_params *params,
                         struct kiln_error *error);
 /* Collective. */
 void kiln_control_destroy(struct kiln_control **control);
 
-/* Rank 0: lets the status file follow a progress line (which may be NULL; borrowed until destroyed). */
+/* Rank 0: makes the status file show the phase and progress of `progress`, which is borrowed until the control is
+ * destroyed and may be NULL. */
 void kiln_control_follow(struct kiln_control *control, struct kiln_progress *progress);
 
-/* Begins a pass called `phase` (copied). Not collective, but every rank does. */
+/* Begins a pass called `phase` (copied). Not collective, but every rank must call it. */
 void kiln_control_begin(struct kiln_control *control, const char *phase);
-/* How long a batch should take: a second, or less where checkpoints or signs of life are wanted oftener. */
+/* Seconds that a batch should take: one, or less when checkpoints or heartbeats are wanted more often. */
 double kiln_control_batch_seconds(const struct kiln_control *control);
-/* What to do now. `done`: this rank has nothing more to do in the pass. `share` of it is done, `batch` is the seconds
- * that its last batch took. `failed`: its status. Returns at once; everybody gets the same events in the same order. */
-enum kiln_event kiln_control_poll(struct kiln_control *control, bool done, double share, double batch, int failed);
-/* The same for a rank that has nothing to compute: waits for an event or, KILN_EVENT_NONE, until `news` (which may be
- * NULL) says that the rank has something to do, or to say. */
-enum kiln_event kiln_control_wait(struct kiln_control *control, bool done, double share, int failed,
+/* Returns at once what this rank has to do now. All ranks get the same events in the same order. `done`: this rank has
+ * no more work in the pass. `progress`: fraction of its work that is done, 0 to 1. `batch`: seconds that its last batch
+ * took. `failed`: its status; not KILN_OK ends the pass on all ranks. */
+enum kiln_event kiln_control_poll(struct kiln_control *control, bool done, double progress, double batch, int failed);
+/* The same for a rank that has nothing to compute. Waits, asleep, for an event, or until `news` (may be NULL) returns
+ * true because the rank has something to compute or to report; then the event is KILN_EVENT_NONE. */
+enum kiln_event kiln_control_wait(struct kiln_control *control, bool done, double progress, int failed,
                                   bool (*news)(void *context), void *context);
 
-/* Collective. Waits until all ranks are here, asleep most of the time, and passes a signal on to those that still work:
- * to be called where work of unequal length lies before a call that kiln_control_blocking gives a limit. */
+/* Collective. A barrier whose ranks sleep while they wait, and pass a signal on to the ranks that still work. Call it
+ * after work that takes the ranks different times, before a call with a deadline of kiln_control_blocking. */
 void kiln_control_meet(struct kiln_control *control);
 
-/* Collective. Between passes: KILN_EVENT_NONE, _SAVE or _STOP. Saving `bytes` (of all ranks) is due when the time since
- * the last checkpoint is
- * --checkpoint-every, or fifty times what it will cost: so it happens after a bounce, and costs no more than two parts
- * in a hundred. */
+/* Collective. To be called between passes; returns KILN_EVENT_NONE, _SAVE or _STOP. `bytes` is the size of a
+ * checkpoint, of all ranks together. Saving is due when the time since the last checkpoint is --checkpoint-every or
+ * fifty times the predicted cost of a checkpoint, whichever is less. So checkpoints after bounces take at most 2 % of
+ * the time. */
 enum kiln_event kiln_control_between(struct kiln_control *control, uint64_t bytes);
 
-/* A checkpoint was written (or, with generation, found): seconds it took. */
+/* Records that checkpoint `generation` exists. `seconds`: the time that writing it took this rank. `written`: when, in
+ * seconds since 1970. */
 void kiln_control_saved(struct kiln_control *control, uint64_t generation, double seconds, double written);
 
-/* kiln_watchdog_blocking. */
+/* Calls kiln_watchdog_blocking. */
 void kiln_control_blocking(struct kiln_control *control, const char *what, double seconds);
 
-/* What asks to stop outside passes; lives as long as the control. A signal that has reached one rank only becomes known
- * to the others through the same file as `kiln stop` leaves: within about a second, or what their file system takes to
- * show it. */
+/* The stop request for phases outside of passes; valid as long as the control. If a signal has reached one rank only,
+ * that rank creates the same file as `kiln stop`; the others see it within about a second, or whatever time their file
+ * system takes. */
 const struct kiln_stop *kiln_control_stop(const struct kiln_control *control);
 
-/* Collective. After a phase that all ranks left with KILN_STOPPED: learns why, for the sentences below. */
+/* Collective. To be called after a phase that all ranks left with KILN_STOPPED: finds out what asked to stop, for the
+ * messages below. */
 void kiln_control_why(struct kiln_control *control);
 
-/* KILN_STOPPED with its sentence: what asked to stop ("SIGUSR1", "kiln stop", "--max-time"), once a checkpoint is
- * written. */
+/* Returns KILN_STOPPED with the message that says what asked to stop ("SIGUSR1", "kiln stop", "--max-time") and that a
+ * checkpoint has been written. */
 int kiln_stopped(const struct kiln_control *control, struct kiln_error *error);
 
-/* The same when nothing was written: `generation` is that of the checkpoint which the bake went on from, 0: none. */
+/* The same if no checkpoint has been written in this run. `generation` is the checkpoint that the bake continued from;
+ * 0: none. */
 int kiln_stopped_early(const struct kiln_control *control, uint64_t generation, struct kiln_error *error);
 
-/* Rank 0, before results are replaced: whether the folder is still this bake's (kiln_lock_check). */
+/* Rank 0, before results are replaced: checks that this bake still holds the lock of the folder (kiln_lock_check). */
 int kiln_control_check_folder(const struct kiln_control *control, struct kiln_error *error);
 
-/* Rank 0: the last word in the status file; with `remove` the file goes instead; then the folder is given free. Call it
- * before kiln_control_destroy. */
+/* Rank 0: writes the final state to the status file, or removes the file with `remove`; then unlocks the folder. Call
+ * it before kiln_control_destroy. */
 void kiln_control_conclude(struct kiln_control *control, int status, const char *message, bool remove);
 
 #endif

@@ -18,7 +18,7 @@
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
-#define LEASE_SECONDS 15.0 /* for a host that is not this one, without locks */
+#define LEASE_SECONDS 15.0 /* lease of a holder on another host, on a file system without locks */
 #define WATCH_SECONDS 3.0
 
 enum { TEXT_MOST = 4096, TRIES = 20, BUSY_TRIES = 6 };
@@ -28,11 +28,11 @@ static const char NAME[] = ".kiln.lock";
 struct kiln_lock {
     struct kiln_folder folder;
     int descriptor;
-    bool locks; /* the file system has them */
+    bool locks; /* the file system has locks */
     char aside[128];
 };
 
-/* Who holds it, as the file says. */
+/* The holder of the lock, as the file describes it. */
 struct holder {
     char host[64], boot[40], command[200];
     int64_t process, since;
@@ -46,9 +46,10 @@ static void pause_for(double seconds)
     (void)nanosleep(&time, NULL);
 }
 
-/* ---- who ---- */
+/* ---- the holder ---- */
 
-/* The first line of a small file, or what comes before a zero byte when `words`: then zeros are blanks. */
+/* Reads the first line of a small file. With `words`, as for a command line in /proc, the whole text with zero bytes
+ * replaced by spaces. */
 static void read_text(const char *path, bool words, char *text, size_t size)
 {
     FILE *file = fopen(path, "re");
@@ -94,7 +95,7 @@ static void take_text(const json_t *json, const char *key, char *text, size_t si
 {
     const char *value = json_string_value(json_object_get(json, key));
     (void)snprintf(text, size, "%s", value != NULL ? value : "");
-    for (; *text != '\0'; text++) /* somebody else may have written it */
+    for (; *text != '\0'; text++) /* anybody may have written the file: keep control characters out of messages */
         if ((unsigned char)*text < ' ' || *text == 0x7f)
             *text = '?';
 }
@@ -129,17 +130,14 @@ static int refuse(const char *directory, const struct holder *holder, struct kil
                      holder->command[0] != '\0' ? holder->command : "?", directory);
 }
 
-/* ---- the system's locks ---- */
+/* ---- locks of the file system ---- */
 
 enum { GOT, HELD, NO_LOCKS };
 
 static int set_lock(int descriptor, short type)
 {
     struct flock whole = {.l_type = type, .l_whence = SEEK_SET};
-    const char *seam = getenv("KILN_LOCKS");
     int result;
-    if (seam != NULL && strcmp(seam, "none") == 0)
-        return NO_LOCKS;
     do
         result = fcntl(descriptor, F_OFD_SETLK, &whole);
     while (result != 0 && errno == EINTR);
@@ -151,7 +149,7 @@ static bool same_file(const struct stat *a, const struct stat *b)
     return a->st_dev == b->st_dev && a->st_ino == b->st_ino;
 }
 
-/* Whether the name stands for the open file. */
+/* Whether the open file is the one with the name of the lock. */
 static bool is_named(const struct kiln_folder *folder, int descriptor)
 {
     struct stat own, there;
@@ -166,9 +164,9 @@ static int open_lock(const struct kiln_folder *folder, int flags)
     return kiln_openat(folder->descriptor, NAME, flags | O_NOFOLLOW | O_CLOEXEC | O_NONBLOCK, 0666);
 }
 
-/* Whether the file is changed or replaced while it is watched. It is opened anew each time: that makes network file
- * systems ask their server. */
-static bool moves(const struct kiln_folder *folder, const struct stat *judged, double seconds)
+/* Watches the lock for `seconds`; true if it is renewed or replaced. The file is opened again each time, so that
+ * network file systems ask their server. */
+static bool is_renewed(const struct kiln_folder *folder, const struct stat *judged, double seconds)
 {
     for (double waited = 0.0; waited < seconds; waited += 0.25) {
         struct stat now;
@@ -186,8 +184,7 @@ static bool moves(const struct kiln_folder *folder, const struct stat *judged, d
     return false;
 }
 
-/* Whether who wrote the file still lives, as far as that can be told without a lock; `free_lock`: its lock could be
- * had. */
+/* Whether the holder is alive, as far as can be told without a lock. `free_lock`: this process could lock the file. */
 static bool is_alive(const struct kiln_folder *folder, const struct holder *holder, const struct stat *judged,
                      bool free_lock)
 {
@@ -198,10 +195,10 @@ static bool is_alive(const struct kiln_folder *folder, const struct holder *hold
         return false;
     if (same_boot && holder->process > 0 && kiln_process_started(holder->process) == holder->started)
         return true;
-    return moves(folder, judged, here || free_lock ? WATCH_SECONDS : LEASE_SECONDS);
+    return is_renewed(folder, judged, here || free_lock ? WATCH_SECONDS : LEASE_SECONDS);
 }
 
-/* Takes a file that nobody keeps fresh out of the way, and puts it back if it was another's that came between. */
+/* Renames an expired lock and removes it; renames it back if another process has replaced it in the meantime. */
 static void remove_stale(const struct kiln_lock *lock, const struct stat *judged)
 {
     const int folder = lock->folder.descriptor;
@@ -217,8 +214,8 @@ static void remove_stale(const struct kiln_lock *lock, const struct stat *judged
 
 /* ---- taking ---- */
 
-/* A file that is open for writing would keep its file system from being made read-only: the lock is handed to a
- * descriptor that is not. It is a read lock then, which write locks cannot pass either. */
+/* Moves the lock to a descriptor that is open for reading only, since a file open for writing would prevent its file
+ * system from being remounted read-only. The lock is a read lock then, which also excludes write locks. */
 static void keep_for_reading(struct kiln_lock *lock)
 {
     const int reads = kiln_openat(lock->folder.descriptor, lock->aside, O_RDONLY | O_NOFOLLOW | O_CLOEXEC, 0);
@@ -231,7 +228,7 @@ static void keep_for_reading(struct kiln_lock *lock)
     }
 }
 
-static int make_own(struct kiln_lock *lock, struct kiln_error *error)
+static int make_own(struct kiln_lock *lock, bool no_locks, struct kiln_error *error)
 {
     char host[64] = "", path[KILN_PATH_SIZE];
     (void)gethostname(host, sizeof host - 1);
@@ -251,14 +248,15 @@ static int make_own(struct kiln_lock *lock, struct kiln_error *error)
                                : errno == ENOENT                 ? KILN_NO_INPUT
                                                                  : KILN_CANNOT_CREATE,
                                "'%s' cannot be created", path);
-    lock->locks = set_lock(lock->descriptor, F_WRLCK) == GOT;
+    lock->locks = !no_locks && set_lock(lock->descriptor, F_WRLCK) == GOT;
     status = write_self(lock->descriptor, lock->locks, path, error);
     if (status == KILN_OK)
         keep_for_reading(lock);
     return status;
 }
 
-/* Whether our file has got the name. A network may lose the answer: then the number of links tells. */
+/* Links our file to the name of the lock; true if that succeeded. On a network file system the reply may be lost, so
+ * after a failure the link count decides. *number receives errno. */
 static bool link_own(const struct kiln_lock *lock, int *number)
 {
     struct stat own;
@@ -267,10 +265,11 @@ static bool link_own(const struct kiln_lock *lock, int *number)
     *number = linked ? 0 : errno;
     linked =
         linked || (fstat(lock->descriptor, &own) == 0 && own.st_nlink > 1 && is_named(&lock->folder, lock->descriptor));
-    if (!linked && *number != EEXIST && *number != ENOENT) { /* no links here: made under its name at once */
+    if (!linked && *number != EEXIST &&
+        *number != ENOENT) { /* the file system has no links: create the file under its final name */
         const int made = open_lock(&lock->folder, O_RDWR | O_CREAT | O_EXCL);
         *number = made < 0 ? errno : 0;
-        linked = made >= 0 && kiln_renameat(folder, lock->aside, NAME) == 0; /* over the empty one, which is ours */
+        linked = made >= 0 && kiln_renameat(folder, lock->aside, NAME) == 0; /* replaces that empty file */
         if (made >= 0)
             (void)close(made);
     }
@@ -279,8 +278,8 @@ static bool link_own(const struct kiln_lock *lock, int *number)
 
 enum verdict { TAKEN, BUSY, AGAIN };
 
-/* A file of that name is there: whether it can be had. */
-static enum verdict judge(const struct kiln_lock *lock, int descriptor, struct holder *holder)
+/* Decides whether an existing lock can be taken over, and does so. */
+static enum verdict try_existing(const struct kiln_lock *lock, int descriptor, struct holder *holder)
 {
     struct stat judged;
     const int folder = lock->folder.descriptor, state = lock->locks ? set_lock(descriptor, F_WRLCK) : NO_LOCKS;
@@ -291,7 +290,7 @@ static enum verdict judge(const struct kiln_lock *lock, int descriptor, struct h
         return AGAIN;
     if (is_alive(&lock->folder, holder, &judged, state == GOT))
         return BUSY;
-    if (state == GOT) /* nobody else may replace it now */
+    if (state == GOT) /* we hold a write lock, so nobody else may replace it */
         return is_named(&lock->folder, descriptor) && kiln_renameat(folder, lock->aside, NAME) == 0 ? TAKEN : AGAIN;
     remove_stale(lock, &judged);
     return AGAIN;
@@ -305,7 +304,7 @@ static int look_at_other(const struct kiln_lock *lock, enum verdict *verdict, st
     const int descriptor = open_lock(&lock->folder, O_RDWR);
     if (descriptor < 0 && errno == ENOENT)
         return KILN_OK;
-    if (descriptor < 0 && errno == EACCES) { /* another user's */
+    if (descriptor < 0 && errno == EACCES) { /* it belongs to another user */
         *holder = (struct holder){0};
         *verdict = BUSY;
         return KILN_OK;
@@ -314,10 +313,9 @@ static int look_at_other(const struct kiln_lock *lock, enum verdict *verdict, st
         if (descriptor >= 0)
             (void)close(descriptor);
         return kiln_fail(error, KILN_CANNOT_CREATE,
-                         "'%s/%s' is in the way: it is no plain file; remove it, or choose another folder",
-                         lock->folder.path, NAME);
+                         "'%s/%s' is not a regular file; remove it, or choose another folder", lock->folder.path, NAME);
     }
-    *verdict = judge(lock, descriptor, holder);
+    *verdict = try_existing(lock, descriptor, holder);
     (void)close(descriptor);
     return KILN_OK;
 }
@@ -335,7 +333,7 @@ static int take(struct kiln_lock *lock, struct kiln_error *error)
         const int status = look_at_other(lock, &verdict, &holder, error);
         if (status != KILN_OK || verdict == TAKEN)
             return status;
-        if (verdict == BUSY && ++busy >= BUSY_TRIES) /* a job that is being ended may take a moment */
+        if (verdict == BUSY && ++busy >= BUSY_TRIES) /* try again, since a job may just be ending */
             return refuse(lock->folder.path, &holder, error);
         pause_for(0.1);
     }
@@ -345,7 +343,7 @@ static int take(struct kiln_lock *lock, struct kiln_error *error)
                : kiln_fail_errno(error, KILN_CANNOT_CREATE, "'%s/%s' cannot be created", lock->folder.path, NAME);
 }
 
-/* Files aside that killed processes left: those which a minute has passed over, by the file server's clock. */
+/* Removes temporary files of killed processes: those older than a minute by the file server's clock. */
 static void sweep(const struct kiln_lock *lock)
 {
     struct stat own, found;
@@ -365,7 +363,7 @@ end:
         (void)closedir(entries);
 }
 
-int kiln_lock_take(struct kiln_lock **result, const char *directory, struct kiln_error *error)
+int kiln_lock_take(struct kiln_lock **result, const char *directory, bool no_locks, struct kiln_error *error)
 {
     struct kiln_lock *lock = NULL;
     *result = NULL;
@@ -375,7 +373,7 @@ int kiln_lock_take(struct kiln_lock **result, const char *directory, struct kiln
     lock->descriptor = -1;
     status = kiln_folder_open(&lock->folder, directory, NULL, false, error);
     if (status == KILN_OK)
-        status = make_own(lock, error);
+        status = make_own(lock, no_locks, error);
     if (status == KILN_OK)
         status = take(lock, error);
     if (lock->folder.descriptor >= 0 && lock->aside[0] != '\0')
@@ -411,9 +409,8 @@ int kiln_lock_check(const struct kiln_lock *lock, struct kiln_error *error)
     if (is_named(&lock->folder, lock->descriptor))
         return KILN_OK;
     return kiln_fail(error, KILN_IO,
-                     "the folder %s was taken over by another bake while this one stood still, or its %s was removed: "
-                     "nothing more is "
-                     "written there; run the same command again when the other has ended",
+                     "the folder %s was taken over by another bake while this one was stopped, or its %s was removed: "
+                     "this bake writes nothing more there; run the same command again when the other has ended",
                      lock->folder.path, NAME);
 }
 

@@ -1,4 +1,4 @@
-/* How long each phase of a run takes on each rank. */
+/* Phase timer: measures how long each phase of a run takes on this rank, and gathers the times of all ranks. */
 #ifndef KILN_COORDINATOR_RUN_PHASES_H
 #define KILN_COORDINATOR_RUN_PHASES_H
 
@@ -14,24 +14,25 @@ enum { KILN_PHASES_MAX = 24 };
 struct kiln_phases {
     const char *name[KILN_PHASES_MAX]; /* static strings */
     double seconds[KILN_PHASES_MAX];
-    size_t count, present;
-    double since;                   /* when the present phase began; 0: none */
-    double begin;                   /* of the run */
+    size_t count;                   /* phases so far */
+    size_t present;                 /* index of the present phase */
+    double since;                   /* MPI_Wtime() when the present phase began; 0: there is none */
+    double begin;                   /* MPI_Wtime() when the run began */
     struct kiln_trace *trace;       /* borrowed; NULL: none */
-    struct kiln_watchdog *watchdog; /* is told where this rank stands; borrowed; NULL: none */
+    struct kiln_watchdog *watchdog; /* gets the present phase; borrowed; NULL: none */
 };
 
-/* Ends the present phase and begins (or goes on with) the one called `name`; NULL begins none. The ranks must begin the
+/* Ends the present phase and begins, or resumes, the one called `name`; with NULL none begins. All ranks must begin the
  * same phases for the first time in the same order. Not collective. */
 void kiln_phase(struct kiln_phases *phases, const char *name);
-/* Adds time that was measured elsewhere. */
+/* Adds time to a phase that was measured elsewhere. */
 void kiln_phase_add(struct kiln_phases *phases, const char *name, double seconds);
-/* Adds what none of them had since the run began as the phase "other", so that a rank's phases add up to its time.
- * `before`: seconds of earlier runs of the same bake, whose parts of some phases were added. */
+/* Adds the phase "other" with the time of the run that belongs to no phase, so that the phases of a rank add up to its
+ * time. `before`: seconds of earlier runs of the same bake, whose phases were added with kiln_phase_add. */
 void kiln_phase_rest(struct kiln_phases *phases, double before);
 
-/* Collective. On rank 0 an array of {name, seconds: {min, avg, max}, imbalance, per_rank: []}, elsewhere NULL. `all`:
- * rank 0's room for KILN_PHASES_MAX values a rank. */
+/* Collective. Returns on rank 0 an array of {name, seconds: {min, avg, max}, imbalance, per_rank: []}, elsewhere NULL.
+ * imbalance is max / avg - 1. `all`: on rank 0, room for KILN_PHASES_MAX values of each rank. */
 json_t *kiln_phases_json(const struct kiln_phases *phases, MPI_Comm communicator, double *all);
 
 #endif

@@ -4,12 +4,12 @@
 #include <fcntl.h>
 #include <unistd.h>
 
-static volatile sig_atomic_t noted; /* the one thing a signal handler can write to */
+static volatile sig_atomic_t noted; /* global, since a signal handler can write to nothing else */
 
 static void note_signal(int number) { noted = number; }
 
-/* Opened for the other way, so that reading from a closed descriptor 0, or writing to 1 or 2, fails as it would
- * without. The lowest free number is the one that open takes. */
+/* Opens /dev/null in the wrong direction, so that reading from a closed descriptor 0, or writing to 1 or 2, still
+ * fails. open() returns the lowest free number, which is `descriptor`. */
 static void fill_descriptors(void)
 {
     for (int descriptor = STDIN_FILENO; descriptor <= STDERR_FILENO; descriptor++)
@@ -33,7 +33,7 @@ void kiln_process_catch(void)
 {
     struct sigaction before;
     take(SIGUSR1, note_signal, 0);
-    /* which, like SIGUSR1, may come more than once from a queue, and means the same each time */
+    /* a batch system may send SIGTERM and SIGUSR1 more than once, with the same meaning each time */
     take(SIGTERM, note_signal, 0);
     take(SIGINT, note_signal, (int)SA_RESETHAND);
     if (sigaction(SIGHUP, NULL, &before) == 0 && before.sa_handler != SIG_IGN)

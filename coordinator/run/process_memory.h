@@ -1,4 +1,4 @@
-/* What memory this process has, as the kernel counts it. */
+/* Memory use of this process, as the kernel counts it (/proc/self). */
 #ifndef KILN_COORDINATOR_RUN_PROCESS_MEMORY_H
 #define KILN_COORDINATOR_RUN_PROCESS_MEMORY_H
 
@@ -6,12 +6,12 @@
 
 enum kiln_memory_figure {
     KILN_MEMORY_NOW, /* resident now */
-    /* the most that was resident since the program began (ru_maxrss would count what the process was before) */
+    /* peak resident since the program began (ru_maxrss would include the process before exec) */
     KILN_MEMORY_PEAK,
-    KILN_MEMORY_SHARE /* resident now, where what n processes map counts an nth for each */
+    KILN_MEMORY_SHARE /* resident now; a page that n processes map counts 1/n (proportional set size) */
 };
 
-/* Bytes; 0 where the system does not say. */
+/* Bytes; 0 if the system does not tell. */
 uint64_t kiln_process_memory(enum kiln_memory_figure figure);
 
 #endif

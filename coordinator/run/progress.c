@@ -11,8 +11,8 @@
 #include "worker/base/text.h"
 
 #define REDRAW_SECONDS 0.1
-#define LINE_SECONDS 9.0        /* and looked at once a second: a line every ten seconds at least */
-#define RATE_MEMORY_SECONDS 5.0 /* how far back the rate looks */
+#define LINE_SECONDS 9.0        /* checked once a second, so a line appears at least every ten seconds */
+#define RATE_MEMORY_SECONDS 5.0 /* time constant of the smoothed rate */
 
 struct kiln_progress {
     FILE *stream;
@@ -24,12 +24,12 @@ struct kiln_progress {
     uint64_t total, done;
     double phase_start;
     double last_shown; /* when a line was last printed or redrawn */
-    double rate;       /* units a second, smoothed; 0: not known yet */
+    double rate;       /* units a second, smoothed; 0: unknown */
     double rate_time;
     uint64_t rate_done;
     kiln_progress_watch watch;
     void *watch_data;
-    /* all of the above belongs to who holds the mutex */
+    /* protects everything above */
     pthread_mutex_t mutex;
     pthread_cond_t wake;
     pthread_t thread;
@@ -62,7 +62,7 @@ char *kiln_duration_text(double seconds, char *text, size_t size)
     return text;
 }
 
-/* "42 %, 12.3 s left"; without a total the time since the phase began, once that is worth a word. */
+/* Formats "42 %, 12.3 s left"; without a total the time since the phase began, if that is at least a second. */
 static void state_text(const struct kiln_progress *progress, double now, char *text, size_t size)
 {
     char duration[48];
@@ -118,9 +118,9 @@ static void show(struct kiln_progress *progress, double now)
     (void)fflush(progress->stream);
 }
 
-/* ---- the thread ---- */
+/* ---- the display thread ---- */
 
-/* What goes on without saying so, and what waits for other ranks, is shown all the same. The mutex is held. */
+/* Redraws the phase even if it has reported nothing or waits for other ranks. The caller holds the mutex. */
 static void show_again(struct kiln_progress *progress)
 {
     if (progress->running)
@@ -143,7 +143,7 @@ static void *beat(void *data)
     return NULL;
 }
 
-/* Signals are for the main thread. Without the thread there are fewer lines. */
+/* The thread blocks all signals, so that the main thread gets them. If it cannot start, fewer lines are printed. */
 static void start_thread(struct kiln_progress *progress)
 {
     sigset_t all, before;
@@ -172,7 +172,7 @@ void kiln_progress_beat(struct kiln_progress *progress)
     (void)pthread_mutex_unlock(&progress->mutex);
 }
 
-/* ---- life ---- */
+/* ---- create and destroy ---- */
 
 struct kiln_progress *kiln_progress_create_on(FILE *stream, bool terminal, int columns, double (*clock)(void *),
                                               void *clock_data)
@@ -236,7 +236,7 @@ void kiln_progress_destroy(struct kiln_progress **progress)
 
 /* ---- phases ---- */
 
-static void tell(const struct kiln_progress *progress)
+static void notify(const struct kiln_progress *progress)
 {
     if (progress->watch == NULL)
         return;
@@ -245,7 +245,7 @@ static void tell(const struct kiln_progress *progress)
     progress->watch(progress->watch_data, progress->name, progress->done, progress->total, left);
 }
 
-/* On a terminal the bar gives way to the phase's time. */
+/* On a terminal the time of the phase replaces its bar. */
 static void end_phase(struct kiln_progress *progress)
 {
     if (!progress->running)
@@ -274,12 +274,12 @@ void kiln_progress_phase(struct kiln_progress *progress, const char *name, uint6
     progress->rate = 0;
     progress->running = true;
     progress->phase_start = progress->rate_time = progress->clock(progress->clock_data);
-    tell(progress);
+    notify(progress);
     show(progress, progress->phase_start);
     (void)pthread_mutex_unlock(&progress->mutex);
 }
 
-/* The rate forgets exponentially, so that the time left follows a change of speed without jumping. */
+/* Exponential moving average of the rate, so that the remaining time follows changes of speed smoothly. */
 static void update_rate(struct kiln_progress *progress, double now)
 {
     const double elapsed = now - progress->rate_time;
@@ -302,7 +302,7 @@ void kiln_progress_advance(struct kiln_progress *progress, uint64_t done)
         const uint64_t possible = progress->total > 0 && done > progress->total ? progress->total : done;
         progress->done = possible > progress->done ? possible : progress->done;
         update_rate(progress, now);
-        tell(progress);
+        notify(progress);
         show(progress, now);
     }
     (void)pthread_mutex_unlock(&progress->mutex);
@@ -331,7 +331,7 @@ void kiln_table_print(FILE *stream, const char *const *cells, size_t rows, size_
 {
     char plain[1024];
     for (size_t row = 0; row < rows; row++) {
-        size_t pending = 0; /* blanks owed, printed only when something follows */
+        size_t pending = 0; /* spaces to print before the next cell that is not empty */
         for (size_t column = 0; column < columns; column++) {
             size_t width = 0;
             for (size_t i = 0; i < rows; i++) {

@@ -1,8 +1,8 @@
-/* What a person at the terminal sees while kiln works: phases, a bar with the time left, and a closing table.
+/* Progress display on stderr: the phases of a command, a progress bar with the remaining time, and tables.
  *
  * On a terminal the present phase is one line that is redrawn at most ten times a second and becomes "NAME  TIME" when
- * the phase ends. Anywhere else a line is printed every nine seconds, without control characters. A thread sees to that
- * once a second, whether or not something was finished meanwhile; it calls no MPI. Only rank 0 shows anything. Not
+ * the phase ends. Elsewhere a line without control characters is printed every nine seconds. A thread updates the
+ * display once a second, also when no progress was reported; it does not call MPI. Only rank 0 displays anything. Not
  * collective; used by one thread. */
 #ifndef KILN_COORDINATOR_RUN_PROGRESS_H
 #define KILN_COORDINATOR_RUN_PROGRESS_H
@@ -14,39 +14,42 @@
 
 struct kiln_progress;
 
-/* NULL, which every function here accepts and which shows nothing, when `quiet` is set, when rank is not 0, or when
- * there is no memory for it: progress is never a reason to fail. Writes to stderr. */
+/* Creates the display. Returns NULL when `quiet` is set, when `rank` is not 0, or when memory is short; all functions
+ * here accept NULL and then show nothing. */
 struct kiln_progress *kiln_progress_create(bool quiet, int rank);
 
-/* One that shows nothing, has no thread and only lets others watch; NULL when there is no memory for it. */
+/* Creates one that shows nothing, has no thread and only calls its observer. NULL when memory is short. */
 struct kiln_progress *kiln_progress_create_silent(void);
 
-/* Called after each change, on the thread that made it: seconds left of the phase are -1 while they are not known. */
+/* The observer, called after each change by the thread that made it. `seconds_left` in the phase is -1 while unknown.
+ */
 typedef void (*kiln_progress_watch)(void *data, const char *name, uint64_t done, uint64_t total, double seconds_left);
 void kiln_progress_observe(struct kiln_progress *progress, kiln_progress_watch watch, void *data);
 
-/* The same with everything given and without a thread, which only calls kiln_progress_beat: for tests. `stream` NULL:
- * nothing is shown. `clock` returns seconds. */
+/* For tests: creates a display without a thread; call kiln_progress_beat instead. Nothing is shown if `stream` is NULL.
+ * `clock` returns seconds. */
 struct kiln_progress *kiln_progress_create_on(FILE *stream, bool terminal, int columns, double (*clock)(void *),
                                               void *clock_data);
-/* Shows the present phase again when it is time. */
+/* Redraws the present phase if it is due. */
 void kiln_progress_beat(struct kiln_progress *progress);
 
-/* Ends the phase before and begins one of `total` units (0: unknown, no bar and no time left). `name` is copied. */
+/* Ends the previous phase and begins one of `total` units of work (0: unknown, then there is no bar and no remaining
+ * time). `name` is copied. */
 void kiln_progress_phase(struct kiln_progress *progress, const char *name, uint64_t total);
-/* `done` units of the present phase are finished, counted from its begin. Cheap: looks at the clock, seldom prints. */
+/* Reports that `done` units are finished since the present phase began. Cheap: reads the clock and seldom prints. */
 void kiln_progress_advance(struct kiln_progress *progress, uint64_t done);
 /* Ends the last phase. */
 void kiln_progress_finish(struct kiln_progress *progress);
-/* Takes the unfinished line off the terminal, so that a message can follow. Accepts a NULL inside; sets NULL. */
+/* Clears the unfinished line from the terminal, so that a message can follow. *progress may be NULL, and is set to
+ * NULL. */
 void kiln_progress_destroy(struct kiln_progress **progress);
 
-/* Prints `rows` rows of `columns` cells (row by row; NULL is empty) in aligned columns, two blanks between, no blanks
- * at line ends. Cells go through kiln_text_plain and show 1,023 bytes at most. Bit i of `right` aligns column i to the
- * right. Width is counted in UTF-8 characters. */
+/* Prints a table of `rows` x `columns` cells, given row by row (NULL: an empty cell), in aligned columns with two
+ * spaces between them and none at line ends. Cells pass through kiln_text_plain and show at most 1,023 bytes. Bit i of
+ * `right` aligns column i to the right. Widths count UTF-8 characters. */
 void kiln_table_print(FILE *stream, const char *const *cells, size_t rows, size_t columns, uint32_t right);
 
-/* Writes seconds for people: "0.35 s", "12.3 s", "3 min 05 s", "2 h 07 min". Returns `text`. */
+/* Formats a duration: "0.35 s", "12.3 s", "3 min 05 s", "2 h 07 min". Returns `text`. */
 char *kiln_duration_text(double seconds, char *text, size_t size);
 
 #endif

@@ -17,7 +17,7 @@
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
-#define OLD_SECONDS 15.0 /* a file that has not changed for so long belongs to nobody */
+#define OLD_SECONDS 15.0 /* a status file that has not changed for so long is left from a dead process */
 #define WATCH_SECONDS 3.0
 
 static double seconds_now(void)
@@ -27,11 +27,10 @@ static double seconds_now(void)
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-/* Within the folder of the bake. */
+/* Relative to the folder of the bake. */
 static const char status_name[] = "checkpoint/status.json", stop_name[] = "checkpoint/stop";
 
-/* Field 22 of /proc/PID/stat; the name before it may hold anything, but ends with the last bracket. 0: no such process.
- */
+/* Reads field 22 of /proc/PID/stat. The program name in it may contain anything, so the last bracket marks its end. */
 uint64_t kiln_process_started(int64_t process)
 {
     char path[64], text[1024];
@@ -44,7 +43,7 @@ uint64_t kiln_process_started(int64_t process)
     text[size] = '\0';
     const char *at = strrchr(text, ')');
     if (at != NULL && (strncmp(at, ") Z", 3) == 0 || strncmp(at, ") X", 3) == 0))
-        return 0; /* dead, and nobody has asked how it died */
+        return 0; /* dead, and its parent has not waited for it yet */
     for (int field = 2; at != NULL && field < 22; field++)
         at = strchr(at + 1, ' ');
     return at != NULL ? strtoull(at, NULL, 10) : 0;
@@ -75,7 +74,7 @@ void kiln_bake_status_write(const char *directory, const struct kiln_bake_status
                        kiln_write_all(descriptor, text, strlen(text), 0, status_name, NULL) == KILN_OK;
         if (descriptor >= 0)
             written = kiln_close(descriptor) == 0 && written;
-        /* not synced: after a power cut it would say nothing that still holds */
+        /* not synced, since after a power cut its content is outdated anyway */
         if (!written || kiln_publish_replace(&place, NULL) != KILN_OK)
             kiln_publish_abandon(&place);
     }
@@ -136,7 +135,7 @@ bool kiln_bake_status_alive(const char *directory, const struct kiln_bake_status
         return true;
     if (strcmp(here.host, s->host) == 0 && kiln_process_started(s->process) != 0)
         return false;
-    /* another host, or one that has the same name but processes of its own, as containers have */
+    /* another host, or one with the same name and its own process numbers, such as a container */
     if (here.updated - s->updated > OLD_SECONDS ||
         (strcmp(here.host, s->host) == 0 && here.updated - s->updated > WATCH_SECONDS))
         return false;

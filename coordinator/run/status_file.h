@@ -1,9 +1,9 @@
-/* DIR/checkpoint/status.json: where a running bake is, for anybody who can read the folder; and DIR/checkpoint/stop, by
- * which it is asked to end.
+/* The status file of a bake, DIR/checkpoint/status.json, which shows its progress to anybody who can read the folder;
+ * and the stop file, DIR/checkpoint/stop, whose existence asks the bake to end.
  *
- * Rank 0 of a bake writes the first once a second, aside and then over the old one, so that a reader sees a whole file.
- * It goes with the checkpoint when the bake ends well (run.json says that then), and when a bake fails before there is
- * one. */
+ * Rank 0 of a bake writes the status file once a second under another name and renames it, so that a reader always sees
+ * a complete file. It is removed with the checkpoint when the bake succeeds (run.json is there then), and when a bake
+ * fails before it has a checkpoint. */
 #ifndef KILN_COORDINATOR_RUN_STATUS_FILE_H
 #define KILN_COORDINATOR_RUN_STATUS_FILE_H
 
@@ -15,39 +15,39 @@
 struct kiln_bake_status {
     char state[16]; /* "running", "stopped", "failed" */
     char phase[64];
-    double share;   /* of the phase, 0..1; -1: not known */
-    double left;    /* s, of the phase; -1: not known */
-    double seconds; /* since the bake (this run of it) began */
+    double share;   /* fraction of the phase that is done, 0 to 1; -1: unknown */
+    double left;    /* remaining time of the phase, s; -1: unknown */
+    double seconds; /* since this run of the bake began */
     int32_t ranks;
-    char host[64];       /* of rank 0 */
-    int64_t process;     /* its process there */
-    uint64_t started;    /* when that started, in the kernel's ticks: tells it from a later one of the same number */
-    double updated;      /* s since 1970 */
-    uint64_t beat;       /* counts the writings */
-    uint64_t generation; /* of the last checkpoint; 0: none */
-    double saved;        /* when, s since 1970 */
+    char host[64];    /* host of rank 0 */
+    int64_t process;  /* process number of rank 0 */
+    uint64_t started; /* when that process started, in the kernel's ticks; tells it from a later one with its number */
+    double updated;   /* when this was written, s since 1970 */
+    uint64_t beat;    /* how often the file has been written */
+    uint64_t generation; /* the last checkpoint; 0: none */
+    double saved;        /* when that was written, s since 1970 */
     int32_t code;        /* exit status, when not running */
-    char message[512];   /* the sentence, when not running */
+    char message[512];   /* the message, when not running */
 };
 
 /* None of these is collective. */
 
-/* Fills host, process, started, updated of this process. */
+/* Fills in host, process, started and updated for this process. */
 void kiln_bake_status_sign(struct kiln_bake_status *status);
-/* Writes the file; the folder DIR/checkpoint is there. Failures are of no consequence. */
+/* Writes the file. The folder DIR/checkpoint must exist. Failures are ignored. */
 void kiln_bake_status_write(const char *directory, const struct kiln_bake_status *status);
-/* KILN_NO_INPUT when there is no such file; KILN_BAD_INPUT when it is not one of ours. */
+/* KILN_NO_INPUT if there is no such file; KILN_BAD_INPUT if kiln has not written it. */
 int kiln_bake_status_read(const char *directory, struct kiln_bake_status *status, struct kiln_error *error);
 void kiln_bake_status_remove(const char *directory);
 
-/* Whether the process that wrote it is alive: on this host by its number; from another by whether the file changes,
- * which is watched for up to three seconds unless it is old. */
+/* Whether the process that wrote the file is alive. On the same host its process number decides. Elsewhere the file is
+ * watched for changes, for up to three seconds; a file older than 15 s is not watched and counts as dead. */
 bool kiln_bake_status_alive(const char *directory, const struct kiln_bake_status *status);
 
-/* When a process of this host started, in the kernel's ticks; 0: there is none, or it is dead. */
+/* When a process of this host started, in the kernel's ticks; 0: it does not exist or is dead. */
 uint64_t kiln_process_started(int64_t process);
 
-/* The request to stop. */
+/* Creates, looks for, and removes the stop file. */
 int kiln_stop_request(const char *directory, struct kiln_error *error);
 bool kiln_stop_requested(const char *directory);
 void kiln_stop_forget(const char *directory);

@@ -5,36 +5,36 @@
 
 #include "worker/base/memory.h"
 
-/* Each waits until all are there, or no more come. */
-static void *wait_for_word(void *data)
+/* Each thread waits on the mutex until all have been started. */
+static void *wait_for_start(void *data)
 {
-    pthread_mutex_t *word = data;
-    (void)pthread_mutex_lock(word);
-    (void)pthread_mutex_unlock(word);
+    pthread_mutex_t *started = data;
+    (void)pthread_mutex_lock(started);
+    (void)pthread_mutex_unlock(started);
     return NULL;
 }
 
 int kiln_threads_check(uint32_t count, struct kiln_error *error)
 {
-    pthread_mutex_t word = PTHREAD_MUTEX_INITIALIZER;
+    pthread_mutex_t all_started = PTHREAD_MUTEX_INITIALIZER;
     pthread_t *threads = NULL;
     uint32_t started = 0;
     int status = kiln_allocate(&threads, count, sizeof *threads, "the threads", error), problem = 0;
     if (status != KILN_OK)
         return status;
-    (void)pthread_mutex_lock(&word);
+    (void)pthread_mutex_lock(&all_started);
     while (started < count && problem == 0) {
-        problem = pthread_create(&threads[started], NULL, wait_for_word, &word);
+        problem = pthread_create(&threads[started], NULL, wait_for_start, &all_started);
         started += problem == 0;
     }
-    (void)pthread_mutex_unlock(&word);
+    (void)pthread_mutex_unlock(&all_started);
     for (uint32_t i = 0; i < started; i++)
         (void)pthread_join(threads[i], NULL);
     kiln_free(&threads);
     if (problem != 0)
-        status =
-            kiln_fail(error, KILN_SYSTEM,
-                      "%u threads are needed and %u can be had (%s): raise ulimit -u or -v, or give fewer --threads",
-                      count, started, strerror(problem));
+        status = kiln_fail(
+            error, KILN_SYSTEM,
+            "%u threads are needed, and only %u can be started (%s): raise ulimit -u or -v, or use fewer --threads",
+            count, started, strerror(problem));
     return status;
 }

@@ -1,5 +1,5 @@
-/* Whether the process may have the threads that it will need: libraries that find out too late end it without a
- * sentence. */
+/* Thread limits: checks early that the process may start the threads it will need, and reports C++ exceptions that
+ * nobody catches. Libraries that run out of threads later end the process without a message. */
 #ifndef KILN_COORDINATOR_RUN_THREADS_H
 #define KILN_COORDINATOR_RUN_THREADS_H
 
@@ -7,11 +7,11 @@
 
 #include "worker/base/status.h"
 
-/* Starts so many, for a moment. KILN_SYSTEM when they cannot be had: limits of processes or memory. */
+/* Starts `count` threads and ends them again. KILN_SYSTEM if a limit of processes or memory does not allow them. */
 int kiln_threads_check(uint32_t count, struct kiln_error *error);
 
-/* What C++ libraries throw and nobody catches (no memory, no thread) ends the process through `say`, with the
- * exception's words; it must not return. */
+/* Installs `say` as the handler of C++ exceptions that nobody catches, as libraries throw them when they get no memory
+ * or no thread. It is called with the exception's message and must not return. */
 void kiln_on_uncaught(void (*say)(const char *what));
 
 #endif

@@ -6,7 +6,7 @@
 #include <unistd.h>
 
 #include "coordinator/mpi/agree.h"
-#include "coordinator/output/html.h"
+#include "coordinator/files/html.h"
 #include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
@@ -69,7 +69,7 @@ void kiln_trace_add(struct kiln_trace *trace, enum kiln_trace_row row, const cha
 
 /* ---- writing ---- */
 
-/* Who the process and its threads are. Names are kiln's own words, and a host's hold no quotes. */
+/* Names the process and its threads. The names need no escaping: they are kiln's own, and host names have no quotes. */
 static void add_names(const struct kiln_trace *t, struct kiln_html *page)
 {
     kiln_html_add(page, "%s{\"name\":\"process_name\",\"ph\":\"M\",\"pid\":%d,\"args\":{\"name\":\"rank %d on %s\"}}",
@@ -91,7 +91,7 @@ static void add_event(const struct kiln_trace *t, const struct event *e, struct 
     kiln_html_add(page, "}");
 }
 
-/* This rank's events; on rank 0 after the head of the file. */
+/* Formats the events of this rank; on rank 0 the head of the file comes first. */
 static int make_text(const struct kiln_trace *t, struct kiln_html *page, struct kiln_error *error)
 {
     if (t->rank == 0)
@@ -99,15 +99,14 @@ static int make_text(const struct kiln_trace *t, struct kiln_html *page, struct 
     add_names(t, page);
     for (size_t i = 0; i < t->count && page->status == KILN_OK; i++)
         add_event(t, &t->events[i], page);
-    if (page->status == KILN_OK && page->size > INT_MAX) /* one message */
-        return kiln_fail(
-            error, KILN_SYSTEM,
-            "the timeline of rank %d is %zu bytes long and at most %d can be brought together; leave --trace out",
-            t->rank, page->size, INT_MAX);
+    if (page->status == KILN_OK && page->size > INT_MAX) /* more than one message can carry */
+        return kiln_fail(error, KILN_SYSTEM,
+                         "the timeline of rank %d has %zu bytes, and rank 0 can receive at most %d; leave out --trace",
+                         t->rank, page->size, INT_MAX);
     return page->status;
 }
 
-/* Rank 0: takes another rank's text. */
+/* Rank 0: receives the text of another rank. */
 static void receive(const struct kiln_trace *t, int rank, struct kiln_html *page)
 {
     MPI_Status from;
@@ -117,7 +116,7 @@ static void receive(const struct kiln_trace *t, int rank, struct kiln_html *page
     (void)MPI_Get_count(&from, MPI_CHAR, &length);
     const int status = kiln_allocate(&bytes, (size_t)length + 1, 1, "the trace", page->error);
     if (status != KILN_OK)
-        kiln_end_all_ranks(status, page->error); /* the others are sending */
+        kiln_end_all_ranks(status, page->error); /* the other ranks are already sending */
     (void)MPI_Recv(bytes, length, MPI_CHAR, rank, TAG, t->communicator, MPI_STATUS_IGNORE);
     kiln_html_add(page, "%s", bytes);
     kiln_free(&bytes);
@@ -129,7 +128,7 @@ int kiln_trace_write(const struct kiln_trace *trace, const char *path, struct ki
     int status = kiln_agree(trace->communicator, make_text(trace, &page, error), error);
     if (status == KILN_OK && trace->rank != 0)
         (void)MPI_Send(page.text, (int)page.size, MPI_CHAR, 0, TAG, trace->communicator);
-    /* the page keeps its first failure: all that is sent is taken */
+    /* receive all texts even after a failure, which the page remembers */
     for (int r = 1; r < trace->ranks && trace->rank == 0 && status == KILN_OK; r++)
         receive(trace, r, &page);
     status = status == KILN_OK ? page.status : status;

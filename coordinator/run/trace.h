@@ -1,9 +1,8 @@
-/* What each rank did when, for chrome://tracing and Perfetto: phases, passes, batches, help, exchanges, checkpoints,
- * waits.
+/* Trace: a timeline of what each rank does, in the JSON format of chrome://tracing and Perfetto.
  *
- * A rank is a process of the timeline, a category a thread of it; every event is complete ("ph": "X") with microseconds
- * since the ranks met in kiln_trace_create. Clocks of different hosts are set by that meeting, to within the time a
- * barrier takes. */
+ * Each rank is a process of the timeline and each kind of event a thread of it. All events are complete events
+ * ("ph": "X"). Times are microseconds since a barrier in kiln_trace_create, which aligns the clocks of different hosts
+ * to within the time that a barrier takes. */
 #ifndef KILN_COORDINATOR_RUN_TRACE_H
 #define KILN_COORDINATOR_RUN_TRACE_H
 
@@ -12,8 +11,8 @@
 
 #include "worker/base/status.h"
 
-/* HELP: batches of another rank's share. EXCHANGE: a rank is busy with it, or waits; TRAVEL: a group of points is on
- * its way, while other things are done. */
+/* Kinds of events. HELP: a batch that was stolen from another rank. EXCHANGE: the rank sends, receives or waits for
+ * radiosity. TRAVEL: a group of points is under way while the rank does something else. */
 enum kiln_trace_row {
     KILN_TRACE_PHASE,
     KILN_TRACE_PASS,
@@ -32,8 +31,8 @@ struct kiln_trace;
 int kiln_trace_create(struct kiln_trace **trace, MPI_Comm communicator, struct kiln_error *error);
 void kiln_trace_destroy(struct kiln_trace **trace);
 
-/* From `begin` to `end`, MPI_Wtime(). `count` says how much was done (points, bytes); negative: nothing to say. `name`
- * is copied. What finds no memory is left out. A NULL trace takes nothing. */
+/* Adds an event from `begin` to `end`, times of MPI_Wtime(). `count` is the number of points or bytes that were
+ * processed; negative: none is shown. `name` is copied. An event is dropped if memory is short. `trace` may be NULL. */
 void kiln_trace_add(struct kiln_trace *trace, enum kiln_trace_row row, const char *name, double begin, double end,
                     int64_t count);
 

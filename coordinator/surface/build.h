@@ -1,9 +1,10 @@
-/* Private to coordinator/surface: what the steps of kiln_surface_build hand on to each other.
+/* Private to coordinator/surface: the state that the steps of kiln_surface_build pass to one another. Each step reads
+ * what the steps before it left and adds its own.
  *
- *   points.c   measures objects, finds covered texels and their cells: parts of tiles     (a range of blocks of tiles)
- *   order.c    puts the parts into global order, fills the map: tiles and splits          (those parts; the map of all)
- *   deal.c     cuts the global order between ranks, sends parts to where they belong      (those parts; own tile runs)
- *   share.c    fills pieces and per-point data                                            (own tile runs) */
+ *   points.c        lightmap sizes, blocks of tiles; covers the blocks of this rank: unplaced runs
+ *   order.c         gives the unplaced runs their places in the global order; fills the map of all tiles on every rank
+ *   assignment.c    splits the global order between the ranks and sends each tile run to the rank that owns it
+ *   rank_surface.c  fills this rank's arrays: pieces, area, albedo of its own points */
 #ifndef KILN_COORDINATOR_SURFACE_BUILD_H
 #define KILN_COORDINATOR_SURFACE_BUILD_H
 
@@ -13,40 +14,43 @@
 #include "coordinator/surface/coverage.h"
 #include "coordinator/surface/surface_build.h"
 
-/* Morton-consecutive tiles of an object: what a thread takes at a time, and never two ranks */
+/* Tiles of one lightmap that follow one another in Morton order. A block is covered by one thread of one rank. */
 enum { KILN_BLOCK_TILES = 512 };
 
-/* The points of a tile in one cell, before they have a place: what becomes a tile run. */
-struct kiln_part {
-    uint64_t mask;
+/* The points of one tile in one cell, before their place in the global order is known. Each becomes a tile run. */
+struct kiln_unplaced_run {
+    uint64_t mask;     /* its texels, by bit (kiln_morton8) */
     uint64_t code;     /* Morton code of the cell */
-    uint64_t position; /* among all tile runs in global order */
-    uint64_t first;    /* global index of its first point */
+    uint64_t position; /* index among all tile runs in global order; set by kiln_build_order */
+    uint64_t first;    /* global index of its first point; set by kiln_build_order */
     uint32_t tile;
-    uint32_t cell; /* index among the occupied cells */
-    uint32_t pieces, shares;
+    uint32_t cell;                /* index among the occupied cells */
+    uint32_t pieces, cdf_entries; /* how many entries it needs in the surface's arrays */
 };
 
 struct kiln_block {
-    struct kiln_part *parts; /* by tile in Morton order */
+    struct kiln_unplaced_run *runs; /* by tile in Morton order; within a tile by first point */
     size_t count, capacity;
     double area;
     uint64_t shared_texels;
-    uint32_t map; /* lightmap */
+    uint32_t map; /* number of its lightmap */
 };
 
-/* What a rank should own whole, cells or lightmaps, with what all ranks found of each. */
+/* The units of the partition: cells or, with KILN_PARTITION_OBJECTS, lightmaps. A rank should own whole units. The
+ * counts are those of all ranks together. */
 struct kiln_units {
     uint64_t count;
-    uint64_t *points;         /* unit */
-    uint64_t *first_point;    /* count + 1, in global order */
-    uint64_t *first_tile_run; /* count + 1, in global order */
+    uint64_t *points; /* one per unit */
+    /* one per unit, and one more at the end: where the unit begins in the global order */
+    uint64_t *first_point, *first_tile_run;
 };
 
 struct kiln_build {
     const struct kiln_surface_params *params;
-    const struct kiln_surface_exchange *exchange; /* never NULL: one with nobody */
-    uint32_t workers, worker;                     /* ranks that divide the blocks, and which of them this is */
+    /* never NULL; a process that works alone has one that exchanges nothing */
+    const struct kiln_surface_exchange *exchange;
+    /* number of ranks that divide the blocks between them, and this rank's number among these */
+    uint32_t workers, worker;
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
     struct kiln_surface *surface;
@@ -54,42 +58,45 @@ struct kiln_build {
     uint32_t threads;
     struct kiln_grid grid;
     uint32_t *vertex_chart;
-    double *object_area;         /* m2, of its triangles */
-    uint64_t *map_block;         /* lightmap: its first block; one more at the end */
-    struct kiln_block *blocks;   /* all; parts are in own ones */
+    double *object_area;         /* one per object: m2, sum of its triangles */
+    uint64_t *map_block;         /* one per lightmap, and one more at the end: its first block */
+    struct kiln_block *blocks;   /* the blocks of all ranks; only those of this rank have runs */
     uint64_t own_first, own_end; /* blocks that this rank covers */
-    uint64_t *cell_codes;        /* of the occupied cells, ascending */
+    uint64_t *cell_codes;        /* Morton codes of the occupied cells, ascending */
     struct kiln_units units;
-    /* the first failure of any thread */
+    /* the first failure of any thread; KILN_OK: none */
     int status;
     struct kiln_error *error;
 };
 
-/* Keeps the first failure, or that somebody asked to stop. Thread-safe. */
+/* Keeps the first failure of any thread. Thread-safe. */
 void kiln_build_fail(struct kiln_build *build, int status, const struct kiln_error *error);
+/* Whether a thread has failed or the user has asked to stop, which becomes a failure (KILN_STOPPED). Thread-safe. */
 bool kiln_build_failed(struct kiln_build *build);
 
-/* Calls work(build, map, threads) for every lightmap: small ones side by side on one thread each, large ones one after
- * the other on all. `work` reports through kiln_build_fail. Those that `wanted` (NULL: all) marks 0 are left out. */
+/* Calls work(build, map, threads) for every lightmap. Small lightmaps are worked on side by side, on one thread each;
+ * large ones one after the other, each on all threads. `work` reports failures through kiln_build_fail. `wanted` (NULL:
+ * all) marks with 0 the lightmaps to leave out. */
 void kiln_build_for_maps(struct kiln_build *build, const uint8_t *wanted,
                          void (*work)(struct kiln_build *build, uint32_t map, uint32_t threads, const void *context),
                          const void *context);
 
-/* The steps in order, collective. Each returns a status, the same on all ranks, and writes the sentence into
- * build->error. */
-int kiln_build_measure(struct kiln_build *build); /* lightmaps, grid, blocks, which are whose */
-int kiln_build_cover(struct kiln_build *build);   /* parts of own blocks; areas */
-int kiln_build_order(struct kiln_build *build);   /* cells, units, tiles, splits */
-int kiln_build_deal(struct kiln_build *build);    /* own tile runs, piece_base, area_cdf_base */
-int kiln_build_share(struct kiln_build *build);   /* own points */
+/* The steps, in order. All are collective over the ranks of the exchange, return the same status on all of them, and
+ * write the sentence into build->error. */
+/* lightmap sizes, grid of cells, blocks and their division between the ranks */
+int kiln_build_measure(struct kiln_build *build);
+int kiln_build_cover(struct kiln_build *build);  /* unplaced runs of this rank's blocks; areas of all */
+int kiln_build_order(struct kiln_build *build);  /* occupied cells, units, global order, tiles and splits */
+int kiln_build_assign(struct kiln_build *build); /* this rank's range: tile_runs, piece_base, area_cdf_base */
+/* piece_count, pieces, area_cdf, albedo, area, visible of this rank's points */
+int kiln_build_fill(struct kiln_build *build);
 
-/* Points of a part. */
-static inline uint64_t kiln_part_points(const struct kiln_part *part)
+static inline uint64_t kiln_unplaced_run_points(const struct kiln_unplaced_run *run)
 {
-    return (uint64_t)__builtin_popcountll(part->mask);
+    return (uint64_t)__builtin_popcountll(run->mask);
 }
 
-/* How many of `total` points should lie before share r: see kiln_partition_cut. */
+/* The number of points, of `total`, that should lie before rank r's range: r / ranks of them, without overflow. */
 static inline uint64_t kiln_partition_ideal(uint64_t total, uint32_t ranks, uint32_t r)
 {
     return total / ranks * r + total % ranks * r / ranks;

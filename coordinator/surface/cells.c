@@ -5,7 +5,8 @@ static const double most_along_side = 1048576.0;
 
 static double cells_along(double length, double size)
 {
-    return fmax(1.0, ceil(length / size - 1e-6)); /* a side of 24.0000001 cells has 24, the last one that much larger */
+    /* a side that is 24.0000001 cells long has 24, the last one slightly larger */
+    return fmax(1.0, ceil(length / size - 1e-6));
 }
 
 int kiln_grid_choose(struct kiln_grid *grid, const struct kiln_geometry *geometry, double cell_size,

@@ -9,6 +9,7 @@ struct vertex_key {
     uint32_t words[5];
 };
 
+/* Position and lightmap coordinate, comparable with memcmp. */
 static struct vertex_key key_of(const struct kiln_scene *scene, uint64_t vertex)
 {
     /* adding 0 makes -0 equal to 0 */
@@ -30,7 +31,8 @@ static uint64_t hash_of(const struct vertex_key *key)
     return h;
 }
 
-/* Joins vertices that are split only for normals, colours or materials. */
+/* Joins vertices with equal position and equal lightmap coordinate: such vertices were duplicated only for their
+ * normals, colours or materials. */
 static int join_equal(uint32_t *parent, const struct kiln_scene *scene, const struct kiln_mesh *mesh,
                       struct kiln_error *error)
 {

@@ -9,12 +9,13 @@ static uint64_t world_triangle(const struct kiln_object_range *range, uint64_t k
     return k < range->opaque_count ? range->opaque_first + k : range->alpha_first + (k - range->opaque_count);
 }
 
-/* Without the calls into the mathematics library that fmin and fmax become. */
+/* fmin and fmax would become calls into the mathematics library here. */
 static inline double least(double a, double b) { return a < b ? a : b; }
 static inline double most(double a, double b) { return a > b ? a : b; }
 
-/* Where the triangle reaches in x between two heights; widened by more than rounding, as clipping has the last word. */
-static bool band(const double c[3][2], double y0, double y1, double *low, double *high)
+/* The range in x that the triangle reaches between the heights y0 and y1. It is widened by more than the rounding
+ * error: clipping decides in the end. False when the triangle does not reach between them. */
+static bool reach_between(const double c[3][2], double y0, double y1, double *low, double *high)
 {
     double x0 = INFINITY, x1 = -INFINITY;
     for (int i = 0; i < 3; i++) {
@@ -37,8 +38,8 @@ static bool band(const double c[3][2], double y0, double y1, double *low, double
     return x0 <= x1;
 }
 
-/* The index of the cell of `size` that `x` lies in, held to 0 .. count - 1. */
-static uint32_t held(double x, double size, uint32_t count)
+/* Index of the interval of length `size` that holds x, clamped to 0 .. count - 1. */
+static uint32_t clamped_index(double x, double size, uint32_t count)
 {
     return (uint32_t)least(most(floor(x / size), 0.0), (double)count - 1.0);
 }
@@ -53,8 +54,9 @@ static void vertical_reach(const double c[3][2], double *low, double *high)
     *high = most(c[0][1], most(c[1][1], c[2][1]));
 }
 
-/* Counts a triangle for a tile in place[tile + 1] or, with `out`, enters it there and moves place[tile] on. */
-static void bin_in(uint64_t tile, uint32_t triangle, uint64_t *place, uint32_t *out)
+/* Counting sort, both passes. Without `out`: counts a triangle of `tile` in place[tile + 1]. With `out`: writes the
+ * triangle to the tile's next place, which is place[tile], and advances that. */
+static void bin_into(uint64_t tile, uint32_t triangle, uint64_t *place, uint32_t *out)
 {
     uint64_t at;
     uint64_t *counter = &place[out == NULL ? tile + 1 : tile];
@@ -64,7 +66,7 @@ static void bin_in(uint64_t tile, uint32_t triangle, uint64_t *place, uint32_t *
         out[at] = triangle;
 }
 
-/* Visits the tiles a triangle touches. */
+/* Passes each tile that the triangle touches to bin_into. A triangle without area in the world touches none. */
 static void bin(const struct kiln_coverage *c, uint32_t triangle, uint64_t *place, uint32_t *out)
 {
     double corner[3][2];
@@ -74,20 +76,21 @@ static void bin(const struct kiln_coverage *c, uint32_t triangle, uint64_t *plac
     if (c->back && (c->geometry->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0)
         return;
     if (is_collapsed(corner)) {
-        const uint32_t x = held(mean(corner, 0), 1.0, c->width), y = held(mean(corner, 1), 1.0, c->height);
-        bin_in((uint64_t)(y / KILN_TILE_SIDE) * c->tiles_x + x / KILN_TILE_SIDE, triangle, place, out);
+        const uint32_t x = clamped_index(mean(corner, 0), 1.0, c->width),
+                       y = clamped_index(mean(corner, 1), 1.0, c->height);
+        bin_into((uint64_t)(y / KILN_TILE_SIDE) * c->tiles_x + x / KILN_TILE_SIDE, triangle, place, out);
         return;
     }
     double bottom, top;
     vertical_reach(corner, &bottom, &top);
-    const uint32_t ty1 = held(top, KILN_TILE_SIDE, c->tiles_y);
-    for (uint32_t ty = held(bottom, KILN_TILE_SIDE, c->tiles_y); ty <= ty1; ty++) {
+    const uint32_t ty1 = clamped_index(top, KILN_TILE_SIDE, c->tiles_y);
+    for (uint32_t ty = clamped_index(bottom, KILN_TILE_SIDE, c->tiles_y); ty <= ty1; ty++) {
         double low, high;
-        if (!band(corner, (double)ty * KILN_TILE_SIDE, ((double)ty + 1.0) * KILN_TILE_SIDE, &low, &high))
+        if (!reach_between(corner, (double)ty * KILN_TILE_SIDE, ((double)ty + 1.0) * KILN_TILE_SIDE, &low, &high))
             continue;
-        const uint32_t tx1 = held(high, KILN_TILE_SIDE, c->tiles_x);
-        for (uint32_t tx = held(low, KILN_TILE_SIDE, c->tiles_x); tx <= tx1; tx++)
-            bin_in((uint64_t)ty * c->tiles_x + tx, triangle, place, out);
+        const uint32_t tx1 = clamped_index(high, KILN_TILE_SIDE, c->tiles_x);
+        for (uint32_t tx = clamped_index(low, KILN_TILE_SIDE, c->tiles_x); tx <= tx1; tx++)
+            bin_into((uint64_t)ty * c->tiles_x + tx, triangle, place, out);
     }
 }
 
@@ -127,8 +130,8 @@ int kiln_coverage_create(struct kiln_coverage *coverage, const struct kiln_scene
     int status = kiln_allocate(&c->tile_first, tiles + 2, sizeof *c->tile_first, "an object's tiles", error);
     if (status != KILN_OK)
         goto end;
-    /* Counts stand one place on, so that filling, which moves each tile's place to its end, leaves the firsts behind.
-     */
+    /* The counts are kept one entry further on. Filling advances each tile's place to the tile's end, which is the next
+     * tile's beginning: tile_first then holds the beginnings. */
     uint64_t *place = c->tile_first + 1;
 #pragma omp parallel for schedule(dynamic, 1024) num_threads(team)
     for (uint64_t k = 0; k < count; k++)
@@ -175,7 +178,8 @@ static void add_piece(struct kiln_coverage_scratch *scratch, uint32_t triangle, 
         (struct kiln_coverage_piece){area, b1, b2, triangle, (uint8_t)kiln_morton8(x, y), whole};
 }
 
-/* One triangle in one texel. */
+/* Adds the piece of one triangle in one texel. `area`: of the triangle, m2; `texels`: its area in the lightmap, texels
+ * (0: none there). */
 static void cover_texel(struct kiln_coverage_scratch *scratch, const struct tile_window *window, uint32_t triangle,
                         const double corner[3][2], double area, double texels, uint32_t x, uint32_t y)
 {
@@ -194,12 +198,12 @@ static void cover_texel(struct kiln_coverage_scratch *scratch, const struct tile
     }
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
     const uint32_t count = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
-    const double share = kiln_clip_share(polygon, count, &centroid);
-    if (share > kiln_clip_smallest(texels))
-        add_piece(scratch, triangle, x, y, false, share * area, centroid.b1, centroid.b2);
+    const double fraction = kiln_clip_fraction(polygon, count, &centroid);
+    if (fraction > kiln_clip_smallest(texels))
+        add_piece(scratch, triangle, x, y, false, fraction * area, centroid.b1, centroid.b2);
 }
 
-/* One triangle in one tile. There is room for 64 more pieces. */
+/* Adds the pieces of one triangle in one tile. The scratch has room for 64 more. */
 static void cover(const struct kiln_coverage *c, const struct tile_window *window, uint32_t triangle,
                   struct kiln_coverage_scratch *scratch)
 {
@@ -209,19 +213,20 @@ static void cover(const struct kiln_coverage *c, const struct tile_window *windo
     const double area = kiln_geometry_triangle_area(c->geometry, triangle);
     const double x0 = window->x, y0 = window->y;
     if (is_collapsed(corner)) {
-        const uint32_t x = held(mean(corner, 0), 1.0, c->width), y = held(mean(corner, 1), 1.0, c->height);
+        const uint32_t x = clamped_index(mean(corner, 0), 1.0, c->width),
+                       y = clamped_index(mean(corner, 1), 1.0, c->height);
         cover_texel(scratch, window, triangle, corner, area, 0.0, x - window->x, y - window->y);
         return;
     }
     double bottom, top;
     vertical_reach(corner, &bottom, &top);
-    const uint32_t row_last = held(top - y0, 1.0, window->height);
-    for (uint32_t y = held(bottom - y0, 1.0, window->height); y <= row_last; y++) {
+    const uint32_t row_last = clamped_index(top - y0, 1.0, window->height);
+    for (uint32_t y = clamped_index(bottom - y0, 1.0, window->height); y <= row_last; y++) {
         double low, high;
-        if (!band(corner, y0 + y, y0 + y + 1.0, &low, &high))
+        if (!reach_between(corner, y0 + y, y0 + y + 1.0, &low, &high))
             continue;
-        const uint32_t x_last = held(high - x0, 1.0, window->width);
-        for (uint32_t x = held(low - x0, 1.0, window->width); x <= x_last; x++)
+        const uint32_t x_last = clamped_index(high - x0, 1.0, window->width);
+        for (uint32_t x = clamped_index(low - x0, 1.0, window->width); x <= x_last; x++)
             cover_texel(scratch, window, triangle, corner, area, texels, x, y);
     }
 }

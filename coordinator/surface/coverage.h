@@ -1,4 +1,4 @@
-/* Which triangles of an object cover which texels of its lightmap, tile by tile, with exact areas. */
+/* Coverage: which triangles of an object cover which texels of its lightmap, tile by tile, with exact areas. */
 #ifndef KILN_COORDINATOR_SURFACE_COVERAGE_H
 #define KILN_COORDINATOR_SURFACE_COVERAGE_H
 
@@ -7,41 +7,44 @@
 #include "worker/scene/clip.h"
 #include "worker/scene/surface.h"
 
-/* An object's triangles sorted into the tiles they touch; lives while the object is worked on. */
+/* The triangles of one lightmap, binned by the tiles they touch. Exists while the lightmap is worked on. Borrows scene
+ * and geometry. */
 struct kiln_coverage {
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
     uint32_t width, height, tiles_x, tiles_y, shift; /* as in the lightmap */
-    bool back;                                       /* only triangles with two sides */
-    uint64_t *tile_first;                            /* tile: its first entry of `triangles`; one more at the end */
-    uint32_t *triangles;                             /* world triangles, ascending within a tile */
+    /* the lightmap is that of the object's backs: only double-sided triangles are binned */
+    bool back;
+    /* one per tile, and one more at the end: its first entry in `triangles` */
+    uint64_t *tile_first;
+    uint32_t *triangles; /* world triangle numbers, ascending within a tile */
 };
 
-/* The part of one texel that one triangle covers. */
+/* The piece of one texel that one triangle covers. */
 struct kiln_coverage_piece {
-    double area;   /* m2 */
-    double b1, b2; /* centroid: weights of the triangle's corners 1 and 2 */
+    double area;   /* on the surface, m2 */
+    double b1, b2; /* barycentric weights of the piece's centroid, for the triangle's corners 1 and 2 */
     uint32_t triangle;
-    uint8_t bit; /* kiln_morton8 of the texel in its tile */
-    bool whole;  /* the texel's square lies wholly in the triangle */
+    uint8_t bit; /* the texel's bit in its tile: kiln_morton8(x, y) */
+    bool whole;  /* the triangle holds the whole square of the texel */
 };
 
-/* One thread's working space; zero it before first use. */
+/* Working memory of one thread. Zero-initialise; free with kiln_coverage_scratch_destroy. */
 struct kiln_coverage_scratch {
     struct kiln_coverage_piece *pieces;
     size_t count, capacity;
 };
 
-/* Of lightmap `map`, whose size the surface has. Not collective. Runs on `threads` threads; the result does not depend
- * on it. KILN_SYSTEM. */
+/* Bins the triangles of lightmap `map`; its width, height and tiles must be set in the surface. Not collective. Runs on
+ * `threads` threads; the result does not depend on their number. KILN_SYSTEM. Destroy with kiln_coverage_destroy. */
 int kiln_coverage_create(struct kiln_coverage *coverage, const struct kiln_scene *scene,
                          const struct kiln_geometry *geometry, const struct kiln_surface *surface, uint32_t map,
                          uint32_t threads, struct kiln_error *error);
 void kiln_coverage_destroy(struct kiln_coverage *coverage);
 
-/* Puts the pieces of tile `tile` (y * tiles_x + x) into scratch->pieces: by triangle, ascending. Triangles without area
- * in the world have none; those without area in the lightmap have one, in the texel that holds their centroid there.
- * Thread-safe with a scratch for each thread. */
+/* Writes the pieces of tile number `tile` (y * tiles_x + x) into scratch->pieces, by ascending triangle. A triangle
+ * without area in the world has no pieces. One without area in the lightmap has one piece, in the texel that holds its
+ * centroid there. Thread-safe with one scratch for each thread. */
 int kiln_coverage_tile(const struct kiln_coverage *coverage, uint32_t tile, struct kiln_coverage_scratch *scratch,
                        struct kiln_error *error);
 void kiln_coverage_scratch_destroy(struct kiln_coverage_scratch *scratch);

@@ -4,7 +4,7 @@
 #include "coordinator/surface/build.h"
 #include "worker/base/memory.h"
 
-enum { POINTS_PER_CELL = 1024 };
+enum { POINTS_PER_CELL = 1024 }; /* mean over occupied cells that an automatic cell size aims at */
 
 static int ascending(const void *a, const void *b)
 {
@@ -25,7 +25,7 @@ static size_t make_unique(uint64_t *codes, size_t count)
     return kept;
 }
 
-/* The codes of the cells that own parts lie in, in order, and these parts' points. */
+/* The Morton codes of the cells that this rank's unplaced runs lie in, ascending; and the number of their points. */
 static int list_own_cells(const struct kiln_build *build, uint64_t **codes, size_t *cells, uint64_t *points)
 {
     size_t count = 0, capacity = 0;
@@ -33,14 +33,14 @@ static int list_own_cells(const struct kiln_build *build, uint64_t **codes, size
     for (uint64_t b = build->own_first; b < build->own_end; b++) {
         const struct kiln_block *block = &build->blocks[b];
         for (size_t i = 0; i < block->count; i++) {
-            *points += kiln_part_points(&block->parts[i]);
-            if (count > 0 && (*codes)[count - 1] == block->parts[i].code)
+            *points += kiln_unplaced_run_points(&block->runs[i]);
+            if (count > 0 && (*codes)[count - 1] == block->runs[i].code)
                 continue;
             const int status =
                 kiln_grow(codes, &capacity, count + 1, sizeof **codes, "the occupied cells", build->error);
             if (status != KILN_OK)
                 return status;
-            (*codes)[count++] = block->parts[i].code;
+            (*codes)[count++] = block->runs[i].code;
         }
     }
     *cells = make_unique(*codes, count);
@@ -52,15 +52,16 @@ struct code_list {
     size_t count;
 };
 
-/* kiln_surface_taker, of struct code_list with room for all */
-static void take_codes(void *taker, const void *records, size_t count)
+/* kiln_surface_taker for a struct code_list with room for the codes of all ranks */
+static void receive_codes(void *taker, const void *records, size_t count)
 {
     struct code_list *list = taker;
     memcpy(list->codes + list->count, records, count * sizeof *list->codes);
     list->count += count;
 }
 
-/* Lists the occupied cells' codes in order; gives the number of points too. */
+/* Lists the codes of all occupied cells, ascending, in build->cell_codes; also gives the number of all points.
+ * Collective. */
 static int list_cells(struct kiln_build *build, size_t *cells, uint64_t *points)
 {
     const struct kiln_surface_exchange *x = build->exchange;
@@ -74,7 +75,7 @@ static int list_cells(struct kiln_build *build, size_t *cells, uint64_t *points)
     struct code_list list = {NULL, 0};
     status = kiln_allocate(&list.codes, sums[0], sizeof *list.codes, "the occupied cells", build->error);
     build->cell_codes = list.codes;
-    status = x->all(x->context, status, own, count, sizeof *own, take_codes, &list, build->error);
+    status = x->allgather(x->context, status, own, count, sizeof *own, receive_codes, &list, build->error);
     if (status != KILN_OK)
         goto end;
     *cells = make_unique(list.codes, list.count);
@@ -84,9 +85,10 @@ end:
     return status;
 }
 
-/* Joins the parts of each tile that now lie in one cell (`whole_tiles`: all of them, into the cell of the tile's first
- * point). Parts stand by their first points, and so do the joined ones. */
-static void merge_parts(struct kiln_build *build, uint32_t shift, bool whole_tiles)
+/* Joins the runs of each tile that lie in one cell once codes are shifted right by `shift`. With `whole_tiles`, joins
+ * all runs of a tile into the cell of the tile's first point. The runs of a tile are in order of their first points,
+ * before and after. */
+static void merge_runs(struct kiln_build *build, uint32_t shift, bool whole_tiles)
 {
     const int team = (int)build->threads;
 #pragma omp parallel for schedule(dynamic, 16) num_threads(team)
@@ -94,29 +96,29 @@ static void merge_parts(struct kiln_build *build, uint32_t shift, bool whole_til
         struct kiln_block *block = &build->blocks[b];
         size_t kept = 0, tile_first = 0;
         for (size_t i = 0; i < block->count; i++) {
-            struct kiln_part part = block->parts[i];
-            part.code >>= shift;
-            if (kept > 0 && block->parts[kept - 1].tile != part.tile)
+            struct kiln_unplaced_run run = block->runs[i];
+            run.code >>= shift;
+            if (kept > 0 && block->runs[kept - 1].tile != run.tile)
                 tile_first = kept;
             size_t at = tile_first;
-            while (at < kept && !whole_tiles && block->parts[at].code != part.code)
+            while (at < kept && !whole_tiles && block->runs[at].code != run.code)
                 at++;
             if (at == kept) {
-                block->parts[kept++] = part;
+                block->runs[kept++] = run;
                 continue;
             }
-            block->parts[at].mask |= part.mask;
-            block->parts[at].pieces += part.pieces;
-            block->parts[at].shares += part.shares;
+            block->runs[at].mask |= run.mask;
+            block->runs[at].pieces += run.pieces;
+            block->runs[at].cdf_entries += run.cdf_entries;
         }
         block->count = kept;
     }
 }
 
-/* Settles on the grid, lists its occupied cells in order and gives each part its cell's index. Where the size is ours
- * to choose, cells are doubled until an occupied one holds enough points on the mean: below that, tile runs get small.
- */
-static int rank_cells(struct kiln_build *build)
+/* Chooses the cell size, lists the occupied cells and gives each run its cell's index. Collective. Where the cell size
+ * is automatic, it is doubled until the occupied cells hold POINTS_PER_CELL points on average: smaller cells make small
+ * tile runs. */
+static int number_cells(struct kiln_build *build)
 {
     size_t cells;
     uint64_t points;
@@ -133,40 +135,41 @@ static int rank_cells(struct kiln_build *build)
     }
     if (cells >= UINT32_MAX)
         return kiln_fail(build->error, KILN_BAD_INPUT,
-                         "%zu cells are occupied and kiln can hold %u: give a larger --cell-size", cells,
+                         "%zu cells contain geometry, and at most %u are possible: give a larger --cell-size", cells,
                          UINT32_MAX - 1);
     build->surface->cell_count = cells;
     if (shift > 0)
-        merge_parts(build, shift, false);
+        merge_runs(build, shift, false);
     const int team = (int)build->threads;
 #pragma omp parallel for schedule(dynamic, 16) num_threads(team)
     for (uint64_t b = build->own_first; b < build->own_end; b++) {
         for (size_t i = 0; i < build->blocks[b].count; i++) {
-            struct kiln_part *part = &build->blocks[b].parts[i];
-            const uint64_t *at = bsearch(&part->code, build->cell_codes, cells, sizeof *at, ascending);
-            part->cell = (uint32_t)(at - build->cell_codes);
+            struct kiln_unplaced_run *run = &build->blocks[b].runs[i];
+            const uint64_t *at = bsearch(&run->code, build->cell_codes, cells, sizeof *at, ascending);
+            run->cell = (uint32_t)(at - build->cell_codes);
         }
     }
     return KILN_OK;
 }
 
-static uint64_t unit_of(const struct kiln_build *build, const struct kiln_block *block, const struct kiln_part *part)
+static uint64_t unit_of(const struct kiln_build *build, const struct kiln_block *block,
+                        const struct kiln_unplaced_run *run)
 {
-    return build->params->partition == KILN_PARTITION_CELLS ? part->cell : block->map;
+    return build->params->partition == KILN_PARTITION_CELLS ? run->cell : block->map;
 }
 
-/* Gives own parts their places in global order. All parts stand by object and tile already, over the ranks too, so a
- * stable counting sort by unit is one walk with a cursor for each unit: `point` and `tile run` begin where the ranks
- * before this one end. */
-static void number_parts(struct kiln_build *build, uint64_t *point, uint64_t *tile_run)
+/* Gives this rank's runs their places in the global order. The runs of all ranks, in order of ranks, are already sorted
+ * by object and tile. So a stable counting sort by unit is one walk with a cursor for each unit: point[unit] and
+ * tile_run[unit] start where the ranks before this one end. */
+static void number_runs(struct kiln_build *build, uint64_t *point, uint64_t *tile_run)
 {
     for (uint64_t b = build->own_first; b < build->own_end; b++) {
         for (size_t i = 0; i < build->blocks[b].count; i++) {
-            struct kiln_part *part = &build->blocks[b].parts[i];
-            const uint64_t unit = unit_of(build, &build->blocks[b], part);
-            part->position = tile_run[unit]++;
-            part->first = point[unit];
-            point[unit] += kiln_part_points(part);
+            struct kiln_unplaced_run *run = &build->blocks[b].runs[i];
+            const uint64_t unit = unit_of(build, &build->blocks[b], run);
+            run->position = tile_run[unit]++;
+            run->first = point[unit];
+            point[unit] += kiln_unplaced_run_points(run);
         }
     }
 }
@@ -190,20 +193,20 @@ static int allocate_units(struct kiln_build *build, uint64_t **sums, uint64_t **
     return status;
 }
 
-/* Adds up units and numbers own parts. */
-static int place_parts(struct kiln_build *build, int status)
+/* Sums the points and tile runs of each unit over all ranks and numbers this rank's runs. Collective. */
+static int place_runs(struct kiln_build *build, int status)
 {
     const struct kiln_surface_exchange *x = build->exchange;
     struct kiln_units *units = &build->units;
-    uint64_t *sums = NULL, *before = NULL; /* points of each unit, then tile runs of each */
+    uint64_t *sums = NULL, *before = NULL; /* the points of each unit, then the tile runs of each unit */
     if (status == KILN_OK)
         status = allocate_units(build, &sums, &before);
     const uint64_t count = units->count;
     for (uint64_t b = build->own_first; b < build->own_end && status == KILN_OK; b++) {
         for (size_t i = 0; i < build->blocks[b].count; i++) {
-            const struct kiln_part *part = &build->blocks[b].parts[i];
-            const uint64_t unit = unit_of(build, &build->blocks[b], part);
-            sums[unit] += kiln_part_points(part);
+            const struct kiln_unplaced_run *run = &build->blocks[b].runs[i];
+            const uint64_t unit = unit_of(build, &build->blocks[b], run);
+            sums[unit] += kiln_unplaced_run_points(run);
             sums[count + unit]++;
         }
     }
@@ -217,20 +220,21 @@ static int place_parts(struct kiln_build *build, int status)
         before[u] += units->first_point[u];
         before[count + u] += units->first_tile_run[u];
     }
-    number_parts(build, before, before + count);
+    number_runs(build, before, before + count);
 end:
     kiln_free(&sums);
     kiln_free(&before);
     return status;
 }
 
-/* A tile or, from tile_count on, a split. */
+/* An entry of the map of tiles as it is sent: entry `place` of `tiles` or, from tile_count on, entry place - tile_count
+ * of `splits`. */
 struct map_entry {
     uint64_t place, mask, first;
 };
 
-/* kiln_surface_taker, of struct kiln_surface */
-static void take_entries(void *taker, const void *records, size_t count)
+/* kiln_surface_taker for a struct kiln_surface */
+static void receive_entries(void *taker, const void *records, size_t count)
 {
     struct kiln_surface *s = taker;
     const struct map_entry *entries = records;
@@ -243,12 +247,13 @@ static void take_entries(void *taker, const void *records, size_t count)
     }
 }
 
-/* Where entries go: into the list for everybody or, where there is nobody else, straight to their places. */
+/* Where map entries go: into the list that is sent to all ranks or, in a process that works alone, straight to their
+ * places. */
 struct map_writer {
     struct kiln_surface *surface;
     struct map_entry *list; /* NULL: none */
     size_t count;
-    uint64_t split; /* the next one */
+    uint64_t split; /* index of the next entry of `splits` */
 };
 
 static void write_entry(struct map_writer *writer, uint64_t place, uint64_t mask, uint64_t first)
@@ -257,14 +262,14 @@ static void write_entry(struct map_writer *writer, uint64_t place, uint64_t mask
     if (writer->list != NULL)
         writer->list[writer->count++] = entry;
     else
-        take_entries(writer->surface, &entry, 1);
+        receive_entries(writer->surface, &entry, 1);
 }
 
-/* How many of a block's parts from `i` on are of one tile. */
-static size_t parts_of_tile(const struct kiln_block *block, size_t i)
+/* How many runs of the block, from run `i` on, belong to one tile. */
+static size_t runs_of_tile(const struct kiln_block *block, size_t i)
 {
     size_t next = i + 1;
-    while (next < block->count && block->parts[next].tile == block->parts[i].tile)
+    while (next < block->count && block->runs[next].tile == block->runs[i].tile)
         next++;
     return next - i;
 }
@@ -273,19 +278,20 @@ static void write_block(struct map_writer *writer, const struct kiln_block *bloc
 {
     const struct kiln_surface *s = writer->surface;
     for (size_t i = 0, count; i < block->count; i += count) {
-        const struct kiln_part *parts = &block->parts[i];
+        const struct kiln_unplaced_run *runs = &block->runs[i];
         uint64_t mask = 0;
-        count = parts_of_tile(block, i);
+        count = runs_of_tile(block, i);
         for (size_t k = 0; k < count; k++)
-            mask |= parts[k].mask;
-        write_entry(writer, s->lightmaps[block->map].tile_first + parts->tile, mask,
-                    count > 1 ? KILN_TILE_SPLIT | writer->split : parts->first);
+            mask |= runs[k].mask;
+        write_entry(writer, s->lightmaps[block->map].tile_first + runs->tile, mask,
+                    count > 1 ? KILN_TILE_SPLIT | writer->split : runs->first);
         for (size_t k = 0; k < count && count > 1; k++)
-            write_entry(writer, s->tile_count + writer->split++, parts[k].mask, parts[k].first);
+            write_entry(writer, s->tile_count + writer->split++, runs[k].mask, runs[k].first);
     }
 }
 
-/* Enters all parts into tiles and splits; the splits of tiles stand in the order of blocks. */
+/* Fills the map of tiles and splits on all ranks from their runs. Entries of `splits` are in the order of blocks.
+ * Collective. */
 static int fill_map(struct kiln_build *build, int status)
 {
     const struct kiln_surface_exchange *x = build->exchange;
@@ -295,7 +301,7 @@ static int fill_map(struct kiln_build *build, int status)
     for (uint64_t b = build->own_first; b < build->own_end && status == KILN_OK; b++) {
         const struct kiln_block *block = &build->blocks[b];
         for (size_t i = 0, count; i < block->count; i += count) {
-            count = parts_of_tile(block, i);
+            count = runs_of_tile(block, i);
             splits += count > 1 ? count : 0;
             entries += count > 1 ? count + 1 : 1;
         }
@@ -309,21 +315,21 @@ static int fill_map(struct kiln_build *build, int status)
     if (status == KILN_OK)
         status = kiln_allocate(&s->splits, s->split_count, sizeof *s->splits, "the split lightmap tiles", build->error);
     if (status == KILN_OK && build->workers > 1)
-        status =
-            kiln_allocate(&writer.list, entries, sizeof *writer.list, "the lightmap tiles on their way", build->error);
+        status = kiln_allocate(&writer.list, entries, sizeof *writer.list, "the lightmap tiles to send", build->error);
     for (uint64_t b = build->own_first; b < build->own_end && status == KILN_OK; b++)
         write_block(&writer, &build->blocks[b]);
-    status = x->all(x->context, status, writer.list, writer.count, sizeof *writer.list, take_entries, s, build->error);
+    status = x->allgather(x->context, status, writer.list, writer.count, sizeof *writer.list, receive_entries, s,
+                          build->error);
     kiln_free(&writer.list);
     return status;
 }
 
 int kiln_build_order(struct kiln_build *build)
 {
-    int status = rank_cells(build);
+    int status = number_cells(build);
     if (status == KILN_OK && build->params->partition == KILN_PARTITION_OBJECTS)
-        merge_parts(build, 0, true);
-    status = place_parts(build, status);
+        merge_runs(build, 0, true);
+    status = place_runs(build, status);
     if (status != KILN_OK)
         return status;
     build->surface->point_count = build->units.first_point[build->units.count];

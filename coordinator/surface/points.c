@@ -4,7 +4,8 @@
 #include "coordinator/surface/charts.h"
 #include "worker/base/memory.h"
 
-/* A lightmap with more tiles or triangles than these is worked on by all threads together. */
+/* A lightmap with more tiles or triangles than this is worked on by all threads together; smaller ones by one thread
+ * each. */
 enum { LARGE_TILES = 4096, LARGE_TRIANGLES = 65536 };
 
 void kiln_build_fail(struct kiln_build *build, int status, const struct kiln_error *error)
@@ -67,14 +68,14 @@ static bool publishes_backs(const struct kiln_build *build, size_t object)
     return (flags & KILN_OBJECT_BOTH_SIDES) != 0 || (build->params->both_sides && (flags & KILN_OBJECT_ONE_SIDE) == 0);
 }
 
-/* Nobody asks for the light of backs that no ray meets and no file shows. */
+/* Backs that no ray meets and no file shows need no lightmap. */
 static bool has_backs(const struct kiln_build *build, size_t object)
 {
     const bool met = (build->scene->objects[object].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
     return build->geometry->ranges[object].two_sided > 0 && (met || publishes_backs(build, object));
 }
 
-/* How many lightmaps there are: twice as many as objects where one has backs. */
+/* The number of lightmaps: one per object or, if any object has backs, two per object. */
 static uint32_t count_maps(const struct kiln_build *build)
 {
     const size_t objects = build->scene->object_count;
@@ -84,8 +85,8 @@ static uint32_t count_maps(const struct kiln_build *build)
     return (uint32_t)objects;
 }
 
-/* That of backs is as fine as that of the front where people look at it, and takes a quarter of its points where only
- * rays do. */
+/* Sets a lightmap's size. A lightmap of backs that is published is as fine as that of the front; one that only rays see
+ * has half as many texels a side. */
 static void size_lightmap(const struct kiln_build *build, uint32_t number, struct kiln_lightmap *map)
 {
     const uint32_t o = kiln_map_object(build->surface, number);
@@ -110,8 +111,8 @@ static int place_lightmaps(struct kiln_build *build)
     struct kiln_surface *surface = build->surface;
     if (scene->object_count > UINT32_MAX / 2)
         return kiln_fail(build->error, KILN_BAD_INPUT,
-                         "the scene has %zu objects and at most %u are possible: join some", scene->object_count,
-                         UINT32_MAX / 2);
+                         "the scene has %zu objects, and at most %u are possible: join some of them",
+                         scene->object_count, UINT32_MAX / 2);
     surface->object_count = (uint32_t)scene->object_count;
     surface->map_count = count_maps(build);
     int status = kiln_allocate(&surface->lightmaps, surface->map_count, sizeof *surface->lightmaps, "the lightmaps",
@@ -138,9 +139,9 @@ static int place_lightmaps(struct kiln_build *build)
     return KILN_OK;
 }
 
-/* Work of covering a tile of a lightmap, about. A texel within a triangle takes some 50 ns; a triangle takes 4 times as
- * much whatever its size, and each texel along its edges, where it has to be clipped, 10 times: there are as many as
- * the root of those within. */
+/* Estimated work of covering one tile of a lightmap, in units of one texel that lies within a triangle (about 50 ns). A
+ * triangle costs 4 units whatever its size. A texel on a triangle's edge costs 10, since it is clipped; a triangle's
+ * edges have about as many texels as the square root of those inside. */
 static double work_of_tile(const struct kiln_build *build, size_t map)
 {
     const double triangles = (double)triangles_of(build, map), texels = (double)tiles_of(build, map) * KILN_TILE_TEXELS;
@@ -148,14 +149,15 @@ static double work_of_tile(const struct kiln_build *build, size_t map)
                             : KILN_TILE_TEXELS * (texels + 4.0 * triangles + 10.0 * sqrt(triangles * texels)) / texels;
 }
 
-/* Says which blocks are of which lightmap, and deals them out. */
-static int cut_blocks(struct kiln_build *build)
+/* Says which lightmap each block belongs to, and divides the blocks between the ranks by estimated work. */
+static int assign_blocks(struct kiln_build *build)
 {
     const uint64_t count = build->map_block[build->surface->map_count];
-    uint64_t *work = NULL, *cuts = NULL;
+    uint64_t *work = NULL, *bounds = NULL;
     int status = kiln_allocate(&work, count, sizeof *work, "the work of the ranks", build->error);
     if (status == KILN_OK)
-        status = kiln_allocate(&cuts, (size_t)build->workers + 1, sizeof *cuts, "the work of the ranks", build->error);
+        status =
+            kiln_allocate(&bounds, (size_t)build->workers + 1, sizeof *bounds, "the work of the ranks", build->error);
     if (status != KILN_OK)
         goto end;
     for (size_t o = 0; o < build->surface->map_count; o++) {
@@ -168,12 +170,12 @@ static int cut_blocks(struct kiln_build *build)
             tiles -= here;
         }
     }
-    kiln_partition_cut(work, count, build->workers, cuts);
-    build->own_first = cuts[build->worker];
-    build->own_end = cuts[build->worker + 1];
+    kiln_partition_cut(work, count, build->workers, bounds);
+    build->own_first = bounds[build->worker];
+    build->own_end = bounds[build->worker + 1];
 end:
     kiln_free(&work);
-    kiln_free(&cuts);
+    kiln_free(&bounds);
     return status;
 }
 
@@ -188,13 +190,14 @@ int kiln_build_measure(struct kiln_build *build)
         status = kiln_allocate(&build->blocks, build->map_block[build->surface->map_count], sizeof *build->blocks,
                                "the blocks of lightmap tiles", build->error);
     if (status == KILN_OK)
-        status = cut_blocks(build);
+        status = assign_blocks(build);
     if (status == KILN_OK)
         status = kiln_grid_choose(&build->grid, build->geometry, build->params->cell_size, build->error);
     return build->exchange->agree(build->exchange->context, status, build->error);
 }
 
-/* Tiles of a lightmap in Morton order, by descending a quadtree and leaving out what lies outside. */
+/* Writes the tiles of a lightmap in Morton order: descends a quadtree and leaves out what lies outside. Returns the end
+ * of what it wrote. */
 static uint32_t *order_tiles(uint32_t *out, const struct kiln_lightmap *map, uint32_t x, uint32_t y, uint32_t side)
 {
     if (x >= map->tiles_x || y >= map->tiles_y)
@@ -210,10 +213,10 @@ static uint32_t *order_tiles(uint32_t *out, const struct kiln_lightmap *map, uin
     return order_tiles(out, map, x + half, y + half, half);
 }
 
-/* What is gathered of one texel while its tile is covered. */
+/* Sums over the pieces of one texel, while its tile is covered. */
 struct texel_sum {
     double area;
-    struct kiln_dvec3 moment; /* area x position */
+    struct kiln_dvec3 moment; /* sum of area x centroid, m3 */
     uint32_t pieces, chart;
     bool shared;
 };
@@ -238,13 +241,14 @@ static void add_to_texel(const struct kiln_build *build, struct texel_sum *sum, 
     sum->pieces++;
 }
 
+/* Covers one tile and appends its unplaced runs, one for each cell that a texel of it lies in. */
 static int cover_tile(const struct kiln_build *build, const struct kiln_coverage *coverage, uint32_t tile,
                       struct kiln_coverage_scratch *scratch, struct kiln_block *block, struct kiln_error *error)
 {
     int status = kiln_coverage_tile(coverage, tile, scratch, error);
     if (status == KILN_OK)
-        status = kiln_grow(&block->parts, &block->capacity, block->count + KILN_TILE_TEXELS, sizeof *block->parts,
-                           "the parts of lightmap tiles", error);
+        status = kiln_grow(&block->runs, &block->capacity, block->count + KILN_TILE_TEXELS, sizeof *block->runs,
+                           "the tile runs found", error);
     if (status != KILN_OK || scratch->count == 0)
         return status;
     struct texel_sum sums[KILN_TILE_TEXELS] = {0};
@@ -257,36 +261,36 @@ static int cover_tile(const struct kiln_build *build, const struct kiln_coverage
             continue;
         const uint64_t code = kiln_grid_code(&build->grid, dvec3_scale(sum->moment, 1.0 / sum->area));
         size_t at = first;
-        while (at < block->count && block->parts[at].code != code)
+        while (at < block->count && block->runs[at].code != code)
             at++;
-        struct kiln_part *part = &block->parts[at];
+        struct kiln_unplaced_run *run = &block->runs[at];
         if (at == block->count) {
-            *part = (struct kiln_part){.code = code, .tile = tile};
+            *run = (struct kiln_unplaced_run){.code = code, .tile = tile};
             block->count++;
         }
         const uint32_t kept = sum->pieces < KILN_PIECES_MOST ? sum->pieces : KILN_PIECES_MOST;
-        part->mask |= 1ull << bit;
-        part->pieces += kept;
-        part->shares += kept - 1;
+        run->mask |= 1ull << bit;
+        run->pieces += kept;
+        run->cdf_entries += kept - 1;
         block->area += sum->area;
         block->shared_texels += sum->shared ? 1 : 0;
     }
     return KILN_OK;
 }
 
-/* Gives back what a block's array grew beyond its use: there may be very many small objects. */
+/* Shrinks a block's array to what it holds: there may be very many small objects. */
 static int trim_block(struct kiln_block *block, struct kiln_error *error)
 {
-    struct kiln_part *exact = NULL;
+    struct kiln_unplaced_run *exact = NULL;
     if (block->capacity == block->count)
         return KILN_OK;
-    const int status = kiln_allocate(&exact, block->count, sizeof *exact, "the parts of lightmap tiles", error);
+    const int status = kiln_allocate(&exact, block->count, sizeof *exact, "the tile runs found", error);
     if (status != KILN_OK)
         return status;
     if (block->count > 0)
-        memcpy(exact, block->parts, block->count * sizeof *exact);
-    kiln_free(&block->parts);
-    block->parts = exact;
+        memcpy(exact, block->runs, block->count * sizeof *exact);
+    kiln_free(&block->runs);
+    block->runs = exact;
     block->capacity = block->count;
     return KILN_OK;
 }
@@ -355,7 +359,7 @@ end:
     kiln_free(&order);
 }
 
-/* The charts of the meshes that own blocks are of, for as long as those are covered. */
+/* Covers this rank's blocks. Needs the charts of their meshes during that time only. */
 static int cover_own(struct kiln_build *build)
 {
     uint8_t *wanted = NULL;
@@ -373,14 +377,14 @@ static int cover_own(struct kiln_build *build)
     return status;
 }
 
-/* What a rank tells the others of a block, so that all add up the same numbers in the same order. */
+/* The sums of one block as they are sent to all ranks, so that all add the same numbers in the same order. */
 struct block_sums {
     uint64_t block, shared_texels;
-    double area, object_area; /* the latter counts with an object's first block */
+    double area, object_area; /* m2; object_area is used from an object's first block only */
 };
 
-/* kiln_surface_taker, of struct kiln_build */
-static void take_sums(void *taker, const void *records, size_t count)
+/* kiln_surface_taker for a struct kiln_build */
+static void receive_sums(void *taker, const void *records, size_t count)
 {
     struct kiln_build *build = taker;
     const struct block_sums *sums = records;
@@ -404,8 +408,8 @@ static int exchange_sums(struct kiln_build *build, int status)
         const double whole = block->map < build->surface->object_count ? build->object_area[block->map] : 0.0;
         sums[i] = (struct block_sums){build->own_first + i, block->shared_texels, block->area, whole};
     }
-    status = build->exchange->all(build->exchange->context, status, sums, count, sizeof *sums, take_sums, build,
-                                  build->error);
+    status = build->exchange->allgather(build->exchange->context, status, sums, count, sizeof *sums, receive_sums,
+                                        build, build->error);
     kiln_free(&sums);
     return status;
 }

@@ -5,20 +5,20 @@
 #include "worker/base/memory.h"
 #include "worker/scene/texture.h"
 
-enum { COLOR_SAMPLES = 16 }; /* of a textured texel's covered part */
+enum { COLOR_SAMPLES = 16 }; /* positions at which the texture of a whole texel is read */
 
-/* One thread's working space. */
-struct share_scratch {
+/* Working memory of one thread. */
+struct fill_scratch {
     struct kiln_coverage_scratch coverage;
-    uint32_t *order; /* indices of the tile's pieces, by texel, then by triangle */
+    uint32_t *order; /* indices of the tile's pieces, sorted by texel, then by triangle */
     size_t order_capacity;
     double *areas; /* for a texel with too many pieces */
     size_t areas_capacity;
 };
 
 struct color_sum {
-    double there[3], weight; /* weighted with how much of the surface is there */
-    double all[3], area;     /* weighted with area alone: for a texel of which nothing is there */
+    double opaque[3], weight; /* sums weighted with area x opacity */
+    double all[3], area;      /* sums weighted with area, for texels whose opacity is 0 everywhere */
 };
 
 static void sample_color(const struct kiln_build *build, uint32_t triangle, double b1, double b2, double area,
@@ -36,14 +36,14 @@ static void sample_color(const struct kiln_build *build, uint32_t triangle, doub
         weight *= (double)kiln_surface_opacity(scene, &scene->meshes[scene->objects[record->object].mesh],
                                                g->stored_triangle[triangle], s1, s2);
     for (int c = 0; c < 3; c++) {
-        sum->there[c] += weight * (double)rgba[c];
+        sum->opaque[c] += weight * (double)rgba[c];
         sum->all[c] += area * (double)rgba[c];
     }
     sum->weight += weight;
     sum->area += area;
 }
 
-/* A whole texel: the centres of 4 x 4 sub-squares. */
+/* Samples the colour of a piece that fills its texel: at the centres of 4 x 4 sub-squares. */
 static void sample_square(const struct kiln_build *build, uint32_t triangle, const double local[3][2], double area,
                           struct color_sum *sum)
 {
@@ -55,33 +55,34 @@ static void sample_square(const struct kiln_build *build, uint32_t triangle, con
     }
 }
 
-/* Part of a texel: its bounding box is cut into equal parts, as many as its share of the texel asks, each sampled at
- * its covered part's centroid. The parts of all pieces together are at least about 8. */
+/* Samples the colour of a piece that does not fill its texel. The piece's bounding box is cut into equal rectangles,
+ * more of them the larger the piece is; each is sampled at the centroid of what the piece covers of it. All pieces of a
+ * texel together get at least about 8 samples. `fraction`: the piece's area / the point's area. */
 static void sample_polygon(const struct kiln_build *build, uint32_t triangle, const double local[3][2], double area,
-                           double share, struct color_sum *sum)
+                           double fraction, struct color_sum *sum)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
     const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
-    const double whole = kiln_clip_share(polygon, corners, &centroid);
+    const double whole = kiln_clip_fraction(polygon, corners, &centroid);
     double x0 = 1.0, y0 = 1.0, x1 = 0.0, y1 = 0.0;
     for (uint32_t i = 0; i < corners; i++) {
         x0 = fmin(x0, polygon[i].x), y0 = fmin(y0, polygon[i].y);
         x1 = fmax(x1, polygon[i].x), y1 = fmax(y1, polygon[i].y);
     }
-    if (!(fabs(kiln_clip_twice_area(local)) > 0.0)) { /* not to be cut */
+    if (!(fabs(kiln_clip_twice_area(local)) > 0.0)) { /* collapsed in the lightmap: it cannot be clipped */
         sample_color(build, triangle, centroid.b1, centroid.b2, area, sum);
         return;
     }
-    const int side = (int)fmin(4.0, ceil(6.0 * sqrt(share)));
+    const int side = (int)fmin(4.0, ceil(6.0 * sqrt(fraction)));
     const double dx = (x1 - x0) / side, dy = (y1 - y0) / side;
     for (int i = 0; i < side * side; i++) {
         const double x = x0 + i % side * dx, y = y0 + i / side * dy;
         if (kiln_clip_classify(local, x, y, x + dx, y + dy) == KILN_CLIP_OUTSIDE)
             continue;
         const uint32_t count = kiln_clip_triangle(local, x, y, x + dx, y + dy, polygon);
-        const double part = kiln_clip_share(polygon, count, &centroid);
-        if (part > 0.0)
-            sample_color(build, triangle, centroid.b1, centroid.b2, area * (part / whole), sum);
+        const double covered = kiln_clip_fraction(polygon, count, &centroid);
+        if (covered > 0.0)
+            sample_color(build, triangle, centroid.b1, centroid.b2, area * (covered / whole), sum);
     }
 }
 
@@ -104,7 +105,7 @@ static void add_piece_color(const struct kiln_build *build, const struct kiln_co
 
 static uint16_t albedo_of(const struct color_sum *sum, int channel)
 {
-    const double value = sum->weight > 0.0 ? sum->there[channel] / sum->weight : sum->all[channel] / sum->area;
+    const double value = sum->weight > 0.0 ? sum->opaque[channel] / sum->weight : sum->all[channel] / sum->area;
     return value > 0.0 ? (uint16_t)lrint(fmin(value, 1.0) * 65535.0) : 0;
 }
 
@@ -114,9 +115,9 @@ static int descending(const void *a, const void *b)
     return x > y ? -1 : x < y ? 1 : 0;
 }
 
-/* Of more than KILN_PIECES_MOST pieces keeps the largest; of equal ones those with lower numbers. Gives the new count.
+/* Reduces `order` to the KILN_PIECES_MOST largest pieces; of equal ones, those with lower numbers stay. Updates *count.
  */
-static int keep_largest(struct share_scratch *scratch, uint32_t *order, uint32_t *count, struct kiln_error *error)
+static int keep_largest(struct fill_scratch *scratch, uint32_t *order, uint32_t *count, struct kiln_error *error)
 {
     const int status =
         kiln_grow(&scratch->areas, &scratch->areas_capacity, *count, sizeof *scratch->areas, "a texel's pieces", error);
@@ -129,7 +130,7 @@ static int keep_largest(struct share_scratch *scratch, uint32_t *order, uint32_t
     uint32_t larger = 0, kept = 0;
     while (scratch->areas[larger] > limit)
         larger++;
-    uint32_t equal = KILN_PIECES_MOST - larger; /* how many of just this size find room */
+    uint32_t equal = KILN_PIECES_MOST - larger; /* how many pieces of just this area are kept */
     for (uint32_t i = 0; i < *count; i++) {
         const double area = scratch->coverage.pieces[order[i]].area;
         if (area < limit || (!(area > limit) && equal == 0))
@@ -142,11 +143,11 @@ static int keep_largest(struct share_scratch *scratch, uint32_t *order, uint32_t
 }
 
 struct point_place {
-    uint64_t point, piece, share; /* where the next point's data go */
-    uint32_t x, y, shift;         /* its texel; as in the lightmap */
+    uint64_t point, piece, cdf; /* indices in the surface's arrays where the next point's data go */
+    uint32_t x, y, shift;       /* the point's texel, and the lightmap's shift */
 };
 
-static int fill_point(struct kiln_build *build, struct share_scratch *scratch, uint32_t *order, uint32_t count,
+static int fill_point(struct kiln_build *build, struct fill_scratch *scratch, uint32_t *order, uint32_t count,
                       struct point_place *place, struct kiln_error *error)
 {
     struct kiln_surface *s = build->surface;
@@ -168,7 +169,7 @@ static int fill_point(struct kiln_build *build, struct share_scratch *scratch, u
         s->pieces[place->piece++] = piece->triangle;
         sum += piece->area;
         if (i + 1 < count)
-            s->area_cdf[place->share++] = (float)fmin(sum / kept, 1.0);
+            s->area_cdf[place->cdf++] = (float)fmin(sum / kept, 1.0);
     }
     const uint64_t p = place->point++;
     s->piece_count[p] = (uint16_t)(count | (count == 1 && pieces[order[0]].whole ? KILN_PIECES_WHOLE : 0u));
@@ -179,8 +180,9 @@ static int fill_point(struct kiln_build *build, struct share_scratch *scratch, u
     return KILN_OK;
 }
 
-/* Counting sort of a tile's pieces by texel; first[bit] .. first[bit + 1] - 1 are that texel's. */
-static int sort_pieces(struct share_scratch *scratch, size_t first[KILN_TILE_TEXELS + 1], struct kiln_error *error)
+/* Counting sort of a tile's pieces by texel. Pieces first[bit] .. first[bit + 1] - 1 of scratch->order belong to that
+ * texel. */
+static int sort_pieces(struct fill_scratch *scratch, size_t first[KILN_TILE_TEXELS + 1], struct kiln_error *error)
 {
     const size_t count = scratch->coverage.count;
     const int status =
@@ -202,7 +204,7 @@ static int sort_pieces(struct share_scratch *scratch, size_t first[KILN_TILE_TEX
 }
 
 static int fill_tile_run(struct kiln_build *build, const struct kiln_coverage *coverage, size_t f,
-                         struct share_scratch *scratch, struct kiln_error *error)
+                         struct fill_scratch *scratch, struct kiln_error *error)
 {
     struct kiln_surface *s = build->surface;
     const struct kiln_tile_run *tile_run = &s->tile_runs[f];
@@ -219,14 +221,14 @@ static int fill_tile_run(struct kiln_build *build, const struct kiln_coverage *c
         status = fill_point(build, scratch, scratch->order + first[bit], (uint32_t)(first[bit + 1] - first[bit]),
                             &place, error);
     }
-    assert(status != KILN_OK || (place.piece == s->piece_base[f + 1] && place.share == s->area_cdf_base[f + 1]));
+    assert(status != KILN_OK || (place.piece == s->piece_base[f + 1] && place.cdf == s->area_cdf_base[f + 1]));
     return status;
 }
 
 struct own_maps {
-    uint64_t *first;     /* lightmap: its first entry of `tile runs`; one more at the end */
-    uint64_t *tile_runs; /* own tile runs, by lightmap */
-    uint8_t *wanted;     /* lightmap: has own tile runs */
+    uint64_t *first;     /* one per lightmap, and one more at the end: its first entry in `tile_runs` */
+    uint64_t *tile_runs; /* this rank's tile runs, grouped by lightmap */
+    uint8_t *wanted;     /* one per lightmap: 1 if this rank has tile runs of it */
 };
 
 static void fill_map(struct kiln_build *build, uint32_t map, uint32_t threads, const void *context)
@@ -245,7 +247,7 @@ static void fill_map(struct kiln_build *build, uint32_t map, uint32_t threads, c
     const uint64_t count = maps->first[map + 1] - maps->first[map];
 #pragma omp parallel num_threads(team)
     {
-        struct share_scratch scratch = {0};
+        struct fill_scratch scratch = {0};
         struct kiln_error own;
 #pragma omp for schedule(dynamic, 64)
         for (uint64_t i = 0; i < count; i++) {
@@ -291,7 +293,7 @@ end:
     return status;
 }
 
-int kiln_build_share(struct kiln_build *build)
+int kiln_build_fill(struct kiln_build *build)
 {
     struct kiln_surface *s = build->surface;
     struct own_maps own = {0};

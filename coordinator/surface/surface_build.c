@@ -6,7 +6,7 @@
 #include "coordinator/surface/build.h"
 #include "worker/base/memory.h"
 
-/* ---- the exchange of a process that works alone ---- */
+/* ---- the exchange of a process that works alone: nothing is sent ---- */
 
 static int agree_alone(void *context, int status, struct kiln_error *error)
 {
@@ -23,8 +23,8 @@ static int sum_alone(void *context, int status, uint64_t *values, uint64_t *befo
     return status;
 }
 
-static int all_alone(void *context, int status, const void *own, size_t count, size_t size, kiln_surface_taker take,
-                     void *taker, struct kiln_error *error)
+static int allgather_alone(void *context, int status, const void *own, size_t count, size_t size,
+                           kiln_surface_taker take, void *taker, struct kiln_error *error)
 {
     (void)context, (void)size, (void)error;
     if (status == KILN_OK && count > 0)
@@ -32,19 +32,19 @@ static int all_alone(void *context, int status, const void *own, size_t count, s
     return status;
 }
 
-static int deal_alone(void *context, int status, const void *own, const size_t *counts, size_t size,
-                      kiln_surface_taker take, void *taker, struct kiln_error *error)
+static int alltoall_alone(void *context, int status, const void *own, const size_t *counts, size_t size,
+                          kiln_surface_taker take, void *taker, struct kiln_error *error)
 {
     (void)context, (void)own, (void)counts, (void)size, (void)take, (void)taker, (void)error;
     return status;
 }
 
 static const struct kiln_surface_exchange alone = {
-    .agree = agree_alone, .sum = sum_alone, .all = all_alone, .deal = deal_alone};
+    .agree = agree_alone, .sum = sum_alone, .allgather = allgather_alone, .alltoall = alltoall_alone};
 
 /* ---- building ---- */
 
-/* The tiles of backs stand behind all those of fronts. */
+/* The tiles of the lightmaps of backs come after those of all fronts. */
 static uint64_t count_back_points(const struct kiln_surface *s)
 {
     uint64_t count = 0;
@@ -59,7 +59,7 @@ static void release(struct kiln_build *build)
     if (build->blocks != NULL) {
         const uint64_t count = build->map_block[build->surface->map_count];
         for (uint64_t b = 0; b < count; b++)
-            kiln_free(&build->blocks[b].parts);
+            kiln_free(&build->blocks[b].runs);
     }
     kiln_free(&build->blocks);
     kiln_free(&build->map_block);
@@ -71,7 +71,7 @@ static void release(struct kiln_build *build)
     kiln_free(&build->units.first_tile_run);
 }
 
-static int find_parts(struct kiln_build *build, int status)
+static int find_tile_runs(struct kiln_build *build, int status)
 {
     status = build->exchange->agree(build->exchange->context, status, build->error);
     if (status == KILN_OK)
@@ -81,7 +81,7 @@ static int find_parts(struct kiln_build *build, int status)
     if (status == KILN_OK)
         status = kiln_build_order(build);
     if (status == KILN_OK)
-        status = kiln_build_deal(build);
+        status = kiln_build_assign(build);
     return status;
 }
 
@@ -99,14 +99,14 @@ int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_
                                .report = report,
                                .threads = params->threads > 0 ? params->threads : (uint32_t)omp_get_max_threads(),
                                .error = error};
-    int status =
-        params->rank < params->ranks
-            ? KILN_OK
-            : kiln_fail(error, KILN_USAGE, "rank %u of %u ranks does not exist: give a rank below their number",
-                        params->rank, params->ranks);
+    int status = params->rank < params->ranks
+                     ? KILN_OK
+                     : kiln_fail(error, KILN_USAGE,
+                                 "there is no rank %u among %u ranks: give a rank from 0 to the number of ranks - 1",
+                                 params->rank, params->ranks);
     if (status == KILN_OK)
         status = kiln_allocate(&build.surface, 1, sizeof *build.surface, "the surface", error);
-    status = find_parts(&build, status);
+    status = find_tile_runs(&build, status);
     if (status == KILN_OK) {
         report->cells_occupied = build.surface->cell_count;
         report->back_points = count_back_points(build.surface);
@@ -114,8 +114,8 @@ int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_
         report->cell_size = build.grid.size;
         for (int axis = 0; axis < 3; axis++)
             report->cells[axis] = build.grid.count[axis];
-        release(&build); /* the tile runs hold what of it is still wanted */
-        status = kiln_build_share(&build);
+        release(&build); /* the surface has all that is needed from here on */
+        status = kiln_build_fill(&build);
     }
     if (status == KILN_OK) {
         *surface = build.surface;

@@ -2,7 +2,10 @@
  * `real`, double or float (shaders/kernel.glsl). A vector's parts are .x, .y and .z in both.
  *
  * A constant with a fraction is KILN_RATIO(a, b), the number nearest to a / b, both integers: GLSL writes decimal
- * fractions of doubles with a suffix that C does not have. */
+ * fractions of doubles with a suffix that C does not have.
+ *
+ * GLSL's real_sincos, real_atan2 and real_acos are in shaders/real.glsl: kernels include that file before the headers
+ * that need this one. */
 #ifndef KILN_SHADERS_SHARED_REAL_H
 #define KILN_SHADERS_SHARED_REAL_H
 
@@ -31,7 +34,6 @@
 #    define real_sqrt(x) sqrt(x)
 #    define real_floor(x) floor(x)
 #    define real_is_infinite(x) isinf(x)
-#    include "shaders/real.glsl" /* real_sincos, real_atan2, real_acos, KILN_REAL_PI ... */
 
 #else
 

@@ -14,8 +14,8 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import measure  # noqa: E402
 import harness  # noqa: E402
 
-WAYS = {'neither': ('--no-give-away', '--rebalance', 'never'), 'given away': ('--rebalance', 'never'),
-        'neither, alone': ('--share-ranks', 1, '--rebalance', 'never'), 'cut anew, alone': ('--share-ranks', 1, '--rebalance', 'auto')}
+WAYS = {'neither': ('--no-work-stealing', '--rebalance', 'never'), 'given away': ('--rebalance', 'never'),
+        'neither, alone': ('--shared-memory-ranks', 1, '--rebalance', 'never'), 'cut anew, alone': ('--shared-memory-ranks', 1, '--rebalance', 'auto')}
 BASE = {'neither': 'neither', 'given away': 'neither', 'neither, alone': 'neither, alone', 'cut anew, alone': 'neither, alone'}
 WORK = ('direct light', 'bounces', 'final gather')
 
@@ -54,7 +54,7 @@ def main():
                 seconds[way].append(max(per_rank(b, WORK + ('waiting', 'exchange'))))
                 even[way].append(statistics.mean(work))
                 waiting[way].append(b.run['mpi']['waiting_share']['avg'])
-                moved[way].append(sum(p['given_away'] + (p['rebalance'] or {'points': 0, 'moved': False})['points'] * (
+                moved[way].append(sum(p['stolen_points'] + (p['rebalance'] or {'points': 0, 'moved': False})['points'] * (
                     p['rebalance'] or {'moved': False})['moved'] for p in b.run['bounces']))
                 b.remove()
         for way in WAYS:

@@ -59,7 +59,7 @@ class Devices(unittest.TestCase):
             self.assertEqual(json.load(file)["backend"]["name"], "embree")
 
     def test_arguments(self):
-        for arguments in (["info", "--devices", self.scene], ["bake", self.scene, "--verify-share", "1.5"],
+        for arguments in (["info", "--devices", self.scene], ["bake", self.scene, "--verify-fraction", "1.5"],
                           ["bake", self.scene, "--dispatch-time", "0"], ["bake", self.scene, "--device", "-2"]):
             self.assertEqual(kiln(*arguments).code, 64, arguments)
         self.assertEqual(kiln("bake", self.scene, "--traversal", "magic").code, 69)

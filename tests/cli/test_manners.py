@@ -84,7 +84,7 @@ class Manners(unittest.TestCase):
                       ["info", self.scene], ["view", self.out, "-o", os.path.join(self.folder, "large.png")]):
             done = subprocess.run([KILN, *words], stdin=subprocess.DEVNULL, capture_output=True, text=True, preexec_fn=limited, timeout=60)
             self.assertEqual(done.returncode, 74, done.stderr)
-            self.assertIn("4096 bytes here (ulimit -f)", done.stderr)
+            self.assertIn("at most 4096 bytes (ulimit -f)", done.stderr)
 
     def test_zero_is_zero(self):
         answer = kiln("info", self.scene, "--environment", "1,1,1", "--environment-scale", "0")

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "coordinator/job/job.h"
 #include "coordinator/field/result.h"
 #include "worker/base/memory.h"
 #include "worker/scene/clip.h"

@@ -173,7 +173,7 @@ class Seeds:
         if ranks > 1 and shutil.which('mpirun') is None:
             return None
         for limit in ('0.8', '0.4', '0.2', '1.6', '0.1', '3.2', '0.05', '0.6'):  # s; where a machine is very slow there is nothing to keep yet
-            self.run([*launcher, self.program, 'bake', self.scene(), '-o', target, *BAKE, '--no-give-away', '--max-time', limit], (0, 75), {'KILN_SLOW_RANK': '%d:4000' % (ranks - 1)})
+            self.run([*launcher, self.program, 'bake', self.scene(), '-o', target, *BAKE, '--no-work-stealing', '--max-time', limit], (0, 75), {'KILN_SLOW_RANK': '%d:4000' % (ranks - 1)})
             if glob.glob(os.path.join(target, 'checkpoint', 'gen-*')):
                 return target
             shutil.rmtree(target)

@@ -35,18 +35,18 @@ def try_same(checks, kiln, scene):
     for ranks, node, form, on in ((1, 'all', 'auto', True), (2, 'all', 'auto', True), (2, 'all', 'auto', False), (3, 'all', 'auto', True),
                                   (5, 'all', 'auto', True), (1, 'all', 'compact', True), (5, 3, 'compact', True)):
         slow(1, 5)
-        bake = kiln.bake(scene, *SMALL, '--share-ranks', node, '--exchange', form, '--give-away' if on else '--no-give-away', ranks=ranks, timeout=120)
+        bake = kiln.bake(scene, *SMALL, '--shared-memory-ranks', node, '--exchange', form, '--work-stealing' if on else '--no-work-stealing', ranks=ranks, timeout=120)
         if not checks.baked(bake):
             continue
         what = '%d ranks, %s a node, exchange %s, %s' % (ranks, node, form, 'giving away' if on else 'not giving away')
-        given, passes = bake.run['balance']['given_away'], [b['given_away'] for b in bake.run['bounces']]
+        given, passes = bake.run['balance']['stolen_points'], [b['stolen_points'] for b in bake.run['bounces']]
         moved, expected = sum(passes), on and ranks > 1
         found = differences(first.setdefault(form, Result(bake)), Result(bake))
         checks.that(not found, '%s: not the same as before: %s' % (what, '; '.join(found)), bake.process)
         checks.that(given['on'] == expected and (moved > 0) == expected, '%s: %s, %s points moved in the passes' % (what, given, passes), bake.process)
-        checks.that(sum(given['points_per_rank']) == moved == sum(given['taken_per_rank']), '%s: what is given is not what is taken: %s, %s' % (
+        checks.that(sum(given['from_rank']) == moved == sum(given['by_rank']), '%s: what is given is not what is taken: %s, %s' % (
             what, given, passes), bake.process)
-        checks.that(not expected or given['points_per_rank'][1] > 0.2 * bake.run['balance']['points_per_rank'][1],
+        checks.that(not expected or given['from_rank'][1] > 0.2 * bake.run['balance']['points_per_rank'][1],
                     '%s: the slow rank gave away only %s' % (what, given), bake.process)
         table.row(ranks, node, form, 'given away' if on else 'kept', '%.1f' % bake.process.seconds, moved, 'same' if not found else 'DIFFERENT')
         bake.remove()
@@ -65,7 +65,7 @@ def try_cuts(checks, kiln, scene):
                                                       (2, 1, 'cells', 'auto', 'auto', 'never'), (1, 'all', 'cells', 'compact', 'auto', 'auto'),
                                                       (4, 2, 'cells', 'compact', 'auto', 'always')):
         slow(1, 20 if ranks == 2 else 5)
-        bake = kiln.bake(scene, *SMALL, '--share-ranks', node, '--partition', partition, '--exchange', form, '--exchange-limit', limit, '--rebalance', when,
+        bake = kiln.bake(scene, *SMALL, '--shared-memory-ranks', node, '--partition', partition, '--exchange', form, '--exchange-limit', limit, '--rebalance', when,
                          ranks=ranks, timeout=120)
         if not checks.baked(bake):
             continue

@@ -18,13 +18,17 @@ from same_result import Result, differences  # noqa: E402
 SMALL = ('--lightmap-size', 32, '--samples-direct', 8, '--samples-bounce', 4, '--samples-indirect', 16, '--samples-probe', 16, '--threads', 1)
 
 
-def try_layouts(checks, kiln, scene):
+# Ranks, ranks a node, limit of a message, form. Left out but for --full: what differs from a neighbour in one value only.
+LAYOUTS = ((1, 'all', 'auto', 'compact'), (4, 'all', 'auto', 'compact'), (5, 2, 100, 'compact'), (7, 3, 1000, 'compact'),
+           (3, 1, 7, 'compact'), (1, 'all', 'auto', 'full'), (5, 2, 'auto', 'full'))
+MORE_LAYOUTS = ((4, 2, 'auto', 'compact'), (5, 2, 'auto', 'compact'), (8, 1, 'auto', 'compact'), (4, 1, 333, 'full'))
+
+
+def try_layouts(checks, kiln, scene, layouts):
     table = harness.Table(('ranks', 6), ('a node', 7), ('limit', 6), ('exchange', 9), ('seconds', 8), ('sent between nodes', 19), ('result', 10))
     first = {}
-    for ranks, node, limit, form in ((1, 'all', 'auto', 'compact'), (4, 'all', 'auto', 'compact'), (4, 2, 'auto', 'compact'), (5, 2, 'auto', 'compact'),
-                                     (5, 2, 100, 'compact'), (7, 3, 1000, 'compact'), (8, 1, 'auto', 'compact'), (3, 1, 7, 'compact'),
-                                     (1, 'all', 'auto', 'full'), (5, 2, 'auto', 'full'), (4, 1, 333, 'full')):
-        bake = kiln.bake(scene, *SMALL, '--share-ranks', node, '--exchange-limit', limit, '--exchange', form, ranks=ranks, timeout=120)
+    for ranks, node, limit, form in layouts:
+        bake = kiln.bake(scene, *SMALL, '--shared-memory-ranks', node, '--exchange-limit', limit, '--exchange', form, ranks=ranks, timeout=120)
         if checks.baked(bake):
             result, sent = Result(bake), bake.run['mpi']['received_between_nodes']
             found = differences(first.setdefault(form, result), result)
@@ -37,7 +41,7 @@ def try_layouts(checks, kiln, scene):
 
 
 def try_memory(checks, kiln):
-    """Geometry of some 40 MB; the private copies that --share-ranks 1 makes show what is saved."""
+    """Geometry of some 40 MB; the private copies that --shared-memory-ranks 1 makes show what is saved."""
     scene = os.path.join(kiln.scratch, 'city.glb')
     made = kiln.command('generate', 'city', '-o', scene, '--triangles', 600000, '--quiet')
     if not checks.that(made.status == 0, 'no scene', made):
@@ -46,7 +50,7 @@ def try_memory(checks, kiln):
     held, shared = {}, {}
     for ranks, node in ((1, 'all'), (4, 'all'), (4, 1)):
         bake = kiln.bake(scene, '--texels-per-metre', 0.7, '--samples-direct', 1, '--samples-bounce', 1, '--samples-indirect', 1, '--samples-probe', 0,
-                         '--bounces', 2, '--threads', 1, '--share-ranks', node, ranks=ranks, timeout=200)
+                         '--bounces', 2, '--threads', 1, '--shared-memory-ranks', node, ranks=ranks, timeout=200)
         if not checks.baked(bake):
             return
         memory = bake.run['memory']
@@ -71,7 +75,7 @@ def sorted_total(bake):
     return np.where(np.asarray(p.valid)[order] > 0, np.asarray(p.total, np.float64)[order] @ harness.LUMINANCE, np.nan)
 
 
-def try_accuracy(checks, kiln, cornell):
+def try_accuracy(checks, kiln, cornell, seeds):
     """The difference that the form makes, against the error that both have."""
     furnace = os.path.join(kiln.scratch, 'furnace.glb')
     made = kiln.command('generate', 'furnace', '-o', furnace, '--albedo', 0.9, '--quiet')
@@ -83,10 +87,10 @@ def try_accuracy(checks, kiln, cornell):
         best = kiln.bake(scene, *fixed, '--samples-indirect', 2048, '--samples-bounce', 256, '--samples-direct', 1024, '--exchange', 'full', '--seed', 99)
         if not checks.baked(best):
             continue
-        truth, error, means, seeds = sorted_total(best), {}, {}, range(6)
+        truth, error, means = sorted_total(best), {}, {}
         for form in ('compact', 'full'):
             squares = []
-            for seed in seeds:
+            for seed in range(seeds):
                 bake = kiln.bake(scene, *fixed, '--samples-indirect', 256, '--exchange', form, '--seed', seed)
                 if not checks.baked(bake):
                     return
@@ -106,7 +110,7 @@ def try_accuracy(checks, kiln, cornell):
 
 def try_trace(checks, kiln, scene):
     path = os.path.join(kiln.scratch, 'trace.json')
-    bake = kiln.bake(scene, *SMALL, '--share-ranks', 2, '--trace', path, ranks=3)
+    bake = kiln.bake(scene, *SMALL, '--shared-memory-ranks', 2, '--trace', path, ranks=3)
     if not checks.baked(bake) or not checks.that(os.path.exists(path), 'there is no trace', bake.process):
         return
     with open(path, encoding='utf-8') as f:
@@ -122,7 +126,7 @@ def try_trace(checks, kiln, scene):
         row = sorted((e['ts'], e['ts'] + e['dur']) for e in complete if e['pid'] == rank and e['cat'] == 'batch')
         checks.that(all(a[1] <= b[0] + 1 for a, b in zip(row, row[1:])), 'batches of rank %d overlap' % rank)
         points = sum(e['args']['count'] for e in complete if e['pid'] == rank and e['cat'] == 'batch')
-        points += bake.run['balance']['given_away']['points_per_rank'][rank]
+        points += bake.run['balance']['stolen_points']['from_rank'][rank]
         passes = len([e for e in complete if e['pid'] == rank and e['cat'] == 'pass'])
         checks.that(points == passes * bake.run['balance']['points_per_rank'][rank], 'batches of rank %d have %d points in %d passes' % (rank, points, passes))
     share = bake.run['mpi']['waiting_share']
@@ -135,14 +139,18 @@ def try_trace(checks, kiln, scene):
 
 
 def main():
-    arguments, kiln = harness.start(__doc__, lambda parser: parser.add_argument('parts', nargs='*'))
+    add = lambda parser: (parser.add_argument('parts', nargs='*'),
+                          parser.add_argument('--full', action='store_true', help='every layout, twice as many seeds'))
+    arguments, kiln = harness.start(__doc__, add)
     cornell = harness.own_scene('cornell_original.glb')
     if cornell is None:
         harness.skip('neither tests/data nor ../shared/scenes/own is here.')
     checks = harness.Checks()
-    for part in arguments.parts or ('layouts', 'memory', 'accuracy', 'trace'):
-        {'layouts': lambda: try_layouts(checks, kiln, cornell), 'memory': lambda: try_memory(checks, kiln),
-         'accuracy': lambda: try_accuracy(checks, kiln, cornell), 'trace': lambda: try_trace(checks, kiln, cornell)}[part]()
+    layouts, seeds = (LAYOUTS + MORE_LAYOUTS, 6) if arguments.full else (LAYOUTS, 3)
+    parts = {'layouts': lambda: try_layouts(checks, kiln, cornell, layouts), 'memory': lambda: try_memory(checks, kiln),
+             'accuracy': lambda: try_accuracy(checks, kiln, cornell, seeds), 'trace': lambda: try_trace(checks, kiln, cornell)}
+    for part in arguments.parts or parts:
+        parts[part]()
     checks.end()
 
 

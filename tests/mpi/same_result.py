@@ -1,9 +1,14 @@
 """The same bits from any number of ranks and threads and from either partition; the same lightmaps from any cell size.
 
 Lightmaps are compared byte by byte, whole files; volume.hdf dataset by dataset; kiln.h5 after sorting its points by object and
-texel, since its order follows the cells; once there are so many points that ranks share chunks of it. Scenes that leave ranks or cells with nothing to do are among them.
+texel, since its order follows the cells; once there are so many points that ranks share chunks of it. Scenes that leave ranks
+or cells with nothing to do are among them.
+
+Ranks, threads and partition are chosen so that for the first scene every two values of different options meet in a bake
+(pairwise cover), and for each further scene every value of every option occurs. --full bakes every combination on every scene.
 """
 import hashlib
+import itertools
 import os
 import sys
 
@@ -64,6 +69,22 @@ class Result:
         self.volume = datasets(path) if volume and os.path.exists(path) else None
 
 
+def pairwise(*options):
+    """Combinations in which every value of an option meets every value of every other; the first has the first values."""
+    pairs = lambda row: set(itertools.combinations(enumerate(row), 2))
+    rows = list(itertools.product(*options))
+    missing, chosen = set().union(*map(pairs, rows)), []
+    while missing:
+        chosen.append(max(rows, key=lambda row: len(pairs(row) & missing)))  # the first of the best
+        missing -= pairs(chosen[-1])
+    return chosen
+
+
+def each(*options):
+    """As many combinations as it takes for every value of every option to occur in one; the first has the first values."""
+    return [tuple(values[i % len(values)] for values in options) for i in range(max(map(len, options)))]
+
+
 def differences(a, b):
     """What of two results is not the same, as a list of sentences."""
     found = []
@@ -78,37 +99,36 @@ def differences(a, b):
     return found
 
 
-def try_all(checks, kiln, table, name, scene, options, ranks, threads, partitions):
-    """Bakes with every combination and compares with the first."""
+def try_all(checks, kiln, table, name, scene, options, ways, look=None):
+    """Bakes with each (ranks, threads, partition) and compares with the first, at which `look` looks, if given."""
     first = None
-    for partition in partitions:
-        for thread in threads:
-            for n in ranks:
-                what = '%d ranks, %d threads, by %s' % (n, thread, partition)
-                bake = kiln.bake(scene, *OPTIONS, *options, '--threads', thread, '--partition', partition, ranks=n, timeout=120)
-                if checks.baked(bake):
-                    text = checks.energy(bake, '%s, %s' % (name, what))
-                    result = Result(bake)
-                    if first is None:
-                        first = result
-                    found = differences(first, result)
-                    checks.that(not found, '%s, %s: not the same as before: %s' % (name, what, '; '.join(found)), bake.process)
-                    table.row(name, what, '%.1f' % bake.process.seconds, 'same' if not found else 'DIFFERENT', text)
-                bake.remove()
+    for n, threads, partition in ways:
+        what = '%d ranks, %d threads, by %s' % (n, threads, partition)
+        bake = kiln.bake(scene, *OPTIONS, *options, '--threads', threads, '--partition', partition, ranks=n, timeout=120)
+        if checks.baked(bake):
+            text = checks.energy(bake, '%s, %s' % (name, what))
+            result = Result(bake)
+            if first is None and look is not None:
+                look(bake)
+            first = first or result
+            compare(checks, table, name, what, first, result, bake, text)
+        bake.remove()
     return first
 
 
-def try_cell_sizes(checks, kiln, table, name, scene, options, sizes):
-    first = None
+def compare(checks, table, name, what, first, result, bake, text=''):
+    found = differences(first, result)
+    checks.that(not found, '%s, %s: not the same as before: %s' % (name, what, '; '.join(found)), bake.process)
+    table.row(name, what, '%.1f' % bake.process.seconds, 'same' if not found else 'DIFFERENT', text)
+
+
+def try_cell_sizes(checks, kiln, table, name, scene, options, sizes, first):
+    """Each size against `first`, a result with other cells."""
     for size in sizes:
         bake = kiln.bake(scene, *OPTIONS, *options, '--cell-size', size, ranks=2, timeout=120)
         if checks.baked(bake):
-            result = Result(bake, volume=False)
-            first = first or result
-            found = differences(first, result)
             what = 'cells of %g m: %d' % (size, bake.run['balance']['cells_occupied'])
-            checks.that(not found, '%s, %s: not the same as before: %s' % (name, what, '; '.join(found)), bake.process)
-            table.row(name, what, '%.1f' % bake.process.seconds, 'same' if not found else 'DIFFERENT', '')
+            compare(checks, table, name, what, first, Result(bake, volume=False), bake)
         bake.remove()
 
 
@@ -123,49 +143,60 @@ def plain(path, lights, objects=3, points=True):
     return scene.write(path)
 
 
-def try_odd_scenes(checks, kiln, table):
+def try_odd_scenes(checks, kiln, table, some):
     here = lambda n: os.path.join(kiln.scratch, n)
-    result = try_all(checks, kiln, table, 'no lights', plain(here('dark.glb'), False), ['--lightmap-size', 16], (1, 3), (1,), ('cells',))
-    try_all(checks, kiln, table, 'one texel an object', plain(here('lit.glb'), True), ['--lightmap-size', 1], (1, 2, 5), (1, 2),
-            ('cells', 'objects'))
-    try_all(checks, kiln, table, 'more ranks than cells', here('lit.glb'), ['--lightmap-size', 16, '--cell-size', 100], (1, 3, 8), (1,),
-            ('cells', 'objects'))
-    dark = kiln.bake(here('dark.glb'), *OPTIONS, '--lightmap-size', 16, ranks=2)
-    if checks.baked(dark):
-        checks.that(not dark.points.total.any(), 'no lights: some irradiance is not 0', dark.process)
-    lit = kiln.bake(here('lit.glb'), *OPTIONS, '--lightmap-size', 1, ranks=2)
-    if checks.baked(lit):
-        checks.that(lit.points.count == 3 and (lit.points.total > 0).any(), 'one texel an object: %d points of 3, largest irradiance %g' % (
-            lit.points.count, lit.points.total.max(initial=0)), lit.process)
+
+    def is_dark(bake):
+        checks.that(not bake.points.total.any(), 'no lights: some irradiance is not 0', bake.process)
+
+    def is_lit(bake):
+        largest = bake.points.total.max(initial=0)
+        checks.that(bake.points.count == 3 and largest > 0, 'one texel an object: %d points of 3, largest irradiance %g' % (
+            bake.points.count, largest), bake.process)
+    try_all(checks, kiln, table, 'no lights', plain(here('dark.glb'), False), ['--lightmap-size', 16],
+            some((3, 1), (1,), ('cells',)), is_dark)
+    lit = plain(here('lit.glb'), True)
+    try_all(checks, kiln, table, 'one texel an object', lit, ['--lightmap-size', 1],
+            some((2, 1, 5), (1, 2), ('cells', 'objects')), is_lit)
+    try_all(checks, kiln, table, 'more ranks than cells', lit, ['--lightmap-size', 16, '--cell-size', 100],
+            some((1, 3, 8), (1,), ('objects', 'cells')))
     empty = glb.Scene().write(here('empty.glb'))
     for n in (1, 3):
         bake = kiln.bake(empty, *OPTIONS, ranks=n, timeout=60)
         if checks.baked(bake):
             checks.that(bake.run['objects'] == [], 'an empty scene has objects: %s' % bake.run['objects'], bake.process)
             table.row('empty scene', '%d ranks' % n, '%.1f' % bake.process.seconds, 'baked', '')
-    return result
 
 
 def main():
-    _, kiln = harness.start(__doc__)
+    arguments, kiln = harness.start(__doc__, lambda p: p.add_argument('--full', action='store_true', help='every combination'))
     cornell, zoo = harness.own_scene('cornell_original.glb'), harness.own_scene('punctual_zoo.glb')
     if cornell is None or zoo is None:
         harness.skip('neither tests/data nor ../shared/scenes/own is here.')
+    every = lambda *options: list(itertools.product(*options))
+    pairs, some = (every, every) if arguments.full else (pairwise, each)
+    both, small = ('cells', 'objects'), ['--lightmap-size', 32]
     checks = harness.Checks()
-    table = harness.Table(('scene', 22), ('how', 32), ('seconds', 8), ('result', 10), ('energy', 36))
-    first = try_all(checks, kiln, table, 'cornell_original', cornell, ['--lightmap-size', 32, '--cell-size', 1], RANKS, (1, 2), ('cells', 'objects'))
-    try_all(checks, kiln, table, 'punctual_zoo', zoo, ['--lightmap-size', 24], (1, 3, 8), (1, 2), ('cells', 'objects'))
-    try_all(checks, kiln, table, 'several chunks of points', cornell, ['--lightmap-size', 128, '--cell-size', 1], (1, 3, 5), (2,), ('cells', 'objects'))
+    table = harness.Table(('scene', 24), ('how', 32), ('seconds', 8), ('result', 10), ('energy', 36))
+    first = try_all(checks, kiln, table, 'cornell_original', cornell, [*small, '--cell-size', 1], pairs(RANKS, (1, 2), both))
+    lights = try_all(checks, kiln, table, 'punctual_zoo', zoo, ['--lightmap-size', 24], some((1, 3, 8), (1, 2), both))
+    try_all(checks, kiln, table, 'several chunks of points', cornell, ['--lightmap-size', 128, '--cell-size', 1],
+            some((1, 3, 5), (2,), both))
     two_sides = glb.partition_room(os.path.join(kiln.scratch, 'two_sides.glb'), False)
-    try_all(checks, kiln, table, 'double-sided', two_sides, ['--lightmap-size', 24, '--cell-size', 0.7], (1, 3, 8), (1, 2), ('cells', 'objects'))
-    try_all(checks, kiln, table, 'both sides published', two_sides, ['--lightmap-size', 24, '--sides', 'two'], (1, 3), (2,), ('cells',))
-    try_cell_sizes(checks, kiln, table, 'cornell_original', cornell, ['--lightmap-size', 32], (0.3, 1, 2.7, 100))
-    try_cell_sizes(checks, kiln, table, 'punctual_zoo', zoo, ['--lightmap-size', 24], (0.5, 50))
-    try_cell_sizes(checks, kiln, table, 'double-sided', two_sides, ['--lightmap-size', 24], (0.4, 50))
-    try_odd_scenes(checks, kiln, table)
-    other = kiln.bake(cornell, *OPTIONS, '--lightmap-size', 32, '--seed', 1)
+    sides = try_all(checks, kiln, table, 'double-sided', two_sides, ['--lightmap-size', 24, '--cell-size', 0.7],
+                    some((1, 3, 8), (1, 2), both))
+    try_all(checks, kiln, table, 'both sides published', two_sides, ['--lightmap-size', 24, '--sides', 'two'],
+            some((1, 3), (2,), ('cells',)))
+    for name, scene, size, cells, before in (('cornell_original', cornell, 32, (0.3, 2.7, 100), first),
+                                             ('punctual_zoo', zoo, 24, (0.5, 50), lights),
+                                             ('double-sided', two_sides, 24, (0.4, 50), sides)):
+        if before is not None:
+            try_cell_sizes(checks, kiln, table, name, scene, ['--lightmap-size', size], cells, before)
+    try_odd_scenes(checks, kiln, table, some)
+    other = kiln.bake(cornell, *OPTIONS, *small, '--seed', 1)
     if checks.baked(other) and first is not None:
-        checks.that(len(differences(first, Result(other))) == 3, 'another seed gives the same result: the comparison sees nothing', other.process)
+        checks.that(len(differences(first, Result(other))) == 3, 'another seed gives the same result: the comparison sees nothing',
+                    other.process)
     checks.end()
 
 

@@ -1,4 +1,4 @@
-"""kiln compare against its definitions (coordinator/output/compare.h) computed again with numpy, on generated files."""
+"""kiln compare against its definitions (coordinator/view/compare.h) computed again with numpy, on generated files."""
 import json
 import os
 import subprocess

@@ -333,7 +333,7 @@ class Places(unittest.TestCase):
         os.truncate(self.at("out", "scene.kscene"), 100)
         said = bake.communicate(timeout=120)[1]
         self.assertEqual(bake.returncode, 74, said)
-        self.assertRegex(said, "scene.kscene' was (cut short|changed) while it was in use")
+        self.assertRegex(said, "scene.kscene' was (made shorter|changed) while kiln was using it")
         self.assertFalse(os.path.exists(self.at("out", "kiln.h5")))
 
 

@@ -69,7 +69,7 @@ def compare_balance(kiln, path, out, ranks, ways):
     with open(os.path.join(out, 'run.json')) as file:
         report = json.load(file)
     first = judged(report)
-    return plan, first, [b['rebalance'] for b in report['bounces'] if b['rebalance']], [b['given_away'] for b in report['bounces']]
+    return plan, first, [b['rebalance'] for b in report['bounces'] if b['rebalance']], [b['stolen_points'] for b in report['bounces']]
 
 
 def balance(kiln, folder):
@@ -80,7 +80,7 @@ def balance(kiln, folder):
     run(kiln, 'generate', 'cornell-statue', '-o', statue)
     run(kiln, 'generate', 'cornell', '-o', even)
     failures = []
-    alone = ['--share-ranks', 1]
+    alone = ['--shared-memory-ranks', 1]
     for name, path, ranks, slow, ways in [('uneven', statue, 2, '', alone), ('uneven', statue, 3, '', alone), ('uneven', statue, 4, '', alone),
                                           ('slow rank', even, 2, '1:3', alone), ('helped', statue, 2, '', [])]:
         os.environ['KILN_SLOW_RANK'] = slow

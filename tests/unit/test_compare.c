@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "coordinator/output/compare.h"
+#include "coordinator/view/compare.h"
 #include "worker/base/memory.h"
 
 enum { WIDTH = 4, HEIGHT = 2, TEXELS = WIDTH * HEIGHT };

@@ -46,6 +46,8 @@ static void test_table(void **state)
         assert_true(strncmp(option->name, "no-", 3) != 0);
         for (size_t j = 0; j < i; j++)
             assert_true(kiln_options[j].offset != option->offset);
+        for (size_t j = 0; option->former != NULL && j < kiln_option_count; j++)
+            assert_string_not_equal(kiln_options[j].name, option->former);
     }
     struct kiln_job *job = NULL;
     for (size_t i = 0; i < kiln_command_count; i++) {
@@ -73,7 +75,7 @@ static void test_defaults(void **state)
     assert_null(job->environment);
     assert_null(job->instruction_set);
     assert_true(job->device == -1 && job->traversal == 0 && job->dispatch_time == 100.0 && job->device_memory == 0 &&
-                job->verify_share == 0);
+                job->verify_fraction == 0);
     assert_true(job->environment_scale == 1.0 && job->threads == 0 && job->bounces == -1 && job->tail);
     assert_true(job->stitch && job->preview && !job->half && !job->error_map && !job->json);
     assert_true(job->samples_direct == 64 && job->samples_bounce == 8 && job->samples_indirect == 128 &&
@@ -116,10 +118,10 @@ static void test_forms(void **state)
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 3, "info", "--devices", "a.glb"), KILN_USAGE);
     assert_int_equal(parse(&job, 14, "bake", "a.glb", "--backend", "vulkan", "--device", "2", "--traversal", "pipeline",
-                           "--dispatch-time", "12.5", "--device-memory", "0.25", "--verify-share", "0.01"),
+                           "--dispatch-time", "12.5", "--device-memory", "0.25", "--verify-fraction", "0.01"),
                      KILN_OK);
     assert_true(job->device == 2 && job->traversal == 2 && job->dispatch_time == 12.5 && job->device_memory == 0.25 &&
-                job->verify_share == 0.01);
+                job->verify_fraction == 0.01);
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 3, "info", "--", "--odd.glb"), KILN_OK);
     assert_string_equal(job->scene, "--odd.glb");
@@ -177,6 +179,53 @@ static void test_order(void **state)
     assert_int_equal(rmdir(folder), 0);
 }
 
+/* What kiln prints about former names of options; release with free. */
+static char *renamed_text(const struct kiln_job *job)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *stream = open_memstream(&text, &size);
+    assert_non_null(stream);
+    kiln_job_print_renamed(job, stream);
+    assert_int_equal(fclose(stream), 0);
+    return text;
+}
+
+/* Former names of options work, on the command line and in a job file, and the present name is printed. */
+static void test_former_names(void **state)
+{
+    (void)state;
+    struct kiln_job *job = NULL;
+    assert_int_equal(parse(&job, 6, "bake", "a.glb", "--no-give-away", "--share-ranks=2", "--verify-share", "0.5"),
+                     KILN_OK);
+    assert_true(!job->work_stealing && job->share_ranks == 2 && job->verify_fraction == 0.5);
+    char *text = renamed_text(job);
+    assert_non_null(strstr(text, "the option give-away is now called work-stealing"));
+    assert_non_null(strstr(text, "the option share-ranks is now called shared-memory-ranks"));
+    assert_non_null(strstr(text, "the option verify-share is now called verify-fraction"));
+    free(text);
+    kiln_job_destroy(&job);
+    assert_int_equal(parse(&job, 3, "bake", "a.glb", "--no-work-stealing"), KILN_OK);
+    assert_false(job->work_stealing);
+    assert_string_equal(text = renamed_text(job), "");
+    free(text);
+    kiln_job_destroy(&job);
+
+    char folder[] = "/tmp/kiln_test_job_XXXXXX", path[64];
+    assert_non_null(mkdtemp(folder));
+    (void)snprintf(path, sizeof path, "%s/job.yaml", folder);
+    write_job(path, "scene: a.glb\ngive-away: false\n");
+    assert_int_equal(parse(&job, 2, "bake", path), KILN_OK);
+    assert_false(job->work_stealing);
+    assert_non_null(strstr(text = renamed_text(job), "give-away is now called work-stealing"));
+    free(text);
+    kiln_job_destroy(&job);
+    write_job(path, "scene: a.glb\ngive-away: false\nwork-stealing: true\n");
+    assert_int_equal(parse(&job, 2, "bake", path), KILN_BAD_INPUT); /* the same key twice */
+    assert_int_equal(unlink(path), 0);
+    assert_int_equal(rmdir(folder), 0);
+}
+
 static void test_refusals(void **state)
 {
     (void)state;
@@ -197,7 +246,7 @@ static void test_refusals(void **state)
         {"--environment", "1,2,3,4", "neither none", KILN_USAGE},
         {"--environment", "1,2,x", "neither none", KILN_USAGE},
         {"--backend", "optix", "auto, embree, vulkan", KILN_NO_DEVICE},
-        {"--verify-share", "1.5", "from 0 to 1", KILN_USAGE},
+        {"--verify-fraction", "1.5", "from 0 to 1", KILN_USAGE},
         {"--instruction-set", "neon", "sse2, sse4.2", KILN_NO_DEVICE},
         {"--method", "bdpt", "it has: cells", KILN_USAGE},
         {"--qualtiy", "draft", "nearest one is --quality", KILN_USAGE},
@@ -240,7 +289,7 @@ int main(void)
         cmocka_unit_test(test_table),         cmocka_unit_test(test_defaults),
         cmocka_unit_test(test_forms),         cmocka_unit_test(test_quality_gives_way),
         cmocka_unit_test(test_order),         cmocka_unit_test(test_refusals),
-        cmocka_unit_test(test_edit_distance),
+        cmocka_unit_test(test_edit_distance), cmocka_unit_test(test_former_names),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -12,7 +12,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/output/ranges.h"
+#include "coordinator/output/read/ranges.h"
 
 /* The verdict on a file with one dataset /irradiance/NAME of six values, all 0.5 but one. */
 static int verdict(const char *name, double odd, char *message, size_t size)

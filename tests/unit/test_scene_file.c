@@ -13,7 +13,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/import/builder.h"
+#include "coordinator/scene/builder.h"
 
 struct fixture {
     char folder[64], path[96], damaged[96];
@@ -225,7 +225,7 @@ static void a_right_hash_is_no_excuse(void **state)
     const float nan_value = NAN, outside = 1.5f, negative = -1.0f;
     const double infinite = INFINITY;
     const uint64_t far = 1u << 30;
-    forged(f, KILN_SECTION_TRIANGLES, 8, &four, 4, "corner 4 of 4");
+    forged(f, KILN_SECTION_TRIANGLES, 8, &four, 4, "corner 4, but there are 4");
     forged(f, KILN_SECTION_TRIANGLE_MATERIALS, 4, &big, 4, "material 1000000");
     forged(f, KILN_SECTION_POSITIONS, 4, &nan_value, 4, "position");
     forged(f, KILN_SECTION_NORMALS, 8, &outside, 4, "unit vector");

@@ -142,7 +142,7 @@ static void check_order(const struct built *b, enum kiln_partition partition)
             next++;
         }
         assert_int_equal(at.piece, s->piece_base[i + 1]);
-        assert_int_equal(at.share, s->area_cdf_base[i + 1]);
+        assert_int_equal(at.cdf, s->area_cdf_base[i + 1]);
     }
     assert_int_equal(next, s->point_count);
     for (uint32_t o = 0; o < b->fixture->scene.object_count; o++) {
@@ -286,7 +286,7 @@ static void coverage_is_exact(void **state)
     release(&b);
 }
 
-/* In texels, by the outline (kiln_clip_share goes by the weights). */
+/* In texels, by the outline (kiln_clip_fraction goes by the weights). */
 static double polygon_area(const struct kiln_clip_corner *polygon, uint32_t corners)
 {
     double twice = 0.0;
@@ -324,7 +324,7 @@ static void pieces_are_right(void **state)
                     kiln_geometry_triangle_area(b.geometry, t) / (0.5 * fabs(kiln_clip_twice_area(corner)));
                 sum += texels * scale;
                 if (j + 1 < count)
-                    assert_true(fabs((double)s->area_cdf[at.share + j] * (double)s->area[at.point] - sum) <=
+                    assert_true(fabs((double)s->area_cdf[at.cdf + j] * (double)s->area[at.point] - sum) <=
                                 1e-6 * (double)s->area[at.point]);
                 assert_true(kiln_point_whole(s, at.point) == (count == 1 && texels > 1.0 - 1e-9));
             }

@@ -21,7 +21,7 @@ SKY = 'sky.hdr'
 GLASS = 'glass.glb'  # made when wanted
 CASES = (  # scene, options of all its bakes, guarded bakes: guard, ranks, more options
     ('two_rooms.glb', ('--texels-per-metre', 2), (('after', 0, ()), ('after', 2, ('--dispatch-time', 1)))),
-    ('cornell.glb', ('--texels-per-metre', 3), (('before', 0, ('--traversal', 'binary')), ('after', 0, ('--verify-share', 0.2)))),
+    ('cornell.glb', ('--texels-per-metre', 3), (('before', 0, ('--traversal', 'binary')), ('after', 0, ('--verify-fraction', 0.2)))),
     ('penumbra_alphamask.glb', ('--lightmap-max', 16, '--environment', SKY), (('after', 0, ('--traversal', 'four')),)),
     ('punctual_zoo.glb', ('--lightmap-max', 12, '--environment', '0.1,0.2,0.3'), (('after', 0, ()),)),
     ('textured_emitter.glb', ('--lightmap-max', 16), (('after', 0, ('--traversal', 'all')),)),

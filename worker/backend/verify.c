@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "shaders/shared/random.h"
+#include "worker/base/color.h"
 #include "worker/base/memory.h"
 
 enum { CHANNELS = 6 }; /* irradiance, incident */
@@ -46,11 +47,6 @@ struct verified_pass {
 
 /* ---- comparing ---- */
 
-static double luminance(const float rgb[3])
-{
-    return 0.2126 * (double)rgb[0] + 0.7152 * (double)rgb[1] + 0.0722 * (double)rgb[2];
-}
-
 static bool is_sound(const struct kiln_point_result *r)
 {
     for (int c = 0; c < 3; c++)
@@ -71,8 +67,8 @@ static struct texel texel_of(const struct kiln_surface *s, const struct kiln_til
 static void compare_texel(struct tally *t, const struct kiln_point_result *got,
                           const struct kiln_point_result *expected, struct texel texel)
 {
-    texel.got = luminance(got->irradiance);
-    texel.expected = luminance(expected->irradiance);
+    texel.got = kiln_luminance_of_floats(got->irradiance);
+    texel.expected = kiln_luminance_of_floats(expected->irradiance);
     const double mean = t->texels > 0 ? t->luminance_total / (double)t->texels : 0.0;
     const bool sound = is_sound(got);
     const double error = sound ? hypot((double)got->error, (double)expected->error) : (double)expected->error;

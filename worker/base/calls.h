@@ -1,9 +1,9 @@
-/* System calls that a signal may interrupt, made again until they have been heard out.
+/* System calls that are repeated when a signal interrupts them (EINTR).
  *
- * POSIX lets open, fsync, rename and their like fail with EINTR, which says nothing about the disk; on local file
- * systems they do not, on networks and in user space they may. close is never repeated: Linux has released the
- * descriptor by then, whatever it returns, and another thread may have got it since; that it was interrupted is no
- * failure, for what must be on disk was synced before. */
+ * POSIX lets open, fsync, rename and similar calls fail with EINTR, which says nothing about the disk. On local file
+ * systems this does not happen; on network and user-space file systems it may. close is never repeated: Linux has
+ * released the descriptor by then, whatever close returns, and another thread may already have been given it. An
+ * interrupted close is not a failure: what must be on disk was synced before. */
 #ifndef KILN_WORKER_BASE_CALLS_H
 #define KILN_WORKER_BASE_CALLS_H
 
@@ -12,7 +12,7 @@
 #include <stdio.h>
 #include <unistd.h>
 
-/* `mode` is of consequence with O_CREAT only. */
+/* `mode` matters with O_CREAT only. */
 static inline int kiln_open(const char *path, int flags, mode_t mode)
 {
     int descriptor;
@@ -37,7 +37,7 @@ static inline int kiln_close(int descriptor)
     return result != 0 && errno == EINTR ? 0 : result;
 }
 
-/* `mode` is of consequence with O_CREAT only. */
+/* `mode` matters with O_CREAT only. */
 static inline int kiln_openat(int folder, const char *name, int flags, mode_t mode)
 {
     int descriptor;

@@ -1,5 +1,5 @@
-/* Loops over lanes that are worth compiling once for each instruction set. Contraction is off, so all give the same
- * bits. */
+/* KILN_CLONES: compiles a function once for each instruction set, for loops over SIMD lanes. Floating-point contraction
+ * is off, so all versions give the same bits. */
 #ifndef KILN_WORKER_BASE_CLONES_H
 #define KILN_WORKER_BASE_CLONES_H
 

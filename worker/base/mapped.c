@@ -12,7 +12,7 @@
 
 enum { MAPPINGS = 32, SENTENCE = 640 };
 
-/* `size` is set last and cleared first: where it is not 0 the rest holds. */
+/* `size` is set last and cleared first: where it is not 0, the other fields are valid. */
 static struct mapping {
     _Atomic uintptr_t base;
     _Atomic size_t size;
@@ -36,7 +36,8 @@ static void on_bus_error(int number, siginfo_t *info, void *context)
             _exit(KILN_IO);
         }
     }
-    (void)sigaction(number, &before, NULL); /* the same access, made again, meets whoever was there */
+    /* the access is repeated on return and reaches the handler that was there before */
+    (void)sigaction(number, &before, NULL);
 }
 
 static void install(void)
@@ -56,10 +57,10 @@ void kiln_mapped_watch(const void *base, size_t size, const char *name)
             continue;
         (void)snprintf(
             mappings[i].sentence, SENTENCE,
-            "kiln: error: '%.400s' was cut short while it was in use, or its disk cannot be read: nothing may "
+            "kiln: error: '%.400s' was made shorter while kiln was using it, or its disk cannot be read: nothing may "
             "change it while kiln runs; run the same command again\n",
             name);
-        for (char *c = mappings[i].sentence; c[1] != '\0'; c++) /* the last one ends the line */
+        for (char *c = mappings[i].sentence; c[1] != '\0'; c++) /* all but the last character, which ends the line */
             if ((unsigned char)*c < ' ' || *c == 0x7f)
                 *c = '?';
         atomic_store(&mappings[i].base, (uintptr_t)base);

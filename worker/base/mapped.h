@@ -1,18 +1,18 @@
-/* Files that are mapped for long, and what happens when one is cut short meanwhile.
+/* A watch over mapped files: what happens when another process shortens one while it is mapped.
  *
- * Reading a mapped page that the file no longer has, or that its disk cannot deliver, is SIGBUS. Where the address lies
- * in a mapping that is watched here, the process writes one sentence with the file's name to stderr and ends with
- * KILN_IO; any other SIGBUS goes where it went before. The table of mappings and the handler are the process's own, as
- * signals are: the one thing that is kept outside of handles here. Threads may call these at any time; the handler
- * reads the table without locks. Mappings beyond the table's size are not watched. */
+ * Reading a mapped page that the file no longer has, or that its disk cannot deliver, raises SIGBUS. If the address
+ * lies in a mapping that is watched, the process writes one sentence with the file's name to stderr and exits with
+ * KILN_IO. Any other SIGBUS goes to the handler that was there before. The table of mappings and the handler belong to
+ * the process, as signals do: this is the one state that is kept outside of handles. Threads may call these functions
+ * at any time; the signal handler reads the table without locks. Mappings beyond the table's size are not watched. */
 #ifndef KILN_WORKER_BASE_MAPPED_H
 #define KILN_WORKER_BASE_MAPPED_H
 
 #include <stddef.h>
 
-/* `name` is copied. */
+/* Starts to watch a mapping. `name` is copied. */
 void kiln_mapped_watch(const void *base, size_t size, const char *name);
-/* Before munmap; a mapping that is not watched is fine. */
+/* Stops watching; call it before munmap. A mapping that is not watched is ignored. */
 void kiln_mapped_forget(const void *base);
 
 #endif

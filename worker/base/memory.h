@@ -1,5 +1,5 @@
-/* Checked allocation: every size is count x element size, refused on overflow, aligned to 64 bytes, and accounted for.
- */
+/* Checked allocation: every size is count x element size, refused on overflow, aligned to 64 bytes, and accounted
+ * for. */
 #ifndef KILN_WORKER_BASE_MEMORY_H
 #define KILN_WORKER_BASE_MEMORY_H
 
@@ -7,22 +7,21 @@
 
 #include "worker/base/status.h"
 
-/* Allocates `count` elements of `size` bytes, zeroed, 64-byte aligned, stores the pointer in *pointer (a pointer
- * variable of any object type, passed by address). A count of 0 gives a valid pointer too. `what` names the purpose in
- * the error
- * ("the lightmap tiles"). Free with kiln_free. */
+/* Allocates `count` elements of `size` bytes, zeroed and 64-byte aligned, and stores the pointer in *pointer (the
+ * address of a pointer variable of any object type). A count of 0 gives a valid pointer too. `what` names the purpose
+ * in the error sentence ("the lightmap tiles"). Free with kiln_free. */
 int kiln_allocate(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error);
 
-/* Grows *pointer (from kiln_allocate or NULL) so that it holds at least `needed` elements; *capacity is the present
- * number of elements and is updated (at least doubled). New elements are not initialised. */
+/* Grows *pointer (from kiln_allocate or NULL) to at least `needed` elements. *capacity is the present number of
+ * elements and is updated; a growing array at least doubles. New elements are not initialised. */
 int kiln_grow(void *pointer, size_t *capacity, size_t needed, size_t size, const char *what, struct kiln_error *error);
 
-/* Frees *pointer and sets it to NULL; accepts a NULL inside. */
+/* Frees *pointer and sets it to NULL; a NULL is ignored. */
 void kiln_free(void *pointer);
 
-/* Where a builder puts its large, lasting arrays: memory that several processes share, for instance. `allocate` and
- * `release` promise what kiln_allocate and kiln_free do, but a release may come into effect later. Copied by who keeps
- * it; the context is borrowed. */
+/* An allocator for large, lasting arrays, such as memory that several processes share. `allocate` and `release` promise
+ * what kiln_allocate and kiln_free do, but a release may take effect later. Users copy the struct; the context is
+ * borrowed. */
 struct kiln_allocator {
     int (*allocate)(void *context, void *pointer, size_t count, size_t size, const char *what,
                     struct kiln_error *error);
@@ -30,7 +29,7 @@ struct kiln_allocator {
     void *context;
 };
 
-/* kiln_allocate and kiln_free. */
+/* The allocator of kiln_allocate and kiln_free. */
 extern const struct kiln_allocator kiln_own_memory;
 
 #endif

@@ -8,7 +8,7 @@
 
 #include "worker/base/text.h"
 
-/* Whatever names and files are quoted in it, the sentence is one line that no terminal acts on. */
+/* Formats the sentence and makes it plain: one line without control characters, whatever names and files it quotes. */
 static void take(struct kiln_error *error, const char *format, va_list arguments) __attribute__((format(printf, 2, 0)));
 static void take(struct kiln_error *error, const char *format, va_list arguments)
 {
@@ -49,7 +49,7 @@ static int status_of_errno(int number)
     case EACCES:
     case EPERM:
         return KILN_PERMISSION;
-    case ENOENT: /* there is no file of such a name, nor can there be */
+    case ENOENT: /* such a name exists on no file system */
     case ENAMETOOLONG:
     case ENOTDIR:
     case ELOOP:
@@ -75,7 +75,7 @@ int kiln_fail_errno(struct kiln_error *error, int status, const char *format, ..
         struct rlimit most;
         if (number == EFBIG && getrlimit(RLIMIT_FSIZE, &most) == 0 && most.rlim_cur != RLIM_INFINITY)
             (void)snprintf(error->message + used, sizeof error->message - used,
-                           ": no file may have more than %llu bytes here (ulimit -f)",
+                           ": this process may write files of at most %llu bytes (ulimit -f)",
                            (unsigned long long)most.rlim_cur);
         else
             (void)snprintf(error->message + used, sizeof error->message - used, ": %s", strerror(number));

@@ -1,7 +1,7 @@
-/* Whether somebody wants the work to end early: asked by what works long, so that it comes back soon.
+/* A request to stop early, polled by long-running work so that it returns soon.
  *
- * Work that gives up returns KILN_STOPPED (kiln_give_up) and leaves what it was making to be destroyed as after any
- * failure; who asked, and what is kept, is said where that is known. */
+ * Work that stops returns KILN_STOPPED (kiln_give_up) and leaves its unfinished results to be destroyed as after any
+ * failure. The caller knows who asked and what is kept, and reports it. */
 #ifndef KILN_WORKER_BASE_STOP_H
 #define KILN_WORKER_BASE_STOP_H
 
@@ -11,11 +11,11 @@
 #include "worker/base/status.h"
 
 struct kiln_stop {
-    bool (*asked)(void *context); /* from any thread, and cheap; once true it stays so */
+    bool (*asked)(void *context); /* called from any thread; cheap; once true it stays true */
     void *context;
 };
 
-/* NULL: nobody ever does. */
+/* NULL: never asked. */
 static inline bool kiln_stop_asked(const struct kiln_stop *stop) { return stop != NULL && stop->asked(stop->context); }
 
 static inline int kiln_give_up(struct kiln_error *error)

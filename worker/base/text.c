@@ -5,7 +5,8 @@
 #include <stdint.h>
 #include <string.h>
 
-/* Bytes of the character that begins here, and its number; 0: it is none of UTF-8's (RFC 3629), or is not whole. */
+/* Returns the number of bytes of the UTF-8 character at `at` (RFC 3629) and its code point; 0 if it is invalid or
+ * incomplete. */
 static size_t decode(const unsigned char *at, uint32_t *character)
 {
     static const uint32_t least[5] = {0, 0, 0x80, 0x800, 0x10000};
@@ -18,7 +19,7 @@ static size_t decode(const unsigned char *at, uint32_t *character)
         return 0;
     *character = length == 1 ? at[0] : at[0] & (0xffu >> (length + 1));
     for (size_t i = 1; i < length; i++) {
-        if ((at[i] & 0xc0) != 0x80) /* so is the final 0 */
+        if ((at[i] & 0xc0) != 0x80) /* also catches the final 0 */
             return 0;
         *character = *character << 6 | (at[i] & 0x3fu);
     }

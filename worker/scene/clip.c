@@ -3,9 +3,10 @@
 #include <math.h>
 #include <stdbool.h>
 
-/* One cut: keeps sign * (coordinate - bound) >= 0. `axis` 0 is x; axis and sign are constants where this is called. */
-static inline uint32_t cut(const struct kiln_clip_corner *in, uint32_t count, int axis, double bound, double sign,
-                           struct kiln_clip_corner *out)
+/* Clips to one half-plane: keeps sign * (coordinate - bound) >= 0. `axis` 0 is x. Axis and sign are constants in the
+ * callers. */
+static inline uint32_t clip_half_plane(const struct kiln_clip_corner *in, uint32_t count, int axis, double bound,
+                                       double sign, struct kiln_clip_corner *out)
 {
     uint32_t kept = 0;
     const struct kiln_clip_corner *a = &in[count - 1];
@@ -16,7 +17,7 @@ static inline uint32_t cut(const struct kiln_clip_corner *in, uint32_t count, in
         if ((da > 0.0 && db < 0.0) || (da < 0.0 && db > 0.0)) {
             const double t = da / (da - db);
             struct kiln_clip_corner *c = &out[kept++];
-            /* exactly on the line, so that the neighbour's part begins where this one ends */
+            /* exactly on the line, so that the neighbouring rectangle's polygon begins where this one ends */
             c->x = axis == 0 ? bound : a->x + t * (b->x - a->x);
             c->y = axis == 0 ? a->y + t * (b->y - a->y) : bound;
             c->b1 = a->b1 + t * (b->b1 - a->b1);
@@ -30,7 +31,7 @@ static inline uint32_t cut(const struct kiln_clip_corner *in, uint32_t count, in
     return kept;
 }
 
-/* A collapsed triangle: the whole of it or nothing. */
+/* A collapsed triangle belongs to the rectangle wholly or not at all. */
 static uint32_t place_collapsed(const double corner[3][2], double x0, double y0, double x1, double y1,
                                 struct kiln_clip_corner *polygon)
 {
@@ -49,7 +50,8 @@ uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, dou
                             struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
 {
     struct kiln_clip_corner other[KILN_CLIP_CORNERS], *from = other, *to = polygon, *swap;
-    bool outside[4] = {false, false, false, false}; /* does some corner lie beyond the left, right, top, bottom side? */
+    /* whether some corner lies beyond the left, right, top, bottom side */
+    bool outside[4] = {false, false, false, false};
     uint32_t cuts = 0, count = 3;
     if (!(fabs(kiln_clip_twice_area(corner)) > 0.0))
         return place_collapsed(corner, x0, y0, x1, y1, polygon);
@@ -61,7 +63,7 @@ uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, dou
     }
     for (int side = 0; side < 4; side++)
         cuts += outside[side] ? 1 : 0;
-    if (cuts % 2 == 0) { /* so that the last cut ends in `polygon` */
+    if (cuts % 2 == 0) { /* so that the last cut writes to `polygon` */
         from = polygon;
         to = other;
     }
@@ -73,13 +75,13 @@ uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, dou
             continue;
         if (count > 0) {
             if (side == 0)
-                count = cut(from, count, 0, x0, 1.0, to);
+                count = clip_half_plane(from, count, 0, x0, 1.0, to);
             else if (side == 1)
-                count = cut(from, count, 0, x1, -1.0, to);
+                count = clip_half_plane(from, count, 0, x1, -1.0, to);
             else if (side == 2)
-                count = cut(from, count, 1, y0, 1.0, to);
+                count = clip_half_plane(from, count, 1, y0, 1.0, to);
             else
-                count = cut(from, count, 1, y1, -1.0, to);
+                count = clip_half_plane(from, count, 1, y1, -1.0, to);
         }
         swap = from;
         from = to;
@@ -88,7 +90,8 @@ uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, dou
     return count;
 }
 
-/* Sum of the fan's doubled areas, by the outline or by the weights, and of its centroids times those. */
+/* Sums over the polygon's triangle fan: doubled areas, in the lightmap or in barycentric weights, and centroids times
+ * those. */
 static double fan_sum(const struct kiln_clip_corner *polygon, uint32_t count, bool weights,
                       struct kiln_clip_corner *sum)
 {
@@ -126,12 +129,13 @@ double kiln_clip_area(const struct kiln_clip_corner *polygon, uint32_t count, st
     return 0.5 * fabs(twice);
 }
 
-double kiln_clip_share(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid)
+double kiln_clip_fraction(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid)
 {
     struct kiln_clip_corner sum;
-    const double share = fan_sum(polygon, count, true, &sum); /* in weights a triangle has the area 1/2 */
-    if (!(share > 0.0))
+    /* in barycentric weights the whole triangle has the area 1/2 */
+    const double fraction = fan_sum(polygon, count, true, &sum);
+    if (!(fraction > 0.0))
         return 0.0;
-    finish_centroid(polygon, &sum, share, centroid);
-    return share;
+    finish_centroid(polygon, &sum, fraction, centroid);
+    return fraction;
 }

@@ -1,42 +1,44 @@
-/* The part of a triangle that lies in an axis-aligned rectangle of its lightmap: what "covers a texel" means
- * everywhere.
+/* Clips triangles to axis-aligned rectangles of their lightmap. These functions define what "a triangle covers a texel"
+ * means everywhere in the program.
  *
- * Sutherland and Hodgman 1974, in double, with barycentric weights carried along the edges, so that a needle's corners
- * stay on it. Coordinates are best taken relative to the texel. Pure functions. */
+ * The method is polygon clipping of Sutherland and Hodgman ("Reentrant Polygon Clipping", 1974) in double. Barycentric
+ * weights are interpolated along with the coordinates, so that the corners of a very thin triangle stay on it.
+ * Coordinates should be relative to the texel (kiln_clip_local), which keeps rounding errors small. Pure functions. */
 #ifndef KILN_WORKER_SCENE_CLIP_H
 #define KILN_WORKER_SCENE_CLIP_H
 
 #include <stdint.h>
 
-/* A triangle cut by a rectangle has at most 7 corners. Where rounding makes a needle's outline wind, each of the four
- * cuts can add half as many corners as there were: 3, 4, 6, 9, 13. */
+/* Corners of a clipped polygon, at most. A triangle clipped by a rectangle has at most 7. Where rounding makes the
+ * outline of a thin triangle wind, each of the four cuts can add half as many corners as there were: 3, 4, 6, 9, 13. */
 enum { KILN_CLIP_CORNERS = 13 };
 
-/* A part of a texel smaller than this, in texels (or relative to the triangle's own area, where that is below 1), is
- * rounding and does not cover it. Corners at 2^14 texels are good to 2e-12. */
+/* A covered area smaller than this is rounding and does not count. In texels or, where the triangle's own area is below
+ * 1 texel, relative to that area. Corners at 2^14 texels are good to 2e-12. */
 #define KILN_CLIP_SMALLEST 1e-11
 
 struct kiln_clip_corner {
-    double x, y;   /* in the lightmap */
-    double b1, b2; /* weights of the triangle's corners 1 and 2 */
+    double x, y;   /* position in the lightmap, texels */
+    double b1, b2; /* barycentric weights of the triangle's corners 1 and 2 */
 };
 
-/* Cuts a triangle in texel-local coordinates (kiln_clip_local) to [x0, x1] x [y0, y1], a part of the square 0..1; gives
- * the number of corners of `polygon`, less than 3 where nothing is left. The winding is the triangle's. A collapsed
- * triangle, one without area in the lightmap, is not cut: it lies wholly in the part that holds its centroid (the
- * parts' lower sides included; a centroid outside the square is moved into it), so that its surface is not lost. */
+/* Clips a triangle, given in texel-local coordinates (kiln_clip_local), to the rectangle [x0, x1] x [y0, y1] inside the
+ * square 0..1. Returns the number of corners of `polygon`; fewer than 3 mean that nothing is left. The winding is the
+ * triangle's. A collapsed triangle, one without area in the lightmap, is not clipped, so that its surface is not lost:
+ * it belongs wholly to the rectangle that holds its centroid (lower sides included; a centroid outside the square is
+ * first moved into it). */
 uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, double x1, double y1,
                             struct kiln_clip_corner polygon[KILN_CLIP_CORNERS]);
 
-/* Area (>= 0, in the lightmap) and centroid of a convex polygon. `centroid` is untouched when the area is 0. */
+/* Area (>= 0, in the lightmap) and centroid of a convex polygon. `centroid` is left as it is when the area is 0. */
 double kiln_clip_area(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid);
 
-/* What part of the triangle's area a convex polygon of it is, 0..1, measured by the weights, and its centroid.
- * `centroid` is untouched when there is none. */
-double kiln_clip_share(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid);
+/* The fraction, 0..1, of the triangle's area that a convex polygon of it has, computed from the barycentric weights;
+ * and the polygon's centroid. `centroid` is left as it is when the fraction is 0. */
+double kiln_clip_fraction(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid);
 
-/* The triangle's corners relative to texel (x, y), whose square is then 0..1 in both axes. Whoever clips to a texel
- * starts from this, so that all find the same parts to the last bit. */
+/* Moves the triangle's corners so that texel (x, y) becomes the square 0..1 x 0..1. All code that clips to a texel
+ * starts from these coordinates, so that all find the same polygons to the last bit. */
 static inline void kiln_clip_local(const double corner[3][2], double x, double y, double local[3][2])
 {
     for (int c = 0; c < 3; c++) {
@@ -45,8 +47,8 @@ static inline void kiln_clip_local(const double corner[3][2], double x, double y
     }
 }
 
-/* Weights of corners 1 and 2 as linear functions of the position: b = at[0] + at[1] x + at[2] y. The triangle must have
- * area. */
+/* Barycentric weights of corners 1 and 2 as linear functions of the position: b1 = b1[0] + b1[1] x + b1[2] y, and so
+ * b2. The triangle must have area. */
 struct kiln_clip_weights {
     double b1[3], b2[3];
 };
@@ -66,14 +68,14 @@ static inline double kiln_clip_twice_area(const double c[3][2])
     return (c[1][0] - c[0][0]) * (c[2][1] - c[0][1]) - (c[2][0] - c[0][0]) * (c[1][1] - c[0][1]);
 }
 
-/* The smallest share of a triangle with this area (texels) that covers a texel. */
+/* The smallest fraction of a triangle with this area (texels) that counts as covering a texel. */
 static inline double kiln_clip_smallest(double triangle_area)
 {
     return KILN_CLIP_SMALLEST / (triangle_area > 1.0 ? triangle_area : 1.0);
 }
 
-/* Whether the triangle holds the whole rectangle, edges included, or surely misses its inside. Not for collapsed ones.
- */
+/* Whether the triangle holds the whole rectangle, edges included (INSIDE), surely misses its inside (OUTSIDE), or
+ * neither can be said (PARTLY). Not for collapsed triangles. */
 enum kiln_clip_class { KILN_CLIP_OUTSIDE = 0, KILN_CLIP_PARTLY = 1, KILN_CLIP_INSIDE = 2 };
 static inline enum kiln_clip_class kiln_clip_classify(const double c[3][2], double x0, double y0, double x1, double y1)
 {
@@ -82,7 +84,7 @@ static inline enum kiln_clip_class kiln_clip_classify(const double c[3][2], doub
     for (int i = 0; i < 3; i++) {
         const double *a = c[i], *b = c[i == 2 ? 0 : i + 1];
         const double ex = sign * (b[0] - a[0]), ey = sign * (b[1] - a[1]);
-        /* the edge's function ex (y - ay) - ey (x - ax) is largest and smallest at opposite corners */
+        /* the edge function ex (y - ay) - ey (x - ax) is largest and smallest at opposite corners of the rectangle */
         const double most = ex * ((ex > 0.0 ? y1 : y0) - a[1]) - ey * ((ey > 0.0 ? x0 : x1) - a[0]);
         const double least = ex * ((ex > 0.0 ? y0 : y1) - a[1]) - ey * ((ey > 0.0 ? x1 : x0) - a[0]);
         if (most <= 0.0)

@@ -36,14 +36,15 @@ static void prepare_whole(struct kiln_footprint *f)
     f->whole.b_dv[1] = (float)w.b2[2];
 }
 
-/* Cumulative areas of a polygon's fan, as shares: until[i] belongs to triangle (0, i + 1, i + 2). */
+/* Cumulative areas of a polygon's triangle fan, as fractions of the polygon: until[i] belongs to triangle (0, i + 1, i
+ * + 2). */
 static void fan_areas(const struct kiln_clip_corner *polygon, uint32_t corners, double *until)
 {
     struct kiln_clip_corner centroid;
     double sum = 0.0;
     for (uint32_t i = 0; i + 2 < corners; i++) {
         const struct kiln_clip_corner part[3] = {polygon[0], polygon[i + 1], polygon[i + 2]};
-        sum += kiln_clip_share(part, 3, &centroid);
+        sum += kiln_clip_fraction(part, 3, &centroid);
         until[i] = sum;
     }
     for (uint32_t i = 0; i + 2 < corners; i++)
@@ -80,7 +81,7 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
     f->geometry = geometry;
     f->pieces = surface->pieces + at->piece;
     f->piece_count = kiln_piece_count(surface, at->point);
-    f->area_cdf = surface->area_cdf + at->share;
+    f->area_cdf = surface->area_cdf + at->cdf;
     f->x = at->x;
     f->y = at->y;
     f->shift = at->shift;
@@ -93,9 +94,9 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
     f->kind = f->piece_count <= KILN_FOOTPRINT_PIECES && prepare_few(f) ? KILN_FOOTPRINT_FEW : KILN_FOOTPRINT_MANY;
 }
 
-/* Index of the first of `count` entries above u (the last where none is; it is 1 and not read); u becomes the place
- * between it and the one before, 0..1. */
-static uint32_t choose(const float *until, uint32_t count, double *u)
+/* Inverts a CDF: returns the index of the first of `count` entries above u, or the last index (whose entry is 1 and is
+ * not read). u becomes the position between that entry and the one before, 0..1. */
+static uint32_t invert_cdf(const float *until, uint32_t count, double *u)
 {
     uint32_t low = 0, high = count - 1;
     while (low < high) {
@@ -111,14 +112,14 @@ static uint32_t choose(const float *until, uint32_t count, double *u)
     return low;
 }
 
-/* Uniform on the triangle of three weight pairs. */
+/* A uniform sample of the triangle whose corners are given by pairs of barycentric weights. */
 static void sample_corners(const double b1[3], const double b2[3], double u1, double u2, float *out1, float *out2)
 {
     const double root = sqrt(u1), w0 = 1.0 - root, w2 = root * u2, w1 = root - w2;
     const double s1 = fmax(w0 * b1[0] + w1 * b1[1] + w2 * b1[2], 0.0),
                  s2 = fmax(w0 * b2[0] + w1 * b2[1] + w2 * b2[2], 0.0);
     *out1 = fminf((float)s1, 1.0f);
-    *out2 = fminf((float)s2, 1.0f - *out1); /* clipping and rounding may leave the triangle by the last bit */
+    *out2 = fminf((float)s2, 1.0f - *out1); /* clipping and rounding may step outside the triangle by the last bit */
 }
 
 static void sample_polygon(const struct kiln_clip_corner *polygon, uint32_t corners, double u1, double u2, float *b1,
@@ -129,14 +130,14 @@ static void sample_polygon(const struct kiln_clip_corner *polygon, uint32_t corn
     fan_areas(polygon, corners, until);
     for (uint32_t i = 0; i + 2 < corners; i++)
         shares[i] = (float)until[i];
-    const uint32_t i = choose(shares, corners - 2, &u1);
+    const uint32_t i = invert_cdf(shares, corners - 2, &u1);
     const struct kiln_clip_corner *a = &polygon[0], *b = &polygon[i + 1], *c = &polygon[i + 2];
     sample_corners((const double[3]){a->b1, b->b1, c->b1}, (const double[3]){a->b2, b->b2, c->b2}, u1, u2, b1, b2);
 }
 
 static void sample_few(const struct kiln_footprint_polygon *polygon, double u1, double u2, float *b1, float *b2)
 {
-    const uint32_t i = choose(polygon->until, polygon->corners - 2, &u1);
+    const uint32_t i = invert_cdf(polygon->until, polygon->corners - 2, &u1);
     const double w1[3] = {(double)polygon->b1[0], (double)polygon->b1[i + 1], (double)polygon->b1[i + 2]};
     const double w2[3] = {(double)polygon->b2[0], (double)polygon->b2[i + 1], (double)polygon->b2[i + 2]};
     sample_corners(w1, w2, u1, u2, b1, b2);
@@ -162,7 +163,7 @@ void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, flo
         *b2 = fminf(fmaxf(f->whole.b[1] + u1 * f->whole.b_du[1] + u2 * f->whole.b_dv[1], 0.0f), 1.0f - *b1);
         return;
     }
-    const uint32_t piece = f->piece_count > 1 ? choose(f->area_cdf, f->piece_count, &u) : 0;
+    const uint32_t piece = f->piece_count > 1 ? invert_cdf(f->area_cdf, f->piece_count, &u) : 0;
     *triangle = f->pieces[piece];
     if (f->kind == KILN_FOOTPRINT_FEW)
         sample_few(&f->few[piece], u, (double)u2, b1, b2);
@@ -223,14 +224,14 @@ struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *
             }
         one_normal = one_normal && vec3_dot(normal, kiln_triangle_normal(f->geometry, f->pieces[i])) >= 0.99999f;
     }
-    if (!(low.x <= high.x)) /* nothing of it is left after clipping: its first corner stands in */
+    if (!(low.x <= high.x)) /* clipping left nothing: the triangle's first corner stands in */
         low = high = kiln_triangle_position(f->geometry, f->pieces[0], 0.0f, 0.0f);
     return (struct kiln_footprint_extent){vec3_scale(vec3_add(low, high), 0.5f),
                                           0.5f * vec3_length(vec3_sub(high, low)), one_normal};
 }
 
-/* Texels of the texture that says where a material is there, over one lightmap texel of the triangle; 0: no texture
- * says it. */
+/* How many texels of the texture that determines opacity lie along one lightmap texel of the triangle; 0: no texture
+ * does. */
 static double texture_detail(const struct kiln_footprint *f, uint32_t triangle)
 {
     const struct kiln_scene *scene = f->scene;
@@ -252,7 +253,7 @@ static double texture_detail(const struct kiln_footprint *f, uint32_t triangle)
     return area > 0.0 ? fabs(kiln_clip_twice_area(at)) / area : 0.0;
 }
 
-/* How many lookups a side of the square of (u1, u2) asks for. */
+/* Opacity lookups along each side of the square of (u1, u2). */
 static uint32_t lookups_of(const struct kiln_footprint *f)
 {
     double detail = 0.0;
@@ -272,8 +273,9 @@ static float opacity_at(const struct kiln_footprint *f, float u1, float u2)
                                 g->stored_triangle[triangle], b1, b2);
 }
 
-/* Sets the cells whose opacity, of `side` x `side` lookups, is above a threshold that is another in each cell: the
- * fractions of 256 in an order that spreads neighbours out (van der Corput's), begun somewhere. */
+/* Sets the cells whose opacity (`side` x `side` lookups) is above a threshold. The thresholds of the cells are the 256
+ * multiples of 1/256 in the order of van der Corput's sequence, which spreads neighbours far apart; the order starts at
+ * a position given by `key`. */
 static void fill_mask(struct kiln_mask *mask, const float *opacity, uint32_t side, uint32_t key)
 {
     const uint32_t begin = kiln_hash1(key) >> 24;
@@ -329,8 +331,8 @@ struct kiln_vec3 kiln_triangle_normal(const struct kiln_geometry *geometry, uint
 
 static struct kiln_dvec3 row(const double *m, int r) { return dvec3(m[4 * r], m[4 * r + 1], m[4 * r + 2]); }
 
-/* Normals go with the cofactors of the transform: the inverse transpose times the determinant, whose sign is taken out.
- */
+/* Transforms a normal by the cofactor matrix: the inverse transpose times the determinant. The determinant's sign is
+ * divided out. */
 static struct kiln_dvec3 to_world(const struct kiln_object *object, struct kiln_dvec3 n)
 {
     const struct kiln_dvec3 x = row(object->transform, 0), y = row(object->transform, 1), z = row(object->transform, 2);
@@ -385,14 +387,14 @@ struct kiln_vec3 kiln_triangle_shading_normal(const struct kiln_scene *scene, co
     return vec3_of(shading_normal(scene, geometry, triangle, (double)b1, (double)b2));
 }
 
-/* Shading normal at the centroid of the piece's part of the texel. */
+/* Shading normal at the centroid of what the triangle covers of the texel. */
 static struct kiln_dvec3 piece_normal(const struct kiln_footprint *f, uint32_t triangle)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid = {0.0, 0.0, 1.0 / 3.0, 1.0 / 3.0};
     double local[3][2];
     local_corners(f, triangle, local);
     const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
-    kiln_clip_share(polygon, corners, &centroid);
+    kiln_clip_fraction(polygon, corners, &centroid);
     return shading_normal(f->scene, f->geometry, triangle, centroid.b1, centroid.b2);
 }
 

@@ -1,10 +1,11 @@
-/* The covered part of one surface point's texel, ready for sampling; normals; and how far rays start off a surface.
+/* Footprints: the covered part of one surface point's texel, prepared for sampling. Also normals, and the offset of ray
+ * origins from a surface.
  *
- * A footprint is plain data (about 500 bytes, no memory of its own) and borrows scene, geometry and surface. All
+ * A footprint is plain data of about 500 bytes. It owns no memory and borrows scene, geometry and surface. All
  * functions are pure and thread-safe; none fails.
  *
- * Sampling is uniform over the surface area of the covered part. Positions are given as (world triangle, b1, b2) with
- * b1, b2 >= 0 and b1 + b2 <= 1 the weights of its corners 1 and 2. */
+ * Samples are uniform over the surface area of the covered part. A position is given as (world triangle, b1, b2), where
+ * b1, b2 >= 0 and b1 + b2 <= 1 are the barycentric weights of the triangle's corners 1 and 2. */
 #ifndef KILN_WORKER_SCENE_FOOTPRINT_H
 #define KILN_WORKER_SCENE_FOOTPRINT_H
 
@@ -14,19 +15,19 @@
 #include "shaders/shared/mask.h"
 #include "worker/scene/surface.h"
 
-/* Walks the points of a tile run in order:
+/* A cursor over the points of a tile run, in order:
  *
- *   struct kiln_point_cursor at = kiln_point_first(surface, tile run);
- *   for (uint32_t k = 0; k < surface->tile runs[tile run].count; k++, kiln_point_next(surface, &at)) ... */
+ *   struct kiln_point_cursor at = kiln_point_first(surface, run);
+ *   for (uint32_t k = 0; k < surface->tile_runs[run].count; k++, kiln_point_next(surface, &at)) ... */
 struct kiln_point_cursor {
-    uint64_t point;     /* own index: the global one - surface->first */
-    uint64_t piece;     /* its first piece */
-    uint64_t share;     /* its first share, if it has more than one piece */
-    uint64_t rest;      /* texels of the tile run from this point on */
-    uint32_t map, x, y; /* its texel; undefined behind the last point */
+    uint64_t point;     /* index among this rank's points: the global index - surface->first */
+    uint64_t piece;     /* index of its first piece in surface->pieces */
+    uint64_t cdf;       /* index of its first entry in surface->area_cdf, if it has more than one piece */
+    uint64_t rest;      /* mask of the tile run's texels from this point on */
+    uint32_t map, x, y; /* lightmap and texel of the point; undefined after the last point */
     uint32_t object;
     uint32_t shift;          /* of the lightmap */
-    bool back;               /* the point is of the backs: normals are those of the triangles turned round */
+    bool back;               /* the lightmap is that of the backs: normals are those of the triangles reversed */
     uint32_t tile_x, tile_y; /* first texel of the tile */
 };
 
@@ -45,7 +46,7 @@ static inline struct kiln_point_cursor kiln_point_first(const struct kiln_surfac
     const uint32_t tiles_x = s->lightmaps[f->map].tiles_x;
     struct kiln_point_cursor at = {.point = f->first - s->first,
                                    .piece = s->piece_base[tile_run],
-                                   .share = s->area_cdf_base[tile_run],
+                                   .cdf = s->area_cdf_base[tile_run],
                                    .rest = f->mask,
                                    .map = f->map,
                                    .object = kiln_map_object(s, f->map),
@@ -62,21 +63,21 @@ static inline void kiln_point_next(const struct kiln_surface *s, struct kiln_poi
     const uint32_t pieces = kiln_piece_count(s, at->point);
     at->point++;
     at->piece += pieces;
-    at->share += pieces - 1;
+    at->cdf += pieces - 1;
     at->rest &= at->rest - 1;
     kiln_point_locate(at);
 }
 
 enum kiln_footprint_kind {
-    KILN_FOOTPRINT_WHOLE = 0, /* the whole square of the texel in one triangle: a parallelogram */
-    KILN_FOOTPRINT_FEW = 1,   /* few pieces, kept as polygons */
-    KILN_FOOTPRINT_MANY = 2   /* a piece is chosen by its share and clipped when it is sampled */
+    KILN_FOOTPRINT_WHOLE = 0, /* one triangle holds the whole square of the texel: a parallelogram on the surface */
+    KILN_FOOTPRINT_FEW = 1,   /* at most KILN_FOOTPRINT_PIECES pieces, stored as polygons */
+    KILN_FOOTPRINT_MANY = 2   /* a piece is chosen by the area CDF and clipped each time it is sampled */
 };
 
 enum { KILN_FOOTPRINT_PIECES = 4, KILN_FOOTPRINT_CORNERS = 7 };
 
-/* A convex piece as corners in barycentric weights; triangle (0, i + 1, i + 2) of its fan ends at `until[i]` of its
- * area. */
+/* A convex piece: its corners in barycentric weights. Triangle (0, i + 1, i + 2) of its fan ends at the fraction
+ * until[i] of the piece's area. */
 struct kiln_footprint_polygon {
     float b1[KILN_FOOTPRINT_CORNERS], b2[KILN_FOOTPRINT_CORNERS];
     float until[KILN_FOOTPRINT_CORNERS - 2];
@@ -87,16 +88,17 @@ struct kiln_footprint {
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
     const uint32_t *pieces; /* world triangles */
-    const float *area_cdf;  /* cumulative, piece_count - 1 of them: the last ends at 1 */
+    /* area CDF: the cumulative fractions of the point's area; piece_count - 1 entries, since the last is 1 */
+    const float *area_cdf;
     uint32_t piece_count;
     uint32_t x, y;  /* the texel */
     uint32_t shift; /* of the lightmap */
     uint8_t kind;   /* enum kiln_footprint_kind */
-    bool back;      /* of backs: kiln_footprint_normals turns round what the triangles say */
+    bool back;      /* the point is on the backs: kiln_footprint_normals reverses the triangles' normals */
     union {
-        /* KILN_FOOTPRINT_WHOLE: the point at (s, t) in the texel's square, both 0..1, is origin + s du + t dv (relative
-         * to the scene's centre, on the surface), and its weights are b[0] + s b_du[0] + t b_dv[0] of corner 1, [1] of
-         * corner 2. */
+        /* KILN_FOOTPRINT_WHOLE. The position at (s, t) in the texel's square, both 0..1, is origin + s du + t dv, m,
+         * relative to the scene's centre. Its barycentric weight of corner 1 is b[0] + s b_du[0] + t b_dv[0]; that of
+         * corner 2 uses [1]. */
         struct {
             struct kiln_vec3 origin, du, dv;
             float b[2], b_du[2], b_dv[2];
@@ -110,26 +112,26 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
                             const struct kiln_geometry *geometry, const struct kiln_surface *surface,
                             const struct kiln_point_cursor *at);
 
-/* Sample for u1, u2 in [0, 1); stratified (u1, u2) give stratified positions within each convex piece. */
+/* Draws a sample from u1, u2 in [0, 1). Stratified (u1, u2) give positions stratified within each convex piece. */
 void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, float u2, uint32_t *triangle, float *b1,
                            float *b2);
 
-/* The covered part cut into triangles, by corners in weights of their piece's world triangle: sampling with u1 and u2
- * takes the first part whose `until` is above u1, stretches u1 over it, and the point (1 - r) a + r (1 - u2) b + r u2 c
- * with r = sqrt(u1). What a device that cannot clip samples; the same positions as kiln_footprint_sample but for
- * rounding. Not for KILN_FOOTPRINT_WHOLE. */
+/* A triangle of a footprint that is cut into triangles, for devices that cannot clip. Its corners are in barycentric
+ * weights of world triangle `triangle`. Sampling with u1 and u2 takes the first of the triangles whose `until` is above
+ * u1, rescales u1 to 0..1 within it, and gives the position (1 - r) a + r (1 - u2) b + r u2 c with r = sqrt(u1). The
+ * positions are those of kiln_footprint_sample but for rounding. Not for KILN_FOOTPRINT_WHOLE. */
 struct kiln_footprint_part {
     uint32_t triangle;
     double b1[3], b2[3];
-    double until; /* share of the point's area up to this part's end; of the last 1 */
+    double until; /* cumulative fraction of the point's area at this triangle's end; 1 for the last */
 };
-enum { KILN_FOOTPRINT_PARTS = 11 }; /* of one piece, at most: clipping leaves room for 13 corners */
-/* Writes the parts of piece `piece` (at most KILN_FOOTPRINT_PARTS) and returns how many. */
+enum { KILN_FOOTPRINT_PARTS = 11 }; /* triangles of one piece, at most: a clipped polygon has up to 13 corners */
+/* Writes the triangles of piece `piece`, at most KILN_FOOTPRINT_PARTS, and returns their number. */
 uint32_t kiln_footprint_parts(const struct kiln_footprint *footprint, uint32_t piece,
                               struct kiln_footprint_part *parts);
 
-/* Where the point is: the middle of a box about it and the greatest distance from there; whether its pieces lie in
- * parallel planes. */
+/* Bounds of a point's surface: the centre of its bounding box, the greatest distance from there, and whether all pieces
+ * lie in parallel planes. */
 struct kiln_footprint_extent {
     struct kiln_vec3 centre;
     float spread; /* m */
@@ -137,21 +139,21 @@ struct kiln_footprint_extent {
 };
 struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *footprint);
 
-/* Where on a point its surface is there (shaders/shared/mask.h), in the square of the (u1, u2) that
- * kiln_footprint_sample takes. */
+/* An opacity mask: which cells of the unit square of (u1, u2), as kiln_footprint_sample takes them, hold surface
+ * (shaders/shared/mask.h). */
 struct kiln_mask {
     uint32_t cells[KILN_MASK_WORDS];
-    uint32_t count; /* bits that are set; 0: the whole point is to be sampled */
+    uint32_t count; /* number of set bits; 0: no mask, sample the whole point */
 };
 
-/* Mean opacity over the point (kiln_surface_opacity); 1 where nothing lets light through. Where it varies over the
- * point, from 16 lookups for a texture as coarse as the lightmap up to 256 for one 4 times as fine and finer, `mask`
- * has the cells where something is: each is set with a chance that is its opacity, stratified over the point; so what
- * is there is sampled uniformly, and what is half there half as often. `key` is what chance hangs on: the point's own.
- */
+/* Returns the mean opacity over the point (kiln_surface_opacity); 1 where the material is opaque everywhere. Where
+ * opacity varies over the point, it is read at 16 positions (texture as coarse as the lightmap) up to 256 (texture 4
+ * times as fine, or finer), and `mask` is filled: each cell is set with a probability equal to its opacity, stratified
+ * over the point. So opaque places are sampled uniformly, and places of opacity 1/2 half as often. The random choice is
+ * a function of `key`, which should differ from point to point. */
 float kiln_footprint_presence(const struct kiln_footprint *footprint, uint32_t key, struct kiln_mask *mask);
 
-/* Moves (u1, u2) in [0, 1)^2 to where the mask says that something is; all of that is reached alike. */
+/* Maps (u1, u2) in [0, 1)^2 uniformly onto the cells that the mask has set. */
 static inline void kiln_mask_place(const struct kiln_mask *mask, float *u1, float *u2)
 {
     float rest;
@@ -163,7 +165,7 @@ static inline void kiln_mask_place(const struct kiln_mask *mask, float *u1, floa
     *u2 = kiln_mask_t(cell, *u2);
 }
 
-/* Position of a sample, relative to the scene's centre: c0 + b1 (c1 - c0) + b2 (c2 - c0). */
+/* Position of a sample, m, relative to the scene's centre: c0 + b1 (c1 - c0) + b2 (c2 - c0). */
 static inline struct kiln_vec3 kiln_triangle_position(const struct kiln_geometry *g, uint32_t triangle, float b1,
                                                       float b2)
 {
@@ -177,42 +179,46 @@ static inline struct kiln_vec3 kiln_triangle_position(const struct kiln_geometry
  * triangle without area. */
 struct kiln_vec3 kiln_triangle_normal(const struct kiln_geometry *geometry, uint32_t triangle);
 
-/* The same from the stored vertices and the transform in double, free of the rounding of world positions; on a flat
- * mesh the stored normal where the two agree, which the rounding of the file's own positions has not touched. What
- * cosines are taken with: at 89.9 degrees a normal that is off by 2e-6 costs a thousandth. */
+/* The unit normal computed in double from the stored vertices and the transform, without the rounding of world
+ * positions. On a flat mesh it is the stored normal, where that agrees: it is also free of the rounding of the file's
+ * positions. Cosines use this normal: at 89.9 degrees, a normal that is off by 2e-6 costs a thousandth. */
 struct kiln_vec3 kiln_triangle_exact_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry,
                                             uint32_t triangle);
 
-/* Unit shading normal: the stored normals interpolated in the mesh and taken to the world by the inverse transpose. The
- * geometric normal where the mesh has no smooth normals, and where that is zero or faces away from the geometric
- * normal. */
+/* Unit shading normal: the stored normals interpolated over the triangle and transformed to the world by the inverse
+ * transpose. It is the geometric normal where the mesh has no smooth normals, and where the interpolated normal is zero
+ * or faces away from the geometric one. */
 struct kiln_vec3 kiln_triangle_shading_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry,
                                               uint32_t triangle, float b1, float b2);
 
-/* The point's mean normals: of its pieces' geometric normals, and of the shading normals at their centroids, weighted
- * with area. Unit vectors; where the mean is nearly zero (a fold) the largest piece's, and where the shading normal
- * faces away from the geometric one, that. */
+/* The point's mean normals, weighted by area: of its pieces' geometric normals, and of the shading normals at the
+ * pieces' centroids. Unit vectors. Where a mean is nearly zero (the surface folds back), the largest piece's normal is
+ * used instead; where the shading normal faces away from the geometric normal, the geometric one is used for both. */
 void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_vec3 *geometric,
                             struct kiln_vec3 *shading);
 
-/* How far along its unit normal `n` (either side) the start of a ray on a world triangle must be moved, m, so that
- * rounding cannot leave it on or behind the triangle's plane. A bound, not a constant: it follows the sizes of the
- * numbers that were rounded, so that it means the same in a scene of 1e-6 m and of 1e6 m (after pbrt-v4, section 6.8).
+/* Distance, m, by which the origin of a ray on a world triangle must be moved along the unit normal `n` (either side),
+ * so that rounding cannot leave it on or behind the triangle's plane. It is an error bound, not a constant epsilon: it
+ * follows the sizes of the numbers that were rounded, so it means the same in a scene of 1e-6 m and in one of 1e6 m
+ * (after "Physically Based Rendering", 4th edition, section 6.8).
  *
- * With u = 2^-24, M the largest absolute coordinate of the corners and S their largest difference, for each axis k:
- *  - the position. c0 + b1 e1 + b2 e2 is off by at most u M_k (the last sum) + 4 u S_k (edges, products, inner sum).
- * The parallelogram's origin + s du + t dv, each rounded from double and the offset added to the origin, is off by at
- * most 4 u M_k (origin, offset, two sums) + 4 u S_k. Adding the offset last rounds by u M_k once more. So E_k = u (5
- * M_k + 5 S_k) holds for all, to first order in u.
- *  - the tracer. It finds the distance to the plane from N . (c0 - o), N = e1 x e2. Differences and the dot product
- *    round by 4 u |N_k| S_k; N itself, of rounded edges, by dN_k = 6 u (|e1_i e2_j| + |e1_j e2_i|), which tilts the
- * plane by dN_k S_k / |N| at the far end: large for needles only, nothing for a plane along two axes. The distance is
- * sum_k |n_k| (E_k + 4 u S_k) + sum_k dN_k S_k / |N|, and a quarter more for the terms of second order and for the
- * rounding of this sum. The second sum is held to 2^-10 of the triangle's size, so that a needle does not throw rays
- * off the scene; the whole is at least u times that size, for planes whose every error is 0 (y = 0, say). */
+ * Let u = 2^-24, M_k the largest absolute coordinate of the corners and S_k their largest difference along axis k.
+ * - Error of the position. c0 + b1 e1 + b2 e2 is off by at most u M_k (the last sum) + 4 u S_k (edges, products, inner
+ *   sum). The parallelogram's origin + s du + t dv, each rounded from double, with the offset added to the origin, is
+ *   off by at most 4 u M_k (origin, offset, two sums) + 4 u S_k. Adding the offset last rounds by u M_k once more. So
+ *   E_k = u (5 M_k + 5 S_k) bounds all cases, to first order in u.
+ * - Error of the tracer. It finds the distance to the plane from N . (c0 - o), with N = e1 x e2. Differences and the
+ *   dot product round by 4 u |N_k| S_k. N itself, computed from rounded edges, is off by dN_k = 6 u (|e1_i e2_j| +
+ *   |e1_j e2_i|), which tilts the plane by dN_k S_k / |N| at the far end: large for thin triangles only, 0 for a plane
+ *   along two axes.
+ *
+ * The distance is sum_k |n_k| (E_k + 4 u S_k) + sum_k dN_k S_k / |N|, plus a quarter for terms of second order and for
+ * the rounding of this sum. The second sum is limited to 2^-10 of the triangle's size, so that a thin triangle does not
+ * throw rays off the scene. The whole is at least u times the triangle's size, for planes whose every error is 0 (such
+ * as y = 0). */
 float kiln_offset_distance(const struct kiln_geometry *geometry, uint32_t triangle, struct kiln_vec3 n);
 
-/* p, a point on the triangle, moved off it to the side of `n`. */
+/* The position p on the triangle, moved off it to the side that `n` points to. */
 static inline struct kiln_vec3 kiln_offset_origin(struct kiln_vec3 p, struct kiln_vec3 n,
                                                   const struct kiln_geometry *geometry, uint32_t triangle)
 {

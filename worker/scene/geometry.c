@@ -6,27 +6,30 @@
 #include "worker/base/memory.h"
 #include "worker/scene/solids.h"
 
-/* triangles or vertices one thread takes at a time, so that one large mesh keeps all threads busy */
+/* triangles or vertices that one thread takes at a time: one large mesh then keeps all threads busy */
 enum { CHUNK = 1 << 16 };
 
-/* Scratch of kiln_geometry_create. */
+/* Working data of kiln_geometry_create. */
 struct expansion {
     const struct kiln_scene *scene;
     struct kiln_geometry *geometry;
-    float *alpha_floor; /* material: the least alpha its factor and texture can give */
-    /* material: a triangle whose alpha may be at or below it (MASK) or below it (BLEND) is no opaque one */
+    float *alpha_floor; /* per material: the least alpha that its factor and texture can give */
+    /* per material: a triangle whose alpha may be at or below this (MASK), or below this (BLEND), is not opaque */
     float *alpha_limit;
-    uint64_t *mesh_chunk;                                  /* mesh: its first chunk of triangles; one more at the end */
-    uint64_t *chunk_alpha;                                 /* chunk: alpha triangles of the mesh before it */
-    uint64_t *mesh_alpha;                                  /* mesh: its alpha triangles */
-    uint64_t *object_triangle_chunk, *object_vertex_chunk; /* object: its first work item; one more at the end */
-    uint64_t *object_vertex;                               /* object: its first world vertex; one more at the end */
+    /* per mesh, and one more at the end: its first chunk of triangles */
+    uint64_t *mesh_chunk;
+    uint64_t *chunk_alpha; /* per chunk: the alpha triangles of the mesh before it */
+    uint64_t *mesh_alpha;  /* per mesh: its alpha triangles */
+    /* per object, and one more at the end: its first work item */
+    uint64_t *object_triangle_chunk, *object_vertex_chunk;
+    /* per object, and one more at the end: its first world vertex */
+    uint64_t *object_vertex;
 };
 
 static uint64_t chunks_of(uint64_t count) { return (count + CHUNK - 1) / CHUNK; }
 
-/* The last index whose `first` is at most `item`: with equal entries (empty runs) that is the run that holds the item.
- */
+/* The last index whose `first` is at most `item`. Among equal entries (empty runs) that is the run that holds the
+ * item. */
 static size_t run_of(const uint64_t *first, size_t count, uint64_t item)
 {
     size_t low = 0, high = count;
@@ -60,7 +63,7 @@ static void find_alpha_limits(struct expansion *e)
         e->alpha_limit[m] = -1.0f;
         e->alpha_floor[m] = 1.0f;
         if (material->transmission > 0.0f)
-            e->alpha_limit[m] = 1.0f; /* whatever its alpha */
+            e->alpha_limit[m] = 1.0f; /* not opaque, whatever its alpha */
         if (material->alpha_mode == KILN_ALPHA_OPAQUE || material->transmission > 0.0f)
             continue;
         e->alpha_limit[m] = material->alpha_mode == KILN_ALPHA_MASK ? material->alpha_cutoff : nextafterf(1.0f, 0.0f);
@@ -122,7 +125,7 @@ static int plan(struct expansion *e, struct kiln_error *error)
     const struct kiln_scene *scene = e->scene;
     struct kiln_geometry *g = e->geometry;
     uint64_t triangles = 0, vertices = 0, opaque = 0, alpha = 0;
-    uint64_t unmet_opaque = 0, unmet_alpha = 0; /* receiver-only objects' */
+    uint64_t unmet_opaque = 0, unmet_alpha = 0; /* of receiver-only objects */
     for (size_t o = 0; o < scene->object_count; o++) {
         const uint32_t m = scene->objects[o].mesh;
         const struct kiln_mesh *mesh = &scene->meshes[m];
@@ -160,7 +163,8 @@ static int plan(struct expansion *e, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* World positions in double, then relative to the centre, then float: one rounding, of the smaller number. */
+/* Computes world positions in double, subtracts the centre, and rounds to float: one rounding, of the smaller
+ * number. */
 static int place_vertices(struct expansion *e, struct kiln_error *error)
 {
     const struct kiln_scene *scene = e->scene;
@@ -188,11 +192,12 @@ static int place_vertices(struct expansion *e, struct kiln_error *error)
     if (first_bad == UINT64_MAX)
         return KILN_OK;
     const size_t o = run_of(e->object_vertex, scene->object_count, first_bad);
-    return kiln_fail(
-        error, KILN_BAD_INPUT,
-        "object '%s': vertex %llu of its mesh lies more than 1e18 m from the scene's centre, or nowhere: check the "
-        "object's transform",
-        kiln_scene_string(scene, scene->objects[o].name), (unsigned long long)(first_bad - e->object_vertex[o]));
+    return kiln_fail(error, KILN_BAD_INPUT,
+                     "object '%s': vertex %llu of its mesh has a position that is not a number or lies more than 1e18 "
+                     "m from the scene's centre: "
+                     "check the object's transform",
+                     kiln_scene_string(scene, scene->objects[o].name),
+                     (unsigned long long)(first_bad - e->object_vertex[o]));
 }
 
 static void expand_triangle(const struct expansion *e, size_t o, uint64_t stored, uint64_t world)
@@ -262,7 +267,7 @@ static void find_bounds(struct kiln_geometry *g)
     if (g->triangle_count == 0)
         return;
     float x0 = FLT_MAX, y0 = FLT_MAX, z0 = FLT_MAX, x1 = -FLT_MAX, y1 = -FLT_MAX, z1 = -FLT_MAX;
-    /* corners, not vertices: a vertex that no triangle uses is not in the scene */
+    /* over corners, not vertices: a vertex that no triangle uses is not in the scene */
     const size_t count = 3 * g->triangle_count;
 #pragma omp parallel for reduction(min : x0, y0, z0) reduction(max : x1, y1, z1)
     for (size_t i = 0; i < count; i++) {
@@ -282,9 +287,9 @@ static void count_two_sided(struct kiln_geometry *g)
         g->ranges[g->records[t].object].two_sided += (g->records[t].material & KILN_RECORD_DOUBLE_SIDED) != 0 ? 1 : 0;
 }
 
-/* An array of the geometry itself. */
-static int kept(struct kiln_geometry *g, void *pointer, size_t count, size_t size, const char *what,
-                struct kiln_error *error)
+/* Allocates an array of the geometry itself. */
+static int allocate_kept(struct kiln_geometry *g, void *pointer, size_t count, size_t size, const char *what,
+                         struct kiln_error *error)
 {
     return g->memory.allocate(g->memory.context, pointer, count, size, what, error);
 }
@@ -309,7 +314,8 @@ static int allocate_plan(struct expansion *e, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_allocate(&e->object_vertex, scene->object_count + 1, sizeof *e->object_vertex, what, error);
     if (status == KILN_OK)
-        status = kept(e->geometry, &e->geometry->ranges, scene->object_count, sizeof *e->geometry->ranges, what, error);
+        status = allocate_kept(e->geometry, &e->geometry->ranges, scene->object_count, sizeof *e->geometry->ranges,
+                               what, error);
     if (status != KILN_OK)
         return status;
     for (size_t m = 0; m < scene->mesh_count; m++)
@@ -319,14 +325,16 @@ static int allocate_plan(struct expansion *e, struct kiln_error *error)
 
 static int allocate_world(struct kiln_geometry *g, struct kiln_error *error)
 {
-    int status = kept(g, &g->vertices, 3 * g->vertex_count + 4, sizeof *g->vertices, "the world's vertices", error);
-    if (status == KILN_OK)
-        status = kept(g, &g->indices, 3 * g->triangle_count, sizeof *g->indices, "the world's triangles", error);
-    if (status == KILN_OK)
-        status = kept(g, &g->records, g->triangle_count, sizeof *g->records, "the world's hit records", error);
+    int status =
+        allocate_kept(g, &g->vertices, 3 * g->vertex_count + 4, sizeof *g->vertices, "the world's vertices", error);
     if (status == KILN_OK)
         status =
-            kept(g, &g->stored_triangle, g->triangle_count, sizeof *g->stored_triangle, "the world's triangles", error);
+            allocate_kept(g, &g->indices, 3 * g->triangle_count, sizeof *g->indices, "the world's triangles", error);
+    if (status == KILN_OK)
+        status = allocate_kept(g, &g->records, g->triangle_count, sizeof *g->records, "the world's hit records", error);
+    if (status == KILN_OK)
+        status = allocate_kept(g, &g->stored_triangle, g->triangle_count, sizeof *g->stored_triangle,
+                               "the world's triangles", error);
     return status;
 }
 
@@ -361,7 +369,7 @@ int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_s
     if (status == KILN_OK) {
         expand_triangles(&e);
         find_bounds(e.geometry);
-        status = kiln_solids_close(e.geometry, scene, error);
+        status = kiln_solids_make_one_sided(e.geometry, scene, error);
     }
     if (status == KILN_OK) {
         count_two_sided(e.geometry);

@@ -1,19 +1,19 @@
-/* The world's triangles as every backend traces them: all objects expanded, float positions relative to the scene's
- * centre.
+/* The geometry: all triangles of the world as every backend traces them. All objects are expanded; positions are float,
+ * relative to the scene's centre.
  *
- * World triangles are numbered 0 .. triangle_count-1: first all opaque ones, object by object in scene order, then all
- * with an alpha mask or blending, object by object. At the end of either part stand those of receiver-only objects,
- * which no ray meets: a backend builds its tree over what comes before them. A backend's hit gives this number and (u,
- * v), the barycentric weights of corners 1 and 2. Corner order is made counter-clockwise seen from the front also for
- * mirrored objects: their corners 1 and 2 change places, in `indices` and in the record alike. So (u, v) always speak
- * of the world triangle's corners; where the stored triangle's are wanted (kiln_surface_color and its like),
- * kiln_geometry_stored_barycentrics translates.
+ * World triangles are numbered 0 .. triangle_count - 1: first all opaque ones, object by object in scene order, then
+ * all with an alpha mask or blending, object by object. At the end of each of these two ranges are the triangles of
+ * receiver-only objects, which no ray hits; a backend builds its acceleration structure over the others. A backend's
+ * hit gives the world triangle's number and (u, v), the barycentric weights of its corners 1 and 2. Seen from the
+ * front, corners run counter-clockwise for mirrored objects too: their corners 1 and 2 are exchanged, in `indices` and
+ * in the record. So (u, v) always refer to the world triangle's corners; kiln_geometry_stored_barycentrics translates
+ * them for functions that take a stored triangle, such as kiln_surface_color.
  *
- * A triangle counts as opaque when its material can never let light through at any of its points: it has no
- * transmission, and its alpha mode is OPAQUE, or the product of the alpha factor, the lowest alpha of the base colour
- * texture and the lowest alpha of its three vertices is above the cutoff (MASK) or is 1 (BLEND).
+ * A triangle counts as opaque when its material can let no light through at any of its points: it has no transmission,
+ * and its alpha mode is OPAQUE, or the product of the alpha factor, the lowest alpha of the base colour texture and the
+ * lowest alpha of its three vertices is above the cutoff (MASK) or is 1 (BLEND).
  *
- * Vertices are shared by an object's triangles as they are in its mesh. Memory: 48 bytes a triangle and 12 a vertex. */
+ * Triangles of an object share vertices as in its mesh. Memory: 48 bytes a triangle and 12 a vertex. */
 #ifndef KILN_WORKER_SCENE_GEOMETRY_H
 #define KILN_WORKER_SCENE_GEOMETRY_H
 
@@ -30,7 +30,7 @@ struct kiln_hit_record {
     uint32_t material; /* index of the material, and KILN_RECORD_ flags (shaders/shared/surface.h) */
 };
 
-/* Where an object's triangles stand in the world's numbering. The k-th opaque (alpha) triangle of the object is the
+/* The ranges of an object's triangles in the world's numbering. The k-th opaque (alpha) triangle of the object is the
  * k-th opaque (alpha) triangle of its mesh in stored order. */
 struct kiln_object_range {
     uint64_t opaque_first, opaque_count;
@@ -40,33 +40,37 @@ struct kiln_object_range {
 
 struct kiln_geometry {
     size_t vertex_count, triangle_count, opaque_count;
-    uint32_t passage;                 /* KILN_PASSAGE_NONE ... */
-    size_t opaque_unmet, alpha_unmet; /* of receiver-only objects: the last opaque ones, and the last of all */
-    float *vertices;                  /* x y z; 4 floats of padding after the last, as Embree wants */
-    uint32_t *indices;                /* 3 a triangle */
+    uint32_t passage; /* KILN_PASSAGE_NONE ... */
+    /* triangles of receiver-only objects: the last opaque_unmet opaque ones, and the last alpha_unmet of all */
+    size_t opaque_unmet, alpha_unmet;
+    float *vertices;   /* x y z; 4 floats of padding after the last, as Embree wants */
+    uint32_t *indices; /* 3 a triangle */
     struct kiln_hit_record *records;
-    struct kiln_object_range *ranges;        /* one an object */
+    struct kiln_object_range *ranges;        /* one per object */
     uint32_t *stored_triangle;               /* world triangle -> index among the scene's stored triangles */
-    struct kiln_vec3 bounds_min, bounds_max; /* relative to the centre; a point at 0 for an empty scene */
-    float extent;                            /* largest absolute coordinate: what rounding errors are proportional to */
-    struct kiln_allocator memory;            /* of the arrays */
+    struct kiln_vec3 bounds_min, bounds_max; /* m, relative to the centre; both 0 for an empty scene */
+    /* m, largest absolute coordinate: rounding errors are proportional to it */
+    float extent;
+    struct kiln_allocator memory; /* allocated the arrays */
 };
 
-/* Not collective. The scene is borrowed and must outlive the geometry. Uses as many OpenMP threads as are set; the
- * result does not depend on it. KILN_BAD_INPUT if the world has 2^32 - 1 triangles or vertices or more, more than 2^30
- * materials, or a position further than 1e18 m from the centre (what ray tracing in float can hold); KILN_SYSTEM. */
+/* Expands the scene. Not collective. The scene is borrowed and must outlive the geometry. Uses as many OpenMP threads
+ * as are set; the result does not depend on their number. KILN_BAD_INPUT if the world has 2^32 - 1 triangles or
+ * vertices or more, more than 2^30 materials, or a position further than 1e18 m from the centre (the limit of ray
+ * tracing in float); KILN_SYSTEM. Destroy with kiln_geometry_destroy. */
 int kiln_geometry_create(struct kiln_geometry **geometry, const struct kiln_scene *scene, struct kiln_error *error);
-/* The same with its arrays in `memory`. */
+/* The same, with the arrays allocated from `memory`. */
 int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_scene *scene,
                             const struct kiln_allocator *memory, struct kiln_error *error);
-/* Of arrays that another process has made and this one sees elsewhere: `made` is a copy of that one's struct, and
- * place(context, p) gives the address here of what p is there. `memory` is what releases them. */
+/* Makes a geometry from arrays that another process has filled and that this process sees at other addresses (shared
+ * memory). `made` is a copy of that process's struct; place(context, p) returns this process's address of what is at p
+ * there. `memory` releases the arrays. */
 int kiln_geometry_attach(struct kiln_geometry **geometry, const struct kiln_geometry *made,
                          void *(*place)(const void *context, const void *there), const struct kiln_allocator *memory,
                          struct kiln_error *error);
 void kiln_geometry_destroy(struct kiln_geometry **geometry);
 
-/* How many triangles rays can meet, and the number in the world of the i-th of them. */
+/* How many triangles rays can hit, and the world number of the i-th of them. */
 static inline size_t kiln_geometry_met_count(const struct kiln_geometry *g)
 {
     return g->triangle_count - g->opaque_unmet - g->alpha_unmet;
@@ -76,11 +80,11 @@ static inline size_t kiln_geometry_met(const struct kiln_geometry *g, size_t i)
     return i < g->opaque_count - g->opaque_unmet ? i : i + g->opaque_unmet;
 }
 
-/* From now on rays meet all triangles: for pictures, in which receiver-only objects are seen. Before a backend is made.
- */
+/* Makes rays hit the triangles of receiver-only objects too, for pictures in which they are seen. Call it before a
+ * backend is created. */
 static inline void kiln_geometry_meet_all(struct kiln_geometry *g) { g->opaque_unmet = g->alpha_unmet = 0; }
 
-/* The three corners of a world triangle, relative to the scene's centre. */
+/* The three corners of a world triangle, m, relative to the scene's centre. */
 static inline void kiln_geometry_corners(const struct kiln_geometry *g, uint64_t triangle, struct kiln_vec3 corner[3])
 {
     for (int c = 0; c < 3; c++) {
@@ -110,7 +114,7 @@ static inline void kiln_geometry_stored_vertices(const struct kiln_scene *scene,
     vertex[2] = first + stored[object->flipped ? 1 : 2];
 }
 
-/* From (u, v) of a hit on a world triangle to the weights of corners 1 and 2 of the stored triangle it came from. */
+/* Translates (u, v) of a hit on a world triangle to the weights of corners 1 and 2 of its stored triangle. */
 static inline void kiln_geometry_stored_barycentrics(const struct kiln_scene *scene, const struct kiln_geometry *g,
                                                      uint64_t triangle, float u, float v, float *b1, float *b2)
 {
@@ -119,8 +123,8 @@ static inline void kiln_geometry_stored_barycentrics(const struct kiln_scene *sc
     *b2 = flipped ? u : v;
 }
 
-/* A world triangle's corners in its object's lightmap, in texels: exact products of the stored coordinate and the size
- * (the record holds the same rounded to float). */
+/* A world triangle's corners in its object's lightmap, in texels: exact products of stored coordinate and size. (The
+ * hit record holds the same, rounded to float.) */
 static inline void kiln_geometry_texel_corners(const struct kiln_scene *scene, const struct kiln_geometry *g,
                                                uint64_t triangle, double corner[3][2])
 {
@@ -134,7 +138,7 @@ static inline void kiln_geometry_texel_corners(const struct kiln_scene *scene, c
     }
 }
 
-/* The same in a lightmap whose texels are 2^shift as wide: exact. */
+/* The same in a lightmap whose texels are 2^shift as wide. Exact too. */
 static inline void kiln_geometry_map_corners(const struct kiln_scene *scene, const struct kiln_geometry *g,
                                              uint64_t triangle, uint32_t shift, double corner[3][2])
 {

@@ -1,14 +1,16 @@
-/* Radiosity as it is kept and exchanged: 8 bytes a point, three unsigned floats of 21 bits (8 exponent, 13 mantissa).
+/* Radiosity formats: how radiosity is stored and exchanged. The stored form has 8 bytes a point: three unsigned floats
+ * of 21 bits (8 exponent, 13 mantissa). One aligned load fetches all three channels.
  *
- * Rounding is stochastic, driven by a hash the caller gives, so that the mean over many points is exact and a furnace
- * with albedo 0.99 does not drift; a value is off by at most 2^-13 of itself. Negative values and NaN become 0; values
- * above 3.4e38 become the largest finite one. One aligned load fetches all three channels.
+ * Rounding is stochastic, driven by a hash that the caller gives. So the mean over many points is exact, and a furnace
+ * with albedo 0.99 does not drift. A value is off by at most 2^-13 of itself. Negative values and NaN become 0; values
+ * above 3.4e38 become the largest finite one.
  *
- * Between bounces it travels in 4 bytes: a shared exponent of 6 bits, 9 bits for red and green, 8 for blue (the least
- * of luminance), after Ward's RGBE (Graphics Gems II, 1991) and the RGB9_E5 of GPUs. Rounding is stochastic too. The
- * scale is the scene's mean irradiance, so that 2^31 times that and, with full precision, 2^-32 times that fit whatever
- * the units; a texel with all the scene's light is below the one, for there are fewer texels. The 8-byte form holds
- * every value of the 4-byte one exactly, and packing such a value again gives that value. */
+ * Between bounces radiosity travels in 4 bytes: a shared exponent of 6 bits, 9 bits for red and green, 8 for blue
+ * (which contributes least to luminance), after Ward's RGBE ("Real Pixels", Graphics Gems II, 1991) and the RGB9_E5
+ * format of GPUs. Rounding is stochastic too. The scale is about the scene's mean irradiance. So values up to 2^31
+ * times the mean fit, and values down to 2^-32 times the mean keep full precision, whatever the units. A texel that
+ * receives all the light of the scene is below the upper limit, since there are fewer texels. The 8-byte form holds
+ * every value of the 4-byte form exactly, and packing such a value again gives the same value. */
 #ifndef KILN_WORKER_SCENE_RADIOSITY_H
 #define KILN_WORKER_SCENE_RADIOSITY_H
 
@@ -24,12 +26,13 @@ static inline uint64_t kiln_radiosity_pack_channel(float value, uint32_t random1
         return 0;
     uint32_t bits;
     memcpy(&bits, &value, sizeof bits);
-    if (bits >= 0x7f7ffc00u) /* infinite, or would round up to it */
+    if (bits >= 0x7f7ffc00u) /* infinite, or would round up to infinity */
         return 0x7f7ffc00u >> KILN_RADIOSITY_DROPPED;
     return (bits + (random10 & 1023u)) >> KILN_RADIOSITY_DROPPED;
 }
 
-/* `hash` supplies 30 random bits; a function of the point and bounce, so that every rank packs alike. */
+/* Packs to 8 bytes. `hash` supplies 30 random bits; it must be a function of point and bounce, so that every rank packs
+ * alike. */
 static inline uint64_t kiln_radiosity_pack(const float rgb[3], uint32_t hash)
 {
     return kiln_radiosity_pack_channel(rgb[0], hash) |
@@ -48,21 +51,21 @@ static inline void kiln_radiosity_unpack(uint64_t packed, float rgb[3])
 
 enum { KILN_COMPACT_BIAS = 41, KILN_COMPACT_EXPONENT = 63 };
 
-/* A channel over its quantum, rounded up or down by 10 random bits. Whole numbers stay what they are. */
+/* A channel divided by its quantum, rounded up or down by 10 random bits. Whole numbers are kept. */
 static inline uint32_t kiln_radiosity_compact_channel(float value, double quantum, uint32_t most, uint32_t random10)
 {
     const double steps = value > 0.0f ? (double)value / quantum + ((double)(random10 & 1023u) + 0.5) / 1024.0 : 0.0;
     return steps < (double)most ? (uint32_t)steps : most;
 }
 
-/* `scale`: a power of two, the scene's mean irradiance or so. `hash` as for kiln_radiosity_pack. */
+/* Packs to 4 bytes. `scale`: a power of two near the scene's mean irradiance. `hash`: as for kiln_radiosity_pack. */
 static inline uint32_t kiln_radiosity_compact(const float rgb[3], double scale, uint32_t hash)
 {
     const double limit = fmax((double)fmaxf(rgb[0], rgb[1]) / 511.0, (double)rgb[2] / 510.0) / scale;
     int exponent = 0;
-    if (limit > 0.0 && isfinite(limit)) { /* the least one whose largest mantissa is enough */
-        const double part = frexp(limit, &exponent);
-        exponent += KILN_COMPACT_BIAS - (part > 0.5 ? 0 : 1);
+    if (limit > 0.0 && isfinite(limit)) { /* the least exponent whose largest mantissa is enough */
+        const double fraction = frexp(limit, &exponent);
+        exponent += KILN_COMPACT_BIAS - (fraction > 0.5 ? 0 : 1);
     } else if (limit > 0.0) {
         exponent = KILN_COMPACT_EXPONENT;
     }

@@ -73,7 +73,8 @@ const char *kiln_scene_section_name(enum kiln_scene_section section)
 
 void kiln_scene_content_hash(const struct kiln_scene_header *header, const void *rest, uint64_t hash[2])
 {
-    /* The header is hashed first and its hash seeds that of the rest: no state that grows, no copy of the file. */
+    /* The header is hashed first, and its hash seeds the hash of the rest. So no streaming state is needed, and no copy
+     * of the file. */
     struct kiln_scene_header blank = *header;
     memset(blank.content_hash, 0, sizeof blank.content_hash);
     const XXH64_hash_t seed = XXH3_64bits(&blank, sizeof blank);
@@ -82,7 +83,7 @@ void kiln_scene_content_hash(const struct kiln_scene_header *header, const void 
     hash[1] = value.high64;
 }
 
-/* What the checks need to say where the fault is. */
+/* What the checks need to report where the fault is. */
 struct check {
     struct kiln_scene *scene;
     const char *path;
@@ -103,12 +104,12 @@ __attribute__((format(printf, 2, 3))) static int damaged(const struct check *che
 static int check_header(const struct check *check, const struct kiln_scene_header *header, uint64_t size)
 {
     if (header->magic != KILN_SCENE_MAGIC)
-        return kiln_fail(check->error, KILN_BAD_INPUT,
-                         "%s: not a kiln scene file (its first bytes are not those of one)", check->path);
+        return kiln_fail(check->error, KILN_BAD_INPUT, "%s: not a kiln scene file (the file signature is missing)",
+                         check->path);
     if (header->version != KILN_SCENE_VERSION)
         return kiln_fail(check->error, KILN_BAD_INPUT,
-                         "%s: scene file version %u, this kiln reads version %u; import the scene again", check->path,
-                         header->version, KILN_SCENE_VERSION);
+                         "%s: scene file of version %u, but this kiln reads version %u; import the scene again",
+                         check->path, header->version, KILN_SCENE_VERSION);
     if (header->size != size)
         return damaged(check, "the header says %llu bytes, the file has %llu", (unsigned long long)header->size,
                        (unsigned long long)size);
@@ -128,7 +129,8 @@ static int check_header(const struct check *check, const struct kiln_scene_heade
 
 static bool all_finite(const float *values, size_t count)
 {
-    /* A finite value times zero is zero; anything else is NaN and stays NaN in the sum. One pass that vectorises. */
+    /* A finite value times zero is zero; anything else times zero is NaN, and NaN stays in the sum. One pass that
+     * vectorises. */
     float sum = 0.0f;
     for (size_t i = 0; i < count; i++)
         sum += values[i] * 0.0f;
@@ -170,9 +172,9 @@ static int check_materials(const struct check *check)
         const struct kiln_material *m = &scene->materials[i];
         if (!is_string(check, m->name) || !is_texture(check, m->base_color_texture) ||
             !is_texture(check, m->emission_texture))
-            return damaged(check, "material %zu names a string or texture that is not there", i);
+            return damaged(check, "material %zu refers to a string or texture that does not exist", i);
         if (m->transmission > 0.0f && !is_texture(check, m->transmission_texture))
-            return damaged(check, "material %zu names a texture of its transmission that is not there", i);
+            return damaged(check, "material %zu refers to a transmission texture that does not exist", i);
         if (!within(m->base_color, 4, 0.0f, 1.0f) || !within(m->emission, 3, 0.0f, HUGE_VALF) ||
             !all_finite(m->emission, 3) || !within(&m->alpha_cutoff, 1, 0.0f, HUGE_VALF) ||
             !within(&m->metallic, 1, 0.0f, 1.0f) || !within(&m->transmission, 1, 0.0f, 1.0f) ||
@@ -198,22 +200,22 @@ static int check_mesh(const struct check *check, size_t index)
     const struct kiln_scene *scene = check->scene;
     const struct kiln_mesh *m = &scene->meshes[index];
     if (!is_string(check, m->name))
-        return damaged(check, "mesh %zu names a string that is not there", index);
+        return damaged(check, "mesh %zu refers to a string that does not exist", index);
     if (m->vertex_first > scene->vertex_count || m->vertex_count > scene->vertex_count - m->vertex_first ||
         m->triangle_first > scene->triangle_count || m->triangle_count > scene->triangle_count - m->triangle_first)
-        return damaged(check, "mesh %zu has vertices or triangles that are not there", index);
+        return damaged(check, "mesh %zu refers to vertices or triangles that do not exist", index);
     if (!isfinite(m->surface_area) || !isfinite(m->uv_area) || m->surface_area < 0.0 || m->uv_area < 0.0)
         return damaged(check, "mesh %zu has an area that is not a number", index);
     const uint32_t *corners = scene->triangles + 3 * m->triangle_first;
     for (size_t i = 0; i < 3 * m->triangle_count; i++)
         if (corners[i] >= m->vertex_count)
-            return damaged(check, "mesh %zu, triangle %zu: corner %u of %llu vertices", index, i / 3, corners[i],
-                           (unsigned long long)m->vertex_count);
+            return damaged(check, "mesh %zu, triangle %zu: corner %u, but there are %llu vertices", index, i / 3,
+                           corners[i], (unsigned long long)m->vertex_count);
     const uint32_t *materials = scene->triangle_materials + m->triangle_first;
     for (size_t i = 0; i < m->triangle_count; i++)
         if (materials[i] >= scene->material_count)
-            return damaged(check, "mesh %zu, triangle %zu: material %u of %zu", index, i, materials[i],
-                           scene->material_count);
+            return damaged(check, "mesh %zu, triangle %zu: material %u, but there are %zu materials", index, i,
+                           materials[i], scene->material_count);
     return KILN_OK;
 }
 
@@ -235,7 +237,7 @@ static int check_vertices(const struct check *check)
     return KILN_OK;
 }
 
-/* No two meshes have a vertex or a triangle in common, so that checking all of them takes no longer than reading the
+/* Checks that no two meshes share a vertex or a triangle, so that checking all of them takes no longer than reading the
  * file. */
 static int check_meshes(const struct check *check)
 {
@@ -245,7 +247,8 @@ static int check_meshes(const struct check *check)
     for (size_t i = 0; i < scene->mesh_count && status == KILN_OK; i++) {
         const struct kiln_mesh *m = &scene->meshes[i];
         if (m->vertex_count > scene->vertex_count - vertices || m->triangle_count > scene->triangle_count - triangles)
-            return damaged(check, "mesh %zu has vertices or triangles that others have too, or that are not there", i);
+            return damaged(
+                check, "mesh %zu refers to vertices or triangles that another mesh has too, or that do not exist", i);
         vertices += m->vertex_count;
         triangles += m->triangle_count;
         status = check_mesh(check, i);
@@ -255,7 +258,7 @@ static int check_meshes(const struct check *check)
 
 static bool is_file_name(const char *name)
 {
-    enum { NAME_MOST = 200 }; /* with an ending it is still one for every file system */
+    enum { NAME_MOST = 200 }; /* with an extension it is still a valid name on every file system */
     if (name[0] == '\0' || name[0] == '.' || strnlen(name, NAME_MOST + 1) > NAME_MOST)
         return false;
     return strspn(name, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-") == strlen(name);
@@ -266,7 +269,7 @@ static int compare_names(const void *a, const void *b)
     return strcmp(*(const char *const *)a, *(const char *const *)b);
 }
 
-/* Names become file names: two objects of one name would overwrite each other's lightmap. */
+/* Checks that objects' names differ: they become file names, and one lightmap would overwrite the other. */
 static int check_names(const struct check *check)
 {
     const struct kiln_scene *scene = check->scene;
@@ -290,7 +293,7 @@ static int check_objects(const struct check *check)
     for (size_t i = 0; i < scene->object_count; i++) {
         const struct kiln_object *o = &scene->objects[i];
         if (!is_string(check, o->name) || !is_string(check, o->original_name) || o->mesh >= scene->mesh_count)
-            return damaged(check, "object %zu names a string or mesh that is not there", i);
+            return damaged(check, "object %zu refers to a string or mesh that does not exist", i);
         if (!is_file_name(kiln_scene_string(scene, o->name)))
             return damaged(check, "the name of object %zu cannot be a file name", i);
         if (!all_finite_double(o->transform, 12) || o->flipped > 1)
@@ -300,7 +303,7 @@ static int check_objects(const struct check *check)
             return damaged(check, "object %zu has a lightmap of %u x %u texels", i, o->lightmap_width,
                            o->lightmap_height);
         if (o->density_reason >= KILN_DENSITY_REASONS)
-            return damaged(check, "object %zu has its density for a reason that is none of the %d", i,
+            return damaged(check, "object %zu gives a reason for its density that is none of the %d known ones", i,
                            (int)KILN_DENSITY_REASONS);
     }
     return check_names(check);
@@ -349,10 +352,10 @@ static int check_texts(const struct check *check)
         return damaged(check, "the strings do not end in NUL");
     for (size_t i = 0; i < scene->source_count; i++)
         if (!is_string(check, scene->sources[i].path))
-            return damaged(check, "source %zu names a string that is not there", i);
+            return damaged(check, "source %zu refers to a string that does not exist", i);
     for (size_t i = 0; i < scene->note_count; i++)
         if (!is_string(check, scene->notes[i].text) || scene->notes[i].severity > KILN_NOTE_SAID)
-            return damaged(check, "note %zu names a string that is not there", i);
+            return damaged(check, "note %zu has an unknown severity or refers to a string that does not exist", i);
     return KILN_OK;
 }
 
@@ -365,16 +368,17 @@ static int check_contents(const struct check *check)
                                                          KILN_SECTION_COLORS};
     for (size_t i = 0; i < sizeof per_vertex / sizeof per_vertex[0]; i++)
         if (header->sections[per_vertex[i]].count != scene->vertex_count)
-            return damaged(check, "%llu %s for %zu vertices", (unsigned long long)header->sections[per_vertex[i]].count,
-                           section_kinds[per_vertex[i]].name, scene->vertex_count);
+            return damaged(check, "there are %llu %s for %zu vertices",
+                           (unsigned long long)header->sections[per_vertex[i]].count, section_kinds[per_vertex[i]].name,
+                           scene->vertex_count);
     if (header->sections[KILN_SECTION_TRIANGLE_MATERIALS].count != scene->triangle_count ||
         header->sections[KILN_SECTION_ENVIRONMENT].count != 1)
-        return damaged(check, "it has %llu materials for %zu triangles and %llu environments",
+        return damaged(check, "there are %llu triangle materials for %zu triangles, and %llu environments instead of 1",
                        (unsigned long long)header->sections[KILN_SECTION_TRIANGLE_MATERIALS].count,
                        scene->triangle_count, (unsigned long long)header->sections[KILN_SECTION_ENVIRONMENT].count);
     const uint64_t known = header->sections[KILN_SECTION_TRIANGLE_SOURCES].count;
     if (known != 0 && known != scene->triangle_count)
-        return damaged(check, "it has the sources of %llu triangles and %zu triangles", (unsigned long long)known,
+        return damaged(check, "there are sources of %llu triangles for %zu triangles", (unsigned long long)known,
                        scene->triangle_count);
     if (!all_finite_double(header->centre, 3) || !all_finite_double(header->bounds_min, 3) ||
         !all_finite_double(header->bounds_max, 3) || !isfinite(header->texels_per_metre) ||
@@ -437,15 +441,15 @@ static int map_file(struct kiln_scene *scene, const char *path, void **base, str
 {
     struct stat status;
     if (fstat(scene->descriptor, &status) != 0)
-        return kiln_fail_errno(error, 0, "%s: the scene file cannot be examined", path);
+        return kiln_fail_errno(error, 0, "%s: cannot read the scene file's size and type", path);
     if (!S_ISREG(status.st_mode))
         return kiln_fail(error, KILN_BAD_INPUT, "%s: not a regular file", path);
     if ((uint64_t)status.st_size < sizeof(struct kiln_scene_header))
-        return kiln_fail(error, KILN_BAD_INPUT, "%s: not a kiln scene file: %lld bytes are less than a header", path,
-                         (long long)status.st_size);
+        return kiln_fail(error, KILN_BAD_INPUT, "%s: not a kiln scene file: its %lld bytes are fewer than a header has",
+                         path, (long long)status.st_size);
     *base = mmap(NULL, (size_t)status.st_size, PROT_READ, MAP_SHARED, scene->descriptor, 0);
     if (*base == MAP_FAILED)
-        return kiln_fail_errno(error, KILN_SYSTEM, "%s: the scene file of %lld bytes cannot be mapped", path,
+        return kiln_fail_errno(error, KILN_SYSTEM, "%s: cannot map the scene file of %lld bytes into memory", path,
                                (long long)status.st_size);
     scene->mapped_bytes = (size_t)status.st_size;
     scene->header = *base;
@@ -460,7 +464,7 @@ int kiln_scene_open(struct kiln_scene **result, const char *path, struct kiln_er
     /* Without O_NONBLOCK a FIFO of that name would hold the program for ever. */
     const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0);
     if (descriptor < 0)
-        return kiln_fail_errno(error, 0, "%s: the scene file cannot be opened", path);
+        return kiln_fail_errno(error, 0, "%s: cannot open the scene file", path);
     return kiln_scene_open_descriptor(result, descriptor, path, error);
 }
 
@@ -503,7 +507,7 @@ int kiln_scene_check_unchanged(const struct kiln_scene *scene, const char *path,
     uint64_t hash[2];
     bool same = fstat(scene->descriptor, &now) == 0 && (size_t)now.st_size == scene->mapped_bytes;
     if (same && (now.st_mtim.tv_sec != scene->modified.tv_sec || now.st_mtim.tv_nsec != scene->modified.tv_nsec)) {
-        /* some networks change the time of what stays as it is */
+        /* some network file systems change the modification time of unchanged files */
         kiln_scene_content_hash(scene->header, scene->header + 1, hash);
         same = memcmp(hash, scene->header->content_hash, sizeof hash) == 0;
     }
@@ -511,7 +515,7 @@ int kiln_scene_check_unchanged(const struct kiln_scene *scene, const char *path,
         return KILN_OK;
     return kiln_fail(
         error, KILN_IO,
-        "'%s' was changed while it was in use: nothing may write to it while kiln runs; run the same command again",
+        "'%s' was changed while kiln was using it: nothing may write to it while kiln runs; run the same command again",
         path);
 }
 

@@ -1,12 +1,12 @@
-/* The scene: kiln's own flat file, mapped read-only, and the view of it that everything else reads.
+/* The scene: kiln's own flat scene file, mapped read-only, and the pointers into it through which everything else reads
+ * it.
  *
- * The file is written once by the importer (coordinator/import) and mapped by every rank. It is one header followed by
- * sections; a section is an array of one of the structs below, 64-byte aligned, little-endian, no pointers. The header
- * carries a version, the file's size, each section's offset, element size and count, and XXH3-128 of all bytes after
- * the header; kiln_scene_open checks all of these and every index in the file before it returns, so readers need no
- * checks.
+ * The importer (coordinator/import) writes the file once; every rank maps it. The file is one header followed by
+ * sections. A section is an array of one of the structs below: 64-byte aligned, little-endian, without pointers. The
+ * header carries a version, the file's size, each section's offset and count, and XXH3-128 of the file. kiln_scene_open
+ * checks all of these and every index in the file before it returns, so readers need no checks.
  *
- * Units: metres, linear RGB, right-handed, y up, as glTF. Matrices are row-major 3 x 4: p' = M[0..2] p + M[3]. */
+ * Units: metres, linear RGB, right-handed, y up, as in glTF. Matrices are row-major 3 x 4: p' = M[0..2] p + M[3]. */
 #ifndef KILN_WORKER_SCENE_SCENE_H
 #define KILN_WORKER_SCENE_SCENE_H
 
@@ -20,13 +20,13 @@
 #include "worker/base/vector.h"
 
 #define KILN_SCENE_MAGIC 0x4e434b4cu /* "LKCN" */
-#define KILN_SCENE_VERSION 3u        /* 3: triangle sources */
+#define KILN_SCENE_VERSION 3u        /* version 3 added the triangle sources */
 
 enum kiln_light_kind { KILN_LIGHT_POINT = 0, KILN_LIGHT_SPOT = 1, KILN_LIGHT_DIRECTIONAL = 2 };
 enum kiln_environment_kind { KILN_ENVIRONMENT_NONE = 0, KILN_ENVIRONMENT_CONSTANT = 1, KILN_ENVIRONMENT_LATLONG = 2 };
 
-/* A material as far as diffuse transport needs it. Diffuse albedo = base_color x texture x (1 - metallic). What lets
- * light through and how much: struct kiln_passage in worker/scene/texture.h. */
+/* A material, as far as diffuse light transport needs it. Diffuse albedo = base_color x texture x (1 - metallic). How
+ * much light a material lets through: struct kiln_passage in worker/scene/texture.h. */
 struct kiln_material {
     uint32_t name;               /* offset into `strings` */
     float base_color[4];         /* linear, 0..1; [3] is alpha */
@@ -38,9 +38,9 @@ struct kiln_material {
     uint32_t double_sided;       /* 0 or 1: emits and reflects on both faces */
     float metallic;              /* factor, 0..1; metal has no diffuse part */
     float roughness;
-    /* KHR_materials_transmission: share of the light that a thin wall of it lets through, 0..1 */
+    /* KHR_materials_transmission: fraction of the light, 0..1, that a thin wall of the material lets through */
     float transmission;
-    /* at the base colour's coordinates; its red channel multiplies `transmission`. KILN_NONE: none. Not looked at where
+    /* Read at the base colour's coordinates; its red channel multiplies `transmission`. KILN_NONE: none. Ignored where
      * `transmission` is 0 */
     uint32_t transmission_texture;
 };
@@ -55,19 +55,19 @@ struct kiln_texture {
     uint32_t reserved[2];
 };
 
-/* A mesh: a run of vertices and of triangles. Triangle corners are indices relative to vertex_first. */
+/* A mesh: a range of vertices and one of triangles. Triangle corners are indices relative to vertex_first. */
 struct kiln_mesh {
     uint32_t name;
     uint32_t flags; /* KILN_MESH_* */
     uint64_t vertex_first, vertex_count;
     uint64_t triangle_first, triangle_count;
     double surface_area; /* m2 before any transform */
-    double uv_area;      /* area of the lightmap layout, share of the unit square */
+    double uv_area;      /* area of the lightmap layout, as a fraction of the unit square */
 };
 enum {
     KILN_MESH_SMOOTH = 1,         /* shading normals differ from geometric ones somewhere */
     KILN_MESH_UNWRAPPED = 2,      /* the lightmap layout is kiln's own */
-    KILN_MESH_REPACKED = 8,       /* and made of the charts of the mesh's own */
+    KILN_MESH_REPACKED = 8,       /* the layout is the mesh's own charts, packed anew */
     KILN_MESH_HAS_EMISSION_UV = 4 /* texcoord_emission differs from texcoord_base somewhere */
 };
 
@@ -79,28 +79,30 @@ struct kiln_object {
     uint32_t lightmap_width, lightmap_height; /* texels, >= 1 */
     uint32_t flipped;                         /* 1: the transform mirrors; front faces are then clockwise */
     uint32_t original_name;                   /* the node's name as it stood in the file */
-    uint32_t source_node, source_mesh;        /* their indices in a glTF file; KILN_NONE where the source is none */
-    uint32_t flags;                           /* KILN_OBJECT_* */
-    uint32_t density_reason;                  /* enum kiln_density_reason */
-    /* which of its node's instances (EXT_mesh_gpu_instancing); KILN_NONE: none */
+    /* indices of the node and its mesh in the glTF source; KILN_NONE for other sources */
+    uint32_t source_node, source_mesh;
+    uint32_t flags;          /* KILN_OBJECT_* */
+    uint32_t density_reason; /* enum kiln_density_reason */
+    /* index among its node's instances (EXT_mesh_gpu_instancing); KILN_NONE: no instance */
     uint32_t source_instance, unused;
 };
 enum {
-    KILN_OBJECT_CASTER_ONLY = 1,   /* stops and reflects light; its lightmap is not published */
-    KILN_OBJECT_RECEIVER_ONLY = 2, /* has a lightmap; no ray meets it */
-    KILN_OBJECT_BOTH_SIDES = 4,    /* its backs have a published lightmap where they have points */
-    KILN_OBJECT_ONE_SIDE = 8       /* they have not, whatever is asked for all objects */
+    KILN_OBJECT_CASTER_ONLY = 1,   /* blocks and reflects light; its lightmap is not published */
+    KILN_OBJECT_RECEIVER_ONLY = 2, /* has a lightmap; no ray hits it */
+    KILN_OBJECT_BOTH_SIDES = 4,    /* the lightmap of its backs, if it has double-sided triangles, is published */
+    /* the lightmap of its backs is not published, even if the job asks for that of all objects */
+    KILN_OBJECT_ONE_SIDE = 8
 };
-/* Why an object's lightmap has not the density of the header. */
+/* Why an object's lightmap has another density than the header's. */
 enum kiln_density_reason {
-    KILN_DENSITY_COMMON = 0, /* it has */
-    KILN_DENSITY_SHARE,      /* it would take too large a share of all texels */
-    KILN_DENSITY_LEAST,      /* it would be too few texels across */
-    KILN_DENSITY_SCALED,     /* its density-scale */
-    KILN_DENSITY_SIZED,      /* its lightmap-size */
-    KILN_DENSITY_CASTER,     /* caster-only: nobody sees its lightmap */
-    KILN_DENSITY_MAX,        /* the longest side a lightmap may have */
-    KILN_DENSITY_PADDING,    /* two texels are to lie between its charts */
+    KILN_DENSITY_COMMON = 0, /* it has the header's density */
+    KILN_DENSITY_SHARE,      /* at that density it would take too large a fraction of all texels */
+    KILN_DENSITY_LEAST,      /* at that density it would be too few texels across */
+    KILN_DENSITY_SCALED,     /* the user's density-scale for the object */
+    KILN_DENSITY_SIZED,      /* the user's lightmap-size for the object */
+    KILN_DENSITY_CASTER,     /* caster-only: its lightmap is not published */
+    KILN_DENSITY_MAX,        /* limited by the longest side a lightmap may have */
+    KILN_DENSITY_PADDING,    /* raised so that two texels lie between its charts */
     KILN_DENSITY_REASONS
 };
 
@@ -109,7 +111,7 @@ struct kiln_light {
     uint32_t name;
     uint32_t kind;      /* enum kiln_light_kind */
     double position[3]; /* m, world (not relative to the centre) */
-    float direction[3]; /* unit, the way the light travels */
+    float direction[3]; /* unit, in the direction the light travels */
     float intensity[3]; /* point, spot: W/sr; directional: W/m2 on a facing surface */
     float range;        /* m; 0: no limit */
     float cos_inner, cos_outer;
@@ -118,19 +120,20 @@ struct kiln_light {
 
 struct kiln_camera {
     uint32_t name;
-    uint32_t orthographic; /* 1: `extent_y` holds half the height in metres */
+    uint32_t orthographic; /* 1: orthographic, 0: perspective */
     double position[3];
     float forward[3], up[3], right[3]; /* unit */
-    float extent_y;                    /* perspective: vertical angle of view, radians */
-    float aspect;                      /* width / height; 0: the image decides */
+    /* perspective: vertical angle of view, radians; orthographic: half the height, m */
+    float extent_y;
+    float aspect; /* width / height; 0: that of the image */
     uint32_t reserved;
 };
 
-/* Light from outside. For a lat-long image, direction d has u = 0.5 + atan2(d.x, -d.z)/(2 pi), v = acos(d.y)/pi; texels
- * are RGB floats, top row first. */
+/* The environment: light from outside the scene. In a lat-long image, direction d has u = 0.5 + atan2(d.x, -d.z)/(2
+ * pi), v = acos(d.y)/pi. Texels are RGB floats, top row first. */
 struct kiln_environment {
     uint32_t kind;     /* enum kiln_environment_kind */
-    float radiance[3]; /* constant: the radiance; lat-long: a factor on the image */
+    float radiance[3]; /* constant: the radiance, W m-2 sr-1; lat-long: a factor on the image */
     float rotation;    /* radians about +y, added to the azimuth */
     uint32_t width, height;
     uint32_t reserved;
@@ -151,19 +154,21 @@ enum kiln_scene_section {
     KILN_SECTION_NORMALS,            /* struct kiln_vec3 a vertex, unit, mesh space */
     KILN_SECTION_TEXCOORD_BASE,      /* struct kiln_vec2 a vertex: base-colour coordinate, texture transform applied */
     KILN_SECTION_TEXCOORD_EMISSION,  /* struct kiln_vec2 a vertex: emission coordinate, texture transform applied */
-    KILN_SECTION_TEXCOORD_LIGHTMAP,  /* struct kiln_vec2 a vertex: the layout, inside 0..1, no overlap */
+    /* struct kiln_vec2 a vertex: coordinates of the lightmap layout, inside 0..1, without overlap */
+    KILN_SECTION_TEXCOORD_LIGHTMAP,
     KILN_SECTION_COLORS,             /* uint8_t RGBA a vertex: COLOR_0, linear, multiplies base colour; white without */
     KILN_SECTION_TRIANGLES,          /* uint32_t[3], relative to the mesh's vertex_first, front = counter-clockwise */
     KILN_SECTION_TRIANGLE_MATERIALS, /* uint32_t a triangle */
-    KILN_SECTION_SOURCES,            /* struct kiln_source: the files the scene was made from */
-    KILN_SECTION_NOTES,              /* struct kiln_note: what the importer saw, changed or left out */
-    /* struct kiln_triangle_source a triangle, or none: where it stands in its source's mesh */
+    KILN_SECTION_SOURCES,            /* struct kiln_source: the files from which the scene was imported */
+    KILN_SECTION_NOTES,              /* struct kiln_note: what the importer noticed, changed or left out */
+    /* struct kiln_triangle_source a triangle, or none at all: the triangle's place in its source */
     KILN_SECTION_TRIANGLE_SOURCES,
     KILN_SECTION_COUNT
 };
 
-/* Of the source's mesh object.source_mesh: which of its primitives, and which triangle of that, as the file counts them
- * (strips and fans too). Its corners are those of the file, in the same order or with the last two exchanged. */
+/* Where a triangle is in the source file: which primitive of mesh object.source_mesh, and which triangle of that
+ * primitive as the file counts them (strips and fans too). Its corners are those of the file, in the same order or with
+ * the last two exchanged. */
 struct kiln_triangle_source {
     uint32_t primitive, triangle;
 };
@@ -178,7 +183,8 @@ struct kiln_source {
 enum kiln_note_severity {
     KILN_NOTE_INFORMATION = 0,
     KILN_NOTE_WARNING = 1,
-    KILN_NOTE_SAID = 2 /* a warning that a bake repeats: about what the user asked for, or what the light will show */
+    /* a warning that every bake prints again: it concerns what the user asked for, or shows in the light */
+    KILN_NOTE_SAID = 2
 };
 struct kiln_note {
     uint32_t severity; /* enum kiln_note_severity */
@@ -187,30 +193,32 @@ struct kiln_note {
 
 enum kiln_scene_units {
     KILN_SCENE_UNITS_UNKNOWN = 0,
-    KILN_SCENE_UNITS_RADIOMETRIC = 1, /* it says so */
-    KILN_SCENE_UNITS_PHOTOMETRIC = 2, /* it says so */
-    KILN_SCENE_UNITS_BLENDER = 3      /* photometric, from the name of the exporter and punctual lights */
+    KILN_SCENE_UNITS_RADIOMETRIC = 1, /* stated by the file */
+    KILN_SCENE_UNITS_PHOTOMETRIC = 2, /* stated by the file */
+    KILN_SCENE_UNITS_BLENDER = 3      /* photometric, concluded from the exporter's name and the punctual lights */
 };
 
 struct kiln_scene_header {
     uint32_t magic, version;
     uint64_t size;            /* of the file, bytes */
-    uint64_t content_hash[2]; /* XXH3-128 of all `size` bytes with this field zero: kiln_scene_content_hash */
-    uint64_t import_hash[2];  /* XXH3-128 of sources and import settings: the key of the cache */
-    /* world; traced positions are relative to it. Where the detail is, not the bounds' middle */
+    uint64_t content_hash[2]; /* XXH3-128 of all `size` bytes with this field zero (kiln_scene_content_hash) */
+    uint64_t import_hash[2];  /* XXH3-128 of sources and import settings: the key of the import cache */
+    /* m, world; traced positions are relative to it. It lies where the detail is, not in the middle of the bounds */
     double centre[3];
-    double bounds_min[3], bounds_max[3]; /* world, of all objects */
-    float texels_per_metre;              /* the density the lightmaps were sized for; 0 when sized otherwise */
-    /* on the lightmaps' sides, from which on two texels lie between nearly all charts; 0: as they are; -1: none */
+    double bounds_min[3], bounds_max[3]; /* m, world, of all objects */
+    /* the density for which the lightmaps were sized; 0 if they were sized otherwise */
+    float texels_per_metre;
+    /* The factor by which the lightmaps' sides would have to grow so that two texels lie between nearly all charts; 0:
+     * none needed; -1: no factor is enough */
     float padding_factor;
-    uint32_t units; /* enum kiln_scene_units: what the source says of its lights' numbers */
+    uint32_t units; /* enum kiln_scene_units: the unit of the lights' intensities */
     uint32_t reserved;
     struct {
         uint64_t offset, count;
     } sections[KILN_SECTION_COUNT];
 };
 
-/* The mapped file. All pointers live as long as the scene. */
+/* The mapped file. All pointers are valid as long as the scene. */
 struct kiln_scene {
     const struct kiln_scene_header *header;
     const char *strings;
@@ -239,26 +247,27 @@ struct kiln_scene {
     size_t source_count, note_count;
     size_t mapped_bytes;
     int descriptor;           /* private */
-    struct timespec modified; /* private: when the file was, as it was opened */
+    struct timespec modified; /* private: the file's modification time when it was opened */
 };
 
 /* Element size of a section in bytes, and its name for messages. */
 size_t kiln_scene_element_size(enum kiln_scene_section section);
 const char *kiln_scene_section_name(enum kiln_scene_section section);
 
-/* The content hash of a file whose header is `header` and whose other bytes, [sizeof header, header->size), are `rest`.
- */
+/* Computes the content hash of a file: `header` is its header, `rest` its other bytes, [sizeof header,
+ * header->size). */
 void kiln_scene_content_hash(const struct kiln_scene_header *header, const void *rest, uint64_t hash[2]);
 
-/* Maps `path` and checks it whole: header, hash, bounds of every section, every index, every number finite. Not
+/* Maps `path` and checks all of it: header, hash, bounds of every section, every index, every number finite. Not
  * collective. KILN_NO_INPUT, KILN_BAD_INPUT (not a scene file, damaged, other version), KILN_SYSTEM. Destroy with
  * kiln_scene_close. */
 int kiln_scene_open(struct kiln_scene **scene, const char *path, struct kiln_error *error);
-/* The same of an open file, which is the scene's from now on, also on failure; `path` is for sentences. */
+/* The same for an open file. The scene owns the descriptor from now on, also on failure. `path` is used in error
+ * sentences. */
 int kiln_scene_open_descriptor(struct kiln_scene **scene, int descriptor, const char *path, struct kiln_error *error);
 void kiln_scene_close(struct kiln_scene **scene);
-/* KILN_IO when the file was written to since it was opened: what was read from it may be anything. `path` is for the
- * sentence. */
+/* Returns KILN_IO if the file was written to since it was opened: what was read from it may be wrong. `path` is used in
+ * the sentence. */
 int kiln_scene_check_unchanged(const struct kiln_scene *scene, const char *path, struct kiln_error *error);
 
 static inline const char *kiln_scene_string(const struct kiln_scene *scene, uint32_t offset)

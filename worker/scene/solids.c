@@ -8,15 +8,16 @@
 #include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
-/* A closed sheet folded on itself has no volume: this share of its area times its extent. */
+/* A closed sheet folded onto itself has no volume. A piece is closed only if its volume is more than this times its
+ * area times its extent. */
 static const double LEAST_THICKNESS = 1e-6;
 
-/* ---- the pieces of a mesh ---- */
+/* ---- the connected pieces of a mesh ---- */
 
 struct pieces {
     uint32_t count;
-    uint32_t *of;    /* triangle of the mesh: its piece */
-    uint8_t *closed; /* piece: closed and turned outwards */
+    uint32_t *of;    /* per triangle of the mesh: its piece */
+    uint8_t *closed; /* per piece: 1 if closed and turned outwards */
 };
 
 struct corner {
@@ -33,7 +34,7 @@ static int by_position(const void *a, const void *b)
     return p->vertex < q->vertex ? -1 : p->vertex > q->vertex;
 }
 
-/* Gives each vertex of the mesh the least vertex at its position. */
+/* Finds for each vertex of the mesh the vertex with the least number at its position. */
 static int weld(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint32_t *welded,
                 struct kiln_error *error)
 {
@@ -58,7 +59,7 @@ static int weld(const struct kiln_scene *scene, const struct kiln_mesh *mesh, ui
 /* A triangle's edge, from its lower to its higher vertex. */
 struct edge {
     uint32_t low, high, triangle;
-    int32_t way; /* 1: the triangle passes it from low to high; -1: the other way */
+    int32_t way; /* 1: the triangle traverses it from low to high; -1: from high to low */
 };
 
 static int by_vertices(const void *a, const void *b)
@@ -87,8 +88,8 @@ static size_t list_edges(const struct kiln_scene *scene, const struct kiln_mesh 
     return count;
 }
 
-/* Six times the volume under each piece's triangles and twice their area, about the mesh's first vertex; and its
- * bounds. */
+/* Sums over a piece's triangles: six times the signed volume of the tetrahedra to the mesh's first vertex, twice the
+ * area; and its bounds. */
 struct piece_measure {
     double volume, area;
     struct kiln_dvec3 low, high;
@@ -132,7 +133,7 @@ static int judge_pieces(const struct kiln_scene *scene, const struct kiln_mesh *
     return KILN_OK;
 }
 
-/* Joins triangles at their edges, numbers the pieces and notes which are closed. */
+/* Joins triangles at their edges, numbers the pieces and determines which are closed. */
 static int number_pieces(const struct kiln_mesh *mesh, const struct edge *edges, size_t edge_count,
                          struct pieces *pieces, struct kiln_error *error)
 {
@@ -149,7 +150,7 @@ static int number_pieces(const struct kiln_mesh *mesh, const struct edge *edges,
         status = kiln_allocate(&number, mesh->triangle_count, sizeof *number, "the pieces of a mesh", error);
     if (status != KILN_OK)
         return status;
-    uint32_t next = 0; /* a root is the least of its set, so its number is known before it is asked for */
+    uint32_t next = 0; /* a root is the least of its set, so its number is known before it is needed */
     for (uint64_t t = 0; t < mesh->triangle_count; t++)
         number[t] = kiln_sets_root(parent, (uint32_t)t) == t ? next++ : number[kiln_sets_root(parent, (uint32_t)t)];
     memcpy(pieces->of, number, mesh->triangle_count * sizeof *number);
@@ -192,12 +193,12 @@ static int find_pieces(const struct kiln_scene *scene, const struct kiln_mesh *m
     return status;
 }
 
-/* ---- what lies in them ---- */
+/* ---- which emitters lie inside them ---- */
 
-/* A place from which light comes: of a punctual light, or on an emitting triangle. */
+/* A position from which light comes: that of a punctual light, or one on an emitting triangle. */
 struct emitter {
     struct kiln_dvec3 place;
-    uint32_t triangle; /* world; KILN_NONE: a punctual light */
+    uint32_t triangle; /* number of the world triangle; KILN_NONE: a punctual light */
 };
 
 struct emitters {
@@ -257,7 +258,7 @@ static int list_emitters(const struct kiln_geometry *g, const struct kiln_scene 
     return status;
 }
 
-/* An object's pieces in the world. */
+/* World bounds of a piece of an object. */
 struct placed {
     struct kiln_vec3 low, high;
     bool solid;
@@ -284,10 +285,10 @@ static void place_pieces(const struct kiln_geometry *g, const struct kiln_mesh *
     }
 }
 
-/* How often a ray from p leaves the piece more often than it enters it: p's winding number. The direction is along no
- * axis, so that it seldom meets an edge. */
-static int crossings(const struct kiln_geometry *g, const struct kiln_mesh *mesh, size_t object,
-                     const struct pieces *pieces, uint32_t piece, struct kiln_dvec3 p, struct kiln_dvec3 direction)
+/* The winding number of p: how much more often a ray from p leaves the piece than it enters it. The direction is along
+ * no axis, so that it seldom hits an edge. */
+static int winding_number(const struct kiln_geometry *g, const struct kiln_mesh *mesh, size_t object,
+                          const struct pieces *pieces, uint32_t piece, struct kiln_dvec3 p, struct kiln_dvec3 direction)
 {
     const struct kiln_object_range *range = &g->ranges[object];
     int sum = 0;
@@ -306,7 +307,7 @@ static int crossings(const struct kiln_geometry *g, const struct kiln_mesh *mesh
         const bool leaves = u > 0.0 && v > 0.0 && w > 0.0, enters = u < 0.0 && v < 0.0 && w < 0.0;
         if (!leaves && !enters)
             continue;
-        /* of one sign with u + v + w: the triangle lies ahead */
+        /* of one sign, as u + v + w is: the triangle lies ahead */
         const double volume = dvec3_dot(to[0], dvec3_cross(to[1], to[2]));
         if ((volume > 0.0) == leaves)
             sum += leaves ? 1 : -1;
@@ -321,7 +322,7 @@ static bool is_inside(const struct kiln_geometry *g, const struct kiln_mesh *mes
         {0.5370, 0.7642, 0.3574}, {-0.8417, 0.2963, 0.4514}, {0.1873, -0.4219, -0.8871}};
     int votes = 0;
     for (int i = 0; i < 3; i++)
-        votes += crossings(g, mesh, object, pieces, piece, p, directions[i]) != 0 ? 1 : 0;
+        votes += winding_number(g, mesh, object, pieces, piece, p, directions[i]) != 0 ? 1 : 0;
     return votes >= 2;
 }
 
@@ -366,7 +367,7 @@ static int close_object(struct kiln_geometry *g, const struct kiln_scene *scene,
     return KILN_OK;
 }
 
-/* ---- all of it ---- */
+/* ---- all objects ---- */
 
 static bool has_two_sides(const struct kiln_scene *scene, const struct kiln_mesh *mesh)
 {
@@ -413,7 +414,7 @@ static int close_all(struct kiln_geometry *g, const struct kiln_scene *scene, co
     return status;
 }
 
-int kiln_solids_close(struct kiln_geometry *geometry, const struct kiln_scene *scene, struct kiln_error *error)
+int kiln_solids_make_one_sided(struct kiln_geometry *geometry, const struct kiln_scene *scene, struct kiln_error *error)
 {
     struct pieces *pieces = NULL;
     struct emitters emitters = {0};

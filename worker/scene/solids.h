@@ -1,13 +1,14 @@
-/* Which surfaces enclose opaque matter: nothing can be seen of their backs, whatever a material says of its sides.
+/* Solids: surfaces that enclose opaque matter. Nothing can be seen of their backs, whatever a material says of its
+ * sides.
  *
- * A solid is a piece of a mesh, connected through edges, that is closed (every edge is passed as often one way as the
- * other, so that the winding number of any point is a whole number), turned outwards (its volume is positive), opaque
- * in all its triangles, and dark inside: no punctual light and no emitting surface of another piece lies in it, and
- * none of its own triangles emits on both sides. No light ever gets in, so a back of it receives and sends none. A room
- * modelled as a box around a lamp is none, nor is an open sheet.
+ * A solid is a piece of a mesh, connected through edges, with four properties. It is closed: every edge is traversed as
+ * often one way as the other, so that the winding number of any point is a whole number. It is turned outwards: its
+ * volume is positive. All its triangles are opaque. It is dark inside: no punctual light and no emitting surface of
+ * another piece lies in it, and none of its own triangles emits on both sides. No light ever gets in, so its back
+ * receives and sends none. A room modelled as a box around a lamp is no solid, nor is an open sheet.
  *
- * Corners at equal positions of the mesh are one vertex. An emitting object is looked at in KILN_SOLID_EMITTERS places.
- */
+ * Corners at equal positions of the mesh count as one vertex. An emitting object is represented by KILN_SOLID_EMITTERS
+ * positions on it. */
 #ifndef KILN_WORKER_SCENE_SOLIDS_H
 #define KILN_WORKER_SCENE_SOLIDS_H
 
@@ -15,8 +16,9 @@
 
 enum { KILN_SOLID_EMITTERS = 256 };
 
-/* Takes KILN_RECORD_DOUBLE_SIDED from the records of all triangles of solids. The geometry is otherwise complete. Not
- * collective. Uses as many OpenMP threads as are set; the result does not depend on it. KILN_SYSTEM. */
-int kiln_solids_close(struct kiln_geometry *geometry, const struct kiln_scene *scene, struct kiln_error *error);
+/* Clears KILN_RECORD_DOUBLE_SIDED in the records of all triangles of solids. The geometry must be complete otherwise.
+ * Not collective. Uses as many OpenMP threads as are set; the result does not depend on their number. KILN_SYSTEM. */
+int kiln_solids_make_one_sided(struct kiln_geometry *geometry, const struct kiln_scene *scene,
+                               struct kiln_error *error);
 
 #endif

@@ -1,19 +1,19 @@
-/* Surface points: the texels of all lightmaps that lie on geometry, and how to find them from a hit.
+/* The surface: all surface points (the texels of all lightmaps that lie on geometry), and how to find them from a hit.
  *
- * Every object has a lightmap for its front. Where a triangle has two sides (KILN_RECORD_DOUBLE_SIDED), its object has
- * a second one for the backs, with the same layout; its texels are twice as wide unless it is published, for it is only
- * seen by rays. The points of a back have the same surface as those of the front, normals that point the other way, and
- * light of their own. Lightmaps are numbered: object o's front is lightmap o, its back lightmap object_count + o.
+ * Every object has a lightmap for its front. An object with double-sided triangles (KILN_RECORD_DOUBLE_SIDED) has a
+ * second one for their backs, with the same layout. Unless it is published, only rays see it, and its texels are twice
+ * as wide. The points of a back have the same surface as those of the front, reversed normals, and light of their own.
+ * Object o's front is lightmap o; its back is lightmap object_count + o.
  *
- * Every lightmap is cut into tiles of 8 x 8 texels. In a tile, texel (x, y), 0 <= x, y < 8, has the bit
- * kiln_morton8(x, y). Surface points have a global index: by cell along a Morton curve, then by lightmap, then by tile
- * in Morton order, then by bit (with partition by objects: by lightmap, then by tile, then by bit). The points of one
- * tile that lie in one cell are a *tile run*: contiguous, at most 64, the smallest unit of work. A tile that lies in
- * several cells has several tile runs (with partition by objects a tile is one tile run, its `cell` that of its first
- * point). A rank owns a contiguous range of tile runs, so a contiguous range of points.
+ * Every lightmap is cut into tiles of 8 x 8 texels. In a tile, texel (x, y), 0 <= x, y < 8, has the bit kiln_morton8(x,
+ * y). Surface points have a global index: they are sorted by cell along a Morton curve, then by lightmap, then by tile
+ * in Morton order, then by bit. (With partition by objects: by lightmap, then tile, then bit.) The points of one tile
+ * that lie in one cell are a *tile run*: contiguous, at most 64, the smallest unit of work. A tile that lies in several
+ * cells has several tile runs. (With partition by objects a tile is one tile run, and its `cell` is that of its first
+ * point.) A rank owns a contiguous range of tile runs, so a contiguous range of points.
  *
- * Tiles, splits and radiosity are the same on all ranks; tile runs, pieces and per-point data are a rank's own share.
- */
+ * Tiles and splits are the same on all ranks; tile runs, pieces and per-point data exist for the rank's own points
+ * only. */
 #ifndef KILN_WORKER_SCENE_SURFACE_H
 #define KILN_WORKER_SCENE_SURFACE_H
 
@@ -26,10 +26,12 @@
 #define KILN_NO_POINT UINT64_MAX
 
 struct kiln_tile {
-    uint64_t mask;  /* covered texels */
-    uint64_t first; /* global index of its first point; or KILN_TILE_SPLIT | index of its first entry in `splits` */
+    uint64_t mask; /* the texels that have a point, by bit */
+    /* global index of its first point; for a tile with several tile runs KILN_TILE_SPLIT | index of its first entry in
+     * `splits` */
+    uint64_t first;
 };
-/* A split tile's entries stand one after the other; together their masks are the tile's. */
+/* One tile run of a split tile. A tile's entries are consecutive; together their masks are the tile's mask. */
 struct kiln_tile_part {
     uint64_t mask;
     uint64_t first;
@@ -39,11 +41,11 @@ struct kiln_lightmap {
     uint64_t tile_first;
     uint32_t width, height;
     uint32_t tiles_x, tiles_y;
-    uint32_t shift;     /* its texels are 2^shift as wide and high as those that the scene gives the object */
-    uint32_t published; /* 1: it is written as a file */
+    uint32_t shift;     /* its texels are 2^shift as wide and high as those of the object's size in the scene */
+    uint32_t published; /* 1: it is written to a file */
 };
 
-/* The points of one tile in one cell. */
+/* A tile run: the points of one tile in one cell. */
 struct kiln_tile_run {
     uint64_t first; /* global index of its first point */
     uint64_t mask;
@@ -53,41 +55,42 @@ struct kiln_tile_run {
     uint32_t count;
 };
 
-/* A point's pieces: how many, and whether the one piece covers the texel's square wholly. */
+/* An entry of `piece_count`: the number of pieces, and a flag that the one piece covers the whole square of the
+ * texel. */
 #define KILN_PIECES_WHOLE ((uint16_t)0x8000)
 enum { KILN_PIECES_MOST = 0x7fff };
 
 struct kiln_surface {
-    /* the same on all ranks */
+    /* global arrays: the same on all ranks */
     uint64_t point_count;
     uint64_t tile_count, split_count;
     struct kiln_tile *tiles;
     struct kiln_tile_part *splits;
     uint32_t object_count;
-    uint32_t map_count;              /* object_count; or twice that, where some object has backs */
-    struct kiln_lightmap *lightmaps; /* map_count; of an object without backs the second has no tiles */
-    uint64_t cell_count;             /* occupied cells */
-    /* cell_count + 1: global index of each cell's first point (cells partition only; else NULL) */
+    uint32_t map_count;              /* object_count; twice that if any object has backs */
+    struct kiln_lightmap *lightmaps; /* one per lightmap; that of the backs has no tiles if the object has none */
+    uint64_t cell_count;             /* cells that hold points */
+    /* one per cell, and one more at the end: global index of its first point. NULL without partition by cells */
     uint64_t *cell_first;
-    bool map_is_lent;   /* tiles, splits, lightmaps and cell_first are somebody else's to free */
-    bool share_is_lent; /* the arrays of this rank's share are somebody else's to free */
-    /* this rank's share */
-    uint64_t first, count; /* global range of own points */
+    bool map_is_lent;   /* the global arrays are borrowed: kiln_surface_destroy leaves them alone */
+    bool share_is_lent; /* this rank's arrays are borrowed: kiln_surface_destroy leaves them alone */
+    /* this rank's arrays */
+    uint64_t first, count; /* range of this rank's points in the global order */
     size_t tile_run_count;
     struct kiln_tile_run *tile_runs;
-    /* Which triangles cover a point: its *pieces*, world triangles. Points of a tile run stand in order, so a reader
-     * walks a tile run from piece_base[f] (and area_cdf_base[f]) on, adding each point's kiln_piece_count; a point of n
-     * pieces also has n - 1 shares: cumulative parts of its area. The last, exactly 1, is not stored. */
-    uint64_t *piece_base;    /* tile_run_count + 1 */
-    uint64_t *area_cdf_base; /* tile_run_count + 1 */
-    /* own point: 1 to KILN_PIECES_MOST, and perhaps KILN_PIECES_WHOLE: read with the functions below */
+    /* The triangles that cover a point are its *pieces*, world triangle numbers. The points of a tile run are stored in
+     * order: start at piece_base[run] and area_cdf_base[run] and add each point's kiln_piece_count (kiln_point_next
+     * does this). A point of n pieces also has n - 1 entries of area_cdf: the cumulative fractions of its area. The
+     * last fraction, exactly 1, is not stored. */
+    uint64_t *piece_base, *area_cdf_base; /* one per tile run, and one more at the end */
+    /* per point: 1 to KILN_PIECES_MOST, and perhaps KILN_PIECES_WHOLE. Read it with the functions below */
     uint16_t *piece_count;
     uint32_t *pieces;
     float *area_cdf;
-    uint16_t *albedo; /* own point: 3 values, 65535 = 1 */
-    float *area;      /* own point: m2 of surface covered */
-    /* own point: 65535 x the share of its area that is not buried in other geometry; 0: no light can be gathered here,
-     * it is filled from valid neighbours at the end. 65535 until the validity pass */
+    uint16_t *albedo; /* per point: 3 values, 65535 = 1 */
+    float *area;      /* per point: m2 of surface covered */
+    /* per point: 65535 x the fraction of its area that is not buried in other geometry. Until the validity pass it is
+     * 65535. Where it is 0 no light can be gathered, and the point is filled from valid neighbours at the end */
     uint16_t *visible;
 };
 
@@ -100,14 +103,14 @@ static inline bool kiln_point_whole(const struct kiln_surface *s, uint64_t own)
     return (s->piece_count[own] & KILN_PIECES_WHOLE) != 0;
 }
 
-/* Light can be gathered here; others are filled from valid neighbours at the end. */
+/* Whether light can be gathered at the point. Other points are filled from valid neighbours at the end. */
 static inline bool kiln_point_valid(const struct kiln_surface *s, uint64_t own) { return s->visible[own] != 0; }
 
 /* Column and row of a bit of kiln_morton8 (shaders/shared/surface.h). */
 static inline uint32_t kiln_morton8_x(uint32_t bit) { return (bit & 1u) | (bit >> 1 & 2u) | (bit >> 2 & 4u); }
 static inline uint32_t kiln_morton8_y(uint32_t bit) { return (bit >> 1 & 1u) | (bit >> 2 & 2u) | (bit >> 3 & 4u); }
 
-/* The object that a lightmap is of, and whether it is the one of its backs. */
+/* The object of a lightmap, and whether the lightmap is that of its backs. */
 static inline uint32_t kiln_map_object(const struct kiln_surface *s, uint32_t map)
 {
     return map < s->object_count ? map : map - s->object_count;

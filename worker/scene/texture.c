@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <string.h>
 
-/* Beyond this many filter cells in one triangle the mean is taken over a regular lattice of samples instead: a texture
+/* Beyond this many filter cells in one triangle, the mean is taken over a regular lattice of samples instead: a texture
  * repeated that often under one triangle averages out. */
 static const double cells_max = 1 << 20;
 enum { LATTICE = 1024, LINE_SAMPLES_MAX = 512 };
@@ -68,8 +68,7 @@ static const float linear_of_srgb[256] = {
 
 void kiln_texture_codes(float linear[256]) { memcpy(linear, linear_of_srgb, sizeof linear_of_srgb); }
 
-/* Texel column or row for any whole number, as the wrap mode says. `size` is at most 65536, `at` any value that fits.
- */
+/* Texel column or row for any integer, by the wrap mode. `size` is at most 65536; `at` is any value that fits. */
 static uint32_t wrapped(int64_t at, uint32_t size, uint32_t wrap)
 {
     const int64_t n = size;
@@ -97,8 +96,8 @@ static void texel(const struct kiln_scene *scene, const struct kiln_texture *t, 
     rgba[3] = (float)code[3] / 255.0f;
 }
 
-/* Texel coordinate of a texture coordinate, in double so that it keeps its fraction, and within what int64_t holds.
- * Wrapping makes equal what differs by a period, so far-away coordinates lose nothing by being brought near. */
+/* Texel coordinate of a texture coordinate, in double so that it keeps its fraction, and within the range of int64_t.
+ * Coordinates that differ by a period are equal after wrapping, so far-away ones are first moved near. */
 static double texel_coordinate(float u, uint32_t size, uint32_t wrap)
 {
     double x = (double)u;
@@ -161,7 +160,7 @@ static struct kiln_vec2 interpolated(const struct kiln_vec2 *values, const uint3
     return (struct kiln_vec2){a.x + b1 * (b.x - a.x) + b2 * (c.x - a.x), a.y + b1 * (b.y - a.y) + b2 * (c.y - a.y)};
 }
 
-/* Base colour x vertex colour x texture, times `kept` but for alpha. */
+/* Base colour x vertex colour x texture; the colour, not the alpha, times `kept`. */
 static void surface_color(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
                           float b2, float kept, float rgba[4])
 {
@@ -185,10 +184,11 @@ static void surface_color(const struct kiln_scene *scene, const struct kiln_mesh
     }
     for (int c = 0; c < 4; c++) {
         const float scaled = c < 3 ? rgba[c] * kept : rgba[c];
-        rgba[c] = fminf(fmaxf(scaled, 0.0f), 1.0f); /* rounding of the weights may step out by a bit */
+        rgba[c] = fminf(fmaxf(scaled, 0.0f), 1.0f); /* rounding of the weights may step outside by a bit */
     }
 }
 
+/* Fraction of a material's surface that exists at a position, by its alpha. */
 static float coverage(const struct kiln_material *m, float alpha)
 {
     return kiln_coverage(m->alpha_mode, m->alpha_cutoff, alpha);
@@ -267,9 +267,10 @@ void kiln_surface_emission(const struct kiln_scene *scene, const struct kiln_mes
 /* ---- the mean over a triangle ----
  *
  * A texture coordinate is affine over a triangle, so the mean over the triangle is the mean over its image in texel
- * space. There the filter is a polynomial in each cell (constant for nearest; for bilinear a x y + b x + c y + d
- * between four texel centres): the image is cut along the cell borders, and each piece is integrated exactly by the
- * rule of edge midpoints, which holds for polynomials of degree 2 on a triangle (Strang and Fix 1973). */
+ * space. There the filter is a polynomial in each cell: constant for nearest filtering; a x y + b x + c y + d between
+ * four texel centres for bilinear filtering. The image is cut along the cell borders, and each piece is integrated
+ * exactly by the edge-midpoint rule, which holds for polynomials of degree 2 on a triangle (Strang and Fix, "An
+ * Analysis of the Finite Element Method", 1973). */
 
 enum { POLYGON_MAX = 12 };
 
@@ -278,7 +279,7 @@ struct polygon {
     double x[POLYGON_MAX], y[POLYGON_MAX];
 };
 
-/* Keeps what has sign * (coordinate - bound) >= 0 (Sutherland and Hodgman 1974). */
+/* Clips to one half-plane: keeps sign * (coordinate - bound) >= 0 (Sutherland and Hodgman 1974). */
 static void cut(const struct polygon *in, bool along_x, double bound, double sign, struct polygon *out)
 {
     out->count = 0;
@@ -301,7 +302,7 @@ static void cut(const struct polygon *in, bool along_x, double bound, double sig
 
 struct cell {
     float corner[4][4];
-    double x, y; /* of the first corner */
+    double x, y; /* of the cell's first corner */
     bool nearest;
 };
 
@@ -349,11 +350,11 @@ static void range_of(const double *values, int count, double *low, double *high)
     }
 }
 
-/* Mean by cells; `triangle` in texel coordinates, with an area. */
+/* Mean by exact integration, cell by cell. `triangle` is in texel coordinates and has an area. */
 static void mean_by_cells(const struct kiln_scene *scene, const struct kiln_texture *t, const struct polygon *triangle,
                           double mean[3])
 {
-    const double shift = t->nearest ? 0.0 : 0.5; /* where the cells' borders are */
+    const double shift = t->nearest ? 0.0 : 0.5; /* where the borders of the cells are */
     double sum[3] = {0.0, 0.0, 0.0}, area = 0.0, low, high;
     range_of(triangle->y, triangle->count, &low, &high);
     for (double y = floor(low - shift) + shift; y < high; y += 1.0) {
@@ -379,8 +380,8 @@ static void mean_by_cells(const struct kiln_scene *scene, const struct kiln_text
         mean[c] = sum[c] / area;
 }
 
-/* Mean over a lattice of n^2 equal small triangles' centres: for images without area (a line or a point of the texture)
- * and for those of very many cells. */
+/* Mean over the centres of n^2 equal small triangles. For images without area (a line or a point of the texture) and
+ * for those with very many cells. */
 static void mean_by_lattice(const struct kiln_scene *scene, uint32_t texture, const struct kiln_vec2 uv[3], int n,
                             double mean[3])
 {

@@ -1,4 +1,4 @@
-/* Looking up base colour, alpha and emission of a scene's surfaces. Pure functions, thread-safe. */
+/* Lookups of base colour, opacity and emission of a scene's surfaces. Pure functions, thread-safe. */
 #ifndef KILN_WORKER_SCENE_TEXTURE_H
 #define KILN_WORKER_SCENE_TEXTURE_H
 
@@ -10,41 +10,42 @@ void kiln_texture_sample(const struct kiln_scene *scene, uint32_t index, float u
 /* The linear value of each 8-bit sRGB code. */
 void kiln_texture_codes(float linear[256]);
 
-/* `triangle` is an index into the scene's stored triangles and must belong to `mesh`; b1, b2 are the barycentric
- * weights of corners 1 and 2. */
+/* In all functions below, `triangle` is an index into the scene's stored triangles and must belong to `mesh`; b1 and b2
+ * are the barycentric weights of its corners 1 and 2. */
 
 /* Diffuse albedo (linear RGB, 0..1) in rgba[0..2]: base colour x vertex colour x texture x (1 - metallic); alpha in
  * [3]. */
 void kiln_surface_color(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
                         float b2, float rgba[4]);
-/* What becomes of light at a place of a surface: the share `opacity` of the surface is there for it, is lit and
- * reflects with the albedo of kiln_surface_color; the rest lets through what `through` says, so that light is tinted by
- * through / (1 - opacity).
+/* What happens to light at a position of a surface. The fraction `opacity` of it meets surface, which is lit and
+ * reflects with the albedo of kiln_surface_color. The rest is let through with the factors `through`, so light is
+ * tinted by through / (1 - opacity).
  *
  *   opacity = a (1 - t),  through = (1 - a) + a t (1 - metallic) base colour
  *
- * with a the alpha (of a mask 0 or 1, of an opaque material 1) and t the transmission, its texture included: glTF's
+ * Here a is the alpha (0 or 1 for a mask, 1 for an opaque material) and t the transmission, times its texture: glTF's
  * alpha coverage and KHR_materials_transmission of a thin wall, which tints each time light crosses it. Light goes
- * straight on: no refraction, no blur by roughness. What a wall's two faces reflect as mirrors (4 % each, and 8 % in
+ * straight on: no refraction, no blur by roughness. What the two faces of a wall reflect as mirrors (4 % each, 8 % in
  * all, seen from the front at an index of 1.5) is left out, as all gloss is. What is neither reflected nor let through
- * is absorbed in the wall. */
+ * is absorbed. */
 struct kiln_passage {
     float opacity, through[3];
 };
 void kiln_surface_passage(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
                           float b2, struct kiln_passage *passage);
-/* Its opacity alone; cheaper. */
+/* The opacity alone: cheaper. */
 float kiln_surface_opacity(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
                            float b2);
-/* The same without the factor (1 - metallic): what a metal is coloured like, which reflects nothing diffusely. */
+/* Base colour as kiln_surface_color, without the factor (1 - metallic): a metal's colour, though it reflects nothing
+ * diffusely. */
 void kiln_surface_base_color(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
                              float b2, float rgba[4]);
 /* Emitted radiance (W m-2 sr-1). */
 void kiln_surface_emission(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
                            float b2, float rgb[3]);
-/* Exact mean over the whole triangle's area of the emitted radiance, by integrating the texture's filter over it (a
- * constant material returns its factor). Good to 1e-3 relative for textures; used to weigh and to account for lights.
- */
+/* Mean of the emitted radiance over the whole triangle's area, by exact integration of the texture's filter (a constant
+ * material returns its factor). Good to 1e-3 relative for textures. Used to weigh lights and to account for their
+ * power. */
 void kiln_triangle_mean_emission(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle,
                                  float rgb[3]);
 

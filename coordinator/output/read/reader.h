@@ -31,4 +31,8 @@ int kiln_reader_image(struct kiln_reader *reader, int descriptor, const char *pa
 int kiln_reader_light(struct kiln_reader *reader, int descriptor, const char *path, const double position[3],
                       struct kiln_volume_probe *light, bool *outside, struct kiln_error *error);
 
+/* Not a command for users: the confined child that takes results apart (reader_child.c). argv as it was spawned.
+ * Returns its exit status. */
+int kiln_reader_child(int argc, char **argv);
+
 #endif

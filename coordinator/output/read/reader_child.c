@@ -10,11 +10,11 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "coordinator/cli/commands.h"
 #include "coordinator/confined/fence.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/files/publish.h"
-#include "coordinator/output/ranges.h"
+#include "coordinator/output/read/ranges.h"
+#include "coordinator/output/read/reader.h"
 #include "coordinator/output/read/reader_private.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"

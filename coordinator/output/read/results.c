@@ -9,8 +9,9 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#include "coordinator/files/plain_file.h"
 #include "coordinator/files/publish.h"
-#include "coordinator/output/read/json_text.h"
+#include "coordinator/files/json_text.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
@@ -32,39 +33,6 @@ static int open_below(int folder, const char *name, uint64_t flags)
         descriptor = syscall(SYS_openat2, folder, name, &how, sizeof how);
     while (descriptor < 0 && (errno == EINTR || errno == EAGAIN)); /* EAGAIN: the kernel saw a rename on the way */
     return (int)descriptor;
-}
-
-static int open_failed(const char *path, struct kiln_error *error)
-{
-    if (errno == ELOOP || errno == EXDEV)
-        return kiln_fail(error, KILN_BAD_INPUT,
-                         "'%s' is behind a symbolic link or leads out of the bake's folder: put the file itself there",
-                         path);
-    if (errno == ENXIO || errno == ENODEV)
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a plain file", path);
-    if (errno == ENOSYS)
-        return kiln_fail(
-            error, KILN_SITE,
-            "'%s': this kernel has no openat2(2), which confines readers to their folder; Linux 5.6 or later is needed",
-            path);
-    return kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "'%s' cannot be opened", path);
-}
-
-/* Closes the descriptor unless it is a plain file's. */
-static int want_plain(int *descriptor, const char *path, struct kiln_error *error)
-{
-    struct stat found;
-    if (fstat(*descriptor, &found) == 0 && S_ISREG(found.st_mode))
-        return KILN_OK;
-    (void)close(*descriptor);
-    *descriptor = -1;
-    return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a plain file", path);
-}
-
-int kiln_open_plain(const char *path, int *descriptor, struct kiln_error *error)
-{
-    *descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY, 0);
-    return *descriptor < 0 ? open_failed(path, error) : want_plain(descriptor, path, error);
 }
 
 /* The manifest's entry, NULL when it has none. */
@@ -106,7 +74,7 @@ int kiln_results_file(const struct kiln_results *r, const char *name, int *descr
     if (status != KILN_OK)
         return KILN_NO_INPUT;
     *descriptor = open_below(r->descriptor, name, O_RDONLY | O_NONBLOCK | O_NOCTTY);
-    status = *descriptor < 0 ? open_failed(path, error) : want_plain(descriptor, path, error);
+    status = *descriptor < 0 ? kiln_open_failed(path, error) : kiln_keep_plain(descriptor, path, error);
     if (status == KILN_OK)
         status = compare_with_manifest(r, name, *descriptor, path, error);
     if (status != KILN_OK && *descriptor >= 0) {
@@ -130,7 +98,7 @@ int kiln_results_folder(const struct kiln_results *r, const char *name, int *des
     char path[KILN_PATH_SIZE];
     const int status = kiln_path_join(path, r->directory, name, error);
     *descriptor = status == KILN_OK ? open_below(r->descriptor, name, O_RDONLY | O_DIRECTORY) : -1;
-    return status != KILN_OK || *descriptor >= 0 ? status : open_failed(path, error);
+    return status != KILN_OK || *descriptor >= 0 ? status : kiln_open_failed(path, error);
 }
 
 /* ---- reading ---- */
@@ -235,4 +203,14 @@ void kiln_results_close(struct kiln_results **results)
     kiln_reader_destroy(&r->reader);
     kiln_manifest_destroy(&r->manifest);
     kiln_free(results);
+}
+
+const struct kiln_units *kiln_units_of_bake(const struct kiln_results *results)
+{
+    json_t *run = NULL;
+    const struct kiln_units *found = kiln_units_named(NULL);
+    if (kiln_results_json(results, "run.json", &run, NULL) == KILN_OK)
+        found = kiln_units_named(json_string_value(json_object_get(json_object_get(run, "units"), "kind")));
+    json_decref(run);
+    return found;
 }

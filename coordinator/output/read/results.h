@@ -12,6 +12,7 @@
 
 #include <jansson.h>
 
+#include "coordinator/field/units.h"
 #include "coordinator/output/image.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/read/reader.h"
@@ -54,8 +55,7 @@ int kiln_results_scene(const struct kiln_results *results, struct kiln_scene **s
 /* The child that takes these files apart; started when it is first asked. For one thread. */
 struct kiln_reader *kiln_results_reader(struct kiln_results *results);
 
-/* A file that the user himself named, which may lie behind links: opened for reading without waiting for anybody.
- * KILN_BAD_INPUT when it is no plain file. */
-int kiln_open_plain(const char *path, int *descriptor, struct kiln_error *error);
+/* The units of a finished bake, as its run.json has them; radiometric where it does not say. */
+const struct kiln_units *kiln_units_of_bake(const struct kiln_results *results);
 
 #endif

@@ -1,0 +1,16 @@
+#include "coordinator/bake/devices.h"
+
+#include <string.h>
+
+void kiln_devices_choose(const struct kiln_job *job, int node_rank, int node_ranks, struct kiln_backend_params *params)
+{
+    params->device = (uint32_t)(job->device + 1);
+    params->local_rank = (uint32_t)node_rank;
+    params->local_ranks = (uint32_t)node_ranks;
+    params->traversal = (enum kiln_traversal)job->traversal;
+    params->slice_seconds = job->dispatch_time * 1e-3;
+    params->device_memory = (uint64_t)(job->device_memory * 0x1p30);
+    /* who asks for a device by name gets it, or an error */
+    params->goes_on = job->backend == NULL || strcmp(job->backend, "auto") == 0;
+    params->verify_share = job->verify_fraction;
+}

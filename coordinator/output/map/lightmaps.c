@@ -1,0 +1,523 @@
+#include <math.h>
+#include <omp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "coordinator/mpi/agree.h"
+#include "coordinator/output/map/borders.h"
+#include "coordinator/output/map/texel_gather.h"
+#include "coordinator/output/map/map.h"
+#include "coordinator/output/output.h"
+#include "coordinator/output/provenance.h"
+#include "coordinator/files/publish.h"
+#include "coordinator/output/map/seams.h"
+#include "coordinator/output/map/strip_exchange.h"
+#include "coordinator/output/map/chart_graph.h"
+#include "worker/base/memory.h"
+
+/* About 90 bytes a texel while an object is processed: some 180 MB a rank at a time, unless one lightmap is larger. */
+static const uint64_t texel_budget = 1ull << 21;
+
+struct writer {
+    const struct kiln_bake_result *result;
+    const struct kiln_output_params *params;
+    struct kiln_lightmap_report *reports; /* own objects' are filled in */
+    struct kiln_map **maps;               /* one a lightmap; those of this rank and round exist */
+    uint32_t ranks;
+    int64_t seed;
+    bool has_seed;
+};
+
+/* ---- one object's file ---- */
+
+/* Why colours are not stored as halves, or "half" when they can be. */
+static const char *choose_precision(const struct kiln_output_params *params, const struct kiln_image *image)
+{
+    if (!params->half)
+        return "float";
+    const size_t count = (size_t)image->width * image->height;
+    float most = 0.0f;
+    for (size_t c = 0; c < image->channel_count; c++)
+        for (size_t i = 0; !image->channels[c].half && i < count; i++)
+            most = fmaxf(most, fabsf(image->channels[c].values[i]));
+    if (most > KILN_HALF_MAX)
+        return "float: a value exceeds 65504, the largest half";
+    /* below 2^-14 a half loses digits: keep eight octaves under the brightest texel */
+    if (most > 0.0f && most < 0x1p-6f)
+        return "float: values are too small for half";
+    return "half";
+}
+
+/* The plane is the channel's from now on. */
+static void move_plane(const struct kiln_image *image, const char *name, float **plane)
+{
+    kiln_image_find(image, name)->values = *plane;
+    *plane = NULL;
+}
+
+/* Moves the map's planes into an image with the file's channels. */
+static int make_image(struct kiln_map *map, bool error_map, struct kiln_image **image, struct kiln_error *error)
+{
+    static const char *const names[] = {"R",        "G",        "B",          "coverage.Y", "validity.Y", "direct.R",
+                                        "direct.G", "direct.B", "indirect.R", "indirect.G", "indirect.B", "error.Y"};
+    int status = kiln_image_create_empty(image, map->width, map->height, names, error_map ? 12 : 11, error);
+    if (status != KILN_OK)
+        return status;
+    const size_t count = kiln_map_texels(map);
+    for (int p = 0; p < (error_map ? KILN_MAP_PLANES : KILN_MAP_ERROR); p++)
+        move_plane(*image, names[5 + p], &map->planes[p]);
+    move_plane(*image, "coverage.Y", &map->coverage);
+    if ((status = kiln_image_fill(*image, error)) != KILN_OK)
+        return status;
+    for (int c = 0; c < 3; c++) {
+        const float *direct = kiln_image_find(*image, names[5 + c])->values,
+                    *indirect = kiln_image_find(*image, names[8 + c])->values;
+        float *total = kiln_image_find(*image, names[c])->values;
+#pragma omp parallel for schedule(static)
+        for (size_t i = 0; i < count; i++)
+            total[i] = direct[i] + indirect[i];
+    }
+    struct kiln_image_channel *validity = kiln_image_find(*image, "validity.Y");
+    kiln_image_find(*image, "coverage.Y")->half = validity->half = true;
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < count; i++)
+        validity->values[i] = 0.5f * (float)map->state[i];
+    return KILN_OK;
+}
+
+/* Texels a metre that the object really got: the root of covered texels over area. */
+static double density_of(const struct kiln_map *map)
+{
+    double texels = 0.0, area = 0.0;
+    for (size_t i = 0; i < kiln_map_texels(map); i++) {
+        texels += (double)map->coverage[i];
+        area += (double)map->area[i];
+    }
+    return area > 0.0 ? sqrt(texels / area) : 0.0;
+}
+
+enum { ATTRIBUTES = 14 };
+
+/* What an object's file is called, and says besides its values. */
+struct file_words {
+    char name[KILN_PATH_SIZE], seed[32];
+    struct kiln_exr_attribute attributes[ATTRIBUTES];
+    size_t count;
+};
+
+static int name_file(const struct writer *w, uint32_t object, struct file_words *words, struct kiln_error *error)
+{
+    const struct kiln_object *o = &w->result->scene->objects[kiln_map_object(w->result->surface, object)];
+    const int length = snprintf(words->name, sizeof words->name, "lightmaps/%s%s.exr",
+                                kiln_map_back(w->result->surface, object) ? "back/" : "",
+                                kiln_scene_string(w->result->scene, o->name));
+    if (length <= 0 || length >= KILN_PATH_SIZE)
+        return kiln_fail(error, KILN_CANNOT_CREATE, "object %u has too long a name for a file", object);
+    return KILN_OK;
+}
+
+static int integer_of(uint64_t number) { return (int)(number > INT32_MAX ? INT32_MAX : number); }
+
+/* Chooses the precision of the image's channels, too. */
+static int describe_file(const struct writer *w, uint32_t object, struct kiln_image *image, double density,
+                         struct file_words *words, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = w->result->scene;
+    const struct kiln_object *o = &scene->objects[kiln_map_object(w->result->surface, object)];
+    const struct kiln_mesh *mesh = &scene->meshes[o->mesh];
+    const char *precision = choose_precision(w->params, image);
+    for (size_t c = 0; strcmp(precision, "half") == 0 && c < image->channel_count; c++)
+        image->channels[c].half = true;
+    const struct kiln_lightmap_report *report = &w->reports[object];
+    const double asked = (double)scene->header->texels_per_metre;
+    words->seed[0] = '\0';
+    if (w->has_seed)
+        (void)snprintf(words->seed, sizeof words->seed, "%lld", (long long)w->seed);
+    const struct kiln_exr_attribute attributes[ATTRIBUTES] = {
+        {.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
+        {.name = "kiln:quantity",
+         .kind = KILN_EXR_STRING,
+         .text = "irradiance about the shading normal; R G B = direct + indirect"},
+        {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = w->result->units->irradiance},
+        {.name = "kiln:object", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, o->name)},
+        {.name = "kiln:originalName", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, o->original_name)},
+        {.name = "kiln:mesh", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, mesh->name)},
+        {.name = "kiln:uvSet",
+         .kind = KILN_EXR_STRING,
+         .text = (mesh->flags & KILN_MESH_REPACKED) != 0
+                     ? "the charts of the mesh's second UV set in kiln's own layout; top row is v = 0"
+                 : (mesh->flags & KILN_MESH_UNWRAPPED) != 0 ? "kiln's own layout; top row is v = 0"
+                                                            : "the mesh's second UV set; top row is v = 0"},
+        {.name = "kiln:precision", .kind = KILN_EXR_STRING, .text = precision},
+        {.name = "kiln:texelsPerMetre", .kind = KILN_EXR_FLOAT, .number = (float)density},
+        {.name = "kiln:capped",
+         .kind = KILN_EXR_INTEGER,
+         .integer = asked > 0.0 && density > 0.0 && density < 0.9 * asked},
+        {.name = "kiln:validTexels", .kind = KILN_EXR_INTEGER, .integer = integer_of(report->valid)},
+        {.name = "kiln:filledTexels", .kind = KILN_EXR_INTEGER, .integer = integer_of(report->filled)},
+        {.name = "kiln:seams", .kind = KILN_EXR_STRING, .text = w->params->stitch ? "smoothed" : "as gathered"},
+        {.name = "kiln:seed", .kind = KILN_EXR_STRING, .text = words->seed}, /* last: left out when it is not known */
+    };
+    memcpy(words->attributes, attributes, sizeof attributes);
+    words->count = w->has_seed ? ATTRIBUTES : ATTRIBUTES - 1;
+    return name_file(w, object, words, error);
+}
+
+static void chart_texels(struct kiln_map *map, const struct kiln_chart_graph *graph)
+{
+    for (size_t i = 0; i < kiln_map_texels(map); i++)
+        if (map->chart[i] != KILN_NONE)
+            map->chart[i] = graph->chart[map->chart[i]]; /* was: the triangle */
+}
+
+static uint64_t count_covered(const struct kiln_surface *surface, uint32_t object)
+{
+    const struct kiln_lightmap *lightmap = &surface->lightmaps[object];
+    uint64_t covered = 0;
+    for (uint64_t t = 0; t < (uint64_t)lightmap->tiles_x * lightmap->tiles_y; t++)
+        covered += (uint64_t)__builtin_popcountll(surface->tiles[lightmap->tile_first + t].mask);
+    return covered;
+}
+
+/* Of what was gathered: mean luminance by area, and the standard errors' root mean square over it. */
+static void measure_map(const struct kiln_map *map, struct kiln_lightmap_report *report)
+{
+    double area = 0.0, light = 0.0, squares = 0.0;
+    for (size_t i = 0; i < kiln_map_texels(map); i++) {
+        if (map->state[i] != KILN_TEXEL_VALID)
+            continue;
+        float rgb[3];
+        for (int c = 0; c < 3; c++)
+            rgb[c] = map->planes[KILN_MAP_DIRECT + c][i] + map->planes[KILN_MAP_INDIRECT + c][i];
+        const double own = (double)map->area[i], error = (double)map->planes[KILN_MAP_ERROR][i];
+        area += own;
+        light += own * (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
+        squares += own * error * error;
+    }
+    report->mean = area > 0.0 ? light / area : 0.0;
+    report->error = report->mean > 0.0 ? sqrt(squares / area) / report->mean : 0.0;
+}
+
+/* From gathered points to a map without holes. */
+static int complete_map(const struct writer *w, uint32_t object, struct kiln_error *error)
+{
+    struct kiln_map *map = w->maps[object];
+    struct kiln_lightmap_report *report = &w->reports[object];
+    struct kiln_chart_graph *graph = NULL;
+    struct kiln_seam_report seams = {0};
+    struct kiln_border_report borders = {0};
+    uint32_t *nearest = NULL;
+    report->map = object;
+    measure_map(map, report);
+    for (size_t i = 0; i < kiln_map_texels(map); i++) {
+        report->valid += map->state[i] == KILN_TEXEL_VALID;
+        report->filled += map->state[i] == KILN_TEXEL_FILLED;
+    }
+    const uint64_t covered = count_covered(w->result->surface, object);
+    if (report->valid + report->filled != covered)
+        return kiln_fail(error, KILN_BUG, "object %u: %llu of its %llu points arrived where its lightmap is written",
+                         object, (unsigned long long)(report->valid + report->filled), (unsigned long long)covered);
+    int status = kiln_chart_graph_create(&graph, w->result->scene,
+                                         w->result->scene->objects[kiln_map_object(w->result->surface, object)].mesh,
+                                         map->width, map->height, error);
+    if (status == KILN_OK) {
+        chart_texels(map, graph);
+        status = kiln_map_fill(map, error);
+    }
+    if (status == KILN_OK)
+        status = kiln_allocate(&nearest, kiln_map_texels(map), sizeof *nearest, "nearest texels", error);
+    if (status == KILN_OK)
+        status = kiln_nearest_texels(map->state, KILN_TEXEL_FILLED, map->width, map->height, nearest, error);
+    if (status == KILN_OK)
+        status = kiln_borders_assign(map, graph, nearest, &borders, error);
+    if (status == KILN_OK)
+        status = kiln_seams_smooth(map, graph, nearest, w->params->stitch, &seams, error);
+    if (status == KILN_OK) {
+        report->seam_difference_before = seams.difference_before;
+        report->seam_difference_after = seams.difference_after;
+        report->contested = borders.contested;
+        report->foreign = borders.foreign;
+        report->border = borders.length;
+        report->border_disturbed = borders.length_disturbed;
+        report->dilated = kiln_map_dilate(map, nearest);
+    }
+    kiln_free(&nearest);
+    kiln_chart_graph_destroy(&graph);
+    return status;
+}
+
+/* The object's image, and what goes with it; its map is gone then. */
+static int finish_object(const struct writer *w, uint32_t object, struct kiln_image **image, struct file_words *words,
+                         struct kiln_error *error)
+{
+    int status = complete_map(w, object, error);
+    const double density = w->reports[object].texels_per_metre = density_of(w->maps[object]);
+    if (status == KILN_OK)
+        status = make_image(w->maps[object], w->params->error_map, image, error);
+    kiln_map_destroy(&w->maps[object]);
+    return status == KILN_OK ? describe_file(w, object, *image, density, words, error) : status;
+}
+
+static int write_object(const struct writer *w, uint32_t object, struct kiln_error *error)
+{
+    if (kiln_stop_asked(w->result->stop))
+        return kiln_give_up(error);
+    struct kiln_image *image = NULL;
+    struct file_words words;
+    int status = finish_object(w, object, &image, &words, error);
+    if (status == KILN_OK)
+        status = kiln_exr_write_below(w->params->directory, words.name, image, words.attributes, words.count, error);
+    kiln_image_destroy(&image);
+    return status;
+}
+
+/* ---- objects packed by all ranks ---- */
+
+/* The rank's own divided objects of a round: images, and files that were begun. */
+struct large {
+    struct kiln_strip_source *sources;
+    struct kiln_image **images;
+    struct kiln_exr_file **files;
+    size_t count;
+};
+
+static void destroy_large(struct large *large)
+{
+    for (size_t i = 0; i < large->count; i++) {
+        kiln_exr_file_destroy(&large->files[i]);
+        kiln_image_destroy(&large->images[i]);
+    }
+    kiln_free(&large->sources);
+    kiln_free(&large->images);
+    kiln_free(&large->files);
+}
+
+/* One object after the other, each with all threads. */
+static int begin_large(const struct writer *w, const uint32_t *objects, size_t count, struct large *large,
+                       struct kiln_error *error)
+{
+    int status = kiln_allocate(&large->sources, count, sizeof *large->sources, "large lightmaps", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&large->images, count, sizeof(struct kiln_image *), "large lightmaps", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&large->files, count, sizeof(struct kiln_exr_file *), "large lightmaps", error);
+    for (size_t i = 0; status == KILN_OK && i < count; i++) {
+        struct file_words words;
+        large->count = i + 1;
+        status = kiln_stop_asked(w->result->stop) ? kiln_give_up(error)
+                                                  : finish_object(w, objects[i], &large->images[i], &words, error);
+        if (status == KILN_OK)
+            status = kiln_exr_file_create(&large->files[i], w->params->directory, words.name, large->images[i],
+                                          words.attributes, words.count, error);
+        large->sources[i] =
+            (struct kiln_strip_source){.object = objects[i], .image = large->images[i], .file = large->files[i]};
+    }
+    return status;
+}
+
+/* ---- rounds ---- */
+
+static void put_point(void *context, const struct kiln_texel_record *record)
+{
+    const struct writer *w = context;
+    struct kiln_map *map = w->maps[record->map];
+    const size_t texel = (size_t)record->y * map->width + record->x;
+    const struct kiln_mesh *mesh =
+        &w->result->scene->meshes[w->result->scene->objects[kiln_map_object(w->result->surface, record->map)].mesh];
+    map->state[texel] = record->valid != 0 ? KILN_TEXEL_VALID : KILN_TEXEL_FILLED;
+    map->area[texel] = record->area;
+    map->coverage[texel] = record->coverage;
+    map->chart[texel] = (uint32_t)(w->result->geometry->stored_triangle[record->triangle] - mesh->triangle_first);
+    for (int p = 0; record->valid != 0 && p < KILN_MAP_PLANES; p++)
+        map->planes[p][texel] = record->values[p];
+}
+
+static int compare_texels(const void *a, const void *b, void *context)
+{
+    const struct kiln_lightmap *maps = context;
+    const uint32_t i = *(const uint32_t *)a, j = *(const uint32_t *)b;
+    const uint64_t p = (uint64_t)maps[i].width * maps[i].height, q = (uint64_t)maps[j].width * maps[j].height;
+    return p != q ? (p > q ? -1 : 1) : (i > j) - (i < j);
+}
+
+/* Own objects of the round into `own`, the largest first, so that no thread begins it when the others are done; makes
+ * their maps. */
+static int open_round(const struct writer *w, const struct kiln_assignment *deal, uint32_t rank, uint32_t round,
+                      uint32_t *own, size_t *count, struct kiln_error *error)
+{
+    *count = 0;
+    for (size_t i = 0; i < deal->count; i++) {
+        if (deal->owner[i] != rank || deal->round[i] != round)
+            continue;
+        const struct kiln_lightmap *lightmap = &w->result->surface->lightmaps[i];
+        const int status = kiln_map_create(&w->maps[i], lightmap->width, lightmap->height, error);
+        if (status != KILN_OK)
+            return status;
+        own[(*count)++] = (uint32_t)i;
+    }
+    qsort_r(own, *count, sizeof *own, compare_texels, w->result->surface->lightmaps);
+    return KILN_OK;
+}
+
+/* Threads for an object: its share of the round's texels. Small ones get one. */
+static int share_of_threads(const struct writer *w, uint32_t object, uint64_t texels, int of)
+{
+    const struct kiln_lightmap *lightmap = &w->result->surface->lightmaps[object];
+    const double share = (double)lightmap->width * lightmap->height / (double)texels;
+    const long threads = lround(share * of);
+    return threads < 1 ? 1 : (int)threads;
+}
+
+/* Objects are independent of each other, so threads take one each; a large one is worked on by several (the loops
+ * inside it are parallel, too). The first failing object's sentence is kept. */
+static int write_round(const struct writer *w, const uint32_t *own, size_t count, struct kiln_error *error)
+{
+    size_t first_failed = SIZE_MAX;
+    int status = KILN_OK;
+    uint64_t texels = 0;
+    for (size_t i = 0; i < count; i++)
+        texels += (uint64_t)w->result->surface->lightmaps[own[i]].width * w->result->surface->lightmaps[own[i]].height;
+    const int threads = omp_get_max_threads(), team = count < (size_t)threads ? (int)count : threads,
+              levels = omp_get_max_active_levels();
+    if (count == 0)
+        return KILN_OK;
+    omp_set_max_active_levels(2);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(team)
+    for (size_t i = 0; i < count; i++) {
+        struct kiln_error mine = {{0}};
+        omp_set_num_threads(share_of_threads(w, own[i], texels, threads)); /* of the loops inside */
+        const int result = write_object(w, own[i], &mine);
+        if (result == KILN_OK)
+            continue;
+#pragma omp critical(kiln_write_round)
+        if (i < first_failed) {
+            first_failed = i;
+            status = kiln_fail(error, result, "%s", mine.message);
+        }
+    }
+    omp_set_max_active_levels(levels);
+    return status;
+}
+
+/* Own objects of the round that all ranks pack go to the front of `own`, in their order. Returns how many. */
+static size_t sort_large(const struct kiln_strip_deal *strips, uint32_t *own, size_t count)
+{
+    size_t large = 0;
+    for (size_t i = 0; i < count; i++) {
+        const uint32_t object = own[i];
+        if (!kiln_strip_deal_has(strips, object))
+            continue;
+        memmove(own + large + 1, own + large, (i - large) * sizeof *own);
+        own[large++] = object;
+    }
+    return large;
+}
+
+/* Collective. The objects whose points are here: small ones each rank for itself, then large ones all together. */
+static int write_together(const struct writer *w, const struct kiln_assignment *deal, uint32_t round, uint32_t *own,
+                          size_t count, struct kiln_error *error)
+{
+    const MPI_Comm comm = w->result->communicator;
+    const struct kiln_lightmap *lightmaps = w->result->surface->lightmaps;
+    struct kiln_strip_deal *strips = NULL;
+    struct large large = {0};
+    const uint64_t least = w->params->least_divided > 0 ? w->params->least_divided : KILN_STRIPS_LEAST;
+    int status = kiln_strip_deal_create(&strips, lightmaps, deal, round, w->ranks, least, error);
+    if (status == KILN_OK) {
+        const size_t first_small = sort_large(strips, own, count);
+        status = write_round(w, own + first_small, count - first_small, error);
+        if (status == KILN_OK)
+            status = begin_large(w, own, first_small, &large, error);
+    }
+    status = kiln_agree(comm, status, error);
+    if (status == KILN_OK)
+        status = kiln_strips_write(comm, strips, lightmaps, large.sources, large.count, w->params->faults, error);
+    destroy_large(&large);
+    kiln_strip_deal_destroy(&strips);
+    return status;
+}
+
+static int write_rounds(struct writer *w, const struct kiln_assignment *deal, uint32_t rank, struct kiln_error *error)
+{
+    const MPI_Comm comm = w->result->communicator;
+    struct kiln_texel_gather *exchange = NULL;
+    uint32_t *own = NULL;
+    int status = kiln_texel_gather_create(&exchange, w->result, deal, 0, error); /* collective */
+    if (status != KILN_OK)
+        return status;
+    status = kiln_agree(comm, kiln_allocate(&own, deal->count, sizeof *own, "objects to write", error), error);
+    for (uint32_t round = 0; status == KILN_OK && round < deal->rounds; round++) {
+        size_t count = 0;
+        status = kiln_agree(comm, open_round(w, deal, rank, round, own, &count, error), error);
+        if (status == KILN_OK)
+            status = kiln_texel_gather_round(exchange, round, put_point, w, error);
+        if (status == KILN_OK)
+            status = write_together(w, deal, round, own, count, error);
+    }
+    kiln_free(&own);
+    kiln_texel_gather_destroy(&exchange);
+    return status;
+}
+
+/* Every report is made on one rank and zero on the others, so joining the bits is exact. */
+static int gather_reports(const struct kiln_bake_result *result, const struct kiln_lightmap_report *own, int rank,
+                          struct kiln_lightmap_report *reports, struct kiln_error *error)
+{
+    enum { AT_ONCE = 1 << 16 };
+    for (size_t first = 0; first < result->surface->map_count; first += AT_ONCE) {
+        const size_t left = result->surface->map_count - first;
+        const int count = (int)(left < AT_ONCE ? left : AT_ONCE);
+        /* the struct is one 32-bit number, five 64-bit ones and seven doubles: joined as bytes, since the others' are
+         * all zero */
+        if (MPI_Reduce(own + first, rank == 0 ? reports + first : NULL, count * (int)sizeof *own, MPI_BYTE, MPI_BOR, 0,
+                       result->communicator) != MPI_SUCCESS)
+            return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the ranks' reports on lightmaps were gathered");
+    }
+    for (size_t i = 0; rank != 0 && i < result->surface->map_count; i++)
+        reports[i] = (struct kiln_lightmap_report){.map = (uint32_t)i};
+    return KILN_OK;
+}
+
+static int make_folders(const struct kiln_surface *surface, const char *directory, struct kiln_error *error)
+{
+    struct kiln_folder made;
+    bool backs = false;
+    for (uint32_t i = surface->object_count; i < surface->map_count; i++)
+        backs = backs || surface->lightmaps[i].published != 0;
+    const int status = kiln_folder_open(&made, directory, backs ? "lightmaps/back" : "lightmaps", true, error);
+    kiln_folder_close(&made);
+    return status;
+}
+
+int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,
+                         struct kiln_lightmap_report *reports, struct kiln_error *error)
+{
+    const size_t maps = result->surface->map_count;
+    struct writer w = {.result = result, .params = params};
+    struct kiln_assignment *deal = NULL;
+    int rank = 0, ranks = 1;
+    if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS ||
+        MPI_Comm_size(result->communicator, &ranks) != MPI_SUCCESS)
+        return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
+    w.ranks = (uint32_t)ranks;
+    w.has_seed = kiln_provenance_seed(params->provenance_json, &w.seed);
+    int status = rank == 0 ? make_folders(result->surface, params->directory, error) : KILN_OK;
+    if (status == KILN_OK)
+        status = kiln_allocate(&w.reports, maps, sizeof *w.reports, "reports on lightmaps", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&w.maps, maps, sizeof(struct kiln_map *), "lightmaps", error);
+    if (status == KILN_OK)
+        status = kiln_assignment_create(&deal, result->surface->lightmaps, maps, (uint32_t)ranks, texel_budget, error);
+    status = kiln_agree(result->communicator, status, error);
+    if (status == KILN_OK)
+        status = write_rounds(&w, deal, (uint32_t)rank, error);
+    if (status == KILN_OK && reports != NULL)
+        status = kiln_agree(result->communicator, gather_reports(result, w.reports, rank, reports, error), error);
+    for (size_t i = 0; w.maps != NULL && i < maps; i++)
+        kiln_map_destroy(&w.maps[i]);
+    kiln_free(&w.maps);
+    kiln_free(&w.reports);
+    kiln_assignment_destroy(&deal);
+    return status;
+}

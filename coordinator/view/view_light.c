@@ -1,0 +1,365 @@
+#include "coordinator/view/view_light.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "coordinator/output/exr.h"
+#include "coordinator/files/publish.h"
+#include "worker/sampling/keys.h"
+#include "worker/base/memory.h"
+#include "worker/sampling/sequence.h"
+#include "worker/scene/footprint.h"
+#include "worker/scene/texture.h"
+
+enum { MOST_BACK_FACES = 64 };
+
+/* ---- rays ---- */
+
+int kiln_view_rays_create(struct kiln_view_rays **rays, size_t capacity, struct kiln_error *error)
+{
+    int status = kiln_allocate(rays, 1, sizeof **rays, "rays of a view", error);
+    if (status != KILN_OK)
+        return status;
+    struct kiln_view_rays *r = *rays;
+    struct kiln_vec3 **vectors[] = {&r->origins, &r->directions, &r->active_origins, &r->active_directions};
+    r->capacity = capacity;
+    for (size_t i = 0; status == KILN_OK && i < sizeof vectors / sizeof *vectors; i++)
+        status = kiln_allocate(vectors[i], capacity, sizeof(struct kiln_vec3), "rays of a view", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&r->hits, capacity, sizeof *r->hits, "hits of a view", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&r->active_hits, capacity, sizeof *r->hits, "hits of a view", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&r->active, capacity, sizeof *r->active, "rays of a view", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&r->passed, capacity, sizeof *r->passed, "rays of a view", error);
+    if (status != KILN_OK)
+        kiln_view_rays_destroy(rays);
+    return status;
+}
+
+void kiln_view_rays_destroy(struct kiln_view_rays **rays)
+{
+    struct kiln_view_rays *r = *rays;
+    if (r == NULL)
+        return;
+    kiln_free(&r->origins);
+    kiln_free(&r->directions);
+    kiln_free(&r->hits);
+    kiln_free(&r->passed);
+    kiln_free(&r->active);
+    kiln_free(&r->active_origins);
+    kiln_free(&r->active_directions);
+    kiln_free(&r->active_hits);
+    kiln_free(rays);
+}
+
+static bool is_unpublished(const struct kiln_scene *scene, uint32_t object)
+{
+    return (scene->objects[object].flags & KILN_OBJECT_CASTER_ONLY) != 0;
+}
+
+bool kiln_view_is_seen(const struct kiln_view_source *source, const struct kiln_hit *hit)
+{
+    if (hit->triangle == KILN_NONE)
+        return false;
+    const struct kiln_hit_record *record = &source->geometry->records[hit->triangle];
+    if (is_unpublished(source->scene, record->object) && (record->material & KILN_RECORD_EMITS) == 0)
+        return false;
+    return !hit->back || (record->material & KILN_RECORD_DOUBLE_SIDED) != 0;
+}
+
+/* Rays that must go on: their number, and their places in `active`. */
+static size_t step_behind_backs(const struct kiln_view_source *source, struct kiln_view_rays *r, size_t count)
+{
+    const struct kiln_geometry *g = source->geometry;
+    size_t active = 0;
+    for (size_t i = 0; i < count; i++) {
+        if (r->hits[i].triangle == KILN_NONE || kiln_view_is_seen(source, &r->hits[i]))
+            continue;
+        const float beyond = r->hits[i].distance * (1.0f + 1e-6f) + 1e-6f * g->extent;
+        r->origins[i] = vec3_madd(r->origins[i], r->directions[i], beyond);
+        r->passed[i] += beyond;
+        r->active[active] = (uint32_t)i;
+        r->active_origins[active] = r->origins[i];
+        r->active_directions[active++] = r->directions[i];
+    }
+    return active;
+}
+
+/* The next hit of a ray takes the place of the last; what tints it before that tints it still. */
+static void go_on(struct kiln_hit *hit, const struct kiln_hit *next)
+{
+    const float before[3] = {hit->tint[0], hit->tint[1], hit->tint[2]};
+    *hit = *next;
+    for (int c = 0; c < 3; c++)
+        hit->tint[c] *= before[c];
+}
+
+int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays *r, size_t count,
+                    struct kiln_error *error)
+{
+    int status = kiln_backend_intersect(source->backend, r->origins, r->directions, count, r->hits, error);
+    for (size_t i = 0; i < count; i++)
+        r->passed[i] = 0.0f;
+    for (int step = 0; status == KILN_OK && step < MOST_BACK_FACES; step++) {
+        const size_t active = step_behind_backs(source, r, count);
+        if (active == 0)
+            break;
+        status = kiln_backend_intersect(source->backend, r->active_origins, r->active_directions, active,
+                                        r->active_hits, error);
+        for (size_t i = 0; status == KILN_OK && i < active; i++)
+            go_on(&r->hits[r->active[i]], &r->active_hits[i]);
+    }
+    return status;
+}
+
+/* ---- lightmaps ---- */
+
+struct map {
+    struct kiln_image *image; /* NULL until needed */
+    float *planes[3];
+    float scale_x, scale_y; /* from texels of the scene's lightmap to texels here */
+    bool looked_for;        /* of backs */
+};
+
+struct kiln_view_maps {
+    const struct kiln_view_source *source;
+    uint32_t coarse;
+    struct map *maps; /* one an object; then one for the backs of each, where there is one */
+};
+
+int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_source *source, uint32_t coarse,
+                          struct kiln_error *error)
+{
+    int status = kiln_allocate(maps, 1, sizeof **maps, "lightmaps in view", error);
+    if (status != KILN_OK)
+        return status;
+    (*maps)->source = source;
+    (*maps)->coarse = coarse;
+    status = kiln_allocate(&(*maps)->maps, 2 * source->scene->object_count, sizeof *(*maps)->maps, "lightmaps in view",
+                           error);
+    if (status != KILN_OK)
+        kiln_view_maps_destroy(maps);
+    return status;
+}
+
+void kiln_view_maps_destroy(struct kiln_view_maps **maps)
+{
+    if (*maps == NULL)
+        return;
+    for (size_t i = 0; (*maps)->maps != NULL && i < 2 * (*maps)->source->scene->object_count; i++)
+        kiln_image_destroy(&(*maps)->maps[i].image);
+    kiln_free(&(*maps)->maps);
+    kiln_free(maps);
+}
+
+/* Means over boxes of `every` x `every` texels, the last ones cut. */
+static void average(const struct kiln_image *image, float *const from[3], uint32_t every,
+                    const struct kiln_image *small, float *const to[3])
+{
+    for (uint32_t y = 0; y < small->height; y++)
+        for (uint32_t x = 0; x < small->width; x++)
+            for (int c = 0; c < 3; c++) {
+                double sum = 0.0;
+                size_t count = 0;
+                for (uint32_t v = y * every; v < (y + 1) * every && v < image->height; v++)
+                    for (uint32_t u = x * every; u < (x + 1) * every && u < image->width; u++, count++)
+                        sum += (double)from[c][(size_t)v * image->width + u];
+                to[c][(size_t)y * small->width + x] = (float)(sum / (double)count);
+            }
+}
+
+static int make_coarse(struct map *map, uint32_t side, struct kiln_error *error)
+{
+    static const char *const names[] = {"R", "G", "B"};
+    struct kiln_image *image = map->image, *small = NULL;
+    const uint32_t longest = image->width > image->height ? image->width : image->height,
+                   every = (longest + side - 1) / side;
+    if (every <= 1)
+        return KILN_OK;
+    const int status = kiln_image_create(&small, (image->width + every - 1) / every,
+                                         (image->height + every - 1) / every, names, 3, error);
+    if (status != KILN_OK)
+        return status;
+    float *planes[3];
+    (void)kiln_image_rgb(small, "", planes);
+    average(image, map->planes, every, small, planes);
+    kiln_image_destroy(&map->image);
+    map->image = small;
+    for (int c = 0; c < 3; c++)
+        map->planes[c] = planes[c];
+    map->scale_x = map->scale_y = 1.0f / (float)every;
+    return KILN_OK;
+}
+
+/* Whether run.json says that everything was written. */
+static bool is_whole(const char *directory)
+{
+    char path[KILN_PATH_SIZE];
+    return kiln_path_join(path, directory, "run.json", NULL) == KILN_OK && access(path, F_OK) == 0;
+}
+
+/* lightmaps/OBJECT.exr, or that of the backs, and its path. */
+static int map_path(const struct kiln_view_maps *maps, uint32_t object, bool back, char name[KILN_PATH_SIZE],
+                    char path[KILN_PATH_SIZE], struct kiln_error *error)
+{
+    const struct kiln_scene *scene = maps->source->scene;
+    const int length = snprintf(name, KILN_PATH_SIZE, "lightmaps/%s%s.exr", back ? "back/" : "",
+                                kiln_scene_string(scene, scene->objects[object].name));
+    if (length < 0 || length >= KILN_PATH_SIZE || kiln_path_join(path, maps->source->directory, name, NULL) != KILN_OK)
+        return kiln_fail(error, KILN_NO_INPUT, "the path of the lightmap of object %u is too long", object);
+    return KILN_OK;
+}
+
+static int load(struct kiln_view_maps *maps, uint32_t object, bool back, struct kiln_error *error)
+{
+    static const char *const wanted[] = {"R", "G", "B"};
+    const struct kiln_object *o = &maps->source->scene->objects[object];
+    struct map *map = &maps->maps[object + (back ? maps->source->scene->object_count : 0)];
+    char name[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
+    int status = map_path(maps, object, back, name, path, error);
+    if (status == KILN_OK)
+        status = maps->source->results != NULL
+                     ? kiln_results_image(maps->source->results, name, wanted, 3, &map->image, error)
+                     : kiln_exr_read(path, wanted, 3, &map->image, error);
+    if (status == KILN_NO_INPUT && !is_whole(maps->source->directory))
+        return kiln_fail(error, KILN_NO_INPUT,
+                         "the bake in %s is not finished: it has no %s yet (kiln status %s says where it is)",
+                         maps->source->directory, path + strlen(maps->source->directory) + 1, maps->source->directory);
+    if (status != KILN_OK)
+        return status;
+    if (map->image->width != o->lightmap_width || map->image->height != o->lightmap_height ||
+        !kiln_image_rgb(map->image, "", map->planes))
+        return kiln_fail(
+            error, KILN_BAD_INPUT,
+            "'%s' is not the lightmap of this scene's object: it has %u x %u texels, the scene says %u x %u", path,
+            map->image->width, map->image->height, o->lightmap_width, o->lightmap_height);
+    map->scale_x = map->scale_y = 1.0f;
+    return maps->coarse > 0 ? make_coarse(map, maps->coarse, error) : KILN_OK;
+}
+
+static bool has_back(const struct kiln_view_maps *maps, uint32_t object)
+{
+    char name[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
+    if (map_path(maps, object, true, name, path, NULL) != KILN_OK)
+        return false;
+    return maps->source->results != NULL ? kiln_results_has(maps->source->results, name) : access(path, F_OK) == 0;
+}
+
+int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits, size_t count,
+                        struct kiln_error *error)
+{
+    const size_t objects = maps->source->scene->object_count;
+    int status = KILN_OK;
+    for (size_t i = 0; status == KILN_OK && i < count; i++) {
+        if (hits[i].triangle == KILN_NONE)
+            continue;
+        const uint32_t object = maps->source->geometry->records[hits[i].triangle].object;
+        struct map *front = &maps->maps[object], *back = &maps->maps[object + objects];
+        if (is_unpublished(maps->source->scene, object))
+            continue;
+        if (front->image == NULL)
+            status = load(maps, object, false, error);
+        if (status == KILN_OK && hits[i].back && !back->looked_for) {
+            back->looked_for = true;
+            status = has_back(maps, object) ? load(maps, object, true, error) : KILN_OK;
+        }
+    }
+    return status;
+}
+
+static void look_up(const struct map *map, float x, float y, float rgb[3])
+{
+    const struct kiln_image *image = map->image;
+    const float fx = fminf(fmaxf(x - 0.5f, 0.0f), (float)(image->width - 1)),
+                fy = fminf(fmaxf(y - 0.5f, 0.0f), (float)(image->height - 1));
+    const uint32_t x0 = (uint32_t)fx, y0 = (uint32_t)fy;
+    const uint32_t x1 = x0 + 1 < image->width ? x0 + 1 : x0, y1 = y0 + 1 < image->height ? y0 + 1 : y0;
+    const float wx = fx - (float)x0, wy = fy - (float)y0;
+    for (int c = 0; c < 3; c++) {
+        const float *row0 = map->planes[c] + (size_t)y0 * image->width,
+                    *row1 = map->planes[c] + (size_t)y1 * image->width;
+        rgb[c] = (1.0f - wy) * ((1.0f - wx) * row0[x0] + wx * row0[x1]) + wy * ((1.0f - wx) * row1[x0] + wx * row1[x1]);
+    }
+}
+
+static const struct map *map_of(const struct kiln_view_maps *maps, const struct kiln_hit *hit)
+{
+    const uint32_t object = maps->source->geometry->records[hit->triangle].object;
+    const struct map *back = &maps->maps[object + maps->source->scene->object_count];
+    return hit->back && back->image != NULL ? back : &maps->maps[object];
+}
+
+bool kiln_view_lends(const struct kiln_view_maps *maps, const struct kiln_hit *hit)
+{
+    return hit->back && map_of(maps, hit) == &maps->maps[maps->source->geometry->records[hit->triangle].object];
+}
+
+void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, float rgb[3])
+{
+    const struct kiln_hit_record *record = &maps->source->geometry->records[hit->triangle];
+    const struct map *map = map_of(maps, hit);
+    const float x = record->texel[0] + hit->u * record->texel[2] + hit->v * record->texel[4];
+    const float y = record->texel[1] + hit->u * record->texel[3] + hit->v * record->texel[5];
+    rgb[0] = rgb[1] = rgb[2] = 0.0f;
+    if (map->image != NULL)
+        look_up(map, x * map->scale_x, y * map->scale_y, rgb);
+}
+
+/* ---- texels ---- */
+
+/* A checkerboard of the object's lightmap: one square a texel, a tint for each object, darker where the surface is seen
+ * at a slant. */
+static void texel_color(const struct kiln_view_source *s, const struct kiln_hit *hit, struct kiln_vec3 direction,
+                        float rgb[3])
+{
+    const struct kiln_hit_record *record = &s->geometry->records[hit->triangle];
+    const float x = floorf(record->texel[0] + hit->u * record->texel[2] + hit->v * record->texel[4]);
+    const float y = floorf(record->texel[1] + hit->u * record->texel[3] + hit->v * record->texel[5]);
+    const float square = fmodf(fabsf(x + y), 2.0f) == 0.0f ? 0.8f : 0.25f;
+    const float slant = 0.4f + 0.6f * fabsf(vec3_dot(kiln_triangle_normal(s->geometry, hit->triangle), direction));
+    for (uint32_t c = 0; c < 3; c++)
+        rgb[c] = square * slant * (0.75f + 0.25f * kiln_unit_float(kiln_hash2(record->object, c)));
+}
+
+/* ---- colour ---- */
+
+/* By what the ray went through before its hit. */
+static void tint(const struct kiln_hit *hit, float rgb[3])
+{
+    for (int c = 0; c < 3; c++)
+        rgb[c] *= hit->tint[c];
+}
+
+void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, struct kiln_vec3 direction,
+                        struct kiln_view_seen *seen)
+{
+    const struct kiln_view_source *s = maps->source;
+    *seen = (struct kiln_view_seen){0};
+    if (s->texels && kiln_view_is_seen(s, hit)) {
+        texel_color(s, hit, direction, seen->rgb);
+        return;
+    }
+    if (!kiln_view_is_seen(s, hit)) {
+        if (s->lights != NULL)
+            kiln_environment_radiance(s->lights, dvec3_of(direction), seen->rgb);
+        tint(hit, seen->rgb);
+        return;
+    }
+    const struct kiln_mesh *mesh =
+        &s->scene->meshes[s->scene->objects[s->geometry->records[hit->triangle].object].mesh];
+    const uint64_t stored = s->geometry->stored_triangle[hit->triangle];
+    float color[4], irradiance[3], emission[3], b1, b2;
+    kiln_geometry_stored_barycentrics(s->scene, s->geometry, hit->triangle, hit->u, hit->v, &b1, &b2);
+    kiln_surface_base_color(s->scene, mesh, stored, b1, b2, color);
+    kiln_surface_emission(s->scene, mesh, stored, b1, b2, emission);
+    kiln_view_irradiance(maps, hit, irradiance);
+    seen->metal = s->scene->materials[s->scene->triangle_materials[stored]].metallic;
+    seen->lent = kiln_view_lends(maps, hit) ? 1.0f : 0.0f;
+    for (int c = 0; c < 3; c++)
+        seen->rgb[c] = color[c] * irradiance[c] * (float)(1.0 / KILN_PI) + emission[c];
+    tint(hit, seen->rgb);
+}
