@@ -11,7 +11,7 @@
 
 struct kiln_output_params {
     const char *directory;
-    bool half, stitch, error_map;
+    bool half, stitch;
     uint64_t least_divided; /* texels of a lightmap that several ranks may pack; 0: KILN_STRIPS_LEAST */
     /* what ran, as one JSON object: kept as an attribute of the HDF5 files; no time stamps */
     const char *provenance_json;
@@ -30,29 +30,29 @@ struct kiln_lightmap_report {
 };
 
 /* DIR/lightmaps/OBJECT.exr for every object but the caster-only ones, and DIR/lightmaps/back/OBJECT.exr for backs,
- * where they are published. Channels R G B = direct + indirect; layers direct.R.. and indirect.R.., error.Y when
- * error_map is set, coverage.Y (share of the texel's square that the layout covers; half) and validity.Y (1 gathered,
- * 0.5 on a surface but filled from neighbours, 0 margin; half). Invalid points are filled, chart seams of an object
- * smoothed, margins dilated over the whole image, each texel from the chart that reads it. Which rank writes an object,
- * and which ones pack it, does not change a byte: one that is large beside what other ranks have to write is packed by
- * several (strips.h). With `half` a file whose values would leave half precision is written as float, and its attribute
- * kiln:precision says why. `reports` has surface->map_count entries or is NULL; if it is given on one rank it is given
- * on all. */
+ * where they are published. The channels of all fields of the bake that are in lightmaps (coordinator/field/fields.c: R
+ * G B = direct + indirect; direct.R and so on, indirect.R and so on), coverage.Y (share of the texel's square that the
+ * layout covers; half) and validity.Y (1 gathered, 0.5 on a surface but filled from neighbours, 0 margin; half).
+ * Invalid points are filled, chart seams of an object smoothed, margins dilated over the whole image, each texel from
+ * the chart that reads it. Which rank writes an object, and which ones pack it, does not change a byte: one that is
+ * large beside what other ranks have to write is packed by several (strips.h). With `half` a file whose values would
+ * leave half precision is written as float, and its attribute kiln:precision says why. `reports` has surface->map_count
+ * entries or is NULL; if it is given on one rank it is given on all. */
 int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                          struct kiln_lightmap_report *reports, struct kiln_error *error);
 
-/* DIR/kiln.h5, packed by all ranks and threads and written by rank 0: /points (position, normal, object, texel, area,
- * albedo, valid, cell), /irradiance (direct, indirect, total, error), /objects, /cells, provenance as attributes;
- * `units` and `description` on every dataset. */
-/* What the file takes at most, for which there must be room before it is begun. */
-uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface *surface);
+/* What kiln.h5 takes at most, for which there must be room before it is begun. */
+uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface *surface,
+                       const struct kiln_field_set *fields);
+/* DIR/kiln.h5, packed by all ranks and threads and written by rank 0: /points and /irradiance with the columns of
+ * columns.h, /objects, /cells, provenance as attributes; `units` and `description` on every dataset. */
 int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                   struct kiln_error *error);
 
-/* DIR/volume.hdf, VTKHDF ImageData: PointData irradiance_sh (27 components, the nine coefficients of irradiance divided
- * by nothing: E(n) = sum_i c_i Y_i(n)), irradiance_posx ... irradiance_negz, validity, mean_distance. */
 /* As kiln_h5_space; of the volume its size is looked at. */
 uint64_t kiln_volume_space(const struct kiln_volume_result *volume);
+/* DIR/volume.hdf, VTKHDF ImageData: PointData irradiance_sh (27 components, the nine coefficients of irradiance divided
+ * by nothing: E(n) = sum_i c_i Y_i(n)), irradiance_posx ... irradiance_negz, validity, mean_distance. */
 int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_volume_result *volume,
                       const struct kiln_output_params *params, struct kiln_error *error);
 

@@ -7,7 +7,7 @@
 #define KILN_COORDINATOR_OUTPUT_MAP_TEXEL_GATHER_H
 
 #include "coordinator/field/result.h"
-#include "coordinator/output/map/map.h"
+#include "coordinator/output/map/layers.h"
 
 /* Who writes which lightmap when: the same on all ranks. Pure arithmetic on sizes. What is not published has the owner
  * KILN_NONE. */
@@ -20,20 +20,21 @@ int kiln_assignment_create(struct kiln_assignment **deal, const struct kiln_ligh
                            uint32_t ranks, uint64_t texel_budget, struct kiln_error *error);
 void kiln_assignment_destroy(struct kiln_assignment **deal);
 
-/* One point on its way. `triangle` is the world triangle of its first piece. */
+/* One point on its way. `triangle` is the world triangle of its first piece; `values` are of all planes. */
 struct kiln_texel_record {
     uint32_t map, x, y, triangle, valid;
     float area, coverage;
-    float values[KILN_MAP_PLANES];
+    float values[];
 };
 
 /* What is sent when; made once. */
 struct kiln_texel_gather;
 
-/* `records_per_pass` bounds what a rank sends in one pass (and about what it receives); 0 chooses 2^18, which is 15 MB.
- */
+/* `layers` are of the result's fields. `records_per_pass` bounds what a rank sends in one pass (and about what it
+ * receives); 0 chooses 2^18, which is 15 MB with the planes that every map has. */
 int kiln_texel_gather_create(struct kiln_texel_gather **exchange, const struct kiln_bake_result *result,
-                             const struct kiln_assignment *deal, size_t records_per_pass, struct kiln_error *error);
+                             const struct kiln_assignment *deal, const struct kiln_layers *layers,
+                             size_t records_per_pass, struct kiln_error *error);
 void kiln_texel_gather_destroy(struct kiln_texel_gather **exchange);
 
 /* Collective. Sends the own points of all objects of the round and calls `put` for each point of this rank's objects,
