@@ -133,6 +133,7 @@ static int take_charge(struct bake *b, struct kiln_error *error)
                                                .checkpoint_every = b->job->checkpoint_every,
                                                .watchdog = b->watchdog,
                                                .limit = b->job->watchdog,
+                                               .no_locks = b->job->faults.no_locks,
                                                .signal = kiln_process_signal()};
     int status = kiln_control_create(&b->control, &params, error);
     if (status != KILN_OK)
@@ -410,8 +411,11 @@ static int write_results(struct bake *b, const char *provenance, struct kiln_err
                                             .data = kiln_rank_data(data, kiln_node_data_own(data)),
                                             .radiosity = b->solution->radiosity,
                                             .stop = kiln_control_stop(b->control)};
-    const struct kiln_output_params params = {
-        .directory = b->job->output, .half = b->job->half, .stitch = b->job->stitch, .provenance_json = provenance};
+    const struct kiln_output_params params = {.directory = b->job->output,
+                                              .half = b->job->half,
+                                              .stitch = b->job->stitch,
+                                              .faults = &b->job->faults,
+                                              .provenance_json = provenance};
     kiln_phase(&b->phases, "lightmaps");
     kiln_progress_phase(b->progress, "lightmaps", 0);
     int status = kiln_allocate(&b->lightmaps, b->prepared->surface->map_count, sizeof *b->lightmaps,
@@ -664,7 +668,8 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
     b.begin = MPI_Wtime();
     b.progress = b.rank == 0 && job->quiet ? kiln_progress_create_silent() : kiln_progress_create(job->quiet, b.rank);
     kiln_phase(&b.phases, NULL);
-    int status = kiln_watchdog_create(&b.watchdog, b.communicator, job->watchdog, error);
+    int status = kiln_watchdog_create(&b.watchdog, b.communicator, job->watchdog,
+                                      kiln_faults_halt(&job->faults, (uint32_t)b.rank), error);
     if (status == KILN_OK && job->trace != NULL)
         status = kiln_trace_create(&b.trace, b.communicator, error);
     b.phases.watchdog = b.watchdog;

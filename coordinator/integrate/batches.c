@@ -269,6 +269,8 @@ static enum kiln_event do_next(struct kiln_batches *b, struct kiln_error *error)
 
 void kiln_batches_begin(struct kiln_batches *b, struct kiln_step_report *report, struct kiln_error *error)
 {
+    const struct kiln_integrate_settings *settings = b->params->settings;
+    b->slowness = (uint32_t)b->params->rank == settings->slow_rank ? fmax(1.0, settings->slowness) : 1.0;
     b->report = report;
     if (!(b->rate > 0.0))
         b->rate = RATE_START * b->params->threads;
@@ -286,30 +288,4 @@ int kiln_batches_run(struct kiln_batches *b, enum kiln_event *event, struct kiln
     return *event == KILN_EVENT_FAIL || *event == KILN_EVENT_DONE
                ? kiln_agree(b->params->communicator, b->status, error)
                : KILN_OK;
-}
-
-/* ---- for tests ---- */
-
-int kiln_slow_rank(uint32_t *rank, double *factor, struct kiln_error *error)
-{
-    const char *text = getenv("KILN_SLOW_RANK");
-    int end = 0;
-    *rank = 0;
-    *factor = 1.0;
-    if (text == NULL || text[0] == '\0')
-        return KILN_OK;
-    if (sscanf(text, "%" SCNu32 ":%lf%n", rank, factor, &end) < 2 || text[end] != '\0' ||
-        !(*factor >= 1.0 && *factor <= 1e6))
-        return kiln_fail(error, KILN_USAGE,
-                         "KILN_SLOW_RANK is '%.100s'; it is RANK:FACTOR, and the factor 1 to 1000000", text);
-    return KILN_OK;
-}
-
-int kiln_batches_read_slowness(struct kiln_batches *b, struct kiln_error *error)
-{
-    uint32_t rank;
-    const int status = kiln_slow_rank(&rank, &b->slowness, error);
-    if (rank != (uint32_t)b->params->rank)
-        b->slowness = 1.0;
-    return status;
 }

@@ -19,7 +19,7 @@ struct kiln_batches {
     struct kiln_taker *taker;
     /* own */
     double rate;     /* rays a second of this rank, as far as is known; 0: not at all */
-    double slowness; /* how many times the time of a batch it shall take: kiln_slow_rank; 1: as long as it takes */
+    double slowness; /* how many times the time of a batch it shall take (for tests); 1: as long as it takes */
     struct kiln_step_report *report; /* of the step under way */
     int status;                      /* of it, on this rank */
     /* the batch under way */
@@ -27,9 +27,6 @@ struct kiln_batches {
     uint64_t points;                   /* taken so far */
     double since;                      /* when the part that is computed now was begun */
 };
-
-/* kiln_slow_rank, where it is this one. */
-int kiln_batches_read_slowness(struct kiln_batches *batches, struct kiln_error *error);
 
 /* A step begins, or is gone on with: what of it is to do stands in `work`. A failure is kept for kiln_batches_run. */
 void kiln_batches_begin(struct kiln_batches *batches, struct kiln_step_report *report, struct kiln_error *error);

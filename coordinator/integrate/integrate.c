@@ -104,8 +104,6 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
     int status = make_allgather(l, error);
     if (status == KILN_OK) /* after the radiosity: that is the node's most useful block */
         status = make_data(l, error);
-    if (status == KILN_OK)
-        status = kiln_agree(p->communicator, kiln_batches_read_slowness(&l->batches, error), error);
     if (status == KILN_OK && restored)
         status = kiln_restore(&l->saved, &finished, error);
     if (status == KILN_OK) {

@@ -40,8 +40,4 @@ int kiln_integrate(struct kiln_solution **solution, const struct kiln_integrate_
 int kiln_integrate_save(struct kiln_solution *solution, const struct kiln_integrate_params *params,
                         const struct kiln_block *more, size_t count, struct kiln_error *error);
 
-/* For tests of who helps whom: from the environment variable KILN_SLOW_RANK, R:F, rank R takes F times as long for a
- * batch (F >= 1). 0 and 1 where it is not set; KILN_USAGE when it is not understood. */
-int kiln_slow_rank(uint32_t *rank, double *factor, struct kiln_error *error);
-
 #endif

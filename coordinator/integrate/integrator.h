@@ -1,6 +1,6 @@
 /* An integrator is a way to compute the light of a scene: which steps there are, what is done with the answers of each,
- * and what is exchanged between them. One struct of functions for each; the table of all is integrators.c, one folder
- * for each holds its code.
+ * and what is exchanged between them. One struct of functions for each. A new integrator is a name in
+ * KILN_INTEGRATOR_LIST (coordinator/job/choices.h), and a folder here with its struct.
  *
  * The lockstep runner (lockstep.h) asks `next` for a step, calls `begin_step`, has all own points computed, in batches
  * whose answers `take` gets, calls `end_step`, and asks again. `kiln plan`, its simulation and the rule that

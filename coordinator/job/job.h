@@ -10,7 +10,8 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#include "coordinator/integrate/settings.h"
+#include "coordinator/job/choices.h"
+#include "coordinator/job/faults.h"
 #include "worker/base/status.h"
 
 /* What the lights' numbers are measured in: what the file says, or as asked. */
@@ -46,7 +47,7 @@ struct kiln_job {
 
     /* transport */
     char *quality;   /* draft | preview | production | reference: what the sample counts start from */
-    char *method;    /* name of an integrator: integrate/integrators.c */
+    char *method;    /* name of an integrator: KILN_INTEGRATOR_LIST */
     int64_t bounces; /* indirect bounces; -1: as many as there is energy for, and a tail */
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;
@@ -122,6 +123,8 @@ struct kiln_job {
     double range;           /* of rgbm; 0: each page's largest value */
     uint32_t atlas;         /* largest side of a page; 0: one page an object */
     bool drop_baked_lights; /* leave the lights out that are in the lightmaps */
+
+    struct kiln_faults faults; /* of the environment, for tests */
 
     bool answered; /* by the command: its JSON object is on stdout, though it fails */
     void *strings; /* private: what the job owns */

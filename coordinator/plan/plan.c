@@ -360,10 +360,8 @@ static double bounce_bytes(const struct kiln_job *job, uint64_t points)
 
 /* What samples of it took, for which there is no phase. */
 struct timing {
-    double probe;       /* s each */
-    double emission;    /* s in all */
-    uint32_t slow_rank; /* KILN_SLOW_RANK */
-    double slowness;
+    double probe;    /* s each */
+    double emission; /* s in all */
 };
 
 /* All that does not depend on how even the ranks' work is. */
@@ -491,8 +489,8 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
                   .share_bytes = surface + (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_RESULT),
                   .bandwidth = job->node_bandwidth * 1e9,
                   .latency = job->node_latency * 1e-6,
-                  .slow_rank = timing->slow_rank,
-                  .slowness = timing->slowness},
+                  .slow_rank = settings->slow_rank,
+                  .slowness = settings->slowness},
         .density = job->points > 0 ? (double)job->points / points : 1.0,
         .once = s->import + s->world + s->emission + preview_seconds(p, job),
         .find_a_point = s->surface * job->ranks / points,
@@ -571,8 +569,6 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     struct timing timing = {0};
     if (status == KILN_OK && job->samples_probe > 0)
         status = kiln_volume_grid(&volume, prepared->scene, job->probe_spacing, error);
-    if (status == KILN_OK)
-        status = kiln_slow_rank(&timing.slow_rank, &timing.slowness, error);
     const struct kiln_integrate_settings settings = kiln_light_settings(job, plan->surface.points);
     if (status == KILN_OK)
         status = kiln_planned_steps_make(&plan->steps, &settings, TYPICAL_BOUNCES, error);
