@@ -1,6 +1,6 @@
 #include "coordinator/bake/light_settings.h"
 
-#include "coordinator/integrate/integrator.h"
+#include "coordinator/bake/integrators.h"
 
 struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, uint64_t points)
 {

@@ -5,8 +5,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* The integrators, for --method: each name of the list is that of a struct, kiln_integrator_cells and so on
- * (coordinator/integrate/integrators.c), and of the folder of its code. */
+/* The integrators, for --method: each name of the list is that of a struct, kiln_integrator_cells and so on,
+ * of which coordinator/bake/integrators.c makes a table, and of the folder of its code in coordinator/integrate/. */
 #define KILN_INTEGRATOR_LIST(entry) entry(cells)
 
 /* AUTO: compact from 2^22 surface points on. With fewer its rounding shows in the ratio of two bounces, which the tail

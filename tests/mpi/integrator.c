@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "coordinator/bake/integrators.h"
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/integrate/packing.h"
 #include "coordinator/integrate/radiosity_exchange.h"

@@ -10,6 +10,7 @@
 
 #include <cmocka.h>
 
+#include "coordinator/bake/integrators.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/plan/simulate_light.h"
