@@ -130,6 +130,7 @@ static int take_charge(struct bake *b, struct kiln_error *error)
                                                .checkpoint_every = b->job->checkpoint_every,
                                                .watchdog = b->watchdog,
                                                .limit = b->job->watchdog,
+                                               .no_locks = b->job->faults.no_locks,
                                                .signal = kiln_process_signal()};
     int status = kiln_control_create(&b->control, &params, error);
     if (status != KILN_OK)
@@ -401,6 +402,7 @@ static int write_results(struct bake *b, const char *provenance, struct kiln_err
                                               .half = b->job->half,
                                               .stitch = b->job->stitch,
                                               .error_map = b->job->error_map,
+                                              .faults = &b->job->faults,
                                               .provenance_json = provenance};
     kiln_phase(&b->phases, "lightmaps");
     kiln_progress_phase(b->progress, "lightmaps", 0);
@@ -654,7 +656,8 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
     b.begin = MPI_Wtime();
     b.progress = b.rank == 0 && job->quiet ? kiln_progress_create_silent() : kiln_progress_create(job->quiet, b.rank);
     kiln_phase(&b.phases, NULL);
-    int status = kiln_watchdog_create(&b.watchdog, b.communicator, job->watchdog, error);
+    int status = kiln_watchdog_create(&b.watchdog, b.communicator, job->watchdog,
+                                      kiln_faults_halt(&job->faults, (uint32_t)b.rank), error);
     if (status == KILN_OK && job->trace != NULL)
         status = kiln_trace_create(&b.trace, b.communicator, error);
     b.phases.watchdog = b.watchdog;

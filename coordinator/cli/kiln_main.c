@@ -295,7 +295,10 @@ static int run_watched(const struct kiln_command *command, struct kiln_job *job,
     struct kiln_watchdog *watchdog = NULL;
     if (command->bit == KILN_FOR_BAKE)
         return run(command, job, error);
-    int status = kiln_watchdog_create(&watchdog, MPI_COMM_WORLD, job->watchdog, error);
+    int rank;
+    (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+    int status = kiln_watchdog_create(&watchdog, MPI_COMM_WORLD, job->watchdog,
+                                      kiln_faults_halt(&job->faults, (uint32_t)rank), error);
     if (status == KILN_OK) {
         kiln_watchdog_phase(watchdog, command->name);
         status = run(command, job, error);

@@ -6,6 +6,7 @@
 
 #include "coordinator/export/again.h"
 #include "coordinator/export/child.h"
+#include "coordinator/scene/builder.h"
 #include "worker/base/memory.h"
 
 /* ---- the source is the one that was baked ---- */

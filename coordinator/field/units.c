@@ -2,8 +2,6 @@
 
 #include <string.h>
 
-#include "coordinator/job/job.h"
-
 static const struct kiln_units radiometric = {"radiometric", "W m-2", "W/m2", "W m-2 sr-1", "W sr-1", "W"};
 static const struct kiln_units photometric = {"photometric", "lx", "lx", "cd m-2", "cd", "lm"};
 

@@ -9,6 +9,7 @@
 #ifndef KILN_COORDINATOR_FIELD_UNITS_H
 #define KILN_COORDINATOR_FIELD_UNITS_H
 
+#include "coordinator/job/job.h"
 #include "worker/scene/scene.h"
 
 struct kiln_units {

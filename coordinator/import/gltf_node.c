@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/import/gltf_document.h"
+#include "coordinator/job/object_settings.h"
 #include "worker/base/memory.h"
 
 static const uint64_t expanded_max = (uint64_t)1 << 30, objects_max = (uint64_t)1 << 20;

@@ -4,7 +4,7 @@
 
 #include "coordinator/integrate/transport_private.h"
 #include "coordinator/mpi/agree.h"
-#include "shaders/shared/random.h"
+#include "worker/sampling/keys.h"
 #include "worker/base/memory.h"
 #include "worker/scene/radiosity.h"
 

@@ -4,9 +4,9 @@
 #define KILN_COORDINATOR_INTEGRATE_TRANSPORT_PRIVATE_H
 
 #include "coordinator/integrate/transport.h"
-#include "shaders/shared/random.h"
 #include "worker/pass/direct.h"
 #include "worker/pass/gather.h"
+#include "worker/sampling/keys.h"
 
 enum { FINAL_STREAM = 0xffff };
 

@@ -283,6 +283,8 @@ int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_err
         status = fill(made, command, argc, argv, error);
     }
     if (status == KILN_OK)
+        status = kiln_faults_read(&made->faults, error);
+    if (status == KILN_OK)
         *job = made;
     else
         kiln_job_destroy(&made);

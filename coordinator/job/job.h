@@ -10,6 +10,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
+#include "coordinator/job/faults.h"
 #include "worker/base/status.h"
 
 /* AUTO: compact from 2^22 surface points on. With fewer its rounding shows in the ratio of two bounces, which the tail
@@ -138,6 +139,8 @@ struct kiln_job {
     double range;           /* of rgbm; 0: each page's largest value */
     uint32_t atlas;         /* largest side of a page; 0: one page an object */
     bool drop_baked_lights; /* leave the lights out that are in the lightmaps */
+
+    struct kiln_faults faults; /* of the environment, for tests */
 
     bool answered; /* by the command: its JSON object is on stdout, though it fails */
     void *strings; /* private: what the job owns */

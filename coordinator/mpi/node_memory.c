@@ -8,6 +8,7 @@
 #include "coordinator/mpi/shared_memory.h"
 #include "coordinator/mpi/waiting.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/assert_same.h"
 
 struct block {
     uint64_t shared;   /* bytes of shared memory; 0: from kiln_allocate */
@@ -35,6 +36,7 @@ int kiln_node_create(struct kiln_node_memory **node, MPI_Comm communicator, uint
 {
     struct kiln_node_memory *n = NULL;
     *node = NULL;
+    kiln_assert_same(communicator, most, "the number of ranks that share memory");
     const int status = kiln_agree(communicator, kiln_allocate(&n, 1, sizeof *n, "the memory of a node", error), error);
     if (status != KILN_OK) {
         kiln_free(&n);
@@ -160,6 +162,7 @@ int kiln_node_block(struct kiln_node_memory *node, void *pointer, size_t count, 
     uint64_t bytes = 0;
     void *here = NULL;
     int status = bytes_of(count, size, what, &bytes, error);
+    kiln_assert_same(node->communicator, bytes, what);
     if (status == KILN_OK)
         status = make_block(node, bytes, &here, error);
     memcpy(pointer, &here, sizeof here);
@@ -362,6 +365,7 @@ void *kiln_node_place(const void *node, const void *there)
 
 void kiln_node_broadcast(const struct kiln_node_memory *node, void *data, size_t size)
 {
+    kiln_assert_same(node->communicator, size, "the bytes that a node's leader passes on");
     if (node->ranks > 1)
         (void)MPI_Bcast(data, (int)size, MPI_BYTE, 0, node->communicator);
 }

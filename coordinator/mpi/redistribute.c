@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/assert_same.h"
 #include "worker/base/memory.h"
 
 enum { TAG_REDISTRIBUTE = 13 };
@@ -63,6 +64,10 @@ void kiln_redistribute(MPI_Comm communicator, const uint64_t *before, const uint
         .communicator = communicator, .size = size, .limit = limit > 0 && limit < INT_MAX ? limit : INT_MAX};
     (void)MPI_Comm_rank(communicator, &rank);
     (void)MPI_Comm_size(communicator, &ranks);
+    kiln_assert_same_bytes(communicator, before, ((size_t)ranks + 1) * sizeof *before, "the ranges before a move");
+    kiln_assert_same_bytes(communicator, after, ((size_t)ranks + 1) * sizeof *after, "the ranges after a move");
+    kiln_assert_same(communicator, size, "the size of the elements that move");
+    kiln_assert_same(communicator, limit, "the limit of a message");
     (void)MPI_Type_contiguous((int)size, MPI_BYTE, &m.type);
     (void)MPI_Type_commit(&m.type);
     for (int r = 0; r < ranks; r++) {

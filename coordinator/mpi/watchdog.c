@@ -14,6 +14,7 @@
 #include "coordinator/mpi/activity.h"
 #include "coordinator/mpi/waiting.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/assert_same.h"
 #include "worker/base/memory.h"
 
 enum { TAG_HEARTBEAT = 7, HOST = 64, PHASE = 48, CALL = 40, ABORT_SECONDS = 10 };
@@ -369,17 +370,8 @@ static void halt_at(const struct kiln_watchdog *w, const char *place)
         (void)raise(SIGSTOP);
 }
 
-/* The phase of KILN_HALT_RANK=RANK:PHASE if it names this rank, else NULL. */
-static const char *own_halt(int rank)
-{
-    const char *text = getenv("KILN_HALT_RANK");
-    char *rest = NULL;
-    return text != NULL && strtol(text, &rest, 10) == rank && *rest == ':' ? rest + 1 : NULL;
-}
-
 static void begin_watch(struct kiln_watchdog *w)
 {
-    w->halt = own_halt(w->rank);
     w->own = (struct heartbeat){.phase = "start", .progress = -1.0};
     w->last_received = now();
     for (int rank = 0; rank < w->ranks; rank++)
@@ -413,10 +405,12 @@ static bool is_possible(MPI_Comm communicator, double limit)
     return level >= MPI_THREAD_MULTIPLE;
 }
 
-int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator, double limit, struct kiln_error *error)
+int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator, double limit, const char *halt,
+                         struct kiln_error *error)
 {
     struct kiln_watchdog *w = NULL;
     *watchdog = NULL;
+    kiln_assert_same_bytes(communicator, &limit, sizeof limit, "the watchdog's limit");
     if (!is_possible(communicator, limit)) {
         (void)alarm(0);
         return KILN_OK;
@@ -427,6 +421,7 @@ int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator,
         return status;
     }
     w->limit = limit;
+    w->halt = halt;
     w->period = fmin(1.0, limit / 8.0);
     w->sending = MPI_REQUEST_NULL;
     (void)MPI_Comm_dup(communicator, &w->communicator);

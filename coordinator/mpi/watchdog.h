@@ -24,10 +24,7 @@
  * that died is noticed by mpirun, which names it and ends the others.
  *
  * The thread needs MPI_THREAD_MULTIPLE. Where the MPI library offers less, there is no watchdog, and rank 0 prints a
- * warning.
- *
- * For tests: with KILN_HALT_RANK=RANK:PHASE in the environment that rank stops itself (SIGSTOP) when it enters the
- * phase. */
+ * warning. */
 #ifndef KILN_COORDINATOR_MPI_WATCHDOG_H
 #define KILN_COORDINATOR_MPI_WATCHDOG_H
 
@@ -42,8 +39,10 @@ struct kiln_watchdog;
 void kiln_watchdog_start(int rank, double seconds);
 
 /* Collective over `communicator`. `limit` is in seconds. If it is 0, or there is a single rank, *watchdog is NULL,
- * which all functions here accept. Destroy with kiln_watchdog_destroy. */
-int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator, double limit,
+ * which all functions here accept. `halt` is for tests: this rank stops itself (SIGSTOP) when it enters the phase or
+ * the blocking call of that name; NULL: it never does. Borrowed until the watchdog is destroyed. Destroy with
+ * kiln_watchdog_destroy. */
+int kiln_watchdog_create(struct kiln_watchdog **watchdog, MPI_Comm communicator, double limit, const char *halt,
                          struct kiln_error *error);
 /* Collective. The watchdog still works while this call waits for the other ranks. After it, the process ends itself
  * with KILN_RANK_LOST if MPI_Finalize does not return within the limit. */

@@ -8,6 +8,7 @@
 #define KILN_COORDINATOR_OUTPUT_OUTPUT_H
 
 #include "coordinator/field/result.h"
+#include "coordinator/job/faults.h"
 
 struct kiln_output_params {
     const char *directory;
@@ -15,6 +16,7 @@ struct kiln_output_params {
     uint64_t least_divided; /* texels of a lightmap that several ranks may pack; 0: KILN_STRIPS_LEAST */
     /* what ran, as one JSON object: kept as an attribute of the HDF5 files; no time stamps */
     const char *provenance_json;
+    const struct kiln_faults *faults; /* for tests; NULL: none */
 };
 
 /* What kiln_write_lightmaps reports for run.json, one a lightmap of the surface, on rank 0 (others: zero counts). */

@@ -138,16 +138,16 @@ static bool asked(void *context);
 /* ---- create and destroy ---- */
 
 /* Rank 0: locks the folder. Also refuses if an older kiln is at work, which takes no lock but writes a status file. */
-static int claim_folder(struct kiln_lock **lock, const char *directory, struct kiln_error *error)
+static int claim_folder(struct kiln_lock **lock, const char *directory, bool no_locks, struct kiln_error *error)
 {
     struct kiln_folder folder;
     struct kiln_bake_status before;
-    int status = kiln_lock_take(lock, directory, error);
+    int status = kiln_lock_take(lock, directory, no_locks, error);
     /* another bake that was refused may have removed the folder, which it had created */
     for (int i = 0; i < 3 && status == KILN_NO_INPUT; i++) {
         status = kiln_make_directories(directory, error);
         if (status == KILN_OK)
-            status = kiln_lock_take(lock, directory, error);
+            status = kiln_lock_take(lock, directory, no_locks, error);
     }
     if (status == KILN_OK && kiln_bake_status_read(directory, &before, NULL) == KILN_OK &&
         kiln_bake_status_alive(directory, &before))
@@ -193,7 +193,8 @@ int kiln_control_create(struct kiln_control **control, const struct kiln_control
     c->status.seconds = c->status.updated - (MPI_Wtime() - params->begin);
     *control = c;
     status =
-        kiln_agree(c->communicator, c->rank == 0 ? claim_folder(&c->lock, params->directory, error) : KILN_OK, error);
+        kiln_agree(c->communicator,
+                   c->rank == 0 ? claim_folder(&c->lock, params->directory, params->no_locks, error) : KILN_OK, error);
     if (status != KILN_OK) {
         kiln_control_destroy(control);
         return status;

@@ -37,6 +37,7 @@ struct kiln_control_params {
     double checkpoint_every;             /* s; 0: a checkpoint is written only when the bake is stopped */
     struct kiln_watchdog *watchdog;      /* borrowed, must outlive the control; NULL: none */
     double limit;                        /* limit of the watchdog, s; 0: none */
+    bool no_locks;                       /* for tests: as kiln_lock_take has it */
     const volatile sig_atomic_t *signal; /* number of the last signal that asks to stop; 0: none */
 };
 

@@ -137,10 +137,7 @@ enum { GOT, HELD, NO_LOCKS };
 static int set_lock(int descriptor, short type)
 {
     struct flock whole = {.l_type = type, .l_whence = SEEK_SET};
-    const char *seam = getenv("KILN_LOCKS");
     int result;
-    if (seam != NULL && strcmp(seam, "none") == 0)
-        return NO_LOCKS;
     do
         result = fcntl(descriptor, F_OFD_SETLK, &whole);
     while (result != 0 && errno == EINTR);
@@ -231,7 +228,7 @@ static void keep_for_reading(struct kiln_lock *lock)
     }
 }
 
-static int make_own(struct kiln_lock *lock, struct kiln_error *error)
+static int make_own(struct kiln_lock *lock, bool no_locks, struct kiln_error *error)
 {
     char host[64] = "", path[KILN_PATH_SIZE];
     (void)gethostname(host, sizeof host - 1);
@@ -251,7 +248,7 @@ static int make_own(struct kiln_lock *lock, struct kiln_error *error)
                                : errno == ENOENT                 ? KILN_NO_INPUT
                                                                  : KILN_CANNOT_CREATE,
                                "'%s' cannot be created", path);
-    lock->locks = set_lock(lock->descriptor, F_WRLCK) == GOT;
+    lock->locks = !no_locks && set_lock(lock->descriptor, F_WRLCK) == GOT;
     status = write_self(lock->descriptor, lock->locks, path, error);
     if (status == KILN_OK)
         keep_for_reading(lock);
@@ -366,7 +363,7 @@ end:
         (void)closedir(entries);
 }
 
-int kiln_lock_take(struct kiln_lock **result, const char *directory, struct kiln_error *error)
+int kiln_lock_take(struct kiln_lock **result, const char *directory, bool no_locks, struct kiln_error *error)
 {
     struct kiln_lock *lock = NULL;
     *result = NULL;
@@ -376,7 +373,7 @@ int kiln_lock_take(struct kiln_lock **result, const char *directory, struct kiln
     lock->descriptor = -1;
     status = kiln_folder_open(&lock->folder, directory, NULL, false, error);
     if (status == KILN_OK)
-        status = make_own(lock, error);
+        status = make_own(lock, no_locks, error);
     if (status == KILN_OK)
         status = take(lock, error);
     if (lock->folder.descriptor >= 0 && lock->aside[0] != '\0')

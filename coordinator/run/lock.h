@@ -13,19 +13,20 @@
  * the file names another host, since the locks of some mounts are invisible to other hosts. A holder that was itself
  * stopped for longer finds out by kiln_lock_check.
  *
- * For tests: with KILN_LOCKS=none in the environment every file system counts as one without locks.
- *
  * For one rank; nothing here is collective. */
 #ifndef KILN_COORDINATOR_RUN_LOCK_H
 #define KILN_COORDINATOR_RUN_LOCK_H
+
+#include <stdbool.h>
 
 #include "worker/base/status.h"
 
 struct kiln_lock;
 
 /* Takes the lock. KILN_CANNOT_CREATE if another bake holds it, with a message that describes the holder; KILN_NO_INPUT
- * if there is no such folder. Release with kiln_lock_release. */
-int kiln_lock_take(struct kiln_lock **lock, const char *directory, struct kiln_error *error);
+ * if there is no such folder. `no_locks`, for tests: the file system counts as one without locks. Release with
+ * kiln_lock_release. */
+int kiln_lock_take(struct kiln_lock **lock, const char *directory, bool no_locks, struct kiln_error *error);
 /* Removes the file. *lock may be NULL. */
 void kiln_lock_release(struct kiln_lock **lock);
 

@@ -7,7 +7,7 @@
 
 #include "coordinator/output/exr.h"
 #include "coordinator/files/publish.h"
-#include "shaders/shared/random.h"
+#include "worker/sampling/keys.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
 #include "worker/scene/footprint.h"

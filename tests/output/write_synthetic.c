@@ -30,11 +30,16 @@ static int write_all(const char *directory, bool half, bool divided, int rank, i
         return status;
     if (half && s.surface.first == 0 && s.surface.count > 100)
         s.direct[0] = 70000.0f; /* must make the first object's file a float one */
+    struct kiln_faults faults;
+    status = kiln_faults_read(&faults, error);
+    if (status != KILN_OK)
+        return status;
     const struct kiln_bake_result result = synthetic_result(&s, MPI_COMM_WORLD);
     const struct kiln_output_params params = {.directory = directory,
                                               .half = half,
                                               .stitch = true,
                                               .error_map = true,
+                                              .faults = &faults,
                                               .least_divided = divided ? 1 : 0,
                                               .provenance_json = "{\"seed\": 77, \"scene\": \"synthetic\"}"};
     struct kiln_lightmap_report reports[2];

@@ -432,7 +432,7 @@ static int write_together(const struct writer *w, const struct kiln_assignment *
     }
     status = kiln_agree(comm, status, error);
     if (status == KILN_OK)
-        status = kiln_strips_write(comm, strips, lightmaps, large.sources, large.count, error);
+        status = kiln_strips_write(comm, strips, lightmaps, large.sources, large.count, w->params->faults, error);
     destroy_large(&large);
     kiln_strip_deal_destroy(&strips);
     return status;

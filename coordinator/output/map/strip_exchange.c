@@ -56,7 +56,7 @@ struct helper {
     size_t *list, count;
     struct slot *slots; /* two groups: one is packed while the other is on its way */
     size_t group, room; /* slots of a group; bytes of a message */
-    bool must_fail;     /* tests want to see it */
+    int (*pack)(const struct helper *h, struct slot *slot, size_t i, size_t bytes, struct kiln_error *error);
 };
 
 static size_t message_bytes(size_t values)
@@ -72,13 +72,6 @@ static void destroy_helper(struct helper *h)
     }
     kiln_free(&h->slots);
     kiln_free(&h->list);
-}
-
-/* KILN_FAILING_PACKER=RANK: what this rank packs for others fails. */
-static bool fails_for_tests(int rank)
-{
-    const char *text = getenv("KILN_FAILING_PACKER");
-    return text != NULL && text[0] != '\0' && strtol(text, NULL, 10) == rank;
 }
 
 /* A strip a thread. */
@@ -97,7 +90,6 @@ static int create_helper(struct helper *h, int rank, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     h->count = kiln_strip_list(h->strips, (uint32_t)rank, h->list);
-    h->must_fail = fails_for_tests(rank);
     for (size_t i = 0; i < h->count; i++) {
         const struct kiln_strip *strip = &h->strips->strips[h->list[i]];
         const size_t bytes = message_bytes(values_of(&h->lightmaps[strip->object], strip->row));
@@ -142,12 +134,17 @@ static int pack_message(const struct helper *h, struct slot *slot, size_t i, siz
 {
     struct kiln_image view;
     struct kiln_image_channel channels[KILN_EXR_CHANNELS];
-    if (h->must_fail)
-        return kiln_fail(error, KILN_SYSTEM, "KILN_FAILING_PACKER wants packing to fail here");
     if (!view_message(h, slot, i, bytes, &view, channels))
         return kiln_fail(error, KILN_BUG, "%zu bytes came that are not row %u of object %u", bytes, strip_at(h, i)->row,
                          strip_at(h, i)->object);
     return kiln_exr_strip_pack(&view, 0, &slot->packed, error);
+}
+
+/* The same for a rank that shall fail. */
+static int refuse_to_pack(const struct helper *h, struct slot *slot, size_t i, size_t bytes, struct kiln_error *error)
+{
+    (void)h, (void)slot, (void)i, (void)bytes;
+    return kiln_fail(error, KILN_SYSTEM, "KILN_FAILING_PACKER wants packing to fail here");
 }
 
 /* Sends are over before a slot is used again. */
@@ -191,7 +188,7 @@ static int pack_group(struct helper *h, size_t first, int *bytes)
         slot->report = (struct report){.index = strip_at(h, i)->index};
         if (bytes[i - first] == 0)
             continue;
-        slot->report.status = pack_message(h, slot, i, (size_t)bytes[i - first], &slot->report.error);
+        slot->report.status = h->pack(h, slot, i, (size_t)bytes[i - first], &slot->report.error);
         slot->report.size = slot->packed.size;
         slot->report.hash = slot->packed.hash;
         slot->report.values = slot->packed.values;
@@ -472,7 +469,7 @@ static int take_part(struct owner *owner, struct helper *helper, struct kiln_err
 
 int kiln_strips_write(MPI_Comm communicator, const struct kiln_strip_deal *strips,
                       const struct kiln_lightmap *lightmaps, const struct kiln_strip_source *sources,
-                      size_t source_count, struct kiln_error *error)
+                      size_t source_count, const struct kiln_faults *faults, struct kiln_error *error)
 {
     int rank = 0;
     size_t first = 0;
@@ -487,7 +484,10 @@ int kiln_strips_write(MPI_Comm communicator, const struct kiln_strip_deal *strip
                           .rank = (uint32_t)rank};
     owner.count = (uint32_t)kiln_strip_stream(strips, (uint32_t)rank, &first);
     owner.stream = strips->strips + first;
-    struct helper helper = {.communicator = communicator, .strips = strips, .lightmaps = lightmaps};
+    struct helper helper = {.communicator = communicator,
+                            .strips = strips,
+                            .lightmaps = lightmaps,
+                            .pack = kiln_faults_packer_fails(faults, (uint32_t)rank) ? refuse_to_pack : pack_message};
     int status = create_helper(&helper, rank, error);
     if (status == KILN_OK && owner.count > 0)
         status = create_owner(&owner, error);

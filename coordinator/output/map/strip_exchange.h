@@ -10,6 +10,7 @@
 
 #include <mpi.h>
 
+#include "coordinator/job/faults.h"
 #include "coordinator/output/exr_strips.h"
 #include "coordinator/output/map/strips.h"
 
@@ -22,10 +23,11 @@ struct kiln_strip_source {
     struct kiln_exr_file *file;
 };
 
-/* Collective. `sources` are the rank's own divided objects, in the order of its stream. Every file is published when
- * its last strip is written. The worst status of all, with its sentence. */
+/* Collective. `faults` (may be NULL) says whose packing fails, for tests. `sources` are the rank's own divided objects,
+ * in the order of its stream. Every file is published when its last strip is written. The worst status of all, with its
+ * sentence. */
 int kiln_strips_write(MPI_Comm communicator, const struct kiln_strip_deal *strips,
                       const struct kiln_lightmap *lightmaps, const struct kiln_strip_source *sources,
-                      size_t source_count, struct kiln_error *error);
+                      size_t source_count, const struct kiln_faults *faults, struct kiln_error *error);
 
 #endif

@@ -1,0 +1,84 @@
+#include "coordinator/job/faults.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* The variable's value; NULL where it is not set or empty. */
+static const char *value_of(const char *name)
+{
+    const char *text = getenv(name);
+    return text == NULL || text[0] == '\0' ? NULL : text;
+}
+
+static int read_slowness(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    int end = 0;
+    if (sscanf(text, "%" SCNu32 ":%lf%n", &faults->slow_rank, &faults->slowness, &end) < 2 || text[end] != '\0' ||
+        !(faults->slowness >= 1.0 && faults->slowness <= 1e6))
+        return kiln_fail(error, KILN_USAGE,
+                         "KILN_SLOW_RANK is '%.100s'; it is RANK:FACTOR, and the factor 1 to 1000000", text);
+    return KILN_OK;
+}
+
+static int read_halt(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    int end = 0;
+    if (sscanf(text, "%" SCNu32 ":%n", &faults->halt_rank, &end) < 1 || end == 0 || text[end] == '\0' ||
+        strlen(text + end) >= sizeof faults->halt_place)
+        return kiln_fail(error, KILN_USAGE,
+                         "KILN_HALT_RANK is '%.100s'; it is RANK:PLACE, and the place has 1 to %zu characters", text,
+                         sizeof faults->halt_place - 1);
+    (void)strcpy(faults->halt_place, text + end);
+    return KILN_OK;
+}
+
+static int read_packer(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    int end = 0;
+    faults->packer_fails = sscanf(text, "%" SCNu32 "%n", &faults->failing_packer, &end) == 1 && text[end] == '\0';
+    return faults->packer_fails
+               ? KILN_OK
+               : kiln_fail(error, KILN_USAGE, "KILN_FAILING_PACKER is '%.100s'; it is the number of a rank", text);
+}
+
+static int read_locks(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    faults->no_locks = strcmp(text, "none") == 0;
+    return faults->no_locks ? KILN_OK : kiln_fail(error, KILN_USAGE, "KILN_LOCKS is '%.100s'; it is none", text);
+}
+
+int kiln_faults_read(struct kiln_faults *faults, struct kiln_error *error)
+{
+    static const struct {
+        const char *name;
+        int (*read)(struct kiln_faults *faults, const char *text, struct kiln_error *error);
+    } variables[] = {{"KILN_SLOW_RANK", read_slowness},
+                     {"KILN_HALT_RANK", read_halt},
+                     {"KILN_FAILING_PACKER", read_packer},
+                     {"KILN_LOCKS", read_locks}};
+    int status = KILN_OK;
+    *faults = (struct kiln_faults){0};
+    for (size_t i = 0; status == KILN_OK && i < sizeof variables / sizeof *variables; i++) {
+        const char *text = value_of(variables[i].name);
+        if (text != NULL)
+            status = variables[i].read(faults, text, error);
+    }
+    return status;
+}
+
+double kiln_faults_slowness(const struct kiln_faults *faults, uint32_t rank)
+{
+    return faults->slowness > 0.0 && faults->slow_rank == rank ? faults->slowness : 1.0;
+}
+
+const char *kiln_faults_halt(const struct kiln_faults *faults, uint32_t rank)
+{
+    return faults->halt_place[0] != '\0' && faults->halt_rank == rank ? faults->halt_place : NULL;
+}
+
+bool kiln_faults_packer_fails(const struct kiln_faults *faults, uint32_t rank)
+{
+    return faults != NULL && faults->packer_fails && faults->failing_packer == rank;
+}

@@ -1,0 +1,31 @@
+#include "coordinator/mpi/assert_same.h"
+
+#include <xxhash.h>
+
+#include "coordinator/mpi/agree.h"
+
+int kiln_same(MPI_Comm communicator, uint64_t value, const char *what, struct kiln_error *error)
+{
+    /* the largest value, and the complement of the least */
+    const uint64_t own[2] = {value, ~value};
+    uint64_t most[2] = {value, ~value};
+    if (MPI_Allreduce(own, most, 2, MPI_UINT64_T, MPI_MAX, communicator) != MPI_SUCCESS)
+        return kiln_fail(error, KILN_RANK_LOST, "a rank was lost while the ranks compared %s", what);
+    if (most[0] == ~most[1])
+        return KILN_OK;
+    return kiln_fail(
+        error, KILN_BUG,
+        "the ranks disagree on %s, which has to be the same on all: it is %llu here, and from %llu to %llu "
+        "on all; this is a bug of kiln",
+        what, (unsigned long long)value, (unsigned long long)~most[1], (unsigned long long)most[0]);
+}
+
+void kiln_require_same(MPI_Comm communicator, uint64_t value, const char *what)
+{
+    struct kiln_error error = {{0}};
+    const int status = kiln_same(communicator, value, what, &error);
+    if (status != KILN_OK)
+        kiln_end_all_ranks(status, &error);
+}
+
+uint64_t kiln_hash_bytes(const void *data, size_t size) { return size > 0 ? XXH3_64bits(data, size) : 0; }

@@ -1,0 +1,34 @@
+/* Checks of arguments that have to be the same on all ranks of a collective call. Ranks that disagree would wait for
+ * each other for ever, or send each other ranges that do not fit. Debug builds (NDEBUG is not defined) check them;
+ * other builds have no such code. */
+#ifndef KILN_COORDINATOR_MPI_ASSERT_SAME_H
+#define KILN_COORDINATOR_MPI_ASSERT_SAME_H
+
+#include <mpi.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "worker/base/status.h"
+
+/* kiln_assert_same(communicator, value, what): collective. Ends all ranks with KILN_BUG, and with a sentence that names
+ * `what` and both values, unless all have the same `value` (an integer of at most 64 bits).
+ * kiln_assert_same_bytes(communicator, data, size, what): the same for `size` bytes. */
+#ifdef NDEBUG
+#    define kiln_assert_same(communicator, value, what) ((void)0)
+#    define kiln_assert_same_bytes(communicator, data, size, what) ((void)0)
+#else
+#    define kiln_assert_same(communicator, value, what) kiln_require_same(communicator, (uint64_t)(value), what)
+#    define kiln_assert_same_bytes(communicator, data, size, what)                                                     \
+        kiln_require_same(communicator, kiln_hash_bytes(data, size), what)
+#endif
+
+/* Collective. KILN_OK, or on all ranks KILN_BUG with this rank's value, the least and the largest one in its sentence.
+ */
+int kiln_same(MPI_Comm communicator, uint64_t value, const char *what, struct kiln_error *error);
+/* Collective. The same, and ends all ranks with that sentence. */
+void kiln_require_same(MPI_Comm communicator, uint64_t value, const char *what);
+
+/* XXH3 of the bytes; 0 for none. Not collective. */
+uint64_t kiln_hash_bytes(const void *data, size_t size);
+
+#endif

@@ -1,0 +1,137 @@
+"""What every text of the repository keeps to: at most 120 columns, and citations that a reader of the repository can
+follow."""
+import os
+import re
+import unittest
+
+import tree
+
+COLUMNS = 120
+KINDS = re.compile(r'(\.(c|h|cpp|comp|glsl|rahit|rchit|rmiss|py|sh|js|md|yaml|yml|cmake)'
+                   r'|CMakeLists\.txt|CMakePresets\.json|\.clang-format|cluster/packages)$')
+# Pages of the place where kiln was planned, which its readers do not have.
+PAGES = ('DES' 'IGN', 'HAB' 'ITS', 'PERF' 'ORMANCE', 'USE' 'RS', 'RELIA' 'BILITY', 'ST' 'ACK')
+ELSEWHERE = re.compile(r'\b(' + '|'.join(PAGES) + r')(\.md\b| section\b| finding\b|,? says\b|\s+asks\b|\b\s*§)'
+                       r'|/wo' + r'rk/')
+# A file that a text names: by its path, or a page or header by its name alone.
+NAMED = re.compile(r'(?<![\w./<-])((?:coordinator|worker|shaders|tests|cluster|jobs)/[\w./-]*'
+                   r'\.(?:c|h|cpp|comp|glsl|py|md|txt)|[A-Z]+\.md)\b')
+# A source that a comment names by its name alone, and those of libraries.
+COMMENT = re.compile(r'/\*.*?\*/|//[^\n]*', re.S)
+SOURCE = re.compile(r'(?<![\w<"/.-])([a-z_]\w{2,}\.(?:h|glsl|comp|c))\b')
+LIBRARIES = {'cmocka.h', 'rtcore_ray.h', 'sysexits.h'}
+BUILT = re.compile(r'^shaders/\w+\.h$|^tests/\w+\.h$')
+
+
+def texts():
+    """{path: text} of all tracked texts that people write."""
+    result = {}
+    for path in tree.tracked():
+        if KINDS.search(path) or os.path.splitext(path)[1] == '' and tree.read(path).startswith('#!'):
+            if not path.startswith(('tests/data/', 'tests/fuzz/corpus/')):
+                result[path] = tree.read(path)
+    return result
+
+
+def is_long(path, line):
+    """A table of a page and a line that an address makes long cannot be folded."""
+    if len(line) <= COLUMNS:
+        return False
+    return not (path.endswith('.md') and (line.startswith('|') or re.search(r'https?://\S{60,}', line)))
+
+
+def long_lines(files):
+    for path, text in files.items():
+        for number, line in enumerate(text.splitlines(), 1):
+            if is_long(path, line):
+                yield f'{path}:{number}: {len(line)} columns; at most {COLUMNS}'
+
+
+def far_citations(files):
+    for path, text in files.items():
+        for number, line in enumerate(text.splitlines(), 1):
+            match = ELSEWHERE.search(line)
+            if match:
+                yield f"{path}:{number}: '{match.group(0)}' is not in the repository: cite a README.md or a paper"
+
+
+def lost_names(files, known):
+    """Files that texts name and that are not there; `known` holds all paths."""
+    names = {os.path.basename(path) for path in known}
+    for path, text in files.items():
+        for number, line in enumerate(text.splitlines(), 1):
+            for name in NAMED.findall(line):
+                near = {name, os.path.join(os.path.dirname(path), name)}
+                if not near & known and not BUILT.search(name) and 'NAME' not in name and \
+                        ('/' in name or name not in names):
+                    yield f'{path}:{number}: there is no {name}'
+
+
+def lost_sources(files, known):
+    """Sources that comments of C and GLSL name and that are not there."""
+    names = {os.path.basename(path) for path in known} | LIBRARIES
+    for path, text in files.items():
+        if tree.SOURCES.search(path):
+            for comment in COMMENT.finditer(text):
+                for name in SOURCE.finditer(comment.group(0)):
+                    if name.group(1) not in names:
+                        line = text.count('\n', 0, comment.start() + name.start()) + 1
+                        yield f'{path}:{line}: there is no {name.group(1)}'
+
+
+class Texts(unittest.TestCase):
+    """The repository as it is."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.known = set(tree.tracked())
+        cls.files = texts()
+
+    def none(self, sentences):
+        """Fails with all of them."""
+        sentences = list(sentences)
+        self.assertEqual([], sentences, '\n' + '\n'.join(sentences))
+
+    def test_columns(self):
+        self.assertGreater(len(self.files), 400)
+        self.none(long_lines(self.files))
+
+    def test_citations(self):
+        self.none(far_citations(self.files))
+
+    def test_names(self):
+        own = {path: text for path, text in self.files.items() if not path.startswith('tests/tree/')}  # made-up names
+        self.none(lost_names(own, self.known))
+
+    def test_sources(self):
+        self.none(lost_sources(self.files, self.known))
+
+
+class Checks(unittest.TestCase):
+    """The checks themselves."""
+
+    def test_columns(self):
+        line = 'x' * (COLUMNS + 1)
+        self.assertEqual(1, len(list(long_lines({'a.c': f'{line[1:]}\n{line}\n'}))))
+        self.assertEqual(0, len(list(long_lines({'a.md': f'| {line} |\nhttps://{line}\n'}))))
+        self.assertEqual(1, len(list(long_lines({'a.md': line}))))
+
+    def test_citations(self):
+        cases = {'/* Estimators (DES' 'IGN section 3) */': 1, '/* see PERF' 'ORMANCE.md */': 1, '/* by design */': 0,
+                 '/* README.md section 3 */': 0}
+        for line, count in cases.items():
+            self.assertEqual(count, len(list(far_citations({'a.c': line}))), line)
+
+    def test_names(self):
+        known = {'coordinator/a.h', 'tests/README.md', 'tests/unit/b.c'}
+        cases = {'coordinator/a.h': 0, 'coordinator/b.h': 1, 'README.md': 0, 'TODO.md': 1, '<mpi.h>': 0}
+        for line, count in cases.items():
+            self.assertEqual(count, len(list(lost_names({'tests/x.py': line}, known))), line)
+
+        known = {'coordinator/a.h', 'coordinator/work.h'}
+        for line, count in {'/* see work.h */': 0, '/* see\n(play.h) */': 1, 'x = play.h;': 0, '// play.c': 1}.items():
+            self.assertEqual(count, len(list(lost_sources({'worker/x.c': line}, known))), line)
+
+
+if __name__ == '__main__':
+    unittest.main()

@@ -1,0 +1,77 @@
+"""The files of the repository, and the tables of rooms in its README.md files. Used by the tests beside it."""
+import collections
+import os
+import re
+import subprocess
+
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+
+# The folders of sources, from the top down, and those that each may include besides itself.
+TOPS = {'coordinator': {'worker'}, 'worker': {'shaders'}, 'shaders': set()}
+SOURCES = re.compile(r'\.(c|h|cpp|hpp|comp|glsl|rahit|rchit|rmiss)$')
+INCLUDE = re.compile(r'\s*#\s*include\s+"([^"]+)"')
+
+# What a README's table says of a room: the rooms it may include, and for each of its files that registers variants
+# (a table of back ends, of integrators) the rooms of these. `every` stands for all rooms above it in the table.
+Room = collections.namedtuple('Room', 'includes registers every')
+
+
+def tracked():
+    """Paths of all files in the working tree that git tracks or would track, relative to ROOT."""
+    listing = subprocess.run(['git', '-C', ROOT, 'ls-files', '--cached', '--others', '--exclude-standard', '-z'],
+                             check=True, capture_output=True).stdout.decode()
+    return sorted(path for path in set(listing.split('\0')) if path and os.path.isfile(os.path.join(ROOT, path)))
+
+
+def read(path):
+    """The text of a tracked file."""
+    with open(os.path.join(ROOT, path), encoding='utf-8', errors='replace') as file:
+        return file.read()
+
+
+def room_of(path):
+    """The folder of a file."""
+    return os.path.dirname(path)
+
+
+def parse_table(top, text):
+    """{room: Room} in the order of the table of README.md whose last column is headed `may include`.
+
+    The first cell names the room, as `mpi/` or, for the files in the top folder itself, `.`. The last one holds names
+    of rooms of the same folder, "every room above", and "`FILE` registers `ROOM` ..."."""
+    rooms = {}
+    inside = False
+    for line in text.splitlines():
+        cells = [cell.strip() for cell in line.strip().strip('|').split('|')] if line.startswith('|') else []
+        if not cells:
+            inside = False
+        elif cells[-1] == 'may include':
+            inside = True
+        elif inside and not set(cells[0]) <= set('-: '):
+            name = re.findall(r'`([^`]*)`', cells[0])[0].rstrip('/')
+            plain, _, registers = cells[-1].partition(';')
+            names = re.findall(r'`([^`]*)`', plain)
+            registered = re.findall(r'`([^`]*)`', registers)
+            rooms[top if name == '.' else f'{top}/{name}'] = Room(
+                {f'{top}/{n.rstrip("/")}' for n in names},
+                {f'{top}/{name}/{registered[0]}': {f'{top}/{name}/{n.rstrip("/")}' for n in registered[1:]}}
+                if registered else {}, 'every room above' in plain)
+    return rooms
+
+
+def table():
+    """The tables of all top folders together."""
+    rooms = {}
+    for top in TOPS:
+        rooms.update(parse_table(top, read(f'{top}/README.md')))
+    return rooms
+
+
+def includes(sources):
+    """(file, line, included path) of every #include "..." in {path: text}. A name without folder is beside the file."""
+    for path, text in sources.items():
+        for number, line in enumerate(text.splitlines(), 1):
+            match = INCLUDE.match(line)
+            if match:
+                name = match.group(1)
+                yield path, number, name if '/' in name else f'{room_of(path)}/{name}'

@@ -1,0 +1,77 @@
+/* The faults that tests inject: what the environment may say of them, and whom each one hits. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "coordinator/job/faults.h"
+
+static const char *const names[] = {"KILN_SLOW_RANK", "KILN_HALT_RANK", "KILN_FAILING_PACKER", "KILN_LOCKS"};
+
+static int clear(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        assert_int_equal(unsetenv(names[i]), 0);
+    return 0;
+}
+
+static void none(void **state)
+{
+    struct kiln_faults faults;
+    const struct kiln_faults zero = {0};
+    (void)state;
+    assert_int_equal(kiln_faults_read(&faults, NULL), KILN_OK);
+    assert_memory_equal(&faults, &zero, sizeof faults);
+    assert_true(kiln_faults_slowness(&faults, 0) == 1.0);
+    assert_null(kiln_faults_halt(&faults, 0));
+    assert_false(kiln_faults_packer_fails(&faults, 0));
+    assert_false(kiln_faults_packer_fails(NULL, 0));
+}
+
+static void all(void **state)
+{
+    static const char *const values[] = {"1:4.5", "2:MPI's end", "3", "none"};
+    struct kiln_faults faults;
+    (void)state;
+    for (size_t i = 0; i < 4; i++)
+        assert_int_equal(setenv(names[i], values[i], 1), 0);
+    assert_int_equal(kiln_faults_read(&faults, NULL), KILN_OK);
+    assert_true(kiln_faults_slowness(&faults, 1) == 4.5);
+    assert_true(kiln_faults_slowness(&faults, 2) == 1.0);
+    assert_string_equal(kiln_faults_halt(&faults, 2), "MPI's end");
+    assert_null(kiln_faults_halt(&faults, 1));
+    assert_true(kiln_faults_packer_fails(&faults, 3));
+    assert_false(kiln_faults_packer_fails(&faults, 0));
+    assert_true(faults.no_locks);
+}
+
+static void refused(void **state)
+{
+    static const struct {
+        size_t name;
+        const char *value;
+    } cases[] = {{0, "slow"}, {0, "1:0.5"}, {0, "1:2x"}, {0, "1:nan"}, {1, "1"},
+                 {1, "1:"},   {1, "one:a"}, {2, "two"},  {2, "2x"},    {3, "some"}};
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct kiln_faults faults;
+        struct kiln_error error = {{0}};
+        (void)clear(NULL);
+        assert_int_equal(setenv(names[cases[i].name], cases[i].value, 1), 0);
+        assert_int_equal(kiln_faults_read(&faults, &error), KILN_USAGE);
+        assert_non_null(strstr(error.message, names[cases[i].name]));
+        assert_non_null(strstr(error.message, cases[i].value));
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test_setup(none, clear), cmocka_unit_test_setup(all, clear),
+                                       cmocka_unit_test_setup(refused, clear)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
