@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "coordinator/bake/identity.h"
+#include "coordinator/bake/light_settings.h"
 #include "coordinator/bake/run_report.h"
 #include "coordinator/bake/run_table.h"
 #include "coordinator/bake/volume.h"
@@ -40,8 +41,9 @@ struct bake {
     struct kiln_progress *progress;
     struct kiln_prepared *prepared;
     struct kiln_emission_result emission;
-    struct kiln_transport_params transport_params;
-    struct kiln_transport *transport;
+    struct kiln_integrate_settings light_settings;
+    struct kiln_integrate_params light_params;
+    struct kiln_solution *solution;
     struct kiln_volume_result volume;
     struct kiln_lightmap_report *lightmaps;
     uint64_t probe_rays;
@@ -275,7 +277,23 @@ static int agree_after_phase(struct bake *b, int status, struct kiln_error *erro
     return status;
 }
 
-static int transport_light(struct bake *b, struct kiln_error *error)
+/* The steps' times, added to the phases of their roles. */
+static void add_light_phases(struct bake *b)
+{
+    const struct kiln_integrate_report *report = &b->solution->report;
+    const struct kiln_integrator *integrator = report->integrator;
+    for (uint32_t r = 0; r < integrator->role_count; r++)
+        kiln_phase_add(&b->phases, integrator->roles[r].phase, 0.0);
+    kiln_phase_add(&b->phases, "exchange", 0.0);
+    kiln_phase_add(&b->phases, "waiting", report->waiting_seconds);
+    for (size_t i = 0; i < report->steps.count; i++) {
+        const struct kiln_step_report *step = &report->steps.of[i];
+        kiln_phase_add(&b->phases, integrator->roles[step->step.role].phase, step->seconds);
+        kiln_phase_add(&b->phases, "exchange", step->exchange_seconds);
+    }
+}
+
+static int integrate_light(struct bake *b, struct kiln_error *error)
 {
     kiln_phase(&b->phases, "emission");
     kiln_progress_phase(b->progress, "emission", 0);
@@ -285,38 +303,28 @@ static int transport_light(struct bake *b, struct kiln_error *error)
         return status;
     kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
                        kiln_checkpoint_written(b->checkpoint));
-    b->transport_params = (struct kiln_transport_params){.communicator = b->communicator,
-                                                         .rank = b->rank,
-                                                         .ranks = b->prepared->ranks,
-                                                         .begin = b->begin,
-                                                         .job = b->job,
-                                                         .backend = b->prepared->backend,
-                                                         .surface = b->prepared->surface,
-                                                         .node = b->prepared->node,
-                                                         .area = b->prepared->surface_report.geometry_area,
-                                                         .trace = b->trace,
-                                                         .emission = &b->emission,
-                                                         .progress = b->progress,
-                                                         .control = b->control,
-                                                         .checkpoint = b->checkpoint,
-                                                         .identity = b->identity,
-                                                         .threads = b->prepared->threads};
+    b->light_settings = kiln_light_settings(b->job, b->prepared->surface->point_count);
+    b->light_params = (struct kiln_integrate_params){.communicator = b->communicator,
+                                                     .rank = b->rank,
+                                                     .ranks = b->prepared->ranks,
+                                                     .begin = b->begin,
+                                                     .settings = &b->light_settings,
+                                                     .backend = b->prepared->backend,
+                                                     .surface = b->prepared->surface,
+                                                     .node = b->prepared->node,
+                                                     .area = b->prepared->surface_report.geometry_area,
+                                                     .trace = b->trace,
+                                                     .emission = &b->emission,
+                                                     .progress = b->progress,
+                                                     .control = b->control,
+                                                     .checkpoint = b->checkpoint,
+                                                     .identity = b->identity,
+                                                     .threads = b->prepared->threads};
     b->saves = true;
-    status = kiln_transport_run(&b->transport, &b->transport_params, error);
-    if (status != KILN_OK)
-        return status;
-    /* in the order of enum kiln_pass_kind */
-    static const char *const names[] = {"direct light", "bounces", "final gather"};
-    for (int kind = KILN_PASS_DIRECT; kind <= KILN_PASS_FINAL; kind++)
-        kiln_phase_add(&b->phases, names[kind], 0.0);
-    kiln_phase_add(&b->phases, "exchange", 0.0);
-    kiln_phase_add(&b->phases, "waiting", b->transport->report.waiting_seconds);
-    for (size_t i = 0; i < b->transport->report.pass_count; i++) {
-        const struct kiln_pass_report *pass = &b->transport->report.passes[i];
-        kiln_phase_add(&b->phases, names[pass->kind], pass->seconds);
-        kiln_phase_add(&b->phases, "exchange", pass->exchange_seconds);
-    }
-    return KILN_OK;
+    status = kiln_integrate(&b->solution, &b->light_params, error);
+    if (status == KILN_OK)
+        add_light_phases(b);
+    return status;
 }
 
 /* kiln_volume_save */
@@ -324,7 +332,7 @@ static int save_volume(void *context, const struct kiln_block *blocks, size_t co
                        struct kiln_error *error)
 {
     struct bake *b = context;
-    const int status = kiln_transport_save(b->transport, &b->transport_params, blocks, count, error);
+    const int status = kiln_integrate_save(b->solution, &b->light_params, blocks, count, error);
     return status == KILN_OK && stop ? kiln_stopped(b->control, error) : status;
 }
 
@@ -333,7 +341,7 @@ static struct kiln_volume_params volume_params(struct bake *b)
     return (struct kiln_volume_params){.communicator = b->communicator,
                                        .backend = b->prepared->backend,
                                        .scene = b->prepared->scene,
-                                       .radiosity = b->transport->radiosity,
+                                       .radiosity = b->solution->radiosity,
                                        .spacing = b->job->probe_spacing,
                                        .samples = b->job->samples_probe,
                                        .progress = b->progress,
@@ -393,10 +401,10 @@ static int write_results(struct bake *b, const char *provenance, struct kiln_err
                                             .scene = b->prepared->scene,
                                             .geometry = b->prepared->geometry,
                                             .surface = b->prepared->surface,
-                                            .direct = b->transport->direct,
-                                            .indirect = b->transport->indirect,
-                                            .error = b->transport->error,
-                                            .radiosity = b->transport->radiosity,
+                                            .direct = b->solution->direct,
+                                            .indirect = b->solution->indirect,
+                                            .error = b->solution->error,
+                                            .radiosity = b->solution->radiosity,
                                             .stop = kiln_control_stop(b->control)};
     const struct kiln_output_params params = {.directory = b->job->output,
                                               .half = b->job->half,
@@ -513,10 +521,10 @@ static int write_scene(struct bake *b, struct kiln_error *error)
 /* run.json says that everything it names is there. */
 static int write_report(struct bake *b, struct kiln_error *error)
 {
-    kiln_phase_rest(&b->phases, b->transport->report.seconds_before);
+    kiln_phase_rest(&b->phases, b->solution->report.seconds_before);
     const struct kiln_run run = {.job = b->job,
                                  .prepared = b->prepared,
-                                 .transport = b->transport,
+                                 .solution = b->solution,
                                  .volume = &b->volume,
                                  .lightmaps = b->lightmaps,
                                  .phases = &b->phases,
@@ -572,7 +580,7 @@ static int run_phases(struct bake *b, struct kiln_error *error)
 {
     int status = prepare(b, error);
     if (status == KILN_OK)
-        status = transport_light(b, error);
+        status = integrate_light(b, error);
     if (status == KILN_OK)
         status = gather_volume(b, error);
     if (status != KILN_OK)
@@ -683,7 +691,7 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
     kiln_progress_destroy(&b.progress);
     kiln_free(&b.lightmaps);
     kiln_volume_destroy(&b.volume);
-    kiln_transport_destroy(&b.transport);
+    kiln_solution_destroy(&b.solution);
     kiln_prepared_destroy(&b.prepared);
     kiln_watchdog_destroy(&b.watchdog); /* what is collective above is watched too */
     return status;

@@ -21,12 +21,15 @@ struct kiln_range_bounds {
 
 struct kiln_rank_data {
     struct kiln_surface surface;   /* a view: the map as this rank has it, the own part as the share's owner has it */
-    float *direct, *sum;           /* 3 a point, see struct kiln_transport and transport_private.h */
+    float *direct, *sum;           /* 3 a point, see struct kiln_solution and the integrator */
     uint16_t *error;               /* 1 a point: kiln_error_pack */
-    uint64_t *next;                /* 1 a point: packed radiosity of the present bounce */
+    uint64_t *next;                /* 1 a point: packed radiosity of the present step; or see kiln_next_compact */
     float *cost;                   /* 1 a tile run: seconds that it took in the present pass */
     struct kiln_work_queue *queue; /* what of the present pass may be taken */
 };
+
+/* The radiosity of a step that makes it in 4 bytes a point: it lies in the first half of `next`. */
+static inline uint32_t *kiln_next_compact(const struct kiln_rank_data *data) { return (uint32_t *)data->next; }
 
 struct kiln_node_data;
 

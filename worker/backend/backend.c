@@ -93,14 +93,14 @@ static bool is_well_formed(const struct kiln_backend *backend, const struct kiln
     return (parameters != NULL) == (pass->parameter_bytes > 0) && (batch->positions == NULL) == surface &&
            (!surface || backend->surface != NULL) && (!pass->reads_radiosity || backend->radiosity != NULL) &&
            (pass->has_streams || batch->stream == 0) &&
-           (batch->samples_of != NULL ? pass->is_sampled : (batch->samples > 0) == pass->is_sampled);
+           (batch->samples_each != NULL ? pass->is_sampled : (batch->samples > 0) == pass->is_sampled);
 }
 
 /* How many of the batch's items from number i on have the same number of samples. */
 static size_t equal_samples(const struct kiln_batch *batch, size_t i)
 {
     size_t end = i + 1;
-    while (end < batch->count && batch->samples_of[end] == batch->samples_of[i])
+    while (end < batch->count && batch->samples_each[end] == batch->samples_each[i])
         end++;
     return end - i;
 }
@@ -115,14 +115,14 @@ int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass,
                          "the pass '%s' was given a batch, parameters or a state of the backend that do not fit it; "
                          "this is a bug of kiln: report it",
                          pass->name);
-    if (batch->samples_of == NULL)
+    if (batch->samples_each == NULL)
         return backend->api->run(backend, pass, parameters, batch, rays, error);
     int status = KILN_OK;
     for (size_t i = 0, some; i < batch->count && status == KILN_OK; i += some) {
         some = equal_samples(batch, i);
         struct kiln_batch part = kiln_batch_part(batch, batch->first + i, some);
-        part.samples = batch->samples_of[i];
-        part.samples_of = NULL;
+        part.samples = batch->samples_each[i];
+        part.samples_each = NULL;
         if (part.samples > 0)
             status = backend->api->run(backend, pass, parameters, &part, rays, error);
     }
@@ -143,6 +143,6 @@ int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *
 {
     if (batch->count == 0)
         return KILN_OK;
-    assert(batch->samples > 0 && batch->samples_of == NULL);
+    assert(batch->samples > 0 && batch->samples_each == NULL);
     return backend->api->ceiling(backend, batch, seconds, rays, error);
 }

@@ -110,7 +110,7 @@ struct kiln_backend_api {
     void (*info)(const struct kiln_backend *backend, struct kiln_backend_info *info);
     int (*set_surface)(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error);
     int (*set_radiosity)(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error);
-    /* The arguments of kiln_backend_run, checked; at least one item; samples_of is NULL */
+    /* The arguments of kiln_backend_run, checked; at least one item; samples_each is NULL */
     int (*run)(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
     int (*intersect)(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
