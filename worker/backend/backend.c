@@ -6,7 +6,6 @@
 
 #include "worker/backend/fallback.h"
 #include "worker/backend/verify.h"
-#include "worker/backend/vulkan/gpu/gpu.h"
 
 static const struct kiln_backend_api *const backends[] = {&kiln_backend_embree, &kiln_backend_vulkan};
 
@@ -14,14 +13,35 @@ static const struct kiln_backend_api *const backends[] = {&kiln_backend_embree, 
 static bool has_gpu(void)
 {
     enum { MOST = 64 };
-    struct gpu_description list[MOST];
+    struct kiln_device list[MOST];
     size_t count = 0;
-    if (gpu_list(list, MOST, &count, NULL) != KILN_OK)
+    if (kiln_backend_vulkan.devices(list, MOST, &count, NULL) != KILN_OK)
         return false;
     for (size_t i = 0; i < count && i < MOST; i++)
         if (list[i].fit && !list[i].software)
             return true;
     return false;
+}
+
+static const struct kiln_backend_api *find(const char *name)
+{
+    for (size_t i = 0; i < sizeof backends / sizeof *backends; i++)
+        if (strcmp(name, backends[i]->name) == 0)
+            return backends[i];
+    return NULL;
+}
+
+static int no_such_backend(const char *name, struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_NO_DEVICE, "no backend is called '%s' here; known: auto, embree, vulkan", name);
+}
+
+int kiln_backend_devices(const char *name, struct kiln_device *list, size_t room, size_t *count,
+                         struct kiln_error *error)
+{
+    const struct kiln_backend_api *api = find(name);
+    *count = 0;
+    return api != NULL ? api->devices(list, room, count, error) : no_such_backend(name, error);
 }
 
 /* The backend itself, and around it what the parameters ask for: going on without the device, then checking it. */
@@ -60,10 +80,8 @@ int kiln_backend_create(struct kiln_backend **backend, const char *name, const s
     *backend = NULL;
     if (strcmp(name, "auto") == 0)
         return create_best(backend, params, error);
-    for (size_t i = 0; i < sizeof backends / sizeof *backends; i++)
-        if (strcmp(name, backends[i]->name) == 0)
-            return create(backend, backends[i], params, error);
-    return kiln_fail(error, KILN_NO_DEVICE, "no backend is called '%s' here; known: auto, embree, vulkan", name);
+    const struct kiln_backend_api *api = find(name);
+    return api != NULL ? create(backend, api, params, error) : no_such_backend(name, error);
 }
 
 void kiln_backend_destroy(struct kiln_backend **backend)
