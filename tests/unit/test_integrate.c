@@ -53,7 +53,7 @@ static void expect(const struct kiln_step *step, uint32_t role, uint32_t bounce,
                    bool counted)
 {
     assert_int_equal(step->role, role);
-    assert_ptr_equal(step->pass, role == KILN_CELLS_DIRECT ? &kiln_pass_direct : &kiln_pass_gather);
+    assert_int_equal(step->pass, role == KILN_CELLS_DIRECT ? &kiln_pass_direct : &kiln_pass_gather);
     assert_int_equal(step->bounce, bounce);
     assert_int_equal(step->samples, samples);
     assert_int_equal(step->stream, stream);
