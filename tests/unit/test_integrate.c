@@ -153,7 +153,7 @@ static void plan_as_bake(void **state)
                 const struct kiln_step *step = &plan.of[i].step;
                 expect(step, b.reports[i].step.role, b.reports[i].step.bounce, b.reports[i].step.samples,
                        b.reports[i].step.stream, b.reports[i].step.counted);
-                assert_int_equal(plan.kinds[plan.of[i].kind].pass, step->pass);
+                assert_ptr_equal(plan.kinds[plan.of[i].kind].pass, step->pass);
                 assert_int_equal(plan.kinds[plan.of[i].kind].samples, step->samples);
                 samples += step->samples;
                 assert_true(plan.of[i].outlook.steps == plan.count - i && plan.of[i].outlook.samples == samples);

@@ -469,6 +469,7 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .name = "vulkan",
     .create = vulkan_create,
     .destroy = vulkan_destroy,
+    .devices = gpu_list,
     .info = vulkan_info,
     .set_surface = vulkan_set_surface,
     .set_radiosity = vulkan_set_radiosity,
