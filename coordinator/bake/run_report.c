@@ -18,10 +18,8 @@ enum {
     RANK_POINTS,
     RANK_INVALID,
     RANK_RSS,
-    RANK_DIRECT,
-    RANK_BOUNCES,
-    RANK_FINAL,
-    RANK_PROBES,
+    RANK_RAYS, /* of steps of each of the integrator's roles */
+    RANK_PROBES = RANK_RAYS + KILN_ROLES_MAX,
     RANK_PSS,
     RANK_SHARED,
     RANK_RECEIVED,
@@ -89,7 +87,7 @@ static uint64_t count_invalid(const struct kiln_surface *surface)
 
 static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
 {
-    const struct kiln_transport_report *t = &run->transport->report;
+    const struct kiln_integrate_report *t = &run->solution->report;
     values[RANK_POINTS] = run->prepared->surface->count;
     values[RANK_INVALID] = count_invalid(run->prepared->surface);
     values[RANK_RSS] = kiln_process_memory(KILN_MEMORY_PEAK);
@@ -104,17 +102,15 @@ static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
     values[RANK_VERIFIED] = info.verified;
     values[RANK_BEYOND] = info.beyond;
     memcpy(&values[RANK_WORST], &info.worst, sizeof info.worst);
-    for (size_t i = 0; i < t->pass_count; i++) {
-        values[t->passes[i].kind == KILN_PASS_DIRECT   ? RANK_DIRECT
-               : t->passes[i].kind == KILN_PASS_BOUNCE ? RANK_BOUNCES
-                                                       : RANK_FINAL] += t->passes[i].rays;
-        values[RANK_STOLEN_FROM] += t->passes[i].given;
-        values[RANK_STOLEN_BY] += t->passes[i].taken;
+    for (size_t i = 0; i < t->steps.count; i++) {
+        values[RANK_RAYS + t->steps.of[i].step.role] += t->steps.of[i].rays;
+        values[RANK_STOLEN_FROM] += t->steps.of[i].given;
+        values[RANK_STOLEN_BY] += t->steps.of[i].taken;
     }
 }
 
-/* What was thought and done about the shares after a pass; null: nothing. */
-static json_t *rebalance_json(const struct kiln_pass_balance *b)
+/* What was found about the balance of the ranks after a step, and done; null: nothing. */
+static json_t *rebalance_json(const struct kiln_step_balance *b)
 {
     if (!b->judged)
         return json_null();
@@ -125,20 +121,19 @@ static json_t *rebalance_json(const struct kiln_pass_balance *b)
                      "predicted_gain", b->gain, "predicted_cost", b->cost, "points", (json_int_t)b->points);
 }
 
-/* `stolen`: points of each pass that were computed by another rank than their own, over all ranks. */
-static json_t *passes_json(const struct kiln_transport_report *t, const uint64_t *stolen)
+/* `stolen`: points of each step that were computed by another rank than their own, over all ranks. */
+static json_t *steps_json(const struct kiln_integrate_report *t, const uint64_t *stolen)
 {
-    static const char *const kinds[] = {"direct", "bounce", "final"};
     json_t *array = json_array();
-    for (size_t i = 0; i < t->pass_count; i++) {
-        const struct kiln_pass_report *p = &t->passes[i];
-        json_array_append_new(array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
-                                               kinds[p->kind], "bounce", (int)p->bounce, "samples", (int)p->samples,
-                                               "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
-                                               "device_seconds", p->device_seconds, "energy",
-                                               luminance(p->energy.incident), "incident", rgb_json(p->energy.incident),
-                                               "reflected", rgb_json(p->energy.reflected), "stolen_points",
-                                               (json_int_t)stolen[i], "rebalance", rebalance_json(&p->balance)));
+    for (size_t i = 0; i < t->steps.count; i++) {
+        const struct kiln_step_report *p = &t->steps.of[i];
+        json_array_append_new(
+            array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
+                             t->integrator->roles[p->step.role].kind, "bounce", (int)p->step.bounce, "samples",
+                             (int)p->step.samples, "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
+                             "device_seconds", p->device_seconds, "energy", luminance(p->energy.incident), "incident",
+                             rgb_json(p->energy.incident), "reflected", rgb_json(p->energy.reflected), "stolen_points",
+                             (json_int_t)stolen[i], "rebalance", rebalance_json(&p->balance)));
     }
     return array;
 }
@@ -162,8 +157,8 @@ static json_t *error_json(const struct kiln_run *run)
             continue;
         double e[3];
         for (uint64_t c = 0; c < 3; c++)
-            e[c] = (double)run->transport->direct[3 * i + c] + (double)run->transport->indirect[3 * i + c];
-        const double error = (double)kiln_error_unpack(run->transport->error[i]);
+            e[c] = (double)run->solution->direct[3 * i + c] + (double)run->solution->indirect[3 * i + c];
+        const double error = (double)kiln_error_unpack(run->solution->error[i]);
         sums[0] += error * error;
         sums[1] += luminance(e);
         sums[2] += 1.0;
@@ -253,7 +248,7 @@ static json_t *balance_json(const struct kiln_run *run, const uint64_t *values)
     const struct kiln_surface_report *s = &run->prepared->surface_report;
     json_t *per_rank = ranks_json(run, values, RANK_POINTS);
     json_t *stolen =
-        json_pack("{s:b, s:o, s:o}", "on", run->transport->report.steals_work, "from_rank",
+        json_pack("{s:b, s:o, s:o}", "on", run->solution->report.steals_work, "from_rank",
                   ranks_json(run, values, RANK_STOLEN_FROM), "by_rank", ranks_json(run, values, RANK_STOLEN_BY));
     return json_pack("{s:s, s:f, s:I, s:I, s:f, s:o, s:o}", "partition",
                      run->job->partition_objects ? "objects" : "cells", "point_imbalance", s->imbalance,
@@ -289,10 +284,10 @@ static json_t *memory_json(const struct kiln_run *run, const uint64_t *values)
 static json_t *mpi_json(const struct kiln_run *run)
 {
     const struct kiln_prepared *p = run->prepared;
-    const struct kiln_transport_report *t = &run->transport->report;
+    const struct kiln_integrate_report *t = &run->solution->report;
     double spent = t->waiting_seconds;
-    for (size_t i = 0; i < t->pass_count; i++)
-        spent += t->passes[i].exchange_seconds;
+    for (size_t i = 0; i < t->steps.count; i++)
+        spent += t->steps.of[i].exchange_seconds;
     const double all = MPI_Wtime() - run->phases->begin, share = all > 0.0 ? fmin(1.0, spent / all) : 0.0;
     double low, high, sum;
     (void)MPI_Reduce(&share, &low, 1, MPI_DOUBLE, MPI_MIN, 0, p->communicator);
@@ -303,37 +298,41 @@ static json_t *mpi_json(const struct kiln_run *run)
     return json_pack("{s:{s:f, s:f, s:f}}", "waiting_share", "min", low, "avg", sum / p->ranks, "max", high);
 }
 
-static json_t *rays_json(const uint64_t *values, int ranks, double *total)
-{
-    uint64_t sum[4] = {0};
-    for (int r = 0; r < ranks; r++)
-        for (int k = 0; k < 4; k++)
-            sum[k] += values[(size_t)r * RANK_VALUES + RANK_DIRECT + (size_t)k];
-    *total = (double)sum[0] + (double)sum[1] + (double)sum[2] + (double)sum[3];
-    return json_pack("{s:I, s:I, s:I, s:I}", "direct", (json_int_t)sum[0], "bounces", (json_int_t)sum[1], "final",
-                     (json_int_t)sum[2], "probes", (json_int_t)sum[3]);
-}
-
-/* Seconds that the slowest rank spent tracing. */
-static double tracing_seconds(const json_t *phases)
-{
-    static const char *const traced[] = {"direct light", "bounces", "final gather", "probes"};
-    double sum = 0.0;
-    size_t index;
-    json_t *phase;
-    json_array_foreach(phases, index,
-                       phase) for (size_t k = 0; k < sizeof traced / sizeof *traced;
-                                   k++) if (strcmp(json_string_value(json_object_get(phase, "name")), traced[k]) == 0)
-        sum += json_real_value(json_object_get(json_object_get(phase, "seconds"), "max"));
-    return sum;
-}
-
 static json_int_t total(const uint64_t *values, int ranks, int what)
 {
     uint64_t sum = 0;
     for (int r = 0; r < ranks; r++)
         sum += values[(size_t)r * RANK_VALUES + (size_t)what];
     return (json_int_t)sum;
+}
+
+/* Of the steps by role, and of the probes. */
+static json_t *rays_json(const struct kiln_integrator *integrator, const uint64_t *values, int ranks, double *sum)
+{
+    json_t *rays = json_object();
+    *sum = 0.0;
+    for (uint32_t r = 0; r <= integrator->role_count; r++) {
+        const bool probes = r == integrator->role_count;
+        const json_int_t own = total(values, ranks, probes ? RANK_PROBES : RANK_RAYS + (int)r);
+        (void)json_object_set_new(rays, probes ? "probes" : integrator->roles[r].total, json_integer(own));
+        *sum += (double)own;
+    }
+    return rays;
+}
+
+/* Seconds that the slowest rank spent tracing. */
+static double tracing_seconds(const struct kiln_integrator *integrator, const json_t *phases)
+{
+    double sum = 0.0;
+    for (uint32_t r = 0; r <= integrator->role_count; r++) {
+        const char *name = r < integrator->role_count ? integrator->roles[r].phase : "probes";
+        size_t index;
+        const json_t *phase;
+        json_array_foreach(phases, index,
+                           phase) if (strcmp(json_string_value(json_object_get(phase, "name")), name) == 0) sum +=
+            json_real_value(json_object_get(json_object_get(phase, "seconds"), "max"));
+    }
+    return sum;
 }
 
 /* Of the first rank's backend; recoveries and what was verified of all ranks'. */
@@ -366,10 +365,10 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
                               const uint64_t *values, const uint64_t *stolen)
 {
     const struct kiln_prepared *p = run->prepared;
-    const struct kiln_transport_report *t = &run->transport->report;
+    const struct kiln_integrate_report *t = &run->solution->report;
     double total_rays;
-    json_t *rays = rays_json(values, p->ranks, &total_rays);
-    const double traced = tracing_seconds(phases);
+    json_t *rays = rays_json(t->integrator, values, p->ranks, &total_rays);
+    const double traced = tracing_seconds(t->integrator, phases);
     json_t *scene = scene_json(p);
     json_object_set_new(scene, "file", kiln_json_string(run->job->scene));
     char *path = realpath(run->job->scene, NULL); /* where kiln export looks for it */
@@ -392,7 +391,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "phases", phases);
     json_object_set_new(root, "rays", rays);
     json_object_set_new(root, "mrays_per_second", json_real(traced > 0.0 ? total_rays / traced * 1e-6 : 0.0));
-    json_object_set_new(root, "bounces", passes_json(t, stolen));
+    json_object_set_new(root, "bounces", steps_json(t, stolen));
     json_object_set_new(root, "indirect_bounces", json_integer((json_int_t)t->bounces));
     json_object_set_new(
         root, "tail",
@@ -425,7 +424,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
 struct gathered {
     uint64_t *values; /* rank 0: RANK_VALUES a rank */
     double *phases;   /* rank 0: KILN_PHASES_MAX a rank */
-    uint64_t *stolen; /* one a pass */
+    uint64_t *stolen; /* one a step */
 };
 
 /* Collective. */
@@ -433,7 +432,7 @@ static int make_room(const struct kiln_run *run, struct gathered *g, struct kiln
 {
     const struct kiln_prepared *p = run->prepared;
     const size_t ranks = (size_t)p->ranks;
-    int status = kiln_allocate(&g->stolen, run->transport->report.pass_count, sizeof *g->stolen, "the report", error);
+    int status = kiln_allocate(&g->stolen, run->solution->report.steps.count, sizeof *g->stolen, "the report", error);
     if (status == KILN_OK && p->rank == 0)
         status = kiln_allocate(&g->values, ranks * RANK_VALUES, sizeof *g->values, "the report", error);
     if (status == KILN_OK && p->rank == 0)
@@ -445,13 +444,13 @@ static int make_room(const struct kiln_run *run, struct gathered *g, struct kiln
 static void gather(const struct kiln_run *run, struct gathered *g)
 {
     const struct kiln_prepared *p = run->prepared;
-    const struct kiln_transport_report *t = &run->transport->report;
+    const struct kiln_integrate_report *t = &run->solution->report;
     uint64_t own[RANK_VALUES] = {0};
     own_values(run, own);
     (void)MPI_Gather(own, RANK_VALUES, MPI_UINT64_T, g->values, RANK_VALUES, MPI_UINT64_T, 0, p->communicator);
-    for (size_t i = 0; i < t->pass_count; i++)
-        g->stolen[i] = t->passes[i].given;
-    (void)MPI_Reduce(p->rank == 0 ? MPI_IN_PLACE : g->stolen, g->stolen, (int)t->pass_count, MPI_UINT64_T, MPI_SUM, 0,
+    for (size_t i = 0; i < t->steps.count; i++)
+        g->stolen[i] = t->steps.of[i].given;
+    (void)MPI_Reduce(p->rank == 0 ? MPI_IN_PLACE : g->stolen, g->stolen, (int)t->steps.count, MPI_UINT64_T, MPI_SUM, 0,
                      p->communicator);
 }
 

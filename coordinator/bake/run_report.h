@@ -4,13 +4,13 @@
 
 #include "coordinator/bake/prepare.h"
 #include "coordinator/field/result.h"
-#include "coordinator/integrate/transport.h"
+#include "coordinator/integrate/integrate.h"
 #include "coordinator/output/output.h"
 
 struct kiln_run {
     const struct kiln_job *job;
     const struct kiln_prepared *prepared;
-    const struct kiln_transport *transport;
+    const struct kiln_solution *solution;
     const struct kiln_volume_result *volume;      /* size 0: none */
     const struct kiln_lightmap_report *lightmaps; /* one a lightmap of the surface, rank 0 */
     const struct kiln_phases *phases;

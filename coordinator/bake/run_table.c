@@ -4,6 +4,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "coordinator/integrate/integrator.h"
 #include "coordinator/run/phases.h"
 #include "coordinator/run/progress.h"
 #include "worker/base/text.h"
@@ -15,10 +16,8 @@ struct advice {
     const char *phase, *text;
 };
 
+static const char *const step_advice = "try a smaller --cell-size, which deals the cells out more evenly";
 static const struct advice balance_advice[] = {
-    {"direct light", "try a smaller --cell-size, which deals the cells out more evenly"},
-    {"bounces", "try a smaller --cell-size, which deals the cells out more evenly"},
-    {"final gather", "try a smaller --cell-size, which deals the cells out more evenly"},
     {"preview", "one rank draws it; --no-preview leaves it out"},
 };
 static const struct advice file_advice[] = {
@@ -85,7 +84,9 @@ static void note_imbalance(const json_t *report, json_t *notes)
             notes, json_sprintf("%s: the slowest rank took %.0f %% longer than the mean, which costs %.1f s a rank; %s",
                                 name_of(worst), 100.0 * json_number_value(json_object_get(worst, "imbalance")), most,
                                 advice_for(balance_advice, BALANCE_ADVICE, name_of(worst),
-                                           "--trace FILE.json shows which rank, and when")));
+                                           kiln_integrator_has_phase(name_of(worst))
+                                               ? step_advice
+                                               : "--trace FILE.json shows which rank, and when")));
 }
 
 static void note_files(const json_t *report, json_t *notes)

@@ -206,5 +206,6 @@ static int deal(void *context, int status, const void *own, const size_t *counts
 
 struct kiln_surface_exchange kiln_surface_exchange_over(struct kiln_surface_meeting *meeting)
 {
-    return (struct kiln_surface_exchange){.context = meeting, .agree = agree, .sum = sum, .allgather = all, .alltoall = deal};
+    return (struct kiln_surface_exchange){
+        .context = meeting, .agree = agree, .sum = sum, .allgather = all, .alltoall = deal};
 }

@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "coordinator/bake/identity.h"
+#include "coordinator/bake/light_settings.h"
 #include "coordinator/bake/run_report.h"
 #include "coordinator/bake/run_table.h"
 #include "coordinator/bake/volume.h"
@@ -40,8 +41,10 @@ struct bake {
     struct kiln_progress *progress;
     struct kiln_prepared *prepared;
     struct kiln_emission_result emission;
-    struct kiln_transport_params transport_params;
-    struct kiln_transport *transport;
+    struct kiln_integrate_settings light_settings;
+    struct kiln_field_set fields;
+    struct kiln_integrate_params light_params;
+    struct kiln_solution *solution;
     struct kiln_volume_result volume;
     struct kiln_lightmap_report *lightmaps;
     uint64_t probe_rays;
@@ -227,10 +230,8 @@ static int check_room(const struct bake *b, const struct kiln_prepared *p, const
             (unsigned long long)probes, needed / 0x1p30, memory / 0x1p30);
     if (p->surface == NULL)
         return KILN_OK;
-    struct kiln_field_set fields;
-    kiln_field_set_choose(&fields, b->job);
     return kiln_require_space(
-        b->job->output, kiln_h5_space(p->scene, p->surface, &fields) + (probes > 0 ? kiln_volume_space(volume) : 0),
+        b->job->output, kiln_h5_space(p->scene, p->surface, &b->fields) + (probes > 0 ? kiln_volume_space(volume) : 0),
         error);
 }
 
@@ -277,7 +278,23 @@ static int agree_after_phase(struct bake *b, int status, struct kiln_error *erro
     return status;
 }
 
-static int transport_light(struct bake *b, struct kiln_error *error)
+/* The steps' times, added to the phases of their roles. */
+static void add_light_phases(struct bake *b)
+{
+    const struct kiln_integrate_report *report = &b->solution->report;
+    const struct kiln_integrator *integrator = report->integrator;
+    for (uint32_t r = 0; r < integrator->role_count; r++)
+        kiln_phase_add(&b->phases, integrator->roles[r].phase, 0.0);
+    kiln_phase_add(&b->phases, "exchange", 0.0);
+    kiln_phase_add(&b->phases, "waiting", report->waiting_seconds);
+    for (size_t i = 0; i < report->steps.count; i++) {
+        const struct kiln_step_report *step = &report->steps.of[i];
+        kiln_phase_add(&b->phases, integrator->roles[step->step.role].phase, step->seconds);
+        kiln_phase_add(&b->phases, "exchange", step->exchange_seconds);
+    }
+}
+
+static int integrate_light(struct bake *b, struct kiln_error *error)
 {
     kiln_phase(&b->phases, "emission");
     kiln_progress_phase(b->progress, "emission", 0);
@@ -287,38 +304,29 @@ static int transport_light(struct bake *b, struct kiln_error *error)
         return status;
     kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
                        kiln_checkpoint_written(b->checkpoint));
-    b->transport_params = (struct kiln_transport_params){.communicator = b->communicator,
-                                                         .rank = b->rank,
-                                                         .ranks = b->prepared->ranks,
-                                                         .begin = b->begin,
-                                                         .job = b->job,
-                                                         .backend = b->prepared->backend,
-                                                         .surface = b->prepared->surface,
-                                                         .node = b->prepared->node,
-                                                         .area = b->prepared->surface_report.geometry_area,
-                                                         .trace = b->trace,
-                                                         .emission = &b->emission,
-                                                         .progress = b->progress,
-                                                         .control = b->control,
-                                                         .checkpoint = b->checkpoint,
-                                                         .identity = b->identity,
-                                                         .threads = b->prepared->threads};
+    b->light_settings = kiln_light_settings(b->job, b->prepared->surface->point_count);
+    b->light_params = (struct kiln_integrate_params){.communicator = b->communicator,
+                                                     .rank = b->rank,
+                                                     .ranks = b->prepared->ranks,
+                                                     .begin = b->begin,
+                                                     .settings = &b->light_settings,
+                                                     .backend = b->prepared->backend,
+                                                     .surface = b->prepared->surface,
+                                                     .fields = &b->fields,
+                                                     .node = b->prepared->node,
+                                                     .area = b->prepared->surface_report.geometry_area,
+                                                     .trace = b->trace,
+                                                     .emission = &b->emission,
+                                                     .progress = b->progress,
+                                                     .control = b->control,
+                                                     .checkpoint = b->checkpoint,
+                                                     .identity = b->identity,
+                                                     .threads = b->prepared->threads};
     b->saves = true;
-    status = kiln_transport_run(&b->transport, &b->transport_params, error);
-    if (status != KILN_OK)
-        return status;
-    /* in the order of enum kiln_pass_kind */
-    static const char *const names[] = {"direct light", "bounces", "final gather"};
-    for (int kind = KILN_PASS_DIRECT; kind <= KILN_PASS_FINAL; kind++)
-        kiln_phase_add(&b->phases, names[kind], 0.0);
-    kiln_phase_add(&b->phases, "exchange", 0.0);
-    kiln_phase_add(&b->phases, "waiting", b->transport->report.waiting_seconds);
-    for (size_t i = 0; i < b->transport->report.pass_count; i++) {
-        const struct kiln_pass_report *pass = &b->transport->report.passes[i];
-        kiln_phase_add(&b->phases, names[pass->kind], pass->seconds);
-        kiln_phase_add(&b->phases, "exchange", pass->exchange_seconds);
-    }
-    return KILN_OK;
+    status = kiln_integrate(&b->solution, &b->light_params, error);
+    if (status == KILN_OK)
+        add_light_phases(b);
+    return status;
 }
 
 /* kiln_volume_save */
@@ -326,7 +334,7 @@ static int save_volume(void *context, const struct kiln_block *blocks, size_t co
                        struct kiln_error *error)
 {
     struct bake *b = context;
-    const int status = kiln_transport_save(b->transport, &b->transport_params, blocks, count, error);
+    const int status = kiln_integrate_save(b->solution, &b->light_params, blocks, count, error);
     return status == KILN_OK && stop ? kiln_stopped(b->control, error) : status;
 }
 
@@ -335,7 +343,7 @@ static struct kiln_volume_params volume_params(struct bake *b)
     return (struct kiln_volume_params){.communicator = b->communicator,
                                        .backend = b->prepared->backend,
                                        .scene = b->prepared->scene,
-                                       .radiosity = b->transport->radiosity,
+                                       .radiosity = b->solution->radiosity,
                                        .spacing = b->job->probe_spacing,
                                        .samples = b->job->samples_probe,
                                        .progress = b->progress,
@@ -390,15 +398,15 @@ static int write_twice(struct bake *b, const struct kiln_bake_result *result, co
 
 static int write_results(struct bake *b, const char *provenance, struct kiln_error *error)
 {
-    const struct kiln_node_data *data = b->transport->node_data;
+    const struct kiln_node_data *data = b->solution->node_data;
     const struct kiln_bake_result result = {.units = kiln_units_of(b->job->units, b->prepared->scene),
                                             .communicator = b->communicator,
                                             .scene = b->prepared->scene,
                                             .geometry = b->prepared->geometry,
                                             .surface = b->prepared->surface,
                                             .fields = kiln_node_data_fields(data),
-                                            .data = kiln_rank_data(data, kiln_node_data_own(data)),
-                                            .radiosity = b->transport->radiosity,
+                                            .data = b->solution->own,
+                                            .radiosity = b->solution->radiosity,
                                             .stop = kiln_control_stop(b->control)};
     const struct kiln_output_params params = {.directory = b->job->output,
                                               .half = b->job->half,
@@ -514,10 +522,10 @@ static int write_scene(struct bake *b, struct kiln_error *error)
 /* run.json says that everything it names is there. */
 static int write_report(struct bake *b, struct kiln_error *error)
 {
-    kiln_phase_rest(&b->phases, b->transport->report.seconds_before);
+    kiln_phase_rest(&b->phases, b->solution->report.seconds_before);
     const struct kiln_run run = {.job = b->job,
                                  .prepared = b->prepared,
-                                 .transport = b->transport,
+                                 .solution = b->solution,
                                  .volume = &b->volume,
                                  .lightmaps = b->lightmaps,
                                  .phases = &b->phases,
@@ -573,7 +581,7 @@ static int run_phases(struct bake *b, struct kiln_error *error)
 {
     int status = prepare(b, error);
     if (status == KILN_OK)
-        status = transport_light(b, error);
+        status = integrate_light(b, error);
     if (status == KILN_OK)
         status = gather_volume(b, error);
     if (status != KILN_OK)
@@ -653,6 +661,7 @@ static int write_trace(struct bake *b, int status, struct kiln_error *error)
 int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
 {
     struct bake b = {.job = job, .communicator = MPI_COMM_WORLD};
+    kiln_field_set_choose(&b.fields, job);
     (void)MPI_Comm_rank(b.communicator, &b.rank);
     b.begin = MPI_Wtime();
     b.progress = b.rank == 0 && job->quiet ? kiln_progress_create_silent() : kiln_progress_create(job->quiet, b.rank);
@@ -684,7 +693,7 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
     kiln_progress_destroy(&b.progress);
     kiln_free(&b.lightmaps);
     kiln_volume_destroy(&b.volume);
-    kiln_transport_destroy(&b.transport);
+    kiln_solution_destroy(&b.solution);
     kiln_prepared_destroy(&b.prepared);
     kiln_watchdog_destroy(&b.watchdog); /* what is collective above is watched too */
     return status;

@@ -34,18 +34,24 @@ static json_t *memory_json(const struct kiln_plan_memory *m)
                      "program", (json_int_t)m->program, "textures", (json_int_t)m->textures, "scene",
                      (json_int_t)m->scene, "geometry", (json_int_t)m->geometry, "bvh", (json_int_t)m->bvh,
                      "surface_all", (json_int_t)m->surface_all, "surface_own", (json_int_t)m->surface_own, "transport",
-                     (json_int_t)m->transport, "volume", (json_int_t)m->volume, "results", (json_int_t)m->results,
-                     "moving", (json_int_t)m->moving, "total", (json_int_t)m->total, "device", (json_int_t)m->device);
+                     (json_int_t)m->light, "volume", (json_int_t)m->volume, "results", (json_int_t)m->results, "moving",
+                     (json_int_t)m->moving, "total", (json_int_t)m->total, "device", (json_int_t)m->device);
 }
 
 static json_t *seconds_json(const struct kiln_plan *p)
 {
     const struct kiln_plan_seconds *s = &p->seconds;
-    return json_pack("{s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:i, s:f}", "import", s->import,
-                     "world", s->world, "surface", s->surface, "validity", s->validity, "emission", s->emission,
-                     "direct", s->direct, "bounces", s->bounces, "final", s->final, "probes", s->probes, "exchange",
-                     s->exchange, "move", s->move, "write", s->write, "total", s->total, "assumed_bounces",
-                     (int)p->bounces, "calibration", p->calibration_seconds);
+    const struct kiln_integrator *integrator = p->steps.integrator;
+    json_t *seconds = json_pack("{s:f, s:f, s:f, s:f, s:f}", "import", s->import, "world", s->world, "surface",
+                                s->surface, "validity", s->validity, "emission", s->emission);
+    for (uint32_t r = 0; r < integrator->role_count; r++)
+        (void)json_object_set_new(seconds, integrator->roles[r].total, json_real(s->light[r]));
+    json_t *after = json_pack("{s:f, s:f, s:f, s:f, s:f, s:i, s:f}", "probes", s->probes, "exchange", s->exchange,
+                              "move", s->move, "write", s->write, "total", s->total, "assumed_bounces", (int)p->bounces,
+                              "calibration", p->calibration_seconds);
+    (void)json_object_update(seconds, after);
+    json_decref(after);
+    return seconds;
 }
 
 static json_t *disk_json(const struct kiln_plan *p)
@@ -57,22 +63,25 @@ static json_t *disk_json(const struct kiln_plan *p)
                      (json_int_t)p->checkpoint_bytes);
 }
 
-/* How even the ranks' work is. */
-static json_t *lights_json(const double values[KILN_LIGHTS])
+/* Of each role of the integrator. */
+static json_t *roles_json(const struct kiln_integrator *integrator, const double values[KILN_ROLES_MAX])
 {
-    return json_pack("{s:f, s:f, s:f}", "direct", values[KILN_LIGHT_DIRECT], "bounce", values[KILN_LIGHT_BOUNCE],
-                     "final", values[KILN_LIGHT_FINAL]);
+    json_t *all = json_object();
+    for (uint32_t r = 0; r < integrator->role_count; r++)
+        (void)json_object_set_new(all, integrator->roles[r].kind, json_real(values[r]));
+    return all;
 }
 
-static json_t *balance_json(const struct kiln_simulated_light *light)
+/* How even the ranks' work is. */
+static json_t *balance_json(const struct kiln_integrator *integrator, const struct kiln_simulated_light *light)
 {
     return json_pack("{s:f, s:f, s:i, s:f, s:f, s:o, s:o, s:o}", "imbalance", light->imbalance, "imbalance_kept",
                      light->kept, "cuts", (int)light->cuts, "move_seconds", light->move, "points_most",
-                     light->points_most, "seconds", lights_json(light->seconds), "first_pass",
-                     lights_json(light->first), "last_pass", lights_json(light->last));
+                     light->points_most, "seconds", roles_json(integrator, light->seconds), "first_pass",
+                     roles_json(integrator, light->first), "last_pass", roles_json(integrator, light->last));
 }
 
-static json_t *curve_json(const struct kiln_scaled *curve, size_t count)
+static json_t *curve_json(const struct kiln_integrator *integrator, const struct kiln_scaled *curve, size_t count)
 {
     json_t *array = json_array();
     for (size_t i = 0; i < count; i++) {
@@ -80,9 +89,9 @@ static json_t *curve_json(const struct kiln_scaled *curve, size_t count)
         (void)json_array_append_new(
             array, json_pack("{s:i, s:i, s:f, s:f, s:f, s:o, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "ranks",
                              (int)c->ranks, "nodes", (int)c->nodes, "points", c->points, "trace", c->trace, "imbalance",
-                             c->light.imbalance, "balance", balance_json(&c->light), "exchange", c->exchange, "find",
-                             c->find, "once", c->once, "write", c->write, "seconds", c->seconds, "efficiency",
-                             c->efficiency, "trace_efficiency", c->trace_efficiency));
+                             c->light.imbalance, "balance", balance_json(integrator, &c->light), "exchange",
+                             c->exchange, "find", c->find, "once", c->once, "write", c->write, "seconds", c->seconds,
+                             "efficiency", c->efficiency, "trace_efficiency", c->trace_efficiency));
     }
     return array;
 }
@@ -97,10 +106,11 @@ static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
                   (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total, "cell_size", s->cell_size,
                   "imbalance", s->imbalance, "probes", (json_int_t)p->probes, "bytes_per_point", p->bytes_per_point,
                   "bytes_per_triangle", p->bytes_per_triangle, "exchange_bytes_per_bounce", p->exchange_bytes);
-    json_t *more = json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "memory_per_rank", memory_json(&p->memory), "balance",
-                             balance_json(&p->here.light), "seconds", seconds_json(p), "disk_bytes", disk_json(p),
-                             "strong_scaling", curve_json(p->strong, p->curve_count), "weak_scaling",
-                             curve_json(p->weak, p->curve_count));
+    json_t *more =
+        json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "memory_per_rank", memory_json(&p->memory), "balance",
+                  balance_json(p->steps.integrator, &p->here.light), "seconds", seconds_json(p), "disk_bytes",
+                  disk_json(p), "strong_scaling", curve_json(p->steps.integrator, p->strong, p->curve_count),
+                  "weak_scaling", curve_json(p->steps.integrator, p->weak, p->curve_count));
     if (all != NULL && more != NULL)
         (void)json_object_update(all, more);
     json_decref(more);
@@ -134,7 +144,7 @@ static void print_memory(const struct kiln_plan *p, const struct kiln_job *job)
                 {"BVH (estimated)", m->bvh},
                 {"tiles of all points", m->surface_all},
                 {"own surface points", m->surface_own},
-                {"light of own points", m->transport},
+                {"light of own points", m->light},
                 {"probes", m->volume},
                 {"writing results", m->results},
                 {"moving, before these", m->moving},
@@ -159,6 +169,18 @@ static void print_balance(const struct kiln_simulated_light *light)
                  100.0 * light->imbalance, 100.0 * light->kept);
 }
 
+static void print_light(const struct kiln_plan *p)
+{
+    const struct kiln_integrator *integrator = p->steps.integrator;
+    double sum = p->seconds.probes;
+    for (uint32_t r = 0; r < integrator->role_count; r++)
+        sum += p->seconds.light[r];
+    (void)printf("  light      %10.2f s ", sum);
+    for (uint32_t r = 0; r < integrator->role_count; r++)
+        (void)printf(" %s %.2f,", integrator->roles[r].phase, p->seconds.light[r]);
+    (void)printf(" probes %.2f\n", p->seconds.probes);
+}
+
 static void print_time(const struct kiln_plan *p)
 {
     const struct kiln_plan_seconds *s = &p->seconds;
@@ -168,8 +190,7 @@ static void print_time(const struct kiln_plan *p)
     (void)printf("  before     %10.2f s  import %.2f, BVH %.2f, surface points %.2f, validity %.2f, emission %.2f\n",
                  s->import + s->world + s->surface + s->validity + s->emission, s->import, s->world, s->surface,
                  s->validity, s->emission);
-    (void)printf("  light      %10.2f s  direct %.2f, bounces %.2f, final gather %.2f, probes %.2f\n",
-                 s->direct + s->bounces + s->final + s->probes, s->direct, s->bounces, s->final, s->probes);
+    print_light(p);
     (void)printf("  exchange   %10.2f s  a rank receives %.1f MiB in each bounce\n", s->exchange,
                  p->exchange_bytes / 1048576.0);
     if (p->here.ranks > 1)
@@ -304,6 +325,8 @@ static int plan_here(struct kiln_job *job, const char *scene_file, struct kiln_e
     if (status == KILN_OK && job->output != NULL)
         status = write_files(job->output, plan, error);
     kiln_prepared_destroy(&prepared);
+    if (plan != NULL)
+        kiln_plan_release(plan);
     kiln_free(&plan);
     return status;
 }

@@ -27,6 +27,17 @@ bool kiln_field_is_saved(const struct kiln_field *field, const struct kiln_save_
     return false;
 }
 
+static bool is_compact(const struct kiln_field *field, const struct kiln_save_moment *moment)
+{
+    return field->type == KILN_FIELD_NEXT_RADIOSITY && moment->compact;
+}
+
+/* Bytes of an item in its block. */
+static size_t saved_size(const struct kiln_field *field, const struct kiln_save_moment *moment)
+{
+    return is_compact(field, moment) ? sizeof(uint32_t) : kiln_field_size(field);
+}
+
 size_t kiln_field_blocks(const struct kiln_field_set *fields, const struct kiln_rank_data *data,
                          const struct kiln_save_moment *moment, struct kiln_block *blocks)
 {
@@ -38,7 +49,7 @@ size_t kiln_field_blocks(const struct kiln_field_set *fields, const struct kiln_
         assert(field->domain == KILN_DOMAIN_POINT && field->length == KILN_FIELD_EACH);
         blocks[count] = (struct kiln_block){.first = data->surface.first,
                                             .count = data->surface.count,
-                                            .size = kiln_field_size(field),
+                                            .size = saved_size(field, moment),
                                             .data = kiln_rank_field(data, fields, i)};
         (void)strncpy(blocks[count].name, field->name, sizeof blocks[count].name - 1);
         count++;
@@ -47,24 +58,27 @@ size_t kiln_field_blocks(const struct kiln_field_set *fields, const struct kiln_
 }
 
 static int read_block(const struct kiln_checkpoint *checkpoint, const struct kiln_field *field,
-                      const struct kiln_surface *surface, void *values, struct kiln_error *error)
+                      const struct kiln_surface *surface, const struct kiln_save_moment *moment, void *values,
+                      struct kiln_error *error)
 {
     const int status = kiln_checkpoint_read(checkpoint, field->name, surface->first, surface->count,
-                                            kiln_field_size(field), values, error);
-    return status == KILN_OK && !kiln_field_is_sane(field, values, surface->count)
+                                            saved_size(field, moment), values, error);
+    /* any value of the 4-byte form is finite */
+    return status == KILN_OK && !is_compact(field, moment) && !kiln_field_is_sane(field, values, surface->count)
                ? kiln_block_insane(field->name, error)
                : status;
 }
 
 /* A field of the surface has values already, which the backend may have taken over. */
 static int read_surface_block(const struct kiln_checkpoint *checkpoint, const struct kiln_field *field,
-                              const struct kiln_surface *surface, void *values, bool *changed, struct kiln_error *error)
+                              const struct kiln_surface *surface, const struct kiln_save_moment *moment, void *values,
+                              bool *changed, struct kiln_error *error)
 {
     const size_t bytes = (size_t)surface->count * kiln_field_size(field);
     void *found = NULL;
     int status = kiln_allocate(&found, (size_t)surface->count, kiln_field_size(field), "a checkpoint's values", error);
     if (status == KILN_OK)
-        status = read_block(checkpoint, field, surface, found, error);
+        status = read_block(checkpoint, field, surface, moment, found, error);
     if (status == KILN_OK && memcmp(found, values, bytes) != 0) {
         memcpy(values, found, bytes);
         *changed = true;
@@ -85,8 +99,8 @@ int kiln_field_blocks_read(const struct kiln_checkpoint *checkpoint, const struc
         if (!kiln_field_is_saved(field, moment))
             continue;
         status = field->life == KILN_FIELD_SURFACE
-                     ? read_surface_block(checkpoint, field, &data->surface, values, surface_changed, error)
-                     : read_block(checkpoint, field, &data->surface, values, error);
+                     ? read_surface_block(checkpoint, field, &data->surface, moment, values, surface_changed, error)
+                     : read_block(checkpoint, field, &data->surface, moment, values, error);
     }
     return status;
 }

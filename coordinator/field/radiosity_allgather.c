@@ -57,6 +57,8 @@ void kiln_radiosity_allgather_set_scale(struct kiln_radiosity_allgather *allgath
     allgather->scale = scale;
 }
 
+double kiln_radiosity_allgather_scale(const struct kiln_radiosity_allgather *allgather) { return allgather->scale; }
+
 /* ---- life ---- */
 
 /* Collective on the node. */
@@ -287,47 +289,39 @@ void kiln_radiosity_allgather_begin(struct kiln_radiosity_allgather *x)
         x->lanes[i].started = 0;
 }
 
-/* Own values [begin, end) into what is sent. */
-static void compact(struct kiln_radiosity_allgather *x, const uint64_t *next, uint64_t begin, uint64_t end)
+/* Puts the own values of a group where they are sent from. */
+static void put_group(struct kiln_radiosity_allgather *x, const uint32_t *next, uint32_t group)
 {
-    const double scale = x->scale;
-    uint32_t *out = x->incoming + x->params.first;
-#pragma omp parallel for schedule(static) num_threads((int)x->params.threads)
-    for (uint64_t i = begin; i < end; i++) {
-        float rgb[3];
-        kiln_radiosity_unpack(next[i], rgb);
-        out[i] = kiln_radiosity_compact(rgb, scale, 0);
-    }
+    const uint64_t begin = group_begin(x->params.count, group, x->params.groups),
+                   end = group_begin(x->params.count, group + 1, x->params.groups);
+    memcpy(x->incoming + x->params.first + begin, next + begin, (end - begin) * sizeof *next);
 }
 
 /* Starts the next group of a lane, when its values are there and the one before is through: the counts of a call are
  * its own until then. */
-static void advance_lane(struct kiln_radiosity_allgather *x, struct lane *lane, const uint64_t *next, uint64_t done)
+static void advance_lane(struct kiln_radiosity_allgather *x, struct lane *lane, const uint32_t *next, uint64_t done)
 {
     const uint32_t groups = x->params.groups;
     while (settled(x, lane) && lane->started < groups) {
         const uint32_t group = lane->started;
-        const uint64_t begin = group_begin(x->params.count, group, groups),
-                       end = group_begin(x->params.count, group + 1, groups);
-        if (lane->own && done < end)
+        if (lane->own && done < group_begin(x->params.count, group + 1, groups))
             return;
         if (lane->own)
-            compact(x, next, begin, end);
+            put_group(x, next, group);
         lane->started++;
         start_group(x, lane, x->incoming, sizeof *x->incoming, group, groups);
     }
 }
 
-void kiln_radiosity_allgather_advance(struct kiln_radiosity_allgather *x, const uint64_t *next, uint64_t done)
+void kiln_radiosity_allgather_advance(struct kiln_radiosity_allgather *x, const uint32_t *next, uint64_t done)
 {
     for (size_t i = 0; i < x->lane_count && x->under_way; i++)
         advance_lane(x, &x->lanes[i], next, done);
 }
 
 /* Drives all lanes until each has started `groups`. */
-static void drive(struct kiln_radiosity_allgather *x, const uint64_t *next, uint32_t groups)
+static void drive(struct kiln_radiosity_allgather *x, const uint32_t *next, uint32_t groups)
 {
-    const uint32_t all = x->params.groups;
     kiln_waiting_begin("a wait for radiosity");
     for (bool busy = true; busy;) {
         busy = false;
@@ -335,9 +329,8 @@ static void drive(struct kiln_radiosity_allgather *x, const uint64_t *next, uint
             struct lane *lane = &x->lanes[i];
             if (settled(x, lane) && lane->started < groups) {
                 if (lane->own && next != NULL)
-                    compact(x, next, group_begin(x->params.count, lane->started, all),
-                            group_begin(x->params.count, lane->started + 1, all));
-                start_group(x, lane, x->incoming, sizeof *x->incoming, lane->started++, all);
+                    put_group(x, next, lane->started);
+                start_group(x, lane, x->incoming, sizeof *x->incoming, lane->started++, x->params.groups);
             }
             busy = busy || lane->request_count > 0 || lane->started < groups;
         }
@@ -347,31 +340,37 @@ static void drive(struct kiln_radiosity_allgather *x, const uint64_t *next, uint
     kiln_waiting_end();
 }
 
+/* From 4 bytes to 8; none of them is rounded. */
+static void expand(const struct kiln_radiosity_allgather *x, const uint32_t *from, uint64_t *to, uint64_t count)
+{
+    const double scale = x->scale;
+#pragma omp parallel for schedule(static) num_threads((int)x->params.threads)
+    for (uint64_t i = 0; i < count; i++) {
+        float rgb[3];
+        kiln_radiosity_expand(from[i], scale, rgb);
+        to[i] = kiln_radiosity_pack(rgb, 0);
+    }
+}
+
 /* This rank's part of all points, from `incoming` to `values`. */
-static void expand(struct kiln_radiosity_allgather *x)
+static void expand_part(struct kiln_radiosity_allgather *x)
 {
     const uint64_t ranks = (uint64_t)kiln_node_ranks(x->node), rank = (uint64_t)kiln_node_rank(x->node),
                    total = x->params.total;
     const uint64_t begin = total / ranks * rank + total % ranks * rank / ranks;
     const uint64_t end = total / ranks * (rank + 1) + total % ranks * (rank + 1) / ranks;
-    const double scale = x->scale;
-#pragma omp parallel for schedule(static) num_threads((int)x->params.threads)
-    for (uint64_t i = begin; i < end; i++) {
-        float rgb[3];
-        kiln_radiosity_expand(x->incoming[i], scale, rgb);
-        x->values[i] = kiln_radiosity_pack(rgb, 0);
-    }
+    expand(x, x->incoming + begin, x->values + begin, end - begin);
 }
 
-void kiln_radiosity_allgather_finish(struct kiln_radiosity_allgather *x, const uint64_t *next)
+void kiln_radiosity_allgather_finish(struct kiln_radiosity_allgather *x, const uint32_t *next)
 {
     x->under_way = false;
     if (x->nodes > 1) {
         drive(x, next, x->params.groups);
         kiln_node_wait(x->node);
-        expand(x);
+        expand_part(x);
     } else {
-        memcpy(x->values + x->params.first, next, x->params.count * sizeof *next);
+        expand(x, next, x->values + x->params.first, x->params.count);
     }
     kiln_node_wait(x->node);
 }

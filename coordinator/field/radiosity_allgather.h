@@ -27,7 +27,7 @@ struct kiln_radiosity_allgather_params {
     struct kiln_node_memory *node; /* of the same communicator; borrowed */
     uint64_t total, first, count;  /* points; own ones. The ranks' ranges follow one another and cover all */
     struct kiln_trace *trace;      /* may be NULL */
-    uint32_t threads;              /* that pack and unpack */
+    uint32_t threads;              /* that expand what has arrived */
     uint32_t groups;               /* a bounce; 0: chosen by their size */
     uint64_t limit;                /* of elements in a call; 0: what int holds */
 };
@@ -52,13 +52,14 @@ void kiln_radiosity_allgather_all(struct kiln_radiosity_allgather *allgather);
 
 /* Of the 4-byte form, the same on all ranks: before the first bounce. */
 void kiln_radiosity_allgather_set_scale(struct kiln_radiosity_allgather *allgather, double scale);
+double kiln_radiosity_allgather_scale(const struct kiln_radiosity_allgather *allgather);
 
 /* One bounce. Begin; then, as often as there is news, how many own values from the first on are final in `next` (values
- * of the 4-byte form); then, collectively, when all ranks have said that all are, finish: the values replace the old
+ * in the 4-byte form); then, collectively, when all ranks have said that all are, finish: the values replace the old
  * ones. None of the first two waits. */
 void kiln_radiosity_allgather_begin(struct kiln_radiosity_allgather *allgather);
-void kiln_radiosity_allgather_advance(struct kiln_radiosity_allgather *allgather, const uint64_t *next, uint64_t done);
-void kiln_radiosity_allgather_finish(struct kiln_radiosity_allgather *allgather, const uint64_t *next);
+void kiln_radiosity_allgather_advance(struct kiln_radiosity_allgather *allgather, const uint32_t *next, uint64_t done);
+void kiln_radiosity_allgather_finish(struct kiln_radiosity_allgather *allgather, const uint32_t *next);
 /* Collective. Ends a bounce that is not to be finished. */
 void kiln_radiosity_allgather_abandon(struct kiln_radiosity_allgather *allgather);
 

@@ -23,14 +23,17 @@ struct kiln_range_bounds {
 /* One rank's arrays. Those that code uses by name have a member; kiln_rank_field finds all. */
 struct kiln_rank_data {
     struct kiln_surface surface;   /* a view: the map is this rank's, the arrays of own points are the owner's */
-    float *direct, *sum;           /* 3 a point, see struct kiln_transport and transport_private.h */
+    float *direct, *sum;           /* 3 a point, see struct kiln_solution and the integrator */
     uint16_t *error;               /* 1 a point: kiln_error_pack */
-    uint64_t *next;                /* 1 a point: packed radiosity of the present bounce */
+    uint64_t *next;                /* 1 a point: packed radiosity of the present step; or see kiln_next_compact */
     uint64_t *source;              /* 1 a point: packed radiosity that is gathered from; NULL: not known yet */
     float *cost;                   /* 1 a tile run: seconds that it took in the present pass */
     struct kiln_work_queue *queue; /* the owner's work of the present pass that may be stolen */
     void *more[KILN_FIELDS_MAX];   /* fields without a member, at their places in the set */
 };
+
+/* The radiosity of a step that makes it in 4 bytes a point: it lies in the first half of `next`. */
+static inline uint32_t *kiln_next_compact(const struct kiln_rank_data *data) { return (uint32_t *)data->next; }
 
 struct kiln_node_data;
 

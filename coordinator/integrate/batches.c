@@ -1,3 +1,5 @@
+#include "coordinator/integrate/batches.h"
+
 #include <assert.h>
 #include <inttypes.h>
 #include <math.h>
@@ -5,42 +7,12 @@
 #include <stdlib.h>
 #include <time.h>
 
-#include "coordinator/integrate/transport_private.h"
 #include "coordinator/mpi/agree.h"
 
 enum { LEAVES = 8 };     /* a batch takes at most one part in so many of what is left */
 #define LEAST_HELP 0.005 /* s of work that is left to a rank, for others to take any of it */
-
-void transport_offer(struct transport_state *s)
-{
-    kiln_work_queue_begin(s->own->queue);
-    s->sent = 0;
-    s->held = false;
-    if (s->todo_first < s->todo_count)
-        kiln_work_queue_open(s->own->queue, s->todo[s->todo_first]);
-}
-
-void transport_settle(struct transport_state *s)
-{
-    if (kiln_node_data_count(s->out->node_data) > 1)
-        kiln_node_wait(s->params->node); /* whoever comes here has returned what it took */
-    assert(kiln_work_queue_away(s->own->queue) == 0);
-    if (s->todo_first < s->todo_count)
-        s->todo[s->todo_first] = kiln_work_queue_left(s->own->queue);
-}
-
-void transport_send_done(struct transport_state *s, size_t end)
-{
-    const struct kiln_surface *surface = s->params->surface;
-    if (kiln_work_queue_away(s->own->queue) == 0)
-        s->held = false;
-    if (!s->held)
-        s->sent = end;
-    if (s->early && surface->tile_run_count > 0)
-        kiln_radiosity_allgather_advance(
-            s->out->allgather, s->own->next,
-            s->sent < surface->tile_run_count ? surface->tile_runs[s->sent].first - surface->first : surface->count);
-}
+/* rays a second and thread, to begin with: little, so that the first batch is short however slow they are */
+#define RATE_START 2e4
 
 /* ---- how much ---- */
 
@@ -54,123 +26,152 @@ static uint64_t points_of(const struct kiln_surface *surface, struct kiln_range 
 }
 
 /* points a second */
-static double speed_of(const struct transport_state *s) { return s->rate / (double)s->step.samples; }
+static double speed_of(const struct kiln_batches *b) { return b->rate / (double)b->report->step.samples; }
 
 /* How many tile runs of what is left of the own work make a batch: one a thread at least, so that no core is idle;
- * towards the end of the pass less and less, so that others can take the rest. */
-static size_t batch_of(const struct transport_state *s, struct kiln_range left)
+ * towards the end of the step less and less, so that others can take the rest. */
+static size_t batch_of(const struct kiln_batches *b, struct kiln_range left)
 {
-    const struct kiln_tile_run *tile_runs = s->params->surface->tile_runs + left.first;
-    const int ranks = kiln_node_data_count(s->out->node_data), parts = ranks < LEAVES ? ranks : LEAVES;
-    double wanted = speed_of(s) * kiln_control_batch_seconds(s->params->control);
+    const struct kiln_surface *surface = &b->solution->own->surface;
+    const struct kiln_tile_run *tile_runs = surface->tile_runs + left.first;
+    const int ranks = kiln_node_data_count(b->solution->node_data), parts = ranks < LEAVES ? ranks : LEAVES;
+    double wanted = speed_of(b) * kiln_control_batch_seconds(b->params->control);
     if (ranks > 1)
-        wanted =
-            fmin(wanted, fmax((double)points_of(s->params->surface, left) / parts, KILN_LEAST_BATCH * speed_of(s)));
+        wanted = fmin(wanted, fmax((double)points_of(surface, left) / parts, KILN_LEAST_BATCH * speed_of(b)));
     size_t count = 0;
-    for (uint64_t points = 0; count < left.count && (count < s->params->threads || (double)points < wanted); count++)
+    for (uint64_t points = 0; count < left.count && (count < b->params->threads || (double)points < wanted); count++)
         points += tile_runs[count].count;
     return count;
 }
 
 /* The same from the end, of what another rank could do without: half of what makes both end at the same time, for there
  * may be more helpers. */
-static size_t help_of(const struct transport_state *s, const struct kiln_rank_data *share, struct kiln_range left)
+static size_t help_of(const struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range left)
 {
-    const struct kiln_tile_run *end = share->surface.tile_runs + left.first + left.count;
-    const double own = speed_of(s), theirs = kiln_work_queue_speed(share->queue);
-    const double fair = 0.5 * (double)points_of(&share->surface, left) * own / (own + theirs);
-    const double wanted = fmin(fmax(fair, LEAST_HELP * own), own * kiln_control_batch_seconds(s->params->control));
+    const struct kiln_tile_run *end = data->surface.tile_runs + left.first + left.count;
+    const double own = speed_of(b), theirs = kiln_work_queue_speed(data->queue);
+    const double fair = 0.5 * (double)points_of(&data->surface, left) * own / (own + theirs);
+    const double wanted = fmin(fmax(fair, LEAST_HELP * own), own * kiln_control_batch_seconds(b->params->control));
     size_t count = 0;
-    for (uint64_t points = 0; count < left.count && (count < s->params->threads || (double)points < wanted);)
+    for (uint64_t points = 0; count < left.count && (count < b->params->threads || (double)points < wanted);)
         points += (end - ++count)->count;
     return count;
 }
 
 /* A batch's speed; not believed at once when it is much higher than before, as a device's first launches are slow. */
-static void note_rate(struct transport_state *s, uint64_t points, double seconds)
+static void note_rate(struct kiln_batches *b, uint64_t points, double seconds)
 {
-    const double rate = (double)points * (double)s->step.samples / fmax(seconds, 1e-6);
-    s->rate = fmin(rate, 4.0 * s->rate);
-    kiln_work_queue_set_speed(s->own->queue, speed_of(s));
+    const double rate = (double)points * (double)b->report->step.samples / fmax(seconds, 1e-6);
+    b->rate = fmin(rate, 4.0 * b->rate);
+    kiln_work_queue_set_speed(b->solution->own->queue, speed_of(b));
 }
 
 /* ---- batches ---- */
 
-static void be_slow(const struct transport_state *s, double seconds)
+/* What is done of the own tile runs before `end`, and not with others, leaves where radiosity travels early. */
+static void send_done(struct kiln_batches *b, size_t end)
 {
-    const double more = (s->slowness - 1.0) * seconds, whole = floor(more);
+    const struct kiln_rank_data *own = b->solution->own;
+    const uint64_t points = kiln_step_work_done_before(b->work, own, end);
+    if (b->report->step.early && own->surface.tile_run_count > 0)
+        kiln_radiosity_allgather_advance(b->solution->allgather, kiln_next_compact(own), points);
+}
+
+/* kiln_take_results; the context is the kiln_batches. What the part cost is shared by its tile runs, by points. */
+static int take_part(void *context, size_t first, size_t count, const struct kiln_point_result *results,
+                     struct kiln_error *error)
+{
+    struct kiln_batches *b = context;
+    const struct kiln_rank_data *data = b->data, *own = b->solution->own;
+    const struct kiln_tile_run *tile_runs = data->surface.tile_runs + first;
+    const double now = MPI_Wtime(), seconds = b->slowness * (now - b->since);
+    const uint64_t points = points_of(&data->surface, (struct kiln_range){first, count});
+    b->since = now;
+    const int status = kiln_taker_take(b->taker, data, first, count, results, error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < count; i++)
+        data->cost[first + i] = (float)(seconds / (double)points * (double)tile_runs[i].count);
+    b->points += points;
+    if (data != own)
+        return KILN_OK;
+    b->work->points_done += points;
+    kiln_progress_advance(b->params->progress, kiln_step_work_points(b->work, own));
+    send_done(b, first + count);
+    return KILN_OK;
+}
+
+static void be_slow(const struct kiln_batches *b, double seconds)
+{
+    const double more = (b->slowness - 1.0) * seconds, whole = floor(more);
     const struct timespec pause = {(time_t)whole, (long)(1e9 * (more - whole))};
     if (more > 0.0)
         (void)nanosleep(&pause, NULL);
 }
 
-/* Traces a range of a share, the own or another's. */
-static int run_batch(struct pass_work *w, const struct kiln_rank_data *share, struct kiln_range range, double *seconds,
-                     struct kiln_error *error)
+/* Runs the step's pass of the backend. */
+static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct kiln_error *error)
+{
+    struct kiln_backend *backend = b->params->backend;
+    const struct kiln_step *step = &b->report->step;
+    const struct kiln_batch batch = {range.first, range.count, take_part, b};
+    assert(step->samples_each == NULL); /* the backends take one number */
+    return step->pass == KILN_STEP_DIRECT
+               ? kiln_backend_direct(backend, &batch, step->samples, &b->report->rays, error)
+               : kiln_backend_gather(backend, &batch, step->samples, step->stream, &b->report->rays, error);
+}
+
+/* Computes a range of a rank's tile runs, of this one's or another's. */
+static int run_batch(struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range range,
+                     double *seconds, struct kiln_error *error)
 {
     struct kiln_backend_info begin, end;
-    struct transport_state *s = w->state;
-    const struct kiln_transport_params *p = s->params;
-    const struct kiln_batch batch = {range.first, range.count, transport_take_part, w};
-    w->share = share;
-    w->points = 0;
+    const struct kiln_integrate_params *p = b->params;
+    b->data = data;
+    b->points = 0;
     kiln_backend_info(p->backend, &begin);
     const double start = MPI_Wtime();
-    w->since = start;
-    const int status =
-        s->step.kind == KILN_PASS_DIRECT
-            ? kiln_backend_direct(p->backend, &batch, s->step.samples, &w->pass->rays, error)
-            : kiln_backend_gather(p->backend, &batch, s->step.samples, s->step.stream, &w->pass->rays, error);
-    be_slow(s, MPI_Wtime() - start);
+    b->since = start;
+    const int status = trace_batch(b, range, error);
+    be_slow(b, MPI_Wtime() - start);
     *seconds = MPI_Wtime() - start;
     kiln_backend_info(p->backend, &end);
-    w->pass->seconds += *seconds;
-    kiln_trace_add(p->trace, share == s->own ? KILN_TRACE_BATCH : KILN_TRACE_HELP, "batch", start, start + *seconds,
-                   (int64_t)w->points);
-    w->pass->device_seconds += fmax(0.0, end.device_seconds - begin.device_seconds);
-    note_rate(s, w->points, *seconds);
+    b->report->seconds += *seconds;
+    kiln_trace_add(p->trace, data == b->solution->own ? KILN_TRACE_BATCH : KILN_TRACE_HELP, "batch", start,
+                   start + *seconds, (int64_t)b->points);
+    b->report->device_seconds += fmax(0.0, end.device_seconds - begin.device_seconds);
+    note_rate(b, b->points, *seconds);
     return status;
 }
 
-/* Whether any of the own work is left to take; goes on to the next range when the present one is gone. */
-static bool has_own(struct transport_state *s)
+static int run_own(struct kiln_batches *b, double *seconds, struct kiln_error *error)
 {
-    while (s->todo_first < s->todo_count && kiln_work_queue_left(s->own->queue).count == 0) {
-        if (++s->todo_first == s->todo_count)
-            break;
-        s->held = s->held || kiln_work_queue_away(s->own->queue) > 0;
-        kiln_work_queue_open(s->own->queue, s->todo[s->todo_first]);
-    }
-    return s->todo_first < s->todo_count;
-}
-
-static int run_own(struct pass_work *w, double *seconds, struct kiln_error *error)
-{
-    struct transport_state *s = w->state;
+    const struct kiln_rank_data *own = b->solution->own;
     struct kiln_range left;
     size_t count;
     do {
-        left = kiln_work_queue_left(s->own->queue);
-        count = batch_of(s, left);
-    } while (!kiln_work_queue_take(s->own->queue, left, count));
+        left = kiln_work_queue_left(own->queue);
+        count = batch_of(b, left);
+    } while (!kiln_work_queue_take(own->queue, left, count));
     *seconds = 0.0;
-    return count > 0 ? run_batch(w, s->own, (struct kiln_range){left.first, count}, seconds, error) : KILN_OK;
+    return count > 0 ? run_batch(b, own, (struct kiln_range){left.first, count}, seconds, error) : KILN_OK;
 }
 
-/* Whose work of the node is expected to last longest, and what is left of it; NULL where nobody needs help. */
-static const struct kiln_rank_data *who_is_behind(const struct transport_state *s, struct kiln_range *left)
+/* The rank of the node whose work is expected to last longest, and what is left of it; NULL where nobody needs help. */
+static const struct kiln_rank_data *who_is_behind(const struct kiln_batches *b, struct kiln_range *left)
 {
-    const struct kiln_node_data *node_data = s->out->node_data;
+    const struct kiln_node_data *node_data = b->solution->node_data;
     const struct kiln_rank_data *last = NULL;
     double longest = LEAST_HELP;
     for (int i = 0; i < kiln_node_data_count(node_data); i++) {
-        const struct kiln_rank_data *share = kiln_rank_data(node_data, i);
-        const struct kiln_range there = kiln_work_queue_left(share->queue);
-        const double seconds =
-            share == s->own ? 0.0 : (double)points_of(&share->surface, there) / kiln_work_queue_speed(share->queue);
+        const struct kiln_rank_data *data = kiln_rank_data(node_data, i);
+        const struct kiln_range there = kiln_work_queue_left(data->queue);
+        const double seconds = data == b->solution->own
+                                   ? 0.0
+                                   : (double)points_of(&data->surface, there) / kiln_work_queue_speed(data->queue);
         if (seconds > longest) {
             longest = seconds;
-            last = share;
+            last = data;
             *left = there;
         }
     }
@@ -178,46 +179,51 @@ static const struct kiln_rank_data *who_is_behind(const struct transport_state *
 }
 
 /* Computes a part of another rank's work, unless somebody was quicker. */
-static int run_help(struct pass_work *w, const struct kiln_rank_data *share, struct kiln_range left, double *seconds,
+static int run_help(struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range left, double *seconds,
                     struct kiln_error *error)
 {
-    struct transport_state *s = w->state;
-    const size_t count = help_of(s, share, left);
+    struct kiln_backend *backend = b->params->backend;
+    const size_t count = help_of(b, data, left);
     const struct kiln_range range = {left.first + left.count - count, count};
-    const uint64_t points = points_of(&share->surface, range);
+    const uint64_t points = points_of(&data->surface, range);
     *seconds = 0.0;
-    if (!kiln_work_queue_steal(share->queue, left, count, points))
+    if (!kiln_work_queue_steal(data->queue, left, count, points))
         return KILN_OK;
-    int status = kiln_backend_set_surface(s->params->backend, &share->surface, error);
+    int status = kiln_backend_set_surface(backend, &data->surface, error);
     if (status == KILN_OK)
-        status = run_batch(w, share, range, seconds, error);
+        status = run_batch(b, data, range, seconds, error);
     if (status == KILN_OK)
-        status = kiln_backend_set_surface(s->params->backend, s->params->surface, error);
+        status = kiln_backend_set_surface(backend, b->params->surface, error);
     if (status != KILN_OK)
-        return status; /* it stays away, and this rank's failure ends the pass */
-    kiln_work_queue_return(share->queue, points);
-    w->pass->taken += points;
+        return status; /* it stays away, and this rank's failure ends the step */
+    kiln_work_queue_return(data->queue, points);
+    b->report->taken += points;
     return KILN_OK;
 }
 
-/* ---- the pass ---- */
+/* ---- the step ---- */
 
-static uint64_t done_points(const struct transport_state *s)
+static bool is_done(const struct kiln_batches *b)
 {
-    return s->points_done + kiln_work_queue_returned(s->own->queue);
+    return kiln_step_work_points(b->work, b->solution->own) == b->solution->own->surface.count;
 }
 
-static bool is_done(const struct transport_state *s) { return done_points(s) == s->params->surface->count; }
-
-static double share_done(const struct transport_state *s)
+static double part_done(const struct kiln_batches *b)
 {
-    const uint64_t count = s->params->surface->count;
-    return count > 0 ? (double)done_points(s) / (double)count : 1.0;
+    const uint64_t count = b->solution->own->surface.count;
+    return count > 0 ? (double)kiln_step_work_points(b->work, b->solution->own) / (double)count : 1.0;
+}
+
+/* The first own tile run that this rank has not begun. */
+static size_t first_left(const struct kiln_batches *b)
+{
+    const struct kiln_rank_data *own = b->solution->own;
+    return is_done(b) ? own->surface.tile_run_count : kiln_work_queue_left(own->queue).first;
 }
 
 /* What a rank without own work to take waits for. */
 struct wait {
-    const struct transport_state *state;
+    const struct kiln_batches *batches;
     bool was_done, may_help;
 };
 
@@ -225,89 +231,61 @@ static bool has_news(void *context)
 {
     const struct wait *wait = context;
     struct kiln_range left;
-    return is_done(wait->state) != wait->was_done || (wait->may_help && who_is_behind(wait->state, &left) != NULL);
+    return is_done(wait->batches) != wait->was_done || (wait->may_help && who_is_behind(wait->batches, &left) != NULL);
 }
 
-static enum kiln_event wait_for_others(struct transport_state *s, int status)
+static enum kiln_event wait_for_others(struct kiln_batches *b)
 {
-    struct wait wait = {s, is_done(s), status == KILN_OK};
+    const struct kiln_integrate_params *p = b->params;
+    struct wait wait = {b, is_done(b), b->status == KILN_OK};
     const double start = MPI_Wtime();
-    transport_send_done(s,
-                        wait.was_done ? s->params->surface->tile_run_count : kiln_work_queue_left(s->own->queue).first);
-    kiln_progress_advance(s->params->progress, done_points(s));
+    send_done(b, wait.was_done ? b->solution->own->surface.tile_run_count
+                               : kiln_work_queue_left(b->solution->own->queue).first);
+    kiln_progress_advance(p->progress, kiln_step_work_points(b->work, b->solution->own));
     const enum kiln_event event =
-        kiln_control_wait(s->params->control, wait.was_done, share_done(s), status, has_news, &wait);
+        kiln_control_wait(p->control, wait.was_done, part_done(b), b->status, has_news, &wait);
     const double end = MPI_Wtime();
-    s->out->report.waiting_seconds += end - start;
-    kiln_trace_add(s->params->trace, KILN_TRACE_WAIT, "for other ranks", start, end, -1);
+    b->solution->report.waiting_seconds += end - start;
+    kiln_trace_add(p->trace, KILN_TRACE_WAIT, "for other ranks", start, end, -1);
     return event;
 }
 
 /* The next thing for this rank to do, and what the others say to it. */
-static enum kiln_event do_next(struct pass_work *w, int *status, struct kiln_error *error)
+static enum kiln_event do_next(struct kiln_batches *b, struct kiln_error *error)
 {
-    struct transport_state *s = w->state;
     struct kiln_range left;
     double seconds;
-    if (*status == KILN_OK && has_own(s)) {
-        *status = run_own(w, &seconds, error);
+    if (b->status == KILN_OK && kiln_step_work_any(b->work, b->solution->own)) {
+        b->status = run_own(b, &seconds, error);
     } else {
-        const struct kiln_rank_data *behind = *status == KILN_OK ? who_is_behind(s, &left) : NULL;
+        const struct kiln_rank_data *behind = b->status == KILN_OK ? who_is_behind(b, &left) : NULL;
         if (behind == NULL)
-            return wait_for_others(s, *status);
-        transport_send_done(s, is_done(s) ? s->params->surface->tile_run_count
-                                          : kiln_work_queue_left(s->own->queue).first);
-        *status = run_help(w, behind, left, &seconds, error);
+            return wait_for_others(b);
+        send_done(b, first_left(b));
+        b->status = run_help(b, behind, left, &seconds, error);
     }
-    return kiln_control_poll(s->params->control, is_done(s), share_done(s), seconds, *status);
+    return kiln_control_poll(b->params->control, is_done(b), part_done(b), seconds, b->status);
 }
 
-int transport_run_batches(struct pass_work *w, struct kiln_error *error)
+void kiln_batches_begin(struct kiln_batches *b, struct kiln_step_report *report, struct kiln_error *error)
 {
-    struct transport_state *s = w->state;
-    int status = s->step.kind == KILN_PASS_DIRECT
-                     ? KILN_OK
-                     : kiln_backend_set_radiosity(s->params->backend, s->out->radiosity, error);
-    kiln_work_queue_set_speed(s->own->queue, speed_of(s));
-    for (;;) {
-        switch (do_next(w, &status, error)) {
-        case KILN_EVENT_NONE:
-            break;
-        case KILN_EVENT_SAVE: {
-            const int saved = transport_save(s, false, error);
-            if (saved != KILN_OK)
-                return saved;
-            break;
-        }
-        case KILN_EVENT_STOP:
-            return transport_stop(s, false, error);
-        case KILN_EVENT_FAIL:
-        case KILN_EVENT_DONE:
-            return kiln_agree(s->params->communicator, status, error);
-        }
-    }
+    const struct kiln_integrate_settings *settings = b->params->settings;
+    b->slowness = (uint32_t)b->params->rank == settings->slow_rank ? fmax(1.0, settings->slowness) : 1.0;
+    b->report = report;
+    if (!(b->rate > 0.0))
+        b->rate = RATE_START * b->params->threads;
+    b->status = report->step.pass == KILN_STEP_GATHER
+                    ? kiln_backend_set_radiosity(b->params->backend, b->solution->radiosity, error)
+                    : KILN_OK;
+    kiln_work_queue_set_speed(b->solution->own->queue, speed_of(b));
 }
 
-int kiln_slow_rank(uint32_t *rank, double *factor, struct kiln_error *error)
+int kiln_batches_run(struct kiln_batches *b, enum kiln_event *event, struct kiln_error *error)
 {
-    const char *text = getenv("KILN_SLOW_RANK");
-    int end = 0;
-    *rank = 0;
-    *factor = 1.0;
-    if (text == NULL || text[0] == '\0')
-        return KILN_OK;
-    if (sscanf(text, "%" SCNu32 ":%lf%n", rank, factor, &end) < 2 || text[end] != '\0' ||
-        !(*factor >= 1.0 && *factor <= 1e6))
-        return kiln_fail(error, KILN_USAGE,
-                         "KILN_SLOW_RANK is '%.100s'; it is RANK:FACTOR, and the factor 1 to 1000000", text);
-    return KILN_OK;
-}
-
-int transport_read_slowness(struct transport_state *s, struct kiln_error *error)
-{
-    uint32_t rank;
-    const int status = kiln_slow_rank(&rank, &s->slowness, error);
-    if (rank != (uint32_t)s->params->rank)
-        s->slowness = 1.0;
-    return status;
+    do
+        *event = do_next(b, error);
+    while (*event == KILN_EVENT_NONE);
+    return *event == KILN_EVENT_FAIL || *event == KILN_EVENT_DONE
+               ? kiln_agree(b->params->communicator, b->status, error)
+               : KILN_OK;
 }

@@ -25,6 +25,11 @@
 
 enum { KILN_EMISSION_SAMPLES = 1 << 18 }; /* particles that are traced from the lights */
 
+static inline double kiln_energy_luminance(const double rgb[3])
+{
+    return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
+}
+
 /* A sum of doubles that does not depend on their order. */
 struct kiln_exact_sum {
     __int128 value;
@@ -53,8 +58,8 @@ double kiln_exact_unit(double scale);
 /* Collective: adds up `count` sums over all ranks; every rank gets the same bits. */
 int kiln_exact_reduce(MPI_Comm communicator, struct kiln_exact_sum *sums, size_t count, struct kiln_error *error);
 
-/* What one pass over all points adds up to, W. */
-struct kiln_pass_energy {
+/* What one step, over all points, adds up to, W. */
+struct kiln_step_energy {
     double incident[3];  /* sum of area x incident irradiance */
     double reflected[3]; /* sum of area x albedo x incident */
     double sent[3];      /* gather only: sum of area x radiosity gathered from */

@@ -1,31 +1,19 @@
-/* When shares are cut anew: the rule by which bakes (rebalance.c) and their simulation (simulate_light.c) decide after
- * each pass. */
+/* Distributes the points anew between two steps, by what they have cost.
+ *
+ * Where the points of the last step have cost some ranks (or nodes, where ranks help each other) more time than others,
+ * and the steps to come would gain more by it than it costs, the ranks' ranges of the global order get new bounds by
+ * these costs, between cells (objects) where that is as good. Points and all that is known of them go to their new
+ * owners. Times settle the bounds, so that these may differ from run to run; results do not. By itself this is done
+ * only where every backend computes any rank's points: a device would have to be given all its points again, and the
+ * time of its first batches says more about kernels being made than about points. */
 #ifndef KILN_COORDINATOR_INTEGRATE_REPARTITION_H
 #define KILN_COORDINATOR_INTEGRATE_REPARTITION_H
 
-#include "coordinator/integrate/transport.h"
+#include "coordinator/integrate/integrate.h"
 
-#define KILN_BOUND_SLACK 0.05 /* of a mean share, by which a cut may lie off to fall between two cells (objects) */
-
-/* The pass that is over, whose costs are known, and the one that comes. */
-struct kiln_repartition_passes {
-    enum kiln_pass_kind last, next;
-    uint32_t last_samples, next_samples, next_bounce;
-};
-
-/* Whether it is done at all: `any_share` where every backend computes any rank's share (kiln_backend_info). */
-bool kiln_repartition_is_allowed(const struct kiln_job *job, bool any_share);
-/* Whether the last pass says enough of those to come. */
-bool kiln_repartition_is_due(const struct kiln_job *job, const struct kiln_repartition_passes *passes);
-/* Seconds in the passes to come, when `longest` was the work of the rank that had most (or of the mean rank of a node
- * whose ranks help each other) in the last one, and `mean` that of all. Negative where new cuts would hardly be more
- * even than these. */
-double kiln_repartition_gain(const struct kiln_job *job, const struct kiln_repartition_passes *passes, double longest,
-                             double mean);
-/* Whether it is asked what moving would cost. */
-bool kiln_repartition_is_asked(const struct kiln_job *job, double gain);
-/* Seconds of a move in which the rank that gets most gets so many points of so many bytes. */
-double kiln_repartition_cost(double points, double bytes);
-bool kiln_repartition_pays(const struct kiln_job *job, double gain, double cost);
+/* Collective, before `next` is begun. The solution's last report gets the time, and what was found. Changes the own
+ * points of solution and surface. KILN_SYSTEM. */
+int kiln_repartition(const struct kiln_integrate_params *params, struct kiln_solution *solution,
+                     const struct kiln_step *next, struct kiln_error *error);
 
 #endif

@@ -11,24 +11,8 @@
 #include <stdio.h>
 
 #include "coordinator/job/faults.h"
+#include "coordinator/integrate/settings.h"
 #include "worker/base/status.h"
-
-/* AUTO: compact from 2^22 surface points on. With fewer its rounding shows in the ratio of two bounces, which the tail
- * magnifies a hundred times where the albedo is 0.99; with more it averages out. */
-enum kiln_exchange_form { KILN_EXCHANGE_AUTO = 0, KILN_EXCHANGE_COMPACT = 1, KILN_EXCHANGE_FULL = 2 };
-
-static inline bool kiln_exchange_is_compact(int form, uint64_t points)
-{
-    return form == KILN_EXCHANGE_COMPACT || (form == KILN_EXCHANGE_AUTO && points >= 1u << 22);
-}
-
-/* Whether shares are cut anew between passes: when that pays, never, after every pass (for tests). */
-enum kiln_rebalance { KILN_REBALANCE_AUTO = 0, KILN_REBALANCE_NEVER = 1, KILN_REBALANCE_ALWAYS = 2 };
-
-enum kiln_schedule {
-    KILN_SCHEDULE_LEAN = 0, /* cheap bounces, a tail, one final gather */
-    KILN_SCHEDULE_EQUAL = 1 /* the same rays in every bounce, nothing else: the reference mode */
-};
 
 /* What the lights' numbers are measured in: what the file says, or as asked. */
 enum kiln_units_choice { KILN_UNITS_AUTO = 0, KILN_UNITS_RADIOMETRIC = 1, KILN_UNITS_PHOTOMETRIC = 2 };
@@ -63,7 +47,7 @@ struct kiln_job {
 
     /* transport */
     char *quality;   /* draft | preview | production | reference: what the sample counts start from */
-    char *method;    /* cells */
+    char *method;    /* name of an integrator: integrate/integrators.c */
     int64_t bounces; /* indirect bounces; -1: as many as there is energy for, and a tail */
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;

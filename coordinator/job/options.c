@@ -9,7 +9,6 @@ static const char *const backends[] = {"auto", "embree", "vulkan", NULL};
 /* enum kiln_traversal */
 static const char *const traversals[] = {"auto", "compute", "pipeline", "all", "binary", "four", "eight", NULL};
 static const char *const trusts[] = {"winding", "normals", NULL};
-static const char *const methods[] = {"cells", NULL};
 static const char *const schedules[] = {"lean", "equal", NULL};            /* in the order of enum kiln_schedule */
 static const char *const exchanges[] = {"auto", "compact", "full", NULL};  /* in the order of enum kiln_exchange_form */
 static const char *const rebalances[] = {"auto", "never", "always", NULL}; /* in the order of enum kiln_rebalance */
@@ -185,7 +184,7 @@ const struct kiln_option kiln_options[] = {
      .group = "Light transport",
      .kind = KILN_OPTION_CHOICE,
      .fallback = "cells",
-     .choices = methods,
+     .choices = kiln_integrator_names,
      .help = "cells: every surface point gathers light, bounce by bounce, cell by cell",
      .commands = TRACES,
      .offset = AT(method)},

@@ -6,7 +6,8 @@
 #include "coordinator/field/field.h"
 #include "coordinator/integrate/energy.h"
 #include "coordinator/run/process_memory.h"
-#include "coordinator/integrate/transport.h"
+#include "coordinator/integrate/integrate.h"
+#include "coordinator/bake/light_settings.h"
 #include "coordinator/bake/volume.h"
 #include "coordinator/export/export.h"
 #include "worker/base/memory.h"
@@ -16,7 +17,7 @@
 enum { TYPICAL_BOUNCES = 7 };
 /* Tile runs traced at a place: so many that every thread gets some, or a GPU is busy. */
 enum { THREAD_TILE_RUNS = 4, LEAST_TILE_RUNS = 8, DEVICE_TILE_RUNS = 2048, SAMPLE_PROBES = 256, LEAST_SAMPLES = 8 };
-enum { BOUNCE_TILE_RUNS = 4 }; /* so many times as many for a bounce, which has few samples */
+enum { CHEAP_TILE_RUNS = 4 }; /* so many times as many for a gather of fewer samples than another one has */
 static const double CALIBRATION_SECONDS = 15.0;
 
 /* Embree 3.13, robust, medium quality: bytes of BVH a triangle, measured between 32 thousand and 4 million triangles.
@@ -149,18 +150,17 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     const double own = share->count > 0 ? (double)share_bytes(share, &fields) / (double)share->count : 0.0;
     const double results = (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_RESULT); /* they move, too */
     m->surface_own = (uint64_t)(own * plan->here.light.points_most);
-    m->transport =
-        kiln_field_set_transport_bytes(&fields, (uint64_t)plan->here.light.points_most, plan->surface.points);
+    m->light = kiln_field_set_solution_bytes(&fields, (uint64_t)plan->here.light.points_most, plan->surface.points);
     m->volume = plan->probes * sizeof(struct kiln_probe_result);
     m->results = result_bytes(plan, p, job);
     m->moving = plan->here.light.cuts > 0 ? (uint64_t)(fmax(own, results) * plan->here.light.points_most) : 0;
     const uint64_t last = m->volume + m->results; /* there is none of these while points move */
-    m->total = m->program + m->scene + m->textures + m->geometry + m->bvh + m->surface_all + m->surface_own +
-               m->transport + (last > m->moving ? last : m->moving);
+    m->total = m->program + m->scene + m->textures + m->geometry + m->bvh + m->surface_all + m->surface_own + m->light +
+               (last > m->moving ? last : m->moving);
     if (plan->surface.points > 0)
         plan->bytes_per_point =
             own + (double)m->surface_all / (double)plan->surface.points +
-            (double)kiln_field_set_transport_bytes(&fields, plan->surface.points, plan->surface.points) /
+            (double)kiln_field_set_solution_bytes(&fields, plan->surface.points, plan->surface.points) /
                 (double)plan->surface.points;
     if (p->geometry->triangle_count > 0)
         plan->bytes_per_triangle = (double)(m->scene + m->geometry) / (double)p->geometry->triangle_count;
@@ -185,19 +185,16 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
 
 /* ---- calibration ---- */
 
-static int sample_pass(const struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_batch *batch,
-                       int light, double *seconds, struct kiln_error *error)
+static int sample_step(const struct kiln_prepared *p, const struct kiln_batch *batch, const struct kiln_cost_kind *kind,
+                       double *seconds, struct kiln_error *error)
 {
     struct kiln_backend_info begin, end;
     uint64_t rays = 0;
     kiln_backend_info(p->backend, &begin);
     const double start = MPI_Wtime();
-    const bool bounce = light == KILN_LIGHT_BOUNCE;
-    const int status =
-        light == KILN_LIGHT_DIRECT
-            ? kiln_backend_direct(p->backend, batch, job->samples_direct, &rays, error)
-            : kiln_backend_gather(p->backend, batch, bounce ? job->samples_bounce : job->samples_indirect,
-                                  bounce ? 1 : 0xffff, &rays, error);
+    const int status = kind->pass == KILN_STEP_DIRECT
+                           ? kiln_backend_direct(p->backend, batch, kind->samples, &rays, error)
+                           : kiln_backend_gather(p->backend, batch, kind->samples, kind->stream, &rays, error);
     *seconds = MPI_Wtime() - start;
     kiln_backend_info(p->backend, &end);
     if (end.thread_seconds > begin.thread_seconds)
@@ -205,19 +202,28 @@ static int sample_pass(const struct kiln_prepared *p, const struct kiln_job *job
     return status;
 }
 
-static int take_sample(const struct kiln_prepared *p, const struct kiln_job *job, size_t first, size_t count,
-                       struct kiln_plan_sample *sample, struct kiln_error *error)
+static bool is_cheap(const struct kiln_planned_steps *steps, uint32_t kind)
+{
+    bool cheap = false;
+    for (uint32_t k = 0; k < steps->kind_count; k++)
+        cheap = cheap || (steps->kinds[k].pass == KILN_STEP_GATHER && steps->kinds[kind].pass == KILN_STEP_GATHER &&
+                          steps->kinds[kind].samples < steps->kinds[k].samples);
+    return cheap;
+}
+
+static int take_sample(const struct kiln_planned_steps *steps, const struct kiln_prepared *p, size_t first,
+                       size_t count, struct kiln_plan_sample *sample, struct kiln_error *error)
 {
     const struct kiln_tile_run *tile_runs = p->surface->tile_runs;
     const size_t rest = p->surface->tile_run_count - first;
     int status = KILN_OK;
     *sample = (struct kiln_plan_sample){.first = tile_runs[first].first};
-    for (int light = 0; light < KILN_LIGHTS && status == KILN_OK; light++) {
-        const size_t wanted = light == KILN_LIGHT_BOUNCE ? BOUNCE_TILE_RUNS * count : count;
+    for (uint32_t k = 0; k < steps->kind_count && status == KILN_OK; k++) {
+        const size_t wanted = is_cheap(steps, k) ? CHEAP_TILE_RUNS * count : count;
         const struct kiln_batch batch = {first, wanted < rest ? wanted : rest, NULL, NULL};
         const struct kiln_tile_run *last = &tile_runs[first + batch.tile_run_count - 1];
-        sample->points[light] = last->first + last->count - sample->first;
-        status = sample_pass(p, job, &batch, light, &sample->seconds[light], error);
+        sample->points[k] = last->first + last->count - sample->first;
+        status = sample_step(p, &batch, &steps->kinds[k], &sample->seconds[k], error);
     }
     return status;
 }
@@ -241,8 +247,7 @@ static int fill_radiosity(const struct kiln_prepared *p, uint64_t **radiosity, s
     return status == KILN_OK ? kiln_backend_set_radiosity(p->backend, *radiosity, error) : status;
 }
 
-static int calibrate(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
-                     struct kiln_error *error)
+static int calibrate(struct kiln_plan *plan, const struct kiln_prepared *p, struct kiln_error *error)
 {
     const size_t count = p->surface->tile_run_count,
                  busy = on_device(p) ? DEVICE_TILE_RUNS : (size_t)p->threads * THREAD_TILE_RUNS;
@@ -252,12 +257,12 @@ static int calibrate(struct kiln_plan *plan, const struct kiln_prepared *p, cons
                            : (count + KILN_PLAN_SAMPLES - 1) / KILN_PLAN_SAMPLES;
     const double start = MPI_Wtime();
     struct kiln_plan_sample warm;
-    int status = count > 0 ? take_sample(p, job, 0, run < 4 ? run : 4, &warm, error) : KILN_OK;
+    int status = count > 0 ? take_sample(&plan->steps, p, 0, run < 4 ? run : 4, &warm, error) : KILN_OK;
     for (size_t i = 0; i < KILN_PLAN_SAMPLES && status == KILN_OK && count > 0; i++) {
         if (i >= LEAST_SAMPLES && MPI_Wtime() - start > CALIBRATION_SECONDS)
             break;
         const size_t first = sample_place(i) * (count - run) / (KILN_PLAN_SAMPLES - 1);
-        status = take_sample(p, job, first, run, &plan->samples[plan->sample_count++], error);
+        status = take_sample(&plan->steps, p, first, run, &plan->samples[plan->sample_count++], error);
     }
     return status;
 }
@@ -328,10 +333,8 @@ static double bounce_bytes(const struct kiln_job *job, uint64_t points)
 
 /* What samples of it took, for which there is no phase. */
 struct timing {
-    double probe;       /* s each */
-    double emission;    /* s in all */
-    uint32_t slow_rank; /* KILN_SLOW_RANK */
-    double slowness;
+    double probe;    /* s each */
+    double emission; /* s in all */
 };
 
 /* All that does not depend on how even the ranks' work is. */
@@ -357,13 +360,14 @@ static void plan_before_and_after(struct kiln_plan *plan, const struct kiln_prep
 static void plan_light(struct kiln_plan *plan)
 {
     struct kiln_plan_seconds *s = &plan->seconds;
-    s->direct = plan->here.light.seconds[KILN_LIGHT_DIRECT];
-    s->bounces = plan->here.light.seconds[KILN_LIGHT_BOUNCE];
-    s->final = plan->here.light.seconds[KILN_LIGHT_FINAL];
     s->exchange = plan->here.exchange;
     s->move = plan->here.light.move;
-    s->total = s->import + s->world + s->surface + s->validity + s->emission + s->direct + s->bounces + s->final +
-               s->probes + s->exchange + s->move + s->write;
+    s->total =
+        s->import + s->world + s->surface + s->validity + s->emission + s->probes + s->exchange + s->move + s->write;
+    for (uint32_t r = 0; r < plan->steps.integrator->role_count; r++) {
+        s->light[r] = plan->here.light.seconds[r];
+        s->total += s->light[r];
+    }
 }
 
 /* ---- scaling ---- */
@@ -376,7 +380,7 @@ static const struct kiln_plan_sample *sample_near(const struct kiln_plan *plan, 
     for (size_t i = 0; i < plan->sample_count; i++) {
         const struct kiln_plan_sample *s = &plan->samples[i];
         const double away = fabs((double)s->first - (double)point);
-        if (away < least_away && s->points[KILN_LIGHT_DIRECT] > 0) {
+        if (away < least_away && s->points[0] > 0) {
             least_away = away;
             best = s;
         }
@@ -385,31 +389,31 @@ static const struct kiln_plan_sample *sample_near(const struct kiln_plan *plan, 
 }
 
 /* Seconds that a point costs in a stretch of them, by the samples that were taken there, or else the nearest. */
-static double cost_in(const struct kiln_plan *plan, uint64_t first, uint64_t count, int light)
+static double cost_in(const struct kiln_plan *plan, uint64_t first, uint64_t count, uint32_t kind)
 {
     double seconds = 0.0, points = 0.0;
     for (size_t i = 0; i < plan->sample_count; i++) {
         const struct kiln_plan_sample *s = &plan->samples[i];
         if (s->first >= first && s->first < first + count) {
-            seconds += s->seconds[light];
-            points += (double)s->points[light];
+            seconds += s->seconds[kind];
+            points += (double)s->points[kind];
         }
     }
     const struct kiln_plan_sample *near = points > 0.0 ? NULL : sample_near(plan, first + count / 2);
-    return points > 0.0 ? seconds / points : near != NULL ? near->seconds[light] / (double)near->points[light] : 0.0;
+    return points > 0.0 ? seconds / points : near != NULL ? near->seconds[kind] / (double)near->points[kind] : 0.0;
 }
 
 /* The cells of the simulation: their points, and what one costs a rank. */
 struct cells {
     uint64_t *points;
-    double *cost[KILN_LIGHTS];
+    double *cost[KILN_COST_KINDS_MAX];
     size_t count;
 };
 
 static void free_cells(struct cells *cells)
 {
     kiln_free(&cells->points);
-    for (int l = 0; l < KILN_LIGHTS; l++)
+    for (uint32_t l = 0; l < KILN_COST_KINDS_MAX; l++)
         kiln_free(&cells->cost[l]);
 }
 
@@ -420,12 +424,12 @@ static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *
     const bool in_cells = s->cell_first != NULL;
     cells->count = in_cells ? (size_t)s->cell_count : s->tile_run_count;
     int status = kiln_allocate(&cells->points, cells->count, sizeof *cells->points, "the simulated cells", error);
-    for (int l = 0; l < KILN_LIGHTS && status == KILN_OK; l++)
+    for (uint32_t l = 0; l < plan->steps.kind_count && status == KILN_OK; l++)
         status = kiln_allocate(&cells->cost[l], cells->count, sizeof *cells->cost[l], "the simulated cells", error);
     for (size_t i = 0; status == KILN_OK && i < cells->count; i++) {
         const uint64_t first = in_cells ? s->cell_first[i] : s->tile_runs[i].first;
         cells->points[i] = in_cells ? s->cell_first[i + 1] - first : s->tile_runs[i].count;
-        for (int l = 0; l < KILN_LIGHTS; l++)
+        for (uint32_t l = 0; l < plan->steps.kind_count; l++)
             cells->cost[l][i] = crowd(p, job) * (cost_in(plan, first, cells->points[i], l) + take_seconds(p));
     }
     return status;
@@ -433,8 +437,8 @@ static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *
 
 /* Everything that grows with the points does so in proportion. */
 static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const struct kiln_prepared *p,
-                                            const struct kiln_job *job, const struct cells *cells,
-                                            const struct timing *timing)
+                                            const struct kiln_job *job, const struct kiln_integrate_settings *settings,
+                                            const struct cells *cells, const struct timing *timing)
 {
     const struct kiln_plan_seconds *s = &plan->seconds;
     const double together = crowd(p, job), points = fmax(1.0, (double)plan->surface.points),
@@ -444,21 +448,22 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
         p->surface->count > 0 ? (double)share_bytes(p->surface, &fields) / (double)p->surface->count : 0.0;
     struct kiln_backend_info info = {0};
     kiln_backend_info(p->backend, &info);
-    return (struct kiln_simulation){
-        .light = {.job = job,
+    struct kiln_simulation simulation = {
+        .light = {.settings = settings,
+                  .steps = &plan->steps,
+                  .ranks_per_node = job->ranks_per_node,
+                  .share_ranks = job->share_ranks,
                   .cell_points = cells->points,
-                  .cell_cost = {cells->cost[0], cells->cost[1], cells->cost[2]},
                   .cell_count = cells->count,
                   .tile_runs = plan->surface.tile_runs,
-                  .bounces = plan->bounces,
                   .threads = p->threads,
                   .any_share = info.any_share,
                   .part_points = info.part_points,
                   .share_bytes = surface + (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_RESULT),
                   .bandwidth = job->node_bandwidth * 1e9,
                   .latency = job->node_latency * 1e-6,
-                  .slow_rank = timing->slow_rank,
-                  .slowness = timing->slowness},
+                  .slow_rank = settings->slow_rank,
+                  .slowness = settings->slowness},
         .density = job->points > 0 ? (double)job->points / points : 1.0,
         .once = s->import + s->world + s->emission + preview_seconds(p, job),
         .find_a_point = s->surface * job->ranks / points,
@@ -472,16 +477,20 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
         .alone_a_point = H5_WRITER_POINT_SECONDS,
         .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),
         .exchanges = plan->bounces + 1};
+    for (uint32_t k = 0; k < KILN_COST_KINDS_MAX; k++)
+        simulation.light.cell_cost[k] = cells->cost[k];
+    return simulation;
 }
 
 /* The bake as it is asked for, then the curves. */
 static int simulate(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
                     const struct timing *timing, struct kiln_error *error)
 {
+    const struct kiln_integrate_settings settings = kiln_light_settings(job, plan->surface.points);
     struct cells cells = {0};
     int status = fill_cells(plan, p, job, &cells, error);
     if (status == KILN_OK) {
-        struct kiln_simulation simulation = simulation_of(plan, p, job, &cells, timing);
+        struct kiln_simulation simulation = simulation_of(plan, p, job, &settings, &cells, timing);
         const double density = simulation.density, bytes = simulation.radiosity_bytes;
         simulation.density = 1.0;
         simulation.radiosity_bytes = bounce_bytes(job, plan->surface.points);
@@ -502,7 +511,7 @@ static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, 
     const double start = MPI_Wtime();
     int status = fill_radiosity(p, &radiosity, error);
     if (status == KILN_OK)
-        status = calibrate(plan, p, job, error);
+        status = calibrate(plan, p, error);
     if (status == KILN_OK && plan->probes > 0)
         status = probe_seconds(p, job, &timing->probe, error);
     if (status == KILN_OK)
@@ -533,8 +542,9 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     struct timing timing = {0};
     if (status == KILN_OK && job->samples_probe > 0)
         status = kiln_volume_grid(&volume, prepared->scene, job->probe_spacing, error);
+    const struct kiln_integrate_settings settings = kiln_light_settings(job, plan->surface.points);
     if (status == KILN_OK)
-        status = kiln_slow_rank(&timing.slow_rank, &timing.slowness, error);
+        status = kiln_planned_steps_make(&plan->steps, &settings, TYPICAL_BOUNCES, error);
     if (status == KILN_OK) {
         plan->probes = volume.size[0] * volume.size[1] * volume.size[2];
         plan_disk(plan, prepared, job);
@@ -551,3 +561,5 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     kiln_surface_destroy(&share);
     return status;
 }
+
+void kiln_plan_release(struct kiln_plan *plan) { kiln_planned_steps_release(&plan->steps); }

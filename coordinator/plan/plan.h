@@ -15,7 +15,7 @@ struct kiln_plan_memory {
     uint64_t bvh;         /* Embree's own, estimated by triangles; 0 with a GPU */
     uint64_t surface_all; /* tiles and lightmaps: the same on every rank */
     uint64_t surface_own; /* points, pieces and tile runs of the share */
-    uint64_t transport;   /* irradiance and radiosity */
+    uint64_t light;       /* irradiance and radiosity */
     uint64_t volume;      /* probes */
     uint64_t results;     /* while files are written, and the preview is drawn: the most of these */
     /* while points go to other ranks, which is before there are probes and results: surface or results once more */
@@ -29,8 +29,9 @@ struct kiln_plan_memory {
 struct kiln_plan_seconds {
     double import, world, surface, validity; /* reading, BVH, finding points (divided), finding buried ones */
     double emission;                         /* light traced from the lights */
-    double direct, bounces, final, probes, exchange;
-    double move;  /* of points to other ranks, when shares are cut anew */
+    double light[KILN_ROLES_MAX];            /* of the steps of each role of the integrator */
+    double probes, exchange;
+    double move;  /* of points to other ranks, when they are distributed anew */
     double write; /* lightmaps, kiln.h5, volume.hdf, preview */
     double total;
 };
@@ -39,15 +40,16 @@ enum { KILN_PLAN_SAMPLES = 128 };
 
 /* What a point cost where it was tried. */
 struct kiln_plan_sample {
-    uint64_t first; /* the first of the tried points, in global order */
-    uint64_t points[KILN_LIGHTS];
-    /* all samples of direct light, of one bounce, of the final gather; of processors what each thread worked on the
-     * mean: neither other programs count, nor that threads wait for the last one, which at the end of so short a run is
-     * long */
-    double seconds[KILN_LIGHTS];
+    uint64_t first;                       /* the first of the tried points, in global order */
+    uint64_t points[KILN_COST_KINDS_MAX]; /* of each kind of steps */
+    /* all samples of a step of each kind; of processors what each thread worked on the mean: neither other programs
+     * count, nor that threads wait for the last one, which at the end of so short a run is long */
+    double seconds[KILN_COST_KINDS_MAX];
 };
 
+/* Release with kiln_plan_release. */
 struct kiln_plan {
+    struct kiln_planned_steps steps;
     struct kiln_surface_report surface;
     struct kiln_plan_memory memory;
     struct kiln_plan_seconds seconds;
@@ -57,7 +59,7 @@ struct kiln_plan {
     uint64_t disk_bytes;       /* their sum */
     uint64_t checkpoint_bytes; /* of a generation; two are kept while the bake runs */
     uint64_t probes;
-    double bytes_per_point;    /* fullest rank: surface and transport, for each of its own points when it has all */
+    double bytes_per_point;    /* fullest rank: surface and light, for each of its own points when it has all */
     double bytes_per_triangle; /* scene and geometry; images and Embree's BVH aside */
     double exchange_bytes;     /* that a rank receives in each bounce */
     uint32_t bounces;          /* assumed */
@@ -76,5 +78,6 @@ struct kiln_plan {
  * curves begin with. */
 int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job,
                    const struct kiln_phases *phases, struct kiln_error *error);
+void kiln_plan_release(struct kiln_plan *plan);
 
 #endif

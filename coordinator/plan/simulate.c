@@ -32,7 +32,7 @@ int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double densit
                   struct kiln_error *error)
 {
     const struct kiln_light_simulation *l = &s->light;
-    const uint32_t together = l->job->ranks_per_node > 0 ? l->job->ranks_per_node : 1;
+    const uint32_t together = l->ranks_per_node > 0 ? l->ranks_per_node : 1;
     *scaled =
         (struct kiln_scaled){.ranks = ranks, .nodes = (ranks + together - 1) / together, .trace = s->shared / ranks};
     const int status = kiln_simulate_light(l, ranks, density, &scaled->light, error);
@@ -40,7 +40,7 @@ int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double densit
         return status;
     for (size_t i = 0; i < l->cell_count; i++)
         scaled->points += density * (double)l->cell_points[i];
-    for (int i = 0; i < KILN_LIGHTS; i++)
+    for (uint32_t i = 0; i < l->steps->integrator->role_count; i++)
         scaled->trace += scaled->light.seconds[i];
     scaled->exchange = s->exchanges * kiln_exchange_seconds(s->radiosity_bytes * scaled->points, ranks, scaled->nodes,
                                                             l->bandwidth, l->latency);

@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-#include "coordinator/integrate/repartition.h"
+#include "coordinator/integrate/repartition_rule.h"
 #include "coordinator/surface/surface_build.h"
 #include "worker/base/memory.h"
 
@@ -13,25 +13,19 @@ struct state {
     const struct kiln_light_simulation *s;
     uint32_t ranks;
     double density;
-    double *points, *cost[KILN_LIGHTS]; /* of all cells before each one, and after the last */
-    double *cuts, *next;                /* points before each rank's share, and after the last; now, and after a move */
-    double *work;                       /* s of all ranks before each one, and of all: as the last pass showed them */
+    double *points, *cost[KILN_COST_KINDS_MAX]; /* of all cells before each one, and after the last */
+    double *cuts, *next; /* points before each rank's share, and after the last; now, and after a move */
+    double *work;        /* s of all ranks before each one, and of all: as the last step showed them */
     /* by what part the largest share exceeds the others because its tile runs are whole */
     double grain;
     bool helps;
 };
 
-/* What a simulated pass shows. Seconds. */
-struct pass {
+/* What a simulated step shows. Seconds. */
+struct shown {
     double seconds; /* until the last rank is done */
     double longest; /* work of a rank, or of the mean rank of those that help each other */
     double total;   /* of all ranks */
-};
-
-struct step {
-    enum kiln_pass_kind kind;
-    int light; /* which of the costs */
-    uint32_t samples;
 };
 
 /* ---- cells ---- */
@@ -42,7 +36,7 @@ static int make_cells(struct state *t, struct kiln_error *error)
     int status = kiln_allocate(&t->points, s->cell_count + 1, sizeof *t->points, "the simulated cells", error);
     for (size_t i = 0; status == KILN_OK && i < s->cell_count; i++)
         t->points[i + 1] = t->points[i] + (double)s->cell_points[i];
-    for (int l = 0; l < KILN_LIGHTS && status == KILN_OK; l++) {
+    for (uint32_t l = 0; l < s->steps->kind_count && status == KILN_OK; l++) {
         status = kiln_allocate(&t->cost[l], s->cell_count + 1, sizeof *t->cost[l], "the simulated cells", error);
         for (size_t i = 0; status == KILN_OK && i < s->cell_count; i++)
             t->cost[l][i + 1] = t->cost[l][i] + (double)s->cell_points[i] * s->cell_cost[l][i];
@@ -73,28 +67,25 @@ static double at(const struct state *t, const double *from, const double *to, do
     return to[cell] + part * (to[cell + 1] - to[cell]);
 }
 
-static double cost_before(const struct state *t, int light, uint32_t rank)
+static double cost_before(const struct state *t, uint32_t kind, uint32_t rank)
 {
-    return at(t, t->points, t->cost[light], t->cuts[rank]);
+    return at(t, t->points, t->cost[kind], t->cuts[rank]);
 }
 
 /* ---- ranks ---- */
 
-static uint32_t ranks_of_node(const struct state *t)
-{
-    return t->s->job->ranks_per_node > 0 ? t->s->job->ranks_per_node : 1;
-}
+static uint32_t ranks_of_node(const struct state *t) { return t->s->ranks_per_node > 0 ? t->s->ranks_per_node : 1; }
 
 /* Ranks that help each other: as kiln_node_create groups those of a node. */
 static uint32_t group_begin(const struct state *t, uint32_t rank)
 {
-    const uint32_t node = ranks_of_node(t), most = t->s->job->share_ranks, in_node = rank % node;
+    const uint32_t node = ranks_of_node(t), most = t->s->share_ranks, in_node = rank % node;
     return !t->helps ? rank : most > 0 ? rank - in_node % most : rank - in_node;
 }
 
 static uint32_t group_end(const struct state *t, uint32_t begin)
 {
-    const uint32_t node = ranks_of_node(t), most = t->s->job->share_ranks, node_end = begin - begin % node + node;
+    const uint32_t node = ranks_of_node(t), most = t->s->share_ranks, node_end = begin - begin % node + node;
     const uint32_t end = !t->helps ? begin + 1 : most > 0 && begin + most < node_end ? begin + most : node_end;
     return end < t->ranks ? end : t->ranks;
 }
@@ -146,23 +137,23 @@ static double most_points(const struct state *t)
     return most * t->density;
 }
 
-/* ---- a pass ---- */
+/* ---- a step ---- */
 
 /* Ranks that help each other end up to a smallest batch apart: 0.02 s of work, or a tile run a thread. */
-static double wait_for_batch(const struct state *t, int light)
+static double wait_for_batch(const struct state *t, uint32_t kind)
 {
-    const double tile_run = t->cost[light][t->s->cell_count] / fmax(1.0, (double)t->s->tile_runs);
+    const double tile_run = t->cost[kind][t->s->cell_count] / fmax(1.0, (double)t->s->tile_runs);
     return 0.5 * fmax(KILN_LEAST_BATCH, tile_run * t->s->threads);
 }
 
-static struct pass run_pass(const struct state *t, int light)
+static struct shown run_step(const struct state *t, uint32_t kind)
 {
-    struct pass p = {0.0, 0.0, 0.0};
+    struct shown p = {0.0, 0.0, 0.0};
     for (uint32_t begin = 0, end; begin < t->ranks; begin = end) {
-        double alone = 0.0, work = 0.0, before = cost_before(t, light, begin);
+        double alone = 0.0, work = 0.0, before = cost_before(t, kind, begin);
         end = group_end(t, begin);
         for (uint32_t r = begin; r < end; r++) {
-            const double after = cost_before(t, light, r + 1), own = t->density * (after - before);
+            const double after = cost_before(t, kind, r + 1), own = t->density * (after - before);
             alone = fmax(alone, slowness(t, r) * own);
             work += own;
             before = after;
@@ -171,7 +162,7 @@ static struct pass run_pass(const struct state *t, int light)
         const bool together = end - begin > 1;
         const double mean = work / (end - begin), longest = together ? mean : alone;
         p.seconds =
-            fmax(p.seconds, together ? fmin(t->grain * alone, mean + wait_for_batch(t, light)) : t->grain * alone);
+            fmax(p.seconds, together ? fmin(t->grain * alone, mean + wait_for_batch(t, kind)) : t->grain * alone);
         p.longest = fmax(p.longest, longest);
         p.total += work;
     }
@@ -187,50 +178,50 @@ struct stretch {
 
 /* The stretch of a rank's share in which its cost reaches `wanted`, so long that a bake knows only what all its points
  * cost: a part of a batch. */
-static struct stretch stretch_at(const struct state *t, int light, uint32_t rank, double wanted)
+static struct stretch stretch_at(const struct state *t, uint32_t kind, uint32_t rank, double wanted)
 {
-    const double all = t->points[t->s->cell_count], a_second = all / t->cost[light][t->s->cell_count];
+    const double all = t->points[t->s->cell_count], a_second = all / t->cost[kind][t->s->cell_count];
     const double width = fmin((double)t->s->part_points / t->density, a_second * BATCH_SECONDS / t->density);
     const double begin = t->cuts[rank], end = t->cuts[rank + 1];
     double low = 0.0, high = ceil((end - begin) / width);
     while (low + 1.0 < high) {
         const double middle = floor(0.5 * (low + high));
-        if (at(t, t->points, t->cost[light], begin + middle * width) <= wanted)
+        if (at(t, t->points, t->cost[kind], begin + middle * width) <= wanted)
             low = middle;
         else
             high = middle;
     }
     struct stretch s = {.begin = begin + low * width, .end = fmin(end, begin + (low + 1.0) * width)};
-    s.cost_begin = at(t, t->points, t->cost[light], s.begin);
-    s.cost_end = at(t, t->points, t->cost[light], s.end);
+    s.cost_begin = at(t, t->points, t->cost[kind], s.begin);
+    s.cost_end = at(t, t->points, t->cost[kind], s.end);
     return s;
 }
 
-/* Where the work, as the last pass showed it in rank's share, reaches `ideal`; a cell's begin where one is near. */
-static double cut_at(const struct state *t, int light, uint32_t rank, double ideal, double slack)
+/* Where the work, as the last step showed it in rank's share, reaches `ideal`; a cell's begin where one is near. */
+static double cut_at(const struct state *t, uint32_t kind, uint32_t rank, double ideal, double slack)
 {
     const uint32_t begin = group_begin(t, rank);
     const double slow = group_slowness(t, begin, group_end(t, begin));
-    const double wanted = cost_before(t, light, rank) + (ideal - t->work[rank]) / slow;
+    const double wanted = cost_before(t, kind, rank) + (ideal - t->work[rank]) / slow;
     const struct stretch s =
-        t->s->part_points > 0 ? stretch_at(t, light, rank, wanted) : (struct stretch){0.0, 0.0, 0.0, 0.0};
+        t->s->part_points > 0 ? stretch_at(t, kind, rank, wanted) : (struct stretch){0.0, 0.0, 0.0, 0.0};
     const double width = s.end - s.begin, a_point = width > 0.0 ? (s.cost_end - s.cost_begin) / width : 0.0;
     const double cut = a_point > 0.0 ? fmin(s.end, s.begin + (wanted - s.cost_begin) / a_point)
-                                     : at(t, t->cost[light], t->points, wanted);
+                                     : at(t, t->cost[kind], t->points, wanted);
     const size_t cell = cell_at(t, t->points, cut),
                  near = cut - t->points[cell] < t->points[cell + 1] - cut ? cell : cell + 1;
     const double off =
-        fabs(at(t, t->points, t->cost[light], t->points[near]) - at(t, t->points, t->cost[light], cut)) * slow;
+        fabs(at(t, t->points, t->cost[kind], t->points[near]) - at(t, t->points, t->cost[kind], cut)) * slow;
     return off <= slack && t->points[near] > t->cuts[rank] && t->points[near] < t->cuts[rank + 1] ? t->points[near]
                                                                                                   : cut;
 }
 
-static void make_cuts(struct state *t, int light)
+static void make_cuts(struct state *t, uint32_t kind)
 {
     for (uint32_t r = 0; r < t->ranks; r++) {
         const uint32_t begin = group_begin(t, r);
         t->work[r + 1] = t->work[r] + group_slowness(t, begin, group_end(t, begin)) *
-                                          (cost_before(t, light, r + 1) - cost_before(t, light, r));
+                                          (cost_before(t, kind, r + 1) - cost_before(t, kind, r));
     }
     const double total = t->work[t->ranks];
     uint32_t rank = 0;
@@ -240,7 +231,7 @@ static void make_cuts(struct state *t, int light)
         const double ideal = total * k / t->ranks;
         while (rank + 1 < t->ranks && t->work[rank + 1] <= ideal)
             rank++;
-        t->next[k] = fmax(t->next[k - 1], cut_at(t, light, rank, ideal, KILN_BOUND_SLACK * total / t->ranks));
+        t->next[k] = fmax(t->next[k - 1], cut_at(t, kind, rank, ideal, KILN_BOUND_SLACK * total / t->ranks));
     }
 }
 
@@ -256,21 +247,22 @@ static double most_moved(const struct state *t, uint32_t together)
     return most * t->density;
 }
 
-/* The shares are cut anew where a bake would do it after the pass. */
-static void consider(struct state *t, const struct step *last, const struct step *next, uint32_t bounce,
-                     const struct pass *pass, struct kiln_simulated_light *light)
+/* The points are distributed anew where a bake would do it between the two steps. */
+static void consider(struct state *t, const struct kiln_planned_step *last, const struct kiln_planned_step *next,
+                     const struct shown *shown, struct kiln_simulated_light *light)
 {
     const struct kiln_light_simulation *s = t->s;
-    const struct kiln_repartition_passes passes = {last->kind, next->kind, last->samples, next->samples, bounce};
-    if (t->ranks == 1 || !(pass->total > 0.0) || !kiln_repartition_is_allowed(s->job, s->any_share) ||
-        !kiln_repartition_is_due(s->job, &passes))
+    const enum kiln_rebalance mode = s->settings->rebalance;
+    const struct kiln_repartition_steps steps = {last->step, next->step, next->outlook};
+    if (t->ranks == 1 || !(shown->total > 0.0) || !kiln_repartition_is_allowed(mode, s->any_share) ||
+        !kiln_repartition_is_due(mode, &steps))
         return;
-    const double gain = kiln_repartition_gain(s->job, &passes, pass->longest, pass->total / t->ranks);
-    if (!kiln_repartition_is_asked(s->job, gain))
+    const double gain = kiln_repartition_gain(&steps, shown->longest, shown->total / t->ranks);
+    if (!kiln_repartition_is_asked(mode, gain))
         return;
-    make_cuts(t, last->light);
+    make_cuts(t, last->kind);
     const double moved = most_moved(t, 1), cost = kiln_repartition_cost(moved, s->share_bytes);
-    if (!(moved >= 1.0) || !kiln_repartition_pays(s->job, gain, cost))
+    if (!(moved >= 1.0) || !kiln_repartition_pays(mode, gain, cost))
         return;
     light->move += fmax(cost, most_moved(t, ranks_of_node(t)) * s->share_bytes / s->bandwidth + s->latency);
     light->cuts++;
@@ -282,43 +274,31 @@ static void consider(struct state *t, const struct step *last, const struct step
 
 /* ---- the bake ---- */
 
-static struct step step_of(const struct kiln_light_simulation *s, uint32_t pass)
-{
-    const struct kiln_job *job = s->job;
-    if (pass == 0)
-        return (struct step){KILN_PASS_DIRECT, KILN_LIGHT_DIRECT, job->samples_direct};
-    if (job->schedule == KILN_SCHEDULE_EQUAL)
-        return (struct step){KILN_PASS_BOUNCE, KILN_LIGHT_FINAL, job->samples_indirect};
-    return pass < s->bounces ? (struct step){KILN_PASS_BOUNCE, KILN_LIGHT_BOUNCE, job->samples_bounce}
-                             : (struct step){KILN_PASS_FINAL, KILN_LIGHT_FINAL, job->samples_indirect};
-}
-
 static double over_mean(double seconds, double mean) { return mean > 0.0 ? seconds / mean - 1.0 : 0.0; }
 
 static void run_bake(struct state *t, struct kiln_simulated_light *light)
 {
     const struct kiln_light_simulation *s = t->s;
-    struct pass kept[KILN_LIGHTS], pass = {0.0, 0.0, 0.0};
-    struct step last = {.light = -1};
+    struct shown kept[KILN_COST_KINDS_MAX], shown = {0.0, 0.0, 0.0};
     double seconds = 0.0, mean = 0.0, kept_seconds = 0.0, kept_mean = 0.0;
     t->helps = false;
-    for (int l = 0; l < KILN_LIGHTS; l++)
-        kept[l] = run_pass(t, l);
-    t->helps = s->any_share && s->job->work_stealing;
-    for (uint32_t k = 0; k <= s->bounces; k++) {
-        const struct step step = step_of(s, k);
-        if (k > 0)
-            consider(t, &last, &step, k, &pass, light);
-        pass = run_pass(t, step.light);
-        light->seconds[step.light] += pass.seconds;
-        light->last[step.light] = over_mean(pass.longest, pass.total / t->ranks);
-        if (step.light != last.light)
-            light->first[step.light] = light->last[step.light];
-        seconds += pass.seconds;
-        mean += pass.total / t->ranks;
-        kept_seconds += kept[step.light].seconds;
-        kept_mean += kept[step.light].total / t->ranks;
-        last = step;
+    for (uint32_t k = 0; k < s->steps->kind_count; k++)
+        kept[k] = run_step(t, k);
+    t->helps = s->any_share && s->settings->work_stealing;
+    for (size_t i = 0; i < s->steps->count; i++) {
+        const struct kiln_planned_step *planned = &s->steps->of[i];
+        const uint32_t role = planned->step.role;
+        if (i > 0)
+            consider(t, planned - 1, planned, &shown, light);
+        shown = run_step(t, planned->kind);
+        light->seconds[role] += shown.seconds;
+        light->last[role] = over_mean(shown.longest, shown.total / t->ranks);
+        if (i == 0 || role != planned[-1].step.role)
+            light->first[role] = light->last[role];
+        seconds += shown.seconds;
+        mean += shown.total / t->ranks;
+        kept_seconds += kept[planned->kind].seconds;
+        kept_mean += kept[planned->kind].total / t->ranks;
     }
     light->imbalance = over_mean(seconds, mean);
     light->kept = over_mean(kept_seconds, kept_mean);
@@ -343,7 +323,7 @@ int kiln_simulate_light(const struct kiln_light_simulation *s, uint32_t ranks, d
     }
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
         kiln_free(arrays[i]);
-    for (int l = 0; l < KILN_LIGHTS; l++)
+    for (uint32_t l = 0; l < KILN_COST_KINDS_MAX; l++)
         kiln_free(&t.cost[l]);
     kiln_free(&t.points);
     return status;

@@ -11,33 +11,38 @@
 
 enum { CELLS = 64, CELL_POINTS = 50000 };
 
+/* Roles, and kinds of steps, of "cells" with the lean schedule. */
+enum { DIRECT, BOUNCE, FINAL, LIGHTS };
+
 struct world {
-    struct kiln_job job;
+    struct kiln_integrate_settings settings;
+    struct kiln_planned_steps steps;
     uint64_t points[CELLS];
-    double cost[KILN_LIGHTS][CELLS];
+    double cost[LIGHTS][CELLS];
     struct kiln_light_simulation simulation;
 };
 
 /* Points of the second half of the cells cost `factor` times as much as those of the first, and these `cost` s. */
 static void fill(struct world *w, double cost, double factor)
 {
-    *w = (struct world){.job = {.bounces = 5,
-                                .samples_direct = 8,
-                                .samples_bounce = 8,
-                                .samples_indirect = 64,
-                                .work_stealing = true,
-                                .ranks_per_node = 1}};
+    *w = (struct world){.settings = {.integrator = kiln_integrator_find("cells"),
+                                     .bounces = 5,
+                                     .samples_direct = 8,
+                                     .samples_bounce = 8,
+                                     .samples_indirect = 64,
+                                     .work_stealing = true}};
     for (int i = 0; i < CELLS; i++) {
         w->points[i] = CELL_POINTS;
-        for (int l = 0; l < KILN_LIGHTS; l++)
-            w->cost[l][i] = (i < CELLS / 2 ? cost : factor * cost) * (l == KILN_LIGHT_FINAL ? 8.0 : 1.0);
+        for (int l = 0; l < LIGHTS; l++)
+            w->cost[l][i] = (i < CELLS / 2 ? cost : factor * cost) * (l == FINAL ? 8.0 : 1.0);
     }
-    w->simulation = (struct kiln_light_simulation){.job = &w->job,
+    w->simulation = (struct kiln_light_simulation){.settings = &w->settings,
+                                                   .steps = &w->steps,
+                                                   .ranks_per_node = 1,
                                                    .cell_points = w->points,
                                                    .cell_cost = {w->cost[0], w->cost[1], w->cost[2]},
                                                    .cell_count = CELLS,
                                                    .tile_runs = CELLS * CELL_POINTS / 64,
-                                                   .bounces = 5,
                                                    .threads = 1,
                                                    .any_share = true,
                                                    .share_bytes = 60.0,
@@ -46,11 +51,13 @@ static void fill(struct world *w, double cost, double factor)
                                                    .slowness = 1.0};
 }
 
-static struct kiln_simulated_light simulate(const struct world *w, uint32_t ranks)
+static struct kiln_simulated_light simulate(struct world *w, uint32_t ranks)
 {
     struct kiln_simulated_light light;
     struct kiln_error error;
+    assert_int_equal(kiln_planned_steps_make(&w->steps, &w->settings, 7, &error), KILN_OK);
     assert_int_equal(kiln_simulate_light(&w->simulation, ranks, 1.0, &light, &error), KILN_OK);
+    kiln_planned_steps_release(&w->steps);
     return light;
 }
 
@@ -76,21 +83,21 @@ static void cut_anew(void **state)
     (void)state;
     struct world w;
     fill(&w, 1e-5, 3.0);
-    w.job.rebalance = KILN_REBALANCE_NEVER;
+    w.settings.rebalance = KILN_REBALANCE_NEVER;
     const struct kiln_simulated_light never = simulate(&w, 2);
     assert_true(fabs(never.kept - 0.5) < 1e-9 && fabs(never.imbalance - 0.5) < 1e-9 && never.cuts == 0 &&
                 never.move == 0.0);
-    w.job.rebalance = KILN_REBALANCE_AUTO;
+    w.settings.rebalance = KILN_REBALANCE_AUTO;
     const struct kiln_simulated_light automatic = simulate(&w, 2);
     assert_int_equal(automatic.cuts, 1);
-    assert_true(fabs(automatic.kept - 0.5) < 1e-9 && fabs(automatic.first[KILN_LIGHT_DIRECT] - 0.5) < 1e-9);
-    assert_true(fabs(automatic.first[KILN_LIGHT_BOUNCE] - 0.5) < 1e-9 && automatic.last[KILN_LIGHT_BOUNCE] < 0.02);
-    assert_true(automatic.last[KILN_LIGHT_FINAL] < 0.02);
+    assert_true(fabs(automatic.kept - 0.5) < 1e-9 && fabs(automatic.first[DIRECT] - 0.5) < 1e-9);
+    assert_true(fabs(automatic.first[BOUNCE] - 0.5) < 1e-9 && automatic.last[BOUNCE] < 0.02);
+    assert_true(automatic.last[FINAL] < 0.02);
     assert_true(seconds(&automatic) < 0.8 * seconds(&never) && automatic.points_most > never.points_most);
     w.simulation.any_share = false; /* devices keep theirs */
     assert_int_equal(simulate(&w, 2).cuts, 0);
-    w.job.rebalance = KILN_REBALANCE_ALWAYS;
-    assert_true(simulate(&w, 2).first[KILN_LIGHT_BOUNCE] < 0.02);
+    w.settings.rebalance = KILN_REBALANCE_ALWAYS;
+    assert_true(simulate(&w, 2).first[BOUNCE] < 0.02);
 }
 
 /* Where a move costs more than it wins; and where a bake knows too little of where in a share the costly points are. */
@@ -100,15 +107,14 @@ static void does_not_pay(void **state)
     struct world w;
     fill(&w, 1e-8, 3.0);
     assert_int_equal(simulate(&w, 2).cuts, 0);
-    fill(&w, 2e-7, 3.0); /* so little that a batch is a whole share */
-    w.job.bounces = 2;   /* a single cut, after the only bounce; a share of the three has costs of 1 and 3 */
-    w.simulation.bounces = 2;
+    fill(&w, 2e-7, 3.0);    /* so little that a batch is a whole share */
+    w.settings.bounces = 2; /* a single cut, after the only bounce; a share of the three has costs of 1 and 3 */
     w.simulation.part_points = 4 * CELLS * CELL_POINTS;
     const struct kiln_simulated_light coarse = simulate(&w, 3);
     w.simulation.part_points = CELL_POINTS / 10;
     const struct kiln_simulated_light fine = simulate(&w, 3);
     assert_true(coarse.cuts == 1 && fine.cuts == 1);
-    assert_true(coarse.first[KILN_LIGHT_FINAL] > 0.1 && fine.first[KILN_LIGHT_FINAL] < 0.06);
+    assert_true(coarse.first[FINAL] > 0.1 && fine.first[FINAL] < 0.06);
 }
 
 static void given_away(void **state)
@@ -116,23 +122,22 @@ static void given_away(void **state)
     (void)state;
     struct world w;
     fill(&w, 1e-5, 3.0);
-    w.job.ranks_per_node = 2;
+    w.simulation.ranks_per_node = 2;
     const struct kiln_simulated_light together = simulate(&w, 2);
     assert_true(together.cuts == 0 && together.imbalance > 0.0 && together.imbalance < 0.01 &&
                 fabs(together.kept - 0.5) < 1e-9);
-    w.job.share_ranks = 1;
+    w.simulation.share_ranks = 1;
     assert_true(simulate(&w, 2).cuts == 1);
-    w.job.share_ranks = 0;
-    w.job.work_stealing = false;
+    w.simulation.share_ranks = 0;
+    w.settings.work_stealing = false;
     assert_true(simulate(&w, 2).cuts == 1);
-    w.job.work_stealing = true;
+    w.settings.work_stealing = true;
     w.simulation.any_share = false;
     assert_true(fabs(simulate(&w, 2).imbalance - 0.5) < 1e-9);
     fill(&w, 1e-5, 3.0); /* two nodes of two: within a node all is even, between them it is not */
-    w.job.ranks_per_node = 2;
+    w.simulation.ranks_per_node = 2;
     const struct kiln_simulated_light nodes = simulate(&w, 4);
-    assert_true(nodes.cuts == 1 && fabs(nodes.first[KILN_LIGHT_DIRECT] - 0.5) < 1e-9 &&
-                nodes.last[KILN_LIGHT_FINAL] < 0.03);
+    assert_true(nodes.cuts == 1 && fabs(nodes.first[DIRECT] - 0.5) < 1e-9 && nodes.last[FINAL] < 0.03);
 }
 
 /* One of two ranks takes three times as long: alone 3 / 2 - 1 too much; with help both end after 3 / 4 of that mean;
@@ -144,13 +149,13 @@ static void slow_rank(void **state)
     fill(&w, 1e-5, 1.0);
     w.simulation.slow_rank = 1;
     w.simulation.slowness = 3.0;
-    w.job.rebalance = KILN_REBALANCE_NEVER;
+    w.settings.rebalance = KILN_REBALANCE_NEVER;
     const struct kiln_simulated_light alone = simulate(&w, 2);
     assert_true(fabs(alone.imbalance - 0.5) < 1e-9);
-    w.job.rebalance = KILN_REBALANCE_AUTO;
+    w.settings.rebalance = KILN_REBALANCE_AUTO;
     const struct kiln_simulated_light anew = simulate(&w, 2);
-    assert_true(anew.cuts >= 2 && anew.last[KILN_LIGHT_FINAL] < 0.1 && seconds(&anew) < 0.7 * seconds(&alone));
-    w.job.ranks_per_node = 2;
+    assert_true(anew.cuts >= 2 && anew.last[FINAL] < 0.1 && seconds(&anew) < 0.7 * seconds(&alone));
+    w.simulation.ranks_per_node = 2;
     const struct kiln_simulated_light helped = simulate(&w, 2);
     assert_true(fabs(seconds(&helped) / seconds(&alone) - 0.5) < 0.01);
 }

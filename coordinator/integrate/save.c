@@ -1,17 +1,18 @@
+#include "coordinator/integrate/save.h"
+
 #include <assert.h>
 #include <math.h>
 #include <string.h>
 #include <time.h>
 
 #include "coordinator/field/field_blocks.h"
-#include "coordinator/integrate/transport_private.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
 #define WRITE_BYTES 20e6 /* a second, at the slowest disk that is not taken for a dead one */
 
 enum { PASSES_MOST = 10002 }; /* with the most bounces that can be asked for */
-enum { OTHER_BLOCKS = 12 };   /* besides the fields: those listed here, and what kiln_transport_save adds */
+enum { OTHER_BLOCKS = 12 };   /* besides the fields: those listed here, and what kiln_integrate_save adds */
 static_assert((int)KILN_FIELDS_MAX + (int)OTHER_BLOCKS <= (int)KILN_BLOCKS_MAX, "a checkpoint has room for all fields");
 
 /* ---- records ----
@@ -21,24 +22,23 @@ static_assert((int)KILN_FIELDS_MAX + (int)OTHER_BLOCKS <= (int)KILN_BLOCKS_MAX, 
 
 /* The block "state", once: where the bake stands. */
 struct saved_state {
-    uint32_t kind, bounce, finished; /* of the pass under way */
-    uint32_t bounces, tail, restarts;
+    uint32_t finished, bounces, tail, restarts;
     double tail_ratio[3], tail_share;
     double unit, unit_squared, seconds;
 };
-static_assert(sizeof(struct saved_state) == 6 * 4 + 7 * 8, "a record has no gaps");
+static_assert(sizeof(struct saved_state) == 4 * 4 + 7 * 8, "a record has no gaps");
 
-/* The block "passes", once, an element a pass: what all ranks have the same of it. */
+/* The block "passes", once, an element a step: what all ranks have the same of its report. */
 struct saved_report {
-    uint32_t kind, bounce, samples;
+    uint32_t role, bounce, samples;
     uint32_t judged, moved, reserved; /* of the balance: 0 or 1; 0 */
-    double incident[3], reflected[3], sent[3], escaped[3], blocked[3], glass[3], variance;
+    double incident[3], reflected[3], sent[3], escaped[3], blocked[3], glass[3], variance, tail_error;
     double imbalance, gain, cost;
     uint64_t points;
 };
-static_assert(sizeof(struct saved_report) == 6 * 4 + 23 * 8, "a record has no gaps");
+static_assert(sizeof(struct saved_report) == 6 * 4 + 24 * 8, "a record has no gaps");
 
-/* The block "own_passes" of each rank, an element a pass: what that rank did in it. */
+/* The block "own_passes" of each rank, an element a step: what that rank did in it. */
 struct saved_pass {
     uint64_t rays;
     double seconds, exchange_seconds, device_seconds;
@@ -62,12 +62,13 @@ static_assert(sizeof(struct saved_group) == 3 * 8, "a record has no gaps");
 struct saved_range {
     uint64_t first, count;
 };
+static_assert(sizeof(struct saved_range) == 2 * 8, "a record has no gaps");
 
-/* The block "own_sums" of each rank, once: its sums in the pass under way. */
+/* The block "own_sums" of each rank, once: its sums in the step under way. */
 struct saved_sums {
-    struct saved_sum pass[SUM_COUNT], variance;
+    struct saved_sum pass[KILN_SUMS], variance;
 };
-static_assert(sizeof(struct saved_sums) == (SUM_COUNT + 1) * 16, "a record has no gaps");
+static_assert(sizeof(struct saved_sums) == (KILN_SUMS + 1) * 16, "a record has no gaps");
 
 static struct saved_sum sum_saved(const struct kiln_exact_sum *sum)
 {
@@ -79,37 +80,36 @@ static __int128 sum_read(const struct saved_sum *sum)
     return (__int128)sum->high * ((__int128)1 << 64) + (__int128)sum->low;
 }
 
-static struct saved_report report_saved(const struct kiln_pass_report *r)
+static struct saved_report report_saved(const struct kiln_step_report *r)
 {
-    const struct kiln_pass_energy *e = &r->energy;
-    struct saved_report saved = {.kind = (uint32_t)r->kind,
-                                 .bounce = r->bounce,
-                                 .samples = r->samples,
+    struct saved_report saved = {.role = r->step.role,
+                                 .bounce = r->step.bounce,
+                                 .samples = r->step.samples,
                                  .judged = r->balance.judged,
                                  .moved = r->balance.moved,
-                                 .variance = e->variance,
+                                 .variance = r->energy.variance,
+                                 .tail_error = r->tail_error,
                                  .imbalance = r->balance.imbalance,
                                  .gain = r->balance.gain,
                                  .cost = r->balance.cost,
                                  .points = r->balance.points};
     for (int c = 0; c < 3; c++) {
-        saved.incident[c] = e->incident[c];
-        saved.reflected[c] = e->reflected[c];
-        saved.sent[c] = e->sent[c];
-        saved.escaped[c] = e->escaped[c];
-        saved.blocked[c] = e->blocked[c];
-        saved.glass[c] = e->glass[c];
+        saved.incident[c] = r->energy.incident[c];
+        saved.reflected[c] = r->energy.reflected[c];
+        saved.sent[c] = r->energy.sent[c];
+        saved.escaped[c] = r->energy.escaped[c];
+        saved.blocked[c] = r->energy.blocked[c];
+        saved.glass[c] = r->energy.glass[c];
     }
     return saved;
 }
 
-/* What ranks did themselves is not in it: see add_part. */
-static struct kiln_pass_report report_read(const struct saved_report *saved)
+/* `step` is what the record is of. What ranks did themselves is not in it: see add_part. */
+static struct kiln_step_report report_read(const struct saved_report *saved, const struct kiln_step *step)
 {
-    struct kiln_pass_report r = {.kind = (enum kiln_pass_kind)saved->kind,
-                                 .bounce = saved->bounce,
-                                 .samples = saved->samples,
+    struct kiln_step_report r = {.step = *step,
                                  .energy = {.variance = saved->variance},
+                                 .tail_error = saved->tail_error,
                                  .balance = {.judged = saved->judged != 0,
                                              .moved = saved->moved != 0,
                                              .imbalance = saved->imbalance,
@@ -127,17 +127,22 @@ static struct kiln_pass_report report_read(const struct saved_report *saved)
     return r;
 }
 
-static const struct kiln_field_set *fields_of(const struct transport_state *s)
+/* ---- fields ---- */
+
+static const struct kiln_field_set *fields_of(const struct kiln_saved *s)
 {
-    return kiln_node_data_fields(s->out->node_data);
+    return kiln_node_data_fields(s->solution->node_data);
 }
 
-static struct kiln_save_moment moment_of(const struct transport_state *s, bool finished)
+/* Of the step under way, the last one reported. */
+static struct kiln_save_moment moment_of(const struct kiln_saved *s, bool finished)
 {
-    return (struct kiln_save_moment){.in_step = !finished, .in_gather = s->step.kind != KILN_PASS_DIRECT};
+    const struct kiln_step *step = &kiln_solution_step(s->solution)->step;
+    return (struct kiln_save_moment){
+        .in_step = !finished, .in_gather = step->pass == KILN_STEP_GATHER, .compact = step->compact};
 }
 
-uint64_t transport_save_bytes(const struct transport_state *s)
+uint64_t kiln_save_bytes(const struct kiln_saved *s)
 {
     return s->params->surface->point_count * kiln_field_set_saved_bytes(fields_of(s));
 }
@@ -165,15 +170,15 @@ static void add_block(struct save_work *w, const char *name, uint64_t first, uin
     (void)strncpy(b->name, name, sizeof b->name - 1);
 }
 
-static int collect_groups(const struct transport_state *s, struct save_work *w, struct kiln_error *error)
+static int collect_groups(const struct kiln_saved *s, struct save_work *w, struct kiln_error *error)
 {
     size_t count = 0;
-    for (size_t i = 0; i < s->group_count; i++)
-        count += s->group_now[i].value != 0;
+    for (size_t i = 0; i < s->ledger->group_count; i++)
+        count += s->ledger->group_now[i].value != 0;
     const int status = kiln_allocate(&w->groups, count, sizeof *w->groups, "a checkpoint's groups", error);
-    for (size_t i = 0; status == KILN_OK && i < s->group_count; i++)
-        if (s->group_now[i].value != 0)
-            w->groups[w->group_count++] = (struct saved_group){i, sum_saved(&s->group_now[i])};
+    for (size_t i = 0; status == KILN_OK && i < s->ledger->group_count; i++)
+        if (s->ledger->group_now[i].value != 0)
+            w->groups[w->group_count++] = (struct saved_group){i, sum_saved(&s->ledger->group_now[i])};
     return status;
 }
 
@@ -188,66 +193,65 @@ static void add_done(const struct kiln_surface *surface, struct save_work *w, si
 }
 
 /* What lies between what is to do is done. */
-static int collect_done(const struct transport_state *s, struct save_work *w, struct kiln_error *error)
+static int collect_done(const struct kiln_saved *s, struct save_work *w, struct kiln_error *error)
 {
     const struct kiln_surface *surface = s->params->surface;
-    const int status =
-        kiln_allocate(&w->done, s->todo_count - s->todo_first + 1, sizeof *w->done, "a checkpoint's ranges", error);
+    const int status = kiln_allocate(&w->done, s->work->todo_count - s->work->todo_first + 1, sizeof *w->done,
+                                     "a checkpoint's ranges", error);
     size_t at = 0;
-    for (size_t i = s->todo_first; status == KILN_OK && i < s->todo_count; i++) {
-        add_done(surface, w, at, s->todo[i].first);
-        at = s->todo[i].first + s->todo[i].count;
+    for (size_t i = s->work->todo_first; status == KILN_OK && i < s->work->todo_count; i++) {
+        add_done(surface, w, at, s->work->todo[i].first);
+        at = s->work->todo[i].first + s->work->todo[i].count;
     }
     if (status == KILN_OK)
         add_done(surface, w, at, surface->tile_run_count);
     return status;
 }
 
-static int collect_passes(const struct transport_state *s, struct save_work *w, struct kiln_error *error)
+static int collect_passes(const struct kiln_saved *s, struct save_work *w, struct kiln_error *error)
 {
-    const struct kiln_transport_report *r = &s->out->report;
-    int status = kiln_allocate(&w->passes, r->pass_count, sizeof *w->passes, "a checkpoint's passes", error);
+    const struct kiln_step_reports *steps = &s->solution->report.steps;
+    int status = kiln_allocate(&w->passes, steps->count, sizeof *w->passes, "a checkpoint's passes", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&w->reports, r->pass_count, sizeof *w->reports, "a checkpoint's passes", error);
-    for (size_t i = 0; status == KILN_OK && i < r->pass_count; i++) {
-        const struct kiln_pass_report *p = &r->passes[i];
-        w->passes[i] = (struct saved_pass){p->rays, p->seconds, p->exchange_seconds, p->device_seconds};
-        w->reports[i] = report_saved(p);
+        status = kiln_allocate(&w->reports, steps->count, sizeof *w->reports, "a checkpoint's passes", error);
+    for (size_t i = 0; status == KILN_OK && i < steps->count; i++) {
+        const struct kiln_step_report *r = &steps->of[i];
+        w->passes[i] = (struct saved_pass){r->rays, r->seconds, r->exchange_seconds, r->device_seconds};
+        w->reports[i] = report_saved(r);
     }
     return status;
 }
 
-static struct saved_state state_of(const struct transport_state *s, bool finished)
+static struct saved_state state_of(const struct kiln_saved *s, bool finished)
 {
-    const struct kiln_transport_report *r = &s->out->report;
-    struct saved_state state = {.kind = (uint32_t)s->step.kind,
-                                .bounce = s->step.bounce,
-                                .finished = finished,
+    const struct kiln_integrate_report *r = &s->solution->report;
+    struct saved_state state = {.finished = finished,
                                 .bounces = r->bounces,
                                 .tail = r->tail,
                                 .restarts = r->restarts,
                                 .tail_share = r->tail_share,
-                                .unit = s->unit,
-                                .unit_squared = s->unit_squared,
+                                .unit = s->ledger->unit,
+                                .unit_squared = s->ledger->unit_squared,
                                 .seconds = r->seconds_before + MPI_Wtime() - s->params->begin};
     memcpy(state.tail_ratio, r->tail_ratio, sizeof state.tail_ratio);
     return state;
 }
 
-static void list_blocks(const struct transport_state *s, struct save_work *w, bool finished)
+static void list_blocks(const struct kiln_saved *s, struct save_work *w, bool finished)
 {
-    const struct kiln_transport_report *r = &s->out->report;
+    const size_t steps = s->solution->report.steps.count;
+    const struct kiln_ledger *ledger = s->ledger;
     const struct kiln_save_moment moment = moment_of(s, finished);
     if (s->params->rank == 0) {
         add_block(w, "state", 0, 1, sizeof w->state, &w->state);
-        add_block(w, "passes", 0, r->pass_count, sizeof *w->reports, w->reports);
+        add_block(w, "passes", 0, steps, sizeof *w->reports, w->reports);
     }
     if (s->params->rank == 0 && !finished) {
-        add_block(w, "group_before", 0, s->group_count, sizeof *s->group_before, s->group_before);
-        add_block(w, "group_total", 0, s->group_count, sizeof *s->group_total, s->group_total);
+        add_block(w, "group_before", 0, ledger->group_count, sizeof *ledger->group_before, ledger->group_before);
+        add_block(w, "group_total", 0, ledger->group_count, sizeof *ledger->group_total, ledger->group_total);
     }
-    add_block(w, "own_passes", 0, r->pass_count, sizeof *w->passes, w->passes);
-    w->block_count += kiln_field_blocks(fields_of(s), s->own, &moment, w->blocks + w->block_count);
+    add_block(w, "own_passes", 0, steps, sizeof *w->passes, w->passes);
+    w->block_count += kiln_field_blocks(fields_of(s), s->solution->own, &moment, w->blocks + w->block_count);
     if (finished)
         return;
     add_block(w, "done", 0, w->done_count, sizeof *w->done, w->done);
@@ -255,18 +259,18 @@ static void list_blocks(const struct transport_state *s, struct save_work *w, bo
     add_block(w, "own_groups", 0, w->group_count, sizeof *w->groups, w->groups);
 }
 
-static int save_with(struct transport_state *s, bool finished, const struct kiln_block *more, size_t more_count,
+static int save_with(const struct kiln_saved *s, bool finished, const struct kiln_block *more, size_t more_count,
                      struct kiln_error *error)
 {
-    const struct kiln_transport_params *p = s->params;
+    const struct kiln_integrate_params *p = s->params;
     const double start = MPI_Wtime();
     kiln_control_meet(p->control);
-    kiln_control_blocking(p->control, "writing a checkpoint", 60.0 + (double)transport_save_bytes(s) / WRITE_BYTES);
+    kiln_control_blocking(p->control, "writing a checkpoint", 60.0 + (double)kiln_save_bytes(s) / WRITE_BYTES);
     if (!finished)
-        transport_settle(s);
-    struct save_work w = {.state = state_of(s, finished), .sums = {.variance = sum_saved(&s->variance)}};
-    for (int k = 0; k < SUM_COUNT; k++)
-        w.sums.pass[k] = sum_saved(&s->sums[k]);
+        kiln_step_work_settle(s->work, s->solution->own, p->node, kiln_node_data_count(s->solution->node_data));
+    struct save_work w = {.state = state_of(s, finished), .sums = {.variance = sum_saved(&s->ledger->variance)}};
+    for (int k = 0; k < KILN_SUMS; k++)
+        w.sums.pass[k] = sum_saved(&s->ledger->sums[k]);
     int status = collect_passes(s, &w, error);
     if (status == KILN_OK && !finished)
         status = collect_groups(s, &w, error);
@@ -290,41 +294,40 @@ static int save_with(struct transport_state *s, bool finished, const struct kiln
     return status;
 }
 
-int transport_save(struct transport_state *s, bool finished, struct kiln_error *error)
+int kiln_save(const struct kiln_saved *s, bool finished, struct kiln_error *error)
 {
     return save_with(s, finished, NULL, 0, error);
 }
 
-int kiln_transport_save(struct kiln_transport *transport, const struct kiln_transport_params *params,
+int kiln_integrate_save(struct kiln_solution *solution, const struct kiln_integrate_params *params,
                         const struct kiln_block *more, size_t count, struct kiln_error *error)
 {
-    struct transport_state s = {.params = params,
-                                .out = transport,
-                                .own = kiln_rank_data(transport->node_data, kiln_node_data_own(transport->node_data))};
-    return save_with(&s, true, more, count, error);
+    struct kiln_ledger none = {0};
+    struct kiln_step_work done = {0};
+    const struct kiln_saved saved = {params, solution, &none, &done};
+    return save_with(&saved, true, more, count, error);
 }
 
-int transport_stop(struct transport_state *s, bool finished, struct kiln_error *error)
+int kiln_save_and_stop(const struct kiln_saved *s, bool finished, struct kiln_error *error)
 {
-    const int status = transport_save(s, finished, error);
+    const int status = kiln_save(s, finished, error);
     return status == KILN_OK ? kiln_stopped(s->params->control, error) : status;
 }
 
 /* ---- reading ---- */
 
-static int no_such_pass(unsigned kind, struct kiln_error *error)
+static int no_such_step(size_t number, struct kiln_error *error)
 {
-    return kiln_fail(
-        error, KILN_IO,
-        "the checkpoint has a pass of kind %u and there are %d kinds; give --no-resume to start from the beginning",
-        kind, KILN_PASS_FINAL + 1);
+    return kiln_fail(error, KILN_IO,
+                     "step %zu of the checkpoint is none of this bake's; give --no-resume to start from the beginning",
+                     number);
 }
 
 static bool state_is_sane(const struct saved_state *state)
 {
     enum { BOUNCES_MOST = 1 << 20 };
-    bool sane = state->bounce <= BOUNCES_MOST && state->bounces <= BOUNCES_MOST && isfinite(state->tail_share) &&
-                isfinite(state->seconds) && state->seconds >= 0.0;
+    bool sane = state->bounces <= BOUNCES_MOST && isfinite(state->tail_share) && isfinite(state->seconds) &&
+                state->seconds >= 0.0;
     if (state->finished == 0) /* no sums come after the last pass */
         sane = sane && isfinite(state->unit) && state->unit > 0.0 && isfinite(state->unit_squared) &&
                state->unit_squared > 0.0;
@@ -333,24 +336,22 @@ static bool state_is_sane(const struct saved_state *state)
     return sane;
 }
 
-static bool groups_are_sane(const struct transport_state *s)
+static bool groups_are_sane(const struct kiln_ledger *ledger)
 {
     bool sane = true;
-    for (size_t i = 0; i < s->group_count; i++)
-        sane = sane && isfinite(s->group_before[i]) && isfinite(s->group_total[i]);
+    for (size_t i = 0; i < ledger->group_count; i++)
+        sane = sane && isfinite(ledger->group_before[i]) && isfinite(ledger->group_total[i]);
     return sane;
 }
 
-static int restore_state(struct transport_state *s, bool *finished, struct kiln_error *error)
+static int restore_state(const struct kiln_saved *s, bool *finished, struct kiln_error *error)
 {
     const struct kiln_checkpoint *c = s->params->checkpoint;
-    struct kiln_transport_report *r = &s->out->report;
+    struct kiln_integrate_report *r = &s->solution->report;
     struct saved_state state;
     int status = kiln_checkpoint_read(c, "state", 0, 1, sizeof state, &state, error);
     if (status != KILN_OK)
         return status;
-    if (state.kind > KILN_PASS_FINAL)
-        return no_such_pass(state.kind, error);
     *finished = state.finished != 0;
     r->bounces = state.bounces;
     r->tail = state.tail != 0;
@@ -358,53 +359,49 @@ static int restore_state(struct transport_state *s, bool *finished, struct kiln_
     r->seconds_before = state.seconds;
     r->tail_share = state.tail_share;
     memcpy(r->tail_ratio, state.tail_ratio, sizeof r->tail_ratio);
-    s->unit = state.unit;
-    s->unit_squared = state.unit_squared;
+    s->ledger->unit = state.unit;
+    s->ledger->unit_squared = state.unit_squared;
     if (!state_is_sane(&state))
         return kiln_block_insane("state", error);
-    transport_step_make(s, (enum kiln_pass_kind)state.kind, state.bounce, &s->step);
     if (*finished)
         return KILN_OK;
-    status =
-        kiln_checkpoint_read(c, "group_before", 0, s->group_count, sizeof *s->group_before, s->group_before, error);
+    status = kiln_checkpoint_read(c, "group_before", 0, s->ledger->group_count, sizeof *s->ledger->group_before,
+                                  s->ledger->group_before, error);
     if (status == KILN_OK)
-        status =
-            kiln_checkpoint_read(c, "group_total", 0, s->group_count, sizeof *s->group_total, s->group_total, error);
-    return status == KILN_OK && !groups_are_sane(s) ? kiln_block_insane("group_total", error) : status;
+        status = kiln_checkpoint_read(c, "group_total", 0, s->ledger->group_count, sizeof *s->ledger->group_total,
+                                      s->ledger->group_total, error);
+    return status == KILN_OK && !groups_are_sane(s->ledger) ? kiln_block_insane("group_total", error) : status;
 }
 
 static bool report_is_sane(const struct saved_report *r)
 {
     bool sane = r->judged <= 1 && r->moved <= 1 && isfinite(r->imbalance) && isfinite(r->gain) && isfinite(r->cost) &&
-                isfinite(r->variance);
+                isfinite(r->variance) && isfinite(r->tail_error);
     for (int c = 0; c < 3; c++)
         sane = sane && isfinite(r->incident[c]) && isfinite(r->reflected[c]) && isfinite(r->sent[c]) &&
                isfinite(r->escaped[c]) && isfinite(r->blocked[c]) && isfinite(r->glass[c]);
     return sane;
 }
 
-/* Each is a record that the file has all of: their number was looked at before. */
-static int read_reports(struct transport_state *s, size_t count, struct kiln_error *error)
+/* The next step of the list, for which there is room. The integrator says what step it is; the record must agree. */
+static int restore_step(const struct kiln_saved *s, const struct saved_report *saved, struct kiln_error *error)
 {
-    struct kiln_transport_report *r = &s->out->report;
-    struct saved_report *saved = NULL;
-    int status = kiln_allocate(&saved, count, sizeof *saved, "a checkpoint's passes", error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(s->params->checkpoint, "passes", 0, count, sizeof *saved, saved, error);
-    for (size_t i = 0; i < count && status == KILN_OK; i++) {
-        if (saved[i].kind > KILN_PASS_FINAL)
-            status = no_such_pass(saved[i].kind, error);
-        else if (!report_is_sane(&saved[i]))
-            status = kiln_block_insane("passes", error);
-        else
-            r->passes[r->pass_count++] = report_read(&saved[i]);
-    }
-    kiln_free(&saved);
-    return status;
+    const struct kiln_integrate_settings *settings = s->params->settings;
+    struct kiln_step_reports *steps = &s->solution->report.steps;
+    struct kiln_step step;
+    if (!settings->integrator->next(settings, steps->of, steps->count, &step) || step.role != saved->role ||
+        step.bounce != saved->bounce || step.samples != saved->samples)
+        return no_such_step(steps->count, error);
+    if (!report_is_sane(saved))
+        return kiln_block_insane("passes", error);
+    steps->of[steps->count++] = report_read(saved, &step);
+    return KILN_OK;
 }
 
-static int restore_passes(struct transport_state *s, struct kiln_error *error)
+static int restore_passes(const struct kiln_saved *s, struct kiln_error *error)
 {
+    struct kiln_step_reports *steps = &s->solution->report.steps;
+    struct saved_report *saved = NULL;
     uint64_t first, count;
     kiln_checkpoint_part_range(s->params->checkpoint, 0, "passes", &first, &count);
     if (count == 0 || count > PASSES_MOST)
@@ -412,62 +409,57 @@ static int restore_passes(struct transport_state *s, struct kiln_error *error)
             error, KILN_IO,
             "the checkpoint has %llu passes and 1 to %d are possible; give --no-resume to start from the beginning",
             (unsigned long long)count, (int)PASSES_MOST);
-    s->out->report.pass_count = 0;
-    const int status = transport_make_room(&s->out->report, (size_t)count, error);
-    return status == KILN_OK ? read_reports(s, (size_t)count, error) : status;
+    int status = kiln_step_reports_reserve(steps, (size_t)count, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&saved, (size_t)count, sizeof *saved, "a checkpoint's passes", error);
+    if (status == KILN_OK)
+        status = kiln_checkpoint_read(s->params->checkpoint, "passes", 0, count, sizeof *saved, saved, error);
+    for (uint64_t i = 0; i < count && status == KILN_OK; i++)
+        status = restore_step(s, &saved[i], error);
+    kiln_free(&saved);
+    return status;
 }
 
 /* Which points are buried was found by the backend that began; another one may see a point at an edge otherwise. */
-static int restore_points(struct transport_state *s, bool finished, struct kiln_error *error)
+static int restore_points(const struct kiln_saved *s, bool finished, struct kiln_error *error)
 {
+    const struct kiln_integrate_params *p = s->params;
     const struct kiln_save_moment moment = moment_of(s, finished);
     bool changed = false;
-    const int status = kiln_field_blocks_read(s->params->checkpoint, fields_of(s), s->own, &moment, &changed, error);
-    return status == KILN_OK && changed ? kiln_backend_set_surface(s->params->backend, s->params->surface, error)
-                                        : status;
+    const int status = kiln_field_blocks_read(p->checkpoint, fields_of(s), s->solution->own, &moment, &changed, error);
+    return status == KILN_OK && changed ? kiln_backend_set_surface(p->backend, p->surface, error) : status;
 }
 
 /* Adds one file's sums to this rank's: which rank does that makes no difference to the total. */
-static int add_part(struct transport_state *s, size_t part, bool finished, struct kiln_error *error)
+static int add_part(const struct kiln_saved *s, size_t part, bool finished, struct kiln_error *error)
 {
     const struct kiln_checkpoint *c = s->params->checkpoint;
-    struct kiln_transport_report *r = &s->out->report;
+    struct kiln_integrate_report *r = &s->solution->report;
     struct saved_pass *passes = NULL;
     struct saved_group *groups = NULL;
     struct saved_sums *sums = NULL;
     uint64_t count = 0;
     int status = kiln_checkpoint_read_part(c, part, "own_passes", sizeof *passes, &passes, &count, error);
-    for (uint64_t i = 0; status == KILN_OK && i < count && i < r->pass_count; i++) {
-        r->passes[i].rays += passes[i].rays;
-        r->passes[i].seconds += passes[i].seconds;
-        r->passes[i].exchange_seconds += passes[i].exchange_seconds;
-        r->passes[i].device_seconds += passes[i].device_seconds;
+    for (uint64_t i = 0; status == KILN_OK && i < count && i < r->steps.count; i++) {
+        r->steps.of[i].rays += passes[i].rays;
+        r->steps.of[i].seconds += passes[i].seconds;
+        r->steps.of[i].exchange_seconds += passes[i].exchange_seconds;
+        r->steps.of[i].device_seconds += passes[i].device_seconds;
     }
     if (status == KILN_OK && !finished)
         status = kiln_checkpoint_read_part(c, part, "own_sums", sizeof *sums, &sums, &count, error);
-    for (int k = 0; status == KILN_OK && !finished && count == 1 && k < SUM_COUNT; k++)
-        s->sums[k].value += sum_read(&sums->pass[k]);
+    for (int k = 0; status == KILN_OK && !finished && count == 1 && k < KILN_SUMS; k++)
+        s->ledger->sums[k].value += sum_read(&sums->pass[k]);
     if (status == KILN_OK && !finished)
-        s->variance.value += count == 1 ? sum_read(&sums->variance) : 0;
+        s->ledger->variance.value += count == 1 ? sum_read(&sums->variance) : 0;
     if (status == KILN_OK && !finished)
         status = kiln_checkpoint_read_part(c, part, "own_groups", sizeof *groups, &groups, &count, error);
     for (uint64_t i = 0; status == KILN_OK && !finished && i < count; i++)
-        if (groups[i].index < s->group_count)
-            s->group_now[groups[i].index].value += sum_read(&groups[i].sum);
+        if (groups[i].index < s->ledger->group_count)
+            s->ledger->group_now[groups[i].index].value += sum_read(&groups[i].sum);
     kiln_free(&passes);
     kiln_free(&groups);
     kiln_free(&sums);
-    return status;
-}
-
-static int add_todo(struct transport_state *s, size_t first, size_t end, struct kiln_error *error)
-{
-    if (first >= end)
-        return KILN_OK;
-    const int status =
-        kiln_grow(&s->todo, &s->todo_room, s->todo_count + 1, sizeof *s->todo, "what a pass has to do", error);
-    if (status == KILN_OK)
-        s->todo[s->todo_count++] = (struct kiln_range){first, end - first};
     return status;
 }
 
@@ -486,14 +478,14 @@ static size_t tile_run_at(const struct kiln_surface *surface, uint64_t point)
 }
 
 /* Files and the ranges in them are in order of points, so what is between the done ranges is to do. */
-static int restore_todo(struct transport_state *s, struct kiln_error *error)
+static int restore_todo(const struct kiln_saved *s, struct kiln_error *error)
 {
     const struct kiln_checkpoint *c = s->params->checkpoint;
     const struct kiln_surface *surface = s->params->surface;
     size_t at = 0;
     int status = KILN_OK;
-    s->todo_first = s->todo_count = 0;
-    s->points_done = surface->count;
+    s->work->todo_first = s->work->todo_count = 0;
+    s->work->points_done = surface->count;
     for (size_t part = 0; part < kiln_checkpoint_parts(c) && status == KILN_OK; part++) {
         uint64_t first, count, ranges = 0;
         struct saved_range *done = NULL;
@@ -504,22 +496,22 @@ static int restore_todo(struct transport_state *s, struct kiln_error *error)
         for (uint64_t i = 0; i < ranges && status == KILN_OK; i++) {
             const size_t begin = tile_run_at(surface, done[i].first),
                          end = tile_run_at(surface, done[i].first + done[i].count);
-            status = add_todo(s, at, begin, error);
+            status = kiln_step_work_add(s->work, at, begin, error);
             at = end > at ? end : at;
         }
         kiln_free(&done);
     }
     if (status == KILN_OK)
-        status = add_todo(s, at, surface->tile_run_count, error);
-    for (size_t i = 0; i < s->todo_count; i++)
-        for (size_t f = s->todo[i].first; f < s->todo[i].first + s->todo[i].count; f++)
-            s->points_done -= surface->tile_runs[f].count;
+        status = kiln_step_work_add(s->work, at, surface->tile_run_count, error);
+    for (size_t i = 0; i < s->work->todo_count; i++)
+        for (size_t f = s->work->todo[i].first; f < s->work->todo[i].first + s->work->todo[i].count; f++)
+            s->work->points_done -= surface->tile_runs[f].count;
     return status;
 }
 
-int transport_restore(struct transport_state *s, bool *finished, struct kiln_error *error)
+int kiln_restore(const struct kiln_saved *s, bool *finished, struct kiln_error *error)
 {
-    const struct kiln_transport_params *p = s->params;
+    const struct kiln_integrate_params *p = s->params;
     int status = restore_state(s, finished, error);
     if (status == KILN_OK)
         status = restore_passes(s, error);
@@ -531,6 +523,6 @@ int transport_restore(struct transport_state *s, bool *finished, struct kiln_err
     if (status == KILN_OK && !*finished)
         status = restore_todo(s, error);
     if (status == KILN_OK && !*finished)
-        transport_offer(s);
+        kiln_step_work_offer(s->work, s->solution->own);
     return kiln_agree(p->communicator, status, error);
 }

@@ -1,0 +1,39 @@
+/* Who computes what of a step when: batches of own tile runs, and work stealing within a node.
+ *
+ * A rank that has nothing more to do takes work away from the others of its node (mpi/work_queue.h), as far as their
+ * backends can (any_share in kiln_backend_info): it computes a range from the end of another rank's work, and writes
+ * the results where the owner would. Sums are exact and belong to whoever makes them, so neither results nor
+ * checkpoints know who computed what. */
+#ifndef KILN_COORDINATOR_INTEGRATE_BATCHES_H
+#define KILN_COORDINATOR_INTEGRATE_BATCHES_H
+
+#include "coordinator/integrate/integrate.h"
+#include "coordinator/integrate/step_work.h"
+#include "coordinator/integrate/take.h"
+
+struct kiln_batches {
+    /* borrowed */
+    const struct kiln_integrate_params *params;
+    struct kiln_solution *solution;
+    struct kiln_step_work *work;
+    struct kiln_taker *taker;
+    /* own */
+    double rate;     /* rays a second of this rank, as far as is known; 0: not at all */
+    double slowness; /* how many times the time of a batch it shall take (for tests); 1: as long as it takes */
+    struct kiln_step_report *report; /* of the step under way */
+    int status;                      /* of it, on this rank */
+    /* the batch under way */
+    const struct kiln_rank_data *data; /* whose tile runs */
+    uint64_t points;                   /* taken so far */
+    double since;                      /* when the part that is computed now was begun */
+};
+
+/* A step begins, or is gone on with: what of it is to do stands in `work`. A failure is kept for kiln_batches_run. */
+void kiln_batches_begin(struct kiln_batches *batches, struct kiln_step_report *report, struct kiln_error *error);
+
+/* Collective. Computes until all ranks are done, or there is something else to do for all of them: *event says which
+ * (KILN_EVENT_SAVE: call again afterwards; STOP, FAIL, DONE). The error of a rank that failed is on all ranks with
+ * KILN_EVENT_FAIL. */
+int kiln_batches_run(struct kiln_batches *batches, enum kiln_event *event, struct kiln_error *error);
+
+#endif

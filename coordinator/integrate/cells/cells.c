@@ -1,0 +1,52 @@
+#include "coordinator/integrate/cells/cells.h"
+
+#include <string.h>
+
+#include "coordinator/integrate/cells/schedule.h"
+#include "coordinator/integrate/cells/tail.h"
+#include "coordinator/integrate/cells/take.h"
+#include "coordinator/integrate/radiosity_exchange.h"
+
+/* in the order of KILN_CELLS_DIRECT, ... */
+static const struct kiln_role roles[] = {
+    {.kind = "direct", .total = "direct", .title = "direct light", .phase = "direct light"},
+    {.kind = "bounce", .total = "bounces", .title = "bounce", .phase = "bounces", .numbered = true},
+    {.kind = "final", .total = "final", .title = "final gather", .phase = "final gather"}};
+
+static void begin_step(struct kiln_integration *in, struct kiln_step_report *last, const struct kiln_step *step)
+{
+    const struct kiln_rank_data *own = in->solution->own;
+    if (step->role == KILN_CELLS_DIRECT)
+        return;
+    if (in->settings->schedule == KILN_SCHEDULE_EQUAL) {
+        if (step->bounce == 1) /* the sum is of irradiance now, and of bounces only */
+            memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
+        in->solution->report.bounces = step->bounce;
+    } else if (step->role == KILN_CELLS_FINAL) {
+        if (kiln_cells_adds_tail(in->settings))
+            kiln_tail_add(in);
+        kiln_cells_pack_sum(own);
+        in->solution->report.bounces = step->bounce;
+    }
+    const bool compact = last->step.compact && step->role == KILN_CELLS_BOUNCE;
+    kiln_exchange_radiosity(in->exchange, compact ? KILN_EXCHANGE_NEXT_COMPACT : KILN_EXCHANGE_NEXT, last);
+}
+
+static int end_step(struct kiln_integration *in, struct kiln_step_reports *reports, struct kiln_error *error)
+{
+    struct kiln_step_report *last = &reports->of[reports->count - 1];
+    const struct kiln_rank_data *own = in->solution->own;
+    if (in->settings->bounces == 0) /* there is no indirect light */
+        memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
+    const bool decides = in->settings->schedule == KILN_SCHEDULE_LEAN && in->settings->bounces < 0 &&
+                         last->step.role != KILN_CELLS_FINAL;
+    return decides ? kiln_tail_measure(in, reports, &last->tail_error, error) : KILN_OK;
+}
+
+const struct kiln_integrator kiln_integrator_cells = {.name = "cells",
+                                                      .roles = roles,
+                                                      .role_count = sizeof roles / sizeof *roles,
+                                                      .next = kiln_cells_next,
+                                                      .begin_step = begin_step,
+                                                      .take = kiln_cells_take,
+                                                      .end_step = end_step};

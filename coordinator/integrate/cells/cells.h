@@ -1,0 +1,16 @@
+/* The integrator "cells": every surface point gathers from all others, bounce after bounce, each from the radiosity of
+ * the bounce before. Two schedules (schedule.h). */
+#ifndef KILN_COORDINATOR_INTEGRATE_CELLS_CELLS_H
+#define KILN_COORDINATOR_INTEGRATE_CELLS_CELLS_H
+
+#include "coordinator/integrate/integrator.h"
+
+/* Indices into its roles. */
+enum { KILN_CELLS_DIRECT, KILN_CELLS_BOUNCE, KILN_CELLS_FINAL };
+
+/* The random stream of the final gather; a bounce has its number. */
+enum { KILN_CELLS_FINAL_STREAM = 0xffff };
+
+extern const struct kiln_integrator kiln_integrator_cells;
+
+#endif

@@ -1,0 +1,74 @@
+#include "coordinator/integrate/cells/tail.h"
+
+#include <math.h>
+
+#include "coordinator/integrate/cells/schedule.h"
+#include "worker/scene/radiosity.h"
+
+int kiln_tail_measure(const struct kiln_integration *in, const struct kiln_step_reports *reports, double *tail_error,
+                      struct kiln_error *error)
+{
+    struct kiln_ledger *l = in->ledger;
+    const size_t last = reports->count - 1;
+    const double q = fmin(last > 0 ? kiln_cells_ratio(reports->of, last) : 1.0, KILN_TAIL_RATIO_MOST);
+    const int status = kiln_exact_reduce(in->communicator, l->group_now, l->group_count, error);
+    double mean = 0.0, square = 0.0;
+    size_t lit = 0;
+    for (size_t i = 0; i < l->group_count; i++) {
+        l->group_total[i] += kiln_exact_value(&l->group_now[i], l->unit);
+        mean += l->group_total[i];
+        lit += l->group_total[i] > 0.0;
+    }
+    mean = lit > 0 ? mean / (double)lit : 0.0;
+    for (size_t i = 0; i < l->group_count; i++) {
+        const double now = kiln_exact_value(&l->group_now[i], l->unit);
+        const double off = fabs(now - q * l->group_before[i]) / (1.0 - q);
+        const double all = l->group_total[i] + now * q / (1.0 - q) + 1e-3 * mean;
+        if (l->group_total[i] > 0.0 && all > 0.0)
+            square += off / all * (off / all);
+        l->group_before[i] = now;
+    }
+    *tail_error = lit > 0 ? sqrt(square / (double)lit) : 0.0;
+    return status;
+}
+
+/* The sum of q + q^2 + ... for each channel's own ratio q. */
+static void find_factors(struct kiln_integrate_report *r, float factor[3])
+{
+    const struct kiln_step_report *reports = r->steps.of;
+    const size_t last = r->steps.count - 1;
+    double tail[3], total[3] = {0};
+    for (int c = 0; c < 3; c++) {
+        const double now = reports[last].energy.reflected[c],
+                     before = last > 0 ? reports[last - 1].energy.reflected[c] : 0.0;
+        const double ratio = before > 0.0 ? fmin(now / before, KILN_TAIL_RATIO_MOST) : 0.0;
+        r->tail_ratio[c] = ratio;
+        factor[c] = (float)(ratio / (1.0 - ratio));
+        tail[c] = now * ratio / (1.0 - ratio);
+        for (size_t i = 0; i <= last; i++)
+            total[c] += reports[i].energy.reflected[c];
+        total[c] += tail[c];
+    }
+    const double all = kiln_energy_luminance(total);
+    r->tail_share = all > 0.0 ? kiln_energy_luminance(tail) / all : 0.0;
+}
+
+void kiln_tail_add(const struct kiln_integration *in)
+{
+    const struct kiln_rank_data *own = in->solution->own;
+    const uint32_t *compact = kiln_next_compact(own);
+    const bool is_compact = kiln_solution_step(in->solution)->step.compact;
+    const double scale = kiln_radiosity_allgather_scale(in->solution->allgather);
+    float factor[3];
+    find_factors(&in->solution->report, factor);
+    in->solution->report.tail = true;
+    for (uint64_t i = 0; i < own->surface.count; i++) {
+        float last[3];
+        if (is_compact)
+            kiln_radiosity_expand(compact[i], scale, last);
+        else
+            kiln_radiosity_unpack(own->next[i], last);
+        for (uint64_t c = 0; c < 3; c++)
+            own->sum[3 * i + c] += factor[c] * last[c];
+    }
+}

@@ -1,0 +1,125 @@
+#include "coordinator/integrate/cells/take.h"
+
+#include <math.h>
+
+#include "coordinator/integrate/cells/cells.h"
+#include "coordinator/integrate/packing.h"
+#include "worker/scene/radiosity.h"
+
+static void set(float *values, uint64_t own, const float rgb[3])
+{
+    for (uint64_t c = 0; c < 3; c++)
+        values[3 * own + c] = rgb[c];
+}
+
+static void add(float *values, uint64_t own, const float rgb[3])
+{
+    for (uint64_t c = 0; c < 3; c++)
+        values[3 * own + c] += rgb[c];
+}
+
+/* To the error of what was there before, of which it is independent. */
+static void add_error(const struct kiln_rank_data *data, uint64_t own, float error)
+{
+    const double before = (double)kiln_error_unpack(data->error[own]);
+    data->error[own] = kiln_error_pack((float)sqrt(before * before + (double)error * (double)error));
+}
+
+/* Enters a point's answer. `radiosity` is what the point sends by it. */
+static void enter(const struct kiln_taking *t, const struct kiln_rank_data *data, uint64_t own,
+                  const struct kiln_point_result *r, const float radiosity[3])
+{
+    switch (t->step->role) {
+    case KILN_CELLS_DIRECT:
+        set(data->direct, own, r->irradiance);
+        set(data->sum, own, radiosity);
+        data->error[own] = kiln_error_pack(r->error);
+        break;
+    case KILN_CELLS_BOUNCE:
+        if (t->settings->schedule == KILN_SCHEDULE_LEAN) {
+            add(data->sum, own, radiosity);
+        } else { /* every bounce's irradiance counts as it is */
+            add(data->sum, own, r->irradiance);
+            add_error(data, own, r->error);
+        }
+        break;
+    case KILN_CELLS_FINAL: /* replaces the sum that it was gathered from, which everybody has packed by now */
+        set(data->sum, own, r->irradiance);
+        add_error(data, own, r->error);
+        break;
+    }
+}
+
+/* Random bits for the 4-byte form: those of the tile, moved on for each texel by its bit reversed, so that every
+ * aligned square of texels rounds up and down in turn, and its mean is kept much better than by chance (a rotated van
+ * der Corput sequence). */
+static uint32_t compact_hash(const struct kiln_taking *t, const struct kiln_tile_run *f, uint32_t bit)
+{
+    const uint32_t tile = kiln_hash2(kiln_packing_hash(f, 0, t->step->stream), (uint32_t)t->settings->seed);
+    uint32_t reversed = 0;
+    for (uint32_t i = 0; i < 6; i++)
+        reversed |= (bit >> i & 1u) << (9 - i);
+    return ((tile + reversed) & 1023u) | (((tile >> 10) + reversed) & 1023u) << 10 |
+           (((tile >> 20) + reversed) & 1023u) << 20;
+}
+
+/* The radiosity that the next bounce gathers, in the form in which it travels. */
+static void pack_next(const struct kiln_taking *t, const struct kiln_rank_data *data, uint64_t own,
+                      const struct kiln_tile_run *f, uint32_t bit, const float radiosity[3])
+{
+    if (t->step->compact)
+        kiln_next_compact(data)[own] = kiln_radiosity_compact(radiosity, t->scale, compact_hash(t, f, bit));
+    else
+        data->next[own] = kiln_radiosity_pack(radiosity, kiln_packing_hash(f, bit, t->step->stream));
+}
+
+static void tally(const struct kiln_taking *t, const struct kiln_surface *surface, uint64_t own,
+                  const struct kiln_point_result *r, const float albedo[3], struct kiln_tally *sums,
+                  struct kiln_tile_run_tally *tile_run)
+{
+    float sent[3];
+    if (!kiln_point_valid(surface, own))
+        return;
+    struct kiln_ledger_point point = {.area = (double)surface->area[own] * ((double)surface->visible[own] / 65535.0) *
+                                              (double)r->present,
+                                      .albedo = albedo,
+                                      .samples = t->step->samples};
+    if (t->step->pass == KILN_STEP_GATHER) {
+        kiln_radiosity_unpack(t->radiosity[surface->first + own], sent);
+        point.sent = sent;
+    }
+    kiln_tally_add(&point, r, t->unit, sums, tile_run);
+}
+
+void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
+                     const struct kiln_point_result *results, struct kiln_tally *sums,
+                     struct kiln_tile_run_tally *tile_run)
+{
+    uint64_t own = f->first - data->surface.first;
+    /* what no ray meets takes no light from the scene */
+    const bool counts =
+        (t->scene->objects[kiln_map_object(&data->surface, f->map)].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
+    for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own++, results++) {
+        float albedo[3], radiosity[3];
+        kiln_point_albedo(&data->surface, own, albedo);
+        for (int c = 0; c < 3; c++)
+            radiosity[c] = albedo[c] * results->incident[c];
+        if (counts)
+            tally(t, &data->surface, own, results, albedo, sums, tile_run);
+        enter(t, data, own, results, radiosity);
+        pack_next(t, data, own, f, (uint32_t)__builtin_ctzll(rest), radiosity);
+    }
+}
+
+void kiln_cells_pack_sum(const struct kiln_rank_data *own_data)
+{
+    const struct kiln_surface *surface = &own_data->surface;
+    for (size_t i = 0; i < surface->tile_run_count; i++) {
+        const struct kiln_tile_run *f = &surface->tile_runs[i];
+        uint64_t own = f->first - surface->first;
+        for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own++)
+            own_data->next[own] =
+                kiln_radiosity_pack(&own_data->sum[3 * own],
+                                    kiln_packing_hash(f, (uint32_t)__builtin_ctzll(rest), KILN_CELLS_FINAL_STREAM));
+    }
+}

@@ -1,0 +1,141 @@
+#include "coordinator/integrate/integrate.h"
+
+#include <math.h>
+
+#include "coordinator/integrate/lockstep.h"
+#include "coordinator/integrate/packing.h"
+#include "coordinator/integrate/repartition_rule.h"
+#include "coordinator/mpi/agree.h"
+#include "worker/base/memory.h"
+#include "worker/scene/radiosity.h"
+
+/* Of the random bits by which total radiosity is rounded; steps have lower ones. */
+enum { TOTAL_STREAM = 0x10000 };
+
+/* Collective. Total radiosity of all points, for probes and views. */
+static void publish_radiosity(const struct kiln_lockstep *l)
+{
+    const struct kiln_solution *solution = l->solution;
+    const struct kiln_surface *surface = &solution->own->surface;
+    for (size_t i = 0; i < surface->tile_run_count; i++) {
+        const struct kiln_tile_run *f = &surface->tile_runs[i];
+        uint64_t own = f->first - surface->first;
+        for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own++) {
+            float albedo[3], total[3];
+            kiln_point_albedo(surface, own, albedo);
+            for (uint64_t c = 0; c < 3; c++)
+                total[c] = albedo[c] * (solution->direct[3 * own + c] + solution->indirect[3 * own + c]);
+            solution->own->next[own] =
+                kiln_radiosity_pack(total, kiln_packing_hash(f, (uint32_t)__builtin_ctzll(rest), TOTAL_STREAM));
+        }
+    }
+    kiln_exchange_radiosity(&l->exchange, KILN_EXCHANGE_NEXT, kiln_solution_step(solution));
+}
+
+/* ---- making ---- */
+
+static bool computes_any_share(const struct kiln_integrate_params *p)
+{
+    struct kiln_backend_info info;
+    kiln_backend_info(p->backend, &info);
+    return info.any_share;
+}
+
+/* Whether the ranks of this node compute for each other: all of them want to and can. Collective on the node. */
+static bool steals_work(const struct kiln_integrate_params *p)
+{
+    int steals = p->settings->work_stealing && computes_any_share(p);
+    (void)MPI_Allreduce(MPI_IN_PLACE, &steals, 1, MPI_INT, MPI_LAND, kiln_node_communicator(p->node));
+    return steals != 0;
+}
+
+/* Collective. */
+static int make_data(struct kiln_lockstep *l, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    int status = kiln_node_data_create(&l->solution->node_data, p->node, p->surface, p->fields, steals_work(p), error);
+    if (status == KILN_OK) {
+        kiln_node_data_set_radiosity(l->solution->node_data, l->solution->radiosity);
+        kiln_solution_refresh(l->solution);
+        /* its arrays have moved; a device, whose ranks lend nothing, keeps what it has of them */
+        if (p->surface->share_is_lent)
+            status = kiln_backend_set_surface(p->backend, p->surface, error);
+    }
+    int any_share = computes_any_share(p);
+    (void)MPI_Allreduce(MPI_IN_PLACE, &any_share, 1, MPI_INT, MPI_LAND, p->communicator);
+    l->may_repartition = kiln_repartition_is_allowed(p->settings->rebalance, any_share != 0);
+    return kiln_agree(p->communicator, status, error);
+}
+
+/* Collective. */
+static int make_allgather(struct kiln_lockstep *l, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    const struct kiln_radiosity_allgather_params params = {.communicator = p->communicator,
+                                                           .node = p->node,
+                                                           .total = p->surface->point_count,
+                                                           .first = p->surface->first,
+                                                           .count = p->surface->count,
+                                                           .trace = p->trace,
+                                                           .threads = p->threads,
+                                                           .limit = p->settings->exchange_limit};
+    const int status = kiln_radiosity_allgather_create(&l->solution->allgather, &params, error);
+    if (status == KILN_OK)
+        l->solution->radiosity = kiln_radiosity_allgather_values(l->solution->allgather);
+    return status;
+}
+
+/* The scale of the 4-byte form is settled by what was emitted. */
+static void choose_scale(struct kiln_lockstep *l)
+{
+    const double area = l->params->area > 0.0 ? l->params->area : 1.0;
+    kiln_radiosity_allgather_set_scale(l->solution->allgather, ldexp(1.0, ilogb(kiln_ledger_power(&l->ledger) / area)));
+}
+
+/* ---- running ---- */
+
+/* Collective. All steps; then what is made of them. */
+static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    struct kiln_solution *solution = l->solution;
+    const bool restored = kiln_checkpoint_generation(p->checkpoint) != 0;
+    bool finished = false;
+    int status = make_allgather(l, error);
+    if (status == KILN_OK) /* after the radiosity: that is the node's most useful block */
+        status = make_data(l, error);
+    if (status == KILN_OK && restored)
+        status = kiln_restore(&l->saved, &finished, error);
+    if (status == KILN_OK) {
+        choose_scale(l);
+        status = kiln_lockstep_run(l, restored, finished, error);
+    }
+    if (status != KILN_OK)
+        return status;
+    publish_radiosity(l);
+    kiln_energy_close(&solution->report.energy, &solution->report.steps, p->emission);
+    solution->report.received = kiln_radiosity_allgather_received(solution->allgather);
+    return KILN_OK;
+}
+
+int kiln_integrate(struct kiln_solution **solution, const struct kiln_integrate_params *params,
+                   struct kiln_error *error)
+{
+    struct kiln_lockstep l = {.params = params};
+    struct kiln_solution *s = NULL;
+    int status = kiln_allocate(&s, 1, sizeof *s, "the solution", error);
+    if (status == KILN_OK) {
+        s->report.integrator = params->settings->integrator;
+        status = kiln_lockstep_create(&l, params, s, error);
+    }
+    status = kiln_agree(params->communicator, status, error);
+    if (status == KILN_OK)
+        status = integrate(&l, error);
+    if (s != NULL && s->node_data != NULL)
+        kiln_node_data_end(s->node_data);
+    kiln_lockstep_release(&l);
+    *solution = s;
+    if (status != KILN_OK)
+        kiln_solution_destroy(solution);
+    return status;
+}

@@ -1,0 +1,43 @@
+/* Computes the light of all surface points by an integrator, step by step, on all ranks in lockstep. */
+#ifndef KILN_COORDINATOR_INTEGRATE_INTEGRATE_H
+#define KILN_COORDINATOR_INTEGRATE_INTEGRATE_H
+
+#include <mpi.h>
+
+#include "coordinator/integrate/integrator.h"
+#include "coordinator/run/checkpoint.h"
+#include "coordinator/run/control.h"
+#include "coordinator/run/progress.h"
+#include "coordinator/run/trace.h"
+
+/* All pointers are borrowed. */
+struct kiln_integrate_params {
+    MPI_Comm communicator;
+    int rank, ranks;
+    double begin; /* MPI_Wtime() when the run began */
+    const struct kiln_integrate_settings *settings;
+    struct kiln_backend *backend;        /* has its surface */
+    struct kiln_surface *surface;        /* its own part belongs to the solution from then on: see field/rank_data.h */
+    struct kiln_node_memory *node;       /* must outlive the solution */
+    const struct kiln_field_set *fields; /* that the bake keeps */
+    double area;                         /* m2, of the scene's triangles */
+    const struct kiln_emission_result *emission;
+    struct kiln_progress *progress;     /* may be NULL */
+    struct kiln_control *control;       /* what asks to save and to stop */
+    struct kiln_checkpoint *checkpoint; /* an open generation is gone on from */
+    const json_t *identity;             /* of the bake, for the checkpoints it writes */
+    struct kiln_trace *trace;           /* may be NULL */
+    uint32_t threads;                   /* that take over the answers */
+};
+
+/* Collective. Goes on from the open generation of the checkpoint, whatever ranks wrote it. KILN_STOPPED, with a new
+ * generation written, when something asked to stop. Destroy, collectively, with kiln_solution_destroy. */
+int kiln_integrate(struct kiln_solution **solution, const struct kiln_integrate_params *params,
+                   struct kiln_error *error);
+
+/* Collective. Writes a checkpoint of a solution that is complete, with more blocks of the caller's, so that what comes
+ * after it can go on too. */
+int kiln_integrate_save(struct kiln_solution *solution, const struct kiln_integrate_params *params,
+                        const struct kiln_block *more, size_t count, struct kiln_error *error);
+
+#endif

@@ -1,0 +1,159 @@
+#include "coordinator/integrate/ledger.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "worker/base/memory.h"
+
+/* Groups are made of tiles, not of cells: the cell size must not change a result. */
+enum { GROUP_TILES = 16 };
+
+int kiln_ledger_create(struct kiln_ledger *ledger, const struct kiln_surface *surface, double emitted,
+                       struct kiln_error *error)
+{
+    *ledger = (struct kiln_ledger){.unit = kiln_exact_unit(emitted),
+                                   .unit_squared = kiln_exact_unit(emitted * emitted),
+                                   .group_count = (size_t)(surface->tile_count / GROUP_TILES) + 1};
+    const size_t count = ledger->group_count;
+    const char *what = "the groups' powers";
+    int status = kiln_allocate(&ledger->group_now, count, sizeof *ledger->group_now, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&ledger->group_before, count, sizeof *ledger->group_before, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&ledger->group_total, count, sizeof *ledger->group_total, what, error);
+    return status;
+}
+
+void kiln_ledger_release(struct kiln_ledger *ledger)
+{
+    kiln_free(&ledger->group_now);
+    kiln_free(&ledger->group_before);
+    kiln_free(&ledger->group_total);
+}
+
+double kiln_ledger_power(const struct kiln_ledger *ledger) { return ldexp(ledger->unit, 82); }
+
+void kiln_ledger_begin_step(struct kiln_ledger *ledger)
+{
+    memset(ledger->sums, 0, sizeof ledger->sums);
+    ledger->variance.value = 0;
+    memset(ledger->group_now, 0, ledger->group_count * sizeof *ledger->group_now);
+}
+
+/* What becomes of the radiosity that a point sends, by a gather's rays; returns the variance of what is lost of it,
+ * times the samples. */
+static double add_sent(const struct kiln_ledger_point *point, const struct kiln_point_result *r, double per_unit,
+                       struct kiln_exact_sum sums[KILN_SUMS])
+{
+    const double glass[3] = {(double)r->glass[0], (double)r->glass[1], (double)r->glass[2]};
+    const double lost = fmin(1.0, (double)r->escaped + (double)r->blocked + kiln_energy_luminance(glass));
+    const bool all_arrives = !(lost > 0.0);
+    double power[3];
+    for (int c = 0; c < 3; c++) {
+        power[c] = point->area * (double)point->sent[c];
+        kiln_exact_add(&sums[KILN_SUM_SENT + c], power[c], per_unit);
+        if (all_arrives)
+            continue;
+        kiln_exact_add(&sums[KILN_SUM_ESCAPED + c], power[c] * (double)r->escaped, per_unit);
+        kiln_exact_add(&sums[KILN_SUM_BLOCKED + c], power[c] * (double)r->blocked, per_unit);
+        kiln_exact_add(&sums[KILN_SUM_GLASS + c], power[c] * glass[c], per_unit);
+    }
+    const double luminance = kiln_energy_luminance(power);
+    return luminance * luminance * lost * (1.0 - lost);
+}
+
+void kiln_tally_add(const struct kiln_ledger_point *point, const struct kiln_point_result *r, double unit,
+                    struct kiln_tally *tally, struct kiln_tile_run_tally *tile_run)
+{
+    const double area = point->area, per_unit = 1.0 / unit;
+    double reflected[3];
+    for (int c = 0; c < 3; c++) {
+        const double incident = area * (double)r->incident[c];
+        reflected[c] = incident * (double)point->albedo[c];
+        kiln_exact_add(&tally->sums[KILN_SUM_INCIDENT + c], incident, per_unit);
+        kiln_exact_add(&tally->sums[KILN_SUM_REFLECTED + c], reflected[c], per_unit);
+    }
+    kiln_exact_add(&tile_run->reflected, kiln_energy_luminance(reflected), per_unit);
+    tile_run->variance += area * area * (double)r->error * (double)r->error;
+    if (point->sent != NULL)
+        tile_run->variance += add_sent(point, r, per_unit, tally->sums) / point->samples;
+}
+
+void kiln_ledger_add(struct kiln_ledger *ledger, const struct kiln_tally *tally)
+{
+    for (int k = 0; k < KILN_SUMS; k++)
+        ledger->sums[k].value += tally->sums[k].value;
+}
+
+static size_t group_of(const struct kiln_surface *surface, const struct kiln_tile_run *f)
+{
+    return (size_t)((surface->lightmaps[f->map].tile_first + f->tile) / GROUP_TILES);
+}
+
+void kiln_ledger_add_tile_run(struct kiln_ledger *ledger, const struct kiln_surface *surface,
+                              const struct kiln_tile_run *tile_run, const struct kiln_tile_run_tally *tally)
+{
+    ledger->group_now[group_of(surface, tile_run)].value += tally->reflected.value;
+    kiln_exact_add(&ledger->variance, tally->variance, 1.0 / ledger->unit_squared);
+}
+
+int kiln_ledger_end_step(struct kiln_ledger *ledger, MPI_Comm communicator, struct kiln_step_energy *energy,
+                         struct kiln_error *error)
+{
+    struct kiln_exact_sum sums[KILN_SUMS + 1];
+    memcpy(sums, ledger->sums, sizeof ledger->sums);
+    sums[KILN_SUMS] = ledger->variance;
+    const int status = kiln_exact_reduce(communicator, sums, KILN_SUMS + 1, error);
+    for (int c = 0; c < 3; c++) {
+        energy->incident[c] = kiln_exact_value(&sums[KILN_SUM_INCIDENT + c], ledger->unit);
+        energy->reflected[c] = kiln_exact_value(&sums[KILN_SUM_REFLECTED + c], ledger->unit);
+        energy->sent[c] = kiln_exact_value(&sums[KILN_SUM_SENT + c], ledger->unit);
+        energy->escaped[c] = kiln_exact_value(&sums[KILN_SUM_ESCAPED + c], ledger->unit);
+        energy->blocked[c] = kiln_exact_value(&sums[KILN_SUM_BLOCKED + c], ledger->unit);
+        energy->glass[c] = kiln_exact_value(&sums[KILN_SUM_GLASS + c], ledger->unit);
+    }
+    energy->variance = kiln_exact_value(&sums[KILN_SUMS], ledger->unit_squared);
+    return status;
+}
+
+/* What the lights send, and what of it the surfaces take at once. */
+static void open_energy(struct kiln_energy *e, const struct kiln_step_energy *direct,
+                        const struct kiln_emission_result *light)
+{
+    for (int c = 0; c < 3; c++) {
+        e->emitted[c] = light->emitted[c];
+        e->escaped[c] = light->escaped[c];
+        e->blocked[c] = light->blocked[c];
+        e->ranged[c] = light->ranged[c];
+        e->glass[c] = light->glass[c];
+        e->absorbed[c] = direct->incident[c] - direct->reflected[c];
+        e->left_over[c] = direct->reflected[c];
+    }
+}
+
+void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *steps,
+                       const struct kiln_emission_result *emission)
+{
+    double variance = steps->of[0].energy.variance, residual[3];
+    open_energy(e, &steps->of[0].energy, emission);
+    for (size_t i = 1; i < steps->count; i++) {
+        const struct kiln_step_energy *p = &steps->of[i].energy;
+        if (!steps->of[i].step.counted)
+            continue;
+        for (int c = 0; c < 3; c++) {
+            e->absorbed[c] += p->incident[c] - p->reflected[c];
+            e->escaped[c] += p->escaped[c];
+            e->blocked[c] += p->blocked[c];
+            e->glass[c] += p->glass[c];
+            e->left_over[c] += p->reflected[c] - p->sent[c];
+        }
+        variance += p->variance;
+    }
+    for (int c = 0; c < 3; c++)
+        residual[c] = e->emitted[c] - e->absorbed[c] - e->escaped[c] - e->blocked[c] - e->ranged[c] - e->glass[c] -
+                      e->left_over[c];
+    e->residual = kiln_energy_luminance(residual);
+    const double emission_error = kiln_energy_luminance(emission->error), emitted = kiln_energy_luminance(e->emitted);
+    e->error = sqrt(variance + emission_error * emission_error);
+    e->relative = emitted > 0.0 ? fabs(e->residual) / emitted : 0.0;
+}

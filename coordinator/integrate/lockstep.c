@@ -1,0 +1,188 @@
+#include "coordinator/integrate/lockstep.h"
+
+#include <math.h>
+#include <stdio.h>
+
+#include "coordinator/integrate/repartition.h"
+#include "coordinator/mpi/agree.h"
+
+static const struct kiln_role *role_of(const struct kiln_lockstep *l, const struct kiln_step *step)
+{
+    return &l->params->settings->integrator->roles[step->role];
+}
+
+static uint32_t take_threads(const struct kiln_integrate_params *p)
+{
+    struct kiln_backend_info info;
+    kiln_backend_info(p->backend, &info);
+    return info.take_threads != 0 && info.take_threads < p->threads ? info.take_threads : p->threads;
+}
+
+int kiln_lockstep_create(struct kiln_lockstep *l, const struct kiln_integrate_params *params,
+                         struct kiln_solution *solution, struct kiln_error *error)
+{
+    *l = (struct kiln_lockstep){.params = params, .solution = solution};
+    l->taker.ledger = &l->ledger;
+    l->taker.threads = take_threads(params);
+    l->batches = (struct kiln_batches){.params = params, .solution = solution, .work = &l->work, .taker = &l->taker};
+    l->exchange = (struct kiln_radiosity_exchange){solution, params->control, params->trace};
+    l->integration = (struct kiln_integration){.communicator = params->communicator,
+                                               .settings = params->settings,
+                                               .solution = solution,
+                                               .ledger = &l->ledger,
+                                               .exchange = &l->exchange};
+    l->saved = (struct kiln_saved){params, solution, &l->ledger, &l->work};
+    return kiln_ledger_create(&l->ledger, params->surface, kiln_energy_luminance(params->emission->emitted), error);
+}
+
+void kiln_lockstep_release(struct kiln_lockstep *l)
+{
+    kiln_ledger_release(&l->ledger);
+    kiln_taker_release(&l->taker);
+    kiln_step_work_release(&l->work);
+}
+
+/* ---- a step ---- */
+
+static int add_report(struct kiln_lockstep *l, const struct kiln_step *step, struct kiln_error *error)
+{
+    struct kiln_step_reports *steps = &l->solution->report.steps;
+    const int status = kiln_step_reports_reserve(steps, steps->count + 1, error);
+    if (status == KILN_OK)
+        steps->of[steps->count++] = (struct kiln_step_report){.step = *step};
+    return status;
+}
+
+/* Collective. Begins the next step of the report, with all own tile runs to do. */
+static int begin_step(struct kiln_lockstep *l, const struct kiln_step *step, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    int status = add_report(l, step, error);
+    kiln_ledger_begin_step(&l->ledger);
+    if (status == KILN_OK)
+        status = kiln_step_work_begin(&l->work, p->surface->tile_run_count, error);
+    if (status == KILN_OK)
+        kiln_step_work_offer(&l->work, l->solution->own);
+    kiln_control_meet(p->control);
+    kiln_control_blocking(p->control, "between passes", 0.0);
+    status = kiln_agree(p->communicator, status, error);
+    kiln_control_blocking(p->control, NULL, 0.0);
+    return status;
+}
+
+static void show_step(const struct kiln_lockstep *l, const struct kiln_step *step)
+{
+    const struct kiln_role *role = role_of(l, step);
+    char name[64];
+    (void)snprintf(name, sizeof name, "%s %u", role->title, step->bounce);
+    const char *text = role->numbered ? name : role->title;
+    kiln_progress_phase(l->params->progress, text, l->params->surface->count);
+    if (l->work.points_done > 0)
+        kiln_progress_advance(l->params->progress, l->work.points_done);
+    kiln_control_begin(l->params->control, text);
+}
+
+/* Collective. Batches until the step is done, with checkpoints when they are asked for. */
+static int run_batches(struct kiln_lockstep *l, struct kiln_error *error)
+{
+    for (;;) {
+        enum kiln_event event;
+        int status = kiln_batches_run(&l->batches, &event, error);
+        if (event == KILN_EVENT_STOP)
+            return kiln_save_and_stop(&l->saved, false, error);
+        if (event != KILN_EVENT_SAVE)
+            return status;
+        status = kiln_save(&l->saved, false, error);
+        if (status != KILN_OK)
+            return status;
+    }
+}
+
+/* Collective. Adds up over the ranks. */
+static int end_step(struct kiln_lockstep *l, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    struct kiln_integrate_report *r = &l->solution->report;
+    kiln_control_blocking(p->control, "adding up a pass", 0.0);
+    int status = kiln_ledger_end_step(&l->ledger, p->communicator, &kiln_solution_step(l->solution)->energy, error);
+    if (status == KILN_OK)
+        status = p->settings->integrator->end_step(&l->integration, &r->steps, error);
+    kiln_control_blocking(p->control, NULL, 0.0);
+    return status;
+}
+
+/* Collective. Does what is to do in the step last reported, which gets this rank's time and all ranks' energies. */
+static int run_step(struct kiln_lockstep *l, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    struct kiln_step_report *report = kiln_solution_step(l->solution);
+    l->taker.taking = (struct kiln_taking){.settings = p->settings,
+                                           .step = &report->step,
+                                           .scene = p->backend->params.scene,
+                                           .radiosity = l->solution->radiosity,
+                                           .scale = kiln_radiosity_allgather_scale(l->solution->allgather),
+                                           .unit = l->ledger.unit};
+    show_step(l, &report->step);
+    kiln_radiosity_allgather_begin(l->solution->allgather);
+    const double start = MPI_Wtime();
+    kiln_batches_begin(&l->batches, report, error);
+    const int status = run_batches(l, error);
+    if (status != KILN_OK)
+        kiln_radiosity_allgather_abandon(l->solution->allgather);
+    report->given += kiln_work_queue_returned(l->solution->own->queue);
+    kiln_trace_add(p->trace, KILN_TRACE_PASS, role_of(l, &report->step)->title, start, MPI_Wtime(),
+                   (int64_t)p->surface->count);
+    return status == KILN_OK ? end_step(l, error) : status;
+}
+
+/* ---- all steps ---- */
+
+/* At the begin of a step, and after the last: a checkpoint when one is due, the end when that is asked for. Collective.
+ */
+static int save_between(struct kiln_lockstep *l, bool finished, struct kiln_error *error)
+{
+    switch (kiln_control_between(l->params->control, kiln_save_bytes(&l->saved))) {
+    case KILN_EVENT_SAVE:
+        return kiln_save(&l->saved, finished, error);
+    case KILN_EVENT_STOP:
+        return kiln_save_and_stop(&l->saved, finished, error);
+    case KILN_EVENT_NONE:
+    case KILN_EVENT_FAIL:
+    case KILN_EVENT_DONE:
+        break;
+    }
+    return KILN_OK;
+}
+
+/* Collective. What the step gathers from, and who computes which points, then the step itself. */
+static int do_step(struct kiln_lockstep *l, const struct kiln_step *step, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    const bool first = l->solution->report.steps.count == 0;
+    int status = KILN_OK;
+    p->settings->integrator->begin_step(&l->integration, first ? NULL : kiln_solution_step(l->solution), step);
+    if (!first && p->ranks > 1 && l->may_repartition && l->work.measured)
+        status = kiln_repartition(p, l->solution, step, error);
+    if (status == KILN_OK)
+        status = begin_step(l, step, error);
+    if (status == KILN_OK && !first)
+        status = save_between(l, false, error);
+    return status == KILN_OK ? run_step(l, error) : status;
+}
+
+int kiln_lockstep_run(struct kiln_lockstep *l, bool restored, bool finished, struct kiln_error *error)
+{
+    const struct kiln_integrate_settings *settings = l->params->settings;
+    const struct kiln_step_reports *steps = &l->solution->report.steps;
+    struct kiln_step step;
+    int status = KILN_OK;
+    if (restored && !finished) {
+        struct kiln_step_report *report = kiln_solution_step(l->solution);
+        if (report->step.pass == KILN_STEP_GATHER)
+            kiln_exchange_radiosity(&l->exchange, KILN_EXCHANGE_IN_PLACE, report);
+        status = run_step(l, error);
+    }
+    while (status == KILN_OK && !finished && settings->integrator->next(settings, steps->of, steps->count, &step))
+        status = do_step(l, &step, error);
+    return status == KILN_OK && !finished ? save_between(l, true, error) : status;
+}

@@ -1,0 +1,22 @@
+/* How a surface point's radiosity is rounded when it is packed. */
+#ifndef KILN_COORDINATOR_INTEGRATE_PACKING_H
+#define KILN_COORDINATOR_INTEGRATE_PACKING_H
+
+#include "shaders/shared/random.h"
+#include "worker/scene/surface.h"
+
+/* Random bits for the stochastic rounding of a texel's radiosity: a function of what the texel is (`bit` is its place
+ * in the tile run's mask) and of the stream, never of where it stands in the global order. */
+static inline uint32_t kiln_packing_hash(const struct kiln_tile_run *f, uint32_t bit, uint32_t stream)
+{
+    return kiln_hash2(kiln_hash2(f->map, f->tile), stream * KILN_TILE_TEXELS + bit);
+}
+
+/* Of the own point `own`. */
+static inline void kiln_point_albedo(const struct kiln_surface *surface, uint64_t own, float albedo[3])
+{
+    for (int c = 0; c < 3; c++)
+        albedo[c] = (float)surface->albedo[3 * own + (uint64_t)c] * (1.0f / 65535.0f);
+}
+
+#endif

@@ -1,0 +1,33 @@
+/* When the points are distributed anew between ranks: the rule by which bakes (repartition.c) and their simulation
+ * (plan/simulate_light.c) decide between two steps. */
+#ifndef KILN_COORDINATOR_INTEGRATE_REPARTITION_RULE_H
+#define KILN_COORDINATOR_INTEGRATE_REPARTITION_RULE_H
+
+#include "coordinator/integrate/integrator.h"
+
+/* Part of a mean rank's work by which a bound may lie off to fall between two cells (objects). */
+#define KILN_BOUND_SLACK 0.05
+
+/* Two steps, between which it is decided: the one that is over, whose costs are known, and the one that comes; and what
+ * comes from that one on, itself among it. */
+struct kiln_repartition_steps {
+    struct kiln_step last, next;
+    struct kiln_outlook outlook;
+};
+
+/* Whether it is done at all: `any_share` where every backend computes any rank's points (kiln_backend_info). */
+bool kiln_repartition_is_allowed(enum kiln_rebalance mode, bool any_share);
+/* Whether the last step says enough of those to come: another pass says little, and where more than one step comes a
+ * step of their own pass is waited for. */
+bool kiln_repartition_is_due(enum kiln_rebalance mode, const struct kiln_repartition_steps *steps);
+/* Seconds in the steps to come, when `longest` was the work of the rank that had most (or of the mean rank of a node
+ * whose ranks help each other) in the last one, and `mean` that of all. Negative where new bounds would hardly be more
+ * even than these. */
+double kiln_repartition_gain(const struct kiln_repartition_steps *steps, double longest, double mean);
+/* Whether it is asked what moving would cost. */
+bool kiln_repartition_is_asked(enum kiln_rebalance mode, double gain);
+/* Seconds of a move in which the rank that gets most gets so many points of so many bytes. */
+double kiln_repartition_cost(double points, double bytes);
+bool kiln_repartition_pays(enum kiln_rebalance mode, double gain, double cost);
+
+#endif

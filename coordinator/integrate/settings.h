@@ -1,0 +1,54 @@
+/* What the light of a bake is computed with: the settings of the integrators, and those of the lockstep runner. Plain
+ * values; coordinator/bake/light_settings.h fills them in from a job. */
+#ifndef KILN_COORDINATOR_INTEGRATE_SETTINGS_H
+#define KILN_COORDINATOR_INTEGRATE_SETTINGS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/* AUTO: compact from 2^22 surface points on. With fewer its rounding shows in the ratio of two bounces, which the tail
+ * magnifies a hundred times where the albedo is 0.99; with more it averages out. */
+enum kiln_exchange_form { KILN_EXCHANGE_AUTO = 0, KILN_EXCHANGE_COMPACT = 1, KILN_EXCHANGE_FULL = 2 };
+
+static inline bool kiln_exchange_is_compact(int form, uint64_t points)
+{
+    return form == KILN_EXCHANGE_COMPACT || (form == KILN_EXCHANGE_AUTO && points >= 1u << 22);
+}
+
+/* Whether the points are distributed anew between steps: when that pays, never, after every step (for tests). */
+enum kiln_rebalance { KILN_REBALANCE_AUTO = 0, KILN_REBALANCE_NEVER = 1, KILN_REBALANCE_ALWAYS = 2 };
+
+enum kiln_schedule {
+    KILN_SCHEDULE_LEAN = 0, /* cheap bounces, a tail, one final gather */
+    KILN_SCHEDULE_EQUAL = 1 /* the same rays in every bounce, nothing else: the reference mode */
+};
+
+struct kiln_integrator;
+
+/* The names of all integrators, for --method, ended by NULL. */
+extern const char *const kiln_integrator_names[];
+
+struct kiln_integrate_settings {
+    const struct kiln_integrator *integrator;
+
+    /* which steps there are, and what they compute; these are all that `next` of an integrator reads */
+    enum kiln_schedule schedule;
+    int64_t bounces; /* indirect bounces; -1: as many as there is energy for, and a tail */
+    bool tail;       /* add the geometric tail after the last bounce, though `bounces` is given */
+    uint32_t samples_direct, samples_bounce, samples_indirect;
+    bool compact; /* radiosity travels in 4 bytes a point where an integrator can afford that: kiln_exchange_is_compact
+                   */
+    uint64_t seed;
+
+    /* how the ranks work together; none of these changes a result */
+    bool work_stealing; /* ranks that are done compute for others of their node */
+    enum kiln_rebalance rebalance;
+    bool whole_objects;      /* new ranges of points begin at objects rather than at cells */
+    uint64_t exchange_limit; /* elements in one call of MPI; 0: what it can count */
+
+    /* for tests: this rank takes `slowness` (1 or more; 0: no rank does) times as long for a batch */
+    uint32_t slow_rank;
+    double slowness;
+};
+
+#endif

@@ -1,0 +1,50 @@
+/* The light of all surface points as the lockstep runner computes it: irradiance of this rank's points, radiosity of
+ * all points, and the report of the steps. */
+#ifndef KILN_COORDINATOR_INTEGRATE_SOLUTION_H
+#define KILN_COORDINATOR_INTEGRATE_SOLUTION_H
+
+#include "coordinator/field/packed_error.h"
+#include "coordinator/field/radiosity_allgather.h"
+#include "coordinator/field/rank_data.h"
+#include "coordinator/integrate/step.h"
+
+struct kiln_integrate_report {
+    const struct kiln_integrator *integrator;
+    struct kiln_step_reports steps;
+    uint32_t bounces;       /* indirect bounces gathered one by one or summed for the final gather */
+    bool tail;              /* a geometric tail was added */
+    double tail_ratio[3];   /* power of one bounce over that of the one before, at the end */
+    double tail_share;      /* of all reflected power, luminance */
+    uint32_t restarts;      /* how often the bake was gone on with from a checkpoint */
+    double seconds_before;  /* that the earlier runs of it took up to their last checkpoint */
+    double waiting_seconds; /* of this rank, at the ends of steps: for others to be done */
+    bool steals_work;       /* whether the ranks of this rank's node compute points for each other */
+    uint64_t received;      /* bytes of radiosity from other nodes */
+    struct kiln_energy energy;
+};
+
+/* Three floats a point in direct and indirect, W/m2 about the shading normal; see field/result.h. */
+struct kiln_solution {
+    float *direct, *indirect; /* of own points */
+    uint16_t *error;          /* likewise: kiln_error_pack */
+    /* own points' data, of which the three above are a part; its `sum` is `indirect` */
+    const struct kiln_rank_data *own;
+    struct kiln_node_data *node_data;
+    struct kiln_radiosity_allgather *allgather;
+    uint64_t *radiosity; /* of all points, packed: what a step gathers from; in the end the total. The allgather's */
+    struct kiln_integrate_report report;
+};
+
+/* The report of the step under way, or of the last one. */
+static inline struct kiln_step_report *kiln_solution_step(const struct kiln_solution *solution)
+{
+    return &solution->report.steps.of[solution->report.steps.count - 1];
+}
+
+/* Points the solution to the own data as the node's data has it now: after that was made or redistributed. */
+void kiln_solution_refresh(struct kiln_solution *solution);
+
+/* Collective. Releases the solution and sets the pointer to NULL, which may be NULL. */
+void kiln_solution_destroy(struct kiln_solution **solution);
+
+#endif

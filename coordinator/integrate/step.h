@@ -1,0 +1,77 @@
+/* A step is one round of a bake in which every surface point is computed once: all ranks run the same pass of their
+ * backends over all own points, and the next step begins when all are done. An integrator says which steps there are
+ * (integrator.h). A step report is what a step came to. */
+#ifndef KILN_COORDINATOR_INTEGRATE_STEP_H
+#define KILN_COORDINATOR_INTEGRATE_STEP_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "coordinator/integrate/energy.h"
+
+/* Which pass of the backend a step runs. */
+enum kiln_step_pass {
+    KILN_STEP_DIRECT, /* light from lights and environment */
+    KILN_STEP_GATHER  /* light from other surface points: reads their radiosity */
+};
+
+/* What steps of one kind are called where users see them. */
+struct kiln_role {
+    const char *kind;  /* of one step, in run.json: "bounce" */
+    const char *total; /* of all of them, in run.json and what `kiln plan` says: "bounces" */
+    const char *title; /* of one step, in the progress line and the timeline: "bounce" */
+    const char *phase; /* of all of them, in the table of phases: "bounces" */
+    bool numbered;     /* the progress line adds the number of the bounce */
+};
+
+enum { KILN_ROLES_MAX = 8 }; /* of an integrator */
+
+struct kiln_step {
+    enum kiln_step_pass pass;
+    uint32_t role;   /* index into the roles of the integrator */
+    uint32_t bounce; /* 0: direct light; 1, 2, ...; a final gather has the number of the bounce that it stands for */
+    uint32_t samples;
+    const uint32_t
+        *samples_each; /* of each own tile run, borrowed; NULL: `samples` everywhere, as all steps have now */
+    uint32_t stream;   /* tells the gathers apart in the random numbers */
+    /* The radiosity that the step makes is rounded to 4 bytes a point (worker/scene/radiosity.h); else it has 8. */
+    bool compact;
+    bool early;   /* and travels while the step goes on, for a step that gathers from it will follow */
+    bool counted; /* in the bake's energy ledger */
+};
+
+/* What was found after a step about the balance of the ranks, and done; the same on all ranks. */
+struct kiln_step_balance {
+    bool judged, moved;
+    double imbalance; /* longest work over the mean, less 1: of a rank, or of a node whose ranks help each other */
+    double gain;      /* s in the steps to come, if the points were distributed anew by what they cost */
+    double cost;      /* s for moving; 0: not asked */
+    uint64_t points;  /* that the rank that gets most gets, or would */
+};
+
+/* One step, as it went. Step, energy, tail_error and balance are the same on all ranks. */
+struct kiln_step_report {
+    struct kiln_step step;
+    uint64_t rays;                    /* of this rank, and of earlier runs' ranks whose work it took over */
+    double seconds, exchange_seconds; /* likewise: computing; waiting and exchanging */
+    double device_seconds;            /* likewise: of `seconds`, what the device was busy; 0 without one */
+    /* points of this rank that others of its node computed in this run, and the other way round */
+    uint64_t given, taken;
+    struct kiln_step_energy energy;
+    /* Root mean square over groups of tiles of the error that a geometric series from this step on would make, relative
+     * to what the group reflects in all; 0 where nothing depends on it. */
+    double tail_error;
+    struct kiln_step_balance balance;
+};
+
+/* A list of reports that grows; of[0 .. count) are there. Zero: empty. Release with kiln_free(&reports.of). */
+struct kiln_step_reports {
+    struct kiln_step_report *of;
+    size_t count, room;
+};
+
+/* Room for `count` reports. KILN_SYSTEM. */
+int kiln_step_reports_reserve(struct kiln_step_reports *reports, size_t count, struct kiln_error *error);
+
+#endif

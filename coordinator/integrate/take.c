@@ -1,0 +1,32 @@
+#include "coordinator/integrate/take.h"
+
+#include "worker/base/memory.h"
+
+int kiln_taker_take(struct kiln_taker *taker, const struct kiln_rank_data *data, size_t first, size_t count,
+                    const struct kiln_point_result *results, struct kiln_error *error)
+{
+    const struct kiln_tile_run *tile_runs = data->surface.tile_runs + first;
+    const struct kiln_taking *taking = &taker->taking;
+    const int status =
+        kiln_grow(&taker->tile_runs, &taker->tile_run_room, count, sizeof *taker->tile_runs, "a part's sums", error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel num_threads((int)taker->threads)
+    {
+        struct kiln_tally own = {0};
+#pragma omp for schedule(static)
+        for (size_t i = 0; i < count; i++) {
+            taker->tile_runs[i] = (struct kiln_tile_run_tally){0};
+            taking->settings->integrator->take(taking, data, &tile_runs[i],
+                                               results + (tile_runs[i].first - tile_runs[0].first), &own,
+                                               &taker->tile_runs[i]);
+        }
+#pragma omp critical(kiln_taker_take)
+        kiln_ledger_add(taker->ledger, &own); /* exact: the order of threads does not matter */
+    }
+    for (size_t i = 0; i < count; i++)
+        kiln_ledger_add_tile_run(taker->ledger, &data->surface, &tile_runs[i], &taker->tile_runs[i]);
+    return KILN_OK;
+}
+
+void kiln_taker_release(struct kiln_taker *taker) { kiln_free(&taker->tile_runs); }

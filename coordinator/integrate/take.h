@@ -1,0 +1,20 @@
+/* Takes over the answers of a backend: hands tile runs to the integrator by threads, and adds up what they add. */
+#ifndef KILN_COORDINATOR_INTEGRATE_TAKE_H
+#define KILN_COORDINATOR_INTEGRATE_TAKE_H
+
+#include "coordinator/integrate/integrator.h"
+
+struct kiln_taker {
+    struct kiln_taking taking; /* of the step under way */
+    struct kiln_ledger *ledger;
+    uint32_t threads;
+    struct kiln_tile_run_tally *tile_runs; /* of the part being taken */
+    size_t tile_run_room;
+};
+
+/* Takes the tile runs [first, first + count) of `data`, `results` being those of their points. KILN_SYSTEM. */
+int kiln_taker_take(struct kiln_taker *taker, const struct kiln_rank_data *data, size_t first, size_t count,
+                    const struct kiln_point_result *results, struct kiln_error *error);
+void kiln_taker_release(struct kiln_taker *taker);
+
+#endif

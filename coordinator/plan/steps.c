@@ -1,0 +1,80 @@
+#include "coordinator/plan/steps.h"
+
+#include "worker/base/memory.h"
+
+/* The kind of a step, a new one where none fits. */
+static int find_kind(struct kiln_planned_steps *steps, struct kiln_planned_step *planned, struct kiln_error *error)
+{
+    const struct kiln_step *step = &planned->step;
+    uint32_t k = 0;
+    while (k < steps->kind_count && (steps->kinds[k].pass != step->pass || steps->kinds[k].samples != step->samples))
+        k++;
+    planned->kind = k;
+    if (k < steps->kind_count)
+        return KILN_OK;
+    if (k == KILN_COST_KINDS_MAX)
+        return kiln_fail(error, KILN_SYSTEM, "a bake by '%s' has steps of more than %d kinds, which cannot be planned",
+                         steps->integrator->name, KILN_COST_KINDS_MAX);
+    steps->kinds[steps->kind_count++] = (struct kiln_cost_kind){step->pass, step->samples, step->stream};
+    return KILN_OK;
+}
+
+static int add_step(struct kiln_planned_steps *steps, const struct kiln_step *step, struct kiln_error *error)
+{
+    int status = kiln_grow(&steps->of, &steps->room, steps->count + 1, sizeof *steps->of, "the planned steps", error);
+    if (status != KILN_OK)
+        return status;
+    struct kiln_planned_step *planned = &steps->of[steps->count++];
+    *planned = (struct kiln_planned_step){.step = *step};
+    return find_kind(steps, planned, error);
+}
+
+/* With a number of bounces given, what comes is what is planned. */
+static void look_back(struct kiln_planned_steps *steps)
+{
+    struct kiln_outlook outlook = {0, 0.0};
+    for (size_t i = steps->count; i-- > 0;) {
+        outlook.steps++;
+        outlook.samples += (double)steps->of[i].step.samples;
+        steps->of[i].outlook = outlook;
+    }
+}
+
+/* Without, the bake does not know what is planned here. */
+static int look_ahead(struct kiln_planned_steps *steps, const struct kiln_integrate_settings *settings,
+                      struct kiln_step_reports *reports, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (reports->count = 0; reports->count < steps->count && status == KILN_OK; reports->count++) {
+        struct kiln_planned_step *planned = &steps->of[reports->count];
+        status = kiln_integrate_outlook(settings, reports, &planned->step, &planned->outlook, error);
+    }
+    return status;
+}
+
+int kiln_planned_steps_make(struct kiln_planned_steps *steps, const struct kiln_integrate_settings *settings,
+                            uint32_t typical, struct kiln_error *error)
+{
+    const struct kiln_integrator *integrator = settings->integrator;
+    struct kiln_integrate_settings assumed = *settings;
+    struct kiln_step_reports reports = {NULL, 0, 0};
+    struct kiln_step step;
+    int status = KILN_OK;
+    *steps = (struct kiln_planned_steps){.integrator = integrator};
+    assumed.bounces = settings->bounces < 0 ? typical : settings->bounces;
+    while (status == KILN_OK && integrator->next(&assumed, reports.of, reports.count, &step)) {
+        status = kiln_step_reports_reserve(&reports, reports.count + 1, error);
+        if (status == KILN_OK)
+            reports.of[reports.count++] = (struct kiln_step_report){.step = step};
+        if (status == KILN_OK)
+            status = add_step(steps, &step, error);
+    }
+    if (status == KILN_OK && settings->bounces < 0)
+        status = look_ahead(steps, settings, &reports, error);
+    else
+        look_back(steps);
+    kiln_free(&reports.of);
+    return status;
+}
+
+void kiln_planned_steps_release(struct kiln_planned_steps *steps) { kiln_free(&steps->of); }

@@ -1,0 +1,35 @@
+/* The steps that a planned bake has, as its integrator says, and which of them cost the same. */
+#ifndef KILN_COORDINATOR_PLAN_STEPS_H
+#define KILN_COORDINATOR_PLAN_STEPS_H
+
+#include "coordinator/integrate/integrator.h"
+
+/* Steps that run the same pass with the same samples cost the same. */
+struct kiln_cost_kind {
+    enum kiln_step_pass pass;
+    uint32_t samples, stream; /* stream: of the first such step */
+};
+
+enum { KILN_COST_KINDS_MAX = 8 };
+
+struct kiln_planned_step {
+    struct kiln_step step;
+    uint32_t kind;               /* index into the kinds of cost */
+    struct kiln_outlook outlook; /* from this step on, as the bake will reckon when it comes to it */
+};
+
+/* Release with kiln_planned_steps_release. */
+struct kiln_planned_steps {
+    const struct kiln_integrator *integrator;
+    struct kiln_planned_step *of;
+    size_t count, room;
+    struct kiln_cost_kind kinds[KILN_COST_KINDS_MAX];
+    uint32_t kind_count;
+};
+
+/* Where the settings give no number of bounces, `typical` of them are planned. KILN_SYSTEM. */
+int kiln_planned_steps_make(struct kiln_planned_steps *steps, const struct kiln_integrate_settings *settings,
+                            uint32_t typical, struct kiln_error *error);
+void kiln_planned_steps_release(struct kiln_planned_steps *steps);
+
+#endif

@@ -1,0 +1,263 @@
+/* Run by mpirun on two ranks: the lockstep runner takes an integrator that it does not know, which is no more than the
+ * struct below, and computes direct light and one bounce of cubes under a sky with it. The integrator "cells" must find
+ * the same bits by its equal schedule. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "coordinator/integrate/integrate.h"
+#include "coordinator/integrate/packing.h"
+#include "coordinator/integrate/radiosity_exchange.h"
+#include "coordinator/mpi/agree.h"
+#include "coordinator/surface/surface_build.h"
+#include "tests/unit/surface_scene.h"
+#include "worker/light/lights.h"
+#include "worker/scene/radiosity.h"
+
+enum { RANKS = 2, SAMPLES = 16 };
+
+/* ---- the integrator ---- */
+
+static bool pair_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
+                      size_t count, struct kiln_step *step)
+{
+    (void)reports;
+    *step = (struct kiln_step){.pass = count == 0 ? KILN_STEP_DIRECT : KILN_STEP_GATHER,
+                               .role = count > 0,
+                               .bounce = (uint32_t)count,
+                               .samples = settings->samples_indirect,
+                               .stream = (uint32_t)count,
+                               .counted = true};
+    return count < 2;
+}
+
+static void pair_begin(struct kiln_integration *integration, struct kiln_step_report *last,
+                       const struct kiln_step *step)
+{
+    if (step->pass == KILN_STEP_GATHER)
+        kiln_exchange_radiosity(integration->exchange, KILN_EXCHANGE_NEXT, last);
+}
+
+static void pair_take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
+                      const struct kiln_point_result *results, struct kiln_tally *tally,
+                      struct kiln_tile_run_tally *tile_run_tally)
+{
+    const struct kiln_surface *surface = &data->surface;
+    float *values = t->step->pass == KILN_STEP_DIRECT ? data->direct : data->sum;
+    uint64_t own = f->first - surface->first;
+    for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own++, results++) {
+        float albedo[3], radiosity[3], sent[3];
+        kiln_point_albedo(surface, own, albedo);
+        kiln_radiosity_unpack(t->radiosity[surface->first + own], sent);
+        for (int c = 0; c < 3; c++) {
+            radiosity[c] = albedo[c] * results->incident[c];
+            values[3 * own + (uint64_t)c] = results->irradiance[c];
+        }
+        data->next[own] =
+            kiln_radiosity_pack(radiosity, kiln_packing_hash(f, (uint32_t)__builtin_ctzll(rest), t->step->stream));
+        const struct kiln_ledger_point point = {
+            .area = (double)surface->area[own] * ((double)surface->visible[own] / 65535.0) * (double)results->present,
+            .albedo = albedo,
+            .sent = t->step->pass == KILN_STEP_GATHER ? sent : NULL,
+            .samples = t->step->samples};
+        if (kiln_point_valid(surface, own))
+            kiln_tally_add(&point, results, t->unit, tally, tile_run_tally);
+    }
+}
+
+static int pair_end(struct kiln_integration *integration, struct kiln_step_reports *reports, struct kiln_error *error)
+{
+    (void)integration;
+    (void)reports;
+    (void)error;
+    return KILN_OK;
+}
+
+static const struct kiln_role roles[] = {{"sky", "sky", "the sky", "the sky", false},
+                                         {"rest", "rest", "the rest", "the rest", true}};
+static const struct kiln_integrator pair = {.name = "pair",
+                                            .roles = roles,
+                                            .role_count = 2,
+                                            .next = pair_next,
+                                            .begin_step = pair_begin,
+                                            .take = pair_take,
+                                            .end_step = pair_end};
+
+/* ---- a bake without files ---- */
+
+struct world {
+    char folder[64];
+    int rank;
+    struct fixture *fixture;
+    struct kiln_geometry *geometry;
+    struct kiln_lights *lights;
+    struct kiln_control *control;
+    struct kiln_checkpoint *checkpoint;
+};
+
+static const volatile sig_atomic_t no_signal = 0;
+
+/* Two cubes in a corner of each other, under a sky. */
+static int make_world(struct world *w, struct kiln_error *error)
+{
+    static const double beside[12] = {1, 0, 0, 2.2, 0, 1, 0, 0.5, 0, 0, 1, -0.4};
+    w->fixture = fixture_create();
+    w->fixture->environment =
+        (struct kiln_environment){.kind = KILN_ENVIRONMENT_CONSTANT, .radiance = {1.0f, 0.5f, 0.25f}};
+    const uint32_t cube = fixture_cube(w->fixture, 3, 0.5, fixture_material(w->fixture, 0.5f, 0.25f, 0.75f));
+    fixture_object(w->fixture, cube, NULL, 96, 64);
+    fixture_object(w->fixture, cube, beside, 64, 48);
+    int status = kiln_geometry_create(&w->geometry, &w->fixture->scene, error);
+    if (status == KILN_OK)
+        status = kiln_lights_create(&w->lights, &w->fixture->scene, w->geometry, error);
+    if (w->rank == 0 && mkdtemp(strcpy(w->folder, "/tmp/kiln-integrator-XXXXXX")) == NULL)
+        status = kiln_fail_errno(error, KILN_SYSTEM, "no folder");
+    (void)MPI_Bcast(w->folder, sizeof w->folder, MPI_CHAR, 0, MPI_COMM_WORLD);
+    status = kiln_agree(MPI_COMM_WORLD, status, error);
+    const struct kiln_control_params params = {
+        .communicator = MPI_COMM_WORLD, .directory = w->folder, .begin = MPI_Wtime(), .signal = &no_signal};
+    if (status == KILN_OK)
+        status = kiln_control_create(&w->control, &params, error);
+    return status == KILN_OK ? kiln_checkpoint_open(&w->checkpoint, MPI_COMM_WORLD, w->folder, false, error) : status;
+}
+
+static void free_world(struct world *w)
+{
+    kiln_checkpoint_close(&w->checkpoint);
+    if (w->control != NULL)
+        kiln_control_conclude(w->control, KILN_OK, "", true);
+    kiln_control_destroy(&w->control);
+    if (w->rank == 0)
+        (void)rmdir(w->folder);
+    kiln_lights_destroy(&w->lights);
+    kiln_geometry_destroy(&w->geometry);
+    fixture_destroy(w->fixture);
+}
+
+/* What a bake found, by global order: 6 floats a point, the energies of two steps. */
+struct found {
+    uint64_t points;
+    float *light;
+    struct kiln_step_energy energy[2];
+    size_t steps;
+};
+
+static int keep(struct found *found, const struct kiln_solution *solution)
+{
+    const struct kiln_surface *surface = &solution->own->surface;
+    *found = (struct found){.points = surface->point_count, .steps = solution->report.steps.count};
+    found->light = calloc(6 * found->points, sizeof *found->light);
+    for (uint64_t i = 0; i < surface->count; i++) {
+        memcpy(found->light + 6 * (surface->first + i), solution->direct + 3 * i, 3 * sizeof(float));
+        memcpy(found->light + 6 * (surface->first + i) + 3, solution->indirect + 3 * i, 3 * sizeof(float));
+    }
+    for (size_t i = 0; i < 2 && i < found->steps; i++)
+        found->energy[i] = solution->report.steps.of[i].energy;
+    return KILN_OK;
+}
+
+static int bake(const struct world *w, const struct kiln_integrator *integrator, struct found *found,
+                struct kiln_error *error)
+{
+    const struct kiln_integrate_settings settings = {.integrator = integrator,
+                                                     .schedule = KILN_SCHEDULE_EQUAL,
+                                                     .bounces = 1,
+                                                     .samples_direct = SAMPLES,
+                                                     .samples_indirect = SAMPLES,
+                                                     .work_stealing = true};
+    struct kiln_field_set fields;
+    const struct kiln_surface_params surface = {
+        .scene = &w->fixture->scene, .geometry = w->geometry, .rank = (uint32_t)w->rank, .ranks = RANKS, .threads = 1};
+    const struct kiln_backend_params backend = {
+        .scene = &w->fixture->scene, .geometry = w->geometry, .lights = w->lights, .threads = 1};
+    struct kiln_integrate_params params = {.communicator = MPI_COMM_WORLD,
+                                           .rank = w->rank,
+                                           .ranks = RANKS,
+                                           .begin = MPI_Wtime(),
+                                           .settings = &settings,
+                                           .fields = &fields,
+                                           .area = 48.0,
+                                           .control = w->control,
+                                           .checkpoint = w->checkpoint,
+                                           .threads = 1};
+    struct kiln_emission_result emission;
+    struct kiln_surface_report report;
+    struct kiln_solution *solution = NULL;
+    kiln_field_set_choose(&fields, &(struct kiln_job){.error_map = true});
+    int status = kiln_surface_build(&params.surface, &surface, &report, error);
+    if (status == KILN_OK)
+        status = kiln_backend_create(&params.backend, "embree", &backend, error);
+    if (status == KILN_OK)
+        status = kiln_backend_set_surface(params.backend, params.surface, error);
+    if (status == KILN_OK)
+        status = kiln_backend_emission(params.backend, 1000, &emission, error);
+    params.emission = &emission;
+    status = kiln_agree(MPI_COMM_WORLD, status, error);
+    if (status == KILN_OK)
+        status = kiln_node_create(&params.node, MPI_COMM_WORLD, 0, error);
+    if (status == KILN_OK)
+        status = kiln_integrate(&solution, &params, error);
+    if (status == KILN_OK)
+        status = keep(found, solution);
+    kiln_solution_destroy(&solution);
+    kiln_backend_destroy(&params.backend);
+    kiln_surface_destroy(&params.surface);
+    kiln_node_destroy(&params.node);
+    return status;
+}
+
+/* ---- the comparison ---- */
+
+static int compare(struct found *a, struct found *b)
+{
+    double sums[2] = {0.0, 0.0};
+    if (a->points != b->points || a->points < 1000 || a->steps != 2 || b->steps != 2) {
+        (void)fprintf(stderr, "%llu points in %zu steps, and %llu in %zu\n", (unsigned long long)a->points, a->steps,
+                      (unsigned long long)b->points, b->steps);
+        return 1;
+    }
+    const int count = (int)(6 * a->points); /* each point is on one rank; the others have 0 */
+    (void)MPI_Allreduce(MPI_IN_PLACE, a->light, count, MPI_FLOAT, MPI_SUM, MPI_COMM_WORLD);
+    (void)MPI_Allreduce(MPI_IN_PLACE, b->light, count, MPI_FLOAT, MPI_SUM, MPI_COMM_WORLD);
+    for (int i = 0; i < count; i++)
+        sums[i % 6 / 3] += (double)a->light[i];
+    if (!(sums[0] > 0.0) || !(sums[1] > 0.0)) {
+        (void)fprintf(stderr, "no light: direct %g, indirect %g\n", sums[0], sums[1]);
+        return 1;
+    }
+    if (memcmp(a->light, b->light, (size_t)count * sizeof *a->light) != 0 ||
+        memcmp(a->energy, b->energy, sizeof a->energy) != 0) {
+        (void)fprintf(stderr, "two integrators that compute the same differ\n");
+        return 1;
+    }
+    return 0;
+}
+
+int main(int argc, char **argv)
+{
+    struct world w = {.rank = 0};
+    struct found own = {0}, cells = {0};
+    struct kiln_error error = {""};
+    int size;
+    (void)MPI_Init(&argc, &argv);
+    (void)MPI_Comm_rank(MPI_COMM_WORLD, &w.rank);
+    (void)MPI_Comm_size(MPI_COMM_WORLD, &size);
+    if (size != RANKS) {
+        (void)fprintf(stderr, "this test wants %d ranks, not %d\n", RANKS, size);
+        (void)MPI_Abort(MPI_COMM_WORLD, 1);
+    }
+    int status = make_world(&w, &error);
+    if (status == KILN_OK)
+        status = bake(&w, &pair, &own, &error);
+    if (status == KILN_OK)
+        status = bake(&w, kiln_integrator_find("cells"), &cells, &error);
+    if (status != KILN_OK)
+        (void)fprintf(stderr, "%s\n", error.message);
+    const int failures = status == KILN_OK ? compare(&own, &cells) : 1;
+    free(own.light);
+    free(cells.light);
+    free_world(&w);
+    (void)MPI_Finalize();
+    return failures;
+}

@@ -1,0 +1,276 @@
+/* Which steps the integrator "cells" has, over lists of reports; that a plan walks the same steps as a bake; and that
+ * an integrator is no more than its struct. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "coordinator/integrate/cells/cells.h"
+#include "coordinator/integrate/cells/schedule.h"
+#include "coordinator/plan/simulate_light.h"
+
+enum { STEPS_MOST = 400 };
+
+/* A bake whose steps reflect what `reflect` says: the first 1 W, each bounce `ratio` times the one before. */
+struct bake {
+    struct kiln_integrate_settings settings;
+    double ratio, tail_error;
+    struct kiln_step_report reports[STEPS_MOST];
+    size_t count;
+};
+
+static struct kiln_integrate_settings settings_of(enum kiln_schedule schedule, int64_t bounces)
+{
+    return (struct kiln_integrate_settings){.integrator = kiln_integrator_find("cells"),
+                                            .schedule = schedule,
+                                            .bounces = bounces,
+                                            .samples_direct = 16,
+                                            .samples_bounce = 4,
+                                            .samples_indirect = 32};
+}
+
+static void run(struct bake *b, enum kiln_schedule schedule, int64_t bounces, double ratio, double tail_error)
+{
+    b->settings = settings_of(schedule, bounces);
+    b->count = 0;
+    struct kiln_step step;
+    while (b->settings.integrator->next(&b->settings, b->reports, b->count, &step)) {
+        assert_true(b->count < STEPS_MOST);
+        struct kiln_step_report *report = &b->reports[b->count];
+        *report = (struct kiln_step_report){.step = step, .tail_error = tail_error};
+        for (int c = 0; c < 3; c++)
+            report->energy.reflected[c] = pow(ratio, (double)b->count);
+        b->count++;
+    }
+}
+
+static void expect(const struct kiln_step *step, uint32_t role, uint32_t bounce, uint32_t samples, uint32_t stream,
+                   bool counted)
+{
+    assert_int_equal(step->role, role);
+    assert_int_equal(step->pass, role == KILN_CELLS_DIRECT ? KILN_STEP_DIRECT : KILN_STEP_GATHER);
+    assert_int_equal(step->bounce, bounce);
+    assert_int_equal(step->samples, samples);
+    assert_int_equal(step->stream, stream);
+    assert_int_equal(step->counted, counted);
+}
+
+static void lean_given(void **state)
+{
+    (void)state;
+    static struct bake b;
+    for (int64_t bounces = 0; bounces <= 6; bounces++) {
+        run(&b, KILN_SCHEDULE_LEAN, bounces, 0.5, 1.0);
+        assert_int_equal(b.count, bounces + 1);
+        expect(&b.reports[0].step, KILN_CELLS_DIRECT, 0, 16, 0, true);
+        for (uint32_t i = 1; i < b.count; i++)
+            if (i + 1 < b.count)
+                expect(&b.reports[i].step, KILN_CELLS_BOUNCE, i, 4, i, false);
+            else
+                expect(&b.reports[i].step, KILN_CELLS_FINAL, i, 32, 0xffff, true);
+    }
+}
+
+/* Without a number: at least three bounces, until a tail is good enough, or nothing is left, or 254 of them are done.
+ */
+static void lean_all(void **state)
+{
+    (void)state;
+    static struct bake b;
+    run(&b, KILN_SCHEDULE_LEAN, -1, 0.5, 1.9e-3);
+    assert_int_equal(b.count, 1 + 3 + 1);
+    assert_int_equal(b.reports[4].step.role, KILN_CELLS_FINAL);
+    run(&b, KILN_SCHEDULE_LEAN, -1, 0.5, 2.1e-3); /* 2^-23 is the first below 1e-7 of 2 */
+    assert_int_equal(b.count, 1 + 23 + 1);
+    run(&b, KILN_SCHEDULE_LEAN, -1, 0.0, 1.0);
+    assert_int_equal(b.count, 1 + 1 + 1);
+    run(&b, KILN_SCHEDULE_LEAN, -1, 0.99995, 0.0);
+    assert_int_equal(b.count, 1 + KILN_BOUNCES_ALL + 1);
+    expect(&b.reports[b.count - 1].step, KILN_CELLS_FINAL, KILN_BOUNCES_ALL + 1, 32, 0xffff, true);
+}
+
+static void equal(void **state)
+{
+    (void)state;
+    static struct bake b;
+    for (int64_t bounces = 0; bounces <= 6; bounces++) {
+        run(&b, KILN_SCHEDULE_EQUAL, bounces, 0.0, 1.0);
+        assert_int_equal(b.count, bounces + 1);
+        for (uint32_t i = 1; i < b.count; i++)
+            expect(&b.reports[i].step, KILN_CELLS_BOUNCE, i, 32, i, true);
+    }
+    run(&b, KILN_SCHEDULE_EQUAL, -1, 0.5, 1.0); /* 2^-16 is the first below 1e-5 of 2 */
+    assert_int_equal(b.count, 1 + 16);
+    run(&b, KILN_SCHEDULE_EQUAL, -1, 1.0, 1.0);
+    assert_int_equal(b.count, 1 + KILN_BOUNCES_ALL);
+}
+
+/* Radiosity travels in 4 bytes, and early, only where another bounce surely or probably gathers from it; and not in 4
+ * bytes where a long tail would multiply the rounding. */
+static void form(void **state)
+{
+    (void)state;
+    static struct bake b;
+    struct kiln_step step;
+    run(&b, KILN_SCHEDULE_LEAN, 3, 0.9, 1.0);
+    b.settings.compact = true;
+    for (size_t i = 0; i < b.count; i++) {
+        assert_true(b.settings.integrator->next(&b.settings, b.reports, i, &step));
+        assert_int_equal(step.compact, i < 3);
+        assert_int_equal(step.early, i < 2);
+    }
+    b.settings.tail = true;
+    for (size_t i = 0; i < b.count; i++) {
+        assert_true(b.settings.integrator->next(&b.settings, b.reports, i, &step));
+        assert_int_equal(step.compact, i < 2); /* the ratio of two steps is known from the third on */
+    }
+    b.settings.bounces = -1;
+    assert_true(b.settings.integrator->next(&b.settings, b.reports, 1, &step) && step.compact && step.early);
+    b.settings.schedule = KILN_SCHEDULE_EQUAL;
+    assert_true(b.settings.integrator->next(&b.settings, b.reports, 1, &step) && !step.compact && !step.early);
+}
+
+/* Without any energies, a plan has the steps that a bake has with them. */
+static void plan_as_bake(void **state)
+{
+    (void)state;
+    static struct bake b;
+    struct kiln_error error;
+    for (int schedule = KILN_SCHEDULE_LEAN; schedule <= KILN_SCHEDULE_EQUAL; schedule++)
+        for (int64_t bounces = 0; bounces <= 8; bounces++) {
+            struct kiln_planned_steps plan;
+            run(&b, (enum kiln_schedule)schedule, bounces, 0.7, 0.0);
+            assert_int_equal(kiln_planned_steps_make(&plan, &b.settings, 99, &error), KILN_OK);
+            assert_int_equal(plan.count, b.count);
+            double samples = 0.0;
+            for (size_t i = plan.count; i-- > 0;) {
+                const struct kiln_step *step = &plan.of[i].step;
+                expect(step, b.reports[i].step.role, b.reports[i].step.bounce, b.reports[i].step.samples,
+                       b.reports[i].step.stream, b.reports[i].step.counted);
+                assert_int_equal(plan.kinds[plan.of[i].kind].pass, step->pass);
+                assert_int_equal(plan.kinds[plan.of[i].kind].samples, step->samples);
+                samples += step->samples;
+                assert_true(plan.of[i].outlook.steps == plan.count - i && plan.of[i].outlook.samples == samples);
+            }
+            kiln_planned_steps_release(&plan);
+        }
+}
+
+/* A bake that does not know its number of bounces expects three after the next one; the plan of it has seven, and sees
+ * at each of them what the bake will see. */
+static void outlook(void **state)
+{
+    (void)state;
+    static struct bake b;
+    struct kiln_error error;
+    struct kiln_planned_steps plan;
+    struct kiln_step_reports reports = {NULL, 0, 0};
+    run(&b, KILN_SCHEDULE_LEAN, -1, 0.5, 1e-3);
+    assert_int_equal(kiln_step_reports_reserve(&reports, b.count, &error), KILN_OK);
+    memcpy(reports.of, b.reports, b.count * sizeof *reports.of);
+    assert_int_equal(kiln_planned_steps_make(&plan, &b.settings, 7, &error), KILN_OK);
+    assert_int_equal(plan.count, 8);
+    for (size_t i = 1; i < b.count; i++) {
+        const struct kiln_step step = reports.of[i].step; /* as the bake's next says */
+        struct kiln_outlook bake;
+        reports.count = i;
+        assert_int_equal(kiln_integrate_outlook(&b.settings, &reports, &step, &bake, &error), KILN_OK);
+        memcpy(reports.of, b.reports, b.count * sizeof *reports.of); /* what lies beyond the count was used */
+        const bool last = i + 1 == b.count;
+        assert_int_equal(bake.steps, last ? 1 : 4);
+        assert_true(bake.samples == (last ? 32.0 : 3 * 4.0 + 32.0));
+        if (!last)
+            assert_true(plan.of[i].outlook.steps == bake.steps && plan.of[i].outlook.samples == bake.samples);
+    }
+    assert_true(plan.of[7].outlook.steps == 1 && plan.of[7].outlook.samples == 32.0);
+    kiln_planned_steps_release(&plan);
+    free(reports.of);
+}
+
+static void table(void **state)
+{
+    (void)state;
+    assert_string_equal(kiln_integrator_names[0], "cells");
+    for (size_t i = 0; kiln_integrator_names[i] != NULL; i++) {
+        const struct kiln_integrator *integrator = kiln_integrator_find(kiln_integrator_names[i]);
+        assert_non_null(integrator);
+        assert_true(integrator->role_count > 0 && integrator->role_count <= KILN_ROLES_MAX);
+        assert_true(kiln_integrator_has_phase(integrator->roles[0].phase));
+    }
+    assert_null(kiln_integrator_find("radiosity of the moon"));
+    assert_false(kiln_integrator_has_phase("exchange"));
+}
+
+/* ---- an integrator that is not in the table ---- */
+
+/* Direct light again and again, with twice the samples each time. */
+static bool doubling_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
+                          size_t count, struct kiln_step *step)
+{
+    (void)reports;
+    *step = (struct kiln_step){.pass = KILN_STEP_DIRECT,
+                               .role = count > 0,
+                               .bounce = (uint32_t)count,
+                               .samples = settings->samples_direct << count,
+                               .counted = true};
+    return (int64_t)count <= settings->bounces;
+}
+
+static const struct kiln_role doubling_roles[] = {{"coarse", "coarse", "coarse light", "coarse light", false},
+                                                  {"fine", "fine", "finer light", "finer light", true}};
+static const struct kiln_integrator doubling = {
+    .name = "doubling", .roles = doubling_roles, .role_count = 2, .next = doubling_next};
+
+/* Two ranks, one of which has points that cost three times as much: planned, simulated and distributed anew, by no more
+ * than the struct above. */
+static void another_integrator(void **state)
+{
+    (void)state;
+    enum { CELLS = 2, POINTS = 100000 };
+    const struct kiln_integrate_settings settings = {
+        .integrator = &doubling, .bounces = 3, .samples_direct = 5, .work_stealing = true};
+    const uint64_t points[CELLS] = {POINTS, POINTS};
+    double cost[4][CELLS];
+    struct kiln_planned_steps steps;
+    struct kiln_simulated_light light;
+    struct kiln_error error;
+    assert_int_equal(kiln_planned_steps_make(&steps, &settings, 7, &error), KILN_OK);
+    assert_true(steps.count == 4 && steps.kind_count == 4 && steps.of[3].step.samples == 40);
+    assert_true(steps.of[1].outlook.steps == 3 && steps.of[1].outlook.samples == 10.0 + 20.0 + 40.0);
+    struct kiln_light_simulation simulation = {.settings = &settings,
+                                               .steps = &steps,
+                                               .cell_points = points,
+                                               .cell_count = CELLS,
+                                               .tile_runs = 1u << 16,
+                                               .threads = 1,
+                                               .any_share = true,
+                                               .share_bytes = 60.0,
+                                               .bandwidth = 1e9,
+                                               .latency = 1e-5,
+                                               .slowness = 1.0};
+    for (uint32_t k = 0; k < steps.kind_count; k++) {
+        for (int i = 0; i < CELLS; i++)
+            cost[k][i] = 1e-5 * (i == 0 ? 1.0 : 3.0) * steps.kinds[k].samples / 5.0;
+        simulation.cell_cost[k] = cost[k];
+    }
+    assert_int_equal(kiln_simulate_light(&simulation, 2, 1.0, &light, &error), KILN_OK);
+    kiln_planned_steps_release(&steps);
+    /* the first step says enough of the others, for it runs the same pass */
+    assert_int_equal(light.cuts, 1);
+    assert_true(fabs(light.seconds[0] - 3.0) < 0.01 && fabs(light.seconds[1] - 2.0 * (2 + 4 + 8)) < 0.01);
+    assert_true(fabs(light.first[0] - 0.5) < 1e-3 && light.last[1] < 1e-3);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(lean_given),   cmocka_unit_test(lean_all),
+                                       cmocka_unit_test(equal),        cmocka_unit_test(form),
+                                       cmocka_unit_test(plan_as_bake), cmocka_unit_test(outlook),
+                                       cmocka_unit_test(table),        cmocka_unit_test(another_integrator)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
