@@ -8,6 +8,7 @@
 #include "coordinator/field/rank_data.h"
 #include "coordinator/field/units.h"
 #include "worker/backend/backend.h"
+#include "worker/pass/probes.h"
 
 /* All arrays are of this rank's own points (surface->count, in global order from surface->first); irradiance is in
  * units->irradiance. */

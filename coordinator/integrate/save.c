@@ -139,7 +139,7 @@ static struct kiln_save_moment moment_of(const struct kiln_saved *s, bool finish
 {
     const struct kiln_step *step = &kiln_solution_step(s->solution)->step;
     return (struct kiln_save_moment){
-        .in_step = !finished, .in_gather = step->pass == KILN_STEP_GATHER, .compact = step->compact};
+        .in_step = !finished, .in_gather = step->pass->reads_radiosity, .compact = step->compact};
 }
 
 uint64_t kiln_save_bytes(const struct kiln_saved *s)

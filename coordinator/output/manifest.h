@@ -1,8 +1,8 @@
 /* DIR/manifest: what a finished bake consists of, so that a file that is not as it was written is noticed.
  *
- * One JSON object {"kiln": version, "files": [{"path", "bytes", "xxh3_128"}, ...]}, sealed (sealed.h). It is written
- * last of all and gets its name when it is whole: where there is one, the bake is complete. Pictures and reports made
- * later are not in it. */
+ * One JSON object {"kiln": version, "files": [{"path", "bytes", "xxh3_128"}, ...]}, with its hash
+ * (coordinator/files/checksummed_json.h). It is written last of all and gets its name when it is whole: where there is
+ * one, the bake is complete. Pictures and reports made later are not in it. */
 #ifndef KILN_COORDINATOR_OUTPUT_MANIFEST_H
 #define KILN_COORDINATOR_OUTPUT_MANIFEST_H
 
