@@ -1,4 +1,4 @@
-/* kiln view: a picture of a finished bake. */
+/* kiln view: renders a picture of a finished bake. */
 #include "coordinator/view/view.h"
 
 #include <stdio.h>
@@ -90,7 +90,7 @@ static int read_point(const char *option, const char *text, double point[3], str
 {
     char after;
     if (sscanf(text, "%lf,%lf,%lf%c", &point[0], &point[1], &point[2], &after) != 3)
-        return kiln_fail(error, KILN_USAGE, "--%s %s: three numbers with commas between are wanted, such as 1,1.5,3",
+        return kiln_fail(error, KILN_USAGE, "--%s %s: it must be three numbers separated by commas, such as 1,1.5,3",
                          option, text);
     return KILN_OK;
 }
@@ -116,7 +116,7 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
     return status == KILN_OK ? kiln_picture_make(&source, &wish, 4, &v->picture, error) : status;
 }
 
-/* By whether metals (1) and backs without a lightmap of their own (2) are in the picture. */
+/* Approximations in the picture, by bits: 1, it shows metals; 2, it shows backs that have no lightmap. */
 static const char *const approximations[] = {"", "metals: base colour x irradiance / pi",
                                              "backs: the front's irradiance",
                                              "metals: base colour x irradiance / pi; backs: the front's irradiance"};
@@ -125,7 +125,8 @@ static int write_picture(const struct view *v, const struct kiln_job *job, const
 {
     const char *dot = strrchr(path, '.');
     char viewpoint[KILN_VIEWPOINT_TEXT];
-    const char *approximate = approximations[(v->picture.shares.metal > 0.0) + 2 * (v->picture.shares.lent > 0.0)];
+    const char *approximate =
+        approximations[(v->picture.approximate.metal > 0.0) + 2 * (v->picture.approximate.front_light > 0.0)];
     if (dot != NULL && strcasecmp(dot, ".png") == 0)
         return kiln_picture_write(NULL, path, &v->picture, job->exposure, error);
     kiln_viewpoint_text(&v->picture.viewpoint, viewpoint);
@@ -164,7 +165,7 @@ static int tell(const struct kiln_job *job, const struct view *v, const char *pa
         return KILN_OK;
     kiln_picture_text(&v->picture, job->exposure, text);
     kiln_print(stdout, "%s: %u x %u pixels\n", path, image->width, image->height);
-    (void)puts(text); /* some lines, whose names are plain */
+    (void)puts(text); /* several lines; the names in them have no control characters */
     return KILN_OK;
 }
 

@@ -28,9 +28,7 @@ enum kiln_field_type {
     KILN_FIELD_FLOAT,
     KILN_FIELD_ERROR,     /* 16 bits: kiln_error_pack */
     KILN_FIELD_RADIOSITY, /* 64 bits, three values in one: kiln_radiosity_pack */
-    /* the same; in a step that rounds radiosity to 4 bytes, these, in the first half of the array: kiln_next_compact */
-    KILN_FIELD_NEXT_RADIOSITY,
-    KILN_FIELD_UNORM16, /* 16 bits; 65535 is 1 */
+    KILN_FIELD_UNORM16,   /* 16 bits; 65535 is 1 */
     KILN_FIELD_UINT16,
     KILN_FIELD_UINT32,
     KILN_FIELD_UINT64,
@@ -134,7 +132,7 @@ uint64_t kiln_field_set_point_bytes(const struct kiln_field_set *set, enum kiln_
 uint64_t kiln_field_set_saved_bytes(const struct kiln_field_set *set);
 /* Bytes that light transport allocates on a node's only rank for `own` of `total` surface points, for all that it keeps
  * of a point besides its surface. */
-uint64_t kiln_field_set_solution_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total);
+uint64_t kiln_field_set_transport_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total);
 
 /* Of what is published: floats of a texel in a lightmap's file; bytes of a texel while a lightmap is made, which has
  * all fields with channels, and of a point in kiln.h5. */

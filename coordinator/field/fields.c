@@ -149,7 +149,7 @@ static const struct kiln_field table[] = {
      .in_lightmaps = wants_error_map},
     /* scratch of a step */
     {.name = "next",
-     .type = KILN_FIELD_NEXT_RADIOSITY,
+     .type = KILN_FIELD_RADIOSITY,
      .components = 1,
      .domain = KILN_DOMAIN_POINT,
      .life = KILN_FIELD_STEP,
@@ -255,7 +255,6 @@ size_t kiln_field_size(const struct kiln_field *field)
     static const size_t sizes[] = {[KILN_FIELD_FLOAT] = sizeof(float),
                                    [KILN_FIELD_ERROR] = sizeof(uint16_t),
                                    [KILN_FIELD_RADIOSITY] = sizeof(uint64_t),
-                                   [KILN_FIELD_NEXT_RADIOSITY] = sizeof(uint64_t),
                                    [KILN_FIELD_UNORM16] = sizeof(uint16_t),
                                    [KILN_FIELD_UINT16] = sizeof(uint16_t),
                                    [KILN_FIELD_UINT32] = sizeof(uint32_t),
@@ -300,7 +299,7 @@ uint64_t kiln_field_set_saved_bytes(const struct kiln_field_set *set)
     return bytes;
 }
 
-uint64_t kiln_field_set_solution_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total)
+uint64_t kiln_field_set_transport_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total)
 {
     return total * kiln_field_set_point_bytes(set, KILN_FIELD_ALLGATHER) +
            own *
@@ -347,7 +346,6 @@ void kiln_field_floats(const struct kiln_field *field, const void *values, uint6
             floats[c] = kiln_error_unpack(((const uint16_t *)values)[first + c]);
             break;
         case KILN_FIELD_RADIOSITY:
-        case KILN_FIELD_NEXT_RADIOSITY:
             kiln_radiosity_unpack(((const uint64_t *)values)[first + c], floats + 3 * c);
             break;
         case KILN_FIELD_UNORM16:
@@ -370,7 +368,6 @@ static uint32_t floats_of(const struct kiln_field *field)
     case KILN_FIELD_ERROR:
         return field->components;
     case KILN_FIELD_RADIOSITY:
-    case KILN_FIELD_NEXT_RADIOSITY:
         return 3 * field->components;
     case KILN_FIELD_UNORM16: /* all are in 0..1 */
     case KILN_FIELD_UINT16:

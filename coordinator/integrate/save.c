@@ -1,11 +1,10 @@
-#include "coordinator/integrate/save.h"
-
 #include <assert.h>
 #include <math.h>
 #include <string.h>
 #include <time.h>
 
 #include "coordinator/field/field_blocks.h"
+#include "coordinator/integrate/save.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
@@ -28,17 +27,17 @@ struct saved_state {
 };
 static_assert(sizeof(struct saved_state) == 4 * 4 + 7 * 8, "a record has no gaps");
 
-/* The block "passes", once, an element a step: what all ranks have the same of its report. */
+/* The block "passes", once, an element a pass: what all ranks have the same of it. */
 struct saved_report {
     uint32_t role, bounce, samples;
     uint32_t judged, moved, reserved; /* of the balance: 0 or 1; 0 */
-    double incident[3], reflected[3], sent[3], escaped[3], blocked[3], glass[3], variance, tail_error;
-    double imbalance, gain, cost;
+    double incident[3], reflected[3], sent[3], escaped[3], blocked[3], glass[3], variance;
+    double tail_error, imbalance, gain, cost;
     uint64_t points;
 };
 static_assert(sizeof(struct saved_report) == 6 * 4 + 24 * 8, "a record has no gaps");
 
-/* The block "own_passes" of each rank, an element a step: what that rank did in it. */
+/* The block "own_passes" of each rank, an element a pass: what that rank did in it. */
 struct saved_pass {
     uint64_t rays;
     double seconds, exchange_seconds, device_seconds;
@@ -62,9 +61,8 @@ static_assert(sizeof(struct saved_group) == 3 * 8, "a record has no gaps");
 struct saved_range {
     uint64_t first, count;
 };
-static_assert(sizeof(struct saved_range) == 2 * 8, "a record has no gaps");
 
-/* The block "own_sums" of each rank, once: its sums in the step under way. */
+/* The block "own_sums" of each rank, once: its sums in the pass under way. */
 struct saved_sums {
     struct saved_sum pass[KILN_SUMS], variance;
 };
@@ -82,34 +80,35 @@ static __int128 sum_read(const struct saved_sum *sum)
 
 static struct saved_report report_saved(const struct kiln_step_report *r)
 {
+    const struct kiln_step_energy *e = &r->energy;
     struct saved_report saved = {.role = r->step.role,
                                  .bounce = r->step.bounce,
                                  .samples = r->step.samples,
+                                 .tail_error = r->tail_error,
                                  .judged = r->balance.judged,
                                  .moved = r->balance.moved,
-                                 .variance = r->energy.variance,
-                                 .tail_error = r->tail_error,
+                                 .variance = e->variance,
                                  .imbalance = r->balance.imbalance,
                                  .gain = r->balance.gain,
                                  .cost = r->balance.cost,
                                  .points = r->balance.points};
     for (int c = 0; c < 3; c++) {
-        saved.incident[c] = r->energy.incident[c];
-        saved.reflected[c] = r->energy.reflected[c];
-        saved.sent[c] = r->energy.sent[c];
-        saved.escaped[c] = r->energy.escaped[c];
-        saved.blocked[c] = r->energy.blocked[c];
-        saved.glass[c] = r->energy.glass[c];
+        saved.incident[c] = e->incident[c];
+        saved.reflected[c] = e->reflected[c];
+        saved.sent[c] = e->sent[c];
+        saved.escaped[c] = e->escaped[c];
+        saved.blocked[c] = e->blocked[c];
+        saved.glass[c] = e->glass[c];
     }
     return saved;
 }
 
-/* `step` is what the record is of. What ranks did themselves is not in it: see add_part. */
-static struct kiln_step_report report_read(const struct saved_report *saved, const struct kiln_step *step)
+/* What ranks did themselves is not in it: see add_part. */
+static struct kiln_step_report report_read(const struct saved_report *saved)
 {
-    struct kiln_step_report r = {.step = *step,
-                                 .energy = {.variance = saved->variance},
+    struct kiln_step_report r = {.step = {.role = saved->role, .bounce = saved->bounce, .samples = saved->samples},
                                  .tail_error = saved->tail_error,
+                                 .energy = {.variance = saved->variance},
                                  .balance = {.judged = saved->judged != 0,
                                              .moved = saved->moved != 0,
                                              .imbalance = saved->imbalance,
@@ -127,14 +126,11 @@ static struct kiln_step_report report_read(const struct saved_report *saved, con
     return r;
 }
 
-/* ---- fields ---- */
-
 static const struct kiln_field_set *fields_of(const struct kiln_saved *s)
 {
     return kiln_node_data_fields(s->solution->node_data);
 }
 
-/* Of the step under way, the last one reported. */
 static struct kiln_save_moment moment_of(const struct kiln_saved *s, bool finished)
 {
     const struct kiln_step *step = &kiln_solution_step(s->solution)->step;
@@ -210,14 +206,14 @@ static int collect_done(const struct kiln_saved *s, struct save_work *w, struct 
 
 static int collect_passes(const struct kiln_saved *s, struct save_work *w, struct kiln_error *error)
 {
-    const struct kiln_step_reports *steps = &s->solution->report.steps;
-    int status = kiln_allocate(&w->passes, steps->count, sizeof *w->passes, "a checkpoint's passes", error);
+    const struct kiln_integrate_report *r = &s->solution->report;
+    int status = kiln_allocate(&w->passes, r->steps.count, sizeof *w->passes, "a checkpoint's passes", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&w->reports, steps->count, sizeof *w->reports, "a checkpoint's passes", error);
-    for (size_t i = 0; status == KILN_OK && i < steps->count; i++) {
-        const struct kiln_step_report *r = &steps->of[i];
-        w->passes[i] = (struct saved_pass){r->rays, r->seconds, r->exchange_seconds, r->device_seconds};
-        w->reports[i] = report_saved(r);
+        status = kiln_allocate(&w->reports, r->steps.count, sizeof *w->reports, "a checkpoint's passes", error);
+    for (size_t i = 0; status == KILN_OK && i < r->steps.count; i++) {
+        const struct kiln_step_report *p = &r->steps.of[i];
+        w->passes[i] = (struct saved_pass){p->rays, p->seconds, p->exchange_seconds, p->device_seconds};
+        w->reports[i] = report_saved(p);
     }
     return status;
 }
@@ -239,18 +235,18 @@ static struct saved_state state_of(const struct kiln_saved *s, bool finished)
 
 static void list_blocks(const struct kiln_saved *s, struct save_work *w, bool finished)
 {
-    const size_t steps = s->solution->report.steps.count;
-    const struct kiln_ledger *ledger = s->ledger;
+    const struct kiln_integrate_report *r = &s->solution->report;
     const struct kiln_save_moment moment = moment_of(s, finished);
     if (s->params->rank == 0) {
         add_block(w, "state", 0, 1, sizeof w->state, &w->state);
-        add_block(w, "passes", 0, steps, sizeof *w->reports, w->reports);
+        add_block(w, "passes", 0, r->steps.count, sizeof *w->reports, w->reports);
     }
     if (s->params->rank == 0 && !finished) {
-        add_block(w, "group_before", 0, ledger->group_count, sizeof *ledger->group_before, ledger->group_before);
-        add_block(w, "group_total", 0, ledger->group_count, sizeof *ledger->group_total, ledger->group_total);
+        add_block(w, "group_before", 0, s->ledger->group_count, sizeof *s->ledger->group_before,
+                  s->ledger->group_before);
+        add_block(w, "group_total", 0, s->ledger->group_count, sizeof *s->ledger->group_total, s->ledger->group_total);
     }
-    add_block(w, "own_passes", 0, steps, sizeof *w->passes, w->passes);
+    add_block(w, "own_passes", 0, r->steps.count, sizeof *w->passes, w->passes);
     w->block_count += kiln_field_blocks(fields_of(s), s->solution->own, &moment, w->blocks + w->block_count);
     if (finished)
         return;
@@ -336,11 +332,11 @@ static bool state_is_sane(const struct saved_state *state)
     return sane;
 }
 
-static bool groups_are_sane(const struct kiln_ledger *ledger)
+static bool groups_are_sane(const struct kiln_saved *s)
 {
     bool sane = true;
-    for (size_t i = 0; i < ledger->group_count; i++)
-        sane = sane && isfinite(ledger->group_before[i]) && isfinite(ledger->group_total[i]);
+    for (size_t i = 0; i < s->ledger->group_count; i++)
+        sane = sane && isfinite(s->ledger->group_before[i]) && isfinite(s->ledger->group_total[i]);
     return sane;
 }
 
@@ -370,7 +366,7 @@ static int restore_state(const struct kiln_saved *s, bool *finished, struct kiln
     if (status == KILN_OK)
         status = kiln_checkpoint_read(c, "group_total", 0, s->ledger->group_count, sizeof *s->ledger->group_total,
                                       s->ledger->group_total, error);
-    return status == KILN_OK && !groups_are_sane(s->ledger) ? kiln_block_insane("group_total", error) : status;
+    return status == KILN_OK && !groups_are_sane(s) ? kiln_block_insane("group_total", error) : status;
 }
 
 static bool report_is_sane(const struct saved_report *r)
@@ -383,25 +379,36 @@ static bool report_is_sane(const struct saved_report *r)
     return sane;
 }
 
-/* The next step of the list, for which there is room. The integrator says what step it is; the record must agree. */
-static int restore_step(const struct kiln_saved *s, const struct saved_report *saved, struct kiln_error *error)
+/* Appends the report of a record. The integrator says which step it is; what the file says of that must agree. */
+static int append_report(const struct kiln_saved *s, const struct saved_report *saved, struct kiln_error *error)
 {
     const struct kiln_integrate_settings *settings = s->params->settings;
-    struct kiln_step_reports *steps = &s->solution->report.steps;
+    struct kiln_step_reports *reports = &s->solution->report.steps;
+    struct kiln_step_report report = report_read(saved);
     struct kiln_step step;
-    if (!settings->integrator->next(settings, steps->of, steps->count, &step) || step.role != saved->role ||
-        step.bounce != saved->bounce || step.samples != saved->samples)
-        return no_such_step(steps->count, error);
-    if (!report_is_sane(saved))
-        return kiln_block_insane("passes", error);
-    steps->of[steps->count++] = report_read(saved, &step);
-    return KILN_OK;
+    if (!settings->integrator->next(settings, reports->of, reports->count, &step) || step.role != report.step.role ||
+        step.bounce != report.step.bounce || step.samples != report.step.samples)
+        return no_such_step(reports->count, error);
+    report.step = step;
+    reports->of[reports->count++] = report;
+    return report_is_sane(saved) ? KILN_OK : kiln_block_insane("passes", error);
+}
+
+/* The file has all `count` records: their number was looked at before. */
+static int read_reports(const struct kiln_saved *s, size_t count, struct kiln_error *error)
+{
+    struct saved_report *saved = NULL;
+    int status = kiln_allocate(&saved, count, sizeof *saved, "a checkpoint's passes", error);
+    if (status == KILN_OK)
+        status = kiln_checkpoint_read(s->params->checkpoint, "passes", 0, count, sizeof *saved, saved, error);
+    for (size_t i = 0; i < count && status == KILN_OK; i++)
+        status = append_report(s, &saved[i], error);
+    kiln_free(&saved);
+    return status;
 }
 
 static int restore_passes(const struct kiln_saved *s, struct kiln_error *error)
 {
-    struct kiln_step_reports *steps = &s->solution->report.steps;
-    struct saved_report *saved = NULL;
     uint64_t first, count;
     kiln_checkpoint_part_range(s->params->checkpoint, 0, "passes", &first, &count);
     if (count == 0 || count > PASSES_MOST)
@@ -409,25 +416,20 @@ static int restore_passes(const struct kiln_saved *s, struct kiln_error *error)
             error, KILN_IO,
             "the checkpoint has %llu passes and 1 to %d are possible; give --no-resume to start from the beginning",
             (unsigned long long)count, (int)PASSES_MOST);
-    int status = kiln_step_reports_reserve(steps, (size_t)count, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&saved, (size_t)count, sizeof *saved, "a checkpoint's passes", error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(s->params->checkpoint, "passes", 0, count, sizeof *saved, saved, error);
-    for (uint64_t i = 0; i < count && status == KILN_OK; i++)
-        status = restore_step(s, &saved[i], error);
-    kiln_free(&saved);
-    return status;
+    s->solution->report.steps.count = 0;
+    const int status = kiln_step_reports_reserve(&s->solution->report.steps, (size_t)count, error);
+    return status == KILN_OK ? read_reports(s, (size_t)count, error) : status;
 }
 
 /* Which points are buried was found by the backend that began; another one may see a point at an edge otherwise. */
 static int restore_points(const struct kiln_saved *s, bool finished, struct kiln_error *error)
 {
-    const struct kiln_integrate_params *p = s->params;
     const struct kiln_save_moment moment = moment_of(s, finished);
     bool changed = false;
-    const int status = kiln_field_blocks_read(p->checkpoint, fields_of(s), s->solution->own, &moment, &changed, error);
-    return status == KILN_OK && changed ? kiln_backend_set_surface(p->backend, p->surface, error) : status;
+    const int status =
+        kiln_field_blocks_read(s->params->checkpoint, fields_of(s), s->solution->own, &moment, &changed, error);
+    return status == KILN_OK && changed ? kiln_backend_set_surface(s->params->backend, s->params->surface, error)
+                                        : status;
 }
 
 /* Adds one file's sums to this rank's: which rank does that makes no difference to the total. */

@@ -28,6 +28,9 @@ enum {
 
 #define MOST_SAMPLES 1048576.0
 
+#define METHOD_NAME(name) #name,
+static const char *const method_names[] = {KILN_METHOD_LIST(METHOD_NAME) NULL};
+
 const struct kiln_option kiln_options[] = {
     {.name = "output",
      .group = "Files",
@@ -184,7 +187,7 @@ const struct kiln_option kiln_options[] = {
      .group = "Light transport",
      .kind = KILN_OPTION_CHOICE,
      .fallback = "cells",
-     .choices = kiln_integrator_names,
+     .choices = method_names,
      .help = "cells: every surface point gathers light, bounce by bounce, cell by cell",
      .commands = TRACES,
      .offset = AT(method)},
@@ -1030,7 +1033,8 @@ const char *kiln_option_default(const struct kiln_option *option)
     return option->fallback != NULL ? option->fallback : "";
 }
 
-/* Names longer than the table's are cut, which cannot bring a wrong one nearer. */
+/* Wagner and Fischer's dynamic programming with transpositions. Names are cut at a length that no known name has, which
+ * cannot make a wrong name nearer. */
 size_t kiln_edit_distance(const char *a, const char *b)
 {
     enum { LIMIT = 48 };

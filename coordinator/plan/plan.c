@@ -153,7 +153,7 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     const double own = share->count > 0 ? (double)share_bytes(share, &fields) / (double)share->count : 0.0;
     const double results = (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_RESULT); /* they move, too */
     m->surface_own = (uint64_t)(own * plan->here.light.points_most);
-    m->light = kiln_field_set_solution_bytes(&fields, (uint64_t)plan->here.light.points_most, plan->surface.points);
+    m->light = kiln_field_set_transport_bytes(&fields, (uint64_t)plan->here.light.points_most, plan->surface.points);
     m->volume = plan->probes * sizeof(struct kiln_probe_result);
     m->results = result_bytes(plan, p, job);
     m->moving = plan->here.light.cuts > 0 ? (uint64_t)(fmax(own, results) * plan->here.light.points_most) : 0;
@@ -163,7 +163,7 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     if (plan->surface.points > 0)
         plan->bytes_per_point =
             own + (double)m->surface_all / (double)plan->surface.points +
-            (double)kiln_field_set_solution_bytes(&fields, plan->surface.points, plan->surface.points) /
+            (double)kiln_field_set_transport_bytes(&fields, plan->surface.points, plan->surface.points) /
                 (double)plan->surface.points;
     if (p->geometry->triangle_count > 0)
         plan->bytes_per_triangle = (double)(m->scene + m->geometry) / (double)p->geometry->triangle_count;

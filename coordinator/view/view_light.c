@@ -71,7 +71,7 @@ bool kiln_view_is_seen(const struct kiln_view_source *source, const struct kiln_
     return !hit->back || (record->material & KILN_RECORD_DOUBLE_SIDED) != 0;
 }
 
-/* Rays that must go on: their number, and their places in `active`. */
+/* Finds the rays that continue beyond a back; puts their indices into `active` and returns their number. */
 static size_t step_behind_backs(const struct kiln_view_source *source, struct kiln_view_rays *r, size_t count)
 {
     const struct kiln_geometry *g = source->geometry;
@@ -89,8 +89,8 @@ static size_t step_behind_backs(const struct kiln_view_source *source, struct ki
     return active;
 }
 
-/* The next hit of a ray takes the place of the last; what tints it before that tints it still. */
-static void go_on(struct kiln_hit *hit, const struct kiln_hit *next)
+/* Replaces the hit of a ray by its next one; the tint of glass before the old hit still applies. */
+static void advance_hit(struct kiln_hit *hit, const struct kiln_hit *next)
 {
     const float before[3] = {hit->tint[0], hit->tint[1], hit->tint[2]};
     *hit = *next;
@@ -111,7 +111,7 @@ int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays
         status = kiln_backend_intersect(source->backend, r->active_origins, r->active_directions, active,
                                         r->active_hits, error);
         for (size_t i = 0; status == KILN_OK && i < active; i++)
-            go_on(&r->hits[r->active[i]], &r->active_hits[i]);
+            advance_hit(&r->hits[r->active[i]], &r->active_hits[i]);
     }
     return status;
 }
@@ -128,7 +128,7 @@ struct map {
 struct kiln_view_maps {
     const struct kiln_view_source *source;
     uint32_t coarse;
-    struct map *maps; /* one an object; then one for the backs of each, where there is one */
+    struct map *maps; /* one for each object, then one for the back of each object */
 };
 
 int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_source *source, uint32_t coarse,
@@ -156,7 +156,7 @@ void kiln_view_maps_destroy(struct kiln_view_maps **maps)
     kiln_free(maps);
 }
 
-/* Means over boxes of `every` x `every` texels, the last ones cut. */
+/* Averages boxes of `every` x `every` texels; boxes at the edge may be smaller. */
 static void average(const struct kiln_image *image, float *const from[3], uint32_t every,
                     const struct kiln_image *small, float *const to[3])
 {
@@ -195,14 +195,14 @@ static int make_coarse(struct map *map, uint32_t side, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Whether run.json says that everything was written. */
+/* Whether the bake is complete: run.json is written last. */
 static bool is_whole(const char *directory)
 {
     char path[KILN_PATH_SIZE];
     return kiln_path_join(path, directory, "run.json", NULL) == KILN_OK && access(path, F_OK) == 0;
 }
 
-/* lightmaps/OBJECT.exr, or that of the backs, and its path. */
+/* Makes the name lightmaps/OBJECT.exr, or that of the backs, and its path. */
 static int map_path(const struct kiln_view_maps *maps, uint32_t object, bool back, char name[KILN_PATH_SIZE],
                     char path[KILN_PATH_SIZE], struct kiln_error *error)
 {
@@ -331,7 +331,7 @@ static const struct map *map_of(const struct kiln_view_maps *maps, const struct 
     return hit->back && back->image != NULL ? back : &maps->maps[object];
 }
 
-bool kiln_view_lends(const struct kiln_view_maps *maps, const struct kiln_hit *hit)
+bool kiln_view_shows_front(const struct kiln_view_maps *maps, const struct kiln_hit *hit)
 {
     return hit->back && map_of(maps, hit) == &maps->maps[maps->source->geometry->records[hit->triangle].object];
 }
@@ -349,8 +349,8 @@ void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_h
 
 /* ---- texels ---- */
 
-/* A checkerboard of the object's lightmap: one square a texel, a tint for each object, darker where the surface is seen
- * at a slant. */
+/* The colour in a checkerboard of the object's texels: one square for each texel, a hue for each object, darker at
+ * grazing angles. */
 static void texel_color(const struct kiln_view_source *s, const struct kiln_hit *hit, struct kiln_vec3 direction,
                         float rgb[3])
 {
@@ -365,7 +365,7 @@ static void texel_color(const struct kiln_view_source *s, const struct kiln_hit 
 
 /* ---- colour ---- */
 
-/* By what the ray went through before its hit. */
+/* Multiplies by the tint of the glass that the ray went through before its hit. */
 static void tint(const struct kiln_hit *hit, float rgb[3])
 {
     for (int c = 0; c < 3; c++)
@@ -384,7 +384,7 @@ void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit
     if (s->field != NULL) {
         if (kiln_view_is_seen(s, hit)) {
             kiln_view_irradiance(maps, hit, seen->rgb);
-            seen->lent = kiln_view_lends(maps, hit) ? 1.0f : 0.0f;
+            seen->front_light = kiln_view_shows_front(maps, hit) ? 1.0f : 0.0f;
         }
         return;
     }
@@ -403,7 +403,7 @@ void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit
     kiln_surface_emission(s->scene, mesh, stored, b1, b2, emission);
     kiln_view_irradiance(maps, hit, irradiance);
     seen->metal = s->scene->materials[s->scene->triangle_materials[stored]].metallic;
-    seen->lent = kiln_view_lends(maps, hit) ? 1.0f : 0.0f;
+    seen->front_light = kiln_view_shows_front(maps, hit) ? 1.0f : 0.0f;
     for (int c = 0; c < 3; c++)
         seen->rgb[c] = color[c] * irradiance[c] * (float)(1.0 / KILN_PI) + emission[c];
     tint(hit, seen->rgb);

@@ -166,7 +166,9 @@ static int bake(const struct world *w, const struct kiln_integrator *integrator,
                                                      .samples_direct = SAMPLES,
                                                      .samples_indirect = SAMPLES,
                                                      .work_stealing = true};
+    const struct kiln_job job = {.samples_direct = SAMPLES};
     struct kiln_field_set fields;
+    kiln_field_set_choose(&fields, &job);
     const struct kiln_surface_params surface = {
         .scene = &w->fixture->scene, .geometry = w->geometry, .rank = (uint32_t)w->rank, .ranks = RANKS, .threads = 1};
     const struct kiln_backend_params backend = {
@@ -184,7 +186,6 @@ static int bake(const struct world *w, const struct kiln_integrator *integrator,
     struct kiln_emission_result emission;
     struct kiln_surface_report report;
     struct kiln_solution *solution = NULL;
-    kiln_field_set_choose(&fields, &(struct kiln_job){.error_map = true});
     int status = kiln_surface_build(&params.surface, &surface, &report, error);
     if (status == KILN_OK)
         status = kiln_backend_create(&params.backend, "embree", &backend, error);
