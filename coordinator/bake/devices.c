@@ -12,5 +12,5 @@ void kiln_devices_choose(const struct kiln_job *job, int node_rank, int node_ran
     params->device_memory = (uint64_t)(job->device_memory * 0x1p30);
     /* who asks for a device by name gets it, or an error */
     params->goes_on = job->backend == NULL || strcmp(job->backend, "auto") == 0;
-    params->verify_share = job->verify_fraction;
+    params->verify_fraction = job->verify_fraction;
 }

@@ -10,6 +10,7 @@
 #include "coordinator/mpi/agree.h"
 #include "coordinator/bake/devices.h"
 #include "worker/base/memory.h"
+#include "worker/pass/validity.h"
 
 enum { FIRST_TILE_RUNS = 256, MOST_TILE_RUNS = 1 << 16 }; /* of a batch of the validity pass */
 
@@ -276,7 +277,10 @@ static int run_batch(struct validity_work *w, double *seconds, struct kiln_error
     const struct kiln_surface *s = w->p->surface;
     const size_t left = s->tile_run_count - w->next, count = left < w->batch ? left : w->batch;
     const double start = MPI_Wtime(), wanted = w->control != NULL ? 0.5 * kiln_control_batch_seconds(w->control) : 1.0;
-    const int status = kiln_backend_validity(w->p->backend, w->next, count, s->visible, error);
+    const struct kiln_batch items = {
+        .first = w->next, .count = count, .take = kiln_validity_keep, .context = w->p->surface};
+    uint64_t rays = 0; /* not reported: they are no samples of light */
+    const int status = kiln_backend_run(w->p->backend, &kiln_pass_validity, NULL, &items, &rays, error);
     *seconds = MPI_Wtime() - start;
     w->next += count;
     kiln_progress_advance(w->progress, w->next);

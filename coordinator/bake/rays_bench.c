@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "worker/base/memory.h"
+#include "worker/pass/gather.h"
 #include "worker/scene/radiosity.h"
 
 enum { RAYS_WANTED = 6000000, TILE_RUNS_AT_ONCE = 64 };
@@ -28,13 +29,15 @@ static int one_run(const struct kiln_prepared *p, uint32_t samples, double secon
     int status = KILN_OK;
     for (size_t r = 0; r < runs && status == KILN_OK; r++) {
         const size_t first = r * runs_there / runs * TILE_RUNS_AT_ONCE;
-        const struct kiln_batch batch = {first, count - first < TILE_RUNS_AT_ONCE ? count - first : TILE_RUNS_AT_ONCE,
-                                         NULL, NULL};
+        const struct kiln_batch batch = {.first = first,
+                                         .count = count - first < TILE_RUNS_AT_ONCE ? count - first : TILE_RUNS_AT_ONCE,
+                                         .stream = 1,
+                                         .samples = samples};
         const double start = MPI_Wtime();
-        status = kiln_backend_gather(p->backend, &batch, samples, 1, &rays[0], error);
+        status = kiln_backend_run(p->backend, &kiln_pass_gather, NULL, &batch, &rays[0], error);
         seconds[0] += MPI_Wtime() - start;
         if (status == KILN_OK)
-            status = kiln_backend_ceiling(p->backend, &batch, samples, 1, &seconds[1], &rays[1], error);
+            status = kiln_backend_ceiling(p->backend, &batch, &seconds[1], &rays[1], error);
     }
     return status;
 }
@@ -44,15 +47,14 @@ static int one_run(const struct kiln_prepared *p, uint32_t samples, double secon
 static int one_device_run(const struct kiln_prepared *p, uint32_t samples, double seconds[2], uint64_t rays[2],
                           struct kiln_error *error)
 {
-    struct kiln_batch batch = {0};
+    struct kiln_batch batch = {.stream = 1, .samples = samples};
     uint64_t points = 0;
-    while (batch.tile_run_count < p->surface->tile_run_count && points * samples < DEVICE_RAYS_WANTED)
-        points += p->surface->tile_runs[batch.tile_run_count++].count;
+    while (batch.count < p->surface->tile_run_count && points * samples < DEVICE_RAYS_WANTED)
+        points += p->surface->tile_runs[batch.count++].count;
     const double start = MPI_Wtime();
-    const int status = kiln_backend_gather(p->backend, &batch, samples, 1, &rays[0], error);
+    const int status = kiln_backend_run(p->backend, &kiln_pass_gather, NULL, &batch, &rays[0], error);
     seconds[0] += MPI_Wtime() - start;
-    return status == KILN_OK ? kiln_backend_ceiling(p->backend, &batch, samples, 1, &seconds[1], &rays[1], error)
-                             : status;
+    return status == KILN_OK ? kiln_backend_ceiling(p->backend, &batch, &seconds[1], &rays[1], error) : status;
 }
 
 int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint32_t repeats,

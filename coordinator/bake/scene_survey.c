@@ -7,6 +7,7 @@
 #include "worker/backend/backend.h"
 #include "worker/base/memory.h"
 #include "worker/light/lights.h"
+#include "worker/pass/validity.h"
 #include "worker/scene/texture.h"
 
 static int import_scene(struct kiln_scene_survey *look, const struct kiln_job *job, struct kiln_error *error)
@@ -152,8 +153,12 @@ static int find_points(struct kiln_scene_survey *look, const struct kiln_job *jo
     }
     if (status == KILN_OK)
         status = kiln_backend_set_surface(backend, surface, error);
-    if (status == KILN_OK)
-        status = kiln_backend_validity(backend, 0, surface->tile_run_count, surface->visible, error);
+    if (status == KILN_OK) {
+        const struct kiln_batch all = {
+            .count = surface->tile_run_count, .take = kiln_validity_keep, .context = surface};
+        uint64_t rays = 0;
+        status = kiln_backend_run(backend, &kiln_pass_validity, NULL, &all, &rays, error);
+    }
     if (status == KILN_OK)
         count_points(look, surface);
     kiln_backend_destroy(&backend);

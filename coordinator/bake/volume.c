@@ -105,6 +105,15 @@ static bool find_next(struct volume_work *w)
     return w->next < w->volume->count;
 }
 
+/* kiln_take_results: keeps the answers of the rank's probes `first` and after. */
+static int keep_probes(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)error;
+    const struct volume_work *w = context;
+    memcpy(w->probes + (first - w->volume->first), results, count * sizeof *w->probes);
+    return KILN_OK;
+}
+
 /* The next probes that have no answer yet. */
 static int gather_batch(struct volume_work *w, double *seconds, struct kiln_error *error)
 {
@@ -114,8 +123,13 @@ static int gather_batch(struct volume_work *w, double *seconds, struct kiln_erro
     uint64_t count = 0;
     for (; first + count < w->volume->count && count < w->batch && w->done[first + count] == 0; count++)
         w->positions[count] = position_of(w->volume, p->scene->header->centre, w->volume->first + first + count);
-    const int status = kiln_backend_probes(p->backend, w->positions, count, w->volume->first + first, p->samples,
-                                           w->probes + first, w->rays, error);
+    const struct kiln_batch items = {.first = w->volume->first + first,
+                                     .count = count,
+                                     .positions = w->positions,
+                                     .samples = p->samples,
+                                     .take = keep_probes,
+                                     .context = w};
+    const int status = kiln_backend_run(p->backend, &kiln_pass_probes, NULL, &items, w->rays, error);
     if (status == KILN_OK)
         memset(w->done + first, 1, count);
     w->next += count;

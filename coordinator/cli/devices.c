@@ -4,7 +4,7 @@
 
 #include "coordinator/bake/prepare.h"
 #include "coordinator/files/json.h"
-#include "worker/backend/vulkan/gpu.h"
+#include "worker/backend/vulkan/gpu/gpu.h"
 #include "worker/base/text.h"
 
 enum { MOST_DEVICES = 64, UUID_TEXT = 37 };

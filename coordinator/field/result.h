@@ -7,6 +7,7 @@
 #include "coordinator/field/packed_error.h"
 #include "coordinator/field/units.h"
 #include "worker/backend/backend.h"
+#include "worker/pass/probes.h"
 
 /* All arrays are this rank's share (surface->count points, in global order from surface->first) and in
  * units->irradiance. */

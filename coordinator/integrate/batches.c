@@ -78,8 +78,7 @@ static void send_done(struct kiln_batches *b, size_t end)
 }
 
 /* kiln_take_results; the context is the kiln_batches. What the part cost is shared by its tile runs, by points. */
-static int take_part(void *context, size_t first, size_t count, const struct kiln_point_result *results,
-                     struct kiln_error *error)
+static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     struct kiln_batches *b = context;
     const struct kiln_rank_data *data = b->data, *own = b->solution->own;
@@ -114,11 +113,15 @@ static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct k
 {
     struct kiln_backend *backend = b->params->backend;
     const struct kiln_step *step = &b->report->step;
-    const struct kiln_batch batch = {range.first, range.count, take_part, b};
-    assert(step->samples_each == NULL); /* the backends take one number */
-    return step->pass == KILN_STEP_DIRECT
-               ? kiln_backend_direct(backend, &batch, step->samples, &b->report->rays, error)
-               : kiln_backend_gather(backend, &batch, step->samples, step->stream, &b->report->rays, error);
+    const struct kiln_batch batch = {.first = range.first,
+                                     .count = range.count,
+                                     .stream = step->stream,
+                                     .samples = step->samples,
+                                     .samples_of = step->samples_each != NULL ? step->samples_each + range.first : NULL,
+                                     .take = take_part,
+                                     .context = b};
+    assert(b->data == b->solution->own || step->pass->is_stealable);
+    return kiln_backend_run(backend, step->pass, NULL, &batch, &b->report->rays, error);
 }
 
 /* Computes a range of a rank's tile runs, of this one's or another's. */
@@ -274,7 +277,7 @@ void kiln_batches_begin(struct kiln_batches *b, struct kiln_step_report *report,
     b->report = report;
     if (!(b->rate > 0.0))
         b->rate = RATE_START * b->params->threads;
-    b->status = report->step.pass == KILN_STEP_GATHER
+    b->status = report->step.pass->reads_radiosity
                     ? kiln_backend_set_radiosity(b->params->backend, b->solution->radiosity, error)
                     : KILN_OK;
     kiln_work_queue_set_speed(b->solution->own->queue, speed_of(b));

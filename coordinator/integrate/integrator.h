@@ -49,11 +49,12 @@ struct kiln_integrator {
     void (*begin_step)(struct kiln_integration *integration, struct kiln_step_report *last,
                        const struct kiln_step *step);
     /* Takes the answers of one tile run over into `data`, the data of the rank that owns it (this one or another of its
-     * node), and adds to the tallies. `results` has one entry for each point of the tile run. Called by several threads
+     * node), and adds to the tallies. `results` is an array of the result struct of the
+     * step's pass, one for each point of the tile run. Called by several threads
      * at once, for different tile runs. */
     void (*take)(const struct kiln_taking *taking, const struct kiln_rank_data *data,
-                 const struct kiln_tile_run *tile_run, const struct kiln_point_result *results,
-                 struct kiln_tally *tally, struct kiln_tile_run_tally *tile_run_tally);
+                 const struct kiln_tile_run *tile_run, const void *results, struct kiln_tally *tally,
+                 struct kiln_tile_run_tally *tile_run_tally);
     /* Collective. All ranks are done with the last step of `reports`, whose energies are added up: fills in what `next`
      * will want to know besides. */
     int (*end_step)(struct kiln_integration *integration, struct kiln_step_reports *reports, struct kiln_error *error);

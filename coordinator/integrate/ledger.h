@@ -8,6 +8,7 @@
 
 #include "coordinator/integrate/energy.h"
 #include "coordinator/integrate/step.h"
+#include "worker/pass/point.h"
 #include "worker/scene/surface.h"
 
 /* The powers; by channel. */

@@ -178,7 +178,7 @@ int kiln_lockstep_run(struct kiln_lockstep *l, bool restored, bool finished, str
     int status = KILN_OK;
     if (restored && !finished) {
         struct kiln_step_report *report = kiln_solution_step(l->solution);
-        if (report->step.pass == KILN_STEP_GATHER)
+        if (report->step.pass->reads_radiosity)
             kiln_exchange_radiosity(&l->exchange, KILN_EXCHANGE_IN_PLACE, report);
         status = run_step(l, error);
     }

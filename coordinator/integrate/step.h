@@ -9,12 +9,7 @@
 #include <stdint.h>
 
 #include "coordinator/integrate/energy.h"
-
-/* Which pass of the backend a step runs. */
-enum kiln_step_pass {
-    KILN_STEP_DIRECT, /* light from lights and environment */
-    KILN_STEP_GATHER  /* light from other surface points: reads their radiosity */
-};
+#include "worker/pass/pass.h"
 
 /* What steps of one kind are called where users see them. */
 struct kiln_role {
@@ -28,8 +23,8 @@ struct kiln_role {
 enum { KILN_ROLES_MAX = 8 }; /* of an integrator */
 
 struct kiln_step {
-    enum kiln_step_pass pass;
-    uint32_t role;   /* index into the roles of the integrator */
+    const struct kiln_pass *pass; /* of the backend, which takes no parameters of its own */
+    uint32_t role;                /* index into the roles of the integrator */
     uint32_t bounce; /* 0: direct light; 1, 2, ...; a final gather has the number of the bounce that it stands for */
     uint32_t samples;
     const uint32_t

@@ -3,10 +3,11 @@
 #include "worker/base/memory.h"
 
 int kiln_taker_take(struct kiln_taker *taker, const struct kiln_rank_data *data, size_t first, size_t count,
-                    const struct kiln_point_result *results, struct kiln_error *error)
+                    const void *results, struct kiln_error *error)
 {
     const struct kiln_tile_run *tile_runs = data->surface.tile_runs + first;
     const struct kiln_taking *taking = &taker->taking;
+    const size_t bytes = taking->step->pass->result_bytes;
     const int status =
         kiln_grow(&taker->tile_runs, &taker->tile_run_room, count, sizeof *taker->tile_runs, "a part's sums", error);
     if (status != KILN_OK)
@@ -17,8 +18,8 @@ int kiln_taker_take(struct kiln_taker *taker, const struct kiln_rank_data *data,
 #pragma omp for schedule(static)
         for (size_t i = 0; i < count; i++) {
             taker->tile_runs[i] = (struct kiln_tile_run_tally){0};
-            taking->settings->integrator->take(taking, data, &tile_runs[i],
-                                               results + (tile_runs[i].first - tile_runs[0].first), &own,
+            const size_t point = (size_t)(tile_runs[i].first - tile_runs[0].first);
+            taking->settings->integrator->take(taking, data, &tile_runs[i], (const char *)results + point * bytes, &own,
                                                &taker->tile_runs[i]);
         }
 #pragma omp critical(kiln_taker_take)

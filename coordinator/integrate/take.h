@@ -12,9 +12,10 @@ struct kiln_taker {
     size_t tile_run_room;
 };
 
-/* Takes the tile runs [first, first + count) of `data`, `results` being those of their points. KILN_SYSTEM. */
+/* Takes the tile runs [first, first + count) of `data`, `results` being those of their points: an array of
+ * the result struct of the step's pass. KILN_SYSTEM. */
 int kiln_taker_take(struct kiln_taker *taker, const struct kiln_rank_data *data, size_t first, size_t count,
-                    const struct kiln_point_result *results, struct kiln_error *error);
+                    const void *results, struct kiln_error *error);
 void kiln_taker_release(struct kiln_taker *taker);
 
 #endif

@@ -43,10 +43,7 @@ struct saved_sums {
 uint64_t kiln_save_bytes(const struct kiln_saved *s) { return s->params->surface->point_count * POINT_BYTES; }
 
 /* Whether the step under way gathers from radiosity, which then is saved too. */
-static bool gathers(const struct kiln_saved *s)
-{
-    return kiln_solution_step(s->solution)->step.pass == KILN_STEP_GATHER;
-}
+static bool gathers(const struct kiln_saved *s) { return kiln_solution_step(s->solution)->step.pass->reads_radiosity; }
 
 /* Bytes of a point in own->next. */
 static size_t next_size(const struct kiln_saved *s)

@@ -10,6 +10,9 @@
 #include "coordinator/bake/volume.h"
 #include "coordinator/export/export.h"
 #include "worker/base/memory.h"
+#include "worker/pass/direct.h"
+#include "worker/pass/gather.h"
+#include "worker/pass/probes.h"
 #include "worker/scene/radiosity.h"
 
 /* Bounces that `--bounces all` is taken to make, the final gather among them: scenes settle after 5 to 8. */
@@ -168,16 +171,17 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
 
 /* ---- calibration ---- */
 
-static int sample_step(const struct kiln_prepared *p, const struct kiln_batch *batch, const struct kiln_cost_kind *kind,
+static int sample_step(const struct kiln_prepared *p, const struct kiln_batch *items, const struct kiln_cost_kind *kind,
                        double *seconds, struct kiln_error *error)
 {
+    struct kiln_batch batch = *items;
     struct kiln_backend_info begin, end;
     uint64_t rays = 0;
     kiln_backend_info(p->backend, &begin);
     const double start = MPI_Wtime();
-    const int status = kind->pass == KILN_STEP_DIRECT
-                           ? kiln_backend_direct(p->backend, batch, kind->samples, &rays, error)
-                           : kiln_backend_gather(p->backend, batch, kind->samples, kind->stream, &rays, error);
+    batch.samples = kind->samples;
+    batch.stream = kind->stream;
+    const int status = kiln_backend_run(p->backend, kind->pass, NULL, &batch, &rays, error);
     *seconds = MPI_Wtime() - start;
     kiln_backend_info(p->backend, &end);
     if (end.thread_seconds > begin.thread_seconds)
@@ -189,7 +193,7 @@ static bool is_cheap(const struct kiln_planned_steps *steps, uint32_t kind)
 {
     bool cheap = false;
     for (uint32_t k = 0; k < steps->kind_count; k++)
-        cheap = cheap || (steps->kinds[k].pass == KILN_STEP_GATHER && steps->kinds[kind].pass == KILN_STEP_GATHER &&
+        cheap = cheap || (steps->kinds[k].pass->reads_radiosity && steps->kinds[kind].pass->reads_radiosity &&
                           steps->kinds[kind].samples < steps->kinds[k].samples);
     return cheap;
 }
@@ -203,8 +207,8 @@ static int take_sample(const struct kiln_planned_steps *steps, const struct kiln
     *sample = (struct kiln_plan_sample){.first = tile_runs[first].first};
     for (uint32_t k = 0; k < steps->kind_count && status == KILN_OK; k++) {
         const size_t wanted = is_cheap(steps, k) ? CHEAP_TILE_RUNS * count : count;
-        const struct kiln_batch batch = {first, wanted < rest ? wanted : rest, NULL, NULL};
-        const struct kiln_tile_run *last = &tile_runs[first + batch.tile_run_count - 1];
+        const struct kiln_batch batch = {.first = first, .count = wanted < rest ? wanted : rest};
+        const struct kiln_tile_run *last = &tile_runs[first + batch.count - 1];
         sample->points[k] = last->first + last->count - sample->first;
         status = sample_step(p, &batch, &steps->kinds[k], &sample->seconds[k], error);
     }
@@ -261,7 +265,6 @@ static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *j
                          struct kiln_error *error)
 {
     struct kiln_vec3 positions[SAMPLE_PROBES];
-    struct kiln_probe_result results[SAMPLE_PROBES];
     uint64_t rays = 0;
     const struct kiln_vec3 low = p->geometry->bounds_min, size = vec3_sub(p->geometry->bounds_max, low);
     for (int i = 0; i < SAMPLE_PROBES; i++) {
@@ -269,8 +272,8 @@ static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *j
         positions[i] = vec3(low.x + t * size.x, low.y + (1.0f - t) * size.y, low.z + t * size.z);
     }
     const double start = MPI_Wtime();
-    const int status =
-        kiln_backend_probes(p->backend, positions, SAMPLE_PROBES, 0, job->samples_probe, results, &rays, error);
+    const struct kiln_batch items = {.count = SAMPLE_PROBES, .positions = positions, .samples = job->samples_probe};
+    const int status = kiln_backend_run(p->backend, &kiln_pass_probes, NULL, &items, &rays, error);
     *seconds = (MPI_Wtime() - start) / SAMPLE_PROBES;
     return status;
 }

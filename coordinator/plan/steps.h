@@ -6,7 +6,7 @@
 
 /* Steps that run the same pass with the same samples cost the same. */
 struct kiln_cost_kind {
-    enum kiln_step_pass pass;
+    const struct kiln_pass *pass;
     uint32_t samples, stream; /* stream: of the first such step */
 };
 

@@ -23,7 +23,7 @@ static bool pair_next(const struct kiln_integrate_settings *settings, const stru
                       size_t count, struct kiln_step *step)
 {
     (void)reports;
-    *step = (struct kiln_step){.pass = count == 0 ? KILN_STEP_DIRECT : KILN_STEP_GATHER,
+    *step = (struct kiln_step){.pass = count == 0 ? &kiln_pass_direct : &kiln_pass_gather,
                                .role = count > 0,
                                .bounce = (uint32_t)count,
                                .samples = settings->samples_indirect,
@@ -35,16 +35,16 @@ static bool pair_next(const struct kiln_integrate_settings *settings, const stru
 static void pair_begin(struct kiln_integration *integration, struct kiln_step_report *last,
                        const struct kiln_step *step)
 {
-    if (step->pass == KILN_STEP_GATHER)
+    if (step->pass->reads_radiosity)
         kiln_exchange_radiosity(integration->exchange, KILN_EXCHANGE_NEXT, last);
 }
 
 static void pair_take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
-                      const struct kiln_point_result *results, struct kiln_tally *tally,
-                      struct kiln_tile_run_tally *tile_run_tally)
+                      const void *answers, struct kiln_tally *tally, struct kiln_tile_run_tally *tile_run_tally)
 {
     const struct kiln_surface *surface = &data->surface;
-    float *values = t->step->pass == KILN_STEP_DIRECT ? data->direct : data->sum;
+    const struct kiln_point_result *results = answers;
+    float *values = !t->step->pass->reads_radiosity ? data->direct : data->sum;
     uint64_t own = f->first - surface->first;
     for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own++, results++) {
         float albedo[3], radiosity[3], sent[3];
@@ -59,7 +59,7 @@ static void pair_take(const struct kiln_taking *t, const struct kiln_rank_data *
         const struct kiln_ledger_point point = {
             .area = (double)surface->area[own] * ((double)surface->visible[own] / 65535.0) * (double)results->present,
             .albedo = albedo,
-            .sent = t->step->pass == KILN_STEP_GATHER ? sent : NULL,
+            .sent = t->step->pass->reads_radiosity ? sent : NULL,
             .samples = t->step->samples};
         if (kiln_point_valid(surface, own))
             kiln_tally_add(&point, results, t->unit, tally, tile_run_tally);

@@ -13,6 +13,7 @@
 #include "tests/unit/surface_scene.h"
 #include "worker/backend/fallback.h"
 #include "worker/light/lights.h"
+#include "worker/pass/direct.h"
 
 enum { LAST_GOOD = 9, OWN_FAILURE = KILN_IO };
 
@@ -29,10 +30,10 @@ struct answers {
     struct kiln_point_result *results;
 };
 
-static int keep(void *context, size_t first, size_t count, const struct kiln_point_result *results,
-                struct kiln_error *error)
+static int keep(void *context, size_t first, size_t count, const void *part_results, struct kiln_error *error)
 {
     struct answers *a = context;
+    const struct kiln_point_result *results = part_results;
     assert_int_equal(first, a->next); /* none twice, none left out */
     a->next += count;
     if (a->next > a->stop)
@@ -45,12 +46,12 @@ static int keep(void *context, size_t first, size_t count, const struct kiln_poi
     return KILN_OK;
 }
 
-static int quit_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
-                       struct kiln_error *error)
+static int quit_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
+                    const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     for (size_t first = 0; first + 4 <= LAST_GOOD; first += 4) {
-        const struct kiln_batch part = {first, 4, batch->take, batch->context};
-        const int status = kiln_backend_direct(((struct quitter *)backend)->embree, &part, samples, rays, error);
+        const struct kiln_batch part = kiln_batch_part(batch, first, 4);
+        const int status = kiln_backend_run(((struct quitter *)backend)->embree, pass, parameters, &part, rays, error);
         if (status != KILN_OK)
             return status;
     }
@@ -100,9 +101,9 @@ static void embree_goes_on(void **state)
     assert_int_equal(kiln_backend_set_surface(embree, surface, &error), KILN_OK);
     const size_t bytes = surface->count * sizeof(struct kiln_point_result);
     struct answers expected = {.stop = SIZE_MAX, .surface = surface, .results = malloc(bytes)};
-    struct kiln_batch batch = {0, surface->tile_run_count, keep, &expected};
+    struct kiln_batch batch = {.count = surface->tile_run_count, .samples = 4, .take = keep, .context = &expected};
     uint64_t rays = 0;
-    assert_int_equal(kiln_backend_direct(embree, &batch, 4, &rays, &error), KILN_OK);
+    assert_int_equal(kiln_backend_run(embree, &kiln_pass_direct, NULL, &batch, &rays, &error), KILN_OK);
     kiln_backend_destroy(&embree);
 
     for (int own = 0; own < 2; own++) { /* 1: it is the caller who fails */
@@ -113,7 +114,7 @@ static void embree_goes_on(void **state)
                                            .destroy = quit_destroy,
                                            .info = quit_info,
                                            .set_surface = quit_surface,
-                                           .direct = quit_direct};
+                                           .run = quit_run};
         q->base.api = &q->api;
         assert_int_equal(kiln_backend_create(&q->embree, "embree", &params, &error), KILN_OK);
         assert_int_equal(kiln_fallback_create(&backend, &params, &error), KILN_OK);
@@ -121,7 +122,8 @@ static void embree_goes_on(void **state)
         batch.context = &got;
         for (int pass = 0; pass < 2 - own; pass++) { /* the second is Embree's from the start */
             got.next = 0;
-            assert_int_equal(kiln_backend_direct(backend, &batch, 4, &rays, &error), own ? OWN_FAILURE : KILN_OK);
+            assert_int_equal(kiln_backend_run(backend, &kiln_pass_direct, NULL, &batch, &rays, &error),
+                             own ? OWN_FAILURE : KILN_OK);
             if (!own)
                 assert_memory_equal(got.results, expected.results, bytes);
         }

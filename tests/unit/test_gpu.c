@@ -10,7 +10,7 @@
 #include <string.h>
 
 #include "tests/counter.h"
-#include "worker/backend/vulkan/gpu.h"
+#include "worker/backend/vulkan/gpu/gpu.h"
 
 struct push {
     uint64_t scene, from, to;

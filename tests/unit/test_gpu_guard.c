@@ -14,7 +14,7 @@
 #include <unistd.h>
 
 #include "tests/counter.h"
-#include "worker/backend/vulkan/gpu.h"
+#include "worker/backend/vulkan/gpu/gpu.h"
 
 enum { WORDS = 100, BYTES = 4 * WORDS };
 

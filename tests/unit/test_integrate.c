@@ -53,7 +53,7 @@ static void expect(const struct kiln_step *step, uint32_t role, uint32_t bounce,
                    bool counted)
 {
     assert_int_equal(step->role, role);
-    assert_int_equal(step->pass, role == KILN_CELLS_DIRECT ? KILN_STEP_DIRECT : KILN_STEP_GATHER);
+    assert_int_equal(step->pass, role == KILN_CELLS_DIRECT ? &kiln_pass_direct : &kiln_pass_gather);
     assert_int_equal(step->bounce, bounce);
     assert_int_equal(step->samples, samples);
     assert_int_equal(step->stream, stream);
@@ -213,7 +213,7 @@ static bool doubling_next(const struct kiln_integrate_settings *settings, const 
                           size_t count, struct kiln_step *step)
 {
     (void)reports;
-    *step = (struct kiln_step){.pass = KILN_STEP_DIRECT,
+    *step = (struct kiln_step){.pass = &kiln_pass_direct,
                                .role = count > 0,
                                .bounce = (uint32_t)count,
                                .samples = settings->samples_direct << count,

@@ -14,6 +14,8 @@
 #include "tests/unit/surface_scene.h"
 #include "worker/backend/verify.h"
 #include "worker/light/lights.h"
+#include "worker/pass/direct.h"
+#include "worker/pass/gather.h"
 #include "worker/scene/radiosity.h"
 
 enum lie { HONEST, ROUNDED, A_LITTLE_BRIGHTER, HALF, ONE_NAN, SOME_WRONG, FEW_WRONG };
@@ -59,8 +61,7 @@ static float distort(enum lie lie, uint64_t point, float value)
     }
 }
 
-static int take_and_lie(void *context, size_t first, size_t count, const struct kiln_point_result *results,
-                        struct kiln_error *error)
+static int take_and_lie(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     struct liar *l = context;
     struct kiln_point_result *told = NULL;
@@ -81,8 +82,7 @@ static int take_and_lie(void *context, size_t first, size_t count, const struct 
     return status;
 }
 
-static int count_taken(void *context, size_t first, size_t count, const struct kiln_point_result *results,
-                       struct kiln_error *error)
+static int count_taken(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     (void)first;
     (void)results;
@@ -91,24 +91,17 @@ static int count_taken(void *context, size_t first, size_t count, const struct k
     return KILN_OK;
 }
 
-static int lying_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
-                        uint64_t *rays, struct kiln_error *error)
+static int lying_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
+                     const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     struct liar *l = (struct liar *)backend;
-    const struct kiln_batch own = {batch->tile_run_first, batch->tile_run_count, take_and_lie, l};
+    if (pass == &kiln_pass_direct && l->lie == A_LITTLE_BRIGHTER) /* a plain sky has no noise to hide in */
+        return kiln_backend_run(l->embree, pass, parameters, batch, rays, error);
+    struct kiln_batch own = *batch;
+    own.take = take_and_lie;
+    own.context = l;
     l->batch = batch;
-    return kiln_backend_gather(l->embree, &own, samples, stream, rays, error);
-}
-
-static int lying_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
-                        struct kiln_error *error)
-{
-    struct liar *l = (struct liar *)backend;
-    const struct kiln_batch own = {batch->tile_run_first, batch->tile_run_count, take_and_lie, l};
-    if (l->lie == A_LITTLE_BRIGHTER) /* a plain sky has no noise to hide in */
-        return kiln_backend_direct(l->embree, batch, samples, rays, error);
-    l->batch = batch;
-    return kiln_backend_direct(l->embree, &own, samples, rays, error);
+    return kiln_backend_run(l->embree, pass, parameters, &own, rays, error);
 }
 
 static int liar_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
@@ -153,7 +146,7 @@ static struct world create(double share, enum lie lie)
     const struct kiln_surface_params surface = {.scene = &f->scene, .geometry = w.geometry, .ranks = 1, .threads = 1};
     assert_int_equal(kiln_surface_build(&w.surface, &surface, &(struct kiln_surface_report){0}, &error), KILN_OK);
     const struct kiln_backend_params params = {
-        .scene = &f->scene, .geometry = w.geometry, .lights = w.lights, .threads = 2, .verify_share = share};
+        .scene = &f->scene, .geometry = w.geometry, .lights = w.lights, .threads = 2, .verify_fraction = share};
     w.liar->lie = lie;
     assert_int_equal(kiln_backend_create(&w.liar->embree, "embree", &params, &error), KILN_OK);
     w.liar->api = (struct kiln_backend_api){.name = "liar",
@@ -161,8 +154,7 @@ static struct world create(double share, enum lie lie)
                                             .info = liar_info,
                                             .set_surface = liar_surface,
                                             .set_radiosity = liar_radiosity,
-                                            .direct = lying_direct,
-                                            .gather = lying_gather};
+                                            .run = lying_run};
     w.liar->base.api = &w.liar->api;
     w.backend = &w.liar->base;
     assert_int_equal(kiln_verify_create(&w.backend, &params, &error), KILN_OK);
@@ -206,12 +198,13 @@ static int bake(double share, enum lie lie, struct kiln_error *error)
 {
     struct world w = create(share, lie);
     uint64_t rays = 0;
-    const struct kiln_batch batch = {0, w.surface->tile_run_count, count_taken, &w};
+    struct kiln_batch batch = {.count = w.surface->tile_run_count, .samples = 16, .take = count_taken, .context = &w};
     error->message[0] = '\0';
-    int status = kiln_backend_direct(w.backend, &batch, 16, &rays, error);
+    int status = kiln_backend_run(w.backend, &kiln_pass_direct, NULL, &batch, &rays, error);
     w.liar->points = 0;
+    batch.stream = 1;
     if (status == KILN_OK)
-        status = kiln_backend_gather(w.backend, &batch, 16, 1, &rays, error);
+        status = kiln_backend_run(w.backend, &kiln_pass_gather, NULL, &batch, &rays, error);
     if (status == KILN_OK)
         assert_int_equal(w.liar->taken, 2 * w.surface->tile_run_count);
     check_info(&w, share, lie, status);

@@ -18,9 +18,12 @@
 #include "tests/unit/vulkan_device.h"
 #include "worker/backend/vulkan/vulkan.h"
 #include "worker/light/lights.h"
+#include "worker/pass/probes.h"
 #include "worker/scene/radiosity.h"
 
 enum { PROBES = 150, SAMPLES = 400 }; /* a slice of samples that is not full, more probes than a workgroup */
+
+#define FIRST_NUMBER 0xfffffff0ull /* of the probes: numbers pass 2^32 */
 
 struct world {
     struct fixture *fixture;
@@ -150,13 +153,27 @@ static struct kiln_backend *open_backend(const struct world *w, const char *name
     return backend;
 }
 
+/* kiln_take_results; the context is the array's entry of the probe with number FIRST_NUMBER. */
+static int keep_probes(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)error;
+    memcpy((struct kiln_probe_result *)context + (first - FIRST_NUMBER), results,
+           count * sizeof(struct kiln_probe_result));
+    return KILN_OK;
+}
+
 static uint64_t probes(struct kiln_backend *backend, const struct world *w, size_t first, size_t count,
                        struct kiln_probe_result *results)
 {
     struct kiln_error error = {0};
     uint64_t rays = 0;
-    if (kiln_backend_probes(backend, w->positions + first, count, 0xfffffff0ull + first, SAMPLES, results + first,
-                            &rays, &error) != KILN_OK)
+    const struct kiln_batch batch = {.first = FIRST_NUMBER + first,
+                                     .count = count,
+                                     .positions = w->positions + first,
+                                     .samples = SAMPLES,
+                                     .take = keep_probes,
+                                     .context = results};
+    if (kiln_backend_run(backend, &kiln_pass_probes, NULL, &batch, &rays, &error) != KILN_OK)
         fail_msg("%s", error.message);
     return rays;
 }

@@ -2,7 +2,7 @@
 #ifndef KILN_TESTS_UNIT_VULKAN_DEVICE_H
 #define KILN_TESTS_UNIT_VULKAN_DEVICE_H
 
-#include "worker/backend/vulkan/gpu.h"
+#include "worker/backend/vulkan/gpu/gpu.h"
 
 /* False, with a word, where there is no device: the program is to end with 77. */
 static inline bool vulkan_device_is_there(void)

@@ -1,4 +1,4 @@
-"""No kernel leaves its buffers, and none uses what was never written: bakes with guarded buffers (KILN_VULKAN_GUARD, see worker/backend/vulkan/gpu.h)
+"""No kernel leaves its buffers, and none uses what was never written: bakes with guarded buffers (KILN_VULKAN_GUARD, see worker/backend/vulkan/gpu/gpu.h)
 come to their end, with the same bits as without. The cases run every kernel of a bake, in every layout of the BVH, with every kind of light, with
 and without alpha and glass, smooth normals, and points that are partly buried. On a software device only; all else is skipped.
 """

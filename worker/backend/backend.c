@@ -6,7 +6,7 @@
 
 #include "worker/backend/fallback.h"
 #include "worker/backend/verify.h"
-#include "worker/backend/vulkan/gpu.h"
+#include "worker/backend/vulkan/gpu/gpu.h"
 
 static const struct kiln_backend_api *const backends[] = {&kiln_backend_embree, &kiln_backend_vulkan};
 
@@ -34,7 +34,7 @@ static int create(struct kiln_backend **backend, const struct kiln_backend_api *
     (*backend)->params = *params;
     if (api != &kiln_backend_embree && params->goes_on)
         status = kiln_fallback_create(backend, params, error);
-    if (status == KILN_OK && api != &kiln_backend_embree && params->verify_share > 0.0)
+    if (status == KILN_OK && api != &kiln_backend_embree && params->verify_fraction > 0.0)
         status = kiln_verify_create(backend, params, error);
     return status;
 }
@@ -75,48 +75,58 @@ void kiln_backend_destroy(struct kiln_backend **backend)
 int kiln_backend_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
 {
     assert(surface != NULL);
+    backend->surface = surface;
     return backend->api->set_surface(backend, surface, error);
 }
 
 int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
 {
+    backend->radiosity = radiosity;
     return backend->api->set_radiosity(backend, radiosity, error);
 }
 
-int kiln_backend_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
-                          struct kiln_error *error)
+/* Whether a call of kiln_backend_run keeps to the pass's row. */
+static bool is_well_formed(const struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
+                           const struct kiln_batch *batch)
 {
-    if (tile_run_count == 0)
-        return KILN_OK;
-    return backend->api->validity(backend, tile_run_first, tile_run_count, visible, error);
+    const bool surface = pass->domain == KILN_DOMAIN_TILE_RUNS;
+    return (parameters != NULL) == (pass->parameter_bytes > 0) && (batch->positions == NULL) == surface &&
+           (!surface || backend->surface != NULL) && (!pass->reads_radiosity || backend->radiosity != NULL) &&
+           (pass->has_streams || batch->stream == 0) &&
+           (batch->samples_of != NULL ? pass->is_sampled : (batch->samples > 0) == pass->is_sampled);
 }
 
-int kiln_backend_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
-                        struct kiln_error *error)
+/* How many of the batch's items from number i on have the same number of samples. */
+static size_t equal_samples(const struct kiln_batch *batch, size_t i)
 {
-    assert(samples > 0);
-    if (batch->tile_run_count == 0)
-        return KILN_OK;
-    return backend->api->direct(backend, batch, samples, rays, error);
+    size_t end = i + 1;
+    while (end < batch->count && batch->samples_of[end] == batch->samples_of[i])
+        end++;
+    return end - i;
 }
 
-int kiln_backend_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
-                        uint64_t *rays, struct kiln_error *error)
+int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
+                     const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
-    assert(samples > 0);
-    if (batch->tile_run_count == 0)
+    if (batch->count == 0)
         return KILN_OK;
-    return backend->api->gather(backend, batch, samples, stream, rays, error);
-}
-
-int kiln_backend_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count,
-                        uint64_t index_first, uint32_t samples, struct kiln_probe_result *results, uint64_t *rays,
-                        struct kiln_error *error)
-{
-    assert(samples > 0);
-    if (count == 0)
-        return KILN_OK;
-    return backend->api->probes(backend, positions, count, index_first, samples, results, rays, error);
+    if (!is_well_formed(backend, pass, parameters, batch))
+        return kiln_fail(error, KILN_BUG,
+                         "the pass '%s' was given a batch, parameters or a state of the backend that do not fit it; "
+                         "this is a bug of kiln: report it",
+                         pass->name);
+    if (batch->samples_of == NULL)
+        return backend->api->run(backend, pass, parameters, batch, rays, error);
+    int status = KILN_OK;
+    for (size_t i = 0, some; i < batch->count && status == KILN_OK; i += some) {
+        some = equal_samples(batch, i);
+        struct kiln_batch part = kiln_batch_part(batch, batch->first + i, some);
+        part.samples = batch->samples_of[i];
+        part.samples_of = NULL;
+        if (part.samples > 0)
+            status = backend->api->run(backend, pass, parameters, &part, rays, error);
+    }
+    return status;
 }
 
 int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
@@ -128,11 +138,11 @@ int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 
     return backend->api->intersect(backend, origins, directions, count, hits, error);
 }
 
-int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples,
-                         uint32_t stream, double *seconds, uint64_t *rays, struct kiln_error *error)
+int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
+                         struct kiln_error *error)
 {
-    assert(samples > 0);
-    if (batch->tile_run_count == 0)
+    if (batch->count == 0)
         return KILN_OK;
-    return backend->api->ceiling(backend, batch, samples, stream, seconds, rays, error);
+    assert(batch->samples > 0 && batch->samples_of == NULL);
+    return backend->api->ceiling(backend, batch, seconds, rays, error);
 }

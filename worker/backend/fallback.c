@@ -10,8 +10,6 @@ struct fallback_backend {
     struct kiln_backend_api api;          /* the device's name, our functions */
     struct kiln_backend *device, *embree; /* one of them is NULL */
     struct kiln_backend_info last;        /* of the device, when it was given up */
-    const struct kiln_surface *surface;
-    const uint64_t *radiosity;
 };
 
 /* ---- changing over ---- */
@@ -27,9 +25,9 @@ static int change_over(struct fallback_backend *f, int status, struct kiln_error
         return status;
     if (kiln_backend_create(&embree, "embree", &f->base.params, &other) != KILN_OK)
         return status;
-    int result = f->surface != NULL ? kiln_backend_set_surface(embree, f->surface, &other) : KILN_OK;
-    if (result == KILN_OK && f->radiosity != NULL)
-        result = kiln_backend_set_radiosity(embree, f->radiosity, &other);
+    int result = f->base.surface != NULL ? kiln_backend_set_surface(embree, f->base.surface, &other) : KILN_OK;
+    if (result == KILN_OK && f->base.radiosity != NULL)
+        result = kiln_backend_set_radiosity(embree, f->base.radiosity, &other);
     if (result != KILN_OK) {
         kiln_backend_destroy(&embree);
         return status;
@@ -46,81 +44,40 @@ static int change_over(struct fallback_backend *f, int status, struct kiln_error
 
 /* ---- passes ---- */
 
-struct watched_pass {
+struct watched_run {
     const struct kiln_batch *batch; /* the caller's */
-    size_t next;                    /* first tile run not handed over */
+    size_t next;                    /* first item not handed over */
     int taken;                      /* what the caller said last */
 };
 
 /* kiln_take_results that remembers how far it came. */
-static int take_part(void *context, size_t tile_run_first, size_t tile_run_count,
-                     const struct kiln_point_result *results, struct kiln_error *error)
+static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
-    struct watched_pass *w = context;
+    struct watched_run *w = context;
     if (w->batch->take != NULL)
-        w->taken = w->batch->take(w->batch->context, tile_run_first, tile_run_count, results, error);
-    w->next = tile_run_first + tile_run_count;
+        w->taken = w->batch->take(w->batch->context, first, count, results, error);
+    w->next = first + count;
     return w->taken;
 }
 
-typedef int (*trace_batch)(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples,
-                           uint32_t stream, uint64_t *rays, struct kiln_error *error);
-
-static int trace_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
-                        uint64_t *rays, struct kiln_error *error)
+/* What the device has handed over stands; Embree goes on with the first item that it has not. */
+static int fallback_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
+                        const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
-    (void)stream;
-    return kiln_backend_direct(backend, batch, samples, rays, error);
-}
-
-static int run_pass(struct fallback_backend *f, trace_batch trace, const struct kiln_batch *batch, uint32_t samples,
-                    uint32_t stream, uint64_t *rays, struct kiln_error *error)
-{
-    struct watched_pass w = {.batch = batch, .next = batch->tile_run_first};
-    const struct kiln_batch all = {batch->tile_run_first, batch->tile_run_count, take_part, &w};
-    int status = trace(present(f), &all, samples, stream, rays, error);
+    struct fallback_backend *f = (struct fallback_backend *)backend;
+    struct watched_run w = {.batch = batch, .next = batch->first};
+    struct kiln_batch watched = *batch;
+    watched.take = take_part;
+    watched.context = &w;
+    int status = kiln_backend_run(present(f), pass, parameters, &watched, rays, error);
     if (status == KILN_OK || w.taken != KILN_OK)
         return status;
     status = change_over(f, status, error);
-    const struct kiln_batch rest = {w.next, batch->tile_run_first + batch->tile_run_count - w.next, batch->take,
-                                    batch->context};
-    return status == KILN_OK ? trace(f->embree, &rest, samples, stream, rays, error) : status;
-}
-
-static int fallback_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples,
-                           uint64_t *rays, struct kiln_error *error)
-{
-    return run_pass((struct fallback_backend *)backend, trace_direct, batch, samples, 0, rays, error);
-}
-
-static int fallback_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples,
-                           uint32_t stream, uint64_t *rays, struct kiln_error *error)
-{
-    return run_pass((struct fallback_backend *)backend, kiln_backend_gather, batch, samples, stream, rays, error);
+    const struct kiln_batch rest = kiln_batch_part(batch, w.next, batch->first + batch->count - w.next);
+    return status == KILN_OK ? kiln_backend_run(f->embree, pass, parameters, &rest, rays, error) : status;
 }
 
 /* ---- calls that are made again as a whole ---- */
-
-static int fallback_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count,
-                             uint16_t *visible, struct kiln_error *error)
-{
-    struct fallback_backend *f = (struct fallback_backend *)backend;
-    int status = kiln_backend_validity(present(f), tile_run_first, tile_run_count, visible, error);
-    if (status != KILN_OK && (status = change_over(f, status, error)) == KILN_OK)
-        status = kiln_backend_validity(f->embree, tile_run_first, tile_run_count, visible, error);
-    return status;
-}
-
-static int fallback_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count,
-                           uint64_t index_first, uint32_t samples, struct kiln_probe_result *results, uint64_t *rays,
-                           struct kiln_error *error)
-{
-    struct fallback_backend *f = (struct fallback_backend *)backend;
-    int status = kiln_backend_probes(present(f), positions, count, index_first, samples, results, rays, error);
-    if (status != KILN_OK && (status = change_over(f, status, error)) == KILN_OK)
-        status = kiln_backend_probes(f->embree, positions, count, index_first, samples, results, rays, error);
-    return status;
-}
 
 static int fallback_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                               const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
@@ -137,8 +94,6 @@ static int fallback_set_surface(struct kiln_backend *backend, const struct kiln_
                                 struct kiln_error *error)
 {
     struct fallback_backend *f = (struct fallback_backend *)backend;
-    f->surface = surface;
-    f->radiosity = NULL;
     const int status = kiln_backend_set_surface(present(f), surface, error);
     return status != KILN_OK ? change_over(f, status, error) : KILN_OK; /* which hands it over too */
 }
@@ -146,17 +101,15 @@ static int fallback_set_surface(struct kiln_backend *backend, const struct kiln_
 static int fallback_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
 {
     struct fallback_backend *f = (struct fallback_backend *)backend;
-    f->radiosity = radiosity;
     const int status = kiln_backend_set_radiosity(present(f), radiosity, error);
     return status != KILN_OK ? change_over(f, status, error) : KILN_OK;
 }
 
 /* A measurement of the device: no other one will do. */
-static int fallback_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples,
-                            uint32_t stream, double *seconds, uint64_t *rays, struct kiln_error *error)
+static int fallback_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds,
+                            uint64_t *rays, struct kiln_error *error)
 {
-    return kiln_backend_ceiling(present((struct fallback_backend *)backend), batch, samples, stream, seconds, rays,
-                                error);
+    return kiln_backend_ceiling(present((struct fallback_backend *)backend), batch, seconds, rays, error);
 }
 
 static void fallback_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
@@ -191,10 +144,7 @@ int kiln_fallback_create(struct kiln_backend **backend, const struct kiln_backen
                                        .info = fallback_info,
                                        .set_surface = fallback_set_surface,
                                        .set_radiosity = fallback_set_radiosity,
-                                       .validity = fallback_validity,
-                                       .direct = fallback_direct,
-                                       .gather = fallback_gather,
-                                       .probes = fallback_probes,
+                                       .run = fallback_run,
                                        .intersect = fallback_intersect,
                                        .ceiling = fallback_ceiling};
     f->base = (struct kiln_backend){.api = &f->api, .params = *params};

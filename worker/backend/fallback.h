@@ -1,7 +1,7 @@
 /* A backend that goes on with Embree once its device has failed for good: the bake ends later, not with an error. It
- * says so on stderr, once. What the device has finished is kept; a pass that is under way goes on with the first
- * tile run that has not been handed over. A caller's own failure, returned by its kiln_take_results, is no failure of
- * the device. */
+ * says so on stderr, once. What the device has finished is kept; a pass that is under way, whichever it is, goes on
+ * with the first item that has not been handed over. A caller's own failure, returned by its kiln_take_results, is no
+ * failure of the device. */
 #ifndef KILN_WORKER_BACKEND_FALLBACK_H
 #define KILN_WORKER_BACKEND_FALLBACK_H
 

@@ -6,24 +6,20 @@
 #include <string.h>
 
 #include "shaders/shared/random.h"
-#include "worker/base/color.h"
 #include "worker/base/memory.h"
-
-enum { CHANNELS = 6 }; /* irradiance, incident */
 
 static const double MOST_ERRORS = 6.0, ROUNDING = 1e-4;
 
 struct texel {
     uint32_t object, x, y;
-    double got, expected; /* luminance, W/m2 */
+    double got, expected; /* the figures' levels, in the pass's unit */
 };
 
-/* What one kind of pass has shown so far. */
+/* What one pass has shown so far. */
 struct tally {
-    const char *pass;
     uint64_t texels, beyond, broken;
-    double difference[CHANNELS], squares[CHANNELS], total[CHANNELS];  /* over tile runs */
-    double luminance_difference, luminance_total, luminance_variance; /* over texels */
+    double difference[KILN_PASS_FIGURES], squares[KILN_PASS_FIGURES], total[KILN_PASS_FIGURES]; /* over tile runs */
+    double level_difference, level_total, level_variance;                                       /* over texels */
     double worst_ratio;
     struct texel worst;
 };
@@ -32,29 +28,20 @@ struct verify_backend {
     struct kiln_backend base;
     struct kiln_backend_api api; /* the checked backend's name, our functions */
     struct kiln_backend *checked, *embree;
-    const struct kiln_surface *surface;
-    struct tally direct, gather;
+    struct tally tallies[KILN_PASS_COUNT];
 };
 
-/* A pass under way. */
-struct verified_pass {
+/* A run under way. */
+struct verified_run {
     struct verify_backend *v;
+    const struct kiln_pass *pass;
+    const void *parameters;
     struct tally *tally;
     const struct kiln_batch *batch; /* the caller's */
-    uint32_t samples, stream;
-    const struct kiln_point_result *got; /* of the tile runs that are traced again */
+    const char *got;                /* results of the tile runs that are traced again */
 };
 
 /* ---- comparing ---- */
-
-static bool is_sound(const struct kiln_point_result *r)
-{
-    for (int c = 0; c < 3; c++)
-        if (!isfinite(r->irradiance[c]) || !isfinite(r->incident[c]) || r->irradiance[c] < 0.0f ||
-            r->incident[c] < 0.0f)
-            return false;
-    return isfinite(r->error) && r->error >= 0.0f;
-}
 
 static struct texel texel_of(const struct kiln_surface *s, const struct kiln_tile_run *f, uint64_t mask)
 {
@@ -64,105 +51,114 @@ static struct texel texel_of(const struct kiln_surface *s, const struct kiln_til
                           .y = f->tile / tiles_x * 8 + kiln_morton8_y(bit)};
 }
 
-static void compare_texel(struct tally *t, const struct kiln_point_result *got,
-                          const struct kiln_point_result *expected, struct texel texel)
+static void compare_texel(struct tally *t, const struct kiln_pass_figures *got,
+                          const struct kiln_pass_figures *expected, struct texel texel)
 {
-    texel.got = kiln_luminance_of_floats(got->irradiance);
-    texel.expected = kiln_luminance_of_floats(expected->irradiance);
-    const double mean = t->texels > 0 ? t->luminance_total / (double)t->texels : 0.0;
-    const bool sound = is_sound(got);
-    const double error = sound ? hypot((double)got->error, (double)expected->error) : (double)expected->error;
+    texel.got = got->level;
+    texel.expected = expected->level;
+    const double mean = t->texels > 0 ? t->level_total / (double)t->texels : 0.0;
+    const double error = got->sound ? hypot(got->error, expected->error) : expected->error;
     const double allowed =
         MOST_ERRORS * error + ROUNDING * fmax(fabs(texel.got), texel.expected) + 0.1 * ROUNDING * mean;
-    const double apart = fabs(texel.got - texel.expected), ratio = sound ? apart / fmax(allowed, 1e-300) : INFINITY;
+    const double apart = fabs(texel.got - texel.expected),
+                 ratio = got->sound ? apart / fmax(allowed, 1e-300) : INFINITY;
     t->texels++;
-    t->broken += sound ? 0 : 1;
+    t->broken += got->sound ? 0 : 1;
     t->beyond += ratio > 1.0 ? 1 : 0;
     if (ratio > t->worst_ratio) {
         t->worst_ratio = ratio;
         t->worst = texel;
     }
-    if (!sound)
+    if (!got->sound)
         return;
-    t->luminance_difference += texel.got - texel.expected;
-    t->luminance_total += texel.expected;
-    t->luminance_variance += error * error;
+    t->level_difference += texel.got - texel.expected;
+    t->level_total += texel.expected;
+    t->level_variance += error * error;
 }
 
-static void compare_tile_run(struct tally *t, const struct kiln_surface *s, const struct kiln_tile_run *f,
-                             const struct kiln_point_result *got, const struct kiln_point_result *expected)
+static void compare_tile_run(const struct verified_run *run, const struct kiln_tile_run *f, const char *got,
+                             const char *expected)
 {
-    double difference[CHANNELS] = {0}, total[CHANNELS] = {0};
+    const struct kiln_surface *s = run->v->base.surface;
+    const struct kiln_pass *pass = run->pass;
+    struct tally *t = run->tally;
+    double difference[KILN_PASS_FIGURES] = {0}, total[KILN_PASS_FIGURES] = {0};
     uint64_t mask = f->mask;
     for (uint32_t i = 0; i < f->count; i++, mask &= mask - 1) {
         if (!kiln_point_valid(s, f->first - s->first + i))
             continue;
-        compare_texel(t, &got[i], &expected[i], texel_of(s, f, mask));
-        for (int c = 0; c < CHANNELS; c++) {
-            const double ours = (double)(c < 3 ? expected[i].irradiance[c] : expected[i].incident[c - 3]);
-            difference[c] += (double)(c < 3 ? got[i].irradiance[c] : got[i].incident[c - 3]) - ours;
-            total[c] += ours;
+        struct kiln_pass_figures theirs, ours;
+        pass->figures(got + i * pass->result_bytes, &theirs);
+        pass->figures(expected + i * pass->result_bytes, &ours);
+        compare_texel(t, &theirs, &ours, texel_of(s, f, mask));
+        for (size_t c = 0; c < pass->figure_count; c++) {
+            difference[c] += (double)theirs.value[c] - (double)ours.value[c];
+            total[c] += (double)ours.value[c];
         }
     }
-    for (int c = 0; c < CHANNELS; c++) {
+    for (size_t c = 0; c < pass->figure_count; c++) {
         t->difference[c] += difference[c];
         t->squares[c] += difference[c] * difference[c];
         t->total[c] += total[c];
     }
 }
 
-/* kiln_take_results of the pass that traces tile runs again. */
-static int take_again(void *context, size_t tile_run_first, size_t tile_run_count,
-                      const struct kiln_point_result *results, struct kiln_error *error)
+/* kiln_take_results of the run that traces tile runs again. */
+static int take_again(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     (void)error;
-    struct verified_pass *pass = context;
-    const struct kiln_surface *s = pass->v->surface;
-    for (size_t i = tile_run_first; i < tile_run_first + tile_run_count; i++) {
-        compare_tile_run(pass->tally, s, &s->tile_runs[i], pass->got, results);
-        pass->got += s->tile_runs[i].count;
-        results += s->tile_runs[i].count;
+    struct verified_run *run = context;
+    const char *expected = results;
+    for (size_t i = first; i < first + count; i++) {
+        const struct kiln_tile_run *f = &run->v->base.surface->tile_runs[i];
+        compare_tile_run(run, f, run->got, expected);
+        run->got += f->count * run->pass->result_bytes;
+        expected += f->count * run->pass->result_bytes;
     }
     return KILN_OK;
 }
 
 /* ---- judging ---- */
 
-/* What is wrong, or NULL. */
-static const char *complaint(const struct tally *t)
+/* What is wrong: true and the words in `text`; or false. */
+static bool complains(const struct kiln_pass *pass, const struct tally *t, char text[96])
 {
+    const char *wrong = NULL, *suffix = "";
     if (t->broken > 0)
-        return "values that are not numbers";
-    if ((double)t->beyond > 4.0 + 0.002 * (double)t->texels)
-        return "too many texels beyond 6 standard errors";
-    if (t->texels >= 64 &&
-        fabs(t->luminance_difference) > MOST_ERRORS * sqrt(t->luminance_variance) + 0.01 * t->luminance_total)
-        return "the sum of the texels is beyond 6 standard errors";
-    for (int c = 0; c < CHANNELS; c++)
-        if (fabs(t->difference[c]) > MOST_ERRORS * sqrt(t->squares[c]) + ROUNDING * t->total[c])
-            return c < 3 ? "irradiance differs to the same side everywhere"
-                         : "incident light differs to the same side everywhere";
-    return NULL;
+        wrong = "values that are not numbers";
+    else if ((double)t->beyond > 4.0 + 0.002 * (double)t->texels)
+        wrong = "too many texels beyond 6 standard errors";
+    else if (t->texels >= 64 &&
+             fabs(t->level_difference) > MOST_ERRORS * sqrt(t->level_variance) + 0.01 * t->level_total)
+        wrong = "the sum of the texels is beyond 6 standard errors";
+    for (size_t c = 0; c < pass->figure_count && wrong == NULL; c++)
+        if (fabs(t->difference[c]) > MOST_ERRORS * sqrt(t->squares[c]) + ROUNDING * t->total[c]) {
+            wrong = pass->figure_names[c];
+            suffix = " differs to the same side everywhere";
+        }
+    if (wrong != NULL)
+        (void)snprintf(text, 96, "%s%s", wrong, suffix);
+    return wrong != NULL;
 }
 
-static int judge(const struct verify_backend *v, const struct tally *t, struct kiln_error *error)
+static int judge(const struct verified_run *run, struct kiln_error *error)
 {
-    const char *wrong = complaint(t);
-    if (wrong == NULL)
+    const struct verify_backend *v = run->v;
+    const struct tally *t = run->tally;
+    char wrong[96];
+    if (!complains(run->pass, t, wrong))
         return KILN_OK;
     const struct kiln_scene *scene = v->base.params.scene;
     struct kiln_backend_info info;
-    v->checked->api->info(v->checked, &info);
-    const double percent = t->luminance_total > 0.0 ? 100.0 * t->luminance_difference / t->luminance_total : 0.0;
+    kiln_backend_info(v->checked, &info);
+    const double percent = t->level_total > 0.0 ? 100.0 * t->level_difference / t->level_total : 0.0;
     return kiln_fail(error, KILN_NO_DEVICE,
-                     "%.120s and Embree disagree on %s light: %s (%llu of %llu texels traced again, in all %+.3g %%); "
-                     "worst is texel "
-                     "(%u, %u) of object '%.200s', %.6g against Embree's %.6g W/m2; do not trust this device or its "
-                     "driver: leave it "
-                     "out with --device, or use --backend embree",
-                     info.device, t->pass, wrong, (unsigned long long)t->beyond, (unsigned long long)t->texels, percent,
-                     t->worst.x, t->worst.y, kiln_scene_string(scene, scene->objects[t->worst.object].name),
-                     t->worst.got, t->worst.expected);
+                     "%.120s and Embree disagree on %s: %s (%llu of %llu texels traced again, in all %+.3g %%); "
+                     "worst is texel (%u, %u) of object '%.200s', %.6g against Embree's %.6g %s; do not trust this "
+                     "device or its driver: leave it out with --device, or use --backend embree",
+                     info.device, run->pass->what, wrong, (unsigned long long)t->beyond, (unsigned long long)t->texels,
+                     percent, t->worst.x, t->worst.y, kiln_scene_string(scene, scene->objects[t->worst.object].name),
+                     t->worst.got, t->worst.expected, run->pass->unit);
 }
 
 /* ---- passes ---- */
@@ -172,59 +168,52 @@ static bool is_chosen(const struct verify_backend *v, const struct kiln_tile_run
     const uint64_t seed = v->base.params.seed;
     uint32_t hash = kiln_hash2(kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32)), 0x76657269u);
     hash = kiln_hash2(kiln_hash2(kiln_hash2(hash, f->map), f->tile), stream);
-    return (double)hash < v->base.params.verify_share * 0x1p32;
+    return (double)hash < v->base.params.verify_fraction * 0x1p32;
 }
 
-static int trace_again(struct verified_pass *pass, size_t tile_run_first, size_t tile_run_count,
-                       struct kiln_error *error)
+static int trace_again(struct verified_run *run, size_t first, size_t count, struct kiln_error *error)
 {
-    struct kiln_backend *embree = pass->v->embree;
-    const struct kiln_batch chosen = {tile_run_first, tile_run_count, take_again, pass};
+    struct kiln_batch chosen = kiln_batch_part(run->batch, first, count);
+    chosen.take = take_again;
+    chosen.context = run;
     uint64_t rays = 0; /* not the caller's */
-    if (pass->tally == &pass->v->direct)
-        return embree->api->direct(embree, &chosen, pass->samples, &rays, error);
-    return embree->api->gather(embree, &chosen, pass->samples, pass->stream, &rays, error);
+    return kiln_backend_run(run->v->embree, run->pass, run->parameters, &chosen, &rays, error);
 }
 
-/* kiln_take_results of the checked backend's pass: looks before the caller takes. */
-static int take_part(void *context, size_t tile_run_first, size_t tile_run_count,
-                     const struct kiln_point_result *results, struct kiln_error *error)
+/* kiln_take_results of the checked backend's run: looks before the caller takes. */
+static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
-    struct verified_pass *pass = context;
-    const struct kiln_tile_run *tile_runs = pass->v->surface->tile_runs + tile_run_first;
+    struct verified_run *run = context;
+    const struct kiln_tile_run *tile_runs = run->v->base.surface->tile_runs + first;
     int status = KILN_OK;
-    for (size_t first = 0, end; first < tile_run_count && status == KILN_OK; first = end) {
-        for (end = first; end < tile_run_count && is_chosen(pass->v, &tile_runs[end], pass->stream);)
+    for (size_t i = 0, end; i < count && status == KILN_OK; i = end) {
+        for (end = i; end < count && is_chosen(run->v, &tile_runs[end], run->batch->stream);)
             end++;
-        pass->got = results + (tile_runs[first].first - tile_runs[0].first);
-        if (end > first)
-            status = trace_again(pass, tile_run_first + first, end - first, error);
+        run->got = (const char *)results + (tile_runs[i].first - tile_runs[0].first) * run->pass->result_bytes;
+        if (end > i)
+            status = trace_again(run, first + i, end - i, error);
         else
-            end = first + 1;
+            end = i + 1;
     }
     if (status == KILN_OK)
-        status = judge(pass->v, pass->tally, error);
-    if (status == KILN_OK && pass->batch->take != NULL)
-        status = pass->batch->take(pass->batch->context, tile_run_first, tile_run_count, results, error);
+        status = judge(run, error);
+    if (status == KILN_OK && run->batch->take != NULL)
+        status = run->batch->take(run->batch->context, first, count, results, error);
     return status;
 }
 
-static int verify_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
-                         struct kiln_error *error)
+static int verify_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
+                      const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     struct verify_backend *v = (struct verify_backend *)backend;
-    struct verified_pass pass = {.v = v, .tally = &v->direct, .batch = batch, .samples = samples};
-    const struct kiln_batch watched = {batch->tile_run_first, batch->tile_run_count, take_part, &pass};
-    return v->checked->api->direct(v->checked, &watched, samples, rays, error);
-}
-
-static int verify_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples,
-                         uint32_t stream, uint64_t *rays, struct kiln_error *error)
-{
-    struct verify_backend *v = (struct verify_backend *)backend;
-    struct verified_pass pass = {.v = v, .tally = &v->gather, .batch = batch, .samples = samples, .stream = stream};
-    const struct kiln_batch watched = {batch->tile_run_first, batch->tile_run_count, take_part, &pass};
-    return v->checked->api->gather(v->checked, &watched, samples, stream, rays, error);
+    if (pass->figures == NULL || pass->domain != KILN_DOMAIN_TILE_RUNS)
+        return kiln_backend_run(v->checked, pass, parameters, batch, rays, error);
+    struct verified_run run = {
+        .v = v, .pass = pass, .parameters = parameters, .tally = &v->tallies[pass->index], .batch = batch};
+    struct kiln_batch watched = *batch;
+    watched.take = take_part;
+    watched.context = &run;
+    return kiln_backend_run(v->checked, pass, parameters, &watched, rays, error);
 }
 
 /* ---- what is handed on ---- */
@@ -242,56 +231,42 @@ static void verify_destroy(struct kiln_backend **backend)
 static void verify_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     const struct verify_backend *v = (const struct verify_backend *)backend;
-    v->checked->api->info(v->checked, info);
-    info->verified = v->direct.texels + v->gather.texels;
-    info->beyond = v->direct.beyond + v->gather.beyond;
-    info->worst = fmax(v->direct.worst_ratio, v->gather.worst_ratio);
+    kiln_backend_info(v->checked, info);
+    info->verified = info->beyond = 0;
+    info->worst = 0.0;
+    for (size_t i = 0; i < KILN_PASS_COUNT; i++) {
+        info->verified += v->tallies[i].texels;
+        info->beyond += v->tallies[i].beyond;
+        info->worst = fmax(info->worst, v->tallies[i].worst_ratio);
+    }
 }
 
 static int verify_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface,
                               struct kiln_error *error)
 {
     struct verify_backend *v = (struct verify_backend *)backend;
-    v->surface = surface;
-    const int status = v->checked->api->set_surface(v->checked, surface, error);
-    return status == KILN_OK ? v->embree->api->set_surface(v->embree, surface, error) : status;
+    const int status = kiln_backend_set_surface(v->checked, surface, error);
+    return status == KILN_OK ? kiln_backend_set_surface(v->embree, surface, error) : status;
 }
 
 static int verify_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
 {
     struct verify_backend *v = (struct verify_backend *)backend;
-    const int status = v->checked->api->set_radiosity(v->checked, radiosity, error);
-    return status == KILN_OK ? v->embree->api->set_radiosity(v->embree, radiosity, error) : status;
-}
-
-static int verify_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count,
-                           uint16_t *visible, struct kiln_error *error)
-{
-    struct kiln_backend *b = ((struct verify_backend *)backend)->checked;
-    return b->api->validity(b, tile_run_first, tile_run_count, visible, error);
-}
-
-static int verify_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count,
-                         uint64_t index_first, uint32_t samples, struct kiln_probe_result *results, uint64_t *rays,
-                         struct kiln_error *error)
-{
-    struct kiln_backend *b = ((struct verify_backend *)backend)->checked;
-    return b->api->probes(b, positions, count, index_first, samples, results, rays, error);
+    const int status = kiln_backend_set_radiosity(v->checked, radiosity, error);
+    return status == KILN_OK ? kiln_backend_set_radiosity(v->embree, radiosity, error) : status;
 }
 
 static int verify_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                             const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
                             struct kiln_error *error)
 {
-    struct kiln_backend *b = ((struct verify_backend *)backend)->checked;
-    return b->api->intersect(b, origins, directions, count, hits, error);
+    return kiln_backend_intersect(((struct verify_backend *)backend)->checked, origins, directions, count, hits, error);
 }
 
-static int verify_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples,
-                          uint32_t stream, double *seconds, uint64_t *rays, struct kiln_error *error)
+static int verify_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
+                          struct kiln_error *error)
 {
-    struct kiln_backend *b = ((struct verify_backend *)backend)->checked;
-    return b->api->ceiling(b, batch, samples, stream, seconds, rays, error);
+    return kiln_backend_ceiling(((struct verify_backend *)backend)->checked, batch, seconds, rays, error);
 }
 
 int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_params *params,
@@ -299,7 +274,7 @@ int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_
 {
     struct verify_backend *v = NULL;
     struct kiln_backend_params plain = *params;
-    plain.verify_share = 0.0;
+    plain.verify_fraction = 0.0;
     int status = kiln_allocate(&v, 1, sizeof *v, "the verifying backend", error);
     if (status == KILN_OK)
         status = kiln_backend_create(&v->embree, "embree", &plain, error);
@@ -315,15 +290,10 @@ int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_
                                        .info = verify_info,
                                        .set_surface = verify_set_surface,
                                        .set_radiosity = verify_set_radiosity,
-                                       .validity = verify_validity,
-                                       .direct = verify_direct,
-                                       .gather = verify_gather,
-                                       .probes = verify_probes,
+                                       .run = verify_run,
                                        .intersect = verify_intersect,
                                        .ceiling = verify_ceiling};
     v->base = (struct kiln_backend){.api = &v->api, .params = *params};
-    v->direct.pass = "direct";
-    v->gather.pass = "gathered";
     *backend = &v->base;
     return KILN_OK;
 }

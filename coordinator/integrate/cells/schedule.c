@@ -81,10 +81,10 @@ bool kiln_cells_next(const struct kiln_integrate_settings *settings, const struc
                      size_t count, struct kiln_step *step)
 {
     bool any = true;
-    *step = (struct kiln_step){.pass = KILN_STEP_GATHER, .bounce = (uint32_t)count};
+    *step = (struct kiln_step){.pass = &kiln_pass_gather, .bounce = (uint32_t)count};
     if (count == 0)
         *step = (struct kiln_step){
-            .pass = KILN_STEP_DIRECT, .role = KILN_CELLS_DIRECT, .samples = settings->samples_direct, .counted = true};
+            .pass = &kiln_pass_direct, .role = KILN_CELLS_DIRECT, .samples = settings->samples_direct, .counted = true};
     else
         any = settings->schedule == KILN_SCHEDULE_EQUAL ? next_equal(settings, reports, count, step)
                                                         : next_lean(settings, reports, count, step);

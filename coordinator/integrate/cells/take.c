@@ -84,7 +84,7 @@ static void tally(const struct kiln_taking *t, const struct kiln_surface *surfac
                                               (double)r->present,
                                       .albedo = albedo,
                                       .samples = t->step->samples};
-    if (t->step->pass == KILN_STEP_GATHER) {
+    if (t->step->pass->reads_radiosity) {
         kiln_radiosity_unpack(t->radiosity[surface->first + own], sent);
         point.sent = sent;
     }
@@ -92,9 +92,9 @@ static void tally(const struct kiln_taking *t, const struct kiln_surface *surfac
 }
 
 void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
-                     const struct kiln_point_result *results, struct kiln_tally *sums,
-                     struct kiln_tile_run_tally *tile_run)
+                     const void *answers, struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
 {
+    const struct kiln_point_result *results = answers;
     uint64_t own = f->first - data->surface.first;
     /* what no ray meets takes no light from the scene */
     const bool counts =

@@ -1,4 +1,4 @@
-/* The direct pass: light from all sources at each point, by shadow rays. */
+/* The direct pass (worker/pass/direct.h): light from all sources at each point, by shadow rays. */
 #include <math.h>
 #include <omp.h>
 #include <string.h>
@@ -9,6 +9,7 @@
 #include "worker/backend/embree/shadow.h"
 #include "worker/base/memory.h"
 #include "worker/light/area_light_sampler.h"
+#include "worker/pass/direct.h"
 #include "worker/sampling/sequence.h"
 
 enum { SEQUENCES = 32 };
@@ -299,12 +300,12 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
     result->present = f->present[j];
 }
 
-static int direct_part(struct embree_backend *b, size_t tile_run_first, size_t tile_run_count, uint32_t samples,
-                       uint32_t stream, struct kiln_point_result *batch_results, uint64_t *rays,
-                       struct kiln_error *error)
+int embree_direct(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
+                  uint64_t *rays, struct kiln_error *error)
 {
-    (void)stream;
-    const uint64_t base = b->surface->tile_runs[tile_run_first].first;
+    (void)parameters;
+    struct kiln_point_result *const part_results = results;
+    const uint64_t base = b->surface->tile_runs[part->first].first;
     uint64_t traced = 0;
     double seconds = 0.0;
     int status = KILN_OK;
@@ -312,7 +313,7 @@ static int direct_part(struct embree_backend *b, size_t tile_run_first, size_t t
     {
         struct direct_work *w = NULL;
         struct kiln_error own;
-        const int created = work_create(&w, b, samples, &own);
+        const int created = work_create(&w, b, part->samples, &own);
         if (created != KILN_OK) {
 #pragma omp critical(kiln_direct_status)
             status = kiln_fail(error, created, "%s", own.message);
@@ -323,17 +324,17 @@ static int direct_part(struct embree_backend *b, size_t tile_run_first, size_t t
         embree_context(b, &context);
         const double begin = embree_thread_seconds();
 #pragma omp for schedule(dynamic, 4) nowait
-        for (size_t i = 0; i < tile_run_count; i++) {
+        for (size_t i = 0; i < part->count; i++) {
             if (status != KILN_OK)
                 continue;
-            const size_t tile_run = tile_run_first + i;
-            struct kiln_point_result *results = batch_results + (b->surface->tile_runs[tile_run].first - base);
-            memset(results, 0, b->surface->tile_runs[tile_run].count * sizeof *results);
+            const size_t tile_run = part->first + i;
+            struct kiln_point_result *run = part_results + (b->surface->tile_runs[tile_run].first - base);
+            memset(run, 0, b->surface->tile_runs[tile_run].count * sizeof *run);
             frame_build(&w->frame, b, tile_run, FRAME_EXTENT);
             for (int q = 0; q < SEQUENCES; q++)
                 w->sequences[q].used = false;
             for (uint32_t j = 0; j < w->frame.count; j++)
-                direct_point(w, b, &context, j, samples, &results[w->frame.place[j]], &traced);
+                direct_point(w, b, &context, j, part->samples, &run[w->frame.place[j]], &traced);
         }
         seconds += embree_thread_seconds() - begin;
         embree_leave(saved);
@@ -342,10 +343,4 @@ static int direct_part(struct embree_backend *b, size_t tile_run_first, size_t t
     *rays += traced;
     b->thread_seconds += seconds;
     return status;
-}
-
-int embree_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
-                  struct kiln_error *error)
-{
-    return embree_in_parts((struct embree_backend *)backend, batch, samples, 0, direct_part, rays, error);
 }

@@ -167,21 +167,37 @@ static int embree_set_radiosity(struct kiln_backend *backend, const uint64_t *ra
     return KILN_OK;
 }
 
-int embree_in_parts(struct embree_backend *b, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
-                    embree_trace_part trace, uint64_t *rays, struct kiln_error *error)
+/* ---- passes ---- */
+
+typedef int (*pass_function)(struct embree_backend *b, const void *parameters, const struct kiln_batch *part,
+                             void *results, uint64_t *rays, struct kiln_error *error);
+#define ROW(name) [KILN_PASS_INDEX_##name] = embree_##name,
+static const pass_function pass_functions[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};
+#undef ROW
+
+/* Results that one item of the surface or of positions has. */
+static uint64_t results_of(const struct embree_backend *b, const struct kiln_pass *pass, size_t item)
 {
-    const struct kiln_tile_run *tile_runs = b->surface->tile_runs;
-    const size_t last = batch->tile_run_first + batch->tile_run_count;
-    const uint64_t all = tile_runs[last - 1].first + tile_runs[last - 1].count - tile_runs[batch->tile_run_first].first,
-                   most = PART_POINTS + KILN_TILE_TEXELS;
-    struct kiln_point_result *results = NULL;
-    int status =
-        kiln_allocate(&results, (size_t)(all < most ? all : most), sizeof *results, "a batch's results", error);
-    for (size_t first = batch->tile_run_first; first < last && status == KILN_OK;) {
+    return pass->domain == KILN_DOMAIN_TILE_RUNS ? b->surface->tile_runs[item].count : 1;
+}
+
+/* The batch in parts of some PART_POINTS results, which are taken before the next part is computed. */
+static int embree_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
+                      const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
+{
+    struct embree_backend *b = (struct embree_backend *)backend;
+    const size_t last = batch->first + batch->count;
+    uint64_t most = 0;
+    for (size_t i = batch->first; i < last && most < PART_POINTS + KILN_TILE_TEXELS; i++)
+        most += results_of(b, pass, i);
+    char *results = NULL;
+    int status = kiln_allocate(&results, (size_t)most, pass->result_bytes, "a batch's results", error);
+    for (size_t first = batch->first; first < last && status == KILN_OK;) {
         size_t end = first;
         for (uint64_t points = 0; end < last && points < PART_POINTS; end++)
-            points += tile_runs[end].count;
-        status = trace(b, first, end - first, samples, stream, results, rays, error);
+            points += results_of(b, pass, end);
+        const struct kiln_batch part = kiln_batch_part(batch, first, end - first);
+        status = pass_functions[pass->index](b, parameters, &part, results, rays, error);
         if (status == KILN_OK && batch->take != NULL)
             status = batch->take(batch->context, first, end - first, results, error);
         first = end;
@@ -189,6 +205,8 @@ int embree_in_parts(struct embree_backend *b, const struct kiln_batch *batch, ui
     kiln_free(&results);
     return status;
 }
+
+/* ---- any rays ---- */
 
 static int embree_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                             const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
@@ -234,10 +252,7 @@ const struct kiln_backend_api kiln_backend_embree = {
     .info = embree_info,
     .set_surface = embree_set_surface,
     .set_radiosity = embree_set_radiosity,
-    .validity = embree_validity,
-    .direct = embree_direct,
-    .gather = embree_gather,
-    .probes = embree_probes,
+    .run = embree_run,
     .intersect = embree_intersect,
     .ceiling = embree_ceiling,
 };

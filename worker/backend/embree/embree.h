@@ -1,4 +1,9 @@
-/* The Embree backend: private declarations shared by its files, one file a pass (as every backend folder has them). */
+/* The Embree backend: private declarations that its files share.
+ *
+ * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c. The
+ * others: embree.c (life of the backend, running a pass in parts, closest hits), frame.c (a tile run's points made
+ * ready for sampling), shadow.c (shadow rays in packets), passage.c (rays through surfaces that let light through),
+ * lookup.h (radiosity at a hit), about.c (Embree's version). */
 #ifndef KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 #define KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 
@@ -37,23 +42,18 @@ void embree_leave(unsigned saved);
 /* Processor time of the calling thread, s. */
 double embree_thread_seconds(void);
 
-/* Hands a batch to `trace` in parts of some 65,536 points, and each part's answers to the batch's taker. */
-typedef int (*embree_trace_part)(struct embree_backend *b, size_t tile_run_first, size_t tile_run_count,
-                                 uint32_t samples, uint32_t stream, struct kiln_point_result *results, uint64_t *rays,
-                                 struct kiln_error *error);
-int embree_in_parts(struct embree_backend *b, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
-                    embree_trace_part trace, uint64_t *rays, struct kiln_error *error);
+/* The passes: embree_validity in validity.c, embree_direct in direct.c and so on. Each computes the results of one part
+ * of a batch, all of whose items have part->samples samples, and adds its rays to *rays. `results` is an array of the
+ * pass's result struct, one for each point or position of the part; it is not cleared. The taker is not called: see
+ * embree_run in embree.c. */
+#define EMBREE_DECLARE(name)                                                                                           \
+    int embree_##name(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,  \
+                      uint64_t *rays, struct kiln_error *error);
+KILN_PASS_LIST(EMBREE_DECLARE)
+#undef EMBREE_DECLARE
 
-int embree_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
-                    struct kiln_error *error);
-int embree_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
-                  struct kiln_error *error);
-int embree_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
-                  uint64_t *rays, struct kiln_error *error);
-int embree_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first,
-                  uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error);
-
-int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
-                   double *seconds, uint64_t *rays, struct kiln_error *error);
+/* kiln_backend_ceiling (gather.c, whose rays it traces). */
+int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
+                   struct kiln_error *error);
 
 #endif

@@ -1,5 +1,6 @@
-/* The bounce pass: cosine-distributed rays of a tile run's points, all in one direction stratum at a time, and the
- * radiosity that they find. Everything is done 64 lanes at a time in structures of arrays; Embree gets packets of 8. */
+/* The gather pass (worker/pass/gather.h): cosine-distributed rays of a tile run's points, all in one direction stratum
+ * at a time, and the radiosity that they find. Everything is done 64 lanes at a time in structures of arrays; Embree
+ * gets packets of 8. */
 #include <math.h>
 #include <omp.h>
 #include <string.h>
@@ -13,6 +14,7 @@
 #include "worker/backend/embree/lookup.h"
 #include "worker/backend/embree/passage.h"
 #include "worker/base/memory.h"
+#include "worker/pass/gather.h"
 #include "worker/sampling/keys.h"
 #include "worker/sampling/sequence.h"
 
@@ -453,10 +455,12 @@ static void gather_tile_run(const struct embree_backend *b, struct embree_contex
     store(w, results);
 }
 
-static int gather_part(struct embree_backend *b, size_t tile_run_first, size_t tile_run_count, uint32_t samples,
-                       uint32_t stream, struct kiln_point_result *results, uint64_t *rays, struct kiln_error *error)
+int embree_gather(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
+                  uint64_t *rays, struct kiln_error *error)
 {
-    const uint64_t base = b->surface->tile_runs[tile_run_first].first;
+    (void)parameters;
+    struct kiln_point_result *const part_results = results;
+    const uint64_t base = b->surface->tile_runs[part->first].first;
     uint64_t traced = 0;
     double seconds = 0.0;
     int status = KILN_OK;
@@ -464,7 +468,7 @@ static int gather_part(struct embree_backend *b, size_t tile_run_first, size_t t
     {
         struct gather_work *w = NULL;
         struct kiln_error own;
-        const int created = work_create(&w, samples, &own);
+        const int created = work_create(&w, part->samples, &own);
         if (created != KILN_OK) {
 #pragma omp critical(kiln_gather_status)
             status = kiln_fail(error, created, "%s", own.message);
@@ -475,11 +479,11 @@ static int gather_part(struct embree_backend *b, size_t tile_run_first, size_t t
         embree_context(b, &context);
         const double begin = embree_thread_seconds();
 #pragma omp for schedule(dynamic, 4) nowait
-        for (size_t i = 0; i < tile_run_count; i++) {
-            const size_t tile_run = tile_run_first + i;
+        for (size_t i = 0; i < part->count; i++) {
+            const size_t tile_run = part->first + i;
             if (status == KILN_OK)
-                gather_tile_run(b, &context, w, tile_run, stream,
-                                results + (b->surface->tile_runs[tile_run].first - base), &traced);
+                gather_tile_run(b, &context, w, tile_run, part->stream,
+                                part_results + (b->surface->tile_runs[tile_run].first - base), &traced);
         }
         seconds += embree_thread_seconds() - begin;
         embree_leave(saved);
@@ -490,12 +494,6 @@ static int gather_part(struct embree_backend *b, size_t tile_run_first, size_t t
     return status;
 }
 
-int embree_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
-                  uint64_t *rays, struct kiln_error *error)
-{
-    return embree_in_parts((struct embree_backend *)backend, batch, samples, stream, gather_part, rays, error);
-}
-
 static double seconds_now(void)
 {
     struct timespec t;
@@ -503,19 +501,19 @@ static double seconds_now(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
-                   double *seconds, uint64_t *rays, struct kiln_error *error)
+int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
+                   struct kiln_error *error)
 {
     struct embree_backend *b = (struct embree_backend *)backend;
     struct gather_work *w = NULL;
-    const int status = work_create(&w, samples, error);
+    const int status = work_create(&w, batch->samples, error);
     if (status != KILN_OK)
         return status;
     const unsigned saved = embree_enter();
     struct embree_context context;
     embree_context(b, &context);
-    for (size_t i = 0; i < batch->tile_run_count; i++) {
-        prepare(w, b, batch->tile_run_first + i, stream);
+    for (size_t i = 0; i < batch->count; i++) {
+        prepare(w, b, batch->first + i, batch->stream);
         const uint32_t steps = w->frame.count == 0 ? 0 : steps_of(w);
         for (uint32_t step = 0; step < steps; step++) {
             const uint32_t lanes = prepare_step(w, b, step);

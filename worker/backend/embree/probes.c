@@ -1,4 +1,4 @@
-/* Radiance probes for the irradiance volume: rays over the whole sphere for what surfaces send, shadow rays for the
+/* The probe pass (worker/pass/probes.h): rays over the whole sphere for what surfaces send, shadow rays for the
  * lights. */
 #include <math.h>
 #include <omp.h>
@@ -10,6 +10,7 @@
 #include "worker/backend/embree/lookup.h"
 #include "worker/backend/embree/passage.h"
 #include "worker/base/memory.h"
+#include "worker/pass/probes.h"
 #include "worker/sampling/harmonics.h"
 #include "worker/sampling/sequence.h"
 
@@ -120,10 +121,10 @@ static uint64_t gather_lights(const struct embree_backend *b, struct embree_cont
     return rays;
 }
 
-int embree_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first,
-                  uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
+int embree_probes(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
+                  uint64_t *rays, struct kiln_error *error)
 {
-    struct embree_backend *b = (struct embree_backend *)backend;
+    (void)parameters;
     const uint32_t seed = kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ KILN_PROBE_SEED);
     const size_t room = KILN_CUT_MAX + b->params.lights->directional_count + 1;
     struct kiln_light_choice *choices = NULL;
@@ -137,14 +138,14 @@ int embree_probes(struct kiln_backend *backend, const struct kiln_vec3 *position
         struct embree_context context;
         embree_context(b, &context);
 #pragma omp for schedule(dynamic, 4)
-        for (size_t i = 0; i < count; i++) {
-            const uint64_t index = index_first + i;
+        for (size_t i = 0; i < part->count; i++) {
+            const uint64_t index = (uint64_t)part->first + i;
             const uint32_t key = kiln_hash2(kiln_hash2(seed, (uint32_t)index), (uint32_t)(index >> 32));
             struct probe_sums sums = {0};
-            gather_sphere(b, &context, positions[i], key, samples, &sums);
-            traced += samples + gather_lights(b, &context, choices + room * (size_t)omp_get_thread_num(), positions[i],
-                                              key, samples, &sums);
-            struct kiln_probe_result *r = &results[i];
+            gather_sphere(b, &context, part->positions[i], key, part->samples, &sums);
+            traced += part->samples + gather_lights(b, &context, choices + room * (size_t)omp_get_thread_num(),
+                                                    part->positions[i], key, part->samples, &sums);
+            struct kiln_probe_result *r = (struct kiln_probe_result *)results + i;
             for (int h = 0; h < KILN_HARMONICS; h++)
                 for (int c = 0; c < 3; c++)
                     r->radiance[h][c] = (float)sums.radiance[h][c];
@@ -152,7 +153,7 @@ int embree_probes(struct kiln_backend *backend, const struct kiln_vec3 *position
                 for (int c = 0; c < 3; c++)
                     r->irradiance_axes[a][c] = (float)sums.axes[a][c];
             r->mean_distance = (float)sums.distance;
-            r->back_share = (float)sums.back / (float)samples;
+            r->back_share = (float)sums.back / (float)part->samples;
         }
         embree_leave(saved);
     }

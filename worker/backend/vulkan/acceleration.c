@@ -1,6 +1,6 @@
 #include "worker/backend/vulkan/acceleration.h"
 
-#include "worker/backend/vulkan/gpu_private.h"
+#include "worker/backend/vulkan/gpu/private.h"
 #include "worker/base/memory.h"
 
 struct calls {

@@ -8,7 +8,7 @@
 
 #include <stdint.h>
 
-#include "worker/backend/vulkan/gpu.h"
+#include "worker/backend/vulkan/gpu/gpu.h"
 #include "worker/scene/geometry.h"
 
 struct acceleration;

@@ -1,6 +1,7 @@
-/* The direct pass: shaders/choose.comp, direct.comp, direct_precise.comp and direct_reduce.comp over the batch's
- * points. */
-#include "worker/backend/vulkan/pass.h"
+/* The direct pass (worker/pass/direct.h): shaders/choose.comp, direct.comp, direct_precise.comp and direct_reduce.comp
+ * over the batch's points. */
+#include "worker/backend/vulkan/chunks.h"
+#include "worker/pass/direct.h"
 
 #include "shaders/choose.h"
 #include "shaders/choose_float.h"
@@ -99,8 +100,8 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     return KILN_OK;
 }
 
-static int take(void *context, size_t tile_run_first, size_t tile_run_count, const struct kiln_point_result *results,
-                const uint32_t *words, struct kiln_error *error)
+static int take(void *context, size_t tile_run_first, size_t tile_run_count, const void *results, const uint32_t *words,
+                struct kiln_error *error)
 {
     struct direct *d = context;
     const struct kiln_tile_run *tile_runs = d->b->surface->tile_runs + tile_run_first;
@@ -123,29 +124,34 @@ static size_t scratch_bytes(const struct direct *d)
     return rows * vulkan_lights_sums_bytes(d->b->float64) + d->slots * choice + sizeof(uint32_t);
 }
 
-int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
+int vulkan_direct(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
                   struct kiln_error *error)
 {
-    struct direct d = {.b = (struct vulkan_backend *)backend, .batch = batch, .samples = samples};
-    const struct kiln_lights *lights = d.b->params.lights;
+    (void)parameters;
+    const uint32_t samples = batch->samples;
+    struct direct d = {.b = b, .batch = batch, .samples = samples};
+    const struct kiln_lights *lights = b->params.lights;
     const size_t tree = lights->area_count + lights->point_count;
-    d.precise = d.b->float64 && lights->area_count > 0;
+    d.precise = b->float64 && lights->area_count > 0;
     d.limit = samples / 2 < 1 ? 1 : samples / 2 < KILN_CUT_MAX ? samples / 2 : KILN_CUT_MAX;
     d.slots = (uint32_t)((tree < d.limit ? tree : d.limit) + lights->directional_count + 1);
-    d.slices = vulkan_slices_of(d.b, samples);
+    d.slices = vulkan_slices_of(b, samples);
     const uint32_t rows = 4 * d.slices.per_quarter;
-    const struct vulkan_pass pass = {.pace = VULKAN_PACE_DIRECT,
-                                     .states = true,
-                                     .rows = rows,
-                                     .work = (double)samples / rows,
-                                     .first_guess = 1 << 18,
-                                     .scratch_bytes = scratch_bytes(&d),
-                                     .wants_words = true,
-                                     .prepare = prepare,
-                                     .record = record,
-                                     .take = take,
-                                     .context = &d};
-    const int status = vulkan_run_pass(d.b, &pass, batch->tile_run_first, batch->tile_run_count, error);
+    const struct vulkan_chunked pass = {.pass = &kiln_pass_direct,
+                                        .pace = KILN_PASS_INDEX_direct,
+                                        .states = true,
+                                        .result_bytes = sizeof(struct kiln_gpu_result),
+                                        .failed_offset = offsetof(struct kiln_gpu_result, error),
+                                        .rows = rows,
+                                        .work = (double)samples / rows,
+                                        .first_guess = 1 << 18,
+                                        .scratch_bytes = scratch_bytes(&d),
+                                        .wants_words = true,
+                                        .prepare = prepare,
+                                        .record = record,
+                                        .take = take,
+                                        .context = &d};
+    const int status = vulkan_run_in_chunks(b, &pass, batch, error);
     *rays += d.rays;
     return status;
 }

@@ -1,5 +1,6 @@
-/* The bounce pass: shaders/gather.comp and gather_reduce.comp over the batch's points. */
-#include "worker/backend/vulkan/pass.h"
+/* The gather pass (worker/pass/gather.h): shaders/gather.comp and gather_reduce.comp over the batch's points. */
+#include "worker/backend/vulkan/chunks.h"
+#include "worker/pass/gather.h"
 #include "worker/sampling/keys.h"
 
 #include "shaders/gather.h"
@@ -78,8 +79,8 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     return KILN_OK;
 }
 
-static int take(void *context, size_t tile_run_first, size_t tile_run_count, const struct kiln_point_result *results,
-                const uint32_t *words, struct kiln_error *error)
+static int take(void *context, size_t tile_run_first, size_t tile_run_count, const void *results, const uint32_t *words,
+                struct kiln_error *error)
 {
     (void)words;
     struct gather *g = context;
@@ -107,41 +108,47 @@ static int prepare(void *context, struct kiln_error *error)
     return status;
 }
 
-static int run(struct gather *g, enum vulkan_pace pace, double *seconds, struct kiln_error *error)
+static int run(struct gather *g, uint32_t pace, double *seconds, struct kiln_error *error)
 {
+    g->samples = g->batch->samples;
+    g->stream = g->batch->stream;
     g->slices = vulkan_slices_of(g->b, g->samples);
     const uint32_t rows = 4 * g->slices.per_quarter;
     const uint32_t floats =
         g->b->params.geometry->passage == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
-    const struct vulkan_pass pass = {.pace = pace,
-                                     .states = true,
-                                     .rows = rows,
-                                     .work = (double)g->samples / rows,
-                                     .first_guess = 1 << 19,
-                                     .scratch_bytes = (size_t)rows * g->slices.split * floats * sizeof(float),
-                                     .prepare = prepare,
-                                     .record = record,
-                                     .take = take,
-                                     .context = g,
-                                     .seconds = seconds};
-    return vulkan_run_pass(g->b, &pass, g->batch->tile_run_first, g->batch->tile_run_count, error);
+    const struct vulkan_chunked pass = {.pass = &kiln_pass_gather,
+                                        .pace = pace,
+                                        .states = true,
+                                        .result_bytes = sizeof(struct kiln_gpu_result),
+                                        .failed_offset = offsetof(struct kiln_gpu_result, error),
+                                        .rows = rows,
+                                        .work = (double)g->samples / rows,
+                                        .first_guess = 1 << 19,
+                                        .scratch_bytes = (size_t)rows * g->slices.split * floats * sizeof(float),
+                                        .prepare = prepare,
+                                        .record = record,
+                                        .take = take,
+                                        .context = g,
+                                        .seconds = seconds};
+    return vulkan_run_in_chunks(g->b, &pass, g->batch, error);
 }
 
-int vulkan_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
-                  uint64_t *rays, struct kiln_error *error)
+int vulkan_gather(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
+                  struct kiln_error *error)
 {
-    struct gather g = {
-        .b = (struct vulkan_backend *)backend, .batch = batch, .samples = samples, .stream = stream, .lookup = 1};
-    const int status = run(&g, VULKAN_PACE_GATHER, NULL, error);
+    (void)parameters;
+    struct gather g = {.b = b, .batch = batch, .lookup = 1};
+    const int status = run(&g, KILN_PASS_INDEX_gather, NULL, error);
     *rays += g.rays;
     return status;
 }
 
-int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
-                   double *seconds, uint64_t *rays, struct kiln_error *error)
+int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
+                   struct kiln_error *error)
 {
-    const struct kiln_batch nobody = {.tile_run_first = batch->tile_run_first, .tile_run_count = batch->tile_run_count};
-    struct gather g = {.b = (struct vulkan_backend *)backend, .batch = &nobody, .samples = samples, .stream = stream};
+    struct kiln_batch nobody = *batch;
+    nobody.take = NULL;
+    struct gather g = {.b = (struct vulkan_backend *)backend, .batch = &nobody};
     const int status = run(&g, VULKAN_PACE_CEILING, seconds, error);
     *rays += g.rays;
     return status;

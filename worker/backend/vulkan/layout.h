@@ -6,6 +6,7 @@
 #include "shaders/shared/layout.h"
 
 #include "worker/backend/backend.h"
+#include "worker/pass/point.h"
 
 /* Copied to the device as they are. */
 _Static_assert(sizeof(struct kiln_gpu_record) == sizeof(struct kiln_hit_record), "hit records");

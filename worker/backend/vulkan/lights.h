@@ -2,7 +2,7 @@
 #ifndef KILN_WORKER_BACKEND_VULKAN_LIGHTS_H
 #define KILN_WORKER_BACKEND_VULKAN_LIGHTS_H
 
-#include "worker/backend/vulkan/gpu.h"
+#include "worker/backend/vulkan/gpu/gpu.h"
 #include "worker/light/lights.h"
 
 #include "shaders/shared/layout.h"

@@ -5,7 +5,7 @@
 #define KILN_WORKER_BACKEND_VULKAN_MATERIALS_H
 
 #include "worker/backend/backend.h"
-#include "worker/backend/vulkan/gpu.h"
+#include "worker/backend/vulkan/gpu/gpu.h"
 #include "worker/backend/vulkan/layout.h"
 
 enum { VULKAN_MATERIAL_BUFFERS = 5 };

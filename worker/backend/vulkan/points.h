@@ -4,7 +4,7 @@
 #define KILN_WORKER_BACKEND_VULKAN_POINTS_H
 
 #include "worker/backend/backend.h"
-#include "worker/backend/vulkan/gpu.h"
+#include "worker/backend/vulkan/gpu/gpu.h"
 #include "worker/backend/vulkan/layout.h"
 
 struct vulkan_block {

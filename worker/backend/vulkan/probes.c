@@ -1,7 +1,7 @@
-/* Radiance probes on the device: shaders/probes.comp takes slices of each probe's samples, probes_reduce.comp adds them
- * up. A chunk of probes is as large as one slice of time and the room for partial sums allow; of few probes with many
- * samples the slices come in portions. Neither changes what is added to what, so results do not depend on it. */
-#include <assert.h>
+/* The probe pass (worker/pass/probes.h): shaders/probes.comp takes slices of each probe's samples, probes_reduce.comp
+ * adds them up. A chunk of probes is as large as one slice of time and the room for partial sums allow; of few probes
+ * with many samples the slices come in portions. Neither changes what is added to what, so results do not depend on it.
+ */
 #include <stdint.h> /* before the shaders */
 #include <string.h>
 
@@ -13,6 +13,8 @@
 #include "shaders/probes_reduce.h"
 #include "shaders/shared/streams.h"
 #include "worker/backend/vulkan/vulkan.h"
+#include "worker/base/memory.h"
+#include "worker/pass/probes.h"
 
 static const struct vulkan_shader probes_shader = {.name = "probes",
                                                    .compute = VULKAN_CODE(probes),
@@ -42,7 +44,8 @@ struct probes_run {
     struct vulkan_backend *b;
     struct gpu_kernel *trace, *reduce;
     struct gpu_buffer positions, slices, results;
-    uint32_t room; /* probes that the buffers hold */
+    struct kiln_probe_result *answers; /* of a chunk, for the taker */
+    uint32_t room;                     /* probes that the buffers and `answers` hold */
     struct probes_push push;
 };
 
@@ -60,6 +63,8 @@ static int make_room(struct probes_run *r, size_t count, struct kiln_error *erro
     if (status == KILN_OK)
         status =
             gpu_buffer_create(gpu, &r->results, (size_t)r->room * SLICE_BYTES, GPU_HOST, "the probes' answers", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&r->answers, r->room, sizeof *r->answers, "the probes' answers", error);
     return status;
 }
 
@@ -88,13 +93,14 @@ static void finish(struct probes_run *r)
     gpu_buffer_destroy(r->b->gpu, &r->slices);
     gpu_buffer_destroy(r->b->gpu, &r->positions);
     gpu_buffer_destroy(r->b->gpu, &r->results);
+    kiln_free(&r->answers);
 }
 
 /* Slices [push.slice_first, + rows) of push.count probes; the answers too when they are the last. */
 static int run_rows(struct probes_run *r, uint32_t rows, struct kiln_error *error)
 {
     const struct probes_push *p = &r->push;
-    struct gpu_pacer *pacer = &r->b->pacers[VULKAN_PACE_PROBES];
+    struct gpu_pacer *pacer = &r->b->pacers[KILN_PASS_INDEX_probes];
     const uint64_t results =
         r->results.address + gpu_buffer_tail(r->b->gpu, &r->results, (size_t)p->count * SLICE_BYTES);
     const struct reduce_push reduce = {
@@ -117,7 +123,7 @@ static int run_rows(struct probes_run *r, uint32_t rows, struct kiln_error *erro
 /* What of the probes a slice of time is enough for; of one probe, how many of its slices. */
 static void size_chunk(const struct probes_run *r, size_t left, uint32_t *probes, uint32_t *rows)
 {
-    const uint64_t slices = gpu_pacer_next(&r->b->pacers[VULKAN_PACE_PROBES], FIRST_GUESS) / KILN_GPU_PROBE_SAMPLES;
+    const uint64_t slices = gpu_pacer_next(&r->b->pacers[KILN_PASS_INDEX_probes], FIRST_GUESS) / KILN_GPU_PROBE_SAMPLES;
     uint64_t some = slices / r->push.slice_count;
     some = some < 64 ? 64 : some; /* a workgroup */
     some = some < r->room ? some : r->room;
@@ -145,14 +151,14 @@ static int run_chunk(struct probes_run *r, const struct kiln_vec3 *positions, ui
     return status;
 }
 
-static int take_answers(const struct probes_run *r, uint32_t count, struct kiln_probe_result *results, uint64_t *rays,
-                        struct kiln_error *error)
+/* Copies a chunk's answers out of the device's memory and adds up their rays. */
+static int read_answers(struct probes_run *r, uint32_t count, uint64_t *rays, struct kiln_error *error)
 {
     const float *answers = (const float *)r->results.mapped +
                            gpu_buffer_tail(r->b->gpu, &r->results, (size_t)count * SLICE_BYTES) / sizeof *answers;
     for (size_t i = 0; i < count; i++, answers += KILN_GPU_PROBE_FLOATS) {
-        memcpy(&results[i], answers, sizeof *results);
-        if (results[i].mean_distance < 0.0f) /* see vulkan_run_pass */
+        memcpy(&r->answers[i], answers, sizeof *r->answers);
+        if (r->answers[i].mean_distance < 0.0f) /* see `check` in chunks.c */
             return kiln_fail(error, KILN_NO_DEVICE,
                              "%s ends long loops early, and a probe needs one; use another device or --backend embree",
                              gpu_about(r->b->gpu)->name);
@@ -161,49 +167,41 @@ static int take_answers(const struct probes_run *r, uint32_t count, struct kiln_
     return KILN_OK;
 }
 
-/* What a call asks for, and how much of it is done. */
-struct probes_call {
-    const struct kiln_vec3 *positions;
-    size_t count, done;
-    uint64_t index_first, *rays;
-    uint32_t samples;
-    struct kiln_probe_result *results;
-};
-
-static int run_call(struct vulkan_backend *b, struct probes_call *call, struct kiln_error *error)
+/* Runs what is left of the batch until it is done or something fails; `left` then is what has not been taken.
+ * `refused`: it was the taker that failed, not the device. */
+static int run_left(struct vulkan_backend *b, struct kiln_batch *left, uint64_t *rays, bool *refused,
+                    struct kiln_error *error)
 {
     struct probes_run r = {.b = b};
-    int status = prepare(&r, call->count - call->done, call->samples, error);
-    while (call->done < call->count && status == KILN_OK) {
+    int status = prepare(&r, left->count, left->samples, error);
+    while (left->count > 0 && status == KILN_OK) {
         uint32_t probes, rows;
-        size_chunk(&r, call->count - call->done, &probes, &rows);
-        r.push.index = call->index_first + call->done;
-        status = run_chunk(&r, call->positions + call->done, probes, rows, error);
+        size_chunk(&r, left->count, &probes, &rows);
+        r.push.index = left->first;
+        status = run_chunk(&r, left->positions, probes, rows, error);
         if (status == KILN_OK)
-            status = take_answers(&r, probes, call->results + call->done, call->rays, error);
-        call->done += status == KILN_OK ? probes : 0;
+            status = read_answers(&r, probes, rays, error);
+        if (status == KILN_OK) {
+            status = left->take != NULL ? left->take(left->context, left->first, probes, r.answers, error) : KILN_OK;
+            *refused = status != KILN_OK;
+            *left = kiln_batch_part(left, left->first + probes, left->count - probes);
+        }
     }
     finish(&r);
     return status;
 }
 
-int vulkan_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first,
-                  uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error)
+int vulkan_probes(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
+                  struct kiln_error *error)
 {
-    struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    struct probes_call call = {.positions = positions,
-                               .count = count,
-                               .index_first = index_first,
-                               .rays = rays,
-                               .samples = samples,
-                               .results = results};
-    assert(b->radiosity != NULL);
-    for (;;) {
-        int status = run_call(b, &call, error);
-        if (status == KILN_OK || !vulkan_can_recover(b))
-            return status;
+    (void)parameters;
+    struct kiln_batch left = *batch;
+    bool refused = false;
+    int status = run_left(b, &left, rays, &refused, error);
+    while (status != KILN_OK && !refused && vulkan_can_recover(b)) {
         status = vulkan_recover(b, error);
-        if (status != KILN_OK)
-            return status;
+        if (status == KILN_OK)
+            status = run_left(b, &left, rays, &refused, error);
     }
+    return status;
 }

@@ -5,7 +5,7 @@
 
 #include "worker/backend/vulkan/acceleration.h"
 #include "worker/backend/vulkan/bvh.h"
-#include "worker/backend/vulkan/gpu.h"
+#include "worker/backend/vulkan/gpu/gpu.h"
 
 struct vulkan_backend;
 

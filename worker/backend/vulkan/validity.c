@@ -1,6 +1,8 @@
-/* Which share of each point is buried in other geometry: as the Embree backend's pass of that name. */
-#include "worker/backend/vulkan/pass.h"
+/* The validity pass (worker/pass/validity.h): shaders/validity.comp over the batch's points, then over those that the
+ * first look left open. Results are handed over when both looks are done. */
+#include "worker/backend/vulkan/chunks.h"
 #include "worker/base/memory.h"
+#include "worker/pass/validity.h"
 
 #include "shaders/shared/streams.h"
 #include "shaders/validity.h"
@@ -19,9 +21,11 @@ struct validity_push {
 struct validity {
     struct vulkan_backend *b;
     struct gpu_kernel *kernel;
-    uint16_t *visible;
-    uint64_t *open; /* own points (their places among the share) that the first look left open */
+    uint64_t first;    /* own point with which the batch begins */
+    uint16_t *visible; /* results, of the batch's points */
+    uint64_t *open;    /* own points (their places among the share) that the first look left open */
     size_t open_count, open_room;
+    uint64_t rays;
 };
 
 static struct validity_push push_of(const struct validity *v, struct kiln_gpu_chunk chunk, uint64_t counts,
@@ -47,8 +51,8 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     return KILN_OK;
 }
 
-static int take(void *context, size_t tile_run_first, size_t tile_run_count, const struct kiln_point_result *results,
-                const uint32_t *words, struct kiln_error *error)
+static int take(void *context, size_t tile_run_first, size_t tile_run_count, const void *results, const uint32_t *words,
+                struct kiln_error *error)
 {
     (void)results;
     struct validity *v = context;
@@ -56,9 +60,10 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     const struct kiln_tile_run *tile_runs = s->tile_runs + tile_run_first;
     const uint64_t first = tile_runs[0].first - s->first,
                    end = tile_runs[tile_run_count - 1].first - s->first + tile_runs[tile_run_count - 1].count;
+    v->rays += (end - first) * KILN_VALIDITY_FIRST_LOOK;
     for (uint64_t own = first; own < end; own++) {
         const uint32_t buried = words[own - first];
-        v->visible[own] = buried == 0 ? 0xffff : 0;
+        v->visible[own - v->first] = buried == 0 ? 0xffff : 0;
         if (buried == 0 || buried == KILN_VALIDITY_FIRST_LOOK)
             continue;
         const int status = kiln_grow(&v->open, &v->open_room, v->open_count + 1, sizeof *v->open,
@@ -68,14 +73,6 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
         v->open[v->open_count++] = own;
     }
     return KILN_OK;
-}
-
-static uint16_t share(uint32_t buried)
-{
-    const uint32_t left = KILN_VALIDITY_SECOND_LOOK - buried;
-    if (left == KILN_VALIDITY_SECOND_LOOK) /* the first look saw a corner that the second missed */
-        return 0xffff - 0xffff / KILN_VALIDITY_SECOND_LOOK;
-    return left < KILN_VALIDITY_SECOND_LOOK / 32 ? 0 : (uint16_t)(left * 0xffffu / KILN_VALIDITY_SECOND_LOOK);
 }
 
 /* The second look at `count` open points of one block, `open` being their own numbers. */
@@ -92,7 +89,7 @@ static int look_again(struct validity *v, const struct vulkan_block *block, cons
         status = gpu_buffer_of(gpu, &list, numbers, count * sizeof *numbers, "points that are partly buried", error);
     if (status == KILN_OK)
         status = gpu_buffer_create(gpu, &counts, count * sizeof *numbers, GPU_HOST, "what is buried of them", error);
-    struct gpu_pacer *pacer = &v->b->pacers[VULKAN_PACE_VALIDITY];
+    struct gpu_pacer *pacer = &v->b->pacers[KILN_PASS_INDEX_validity];
     for (uint32_t first = 0; first < count && status == KILN_OK;) {
         uint64_t at_once = gpu_pacer_next(pacer, 1 << 16) / KILN_VALIDITY_SECOND_LOOK + 1;
         at_once = at_once < count - first ? at_once : count - first;
@@ -116,7 +113,8 @@ static int look_again(struct validity *v, const struct vulkan_block *block, cons
         first += (uint32_t)at_once;
     }
     for (uint32_t i = 0; status == KILN_OK && i < count; i++)
-        v->visible[open[i]] = share(((const uint32_t *)counts.mapped)[i]);
+        v->visible[open[i] - v->first] = kiln_validity_share(((const uint32_t *)counts.mapped)[i]);
+    v->rays += (uint64_t)count * KILN_VALIDITY_SECOND_LOOK;
     gpu_buffer_destroy(gpu, &list);
     gpu_buffer_destroy(gpu, &counts);
     kiln_free(&numbers);
@@ -149,25 +147,46 @@ static int prepare(void *context, struct kiln_error *error)
     return status == KILN_OK ? vulkan_kernel_of(v->b, &vulkan_validity_shader, false, 0, &v->kernel, error) : status;
 }
 
-int vulkan_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
+/* Both looks, from the beginning. */
+static int look(struct validity *v, const struct kiln_batch *batch, struct kiln_error *error)
+{
+    const struct vulkan_chunked pass = {.pass = &kiln_pass_validity,
+                                        .pace = KILN_PASS_INDEX_validity,
+                                        .rows = 1,
+                                        .work = KILN_VALIDITY_FIRST_LOOK,
+                                        .first_guess = 1 << 18,
+                                        .wants_words = true,
+                                        .prepare = prepare,
+                                        .record = record,
+                                        .take = take,
+                                        .context = v};
+    v->open_count = 0;
+    v->rays = 0;
+    const int status = vulkan_run_in_chunks(v->b, &pass, batch, error);
+    return status == KILN_OK ? look_at_open(v, batch->first, batch->count, error) : status;
+}
+
+int vulkan_validity(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
                     struct kiln_error *error)
 {
-    struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    struct validity v = {.b = b, .visible = visible};
-    const struct vulkan_pass pass = {.pace = VULKAN_PACE_VALIDITY,
-                                     .rows = 1,
-                                     .work = KILN_VALIDITY_FIRST_LOOK,
-                                     .first_guess = 1 << 18,
-                                     .wants_words = true,
-                                     .prepare = prepare,
-                                     .record = record,
-                                     .take = take,
-                                     .context = &v};
-    int status = vulkan_run_pass(b, &pass, tile_run_first, tile_run_count, error);
+    (void)parameters;
+    const struct kiln_tile_run *run = &b->surface->tile_runs[batch->first], *last = run + batch->count - 1;
+    struct validity v = {.b = b, .first = run->first - b->surface->first};
+    int status = kiln_allocate(&v.visible, (size_t)(last->first + last->count - run->first), sizeof *v.visible,
+                               "the validity pass", error);
     if (status == KILN_OK)
-        status = look_at_open(&v, tile_run_first, tile_run_count, error);
-    if (visible == b->surface->visible && b->points != NULL) /* gone when the device could not be made anew */
-        vulkan_points_forget_states(b->points);
+        status = look(&v, batch, error);
+    while (status != KILN_OK && vulkan_can_recover(b)) {
+        status = vulkan_recover(b, error);
+        if (status == KILN_OK)
+            status = look(&v, batch, error);
+    }
+    *rays += status == KILN_OK ? v.rays : 0;
+    if (status == KILN_OK && batch->take != NULL)
+        status = batch->take(batch->context, batch->first, batch->count, v.visible, error);
+    if (b->points != NULL)                      /* gone when the device could not be made anew */
+        vulkan_points_forget_states(b->points); /* what the taker was given goes to surface->visible */
     kiln_free(&v.open);
+    kiln_free(&v.visible);
     return status;
 }

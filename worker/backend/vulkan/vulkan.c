@@ -1,5 +1,6 @@
 #include "worker/backend/vulkan/vulkan.h"
 
+#include <assert.h>
 #include <omp.h>
 #include <stdio.h>
 #include <string.h>
@@ -432,8 +433,7 @@ int vulkan_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origi
     return status;
 }
 
-/* Passes that start over after a recovery; the others go on where they were (vulkan_run_pass, vulkan_probes). */
-
+/* Starts over after a recovery. */
 static int intersect_again(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                            const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
                            struct kiln_error *error)
@@ -449,18 +449,20 @@ static int intersect_again(struct kiln_backend *backend, const struct kiln_vec3 
     return status;
 }
 
-static int validity_again(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
-                          struct kiln_error *error)
+/* ---- passes ---- */
+
+typedef int (*pass_function)(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch,
+                             uint64_t *rays, struct kiln_error *error);
+#define ROW(name) [KILN_PASS_INDEX_##name] = vulkan_##name,
+static const pass_function pass_functions[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};
+#undef ROW
+
+static int vulkan_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
+                      const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    int status = vulkan_validity(backend, tile_run_first, tile_run_count, visible, error);
-    while (status != KILN_OK && vulkan_can_recover(b)) {
-        status = vulkan_recover(b, error);
-        if (status != KILN_OK)
-            return status;
-        status = vulkan_validity(backend, tile_run_first, tile_run_count, visible, error);
-    }
-    return status;
+    assert(!pass->reads_radiosity || b->radiosity != NULL);
+    return pass_functions[pass->index](b, parameters, batch, rays, error);
 }
 
 const struct kiln_backend_api kiln_backend_vulkan = {
@@ -470,10 +472,7 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .info = vulkan_info,
     .set_surface = vulkan_set_surface,
     .set_radiosity = vulkan_set_radiosity,
-    .validity = validity_again,
-    .direct = vulkan_direct,
-    .gather = vulkan_gather,
-    .probes = vulkan_probes,
+    .run = vulkan_run,
     .intersect = intersect_again,
     .ceiling = vulkan_ceiling,
 };

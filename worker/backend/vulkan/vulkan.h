@@ -1,9 +1,15 @@
-/* The Vulkan backend: private declarations shared by its files, one file a pass (as every backend folder has them).
+/* The Vulkan backend: private declarations that its files share.
+ *
+ * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c. The
+ * others: vulkan.c (life of the backend, kernels, closest hits), chunks.c (running a pass over tile runs in chunks),
+ * points.c (surface points on the device), lights.c and materials.c (the scene on the device), bvh.c, acceleration.c
+ * and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/ is Vulkan for compute and knows no
+ * light.
  *
  * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
  * all points, and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one
- * slice of time (pass.h); two to three chunks are under way at once, so that the device does not wait while answers are
- * taken over.
+ * slice of time (chunks.h); two to three chunks are under way at once, so that the device does not wait while answers
+ * are taken over.
  *
  * Nothing in this folder is collective. Unless said otherwise functions return KILN_OK, KILN_NO_DEVICE when the device
  * is lost or its memory short, or KILN_SYSTEM when the host's is. A device that is lost takes all buffers with it:
@@ -12,7 +18,7 @@
 #define KILN_WORKER_BACKEND_VULKAN_VULKAN_H
 
 #include "worker/backend/backend.h"
-#include "worker/backend/vulkan/gpu.h"
+#include "worker/backend/vulkan/gpu/gpu.h"
 #include "worker/backend/vulkan/layout.h"
 #include "worker/backend/vulkan/lights.h"
 #include "worker/backend/vulkan/materials.h"
@@ -61,16 +67,8 @@ struct vulkan_slot {
     struct gpu_buffer scratch, answers, host;
 };
 
-/* Passes whose speed is learned one by one. */
-enum vulkan_pace {
-    VULKAN_PACE_VALIDITY,
-    VULKAN_PACE_DIRECT,
-    VULKAN_PACE_GATHER,
-    VULKAN_PACE_CEILING,
-    VULKAN_PACE_PROBES,
-    VULKAN_PACE_INTERSECT,
-    VULKAN_PACES
-};
+/* What has a speed of its own that is learned: each pass (KILN_PASS_INDEX_gather and so on), and these. */
+enum vulkan_pace { VULKAN_PACE_CEILING = KILN_PASS_COUNT, VULKAN_PACE_INTERSECT, VULKAN_PACES };
 
 struct vulkan_backend {
     struct kiln_backend base;
@@ -146,20 +144,22 @@ static inline struct vulkan_slices vulkan_slices_of(const struct vulkan_backend 
     return (struct vulkan_slices){.samples = slice, .per_quarter = (quarter + slice - 1) / slice, .split = split};
 }
 
-/* Makes what passes over the surface will ask for, as far as there is room for it (pass.c). */
+/* Makes what passes over the surface will ask for, as far as there is room for it (chunks.c). */
 void vulkan_passes_ahead(struct vulkan_backend *b);
 
-int vulkan_validity(struct kiln_backend *backend, size_t tile_run_first, size_t tile_run_count, uint16_t *visible,
-                    struct kiln_error *error);
-int vulkan_direct(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint64_t *rays,
-                  struct kiln_error *error);
-int vulkan_gather(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
-                  uint64_t *rays, struct kiln_error *error);
-int vulkan_probes(struct kiln_backend *backend, const struct kiln_vec3 *positions, size_t count, uint64_t index_first,
-                  uint32_t samples, struct kiln_probe_result *results, uint64_t *rays, struct kiln_error *error);
+/* The passes: vulkan_validity in validity.c, vulkan_direct in direct.c and so on. Each runs over a batch, all of whose
+ * items have batch->samples samples, calls its taker and adds its rays to *rays. When the device is lost or short of
+ * memory each makes it anew (vulkan_recover) and goes on with what was not taken. */
+#define VULKAN_DECLARE(name)                                                                                           \
+    int vulkan_##name(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch,                \
+                      uint64_t *rays, struct kiln_error *error);
+KILN_PASS_LIST(VULKAN_DECLARE)
+#undef VULKAN_DECLARE
+
 int vulkan_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
                      size_t count, struct kiln_hit *hits, struct kiln_error *error);
-int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, uint32_t samples, uint32_t stream,
-                   double *seconds, uint64_t *rays, struct kiln_error *error);
+/* kiln_backend_ceiling (gather.c, whose rays it traces). */
+int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
+                   struct kiln_error *error);
 
 #endif

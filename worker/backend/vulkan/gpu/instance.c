@@ -2,7 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "worker/backend/vulkan/gpu_private.h"
+#include "worker/backend/vulkan/gpu/private.h"
 
 #define VALIDATION_LAYER "VK_LAYER_KHRONOS_validation"
 

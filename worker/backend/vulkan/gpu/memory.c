@@ -1,7 +1,7 @@
 #include <assert.h>
 #include <string.h>
 
-#include "worker/backend/vulkan/gpu_private.h"
+#include "worker/backend/vulkan/gpu/private.h"
 #include "worker/base/memory.h"
 
 struct gpu_buffer_memory {

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "worker/backend/vulkan/gpu_private.h"
+#include "worker/backend/vulkan/gpu/private.h"
 #include "worker/base/memory.h"
 
 enum { MOST_EXTENSIONS = 8 };

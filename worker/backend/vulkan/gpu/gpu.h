@@ -4,8 +4,8 @@
  * in which the addresses stand. A gpu is used by one thread at a time. None of these is collective. Status codes:
  * KILN_NO_DEVICE when there is no fit device or it was lost, KILN_SYSTEM for what the host refuses; the sentence says
  * what was asked for. */
-#ifndef KILN_WORKER_BACKEND_VULKAN_GPU_H
-#define KILN_WORKER_BACKEND_VULKAN_GPU_H
+#ifndef KILN_WORKER_BACKEND_VULKAN_GPU_GPU_H
+#define KILN_WORKER_BACKEND_VULKAN_GPU_GPU_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,4 +1,4 @@
-/* Inside of a gpu, for the files gpu_*.c and for what builds on Vulkan itself (acceleration.c).
+/* Inside of a gpu, for the files of this folder and for what builds on Vulkan itself (acceleration.c).
  *
  * Every Vulkan call that can fail stands in GPU_TRY, which counts it, plays faults and notes what failed; gpu_failure
  * then makes the sentence:
@@ -13,7 +13,7 @@
 #include <stdatomic.h>
 #include <vulkan/vulkan.h>
 
-#include "worker/backend/vulkan/gpu.h"
+#include "worker/backend/vulkan/gpu/gpu.h"
 
 enum {
     GPU_STAGING_PIECES = 2,
@@ -93,12 +93,12 @@ void gpu_barrier(VkCommandBuffer commands);
 /* A name in messages of the validation layer; nothing without. */
 void gpu_name(const struct gpu *gpu, VkObjectType type, uint64_t handle, const char *name);
 
-/* ---- between gpu_*.c ---- */
+/* ---- between the files of this folder ---- */
 
-/* gpu_instance.c: an instance with the validation layer if asked for; `*instance` stays VK_NULL_HANDLE when no driver
+/* instance.c: an instance with the validation layer if asked for; `*instance` stays VK_NULL_HANDLE when no driver
  * is there. */
 int gpu_instance_create(struct gpu *gpu, bool validation, VkInstance *instance, struct kiln_error *error);
-/* gpu_list.c */
+/* list.c */
 struct gpu_found {
     VkPhysicalDevice physical;
     struct gpu_description about;
@@ -106,7 +106,7 @@ struct gpu_found {
 /* The machine's devices in the order of gpu_list; free with kiln_free. */
 int gpu_find(VkInstance instance, struct gpu_found **found, size_t *count, struct kiln_error *error);
 bool gpu_has_extension(VkPhysicalDevice physical, const char *name);
-/* gpu_submit.c */
+/* submit.c */
 int gpu_slots_create(struct gpu *gpu, struct kiln_error *error);
 void gpu_slots_destroy(struct gpu *gpu);
 /* Before something is destroyed: waits if anything is under way, whose slots stay taken. False: the device hangs, so
@@ -115,9 +115,9 @@ bool gpu_settle(const struct gpu *gpu);
 int gpu_slot_begin(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
 int gpu_slot_end(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
 int gpu_slot_wait(struct gpu *gpu, struct gpu_slot *slot, double *seconds, struct kiln_error *error);
-/* gpu_memory.c */
+/* memory.c */
 int gpu_staging_create(struct gpu *gpu, struct kiln_error *error);
-/* gpu_guard.c: buffers on memory whose surroundings nobody may touch, see gpu.h. Where nothing is said otherwise these
+/* guard.c: buffers on memory whose surroundings nobody may touch, see gpu.h. Where nothing is said otherwise these
  * do nothing without. */
 struct gpu_guarded {
     struct gpu_guarded *next;
@@ -148,7 +148,7 @@ int gpu_guard_take(struct gpu *gpu, VkDeviceMemory memory, size_t size, const ch
 void gpu_guard_retire(struct gpu_guarded *guarded);
 /* From here on the device is busy with a kernel of this name, a string that stays; NULL: with no kernel. */
 void gpu_guard_mark(const struct gpu *gpu, VkCommandBuffer commands, const char *kernel);
-/* gpu_kernel.c */
+/* kernel.c */
 int gpu_layouts_create(struct gpu *gpu, struct kiln_error *error);
 void gpu_layouts_destroy(struct gpu *gpu);
 void gpu_kernel_record(const struct gpu_kernel *kernel, VkCommandBuffer commands, const struct gpu_step *step,

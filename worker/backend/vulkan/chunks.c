@@ -1,5 +1,6 @@
-#include "worker/backend/vulkan/pass.h"
+#include "worker/backend/vulkan/chunks.h"
 
+#include <assert.h>
 #include <string.h>
 
 #include "worker/base/memory.h"
@@ -8,7 +9,8 @@
  * the host, would show. */
 enum { LEAST_POINTS = 1 << 13, USUAL_POINTS = 1 << 19, MOST_POINTS = 1 << 20, ENOUGH_RAYS = 1 << 24 };
 
-enum { ANSWER_BYTES = sizeof(struct kiln_gpu_result) + sizeof(uint32_t) };
+/* Bytes of a point's answer: the result and a word. */
+static size_t answer_bytes(const struct vulkan_chunked *pass) { return pass->result_bytes + sizeof(uint32_t); }
 
 void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y,
                    const void *constants, size_t bytes)
@@ -42,7 +44,7 @@ struct flight {
 /* A pass that is being run. */
 struct run {
     struct vulkan_backend *b;
-    const struct vulkan_pass *pass;
+    const struct vulkan_chunked *pass;
     size_t next, end;     /* tile runs not yet begun */
     size_t taken;         /* first tile run not yet handed over */
     uint32_t most_points; /* that a slot holds */
@@ -65,16 +67,16 @@ static uint64_t points_there(const struct vulkan_backend *b)
     return b->surface->count < MOST_POINTS ? b->surface->count : MOST_POINTS;
 }
 
-static int make_room(struct vulkan_backend *b, uint64_t points, uint64_t scratch, struct kiln_error *error)
+/* Slots with room for so many bytes of answers and of partial sums. */
+static int make_room(struct vulkan_backend *b, uint64_t answers, uint64_t scratch, struct kiln_error *error)
 {
     int status = KILN_OK;
     for (int i = 0; i < GPU_SLOTS && status == KILN_OK; i++) {
         status = grow_buffer(b, &b->slots[i].scratch, scratch, GPU_DEVICE, "a pass's partial sums", error);
         if (status == KILN_OK)
-            status = grow_buffer(b, &b->slots[i].answers, points * ANSWER_BYTES, GPU_DEVICE, "a pass's answers", error);
+            status = grow_buffer(b, &b->slots[i].answers, answers, GPU_DEVICE, "a pass's answers", error);
         if (status == KILN_OK)
-            status = grow_buffer(b, &b->slots[i].host, points * ANSWER_BYTES, GPU_HOST, "a pass's answers for the host",
-                                 error);
+            status = grow_buffer(b, &b->slots[i].host, answers, GPU_HOST, "a pass's answers for the host", error);
     }
     return status;
 }
@@ -87,7 +89,8 @@ void vulkan_passes_ahead(struct vulkan_backend *b)
 {
     const uint64_t a_slot = gpu_memory_left(b->gpu) / (4 * 2 * GPU_SLOTS); /* half of it for answers */
     const uint64_t scratch = lesser(lesser(b->surface->count << 10, b->scratch_most), a_slot);
-    (void)make_room(b, lesser(points_there(b), a_slot / ANSWER_BYTES), scratch, NULL);
+    const uint64_t answers = lesser(points_there(b) * (sizeof(struct kiln_gpu_result) + sizeof(uint32_t)), a_slot);
+    (void)make_room(b, answers, scratch, NULL);
 }
 
 /* How many points a chunk may have, by what the slots may hold; makes the slots that large, for batches of any size. */
@@ -100,10 +103,10 @@ static int make_slots(struct run *r, struct kiln_error *error)
     uint64_t scratch = gpu_memory_left(b->gpu) / (2 * GPU_SLOTS);
     scratch = scratch < b->slots[0].scratch.size ? b->slots[0].scratch.size : scratch;
     scratch = scratch > b->scratch_most ? b->scratch_most : scratch;
-    const uint64_t a_point = r->pass->scratch_bytes + ANSWER_BYTES;
+    const uint64_t a_point = r->pass->scratch_bytes + answer_bytes(r->pass);
     uint64_t points = scratch / a_point;
     points = points < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : points > there ? there : points;
-    const int status = make_room(b, points, points * r->pass->scratch_bytes, error);
+    const int status = make_room(b, points * answer_bytes(r->pass), points * r->pass->scratch_bytes, error);
     r->most_points = (uint32_t)points;
     return status;
 }
@@ -125,7 +128,7 @@ static uint32_t lower_bound(const uint32_t *list, uint32_t count, uint64_t value
 /* Points and rows of the next chunk: full rows of as many points as fit into a slice; of a few points as many rows. */
 static void size_chunk(const struct run *r, uint64_t *points, uint32_t *rows)
 {
-    const struct vulkan_pass *pass = r->pass;
+    const struct vulkan_chunked *pass = r->pass;
     const double work = (double)gpu_pacer_next(&r->b->pacers[pass->pace], pass->first_guess);
     const double a_point = pass->work * pass->rows;
     const double wanted = work / a_point;
@@ -159,12 +162,12 @@ static void describe(const struct run *r, const struct vulkan_block *block, cons
     const struct gpu *gpu = r->b->gpu;
     const struct vulkan_slot *slot = &r->b->slots[r->slot];
     const uint64_t results =
-        slot->answers.address + gpu_buffer_tail(gpu, &slot->answers, flight->total * (size_t)ANSWER_BYTES);
+        slot->answers.address + gpu_buffer_tail(gpu, &slot->answers, flight->total * answer_bytes(r->pass));
     const uint64_t first = r->b->surface->tile_runs[flight->tile_run_first].first - r->b->surface->first - block->first;
     *chunk = (struct vulkan_chunk){
         .scratch = slot->scratch.address + gpu_buffer_tail(gpu, &slot->scratch, flight->total * r->pass->scratch_bytes),
         .results = results,
-        .words = results + (uint64_t)flight->total * sizeof(struct kiln_gpu_result)};
+        .words = results + (uint64_t)flight->total * r->pass->result_bytes};
     gpu_buffer_forget(gpu, &slot->scratch);
     gpu_buffer_forget(gpu, &slot->answers);
     chunk->all = (struct kiln_gpu_chunk){.points = block->points.address,
@@ -193,14 +196,14 @@ static int wait_slot(struct run *r, uint32_t slot, struct kiln_error *error)
 }
 
 /* Software devices end a kernel's loops after some ten thousands of rounds in all, without a word; kernels notice and
- * say so by an error of -1. */
-static int check(const struct run *r, const struct flight *flight, const struct kiln_point_result *results,
-                 struct kiln_error *error)
+ * say so by a negative number. */
+static int check(const struct run *r, const struct flight *flight, const char *results, struct kiln_error *error)
 {
     bool stopped = false;
+    const size_t stride = r->pass->result_bytes, offset = r->pass->failed_offset;
 #pragma omp parallel for num_threads((int)r->b->threads) reduction(|| : stopped) if (flight->total > 1 << 14)
     for (uint32_t i = 0; i < flight->total; i++)
-        stopped = stopped || results[i].error < 0.0f;
+        stopped = stopped || *(const float *)(const void *)(results + i * stride + offset) < 0.0f;
     if (stopped)
         return kiln_fail(error, KILN_NO_DEVICE,
                          "%s ends long loops early, and a surface point of object %u needs one; use another device or "
@@ -217,13 +220,14 @@ static int land(struct run *r, uint32_t slot, struct kiln_error *error)
         return KILN_OK;
     int status = wait_slot(r, slot, error);
     flight->under_way = false;
-    const struct kiln_point_result *results = r->b->slots[slot].host.mapped;
-    if (status == KILN_OK && r->pass->states)
+    const char *results = r->b->slots[slot].host.mapped;
+    const uint32_t *words = (const uint32_t *)(const void *)(results + flight->total * r->pass->result_bytes);
+    if (status == KILN_OK && r->pass->result_bytes > 0)
         status = check(r, flight, results, error);
     if (status == KILN_OK) {
         r->taken = flight->tile_run_first + flight->tile_run_count;
         status = r->pass->take(r->pass->context, flight->tile_run_first, flight->tile_run_count, results,
-                               r->pass->wants_words ? (const uint32_t *)(results + flight->total) : NULL, error);
+                               r->pass->wants_words ? words : NULL, error);
         r->refused = status != KILN_OK;
     }
     return status;
@@ -241,7 +245,7 @@ static int submit_portion(struct run *r, struct vulkan_chunk *chunk, struct flig
             .from = &slot->answers,
             .to = &slot->host,
             .from_offset = chunk->results - slot->answers.address,
-            .size = flight->total * (r->pass->wants_words ? (size_t)ANSWER_BYTES : sizeof(struct kiln_gpu_result))};
+            .size = flight->total * (r->pass->wants_words ? answer_bytes(r->pass) : r->pass->result_bytes)};
     flight->work = r->pass->work * (double)flight->total * (double)chunk->row_count;
     return gpu_submit(r->b->gpu, r->slot, recording.steps, recording.count, error);
 }
@@ -309,11 +313,12 @@ static int run_chunks(struct run *r, struct kiln_error *error)
     return status;
 }
 
-int vulkan_run_pass(struct vulkan_backend *b, const struct vulkan_pass *pass, size_t tile_run_first,
-                    size_t tile_run_count, struct kiln_error *error)
+int vulkan_run_in_chunks(struct vulkan_backend *b, const struct vulkan_chunked *pass, const struct kiln_batch *batch,
+                         struct kiln_error *error)
 {
     struct run r = {
-        .b = b, .pass = pass, .next = tile_run_first, .end = tile_run_first + tile_run_count, .taken = tile_run_first};
+        .b = b, .pass = pass, .next = batch->first, .end = batch->first + batch->count, .taken = batch->first};
+    assert(pass->result_bytes == 0 || pass->result_bytes == pass->pass->result_bytes);
     for (;;) {
         int status = pass->prepare(pass->context, error);
         if (status == KILN_OK && pass->states)

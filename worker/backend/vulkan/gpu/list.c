@@ -2,7 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "worker/backend/vulkan/gpu_private.h"
+#include "worker/backend/vulkan/gpu/private.h"
 #include "worker/base/memory.h"
 
 bool gpu_has_extension(VkPhysicalDevice physical, const char *name)

@@ -1,6 +1,7 @@
-/* Running a pass over a range of tile runs: chunks sized by time, several under way, answers handed over in order. */
-#ifndef KILN_WORKER_BACKEND_VULKAN_PASS_H
-#define KILN_WORKER_BACKEND_VULKAN_PASS_H
+/* Running a pass over a range of tile runs in chunks: sized by time, several under way, answers handed over in order.
+ */
+#ifndef KILN_WORKER_BACKEND_VULKAN_CHUNKS_H
+#define KILN_WORKER_BACKEND_VULKAN_CHUNKS_H
 
 #include "worker/backend/vulkan/vulkan.h"
 
@@ -10,7 +11,7 @@ struct vulkan_chunk {
     struct kiln_gpu_chunk all;    /* every point, thread by thread */
     struct kiln_gpu_chunk buried; /* those that are partly buried; count 0: none */
     uint64_t scratch;             /* address; lasts from the first to the last portion */
-    uint64_t results;             /* address: struct kiln_gpu_result of each point */
+    uint64_t results;             /* address: the pass's result of each point */
     uint64_t words;               /* address: one word of each point */
     uint32_t row_first, row_count;
     bool last; /* the last portion: results and words must be complete after it */
@@ -36,10 +37,17 @@ struct vulkan_dispatch {
 void vulkan_record_both(struct vulkan_recording *recording, const struct vulkan_dispatch both[2],
                         size_t constant_bytes);
 
-struct vulkan_pass {
-    enum vulkan_pace pace;
-    /* points as the validity pass left them, and answers in results; else all points, and words only */
+/* How a pass runs in chunks. */
+struct vulkan_chunked {
+    const struct kiln_pass *pass;
+    uint32_t pace; /* whose speed it has: pass->index, or another of enum vulkan_pace */
+    /* points as the validity pass left them; else all points */
     bool states;
+    /* bytes of a point's result on the device, which are those of the pass's result struct; 0: there are words only */
+    size_t result_bytes;
+    /* where in a result a float stands that a kernel makes negative to say that the device ended its loops early
+     * (results only) */
+    size_t failed_offset;
     uint32_t rows;                                           /* slices of samples */
     double work;                                             /* of one row of a point: rays, about */
     uint64_t first_guess;                                    /* work of the first chunk, when nothing is known yet */
@@ -49,15 +57,15 @@ struct vulkan_pass {
     int (*record)(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
                   struct kiln_error *error);
     /* Answers of consecutive tile runs; words is NULL unless wanted. What it returns but for KILN_OK ends the pass. */
-    int (*take)(void *context, size_t tile_run_first, size_t tile_run_count, const struct kiln_point_result *results,
-                const uint32_t *words, struct kiln_error *error);
+    int (*take)(void *context, size_t tile_run_first, size_t tile_run_count, const void *results, const uint32_t *words,
+                struct kiln_error *error);
     void *context;
     double *seconds; /* NULL, or what the device was busy is added here */
 };
 
-/* Over `tile_run_count` tile runs from `tile_run_first` on. A device that was lost or has run out of memory is made
- * anew and the pass goes on with what had not been handed over yet: see vulkan_recover. */
-int vulkan_run_pass(struct vulkan_backend *b, const struct vulkan_pass *pass, size_t tile_run_first,
-                    size_t tile_run_count, struct kiln_error *error);
+/* Over the batch's tile runs; its taker is not called, `take` above may do so. A device that was lost or has run out of
+ * memory is made anew and the pass goes on with what had not been handed over yet: see vulkan_recover. */
+int vulkan_run_in_chunks(struct vulkan_backend *b, const struct vulkan_chunked *pass, const struct kiln_batch *batch,
+                         struct kiln_error *error);
 
 #endif

@@ -1,7 +1,7 @@
 #include <assert.h>
 #include <time.h>
 
-#include "worker/backend/vulkan/gpu_private.h"
+#include "worker/backend/vulkan/gpu/private.h"
 
 /* for one submission; a device that is not back by then is taken for lost */
 #define PATIENCE_NANOSECONDS 600000000000ull

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "worker/backend/vulkan/gpu_private.h"
+#include "worker/backend/vulkan/gpu/private.h"
 
 int gpu_faults_read(struct gpu_faults *faults, struct kiln_error *error)
 {

@@ -2,7 +2,7 @@
 #include <string.h>
 
 #include "shaders/shared/fold.h"
-#include "worker/backend/vulkan/gpu_private.h"
+#include "worker/backend/vulkan/gpu/private.h"
 #include "worker/base/memory.h"
 
 enum { MOST_CONSTANTS = 32, WORKGROUP = 64 };

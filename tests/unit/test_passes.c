@@ -1,0 +1,306 @@
+/* The table of passes, and what every row promises on every backend: numbers of samples that differ from item to item
+ * give each item the bits of its own number, however the batch is cut; results come in order, once each; rays are
+ * counted alike on all backends. The tests walk the table: a new row is tested once it has its parameters below.
+ * Without a Vulkan device Embree alone is tested. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "coordinator/surface/surface_build.h"
+#include "shaders/shared/random.h"
+#include "tests/unit/surface_scene.h"
+#include "tests/unit/vulkan_device.h"
+#include "worker/backend/backend.h"
+#include "worker/light/lights.h"
+#include "worker/pass/validity.h"
+#include "worker/scene/radiosity.h"
+
+enum { PROBES = 24 };
+#define FIRST_PROBE 0xfffffff8ull /* numbers pass 2^32 */
+
+/* The parameters that each pass is tested with; NULL: it has none. */
+static const void *const parameters[KILN_PASS_COUNT] = {0};
+
+struct world {
+    struct fixture *fixture;
+    struct kiln_geometry *geometry;
+    struct kiln_lights *lights;
+    struct kiln_surface *surface;
+    struct kiln_vec3 positions[PROBES];
+    uint64_t *radiosity;
+};
+
+/* A floor, a box sunk into it by a part of a texel, a lamp. */
+static void build(struct world *w)
+{
+    static const double flat[4] = {0.02, 0.98, 0.02, 0.98}, sunk[12] = {0.5, 0, 0, 0.07, 0, 0.5, 0, 0.43, 0, 0, 0.5, 0};
+    *w = (struct world){.fixture = fixture_create()};
+    struct fixture *f = w->fixture;
+    const uint32_t grey = fixture_material(f, 0.5f, 0.5f, 0.5f), lamp = fixture_material(f, 0, 0, 0);
+    memcpy(f->materials[lamp].emission, (const float[3]){5, 4, 3}, sizeof f->materials[lamp].emission);
+    fixture_mesh(f);
+    fixture_sheet(f, dvec3(-2, 0, 2), dvec3(4, 0, 0), dvec3(0, 0, -4), 3, flat, 0.2, grey);
+    fixture_cube(f, 1, 0.0, grey);
+    fixture_mesh(f);
+    fixture_sheet(f, dvec3(-0.5, 2.9, -0.5), dvec3(1, 0, 0), dvec3(0, 0, 1), 1, flat, 0.0, lamp);
+    fixture_object(f, 0, NULL, 28, 28);
+    fixture_object(f, 1, sunk, 18, 12);
+    fixture_object(f, 2, NULL, 4, 4);
+    assert_int_equal(kiln_geometry_create(&w->geometry, &f->scene, NULL), KILN_OK);
+    assert_int_equal(kiln_lights_create(&w->lights, &f->scene, w->geometry, NULL), KILN_OK);
+    const struct kiln_surface_params params = {.scene = &f->scene, .geometry = w->geometry, .ranks = 1, .threads = 1};
+    assert_int_equal(kiln_surface_build(&w->surface, &params, &(struct kiln_surface_report){0}, NULL), KILN_OK);
+    w->radiosity = calloc(w->surface->point_count, sizeof *w->radiosity);
+    for (uint64_t i = 0; i < w->surface->point_count; i++) {
+        const float level = 1.0f + (float)fixture_random(f), rgb[3] = {level, 2.0f * level, 0.5f};
+        w->radiosity[i] = kiln_radiosity_pack(rgb, kiln_hash1((uint32_t)i));
+    }
+    for (int i = 0; i < PROBES; i++)
+        w->positions[i] = vec3((float)(4.0 * fixture_random(f) - 2.0), (float)(2.0 * fixture_random(f) + 0.01),
+                               (float)(4.0 * fixture_random(f) - 2.0));
+}
+
+static void release(struct world *w)
+{
+    free(w->radiosity);
+    kiln_surface_destroy(&w->surface);
+    kiln_lights_destroy(&w->lights);
+    kiln_geometry_destroy(&w->geometry);
+    fixture_destroy(w->fixture);
+}
+
+/* Results of a run, in the order of items. */
+struct kept {
+    const struct kiln_surface *surface; /* NULL: items are positions */
+    size_t result_bytes, first, next;   /* items */
+    char *results;
+    uint64_t *offset; /* of each item's first result, and one more */
+};
+
+static int keep(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)error;
+    struct kept *k = context;
+    assert_true(first >= k->next && count > 0); /* in order, none twice */
+    k->next = first + count;
+    const uint64_t begin = k->offset[first - k->first], end = k->offset[first - k->first + count];
+    memcpy(k->results + begin * k->result_bytes, results, (end - begin) * k->result_bytes);
+    return KILN_OK;
+}
+
+static struct kept keeper(const struct world *w, const struct kiln_pass *pass, struct kiln_batch *all)
+{
+    const bool surface = pass->domain == KILN_DOMAIN_TILE_RUNS;
+    *all = (struct kiln_batch){.first = surface ? 0 : FIRST_PROBE,
+                               .count = surface ? w->surface->tile_run_count : PROBES,
+                               .positions = surface ? NULL : w->positions,
+                               .stream = pass->has_streams ? 2 : 0,
+                               .take = keep};
+    struct kept k = {.surface = surface ? w->surface : NULL, .result_bytes = pass->result_bytes, .first = all->first};
+    k.offset = calloc(all->count + 1, sizeof *k.offset);
+    for (size_t i = 0; i < all->count; i++)
+        k.offset[i + 1] = k.offset[i] + (surface ? w->surface->tile_runs[i].count : 1);
+    k.results = malloc(k.offset[all->count] * k.result_bytes);
+    memset(k.results, 0xa5, k.offset[all->count] * k.result_bytes);
+    return k;
+}
+
+static void drop(struct kept *k)
+{
+    free(k->results);
+    free(k->offset);
+}
+
+static uint64_t run(struct kiln_backend *backend, const struct kiln_pass *pass, struct kiln_batch batch, struct kept *k)
+{
+    struct kiln_error error = {""};
+    uint64_t rays = 0;
+    batch.context = k;
+    k->next = k->first;
+    if (kiln_backend_run(backend, pass, parameters[pass->index], &batch, &rays, &error) != KILN_OK)
+        fail_msg("%s: %s", pass->name, error.message);
+    return rays;
+}
+
+/* Each item's number of samples, in stretches of one and more; 0: left out. */
+static uint32_t number_of(size_t item)
+{
+    static const uint32_t numbers[] = {4, 4, 9, 0, 0, 16, 5, 5, 5, 1};
+    return numbers[item % (sizeof numbers / sizeof *numbers)];
+}
+
+/* A batch whose numbers differ against batches where all items have one of them. */
+static void numbers_may_differ(struct kiln_backend *backend, const struct world *w, const struct kiln_pass *pass)
+{
+    struct kiln_batch all;
+    struct kept mixed = keeper(w, pass, &all), uniform = keeper(w, pass, &all);
+    uint32_t *numbers = calloc(all.count, sizeof *numbers);
+    uint64_t expected_rays = 0;
+    for (size_t i = 0; i < all.count; i++)
+        numbers[i] = number_of(i);
+    struct kiln_batch batch = all;
+    batch.samples_of = numbers;
+    const uint64_t rays = run(backend, pass, batch, &mixed);
+    for (uint32_t number = 1; number <= 16; number++)
+        for (size_t i = 0; i < all.count; i++) {
+            if (numbers[i] != number)
+                continue;
+            struct kiln_batch one = kiln_batch_part(&all, all.first + i, 1);
+            one.samples = number;
+            expected_rays += run(backend, pass, one, &uniform);
+        }
+    assert_true(rays > 0 && rays == expected_rays);
+    for (size_t i = 0; i < all.count; i++) { /* what was left out is as it was in both */
+        const uint64_t begin = mixed.offset[i] * pass->result_bytes, end = mixed.offset[i + 1] * pass->result_bytes;
+        assert_memory_equal(mixed.results + begin, uniform.results + begin, end - begin);
+        assert_true(numbers[i] != 0 || (unsigned char)mixed.results[begin] == 0xa5);
+    }
+    /* all items at once, where a device takes many to a chunk */
+    batch = all;
+    batch.samples = 9;
+    (void)run(backend, pass, batch, &uniform);
+    for (size_t i = 0; i < all.count; i++)
+        if (numbers[i] == 9)
+            assert_memory_equal(mixed.results + mixed.offset[i] * pass->result_bytes,
+                                uniform.results + mixed.offset[i] * pass->result_bytes,
+                                (mixed.offset[i + 1] - mixed.offset[i]) * pass->result_bytes);
+    free(numbers);
+    drop(&mixed);
+    drop(&uniform);
+}
+
+/* Runs every pass, validity first; gives the rays of each. */
+static void run_all(const struct world *w, const char *name, uint64_t rays[KILN_PASS_COUNT])
+{
+    struct kiln_error error = {""};
+    struct kiln_backend *backend = NULL;
+    const struct kiln_backend_params params = {
+        .scene = &w->fixture->scene, .geometry = w->geometry, .lights = w->lights, .threads = 2, .seed = 7};
+    if (kiln_backend_create(&backend, name, &params, &error) != KILN_OK ||
+        kiln_backend_set_surface(backend, w->surface, &error) != KILN_OK ||
+        kiln_backend_set_radiosity(backend, w->radiosity, &error) != KILN_OK)
+        fail_msg("%s: %s", name, error.message);
+    const struct kiln_batch points = {
+        .count = w->surface->tile_run_count, .take = kiln_validity_keep, .context = w->surface};
+    uint64_t ignored = 0, partly = 0;
+    assert_int_equal(kiln_backend_run(backend, &kiln_pass_validity, NULL, &points, &ignored, &error), KILN_OK);
+    for (uint64_t i = 0; i < w->surface->count; i++)
+        partly += w->surface->visible[i] != 0 && w->surface->visible[i] != 0xffff;
+    assert_true(partly > 4);
+    for (int i = 0; i < KILN_PASS_COUNT; i++) {
+        const struct kiln_pass *pass = kiln_passes[i];
+        struct kiln_batch all;
+        struct kept k = keeper(w, pass, &all);
+        all.samples = pass->is_sampled ? 9 : 0;
+        rays[i] = run(backend, pass, all, &k);
+        assert_true(k.next == all.first + all.count && rays[i] > 0);
+        drop(&k);
+        if (pass->is_sampled)
+            numbers_may_differ(backend, w, pass);
+    }
+    kiln_backend_destroy(&backend);
+}
+
+static void every_pass_on_every_backend(void **state)
+{
+    (void)state;
+    struct world w;
+    uint64_t rays[2][KILN_PASS_COUNT];
+    build(&w);
+    run_all(&w, "embree", rays[0]);
+    if (vulkan_device_is_there()) {
+        run_all(&w, "vulkan", rays[1]);
+        for (int i = 0; i < KILN_PASS_COUNT; i++) {
+            print_message("%s: %llu rays, on Vulkan %llu\n", kiln_passes[i]->name, (unsigned long long)rays[0][i],
+                          (unsigned long long)rays[1][i]);
+            assert_true(fabs((double)rays[1][i] / (double)rays[0][i] - 1.0) < 0.002); /* rounding decides a few */
+        }
+    }
+    release(&w);
+}
+
+static void rows_are_in_order(void **state)
+{
+    (void)state;
+    static const double zeros[64];
+    for (size_t i = 0; i < KILN_PASS_COUNT; i++) {
+        const struct kiln_pass *pass = kiln_passes[i];
+        assert_true(pass != NULL && (size_t)pass->index == i && pass->name != NULL && pass->what != NULL);
+        assert_true(pass->result_bytes > 0 && (parameters[i] != NULL) == (pass->parameter_bytes > 0));
+        for (size_t k = 0; k < i; k++)
+            assert_string_not_equal(pass->name, kiln_passes[k]->name);
+        if (pass->figures == NULL)
+            continue;
+        struct kiln_pass_figures figures;
+        assert_true(pass->figure_count > 0 && pass->figure_count <= KILN_PASS_FIGURES && pass->unit != NULL);
+        for (size_t c = 0; c < pass->figure_count; c++)
+            assert_non_null(pass->figure_names[c]);
+        assert_true(pass->result_bytes <= sizeof zeros);
+        pass->figures(zeros, &figures); /* an invalid point's result */
+        assert_true(figures.sound && figures.level == 0.0 && figures.error == 0.0);
+    }
+}
+
+/* A call that does not keep to the row is refused with a sentence, before a backend sees it. */
+static void wrong_calls_are_refused(void **state)
+{
+    (void)state;
+    struct world w;
+    struct kiln_error error;
+    struct kiln_backend *backend = NULL;
+    uint64_t rays = 0;
+    build(&w);
+    const struct kiln_backend_params params = {
+        .scene = &w.fixture->scene, .geometry = w.geometry, .lights = w.lights, .threads = 1};
+    assert_int_equal(kiln_backend_create(&backend, "embree", &params, &error), KILN_OK);
+    for (int i = 0; i < KILN_PASS_COUNT; i++) {
+        const struct kiln_pass *pass = kiln_passes[i];
+        struct kiln_batch all;
+        struct kept k = keeper(&w, pass, &all);
+        all.context = &k;
+        all.samples = pass->is_sampled ? 1 : 0;
+        if (pass->domain == KILN_DOMAIN_TILE_RUNS || pass->reads_radiosity) { /* nothing was handed over yet */
+            assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &rays, &error), KILN_BUG);
+            assert_non_null(strstr(error.message, pass->name));
+        }
+        drop(&k);
+    }
+    assert_int_equal(kiln_backend_set_surface(backend, w.surface, &error), KILN_OK);
+    assert_int_equal(kiln_backend_set_radiosity(backend, w.radiosity, &error), KILN_OK);
+    for (int i = 0; i < KILN_PASS_COUNT; i++) {
+        const struct kiln_pass *pass = kiln_passes[i];
+        struct kiln_batch all;
+        struct kept k = keeper(&w, pass, &all);
+        all.context = &k;
+        all.samples = pass->is_sampled ? 0 : 1;
+        assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &rays, &error), KILN_BUG);
+        all.samples = 1 - all.samples;
+        all.positions = all.positions != NULL ? NULL : w.positions;
+        assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &rays, &error), KILN_BUG);
+        all.positions = all.positions != NULL ? NULL : w.positions;
+        all.stream = pass->has_streams ? all.stream : 1;
+        if (!pass->has_streams)
+            assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &rays, &error), KILN_BUG);
+        drop(&k);
+    }
+    assert_true(rays == 0);
+    kiln_backend_destroy(&backend);
+    release(&w);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(rows_are_in_order),
+        cmocka_unit_test(wrong_calls_are_refused),
+        cmocka_unit_test(every_pass_on_every_backend),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

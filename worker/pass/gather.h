@@ -1,0 +1,25 @@
+/* The gather pass: light that arrives at surface points from other surface points, one bounce.
+ *
+ *     E(x) = integral over the hemisphere of (B(hit(x, w)) / pi) n.w dw
+ *
+ * with hit(x, w) the nearest surface point that a ray from x in direction w meets and B its radiosity (Kajiya, "The
+ * Rendering Equation", SIGGRAPH 1986, equation 1, for surfaces that are diffuse). With directions drawn with density
+ * n.w / pi this is the plain mean of B(hit). Where a mesh has shading normals s, directions are drawn about the axis
+ * half-way between n and s, and E about n and about s are means with weights (embree/gather.c says which); their mean
+ * weight is 1, so that no energy is lost.
+ *
+ * The samples of a point start at places that are uniform over the part of its texel that is covered, not buried
+ * (validity.h) and, by its opacity, there. A ray that meets the back of a double-sided surface finds the radiosity of
+ * the back's own points. A ray that meets the back of a single-sided surface, or of a solid's (worker/scene/solids.h),
+ * brings nothing and counts as blocked; a ray that meets nothing as escaped. A ray meets a surface that lets light
+ * through with a chance that is the surface's opacity, and is tinted by the surfaces that it passes.
+ *
+ * Items: tile runs. Result: struct kiln_point_result. No parameters. Samples: rays of a point. Streams: 1, 2, ... for
+ * bounces, 0xffff for the final gather. Rays: the samples of all valid points. */
+#ifndef KILN_WORKER_PASS_GATHER_H
+#define KILN_WORKER_PASS_GATHER_H
+
+#include "worker/pass/pass.h"
+#include "worker/pass/point.h"
+
+#endif

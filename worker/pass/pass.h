@@ -1,0 +1,113 @@
+/* What a pass is: one way of asking rays about many items, with one answer an item. Each pass is a row of a table.
+ *
+ * A pass takes parameters of its own and a batch (the items, their samples, the random stream) and gives an array of
+ * results, one an item. What a particular pass takes and gives, with its formula and units, stands in its own header:
+ * validity.h, direct.h, gather.h, probes.h. kiln_backend_run (worker/backend/backend.h) runs any of them.
+ *
+ * A new pass called NAME is: NAME in KILN_PASS_LIST below, a row in passes.c, a header NAME.h in this folder, and a
+ * file NAME.c in each backend's folder with the function that the backend's header declares for every name of the list
+ * (embree_NAME in worker/backend/embree/embree.h, vulkan_NAME in worker/backend/vulkan/vulkan.h). The neutral layer,
+ * the fallback and the verifying backend walk the table and know no pass by name.
+ *
+ * Determinism: a result is a function of (seed, item, stream, sample, parameters) and the scene alone. Any batch,
+ * number of threads or rank gives the same bits. */
+#ifndef KILN_WORKER_PASS_PASS_H
+#define KILN_WORKER_PASS_PASS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "worker/base/status.h"
+#include "worker/base/vector.h"
+
+/* The names of all passes. */
+#define KILN_PASS_LIST(DO) DO(validity) DO(direct) DO(gather) DO(probes)
+
+/* Where a pass stands in kiln_passes: KILN_PASS_INDEX_direct and so on. */
+#define KILN_PASS_INDEX_OF(name) KILN_PASS_INDEX_##name,
+enum kiln_pass_index { KILN_PASS_LIST(KILN_PASS_INDEX_OF) KILN_PASS_COUNT };
+#undef KILN_PASS_INDEX_OF
+
+/* What the items of a pass are. */
+enum kiln_pass_domain {
+    /* An item is a tile run (worker/scene/surface.h) of the surface that the backend has; its results are one for each
+     * of the tile run's points, in order. */
+    KILN_DOMAIN_TILE_RUNS,
+    /* An item is a position in space; it has one result. */
+    KILN_DOMAIN_POSITIONS
+};
+
+/* The figures of one result by which the verifying backend compares it with another backend's. */
+enum { KILN_PASS_FIGURES = 6 };
+struct kiln_pass_figures {
+    double level; /* the figure that stands for the whole result, in the pass's unit: a luminance, a share */
+    double error; /* its standard error, same unit; 0: unknown */
+    float value[KILN_PASS_FIGURES]; /* all figures: kiln_pass.figure_count of them */
+    bool sound;                     /* all are finite and none is below what is possible */
+};
+
+/* A row of the table. */
+struct kiln_pass {
+    enum kiln_pass_index index;
+    const char *name; /* as in KILN_PASS_LIST */
+    const char *what; /* what it finds, in messages: "direct light" */
+    enum kiln_pass_domain domain;
+    size_t parameter_bytes; /* of its struct of parameters; 0: it has none, NULL is given */
+    size_t result_bytes;    /* of one result */
+    bool is_sampled;        /* it takes kiln_batch.samples; else it has a number of its own, and 0 is given */
+    bool has_streams;       /* it tells streams apart; else kiln_batch.stream is 0 */
+    bool reads_radiosity;   /* kiln_backend_set_radiosity must come before it */
+    /* A rank may run it over tile runs of another rank of its node (work stealing): it needs no more than that rank's
+     * surface, and nothing that the ranks exchange hangs on who ran it. */
+    bool is_stealable;
+    /* Comparison of results, for the verifying backend. NULL: results are not verified; then the rest is unused. */
+    void (*figures)(const void *result, struct kiln_pass_figures *figures);
+    size_t figure_count;                         /* at most KILN_PASS_FIGURES */
+    const char *figure_names[KILN_PASS_FIGURES]; /* in messages: "irradiance" */
+    const char *unit;                            /* of `level`, in messages: "W/m2" */
+};
+
+/* The rows, one object for each name of the list (kiln_pass_direct and so on), and all of them in order. */
+#define KILN_PASS_DECLARE(name) extern const struct kiln_pass kiln_pass_##name;
+KILN_PASS_LIST(KILN_PASS_DECLARE)
+#undef KILN_PASS_DECLARE
+extern const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT];
+
+/* What is done with results: called on the thread that called kiln_backend_run, for consecutive parts of a batch, in
+ * order, while a device may already be busy with the next part. `first` and `count` are items. `results` points to an
+ * array of the pass's result struct, for all points of the tile runs or for all positions, in order; it is only lent
+ * until the call returns. A status other than KILN_OK ends the run with that status. */
+typedef int (*kiln_take_results)(void *context, size_t first, size_t count, const void *results,
+                                 struct kiln_error *error);
+
+/* A range of items and what is done with them. Any length: a backend cuts it up as suits its device. */
+struct kiln_batch {
+    size_t first, count; /* items. Tile runs: of the backend's surface. Positions: of all that there are; random numbers
+                          * are a function of the item's number */
+    const struct kiln_vec3 *positions; /* `count` positions, m from the scene's centre; NULL for tile runs */
+    uint32_t stream;                   /* tells runs of one pass apart in the random numbers */
+    uint32_t samples;                  /* of every point or position */
+    /* NULL: all items have `samples`. Else `count` numbers, one an item, for adaptive sampling; an item with 0 is left
+     * out (its results are not computed and not taken). An item's results are the same bits as in a batch where all
+     * items have its number of samples. Backends never see this array: kiln_backend_run cuts the batch into stretches
+     * of equal numbers, so long stretches run faster. */
+    const uint32_t *samples_of;
+    kiln_take_results take; /* NULL: results are dropped */
+    void *context;          /* given to `take` */
+};
+
+/* The items [first, first + count) of the batch, which lie in it. */
+static inline struct kiln_batch kiln_batch_part(const struct kiln_batch *batch, size_t first, size_t count)
+{
+    struct kiln_batch part = *batch;
+    part.first = first;
+    part.count = count;
+    if (batch->positions != NULL)
+        part.positions = batch->positions + (first - batch->first);
+    if (batch->samples_of != NULL)
+        part.samples_of = batch->samples_of + (first - batch->first);
+    return part;
+}
+
+#endif

@@ -1,0 +1,82 @@
+#include <math.h>
+#include <string.h>
+
+#include "worker/pass/direct.h"
+#include "worker/base/color.h"
+#include "worker/pass/gather.h"
+#include "worker/pass/probes.h"
+#include "worker/pass/validity.h"
+
+/* ---- how results compare ---- */
+
+static void point_figures(const void *result, struct kiln_pass_figures *f)
+{
+    const struct kiln_point_result *r = result;
+    f->sound = isfinite(r->error) && r->error >= 0.0f;
+    for (int c = 0; c < 3; c++) {
+        f->value[c] = r->irradiance[c];
+        f->value[3 + c] = r->incident[c];
+    }
+    for (int c = 0; c < 6; c++)
+        f->sound = f->sound && isfinite(f->value[c]) && f->value[c] >= 0.0f;
+    f->level = kiln_luminance_of_floats(r->irradiance);
+    f->error = (double)r->error;
+}
+
+/* ---- the table ---- */
+
+#define POINT_FIGURES                                                                                                  \
+    .figures = point_figures, .figure_count = 6, .unit = "W/m2",                                                       \
+    .figure_names = {"irradiance", "irradiance", "irradiance", "incident light", "incident light", "incident light"}
+
+/* Not verified: a look decides by yes or no, and the two looks are few; a point that differs shows in its light. */
+const struct kiln_pass kiln_pass_validity = {.index = KILN_PASS_INDEX_validity,
+                                             .name = "validity",
+                                             .what = "validity",
+                                             .domain = KILN_DOMAIN_TILE_RUNS,
+                                             .result_bytes = sizeof(uint16_t)};
+
+const struct kiln_pass kiln_pass_direct = {.index = KILN_PASS_INDEX_direct,
+                                           .name = "direct",
+                                           .what = "direct light",
+                                           .domain = KILN_DOMAIN_TILE_RUNS,
+                                           .result_bytes = sizeof(struct kiln_point_result),
+                                           .is_sampled = true,
+                                           .is_stealable = true,
+                                           POINT_FIGURES};
+
+const struct kiln_pass kiln_pass_gather = {.index = KILN_PASS_INDEX_gather,
+                                           .name = "gather",
+                                           .what = "gathered light",
+                                           .domain = KILN_DOMAIN_TILE_RUNS,
+                                           .result_bytes = sizeof(struct kiln_point_result),
+                                           .is_sampled = true,
+                                           .has_streams = true,
+                                           .reads_radiosity = true,
+                                           .is_stealable = true,
+                                           POINT_FIGURES};
+
+/* Not verified: a probe carries no standard error to compare by. */
+const struct kiln_pass kiln_pass_probes = {.index = KILN_PASS_INDEX_probes,
+                                           .name = "probes",
+                                           .what = "light at probes",
+                                           .domain = KILN_DOMAIN_POSITIONS,
+                                           .result_bytes = sizeof(struct kiln_probe_result),
+                                           .is_sampled = true,
+                                           .reads_radiosity = true};
+
+#define ROW(name) [KILN_PASS_INDEX_##name] = &kiln_pass_##name,
+const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};
+#undef ROW
+
+/* ---- results ---- */
+
+int kiln_validity_keep(void *surface, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)error;
+    const struct kiln_surface *s = surface;
+    const struct kiln_tile_run *run = &s->tile_runs[first], *last = run + count - 1;
+    memcpy(s->visible + (run->first - s->first), results,
+           (size_t)(last->first + last->count - run->first) * sizeof *s->visible);
+    return KILN_OK;
+}

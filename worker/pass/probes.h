@@ -1,0 +1,27 @@
+/* The probe pass: light that arrives at points in space, from all directions, for the irradiance volume.
+ *
+ *     L_lm = integral over the sphere of L(w) Y_lm(w) dw,   l <= 2
+ *
+ * with L(w) the radiance that arrives from direction w and Y_lm the real orthonormal spherical harmonics (Ramamoorthi
+ * and Hanrahan, "An Efficient Representation for Irradiance Environment Maps", SIGGRAPH 2001, equations 3 and 10).
+ * What surfaces send (radiosity / pi) and a constant sky are met by rays spread evenly over the sphere; each stands for
+ * 4 pi / samples sr. The other lights are sampled like in the direct pass (direct.h).
+ *
+ * Items: positions. No parameters. Samples: rays over the sphere, and as many again dealt out to the lights. Rays:
+ * those over the sphere and the shadow rays. */
+#ifndef KILN_WORKER_PASS_PROBES_H
+#define KILN_WORKER_PASS_PROBES_H
+
+#include "worker/pass/pass.h"
+
+struct kiln_probe_result {
+    /* SH coefficients of incident radiance, W/(m2 sr) by the convention above, bands 0..2, order (l,m) = 00, 1-1, 10,
+     * 11, 2-2, 2-1, 20, 21, 22, RGB for each */
+    float radiance[9][3];
+    float irradiance_axes[6][3]; /* W/m2: irradiance on faces looking along +x -x +y -y +z -z, estimated directly */
+    /* m, harmonic-free plain mean of hit distances; the scene's diagonal stands in for escapes */
+    float mean_distance;
+    float back_share; /* share of rays that met a back face: near 1 inside geometry */
+};
+
+#endif
