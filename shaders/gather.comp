@@ -111,8 +111,8 @@ void kiln_kernel(uint x, uint row)
     for (uint d = 0u; d < 4u; d++)
         seed[d] = kiln_gather_seed(p.tile_key, push.stream, d);
     const uint key = kiln_hash2(p.key, push.stream), shared_digits = kiln_shared_digits(n);
-    const uint shift_u = kiln_gather_shift(key, KILN_DIMENSION_U) >> shared_digits,
-               shift_v = kiln_gather_shift(key, KILN_DIMENSION_V) >> shared_digits;
+    const uint shift_u = kiln_direction_shift(key, KILN_DIMENSION_U, shared_digits);
+    const uint shift_v = kiln_direction_shift(key, KILN_DIMENSION_V, shared_digits);
     const uint chance = kiln_gather_chance(key);
     const uint shift_s = kiln_gather_shift(key, KILN_DIMENSION_S), shift_t = kiln_gather_shift(key, KILN_DIMENSION_T);
     const bool shares = DRAW_AGAIN != 0u || (p.flags & (KILN_GPU_POINT_PARTIAL | KILN_GPU_POINT_MASKED)) != 0u;

@@ -22,6 +22,12 @@ KILN_FUNCTION KILN_U32 kiln_gather_seed(KILN_U32 tile_key, KILN_U32 stream, KILN
 /* Digital shift of a dimension of a texel's samples; `key` is kiln_hash2(texel's key, stream). Dimensions U and V leave
  * the digits alone that the texels of a tile share: shift it right by their number. */
 KILN_FUNCTION KILN_U32 kiln_gather_shift(KILN_U32 key, KILN_U32 dimension) { return kiln_hash1(key + 1u + dimension); }
+/* The same of a dimension that chooses a direction: the leading `shared_digits` (kiln_shared_digits) are zero, so that
+ * the samples stay in the strata that the texels of a tile share. */
+KILN_FUNCTION KILN_U32 kiln_direction_shift(KILN_U32 key, KILN_U32 dimension, KILN_U32 shared_digits)
+{
+    return kiln_gather_shift(key, dimension) >> shared_digits;
+}
 /* What a texel's rays hang their chances on, and the seed of ray k from it. */
 KILN_FUNCTION KILN_U32 kiln_gather_chance(KILN_U32 key) { return kiln_hash1(key + 5u); }
 KILN_FUNCTION KILN_U32 kiln_gather_ray_seed(KILN_U32 chance, KILN_U32 k) { return kiln_hash2(chance, k); }

@@ -162,8 +162,6 @@ int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 
  * the seconds that its calls took and the number of rays. One thread. Nothing is taken. */
 int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
                          struct kiln_error *error);
-/* One line: Embree's version as it is installed. */
-void kiln_backend_embree_version(char *text, size_t size);
 static inline void kiln_backend_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     backend->api->info(backend, info);

@@ -2,6 +2,7 @@
 
 #include <math.h>
 
+#include "coordinator/field/radiosity_allgather.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "worker/scene/radiosity.h"
 
