@@ -93,6 +93,12 @@ struct kiln_field {
 /* All rows. */
 const struct kiln_field *kiln_fields(size_t *count);
 
+/* What users call a published field, and `kiln view --show` takes: the last part of its dataset's name ("direct"). NULL
+ * for a field that is not published. */
+const char *kiln_field_shown_name(const struct kiln_field *field);
+/* The field of the table that users call so and that lightmaps may have; NULL when there is none. */
+const struct kiln_field *kiln_field_shown(const char *name);
+
 enum { KILN_FIELDS_MAX = 32 };
 
 /* The fields that one bake has, in the table's order. */
@@ -127,6 +133,12 @@ uint64_t kiln_field_set_saved_bytes(const struct kiln_field_set *set);
 /* Bytes that light transport allocates on a node's only rank for `own` of `total` surface points, for all that it keeps
  * of a point besides its surface. */
 uint64_t kiln_field_set_transport_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total);
+
+/* Of what is published: floats of a texel in a lightmap's file; bytes of a texel while a lightmap is made, which has
+ * all fields with channels, and of a point in kiln.h5. */
+uint32_t kiln_field_set_channels(const struct kiln_field_set *set);
+uint64_t kiln_field_set_plane_bytes(const struct kiln_field_set *set);
+uint64_t kiln_field_set_column_bytes(const struct kiln_field_set *set);
 
 /* One item's components as published: floats in the field's unit. `values` is the field's array. Of the types that are
  * no numbers (tile runs, queues) there are none. */

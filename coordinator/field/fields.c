@@ -190,6 +190,20 @@ const struct kiln_field *kiln_fields(size_t *count)
     return table;
 }
 
+const char *kiln_field_shown_name(const struct kiln_field *field)
+{
+    return field->dataset != NULL ? strrchr(field->dataset, '/') + 1 : NULL;
+}
+
+const struct kiln_field *kiln_field_shown(const char *name)
+{
+    for (size_t i = 0; i < ROWS; i++)
+        if (table[i].dataset != NULL && table[i].channels != NULL &&
+            strcmp(kiln_field_shown_name(&table[i]), name) == 0)
+            return &table[i];
+    return NULL;
+}
+
 /* ---- the fields of a bake ---- */
 
 size_t kiln_field_set_find(const struct kiln_field_set *set, const char *name)
@@ -290,6 +304,32 @@ uint64_t kiln_field_set_transport_bytes(const struct kiln_field_set *set, uint64
     return total * kiln_field_set_point_bytes(set, KILN_FIELD_ALLGATHER) +
            own *
                (kiln_field_set_point_bytes(set, KILN_FIELD_RESULT) + kiln_field_set_point_bytes(set, KILN_FIELD_STEP));
+}
+
+uint32_t kiln_field_set_channels(const struct kiln_field_set *set)
+{
+    uint32_t channels = 0;
+    for (size_t i = 0; i < set->count; i++)
+        channels += set->entry[i].in_lightmaps ? set->entry[i].field->components : 0;
+    return channels;
+}
+
+uint64_t kiln_field_set_plane_bytes(const struct kiln_field_set *set)
+{
+    uint64_t floats = 0;
+    for (size_t i = 0; i < set->count; i++) {
+        const struct kiln_field *f = set->entry[i].field;
+        floats += f->channels != NULL && f->life != KILN_FIELD_SUM ? f->components : 0;
+    }
+    return floats * sizeof(float);
+}
+
+uint64_t kiln_field_set_column_bytes(const struct kiln_field_set *set)
+{
+    uint64_t floats = 0;
+    for (size_t i = 0; i < set->count; i++)
+        floats += set->entry[i].field->dataset != NULL ? set->entry[i].field->components : 0;
+    return floats * sizeof(float);
 }
 
 /* ---- values ---- */

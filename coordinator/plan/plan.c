@@ -10,8 +10,6 @@
 #include "coordinator/bake/light_settings.h"
 #include "coordinator/bake/volume.h"
 #include "coordinator/export/export.h"
-#include "coordinator/output/columns.h"
-#include "coordinator/output/map/map.h"
 #include "worker/base/memory.h"
 #include "worker/pass/direct.h"
 #include "worker/pass/gather.h"
@@ -39,7 +37,8 @@ static const uint64_t LIGHTMAP_BUDGET = 1ull << 21; /* texels under way on a ran
 static const double RECORD_BYTES = 2 * 58.0;
 /* bytes a point of kiln.h5 in hand; of them still held afterwards */
 static const double H5_ROW = 113.0, H5_KEPT = 90.0;
-enum { MEASURED_ROW = 110 }; /* bytes of a row of kiln.h5 then */
+/* Bytes that fields took in these measurements, of a texel and of a row of kiln.h5: those of other fields are added. */
+static const double MEASURED_PLANES = 28.0, MEASURED_COLUMNS = 56.0;
 static const uint64_t ROWS_AT_ONCE = 1ull << 18;
 static const uint64_t PREVIEW_BYTES = 62ull << 20; /* rays of a band, 120 bytes each */
 static const double PREVIEW_TEXEL = 12.0;          /* lightmaps in view */
@@ -103,34 +102,6 @@ static uint64_t largest_lightmap(const struct kiln_scene *scene)
 
 static double least(double a, double b) { return a < b ? a : b; }
 
-/* Bytes of a point's published values beyond those that every bake has and that were measured: in planes of lightmaps
- * under way, and in columns of kiln.h5. */
-struct published {
-    double planes, columns;
-};
-
-static struct published published_more(const struct kiln_field_set *fields)
-{
-    struct published more = {-4.0 * KILN_MAP_PLANES, -(double)MEASURED_ROW};
-    struct kiln_columns columns;
-    kiln_columns_make(&columns, fields, true);
-    more.columns += (double)kiln_columns_row(&columns);
-    for (size_t i = 0; i < fields->count; i++) {
-        const struct kiln_field *f = fields->entry[i].field;
-        more.planes += f->channels != NULL && f->life != KILN_FIELD_SUM ? 4.0 * f->components : 0.0;
-    }
-    return more;
-}
-
-/* Channels of a lightmap that hold fields; those of total, direct and indirect light are nine. */
-static double light_channels(const struct kiln_field_set *fields)
-{
-    double channels = 0.0;
-    for (size_t i = 0; i < fields->count; i++)
-        channels += fields->entry[i].in_lightmaps ? fields->entry[i].field->components : 0.0;
-    return channels;
-}
-
 /* The phases that write follow one another; the fullest is the first rank, which draws the preview. */
 static uint64_t result_bytes(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
@@ -139,11 +110,12 @@ static uint64_t result_bytes(const struct kiln_plan *plan, const struct kiln_pre
     const double at_once = fmax(largest, least(texels / job->ranks, (double)LIGHTMAP_BUDGET));
     const double rows = least(own, (double)ROWS_AT_ONCE);
     const struct kiln_field_set fields = fields_of(job);
-    const struct published more = published_more(&fields);
-    const double lightmaps = (LIGHTMAP_WORK + more.planes) * at_once + (RECORD_BYTES + 2.0 * more.planes) * rows;
+    const double planes = (double)kiln_field_set_plane_bytes(&fields) - MEASURED_PLANES,
+                 columns = (double)kiln_field_set_column_bytes(&fields) - MEASURED_COLUMNS;
+    const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (RECORD_BYTES + 2.0 * planes) * rows;
     const double preview =
-        job->preview ? (double)PREVIEW_BYTES + PREVIEW_TEXEL * texels + (H5_KEPT + more.columns) * rows : 0.0;
-    return (uint64_t)fmax(lightmaps, fmax((H5_ROW + more.columns) * rows, preview));
+        job->preview ? (double)PREVIEW_BYTES + PREVIEW_TEXEL * texels + (H5_KEPT + columns) * rows : 0.0;
+    return (uint64_t)fmax(lightmaps, fmax((H5_ROW + columns) * rows, preview));
 }
 
 static void known_memory(struct kiln_plan *plan, const struct kiln_prepared *p)
@@ -201,9 +173,10 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
 {
     const double points = (double)plan->surface.points;
     const struct kiln_field_set fields = fields_of(job);
-    plan->lightmap_bytes =
-        (uint64_t)(points * LIGHTMAP_POINT_DISK * (job->half ? 0.45 : 1.0) * (light_channels(&fields) / 9.0));
-    plan->h5_bytes = (uint64_t)(points * (H5_POINT_DISK + published_more(&fields).columns));
+    plan->lightmap_bytes = (uint64_t)(points * LIGHTMAP_POINT_DISK * (job->half ? 0.45 : 1.0) *
+                                      ((double)kiln_field_set_channels(&fields) / 9.0));
+    plan->h5_bytes =
+        (uint64_t)(points * (H5_POINT_DISK + (double)kiln_field_set_column_bytes(&fields) - MEASURED_COLUMNS));
     plan->volume_bytes = (uint64_t)((double)(plan->probes * sizeof(struct kiln_probe_result)) * PROBE_DISK);
     plan->scene_bytes = p->scene->mapped_bytes;
     plan->preview_bytes = job->preview ? (uint64_t)PREVIEW_DISK : 0;

@@ -54,11 +54,11 @@ void kiln_map_destroy(struct kiln_map **map)
     kiln_free(map);
 }
 
-/* ---- filling ---- */
+/* ---- fill ---- */
 
 struct layers {
     struct kiln_map *map;
-    uint8_t *known; /* 0 not yet, 1 known, 2 in the layer at hand */
+    uint8_t *known; /* for each texel: 0 unknown, 1 known, 2 in the present layer */
     uint32_t *layer, *next;
     size_t layer_count, next_count;
 };
@@ -76,7 +76,7 @@ static uint32_t neighbour(const struct kiln_map *map, uint32_t texel, int k)
     return (uint32_t)(y * map->width + x);
 }
 
-/* Puts the unknown neighbours of `texel` in its chart into the next layer, each once. */
+/* Adds the unknown neighbours of `texel` in its chart to the next layer, each once. */
 static void spread(struct layers *work, uint32_t texel)
 {
     for (int k = 0; k < 8; k++) {
@@ -130,7 +130,7 @@ static void fill_charts(struct layers *work)
     }
 }
 
-/* Charts in which nothing is valid. */
+/* Fills charts without valid texels. */
 static int fill_rest(struct layers *work, size_t left, struct kiln_error *error)
 {
     struct kiln_map *map = work->map;
@@ -183,8 +183,8 @@ int kiln_map_fill(struct kiln_map *map, struct kiln_error *error)
 
 /* ---- nearest texels ---- */
 
-/* In the columns [first, last): the nearest row that has one, or KILN_NONE. Down, then up, so that memory is read along
- * rows. */
+/* Finds for each texel of the columns [first, last) the nearest row of its column with a texel to find, or KILN_NONE.
+ * Goes down and then up over whole rows, so that memory is accessed in order. */
 static void nearest_rows(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t first,
                          uint32_t last, uint32_t *row)
 {
@@ -195,7 +195,8 @@ static void nearest_rows(const uint8_t *state, uint8_t least, uint32_t width, ui
     }
     for (uint32_t y = height > 0 ? height - 1 : 0; y-- > 0;) {
         const size_t line = (size_t)y * width;
-        for (uint32_t x = first; x < last; x++) { /* what stands below is the nearest from there, above or below */
+        for (uint32_t x = first; x < last;
+             x++) { /* the entry below already is the nearest row in both directions from there */
             const uint32_t below = row[line + width + x], here = row[line + x];
             if (below != KILN_NONE && below > y && (here == KILN_NONE || below - y < y - here))
                 row[line + x] = below;
@@ -204,8 +205,8 @@ static void nearest_rows(const uint8_t *state, uint8_t least, uint32_t width, ui
 }
 
 struct envelope {
-    int64_t *site, *from; /* columns whose parabola is lowest, and from which x on */
-    int64_t *height;      /* squared distance of each column's own nearest row */
+    int64_t *site, *from; /* columns of the lower envelope, and the x at which each begins */
+    int64_t *height;      /* squared distance to the nearest row of each column */
     int64_t count;
 };
 
@@ -214,7 +215,7 @@ static int64_t parabola(const struct envelope *e, int64_t site, int64_t x)
     return (x - site) * (x - site) + e->height[site];
 }
 
-/* One row: the lower envelope of the columns' parabolas. */
+/* Computes the lower envelope of the columns' parabolas for one row. */
 static void row_envelope(struct envelope *e, const uint32_t *row, int64_t y, int64_t width)
 {
     e->count = 0;
@@ -253,7 +254,7 @@ static void nearest_in_row(struct envelope *e, uint32_t *row, uint32_t *out, uin
     }
 }
 
-/* All rows, shared by the threads, each with its own scratch. */
+/* Processes all rows in parallel; each thread has its own scratch memory. */
 static int nearest_in_rows(uint32_t *nearest, uint32_t width, uint32_t height, struct kiln_error *error)
 {
     int status = KILN_OK;

@@ -8,7 +8,7 @@
 #include "coordinator/output/points.h"
 #include "worker/base/memory.h"
 
-/* ---- dealing ---- */
+/* ---- assignment of lightmaps ---- */
 
 static uint64_t texels_of(const struct kiln_lightmap *map) { return (uint64_t)map->width * map->height; }
 
@@ -32,7 +32,7 @@ static int lighter(const struct bin *a, const struct bin *b)
     return a->load != b->load ? a->load < b->load : a->rank < b->rank;
 }
 
-/* Restores a heap (lightest first) whose root has grown. */
+/* Restores a min-heap after its root has grown. */
 static void sink_root(struct bin *heap, uint32_t count)
 {
     for (uint32_t i = 0;;) {
@@ -80,17 +80,17 @@ int kiln_assignment_create(struct kiln_assignment **deal, const struct kiln_ligh
 {
     uint32_t *order = NULL;
     struct bin *heap = NULL;
-    int status = kiln_allocate(deal, 1, sizeof **deal, "dealing lightmaps to ranks", error);
+    int status = kiln_allocate(deal, 1, sizeof **deal, "the assignment of lightmaps to ranks", error);
     if (status != KILN_OK)
         return status;
     (*deal)->count = count;
-    status = kiln_allocate(&(*deal)->owner, count, sizeof(uint32_t), "dealing lightmaps to ranks", error);
+    status = kiln_allocate(&(*deal)->owner, count, sizeof(uint32_t), "the assignment of lightmaps to ranks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&(*deal)->round, count, sizeof(uint32_t), "dealing lightmaps to ranks", error);
+        status = kiln_allocate(&(*deal)->round, count, sizeof(uint32_t), "the assignment of lightmaps to ranks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&order, count, sizeof *order, "dealing lightmaps to ranks", error);
+        status = kiln_allocate(&order, count, sizeof *order, "the assignment of lightmaps to ranks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&heap, ranks, sizeof *heap, "dealing lightmaps to ranks", error);
+        status = kiln_allocate(&heap, ranks, sizeof *heap, "the assignment of lightmaps to ranks", error);
     if (status == KILN_OK) {
         for (size_t i = 0; i < count; i++)
             order[i] = (uint32_t)i;
@@ -113,9 +113,9 @@ void kiln_assignment_destroy(struct kiln_assignment **deal)
     kiln_free(deal);
 }
 
-/* ---- travelling ---- */
+/* ---- exchange ---- */
 
-/* Where a tile run's records stand in a pass. */
+/* Where the records of a tile run lie in a pass. */
 struct place {
     size_t tile_run, at;
 };
@@ -137,7 +137,7 @@ struct kiln_texel_gather {
     MPI_Datatype type;
 };
 
-/* SIZE_MAX: nobody wants it. */
+/* The bucket of a tile run; SIZE_MAX: its lightmap is not published. */
 static size_t bucket_of(const struct kiln_texel_gather *e, size_t tile_run)
 {
     const uint32_t map = e->result->surface->tile_runs[tile_run].map;
@@ -276,7 +276,8 @@ static int pack_tile_run(const struct kiln_texel_gather *e, size_t tile_run, uin
     return status;
 }
 
-/* Finds places for as many tile runs for each rank as fit; `more` tells whether something is left. Returns how many. */
+/* Plans a pass: takes as many tile runs for each rank as fit. *more tells whether some are left. Returns the number of
+ * tile runs. */
 static size_t plan_pass(struct kiln_texel_gather *e, uint32_t round, int *more)
 {
     size_t total = 0, count = 0;
@@ -317,7 +318,7 @@ static int pack_pass(struct kiln_texel_gather *e, uint32_t round, int *more, str
 
 static int mpi_failed(const char *what, struct kiln_error *error)
 {
-    return kiln_fail(error, KILN_RANK_LOST, "MPI failed in %s while points were brought to the ranks that write them",
+    return kiln_fail(error, KILN_RANK_LOST, "MPI failed in %s while points were sent to the ranks that write them",
                      what);
 }
 
@@ -327,7 +328,7 @@ static int travel(struct kiln_texel_gather *e, int *received, struct kiln_error 
     if (MPI_Alltoall(e->out_counts, 1, MPI_INT, e->in_counts, 1, MPI_INT, comm) != MPI_SUCCESS)
         return mpi_failed("MPI_Alltoall", error);
     *received = 0;
-    for (int r = 0; r < e->ranks; r++) { /* at most limit x ranks in all, far below 2^31 */
+    for (int r = 0; r < e->ranks; r++) { /* at most limit x ranks records, far below 2^31 */
         e->in_starts[r] = *received;
         *received += e->in_counts[r];
     }

@@ -16,7 +16,7 @@
 #include "worker/scene/scene.h"
 
 struct range {
-    const char *ending; /* of a channel's or dataset's name */
+    const char *ending; /* ending of the name of a channel or dataset */
     double low, high;
 };
 
@@ -87,7 +87,7 @@ enum { BLOCK_VALUES = 1 << 20, DIMENSIONS_MOST = 8 };
 
 struct h5_check {
     const char *path;
-    double *values; /* BLOCK_VALUES */
+    double *values; /* room for BLOCK_VALUES values */
     struct kiln_error *error;
 };
 
@@ -101,7 +101,7 @@ static int check_values(const struct h5_check *check, const char *name, size_t c
     return KILN_OK;
 }
 
-/* Rows of the slowest dimension, as many at a time as fit. */
+/* Checks a dataset by rows of its slowest dimension, as many at a time as fit. */
 static int check_rows(const struct h5_check *check, const char *name, hid_t dataset, hid_t space)
 {
     hsize_t size[DIMENSIONS_MOST], start[DIMENSIONS_MOST] = {0};
