@@ -10,13 +10,13 @@
 #include "worker/pass/validity.h"
 #include "worker/scene/texture.h"
 
-static int import_scene(struct kiln_scene_survey *look, const struct kiln_job *job, struct kiln_error *error)
+static int import_scene(struct kiln_scene_survey *survey, const struct kiln_job *job, struct kiln_error *error)
 {
-    int status = kiln_temporary_make(&look->temporary, error);
+    int status = kiln_temporary_make(&survey->temporary, error);
     if (status != KILN_OK)
         return status;
     const struct kiln_import_params params = {.path = job->scene,
-                                              .output = look->temporary.scene_file,
+                                              .output = survey->temporary.scene_file,
                                               .texels_per_metre = job->texels_per_metre,
                                               .lightmap_size = job->lightmap_size,
                                               .lightmap_max = job->lightmap_max,
@@ -26,8 +26,8 @@ static int import_scene(struct kiln_scene_survey *look, const struct kiln_job *j
                                               .environment_rotation_degrees = job->environment_rotation,
                                               .objects = job->objects,
                                               .trust_normals = job->trust_normals};
-    status = kiln_import(&params, &look->import, error);
-    return status != KILN_OK ? status : kiln_scene_open(&look->scene, look->temporary.scene_file, error);
+    status = kiln_import(&params, &survey->import, error);
+    return status != KILN_OK ? status : kiln_scene_open(&survey->scene, survey->temporary.scene_file, error);
 }
 
 static double world_area(const struct kiln_scene *scene, const struct kiln_object *object)
@@ -70,13 +70,13 @@ static int compare_doubles(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static int measure_objects(struct kiln_scene_survey *look, struct kiln_error *error)
+static int measure_objects(struct kiln_scene_survey *survey, struct kiln_error *error)
 {
-    const struct kiln_scene *scene = look->scene;
+    const struct kiln_scene *scene = survey->scene;
     double *densities = NULL;
     uint64_t *emissive = NULL;
     size_t count = 0;
-    int status = kiln_allocate(&look->objects, scene->object_count, sizeof *look->objects, "objects", error);
+    int status = kiln_allocate(&survey->objects, scene->object_count, sizeof *survey->objects, "objects", error);
     if (status == KILN_OK)
         status = kiln_allocate(&densities, scene->object_count, sizeof *densities, "densities", error);
     if (status == KILN_OK)
@@ -86,33 +86,33 @@ static int measure_objects(struct kiln_scene_survey *look, struct kiln_error *er
     for (size_t i = 0; i < scene->object_count && status == KILN_OK; i++) {
         const struct kiln_object *object = &scene->objects[i];
         const struct kiln_mesh *mesh = &scene->meshes[object->mesh];
-        struct kiln_scene_survey_object *o = &look->objects[i];
+        struct kiln_scene_survey_object *o = &survey->objects[i];
         const double texels = (double)object->lightmap_width * (double)object->lightmap_height;
-        look->expanded += mesh->triangle_count;
-        look->emissive_triangles += emissive[object->mesh];
-        look->texels += (uint64_t)object->lightmap_width * object->lightmap_height;
+        survey->expanded += mesh->triangle_count;
+        survey->emissive_triangles += emissive[object->mesh];
+        survey->texels += (uint64_t)object->lightmap_width * object->lightmap_height;
         o->area = world_area(scene, object);
         if (o->area > 0.0)
             densities[count++] = o->density = sqrt(mesh->uv_area * texels / o->area);
     }
     if (count > 0) {
         qsort(densities, count, sizeof *densities, compare_doubles);
-        look->density_min = densities[0];
-        look->density_median = densities[count / 2];
-        look->density_max = densities[count - 1];
+        survey->density_min = densities[0];
+        survey->density_median = densities[count / 2];
+        survey->density_max = densities[count - 1];
     }
     kiln_free(&emissive);
     kiln_free(&densities);
     return status;
 }
 
-static void count_points(struct kiln_scene_survey *look, const struct kiln_surface *surface)
+static void count_points(struct kiln_scene_survey *survey, const struct kiln_surface *surface)
 {
     size_t point = 0;
     for (size_t f = 0; f < surface->tile_run_count; f++) {
         const struct kiln_tile_run *tile_run = &surface->tile_runs[f];
-        struct kiln_scene_survey_object *object = &look->objects[kiln_map_object(surface, tile_run->map)];
-        if (kiln_map_back(surface, tile_run->map)) { /* what is wrong with a layout shows on the fronts */
+        struct kiln_scene_survey_object *object = &survey->objects[kiln_map_object(surface, tile_run->map)];
+        if (kiln_map_back(surface, tile_run->map)) { /* backs have the same layout as their fronts, so fronts suffice */
             point += tile_run->count;
             continue;
         }
@@ -120,36 +120,36 @@ static void count_points(struct kiln_scene_survey *look, const struct kiln_surfa
         for (uint32_t k = 0; k < tile_run->count; k++)
             object->invalid += !kiln_point_valid(surface, point++);
     }
-    for (size_t i = 0; i < look->scene->object_count; i++)
-        look->invalid += look->objects[i].invalid;
+    for (size_t i = 0; i < survey->scene->object_count; i++)
+        survey->invalid += survey->objects[i].invalid;
 }
 
-/* All surface points of the scene, on this one process, and the backend's word on each. */
-static int find_points(struct kiln_scene_survey *look, const struct kiln_job *job, struct kiln_error *error)
+/* Builds all surface points of the scene in this process, and runs the validity pass on them. */
+static int find_points(struct kiln_scene_survey *survey, const struct kiln_job *job, struct kiln_error *error)
 {
     struct kiln_geometry *geometry = NULL;
     struct kiln_lights *lights = NULL;
     struct kiln_backend *backend = NULL;
     struct kiln_surface *surface = NULL;
-    int status = kiln_geometry_create(&geometry, look->scene, error);
+    int status = kiln_geometry_create(&geometry, survey->scene, error);
     if (status == KILN_OK)
-        status = kiln_lights_create(&lights, look->scene, geometry, error);
+        status = kiln_lights_create(&lights, survey->scene, geometry, error);
     if (status == KILN_OK) {
-        const struct kiln_backend_params params = {.scene = look->scene,
+        const struct kiln_backend_params params = {.scene = survey->scene,
                                                    .geometry = geometry,
                                                    .lights = lights,
                                                    .threads = job->threads,
                                                    .instruction_set = job->instruction_set,
                                                    .seed = job->seed};
-        status = kiln_backend_create(&backend, "embree", &params, error); /* too little work for a device to start */
+        status = kiln_backend_create(&backend, "embree", &params, error); /* too little work to start a GPU for it */
     }
     if (status == KILN_OK) {
-        const struct kiln_surface_params params = {.scene = look->scene,
+        const struct kiln_surface_params params = {.scene = survey->scene,
                                                    .geometry = geometry,
                                                    .cell_size = job->cell_size,
                                                    .ranks = 1,
                                                    .threads = job->threads};
-        status = kiln_surface_build(&surface, &params, &look->surface, error);
+        status = kiln_surface_build(&surface, &params, &survey->surface, error);
     }
     if (status == KILN_OK)
         status = kiln_backend_set_surface(backend, surface, error);
@@ -160,7 +160,7 @@ static int find_points(struct kiln_scene_survey *look, const struct kiln_job *jo
         status = kiln_backend_run(backend, &kiln_pass_validity, NULL, &all, &rays, error);
     }
     if (status == KILN_OK)
-        count_points(look, surface);
+        count_points(survey, surface);
     kiln_backend_destroy(&backend);
     kiln_surface_destroy(&surface);
     kiln_lights_destroy(&lights);
@@ -170,27 +170,27 @@ static int find_points(struct kiln_scene_survey *look, const struct kiln_job *jo
 
 int kiln_scene_survey_create(struct kiln_scene_survey **result, const struct kiln_job *job, struct kiln_error *error)
 {
-    struct kiln_scene_survey *look = NULL;
-    int status = kiln_allocate(&look, 1, sizeof *look, "the scene's figures", error);
+    struct kiln_scene_survey *survey = NULL;
+    int status = kiln_allocate(&survey, 1, sizeof *survey, "the scene's figures", error);
     if (status == KILN_OK)
-        status = import_scene(look, job, error);
+        status = import_scene(survey, job, error);
     if (status == KILN_OK)
-        status = measure_objects(look, error);
-    if (status == KILN_OK && look->expanded > 0)
-        status = find_points(look, job, error);
+        status = measure_objects(survey, error);
+    if (status == KILN_OK && survey->expanded > 0)
+        status = find_points(survey, job, error);
     if (status != KILN_OK)
-        kiln_scene_survey_destroy(&look);
-    *result = look;
+        kiln_scene_survey_destroy(&survey);
+    *result = survey;
     return status;
 }
 
 void kiln_scene_survey_destroy(struct kiln_scene_survey **pointer)
 {
-    struct kiln_scene_survey *look = *pointer;
-    if (look == NULL)
+    struct kiln_scene_survey *survey = *pointer;
+    if (survey == NULL)
         return;
-    kiln_scene_close(&look->scene);
-    kiln_temporary_remove(&look->temporary);
-    kiln_free(&look->objects);
+    kiln_scene_close(&survey->scene);
+    kiln_temporary_remove(&survey->temporary);
+    kiln_free(&survey->objects);
     kiln_free(pointer);
 }

@@ -7,7 +7,7 @@
 
 #include "coordinator/job/options.h"
 
-/* A row for each key: how its value is read into the settings. */
+/* A key, and how its value is read. */
 struct key {
     const char *name;
     const char *wanted; /* completes "it must be ..." */
@@ -21,7 +21,7 @@ static bool read_scale(struct kiln_object_settings *settings, const json_t *valu
     return json_is_number(value) && scale >= 0.001 && scale <= 1000.0;
 }
 
-/* A whole number, also one that a program wrote as 128.0. */
+/* Reads a whole number, also one that is written as 128.0. */
 static bool read_size(struct kiln_object_settings *settings, const json_t *value)
 {
     const double size = json_number_value(value);
@@ -31,7 +31,7 @@ static bool read_size(struct kiln_object_settings *settings, const json_t *value
     return true;
 }
 
-/* A custom property of a modelling program may know no truth values, only 0 and 1. */
+/* Reads a truth value, also as 0 or 1, since custom properties of modelling programs may have no truth values. */
 static bool read_exclude(struct kiln_object_settings *settings, const json_t *value)
 {
     const bool number = json_is_number(value) && (json_number_value(value) == 0.0 || json_number_value(value) == 1.0);
@@ -39,7 +39,7 @@ static bool read_exclude(struct kiln_object_settings *settings, const json_t *va
     return json_is_boolean(value) || number;
 }
 
-/* The place of a word in a list, from 1 on; 0: it is not there. */
+/* Position of a word in a list, starting with 1; 0: it is not in the list. */
 static uint8_t place_of(const json_t *value, const char *const *words, uint8_t count)
 {
     const char *text = json_string_value(value);
@@ -54,14 +54,14 @@ static bool read_role(struct kiln_object_settings *settings, const json_t *value
     /* in the order of enum kiln_object_role */
     static const char *const words[] = {"both", "caster-only", "receiver-only"};
     settings->role = place_of(value, words, 3);
-    return settings->role != KILN_ROLE_UNSAID;
+    return settings->role != KILN_ROLE_UNSET;
 }
 
 static bool read_sides(struct kiln_object_settings *settings, const json_t *value)
 {
     static const char *const words[] = {"one", "two"}; /* in the order of enum kiln_object_sides */
     settings->sides = place_of(value, words, 2);
-    return settings->sides != KILN_SIDES_UNSAID;
+    return settings->sides != KILN_SIDES_UNSET;
 }
 
 static const struct key keys[] = {{"density-scale", "a number from 0.001 to 1000", read_scale},
