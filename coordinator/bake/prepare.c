@@ -228,7 +228,7 @@ static void share_map(struct kiln_prepared *p)
         return;
     /* from here on all of the map is the node's: what finds no room is lost to the end of the process, and is small */
     s->tiles = tiles;
-    s->map_is_lent = true;
+    s->global_is_borrowed = true;
     (void)move(p, &s->splits, s->split_count, sizeof *s->splits, "the split lightmap tiles");
     (void)move(p, &s->lightmaps, s->map_count, sizeof *s->lightmaps, "the lightmaps");
     if (s->cell_first != NULL)

@@ -152,7 +152,7 @@ static void free_surface(struct kiln_rank_data *share)
 static void take_over_surface(struct kiln_node_data *s)
 {
     *s->surface = s->share[s->own].surface;
-    s->surface->share_is_lent = true;
+    s->surface->own_is_borrowed = true;
 }
 
 /* Collective on the node. The surface as it was built to memory of the node, one array after the other, so that little
