@@ -126,11 +126,11 @@ static void sample_polygon(const struct kiln_clip_corner *polygon, uint32_t corn
                            float *b2)
 {
     double until[KILN_CLIP_CORNERS];
-    float shares[KILN_CLIP_CORNERS];
+    float cdf[KILN_CLIP_CORNERS];
     fan_areas(polygon, corners, until);
     for (uint32_t i = 0; i + 2 < corners; i++)
-        shares[i] = (float)until[i];
-    const uint32_t i = invert_cdf(shares, corners - 2, &u1);
+        cdf[i] = (float)until[i];
+    const uint32_t i = invert_cdf(cdf, corners - 2, &u1);
     const struct kiln_clip_corner *a = &polygon[0], *b = &polygon[i + 1], *c = &polygon[i + 2];
     sample_corners((const double[3]){a->b1, b->b1, c->b1}, (const double[3]){a->b2, b->b2, c->b2}, u1, u2, b1, b2);
 }
@@ -409,12 +409,12 @@ void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_
     double before = 0.0, most = 0.0;
     uint32_t largest = f->pieces[0];
     for (uint32_t i = 0; i < f->piece_count; i++) {
-        const double until = i + 1 < f->piece_count ? (double)f->area_cdf[i] : 1.0, share = until - before;
-        flat = dvec3_add(flat, dvec3_scale(triangle_normal(f->geometry, f->pieces[i]), share));
+        const double until = i + 1 < f->piece_count ? (double)f->area_cdf[i] : 1.0, fraction = until - before;
+        flat = dvec3_add(flat, dvec3_scale(triangle_normal(f->geometry, f->pieces[i]), fraction));
         if (smooth)
-            soft = dvec3_add(soft, dvec3_scale(piece_normal(f, f->pieces[i]), share));
-        largest = share > most ? f->pieces[i] : largest;
-        most = fmax(most, share);
+            soft = dvec3_add(soft, dvec3_scale(piece_normal(f, f->pieces[i]), fraction));
+        largest = fraction > most ? f->pieces[i] : largest;
+        most = fmax(most, fraction);
         before = until;
     }
     if (dvec3_length(flat) < 1e-3) {
