@@ -1,4 +1,4 @@
-/* Random numbers: net property, scrambling, shared strata, warps. */
+/* Tests of random numbers: net property, scrambling, shared strata, warps. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -64,7 +64,7 @@ static void directions_follow_the_recurrence(void **state)
     }
 }
 
-/* What DESIGN asks of a block: the k-th samples of all texels lie in one stratum, and each texel visits all strata. */
+/* Shared strata of a block: the k-th samples of all texels lie in one stratum, and each texel visits all strata. */
 static void texels_share_strata(void **state)
 {
     (void)state;

@@ -1,4 +1,4 @@
-/* Who packs which strip: each exactly once, evenly, and in an order in which nobody waits for ever. */
+/* Tests of the strip assignment: each strip has one packer, the work is even, and the order cannot deadlock. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -48,7 +48,7 @@ static double texels(const struct scene *s, const struct kiln_strip *strip)
     return (double)map->width * (left < KILN_EXR_ROWS ? left : KILN_EXR_ROWS);
 }
 
-/* Every row of every divided object once, in order; who packs for others owns nothing that is divided. */
+/* Each row of each distributed object occurs once, in order; ranks that pack for others own no distributed objects. */
 static void check_complete(const struct scene *s)
 {
     bool owns[RANKS] = {false}, helps[RANKS] = {false};
