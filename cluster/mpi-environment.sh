@@ -1,15 +1,15 @@
-# Settings for Open MPI 4.1 on one machine; to be sourced. What is set already stays.
+# Settings for Open MPI 4.1 on one machine, to be sourced by a shell. Variables that are already set are kept.
 if [ "$(id -u)" = 0 ]; then
   export OMPI_ALLOW_RUN_AS_ROOT="${OMPI_ALLOW_RUN_AS_ROOT:-1}"
   export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="${OMPI_ALLOW_RUN_AS_ROOT_CONFIRM:-1}"
 fi
-# Ranks are not tied to one core each: kiln's threads share the machine.
+# Do not bind each rank to one core: kiln's threads share the machine.
 export OMPI_MCA_hwloc_base_binding_policy="${OMPI_MCA_hwloc_base_binding_policy:-none}"
-# More ranks than cores are allowed, and wait without burning them.
+# Allow more ranks than cores, and let waiting ranks give their core away.
 export OMPI_MCA_rmaps_base_oversubscribe="${OMPI_MCA_rmaps_base_oversubscribe:-1}"
 export OMPI_MCA_mpi_yield_when_idle="${OMPI_MCA_mpi_yield_when_idle:-1}"
-# Threads that wait sleep, so that more of them than cores do not slow one another down.
+# Let waiting threads sleep, so that more threads than cores do not slow one another down.
 export OMP_WAIT_POLICY="${OMP_WAIT_POLICY:-passive}"
-# The same transports everywhere, whatever else is installed.
+# Use the same transports everywhere, whatever else is installed.
 export OMPI_MCA_pml="${OMPI_MCA_pml:-ob1}"
 export OMPI_MCA_btl="${OMPI_MCA_btl:-self,vader,tcp}"

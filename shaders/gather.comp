@@ -128,7 +128,8 @@ void kiln_kernel(uint x, uint row)
     for (uint d = 0u; d < 4u; d++)
         seed[d] = kiln_hash2(p.tile_key, push.stream * 8u + d);
     const uint key = kiln_hash2(p.key, push.stream), shared_digits = kiln_shared_digits(n);
-    const uint shift_u = kiln_hash1(key + 1u) >> shared_digits, shift_v = kiln_hash1(key + 2u) >> shared_digits;
+    const uint shift_u = kiln_direction_shift(key + 1u, shared_digits);
+    const uint shift_v = kiln_direction_shift(key + 2u, shared_digits);
     const uint chance = kiln_hash1(key + 5u);
     const uint shift_s = kiln_hash1(key + 3u), shift_t = kiln_hash1(key + 4u);
     const bool shares = DRAW_AGAIN != 0u || (p.flags & (KILN_GPU_POINT_PARTIAL | KILN_GPU_POINT_MASKED)) != 0u;

@@ -9,7 +9,8 @@ static bool is_plain(unsigned char c) { return isalnum(c) || strchr("%+,-./:=@_"
 
 void kiln_batch_quote(FILE *stream, const char *text)
 {
-    bool plain = text[0] != '\0', escaped = false; /* $'...', in which nothing is left that could be meant otherwise */
+    /* $'...' quoting, in which no character has a special meaning but those escaped here */
+    bool plain = text[0] != '\0', escaped = false;
     for (const char *at = text; *at != '\0'; at++) {
         plain = plain && is_plain((unsigned char)*at);
         escaped = escaped || iscntrl((unsigned char)*at) || strchr("$`\\'", *at) != NULL;
@@ -48,7 +49,7 @@ static int check_word(const char *text, const char *allowed, const char *option,
     for (const char *at = text; *at != '\0'; at++)
         good = good && (isalnum((unsigned char)*at) || strchr(allowed, *at) != NULL);
     return good ? KILN_OK
-                : kiln_fail(error, KILN_USAGE, "--%s: '%.200s' is not one of Slurm's; %s", option, text, remedy);
+                : kiln_fail(error, KILN_USAGE, "--%s: '%.200s' cannot be a name in Slurm; %s", option, text, remedy);
 }
 
 static int check(const struct kiln_batch *batch, struct kiln_error *error)
@@ -59,7 +60,7 @@ static int check(const struct kiln_batch *batch, struct kiln_error *error)
     if (status == KILN_OK && batch->time != NULL && batch->time[strspn(batch->time, "0123456789:-")] != '\0')
         status =
             kiln_fail(error, KILN_USAGE,
-                      "--time: '%.200s' is not a time of Slurm's; write MINUTES, HOURS:MINUTES:SECONDS or DAYS-HOURS",
+                      "--time: '%.200s' is not in Slurm's notation; write MINUTES, HOURS:MINUTES:SECONDS or DAYS-HOURS",
                       batch->time);
     return status != KILN_OK
                ? status
@@ -68,7 +69,7 @@ static int check(const struct kiln_batch *batch, struct kiln_error *error)
 
 static bool tries_again(const struct kiln_batch *batch) { return batch->nodes > 1 && batch->tries > 1; }
 
-/* The job's name in the queue: letters and digits of the first bake's. */
+/* Writes the job's name in the queue: letters and digits of the first bake's name. */
 static void write_name(FILE *stream, const struct kiln_batch *batch)
 {
     const char *slash = strrchr(batch->items[0].job, '/');
@@ -95,7 +96,7 @@ static void write_directives(FILE *stream, const struct kiln_batch *batch)
     if (batch->memory > 0)
         (void)fprintf(stream, "#SBATCH --mem=%.0fM\n", ceil(batch->memory * 1024));
     else if (batch->threads == 0)
-        (void)fputs("#SBATCH --mem=0\n", stream); /* all of it */
+        (void)fputs("#SBATCH --mem=0\n", stream); /* all memory of the node */
     if (batch->time != NULL)
         (void)fprintf(stream, "#SBATCH --time=%s\n", batch->time);
     if (batch->partition != NULL)
@@ -128,7 +129,7 @@ static void write_list(FILE *stream, const char *name, const struct kiln_batch *
 static void write_names(FILE *stream, const struct kiln_batch *batch)
 {
     (void)fprintf(stream, "\n# A bake by kiln " KILN_VERSION
-                          ". The same script can be submitted again: it goes on where the last run stopped.\n\n");
+                          ". The same script can be submitted again: it continues where the last run stopped.\n\n");
     assign(stream, "folder", batch->folder);
     assign(stream, "kiln", batch->program);
     assign(stream, "mpirun", batch->mpirun);
@@ -152,14 +153,14 @@ static void write_names(FILE *stream, const struct kiln_batch *batch)
 
 static const char settings[] =
     "\n"
-    "# Ranks are not tied to one core each, and a lost node or link is noticed in 14 s instead of minutes.\n"
+    "# Do not bind each rank to one core. Notice a lost node or link after 14 s instead of minutes.\n"
     "export OMPI_MCA_hwloc_base_binding_policy=none\n"
     "export OMPI_MCA_oob_tcp_keepalive_time=6 OMPI_MCA_oob_tcp_keepalive_intvl=2 OMPI_MCA_oob_tcp_keepalive_probes=4\n"
     "export OMP_WAIT_POLICY=passive\n";
 
 static const char work[] =
     "\n"
-    "newest() { # the last checkpoint\n"
+    "newest() { # prints the manifest of the newest checkpoint\n"
     "  local all=(\"$output\"/checkpoint/gen-*/manifest)\n"
     "  printf '%s\\n' \"${all[${#all[@]}-1]}\"\n"
     "}\n"
@@ -167,34 +168,36 @@ static const char work[] =
     "attempt=${SLURM_RESTART_COUNT:-0}\n"
     "echo \"kiln: job $SLURM_JOB_ID, attempt $((attempt + 1)), on $SLURM_JOB_NODELIST\"\n"
     "\n"
-    "# The time limit is near, or the job has to make room: the ranks are asked to save and leave.\n"
+    "# The time limit is near, or the job is preempted: ask the ranks to save a checkpoint and exit.\n"
     "told=no\n"
-    "# shellcheck disable=SC2317 # it is called by the trap\n"
+    "# shellcheck disable=SC2317 # the trap calls it\n"
     "tell() {\n"
     "  told=yes\n"
     "  [ -z \"${bake:-}\" ] || kill -USR1 \"$bake\" 2>/dev/null\n"
     "}\n"
     "trap tell USR1 TERM\n";
 
-static const char wait_for_it[] = "  bake=$!\n"
-                                  "  [ $told = no ] || tell\n"
-                                  "  wait \"$bake\"\n"
-                                  "  status=$?\n"
-                                  "  while kill -0 \"$bake\" 2>/dev/null; do # a signal ends `wait`, not the bake\n"
-                                  "    wait \"$bake\"\n"
-                                  "    status=$?\n"
-                                  "  done\n"
-                                  "  bake=\n"
-                                  "}\n";
+static const char wait_for_it[] =
+    "  bake=$!\n"
+    "  [ $told = no ] || tell\n"
+    "  wait \"$bake\"\n"
+    "  status=$?\n"
+    "  while kill -0 \"$bake\" 2>/dev/null; do # a signal interrupts `wait`, not the bake\n"
+    "    wait \"$bake\"\n"
+    "    status=$?\n"
+    "  done\n"
+    "  bake=\n"
+    "}\n";
 
-/* A rank that died on a node that answers might do so again: that is for the queue to try. */
+/* A rank that died on a node that still answers might die there again: then the script ends and the queue tries
+ * again. */
 static const char leave_out[] =
     "\n"
-    "# A lost node is left out of the next try, and for good when it is lost again.\n"
+    "# Leave a lost node out of the next try, and out of all later ones when it is lost again.\n"
     "mapfile -t nodes < <(scontrol show hostnames \"$SLURM_JOB_NODELIST\")\n"
     "used=(\"${nodes[@]}\")\n"
     "declare -A losses\n"
-    "leave_out_the_lost() { # fails when all nodes in use answer, or none\n"
+    "leave_out_the_lost() { # fails when all nodes in use answer, or none does\n"
     "  local node answers lost=() left=()\n"
     "  answers=$(for node in \"${nodes[@]}\"; do\n"
     "    timeout 8 srun --overlap --nodes=1 --ntasks=1 --nodelist=\"$node\" echo \"$node\" </dev/null 2>/dev/null &\n"
@@ -215,7 +218,7 @@ static const char leave_out[] =
     "  fi\n"
     "  used=(\"${left[@]}\")\n"
     "  where=(--host \"$(IFS=,; echo \"${used[*]/%/:$ranks}\")\")\n"
-    "  echo \"kiln: no answer from ${lost[*]} (exit $status); going on with ${used[*]}\"\n"
+    "  echo \"kiln: no answer from ${lost[*]} (exit $status); continuing on ${used[*]}\"\n"
     "}\n"
     "\n"
     "run\n"
@@ -229,7 +232,7 @@ static const char leave_out[] =
     "  run\n"
     "done\n"
     "if [ \"$status\" = 71 ] && [ ${#where[@]} -gt 0 ]; then\n"
-    "  status=76 # what is too much for fewer nodes may not be for all\n"
+    "  status=76 # out of memory on fewer nodes: all nodes together may have enough\n"
     "fi\n";
 
 static const char judge[] =
@@ -238,32 +241,34 @@ static const char judge[] =
     "case $status in\n"
     "  0) ;;\n"
     "  64 | 65 | 66 | 69 | 70 | 71 | 73 | 74 | 77 | 78)\n"
-    "    echo \"kiln: not put back into the queue: it would fail again (exit $status)\" ;;\n"
+    "    echo \"kiln: not requeued: it would fail again (exit $status)\" ;;\n"
     "  75) # stopped with a checkpoint\n"
     "    if [ $told = yes ]; then\n"
     "      again=yes\n"
     "    else\n"
-    "      echo \"kiln: stopped on request; to go on: scontrol requeue $SLURM_JOB_ID\"\n"
+    "      echo \"kiln: stopped on request; to continue: scontrol requeue $SLURM_JOB_ID\"\n"
     "    fi ;;\n"
     "  *) # a rank or a node was lost\n"
     "    if [ \"$attempt\" -lt 3 ] || [ \"$(newest)\" != \"$before\" ]; then\n"
     "      again=yes\n"
     "    else\n"
-    "      echo \"kiln: not put back into the queue: attempt $((attempt + 1)) ended (exit $status) without a new "
-    "checkpoint\"\n"
+    "      echo \"kiln: not requeued: attempt $((attempt + 1)) ended (exit $status) without a new checkpoint\"\n"
     "    fi ;;\n"
     "esac\n"
     "if [ $again = yes ]; then\n"
-    "  echo \"kiln: back into the queue (exit $status)\"\n"
-    "  scontrol requeue \"$SLURM_JOB_ID\" || echo \"kiln: scontrol requeue failed; submit the script again to go on\"\n"
+    "  echo \"kiln: requeued (exit $status)\"\n"
+    "  scontrol requeue \"$SLURM_JOB_ID\" || echo \"kiln: scontrol requeue failed; submit the script again to "
+    "continue\"\n"
     "fi\n"
     "exit \"$status\"\n";
 
 static void write_run(FILE *stream, const struct kiln_batch *batch)
 {
     if (tries_again(batch))
-        (void)fprintf(stream, "\nranks=%u # a node\ntries=%u # in this allocation\nwhere=() # all its nodes\n",
-                      batch->ranks_per_node, batch->tries);
+        (void)fprintf(
+            stream,
+            "\nranks=%u # per node\ntries=%u # in this allocation\nwhere=() # mpirun's choice of nodes; empty: all\n",
+            batch->ranks_per_node, batch->tries);
     (void)fprintf(stream,
                   "\nrun() {\n  \"$mpirun\" %s--map-by ppr:%u:node \"$kiln\" bake \"${options[@]}\" -- \"$job\" &\n",
                   tries_again(batch) ? "\"${where[@]}\" " : "", batch->ranks_per_node);

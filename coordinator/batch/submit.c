@@ -12,7 +12,8 @@
 
 extern char **environ;
 
-/* kiln's launcher in a relocatable folder sets a library path for kiln; the host's programs get the one from before. */
+/* kiln's launcher in a relocatable folder sets a library path for kiln. Programs of the host need the path from
+ * before. */
 static void restore_library_path(void)
 {
     const char *before = getenv("KILN_HOST_LIBRARY_PATH");
@@ -24,7 +25,8 @@ static void restore_library_path(void)
     (void)unsetenv("KILN_LAUNCHER");
 }
 
-/* sbatch with both ends of its talk on one socket, so that it can leave without our dying of SIGPIPE. */
+/* Starts sbatch with standard input and output on one socket, so that its early exit does not kill this process by
+ * SIGPIPE. */
 static int start(int theirs, pid_t *process)
 {
     char *arguments[] = {"sbatch", "--parsable", NULL};
@@ -45,7 +47,7 @@ static void send_all(int descriptor, const char *script, size_t length)
     for (size_t at = 0; at < length;) {
         const ssize_t sent = send(descriptor, script + at, length - at, MSG_NOSIGNAL);
         if (sent < 0 && errno != EINTR)
-            break; /* it has left; its exit status tells */
+            break; /* it has exited; its exit status tells why */
         at += sent > 0 ? (size_t)sent : 0;
     }
     (void)shutdown(descriptor, SHUT_WR);
@@ -63,12 +65,12 @@ static void receive_all(int descriptor, char *text, size_t size)
     text[used] = '\0';
 }
 
-/* "123" or "123;cluster" */
+/* Reads the job's number from "123" or "123;cluster". */
 static int take_id(const char *answer, char **id, struct kiln_error *error)
 {
     const size_t digits = strspn(answer, "0123456789");
     if (digits == 0)
-        return kiln_fail(error, KILN_SITE, "sbatch gave no job number but '%.200s'", answer);
+        return kiln_fail(error, KILN_SITE, "sbatch answered '%.200s' instead of a job number", answer);
     *id = strndup(answer, digits);
     return *id != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory for a job's number");
 }
@@ -98,7 +100,6 @@ int kiln_batch_submit(const char *script, size_t length, char **id, struct kiln_
     if (failure != 0)
         return kiln_fail_errno(error, KILN_SITE, "cannot start sbatch");
     if (!WIFEXITED(exit_status) || WEXITSTATUS(exit_status) != 0)
-        return kiln_fail(error, KILN_SITE,
-                         "sbatch refused the job; its reason stands above, --dry-run shows the script");
+        return kiln_fail(error, KILN_SITE, "sbatch refused the job and printed why above; --dry-run shows the script");
     return take_id(answer, id, error);
 }

@@ -42,6 +42,7 @@ struct bake {
     struct kiln_prepared *prepared;
     struct kiln_emission_result emission;
     struct kiln_integrate_settings light_settings;
+    struct kiln_field_set fields;
     struct kiln_integrate_params light_params;
     struct kiln_solution *solution;
     struct kiln_volume_result volume;
@@ -227,11 +228,13 @@ static int check_room(const struct bake *b, const struct kiln_prepared *p, const
             error, KILN_SYSTEM,
             "%llu probes take %.1f GiB on this host, which has %.1f GiB: use a larger --probe-spacing, or more hosts",
             (unsigned long long)probes, needed / 0x1p30, memory / 0x1p30);
-    return p->surface == NULL
-               ? KILN_OK
-               : kiln_require_space(b->job->output,
-                                    kiln_h5_space(p->scene, p->surface) + (probes > 0 ? kiln_volume_space(volume) : 0),
-                                    error);
+    if (p->surface == NULL)
+        return KILN_OK;
+    struct kiln_field_set fields;
+    kiln_field_set_choose(&fields, b->job);
+    return kiln_require_space(
+        b->job->output, kiln_h5_space(p->scene, p->surface, &fields) + (probes > 0 ? kiln_volume_space(volume) : 0),
+        error);
 }
 
 /* kiln_prepare_care.refuse: refuses whatever can be refused before the first ray. */
@@ -305,11 +308,13 @@ static int integrate_light(struct bake *b, struct kiln_error *error)
     kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
                        kiln_checkpoint_written(b->checkpoint));
     b->light_settings = kiln_light_settings(b->job, b->prepared->surface->point_count);
+    kiln_field_set_choose(&b->fields, b->job);
     b->light_params = (struct kiln_integrate_params){.communicator = b->communicator,
                                                      .rank = b->rank,
                                                      .ranks = b->prepared->ranks,
                                                      .begin = b->begin,
                                                      .settings = &b->light_settings,
+                                                     .fields = &b->fields,
                                                      .backend = b->prepared->backend,
                                                      .surface = b->prepared->surface,
                                                      .node = b->prepared->node,
@@ -396,20 +401,19 @@ static int write_twice(struct bake *b, const struct kiln_bake_result *result, co
 
 static int write_results(struct bake *b, const char *provenance, struct kiln_error *error)
 {
+    const struct kiln_node_data *data = b->solution->node_data;
     const struct kiln_bake_result result = {.units = kiln_units_of(b->job->units, b->prepared->scene),
                                             .communicator = b->communicator,
                                             .scene = b->prepared->scene,
                                             .geometry = b->prepared->geometry,
                                             .surface = b->prepared->surface,
-                                            .direct = b->solution->direct,
-                                            .indirect = b->solution->indirect,
-                                            .error = b->solution->error,
+                                            .fields = kiln_node_data_fields(data),
+                                            .data = kiln_rank_data(data, kiln_node_data_own(data)),
                                             .radiosity = b->solution->radiosity,
                                             .stop = kiln_control_stop(b->control)};
     const struct kiln_output_params params = {.directory = b->job->output,
                                               .half = b->job->half,
                                               .stitch = b->job->stitch,
-                                              .error_map = b->job->error_map,
                                               .faults = &b->job->faults,
                                               .provenance_json = provenance};
     kiln_phase(&b->phases, "lightmaps");

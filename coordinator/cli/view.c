@@ -13,6 +13,7 @@
 #include "coordinator/bake/devices.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/output_name.h"
+#include "coordinator/field/field.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/field/units.h"
@@ -25,7 +26,43 @@ struct view {
     struct kiln_lights *lights;
     struct kiln_backend *backend;
     struct kiln_picture picture;
+    bool texels;                    /* --show */
+    const struct kiln_field *field; /* --show; NULL: no single one */
 };
+
+/* What --show asks for. */
+static int read_show(struct view *v, const char *name, struct kiln_error *error)
+{
+    char list[256] = "light, texels";
+    size_t rows;
+    const struct kiln_field *table = kiln_fields(&rows);
+    v->texels = strcmp(name, "texels") == 0;
+    if (v->texels || strcmp(name, "light") == 0)
+        return KILN_OK;
+    v->field = kiln_field_shown(name);
+    for (size_t i = 0; i < rows; i++) {
+        const size_t used = strlen(list);
+        if (table[i].channels != NULL)
+            (void)snprintf(list + used, sizeof list - used, ", %s", kiln_field_shown_name(&table[i]));
+    }
+    return v->field != NULL
+               ? KILN_OK
+               : kiln_fail(error, KILN_USAGE, "--show %.100s: there is nothing of that name to show; there is: %s",
+                           name, list);
+}
+
+static const char *quantity_of(const struct view *v)
+{
+    return v->texels ? "a checkerboard of texels" : v->field != NULL ? v->field->description : "radiance";
+}
+
+static const char *unit_of(const struct view *v)
+{
+    const struct kiln_units *units = kiln_units_of_bake(v->results);
+    if (v->field == NULL)
+        return units->radiance;
+    return v->field->unit != NULL ? v->field->unit : units->irradiance;
+}
 
 static int open_scene(struct view *v, const struct kiln_job *job, const char *directory, struct kiln_error *error)
 {
@@ -69,7 +106,8 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
                                             .geometry = v->geometry,
                                             .lights = v->lights,
                                             .backend = v->backend,
-                                            .texels = job->show_texels};
+                                            .texels = v->texels,
+                                            .field = v->field};
     int status = KILN_OK;
     if (job->from != NULL && (status = read_point("from", job->from, from, error)) == KILN_OK)
         wish.from = from;
@@ -94,10 +132,8 @@ static int write_picture(const struct view *v, const struct kiln_job *job, const
     kiln_viewpoint_text(&v->picture.viewpoint, viewpoint);
     const struct kiln_exr_attribute attributes[] = {
         {.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
-        {.name = "kiln:quantity",
-         .kind = KILN_EXR_STRING,
-         .text = job->show_texels ? "a checkerboard of texels" : "radiance"},
-        {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = kiln_units_of_bake(v->results)->radiance},
+        {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = quantity_of(v)},
+        {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = unit_of(v)},
         {.name = "kiln:viewpoint", .kind = KILN_EXR_STRING, .text = viewpoint},
         {.name = "kiln:approximate", .kind = KILN_EXR_STRING, .text = approximate}};
     const size_t count = sizeof attributes / sizeof *attributes - (approximate[0] != '\0' ? 0 : 1);
@@ -143,6 +179,8 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
         status = kiln_path_join(fallback, directory, "view.png", error);
         path = fallback;
     }
+    if (status == KILN_OK)
+        status = read_show(&v, job->show, error);
     if (status == KILN_OK)
         status = check_extension(path, error);
     const struct kiln_output_name name = {.option = "--output", .path = path, .bakes = {directory}};

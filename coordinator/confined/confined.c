@@ -14,7 +14,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#define STOP_SECONDS 0.2 /* between two looks whether to stop */
+#define STOP_SECONDS 0.2 /* seconds between two checks whether to stop */
 
 extern char **environ;
 
@@ -43,7 +43,7 @@ int kiln_confined_start(const struct kiln_confined_call *call, int answer, pid_t
         (void)posix_spawn_file_actions_destroy(&actions);
         return kiln_fail(error, KILN_SYSTEM, "out of memory for a child process");
     }
-    /* Nothing else of ours goes along: no descriptor (MPI has sockets open), no signal mask or handler. */
+    /* The child inherits nothing else: no descriptor (MPI has sockets open), no signal mask or handler. */
     errno = call->input >= 0 ? posix_spawn_file_actions_adddup2(&actions, call->input, STDIN_FILENO)
                              : posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
     if (errno == 0)
@@ -66,13 +66,13 @@ int kiln_confined_start(const struct kiln_confined_call *call, int answer, pid_t
                             environ);
     const int status =
         errno == 0 ? KILN_OK
-                   : kiln_fail_errno(error, KILN_SYSTEM, "%s: the %s cannot be started", program_of(call), call->what);
+                   : kiln_fail_errno(error, KILN_SYSTEM, "%s: cannot start the %s", program_of(call), call->what);
     (void)posix_spawn_file_actions_destroy(&actions);
     (void)posix_spawnattr_destroy(&attributes);
     return status;
 }
 
-/* Reads until the child closes the pipe; false when the wall clock ran out first, or somebody asked to stop. */
+/* Reads until the child closes the pipe. False when the time is over or a stop was requested. */
 static bool listen(int pipe_read, double deadline, const struct kiln_stop *stop, char *text, size_t size)
 {
     const double longest = stop != NULL ? STOP_SECONDS : 3600.0;
@@ -117,7 +117,8 @@ int kiln_confined_died(const struct kiln_confined_call *call, int state, struct 
 {
     const char *remedy = call->crashed != NULL ? call->crashed : "repair it or export it again as glTF";
     if (WIFSIGNALED(state) && (WTERMSIG(state) == SIGXCPU))
-        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: reading it took more CPU time than its size warrants; %s",
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%.512s: reading it took more CPU time than is allowed for a file of its size; %s",
                          call->subject, costly(call));
     if (WIFSIGNALED(state))
         return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s died (signal %d: %s) on this file; %s", call->subject,
@@ -132,7 +133,7 @@ int kiln_confined_late(const struct kiln_confined_call *call, struct kiln_error 
                      call->seconds, costly(call));
 }
 
-/* What became of the child, as a status and a sentence. */
+/* Turns the child's end and answer into a status and a sentence. */
 static int judge(const struct kiln_confined_call *call, int state, const char *text, struct kiln_error *error)
 {
     char *rest;
@@ -150,7 +151,7 @@ int kiln_confined_run(const struct kiln_confined_call *call, struct kiln_error *
     pid_t pid = -1;
     char text[sizeof(struct kiln_error) + 64];
     if (pipe2(ends, O_CLOEXEC) != 0)
-        return kiln_fail_errno(error, KILN_SYSTEM, "a pipe to the %s cannot be made", call->what);
+        return kiln_fail_errno(error, KILN_SYSTEM, "cannot create a pipe to the %s", call->what);
     int status = kiln_confined_start(call, ends[1], &pid, error);
     (void)close(ends[1]);
     if (status == KILN_OK) {

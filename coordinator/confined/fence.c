@@ -40,8 +40,8 @@ void kiln_fence_begin(void)
     kiln_fence_limit(RLIMIT_CORE, 0);
 }
 
-/* Private writable memory as the kernel counts it for RLIMIT_DATA. Its file is opened once, for nothing can be opened
- * behind the fence. */
+/* Private writable memory, bytes, as the kernel counts it for RLIMIT_DATA. Its file is opened once, since nothing can
+ * be opened behind the filter. */
 static uint64_t data_bytes(void)
 {
     static int descriptor = -1;
@@ -81,8 +81,8 @@ void kiln_fence_limits(uint64_t bytes, uint64_t seconds)
 #    define REFUSE(name, number)                                                                                       \
         BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_##name, 0, 1), BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | (number))
 
-/* What the C library, OpenMP, HDF5, OpenEXR and zlib need to work on memory and open descriptors. Anything else fails
- * with EPERM. */
+/* The seccomp filter. It allows what the C library, OpenMP, HDF5, OpenEXR and zlib need to work on memory and open
+ * descriptors; anything else fails with EPERM. */
 static struct sock_filter calls[] = {
     BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, arch)),
     BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, ARCHITECTURE, 1, 0),
@@ -146,8 +146,9 @@ static struct sock_filter calls[] = {
     ALLOW(getrlimit),
     ALLOW(setrlimit),
 #    endif
-    REFUSE(clone3, ENOSYS),                               /* its flags lie in memory; the C library then uses clone */
-    BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_clone, 0, 3), /* threads, no processes */
+    /* its flags are in memory, where the filter cannot see them; the C library then uses clone */
+    REFUSE(clone3, ENOSYS),
+    BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_clone, 0, 3), /* threads only, no processes */
     BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, args[0])),
     BPF_JUMP(BPF_JMP | BPF_JSET | BPF_K, CLONE_THREAD, 0, 1),
     BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW),
@@ -158,8 +159,8 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the low half of an ar
 void kiln_fence_calls(void)
 {
     const struct sock_fprog program = {.len = sizeof calls / sizeof *calls, .filter = calls};
-    (void)data_bytes(); /* opens its file */
-    /* The sanitizer's reports need files and its symbolizer. */
+    (void)data_bytes(); /* opens the file that it reads later */
+    /* The sanitizer needs files and its symbolizer for reports. */
     if (!ADDRESS_SANITIZER && prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0)
         (void)prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program);
 }

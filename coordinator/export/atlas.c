@@ -7,11 +7,11 @@
 #include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
-enum { CLASSES = 24 }; /* of size: half octaves of the longer side, up to 2^12 and all beyond */
+enum { CLASSES = 24 }; /* size classes: half octaves of the longer side, up to 2^12, and one for all beyond */
 
 /* ---- islands ---- */
 
-/* Joins wanted texels that are less than three apart: they would share a neighbour. */
+/* Unites wanted texels that are less than three apart: they would share a neighbour. */
 static void join_near(uint32_t *parent, const uint8_t *wanted, int64_t width, int64_t height)
 {
     for (int64_t y = 0; y < height; y++)
@@ -25,8 +25,9 @@ static void join_near(uint32_t *parent, const uint8_t *wanted, int64_t width, in
         }
 }
 
-/* Labels of texels and their neighbours, in a grid that is one larger on each side: the island's number + 1, 0 for
- * none. Islands are numbered by their first texel. `parent` becomes the numbers of roots. Gives how many there are. */
+/* Labels the texels and their neighbours, in a grid that is one larger on each side, with the island's number + 1 (0:
+ * none). Islands are numbered by their first texel. `parent` gets the numbers of the roots. Returns the number of
+ * islands. */
 static uint32_t label(uint32_t *labels, uint32_t *parent, const uint8_t *wanted, uint32_t width, uint32_t height,
                       bool whole)
 {
@@ -71,7 +72,7 @@ static int collect_runs(struct kiln_island *islands, const uint32_t *labels, uin
     return status;
 }
 
-/* Moves the corner to the smallest box; counts. Runs were made from (-1, -1). */
+/* Shrinks the island's box to its runs, and counts texels. Runs were made relative to (-1, -1). */
 static void trim(struct kiln_island *o)
 {
     uint32_t left = UINT32_MAX, right = 0;
@@ -110,7 +111,7 @@ int kiln_islands_add(struct kiln_islands *all, const uint8_t *wanted, uint32_t w
         count = label(labels, parent, wanted, width, height, whole);
     }
     if (status == KILN_OK && count == 0)
-        count = labels[(size_t)width + 3] = 1; /* nothing wanted: the first texel stands for it */
+        count = labels[(size_t)width + 3] = 1; /* no texel is wanted: the first one is used */
     if (status == KILN_OK)
         status = kiln_grow(&all->islands, &all->capacity, all->count + count, sizeof *all->islands, "islands", error);
     if (status == KILN_OK) {
@@ -141,16 +142,17 @@ void kiln_islands_free(struct kiln_islands *all)
 struct packer {
     uint32_t side;
     size_t words;
-    /* The page under way. */
+    /* The current page. */
     struct kiln_bitmap cells;          /* set: taken */
     uint32_t filled;                   /* rows from here on are empty */
-    uint64_t *window, *blocked;        /* a row */
-    struct kiln_island_run *by_length; /* of the island under way */
+    uint64_t *window, *blocked;        /* one row each */
+    struct kiln_island_run *by_length; /* runs of the current island, longest first */
     size_t by_length_capacity;
-    uint32_t cursor[CLASSES][CLASSES]; /* the row where the last island of like size went: the search begins there */
+    /* the row where the last island of similar size was placed: the search begins there */
+    uint32_t cursor[CLASSES][CLASSES];
 };
 
-/* target(x) |= in(x + by). May be the same row. */
+/* target(x) |= in(x + by). Both may be the same row. */
 static void or_shifted(uint64_t *target, const uint64_t *in, size_t words, uint32_t by)
 {
     const size_t whole = by / 64;
@@ -161,7 +163,7 @@ static void or_shifted(uint64_t *target, const uint64_t *in, size_t words, uint3
     }
 }
 
-/* window(x) = whether any of row(x) .. row(x + length - 1) is set, by doubling. */
+/* window(x) = whether any of row(x) .. row(x + length - 1) is set, by repeated doubling. */
 static void slide(struct packer *p, const uint64_t *row, uint32_t length)
 {
     uint32_t reach = 1;
@@ -180,7 +182,7 @@ static bool all_set(const uint64_t *row, size_t words)
     return true;
 }
 
-/* Columns in which the island may not begin: all but 0 .. last. */
+/* Marks the columns in which the island may not begin: all but 0 .. last. */
 static void begin_blocked(struct packer *p, uint32_t last)
 {
     for (size_t i = 0; i < p->words; i++) {
@@ -189,7 +191,7 @@ static void begin_blocked(struct packer *p, uint32_t last)
     }
 }
 
-/* The first free column for the island with its corner in row y; false: none. */
+/* Finds the first free column for the island with its corner in row y; false: none. */
 static bool find_column(struct packer *p, const struct kiln_island *o, uint32_t y, uint32_t *x)
 {
     begin_blocked(p, p->side - o->width);
@@ -210,7 +212,7 @@ static bool find_column(struct packer *p, const struct kiln_island *o, uint32_t 
     return false;
 }
 
-/* Long runs first: they rule out most columns. Equal ones by place, so that the order is one. */
+/* Sorts long runs first, since they rule out most columns; equal ones by position, so that the order is unique. */
 static int compare_runs(const void *a, const void *b)
 {
     const struct kiln_island_run *p = a, *q = b;
@@ -237,7 +239,7 @@ static unsigned class_of(uint32_t side)
     return octave < CLASSES ? octave : CLASSES - 1;
 }
 
-/* False: there is no room, or no memory (then *status says so). */
+/* Places an island. False: there is no room, or no memory (then *status says so). */
 static bool place(struct packer *p, struct kiln_island *o, int *status, struct kiln_error *error)
 {
     uint32_t *cursor = &p->cursor[class_of(o->width)][class_of(o->height)], x;
@@ -268,8 +270,8 @@ static int compare_islands(const void *a, const void *b)
     return p < q ? -1 : p > q;
 }
 
-/* Of those that are left, largest first, as many groups as fill the share `target` of a page (one at least). Their
- * islands, largest first, go to `order`; `chosen` marks the groups. */
+/* A choice of groups for one page. Of the groups that are left, largest first, as many as fill the fraction `target` of
+ * a page (at least one). Their islands, largest first, go to `order`; `chosen` marks the groups. */
 struct choice {
     const struct kiln_islands *islands;
     struct group {
@@ -314,7 +316,7 @@ static bool try_page(struct packer *p, const struct choice *c, uint32_t page, in
     return true;
 }
 
-/* One page with as much as it takes: first as if it could be filled to the brim, then less and less. */
+/* Fills one page with as much as possible: first tries as if it could be filled completely, then with less and less. */
 static int fill_page(struct packer *p, struct choice *c, uint32_t page, uint32_t *misfit, struct kiln_error *error)
 {
     static const double first = 0.97, step = 0.03;
@@ -324,7 +326,7 @@ static int fill_page(struct packer *p, struct choice *c, uint32_t page, uint32_t
     for (double target = first; status == KILN_OK; target -= step) {
         choose(c, target * texels);
         if (c->chosen_islands == before)
-            continue; /* the same choice fails again */
+            continue; /* the same choice would fail again */
         before = c->chosen_islands;
         if (try_page(p, c, page, &status, error))
             break;

@@ -25,7 +25,7 @@ void kiln_export_root(struct kiln_glb_build *b, json_t *plan)
     kiln_glb_use(b, KILN_LIGHTMAP_EXTENSION);
 }
 
-/* Everything from our own parent is opened before the fence stands. */
+/* Opens all that comes from the parent, before system calls are restricted. */
 static int open_task(struct kiln_export_task *task, struct kiln_error *error)
 {
     json_error_t report;
@@ -43,12 +43,13 @@ static int open_task(struct kiln_export_task *task, struct kiln_error *error)
     const size_t length = strnlen(task->input, size), moved = task->scene->vertex_count * sizeof *task->coordinates;
     task->plan = json_loadb(task->input, length, JSON_REJECT_DUPLICATES, &report);
     task->coordinates = task->scene->texcoord_lightmap;
-    if (length < size && size - length - 1 == moved) { /* to the input's beginning, where they are aligned */
+    /* moves the coordinates to the input's beginning, where they are aligned */
+    if (length < size && size - length - 1 == moved) {
         memmove(task->input, task->input + length + 1, moved);
         task->coordinates = (const struct kiln_vec2 *)(const void *)task->input;
     }
     if (task->plan == NULL || json_array_size(json_object_get(task->plan, "objects")) != task->scene->object_count)
-        return kiln_fail(error, KILN_BUG, "the export's plan does not fit %.512s", task->scene_file);
+        return kiln_fail(error, KILN_BUG, "the export's plan does not match the scene file %.512s", task->scene_file);
     return KILN_OK;
 }
 
@@ -56,7 +57,7 @@ int kiln_export_child(int argc, char **argv)
 {
     struct kiln_error error = {""};
     if (argc != KILN_EXPORT_CHILD_ARGUMENTS) {
-        (void)fprintf(stderr, "export-child is a part of kiln that it starts itself\n");
+        (void)fprintf(stderr, "export-child is not a command for users: kiln starts it itself\n");
         return KILN_USAGE;
     }
     struct kiln_export_task task = {.source = argv[2], .scene_file = argv[3], .output = argv[4]};

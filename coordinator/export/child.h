@@ -1,11 +1,13 @@
-/* How kiln export talks to its confined child, and the parts of that child. Private to coordinator/export.
+/* The export child: how kiln export calls it, and its two jobs. Private to coordinator/export.
  *
- * argv: PROGRAM export-child SOURCE SCENE_FILE OUTPUT [SOURCE is "" where the export is made from kiln's own scene file
- * alone] standard input, one JSON object (ours, trusted): and, where coordinates have moved, a zero byte and a struct
- * kiln_vec2 for each vertex of the scene:
- *   {"objects": [LINK or null, one an object], "root": ROOT, "drop_baked_lights": false}
- * LINK is what the node of an object gets as extensions.KILN_lightmap (texCoord is settled by the child), ROOT what the
- * file itself gets. */
+ * argv: PROGRAM export-child SOURCE SCENE_FILE OUTPUT
+ *       SOURCE is "" where the export is made from kiln's own scene file alone.
+ *
+ * Standard input is one JSON object, written by kiln and trusted. Where coordinates have moved, a zero byte follows it
+ * and a struct kiln_vec2 for each vertex of the scene. The object is:
+ *   {"objects": [LINK or null, one per object], "root": ROOT, "drop_baked_lights": false}
+ * LINK becomes extensions.KILN_lightmap of the object's node (the child fills in texCoord); ROOT becomes that of the
+ * file. */
 #ifndef KILN_COORDINATOR_EXPORT_CHILD_H
 #define KILN_COORDINATOR_EXPORT_CHILD_H
 
@@ -18,26 +20,26 @@ enum { KILN_EXPORT_CHILD_ARGUMENTS = 5 };
 #define KILN_LIGHTMAP_EXTENSION "KILN_lightmap"
 
 struct kiln_export_task {
-    const char *source, *scene_file, *output; /* output: for sentences */
+    const char *source, *scene_file, *output; /* output: for sentences only */
     struct kiln_scene *scene;
-    char *input; /* all of standard input */
+    char *input; /* everything read from standard input */
     json_t *plan;
-    const struct kiln_vec2 *coordinates; /* a vertex: the lightmap's */
+    const struct kiln_vec2 *coordinates; /* per vertex: lightmap coordinates */
 };
 
-/* The source's glTF with TEXCOORD_1 as baked and the plan's links, written to the descriptor KILN_CHILD_OUTPUT.
- * `mapped` as in struct kiln_confine. KILN_BAD_INPUT when the source is not the one that was baked. */
+/* Writes the source's glTF, with TEXCOORD_1 as baked and the plan's links, to the descriptor KILN_CHILD_OUTPUT.
+ * `mapped`: as in struct kiln_confine. KILN_BAD_INPUT when the source is not the one that was baked. */
 int kiln_export_gltf(const struct kiln_export_task *task, void (*mapped)(const struct kiln_confine *),
                      struct kiln_error *error);
 
-/* The same from the scene file alone: for sources that are no glTF. Materials as far as kiln keeps them, textures as
+/* The same from the scene file alone, for sources that are not glTF. Materials as far as kiln keeps them; textures as
  * PNG. */
 int kiln_export_own(const struct kiln_export_task *task, struct kiln_error *error);
 
-/* Puts `link` (borrowed) on a node: extensions.KILN_lightmap, and the same as extras.kiln_lightmap where extras is an
- * object or absent. */
+/* Sets `link` (borrowed) as a node's extensions.KILN_lightmap, and as extras.kiln_lightmap if extras is an object or
+ * absent. */
 void kiln_export_link(struct kiln_glb_build *b, json_t *node, json_t *link);
-/* The root's extension, and the extension's name among those used. */
+/* Sets the root's extension, and lists the extension as used. */
 void kiln_export_root(struct kiln_glb_build *b, json_t *plan);
 
 /* Not a command for users: the confined child that writes a scene with its lightmaps (child.c). argv as it was spawned.

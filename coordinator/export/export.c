@@ -30,9 +30,9 @@ bool kiln_export_is_published(const struct kiln_scene *scene, size_t object)
 
 uint64_t kiln_export_size(const struct kiln_scene *scene)
 {
-    enum { VERTEX = 12 + 12 + 8 + 8, CORNER = 4 }; /* position, normal, two sets of coordinates */
+    enum { VERTEX = 12 + 12 + 8 + 8, CORNER = 4 }; /* bytes of position, normal and two sets of coordinates */
     const bool gltf = kiln_export_has_gltf(scene);
-    uint64_t bytes = gltf ? 0 : scene->header->sections[KILN_SECTION_TEXELS].count / 2; /* as PNG */
+    uint64_t bytes = gltf ? 0 : scene->header->sections[KILN_SECTION_TEXELS].count / 2; /* estimated size as PNG */
     for (size_t i = 0; gltf && i < scene->source_count; i++)
         bytes += scene->sources[i].size;
     for (size_t i = 0; i < scene->mesh_count; i++)
@@ -75,7 +75,7 @@ static json_t *page_json(const struct kiln_export_params *p, size_t index)
     return json;
 }
 
-/* What the child is to know, as text (from malloc). NULL without memory. */
+/* The plan for the child, as text (from malloc). NULL when out of memory. */
 static char *plan_text(const struct kiln_export_params *p)
 {
     json_t *objects = json_array(), *pages = json_array();
@@ -91,21 +91,21 @@ static char *plan_text(const struct kiln_export_params *p)
     return text;
 }
 
-/* An unnamed file that holds the plan, at its beginning. */
+/* Makes an unnamed file with the plan, positioned at its beginning. */
 static int plan_file(const struct kiln_export_params *p, int *descriptor, struct kiln_error *error)
 {
     char *text = plan_text(p);
     *descriptor = text == NULL ? -1 : memfd_create("kiln export", MFD_CLOEXEC);
     int status = text == NULL      ? kiln_fail(error, KILN_SYSTEM, "out of memory: the export's plan")
-                 : *descriptor < 0 ? kiln_fail_errno(error, KILN_SYSTEM, "a file in memory cannot be made")
+                 : *descriptor < 0 ? kiln_fail_errno(error, KILN_SYSTEM, "cannot create a file in memory")
                                    : KILN_OK;
     if (status == KILN_OK)
         status = kiln_write_all(*descriptor, text, strlen(text), 0, "the export's plan", error);
-    if (status == KILN_OK && p->coordinates != NULL) /* after the text's last byte, 0 */
+    if (status == KILN_OK && p->coordinates != NULL) /* after the zero byte that ends the text */
         status = kiln_write_all(*descriptor, p->coordinates, p->scene->vertex_count * sizeof *p->coordinates,
                                 strlen(text) + 1, "the export's plan", error);
     if (status == KILN_OK && lseek(*descriptor, 0, SEEK_SET) != 0)
-        status = kiln_fail_errno(error, KILN_SYSTEM, "a file in memory cannot be read");
+        status = kiln_fail_errno(error, KILN_SYSTEM, "cannot read a file in memory");
     free(text);
     return status;
 }
@@ -140,7 +140,7 @@ static int run_child(const struct kiln_export_params *p, const char *temporary, 
     return status;
 }
 
-/* What readers do first, before they do: the header and the file's length. */
+/* Checks the new file's header and length, as readers will. */
 static int check_written(int file, const char *name, struct kiln_error *error)
 {
     unsigned char header[12] = {0};
@@ -149,7 +149,7 @@ static int check_written(int file, const char *name, struct kiln_error *error)
     const uint64_t length =
         (uint64_t)header[8] | (uint64_t)header[9] << 8 | (uint64_t)header[10] << 16 | (uint64_t)header[11] << 24;
     if (!read || memcmp(header, "glTF", 4) != 0 || length != (uint64_t)found.st_size)
-        return kiln_fail(error, KILN_IO, "%.512s was not written whole", name);
+        return kiln_fail(error, KILN_IO, "%.512s was not written completely", name);
     return KILN_OK;
 }
 
@@ -159,7 +159,7 @@ int kiln_export_scene(const struct kiln_export_params *params, struct kiln_error
     int file = -1;
     if (params->source != NULL && access(params->source, R_OK) != 0)
         return kiln_fail_errno(error, errno == EACCES ? KILN_PERMISSION : KILN_NO_INPUT,
-                               "%.512s: the scene that was baked cannot be read; say where it is with --scene",
+                               "%.512s: cannot read the scene that was baked; give its path with --scene",
                                params->source);
     int status = kiln_publish_begin(&place, params->directory, params->output, error);
     if (status == KILN_OK)
@@ -178,9 +178,9 @@ int kiln_export_scene(const struct kiln_export_params *params, struct kiln_error
 
 /* ---- beside a bake ---- */
 
-enum { FILE_NAME = 256 }; /* a scene file's names have at most 120 bytes */
+enum { FILE_NAME = 256 }; /* names in a scene file have at most 120 bytes */
 
-/* `files`: two an object, of its lightmap and of that of its backs. */
+/* `files`: two per object: of its lightmap and of that of its backs. */
 static void own_files(const struct kiln_scene *scene, const uint8_t *has_back, struct kiln_link *links,
                       struct kiln_page_info *pages, char (*files)[FILE_NAME], size_t *page_count)
 {

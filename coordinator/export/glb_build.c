@@ -105,7 +105,7 @@ static void little32(unsigned char *at, uint32_t value)
         at[i] = (unsigned char)(value >> (8 * i));
 }
 
-/* The first buffer is the one that the .glb holds; others, without bytes, may follow. */
+/* Describes the first buffer, which the .glb contains; others, without bytes, may follow. */
 static void settle_buffer(struct kiln_glb_build *b, size_t size)
 {
     json_t *buffers = json_object_get(b->root, "buffers");
@@ -117,7 +117,7 @@ static void settle_buffer(struct kiln_glb_build *b, size_t size)
     kiln_glb_set(b, first, "byteLength", json_integer((json_int_t)size));
 }
 
-/* Writes in turn, each where the one before ended. */
+/* A file position: each write begins where the one before ended. */
 struct out {
     int file;
     size_t at;

@@ -1,6 +1,6 @@
-/* A .glb while it is being written: its JSON, and the bytes of its one buffer, which begin with pieces borrowed from
- * elsewhere (a source's buffers) and go on with what is added here. Failure is sticky: the first fault is kept in
- * `status` and `error`, later calls do nothing and return 0. Not collective. */
+/* A .glb under construction: its JSON and the bytes of its one buffer. The buffer begins with pieces borrowed from
+ * elsewhere (a source's buffers) and continues with bytes added here. Failure is sticky: the first fault is kept in
+ * `status` and `error`, and later calls do nothing and return 0. Not collective. */
 #ifndef KILN_COORDINATOR_EXPORT_GLB_BUILD_H
 #define KILN_COORDINATOR_EXPORT_GLB_BUILD_H
 
@@ -26,28 +26,28 @@ struct kiln_glb_piece {
 };
 
 struct kiln_glb_build {
-    const char *subject; /* begins sentences */
+    const char *subject; /* begins error sentences */
     json_t *root;
     struct kiln_glb_piece *pieces; /* each begins at a multiple of 8 bytes */
     size_t piece_count, piece_capacity;
-    size_t base; /* where the added bytes begin: to be settled before any is added */
+    size_t base; /* offset of the added bytes; must be set before any is added */
     unsigned char *added;
     size_t added_size, added_capacity;
     int status;
     struct kiln_error *error;
 };
 
-/* Appends a borrowed piece and gives its offset in the buffer. */
+/* Appends a borrowed piece and returns its offset in the buffer. */
 size_t kiln_glb_piece(struct kiln_glb_build *b, const void *data, size_t size);
 
-/* Room for `size` bytes (not initialised), at a multiple of 4, and a buffer view of them; `stride` and `target` 0:
- * none. The pointer holds until the next call. */
+/* Adds `size` bytes (not initialised), at a multiple of 4, with a buffer view of them; `stride` and `target` 0: none.
+ * Returns the view's index. The pointer is valid until the next call. */
 uint32_t kiln_glb_view(struct kiln_glb_build *b, size_t size, size_t stride, int target, unsigned char **bytes);
 
-/* Appends `item` (its reference is taken) to the array `key` of `object`, made when it is not there. Its index. */
+/* Appends `item` (taking its reference) to the array `key` of `object`, which is made if absent. Returns its index. */
 uint32_t kiln_glb_append(struct kiln_glb_build *b, json_t *object, const char *key, json_t *item);
 
-/* The member object `key` of `object`, made when it is not there; NULL when something else is. Borrowed. */
+/* The member object `key` of `object`, made if absent; NULL if the member is not an object. Borrowed. */
 json_t *kiln_glb_object(struct kiln_glb_build *b, json_t *object, const char *key);
 
 /* Sets a member; takes the reference. */
@@ -56,7 +56,7 @@ void kiln_glb_set(struct kiln_glb_build *b, json_t *object, const char *key, jso
 /* Lists an extension under extensionsUsed, once. */
 void kiln_glb_use(struct kiln_glb_build *b, const char *extension);
 
-/* Writes the open, empty file and syncs it; `name` is for sentences. KILN_BAD_INPUT when it would pass 4 GiB. */
+/* Writes the open, empty file and syncs it. `name` is used in sentences. KILN_BAD_INPUT if it would exceed 4 GiB. */
 int kiln_glb_build_write(struct kiln_glb_build *b, int file, const char *name);
 
 /* Releases everything, the JSON too. */

@@ -1,4 +1,4 @@
-/* A .glb from kiln's own scene file: what it keeps of a scene whose source is no glTF. One node an object; a mesh's
+/* Writes a .glb from kiln's own scene file, for scenes whose source is not glTF. One node per object; a mesh's
  * triangles are grouped by material. Vertices, coordinates and textures are those that were baked. */
 #include <math.h>
 #include <string.h>
@@ -13,7 +13,7 @@ struct own {
     const struct kiln_scene *scene;
     json_t *plan;
     const struct kiln_vec2 *coordinates;
-    bool emission_set; /* emission has coordinates of its own somewhere: TEXCOORD_2, for all meshes */
+    bool emission_set; /* some material's emission has its own coordinates: all meshes get TEXCOORD_2 */
 };
 
 static json_t *name_of(const struct own *o, uint32_t offset)
@@ -154,7 +154,8 @@ static json_t *add_attributes(struct own *o, const struct kiln_mesh *mesh)
     return attributes;
 }
 
-/* The triangles of one material, from the first on that has it. `done`, a triangle: it has been written. */
+/* Adds the triangles of one material, from the first one that has it. `done`: per triangle, whether it has been
+ * written. */
 static void add_primitive(struct own *o, const struct kiln_mesh *mesh, json_t *mesh_json, json_t *attributes,
                           uint64_t first, uint8_t *done)
 {
@@ -199,7 +200,7 @@ static void add_mesh(struct own *o, const struct kiln_mesh *mesh)
 
 /* ---- nodes ---- */
 
-/* Appends a node and shows it in the scene. */
+/* Appends a node and lists it in the scene. */
 static void add_node(struct own *o, json_t *node)
 {
     const uint32_t index = kiln_glb_append(&o->b, o->b.root, "nodes", node);
@@ -207,7 +208,7 @@ static void add_node(struct own *o, json_t *node)
     (void)kiln_glb_append(&o->b, scene, "nodes", json_integer(index));
 }
 
-/* Columns one after the other, from a row-major 3 x 4. */
+/* A column-major 4 x 4 matrix from a row-major 3 x 4 one. */
 static json_t *matrix_json(const double m[12])
 {
     json_t *array = json_array();
@@ -230,7 +231,7 @@ static void add_object(struct own *o, size_t index)
     add_node(o, node);
 }
 
-/* With columns right, up, backward. */
+/* A node with the matrix of columns right, up, backward. */
 static json_t *placed(const double position[3], struct kiln_vec3 right, struct kiln_vec3 up, struct kiln_vec3 forward)
 {
     const struct kiln_vec3 columns[3] = {right, up, vec3_scale(forward, -1.0f)};

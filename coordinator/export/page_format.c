@@ -18,9 +18,9 @@ static const struct {
                [KILN_PAGE_KTX2] = {"ktx2", ".ktx2"}};
 
 const char *kiln_page_encoding(enum kiln_page_format format) { return formats[format].encoding; }
-const char *kiln_page_ending(enum kiln_page_format format) { return formats[format].ending; }
+const char *kiln_page_extension(enum kiln_page_format format) { return formats[format].ending; }
 
-/* The first value that is not from 0 to `most`, or the largest one. */
+/* Checks that all values are from 0 to `most`; fails with the first that is not. Finds the largest. */
 static int check_values(const char *path, float *const planes[3], uint32_t width, size_t count, double most,
                         const char *remedy, double *largest, struct kiln_error *error)
 {
@@ -63,7 +63,7 @@ static int write_exr(const char *directory, const char *name, float *const plane
 
 static uint8_t byte_of(double value) { return (uint8_t)fmin(fmax(floor(value + 0.5), 0.0), 255.0); }
 
-/* The least multiplier that holds the largest channel, so that the channels use all their bits. */
+/* Encodes with the least multiplier that holds the largest channel, so that the channels use all their bits. */
 static void rgbm(const double rgb[3], double range, uint8_t out[4])
 {
     const double most = fmax(rgb[0], fmax(rgb[1], rgb[2])) / range;
@@ -73,7 +73,7 @@ static void rgbm(const double rgb[3], double range, uint8_t out[4])
     out[3] = (uint8_t)multiplier;
 }
 
-/* The least exponent that holds the largest channel; what is below 2^-128 becomes 0. */
+/* Encodes with the least exponent that holds the largest channel; values below 2^-128 become 0. */
 static void rgbe(const double rgb[3], double range, uint8_t out[4])
 {
     (void)range;
@@ -124,17 +124,18 @@ static void put(unsigned char *at, uint64_t value, size_t bytes)
         at[i] = (unsigned char)(value >> (8 * i));
 }
 
-/* Round to nearest, ties to even, of a finite value from 0 to 65504. */
+/* Converts a finite value from 0 to 65504 to half: round to nearest, ties to even. */
 static uint16_t half_of(float value)
 {
-    if (value < 0x1p-14f) /* in units of the least half: rounding may reach the first normal one, whose bits follow */
+    /* subnormal: in units of the least half; rounding up may reach the first normal number, whose bits follow */
+    if (value < 0x1p-14f)
         return (uint16_t)lrintf(value * 0x1p24f);
     int exponent;
     const float fraction = frexpf(value, &exponent); /* 0.5 .. 1 */
     return (uint16_t)(((unsigned)(exponent + 13) << 10) + (unsigned)lrintf(fraction * 2048.0f));
 }
 
-/* One channel of the basic descriptor: a signed float of 16 bits. */
+/* Writes one channel of the basic data format descriptor: a signed float of 16 bits. */
 static void put_sample(unsigned char *at, unsigned offset, unsigned channel)
 {
     put(at, offset, 2);
@@ -144,7 +145,7 @@ static void put_sample(unsigned char *at, unsigned offset, unsigned channel)
     put(at + 12, 0x3f800000u, 4);                     /* 1 */
 }
 
-/* Header, index, descriptor and the two words that say which way is up and who wrote it. */
+/* Writes header, index, data format descriptor and two key-value entries: orientation and writer. */
 static void put_head(unsigned char *bytes, uint32_t width, uint32_t height, size_t level, size_t level_size)
 {
     static const unsigned char identifier[12] = {0xab, 'K', 'T', 'X', ' ', '2', '0', 0xbb, '\r', '\n', 0x1a, '\n'};

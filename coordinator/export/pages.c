@@ -8,7 +8,7 @@
 #include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
-/* "lightmaps/NAME.exr", kept by the pages. NULL without memory. */
+/* Makes the name "lightmaps/NAME.exr", which `pages` owns. NULL when out of memory. */
 static const char *keep_name(struct kiln_pages *pages, const char *name, const char *ending, struct kiln_error *error)
 {
     const size_t room = strlen(name) + strlen(ending) + sizeof "lightmaps/";
@@ -20,7 +20,8 @@ static const char *keep_name(struct kiln_pages *pages, const char *name, const c
     return *kept;
 }
 
-/* The channels `wanted` of an object's lightmap, or of that of its backs, which has the size that the scene says. */
+/* Reads the channels `wanted` of an object's lightmap or of that of its backs, and checks that its size is the
+ * scene's. */
 static int read_lightmap(const struct kiln_pages_params *p, size_t object, bool back, const char *const *wanted,
                          size_t count, struct kiln_image **image, struct kiln_error *error)
 {
@@ -29,8 +30,9 @@ static int read_lightmap(const struct kiln_pages_params *p, size_t object, bool 
     (void)snprintf(name, sizeof name, "lightmaps/%s%s.exr", back ? "back/" : "", kiln_scene_string(p->scene, o->name));
     int status = kiln_results_image(p->results, name, wanted, count, image, error);
     if (status == KILN_OK && ((*image)->width != o->lightmap_width || (*image)->height != o->lightmap_height))
-        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s has %u x %u texels where the scene says %u x %u; bake again",
-                           name, (*image)->width, (*image)->height, o->lightmap_width, o->lightmap_height);
+        status =
+            kiln_fail(error, KILN_BAD_INPUT, "%.512s has %u x %u texels, but the scene file says %u x %u; bake again",
+                      name, (*image)->width, (*image)->height, o->lightmap_width, o->lightmap_height);
     return status;
 }
 
@@ -39,7 +41,7 @@ static bool has_back(const struct kiln_pages_params *p, size_t object)
     return p->has_back != NULL && p->has_back[object] != 0;
 }
 
-/* One lightmap as a page of its own; *file is its name, kept by the pages. */
+/* Writes one lightmap as a page of its own; *file is its name, which `pages` owns. */
 static int write_lightmap(const struct kiln_pages_params *p, size_t object, bool back, struct kiln_pages *pages,
                           const char **file, double *range, struct kiln_error *error)
 {
@@ -49,7 +51,7 @@ static int write_lightmap(const struct kiln_pages_params *p, size_t object, bool
     *range = p->range;
     (void)snprintf(name, sizeof name, "%s%s", back ? "back/" : "",
                    kiln_scene_string(p->scene, p->scene->objects[object].name));
-    *file = keep_name(pages, name, kiln_page_ending(p->format), error);
+    *file = keep_name(pages, name, kiln_page_extension(p->format), error);
     int status = *file == NULL ? KILN_SYSTEM : KILN_OK;
     if (status == KILN_OK)
         status = read_lightmap(p, object, back, wanted, 3, &image, error);
@@ -89,11 +91,11 @@ struct atlas {
     const struct kiln_pages_params *params;
     struct kiln_pages *pages;
     struct kiln_islands islands;
-    size_t *first;   /* an object: its first island; one more at the end */
-    uint32_t *users; /* a mesh: how many objects with a lightmap have it */
+    size_t *first;   /* one per object, and one more at the end: its first island */
+    uint32_t *users; /* per mesh: how many objects with a lightmap have it */
 };
 
-/* An object that shares its mesh keeps its layout as it is, for the coordinates are the mesh's. */
+/* Whether an object keeps its layout in one piece: it shares its mesh, and the coordinates belong to the mesh. */
 static bool is_whole(const struct atlas *a, size_t object)
 {
     return a->users[a->params->scene->objects[object].mesh] > 1;
@@ -109,7 +111,7 @@ static int misfit(const struct kiln_pages_params *p, size_t object, struct kiln_
                      kiln_scene_string(p->scene, o->name), o->lightmap_width, o->lightmap_height, p->atlas, p->atlas);
 }
 
-/* The islands of what the object's layout covers. */
+/* Adds the islands of what the object's layout covers. */
 static int add_islands(struct atlas *a, size_t object, struct kiln_error *error)
 {
     const struct kiln_pages_params *p = a->params;
@@ -128,7 +130,7 @@ static int add_islands(struct atlas *a, size_t object, struct kiln_error *error)
             kiln_fail(error, KILN_BAD_INPUT, "%.512s: the lightmap of '%s' has no coverage and validity; bake again",
                       p->directory, kiln_scene_string(p->scene, o->name));
     for (size_t i = 0; status == KILN_OK && i < count; i++)
-        /* coverage is a half: the least may have become 0 */
+        /* coverage is a half float: small values may have become 0 */
         covered[i] = coverage->values[i] > 0.0f || validity->values[i] > 0.25f;
     if (status == KILN_OK)
         status = kiln_islands_add(&a->islands, covered, o->lightmap_width, o->lightmap_height, is_whole(a, object),
@@ -138,7 +140,7 @@ static int add_islands(struct atlas *a, size_t object, struct kiln_error *error)
     return status;
 }
 
-/* Copies an island's texels; beyond its lightmap's edge those at the edge. */
+/* Copies an island's texels; beyond the lightmap's edge, those at the edge. */
 static void copy_texels(struct kiln_image *page, uint8_t *state, float *const to[3], const struct kiln_island *o,
                         const struct kiln_image *image, float *const from[3])
 {
@@ -158,7 +160,7 @@ static void copy_texels(struct kiln_image *page, uint8_t *state, float *const to
     }
 }
 
-/* What no object keeps takes the values of the nearest texel that one does. */
+/* Fills the texels that belong to no island from the nearest one that does. */
 static int fill_page(const struct kiln_image *page, const uint8_t *state, float *const planes[3],
                      struct kiln_error *error)
 {
@@ -174,7 +176,7 @@ static int fill_page(const struct kiln_image *page, const uint8_t *state, float 
     return status;
 }
 
-/* As large as what lies on it asks for; multiples of 4, for block compression. */
+/* Sets the page's size to what lies on it, rounded up to a multiple of 4 for block compression. */
 static void size_page(const struct atlas *a, uint32_t index, struct kiln_page_info *page)
 {
     const uint32_t most = a->params->atlas;
@@ -211,7 +213,7 @@ static int draw_object(const struct atlas *a, size_t object, bool back, struct k
     return status;
 }
 
-/* With `back`: of the objects on it that have one. */
+/* Draws a page. With `back`: the backs of the objects on it that have one. */
 static int draw_page(const struct atlas *a, uint32_t index, bool back, struct kiln_image **page,
                      struct kiln_error *error)
 {
@@ -240,7 +242,7 @@ static int write_side(const struct atlas *a, uint32_t index, bool back, const ch
     struct kiln_image *image = NULL;
     *range = a->params->range;
     (void)snprintf(name, sizeof name, "page-%u%s", index, back ? "-back" : "");
-    *file = keep_name(a->pages, name, kiln_page_ending(a->params->format), error);
+    *file = keep_name(a->pages, name, kiln_page_extension(a->params->format), error);
     int status = *file == NULL ? KILN_SYSTEM : KILN_OK;
     if (status == KILN_OK)
         status = draw_page(a, index, back, &image, error);
@@ -250,7 +252,7 @@ static int write_side(const struct atlas *a, uint32_t index, bool back, const ch
     return status;
 }
 
-/* A page, and the one of backs with the same places, where an object on it has one. */
+/* Writes a page and, if an object on it has backs, the page of backs with the same layout. */
 static int write_page(const struct atlas *a, uint32_t index, struct kiln_error *error)
 {
     struct kiln_page_info *page = &a->pages->pages[index];
@@ -271,8 +273,8 @@ static int write_page(const struct atlas *a, uint32_t index, struct kiln_error *
 
 /* ---- coordinates ---- */
 
-/* The island that a texel of the lightmap belongs to, by a grid that is one larger on each side (number + 1; 0: none),
- * or the nearest one. */
+/* The island that a texel of the lightmap belongs to, or the nearest one. `grid` is one larger on each side (number +
+ * 1; 0: none). */
 static uint32_t island_at(const uint32_t *grid, int64_t width, int64_t height, int64_t x, int64_t y)
 {
     for (int64_t ring = 0; ring < (width > height ? width : height) + 2; ring++)
@@ -301,7 +303,7 @@ static int64_t texel_of(float coordinate, uint32_t side)
     return texel < 0 ? 0 : texel >= (int64_t)side ? (int64_t)side - 1 : texel;
 }
 
-/* The mesh's coordinates on the page: each vertex goes with its island, by whole texels. */
+/* Computes the mesh's coordinates on the page: each vertex moves with its island, by whole texels. */
 static int move_coordinates(const struct atlas *a, size_t object, struct kiln_error *error)
 {
     const struct kiln_scene *scene = a->params->scene;
@@ -328,7 +330,7 @@ static int move_coordinates(const struct atlas *a, size_t object, struct kiln_er
     return KILN_OK;
 }
 
-/* page uv = TEXCOORD x scale + offset: an object's texels lie on the page's. */
+/* Fills an object's link. page uv = TEXCOORD x scale + offset: an object's texels coincide with the page's. */
 static int link_object(const struct atlas *a, size_t object, struct kiln_error *error)
 {
     const struct kiln_object *o = &a->params->scene->objects[object];
@@ -358,7 +360,7 @@ static double used_share(const struct atlas *a)
     return all > 0.0 ? used / all : 1.0;
 }
 
-/* Islands of all objects, and the coordinates as they are before any moves. */
+/* Finds the islands of all objects, and copies the coordinates before they are moved. */
 static int begin_atlas(struct atlas *a, struct kiln_error *error)
 {
     const struct kiln_scene *scene = a->params->scene;

@@ -269,7 +269,7 @@ int kiln_publish_claim(struct kiln_publish *p, const char *directory, const char
         *descriptor = -1;
     }
     if (status == KILN_OK &&
-        (fstat(*descriptor, &found) != 0 || !S_ISREG(found.st_mode) || kiln_cut(*descriptor, 0) != 0)) {
+        (fstat(*descriptor, &found) != 0 || !S_ISREG(found.st_mode) || kiln_truncate(*descriptor, 0) != 0)) {
         status = cannot_create("what has this name is not a regular file, or cannot be written;", p->temporary, error);
         (void)close(*descriptor);
         *descriptor = -1;

@@ -1,33 +1,33 @@
-/* A city: a square of blocks with one house each, twelve kinds of house, every house an instance with its own turn and
- * height. A facade is one grid of wall and window pieces, so that no edge meets the middle of another; some windows are
- * lit. How finely the facades are divided, and how many houses there are, follows from the number of triangles asked
- * for. */
+/* A city: a square of blocks with one house each. There are twelve kinds of house; every house is an instance with its
+ * own rotation and height. A facade is one grid of wall and window quads, so that no edge ends in the middle of
+ * another; some windows emit light. The number of triangles asked for decides how many houses there are and how finely
+ * their facades are divided. */
 #include <stdio.h>
 
 #include "coordinator/generate/scenes.h"
 
 enum { WALLS = 5, WINDOW = WALLS, WINDOW_LIT, GROUND, MATERIALS, KINDS = 12, LARGEST_SIDE = 250 };
 
-static const double PITCH = 24; /* from house to house, m */
+static const double PITCH = 24; /* distance from house to house, m */
 
 struct kind {
     double width, depth, height;
     uint32_t wall;
-    uint32_t across[2], floors; /* windows along x and z, and upwards */
+    uint32_t across[2], floors; /* windows along x and z; floors */
 };
 
 struct city {
     struct kind kinds[KINDS];
-    uint32_t side; /* houses a side */
+    uint32_t side; /* houses along each side of the city */
 };
 
-/* Triangles of a house: four facades of (2 n + 1) x (2 f + 1) pieces, and a roof. */
+/* Triangles of a house: four facades of (2 n + 1) x (2 f + 1) quads, and a roof. */
 static uint64_t kind_triangles(const struct kind *kind)
 {
     return 4ull * (2 * kind->floors + 1) * (2 * kind->across[0] + 1 + 2 * kind->across[1] + 1) + 2;
 }
 
-/* Divides the facades as finely as `detail`, the length of a window's place in metres, says. */
+/* Divides the facades: `detail` is the width, m, of the space for one window. */
 static void divide(struct city *city, double detail)
 {
     for (int i = 0; i < KINDS; i++) {
@@ -69,7 +69,7 @@ static void plan(struct city *city, uint64_t triangles, uint64_t seed)
         kind->height = 3 * floor(3 + 14 * tall * tall);
         kind->wall = (uint32_t)(kiln_shape_random(&state) * WALLS);
     }
-    /* About four thousand triangles a house, more when that would make too many houses. */
+    /* About four thousand triangles per house; more if that would make too many houses. */
     const double side = floor(sqrt((double)triangles / 4000) + 0.5);
     city->side = (uint32_t)fmin(LARGEST_SIDE, fmax(2, side));
     uint64_t count[KINDS] = {0};
@@ -83,7 +83,7 @@ static void plan(struct city *city, uint64_t triangles, uint64_t seed)
     divide(city, coarse);
 }
 
-/* `corner` lower left as seen from outside. Windows take the odd places of the grid. */
+/* Adds a facade. `corner` is its lower left as seen from outside. Windows are at the odd places of the grid. */
 static void facade(struct kiln_shape *shape, const struct kind *kind, struct kiln_dvec3 corner, struct kiln_dvec3 along,
                    uint32_t across, uint64_t *state)
 {

@@ -1,6 +1,6 @@
-/* The Cornell box and what is put into it. Geometry: Cornell University Program of Computer Graphics, "Cornell Box
- * Data", in metres of a hundredth of the published millimetres; colours are an RGB fit of the measured spectra. The
- * light is set flush in a hole of the ceiling. */
+/* The Cornell box and its variants. Geometry: Cornell University Program of Computer Graphics, "Cornell Box Data", with
+ * the published millimetres divided by 100 as metres. Colours are an RGB fit of the measured spectra. The light is set
+ * flush into a hole of the ceiling. */
 #include <string.h>
 
 #include "coordinator/generate/scenes.h"
@@ -12,13 +12,13 @@ struct box {
     struct kiln_palette palette;
     double scale;
     struct kiln_dvec3 offset;
-    int status; /* the first failure ends the work */
+    int status; /* the first failure; later calls do nothing */
     struct kiln_error *error;
 };
 
 static const double HEIGHT = 5.488, DEPTH = 5.592, WIDTH = 5.56;
 
-/* The light's emission is filled in by the variant. */
+/* The light's emission is set by the variant. */
 static const struct kiln_glb_material table[MATERIALS] = {
     [WHITE] = {.name = "white", .base_color = {0.725f, 0.71f, 0.68f}, .roughness = 1},
     [GREEN] = {.name = "green", .base_color = {0.14f, 0.45f, 0.091f}, .roughness = 1},
@@ -60,7 +60,7 @@ static void ceiling_and_light(struct box *box, double x_low, double x_high, doub
     kiln_shape_face_with_hole(&shape, WHITE, dvec3(0, HEIGHT, 0), dvec3(WIDTH, 0, 0), dvec3(0, 0, DEPTH), hole_u,
                               hole_v);
     finish(box, &shape, "ceiling");
-    /* The corners of the hole as they were computed there, so that nothing shines through a gap. */
+    /* The corners of the hole, computed as in kiln_shape_face_with_hole, so that there is no gap around the light. */
     const double x0 = WIDTH * hole_u[0], x1 = WIDTH * hole_u[1], z0 = DEPTH * hole_v[0], z1 = DEPTH * hole_v[1];
     const double light[4][3] = {{x1, HEIGHT, z0}, {x1, HEIGHT, z1}, {x0, HEIGHT, z1}, {x0, HEIGHT, z0}};
     face(box, "light", LIGHT, light);
@@ -78,7 +78,7 @@ static void walls(struct box *box)
     face(box, "left_red", RED, left);
 }
 
-/* A block of four sides and a top; `outline` counter-clockwise from above. */
+/* Adds a block of four sides and a top; `outline` is counter-clockwise from above. */
 static void block(struct box *box, const char *name, const double outline[4][2], double height)
 {
     struct kiln_shape shape = {0};
@@ -101,7 +101,7 @@ static void blocks(struct box *box)
     block(box, "tall_block", tall, 3.30);
 }
 
-/* Two shelves, a little off the walls. */
+/* Adds two shelves, a small distance from the walls. */
 static void shelves(struct box *box)
 {
     struct kiln_shape shape = {0};
@@ -147,7 +147,7 @@ static void balls(struct box *box)
     ellipsoid(box, "glass_ball", GLASS, dvec3(3.8, 1.01, 1.9), dvec3(1, 1, 1), 96);
 }
 
-/* A figure that a lathe and a chisel might leave: a turned outline, flutes that wind around it, and fine grain. */
+/* A carved figure: a turned outline, flutes that wind around it, and fine grain. */
 static struct kiln_dvec3 statue_point(const void *unused, double s, double t)
 {
     (void)unused;
@@ -168,12 +168,12 @@ static void statue(struct box *box, uint64_t triangles)
     /* Twice as many columns as rows: 2 c (c/2 - 1) triangles. */
     const double columns = 1 + sqrt(1 + (double)triangles);
     const uint32_t even = (uint32_t)fmax(4, 2 * floor(0.5 * columns + 0.5));
-    /* 32 bytes a vertex, 12 a triangle: known before anything is made. */
+    /* 32 bytes a vertex, 12 a triangle: checked before anything is made. */
     const double bytes = 0.5 * even * even * 32 + even * (even - 2.0) * 12;
     if (box->status == KILN_OK && bytes > KILN_GLB_LARGEST * 0.999)
         box->status = kiln_fail(
             box->error, KILN_USAGE,
-            "--triangles %llu needs %.2f GB in one mesh and a .glb ends at 4.29 GB; at most about 150000000 fit",
+            "--triangles %llu needs %.2f GB in one mesh, and a .glb holds at most 4.29 GB; at most about 150000000 fit",
             (unsigned long long)triangles, bytes * 1e-9);
     if (box->status == KILN_OK)
         round_solid(box, "statue", SOLID,
@@ -185,7 +185,7 @@ int kiln_generate_cornell(struct kiln_glb *glb, const struct kiln_generator *sel
 {
     const char *variant = self->name + strlen("cornell");
     const bool narrow = strcmp(variant, "-shapes") == 0;
-    /* The measured lamp as radiance, and that of the narrow one. */
+    /* Radiance of the measured lamp, and of the narrow one. */
     static const float measured[3] = {18.387f, 13.987300f, 6.753570f}, bright[3] = {60, 55, 45};
     struct kiln_glb_material materials[MATERIALS];
     memcpy(materials, table, sizeof materials);

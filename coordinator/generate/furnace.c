@@ -1,5 +1,6 @@
-/* The furnace: a closed convex box whose inner walls emit the same radiance L everywhere and reflect a share R. What
- * arrives is E = pi L / (1 - R) at every point: pi L from the walls' own light, R of E again from each bounce. */
+/* The furnace: a closed convex box whose inner walls emit the same radiance L everywhere and have the albedo R. The
+ * irradiance is E = pi L / (1 - R) at every point: pi L from the walls' own light, and the fraction R of E again from
+ * each bounce. */
 #include "coordinator/generate/scenes.h"
 
 int kiln_generate_furnace(struct kiln_glb *glb, const struct kiln_generator *self,

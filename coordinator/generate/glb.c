@@ -27,7 +27,7 @@ static int out_of_memory(struct kiln_error *error)
     return kiln_fail(error, KILN_SYSTEM, "out of memory for the scene's description");
 }
 
-/* Appends an object that may be NULL when there was no memory for it. */
+/* Appends a value to an array; it may be NULL when there was no memory for it. */
 static int append(json_t *array, json_t *value, struct kiln_error *error)
 {
     return value != NULL && json_array_append_new(array, value) == 0 ? KILN_OK : out_of_memory(error);
@@ -60,16 +60,16 @@ void kiln_glb_destroy(struct kiln_glb **glb)
 {
     if (*glb == NULL)
         return;
-    json_t *const parts[] = {(*glb)->materials, (*glb)->meshes,    (*glb)->nodes, (*glb)->cameras,
-                             (*glb)->lights,    (*glb)->accessors, (*glb)->views, (*glb)->extras};
-    for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++)
-        json_decref(parts[i]);
+    json_t *const arrays[] = {(*glb)->materials, (*glb)->meshes,    (*glb)->nodes, (*glb)->cameras,
+                              (*glb)->lights,    (*glb)->accessors, (*glb)->views, (*glb)->extras};
+    for (size_t i = 0; i < sizeof arrays / sizeof arrays[0]; i++)
+        json_decref(arrays[i]);
     kiln_free(&(*glb)->binary);
     kiln_free(&(*glb)->mesh_triangles);
     kiln_free(glb);
 }
 
-/* The shortest decimal that is the same float: 0.14, not 0.14000000059604645. */
+/* The shortest decimal that gives the same float: 0.14, not 0.14000000059604645. */
 static json_t *json_float(float value)
 {
     char text[32];
@@ -140,12 +140,12 @@ int kiln_glb_add_material(struct kiln_glb *glb, const struct kiln_glb_material *
     return append(glb->materials, object, error);
 }
 
-/* Appends bytes as a buffer view of its own; every element size here is a multiple of four, as glTF wants it. */
+/* Appends bytes as a new buffer view. All element sizes here are multiples of four, as glTF requires. */
 static int add_view(struct kiln_glb *glb, const void *data, size_t bytes, int target, struct kiln_error *error)
 {
     if ((double)glb->size + (double)bytes > KILN_GLB_LARGEST)
         return kiln_fail(error, KILN_USAGE,
-                         "the scene needs more than %.0f bytes and a .glb ends at %.0f; ask for fewer triangles",
+                         "the scene needs more than %.0f bytes, and a .glb holds at most %.0f; ask for fewer triangles",
                          (double)glb->size + (double)bytes, KILN_GLB_LARGEST);
     int status = kiln_grow(&glb->binary, &glb->capacity, glb->size + bytes, 1, "the scene's vertices", error);
     if (status != KILN_OK)
@@ -184,7 +184,7 @@ static int add_attribute(struct kiln_glb *glb, json_t *attributes, const char *n
     return status;
 }
 
-/* POSITION accessors carry their bounds, exact in float. */
+/* Sets the bounds of a POSITION accessor, exact in float. */
 static int set_bounds(struct kiln_glb *glb, json_t *attributes, const struct kiln_glb_mesh *mesh,
                       struct kiln_error *error)
 {
@@ -208,20 +208,20 @@ static int add_primitives(struct kiln_glb *glb, json_t *primitives, json_t *attr
                           const struct kiln_glb_mesh *mesh, struct kiln_error *error)
 {
     int status = KILN_OK;
-    for (size_t i = 0; i < mesh->part_count && status == KILN_OK; i++) {
-        const struct kiln_glb_part *part = &mesh->parts[i];
-        if (part->index_count == 0)
+    for (size_t i = 0; i < mesh->primitive_count && status == KILN_OK; i++) {
+        const struct kiln_glb_primitive *primitive = &mesh->primitives[i];
+        if (primitive->index_count == 0)
             continue;
         const size_t view = json_array_size(glb->views);
         int index = 0;
-        status = add_view(glb, mesh->indices + part->index_first, part->index_count * sizeof(uint32_t),
+        status = add_view(glb, mesh->indices + primitive->index_first, primitive->index_count * sizeof(uint32_t),
                           GLTF_ELEMENT_ARRAY_BUFFER, error);
         if (status == KILN_OK)
-            status = add_accessor(glb, view, 0, part->index_count, GLTF_UNSIGNED_INT, "SCALAR", &index, error);
+            status = add_accessor(glb, view, 0, primitive->index_count, GLTF_UNSIGNED_INT, "SCALAR", &index, error);
         if (status == KILN_OK)
             status = append(primitives,
                             json_pack("{s:O, s:i, s:i, s:i}", "attributes", attributes, "indices", index, "material",
-                                      (int)part->material, "mode", 4),
+                                      (int)primitive->material, "mode", 4),
                             error);
     }
     return status;
@@ -252,8 +252,8 @@ int kiln_glb_add_mesh(struct kiln_glb *glb, const struct kiln_glb_mesh *mesh, ui
         status = append(glb->meshes, json_pack("{s:s, s:O}", "name", mesh->name, "primitives", primitives), error);
     if (status == KILN_OK) {
         glb->mesh_triangles[*index] = 0;
-        for (size_t i = 0; i < mesh->part_count; i++)
-            glb->mesh_triangles[*index] += mesh->parts[i].index_count / 3;
+        for (size_t i = 0; i < mesh->primitive_count; i++)
+            glb->mesh_triangles[*index] += mesh->primitives[i].index_count / 3;
         glb->totals.triangles += glb->mesh_triangles[*index];
         glb->totals.meshes++;
     }
@@ -331,7 +331,7 @@ int kiln_glb_set_note(struct kiln_glb *glb, const char *note, struct kiln_error 
 
 void kiln_glb_totals(const struct kiln_glb *glb, struct kiln_glb_totals *totals) { *totals = glb->totals; }
 
-/* Arrays that are empty must not stand in a glTF file. */
+/* Sets a member array, unless it is empty, which glTF forbids. */
 static int set_array(json_t *root, const char *name, json_t *array)
 {
     return json_array_size(array) == 0 ? 0 : json_object_set(root, name, array);
@@ -373,10 +373,10 @@ static json_t *describe(const struct kiln_glb *glb)
     return root;
 }
 
-/* A file that is written from its begin to its end. */
+/* A file that is written sequentially. */
 struct target {
     int descriptor;
-    size_t size; /* so far */
+    size_t size; /* bytes written so far */
     const char *path;
 };
 
@@ -387,7 +387,8 @@ static int put(struct target *t, const void *data, size_t size, struct kiln_erro
     return status;
 }
 
-/* Header, JSON chunk padded with blanks, BIN chunk padded with zeros; little-endian, as every machine kiln runs on. */
+/* Writes the header, the JSON chunk padded with blanks and the BIN chunk padded with zeros; little-endian, as all
+ * machines that kiln runs on. */
 static int write_chunks(struct target *t, const struct kiln_glb *glb, const char *text, size_t length,
                         struct kiln_error *error)
 {
@@ -413,7 +414,7 @@ static int write_file(struct kiln_glb *glb, const char *path, const char *text, 
     glb->totals.bytes = 28 + (length + 3) / 4 * 4 + (glb->size + 3) / 4 * 4;
     if ((double)glb->totals.bytes > KILN_GLB_LARGEST)
         return kiln_fail(error, KILN_USAGE,
-                         "the scene needs %llu bytes and a .glb ends at %.0f; ask for fewer triangles",
+                         "the scene needs %llu bytes, and a .glb holds at most %.0f; ask for fewer triangles",
                          (unsigned long long)glb->totals.bytes, KILN_GLB_LARGEST);
     struct kiln_publish place;
     struct target target = {.path = path};

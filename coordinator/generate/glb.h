@@ -1,6 +1,6 @@
 /* Writes glTF 2.0 binary files (.glb): meshes, materials with emissive strength, nodes with translation, rotation and
- * scale, cameras, punctual lights, and the environment as scenes[0].extras.environment. Vertex data is gathered in
- * memory in the order it is added; the same calls give the same bytes. Not collective.
+ * scale, cameras, punctual lights, and the environment as scenes[0].extras.environment. Vertex data is kept in memory
+ * in the order it is added; the same calls give the same bytes. Not collective.
  *
  * Units as in glTF: metres, linear RGB, y up, counter-clockwise front faces; emission is radiance. */
 #ifndef KILN_COORDINATOR_GENERATE_GLB_H
@@ -13,7 +13,7 @@
 #include "worker/base/status.h"
 #include "worker/base/vector.h"
 
-#define KILN_GLB_LARGEST 4294967295.0 /* bytes: a .glb counts its length in 32 bits */
+#define KILN_GLB_LARGEST 4294967295.0 /* bytes: a .glb stores its length in 32 bits */
 
 struct kiln_glb;
 
@@ -25,8 +25,8 @@ struct kiln_glb_material {
     bool transmissive; /* KHR_materials_transmission of 1, ior 1.5 */
 };
 
-/* A run of triangles of one material; a mesh's parts index the mesh's one vertex array. */
-struct kiln_glb_part {
+/* A glTF primitive: triangles of one material. The primitives of a mesh index the mesh's one vertex array. */
+struct kiln_glb_primitive {
     uint32_t material;
     size_t index_first, index_count;
 };
@@ -39,11 +39,11 @@ struct kiln_glb_mesh {
     const struct kiln_vec2 *texcoord_0; /* NULL: none */
     const struct kiln_vec2 *texcoord_1; /* NULL: none */
     const uint32_t *indices;
-    const struct kiln_glb_part *parts; /* empty ones are left out */
-    size_t part_count;
+    const struct kiln_glb_primitive *primitives; /* empty ones are skipped */
+    size_t primitive_count;
 };
 
-/* Scale (0,0,0) and rotation (0,0,0,0) stand for none of it. */
+/* A node's transform. Scale (0,0,0) means none, rotation (0,0,0,0) too. */
 struct kiln_glb_placement {
     double translation[3];
     double rotation[4]; /* unit quaternion x y z w */
@@ -51,9 +51,9 @@ struct kiln_glb_placement {
 };
 
 struct kiln_glb_totals {
-    uint64_t triangles, triangles_placed; /* stored; with every node's mesh counted */
+    uint64_t triangles, triangles_placed; /* stored; and counted once for each node that shows them */
     uint64_t meshes, nodes;
-    uint64_t bytes; /* of the file, once written */
+    uint64_t bytes; /* size of the file, once written */
 };
 
 int kiln_glb_create(struct kiln_glb **glb, struct kiln_error *error);
@@ -61,25 +61,25 @@ void kiln_glb_destroy(struct kiln_glb **glb);
 
 int kiln_glb_add_material(struct kiln_glb *glb, const struct kiln_glb_material *material, uint32_t *index,
                           struct kiln_error *error);
-/* KILN_USAGE when the file would pass the 4 GiB that a .glb can hold. */
+/* KILN_USAGE when the file would exceed the 4 GiB that a .glb can hold. */
 int kiln_glb_add_mesh(struct kiln_glb *glb, const struct kiln_glb_mesh *mesh, uint32_t *index,
                       struct kiln_error *error);
 int kiln_glb_add_node(struct kiln_glb *glb, const char *name, uint32_t mesh, const struct kiln_glb_placement *placement,
                       struct kiln_error *error);
-/* A perspective camera: vertical angle in radians, looking along -z of the placement. */
+/* Adds a perspective camera: `angle` is the vertical angle of view in radians; it looks along -z of the placement. */
 int kiln_glb_add_camera(struct kiln_glb *glb, const char *name, double angle, double aspect, double near,
                         const struct kiln_glb_placement *placement, struct kiln_error *error);
-/* A directional light along -z of the placement; `intensity` on a facing surface. */
+/* Adds a directional light along -z of the placement; `intensity` is the irradiance on a facing surface. */
 int kiln_glb_add_sun(struct kiln_glb *glb, const char *name, const double color[3], double intensity,
                      const struct kiln_glb_placement *placement, struct kiln_error *error);
-/* Constant radiance from everywhere outside. */
+/* Sets the environment to a constant radiance. */
 int kiln_glb_set_environment(struct kiln_glb *glb, const double radiance[3], struct kiln_error *error);
-/* A sentence about the scene, kept as scenes[0].extras.note. */
+/* Sets a sentence about the scene, stored as scenes[0].extras.note. */
 int kiln_glb_set_note(struct kiln_glb *glb, const char *note, struct kiln_error *error);
 
 void kiln_glb_totals(const struct kiln_glb *glb, struct kiln_glb_totals *totals);
 
-/* Writes the file beside its final name, syncs it and renames it. KILN_CANNOT_CREATE, KILN_PERMISSION, KILN_IO. */
+/* Writes the file under a temporary name, syncs it and renames it. KILN_CANNOT_CREATE, KILN_PERMISSION, KILN_IO. */
 int kiln_glb_write(struct kiln_glb *glb, const char *path, struct kiln_error *error);
 
 #endif

@@ -1,5 +1,5 @@
-/* A hall under a regular field of small lamps of eight colours that face down: every one an emissive quad of its own.
- */
+/* A hall under a regular grid of small lamps of eight colours that face down. Every lamp is an emissive quad of its
+ * own. */
 #include <stdio.h>
 
 #include "coordinator/generate/scenes.h"
@@ -18,7 +18,8 @@ static const struct kiln_glb_material table[LAMP + COLORS] = {
     {.name = "lamp_cyan", .emission = {6, 20, 18}, .roughness = 1},
 };
 
-/* The lamps together send out the same power however many there are: each is a third of its place in the field wide. */
+/* Adds the lamps. Together they emit the same power however many there are: each is a third as wide as its grid
+ * cell. */
 static void add_lamps(struct kiln_shape *shape, uint32_t columns, uint32_t rows, double width, double depth,
                       double height, uint64_t seed)
 {

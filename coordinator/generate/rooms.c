@@ -1,17 +1,18 @@
-/* Rooms in a grid, each with a lamp flush in its ceiling, doors to all its neighbours. A room's mesh depends on which
- * of its walls have doors and on its colours; rooms that are alike share one mesh. The passage through a wall belongs
- * to the room on its low side. */
+/* Rooms in a grid, each with a lamp flush in its ceiling and doors to all its neighbours. A room's mesh depends on
+ * which of its walls have doors and on its colours; equal rooms share one mesh. The passage through a wall belongs to
+ * the room on the wall's low side. */
 #include <stdio.h>
 #include <string.h>
 
 #include "coordinator/generate/scenes.h"
 
 enum { WALL, FLOOR, LAMP, TINT, TINTS = 4, MATERIALS = TINT + TINTS };
-enum { WEST = 1, EAST = 2, NORTH = 4, SOUTH = 8, MASKS = 16 }; /* doors; x grows to the east, z to the south */
+/* walls with doors; x grows to the east, z to the south */
+enum { WEST = 1, EAST = 2, NORTH = 4, SOUTH = 8, MASKS = 16 };
 
 static const double WIDE = 4, HIGH = 2.8, DEEP = 5, THICK = 0.2, DOOR_WIDE = 1, DOOR_HIGH = 2.1;
 
-/* A wall from its lower left corner as seen from inside, `along` it to the right. */
+/* Adds a wall. `corner` is its lower left as seen from inside; `along` points to the right. */
 static void wall(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 corner, struct kiln_dvec3 along,
                  bool door)
 {
@@ -27,8 +28,8 @@ static void wall(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 
     }
 }
 
-/* Floor, lintel and two jambs of the passage that leaves a wall outwards, from the lower left corner of the wall as
- * above. */
+/* Adds floor, lintel and two jambs of the passage that leads outwards through a wall; `corner` and `along` as for the
+ * wall. */
 static void passage(struct kiln_shape *shape, struct kiln_dvec3 corner, struct kiln_dvec3 along,
                     struct kiln_dvec3 outwards)
 {

@@ -23,7 +23,7 @@ const struct kiln_generator kiln_generators[] = {
 };
 const size_t kiln_generator_count = sizeof kiln_generators / sizeof kiln_generators[0];
 
-/* From the axes right, up, back of a camera to a quaternion (Shepperd 1978). */
+/* From the axes right, up, back of a camera to a quaternion (Shepperd, "Quaternion from Rotation Matrix", 1978). */
 void kiln_generate_look(struct kiln_dvec3 direction, double rotation[4])
 {
     const struct kiln_dvec3 back = dvec3_scale(direction, -1 / dvec3_length(direction));

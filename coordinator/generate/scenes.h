@@ -1,4 +1,4 @@
-/* The scenes that `kiln generate` makes. All are the project's own; the same parameters give the same bytes. */
+/* The scenes that `kiln generate` makes. All are the project's own work; the same parameters give the same bytes. */
 #ifndef KILN_COORDINATOR_GENERATE_SCENES_H
 #define KILN_COORDINATOR_GENERATE_SCENES_H
 
@@ -8,7 +8,7 @@
 /* Which parameters a scene takes. */
 enum { KILN_TAKES_TRIANGLES = 1, KILN_TAKES_GRID = 2, KILN_TAKES_ALBEDO = 4 };
 
-/* Zero means default, and the scene's description says what that is; except albedo, always given. */
+/* Parameters. Zero means the default given in the scene's description; albedo is always given. */
 struct kiln_generate_params {
     uint64_t triangles;
     uint32_t columns, rows;
@@ -27,7 +27,7 @@ struct kiln_generator {
 extern const struct kiln_generator kiln_generators[];
 extern const size_t kiln_generator_count;
 
-/* One build function may serve several names and looks at self->name. */
+/* The build functions. One may serve several scenes and then checks self->name. */
 int kiln_generate_cornell(struct kiln_glb *glb, const struct kiln_generator *self,
                           const struct kiln_generate_params *params, struct kiln_error *error);
 int kiln_generate_furnace(struct kiln_glb *glb, const struct kiln_generator *self,
@@ -39,10 +39,10 @@ int kiln_generate_rooms(struct kiln_glb *glb, const struct kiln_generator *self,
 int kiln_generate_lights(struct kiln_glb *glb, const struct kiln_generator *self,
                          const struct kiln_generate_params *params, struct kiln_error *error);
 
-/* A camera at `eye` that looks at `target`, upright. */
+/* Adds an upright camera at `eye` that looks at `target`. */
 int kiln_generate_camera(struct kiln_glb *glb, struct kiln_dvec3 eye, struct kiln_dvec3 target, double angle,
                          double aspect, struct kiln_error *error);
-/* The placement's rotation turns -z into `direction`. */
+/* Computes the unit quaternion of an upright rotation that takes -z to `direction`. */
 void kiln_generate_look(struct kiln_dvec3 direction, double rotation[4]);
 
 #endif

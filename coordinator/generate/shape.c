@@ -12,7 +12,7 @@ void kiln_shape_clear(struct kiln_shape *shape)
     kiln_free(&shape->texcoord_0);
     kiln_free(&shape->charts);
     for (size_t i = 0; i < KILN_SHAPE_MATERIALS; i++)
-        kiln_free(&shape->parts[i].indices);
+        kiln_free(&shape->triangles[i].indices);
     memset(shape, 0, sizeof *shape);
 }
 
@@ -43,7 +43,7 @@ void kiln_shape_chart_of(struct kiln_shape *shape, struct kiln_dvec3 a, struct k
     kiln_shape_chart(shape, u, dvec3_sub(towards, dvec3_scale(u, dvec3_dot(u, towards))));
 }
 
-/* Gives the vertex' index; 0 when there is no memory. */
+/* Returns the vertex's index; 0 when there is no memory. */
 static uint32_t add_vertex(struct kiln_shape *shape, struct kiln_dvec3 position, struct kiln_dvec3 normal,
                            struct kiln_vec2 texcoord)
 {
@@ -63,14 +63,14 @@ static uint32_t add_vertex(struct kiln_shape *shape, struct kiln_dvec3 position,
 
 static void add_triangle(struct kiln_shape *shape, uint32_t material, uint32_t a, uint32_t b, uint32_t c)
 {
-    const size_t count = shape->parts[material].count;
-    grow(shape, &shape->parts[material].indices, &shape->parts[material].capacity, count + 3, sizeof(uint32_t));
+    const size_t count = shape->triangles[material].count;
+    grow(shape, &shape->triangles[material].indices, &shape->triangles[material].capacity, count + 3, sizeof(uint32_t));
     if (shape->status != KILN_OK)
         return;
-    shape->parts[material].indices[count] = a;
-    shape->parts[material].indices[count + 1] = b;
-    shape->parts[material].indices[count + 2] = c;
-    shape->parts[material].count += 3;
+    shape->triangles[material].indices[count] = a;
+    shape->triangles[material].indices[count + 1] = b;
+    shape->triangles[material].indices[count + 2] = c;
+    shape->triangles[material].count += 3;
 }
 
 void kiln_shape_quad(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 a, struct kiln_dvec3 b,
@@ -103,7 +103,7 @@ void kiln_shape_face_with_hole(struct kiln_shape *shape, uint32_t material, stru
     kiln_shape_chart(shape, u, v);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
-            /* a hole at an edge leaves nothing beside it */
+            /* a hole at an edge has no quad beside it */
             if ((i != 1 || j != 1) && us[i] < us[i + 1] && vs[j] < vs[j + 1])
                 kiln_shape_quad(shape, material, corners[i][j], corners[i + 1][j], corners[i + 1][j + 1],
                                 corners[i][j + 1]);
@@ -129,7 +129,7 @@ void kiln_shape_box(struct kiln_shape *shape, uint32_t material, struct kiln_dve
 static struct kiln_dvec3 surface_normal(const struct kiln_shape_surface *surface, double s, double t)
 {
     const double step = 1e-5;
-    /* At a pole the tangents vanish: a little inside, the mean of two sides. */
+    /* At a pole the tangents vanish: take the mean of two sides a small step away. */
     if (surface->poles && (t < step || t > 1 - step)) {
         const double inside = t < 0.5 ? 2 * step : 1 - 2 * step;
         return unit(dvec3_add(surface_normal(surface, 0, inside), surface_normal(surface, 0.5, inside)));
@@ -150,7 +150,7 @@ void kiln_shape_surface(struct kiln_shape *shape, uint32_t material, const struc
     for (uint32_t row = 0; row <= rows && shape->status == KILN_OK; row++)
         for (uint32_t column = 0; column <= columns && shape->status == KILN_OK; column++) {
             const double s = (double)column / columns, t = (double)row / rows;
-            /* Where the surface closes the same numbers go in, so that the seam is shut bit by bit. */
+            /* Where the surface closes, the same parameters are used, so that the seam is closed to the last bit. */
             const double s_closed = column == columns ? 0 : s, t_closed = !surface->poles && row == rows ? 0 : t;
             const double s_here = surface->poles && (row == 0 || row == rows) ? 0 : s_closed;
             add_vertex(shape, surface->point(surface->data, s_here, t_closed),
@@ -198,7 +198,8 @@ static int higher_first(const void *a, const void *b)
     return left->vertex_first < right->vertex_first ? -1 : 1;
 }
 
-/* Shelves of falling height in a unit square, at `scale` layout units a metre. Returns the height used. */
+/* Places the charts on shelves of decreasing height in a unit square, at `scale` layout units per metre. Returns the
+ * height used. */
 static double fill_shelves(struct kiln_shape_chart *const *order, size_t count, double scale, double padding)
 {
     double u = padding, v = padding, shelf = 0;
@@ -220,8 +221,8 @@ static double fill_shelves(struct kiln_shape_chart *const *order, size_t count, 
     return v + shelf + padding;
 }
 
-/* The largest scale that fits. The padding is a share of the layout, as the lightmap's size is not known yet; many
- * charts get less each, so that they leave most of the square to the surface. */
+/* Finds the largest scale at which all charts fit. The padding is a fraction of the layout, as the lightmap's size is
+ * not known yet; it is smaller for many charts, so that most of the square remains for the surface. */
 static double pack(struct kiln_shape_chart **order, size_t count)
 {
     qsort(order, count, sizeof *order, higher_first);
@@ -290,7 +291,7 @@ static int add_materials(const struct kiln_shape *shape, struct kiln_glb *glb, s
 {
     int status = KILN_OK;
     for (uint32_t i = 0; i < KILN_SHAPE_MATERIALS && status == KILN_OK; i++) {
-        if (shape->parts[i].count == 0 || (palette->added >> i & 1) != 0)
+        if (shape->triangles[i].count == 0 || (palette->added >> i & 1) != 0)
             continue;
         status = kiln_glb_add_material(glb, &palette->table[i], &palette->index[i], error);
         palette->added |= 1u << i;
@@ -304,14 +305,14 @@ int kiln_shape_add(struct kiln_shape *shape, struct kiln_glb *glb, const char *n
     struct kiln_vec2 *layout = NULL;
     uint32_t *indices = NULL;
     size_t index_count = 0;
-    struct kiln_glb_part parts[KILN_SHAPE_MATERIALS] = {0};
+    struct kiln_glb_primitive primitives[KILN_SHAPE_MATERIALS] = {0};
     int status = shape->status;
     if (status != KILN_OK && error != NULL)
         *error = shape->error;
     if (status == KILN_OK)
         status = add_materials(shape, glb, palette, error);
     for (size_t i = 0; i < KILN_SHAPE_MATERIALS; i++)
-        index_count += shape->parts[i].count;
+        index_count += shape->triangles[i].count;
     if (status == KILN_OK && !shape->curved)
         status = lay_out(shape, &layout, error);
     if (status == KILN_OK)
@@ -319,10 +320,10 @@ int kiln_shape_add(struct kiln_shape *shape, struct kiln_glb *glb, const char *n
     if (status == KILN_OK) {
         index_count = 0;
         for (size_t i = 0; i < KILN_SHAPE_MATERIALS; i++) {
-            parts[i] = (struct kiln_glb_part){palette->index[i], index_count, shape->parts[i].count};
-            if (shape->parts[i].count > 0)
-                memcpy(indices + index_count, shape->parts[i].indices, shape->parts[i].count * sizeof *indices);
-            index_count += shape->parts[i].count;
+            primitives[i] = (struct kiln_glb_primitive){palette->index[i], index_count, shape->triangles[i].count};
+            if (shape->triangles[i].count > 0)
+                memcpy(indices + index_count, shape->triangles[i].indices, shape->triangles[i].count * sizeof *indices);
+            index_count += shape->triangles[i].count;
         }
         const struct kiln_glb_mesh data = {.name = name,
                                            .vertex_count = shape->count,
@@ -331,8 +332,8 @@ int kiln_shape_add(struct kiln_shape *shape, struct kiln_glb *glb, const char *n
                                            .texcoord_0 = shape->texcoord_0,
                                            .texcoord_1 = layout,
                                            .indices = indices,
-                                           .parts = parts,
-                                           .part_count = KILN_SHAPE_MATERIALS};
+                                           .primitives = primitives,
+                                           .primitive_count = KILN_SHAPE_MATERIALS};
         status = kiln_glb_add_mesh(glb, &data, mesh, error);
     }
     kiln_free(&layout);

@@ -6,17 +6,17 @@
 
 #include "worker/base/memory.h"
 
-static const double area_floor = 1e-12;  /* 2 A / longest edge^2 of a triangle that counts as one */
-static const float smooth_floor = 1e-3f; /* difference of unit normals that shading can show */
+static const double area_floor = 1e-12;  /* 2 A / longest edge^2 that a triangle must exceed to be kept */
+static const float smooth_floor = 1e-3f; /* difference of unit normals that is visible in shading */
 
-/* Vertices stored so far, found by the file's vertex and the normal they got. */
+/* A hash table of the vertices stored so far, by the file's vertex and its normal. */
 struct vertex_key {
     uint32_t source;
     struct kiln_vec3 normal;
 };
 struct vertex_slot {
     struct vertex_key key;
-    uint32_t vertex; /* KILN_NONE: free */
+    uint32_t vertex; /* KILN_NONE: free slot */
 };
 struct vertex_table {
     struct vertex_slot *slots;
@@ -73,7 +73,7 @@ int kiln_mesh_begin(struct kiln_builder *builder, const char *name, uint32_t *in
     return status;
 }
 
-/* Stores the vertex a key stands for. */
+/* Stores a new vertex. */
 static int add_vertex(struct kiln_builder *builder, struct kiln_mesh *mesh, const struct kiln_primitive *primitive,
                       uint32_t source, struct kiln_vec3 position, struct kiln_vec3 normal, uint32_t *vertex,
                       struct kiln_error *error)
@@ -110,7 +110,8 @@ static int read_triangle(const struct kiln_primitive *primitive, size_t k, struc
     primitive->corners(primitive->context, k, t->corner);
     for (int c = 0; c < 3; c++) {
         if (t->corner[c] >= primitive->vertex_count)
-            return kiln_fail(error, KILN_BAD_INPUT, "%s: triangle %zu uses vertex %u of %zu; repair the file",
+            return kiln_fail(error, KILN_BAD_INPUT,
+                             "%s: triangle %zu uses vertex %u, but there are %zu vertices; repair the file",
                              primitive->where, k, t->corner[c], primitive->vertex_count);
         t->normal[c] = vec3(0.0f, 0.0f, 0.0f);
         primitive->geometry(primitive->context, t->corner[c], &t->position[c], &t->normal[c]);
@@ -121,13 +122,13 @@ static int read_triangle(const struct kiln_primitive *primitive, size_t k, struc
                              "%s: the position of vertex %u is (%g, %g, %g), not a number within +-%g; repair the file",
                              primitive->where, t->corner[c], (double)p.x, (double)p.y, (double)p.z,
                              (double)KILN_COORDINATE_MAX);
-        /* 0 and -0 are one value but two bit patterns, and vertices are found by their bits. */
+        /* 0 and -0 are equal but have different bits, and vertices are found by their bits. */
         t->position[c] = vec3_add(p, vec3(0.0f, 0.0f, 0.0f));
     }
     return KILN_OK;
 }
 
-/* Whether the triangle has an area, and its geometric normal. */
+/* Whether the triangle has an area; computes its geometric normal. */
 static bool has_area(struct triangle *t)
 {
     const struct kiln_dvec3 p = dvec3_of(t->position[0]);
@@ -144,7 +145,7 @@ static bool has_area(struct triangle *t)
 
 static struct kiln_vec3 unit(struct kiln_vec3 n)
 {
-    /* In double: an unnormalised normal of 1e-30 or 1e30 still has a direction. */
+    /* In double: an unnormalised normal of length 1e-30 or 1e30 still has a direction. */
     const struct kiln_dvec3 d = dvec3_of(n);
     const double length = dvec3_length(d);
     if (!(length > 0.0) || !isfinite(length))
@@ -154,8 +155,8 @@ static struct kiln_vec3 unit(struct kiln_vec3 n)
 
 static struct kiln_vec3 opposite(struct kiln_vec3 n) { return vec3_sub(vec3(0.0f, 0.0f, 0.0f), n); }
 
-/* Corners 1 and 2 change places. */
-static void turn_triangle(struct triangle *t)
+/* Exchanges corners 1 and 2, which reverses the winding. */
+static void flip_triangle(struct triangle *t)
 {
     const uint32_t corner = t->corner[1];
     const struct kiln_vec3 position = t->position[1], normal = t->normal[1];
@@ -168,7 +169,7 @@ static void turn_triangle(struct triangle *t)
     t->geometric = opposite(t->geometric);
 }
 
-/* Makes triangle and normals agree on a front; whether they did not. */
+/* Makes winding and normals agree on the front; returns whether they did not. */
 static bool settle_front(struct triangle *t, bool trust_normals)
 {
     float lean = 0.0f;
@@ -179,13 +180,13 @@ static bool settle_front(struct triangle *t, bool trust_normals)
     if (!(lean < 0.0f))
         return false;
     if (trust_normals)
-        turn_triangle(t);
+        flip_triangle(t);
     for (int c = 0; c < 3 && !trust_normals; c++)
         t->normal[c] = opposite(t->normal[c]);
     return true;
 }
 
-/* Makes the three normals usable; returns how many of the file's were zero. */
+/* Makes the three normals unit vectors on the front side. Returns how many of the file's normals were zero. */
 static unsigned settle_normals(struct triangle *t, bool given, struct kiln_assembly_counts *counts, uint32_t *flags)
 {
     unsigned zero = 0;
@@ -205,7 +206,7 @@ static unsigned settle_normals(struct triangle *t, bool given, struct kiln_assem
     return zero;
 }
 
-/* `k`: which of the primitive's triangles it is. */
+/* Stores a triangle; `k` is its index in the primitive. */
 static int store_triangle(struct kiln_builder *builder, struct kiln_mesh *mesh, const struct kiln_primitive *primitive,
                           size_t k, const struct triangle *t, struct vertex_table *table, struct kiln_error *error)
 {
@@ -273,7 +274,7 @@ int kiln_mesh_add(struct kiln_builder *builder, uint32_t index, const struct kil
     return status;
 }
 
-/* Area of the mesh in the world; stops at the first triangle that has any. */
+/* Whether the mesh has area in the world; stops at the first triangle that has. */
 static bool object_has_area(const struct kiln_builder *builder, const struct kiln_mesh *mesh, const double m[12])
 {
     const struct kiln_vec3 *positions =
@@ -308,7 +309,7 @@ int kiln_object_add(struct kiln_builder *builder, uint32_t mesh_index, const dou
     *skipped = false;
     double size = 0.0;
     for (int i = 0; i < 12; i++) {
-        /* So large that no sum of products below overflows; kiln_builder_write judges the world's true extent. */
+        /* Small enough that no sum of products below overflows; kiln_builder_write checks the world's true extent. */
         if (!(fabs(transform[i]) <= 1e30))
             return kiln_fail(error, KILN_BAD_INPUT,
                              "%s: its transform has a value that is infinite or not a number (%g); repair the file",
@@ -346,12 +347,12 @@ static int note_object(struct kiln_builder *builder, size_t index, struct kiln_e
         &KILN_BUILDER_DATA(builder, const struct kiln_mesh, KILN_SECTION_MESHES)[object->mesh];
     return kiln_builder_note(
         builder, builder->trust_normals ? KILN_NOTE_INFORMATION : KILN_NOTE_SAID, error,
-        "object \"%.200s\": %llu of %llu triangles have normals against their winding; %s",
+        "object \"%.200s\": %llu of %llu triangles have normals that point to the back of their winding; %s",
         KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS) + object->name,
         (unsigned long long)builder->mesh_turned[object->mesh], (unsigned long long)mesh->triangle_count,
         builder->trust_normals
-            ? "the normals decide, and the triangles were turned round"
-            : "the winding decides, and the normals were turned round (--trust normals does the contrary)");
+            ? "the normals decide: these triangles were flipped"
+            : "the winding decides: these normals were reversed (--trust normals flips the triangles instead)");
 }
 
 int kiln_note_winding(struct kiln_builder *builder, struct kiln_error *error)
@@ -365,8 +366,8 @@ int kiln_note_winding(struct kiln_builder *builder, struct kiln_error *error)
             status = note_object(builder, i, error);
     }
     if (count > NOTES_MAX && status == KILN_OK)
-        status =
-            kiln_builder_note(builder, builder->trust_normals ? KILN_NOTE_INFORMATION : KILN_NOTE_SAID, error,
-                              "%zu more objects have triangles with normals against their winding", count - NOTES_MAX);
+        status = kiln_builder_note(
+            builder, builder->trust_normals ? KILN_NOTE_INFORMATION : KILN_NOTE_SAID, error,
+            "%zu more objects have triangles with normals that point to the back of their winding", count - NOTES_MAX);
     return status;
 }

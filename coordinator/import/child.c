@@ -35,7 +35,7 @@ struct child {
     uint64_t program;
 };
 
-/* ---- limits: soft ones, which follow the bytes of the scene's files as they are opened ---- */
+/* ---- limits: soft limits, which grow with the bytes of the scene's files as they are opened ---- */
 
 static uint64_t machine_memory(void)
 {
@@ -45,7 +45,7 @@ static uint64_t machine_memory(void)
 
 static void limit_memory(uint64_t bytes)
 {
-    /* AddressSanitizer reserves terabytes of addresses: no limit on them can be set there. */
+    /* AddressSanitizer reserves terabytes of address space: no limit on it can be set there. */
     if (!ADDRESS_SANITIZER)
         kiln_fence_limit(RLIMIT_AS, bytes);
 }
@@ -86,7 +86,7 @@ void (*kiln_child_follower(const struct kiln_import_params *params))(const struc
     return params->time_limit == 0 ? follow_time : follow_nothing;
 }
 
-/* The layout works on triangles, not on bytes: it gets time of its own. */
+/* The layout's work depends on triangles, not on bytes: it gets time of its own. */
 static void limit_layout_time(const struct kiln_import_params *params, const struct kiln_builder *builder)
 {
     struct rusage used;
@@ -96,7 +96,7 @@ static void limit_layout_time(const struct kiln_import_params *params, const str
                                      builder->sections[KILN_SECTION_TRIANGLES].count / 2000);
 }
 
-/* ---- Landlock: a second fence around files, where the kernel has it ---- */
+/* ---- Landlock: a second barrier around files, where the kernel has it ---- */
 
 static int allow(int rules, const char *path, uint64_t access)
 {
@@ -114,7 +114,7 @@ static void cut_to_folder(char *path)
     if (slash != NULL)
         slash[slash == path ? 1 : 0] = '\0';
     else if (path != NULL && path[0] != '\0')
-        (void)snprintf(path, 2, "."); /* a bare file name: here */
+        (void)snprintf(path, 2, "."); /* a bare file name: the current folder */
 }
 
 static void fence_files(const struct kiln_import_params *params)
@@ -130,7 +130,7 @@ static void fence_files(const struct kiln_import_params *params)
         return;
     const int rules = (int)syscall(SYS_landlock_create_ruleset, &attributes, sizeof attributes, 0);
     if (rules < 0)
-        return; /* an older kernel: openat2 stands alone */
+        return; /* an older kernel: openat2 is the only barrier */
     char *folder = realpath(params->path, NULL);
     cut_to_folder(folder);
     const bool image = params->environment != NULL && access(params->environment, F_OK) == 0;
@@ -144,7 +144,7 @@ static void fence_files(const struct kiln_import_params *params)
 
 void kiln_child_confine(const struct kiln_import_params *params)
 {
-    /* Whoever waited for the answer is gone: so is the reason to work. */
+    /* If the parent dies, nobody waits for the answer: die, too. */
     (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
     set_limits(params);
     fence_files(params);
@@ -152,7 +152,8 @@ void kiln_child_confine(const struct kiln_import_params *params)
 
 /* ---- the work ---- */
 
-/* What a file may ask for by itself, in its nodes' extras; of a user's own options this is no limit. */
+/* Texels of all lightmaps that a file's own settings (nodes' extras) may ask for. The user's own options are not
+ * limited by this. */
 enum { OWN_TEXELS_MAX = 1 << 25 };
 
 static int check_own_texels(const struct kiln_import_params *params, struct kiln_builder *builder,
@@ -170,9 +171,8 @@ static int check_own_texels(const struct kiln_import_params *params, struct kiln
         return KILN_OK;
     return kiln_fail(
         error, KILN_BAD_INPUT,
-        "%.512s: settings in the file (its nodes' extras) ask for lightmaps of %.0f million texels in all, and %d "
-        "million is the "
-        "most that a file may ask for: give --objects with what you mean, as '{\"*\": {lightmap-size: 512}}'",
+        "%.512s: settings in the file (its nodes' extras) ask for lightmaps of %.0f million texels in all; a file may "
+        "ask for at most %d million: set the sizes yourself with --objects, such as '{\"*\": {lightmap-size: 512}}'",
         params->path, texels * 1e-6, OWN_TEXELS_MAX / 1000000);
 }
 
@@ -204,10 +204,10 @@ static int read_layout_write(const struct child *child, struct kiln_error *error
     if (status == KILN_SYSTEM && strncmp(error->message, "out of memory", 13) == 0) {
         struct rlimit most = {0};
         (void)getrlimit(RLIMIT_AS, &most);
-        status = kiln_fail(
-            error, KILN_BAD_INPUT,
-            "%.512s: reading it takes more memory than the %llu MiB that its size warrants; simplify the scene",
-            params->path, (unsigned long long)most.rlim_cur >> 20);
+        status = kiln_fail(error, KILN_BAD_INPUT,
+                           "%.512s: reading it takes more than the %llu MiB of memory allowed for files of its size; "
+                           "simplify the scene",
+                           params->path, (unsigned long long)most.rlim_cur >> 20);
     }
     return status;
 }
@@ -240,7 +240,7 @@ void kiln_child_answer(int status, const char *sentence)
     for (ssize_t at = 0; at < length;) {
         const ssize_t written = write(STDOUT_FILENO, text + at, (size_t)(length - at));
         if (written < 0 && errno != EINTR)
-            return; /* nobody listens any more */
+            return; /* the parent has closed the pipe */
         at += written > 0 ? written : 0;
     }
 }
@@ -250,7 +250,7 @@ int kiln_import_child(int argc, char **argv)
     struct child child;
     struct kiln_error error = {""};
     if (!parse_arguments(argc, argv, &child)) {
-        (void)fprintf(stderr, "import-child is a part of kiln that it starts itself\n");
+        (void)fprintf(stderr, "import-child is not a command for users: kiln starts it itself\n");
         return KILN_USAGE;
     }
     kiln_child_confine(&child.params);

@@ -15,7 +15,7 @@
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
-enum { PATH_LENGTH = 1024, SHOWN = 80 }; /* SHOWN: how much of a hostile name a sentence repeats */
+enum { PATH_LENGTH = 1024, SHOWN = 80 }; /* SHOWN: how many bytes of a name from the file a sentence repeats */
 
 static int copy_string(char **target, const char *text, size_t length, struct kiln_error *error)
 {
@@ -102,10 +102,10 @@ int kiln_confine_decode(const struct kiln_confine *confine, const char *uri, con
                         struct kiln_error *error)
 {
     if (has_scheme(uri))
-        return kiln_fail(
-            error, KILN_BAD_INPUT,
-            "%.512s: %s is '%.*s'; only files in the scene's own folder are read: copy it there and name it relatively",
-            confine->scene, place, SHOWN, uri);
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%.512s: %s is '%.*s'; only files in the scene's own folder are read: copy it there and use a "
+                         "relative path",
+                         confine->scene, place, SHOWN, uri);
     size_t length = 0;
     for (const char *c = uri; *c != '\0'; c++) {
         char byte = *c;
@@ -131,7 +131,7 @@ int kiln_confine_decode(const struct kiln_confine *confine, const char *uri, con
     if (path[0] == '/' || path[0] == '\\' || has_parent_step(path))
         return kiln_fail(
             error, KILN_BAD_INPUT,
-            "%.512s: %s is '%.*s', which leads out of the scene's folder; copy the file there and name it relatively",
+            "%.512s: %s is '%.*s', which leads out of the scene's folder; copy the file there and use a relative path",
             confine->scene, place, SHOWN, uri);
     return KILN_OK;
 }
@@ -143,7 +143,8 @@ static int open_beneath(const struct kiln_confine *confine, const char *path)
     long descriptor;
     do
         descriptor = syscall(SYS_openat2, confine->descriptor, path, &how, sizeof how);
-    while (descriptor < 0 && (errno == EAGAIN || errno == EINTR)); /* EAGAIN: the kernel saw a rename on the way */
+    /* EAGAIN: a file was renamed while the kernel resolved the path */
+    while (descriptor < 0 && (errno == EAGAIN || errno == EINTR));
     return (int)descriptor;
 }
 
@@ -166,10 +167,10 @@ static int open_failed(const struct kiln_confine *confine, const char *path, con
         return kiln_fail_errno(error, KILN_BAD_INPUT, "%.512s: %s: '%.*s' is not a regular file", confine->scene, place,
                                SHOWN, path);
     case ENOSYS:
-        return kiln_fail(
-            error, KILN_SITE,
-            "%.512s: this kernel has no openat2(2), which confines a scene to its folder; Linux 5.6 or later is needed",
-            confine->scene);
+        return kiln_fail(error, KILN_SITE,
+                         "%.512s: this kernel has no openat2(2), with which kiln confines a scene to its folder; Linux "
+                         "5.6 or later is needed",
+                         confine->scene);
     default:
         return kiln_fail_errno(error, 0, "%.512s: %s: '%.*s' cannot be opened", confine->scene, place, SHOWN, path);
     }
@@ -202,7 +203,7 @@ static int seen_grow(struct kiln_confine *confine, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Whether these bytes are met for the first time; *fresh tells. */
+/* Enters the hash of `bytes` into the table; *fresh tells whether it is new. */
 static int remember(struct kiln_confine *confine, const void *bytes, size_t size, bool *fresh, struct kiln_error *error)
 {
     const XXH128_hash_t hash = XXH3_128bits(bytes, size);

@@ -1,9 +1,9 @@
-/* Opening the files a scene names, and no others: regular files beneath the scene's own folder.
+/* Opens the files that a scene refers to, and no others: regular files beneath the scene's own folder.
  *
- * Every open goes through openat2(2) with RESOLVE_BENEATH and RESOLVE_NO_MAGICLINKS, so neither "..", nor an absolute
- * path, nor a symbolic link that leaves the folder can reach anything else, whatever happens on the disk meanwhile.
- * FIFOs and devices are opened without waiting and refused. Every file that is mapped is recorded in the builder's
- * sources with size and hash. */
+ * Every open uses openat2(2) with RESOLVE_BENEATH and RESOLVE_NO_MAGICLINKS. So neither "..", nor an absolute path, nor
+ * a symbolic link that leaves the folder can reach anything else, even if the disk changes meanwhile. FIFOs and devices
+ * are opened without blocking and refused. Every file that is mapped is recorded in the builder's sources with size and
+ * hash. */
 #ifndef KILN_COORDINATOR_IMPORT_CONFINE_H
 #define KILN_COORDINATOR_IMPORT_CONFINE_H
 
@@ -12,41 +12,42 @@
 
 #include "coordinator/scene/builder.h"
 
-/* A file in memory, read-only, until kiln_file_unmap. */
+/* A file mapped into memory, read-only, until kiln_file_unmap. */
 struct kiln_file {
-    const unsigned char *data; /* never NULL, also when size is 0 */
+    const unsigned char *data; /* never NULL, not even when size is 0 */
     size_t size;
 };
 
 struct kiln_confine {
-    const char *scene; /* as the user wrote it: begins every sentence; borrowed */
+    const char *scene; /* the scene's path as the user wrote it; begins every error sentence; borrowed */
     char *folder;      /* real path of the folder */
     char *name;        /* the scene's file name in it */
     int descriptor;    /* of the folder */
-    /* of all files mapped so far, each counted once: what limits on expansion are measured against */
+    /* bytes of all files mapped so far, each file counted once; limits on decompression are relative to this */
     uint64_t total_bytes;
-    /* a table of what was mapped: hashes of (device, inode) and of recorded paths; zeros: free */
+    /* hash table of what was mapped: hashes of (device, inode) and of recorded paths; zeros: free slot */
     uint64_t (*seen)[2];
     size_t seen_size, seen_used;
-    void (*mapped)(const struct kiln_confine *); /* called after total_bytes has grown; may be NULL */
+    void (*mapped)(const struct kiln_confine *); /* called each time total_bytes has grown; may be NULL */
 };
 
-/* Resolves `path` (a link that the user names himself may lead anywhere: the folder is that of the real file).
- * KILN_NO_INPUT, KILN_PERMISSION. `path` must live as long as the result. */
+/* Opens the scene's folder. `path` may itself be a link that leads anywhere: the folder is that of the real file.
+ * KILN_NO_INPUT, KILN_PERMISSION. `path` must live as long as the result. Destroy with kiln_confine_destroy. */
 int kiln_confine_create(struct kiln_confine **confine, const char *path, struct kiln_error *error);
 void kiln_confine_destroy(struct kiln_confine **confine);
 
-/* Turns a relative reference (RFC 3986) into a path: percent-decoded; KILN_BAD_INPUT for a scheme, an absolute path, a
- * "..", a NUL, or more than 1,024 bytes. `place` says where it stands in the file ("images[2].uri"). */
+/* Converts a relative reference (RFC 3986) to a percent-decoded path. KILN_BAD_INPUT for a scheme, an absolute path, a
+ * "..", a NUL, or more than 1,024 bytes. `place` says where the reference is in the file ("images[2].uri"). */
 int kiln_confine_decode(const struct kiln_confine *confine, const char *uri, const char *place, char path[1025],
                         struct kiln_error *error);
 
-/* Maps the file `path` below the folder and adds it to the builder's sources (builder may be NULL). KILN_BAD_INPUT when
- * it is missing, leads out of the folder or is no regular file; KILN_PERMISSION; KILN_SYSTEM. */
+/* Maps the file `path` in the folder and adds it to the builder's sources (builder may be NULL). KILN_BAD_INPUT when it
+ * is missing, leads out of the folder or is not a regular file; KILN_PERMISSION; KILN_SYSTEM. Unmap with
+ * kiln_file_unmap. */
 int kiln_confine_map(struct kiln_confine *confine, struct kiln_builder *builder, const char *path, const char *place,
                      struct kiln_file *file, struct kiln_error *error);
-/* The same for a file that the user named on the command line and that may lie anywhere; recorded with its real path.
- */
+/* The same for a file that the user named on the command line: it may lie anywhere, and is recorded with its real
+ * path. */
 int kiln_confine_map_named(struct kiln_confine *confine, struct kiln_builder *builder, const char *path,
                            struct kiln_file *file, struct kiln_error *error);
 void kiln_file_unmap(struct kiln_file *file);

@@ -16,7 +16,7 @@ namespace
 
 void say(char *reason, size_t size, const char *text) { (void)std::snprintf(reason, size, "%s", text); }
 
-/* One vertex' values. Integers go through 64 bits, so that none is normalised on the way. */
+/* One vertex's values. Integers are read as 64 bits, so that none is normalised. */
 bool read_value(const draco::PointAttribute &attribute, draco::PointIndex vertex, unsigned components, float *values)
 {
     const draco::AttributeValueIndex index = attribute.mapped_index(vertex);

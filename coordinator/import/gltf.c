@@ -7,7 +7,7 @@
 #include "coordinator/import/gltf_document.h"
 #include "worker/base/memory.h"
 
-/* Extensions a file may require: those kiln reads, and those that change nothing about diffuse light. */
+/* Extensions that a file may require: those that kiln reads, and those that change nothing about diffuse light. */
 static const char *const supported[] = {"KHR_materials_emissive_strength",
                                         "KHR_texture_transform",
                                         "KHR_lights_punctual",
@@ -80,8 +80,8 @@ static void check_asset(struct gltf *g)
         gltf_fail(g, place, "asset.minVersion", "is '%.20s'; kiln reads glTF 2.0", least);
 }
 
-/* "radiometric" or "photometric" under the extras of an object. */
-static uint32_t units_said(const json_t *object)
+/* The units that an object's extras state: "radiometric" or "photometric". */
+static uint32_t stated_units(const json_t *object)
 {
     const char *said = json_string_value(json_object_get(json_object_get(object, "extras"), "units"));
     if (said != NULL && strcmp(said, "photometric") == 0)
@@ -100,8 +100,8 @@ static bool emits(const struct kiln_builder *builder)
     return found;
 }
 
-/* What the file says of its lights' units (coordinator/field/units.h). Blender's exporter turns the watts of lamps
- * into lumens, but leaves emission as it is: lamps and emitting surfaces are then 683 times apart. */
+/* Finds the units of the file's lights (coordinator/field/units.h). Blender's exporter converts the watts of lamps to
+ * lumens but leaves emission as it is: lamps and emitting surfaces are then a factor of 683 apart. */
 static void find_units(struct gltf *g)
 {
     const json_t *asset = json_object_get(g->root, "asset");
@@ -110,7 +110,7 @@ static void find_units(struct gltf *g)
                        (size_t)gltf_whole(g, (struct gltf_place){0}, g->root, "scene", 0, UINT32_MAX, 0));
     const char *generator = json_string_value(json_object_get(asset, "generator"));
     const bool blender = generator != NULL && strstr(generator, "Khronos glTF Blender I/O") != NULL;
-    g->builder->units = units_said(scene) != KILN_SCENE_UNITS_UNKNOWN ? units_said(scene) : units_said(asset);
+    g->builder->units = stated_units(scene) != KILN_SCENE_UNITS_UNKNOWN ? stated_units(scene) : stated_units(asset);
     if (g->builder->units != KILN_SCENE_UNITS_UNKNOWN || !blender ||
         g->builder->sections[KILN_SECTION_LIGHTS].count == 0)
         return;
@@ -130,7 +130,7 @@ void gltf_check(struct gltf *g)
         check_extensions(g);
 }
 
-/* One note a kind, with numbers: a scene with a million oddities gets no million notes. */
+/* Writes one note per kind of oddity, with its count, however many there are. */
 static void write_notes(struct gltf *g)
 {
     const struct {
@@ -140,7 +140,7 @@ static void write_notes(struct gltf *g)
     } notes[] = {
         {g->assembly.without_area, 1, "triangles without area were left out"},
         {g->assembly.replaced_normals, 1,
-         "corner normals were zero or behind their triangle; the geometric normal took their place"},
+         "corner normals were zero or pointed to the back of their triangle; the geometric normal replaces them"},
         {g->points_and_lines, 0, "primitives of points or lines were left out"},
         {g->without_material, 0, "primitives have no material: they are diffuse grey, 0.8"},
         {g->missing_texcoords, 1,
@@ -148,8 +148,8 @@ static void write_notes(struct gltf *g)
         {g->clamped_colors, 1, "primitives had vertex colours outside 0..1; they were clamped"},
         {g->without_area_objects, 1, "objects are scaled to nothing and were left out"},
         {g->skipped_lights, 1, "lights are scaled to nothing and were left out"},
-        {g->skins, 1, "or more skinned nodes bake in their rest pose, where their node stands"},
-        {g->morphs, 1, "or more morph targets bake at rest"},
+        {g->skins, 1, "or more skinned nodes bake in their rest pose, at their node's position"},
+        {g->morphs, 1, "or more morph targets are left out: their meshes bake in their rest shape"},
     };
     for (size_t i = 0; i < sizeof notes / sizeof notes[0]; i++)
         if (notes[i].count > 0)
@@ -187,7 +187,7 @@ int kiln_gltf_read(struct kiln_confine *confine, struct kiln_builder *builder, s
     for (size_t i = 0; i < sizeof steps / sizeof steps[0] && g.status == KILN_OK; i++)
         steps[i](&g);
     if (g.status == KILN_OK && builder->sections[KILN_SECTION_MATERIALS].count == 0)
-        (void)gltf_default_material(&g); /* a scene file has one at least */
+        (void)gltf_default_material(&g); /* a scene file has at least one material */
     gltf_close(&g);
     return g.status;
 }

@@ -35,7 +35,7 @@ static unsigned component_count(const char *type)
     return 0;
 }
 
-/* Columns of matrices begin at multiples of four bytes. */
+/* Bytes of an element. Columns of matrices begin at multiples of four bytes. */
 static size_t element_size(const char *type, unsigned component, unsigned components)
 {
     const size_t size = gltf_component_size(component);
@@ -45,8 +45,8 @@ static size_t element_size(const char *type, unsigned component, unsigned compon
     return side * ((side * size + 3) / 4 * 4);
 }
 
-/* Checks that `count` elements of `size` bytes every `stride` from `offset` lie within the view and gives their
- * beginning. */
+/* Checks that `count` elements of `size` bytes, every `stride` bytes from `offset`, lie within the view. Returns the
+ * address of the first. */
 static const unsigned char *checked_range(struct gltf *g, struct gltf_place place, uint32_t view_index, uint64_t offset,
                                           size_t count, size_t size, size_t stride)
 {
@@ -132,7 +132,7 @@ static void read_accessor(struct gltf *g, size_t index)
         gltf_fail(g, place, "componentType", "is %u, not one of 5120 to 5123, 5125, 5126", accessor->component);
     if (g->status == KILN_OK && accessor->components == 0)
         gltf_fail(g, place, "type", "is '%.20s', which glTF does not know", type == NULL ? "" : type);
-    /* One less than the largest 32-bit index, so that every element has one. */
+    /* One less than the largest 32-bit number, so that every element has an index other than KILN_NONE. */
     accessor->count = (size_t)gltf_needed(g, place, json, "count", 1, UINT32_MAX - 1);
     accessor->normalized = gltf_bool(g, place, json, "normalized", false);
     const uint32_t view = gltf_index(g, place, json, "bufferView", g->view_count);
@@ -201,8 +201,8 @@ static float component_value(const unsigned char *at, unsigned component, bool n
     }
 }
 
-/* Where element `index` stands: among the sparse values when it is one of them (found by bisection), else in the view.
- */
+/* The address of element `index`: among the sparse values if it is one of them (found by bisection), else in the
+ * view. */
 const unsigned char *gltf_accessor_element(const struct gltf_accessor *accessor, size_t index)
 {
     if (accessor->sparse_count > 0) {

@@ -15,10 +15,11 @@ static uint32_t little32(const unsigned char *bytes)
     return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
 }
 
-/* A fault of the container as a whole. */
+/* The place of a fault that concerns the container as a whole. */
 #define CONTAINER ((struct gltf_place){0})
 
-/* How many objects and arrays the text opens, outside strings: jansson takes about 130 to 300 bytes for each. */
+/* Counts the objects and arrays that the JSON text opens, outside strings: jansson takes about 130 to 300 bytes for
+ * each. */
 static size_t count_containers(const unsigned char *text, size_t size)
 {
     size_t count = 0;
@@ -173,7 +174,7 @@ static void read_buffer(struct gltf *g, size_t index)
             buffer->data = g->binary;
             buffer->size = g->binary_size;
         } else if (gltf_extension(g, place, json, "EXT_meshopt_compression") != NULL) {
-            buffer->size = (size_t)length; /* a placeholder: whoever needs its bytes is refused */
+            buffer->size = (size_t)length; /* a fallback buffer: using its bytes is refused */
             return;
         } else {
             gltf_fail(g, place, "uri", "is missing and there is no GLB chunk for it");
@@ -191,7 +192,7 @@ static void read_buffer(struct gltf *g, size_t index)
         buffer->size = buffer->file.size;
     }
     if (g->status == KILN_OK && length > buffer->size)
-        gltf_fail(g, place, "byteLength", "is %llu, but only %zu bytes are there", (unsigned long long)length,
+        gltf_fail(g, place, "byteLength", "is %llu, but the buffer has only %zu bytes", (unsigned long long)length,
                   buffer->size);
     buffer->size = (size_t)length;
 }

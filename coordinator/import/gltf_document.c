@@ -92,7 +92,7 @@ uint64_t gltf_whole(struct gltf *g, struct gltf_place place, const json_t *objec
         gltf_fail(g, place, key, "is %s where a number belongs", type_name(json_typeof(value)));
         return absent;
     }
-    /* "3.0" is a whole number too; doubles hold all whole numbers that a file can mean. */
+    /* "3.0" is a whole number too. Doubles hold all whole numbers that can occur. */
     const double number = json_number_value(value);
     if (!(number == floor(number)) || number < (double)low || number > (double)high) {
         gltf_fail(g, place, key, "is %.17g, not a whole number from %llu to %llu", number, (unsigned long long)low,

@@ -1,8 +1,8 @@
-/* Private to coordinator/import/gltf*.c and coordinator/export, which writes the document again: the parsed document,
- * typed access to its JSON, and its accessors.
+/* The parsed glTF document: typed access to its JSON, its buffers and its accessors. Private to
+ * coordinator/import/gltf*.c and to coordinator/export, which writes the document again.
  *
- * Failure is sticky: the first fault of any getter is written to `error` and kept in `status`; later calls return
- * harmless defaults and keep the first sentence. Callers look at `status` before they act on what they read. */
+ * Failure is sticky: the first fault that any getter finds is written to `error` and kept in `status`; later calls
+ * return harmless defaults and keep the first sentence. Callers check `status` before they act on what they read. */
 #ifndef KILN_COORDINATOR_IMPORT_GLTF_DOCUMENT_H
 #define KILN_COORDINATOR_IMPORT_GLTF_DOCUMENT_H
 
@@ -14,7 +14,7 @@
 #include "coordinator/import/names.h"
 
 struct gltf_buffer {
-    const unsigned char *data; /* NULL: not there (a fallback nobody may use) */
+    const unsigned char *data; /* NULL: the buffer has no bytes (a fallback buffer, which nothing may use) */
     size_t size;
     struct kiln_file file; /* an external file, or */
     unsigned char *owned;  /* a decoded data URI */
@@ -24,12 +24,12 @@ struct gltf_view {
     const unsigned char *data;
     size_t size;
     size_t stride;        /* 0: tightly packed */
-    unsigned char *owned; /* decompressed */
-    bool counted;         /* its Draco triangles are */
+    unsigned char *owned; /* decompressed bytes, if any */
+    bool counted;         /* its Draco triangles are already in `draco_triangles` */
 };
 
 struct gltf_accessor {
-    const unsigned char *data; /* NULL: zeros */
+    const unsigned char *data; /* NULL: all zeros */
     size_t stride;
     size_t count;
     unsigned component;  /* 5120 .. 5126 */
@@ -40,19 +40,19 @@ struct gltf_accessor {
     unsigned sparse_component;
 };
 
-/* A texture as a material uses it. */
+/* A material's reference to a texture. */
 struct gltf_texture_use {
-    uint32_t texture; /* glTF's, or KILN_NONE */
+    uint32_t texture; /* index of the glTF texture, or KILN_NONE */
     uint32_t texcoord;
     float transform[6]; /* u' = t[0] u + t[1] v + t[2], v' = t[3] u + t[4] v + t[5] */
 };
 
 struct gltf_material {
-    /* base: also for a transmission texture that has the same coordinates, or is alone */
+    /* base also serves a transmission texture that has the same coordinates or is the only texture */
     struct gltf_texture_use base, emission;
 };
 
-#define GLTF_UNREAD 0xfffffffeu /* a mesh nobody has asked for yet */
+#define GLTF_UNREAD 0xfffffffeu /* a mesh that has not been read yet */
 
 struct gltf {
     struct kiln_confine *confine;
@@ -66,76 +66,77 @@ struct gltf {
     struct gltf_buffer *buffers;
     struct gltf_view *views;
     struct gltf_accessor *accessors;
-    struct gltf_material *materials; /* as many as the file has; builder materials have the same indices */
+    struct gltf_material *materials; /* one per material of the file; the builder's materials have the same indices */
     struct kiln_images images;
-    struct kiln_image *image_of; /* glTF image -> its picture, once decoded */
-    /* glTF texture -> builder texture or KILN_NONE: its colours are sRGB-coded; after these, one for each again whose
-     * colours are linear */
+    struct kiln_image *image_of; /* per glTF image: the decoded image, once it is decoded */
+    /* per glTF texture: the builder's texture with sRGB-coded colours, or KILN_NONE; after these, one more entry per
+     * glTF texture, for the builder's texture with linear colours */
     uint32_t *texture_of;
-    uint32_t *mesh_of; /* glTF mesh -> builder mesh, KILN_NONE (nothing to see) or GLTF_UNREAD */
+    uint32_t *mesh_of; /* per glTF mesh: the builder's mesh, KILN_NONE (no triangles) or GLTF_UNREAD */
     size_t buffer_count, view_count, accessor_count, material_count, image_count, texture_count, mesh_count;
-    uint32_t default_material; /* builder's, or KILN_NONE until needed */
+    uint32_t default_material; /* index in the builder, or KILN_NONE until it is needed */
     struct kiln_assembly_counts assembly;
     struct kiln_names names;
-    uint64_t draco_triangles; /* that compressed bytes may hold besides */
+    uint64_t draco_triangles; /* triangles that the Draco data may hold, in addition to the limit by file size */
     uint64_t triangles, sparse_elements, objects, expanded;
-    /* what notes are made of */
+    /* counts for notes */
     uint64_t points_and_lines, without_material, missing_texcoords, clamped_colors, without_area_objects,
         skipped_lights;
     uint64_t unknown_settings;
     bool skins, morphs;
 };
 
-/* Where something stands: "meshes[3]" + ".primitives[1]" (below may be empty). */
+/* A place in the document: "meshes[3]" + ".primitives[1]" (`below` may be empty). */
 struct gltf_place {
     const char *array;
     size_t index;
     const char *below;
 };
 
-/* Says "FILE: PLACE.KEY <text>; repair the file or export it again" (kind: KILN_BAD_INPUT) unless something failed
+/* Fails with "FILE: PLACE.KEY <text>; repair the file or export it again" (KILN_BAD_INPUT), unless something failed
  * before. */
 void gltf_fail(struct gltf *g, struct gltf_place place, const char *key, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
-/* Takes the status of a call that has already written its sentence. */
+/* Records the status of a call that has already written its sentence. */
 void gltf_take(struct gltf *g, int status);
 
-/* A member of the given type, or NULL when absent (or of another type, which is a failure). */
+/* A member of the given type; NULL if absent or, which is a failure, of another type. */
 json_t *gltf_object(struct gltf *g, struct gltf_place place, const json_t *object, const char *key);
 json_t *gltf_array(struct gltf *g, struct gltf_place place, const json_t *object, const char *key);
 const char *gltf_string(struct gltf *g, struct gltf_place place, const json_t *object, const char *key);
 bool gltf_bool(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, bool absent);
-/* A whole number in [low, high]; `absent` when it is not there. */
+/* A whole number in [low, high]; `absent` if there is none. */
 uint64_t gltf_whole(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, uint64_t low,
                     uint64_t high, uint64_t absent);
-/* The same, but it has to be there. */
+/* The same, but required. */
 uint64_t gltf_needed(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, uint64_t low,
                      uint64_t high);
-/* An index below `limit`, or KILN_NONE when absent. */
+/* An index below `limit`; KILN_NONE if absent. */
 uint32_t gltf_index(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, size_t limit);
-/* A number in [low, high] (both may be infinite; the number itself is finite). */
+/* A finite number in [low, high] (both may be infinite); `absent` if there is none. */
 double gltf_number(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low,
                    double high, double absent);
-/* Exactly `count` numbers; false (and the values untouched) when absent or failed. */
+/* Exactly `count` numbers; false, and the values unchanged, if absent or failed. */
 bool gltf_numbers(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low,
                   double high, size_t count, double *values);
-/* object.extensions.NAME, or NULL. */
+/* The member object.extensions.NAME, or NULL. */
 json_t *gltf_extension(struct gltf *g, struct gltf_place place, const json_t *object, const char *name);
 /* Element `index` of a top-level array, checked to be an object; NULL on failure. */
 json_t *gltf_element(struct gltf *g, const char *array, size_t index);
 size_t gltf_length(struct gltf *g, const char *array);
 
-/* gltf_buffer.c: container, buffers, views. */
+/* gltf_buffer.c: container, buffers, buffer views. */
 void gltf_open(struct gltf *g);
 void gltf_read_buffers(struct gltf *g);
-/* Decodes a "data:" URI into *bytes (kiln_allocate'd). */
+/* Decodes a "data:" URI into *bytes (from kiln_allocate). */
 void gltf_decode_data(struct gltf *g, struct gltf_place place, const char *uri, unsigned char **bytes, size_t *size);
 
-/* gltf_meshopt.c: decodes EXT_meshopt_compression into view->owned, and sets data and size. */
+/* gltf_meshopt.c: decodes EXT_meshopt_compression into view->owned, and sets the view's data and size. */
 void gltf_read_meshopt(struct gltf *g, struct gltf_place place, const json_t *extension, struct gltf_view *view);
 
-/* gltf_draco.c. Copies of a primitive's accessors, by the name of their attribute (count 0: not used), are pointed to
- * decompressed values; those that the extension does not name are left alone. Free the values, also after a failure. */
+/* gltf_draco.c: decodes KHR_draco_mesh_compression. `uses` names copies of a primitive's accessors by attribute (count
+ * 0: not used). The copies are pointed to decompressed values; those that the extension does not name are left alone.
+ * Free the values with gltf_draco_values_free, also after a failure. */
 enum { GLTF_DRACO_ATTRIBUTES = 6 };
 struct gltf_draco_use {
     const char *name; /* "POSITION" */
@@ -151,30 +152,30 @@ void gltf_draco_values_free(struct gltf_draco_values *values);
 
 /* gltf_accessor.c */
 void gltf_read_accessors(struct gltf *g);
-/* Element `index` (below count) as floats, up to 4 components; missing ones are left alone. Integers are normalised
- * when the accessor says so, else taken as they are. */
+/* Element `index` (below count) as floats, up to 4 components; components that it does not have are left alone.
+ * Integers are normalised if the accessor says so. */
 void gltf_accessor_float(const struct gltf_accessor *accessor, size_t index, float *values);
 uint32_t gltf_accessor_index(const struct gltf_accessor *accessor, size_t index);
-/* The bytes of element `index` (not of a matrix): its components one after the other; NULL: zeros. */
+/* The bytes of element `index` (not of a matrix), components one after the other; NULL: zeros. */
 const unsigned char *gltf_accessor_element(const struct gltf_accessor *accessor, size_t index);
 size_t gltf_component_size(unsigned component);
-/* Component `c` of element `index` as it is stored, not normalised. */
+/* Component `c` of element `index` as stored, not normalised. */
 double gltf_accessor_raw(const struct gltf_accessor *accessor, size_t index, unsigned c);
 
 /* gltf_material.c */
 void gltf_read_materials(struct gltf *g);
 uint32_t gltf_default_material(struct gltf *g);
 
-/* gltf_mesh.c: corners of triangle k of a primitive (mode 4, 5 or 6; `indices` may be NULL), in the order that the
- * front's counter-clockwise sense gives them. */
+/* gltf_mesh.c: the corners of triangle k of a primitive (mode 4, 5 or 6; `indices` may be NULL), counter-clockwise seen
+ * from the front. */
 void gltf_triangle(unsigned mode, const struct gltf_accessor *indices, size_t k, uint32_t corner[3]);
 
-/* Appends the mesh on first use; KILN_NONE when it has no triangle. */
+/* The builder's mesh for a glTF mesh, appended on first use; KILN_NONE if it has no triangles. */
 uint32_t gltf_mesh(struct gltf *g, uint32_t index);
 
-/* gltf.c: asset.version and extensionsRequired are what kiln reads. */
+/* gltf.c: checks that kiln can read asset.version and extensionsRequired. */
 void gltf_check(struct gltf *g);
-/* What is borrowed from the files is given back. */
+/* Releases the document and unmaps its files. */
 void gltf_close(struct gltf *g);
 
 /* gltf_node.c: node tree, objects, lights, cameras, environment. */

@@ -1,4 +1,4 @@
-/* KHR_draco_mesh_compression: the indices and attributes of a primitive out of one compressed buffer view. */
+/* KHR_draco_mesh_compression: decodes the indices and attributes of a primitive from one compressed buffer view. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -9,8 +9,8 @@
 
 enum { FLOAT = 5126, UNSIGNED_INT = 5125 };
 
-/* Edgebreaker connectivity takes a bit or two a triangle: what one byte can hold at most, with room. */
-static const uint64_t triangles_a_byte = 64;
+/* Triangles that one byte can hold at most, with a margin: Edgebreaker connectivity takes a bit or two a triangle. */
+static const uint64_t triangles_per_byte = 64;
 
 static struct kiln_draco *decode(struct gltf *g, struct gltf_place place, const json_t *extension)
 {
@@ -30,12 +30,12 @@ static struct kiln_draco *decode(struct gltf *g, struct gltf_place place, const 
         gltf_fail(g, place, "extensions.KHR_draco_mesh_compression",
                   "cannot be decoded from buffer view %u of %zu bytes (%s)", index, view->size, reason);
     if (!view->counted)
-        g->draco_triangles += triangles_a_byte * view->size;
+        g->draco_triangles += triangles_per_byte * view->size;
     view->counted = true;
     return draco;
 }
 
-/* Takes the place of an accessor that has a count and a type, but no bytes. */
+/* Points an accessor that has a count and a type, but no bytes, to decoded values. */
 static void attach(struct gltf_accessor *accessor, void *values, unsigned component)
 {
     accessor->data = values;
@@ -101,7 +101,7 @@ void gltf_read_draco(struct gltf *g, struct gltf_place place, const json_t *prim
     if (draco != NULL)
         read_indices(g, place, draco, indices, values);
     for (size_t i = 0; i < use_count && g->status == KILN_OK; i++) {
-        /* an attribute that is not compressed stands in its accessor as ever */
+        /* an attribute that is not compressed is read from its accessor as usual */
         const uint32_t id = gltf_index(g, place, attributes, uses[i].name, UINT32_MAX);
         if (id != KILN_NONE && uses[i].accessor->count > 0 && g->status == KILN_OK)
             read_attribute(g, place, draco, uses[i].name, id, uses[i].accessor, &values->attributes[i]);

@@ -6,7 +6,7 @@
 #include "coordinator/import/gltf_document.h"
 #include "worker/base/memory.h"
 
-/* The bytes of an image, from wherever it is; released by image_close. */
+/* The encoded bytes of an image, from a file, a buffer view or a data URI. Release with image_close. */
 struct image_bytes {
     const unsigned char *data;
     size_t size;
@@ -95,7 +95,7 @@ static uint32_t wrap_mode(struct gltf *g, struct gltf_place place, const json_t 
     }
 }
 
-/* The builder's texture for a glTF texture, made on first use. `srgb`: it holds colours, else linear shares. */
+/* The builder's texture for a glTF texture, made on first use. `srgb`: its colours are sRGB-coded, else linear. */
 static uint32_t builder_texture(struct gltf *g, uint32_t texture, bool srgb)
 {
     if (texture == KILN_NONE || g->status != KILN_OK)
@@ -131,7 +131,7 @@ static uint32_t builder_texture(struct gltf *g, uint32_t texture, bool srgb)
     return (uint32_t)index;
 }
 
-/* Reads a textureInfo; texture stays KILN_NONE when it is absent. */
+/* Reads a textureInfo; use->texture stays KILN_NONE if it is absent. */
 static void texture_info(struct gltf *g, struct gltf_place place, const json_t *parent, const char *key,
                          struct gltf_texture_use *use)
 {
@@ -151,8 +151,8 @@ static void texture_info(struct gltf *g, struct gltf_place place, const json_t *
     (void)gltf_numbers(g, place, transform, "scale", -1e6, 1e6, 2, scale);
     const double angle = gltf_number(g, place, transform, "rotation", -1e6, 1e6, 0.0);
     use->texcoord = (uint32_t)gltf_whole(g, place, transform, "texCoord", 0, 1000, use->texcoord);
-    /* Counter-clockwise as seen on the image, whose v points down: the specification's example (offset 0 1, a quarter
-     * turn, scale 1/2 shows the lower left quarter) holds for this sign only. */
+    /* The rotation is counter-clockwise on the image, whose v points down. The specification's example (offset 0 1, a
+     * quarter turn, scale 1/2 shows the lower left quarter) holds for this sign only. */
     const double c = cos(angle), s = sin(angle);
     const double matrix[6] = {c * scale[0], s * scale[1], offset[0], -s * scale[0], c * scale[1], offset[1]};
     for (int i = 0; i < 6; i++)
@@ -164,7 +164,7 @@ static bool same_coordinates(const struct gltf_texture_use *a, const struct gltf
     return a->texcoord == b->texcoord && memcmp(a->transform, b->transform, sizeof a->transform) == 0;
 }
 
-/* Mean of one channel of an image, 0..1, for textures that count as their mean. */
+/* Mean of one channel of an image, 0..1, for textures that are replaced by their mean. */
 static double image_mean(struct gltf *g, uint32_t texture, unsigned channel)
 {
     const uint32_t index = source_image(g, texture);
@@ -184,8 +184,8 @@ static double image_mean(struct gltf *g, uint32_t texture, unsigned channel)
     return image->mean[channel];
 }
 
-/* A material that lets light through. Its texture is looked up at the base colour's coordinates; where it has others,
- * it counts as its mean. */
+/* Reads a material's transmission. Its texture is read at the base colour's coordinates; if it has others, it is
+ * replaced by its mean. */
 static void read_transmission(struct gltf *g, struct gltf_place place, const json_t *json, struct gltf_material *uses,
                               struct kiln_material *material)
 {
@@ -197,7 +197,7 @@ static void read_transmission(struct gltf *g, struct gltf_place place, const jso
     texture_info(g, place, extension, "transmissionTexture", &use);
     if (g->status != KILN_OK || !(material->transmission > 0.0f))
         return;
-    if (uses->base.texture == KILN_NONE) /* nothing else is looked up there */
+    if (uses->base.texture == KILN_NONE) /* no other texture uses the base coordinates */
         uses->base = use;
     if (use.texture != KILN_NONE && same_coordinates(&use, &uses->base)) {
         material->transmission_texture = builder_texture(g, use.texture, false);
@@ -208,12 +208,12 @@ static void read_transmission(struct gltf *g, struct gltf_place place, const jso
             gltf_take(g, kiln_builder_note(
                              g->builder, 0, g->error,
                              "materials[%zu]: its transmission texture has other coordinates than its base colour and "
-                             "counts as its mean, %.3f",
+                             "is replaced by its mean, %.3f",
                              place.index, mean));
     }
 }
 
-/* Says what kind of glass a material is. */
+/* Notes how a material that transmits light is baked. */
 static void note_glass(struct gltf *g, struct gltf_place place, const json_t *json, const struct kiln_material *m)
 {
     const json_t *volume = gltf_extension(g, place, json, "KHR_materials_volume");
@@ -229,8 +229,7 @@ static void note_glass(struct gltf *g, struct gltf_place place, const json_t *js
     if (g->status == KILN_OK && thickness > 0.0)
         gltf_take(g, kiln_builder_note(g->builder, 1, g->error,
                                        "materials[%zu] (KHR_materials_volume): bakes as thin walls, not as a body %g m "
-                                       "thick; neither refraction nor what its "
-                                       "inside absorbs is modelled",
+                                       "thick; refraction and absorption inside are not modelled",
                                        place.index, thickness));
 }
 
@@ -245,7 +244,7 @@ static void read_metallic(struct gltf *g, struct gltf_place place, const json_t 
         return;
     material->metallic = (float)fmin(1.0, (double)material->metallic * mean);
     gltf_take(g, kiln_builder_note(g->builder, 0, g->error,
-                                   "materials[%zu]: its metallic texture counts as its mean, %.3f", place.index,
+                                   "materials[%zu]: its metallic texture is replaced by its mean, %.3f", place.index,
                                    (double)material->metallic));
 }
 
@@ -254,10 +253,10 @@ static void read_emission(struct gltf *g, struct gltf_place place, const json_t 
     double factor[3] = {0.0, 0.0, 0.0};
     (void)gltf_numbers(g, place, json, "emissiveFactor", 0.0, 1e30, 3, factor);
     if (fmax(factor[0], fmax(factor[1], factor[2])) > 1.0)
-        gltf_take(
-            g, kiln_builder_note(g->builder, 1, g->error,
-                                 "materials[%zu].emissiveFactor is above 1, which glTF forbids; it is taken as it is",
-                                 place.index));
+        gltf_take(g,
+                  kiln_builder_note(g->builder, 1, g->error,
+                                    "materials[%zu].emissiveFactor is above 1, which glTF forbids; it is used as it is",
+                                    place.index));
     double strength = 1.0;
     const json_t *extension = gltf_extension(g, place, json, "KHR_materials_emissive_strength");
     if (extension != NULL)
@@ -284,7 +283,7 @@ static void read_alpha(struct gltf *g, struct gltf_place place, const json_t *js
         gltf_fail(g, place, "alphaMode", "is '%.20s', not one of OPAQUE, MASK, BLEND", mode);
 }
 
-/* Says what of a material plays no part in diffuse light. */
+/* Notes which of a material's extensions have no effect on diffuse light. */
 static void note_unused(struct gltf *g, struct gltf_place place, const json_t *json)
 {
     static const struct {
@@ -325,7 +324,7 @@ static void read_material(struct gltf *g, size_t index)
     material.base_color_texture = builder_texture(g, uses->base.texture, true);
     read_transmission(g, place, json, uses, &material);
     material.emission_texture = builder_texture(g, uses->emission.texture, true);
-    /* Not decoded, but a reference that leads nowhere is a fault all the same. */
+    /* Not decoded, but an invalid reference is an error all the same. */
     struct gltf_texture_use unused;
     texture_info(g, place, json, "normalTexture", &unused);
     texture_info(g, place, json, "occlusionTexture", &unused);
@@ -339,7 +338,8 @@ static void read_material(struct gltf *g, size_t index)
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_MATERIALS, &material, 1, NULL, g->error));
 }
 
-/* References of images and textures nobody uses must still be sound, and no URI may point outside. */
+/* Checks images and textures that no material uses: their references must be valid too, and no URI may point
+ * outside. */
 static void check_references(struct gltf *g)
 {
     for (size_t i = 0; i < g->texture_count && g->status == KILN_OK; i++) {

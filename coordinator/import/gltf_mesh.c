@@ -10,11 +10,11 @@ enum { POINTS = 0, LINES_LAST = 3, TRIANGLES = 4, STRIP = 5, FAN = 6 };
 /* A primitive's accessors; NULL where absent. */
 struct primitive {
     const struct gltf_accessor *indices, *position, *normal, *color, *base, *emission, *lightmap;
-    const struct gltf_material *material; /* NULL: the default one */
+    const struct gltf_material *material; /* NULL: the default material */
     unsigned mode;
     size_t corner_count;
     bool clamped_color;
-    struct gltf_accessor copies[GLTF_DRACO_ATTRIBUTES + 1]; /* of those above, where their values are compressed */
+    struct gltf_accessor copies[GLTF_DRACO_ATTRIBUTES + 1]; /* copies of the accessors above, for compressed values */
     struct gltf_draco_values values;
 };
 
@@ -46,7 +46,7 @@ static const struct gltf_accessor *texcoord(struct gltf *g, struct gltf_place pl
 void gltf_triangle(unsigned mode, const struct gltf_accessor *indices, size_t k, uint32_t corner[3])
 {
     size_t at[3] = {3 * k, 3 * k + 1, 3 * k + 2};
-    if (mode == STRIP) /* every other triangle of a strip turns the other way */
+    if (mode == STRIP) /* every other triangle of a strip has the opposite winding */
         at[0] = k, at[1] = k + 1 + k % 2, at[2] = k + 2 - k % 2;
     else if (mode == FAN) /* the specification's order: (k + 1, k + 2, 0) */
         at[0] = k + 1, at[1] = k + 2, at[2] = 0;
@@ -82,7 +82,8 @@ static void read_attributes(void *context, uint32_t vertex, struct kiln_attribut
     const struct gltf_material *m = p->material;
     const bool base = m != NULL && m->base.texture != KILN_NONE,
                emission = m != NULL && m->emission.texture != KILN_NONE;
-    /* The set that no texture uses repeats the other, so that a mesh has two only when it needs them. */
+    /* A texture coordinate set that no texture uses repeats the other one, so that a mesh has two sets only if it needs
+     * them. */
     if (base)
         out->base = transformed(p->base, m->base.transform, vertex);
     out->emission = emission ? transformed(p->emission, m->emission.transform, vertex) : out->base;
@@ -143,7 +144,7 @@ static void read_primitive(struct gltf *g, struct gltf_place place, const json_t
                             (p->material->emission.texture != KILN_NONE && p->emission == NULL);
 }
 
-/* Puts decompressed values in the place of the accessors'. */
+/* Replaces the accessors' values by decompressed ones. */
 static void decompress(struct gltf *g, struct gltf_place place, const json_t *json, struct primitive *p)
 {
     char base[32], emission[32];
@@ -181,7 +182,8 @@ static size_t triangle_count(const struct primitive *p)
     return p->corner_count < 3 ? 0 : p->corner_count - 2;
 }
 
-/* Appends primitive number `index` of the mesh; tells whether it lacks a lightmap coordinate for its triangles. */
+/* Appends primitive number `index` of the mesh; *lacks_lightmap_uv tells whether its triangles have no lightmap
+ * coordinate. */
 static void store_primitive(struct gltf *g, struct gltf_place place, struct primitive *p, uint32_t material,
                             uint32_t mesh, uint32_t index, bool *lacks_lightmap_uv)
 {
@@ -192,7 +194,7 @@ static void store_primitive(struct gltf *g, struct gltf_place place, struct prim
     }
     g->triangles += triangles;
     if (g->triangles > 65536 + g->confine->total_bytes + g->draco_triangles || triangles > UINT32_MAX) {
-        gltf_fail(g, place, "", "brings the scene to %llu triangles, more than its bytes can hold",
+        gltf_fail(g, place, "", "brings the scene to %llu triangles, more than files of its size can hold",
                   (unsigned long long)g->triangles);
         return;
     }
@@ -265,7 +267,7 @@ uint32_t gltf_mesh(struct gltf *g, uint32_t index)
     if (g->status != KILN_OK)
         return KILN_NONE;
     if (KILN_BUILDER_DATA(g->builder, struct kiln_mesh, KILN_SECTION_MESHES)[mesh].triangle_count == 0) {
-        g->builder->sections[KILN_SECTION_MESHES].count--; /* nothing of it was stored */
+        g->builder->sections[KILN_SECTION_MESHES].count--; /* nothing of the mesh was stored */
         mesh = KILN_NONE;
     } else {
         g->builder->mesh_has_lightmap_uv[mesh] = !lacks_lightmap_uv;

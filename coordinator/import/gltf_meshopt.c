@@ -1,12 +1,12 @@
-/* EXT_meshopt_compression: buffer views that are decompressed, and filtered, before anything reads them. */
+/* EXT_meshopt_compression: decompresses and filters buffer views before anything reads them. */
 #include <meshoptimizer.h>
 #include <string.h>
 
 #include "coordinator/import/gltf_document.h"
 #include "worker/base/memory.h"
 
-/* The codecs leave out what repeats: so many bytes come out of one at most. 64 for attributes (two bits stand for 16
- * equal bytes), 12 for triangles. */
+/* Bytes that one compressed byte can become, at most, with a margin: the codecs leave out what repeats. 64 for
+ * attributes (two bits for 16 equal bytes), 12 for triangles. */
 static const uint64_t expansion = 256;
 
 enum mode { ATTRIBUTES, TRIANGLES, INDICES };
@@ -19,7 +19,7 @@ struct compressed {
     enum filter filter;
 };
 
-/* The place of a word in a list; `count` and a failure when it is not there. */
+/* The index of a word in a list; `count`, and a failure, if it is not there. */
 static unsigned read_word(struct gltf *g, struct gltf_place place, const json_t *json, const char *key,
                           const char *const *words, unsigned count, unsigned absent)
 {
@@ -33,7 +33,7 @@ static unsigned read_word(struct gltf *g, struct gltf_place place, const json_t 
     return absent;
 }
 
-/* Strides and counts that the codecs take; the library itself only asserts them. */
+/* Whether the codecs accept stride and count; the library itself only asserts it. */
 static bool fits(const struct compressed *c)
 {
     const bool filtered = c->filter == NONE || c->mode == ATTRIBUTES;

@@ -13,7 +13,7 @@ static const uint64_t expanded_max = (uint64_t)1 << 30, objects_max = (uint64_t)
 struct node {
     double local[12], world[12]; /* row-major 3 x 4 */
     uint32_t parent;             /* KILN_NONE: a root */
-    bool reached;                /* from the chosen scene */
+    bool reached;                /* the chosen scene contains it */
 };
 
 struct tree {
@@ -73,7 +73,7 @@ static void read_matrix(struct gltf *g, struct gltf_place place, const double m[
     const double det = out[0] * (out[5] * out[10] - out[6] * out[9]) - out[1] * (out[4] * out[10] - out[6] * out[8]) +
                        out[2] * (out[4] * out[9] - out[5] * out[8]);
     if (size == 0.0 || fabs(det) < 1e-18 * size * size * size)
-        gltf_fail(g, place, "matrix", "is singular: it flattens everything");
+        gltf_fail(g, place, "matrix", "is singular (it maps everything to a plane, a line or a point)");
 }
 
 static void read_local(struct gltf *g, struct gltf_place place, const json_t *json, double out[12])
@@ -87,7 +87,7 @@ static void read_local(struct gltf *g, struct gltf_place place, const json_t *js
     if (g->status != KILN_OK)
         return;
     if (has_matrix && (has_t || has_q || has_s))
-        gltf_fail(g, place, "matrix", "stands beside translation, rotation or scale");
+        gltf_fail(g, place, "matrix", "is given together with translation, rotation or scale");
     else if (has_matrix)
         read_matrix(g, place, matrix, out);
     else if (!unit_quaternion(q))
@@ -106,15 +106,15 @@ static void read_children(struct gltf *g, struct tree *tree, size_t index, const
         if (!json_is_integer(value) || child < 0 || (uint64_t)child >= tree->count)
             gltf_fail(g, place, "children", "has element %zu that is not one of the %zu nodes", i, tree->count);
         else if (tree->nodes[child].parent != KILN_NONE || (size_t)child == index)
-            gltf_fail(g, place, "children", "names node %lld, which %s", (long long)child,
+            gltf_fail(g, place, "children", "refers to node %lld, which %s", (long long)child,
                       (size_t)child == index ? "is the node itself" : "already has a parent");
         else
             tree->nodes[child].parent = (uint32_t)index;
     }
 }
 
-/* Parents before children, breadth first from the roots. What is not reached hangs in a cycle, as no node has two
- * parents. */
+/* Orders the nodes, parents before children: breadth first from the roots. Nodes that are not reached lie in a cycle,
+ * as no node has two parents. */
 static void order_nodes(struct gltf *g, struct tree *tree)
 {
     for (size_t i = 0; i < tree->count; i++)
@@ -156,7 +156,7 @@ static void read_tree(struct gltf *g, struct tree *tree)
         order_nodes(g, tree);
 }
 
-/* Marks what the scene shows and places it in the world. */
+/* Marks the nodes that the scene contains and computes their world transforms. */
 static void place_nodes(struct gltf *g, struct tree *tree, size_t scene_index, const json_t *scene)
 {
     const struct gltf_place place = {"scenes", scene_index, ""};
@@ -169,7 +169,7 @@ static void place_nodes(struct gltf *g, struct tree *tree, size_t scene_index, c
         if (!json_is_integer(value) || root < 0 || (uint64_t)root >= tree->count)
             gltf_fail(g, place, "nodes", "has element %zu that is not one of the %zu nodes", i, tree->count);
         else if (tree->nodes[root].parent != KILN_NONE)
-            gltf_fail(g, place, "nodes", "names node %lld, which is the child of another", (long long)root);
+            gltf_fail(g, place, "nodes", "refers to node %lld, which is the child of another node", (long long)root);
         else
             tree->nodes[root].reached = true;
     }
@@ -260,7 +260,7 @@ static void add_light(struct gltf *g, size_t node_index, const json_t *node, con
         return;
     if (!position(world, light.position) ||
         (!direction(world, 2, -1.0, light.direction) && light.kind != KILN_LIGHT_POINT)) {
-        g->skipped_lights++; /* scaled to nothing: it points nowhere */
+        g->skipped_lights++; /* scaled to zero: it has no direction */
         return;
     }
     const char *name = first_name(gltf_string(g, at_node, node, "name"), gltf_string(g, place, json, "name"));
@@ -286,7 +286,7 @@ static void camera_lens(struct gltf *g, struct gltf_place place, const json_t *j
         gltf_fail(g, place, "type", "is '%.20s', not one of perspective, orthographic", type == NULL ? "" : type);
     }
     if (g->status == KILN_OK && (!(camera->extent_y > 0.0f) || !isfinite(camera->aspect)))
-        gltf_fail(g, place, "", "has no angle of view or height");
+        gltf_fail(g, place, "", "has no angle of view or no height");
 }
 
 static void add_camera(struct gltf *g, size_t node_index, const json_t *node, const double world[12])
@@ -318,7 +318,7 @@ static void add_object(struct gltf *g, const struct kiln_object_source *source, 
     g->expanded += KILN_BUILDER_DATA(g->builder, struct kiln_mesh, KILN_SECTION_MESHES)[mesh].triangle_count;
     if (g->objects > objects_max || g->objects > 65536 + g->confine->total_bytes)
         gltf_fail(g, (struct gltf_place){"nodes", node_index, ""}, "",
-                  "brings the scene to %llu objects, more than kiln takes from a file of its size",
+                  "brings the scene to %llu objects, more than kiln accepts from files of its size",
                   (unsigned long long)g->objects);
     if (g->expanded > expanded_max)
         gltf_fail(g, (struct gltf_place){"nodes", node_index, ""}, "",
@@ -331,7 +331,7 @@ static void add_object(struct gltf *g, const struct kiln_object_source *source, 
     g->without_area_objects += skipped;
 }
 
-/* EXT_mesh_gpu_instancing: each instance is an object of its own. */
+/* EXT_mesh_gpu_instancing: makes each instance an object of its own. */
 static void add_instances(struct gltf *g, const struct kiln_object_source *node, const json_t *extension, uint32_t mesh,
                           const char *name, const double world[12])
 {
@@ -383,8 +383,8 @@ static void add_instances(struct gltf *g, const struct kiln_object_source *node,
 
 enum { SETTING_NOTES_MAX = 16 };
 
-/* One key of a node's settings. One that kiln does not know may be a slip, or another program's: it is named and left
- * alone. */
+/* Reads one key of a node's settings. An unknown key may be a slip, or another program's: it is noted and otherwise
+ * ignored. */
 static void read_setting(struct gltf *g, size_t node_index, const char *key, const json_t *value,
                          struct kiln_object_settings *settings)
 {
@@ -399,7 +399,7 @@ static void read_setting(struct gltf *g, size_t node_index, const char *key, con
                          node_index, key, kiln_object_settings_nearest(key)));
 }
 
-/* node.extras.kiln = {KEY: value}, and node.extras["kiln-KEY"] or ["kiln_KEY"]: see settings.h. */
+/* Reads the settings node.extras.kiln = {KEY: value} and node.extras["kiln-KEY"] or ["kiln_KEY"]: see settings.h. */
 static void read_settings(struct gltf *g, size_t node_index, const json_t *node, struct kiln_object_settings *settings)
 {
     const json_t *extras = json_object_get(node, "extras");
@@ -412,7 +412,7 @@ static void read_settings(struct gltf *g, size_t node_index, const json_t *node,
     }
     json_object_foreach((json_t *)(uintptr_t)extras, key, value)
     {
-        /* "kiln_lightmap" is what an exported scene says of the lightmap it came with */
+        /* "kiln_lightmap" is written by kiln export: it is no setting */
         if (g->status == KILN_OK && (strncmp(key, "kiln-", 5) == 0 || strncmp(key, "kiln_", 5) == 0) &&
             strcmp(key + 5, "lightmap") != 0)
             read_setting(g, node_index, key + 5, value, settings);
@@ -448,7 +448,8 @@ static void add_mesh(struct gltf *g, size_t node_index, const json_t *node, cons
         g->builder->object_settings[i] = settings;
 }
 
-/* scenes[i].extras.environment: {"type": "constant", "radiance": [r, g, b]}, or "sunsky" with constant_sky_radiance. */
+/* Reads scenes[i].extras.environment: {"type": "constant", "radiance": [r, g, b]}, or "sunsky" with
+ * constant_sky_radiance. */
 static void add_environment(struct gltf *g, size_t scene_index, const json_t *scene)
 {
     const struct gltf_place place = {"scenes", scene_index, ".extras.environment"};
@@ -464,11 +465,11 @@ static void add_environment(struct gltf *g, size_t scene_index, const json_t *sc
             for (int c = 0; c < 3; c++)
                 environment.radiance[c] = (float)radiance[c];
         } else if (g->status == KILN_OK) {
-            gltf_take(
-                g, kiln_builder_note(
-                       g->builder, 1, g->error,
-                       "scenes[%zu].extras.environment is of a kind kiln does not know (type '%.40s') and is left out",
-                       scene_index, type == NULL ? "" : type));
+            gltf_take(g,
+                      kiln_builder_note(
+                          g->builder, 1, g->error,
+                          "scenes[%zu].extras.environment has a type that kiln does not know ('%.40s') and is left out",
+                          scene_index, type == NULL ? "" : type));
         }
     }
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_ENVIRONMENT, &environment, 1, NULL, g->error));

@@ -24,7 +24,7 @@ static bool starts(const struct kiln_image_bytes *bytes, const char *magic, size
     return bytes->size >= length && memcmp(bytes->data, magic, length) == 0;
 }
 
-static const char *kind_of_stranger(const struct kiln_image_bytes *bytes)
+static const char *describe_format(const struct kiln_image_bytes *bytes)
 {
     static const struct {
         const char *magic, *kind;
@@ -55,9 +55,10 @@ static uint64_t at_most(uint64_t free_texels, uint64_t texels_per_byte, uint64_t
     return bytes > (UINT64_MAX - free_texels) / texels_per_byte ? UINT64_MAX : free_texels + texels_per_byte * bytes;
 }
 
-/* Counts the picture's texels among the scene's. */
-static int judge(struct kiln_images *images, const struct kiln_image_format *format,
-                 const struct kiln_image_bytes *bytes, const struct kiln_image_shape *shape, struct kiln_error *error)
+/* Checks the image's size against the limits and adds its texels to the scene's. */
+static int check_limits(struct kiln_images *images, const struct kiln_image_format *format,
+                        const struct kiln_image_bytes *bytes, const struct kiln_image_shape *shape,
+                        struct kiln_error *error)
 {
     const uint64_t texels = texels_of(shape);
     const unsigned w = shape->width, h = shape->height;
@@ -74,8 +75,9 @@ static int judge(struct kiln_images *images, const struct kiln_image_format *for
         format->by_stb ? at_most(KILN_STB_TEXELS_FREE, KILN_STB_TEXELS_PER_BYTE, bytes->size) : UINT64_MAX;
     if (texels > own || texels > most || images->texels > most - texels)
         return kiln_fail(error, KILN_BAD_INPUT,
-                         "%s, %u x %u pixels in %zu bytes, makes more texels than kiln decodes from files of this "
-                         "size; make it smaller",
+                         "%s, %u x %u pixels in %zu bytes, brings the scene to more texels than kiln decodes from "
+                         "files of this size; "
+                         "make it smaller",
                          bytes->where, w, h, bytes->size);
     images->texels += texels;
     return KILN_OK;
@@ -88,11 +90,11 @@ static int measure(struct kiln_images *images, const struct kiln_image_bytes *by
     *format = format_of(bytes);
     if (*format == NULL)
         return kiln_fail(error, KILN_BAD_INPUT, "%s is %s; convert it to PNG or JPEG", bytes->where,
-                         kind_of_stranger(bytes));
+                         describe_format(bytes));
     if (!(*format)->measure(bytes->data, bytes->size, shape, reason))
         return kiln_fail(error, KILN_BAD_INPUT, "%s cannot be read (%s: %s); export the image again as PNG or JPEG",
                          bytes->where, (*format)->name, reason);
-    return judge(images, *format, bytes, shape, error);
+    return check_limits(images, *format, bytes, shape, error);
 }
 
 static int decode(const struct kiln_image_format *format, const struct kiln_image_bytes *bytes,
@@ -105,9 +107,9 @@ static int decode(const struct kiln_image_format *format, const struct kiln_imag
                      bytes->where, format->name, reason);
 }
 
-/* ---- pictures known so far ---- */
+/* ---- images decoded so far ---- */
 
-/* The picture's place in the table, or the free one for it. */
+/* The image's slot in the table, or the free slot for it. */
 static struct kiln_image *slot_of(const struct kiln_images *images, const uint64_t hash[2], size_t size)
 {
     size_t slot = (size_t)hash[0] & (images->slot_count - 1);
@@ -142,8 +144,8 @@ static int find(struct kiln_images *images, const struct kiln_image_bytes *bytes
     images->bytes += bytes->size;
     if (images->bytes / KILN_IMAGE_REPEATS > images->confine->total_bytes)
         return kiln_fail(error, KILN_BAD_INPUT,
-                         "%s: with it the scene refers to %llu bytes of pictures, more than %llu times the bytes of "
-                         "its files; name each picture once",
+                         "%s: with it the scene refers to %llu bytes of images, more than %llu times the bytes of "
+                         "its files; refer to each image once",
                          bytes->where, (unsigned long long)images->bytes, (unsigned long long)KILN_IMAGE_REPEATS);
     const XXH128_hash_t hash = XXH3_128bits(bytes->data, bytes->size);
     const uint64_t words[2] = {hash.low64, hash.high64};
@@ -196,7 +198,7 @@ static void average(struct kiln_image *image, const uint8_t *rgba, uint64_t texe
     image->averaged = true;
 }
 
-/* Decodes a picture of which only the mean is wanted. */
+/* Decodes an image of which only the mean is needed. */
 static int decode_mean(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_image *image,
                        struct kiln_error *error)
 {

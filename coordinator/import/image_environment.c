@@ -1,4 +1,4 @@
-/* Environments: the limits, and what is done with their values. */
+/* Environment images: limits, and checks of their values. */
 #include <math.h>
 #include <string.h>
 
@@ -69,9 +69,9 @@ static int append_exr(struct kiln_builder *builder, const unsigned char *bytes, 
     return status;
 }
 
-/* Makes the values fit to be light. */
-static int settle(struct kiln_builder *builder, float *texels, uint32_t width, uint32_t height, const char *where,
-                  struct kiln_error *error)
+/* Checks the values and sets negative ones to 0. */
+static int check_values(struct kiln_builder *builder, float *texels, uint32_t width, uint32_t height, const char *where,
+                        struct kiln_error *error)
 {
     size_t negative = 0;
     for (size_t i = 0; i < 3 * (size_t)width * height; i++) {
@@ -105,6 +105,6 @@ int kiln_image_append_environment(struct kiln_builder *builder, const unsigned c
             kiln_fail(error, KILN_BAD_INPUT, "%s is neither Radiance (.hdr) nor OpenEXR (.exr); convert it", where);
     if (status != KILN_OK)
         return status;
-    return settle(builder, KILN_BUILDER_DATA(builder, float, KILN_SECTION_ENVIRONMENT_TEXELS), *width, *height, where,
-                  error);
+    return check_values(builder, KILN_BUILDER_DATA(builder, float, KILN_SECTION_ENVIRONMENT_TEXELS), *width, *height,
+                        where, error);
 }

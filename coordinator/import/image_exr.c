@@ -1,10 +1,10 @@
-/* OpenEXR through OpenEXRCore: the first part of a file, R G B or Y, in scan lines or tiles.
+/* OpenEXR, read with OpenEXRCore: the first part of a file, R G B or Y, in scan lines or tiles.
  *
- * A header may name millions of texels, channels and chunks. So every chunk is found and measured before a texel is
+ * A header may claim millions of texels, channels and chunks. So every chunk is found and measured before texels are
  * allocated:
- * - each has an offset and a header of its own: 16 bytes at least;
- * - its unpacked size is at most what its packed bytes can make under the file's compression, and at most CHUNK_MAX;
- * - together they take no more bytes than the file has. */
+ * - Each has an offset and a header of its own: at least 16 bytes.
+ * - Its unpacked size is at most what its packed bytes can become under the file's compression, and at most CHUNK_MAX.
+ * - Together the chunks have no more bytes than the file. */
 #include <math.h>
 #include <openexr.h>
 #include <stdlib.h>
@@ -13,8 +13,9 @@
 #include "coordinator/import/image_formats.h"
 #include "worker/base/memory.h"
 
-/* Bytes that one packed byte can make at most; 0: the library does not unpack it. RLE: 128 bytes of two. ZIP: deflate.
- * PIZ: 255 half floats of nine bits. PXR24: deflate, of three bytes for four. B44: 32 bytes of 14; B44A: of 3. */
+/* Bytes that one packed byte can become, at most; 0: the library does not unpack it. RLE: 128 bytes of two. ZIP:
+ * deflate. PIZ: 255 half floats of nine bits. PXR24: deflate, of three bytes for four. B44: 32 bytes of 14; B44A: of
+ * 3. */
 static const uint64_t reach[EXR_COMPRESSION_LAST_TYPE] = {
     [EXR_COMPRESSION_NONE] = 1,   [EXR_COMPRESSION_RLE] = 64,  [EXR_COMPRESSION_ZIPS] = 1032,
     [EXR_COMPRESSION_ZIP] = 1032, [EXR_COMPRESSION_PIZ] = 512, [EXR_COMPRESSION_PXR24] = 1376,
@@ -22,7 +23,7 @@ static const uint64_t reach[EXR_COMPRESSION_LAST_TYPE] = {
 
 #define CHUNK_MAX ((uint64_t)128 << 20)
 enum { CHUNK_OVERHEAD = 16 };
-#define ALLOCATION_MAX ((size_t)512 << 20) /* of the library's own, at once: a few times a chunk */
+#define ALLOCATION_MAX ((size_t)512 << 20) /* largest single allocation by the library: a few times a chunk */
 
 struct memory_stream {
     const unsigned char *bytes;
@@ -37,7 +38,7 @@ struct kiln_exr {
     exr_storage_t storage;
     int64_t width, height;
     const char *where;
-    /* of the walk over chunks */
+    /* state of the walk over the chunks */
     uint64_t packed;
     bool first;
     float *texels;
@@ -62,7 +63,7 @@ static int64_t size_of_memory(exr_const_context_t context, void *user)
     return (int64_t)((const struct memory_stream *)user)->size;
 }
 
-/* The library prints its complaints on stderr unless told otherwise; ours is the sentence that counts. */
+/* The library prints errors to stderr unless given a handler; kiln reports them in its own sentence. */
 static void keep_quiet(exr_const_context_t context, exr_result_t code, const char *message)
 {
     (void)context;
@@ -132,7 +133,7 @@ void kiln_exr_close(struct kiln_exr **pointer)
 
 /* ---- all chunks, in order ---- */
 
-/* What is done with a chunk whose upper left texel is (x, y) of the image. */
+/* Called for each chunk; the chunk's upper left texel is (x, y) of the image. */
 typedef exr_result_t visit(struct kiln_exr *exr, const exr_chunk_info_t *chunk, int64_t x, int64_t y);
 
 static exr_result_t visit_tiles(struct kiln_exr *exr, visit *act)
@@ -201,7 +202,7 @@ static exr_result_t measure_chunks(struct kiln_exr *exr)
 
 /* ---- decoding ---- */
 
-/* Points each R, G, B (or Y, which goes to all three) channel of a decoded chunk at its place among the texels. */
+/* Points the channels R, G, B of a decoded chunk (or Y, for all three) to their places among the texels. */
 static bool aim_channels(exr_decode_pipeline_t *decode, float *start, int64_t width)
 {
     unsigned seen = 0;

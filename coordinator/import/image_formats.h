@@ -1,12 +1,12 @@
-/* Private to coordinator/import/image*.c: one decoder a file.
+/* The image decoders, one per file. Private to coordinator/import/image*.c.
  *
- * How many texels a byte of each format can make at most, which is what a header's claim is held against:
+ * A header's size is checked against the number of texels that the file's bytes can hold at most:
  *   PNG       deflate makes 1,032 bytes of one; a texel takes 1 to 64 bits
- *   JPEG      a block of 8 x 8 takes at least one bit: 512 texels a byte
- *   BMP       one bit a texel: 8
- *   TGA       a run of 128 texels takes two bytes: 64
- *   Radiance  a run of 127 texels takes two bytes in each of four channels, and a row 4 bytes besides
- *   OpenEXR   by compression, see image_exr.c */
+ *   JPEG      a block of 8 x 8 texels takes at least one bit: 512 texels a byte
+ *   BMP       one bit a texel: 8 texels a byte
+ *   TGA       a run of 128 texels takes two bytes: 64 texels a byte
+ *   Radiance  a run of 127 texels takes two bytes in each of four channels, and a row 4 bytes more
+ *   OpenEXR   depends on the compression: see image_exr.c */
 #ifndef KILN_COORDINATOR_IMPORT_IMAGE_FORMATS_H
 #define KILN_COORDINATOR_IMPORT_IMAGE_FORMATS_H
 
@@ -18,19 +18,19 @@ enum { KILN_REASON_SIZE = 160 };
 
 struct kiln_image_shape {
     uint32_t width, height;
-    uint64_t reach; /* texels that the bytes can hold at most */
+    uint64_t reach; /* texels that the file's bytes can hold at most */
 };
 
-/* A format of textures. Where a call is false, `reason` says why, to stand in brackets. */
+/* A texture format. When a function returns false, it writes why to `reason`, as words that fit into brackets. */
 struct kiln_image_format {
     const char *name;
-    bool everywhere; /* also in glTF */
+    bool everywhere; /* allowed in glTF too, not only in OBJ */
     bool by_stb;
     bool (*matches)(const unsigned char *bytes, size_t size);
-    /* Reads headers only, and walks over what can be walked over without decoding. */
+    /* Reads the headers, and checks what can be checked without decoding. */
     bool (*measure)(const unsigned char *bytes, size_t size, struct kiln_image_shape *shape,
                     char reason[KILN_REASON_SIZE]);
-    /* Decodes to 8-bit RGBA, rows from the top; `rgba` has room for the shape. */
+    /* Decodes to 8-bit RGBA, top row first; `rgba` has room for the shape. */
     bool (*decode)(const unsigned char *bytes, size_t size, const struct kiln_image_shape *shape, uint8_t *rgba,
                    char reason[KILN_REASON_SIZE]);
 };
@@ -39,14 +39,14 @@ extern const struct kiln_image_format kiln_format_png, kiln_format_jpeg, kiln_fo
 
 struct kiln_error;
 
-/* Radiance. The size and where the rows begin; then all rows, as linear RGB (`rgb` NULL: they are only walked over, in
- * no memory). `where` begins sentences. */
+/* Radiance. kiln_radiance_measure reads the size and the offset of the rows; kiln_radiance_decode decodes all rows to
+ * linear RGB (`rgb` NULL: checks them only, without memory). `where` begins error sentences. */
 int kiln_radiance_measure(const unsigned char *bytes, size_t size, const char *where, uint32_t *width, uint32_t *height,
                           size_t *rows, struct kiln_error *error);
 int kiln_radiance_decode(const unsigned char *bytes, size_t size, const char *where, uint32_t width, uint32_t height,
                          size_t rows, float *rgb, struct kiln_error *error);
 
-/* OpenEXR. The size of the first part; then its texels. Close it, also after a failure. */
+/* OpenEXR: the size of the first part, then its texels. Close with kiln_exr_close, also after a failure. */
 struct kiln_exr;
 int kiln_exr_open(struct kiln_exr **exr, const unsigned char *bytes, size_t size, const char *where,
                   struct kiln_error *error);

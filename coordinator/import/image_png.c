@@ -1,4 +1,4 @@
-/* PNG through libpng. */
+/* PNG, read with libpng. */
 #include <png.h>
 #include <setjmp.h>
 #include <stdio.h>
@@ -6,7 +6,7 @@
 
 #include "coordinator/import/image_formats.h"
 
-static const uint64_t deflate_most = 1032; /* bytes that one byte of deflated data can make */
+static const uint64_t deflate_most = 1032; /* bytes that one byte of deflated data can become, at most */
 enum { HEADER_SIZE = 33, SIGNATURE_SIZE = 8 };
 
 static bool matches(const unsigned char *bytes, size_t size)
@@ -29,7 +29,7 @@ static bool measure(const unsigned char *bytes, size_t size, struct kiln_image_s
                     char reason[KILN_REASON_SIZE])
 {
     if (size < HEADER_SIZE || memcmp(bytes + 12, "IHDR", 4) != 0) {
-        (void)snprintf(reason, KILN_REASON_SIZE, "its header is not whole");
+        (void)snprintf(reason, KILN_REASON_SIZE, "its header is cut off");
         return false;
     }
     const uint64_t bits = (uint64_t)bytes[24] * channels_of(bytes[25]);
@@ -57,7 +57,7 @@ static void on_error(png_structp png, png_const_charp message)
     png_longjmp(png, 1);
 }
 
-/* What libpng only warns of spoils no texel. */
+/* Warnings of libpng are ignored: what it only warns of changes no texel. */
 static void on_warning(png_structp png, png_const_charp message)
 {
     (void)png;
@@ -73,8 +73,8 @@ static void read_bytes(png_structp png, png_bytep target, size_t count)
     job->at += count;
 }
 
-/* Everything becomes 8-bit RGBA; of 16 bits the upper 8 stay. No colour management: texels are sRGB or linear as the
- * scene says. */
+/* Asks libpng for 8-bit RGBA; of 16 bits the upper 8 are kept. No colour management: the scene says whether texels are
+ * sRGB or linear. */
 static void ask_for_rgba(png_structp png)
 {
     png_set_expand(png);
@@ -90,7 +90,7 @@ static void read_rows(png_structp png, png_infop info, const struct kiln_image_s
     const int passes = png_set_interlace_handling(png);
     png_read_update_info(png, info);
     if (png_get_rowbytes(png, info) != 4 * (size_t)shape->width || png_get_image_height(png, info) != shape->height)
-        png_error(png, "its header is not what it seemed");
+        png_error(png, "its header changed while it was read");
     for (int pass = 0; pass < passes; pass++)
         for (size_t y = 0; y < shape->height; y++)
             png_read_row(png, rgba + y * 4 * shape->width, NULL);
@@ -108,7 +108,7 @@ static bool decode(const unsigned char *bytes, size_t size, const struct kiln_im
     if (info != NULL && setjmp(png_jmpbuf(png)) == 0) {
         png_set_read_fn(png, &job, read_bytes);
         png_set_user_limits(png, shape->width, shape->height);
-        /* texts, profiles and the like are not unpacked */
+        /* texts, profiles and similar chunks are not unpacked */
         png_set_keep_unknown_chunks(png, PNG_HANDLE_CHUNK_NEVER, NULL, -1);
         read_rows(png, info, shape, rgba);
         whole = true;

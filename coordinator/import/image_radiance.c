@@ -1,7 +1,7 @@
-/* Radiance RGBE pictures, as Radiance's own ra_* programs and every present one write them: rows from the top, each
- * flat or with the run lengths of 1991. Own code because stb_image neither minds the end of the file nor looks at the
- * run lengths before it allocates. Values are mantissa x 2^(exponent - 136), exposure is not undone: the same as
- * stb_image's. */
+/* Radiance RGBE images, as Radiance's own ra_* programs and all current programs write them: top row first, each row
+ * flat or with the run lengths of 1991. This is kiln's own decoder because stb_image neither notices the end of the
+ * file nor checks run lengths before it allocates. Values are mantissa x 2^(exponent - 136), and exposure is not
+ * undone: the same as stb_image's. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -18,7 +18,7 @@ static int broken(const char *where, struct kiln_error *error, const char *reaso
 
 /* ---- header ---- */
 
-/* The line from *at on, without its end; NULL where none ends. */
+/* The line that begins at *at, without its line feed; NULL if no line feed follows. */
 static const char *next_line(const unsigned char *bytes, size_t size, size_t *at, size_t *length)
 {
     const size_t left = size - *at;
@@ -35,7 +35,7 @@ static bool is(const char *line, size_t length, const char *text)
     return length == strlen(text) && memcmp(line, text, length) == 0;
 }
 
-/* Digits up to a value of 2^31; false where there are none. */
+/* Parses a number of at most 2^31; false if there are no digits. */
 static bool number(const char **at, const char *end, uint32_t *value)
 {
     const char *first = *at;
@@ -53,7 +53,7 @@ static bool word(const char **at, const char *end, const char *text)
     return true;
 }
 
-/* "-Y 4 +X 8": rows from the top, each from the left. */
+/* Parses "-Y 4 +X 8": rows from the top, each from the left. */
 static bool parse_resolution(const char *line, size_t length, uint32_t *width, uint32_t *height)
 {
     const char *at = line, *end = line + length;
@@ -88,7 +88,7 @@ int kiln_radiance_measure(const unsigned char *bytes, size_t size, const char *w
 
 /* ---- rows ---- */
 
-/* Bytes still to come. */
+/* The bytes not read yet. */
 struct stream {
     const unsigned char *at, *end;
 };
@@ -101,8 +101,8 @@ static bool has_runs(const struct stream *s, uint32_t width)
            s->at[2] < 128;
 }
 
-/* One channel of a row, from runs (128 + length, value) and dumps (length, values). With target NULL only walked over.
- */
+/* Reads one channel of a row from runs (128 + length, value) and dumps (length, values). With target NULL, only checks
+ * them. */
 static const char *read_channel(struct stream *s, uint32_t width, unsigned char *target)
 {
     for (uint32_t x = 0; x < width;) {
@@ -148,7 +148,7 @@ static void convert(const unsigned char *pixel, size_t stride, float rgb[3])
         rgb[c] = (float)pixel[c * stride] * factor;
 }
 
-/* A row of four bytes a pixel. A pixel (1, 1, 1, n) repeats the one before it, in files from before 1991. */
+/* Reads a row of four bytes a pixel. In files from before 1991, a pixel (1, 1, 1, n) repeats the one before it. */
 static const char *read_flat(struct stream *s, uint32_t width, float *rgb)
 {
     if (left_of(s) / 4 < width)
@@ -162,7 +162,7 @@ static const char *read_flat(struct stream *s, uint32_t width, float *rgb)
     return NULL;
 }
 
-/* `rgb` NULL: the rows are walked over. */
+/* `rgb` NULL: the row is only checked. */
 static const char *read_row(struct stream *s, uint32_t width, float *rgb)
 {
     unsigned char planes[4 * RUN_WIDTH_MAX];

@@ -1,4 +1,4 @@
-/* JPEG, BMP and TGA through stb_image. (libjpeg would round its texels otherwise, and a bake's results with them.) */
+/* JPEG, BMP and TGA, read with stb_image. (libjpeg rounds differently, which would change a bake's results.) */
 #include <limits.h>
 #include <stb_image.h>
 #include <stdio.h>
@@ -6,7 +6,7 @@
 
 #include "coordinator/import/image_formats.h"
 
-/* A progressive JPEG has about ten scans. Each goes over the whole picture and may take next to no bytes. */
+/* A progressive JPEG has about ten scans. Each covers the whole image and may take almost no bytes. */
 enum { SCANS_MAX = 64, BASELINE_SCANS_MAX = 4 };
 
 static bool starts(const unsigned char *bytes, size_t size, const char *magic, size_t length)
@@ -14,15 +14,14 @@ static bool starts(const unsigned char *bytes, size_t size, const char *magic, s
     return size >= length && memcmp(bytes, magic, length) == 0;
 }
 
-/* stb reads on in zeros when an image ends too early and calls the result a picture. Reading through callbacks shows
- * it. */
+/* If an image ends too early, stb continues with zeros and reports success. Reading through callbacks reveals that. */
 struct source {
     const unsigned char *bytes;
     size_t size, at;
-    bool overrun; /* something was asked for that is not there */
+    bool overrun; /* stb asked for bytes beyond the end */
 };
 
-enum { STB_BUFFER = 128 }; /* stb's own look-ahead: only a request of another size has to be met in full */
+enum { STB_BUFFER = 128 }; /* the size of stb's look-ahead buffer: only requests of another size must be met in full */
 
 static int source_read(void *user, char *data, int size)
 {
@@ -88,8 +87,8 @@ static bool decode(const unsigned char *bytes, size_t size, const struct kiln_im
 
 static bool is_jpeg(const unsigned char *bytes, size_t size) { return starts(bytes, size, "\xff\xd8\xff", 3); }
 
-/* The next marker from *at on, past stuffing, fill bytes and restarts; 0 at the end of the data. *at is left behind it.
- */
+/* The next marker from *at on, after stuffing, fill bytes and restart markers; 0 at the end of the data. *at is left
+ * behind the marker. */
 static unsigned next_marker(const unsigned char *bytes, size_t size, size_t *at)
 {
     while (*at + 1 < size) {
@@ -143,7 +142,8 @@ static bool measure_jpeg(const unsigned char *bytes, size_t size, struct kiln_im
 
 static bool is_bmp(const unsigned char *bytes, size_t size) { return starts(bytes, size, "BM", 2); }
 
-/* TGA has no signature, only fields of few values; the second byte is none that another format of stb's begins with. */
+/* TGA has no signature, only fields with few valid values; its second byte is none with which another format that stb
+ * reads can begin. */
 static bool is_tga(const unsigned char *bytes, size_t size)
 {
     if (size < 18)

@@ -33,7 +33,8 @@ static const char *program_of(const struct kiln_import_params *params)
     return params->program != NULL ? params->program : "/proc/self/exe";
 }
 
-/* The hash of the program's own bytes: another build may read or lay out differently, so it makes another cache key. */
+/* The hash of the program's own bytes. It is part of the cache key, since another build may read or lay out
+ * differently. */
 static int hash_program(const struct kiln_import_params *params, uint64_t *hash, struct kiln_error *error)
 {
     const int file = kiln_open(program_of(params), O_RDONLY | O_CLOEXEC, 0);
@@ -57,7 +58,8 @@ static bool source_unchanged(struct kiln_confine *confine, const struct kiln_imp
 {
     struct kiln_file file = {0};
     bool same = false;
-    if (path[0] == '/') { /* only an environment image is recorded so; the key holds its name as the user gave it */
+    /* only an environment image is recorded with an absolute path; the cache key holds its name as the user gave it */
+    if (path[0] == '/') {
         char *real = params->environment == NULL ? NULL : realpath(params->environment, NULL);
         same = real != NULL && strcmp(real, path) == 0 &&
                kiln_confine_map_named(confine, NULL, path, &file, NULL) == KILN_OK;
@@ -75,7 +77,7 @@ static bool source_unchanged(struct kiln_confine *confine, const struct kiln_imp
     return same;
 }
 
-/* Whether the output is there, whole, and made from these very sources with these settings. */
+/* Whether the output exists, is complete, and was made from these same sources with these settings. */
 static bool is_fresh(const struct kiln_import_params *params, uint64_t program)
 {
     struct kiln_scene *scene = NULL;
@@ -147,7 +149,7 @@ static int run_child(const struct kiln_import_params *params, uint64_t program, 
 
 /* ---- putting the result in place ---- */
 
-/* Looks at it as readers will, before they do. */
+/* Opens the new file as readers will, and checks it. */
 static int check_made(const char *opens, const char *name, struct kiln_error *error)
 {
     struct kiln_scene *scene = NULL;
@@ -155,8 +157,8 @@ static int check_made(const char *opens, const char *name, struct kiln_error *er
     const int status = kiln_scene_open(&scene, opens, &own);
     kiln_scene_close(&scene);
     return status == KILN_OK ? KILN_OK
-                             : kiln_fail(error, status == KILN_BAD_INPUT ? KILN_BUG : status, "%s is not whole: %s",
-                                         name, own.message);
+                             : kiln_fail(error, status == KILN_BAD_INPUT ? KILN_BUG : status,
+                                         "%s was not written correctly: %s", name, own.message);
 }
 
 /* ---- a scene file as input ---- */
@@ -177,10 +179,11 @@ static int check_settings(const struct kiln_import_params *params, const struct 
     }
     if (fits)
         return KILN_OK;
-    return kiln_fail(error, KILN_USAGE,
-                     "%.512s: a kiln scene file has its lightmap sizes, environment, objects and fronts already; give "
-                     "the original scene to change them",
-                     params->path);
+    return kiln_fail(
+        error, KILN_USAGE,
+        "%.512s: in a kiln scene file, lightmap sizes, environment, objects and front sides are already decided; give "
+        "the original scene to change them",
+        params->path);
 }
 
 static int take_scene_file(const struct kiln_import_params *params, int file, bool *same, struct kiln_error *error)
@@ -204,7 +207,7 @@ static bool is_scene_file(const char *path)
     return length >= 7 && strcmp(path + length - 7, ".kscene") == 0;
 }
 
-/* Into the open, empty file. */
+/* Imports into an open, empty file. */
 static int fill(const struct kiln_import_params *params, uint64_t program, int file, const char *name, bool *same,
                 struct kiln_error *error)
 {
@@ -212,7 +215,7 @@ static int fill(const struct kiln_import_params *params, uint64_t program, int f
                                        : run_child(params, program, file, name, error);
 }
 
-/* A file without a name, of our own. */
+/* Imports into an unnamed file of this process. */
 static int fill_own(const struct kiln_import_params *params, uint64_t program, int file, struct kiln_error *error)
 {
     bool same = false;
@@ -220,7 +223,7 @@ static int fill_own(const struct kiln_import_params *params, uint64_t program, i
     return status == KILN_OK ? check_made(params->output, "the scene file", error) : status;
 }
 
-/* One process at a time; whoever had to wait may find it done. */
+/* Imports, one process at a time. A process that had to wait may find the file made. */
 static int make(const struct kiln_import_params *params, uint64_t program, struct kiln_import_report *report,
                 struct kiln_error *error)
 {

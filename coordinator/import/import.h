@@ -1,12 +1,12 @@
-/* From a scene file somebody else wrote (glTF 2.0 .gltf/.glb, OBJ) to kiln's own scene file.
+/* Imports a scene file (glTF 2.0 .gltf or .glb, OBJ) into kiln's own scene file.
  *
- * The reading happens in a child process of this same program ("kiln import-child ..."), with limits on memory, CPU
- * time, open files and file size, which may open files only beneath the scene's own folder. A crash there, a limit
- * reached or a refusal becomes one sentence here and KILN_BAD_INPUT. The result is cached: when `output` exists and its
- * import_hash is that of the same source files, settings and program, nothing is read again.
+ * The file is read in a child process of this same program ("kiln import-child ..."). The child has limits on memory,
+ * CPU time, open files and file size, and may open files only beneath the scene's own folder. If it crashes, reaches a
+ * limit or refuses the file, the result is one sentence and KILN_BAD_INPUT. The result is cached: when `output` exists
+ * and its import_hash is that of the same source files, settings and program, nothing is read again.
  *
- * A kiln scene file as input is checked and copied; it has its lightmap sizes and its environment already, so settings
- * that ask for others are KILN_USAGE. */
+ * A kiln scene file as input is checked and copied. It already has lightmap sizes and an environment, so settings that
+ * concern those are KILN_USAGE. */
 #ifndef KILN_COORDINATOR_IMPORT_IMPORT_H
 #define KILN_COORDINATOR_IMPORT_IMPORT_H
 
@@ -17,31 +17,34 @@
 
 /* Zero means default in every field but environment_scale. */
 struct kiln_import_params {
-    const char *path;   /* scene file; a kiln scene file (.kscene) is taken as it is */
-    const char *output; /* where to put the scene file; "/proc/self/fd/N": into that open, empty file */
+    const char *path;   /* scene file; a kiln scene file (.kscene) is copied */
+    const char *output; /* where to write the scene file; "/proc/self/fd/N": into that open, empty file */
     double texels_per_metre;
     uint32_t lightmap_size, lightmap_max;
     bool repack;              /* as in struct kiln_layout_params */
-    const char *environment;  /* as in struct kiln_job; an image named by the user may lie anywhere */
-    double environment_scale; /* factor; 1: as it is, 0: no light from outside */
+    const char *environment;  /* as in struct kiln_job; an image that the user names may lie anywhere */
+    double environment_scale; /* factor; 1: unchanged, 0: no light from the environment */
     double environment_rotation_degrees;
-    const char *objects; /* rules for single objects, as coordinator/job/object_settings.h has them; NULL: none */
-    /* where a triangle's normals lean against its winding: they decide its front, not the winding */
+    const char *objects; /* rules for single objects (coordinator/job/object_settings.h); NULL: none */
+    /* where normals point to the back of a triangle's winding, the normals decide which side is its front, not the
+     * winding */
     bool trust_normals;
-    /* bytes; 0: 4 GiB + 64 x the size of the scene's files, at most 3/4 of the machine's memory */
+    /* bytes; 0: 4 GiB + 64 times the size of the scene's files, at most 3/4 of the machine's memory */
     uint64_t memory_limit;
-    uint32_t time_limit;          /* seconds of CPU; 0: 60 + 1 a 10 MB, and for the layout 60 + 1 a 2,000 triangles */
-    const char *program;          /* the kiln program that is to read; NULL: the one that runs */
-    const struct kiln_stop *stop; /* borrowed; NULL: none. KILN_STOPPED then, and nothing is left */
+    /* seconds of CPU time; 0: 60 + 1 for each 10 MB, and for the layout 60 + 1 for each 2,000 triangles */
+    uint32_t time_limit;
+    const char *program;          /* the kiln program to run as the child; NULL: the running one */
+    const struct kiln_stop *stop; /* borrowed; NULL: none. When asked, returns KILN_STOPPED and leaves no file */
 };
 
 struct kiln_import_report {
-    bool cached; /* nothing was read */
+    bool cached; /* the file existed already and nothing was imported */
     double seconds;
 };
 
-/* Not collective; call it on one rank and tell the others. The file at `output` is written aside, synced and renamed.
- * Another process that imports to the same place at the same time is waited for (kiln_publish_claim). */
+/* Imports the scene. Not collective: call it on one rank and tell the others. The file is written under a temporary
+ * name, synced and renamed to `output`. If another process is importing to the same place, waits for it
+ * (kiln_publish_claim). */
 int kiln_import(const struct kiln_import_params *params, struct kiln_import_report *report, struct kiln_error *error);
 
 #endif

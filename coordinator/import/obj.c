@@ -11,29 +11,29 @@
 #include "coordinator/import/obj_polygon.h"
 #include "worker/base/memory.h"
 
-/* A vertex as faces name it; KILN_NONE: without. */
+/* A face corner: indices of its position, texture coordinate and normal; KILN_NONE: not given. */
 struct corner {
     uint32_t position, texcoord, normal;
 };
 
-/* What makes corners equal. */
+/* The values by which corners are compared. */
 struct corner_value {
     struct kiln_vec3 position, normal;
     struct kiln_vec2 texcoord;
     uint8_t color[4];
 };
 
-/* Consecutive faces of one object and material. */
-struct part {
+/* A run of consecutive faces of one object and material. */
+struct face_run {
     size_t corner_first, corner_count, triangle_first, triangle_count;
     uint32_t material;
-    uint32_t next; /* of the same object, or KILN_NONE */
+    uint32_t next; /* the next run of the same object, or KILN_NONE */
     bool normals, texcoords;
 };
 
 struct object {
     size_t name;          /* into names_text */
-    uint32_t first, last; /* parts, or KILN_NONE */
+    uint32_t first, last; /* its first and last run of faces, or KILN_NONE */
 };
 
 struct reader {
@@ -42,24 +42,24 @@ struct reader {
     struct kiln_error *error;
     struct obj_text text;
     struct obj_materials materials;
-    /* numbers of the file */
+    /* the file's vertex data */
     struct kiln_vec3 *positions, *normals;
     struct kiln_vec2 *texcoords;
-    uint8_t (*colors)[4]; /* NULL: no vertex has one */
+    uint8_t (*colors)[4]; /* NULL: no vertex has a colour */
     size_t position_count, position_capacity, normal_count, normal_capacity, texcoord_count, texcoord_capacity,
         color_count, color_capacity;
-    /* faces; both index within their part */
+    /* faces; indices are relative to their run of faces */
     struct corner *corners;
     uint32_t (*triangles)[3];
     size_t corner_count, corner_capacity, triangle_count, triangle_capacity;
-    uint32_t *slots; /* table of the present part's corners: index + 1; what lies outside the part is free */
+    uint32_t *slots; /* hash table of the current run's corners: index + 1; entries outside the run count as free */
     size_t slot_count;
     struct obj_polygon polygon;
-    uint32_t *face; /* corners of the face that is read */
+    uint32_t *face; /* corners of the face being read */
     size_t face_capacity;
-    struct part *parts;
+    struct face_run *face_runs;
     struct object *objects;
-    size_t part_count, part_capacity, object_count, object_capacity;
+    size_t face_run_count, face_run_capacity, object_count, object_capacity;
     char *names_text;
     size_t names_size, names_capacity;
     struct obj_symbols object_names;
@@ -68,14 +68,14 @@ struct reader {
     size_t group;    /* name of the active group, into names_text */
     uint32_t object; /* KILN_NONE: none yet */
     uint32_t material;
-    bool part_open; /* faces go on with the last part */
+    bool face_run_open; /* the next face belongs to the last run */
     uint64_t lines, free_form, strange, strange_line, without_area_objects;
     char strange_word[41];
 };
 
 /* ---- v, vt, vn ---- */
 
-/* Room for one more of a list whose elements faces count from 1. */
+/* Makes room for one more element of a list whose elements faces count from 1. */
 static int room(struct reader *r, void *list, size_t *capacity, size_t count, size_t size, const char *what)
 {
     if (count >= KILN_NONE)
@@ -83,7 +83,7 @@ static int room(struct reader *r, void *list, size_t *capacity, size_t count, si
     return kiln_grow(list, capacity, count + 1, size, what, r->error);
 }
 
-/* Vertices before the first that has a colour are white. */
+/* Vertices before the first one with a colour are white. */
 static int add_color(struct reader *r, const double *rgb)
 {
     const int status =
@@ -111,8 +111,8 @@ static int read_position(struct reader *r)
     const double w = count == 4 ? n[3] : 1.0;
     const struct kiln_vec3 p = vec3((float)(n[0] / w), (float)(n[1] / w), (float)(n[2] / w));
     if (!isfinite(p.x) || !isfinite(p.y) || !isfinite(p.z))
-        return obj_fail(&r->text, "a vertex that its w, 0 or nearly, makes infinite", NULL);
-    r->positions[r->position_count++] = vec3_add(p, vec3(0.0f, 0.0f, 0.0f)); /* 0 and -0 are one place */
+        return obj_fail(&r->text, "a vertex whose w is 0 or nearly 0, which makes it infinite", NULL);
+    r->positions[r->position_count++] = vec3_add(p, vec3(0.0f, 0.0f, 0.0f)); /* 0 and -0 are equal */
     return count == 6 || r->color_count > 0 ? add_color(r, count == 6 ? n + 3 : NULL) : KILN_OK;
 }
 
@@ -172,7 +172,7 @@ static int open_object(struct reader *r, struct obj_word name)
         return status;
     r->object = (uint32_t)r->object_count;
     r->objects[r->object_count++] = object;
-    r->part_open = false;
+    r->face_run_open = false;
     return KILN_OK;
 }
 
@@ -182,12 +182,12 @@ static int read_object(struct reader *r)
     uint32_t known = KILN_NONE;
     if (name.length == 0)
         return KILN_OK;
-    /* A name that is new gets the number its object will have. */
+    /* A new name gets the number that its object will have. */
     known = (uint32_t)r->object_count;
     const int status = obj_symbol(&r->object_names, name.text, name.length, &known, r->error);
     if (status != KILN_OK || known == r->object_count)
         return status != KILN_OK ? status : open_object(r, name);
-    r->part_open = r->part_open && known == r->object;
+    r->face_run_open = r->face_run_open && known == r->object;
     r->object = known;
     return KILN_OK;
 }
@@ -206,7 +206,7 @@ static int read_use(struct reader *r)
 {
     uint32_t material = 0;
     const int status = obj_find_material(&r->materials, obj_rest(&r->text), &material);
-    r->part_open = r->part_open && material == r->material;
+    r->face_run_open = r->face_run_open && material == r->material;
     r->material = material;
     return status;
 }
@@ -221,29 +221,29 @@ static int read_libraries(struct reader *r)
 static int open_part(struct reader *r)
 {
     int status = KILN_OK;
-    if (r->part_open)
+    if (r->face_run_open)
         return KILN_OK;
-    if (r->part_count >= KILN_NONE)
+    if (r->face_run_count >= KILN_NONE)
         return obj_fail(&r->text, "more than 2^32 - 1 changes of object and material", NULL);
     if (r->object == KILN_NONE)
         status = open_object(r, (struct obj_word){"defaultobject", 13});
     if (status == KILN_OK)
-        status = kiln_grow(&r->parts, &r->part_capacity, r->part_count + 1, sizeof *r->parts, "faces of one material",
-                           r->error);
+        status = kiln_grow(&r->face_runs, &r->face_run_capacity, r->face_run_count + 1, sizeof *r->face_runs,
+                           "faces of one material", r->error);
     if (status != KILN_OK)
         return status;
-    const uint32_t index = (uint32_t)r->part_count++;
+    const uint32_t index = (uint32_t)r->face_run_count++;
     struct object *object = &r->objects[r->object];
-    r->parts[index] = (struct part){.corner_first = r->corner_count,
-                                    .triangle_first = r->triangle_count,
-                                    .material = r->material,
-                                    .next = KILN_NONE};
+    r->face_runs[index] = (struct face_run){.corner_first = r->corner_count,
+                                            .triangle_first = r->triangle_count,
+                                            .material = r->material,
+                                            .next = KILN_NONE};
     if (object->last == KILN_NONE)
         object->first = index;
     else
-        r->parts[object->last].next = index;
+        r->face_runs[object->last].next = index;
     object->last = index;
-    r->part_open = true;
+    r->face_run_open = true;
     return KILN_OK;
 }
 
@@ -270,42 +270,42 @@ static size_t first_slot(const struct reader *r, const struct corner_value *valu
     return (size_t)XXH3_64bits(value, sizeof *value) & (r->slot_count - 1);
 }
 
-static bool is_free(const struct reader *r, size_t slot, const struct part *part)
+static bool is_free(const struct reader *r, size_t slot, const struct face_run *face_run)
 {
-    return r->slots[slot] <= part->corner_first;
+    return r->slots[slot] <= face_run->corner_first;
 }
 
-/* Doubles the table and puts the part's corners into it. */
-static int grow_slots(struct reader *r, const struct part *part)
+/* Doubles the table and enters the run's corners again. */
+static int grow_slots(struct reader *r, const struct face_run *face_run)
 {
     kiln_free(&r->slots);
     r->slot_count = r->slot_count == 0 ? 256 : 2 * r->slot_count;
     const int status = kiln_allocate(&r->slots, r->slot_count, sizeof *r->slots, "the corners of faces", r->error);
-    for (size_t i = 0; status == KILN_OK && i < part->corner_count; i++) {
-        const struct corner_value value = value_of(r, &r->corners[part->corner_first + i]);
+    for (size_t i = 0; status == KILN_OK && i < face_run->corner_count; i++) {
+        const struct corner_value value = value_of(r, &r->corners[face_run->corner_first + i]);
         size_t slot = first_slot(r, &value);
-        while (!is_free(r, slot, part))
+        while (!is_free(r, slot, face_run))
             slot = (slot + 1) & (r->slot_count - 1);
-        r->slots[slot] = (uint32_t)(part->corner_first + i + 1);
+        r->slots[slot] = (uint32_t)(face_run->corner_first + i + 1);
     }
     return status;
 }
 
-/* The number in its part of a corner with these values. */
+/* The index, within its run of faces, of a corner with these values; a new corner is appended. */
 static int find_corner(struct reader *r, const struct corner *corner, uint32_t *index)
 {
-    struct part *part = &r->parts[r->part_count - 1];
-    if (2 * (part->corner_count + 1) > r->slot_count) {
-        const int grown = grow_slots(r, part);
+    struct face_run *face_run = &r->face_runs[r->face_run_count - 1];
+    if (2 * (face_run->corner_count + 1) > r->slot_count) {
+        const int grown = grow_slots(r, face_run);
         if (grown != KILN_OK)
             return grown;
     }
     const struct corner_value value = value_of(r, corner);
     size_t slot = first_slot(r, &value);
-    for (; !is_free(r, slot, part); slot = (slot + 1) & (r->slot_count - 1)) {
+    for (; !is_free(r, slot, face_run); slot = (slot + 1) & (r->slot_count - 1)) {
         const struct corner_value other = value_of(r, &r->corners[r->slots[slot] - 1]);
         if (memcmp(&other, &value, sizeof value) == 0) {
-            *index = (uint32_t)(r->slots[slot] - 1 - part->corner_first);
+            *index = (uint32_t)(r->slots[slot] - 1 - face_run->corner_first);
             return KILN_OK;
         }
     }
@@ -315,11 +315,11 @@ static int find_corner(struct reader *r, const struct corner *corner, uint32_t *
         return status;
     r->corners[r->corner_count++] = *corner;
     r->slots[slot] = (uint32_t)r->corner_count;
-    *index = (uint32_t)part->corner_count++;
+    *index = (uint32_t)face_run->corner_count++;
     return KILN_OK;
 }
 
-/* One index of a corner; *at is moved behind it. False: it is no number, or leads nowhere. */
+/* Parses one index of a corner and advances *at past it. False: it is not a number, or out of range. */
 static bool parse_index(const char **at, const char *end, size_t count, uint32_t *index)
 {
     const bool back = *at < end && **at == '-';
@@ -333,10 +333,10 @@ static bool parse_index(const char **at, const char *end, size_t count, uint32_t
     return true;
 }
 
-/* How much of a text of this length a sentence repeats. */
+/* How many bytes of a text a sentence repeats. */
 static int shown(size_t length, int most) { return length < (size_t)most ? (int)length : most; }
 
-/* "7", "7/1", "7//3", "7/1/3". */
+/* Parses "7", "7/1", "7//3" or "7/1/3". */
 static int parse_corner(struct reader *r, struct obj_word word, struct corner *corner)
 {
     static const char *const kinds[3] = {"v", "vt", "vn"};
@@ -364,7 +364,7 @@ static int parse_corner(struct reader *r, struct obj_word word, struct corner *c
 
 static int add_triangles(struct reader *r, size_t count)
 {
-    struct part *part = &r->parts[r->part_count - 1];
+    struct face_run *face_run = &r->face_runs[r->face_run_count - 1];
     if (!obj_polygon_cut(&r->polygon, count))
         return obj_fail(&r->text, "a face that is not convex and has more than 4096 corners; cut it into triangles",
                         NULL);
@@ -376,7 +376,7 @@ static int add_triangles(struct reader *r, size_t count)
         for (size_t c = 0; c < 3; c++)
             r->triangles[r->triangle_count + k][c] = r->face[r->polygon.triangles[3 * k + c]];
     r->triangle_count += count - 2;
-    part->triangle_count += count - 2;
+    face_run->triangle_count += count - 2;
     return KILN_OK;
 }
 
@@ -385,7 +385,7 @@ static int read_face(struct reader *r)
     struct obj_word word;
     size_t count = 0;
     int status = open_part(r);
-    struct part *part = status == KILN_OK ? r->parts + r->part_count - 1 : NULL;
+    struct face_run *face_run = status == KILN_OK ? r->face_runs + r->face_run_count - 1 : NULL;
     for (; status == KILN_OK && obj_next_word(&r->text, &word); count++) {
         struct corner corner;
         status = parse_corner(r, word, &corner);
@@ -399,8 +399,8 @@ static int read_face(struct reader *r)
         if (status != KILN_OK)
             return status;
         r->polygon.points[count] = r->positions[corner.position];
-        part->normals |= corner.normal != KILN_NONE;
-        part->texcoords |= corner.texcoord != KILN_NONE;
+        face_run->normals |= corner.normal != KILN_NONE;
+        face_run->texcoords |= corner.texcoord != KILN_NONE;
     }
     r->lines += count < 3;
     return status != KILN_OK || count < 3 ? status : add_triangles(r, count);
@@ -476,20 +476,20 @@ static int read_text(struct reader *r)
 
 struct view {
     const struct reader *reader;
-    const struct part *part;
+    const struct face_run *face_run;
     const struct obj_material *material;
 };
 
 static void give_corners(void *context, size_t k, uint32_t corner[3])
 {
     const struct view *view = context;
-    memcpy(corner, view->reader->triangles[view->part->triangle_first + k], 3 * sizeof *corner);
+    memcpy(corner, view->reader->triangles[view->face_run->triangle_first + k], 3 * sizeof *corner);
 }
 
 static void give_geometry(void *context, uint32_t v, struct kiln_vec3 *position, struct kiln_vec3 *normal)
 {
     const struct view *view = context;
-    const struct corner_value value = value_of(view->reader, &view->reader->corners[view->part->corner_first + v]);
+    const struct corner_value value = value_of(view->reader, &view->reader->corners[view->face_run->corner_first + v]);
     *position = value.position;
     *normal = value.normal;
 }
@@ -504,9 +504,9 @@ static struct kiln_vec2 mapped(struct kiln_vec2 t, const struct obj_map *map)
 static void give_attributes(void *context, uint32_t v, struct kiln_attributes *out)
 {
     const struct view *view = context;
-    const struct corner_value value = value_of(view->reader, &view->reader->corners[view->part->corner_first + v]);
+    const struct corner_value value = value_of(view->reader, &view->reader->corners[view->face_run->corner_first + v]);
     memcpy(out->color, value.color, sizeof value.color);
-    if (!view->part->texcoords)
+    if (!view->face_run->texcoords)
         return;
     out->base = mapped(value.texcoord, &view->material->diffuse_map);
     out->emission =
@@ -514,36 +514,36 @@ static void give_attributes(void *context, uint32_t v, struct kiln_attributes *o
     out->lightmap = (struct kiln_vec2){value.texcoord.x, 1.0f - value.texcoord.y};
 }
 
-static int add_part(struct reader *r, const char *name, uint32_t mesh, const struct part *part)
+static int add_part(struct reader *r, const char *name, uint32_t mesh, const struct face_run *face_run)
 {
     char where[640];
-    struct view view = {r, part, &r->materials.list[part->material]};
+    struct view view = {r, face_run, &r->materials.list[face_run->material]};
     (void)snprintf(where, sizeof where, "%.512s: object '%.80s'", r->confine->scene, name);
     const struct kiln_primitive primitive = {.where = where,
                                              .context = &view,
-                                             .vertex_count = part->corner_count,
-                                             .triangle_count = part->triangle_count,
-                                             .has_normals = part->normals,
-                                             .material = part->material,
+                                             .vertex_count = face_run->corner_count,
+                                             .triangle_count = face_run->triangle_count,
+                                             .has_normals = face_run->normals,
+                                             .material = face_run->material,
                                              .corners = give_corners,
                                              .geometry = give_geometry,
                                              .attributes = give_attributes};
     return kiln_mesh_add(r->builder, mesh, &primitive, &r->assembly, r->error);
 }
 
-/* All parts of an object are one mesh. */
+/* Makes one mesh of all of an object's runs of faces. */
 static int add_mesh(struct reader *r, const struct object *object, uint32_t *mesh)
 {
     const char *name = r->names_text + object->name;
     bool layout = true;
     int status = kiln_mesh_begin(r->builder, name, mesh, r->error);
-    for (uint32_t i = object->first; status == KILN_OK && i != KILN_NONE; i = r->parts[i].next) {
-        const struct part *part = &r->parts[i];
-        const struct obj_material *material = &r->materials.list[part->material];
-        if (part->triangle_count == 0)
+    for (uint32_t i = object->first; status == KILN_OK && i != KILN_NONE; i = r->face_runs[i].next) {
+        const struct face_run *face_run = &r->face_runs[i];
+        const struct obj_material *material = &r->materials.list[face_run->material];
+        if (face_run->triangle_count == 0)
             continue;
-        layout &= part->texcoords && material->diffuse_map.path == 0 && material->emission_map.path == 0;
-        status = add_part(r, name, *mesh, part);
+        layout &= face_run->texcoords && material->diffuse_map.path == 0 && material->emission_map.path == 0;
+        status = add_part(r, name, *mesh, face_run);
     }
     if (status != KILN_OK)
         return status;
@@ -584,12 +584,13 @@ static int note_materials(struct reader *r)
     }
     if (undefined == 0)
         return KILN_OK;
-    return kiln_builder_note(r->builder, 1, r->error,
-                             "%llu materials are in no material file and are diffuse grey, 0.6 (the first: '%.80s')",
-                             (unsigned long long)undefined, first);
+    return kiln_builder_note(
+        r->builder, 1, r->error,
+        "%llu materials are defined in no material file and become diffuse grey, 0.6 (the first: '%.80s')",
+        (unsigned long long)undefined, first);
 }
 
-/* One note a kind, with numbers. */
+/* Writes one note per kind of oddity, with its count. */
 static int write_notes(struct reader *r)
 {
     const struct {
@@ -598,11 +599,12 @@ static int write_notes(struct reader *r)
     } notes[] = {
         {r->assembly.without_area, "triangles without area were left out"},
         {r->assembly.replaced_normals,
-         "corner normals were zero or behind their triangle; the geometric normal took their place"},
+         "corner normals were zero or pointed to the back of their triangle; the geometric normal replaces them"},
         {r->lines, "points or lines were left out"},
         {r->without_area_objects, "objects are scaled to nothing and were left out"},
         {r->free_form, "statements of free-form curves and surfaces were left out; export them as polygons"},
-        {r->materials.physical, "statements Pr, Pm or their maps were left out: roughness and metal play no part"}};
+        {r->materials.physical,
+         "statements Pr, Pm or their maps were left out: kiln ignores roughness and metal in MTL"}};
     int status = KILN_OK;
     for (size_t i = 0; i < sizeof notes / sizeof notes[0] && status == KILN_OK; i++)
         if (notes[i].count > 0)
@@ -642,7 +644,7 @@ static void release(struct reader *r)
     kiln_free(&r->triangles);
     kiln_free(&r->slots);
     kiln_free(&r->face);
-    kiln_free(&r->parts);
+    kiln_free(&r->face_runs);
     kiln_free(&r->objects);
     kiln_free(&r->names_text);
 }

@@ -1,4 +1,4 @@
-/* Private to coordinator/import/obj*.c: what is known of an OBJ file and its material files while they are read. */
+/* The state of an OBJ file and its material files while they are read. Private to coordinator/import/obj*.c. */
 #ifndef KILN_COORDINATOR_IMPORT_OBJ_DOCUMENT_H
 #define KILN_COORDINATOR_IMPORT_OBJ_DOCUMENT_H
 
@@ -6,40 +6,41 @@
 #include "coordinator/import/obj_symbols.h"
 #include "coordinator/import/obj_text.h"
 
-/* A map statement: coordinates are scaled, then shifted. */
+/* A map statement: a texture whose coordinates are scaled, then shifted. */
 struct obj_map {
-    size_t path; /* into obj_materials.text; 0: none */
+    size_t path; /* offset into obj_materials.text; 0: none */
     float scale[2], offset[2];
-    bool clamp, moved; /* moved: scale or offset was given */
+    bool clamp, moved; /* moved: a scale or an offset was given */
 };
 
 struct obj_material {
-    size_t name, folder; /* into obj_materials.text; folder: of its material file, with a slash, or empty */
+    /* offsets into obj_materials.text; folder: that of the material file, with a slash, or empty */
+    size_t name, folder;
     float diffuse[3], emission[3], alpha;
     struct obj_map diffuse_map, emission_map;
-    bool alpha_map, defined; /* defined: by a newmtl */
+    bool alpha_map, defined; /* defined: a newmtl defines it */
 };
 
 struct obj_materials {
     struct kiln_confine *confine;
     struct kiln_builder *builder;
     struct kiln_error *error;
-    struct obj_material *list; /* the first is for faces without material */
+    struct obj_material *list; /* the first is for faces without a material */
     size_t count, capacity;
     struct obj_symbols names;
-    char *text; /* strings, each with its end; the first is empty */
+    char *text; /* NUL-terminated strings; the first is empty */
     size_t text_size, text_capacity;
     struct kiln_images images;
-    struct obj_symbols textures; /* path and wrapping -> the builder's texture */
-    uint64_t physical;           /* statements Pr, Pm and their maps */
+    struct obj_symbols textures; /* the builder's texture by path and wrapping */
+    uint64_t physical;           /* number of statements Pr, Pm and their maps */
 };
 
 /* obj_material.c. Each gives a status and writes its sentence. */
 int obj_materials_begin(struct obj_materials *materials);
 void obj_materials_end(struct obj_materials *materials);
-/* "mtllib NAMES": one name with blanks in it, if there is such a file, else several. */
+/* Reads "mtllib NAMES": one name that contains blanks, if there is such a file, else several names. */
 int obj_read_libraries(struct obj_materials *materials, struct obj_word names);
-/* The material of a name, made when it is not there yet. */
+/* The material of that name; appended if it does not exist yet. */
 int obj_find_material(struct obj_materials *materials, struct obj_word name, uint32_t *index);
 /* Appends all materials with their textures to the builder, in the order of the list. */
 int obj_add_materials(struct obj_materials *materials);

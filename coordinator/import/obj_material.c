@@ -1,4 +1,4 @@
-/* MTL: materials of an OBJ file. */
+/* The MTL reader: materials of an OBJ file. */
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -8,7 +8,7 @@
 
 enum { PATH_LENGTH = 1024 };
 
-static const char no_name[] = "DefaultMaterial"; /* faces and newmtl without a name */
+static const char no_name[] = "DefaultMaterial"; /* for faces without a material and newmtl without a name */
 
 /* ---- strings and names ---- */
 
@@ -70,8 +70,8 @@ void obj_materials_end(struct obj_materials *m)
 struct library {
     struct obj_materials *materials;
     struct obj_text text;
-    size_t folder;    /* into materials->text */
-    uint32_t current; /* material, or KILN_NONE before any newmtl */
+    size_t folder;    /* offset into materials->text */
+    uint32_t current; /* index of the current material; KILN_NONE before any newmtl */
 };
 
 static bool same(struct obj_word word, const char *text)
@@ -87,7 +87,7 @@ static int read_shares(struct library *l, const char *keyword, float *values, si
     if (status != KILN_OK)
         return status;
     for (size_t i = 0; i < most; i++) {
-        const double value = numbers[i < count ? i : 0]; /* "Kd r" stands for "Kd r r r" */
+        const double value = numbers[i < count ? i : 0]; /* "Kd r" means "Kd r r r" */
         if (!(value >= 0.0 && value <= high)) {
             char what[100];
             (void)snprintf(what, sizeof what, "%s is %g, outside 0 to %g", keyword, value, high);
@@ -120,7 +120,8 @@ static int read_transparency(struct library *l, struct obj_material *m)
     return status;
 }
 
-/* One to three numbers, of which two count; the last word of the line is the file's name, even if it is a number. */
+/* Reads one to three numbers, of which two are used. The last word of the line is the file's name, even if it is a
+ * number. */
 static void read_pair(struct library *l, float pair[2])
 {
     for (size_t i = 0; i < 3; i++) {
@@ -136,7 +137,7 @@ static void read_pair(struct library *l, float pair[2])
     }
 }
 
-/* Reads one option; false when the line goes on with something else. */
+/* Reads one option of a map; false if the next word is not an option. */
 static bool read_option(struct library *l, struct obj_map *map)
 {
     static const struct {
@@ -200,7 +201,7 @@ static int read_physical(struct library *l, struct obj_material *m)
     return KILN_OK;
 }
 
-/* Statements that bear on diffuse light. All others say how a surface shines or looks, and are left out. */
+/* The statements that affect diffuse light. All others concern gloss or appearance and are left out. */
 static const struct {
     const char *keyword;
     int (*read)(struct library *l, struct obj_material *m);
@@ -250,8 +251,8 @@ static int read_statements(struct library *l)
 
 /* ---- files ---- */
 
-/* Names in OBJ and MTL files are no URIs: taken as they stand, but for the backslashes of another system. False: too
- * long. */
+/* Converts a name to a path. Names in OBJ and MTL files are not URIs: they are used as they are, with backslashes as
+ * separators. False: empty or too long. */
 static bool plain_path(struct obj_word name, const char *folder, char path[PATH_LENGTH + 1])
 {
     while (name.length > 1 && name.text[0] == '.' && (name.text[1] == '/' || name.text[1] == '\\')) {
@@ -291,8 +292,8 @@ static int read_library(struct obj_materials *m, struct obj_word name, struct ki
     return status;
 }
 
-/* Whether there is such a file; what is wrong with one that is there is told when it is read. */
-static bool is_there(const struct obj_materials *m, struct obj_word name)
+/* Whether such a file exists; its faults are reported when it is read. */
+static bool file_exists(const struct obj_materials *m, struct obj_word name)
 {
     struct kiln_file file;
     char path[PATH_LENGTH + 1];
@@ -307,7 +308,7 @@ int obj_read_libraries(struct obj_materials *m, struct obj_word names)
 {
     const bool several =
         memchr(names.text, ' ', names.length) != NULL || memchr(names.text, '\t', names.length) != NULL;
-    if (!several || is_there(m, names))
+    if (!several || file_exists(m, names))
         return read_library(m, names, m->error);
     const struct kiln_file line = {(const unsigned char *)names.text, names.length};
     struct obj_text text = {.at = line.data, .end = line.data + line.size, .line = 1, .name = ""};
@@ -361,7 +362,7 @@ static int make_texture(struct obj_materials *m, const struct obj_material *mate
     return status;
 }
 
-/* The texture of a map; materials that name the same file share it. */
+/* The builder's texture for a map; materials that name the same file share it. */
 static int find_texture(struct obj_materials *m, const struct obj_material *material, const struct obj_map *map,
                         const char *what, uint32_t *index)
 {

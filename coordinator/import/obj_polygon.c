@@ -47,7 +47,8 @@ static struct kiln_dvec3 area_vector(const struct kiln_vec3 *points, size_t coun
     return sum;
 }
 
-/* Leaves out the coordinate along which the area is largest, so that the polygon turns counter-clockwise. */
+/* Projects to 2D by leaving out the coordinate along which the area is largest, so that the polygon winds
+ * counter-clockwise. */
 static void flatten(struct obj_polygon *p, size_t count)
 {
     const struct kiln_dvec3 area = area_vector(p->points, count);
@@ -80,7 +81,7 @@ static bool within(const struct obj_polygon *p, uint32_t a, uint32_t b, uint32_t
            turn(p, a, b, point) >= 0.0 && turn(p, b, c, point) >= 0.0 && turn(p, c, a, point) >= 0.0;
 }
 
-/* A convex corner whose triangle holds no reflex corner, and so no corner at all. */
+/* Whether corner i is an ear: convex, and its triangle holds no reflex corner, so no corner at all. */
 static bool is_ear(const struct obj_polygon *p, uint32_t i)
 {
     const uint32_t before = p->ring[i].previous, after = p->ring[i].next;
@@ -103,8 +104,8 @@ static void find_reflex(struct obj_polygon *p, uint32_t count)
     }
 }
 
-/* After a neighbour has gone. */
-static void look_again(struct obj_polygon *p, uint32_t i)
+/* Updates a corner after a neighbour has been cut off. */
+static void update_corner(struct obj_polygon *p, uint32_t i)
 {
     p->ring[i].reflex = p->ring[i].reflex && turn(p, p->ring[i].previous, i, p->ring[i].next) < 0.0;
     p->ring[i].ear = is_ear(p, i);
@@ -120,14 +121,14 @@ static void clip_ears(struct obj_polygon *p, uint32_t count)
 {
     size_t triangle = 0;
     uint32_t at = 0, left = count, tried = 0;
-    /* more than any of OBJ_CONCAVE_MAX corners takes */
-    uint64_t patience = 2 * (uint64_t)OBJ_CONCAVE_MAX * OBJ_CONCAVE_MAX + count;
+    /* more steps than any polygon of OBJ_CONCAVE_MAX corners takes */
+    uint64_t steps_left = 2 * (uint64_t)OBJ_CONCAVE_MAX * OBJ_CONCAVE_MAX + count;
     for (uint32_t i = 0; i < count; i++)
         p->ring[i].ear = is_ear(p, i);
     while (left > 3) {
-        /* When there is no ear the polygon crosses itself or lies in a line: a fan, then. */
-        if (!p->ring[at].ear && tried++ < left && patience > 0) {
-            patience--;
+        /* Without any ear the polygon crosses itself or lies in a line: make a fan. */
+        if (!p->ring[at].ear && tried++ < left && steps_left > 0) {
+            steps_left--;
             at = p->ring[at].next;
             continue;
         }
@@ -135,8 +136,8 @@ static void clip_ears(struct obj_polygon *p, uint32_t count)
         emit(p, &triangle, before, at, after);
         p->ring[before].next = after;
         p->ring[after].previous = before;
-        look_again(p, before);
-        look_again(p, after);
+        update_corner(p, before);
+        update_corner(p, after);
         at = after;
         left--;
         tried = 0;

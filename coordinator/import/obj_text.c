@@ -23,8 +23,8 @@ static size_t put_utf8(uint32_t code, unsigned char *out)
     return more + 1;
 }
 
-/* UTF-16 after its mark becomes UTF-8: three bytes at most for two. */
-static int narrow(struct obj_text *text, const struct kiln_file *file, struct kiln_error *error)
+/* Converts UTF-16 with a byte order mark to UTF-8: at most three bytes for two. */
+static int convert_utf16(struct obj_text *text, const struct kiln_file *file, struct kiln_error *error)
 {
     const size_t low = file->data[0] == 0xff ? 0 : 1, units = file->size / 2;
     const int status = kiln_allocate(&text->owned, 3 * units, 1, "the text of a file in UTF-16", error);
@@ -54,7 +54,7 @@ int obj_text_open(struct obj_text *text, const struct kiln_file *file, const cha
     const size_t mark = file->size >= 3 && memcmp(file->data, "\xef\xbb\xbf", 3) == 0 ? 3 : 0;
     *text = (struct obj_text){
         .scene = scene, .name = name, .at = file->data + mark, .end = file->data + file->size, .error = error};
-    return wide ? narrow(text, file, error) : KILN_OK;
+    return wide ? convert_utf16(text, file, error) : KILN_OK;
 }
 
 void obj_text_close(struct obj_text *text) { kiln_free(&text->owned); }
@@ -72,7 +72,7 @@ int obj_fail(const struct obj_text *text, const char *what, const struct obj_wor
 
 static bool blank(unsigned char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\v' || c == '\f'; }
 
-/* The length of a backslash with the line's end that it continues over; 0 where there is none. */
+/* The length of a backslash and the line end that it continues over; 0 if there is none here. */
 static size_t continuation(const struct obj_text *text)
 {
     const unsigned char *at = text->at;
@@ -126,7 +126,7 @@ struct obj_word obj_rest(struct obj_text *text)
 
 bool obj_next_line(struct obj_text *text, struct obj_word *keyword)
 {
-    if (text->line > 0) { /* to the end of the line that was read so far */
+    if (text->line > 0) { /* skips to the end of the current line */
         const unsigned char *end = text->at < text->end ? memchr(text->at, '\n', (size_t)(text->end - text->at)) : NULL;
         text->at = end == NULL ? text->end : end + 1;
     }
@@ -152,7 +152,7 @@ static const double tens[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e
 enum { EXACT_DIGITS = 15, EXACT_TENS = 22, NUMBER_LENGTH = 400, EXPONENT_MAX = 100000 };
 
 struct decimal {
-    uint64_t digits; /* up to EXACT_DIGITS of them count */
+    uint64_t digits; /* up to EXACT_DIGITS of them are used */
     int digit_count, exponent;
     bool negative, seen;
 };
@@ -186,7 +186,8 @@ static const char *parse_exponent(const char *at, const char *end, struct decima
     return at;
 }
 
-/* What the quick way would round twice. The word is known to be a decimal number; the program's locale is "C". */
+/* Parses a number that the fast way would round twice. The word is known to be a decimal number; the program's locale
+ * is "C". */
 static double slow_number(struct obj_word word)
 {
     char copy[NUMBER_LENGTH + 1];
@@ -208,7 +209,7 @@ bool obj_parse_number(struct obj_word word, double *value)
         at = parse_exponent(at, end, &d);
     if (!d.seen || at != end || word.length > NUMBER_LENGTH)
         return false;
-    /* Both factors are exact, so the one operation rounds as it should. */
+    /* Both factors are exact, so the single operation rounds correctly. */
     const bool exact = d.digit_count <= EXACT_DIGITS && d.exponent >= -EXACT_TENS && d.exponent <= EXACT_TENS;
     if (exact || d.digits == 0) {
         const double size = d.digits == 0    ? 0.0

@@ -31,7 +31,7 @@ static enum reader reader_of(const char *name)
 
 #define MOST_RADIANCE 1e30
 
-/* "R,G,B", three numbers from 0 to MOST_RADIANCE; false when it is something else. */
+/* Parses "R,G,B", three numbers from 0 to MOST_RADIANCE; false if it is anything else. */
 static bool parse_radiance(const char *text, float rgb[3])
 {
     for (int c = 0; c < 3; c++) {
@@ -63,7 +63,7 @@ static int read_environment_image(const struct kiln_import_params *params, struc
     return status;
 }
 
-/* Whether the brightest texel, scaled, can still be summed. */
+/* Checks that the brightest texel, scaled, can still be summed. */
 static int check_texels(const struct kiln_builder *builder, const struct kiln_environment *environment,
                         struct kiln_error *error)
 {
@@ -79,7 +79,7 @@ static int check_texels(const struct kiln_builder *builder, const struct kiln_en
         (double)most, (double)KILN_ENVIRONMENT_RADIANCE_MAX);
 }
 
-/* The environment the user asks for, or the scene's own, scaled and turned. */
+/* Sets the environment that the user asks for, or the scene's own, scaled and rotated. */
 static int set_environment(const struct kiln_import_params *params, struct kiln_confine *confine,
                            struct kiln_builder *builder, struct kiln_error *error)
 {
@@ -98,10 +98,10 @@ static int set_environment(const struct kiln_import_params *params, struct kiln_
     }
     for (int c = 0; c < 3; c++) {
         const double value = (double)environment.radiance[c] * params->environment_scale;
-        if (!(value >= 0.0 && value <= 1.0001 * MOST_RADIANCE)) /* a float may lie above what it was given as */
+        if (!(value >= 0.0 && value <= 1.0001 * MOST_RADIANCE)) /* a value rounded to float may lie above the limit */
             return kiln_fail(
                 error, KILN_USAGE,
-                "--environment-scale %g makes a radiance of %g of the environment's %g: at most %g is possible",
+                "--environment-scale %g turns the environment's radiance into %g (from %g): at most %g is possible",
                 params->environment_scale, value, (double)environment.radiance[c], MOST_RADIANCE);
         environment.radiance[c] = (float)value;
     }

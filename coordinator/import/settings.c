@@ -4,18 +4,18 @@
 #include <stdio.h>
 #include <string.h>
 
-/* What a later rule says takes the place of what an earlier one said. */
+/* Overwrites settings by those that a later rule sets. */
 static void merge(struct kiln_object_settings *settings, const struct kiln_object_settings *rule)
 {
     if (rule->density_scale != 0.0)
         settings->density_scale = rule->density_scale;
     if (rule->lightmap_size != 0)
         settings->lightmap_size = rule->lightmap_size;
-    if (rule->role != KILN_ROLE_UNSAID)
+    if (rule->role != KILN_ROLE_UNSET)
         settings->role = rule->role;
-    if (rule->sides != KILN_SIDES_UNSAID)
+    if (rule->sides != KILN_SIDES_UNSET)
         settings->sides = rule->sides;
-    if (rule->exclude != KILN_EXCLUDE_UNSAID)
+    if (rule->exclude != KILN_EXCLUDE_UNSET)
         settings->exclude = rule->exclude;
 }
 
@@ -41,7 +41,7 @@ static int read_rule(const char *pattern, const json_t *json, struct kiln_object
     return status;
 }
 
-/* A name with brackets in it is taken as it is, too. */
+/* Whether a name matches a pattern; a pattern that equals the name matches too, even if it contains brackets. */
 static bool matches(const char *pattern, const char *name)
 {
     return strcmp(pattern, name) == 0 || fnmatch(pattern, name, 0) == 0;
@@ -67,7 +67,7 @@ static int apply_rules(struct kiln_builder *builder, const char *text, struct ki
     json_t *rules = json_loads(text, JSON_REJECT_DUPLICATES, NULL), *settings;
     int status = json_is_object(rules)
                      ? KILN_OK
-                     : kiln_fail(error, KILN_USAGE, "the rules for objects are no JSON object: %.100s", text);
+                     : kiln_fail(error, KILN_USAGE, "the rules for objects are not a JSON object: %.100s", text);
     json_object_foreach(rules, pattern, settings)
     {
         struct kiln_object_settings rule;
@@ -75,7 +75,7 @@ static int apply_rules(struct kiln_builder *builder, const char *text, struct ki
         if (status == KILN_OK && apply_rule(builder, pattern, &rule) == 0)
             status = kiln_builder_note(
                 builder, KILN_NOTE_SAID, error,
-                "objects '%.200s': no object of the scene has a name like this; kiln info --verbose lists the names",
+                "objects '%.200s': no object of the scene has a name that matches; kiln info --verbose lists the names",
                 pattern);
         if (status != KILN_OK)
             break;
@@ -94,7 +94,7 @@ static uint32_t flags_of(const struct kiln_object_settings *settings)
            (settings->sides == KILN_SIDES_ONE ? KILN_OBJECT_ONE_SIDE : 0u);
 }
 
-/* Moves the objects that stay to the front. */
+/* Removes the excluded objects from the list. */
 static size_t keep_objects(struct kiln_builder *builder)
 {
     struct kiln_object *objects = KILN_BUILDER_DATA(builder, struct kiln_object, KILN_SECTION_OBJECTS);
@@ -126,7 +126,7 @@ static int note_roles(struct kiln_builder *builder, size_t excluded, struct kiln
         status = kiln_builder_note(builder, 0, error, "%zu objects are caster-only: their lightmaps are not published",
                                    casters);
     if (status == KILN_OK && receivers > 0)
-        status = kiln_builder_note(builder, 0, error, "%zu objects are receiver-only: no ray meets them", receivers);
+        status = kiln_builder_note(builder, 0, error, "%zu objects are receiver-only: no ray hits them", receivers);
     return status;
 }
 

@@ -96,7 +96,7 @@ struct kiln_job {
     uint32_t width, height;
     double exposure;                     /* stops */
     char *from, *to;                     /* "x,y,z", m: position and target of the eye */
-    bool show_texels;                    /* show a checkerboard of texels instead of light */
+    char *show;                          /* "light", "texels", or the name of a field in the lightmaps */
     double field_of_view;                /* degrees, vertical */
     uint32_t ranks;                      /* plan: number of ranks */
     double node_memory;                  /* plan: memory of a node, GiB; 0: this machine's */

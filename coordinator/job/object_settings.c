@@ -54,14 +54,14 @@ static bool read_role(struct kiln_object_settings *settings, const json_t *value
     /* in the order of enum kiln_object_role */
     static const char *const words[] = {"both", "caster-only", "receiver-only"};
     settings->role = place_of(value, words, 3);
-    return settings->role != KILN_ROLE_UNSAID;
+    return settings->role != KILN_ROLE_UNSET;
 }
 
 static bool read_sides(struct kiln_object_settings *settings, const json_t *value)
 {
     static const char *const words[] = {"one", "two"}; /* in the order of enum kiln_object_sides */
     settings->sides = place_of(value, words, 2);
-    return settings->sides != KILN_SIDES_UNSAID;
+    return settings->sides != KILN_SIDES_UNSET;
 }
 
 static const struct key keys[] = {{"density-scale", "a number from 0.001 to 1000", read_scale},

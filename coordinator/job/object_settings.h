@@ -31,9 +31,9 @@
 
 #include "worker/base/status.h"
 
-enum kiln_object_role { KILN_ROLE_UNSAID = 0, KILN_ROLE_BOTH, KILN_ROLE_CASTER_ONLY, KILN_ROLE_RECEIVER_ONLY };
-enum kiln_object_sides { KILN_SIDES_UNSAID = 0, KILN_SIDES_ONE, KILN_SIDES_TWO };
-enum kiln_object_exclude { KILN_EXCLUDE_UNSAID = 0, KILN_EXCLUDE_NO, KILN_EXCLUDE_YES };
+enum kiln_object_role { KILN_ROLE_UNSET = 0, KILN_ROLE_BOTH, KILN_ROLE_CASTER_ONLY, KILN_ROLE_RECEIVER_ONLY };
+enum kiln_object_sides { KILN_SIDES_UNSET = 0, KILN_SIDES_ONE, KILN_SIDES_TWO };
+enum kiln_object_exclude { KILN_EXCLUDE_UNSET = 0, KILN_EXCLUDE_NO, KILN_EXCLUDE_YES };
 
 /* All zero: no settings. */
 struct kiln_object_settings {

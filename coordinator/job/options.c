@@ -8,7 +8,6 @@
 static const char *const backends[] = {"auto", "embree", "vulkan", NULL};
 /* enum kiln_traversal */
 static const char *const traversals[] = {"auto", "compute", "pipeline", "all", "binary", "four", "eight", NULL};
-static const char *const shows[] = {"light", "texels", NULL};
 static const char *const trusts[] = {"winding", "normals", NULL};
 static const char *const schedules[] = {"lean", "equal", NULL};            /* in the order of enum kiln_schedule */
 static const char *const exchanges[] = {"auto", "compact", "full", NULL};  /* in the order of enum kiln_exchange_form */
@@ -599,12 +598,12 @@ const struct kiln_option kiln_options[] = {
 
     {.name = "show",
      .group = "View",
-     .kind = KILN_OPTION_CHOICE_FLAG,
+     .kind = KILN_OPTION_STRING,
+     .value = "NAME",
      .fallback = "light",
-     .choices = shows,
-     .help = "light, or a checkerboard of the lightmaps' texels",
+     .help = "light, texels (a checkerboard of them), or a field of the lightmaps: direct, indirect, ...",
      .commands = KILN_FOR_VIEW,
-     .offset = AT(show_texels)},
+     .offset = AT(show)},
 
     {.name = "ranks",
      .group = "Plan",

@@ -12,7 +12,7 @@
 
 struct kiln_output_params {
     const char *directory;
-    bool half, stitch, error_map;
+    bool half, stitch;
     uint64_t least_divided; /* texels from which on several ranks may pack a lightmap; 0: KILN_STRIPS_LEAST */
     /* kiln_provenance: one JSON object without time stamps, stored as an attribute of the HDF5 files */
     const char *provenance_json;
@@ -32,7 +32,7 @@ struct kiln_lightmap_report {
 };
 
 /* Writes DIR/lightmaps/OBJECT.exr for every object that is not caster-only, and DIR/lightmaps/back/OBJECT.exr for
- * published backs. Channels: R G B = direct + indirect; direct.R.. and indirect.R..; error.Y with error_map;
+ * published backs. Channels: those of all fields of the bake that are in lightmaps (coordinator/field/fields.c);
  * coverage.Y, the fraction of the texel's square that the layout covers (half); validity.Y: 1 gathered, 0.5 on a
  * surface but filled from neighbours, 0 margin (half).
  *
@@ -45,9 +45,10 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
                          struct kiln_lightmap_report *reports, struct kiln_error *error);
 
 /* The largest size of kiln.h5 in bytes, for which there must be room before it is begun. */
-uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface *surface);
-/* Writes DIR/kiln.h5; all ranks and threads compress, rank 0 writes. Groups: /points (position, normal, object, texel,
- * area, albedo, valid, cell), /irradiance (direct, indirect, total, error), /objects and /cells. Provenance is stored
+uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface *surface,
+                       const struct kiln_field_set *fields);
+/* Writes DIR/kiln.h5; all ranks and threads compress, rank 0 writes. Groups: /points and /irradiance with the
+ * columns of columns.h, /objects and /cells. Provenance is stored
  * in attributes, and every dataset has `units` and `description`. */
 int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                   struct kiln_error *error);

@@ -11,8 +11,8 @@
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
-/* Beyond this many transformed vertices the bounds come from the corners of each mesh's box: an upper bound, in bounded
- * time. */
+/* Beyond this many transformed vertices, the bounds are computed from the corners of each mesh's bounding box: an upper
+ * bound, in bounded time. */
 static const uint64_t exact_bounds_vertices = 1u << 24;
 
 enum { SECTION_ALIGNMENT = 64, NOTE_LENGTH = 1024 };
@@ -85,7 +85,7 @@ int kiln_builder_string(struct kiln_builder *builder, const char *text, size_t l
 {
     length = strnlen(text, length);
     if (builder->sections[KILN_SECTION_STRINGS].count + length >= UINT32_MAX)
-        return kiln_fail(error, KILN_BAD_INPUT, "the names in the scene take more than 4 GiB");
+        return kiln_fail(error, KILN_BAD_INPUT, "the names in the scene take more than 4 GiB: shorten them");
     size_t first = 0;
     int status = kiln_builder_append(builder, KILN_SECTION_STRINGS, text, length, &first, error);
     if (status == KILN_OK)
@@ -132,7 +132,7 @@ static bool in_range(const struct bounds *b)
            b->high.z <= limit;
 }
 
-/* The eight corners of a mesh's own box. */
+/* The eight corners of a mesh's bounding box. */
 static void mesh_corners(const struct kiln_vec3 *positions, uint64_t count, struct kiln_vec3 corner[8])
 {
     struct kiln_vec3 low = vec3(INFINITY, INFINITY, INFINITY), high = vec3(-INFINITY, -INFINITY, -INFINITY);
@@ -144,9 +144,10 @@ static void mesh_corners(const struct kiln_vec3 *positions, uint64_t count, stru
         corner[c] = vec3(c & 1 ? high.x : low.x, c & 2 ? high.y : low.y, c & 4 ? high.z : low.z);
 }
 
-/* The origin of traced coordinates: a mean of the objects' middles, weighed by one over the square of their sizes.
- * Floats are fine near it and coarse far away, so it belongs where the detail is: receivers at 1e-6 m and at 1e6 m from
- * one lamp are both held to seven digits of their own distance. Among objects of like size it is the middle. */
+/* The origin of traced coordinates: the mean of the objects' middles, weighted with one over the square of their sizes.
+ * Floats are precise near the origin and coarse far from it, so it belongs where the detail is: receivers at 1e-6 m and
+ * at 1e6 m from one lamp are then both held to seven digits of their own distance. Among objects of similar size it is
+ * the middle. */
 struct origin {
     struct kiln_dvec3 sum;
     double weight;
@@ -210,7 +211,7 @@ static int world_bounds(const struct kiln_builder *builder, struct kiln_scene_he
     kiln_free(&corners);
     if (status != KILN_OK)
         return status;
-    if (!(bounds.low.x <= bounds.high.x)) /* nothing there */
+    if (!(bounds.low.x <= bounds.high.x)) /* no object has a vertex */
         bounds.low = bounds.high = dvec3(0.0, 0.0, 0.0);
     memcpy(header->bounds_min, &bounds.low, sizeof bounds.low);
     memcpy(header->bounds_max, &bounds.high, sizeof bounds.high);
@@ -258,7 +259,7 @@ static int write_all(int file, const void *data, size_t size, uint64_t offset)
     return 0;
 }
 
-/* Writes each section and gives its memory back. */
+/* Writes each section and frees its memory. */
 static int write_sections(struct kiln_builder *builder, int file, const struct kiln_scene_header *header)
 {
     for (unsigned s = 0; s < KILN_SECTION_COUNT; s++) {
@@ -271,7 +272,7 @@ static int write_sections(struct kiln_builder *builder, int file, const struct k
     return 0;
 }
 
-/* The hash is that of what stands in the file. */
+/* Hashes what the file really contains. */
 static int hash_file(int file, const char *path, struct kiln_scene_header *header, struct kiln_error *error)
 {
     void *map = mmap(NULL, (size_t)header->size, PROT_READ, MAP_SHARED, file, 0);
@@ -289,10 +290,10 @@ int kiln_builder_write_to(struct kiln_builder *builder, int file, const char *na
     int status = fill_header(builder, &header, error);
     if (status != KILN_OK)
         return status;
-    /* The blocks are reserved first: a full disk is noticed before anything is written. */
-    errno = kiln_reserve(file, (off_t)header.size);
+    /* Disk space is reserved first: a full disk is noticed before anything is written. */
+    errno = kiln_fallocate(file, (off_t)header.size);
     if (errno != 0)
-        return kiln_fail_errno(error, KILN_IO, "%s: no room for a scene file of %llu bytes", name,
+        return kiln_fail_errno(error, KILN_IO, "%s: no disk space for a scene file of %llu bytes", name,
                                (unsigned long long)header.size);
     if (write_sections(builder, file, &header) != 0)
         return kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be written", name);

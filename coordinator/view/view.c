@@ -118,7 +118,9 @@ static int make_picture(const struct kiln_view_source *source, const struct kiln
 {
     struct kiln_view_params params = {.source = *source, .side = side};
     *picture = (struct kiln_picture){0};
-    int status = kiln_view_aim(source, wish, &params.camera, &params.width, &params.height, &picture->viewpoint, error);
+    struct kiln_view_source lit = *source; /* whatever is shown, it is seen from where light would be */
+    lit.field = NULL;
+    int status = kiln_view_aim(&lit, wish, &params.camera, &params.width, &params.height, &picture->viewpoint, error);
     if (status == KILN_OK)
         status = kiln_view_render(&params, &picture->image, &picture->approximate, error);
     if (status == KILN_OK)

@@ -18,6 +18,7 @@
 
 #include <jansson.h>
 
+#include "coordinator/field/field.h"
 #include "coordinator/output/image.h"
 #include "coordinator/output/read/results.h"
 #include "worker/backend/backend.h"
@@ -32,7 +33,10 @@ struct kiln_view_source {
     const struct kiln_geometry *geometry;
     const struct kiln_lights *lights; /* has the environment; NULL: black */
     struct kiln_backend *backend;
-    bool texels;                  /* draw a checkerboard of the lightmaps' texels instead of light */
+    bool texels; /* draw a checkerboard of the lightmaps' texels instead of light */
+    /* a field of the lightmaps that is drawn as it is on surfaces, its first three components as red, green and blue;
+     * NULL: light */
+    const struct kiln_field *field;
     const struct kiln_stop *stop; /* may ask to stop (KILN_STOPPED); NULL: never */
 };
 

@@ -119,10 +119,10 @@ int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays
 /* ---- lightmaps ---- */
 
 struct map {
-    struct kiln_image *image; /* NULL until it is loaded */
-    float *planes[3];
-    float scale_x, scale_y; /* texels of `image` for each texel of the published lightmap */
-    bool looked_for;        /* of a map of backs: whether its file has been looked for */
+    struct kiln_image *image; /* NULL until needed */
+    float *planes[3];         /* of light, or of the field that is shown; one or two components: the last one again */
+    float scale_x, scale_y;   /* from texels of the scene's lightmap to texels here */
+    bool looked_for;          /* of backs */
 };
 
 struct kiln_view_maps {
@@ -214,17 +214,53 @@ static int map_path(const struct kiln_view_maps *maps, uint32_t object, bool bac
     return KILN_OK;
 }
 
+/* Finds the planes that are shown; false when the image lacks one. */
+static bool find_planes(const struct kiln_view_source *source, struct map *map)
+{
+    if (source->field == NULL)
+        return kiln_image_rgb(map->image, "", map->planes);
+    for (uint32_t c = 0; c < 3; c++) {
+        const uint32_t last = source->field->components - 1;
+        const struct kiln_image_channel *channel =
+            kiln_image_find(map->image, source->field->channels[c < last ? c : last]);
+        if (channel == NULL)
+            return false;
+        map->planes[c] = channel->values;
+    }
+    return true;
+}
+
+/* KILN_NO_INPUT: the lightmap `name` lacks the field that is to be shown. */
+static int no_field(const struct kiln_view_source *source, const char *name, struct kiln_error *error)
+{
+    const struct kiln_field *fields[KILN_FIELDS_MAX];
+    char list[256] = "light";
+    size_t count;
+    const int status = kiln_results_fields(source->results, name, fields, &count, error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < count; i++) {
+        const size_t used = strlen(list);
+        (void)snprintf(list + used, sizeof list - used, ", %s", kiln_field_shown_name(fields[i]));
+    }
+    return kiln_fail(error, KILN_NO_INPUT, "'%s/%s' has no layer '%s': this bake's lightmaps have %s",
+                     source->directory, name, kiln_field_shown_name(source->field), list);
+}
+
 static int load(struct kiln_view_maps *maps, uint32_t object, bool back, struct kiln_error *error)
 {
-    static const char *const wanted[] = {"R", "G", "B"};
+    static const char *const rgb[] = {"R", "G", "B"};
+    const struct kiln_field *field = maps->source->field;
+    const char *const *wanted = field != NULL ? field->channels : rgb;
+    const size_t channels = field != NULL ? field->components : 3;
     const struct kiln_object *o = &maps->source->scene->objects[object];
     struct map *map = &maps->maps[object + (back ? maps->source->scene->object_count : 0)];
     char name[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
     int status = map_path(maps, object, back, name, path, error);
     if (status == KILN_OK)
         status = maps->source->results != NULL
-                     ? kiln_results_image(maps->source->results, name, wanted, 3, &map->image, error)
-                     : kiln_exr_read(path, wanted, 3, &map->image, error);
+                     ? kiln_results_image(maps->source->results, name, wanted, channels, &map->image, error)
+                     : kiln_exr_read(path, wanted, channels, &map->image, error);
     if (status == KILN_NO_INPUT && !is_whole(maps->source->directory))
         return kiln_fail(error, KILN_NO_INPUT,
                          "the bake in %s is not finished: it has no %s yet (kiln status %s says where it is)",
@@ -232,11 +268,13 @@ static int load(struct kiln_view_maps *maps, uint32_t object, bool back, struct 
     if (status != KILN_OK)
         return status;
     if (map->image->width != o->lightmap_width || map->image->height != o->lightmap_height ||
-        !kiln_image_rgb(map->image, "", map->planes))
+        (field == NULL && !find_planes(maps->source, map)))
         return kiln_fail(
             error, KILN_BAD_INPUT,
             "'%s' is not the lightmap of this scene's object: it has %u x %u texels, the scene says %u x %u", path,
             map->image->width, map->image->height, o->lightmap_width, o->lightmap_height);
+    if (field != NULL && !find_planes(maps->source, map))
+        return no_field(maps->source, name, error);
     map->scale_x = map->scale_y = 1.0f;
     return maps->coarse > 0 ? make_coarse(map, maps->coarse, error) : KILN_OK;
 }
@@ -341,6 +379,13 @@ void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit
     *seen = (struct kiln_view_seen){0};
     if (s->texels && kiln_view_is_seen(s, hit)) {
         texel_color(s, hit, direction, seen->rgb);
+        return;
+    }
+    if (s->field != NULL) {
+        if (kiln_view_is_seen(s, hit)) {
+            kiln_view_irradiance(maps, hit, seen->rgb);
+            seen->lent = kiln_view_lends(maps, hit) ? 1.0f : 0.0f;
+        }
         return;
     }
     if (!kiln_view_is_seen(s, hit)) {

@@ -41,8 +41,8 @@ void kiln_view_maps_destroy(struct kiln_view_maps **maps);
 int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits, size_t count,
                         struct kiln_error *error);
 
-/* Irradiance at a visible hit whose lightmap is loaded, filtered bilinearly and clamped at the edge; 0 on a caster-only
- * object, which has no lightmap. Thread-safe. */
+/* Irradiance (or the source's field) at a visible hit whose lightmap is loaded, filtered bilinearly and clamped at the
+ * edge; 0 on a caster-only object, which has no lightmap. Thread-safe. */
 void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, float rgb[3]);
 
 /* Whether the hit is on a back without a lightmap of its own, which is shown with the light of its front. */
@@ -50,7 +50,9 @@ bool kiln_view_shows_front(const struct kiln_view_maps *maps, const struct kiln_
 
 /* The radiance along a ray, and how much of it is approximate. */
 struct kiln_view_seen {
-    float rgb[3];      /* base colour x E / pi + emission, or the environment; with source->texels the checkerboard */
+    /* base colour x E / pi + emission, or the environment; with source->texels the checkerboard; with source->field its
+     * values, and 0 where there is no surface */
+    float rgb[3];
     float metal;       /* metalness of the surface, 0 to 1, which is shown as diffuse */
     float front_light; /* 1: a back that is shown with the light of its front; else 0 */
 };

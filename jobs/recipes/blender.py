@@ -1,18 +1,22 @@
-"""Shows a bake in Blender (3.4 or later): every baked object glows with albedo * E / pi, as a diffuse surface with that light does.
+"""Shows a bake in Blender (3.4 or later): every baked object emits albedo * E / pi, the radiance of a diffuse surface
+in that light.
 
-    blender --python jobs/recipes/blender.py -- DIR              a new scene with DIR/scene.glb and its lightmaps
-    blender my.blend --python jobs/recipes/blender.py -- DIR     the same on your own objects, found by their names
-    ... -- DIR --exposure -10 --save shown.blend                 stops darker or brighter; without --exposure by the mean light
+    blender --python jobs/recipes/blender.py -- DIR           makes a new scene with DIR/scene.glb and its lightmaps
+    blender my.blend --python jobs/recipes/blender.py -- DIR     the same applies them to your own objects of the same names
+    ... -- DIR --exposure -10 --save shown.blend              exposure in stops; by default from the mean light
 
-On your own objects the lightmap's UVs are copied to a UV map called "kiln", corner by corner; a mesh that is not what was baked (a
-modifier was applied on export, or it was edited since) is replaced by the baked one, which the script says.
+On your own objects the lightmap's UVs are copied to a UV map called "kiln", corner by corner. A mesh that differs from
+the baked one (a modifier was applied on export, or it was edited since) is replaced by the baked mesh; the script
+prints which.
 
-What to know for a set-up of your own:
-- unit: a lightmap holds irradiance E, W/m2 or lux. Emission strength = albedo * E / pi. Sun and lamps that were baked are to be hidden.
-- rows: Blender's V goes up and glTF's goes down; its importer turns UVs over (v = 1 - v) and its images have the bottom row at V = 0.
-  So a lightmap fits the imported UVs as it is. A page's offset is turned over too: see `page_place`.
-- UV set: TEXCOORD_1 is imported as the second UV map. Image: colour space Non-Color, interpolation Linear, extension Extend.
-- look: in Cycles or EEVEE, Rendered view; use emission alone, so that no light is counted twice.
+For a set-up of your own:
+- unit: a lightmap holds irradiance E, W/m2 or lux. Emission strength = albedo * E / pi. Hide the sun and the lamps that
+  were baked.
+- rows: Blender's V goes up and glTF's goes down; its importer flips UVs (v = 1 - v) and its images have the bottom row
+  at V = 0. So a lightmap fits the imported UVs unchanged. A page's offset must be flipped too: see `page_place`.
+- UV set: TEXCOORD_1 is imported as the second UV map. Image: colour space Non-Color, interpolation Linear, extension
+  Extend.
+- look: in Cycles or EEVEE, Rendered view; use emission only, so that no light is counted twice.
 """
 import builtins
 import json
@@ -23,7 +27,8 @@ import sys
 import bpy
 import numpy
 
-for missing in ('bool', 'int', 'float', 'object', 'str'):  # Debian's glTF importer uses names that its numpy no longer has
+# Debian's glTF importer uses names that its numpy no longer has.
+for missing in ('bool', 'int', 'float', 'object', 'str'):
     if missing not in numpy.__dict__:
         setattr(numpy, missing, getattr(builtins, missing))
 
@@ -31,16 +36,16 @@ LAYER = 'kiln'
 
 
 def entry_of(thing):
-    """The lightmap entry of an imported object, {} where it has none: kept in extras, which Blender makes custom properties."""
+    """The lightmap entry of an imported object, or {}. It is stored in extras, which become custom properties."""
     entry = thing.get('kiln_lightmap')
     entry = entry.to_dict() if entry is not None else {}
     if 'instances' in entry:
-        print('kiln: %s is drawn as instances, each with a lightmap of its own: left out' % thing.name)
+        print('kiln: %s is drawn as instances with separate lightmaps, which this recipe does not support' % thing.name)
     return entry if 'file' in entry else {}
 
 
 def import_scene(folder):
-    """Imports DIR/scene.glb; returns [(object, entry)] of what was baked, and all that was imported."""
+    """Imports DIR/scene.glb; returns [(object, entry)] of the baked objects, and all imported objects."""
     before = set(bpy.data.objects)
     bpy.ops.import_scene.gltf(filepath=os.path.join(folder, 'scene.glb'))
     new = [o for o in bpy.data.objects if o not in before]
@@ -73,7 +78,7 @@ def albedo_of(tree, into):
 
 
 def own_emission(tree):
-    """(colour socket, strength) of what the material sends out itself, or None."""
+    """(colour socket, strength) of the material's own emission, or None."""
     shader = next((n for n in tree.nodes if n.type == 'BSDF_PRINCIPLED'), None)
     name = 'Emission' if shader and 'Emission' in shader.inputs else 'Emission Color'
     if shader is None or name not in shader.inputs:
@@ -83,7 +88,7 @@ def own_emission(tree):
 
 
 def lit_material(material, image, entry, layer):
-    """A copy of the material that glows with albedo * E / pi, and with its own emission."""
+    """A copy of the material that emits albedo * E / pi, plus its own emission."""
     lit = material.copy() if material else bpy.data.materials.new(LAYER)
     lit.use_nodes = True
     tree = lit.node_tree
@@ -117,7 +122,7 @@ def lit_material(material, image, entry, layer):
 
 
 def put_lightmap(thing, entry, folder, layer):
-    """Gives an object lit copies of its materials. A mesh that others use too is copied: their lightmaps are others."""
+    """Gives an object lit copies of its materials. A mesh with several users is copied: each has its own lightmap."""
     if thing.data.users > 1:
         thing.data = thing.data.copy()
     image = load_page(folder, entry)
@@ -129,15 +134,15 @@ def put_lightmap(thing, entry, folder, layer):
 
 
 def corners(mesh):
-    """[(key, (loop, loop, loop))] of the mesh's triangles; the key is where their corners are."""
+    """[(key, (loop, loop, loop))] of the mesh's triangles; the key is the set of their corners' positions."""
     mesh.calc_loop_triangles()
     place = lambda loop: tuple(round(c, 5) for c in mesh.vertices[mesh.loops[loop].vertex_index].co)
     return [(frozenset(place(l) for l in t.loops), {place(l): l for l in t.loops}) for t in mesh.loop_triangles]
 
 
 def copy_layout(baked, own, texcoord):
-    """Copies the baked mesh's lightmap UVs to the UV map LAYER of `own`. False when a triangle of `own` is not in the baked mesh, or a
-    corner of one of its polygons would have two places."""
+    """Copies the baked mesh's lightmap UVs to the UV map LAYER of `own`. False when a triangle of `own` is not in the
+    baked mesh, or a corner of one of its polygons would need two UVs."""
     source, there = baked.uv_layers[texcoord].data, dict(corners(baked))
     found = {}
     for key, loops in corners(own):
@@ -149,17 +154,17 @@ def copy_layout(baked, own, texcoord):
                 return False
     layer = own.uv_layers.get(LAYER) or own.uv_layers.new(name=LAYER)
     if layer is None:
-        return False  # a mesh has eight UV maps at most
+        return False  # a mesh can have at most eight UV maps
     for loop, uv in found.items():
         layer.data[loop].uv = uv
     return True
 
 
 def put_on_own(folder):
-    """The opened file's own objects. Returns [(object, entry)]."""
+    """Prepares the objects of the opened file. Returns [(object, entry, UV map)]."""
     mine = {o.name: o for o in bpy.data.objects if o.type == 'MESH'}
     names = {}
-    for thing in mine.values():  # the importer gives a name that is taken already a number: keep them free
+    for thing in mine.values():  # the importer appends a number to a name that is taken: free the names
         names[thing] = thing.name
         thing.name = '%s (own)' % thing.name
     baked, new = import_scene(folder)
@@ -171,7 +176,7 @@ def put_on_own(folder):
             continue
         twin, entry = twins[name]
         if thing.modifiers or not copy_layout(twin.data, thing.data, entry['texCoord']):
-            print('kiln: %s is not the mesh that was baked: it is replaced by that one' % name)
+            print('kiln: the mesh of %s differs from the baked one and is replaced by it' % name)
             thing.modifiers.clear()
             thing.data = twin.data.copy()
             thing.data.uv_layers[entry['texCoord']].name = LAYER
@@ -181,7 +186,7 @@ def put_on_own(folder):
     for thing, name in names.items():
         thing.name = name
     for name in twins.keys() - mine.keys():
-        print('kiln: %s was baked, and is not in this file' % name)
+        print('kiln: %s was baked but is not in this file' % name)
     return [(thing, entry, LAYER) for thing, entry in result]
 
 
@@ -190,8 +195,8 @@ def put_on_import(folder):
 
 
 def switch_off_lights(all_of_them):
-    """Hides the lights that are in the lightmaps, which would light a second time: those that scene.glb marks, or, in a file of your
-    own, all. Blender's world is left as it is: it lights no emission."""
+    """Hides the lights that are in the lightmaps, whose light would count twice: those that scene.glb marks or, in a
+    file of your own, all. Blender's world is left unchanged: it does not affect emission."""
     lights = [o for o in bpy.data.objects if o.type == 'LIGHT' and (all_of_them or o.get('kiln_baked'))]
     for light in lights:
         light.hide_render = True
@@ -210,16 +215,18 @@ def mean_irradiance(images):
 
 
 def apply(folder, own_objects, exposure=None):
-    """Puts the maps of DIR on the objects, hides the lights, sets the exposure. Returns [(object, entry, UV map)]."""
+    """Applies the lightmaps of DIR to the objects, hides the lights, sets the exposure.
+    Returns [(object, entry, UV map)]."""
     lit = put_on_own(folder) if own_objects else put_on_import(folder)
     if not lit:
-        raise RuntimeError('no object has a lightmap: is %s what kiln bake wrote?' % os.path.join(folder, 'scene.glb'))
+        raise RuntimeError('no object has a lightmap: was %s written by kiln bake?' % os.path.join(folder, 'scene.glb'))
     images = {put_lightmap(thing, entry, folder, layer) for thing, entry, layer in lit}
     lights = switch_off_lights(own_objects)
     if exposure is None:
         exposure = math.log2(math.pi / mean_irradiance(images))
     bpy.context.scene.view_settings.exposure = max(-32.0, min(32.0, exposure))
-    print('kiln: %d objects lit from %d images, %d lights hidden, exposure %.1f stops' % (len(lit), len(images), lights, exposure))
+    print('kiln: %d objects lit from %d images, %d lights hidden, exposure %.1f stops' %
+          (len(lit), len(images), lights, exposure))
     return lit
 
 

@@ -1,7 +1,9 @@
 #!/usr/bin/python3
-"""Reads the irradiance volume of a bake: light at any place for moving objects. Needs h5py and numpy.
+"""Reads the irradiance volume of a bake: light at any point, for moving objects. Needs h5py and numpy.
 
-    python3 volume.py DIR/volume.hdf X Y Z NX NY NZ      prints E in W/m2 (or lux) on a surface at X Y Z that faces NX NY NZ
+    python3 volume.py DIR/volume.hdf X Y Z NX NY NZ
+
+prints E in W/m2 (or lux) on a surface at X Y Z that faces NX NY NZ.
 
 Metres, the axes of the glTF file (y up), linear RGB. Radiance of a diffuse surface there: albedo * E / pi."""
 import sys
@@ -16,17 +18,17 @@ class Volume:
             grid, data = f['VTKHDF'].attrs, f['VTKHDF/PointData']
             self.origin, self.spacing = np.array(grid['Origin']), np.array(grid['Spacing'])
             self.harmonics = data['irradiance_sh'][...]  # [z, y, x, 27]; 27 = 9 coefficients of 3 channels
-            self.validity = data['validity'][...]  # [z, y, x]; low where a probe is inside something
+            self.validity = data['validity'][...]  # [z, y, x]; low where a probe is inside geometry
             self.size = np.array(self.validity.shape[::-1])
 
     def light(self, position):
-        """The 9 coefficients (9, 3) at a place, from the eight probes around it; None where all of them are inside geometry.
-        Outside the grid: those of the nearest place on its border."""
+        """The 9 coefficients (9, 3) at a point, interpolated from the eight probes around it; None if all of them are
+        inside geometry. Outside the grid: those of the nearest point on its border."""
         place = np.clip((np.asarray(position, float) - self.origin) / self.spacing, 0, self.size - 1)
         low = np.minimum(place.astype(int), np.maximum(self.size - 2, 0))
-        part, total, sum_ = place - low, 0.0, np.zeros(27)
+        fraction, total, sum_ = place - low, 0.0, np.zeros(27)
         for corner in np.ndindex(2, 2, 2):
-            weight = np.prod(np.where(corner, part, 1 - part))
+            weight = np.prod(np.where(corner, fraction, 1 - fraction))
             if weight > 0:
                 x, y, z = low + corner
                 weight *= np.clip(4 * (self.validity[z, y, x] - 0.5), 0, 1)  # no light from inside a wall
@@ -41,7 +43,8 @@ class Volume:
 
 
 def basis(normal):
-    """The nine real spherical harmonics of bands 0 to 2. The cosine is in the coefficients already: E(n) = sum of c_i Y_i(n)."""
+    """The nine real spherical harmonics of bands 0 to 2. The coefficients already include the cosine:
+    E(n) = sum of c_i Y_i(n)."""
     x, y, z = np.asarray(normal, float) / np.linalg.norm(normal)
     return np.array([0.28209479, 0.48860251 * y, 0.48860251 * z, 0.48860251 * x, 1.09254843 * x * y, 1.09254843 * y * z,
                      0.31539157 * (3 * z * z - 1), 1.09254843 * x * z, 0.54627422 * (x * x - y * y)])
@@ -51,4 +54,4 @@ if __name__ == '__main__':
     if len(sys.argv) != 8:
         sys.exit(__doc__)
     e = Volume(sys.argv[1]).irradiance([float(a) for a in sys.argv[2:5]], [float(a) for a in sys.argv[5:8]])
-    print('inside geometry: choose another place' if e is None else 'E = %.6g %.6g %.6g' % tuple(e))
+    print('inside geometry: choose another point' if e is None else 'E = %.6g %.6g %.6g' % tuple(e))

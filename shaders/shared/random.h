@@ -70,4 +70,12 @@ KILN_FUNCTION KILN_U32 kiln_shared_digits(KILN_U32 samples)
     return c;
 }
 
+/* Digital shift of a texel's gather samples in a dimension that chooses a direction. key: hash of the texel, plus one
+ * for the first such dimension, plus two for the second. The leading `shared_digits` (kiln_shared_digits) are zero: the
+ * samples stay in the strata that the texels of a tile share. */
+KILN_FUNCTION KILN_U32 kiln_direction_shift(KILN_U32 key, KILN_U32 shared_digits)
+{
+    return kiln_hash1(key) >> shared_digits;
+}
+
 #endif

@@ -96,7 +96,7 @@ class Manners(unittest.TestCase):
     def test_numbers_have_bounds(self):
         for words, code, pattern in ((["view", self.out, "--from", "1e19,0,0"], 64, "1e\\+19 is out of range"), (["view", self.out, "--to", "0,-1e300,0"], 64, "out of range"),
                                      (["bake", self.scene, "--environment", "1e31,1,1"], 64, "radiance of 1e\\+31 is out of range; .* from 0 to 1e\\+30"),
-                                     (["info", self.scene, "--environment", "1e30,1e30,1e30", "--environment-scale", "1e3"], 64, "makes a radiance of 1e\\+33")):
+                                     (["info", self.scene, "--environment", "1e30,1e30,1e30", "--environment-scale", "1e3"], 64, "radiance into 1e\\+33")):
             answer = kiln(*words)
             self.assertEqual(answer.code, code, answer.err)
             self.assertRegex(answer.sentence(), pattern)

@@ -36,7 +36,7 @@ class Queue(Bakes):
         # The warning comes at some moment of the first half minute.
         alone = self.begin_alone("long")
         job = self.submit("long.yaml", "--nodes", "2", "--threads", "2", "--time", "1", "--warning", "59", "--tries", "2")
-        self.wait_log(job, "back into the queue (exit 75)", 60)
+        self.wait_log(job, "requeued (exit 75)", 60)
         self.wait_log(job, "import", 60, times=2)
         self.slurm.run("scontrol", "update", f"JobId={job}", "TimeLimit=30")
         lost = self.host(self.nodes_of(job)[1])

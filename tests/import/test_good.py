@@ -86,7 +86,7 @@ class Good(importing.Case):
     def test_nasty_is_explained(self):
         report = self.accepted(os.path.join(SCENES, "nasty_valid.glb"))
         text = "\n".join(n["text"] for n in report["notes"])
-        for word in ("without area", "against their winding", "points or lines", "no material", "scaled to nothing", "zero_area_and_duplicate",
+        for word in ("without area", "to the back of their winding", "points or lines", "no material", "scaled to nothing", "zero_area_and_duplicate",
                      "overlap_uv1", "uv1_outside", "uv1_point"):
             self.assertIn(word, text)
         names = [o["original_name"] for o in report["objects"]]

@@ -54,7 +54,7 @@ class Winding(importing.Case):
             answer = kiln("bake", self.scene, "-o", out, "--texels-per-metre", 8, "--trust", trust, "--samples-direct", 4, "--samples-probe", 0,
                           "--bounces", 0, "--no-preview", "--backend", "embree")
             self.assertEqual(answer.code, 0, answer.err)
-            self.assertEqual(answer.err.count("against their winding"), 3 if trust == "winding" else 0, answer.err)
+            self.assertEqual(answer.err.count("to the back of their winding"), 3 if trust == "winding" else 0, answer.err)
             for name, mean in expected.items():
                 channels, _ = exr.read(os.path.join(out, "lightmaps", name + ".exr"))
                 self.assertAlmostEqual(float(channels["direct.G"].mean()), mean, delta=1e-5 if mean != 1 else 0.01, msg=f"{trust}: {name}")

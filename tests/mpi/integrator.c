@@ -166,6 +166,9 @@ static int bake(const struct world *w, const struct kiln_integrator *integrator,
                                                      .samples_direct = SAMPLES,
                                                      .samples_indirect = SAMPLES,
                                                      .work_stealing = true};
+    const struct kiln_job job = {.samples_direct = SAMPLES};
+    struct kiln_field_set fields;
+    kiln_field_set_choose(&fields, &job);
     const struct kiln_surface_params surface = {
         .scene = &w->fixture->scene, .geometry = w->geometry, .rank = (uint32_t)w->rank, .ranks = RANKS, .threads = 1};
     const struct kiln_backend_params backend = {
@@ -175,6 +178,7 @@ static int bake(const struct world *w, const struct kiln_integrator *integrator,
                                            .ranks = RANKS,
                                            .begin = MPI_Wtime(),
                                            .settings = &settings,
+                                           .fields = &fields,
                                            .area = 48.0,
                                            .control = w->control,
                                            .checkpoint = w->checkpoint,

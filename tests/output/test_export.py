@@ -328,7 +328,7 @@ def refusals(folder):
         file.seek(-5, 2)
         file.write(bytes([last[0] ^ 1]))
     os.remove(out)
-    assert "not as it was" in kiln("export", there, "-o", out, "--scene", os.path.join(other, "moves.glb"), code=65).stderr
+    assert "has changed since it was baked" in kiln("export", there, "-o", out, "--scene", os.path.join(other, "moves.glb"), code=65).stderr
     assert not os.path.exists(out) and not [n for n in os.listdir(os.path.dirname(out)) if n.startswith(".")]
 
 

@@ -251,7 +251,7 @@ static void sparse_values_replace(void **state)
                            "}") ","
                                 "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":4},\"mode\":5}]}]," ONE_NODE
                                 "}",
-            "more than its bytes can hold");
+            "more than files of its size can hold");
     refused(f,
             HEAD ACCESSORS(",{\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"," SPARSE
                            "}") ","

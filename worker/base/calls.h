@@ -66,7 +66,7 @@ static inline int kiln_unlinkat(int folder, const char *name, int flags)
     return result;
 }
 
-static inline int kiln_cut(int descriptor, off_t size)
+static inline int kiln_truncate(int descriptor, off_t size)
 {
     int result;
     do
@@ -75,8 +75,8 @@ static inline int kiln_cut(int descriptor, off_t size)
     return result;
 }
 
-/* posix_fallocate, with its result in errno's place: 0 or the number of the error. */
-static inline int kiln_reserve(int descriptor, off_t size)
+/* posix_fallocate. Returns 0 or the error number; errno is not set. */
+static inline int kiln_fallocate(int descriptor, off_t size)
 {
     int result;
     do

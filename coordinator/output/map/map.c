@@ -5,7 +5,11 @@
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
-int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, struct kiln_error *error)
+const struct kiln_map_planes kiln_map_light = {.count = KILN_MAP_PLANES,
+                                               .smooth = {true, true, true, true, true, true, false}};
+
+int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, const struct kiln_map_planes *planes,
+                    struct kiln_error *error)
 {
     *map = NULL;
     if ((uint64_t)width * height >= UINT32_MAX)
@@ -17,8 +21,9 @@ int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, stru
     struct kiln_map *made = *map;
     made->width = width;
     made->height = height;
+    made->has = *planes;
     const size_t count = kiln_map_texels(made);
-    for (int p = 0; status == KILN_OK && p < KILN_MAP_PLANES; p++)
+    for (uint32_t p = 0; status == KILN_OK && p < planes->count; p++)
         status = kiln_allocate(&made->planes[p], count, sizeof(float), "a lightmap's texels", error);
     if (status == KILN_OK)
         status = kiln_allocate(&made->area, count, sizeof(float), "a lightmap's areas", error);
@@ -40,7 +45,7 @@ void kiln_map_destroy(struct kiln_map **map)
 {
     if (*map == NULL)
         return;
-    for (int p = 0; p < KILN_MAP_PLANES; p++)
+    for (uint32_t p = 0; p < (*map)->has.count; p++)
         kiln_free(&(*map)->planes[p]);
     kiln_free(&(*map)->area);
     kiln_free(&(*map)->coverage);
@@ -86,18 +91,19 @@ static void spread(struct layers *work, uint32_t texel)
 
 static void take_mean(struct layers *work, uint32_t texel)
 {
-    double sum[KILN_MAP_PLANES] = {0};
-    double weights = 0.0;
+    const uint32_t planes = work->map->has.count;
+    double sum[KILN_MAP_PLANES_MAX], weights = 0.0;
+    memset(sum, 0, planes * sizeof *sum);
     for (int k = 0; k < 8; k++) {
         const uint32_t other = neighbour(work->map, texel, k);
         if (other == KILN_NONE || work->known[other] != 1 || work->map->chart[other] != work->map->chart[texel])
             continue;
         const double weight = k < 4 ? 2.0 : 1.0;
-        for (int p = 0; p < KILN_MAP_PLANES; p++)
+        for (uint32_t p = 0; p < planes; p++)
             sum[p] += weight * (double)work->map->planes[p][other];
         weights += weight;
     }
-    for (int p = 0; p < KILN_MAP_PLANES; p++)
+    for (uint32_t p = 0; p < planes; p++)
         work->map->planes[p][texel] = (float)(sum[p] / weights);
 }
 
@@ -138,7 +144,7 @@ static int fill_rest(struct layers *work, size_t left, struct kiln_error *error)
     for (size_t i = 0; status == KILN_OK && i < count; i++) {
         if (map->state[i] != KILN_TEXEL_FILLED || work->known[i] != 0 || nearest[i] == KILN_NONE)
             continue;
-        for (int p = 0; p < KILN_MAP_PLANES; p++)
+        for (uint32_t p = 0; p < map->has.count; p++)
             map->planes[p][i] = map->planes[p][nearest[i]];
     }
     kiln_free(&nearest);
@@ -161,7 +167,7 @@ int kiln_map_fill(struct kiln_map *map, struct kiln_error *error)
         status = kiln_allocate(&work.next, invalid, sizeof(uint32_t), "texels to fill", error);
     if (status == KILN_OK) {
         for (size_t i = 0; i < count; i++)
-            for (int p = 0; map->state[i] == KILN_TEXEL_FILLED && p < KILN_MAP_PLANES; p++)
+            for (uint32_t p = 0; map->state[i] == KILN_TEXEL_FILLED && p < map->has.count; p++)
                 map->planes[p][i] = 0.0f;
         fill_charts(&work);
         size_t left = 0;
@@ -297,7 +303,7 @@ uint64_t kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest)
     for (size_t i = 0; i < count; i++) {
         if (map->state[i] != KILN_TEXEL_MARGIN || nearest[i] == KILN_NONE)
             continue;
-        for (int p = 0; p < KILN_MAP_PLANES; p++)
+        for (uint32_t p = 0; p < map->has.count; p++)
             map->planes[p][i] = map->planes[p][nearest[i]];
         dilated++;
     }

@@ -303,14 +303,14 @@ static int solve_plane(const struct system *s, float *plane, struct kiln_error *
     return status;
 }
 
-/* Solves the three planes of direct and the three of indirect light, in parallel. */
+/* Solves the planes that are to be smoothed, in parallel. */
 static int solve_planes(const struct system *s, struct kiln_error *error)
 {
     int status = KILN_OK;
 #pragma omp parallel for schedule(dynamic, 1)
-    for (int p = KILN_MAP_DIRECT; p < KILN_MAP_INDIRECT + 3; p++) {
+    for (uint32_t p = 0; p < s->map->has.count; p++) {
         struct kiln_error mine = {{0}};
-        const int result = solve_plane(s, s->map->planes[p], &mine);
+        const int result = s->map->has.smooth[p] ? solve_plane(s, s->map->planes[p], &mine) : KILN_OK;
         if (result == KILN_OK)
             continue;
 #pragma omp critical(kiln_solve_planes)

@@ -8,7 +8,7 @@
 #define KILN_COORDINATOR_OUTPUT_MAP_TEXEL_GATHER_H
 
 #include "coordinator/field/result.h"
-#include "coordinator/output/map/map.h"
+#include "coordinator/output/map/layers.h"
 
 /* The assignment of lightmaps to ranks and rounds. It depends on sizes only and is the same on all ranks. Lightmaps
  * that are not published have the owner KILN_NONE. */
@@ -21,20 +21,21 @@ int kiln_assignment_create(struct kiln_assignment **deal, const struct kiln_ligh
                            uint32_t ranks, uint64_t texel_budget, struct kiln_error *error);
 void kiln_assignment_destroy(struct kiln_assignment **deal);
 
-/* A point as it is sent. `triangle` is the world triangle of its first piece. */
+/* One point on its way. `triangle` is the world triangle of its first piece; `values` are of all planes. */
 struct kiln_texel_record {
     uint32_t map, x, y, triangle, valid;
     float area, coverage;
-    float values[KILN_MAP_PLANES];
+    float values[];
 };
 
 /* The schedule of messages, computed once. */
 struct kiln_texel_gather;
 
-/* `records_per_pass` limits the records that a rank sends in one pass, and roughly those that it receives; 0 stands for
- * 2^18, which are 15 MB. */
+/* `layers` are of the result's fields. `records_per_pass` bounds what a rank sends in one pass (and about what it
+ * receives); 0 chooses 2^18, which is 15 MB with the planes that every map has. */
 int kiln_texel_gather_create(struct kiln_texel_gather **exchange, const struct kiln_bake_result *result,
-                             const struct kiln_assignment *deal, size_t records_per_pass, struct kiln_error *error);
+                             const struct kiln_assignment *deal, const struct kiln_layers *layers,
+                             size_t records_per_pass, struct kiln_error *error);
 void kiln_texel_gather_destroy(struct kiln_texel_gather **exchange);
 
 /* Collective. Sends this rank's points of all objects of the round, and calls `put` exactly once for each point of the

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "coordinator/field/field.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/output/h5_file.h"
@@ -19,25 +20,33 @@ struct range {
     double low, high;
 };
 
+/* What is no field (coordinator/field/field.h): views, masks of lightmaps, the volume. */
 static const struct range ranges[] = {
     {"R", 0.0, INFINITY},
     {"G", 0.0, INFINITY},
     {"B", 0.0, INFINITY},
     {"coverage.Y", 0.0, 1.001},
     {"validity.Y", 0.0, 1.0},
-    {"/direct", 0.0, INFINITY},
-    {"/indirect", 0.0, INFINITY},
-    {"/total", 0.0, INFINITY},
-    {"/error", 0.0, INFINITY},
-    {"/albedo", 0.0, 1.0},
-    {"/area", 0.0, INFINITY},
     {"/validity", 0.0, 1.0},
     {"/mean_distance", 0.0, INFINITY},
 };
 
+static bool is_named(const struct kiln_field *field, const char *name)
+{
+    bool found = field->dataset != NULL && strcmp(field->dataset, name) == 0;
+    for (uint32_t c = 0; field->channels != NULL && !found && c < field->components; c++)
+        found = strcmp(field->channels[c], name) == 0;
+    return found;
+}
+
 static struct range range_of(const char *name)
 {
     const size_t length = strlen(name);
+    size_t fields;
+    const struct kiln_field *table = kiln_fields(&fields);
+    for (size_t i = 0; i < fields; i++)
+        if (is_named(&table[i], name))
+            return (struct range){name, table[i].low, table[i].high};
     for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
         const size_t own = strlen(ranges[i].ending);
         if (length >= own && strcmp(name + length - own, ranges[i].ending) == 0)

@@ -119,6 +119,29 @@ int kiln_results_bytes(const struct kiln_results *r, const char *name, size_t mo
     return status;
 }
 
+static bool has_channels(const struct kiln_image *image, const struct kiln_field *field)
+{
+    bool found = field->channels != NULL;
+    for (uint32_t c = 0; found && c < field->components; c++)
+        found = kiln_image_find(image, field->channels[c]) != NULL;
+    return found;
+}
+
+int kiln_results_fields(struct kiln_results *r, const char *lightmap, const struct kiln_field **fields, size_t *count,
+                        struct kiln_error *error)
+{
+    size_t rows;
+    const struct kiln_field *table = kiln_fields(&rows);
+    struct kiln_image *image = NULL;
+    *count = 0;
+    const int status = kiln_results_image(r, lightmap, NULL, 0, &image, error);
+    for (size_t i = 0; status == KILN_OK && i < rows; i++)
+        if (has_channels(image, &table[i]))
+            fields[(*count)++] = &table[i];
+    kiln_image_destroy(&image);
+    return status;
+}
+
 int kiln_results_json(const struct kiln_results *r, const char *name, json_t **json, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE], *text = NULL;

@@ -14,6 +14,7 @@
 #include <jansson.h>
 
 #include "coordinator/field/units.h"
+#include "coordinator/field/field.h"
 #include "coordinator/output/image.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/read/reader.h"
@@ -46,7 +47,11 @@ int kiln_results_folder(const struct kiln_results *results, const char *name, in
 /* Reads an image of the folder with kiln_reader_image. For one thread at a time. */
 int kiln_results_image(struct kiln_results *results, const char *name, const char *const *wanted, size_t count,
                        struct kiln_image **image, struct kiln_error *error);
-/* Reads a JSON file such as run.json. Release with json_decref. */
+/* The fields that a lightmap of the folder has, each with all its channels, in the order of the table
+ * (coordinator/field/field.h): `fields` has room for KILN_FIELDS_MAX. All lightmaps of a bake have the same. */
+int kiln_results_fields(struct kiln_results *results, const char *lightmap, const struct kiln_field **fields,
+                        size_t *count, struct kiln_error *error);
+/* run.json and its like; json_decref it. */
 int kiln_results_json(const struct kiln_results *results, const char *name, json_t **json, struct kiln_error *error);
 /* Reads a file of at most `most` bytes. *bytes is from kiln_allocate. */
 int kiln_results_bytes(const struct kiln_results *results, const char *name, size_t most, char **bytes, size_t *size,

@@ -147,8 +147,8 @@ static void prepare(struct gather_work *w, const struct embree_backend *b, size_
         scramble(w->scrambled[d], w->sobol[d], w->samples, kiln_hash2(w->frame.tile_key, stream * 8 + d));
     for (uint32_t j = 0; j < count; j++) { /* the first `count` lanes first: tables need their shifts */
         const uint32_t key = kiln_hash2(w->frame.key[j], stream);
-        w->shift_u[j] = kiln_hash1(key + 1u) >> w->shared_digits;
-        w->shift_v[j] = kiln_hash1(key + 2u) >> w->shared_digits;
+        w->shift_u[j] = kiln_direction_shift(key + 1u, w->shared_digits);
+        w->shift_v[j] = kiln_direction_shift(key + 2u, w->shared_digits);
         w->shift_s[j] = kiln_hash1(key + 3u);
         w->shift_t[j] = kiln_hash1(key + 4u);
     }

@@ -1,53 +1,53 @@
-/* The lightmap's coordinates, from kiln's triangles back to the corners of the source's primitives.
+/* Writes the lightmap's coordinates back to the corners of the source's primitives.
  *
- * A vertex of the file whose corners lie in several charts is there once for each: then all attributes (of morph
- * targets too) are copied, byte for byte, into new accessors, and the primitive becomes a list of triangles. Where no
- * vertex has to be split, and most are used, only the coordinates are added. Where the file's own TEXCOORD_1 is what
- * was baked, nothing changes. */
+ * A vertex of the file whose corners lie in several charts is duplicated, once for each chart. All attributes, of morph
+ * targets too, are then copied byte for byte into new accessors, and the primitive becomes a list of triangles. Where
+ * no vertex has to be duplicated, and most are used, only the coordinates are added. Where the file's own TEXCOORD_1 is
+ * what was baked, nothing changes. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/export/again.h"
+#include "coordinator/export/gltf_rewrite.h"
 #include "worker/base/memory.h"
 
 enum { FIRST_SET = 1, SETS_MOST = 64, TRIANGLES = 4, NAME = 32 };
 
-/* One place in the layout that a vertex of the file has: the vertex as it will be written. */
-struct place {
+/* A vertex of the file at one position in the layout: a vertex as it will be written. */
+struct layout_vertex {
     struct kiln_vec2 uv;
-    uint32_t source; /* which vertex of the file */
-    uint32_t next;   /* another place of the same vertex, or KILN_NONE */
-    uint32_t vertex; /* its number in the new primitive */
+    uint32_t source; /* index of the vertex of the file */
+    uint32_t next;   /* another layout vertex of the same vertex of the file, or KILN_NONE */
+    uint32_t vertex; /* its index in the new primitive */
 };
 
 struct patch {
-    struct again *a;
+    struct rewrite *a;
     struct gltf_place where;
     json_t *json;
     const struct gltf_accessor *position, *indices;
-    /* Of a primitive with Draco compression: its accessors with decoded values. */
+    /* for a primitive with Draco compression: its accessors with decoded values */
     bool compressed;
     struct gltf_draco_use uses[GLTF_DRACO_ATTRIBUTES];
     struct gltf_accessor copies[GLTF_DRACO_ATTRIBUTES + 1];
     struct gltf_draco_values values;
     unsigned mode;
     size_t triangle_count;
-    uint32_t *place_of; /* 3 a triangle: its corners' places; KILN_NONE: not known (yet) */
-    uint32_t *first;    /* a vertex of the file: its first place, or KILN_NONE */
-    struct place *places;
-    size_t place_count, place_capacity;
-    size_t used;  /* vertices of the file that have a place */
-    bool changed; /* from what TEXCOORD_1 says */
+    uint32_t *vertex_of; /* 3 per triangle: the layout vertices of its corners; KILN_NONE: not known (yet) */
+    uint32_t *first;     /* per vertex of the file: its first layout vertex, or KILN_NONE */
+    struct layout_vertex *layout_vertices;
+    size_t layout_vertex_count, layout_vertex_capacity;
+    size_t used;  /* how many vertices of the file have a layout vertex */
+    bool changed; /* the coordinates differ from TEXCOORD_1 */
 };
 
-static void take(struct again *a, int status)
+static void take(struct rewrite *a, int status)
 {
     if (a->b.status == KILN_OK)
         a->b.status = status;
 }
 
-/* ---- which set ---- */
+/* ---- which texture coordinate set ---- */
 
 /* Whether a texture below `json` uses set 1. */
 static bool uses_set(const json_t *json)
@@ -70,9 +70,8 @@ static const json_t *accessor_of(const json_t *primitive, unsigned set)
     return json_object_get(json_object_get(primitive, "attributes"), name);
 }
 
-/* The set that a mesh's new coordinates go to: 1, unless a texture of one of its materials uses that: then the first
- * that is free. */
-static uint32_t choose_set(const struct again *a, const json_t *primitives)
+/* The set for a mesh's new coordinates: 1 or, if a texture of one of its materials uses that, the first free one. */
+static uint32_t choose_set(const struct rewrite *a, const json_t *primitives)
 {
     const json_t *materials = json_object_get(a->b.root, "materials");
     bool texture = false;
@@ -93,7 +92,7 @@ static uint32_t choose_set(const struct again *a, const json_t *primitives)
 
 /* ---- compression ---- */
 
-/* An attribute's accessor: that of the file, or what was decoded for it. */
+/* An attribute's accessor: the file's, or the one decoded for it. */
 static const struct gltf_accessor *accessor_named(const struct patch *p, const char *name, uint32_t index)
 {
     for (size_t i = 0; p->compressed && i < GLTF_DRACO_ATTRIBUTES; i++)
@@ -102,7 +101,7 @@ static const struct gltf_accessor *accessor_named(const struct patch *p, const c
     return &p->a->g.accessors[index];
 }
 
-/* Decodes a primitive with KHR_draco_mesh_compression: values become floats. */
+/* Decodes a primitive with KHR_draco_mesh_compression: its values become floats. */
 static void decompress(struct patch *p, const json_t *attributes)
 {
     struct gltf *g = &p->a->g;
@@ -114,7 +113,7 @@ static void decompress(struct patch *p, const json_t *attributes)
     {
         const uint32_t index = gltf_index(g, p->where, attributes, name, g->accessor_count);
         if (g->status == KILN_OK && (count == GLTF_DRACO_ATTRIBUTES || strncmp(name, "JOINTS_", 7) == 0))
-            gltf_fail(g, p->where, "attributes", "are compressed with Draco, and kiln does not write %s of such again",
+            gltf_fail(g, p->where, "attributes", "are compressed with Draco; of such a primitive kiln cannot write %s",
                       name);
         if (g->status != KILN_OK)
             return;
@@ -128,31 +127,31 @@ static void decompress(struct patch *p, const json_t *attributes)
     p->compressed = true;
 }
 
-/* ---- places ---- */
+/* ---- layout vertices ---- */
 
-static uint32_t add_place(struct patch *p, uint32_t source, struct kiln_vec2 uv)
+static uint32_t add_layout_vertex(struct patch *p, uint32_t source, struct kiln_vec2 uv)
 {
-    take(p->a, kiln_grow(&p->places, &p->place_capacity, p->place_count + 1, sizeof *p->places,
-                         "vertices of the exported scene", p->a->b.error));
+    take(p->a, kiln_grow(&p->layout_vertices, &p->layout_vertex_capacity, p->layout_vertex_count + 1,
+                         sizeof *p->layout_vertices, "vertices of the exported scene", p->a->b.error));
     if (p->a->b.status != KILN_OK)
         return KILN_NONE;
     p->used += p->first[source] == KILN_NONE;
-    p->places[p->place_count] = (struct place){.uv = uv, .source = source, .next = KILN_NONE};
-    return (uint32_t)p->place_count++;
+    p->layout_vertices[p->layout_vertex_count] = (struct layout_vertex){.uv = uv, .source = source, .next = KILN_NONE};
+    return (uint32_t)p->layout_vertex_count++;
 }
 
-/* The place of a vertex at `uv`, made when it is new; the first made stays the first. */
-static uint32_t place_at(struct patch *p, uint32_t source, struct kiln_vec2 uv)
+/* The layout vertex of a vertex of the file at `uv`; made if it is new. The first one made remains the first. */
+static uint32_t layout_vertex_at(struct patch *p, uint32_t source, struct kiln_vec2 uv)
 {
     uint32_t last = KILN_NONE;
-    for (uint32_t i = p->first[source]; i != KILN_NONE; last = i, i = p->places[i].next)
-        if (memcmp(&p->places[i].uv, &uv, sizeof uv) == 0)
+    for (uint32_t i = p->first[source]; i != KILN_NONE; last = i, i = p->layout_vertices[i].next)
+        if (memcmp(&p->layout_vertices[i].uv, &uv, sizeof uv) == 0)
             return i;
-    const uint32_t made = add_place(p, source, uv);
+    const uint32_t made = add_layout_vertex(p, source, uv);
     if (last == KILN_NONE)
         p->first[source] = made;
     else if (made != KILN_NONE)
-        p->places[last].next = made;
+        p->layout_vertices[last].next = made;
     return made;
 }
 
@@ -163,7 +162,7 @@ static bool same_position(const struct gltf_accessor *accessor, uint32_t vertex,
     return own.x == position.x && own.y == position.y && own.z == position.z;
 }
 
-/* Corners of the file in the order of the scene file's triangle: as they are, or with the last two exchanged. */
+/* Matches the file's corners to the scene file's triangle: the same order, or the last two exchanged. */
 static bool match_corners(const struct patch *p, const struct kiln_mesh *mesh, uint64_t triangle, uint32_t corner[3],
                           uint32_t slot[3])
 {
@@ -187,11 +186,12 @@ static void read_corners(const struct patch *p, size_t k, uint32_t corner[3])
     gltf_triangle(p->mode, p->indices, k, corner);
     for (int c = 0; c < 3; c++)
         if (corner[c] >= p->position->count)
-            gltf_fail(&p->a->g, p->where, "indices", "name vertex %u of %zu", corner[c], p->position->count);
+            gltf_fail(&p->a->g, p->where, "indices", "refer to vertex %u, but there are %zu", corner[c],
+                      p->position->count);
     take(p->a, p->a->g.status);
 }
 
-/* A triangle of the scene file: its corners get the places that the layout gives them. */
+/* Gives the corners of a triangle of the scene file the layout vertices of its layout. */
 static void place_triangle(struct patch *p, const struct kiln_mesh *mesh, uint64_t triangle)
 {
     const struct kiln_scene *scene = p->a->scene;
@@ -204,39 +204,40 @@ static void place_triangle(struct patch *p, const struct kiln_mesh *mesh, uint64
                              "%.512s: %s[%zu]%s: triangle %u is not the one that was baked; bake again",
                              p->a->b.subject, p->where.array, p->where.index, p->where.below, k));
     for (int c = 0; c < 3 && p->a->b.status == KILN_OK; c++)
-        p->place_of[3 * (size_t)k + slot[c]] =
-            place_at(p, corner[slot[c]], p->a->coordinates[mesh->vertex_first + own[c]]);
+        p->vertex_of[3 * (size_t)k + slot[c]] =
+            layout_vertex_at(p, corner[slot[c]], p->a->coordinates[mesh->vertex_first + own[c]]);
 }
 
-/* Triangles without area have no place in the layout: their corners take one that their vertex has, or one of another
- * corner, or 0. */
+/* Triangles without area have no position in the layout. Their corners take a layout vertex of their vertex, or of
+ * another corner, or vertex 0. */
 static void place_rest(struct patch *p)
 {
     for (size_t k = 0; k < p->triangle_count && p->a->b.status == KILN_OK; k++) {
-        uint32_t *places = p->place_of + 3 * k, corner[3];
+        uint32_t *layout_vertices = p->vertex_of + 3 * k, corner[3];
         struct kiln_vec2 uv = {0.0f, 0.0f};
-        if (places[0] != KILN_NONE)
+        if (layout_vertices[0] != KILN_NONE)
             continue;
         read_corners(p, k, corner);
         for (int c = 2; c >= 0 && p->a->b.status == KILN_OK; c--)
             if (p->first[corner[c]] != KILN_NONE)
-                uv = p->places[p->first[corner[c]]].uv;
+                uv = p->layout_vertices[p->first[corner[c]]].uv;
         for (int c = 0; c < 3 && p->a->b.status == KILN_OK; c++)
-            places[c] = p->first[corner[c]] != KILN_NONE ? p->first[corner[c]] : place_at(p, corner[c], uv);
+            layout_vertices[c] =
+                p->first[corner[c]] != KILN_NONE ? p->first[corner[c]] : layout_vertex_at(p, corner[c], uv);
     }
 }
 
-/* Whether TEXCOORD_1 says the same. */
+/* Whether TEXCOORD_1 has the same coordinates already. */
 static bool is_unchanged(const struct patch *p)
 {
     const json_t *index = accessor_of(p->json, FIRST_SET);
     if (index == NULL || json_integer_value(index) < 0 || (size_t)json_integer_value(index) >= p->a->g.accessor_count)
         return false;
     const struct gltf_accessor *own = accessor_named(p, "TEXCOORD_1", (uint32_t)json_integer_value(index));
-    for (size_t i = 0; i < p->place_count && own->components == 2 && own->count == p->position->count; i++) {
+    for (size_t i = 0; i < p->layout_vertex_count && own->components == 2 && own->count == p->position->count; i++) {
         struct kiln_vec2 uv;
-        gltf_accessor_float(own, p->places[i].source, &uv.x);
-        if (uv.x != p->places[i].uv.x || uv.y != p->places[i].uv.y)
+        gltf_accessor_float(own, p->layout_vertices[i].source, &uv.x);
+        if (uv.x != p->layout_vertices[i].uv.x || uv.y != p->layout_vertices[i].uv.y)
             return false;
     }
     return own->components == 2 && own->count == p->position->count;
@@ -244,15 +245,15 @@ static bool is_unchanged(const struct patch *p)
 
 /* ---- writing ---- */
 
-/* NULL without memory, which kiln_glb_append notices. */
+/* NULL when out of memory, which kiln_glb_append reports. */
 static json_t *accessor_json(uint32_t view, unsigned component, size_t count, const char *type)
 {
     return json_pack("{s:i, s:i, s:I, s:s}", "bufferView", (int)view, "componentType", (int)component, "count",
                      (json_int_t)count, "type", type);
 }
 
-/* The primitive's attribute: the lightmap's set, and the sets below it where they are not there, for glTF wants none
- * left out. */
+/* Sets the primitive's attribute for the lightmap's set. Sets below it that do not exist are set, too, since glTF
+ * allows no gap. */
 static void set_texcoord(struct patch *p, uint32_t set, uint32_t accessor)
 {
     json_t *attributes = json_object_get(p->json, "attributes");
@@ -264,7 +265,7 @@ static void set_texcoord(struct patch *p, uint32_t set, uint32_t accessor)
     }
 }
 
-/* Coordinates for all vertices of the file; those that no triangle uses lie at 0. */
+/* Adds coordinates for all vertices of the file; those that no triangle uses are at 0. */
 static void add_coordinates(struct patch *p, uint32_t set)
 {
     struct kiln_glb_build *b = &p->a->b;
@@ -273,30 +274,30 @@ static void add_coordinates(struct patch *p, uint32_t set)
     const uint32_t view = kiln_glb_view(b, count * sizeof(struct kiln_vec2), 0, KILN_GLTF_ARRAY_BUFFER, &bytes);
     for (size_t v = 0; v < count && bytes != NULL; v++) {
         const struct kiln_vec2 nothing = {0.0f, 0.0f};
-        memcpy(bytes + v * sizeof nothing, p->first[v] == KILN_NONE ? &nothing : &p->places[p->first[v]].uv,
+        memcpy(bytes + v * sizeof nothing, p->first[v] == KILN_NONE ? &nothing : &p->layout_vertices[p->first[v]].uv,
                sizeof nothing);
     }
     set_texcoord(p, set, kiln_glb_append(b, b->root, "accessors", accessor_json(view, KILN_GLTF_FLOAT, count, "VEC2")));
 }
 
-/* New numbers: first places in the order of the file's vertices, then the others in the order in which they were made.
- * `order` gets the place of each new vertex. */
-static void number_places(struct patch *p, uint32_t *order)
+/* Numbers the new vertices: first the first layout vertex of each vertex of the file, in the file's order, then the
+ * others in the order in which they were made. `order` gets the layout vertex of each new vertex. */
+static void number_layout_vertices(struct patch *p, uint32_t *order)
 {
     uint32_t next = 0;
     for (size_t v = 0; v < p->position->count; v++)
         if (p->first[v] != KILN_NONE) {
-            p->places[p->first[v]].vertex = next;
+            p->layout_vertices[p->first[v]].vertex = next;
             order[next++] = p->first[v];
         }
-    for (size_t i = 0; i < p->place_count; i++)
-        if (p->first[p->places[i].source] != i) {
-            p->places[i].vertex = next;
+    for (size_t i = 0; i < p->layout_vertex_count; i++)
+        if (p->first[p->layout_vertices[i].source] != i) {
+            p->layout_vertices[i].vertex = next;
             order[next++] = (uint32_t)i;
         }
 }
 
-/* min and max, of those accessors that have them: of the elements that are there now. */
+/* Sets min and max, where the old accessor had them, to those of the new elements. */
 static void set_bounds(struct patch *p, json_t *made, const json_t *old, const struct gltf_accessor *accessor,
                        const uint32_t *order)
 {
@@ -305,8 +306,8 @@ static void set_bounds(struct patch *p, json_t *made, const json_t *old, const s
     json_t *low = json_array(), *high = json_array();
     for (unsigned c = 0; c < accessor->components; c++) {
         double least = INFINITY, most = -INFINITY;
-        for (size_t v = 0; v < p->place_count; v++) {
-            const double value = gltf_accessor_raw(accessor, p->places[order[v]].source, c);
+        for (size_t v = 0; v < p->layout_vertex_count; v++) {
+            const double value = gltf_accessor_raw(accessor, p->layout_vertices[order[v]].source, c);
             least = fmin(least, value);
             most = fmax(most, value);
         }
@@ -335,14 +336,14 @@ static uint32_t copy_attribute(struct patch *p, const char *name, uint32_t index
         return 0;
     }
     const uint32_t view =
-        kiln_glb_view(b, stride * p->place_count, stride == size ? 0 : stride, KILN_GLTF_ARRAY_BUFFER, &bytes);
-    for (size_t v = 0; v < p->place_count && bytes != NULL; v++) {
-        const unsigned char *from = gltf_accessor_element(accessor, p->places[order[v]].source);
+        kiln_glb_view(b, stride * p->layout_vertex_count, stride == size ? 0 : stride, KILN_GLTF_ARRAY_BUFFER, &bytes);
+    for (size_t v = 0; v < p->layout_vertex_count && bytes != NULL; v++) {
+        const unsigned char *from = gltf_accessor_element(accessor, p->layout_vertices[order[v]].source);
         memset(bytes + v * stride, 0, stride);
         if (from != NULL)
             memcpy(bytes + v * stride, from, size);
     }
-    json_t *made = accessor_json(view, accessor->component, p->place_count, type);
+    json_t *made = accessor_json(view, accessor->component, p->layout_vertex_count, type);
     if (accessor->normalized)
         kiln_glb_set(b, made, "normalized", json_true());
     set_bounds(p, made, old, accessor, order);
@@ -353,7 +354,7 @@ static uint32_t copy_attribute(struct patch *p, const char *name, uint32_t index
     return kiln_glb_append(b, b->root, "accessors", made);
 }
 
-/* All of a primitive's or a morph target's attributes but the one called `left_out`. */
+/* Copies all attributes of a primitive or morph target except the one called `left_out`. */
 static void copy_attributes(struct patch *p, json_t *attributes, const char *left_out, const uint32_t *order)
 {
     const char *name;
@@ -373,12 +374,12 @@ static void copy_attributes(struct patch *p, json_t *attributes, const char *lef
 static void write_indices(struct patch *p)
 {
     struct kiln_glb_build *b = &p->a->b;
-    const bool small = p->place_count <= UINT16_MAX;
+    const bool small = p->layout_vertex_count <= UINT16_MAX;
     const size_t size = small ? 2 : 4, count = 3 * p->triangle_count;
     unsigned char *bytes;
     const uint32_t view = kiln_glb_view(b, size * count, 0, KILN_GLTF_ELEMENT_ARRAY_BUFFER, &bytes);
     for (size_t i = 0; i < count && bytes != NULL; i++) {
-        const uint32_t index = p->places[p->place_of[i]].vertex;
+        const uint32_t index = p->layout_vertices[p->vertex_of[i]].vertex;
         for (size_t k = 0; k < size; k++)
             bytes[i * size + k] = (unsigned char)(index >> (8 * k));
     }
@@ -387,17 +388,18 @@ static void write_indices(struct patch *p)
     (void)json_object_del(p->json, "mode");
 }
 
-/* The lightmap's coordinates in the order of the new vertices. */
+/* Writes the lightmap's coordinates in the order of the new vertices. */
 static void write_coordinates(struct patch *p, uint32_t set, const uint32_t *order)
 {
     struct kiln_glb_build *b = &p->a->b;
     unsigned char *bytes;
     const uint32_t view =
-        kiln_glb_view(b, p->place_count * sizeof(struct kiln_vec2), 0, KILN_GLTF_ARRAY_BUFFER, &bytes);
-    for (size_t v = 0; v < p->place_count && bytes != NULL; v++)
-        memcpy(bytes + v * sizeof(struct kiln_vec2), &p->places[order[v]].uv, sizeof(struct kiln_vec2));
+        kiln_glb_view(b, p->layout_vertex_count * sizeof(struct kiln_vec2), 0, KILN_GLTF_ARRAY_BUFFER, &bytes);
+    for (size_t v = 0; v < p->layout_vertex_count && bytes != NULL; v++)
+        memcpy(bytes + v * sizeof(struct kiln_vec2), &p->layout_vertices[order[v]].uv, sizeof(struct kiln_vec2));
     set_texcoord(
-        p, set, kiln_glb_append(b, b->root, "accessors", accessor_json(view, KILN_GLTF_FLOAT, p->place_count, "VEC2")));
+        p, set,
+        kiln_glb_append(b, b->root, "accessors", accessor_json(view, KILN_GLTF_FLOAT, p->layout_vertex_count, "VEC2")));
 }
 
 static void rewrite(struct patch *p, uint32_t set)
@@ -406,9 +408,10 @@ static void rewrite(struct patch *p, uint32_t set)
     char name[NAME];
     const json_t *targets = json_object_get(p->json, "targets");
     (void)snprintf(name, sizeof name, "TEXCOORD_%u", set);
-    take(p->a, kiln_allocate(&order, p->place_count, sizeof *order, "vertices of the exported scene", p->a->b.error));
+    take(p->a,
+         kiln_allocate(&order, p->layout_vertex_count, sizeof *order, "vertices of the exported scene", p->a->b.error));
     if (p->a->b.status == KILN_OK)
-        number_places(p, order);
+        number_layout_vertices(p, order);
     if (p->a->b.status == KILN_OK)
         copy_attributes(p, json_object_get(p->json, "attributes"), name, order);
     for (size_t i = 0; i < json_array_size(targets) && p->a->b.status == KILN_OK; i++)
@@ -445,20 +448,20 @@ static bool begin_patch(struct patch *p)
                                         : &g->accessors[indices];
     const size_t corners = p->indices == NULL ? p->position->count : p->indices->count;
     p->triangle_count = p->mode == TRIANGLES ? corners / 3 : corners < 3 ? 0 : corners - 2;
-    take(p->a, kiln_allocate(&p->place_of, 3 * p->triangle_count, sizeof *p->place_of, "corners of the exported scene",
-                             p->a->b.error));
+    take(p->a, kiln_allocate(&p->vertex_of, 3 * p->triangle_count, sizeof *p->vertex_of,
+                             "corners of the exported scene", p->a->b.error));
     if (p->a->b.status == KILN_OK)
         take(p->a, kiln_allocate(&p->first, p->position->count, sizeof *p->first, "vertices of the exported scene",
                                  p->a->b.error));
     if (p->a->b.status != KILN_OK)
         return false;
-    memset(p->place_of, 0xff, 3 * p->triangle_count * sizeof *p->place_of);
+    memset(p->vertex_of, 0xff, 3 * p->triangle_count * sizeof *p->vertex_of);
     memset(p->first, 0xff, p->position->count * sizeof *p->first);
     return p->triangle_count > 0;
 }
 
-/* Places for a primitive of mesh `mesh`, whose triangles are a run of the mesh's from *next on. Tells whether they are
- * new. */
+/* Makes layout vertices for a primitive of mesh `mesh`. The primitive's triangles are consecutive in the mesh, from
+ * *next on. Tells whether the coordinates are new. */
 static void place_primitive(struct patch *p, const struct kiln_mesh *mesh, uint32_t index, uint64_t *next)
 {
     const uint64_t end = mesh->triangle_first + mesh->triangle_count;
@@ -470,7 +473,7 @@ static void place_primitive(struct patch *p, const struct kiln_mesh *mesh, uint3
         place_rest(p);
 }
 
-/* What is written is not compressed: the extension, where there is one, would still say what was. */
+/* Removes the compression extension, if any: the new values are not compressed. */
 static bool drop_compression(json_t *primitive)
 {
     json_t *extensions = json_object_get(primitive, "extensions");
@@ -483,7 +486,7 @@ static bool drop_compression(json_t *primitive)
 static void write_primitive(struct patch *p, uint32_t set)
 {
     const bool compressed = drop_compression(p->json);
-    if (!compressed && p->place_count == p->used && 2 * p->used >= p->position->count)
+    if (!compressed && p->layout_vertex_count == p->used && 2 * p->used >= p->position->count)
         add_coordinates(p, set);
     else
         rewrite(p, set);
@@ -492,13 +495,13 @@ static void write_primitive(struct patch *p, uint32_t set)
 static void end_patch(struct patch *p)
 {
     gltf_draco_values_free(&p->values);
-    kiln_free(&p->places);
+    kiln_free(&p->layout_vertices);
     kiln_free(&p->first);
-    kiln_free(&p->place_of);
+    kiln_free(&p->vertex_of);
 }
 
-/* Goes through the mesh's primitives: once to see whether any has new coordinates, and once more to write those. */
-static bool patch_primitives(struct again *a, size_t index, const struct kiln_mesh *mesh, json_t *primitives,
+/* Walks through the mesh's primitives: first to see whether any has new coordinates, then to write them. */
+static bool patch_primitives(struct rewrite *a, size_t index, const struct kiln_mesh *mesh, json_t *primitives,
                              bool write, uint32_t set)
 {
     uint64_t next = mesh->triangle_first;
@@ -521,7 +524,7 @@ static bool patch_primitives(struct again *a, size_t index, const struct kiln_me
     return changed;
 }
 
-static void patch_mesh(struct again *a, size_t index, const struct kiln_mesh *mesh)
+static void patch_mesh(struct rewrite *a, size_t index, const struct kiln_mesh *mesh)
 {
     json_t *primitives =
         gltf_array(&a->g, (struct gltf_place){"meshes", index, ""}, gltf_element(&a->g, "meshes", index), "primitives");
@@ -534,13 +537,13 @@ static void patch_mesh(struct again *a, size_t index, const struct kiln_mesh *me
     (void)patch_primitives(a, index, mesh, primitives, true, a->set_of[index]);
 }
 
-void kiln_again_meshes(struct again *a)
+void kiln_rewrite_meshes(struct rewrite *a)
 {
     const struct kiln_scene *scene = a->scene;
     uint8_t *done = NULL;
     if (scene->triangle_sources == NULL && scene->triangle_count > 0)
         take(a, kiln_fail(a->b.error, KILN_BAD_INPUT,
-                          "%.512s: the bake's scene file does not say where its triangles come from; bake again",
+                          "%.512s: the bake's scene file does not record where its triangles come from; bake again",
                           a->b.subject));
     take(a, kiln_allocate(&done, a->g.mesh_count, 1, "meshes", a->b.error));
     for (size_t i = 0; i < scene->object_count && a->b.status == KILN_OK; i++) {

@@ -1,18 +1,18 @@
-/* The source's glTF once more: its JSON is read and checked as at import, edited in place (indices of what it has do
- * not change: things are only appended), and written with all buffers and images in one .glb. */
+/* Writes the source's glTF again. Its JSON is read and checked as at import and edited in place: things are only
+ * appended, so that existing indices do not change. It is written with all buffers and images in one .glb. */
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
 
-#include "coordinator/export/again.h"
+#include "coordinator/export/gltf_rewrite.h"
 #include "coordinator/export/child.h"
 #include "coordinator/scene/builder.h"
 #include "worker/base/memory.h"
 
-/* ---- the source is the one that was baked ---- */
+/* ---- check that the source is the one that was baked ---- */
 
-/* Every file read now that was read at import has the same bytes. */
-static int check_sources(struct again *a)
+/* Checks that every file read now has the same bytes as at import. */
+static int check_sources(struct rewrite *a)
 {
     const struct kiln_builder *now = a->g.builder;
     const struct kiln_source *sources = KILN_BUILDER_DATA(now, const struct kiln_source, KILN_SECTION_SOURCES);
@@ -25,10 +25,9 @@ static int check_sources(struct again *a)
             known = strcmp(kiln_scene_string(a->scene, before->path), path) == 0;
             if (known &&
                 (before->size != sources[i].size || memcmp(before->hash, sources[i].hash, sizeof before->hash) != 0))
-                return kiln_fail(
-                    a->g.error, KILN_BAD_INPUT,
-                    "%.512s: '%.80s' is not as it was when it was baked; bake again, or bring the old file back",
-                    a->g.confine->scene, path);
+                return kiln_fail(a->g.error, KILN_BAD_INPUT,
+                                 "%.512s: '%.80s' has changed since it was baked; bake again, or restore the old file",
+                                 a->g.confine->scene, path);
         }
         if (!known && i == 0)
             return kiln_fail(a->g.error, KILN_BAD_INPUT,
@@ -42,7 +41,7 @@ static int check_sources(struct again *a)
 
 /* ---- buffers and images ---- */
 
-static void move_to_one_buffer(struct again *a, json_t *view, const size_t *base, const uint32_t *renamed)
+static void move_to_one_buffer(struct rewrite *a, json_t *view, const size_t *base, const uint32_t *renamed)
 {
     const json_int_t index = json_integer_value(json_object_get(view, "buffer"));
     if (!json_is_integer(json_object_get(view, "buffer")) || index < 0 || (size_t)index >= a->g.buffer_count)
@@ -55,9 +54,9 @@ static void move_to_one_buffer(struct again *a, json_t *view, const size_t *base
     kiln_glb_set(&a->b, view, "buffer", json_integer(renamed[index]));
 }
 
-/* The buffers that have bytes become pieces of the first; those that have none (what fallback buffers of compressed
- * files are) follow it. */
-static void join_buffers(struct again *a)
+/* Makes the buffers that have bytes pieces of the first buffer. Those without (fallback buffers of compressed files)
+ * follow it. */
+static void join_buffers(struct rewrite *a)
 {
     size_t *base = NULL;
     uint32_t *renamed = NULL;
@@ -89,7 +88,8 @@ static void join_buffers(struct again *a)
         json_t *extension;
         move_to_one_buffer(a, view, base, renamed);
         json_object_foreach(extensions, key, extension) if (json_is_object(extension))
-            move_to_one_buffer(a, extension, base, renamed); /* EXT_meshopt_compression names its buffer so */
+            /* EXT_meshopt_compression refers to its buffer in this way */
+            move_to_one_buffer(a, extension, base, renamed);
     }
     if (json_array_size(joined) > 0)
         kiln_glb_set(&a->b, a->b.root, "buffers", json_incref(joined));
@@ -114,9 +114,9 @@ static const char *image_kind(const unsigned char *data, size_t size)
     return NULL;
 }
 
-/* The bytes of an image that stands outside the buffers; false when it stays where it is: its file cannot be read (then
- * no texture that was baked uses it), or it is of no kind that glTF knows. */
-static bool fetch_image(struct again *a, size_t index, const char *uri, struct kiln_file *file, unsigned char **owned)
+/* Fetches the bytes of an image outside the buffers. False: the image stays where it is, because its file cannot be
+ * read (then no baked texture uses it) or its format is not one of glTF's. */
+static bool fetch_image(struct rewrite *a, size_t index, const char *uri, struct kiln_file *file, unsigned char **owned)
 {
     char path[1025], where[64];
     struct kiln_error dropped;
@@ -131,7 +131,7 @@ static bool fetch_image(struct again *a, size_t index, const char *uri, struct k
            kiln_confine_map(a->g.confine, a->g.builder, path, where, file, &dropped) == KILN_OK;
 }
 
-static void take_image(struct again *a, size_t index)
+static void take_image(struct rewrite *a, size_t index)
 {
     json_t *image = json_array_get(json_object_get(a->b.root, "images"), index);
     const char *uri = json_string_value(json_object_get(image, "uri"));
@@ -157,7 +157,7 @@ static void take_image(struct again *a, size_t index)
 
 /* ---- extensions ---- */
 
-static void forget_name(json_t *root, const char *list, const char *name)
+static void remove_name(json_t *root, const char *list, const char *name)
 {
     json_t *array = json_object_get(root, list);
     for (size_t i = json_array_size(array); i-- > 0;) {
@@ -169,8 +169,8 @@ static void forget_name(json_t *root, const char *list, const char *name)
         (void)json_object_del(root, list);
 }
 
-/* Meshes whose coordinates are new are no longer compressed; where none is, nothing asks for a decoder any more. */
-static void settle_compression(struct again *a)
+/* Removes compression extensions that nothing needs any more: meshes with new coordinates are not compressed. */
+static void settle_compression(struct rewrite *a)
 {
     static const char name[] = "KHR_draco_mesh_compression";
     const json_t *meshes = json_object_get(a->b.root, "meshes");
@@ -180,14 +180,14 @@ static void settle_compression(struct again *a)
             if (json_object_get(json_object_get(json_array_get(primitives, k), "extensions"), name) != NULL)
                 return;
     }
-    forget_name(a->b.root, "extensionsUsed", name);
-    forget_name(a->b.root, "extensionsRequired", name);
+    remove_name(a->b.root, "extensionsUsed", name);
+    remove_name(a->b.root, "extensionsRequired", name);
 }
 
 /* ---- nodes ---- */
 
-/* The link as the node's mesh needs it. New reference. */
-static json_t *settled_link(const struct again *a, size_t object)
+/* The link of an object with the texture coordinate set of its mesh. New reference. */
+static json_t *link_with_set(const struct rewrite *a, size_t object)
 {
     const json_t *link = json_array_get(json_object_get(a->plan, "objects"), object);
     json_t *settled = json_copy((json_t *)(uintptr_t)link);
@@ -195,8 +195,8 @@ static json_t *settled_link(const struct again *a, size_t object)
     return settled;
 }
 
-/* How many instances the source gives a node: the count of the first of its attributes. */
-static uint64_t instances_of(const struct again *a, const json_t *node)
+/* The number of instances of a node in the source: the count of the first of its attributes. */
+static uint64_t instances_of(const struct rewrite *a, const json_t *node)
 {
     json_t *attributes =
         json_object_get(json_object_get(json_object_get(node, "extensions"), "EXT_mesh_gpu_instancing"), "attributes");
@@ -207,17 +207,18 @@ static uint64_t instances_of(const struct again *a, const json_t *node)
     return count > 0 ? (uint64_t)count : 0;
 }
 
-/* Instances of one node (EXT_mesh_gpu_instancing) have an array of links, in the order of the instances; null: none. */
-static void link_instance(struct again *a, json_t *node, size_t object, json_t *link)
+/* Adds the link of an instance. The instances of one node (EXT_mesh_gpu_instancing) have an array of links in their
+ * order; null: none. */
+static void link_instance(struct rewrite *a, json_t *node, size_t object, json_t *link)
 {
     const struct kiln_object *o = &a->scene->objects[object];
     const uint64_t count = instances_of(a, node);
     if (o->source_instance >= count) {
-        a->b.status = kiln_fail(
-            a->b.error, KILN_BAD_INPUT,
-            "the baked scene's object %zu is instance %u of node %u, which has %llu in the source: the scene was "
-            "changed since it was baked; bake again",
-            object, o->source_instance, o->source_node, (unsigned long long)count);
+        a->b.status = kiln_fail(a->b.error, KILN_BAD_INPUT,
+                                "the baked scene's object %zu is instance %u of node %u, which has %llu instances in "
+                                "the source: the scene has "
+                                "changed since it was baked; bake again",
+                                object, o->source_instance, o->source_node, (unsigned long long)count);
         return;
     }
     json_t *whole = json_object_get(json_object_get(node, "extensions"), KILN_LIGHTMAP_EXTENSION);
@@ -234,8 +235,8 @@ static void link_instance(struct again *a, json_t *node, size_t object, json_t *
     (void)json_array_append(array, link);
 }
 
-/* Links of an earlier export are none of this one. */
-static void forget_links(struct again *a)
+/* Removes the links of an earlier export. */
+static void remove_links(struct rewrite *a)
 {
     json_t *nodes = json_object_get(a->b.root, "nodes");
     for (size_t i = 0; i < json_array_size(nodes); i++) {
@@ -246,7 +247,7 @@ static void forget_links(struct again *a)
     }
 }
 
-static void link_nodes(struct again *a)
+static void link_nodes(struct rewrite *a)
 {
     json_t *nodes = json_object_get(a->b.root, "nodes");
     for (size_t i = 0; i < a->scene->object_count && a->b.status == KILN_OK; i++) {
@@ -255,7 +256,7 @@ static void link_nodes(struct again *a)
         if (json_is_null(json_array_get(json_object_get(a->plan, "objects"), i)) || o->source_mesh >= a->g.mesh_count ||
             !json_is_object(node))
             continue;
-        json_t *link = settled_link(a, i);
+        json_t *link = link_with_set(a, i);
         if (o->source_instance != KILN_NONE)
             link_instance(a, node, i, link);
         else
@@ -266,8 +267,8 @@ static void link_nodes(struct again *a)
 
 /* ---- lights ---- */
 
-/* Marks the nodes that the baked scene shows. */
-static void reach(struct again *a, uint8_t *reached)
+/* Marks the nodes that the baked scene contains. */
+static void reach(struct rewrite *a, uint8_t *reached)
 {
     const json_t *scenes = json_object_get(a->b.root, "scenes"), *nodes = json_object_get(a->b.root, "nodes");
     const json_int_t chosen = json_integer_value(json_object_get(a->b.root, "scene"));
@@ -280,7 +281,7 @@ static void reach(struct again *a, uint8_t *reached)
     for (const json_t *next = roots; a->b.status == KILN_OK && next != NULL;) {
         for (size_t i = 0; i < json_array_size(next); i++) {
             const json_int_t child = json_integer_value(json_array_get(next, i));
-            /* once: the stack never holds more than there are */
+            /* each node once: so the stack never holds more than all nodes */
             if (child >= 0 && (size_t)child < count && !reached[child]) {
                 reached[child] = 1;
                 stack[depth++] = (uint32_t)child;
@@ -302,8 +303,8 @@ static void drop_light(json_t *node)
         (void)json_object_del(node, "extensions");
 }
 
-/* The light of all punctual lights of the scene is in the lightmaps: they are marked, or left out. */
-static void settle_lights(struct again *a)
+/* Marks the punctual lights of the scene as baked, or removes them: their light is in the lightmaps. */
+static void settle_lights(struct rewrite *a)
 {
     const bool drop = json_is_true(json_object_get(a->plan, "drop_baked_lights"));
     json_t *nodes = json_object_get(a->b.root, "nodes");
@@ -324,15 +325,15 @@ static void settle_lights(struct again *a)
     }
     if (drop && left == 0 && json_object_get(json_object_get(a->b.root, "extensions"), "KHR_lights_punctual") != NULL) {
         drop_light(a->b.root);
-        forget_name(a->b.root, "extensionsUsed", "KHR_lights_punctual");
-        forget_name(a->b.root, "extensionsRequired", "KHR_lights_punctual");
+        remove_name(a->b.root, "extensionsUsed", "KHR_lights_punctual");
+        remove_name(a->b.root, "extensionsRequired", "KHR_lights_punctual");
     }
     kiln_free(&reached);
 }
 
-/* ---- all of it ---- */
+/* ---- the whole export ---- */
 
-static void open_source(struct again *a)
+static void open_source(struct rewrite *a)
 {
     struct gltf *g = &a->g;
     gltf_open(g);
@@ -349,22 +350,22 @@ static void open_source(struct again *a)
     if (g->status == KILN_OK)
         g->status = kiln_allocate(&a->set_of, g->mesh_count, sizeof *a->set_of, "meshes", g->error);
     if (g->status == KILN_OK)
-        g->status = check_sources(a); /* external buffers too */
+        g->status = check_sources(a); /* checks external buffers, too */
     a->b.status = g->status;
     a->b.root = json_incref(g->root);
 }
 
-static void edit(struct again *a)
+static void edit(struct rewrite *a)
 {
-    forget_links(a);
+    remove_links(a);
     if (a->b.status == KILN_OK)
         join_buffers(a);
     for (size_t i = 0; a->b.status == KILN_OK && i < a->g.image_count; i++)
         take_image(a, i);
     if (a->b.status == KILN_OK)
-        a->b.status = check_sources(a); /* images of their own */
+        a->b.status = check_sources(a); /* checks the image files */
     if (a->b.status == KILN_OK)
-        kiln_again_meshes(a);
+        kiln_rewrite_meshes(a);
     settle_compression(a);
     if (a->b.status == KILN_OK)
         link_nodes(a);
@@ -377,17 +378,17 @@ int kiln_export_gltf(const struct kiln_export_task *task, void (*mapped)(const s
 {
     struct kiln_confine *confine = NULL;
     struct kiln_builder *builder = NULL;
-    struct again a = {.scene = task->scene,
-                      .plan = task->plan,
-                      .coordinates = task->coordinates,
-                      .b = {.subject = task->source, .error = error}};
+    struct rewrite a = {.scene = task->scene,
+                        .plan = task->plan,
+                        .coordinates = task->coordinates,
+                        .b = {.subject = task->source, .error = error}};
     int status = kiln_confine_create(&confine, task->source, error);
     if (status == KILN_OK)
         status = kiln_builder_create(&builder, error);
     if (status != KILN_OK)
         goto done;
     confine->mapped = mapped;
-    confine->total_bytes = task->scene->mapped_bytes; /* it is in memory too */
+    confine->total_bytes = task->scene->mapped_bytes; /* the scene file is in memory, too */
     if (mapped != NULL)
         mapped(confine);
     a.g = (struct gltf){.confine = confine, .builder = builder, .error = error};
