@@ -4,9 +4,9 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "worker/backend/devices.h"
 #include "worker/backend/fallback.h"
 #include "worker/backend/verify.h"
-#include "worker/backend/vulkan/gpu/gpu.h"
 
 static const struct kiln_backend_api *const backends[] = {&kiln_backend_embree, &kiln_backend_vulkan};
 
@@ -14,9 +14,9 @@ static const struct kiln_backend_api *const backends[] = {&kiln_backend_embree, 
 static bool has_gpu(void)
 {
     enum { MOST = 64 };
-    struct gpu_description list[MOST];
+    struct kiln_device list[MOST];
     size_t count = 0;
-    if (gpu_list(list, MOST, &count, NULL) != KILN_OK)
+    if (kiln_backend_devices(list, MOST, &count, NULL) != KILN_OK)
         return false;
     for (size_t i = 0; i < count && i < MOST; i++)
         if (list[i].fit && !list[i].software)

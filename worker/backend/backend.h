@@ -12,7 +12,7 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "shaders/shared/random.h"
+#include "shaders/shared/streams.h"
 #include "worker/base/stop.h"
 #include "worker/pass/pass.h"
 #include "worker/scene/scene.h"
@@ -68,7 +68,7 @@ static inline uint32_t kiln_ray_seed(struct kiln_vec3 origin, struct kiln_vec3 d
     uint32_t o[3], d[3];
     memcpy(o, &origin, sizeof o);
     memcpy(d, &direction, sizeof d);
-    return kiln_hash2(kiln_hash2(kiln_hash2(o[0], o[1]), kiln_hash2(o[2], d[0])), kiln_hash2(d[1], d[2]));
+    return kiln_ray_bits_seed(o[0], o[1], o[2], d[0], d[1], d[2]);
 }
 
 /* Where light that leaves the lights goes: traced from the lights, independent of the direct pass. Watts, RGB. */
@@ -162,8 +162,6 @@ int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 
  * the seconds that its calls took and the number of rays. One thread. Nothing is taken. */
 int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
                          struct kiln_error *error);
-/* One line: Embree's version as it is installed. */
-void kiln_backend_embree_version(char *text, size_t size);
 static inline void kiln_backend_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     backend->api->info(backend, info);

@@ -2,7 +2,7 @@
 
 #include "worker/backend/embree/embree.h"
 
-void kiln_backend_embree_version(char *text, size_t size)
+void embree_version(char *text, size_t size)
 {
     RTCDevice device = rtcNewDevice(NULL);
     if (device == NULL) {

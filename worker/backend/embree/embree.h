@@ -56,4 +56,7 @@ KILN_PASS_LIST(EMBREE_DECLARE)
 int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
                    struct kiln_error *error);
 
+/* One line: the version as it is installed. */
+void embree_version(char *text, size_t size);
+
 #endif
