@@ -395,12 +395,12 @@ static int compare_texels(const void *a, const void *b, void *context)
 
 /* Lists own objects of the round in `own`, largest first, so that a thread does not start the largest when the others
  * are done; creates their maps. */
-static int open_round(const struct writer *w, const struct kiln_assignment *deal, uint32_t rank, uint32_t round,
+static int open_round(const struct writer *w, const struct kiln_assignment *assignment, uint32_t rank, uint32_t round,
                       uint32_t *own, size_t *count, struct kiln_error *error)
 {
     *count = 0;
-    for (size_t i = 0; i < deal->count; i++) {
-        if (deal->owner[i] != rank || deal->round[i] != round)
+    for (size_t i = 0; i < assignment->count; i++) {
+        if (assignment->owner[i] != rank || assignment->round[i] != round)
             continue;
         const struct kiln_lightmap *lightmap = &w->result->surface->lightmaps[i];
         const int status = kiln_map_create(&w->maps[i], lightmap->width, lightmap->height, &w->layers.planes, error);
@@ -453,12 +453,12 @@ static int write_round(const struct writer *w, const uint32_t *own, size_t count
 }
 
 /* Moves own objects of the round whose strips are distributed to the front of `own`, in order. Returns their number. */
-static size_t sort_large(const struct kiln_strip_deal *strips, uint32_t *own, size_t count)
+static size_t sort_large(const struct kiln_strip_assignment *strips, uint32_t *own, size_t count)
 {
     size_t large = 0;
     for (size_t i = 0; i < count; i++) {
         const uint32_t object = own[i];
-        if (!kiln_strip_deal_has(strips, object))
+        if (!kiln_strip_assignment_has(strips, object))
             continue;
         memmove(own + large + 1, own + large, (i - large) * sizeof *own);
         own[large++] = object;
@@ -467,15 +467,15 @@ static size_t sort_large(const struct kiln_strip_deal *strips, uint32_t *own, si
 }
 
 /* Collective. Writes the objects of the round: each rank its small ones, then all ranks together the large ones. */
-static int write_together(const struct writer *w, const struct kiln_assignment *deal, uint32_t round, uint32_t *own,
-                          size_t count, struct kiln_error *error)
+static int write_together(const struct writer *w, const struct kiln_assignment *assignment, uint32_t round,
+                          uint32_t *own, size_t count, struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
     const struct kiln_lightmap *lightmaps = w->result->surface->lightmaps;
-    struct kiln_strip_deal *strips = NULL;
+    struct kiln_strip_assignment *strips = NULL;
     struct large large = {0};
     const uint64_t least = w->params->least_divided > 0 ? w->params->least_divided : KILN_STRIPS_LEAST;
-    int status = kiln_strip_deal_create(&strips, lightmaps, deal, round, w->ranks, least, error);
+    int status = kiln_strip_assignment_create(&strips, lightmaps, assignment, round, w->ranks, least, error);
     if (status == KILN_OK) {
         const size_t first_small = sort_large(strips, own, count);
         status = write_round(w, own + first_small, count - first_small, error);
@@ -486,29 +486,30 @@ static int write_together(const struct writer *w, const struct kiln_assignment *
     if (status == KILN_OK)
         status = kiln_strips_write(comm, strips, lightmaps, large.sources, large.count, w->params->faults, error);
     destroy_large(&large);
-    kiln_strip_deal_destroy(&strips);
+    kiln_strip_assignment_destroy(&strips);
     return status;
 }
 
-static int write_rounds(struct writer *w, const struct kiln_assignment *deal, uint32_t rank, struct kiln_error *error)
+static int write_rounds(struct writer *w, const struct kiln_assignment *assignment, uint32_t rank,
+                        struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
-    struct kiln_texel_gather *exchange = NULL;
+    struct kiln_texel_gather *gather = NULL;
     uint32_t *own = NULL;
-    int status = kiln_texel_gather_create(&exchange, w->result, deal, &w->layers, 0, error); /* collective */
+    int status = kiln_texel_gather_create(&gather, w->result, assignment, &w->layers, 0, error); /* collective */
     if (status != KILN_OK)
         return status;
-    status = kiln_agree(comm, kiln_allocate(&own, deal->count, sizeof *own, "objects to write", error), error);
-    for (uint32_t round = 0; status == KILN_OK && round < deal->rounds; round++) {
+    status = kiln_agree(comm, kiln_allocate(&own, assignment->count, sizeof *own, "objects to write", error), error);
+    for (uint32_t round = 0; status == KILN_OK && round < assignment->rounds; round++) {
         size_t count = 0;
-        status = kiln_agree(comm, open_round(w, deal, rank, round, own, &count, error), error);
+        status = kiln_agree(comm, open_round(w, assignment, rank, round, own, &count, error), error);
         if (status == KILN_OK)
-            status = kiln_texel_gather_round(exchange, round, put_point, w, error);
+            status = kiln_texel_gather_round(gather, round, put_point, w, error);
         if (status == KILN_OK)
-            status = write_together(w, deal, round, own, count, error);
+            status = write_together(w, assignment, round, own, count, error);
     }
     kiln_free(&own);
-    kiln_texel_gather_destroy(&exchange);
+    kiln_texel_gather_destroy(&gather);
     return status;
 }
 
@@ -547,7 +548,7 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
 {
     const size_t maps = result->surface->map_count;
     struct writer w = {.result = result, .params = params};
-    struct kiln_assignment *deal = NULL;
+    struct kiln_assignment *assignment = NULL;
     int rank = 0, ranks = 1;
     if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS ||
         MPI_Comm_size(result->communicator, &ranks) != MPI_SUCCESS)
@@ -562,16 +563,17 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     if (status == KILN_OK)
         status = kiln_allocate(&w.maps, maps, sizeof(struct kiln_map *), "lightmaps", error);
     if (status == KILN_OK)
-        status = kiln_assignment_create(&deal, result->surface->lightmaps, maps, (uint32_t)ranks, texel_budget, error);
+        status =
+            kiln_assignment_create(&assignment, result->surface->lightmaps, maps, (uint32_t)ranks, texel_budget, error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
-        status = write_rounds(&w, deal, (uint32_t)rank, error);
+        status = write_rounds(&w, assignment, (uint32_t)rank, error);
     if (status == KILN_OK && reports != NULL)
         status = kiln_agree(result->communicator, gather_reports(result, w.reports, rank, reports, error), error);
     for (size_t i = 0; w.maps != NULL && i < maps; i++)
         kiln_map_destroy(&w.maps[i]);
     kiln_free(&w.maps);
     kiln_free(&w.reports);
-    kiln_assignment_destroy(&deal);
+    kiln_assignment_destroy(&assignment);
     return status;
 }
