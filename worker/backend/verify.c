@@ -1,0 +1,299 @@
+#include "worker/backend/verify.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "shaders/shared/random.h"
+#include "worker/base/memory.h"
+
+static const double MOST_ERRORS = 6.0, ROUNDING = 1e-4;
+
+struct texel {
+    uint32_t object, x, y;
+    double got, expected; /* the figures' levels, in the pass's unit */
+};
+
+/* What one pass has shown so far. */
+struct tally {
+    uint64_t texels, beyond, broken;
+    double difference[KILN_PASS_FIGURES], squares[KILN_PASS_FIGURES], total[KILN_PASS_FIGURES]; /* over tile runs */
+    double level_difference, level_total, level_variance;                                       /* over texels */
+    double worst_ratio;
+    struct texel worst;
+};
+
+struct verify_backend {
+    struct kiln_backend base;
+    struct kiln_backend_api api; /* the checked backend's name, our functions */
+    struct kiln_backend *checked, *embree;
+    struct tally tallies[KILN_PASS_COUNT];
+};
+
+/* A run under way. */
+struct verified_run {
+    struct verify_backend *v;
+    const struct kiln_pass *pass;
+    const void *parameters;
+    struct tally *tally;
+    const struct kiln_batch *batch; /* the caller's */
+    const char *got;                /* results of the tile runs that are traced again */
+};
+
+/* ---- comparing ---- */
+
+static struct texel texel_of(const struct kiln_surface *s, const struct kiln_tile_run *f, uint64_t mask)
+{
+    const uint32_t bit = (uint32_t)__builtin_ctzll(mask), tiles_x = s->lightmaps[f->map].tiles_x;
+    return (struct texel){.object = kiln_map_object(s, f->map),
+                          .x = f->tile % tiles_x * 8 + kiln_morton8_x(bit),
+                          .y = f->tile / tiles_x * 8 + kiln_morton8_y(bit)};
+}
+
+static void compare_texel(struct tally *t, const struct kiln_pass_figures *got,
+                          const struct kiln_pass_figures *expected, struct texel texel)
+{
+    texel.got = got->level;
+    texel.expected = expected->level;
+    const double mean = t->texels > 0 ? t->level_total / (double)t->texels : 0.0;
+    const double error = got->sound ? hypot(got->error, expected->error) : expected->error;
+    const double allowed =
+        MOST_ERRORS * error + ROUNDING * fmax(fabs(texel.got), texel.expected) + 0.1 * ROUNDING * mean;
+    const double apart = fabs(texel.got - texel.expected),
+                 ratio = got->sound ? apart / fmax(allowed, 1e-300) : INFINITY;
+    t->texels++;
+    t->broken += got->sound ? 0 : 1;
+    t->beyond += ratio > 1.0 ? 1 : 0;
+    if (ratio > t->worst_ratio) {
+        t->worst_ratio = ratio;
+        t->worst = texel;
+    }
+    if (!got->sound)
+        return;
+    t->level_difference += texel.got - texel.expected;
+    t->level_total += texel.expected;
+    t->level_variance += error * error;
+}
+
+static void compare_tile_run(const struct verified_run *run, const struct kiln_tile_run *f, const char *got,
+                             const char *expected)
+{
+    const struct kiln_surface *s = run->v->base.surface;
+    const struct kiln_pass *pass = run->pass;
+    struct tally *t = run->tally;
+    double difference[KILN_PASS_FIGURES] = {0}, total[KILN_PASS_FIGURES] = {0};
+    uint64_t mask = f->mask;
+    for (uint32_t i = 0; i < f->count; i++, mask &= mask - 1) {
+        if (!kiln_point_valid(s, f->first - s->first + i))
+            continue;
+        struct kiln_pass_figures theirs, ours;
+        pass->figures(got + i * pass->result_bytes, &theirs);
+        pass->figures(expected + i * pass->result_bytes, &ours);
+        compare_texel(t, &theirs, &ours, texel_of(s, f, mask));
+        for (size_t c = 0; c < pass->figure_count; c++) {
+            difference[c] += (double)theirs.value[c] - (double)ours.value[c];
+            total[c] += (double)ours.value[c];
+        }
+    }
+    for (size_t c = 0; c < pass->figure_count; c++) {
+        t->difference[c] += difference[c];
+        t->squares[c] += difference[c] * difference[c];
+        t->total[c] += total[c];
+    }
+}
+
+/* kiln_take_results of the run that traces tile runs again. */
+static int take_again(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)error;
+    struct verified_run *run = context;
+    const char *expected = results;
+    for (size_t i = first; i < first + count; i++) {
+        const struct kiln_tile_run *f = &run->v->base.surface->tile_runs[i];
+        compare_tile_run(run, f, run->got, expected);
+        run->got += f->count * run->pass->result_bytes;
+        expected += f->count * run->pass->result_bytes;
+    }
+    return KILN_OK;
+}
+
+/* ---- judging ---- */
+
+/* What is wrong: true and the words in `text`; or false. */
+static bool complains(const struct kiln_pass *pass, const struct tally *t, char text[96])
+{
+    const char *wrong = NULL, *suffix = "";
+    if (t->broken > 0)
+        wrong = "values that are not numbers";
+    else if ((double)t->beyond > 4.0 + 0.002 * (double)t->texels)
+        wrong = "too many texels beyond 6 standard errors";
+    else if (t->texels >= 64 &&
+             fabs(t->level_difference) > MOST_ERRORS * sqrt(t->level_variance) + 0.01 * t->level_total)
+        wrong = "the sum of the texels is beyond 6 standard errors";
+    for (size_t c = 0; c < pass->figure_count && wrong == NULL; c++)
+        if (fabs(t->difference[c]) > MOST_ERRORS * sqrt(t->squares[c]) + ROUNDING * t->total[c]) {
+            wrong = pass->figure_names[c];
+            suffix = " differs to the same side everywhere";
+        }
+    if (wrong != NULL)
+        (void)snprintf(text, 96, "%s%s", wrong, suffix);
+    return wrong != NULL;
+}
+
+static int judge(const struct verified_run *run, struct kiln_error *error)
+{
+    const struct verify_backend *v = run->v;
+    const struct tally *t = run->tally;
+    char wrong[96];
+    if (!complains(run->pass, t, wrong))
+        return KILN_OK;
+    const struct kiln_scene *scene = v->base.params.scene;
+    struct kiln_backend_info info;
+    kiln_backend_info(v->checked, &info);
+    const double percent = t->level_total > 0.0 ? 100.0 * t->level_difference / t->level_total : 0.0;
+    return kiln_fail(error, KILN_NO_DEVICE,
+                     "%.120s and Embree disagree on %s: %s (%llu of %llu texels traced again, in all %+.3g %%); "
+                     "worst is texel (%u, %u) of object '%.200s', %.6g against Embree's %.6g %s; do not trust this "
+                     "device or its driver: leave it out with --device, or use --backend embree",
+                     info.device, run->pass->what, wrong, (unsigned long long)t->beyond, (unsigned long long)t->texels,
+                     percent, t->worst.x, t->worst.y, kiln_scene_string(scene, scene->objects[t->worst.object].name),
+                     t->worst.got, t->worst.expected, run->pass->unit);
+}
+
+/* ---- passes ---- */
+
+static bool is_chosen(const struct verify_backend *v, const struct kiln_tile_run *f, uint32_t stream)
+{
+    const uint64_t seed = v->base.params.seed;
+    uint32_t hash = kiln_hash2(kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32)), 0x76657269u);
+    hash = kiln_hash2(kiln_hash2(kiln_hash2(hash, f->map), f->tile), stream);
+    return (double)hash < v->base.params.verify_fraction * 0x1p32;
+}
+
+static int trace_again(struct verified_run *run, size_t first, size_t count, struct kiln_error *error)
+{
+    struct kiln_batch chosen = kiln_batch_part(run->batch, first, count);
+    chosen.take = take_again;
+    chosen.context = run;
+    uint64_t rays = 0; /* not the caller's */
+    return kiln_backend_run(run->v->embree, run->pass, run->parameters, &chosen, &rays, error);
+}
+
+/* kiln_take_results of the checked backend's run: looks before the caller takes. */
+static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    struct verified_run *run = context;
+    const struct kiln_tile_run *tile_runs = run->v->base.surface->tile_runs + first;
+    int status = KILN_OK;
+    for (size_t i = 0, end; i < count && status == KILN_OK; i = end) {
+        for (end = i; end < count && is_chosen(run->v, &tile_runs[end], run->batch->stream);)
+            end++;
+        run->got = (const char *)results + (tile_runs[i].first - tile_runs[0].first) * run->pass->result_bytes;
+        if (end > i)
+            status = trace_again(run, first + i, end - i, error);
+        else
+            end = i + 1;
+    }
+    if (status == KILN_OK)
+        status = judge(run, error);
+    if (status == KILN_OK && run->batch->take != NULL)
+        status = run->batch->take(run->batch->context, first, count, results, error);
+    return status;
+}
+
+static int verify_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
+                      const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
+{
+    struct verify_backend *v = (struct verify_backend *)backend;
+    if (pass->figures == NULL || pass->domain != KILN_DOMAIN_TILE_RUNS)
+        return kiln_backend_run(v->checked, pass, parameters, batch, rays, error);
+    struct verified_run run = {
+        .v = v, .pass = pass, .parameters = parameters, .tally = &v->tallies[pass->index], .batch = batch};
+    struct kiln_batch watched = *batch;
+    watched.take = take_part;
+    watched.context = &run;
+    return kiln_backend_run(v->checked, pass, parameters, &watched, rays, error);
+}
+
+/* ---- what is handed on ---- */
+
+static void verify_destroy(struct kiln_backend **backend)
+{
+    struct verify_backend *v = (struct verify_backend *)*backend;
+    if (v == NULL)
+        return;
+    kiln_backend_destroy(&v->checked);
+    kiln_backend_destroy(&v->embree);
+    kiln_free(backend);
+}
+
+static void verify_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
+{
+    const struct verify_backend *v = (const struct verify_backend *)backend;
+    kiln_backend_info(v->checked, info);
+    info->verified = info->beyond = 0;
+    info->worst = 0.0;
+    for (size_t i = 0; i < KILN_PASS_COUNT; i++) {
+        info->verified += v->tallies[i].texels;
+        info->beyond += v->tallies[i].beyond;
+        info->worst = fmax(info->worst, v->tallies[i].worst_ratio);
+    }
+}
+
+static int verify_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface,
+                              struct kiln_error *error)
+{
+    struct verify_backend *v = (struct verify_backend *)backend;
+    const int status = kiln_backend_set_surface(v->checked, surface, error);
+    return status == KILN_OK ? kiln_backend_set_surface(v->embree, surface, error) : status;
+}
+
+static int verify_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
+{
+    struct verify_backend *v = (struct verify_backend *)backend;
+    const int status = kiln_backend_set_radiosity(v->checked, radiosity, error);
+    return status == KILN_OK ? kiln_backend_set_radiosity(v->embree, radiosity, error) : status;
+}
+
+static int verify_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                            const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
+                            struct kiln_error *error)
+{
+    return kiln_backend_intersect(((struct verify_backend *)backend)->checked, origins, directions, count, hits, error);
+}
+
+static int verify_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
+                          struct kiln_error *error)
+{
+    return kiln_backend_ceiling(((struct verify_backend *)backend)->checked, batch, seconds, rays, error);
+}
+
+int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_params *params,
+                       struct kiln_error *error)
+{
+    struct verify_backend *v = NULL;
+    struct kiln_backend_params plain = *params;
+    plain.verify_fraction = 0.0;
+    int status = kiln_allocate(&v, 1, sizeof *v, "the verifying backend", error);
+    if (status == KILN_OK)
+        status = kiln_backend_create(&v->embree, "embree", &plain, error);
+    if (status != KILN_OK) {
+        if (v != NULL)
+            kiln_free(&v);
+        kiln_backend_destroy(backend);
+        return status;
+    }
+    v->checked = *backend;
+    v->api = (struct kiln_backend_api){.name = v->checked->api->name,
+                                       .destroy = verify_destroy,
+                                       .info = verify_info,
+                                       .set_surface = verify_set_surface,
+                                       .set_radiosity = verify_set_radiosity,
+                                       .run = verify_run,
+                                       .intersect = verify_intersect,
+                                       .ceiling = verify_ceiling};
+    v->base = (struct kiln_backend){.api = &v->api, .params = *params};
+    *backend = &v->base;
+    return KILN_OK;
+}

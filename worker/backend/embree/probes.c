@@ -1,0 +1,163 @@
+/* The probe pass (worker/pass/probes.h): rays over the whole sphere for what surfaces send, shadow rays for the
+ * lights. */
+#include <math.h>
+#include <omp.h>
+#include <string.h>
+
+#include "shaders/shared/area_light.h"
+#include "shaders/shared/streams.h"
+#include "worker/backend/embree/embree.h"
+#include "worker/backend/embree/lookup.h"
+#include "worker/backend/embree/passage.h"
+#include "worker/base/memory.h"
+#include "worker/pass/probes.h"
+#include "worker/sampling/harmonics.h"
+#include "worker/sampling/sequence.h"
+
+struct probe_sums {
+    double radiance[KILN_HARMONICS][3], axes[6][3], distance;
+    uint32_t back;
+};
+
+/* Adds radiance x solid angle `value` that arrives from direction d. */
+static void add(struct probe_sums *sums, struct kiln_dvec3 d, const double value[3])
+{
+    double y[KILN_HARMONICS];
+    kiln_harmonics(d, y);
+    for (int i = 0; i < KILN_HARMONICS; i++)
+        for (int c = 0; c < 3; c++)
+            sums->radiance[i][c] += y[i] * value[c];
+    const double along[3] = {d.x, d.y, d.z};
+    for (int a = 0; a < 3; a++)
+        for (int c = 0; c < 3; c++)
+            sums->axes[along[a] >= 0.0 ? 2 * a : 2 * a + 1][c] += fabs(along[a]) * value[c];
+}
+
+static void gather_sphere(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 p,
+                          uint32_t key, uint32_t samples, struct probe_sums *sums)
+{
+    const struct kiln_geometry *g = b->params.geometry;
+    const struct kiln_vec3 diagonal = vec3_sub(g->bounds_max, g->bounds_min);
+    const double far = (double)vec3_length(diagonal), weight = 4.0 * KILN_PI / samples;
+    const bool sky = b->params.lights->environment && b->params.lights->conditional == NULL;
+    for (uint32_t k = 0; k < samples; k++) {
+        const double u = kiln_unit_double(kiln_owen_scramble(kiln_sobol(k, 0), kiln_hash2(key, 0))),
+                     v = kiln_unit_double(kiln_owen_scramble(kiln_sobol(k, 1), kiln_hash2(key, 1)));
+        const struct kiln_dvec3 d = kiln_sphere_direction(u, v);
+        struct RTCRayHit r = {.ray = {.org_x = p.x,
+                                      .org_y = p.y,
+                                      .org_z = p.z,
+                                      .dir_x = (float)d.x,
+                                      .dir_y = (float)d.y,
+                                      .dir_z = (float)d.z,
+                                      .tfar = INFINITY,
+                                      .mask = ~0u},
+                              .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
+        float rgb[3] = {0}, tint[3] = {1.0f, 1.0f, 1.0f};
+        embree_nearest1(b, context, &r, kiln_hash2(key + 1u, k), tint);
+        if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID) {
+            sums->distance += far / samples;
+            if (sky)
+                kiln_environment_radiance(b->params.lights, d, rgb);
+        } else {
+            sums->distance += fmin((double)r.ray.tfar, far) / samples;
+            const uint32_t triangle = embree_triangle(b, r.hit.geomID, r.hit.primID);
+            const bool back = r.hit.Ng_x * r.ray.dir_x + r.hit.Ng_y * r.ray.dir_y + r.hit.Ng_z * r.ray.dir_z > 0.0f;
+            if (back && (g->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0)
+                sums->back++;
+            else
+                kiln_radiosity_unpack(embree_radiosity(b, triangle, r.hit.u, r.hit.v, back), rgb);
+            for (int c = 0; c < 3; c++)
+                rgb[c] *= KILN_INVERSE_PI;
+        }
+        double value[3];
+        for (int c = 0; c < 3; c++)
+            value[c] = (double)(rgb[c] * tint[c]) * weight;
+        add(sums, d, value);
+    }
+}
+
+/* Light straight from the lights; a constant sky is met by the rays above. */
+static uint64_t gather_lights(const struct embree_backend *b, struct embree_context *context,
+                              struct kiln_light_choice *choices, struct kiln_vec3 position, uint32_t key,
+                              uint32_t samples, struct probe_sums *sums)
+{
+    const struct kiln_lights *lights = b->params.lights;
+    const struct kiln_dvec3 p = dvec3_of(position), any = dvec3(0.0, 0.0, 0.0);
+    size_t count = kiln_lights_choices(lights, p, 0.0, any, KILN_CUT_MAX, choices);
+    if (lights->environment && lights->conditional == NULL)
+        count--; /* the environment is the last choice */
+    (void)kiln_lights_allot(choices, count, samples);
+    uint64_t rays = 0;
+    for (size_t i = 0; i < count; i++) {
+        const uint32_t identity = kiln_hash2(key, kiln_choice_identity((uint32_t)choices[i].kind, choices[i].index));
+        for (uint32_t k = 0; k < choices[i].samples; k++) {
+            double random[3];
+            static const uint32_t dimension[3] = {KILN_DIMENSION_U, KILN_DIMENSION_V, KILN_DIMENSION_CHOICE};
+            for (uint32_t d = 0; d < 3; d++)
+                random[d] = kiln_unit_double(kiln_owen_scramble(kiln_sobol(k, dimension[d]), kiln_hash2(identity, d)));
+            struct kiln_light_sample s;
+            if (!kiln_lights_sample(lights, &choices[i], k, p, any, random[2], random[0], random[1], &s))
+                continue;
+            struct RTCRay ray = {.org_x = position.x,
+                                 .org_y = position.y,
+                                 .org_z = position.z,
+                                 .dir_x = (float)s.direction.x,
+                                 .dir_y = (float)s.direction.y,
+                                 .dir_z = (float)s.direction.z,
+                                 .mask = ~0u,
+                                 .tfar = isfinite(s.distance) ? (float)((s.distance - s.backoff) * KILN_SHADOW_LENGTH)
+                                                              : INFINITY};
+            double through[3] = {1.0, 1.0, 1.0};
+            embree_through1(b, context, &ray, through);
+            rays++;
+            if (ray.tfar < 0.0f)
+                continue;
+            for (int c = 0; c < 3; c++)
+                s.value[c] *= through[c] / choices[i].samples;
+            add(sums, s.direction, s.value);
+        }
+    }
+    return rays;
+}
+
+int embree_probes(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
+                  uint64_t *rays, struct kiln_error *error)
+{
+    (void)parameters;
+    const uint32_t seed = kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ KILN_PROBE_SEED);
+    const size_t room = KILN_CUT_MAX + b->params.lights->directional_count + 1;
+    struct kiln_light_choice *choices = NULL;
+    const int status = kiln_allocate(&choices, room * b->threads, sizeof *choices, "the probes' light choices", error);
+    if (status != KILN_OK)
+        return status;
+    uint64_t traced = 0;
+#pragma omp parallel num_threads((int)b->threads) reduction(+ : traced)
+    {
+        const unsigned saved = embree_enter();
+        struct embree_context context;
+        embree_context(b, &context);
+#pragma omp for schedule(dynamic, 4)
+        for (size_t i = 0; i < part->count; i++) {
+            const uint64_t index = (uint64_t)part->first + i;
+            const uint32_t key = kiln_hash2(kiln_hash2(seed, (uint32_t)index), (uint32_t)(index >> 32));
+            struct probe_sums sums = {0};
+            gather_sphere(b, &context, part->positions[i], key, part->samples, &sums);
+            traced += part->samples + gather_lights(b, &context, choices + room * (size_t)omp_get_thread_num(),
+                                                    part->positions[i], key, part->samples, &sums);
+            struct kiln_probe_result *r = (struct kiln_probe_result *)results + i;
+            for (int h = 0; h < KILN_HARMONICS; h++)
+                for (int c = 0; c < 3; c++)
+                    r->radiance[h][c] = (float)sums.radiance[h][c];
+            for (int a = 0; a < 6; a++)
+                for (int c = 0; c < 3; c++)
+                    r->irradiance_axes[a][c] = (float)sums.axes[a][c];
+            r->mean_distance = (float)sums.distance;
+            r->back_share = (float)sums.back / (float)part->samples;
+        }
+        embree_leave(saved);
+    }
+    *rays += traced;
+    kiln_free(&choices);
+    return KILN_OK;
+}
