@@ -281,7 +281,7 @@ static int agree_after_phase(struct bake *b, int status, struct kiln_error *erro
     return status;
 }
 
-/* The steps' times, added to the phases of their roles. */
+/* Adds the times of the steps to the phases of their roles. */
 static void add_light_phases(struct bake *b)
 {
     const struct kiln_integrate_report *report = &b->solution->report;

@@ -26,11 +26,11 @@ struct view {
     struct kiln_lights *lights;
     struct kiln_backend *backend;
     struct kiln_picture picture;
-    bool texels;                    /* --show */
-    const struct kiln_field *field; /* --show; NULL: no single one */
+    bool texels;                    /* --show texels */
+    const struct kiln_field *field; /* the field that --show names; NULL: none */
 };
 
-/* What --show asks for. */
+/* Finds the field that --show names. */
 static int read_show(struct view *v, const char *name, struct kiln_error *error)
 {
     char list[256] = "light, texels";

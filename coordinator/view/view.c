@@ -163,7 +163,7 @@ void kiln_viewpoint_text(const struct kiln_viewpoint *v, char text[KILN_VIEWPOIN
         (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen by the scene's camera '%s'",
                        kiln_text_plain(place, sizeof place, v->camera));
     else if (v->kind == KILN_VIEW_GIVEN)
-        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen as requested, %s", place);
+        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen as asked, %s", place);
     else
         (void)snprintf(
             text, KILN_VIEWPOINT_TEXT,

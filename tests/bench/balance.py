@@ -1,12 +1,11 @@
-"""What ranks gain by giving work away and by cutting shares anew: time of all passes over the same with neither, in
-turn.
+"""What ranks gain by work stealing and by repartitioning: time of all passes over the same with neither, in turn.
 
   /usr/bin/python3 tests/bench/balance.py --kiln build/release/kiln [--ranks 2] [--threads 1] [--repeats 5] [SCENE]
 
 Two cases: a scene whose points cost unequally much (a carved statue in a box), and the same with one rank that takes
-three times as long for everything. Shares are cut anew between ranks that are each alone on a node, and compared with
-such. The median ratio of the repeats counts; "even" is what the sum of all ranks' work would take if it were spread
-evenly; "planned" is the ratio that `kiln plan` predicts (light and moves).
+three times as long for everything. Points are repartitioned between ranks that are each alone on a node, and compared
+with such. The median ratio of the repeats counts; "even" is what the sum of all ranks' work would take if it were
+spread evenly; "planned" is the ratio that `kiln plan` predicts (light and moves).
 """
 import os
 import statistics
@@ -16,11 +15,11 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import measure  # noqa: E402
 import harness  # noqa: E402
 
-WAYS = {'neither': ('--no-work-stealing', '--rebalance', 'never'), 'given away': ('--rebalance', 'never'),
+WAYS = {'neither': ('--no-work-stealing', '--rebalance', 'never'), 'stealing': ('--rebalance', 'never'),
         'neither, alone': ('--shared-memory-ranks', 1, '--rebalance', 'never'),
-        'cut anew, alone': ('--shared-memory-ranks', 1, '--rebalance', 'auto')}
-BASE = {'neither': 'neither', 'given away': 'neither', 'neither, alone': 'neither, alone',
-        'cut anew, alone': 'neither, alone'}
+        'repartitioned, alone': ('--shared-memory-ranks', 1, '--rebalance', 'auto')}
+BASE = {'neither': 'neither', 'stealing': 'neither', 'neither, alone': 'neither, alone',
+        'repartitioned, alone': 'neither, alone'}
 WORK = ('direct light', 'bounces', 'final gather')
 
 

@@ -1,13 +1,11 @@
 """Ranks that are behind, and what the others do about it: the same bits whoever computes what.
 
-same       with work given away and without, on several numbers of ranks and nodes, one rank made slow (KILN_SLOW_RANK):
-           same results, and
-           run.json and the timeline say that work really moved
-cuts       shares cut anew after every pass (--rebalance always) on several numbers of ranks and nodes, and where a slow
-           rank makes it pay:
-           same results, and the slow rank has fewer points in the end
-resume     stopped, and killed, while work is given away and shares are cut anew; gone on with on other ranks: same
-           results
+same       with work stealing and without, on several numbers of ranks and nodes, one rank made slow (KILN_SLOW_RANK):
+           same results, and run.json and the timeline say that work really moved
+cuts       points repartitioned after every pass (--rebalance always) on several numbers of ranks and nodes, and where a
+           slow rank makes it pay: same results, and the slow rank has fewer points in the end
+resume     stopped, and killed, while work is stolen and points are repartitioned; continued on other numbers of ranks:
+           same results
 """
 import json
 import os
@@ -46,7 +44,7 @@ def try_same(checks, kiln, scene):
                          else '--no-work-stealing', ranks=ranks, timeout=120)
         if not checks.baked(bake):
             continue
-        what = '%d ranks, %s a node, exchange %s, %s' % (ranks, node, form, 'giving away' if on else 'not giving away')
+        what = '%d ranks, %s a node, exchange %s, %s' % (ranks, node, form, 'work stealing' if on else 'no work stealing')
         given, passes = bake.run['balance']['stolen_points'], [b['stolen_points'] for b in bake.run['bounces']]
         moved, expected = sum(passes), on and ranks > 1
         found = differences(first.setdefault(form, Result(bake)), Result(bake))
@@ -57,8 +55,8 @@ def try_same(checks, kiln, scene):
                     '%s: what is given is not what is taken: %s, %s' % (
             what, given, passes), bake.process)
         checks.that(not expected or given['from_rank'][1] > 0.2 * bake.run['balance']['points_per_rank'][1],
-                    '%s: the slow rank gave away only %s' % (what, given), bake.process)
-        table.row(ranks, node, form, 'given away' if on else 'kept', '%.1f' % bake.process.seconds, moved,
+                    '%s: only %s was stolen from the slow rank' % (what, given), bake.process)
+        table.row(ranks, node, form, 'stealing' if on else 'none', '%.1f' % bake.process.seconds, moved,
                   'same' if not found else 'DIFFERENT')
         bake.remove()
     os.environ['KILN_SLOW_RANK'] = 'slow'
@@ -152,8 +150,8 @@ def try_resume(checks, kiln):
         resume.same(checks, tool, reference, folder, again, what)
         print(what)
         shutil.rmtree(folder, ignore_errors=True)
-    checks.that(amid > 0, 'no checkpoint was written while work was given away')
-    print('%d checkpoints were written in passes in which work had been given away' % amid)
+    checks.that(amid > 0, 'no checkpoint was written while work was stolen')
+    print('%d checkpoints were written in passes in which work had been stolen' % amid)
 
 
 def main():

@@ -242,7 +242,7 @@ def volumes(base, folder):
         "20,000 nested groups": (None, nested, "deeper"),
         "3,000 groups": (None, crowd, "256"),
         "a chunk that inflates a thousandfold": (only("validity", inflating), None, "16 MiB"),
-        "chunks that inflate a thousandfold": (only("validity", many_chunks), None, "unpacked"),
+        "chunks that inflate a thousandfold": (only("validity", many_chunks), None, "uncompressed"),
         "2^40 values": (only("validity", sparse((1 << 20, 1 << 20))), None, "not stored"),
         "2^63 values": (only("validity", sparse((1 << 21, 1 << 21, 1 << 21))), None, "not stored"),
         "a committed type": (only("validity", committed), None, None),

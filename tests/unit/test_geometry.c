@@ -46,7 +46,7 @@ static void fronts_look_out(void **state)
     fixture_destroy(f);
 }
 
-/* A hit's (u, v) leads to the same place through vertices, through the record, and through the stored triangle. */
+/* The (u, v) of a hit gives the same point from the vertices, from the record and from the stored triangle. */
 static void corners_agree(void **state)
 {
     (void)state;

@@ -1,5 +1,5 @@
-/* Lightmap layouts: meshes made here are laid out, and the result is checked by rasterising it in another way than the
- * layout code does (clipping against each texel; point-in-triangle for samples). */
+/* Tests of lightmap layouts: meshes made here are unwrapped, and the result is checked with another rasterisation than
+ * that of the layout code (clipping against each texel; point-in-triangle tests for samples). */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
