@@ -9,6 +9,7 @@ layout(push_constant, scalar) uniform Push
 } push;
 
 #include "shaders/lights.glsl"
+#include "shaders/shared/streams.h"
 
 KILN_ARRAY(DirectSums, kiln_gpu_direct_sums, 8);
 KILN_ARRAY(DirectChoices, kiln_gpu_choice, 4);
@@ -20,7 +21,6 @@ const uint64_t DIRECT_SUMS_BYTES = 64ul;
 #else
 const uint64_t DIRECT_SUMS_BYTES = 36ul;
 #endif
-const uint QUARTERS_FROM = 8u; /* samples: with fewer a choice is one row's alone */
 
 uint direct_rows() { return 4u * push.pass.slices * push.pass.split; }
 

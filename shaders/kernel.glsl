@@ -16,9 +16,6 @@
 #    extension GL_EXT_ray_tracing : require
 #endif
 
-#include "shaders/shared/layout.h"
-#include "shaders/shared/random.h"
-
 /* KILN_FLOAT64: what lights are, and sums, lie there as doubles (`stored`). They are reckoned with in doubles too
  * (`real`) but for kernels with KILN_PLAIN, which leave to others what floats would not do for. */
 #ifdef KILN_FLOAT64
@@ -35,9 +32,12 @@
 #    define real float
 #endif
 
+#include "shaders/shared/layout.h"
+#include "shaders/shared/random.h"
+
 /* The same numbers in every kernel; a kernel's own start at 5. */
 layout(constant_id = 0) const uint TRAVERSAL = 0u;
-layout(constant_id = 1) const uint HAS_ALPHA = 3u; /* KILN_GPU_PASSAGE_...: what surfaces may do to light */
+layout(constant_id = 1) const uint HAS_ALPHA = 3u; /* KILN_PASSAGE_...: what surfaces may do to light */
 layout(constant_id = 2) const uint HAS_SMOOTH = 1u;
 layout(constant_id = 3) const uint LIGHT_KINDS = 0xffffffffu;
 layout(constant_id = 4) const uint DRAW_AGAIN = 1u;

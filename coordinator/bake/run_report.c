@@ -11,6 +11,7 @@
 #include "coordinator/mpi/agree.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/checksummed_json.h"
+#include "worker/base/color.h"
 #include "worker/base/memory.h"
 
 /* Numbers that rank 0 gathers from each rank. */
@@ -32,8 +33,6 @@ enum {
     RANK_WORST /* bits of a non-negative double, which order like the double itself */,
     RANK_VALUES
 };
-
-static double luminance(const double rgb[3]) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
 
 static json_t *rgb_json(const double rgb[3]) { return json_pack("[f,f,f]", rgb[0], rgb[1], rgb[2]); }
 
@@ -131,9 +130,9 @@ static json_t *steps_json(const struct kiln_integrate_report *t, const uint64_t 
             array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
                              t->integrator->roles[p->step.role].kind, "bounce", (int)p->step.bounce, "samples",
                              (int)p->step.samples, "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
-                             "device_seconds", p->device_seconds, "energy", luminance(p->energy.incident), "incident",
-                             rgb_json(p->energy.incident), "reflected", rgb_json(p->energy.reflected), "stolen_points",
-                             (json_int_t)stolen[i], "rebalance", rebalance_json(&p->balance)));
+                             "device_seconds", p->device_seconds, "energy", kiln_luminance(p->energy.incident),
+                             "incident", rgb_json(p->energy.incident), "reflected", rgb_json(p->energy.reflected),
+                             "stolen_points", (json_int_t)stolen[i], "rebalance", rebalance_json(&p->balance)));
     }
     return array;
 }
@@ -160,7 +159,7 @@ static json_t *error_json(const struct kiln_run *run)
             e[c] = (double)run->solution->direct[3 * i + c] + (double)run->solution->indirect[3 * i + c];
         const double error = (double)kiln_error_unpack(run->solution->error[i]);
         sums[0] += error * error;
-        sums[1] += luminance(e);
+        sums[1] += kiln_luminance(e);
         sums[2] += 1.0;
     }
     (void)MPI_Allreduce(MPI_IN_PLACE, sums, 3, MPI_DOUBLE, MPI_SUM, run->prepared->communicator);

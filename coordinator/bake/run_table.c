@@ -7,6 +7,7 @@
 #include "coordinator/integrate/integrator.h"
 #include "coordinator/run/phases.h"
 #include "coordinator/run/progress.h"
+#include "worker/base/color.h"
 #include "worker/base/text.h"
 
 enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32 };
@@ -115,12 +116,11 @@ static void note_files(const json_t *report, json_t *notes)
 
 static double luminance_of(const json_t *energy, const char *term)
 {
-    static const double weight[3] = {0.2126, 0.7152, 0.0722};
-    const json_t *rgb = json_object_get(energy, term);
-    double sum = 0.0;
+    const json_t *array = json_object_get(energy, term);
+    double rgb[3];
     for (size_t c = 0; c < 3; c++)
-        sum += weight[c] * json_number_value(json_array_get(rgb, c));
-    return sum;
+        rgb[c] = json_number_value(json_array_get(array, c));
+    return kiln_luminance(rgb);
 }
 
 /* Light that reached surfaces but is in no lightmap. */

@@ -11,7 +11,7 @@
 #include <stdio.h>
 
 #include "coordinator/job/faults.h"
-#include "coordinator/integrate/settings.h"
+#include "coordinator/job/choices.h"
 #include "worker/base/status.h"
 
 /* Unit of the lights: AUTO takes what the file says; the others override it. */

@@ -28,6 +28,9 @@ enum {
 
 #define MOST_SAMPLES 1048576.0
 
+#define METHOD_NAME(name) #name,
+static const char *const method_names[] = {KILN_METHOD_LIST(METHOD_NAME) NULL};
+
 const struct kiln_option kiln_options[] = {
     {.name = "output",
      .group = "Files",
@@ -184,7 +187,7 @@ const struct kiln_option kiln_options[] = {
      .group = "Light transport",
      .kind = KILN_OPTION_CHOICE,
      .fallback = "cells",
-     .choices = kiln_integrator_names,
+     .choices = method_names,
      .help = "cells: every surface point gathers light, bounce by bounce, cell by cell",
      .commands = TRACES,
      .offset = AT(method)},

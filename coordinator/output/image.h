@@ -6,6 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "worker/base/color.h"
 #include "worker/base/status.h"
 
 enum { KILN_CHANNEL_NAME_SIZE = 64 };
@@ -45,7 +46,10 @@ struct kiln_image_channel *kiln_image_find(const struct kiln_image *image, const
 bool kiln_image_rgb(const struct kiln_image *image, const char *prefix, float *planes[3]);
 
 /* Rec. 709 luminance of linear RGB. */
-static inline float kiln_rgb_luminance(float r, float g, float b) { return 0.2126f * r + 0.7152f * g + 0.0722f * b; }
+static inline float kiln_rgb_luminance(float r, float g, float b)
+{
+    return kiln_luminance_in_float((float[3]){r, g, b});
+}
 
 /* Exposure: radiance is multiplied by `scale`; scaled values of `white` and more are shown white. */
 struct kiln_exposure {

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "worker/base/color.h"
 #include "worker/base/memory.h"
 
 enum { RADIUS = 5, WINDOW = 2 * RADIUS + 1 };
@@ -110,7 +111,7 @@ static double luminance(const struct pair *p, const float *const planes[], size_
 {
     double sum = 0.0;
     if (p->colour)
-        return 0.2126 * (double)planes[0][i] + 0.7152 * (double)planes[1][i] + 0.0722 * (double)planes[2][i];
+        return kiln_luminance_of_floats((float[3]){planes[0][i], planes[1][i], planes[2][i]});
     for (uint32_t c = 0; c < p->channel_count; c++)
         sum += (double)planes[c][i];
     return sum / p->channel_count;

@@ -10,6 +10,7 @@
 #include "coordinator/files/html.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/output/read/results.h"
+#include "worker/base/color.h"
 #include "worker/base/memory.h"
 
 enum { PICTURE_SIDE = 160, MOST_PICTURES = 200, MOST_BARS = 4096 };
@@ -39,8 +40,8 @@ static double number(const json_t *value)
     if (json_is_number(value))
         return json_number_value(value);
     if (json_is_array(value) && json_array_size(value) == 3)
-        return 0.2126 * number(json_array_get(value, 0)) + 0.7152 * number(json_array_get(value, 1)) +
-               0.0722 * number(json_array_get(value, 2));
+        return kiln_luminance((double[3]){number(json_array_get(value, 0)), number(json_array_get(value, 1)),
+                                          number(json_array_get(value, 2))});
     return (double)NAN;
 }
 

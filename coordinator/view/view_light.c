@@ -384,7 +384,7 @@ void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit
     if (s->field != NULL) {
         if (kiln_view_is_seen(s, hit)) {
             kiln_view_irradiance(maps, hit, seen->rgb);
-            seen->lent = kiln_view_lends(maps, hit) ? 1.0f : 0.0f;
+            seen->front_light = kiln_view_shows_front(maps, hit) ? 1.0f : 0.0f;
         }
         return;
     }

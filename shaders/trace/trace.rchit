@@ -15,7 +15,7 @@ void main()
         triangle += SCENE.opaque_count;
     if (gl_HitKindEXT == gl_HitKindBackFacingTriangleEXT)
         triangle |= KILN_PAYLOAD_BACK;
-    if (HAS_ALPHA == KILN_GPU_PASSAGE_TINT && kiln_answer.distance != 0u)
+    if (HAS_ALPHA == KILN_PASSAGE_TINT && kiln_answer.distance != 0u)
         triangle |= KILN_PAYLOAD_TINTED;
     kiln_answer = kiln_payload(triangle, floatBitsToUint(kiln_weights.x), floatBitsToUint(kiln_weights.y),
                                floatBitsToUint(gl_HitTEXT));

@@ -77,8 +77,8 @@ static void texels_share_strata(void **state)
         const uint32_t stratum = (x[k] >> 29) * 8 + (y[k] >> 29);
         visited[stratum]++;
         for (uint32_t texel = 0; texel < 16; texel++) {
-            const uint32_t u = x[k] ^ kiln_direction_shift(kiln_hash1(texel) + 1u, digits);
-            const uint32_t v = y[k] ^ kiln_direction_shift(kiln_hash1(texel) + 2u, digits);
+            const uint32_t u = x[k] ^ kiln_direction_shift(kiln_hash1(texel), KILN_DIMENSION_U, digits);
+            const uint32_t v = y[k] ^ kiln_direction_shift(kiln_hash1(texel), KILN_DIMENSION_V, digits);
             assert_int_equal((u >> 29) * 8 + (v >> 29), stratum);
         }
     }

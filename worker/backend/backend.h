@@ -12,7 +12,7 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "shaders/shared/random.h"
+#include "shaders/shared/streams.h"
 #include "worker/base/device.h"
 #include "worker/base/stop.h"
 #include "worker/pass/pass.h"
@@ -69,7 +69,7 @@ static inline uint32_t kiln_ray_seed(struct kiln_vec3 origin, struct kiln_vec3 d
     uint32_t o[3], d[3];
     memcpy(o, &origin, sizeof o);
     memcpy(d, &direction, sizeof d);
-    return kiln_hash2(kiln_hash2(kiln_hash2(o[0], o[1]), kiln_hash2(o[2], d[0])), kiln_hash2(d[1], d[2]));
+    return kiln_ray_bits_seed(o[0], o[1], o[2], d[0], d[1], d[2]);
 }
 
 /* Where light that leaves the lights goes: traced from the lights, independent of the direct pass. Watts, RGB. */

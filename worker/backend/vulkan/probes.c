@@ -11,7 +11,7 @@
 #include "shaders/probes_pipeline.h"
 #include "shaders/probes_pipeline_float.h"
 #include "shaders/probes_reduce.h"
-#include "shaders/shared/random.h"
+#include "shaders/shared/streams.h"
 #include "worker/backend/vulkan/vulkan.h"
 #include "worker/base/memory.h"
 #include "worker/pass/probes.h"
@@ -83,7 +83,7 @@ static int prepare(struct probes_run *r, size_t count, uint32_t samples, struct 
                                    .sobol_stride = b->sobol_count,
                                    .samples = samples,
                                    .slice_count = (samples - 1) / KILN_GPU_PROBE_SAMPLES + 1,
-                                   .seed = kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32) ^ 0x70726f62u),
+                                   .seed = kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32) ^ KILN_PROBE_SEED),
                                    .far = vec3_length(vec3_sub(g->bounds_max, g->bounds_min))};
     return status == KILN_OK ? make_room(r, count, error) : status;
 }
