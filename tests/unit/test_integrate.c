@@ -1,5 +1,5 @@
-/* Which steps the integrator "cells" has, over lists of reports; that a plan walks the same steps as a bake; and that
- * an integrator is no more than its struct. */
+/* Tests of integrators: the steps of "cells" for lists of reports; a plan has the same steps as a bake; an integrator
+ * that is only defined by a struct in this file works. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -10,7 +10,6 @@
 
 #include <cmocka.h>
 
-#include "coordinator/bake/integrators.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/plan/simulate_light.h"
@@ -197,7 +196,7 @@ static void table(void **state)
 {
     (void)state;
 #define NAME(name) #name,
-    static const char *const names[] = {KILN_INTEGRATOR_LIST(NAME)};
+    static const char *const names[] = {KILN_METHOD_LIST(NAME)};
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         const struct kiln_integrator *integrator = kiln_integrator_find(names[i]);
         assert_non_null(integrator);
