@@ -126,8 +126,7 @@ static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct k
 {
     struct kiln_backend *backend = b->params->backend;
     const struct kiln_step *step = &b->report->step;
-    /* The numbers of samples are those of the own tile runs. */
-    assert(b->data == b->solution->own || (step->pass->is_stealable && step->samples_each == NULL));
+    assert(b->data == b->solution->own || step->pass->is_stealable);
     const struct kiln_batch batch = {.first = range.first,
                                      .count = range.count,
                                      .stream = step->stream,

@@ -58,7 +58,4 @@ int embree_devices(struct kiln_device *list, size_t room, size_t *count, struct 
 int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
                    struct kiln_error *error);
 
-/* One line: the version as it is installed. */
-void embree_version(char *text, size_t size);
-
 #endif
