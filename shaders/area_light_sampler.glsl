@@ -21,8 +21,6 @@ struct kiln_area_light_sampler {
     uint light;
 };
 
-const real TARGET_SPREAD_MOST = real(0.125LF), TARGET_OPPOSITE = real(-0.99LF);
-
 kiln_area_light_sampler kiln_area_light_sampler_of(uint node, vec3 centre)
 {
     kiln_area_light_sampler t;
@@ -34,7 +32,7 @@ kiln_area_light_sampler kiln_area_light_sampler_of(uint node, vec3 centre)
     t.height = real(abs(side));
     t.towards = real3(side > 0 ? -stored3_of(light.normal) : stored3_of(light.normal));
     t.seen = kiln_spherical_triangle_of(t.to0, real3_of(light.e1), real3_of(light.e2), real(light.area), t.height);
-    t.spherical = t.seen.omega > SPHERICAL_FROM;
+    t.spherical = t.seen.omega > KILN_SPHERICAL_FROM;
     return t;
 }
 
@@ -55,10 +53,9 @@ bool kiln_light_is_target(kiln_light_choice choice, vec3 centre, float spread)
         AreaLights(SCENE.lights.areas).at[LightNodes(SCENE.lights.nodes).at[choice.index].right];
     const stored side = dot(stored3(centre) - stored3_of(light.p0), stored3_of(light.normal));
     const real height = real((light.flags & KILN_GPU_LIGHT_TWO_SIDED) != 0u ? abs(side) : side);
-    if (!(height > 4 * real(light.rounding) && real(spread) <= TARGET_SPREAD_MOST * height))
+    if (!kiln_target_is_near(height, real(light.rounding), real(spread)))
         return false;
-    const kiln_spherical_triangle seen = kiln_area_light_sampler_of(choice.index, centre).seen;
-    return min(min(dot(seen.a, seen.b), dot(seen.b, seen.c)), dot(seen.c, seen.a)) > TARGET_OPPOSITE;
+    return kiln_target_is_apart(kiln_area_light_sampler_of(choice.index, centre).seen);
 }
 
 /* From the centre to a place on the light, evenly in solid angle; `area`: 1 / density of that place on the light, m2.
@@ -73,9 +70,8 @@ real3 target_spherical(kiln_area_light_sampler t, real u, real v, out real area)
 
 real3 target_flat(kiln_area_light_sampler t, kiln_gpu_area_light light, real u, real v, out real area)
 {
-    const real root = sqrt(u);
     area = real(light.area);
-    return t.to0 + (real3_of(light.e1) * (root * (1 - v)) + real3_of(light.e2) * (root * v));
+    return t.to0 + kiln_triangle_place(real3_of(light.e1), real3_of(light.e2), u, v);
 }
 
 /* One sample from a place, `from` the centre; false when it brings nothing. */

@@ -1,14 +1,10 @@
 /* What the kernels of the direct pass share: choose.comp, direct.comp, direct_precise.comp, direct_reduce.comp. Their
  * push constants are the same. */
 
-layout(push_constant, scalar) uniform Push
-{
-    KILN_ADDRESS scene;
-    kiln_gpu_chunk chunk;
-    kiln_gpu_direct pass;
-} push;
+KILN_PUSH(kiln_gpu_direct_push);
 
 #include "shaders/lights.glsl"
+#include "shaders/shared/streams.h"
 
 KILN_ARRAY(DirectSums, kiln_gpu_direct_sums, 8);
 KILN_ARRAY(DirectChoices, kiln_gpu_choice, 4);
@@ -20,7 +16,6 @@ const uint64_t DIRECT_SUMS_BYTES = 64ul;
 #else
 const uint64_t DIRECT_SUMS_BYTES = 36ul;
 #endif
-const uint QUARTERS_FROM = 8u; /* samples: with fewer a choice is one row's alone */
 
 uint direct_rows() { return 4u * push.pass.slices * push.pass.split; }
 

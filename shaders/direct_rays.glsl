@@ -12,14 +12,10 @@
 #    include "shaders/area_light_sampler.glsl"
 #endif
 
-const uint DIMENSION_U = 0u, DIMENSION_V = 1u, DIMENSION_S = 2u, DIMENSION_T = 3u, DIMENSION_CHOICE = 4u;
-
 /* One sequence of samples: of a choice at a point. */
 struct Sequence {
     uint seed, shift; /* hashes of the tile and of the texel with the choice's identity */
 };
-
-uint identity_of(uint kind, uint index) { return kiln_hash2(kind * 2u + 1u, index); }
 
 Sequence sequence_of(kiln_gpu_point p, uint identity)
 {
@@ -56,7 +52,7 @@ void share_of(Row r, uint i, uint samples, out uint begin, out uint end)
 {
     begin = 0u;
     end = i % (4u * push.pass.slices) == r.part ? samples : 0u;
-    if (samples < QUARTERS_FROM)
+    if (samples < KILN_QUARTERS_FROM)
         return;
     /* quarter q holds the samples k with k * 4 / samples == q; 2^20 samples and 1024 slices fit 32 bits, whose division
      * is fast */
@@ -93,7 +89,7 @@ void add_choice(inout Total total, Row r, uint i, uint samples, Sums sums)
     total.incident += sums.incident * scale;
     total.irradiance += sums.irradiance * scale;
     total.rays += sums.rays;
-    if (samples >= QUARTERS_FROM)
+    if (samples >= KILN_QUARTERS_FROM)
         direct_luminance(i, r.row).at[r.slot] = float(sums.luminance);
     else
         total.variance += few_variance(sums, real(samples));
@@ -105,8 +101,6 @@ void store_total(Row r, Total t)
         kiln_gpu_direct_sums(stored[3](t.incident.x, t.incident.y, t.incident.z),
                              stored[3](t.irradiance.x, t.irradiance.y, t.irradiance.z), t.variance, t.rays, t.stopped);
 }
-
-const real SHORT_OF = 1 - real(9.5367431640625e-7LF); /* of a ray's length: what lies at its end is not in its way */
 
 /* Counts a sample as the surface sees it, unless something is in the way of its ray, which starts `off` the surface. */
 void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 off, kiln_light_sample s)
@@ -120,13 +114,13 @@ void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 o
     if (!isinf(s.distance) && dot(to, to) > 0) {
         const real distance = length(to);
         towards = vec3(to * (1 / distance));
-        limit = float((distance - s.backoff) * SHORT_OF);
+        limit = float((distance - s.backoff) * KILN_SHADOW_LENGTH);
     }
     sums.rays++;
     const vec3 through = kiln_through(position, towards, limit);
     if (through == vec3(0.0))
         return;
-    if (HAS_ALPHA >= KILN_GPU_PASSAGE_BLEND)
+    if (HAS_ALPHA >= KILN_PASSAGE_BLEND)
         s.value *= real3(through);
     const bool smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;
     const real3 irradiance =
@@ -144,15 +138,16 @@ bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, Sequence
                 out kiln_light_sample s)
 {
     const uint light = LightNodes(SCENE.lights.nodes).at[choice.index].right;
-    return sample_area_light(light, place, 1, real_unit(draw(sequence, k, DIMENSION_U)),
-                             real_unit(draw(sequence, k, DIMENSION_V)), s);
+    return sample_area_light(light, place, 1, real_unit(draw(sequence, k, KILN_DIMENSION_U)),
+                             real_unit(draw(sequence, k, KILN_DIMENSION_V)), s);
 }
 #else
 bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, Sequence sequence, uint k,
                 out kiln_light_sample s)
 {
-    return kiln_lights_sample(choice, i, place, n, real_unit(draw(sequence, k, DIMENSION_CHOICE)),
-                              real_unit(draw(sequence, k, DIMENSION_U)), real_unit(draw(sequence, k, DIMENSION_V)), s);
+    return kiln_lights_sample(choice, i, place, n, real_unit(draw(sequence, k, KILN_DIMENSION_CHOICE)),
+                              real_unit(draw(sequence, k, KILN_DIMENSION_U)),
+                              real_unit(draw(sequence, k, KILN_DIMENSION_V)), s);
 }
 #endif
 
@@ -160,8 +155,8 @@ void add_sample(inout Sums sums, kiln_gpu_point p, kiln_light_choice choice, Seq
 {
     vec3 position, n;
     float offset;
-    kiln_position(p, push.chunk.parts, float(real_unit(draw(sequence, k, DIMENSION_S))),
-                  float(real_unit(draw(sequence, k, DIMENSION_T))), position, n, offset);
+    kiln_position(p, push.chunk.parts, float(real_unit(draw(sequence, k, KILN_DIMENSION_S))),
+                  float(real_unit(draw(sequence, k, KILN_DIMENSION_T))), position, n, offset);
     const real3 off = real3(n) * real(offset);
     kiln_light_sample s;
     if (draw_light(choice, i, real3(position) - off, real3(n), sequence, k, s))
@@ -171,7 +166,7 @@ void add_sample(inout Sums sums, kiln_gpu_point p, kiln_light_choice choice, Seq
 /* Samples begin .. end-1 of a choice. */
 Sums sample_choice(kiln_gpu_point p, kiln_light_choice choice, uint begin, uint end, inout uint stopped)
 {
-    const uint identity = identity_of(choice.kind, choice.index),
+    const uint identity = kiln_choice_identity(choice.kind, choice.index),
                strategies = kiln_lights_strategies(choice, real3(p.normal));
     Sums sums = Sums(real3(0), real3(0), 0, 0, 0u);
     uint i = begin;
@@ -186,19 +181,20 @@ void add_target_sample(inout Sums sums, kiln_gpu_point p, kiln_area_light_sample
 {
     vec3 position, n;
     float offset;
-    kiln_position(p, push.chunk.parts, real_unit(draw(sequence, k, DIMENSION_S)),
-                  real_unit(draw(sequence, k, DIMENSION_T)), position, n, offset);
+    kiln_position(p, push.chunk.parts, real_unit(draw(sequence, k, KILN_DIMENSION_S)),
+                  real_unit(draw(sequence, k, KILN_DIMENSION_T)), position, n, offset);
     const vec3 off = n * offset;
     kiln_light_sample s;
-    if (kiln_area_light_sampler_draw(target, (position - p.centre) - off, real_unit(draw(sequence, k, DIMENSION_U)),
-                                     real_unit(draw(sequence, k, DIMENSION_V)), s))
+    if (kiln_area_light_sampler_draw(target, (position - p.centre) - off,
+                                     real_unit(draw(sequence, k, KILN_DIMENSION_U)),
+                                     real_unit(draw(sequence, k, KILN_DIMENSION_V)), s))
         add_light(sums, p, position, n, off, s);
 }
 
 Sums sample_target(kiln_gpu_point p, uint node, uint begin, uint end, inout uint stopped)
 {
     const kiln_area_light_sampler target = kiln_area_light_sampler_of(node, p.centre);
-    const Sequence sequence = sequence_of(p, identity_of(KILN_CHOICE_NODE, node));
+    const Sequence sequence = sequence_of(p, kiln_choice_identity(KILN_CHOICE_NODE, node));
     Sums sums = Sums(real3(0), real3(0), 0, 0, 0u);
     uint k = begin;
     for (; k < end; k++)
@@ -240,7 +236,7 @@ void kiln_kernel(uint x, uint y)
         const uint samples = packed.samples & ~KILN_GPU_CHOICE_PRECISE;
         uint begin, end;
         share_of(r, i, samples, begin, end);
-        if (!is_own(packed) || (begin >= end && samples < QUARTERS_FROM))
+        if (!is_own(packed) || (begin >= end && samples < KILN_QUARTERS_FROM))
             continue;
         Sums sums;
 #ifndef KILN_PRECISE

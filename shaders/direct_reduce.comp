@@ -27,8 +27,7 @@ real quarters_variance(uint i, uint step, uint x, uint samples)
     }
     const real mean = total / real(samples);
     for (uint q = 0u; q < 4u; q++) { /* of a number that 4 does not divide, quarters differ by one sample */
-        const uint begin = uint((uint64_t(q) * samples + 3ul) / 4ul),
-                   end = uint((uint64_t(q + 1u) * samples + 3ul) / 4ul);
+        const uint begin = kiln_quarter_first(q, samples), end = kiln_quarter_first(q + 1u, samples);
         const real off = quarter[q] / real(end - begin) - mean;
         spread += off * off;
     }
@@ -60,7 +59,7 @@ void kiln_kernel(uint x, uint y)
         const uint count = direct_counts().at[x] & ~KILN_GPU_COUNT_PRECISE;
         for (uint i = 0u; i < count; i++) {
             const uint samples = direct_choice(i).at[x].samples & ~KILN_GPU_CHOICE_PRECISE;
-            if (samples >= QUARTERS_FROM)
+            if (samples >= KILN_QUARTERS_FROM)
                 variance += quarters_variance(i, step, x, samples);
         }
         for (uint c = 0u; c < 3u; c++) {

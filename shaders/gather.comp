@@ -5,20 +5,10 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
+#include "shaders/shared/color.h"
+#include "shaders/shared/streams.h"
 
-layout(push_constant, scalar) uniform Push
-{
-    KILN_ADDRESS scene;
-    kiln_gpu_chunk chunk;
-    KILN_ADDRESS sobol; /* words: dimension d's samples from d * sobol_stride on */
-    KILN_ADDRESS
-        slices; /* float: component c of row r of point x at ((r * SLICE_FLOATS + c) * chunk.total + point - origin) */
-    KILN_WORD samples, stream, reuse, sobol_stride;
-    KILN_WORD per_quarter; /* slices a quarter */
-    KILN_WORD row_first;   /* slice of y = 0 */
-    KILN_WORD slice;       /* samples of a slice */
-    KILN_WORD row_step;    /* slice y goes to row y * row_step */
-} push;
+KILN_PUSH(kiln_gpu_gather_push);
 
 #define KILN_TRACES
 #include "shaders/trace/trace.glsl"
@@ -29,25 +19,18 @@ layout(constant_id = 5) const uint LOOKUP = 1u; /* 0: trace only, for benches */
 
 KILN_ARRAY(FloatArray, float, 4);
 
-/* sin(2 pi x) for |x| <= 1/4: odd polynomial, error below 3e-7. */
-float sine_turn(float x)
-{
-    const float y = x * x;
-    return x * (6.28318525 + y * (-41.3416996 + y * (81.6018372 + y * (-76.5498123 + y * 39.5374527))));
-}
-
 /* Cosine-distributed about unit n. `cosine`: with n. */
 vec3 cosine_direction(vec3 n, float u, float v, out float cosine)
 {
     const float radius = sqrt(u), turn = v - 0.5, a = abs(turn);
-    const float sine = sine_turn(min(a, 0.5 - a));
+    const float sine = kiln_sine_turn(min(a, 0.5 - a));
     vec3 t, b;
     kiln_basis(n, t, b);
     cosine = sqrt(1.0 - u);
-    return radius * sine_turn(0.25 - a) * t + radius * (turn < 0.0 ? -sine : sine) * b + cosine * n;
+    return radius * kiln_sine_turn(0.25 - a) * t + radius * (turn < 0.0 ? -sine : sine) * b + cosine * n;
 }
 
-const uint SLICE_FLOATS = HAS_ALPHA == KILN_GPU_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
+const uint SLICE_FLOATS = HAS_ALPHA == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
 
 struct Sums {
     vec3 incident, irradiance, glass;
@@ -75,27 +58,27 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     float facet = 1.0, weight = 1.0;
     if (HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u) {
         const float above = dot(normal, direction), shading = dot(soft, direction);
-        facet = above > 0.0 ? 2.0 / (1.0 + tilt) * above / cosine : 0.0;
-        weight = shading > 0.0 ? shading / cosine : 0.0;
+        facet = kiln_facet_weight(above, tilt, cosine);
+        weight = kiln_shading_weight(shading, cosine);
     }
     if (hit.triangle == KILN_GPU_NONE) {
         sums.escaped += facet;
         return;
     }
     const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v, hit.back);
-    if (hit.back && (to.material & KILN_DOUBLE_SIDED) == 0u) {
+    if (hit.back && (to.material & KILN_RECORD_DOUBLE_SIDED) == 0u) {
         sums.blocked += facet;
         return;
     }
     vec3 rgb = facet > 0.0 ? kiln_radiosity_at(to) : vec3(0.0);
-    if (HAS_ALPHA == KILN_GPU_PASSAGE_TINT) {
+    if (HAS_ALPHA == KILN_PASSAGE_TINT) {
         rgb *= tint;
         sums.glass += facet * (1.0 - tint);
     }
     sums.incident += facet * rgb;
     if (HAS_SMOOTH != 0u)
         sums.irradiance += weight * rgb;
-    sums.luminance += weight * dot(rgb, vec3(0.2126, 0.7152, 0.0722));
+    sums.luminance += weight * float_luminance(rgb);
 }
 
 void store(Sums sums, uint x, uint y)
@@ -109,7 +92,7 @@ void store(Sums sums, uint x, uint y)
     slices.at[6u * step + x] = sums.escaped;
     slices.at[7u * step + x] = sums.blocked;
     slices.at[8u * step + x] = sums.luminance;
-    for (uint c = 0u; c < 3u && HAS_ALPHA == KILN_GPU_PASSAGE_TINT; c++)
+    for (uint c = 0u; c < 3u && HAS_ALPHA == KILN_PASSAGE_TINT; c++)
         slices.at[(9u + c) * step + x] = sums.glass[c];
 }
 
@@ -122,15 +105,16 @@ void kiln_kernel(uint x, uint row)
     const kiln_gpu_point p = PointArray(push.chunk.points).at[index];
     /* quarter q holds the samples k with k * 4 / samples == q */
     const uint q = y / push.per_quarter, n = push.samples;
-    const uint begin = uint((uint64_t(q) * n + 3ul) / 4ul), end = uint((uint64_t(q + 1u) * n + 3ul) / 4ul);
+    const uint begin = kiln_quarter_first(q, n), end = kiln_quarter_first(q + 1u, n);
     const uint from = begin + (y % push.per_quarter) * push.slice, to = min(end, from + push.slice);
     uint seed[4];
     for (uint d = 0u; d < 4u; d++)
-        seed[d] = kiln_hash2(p.tile_key, push.stream * 8u + d);
+        seed[d] = kiln_gather_seed(p.tile_key, push.stream, d);
     const uint key = kiln_hash2(p.key, push.stream), shared_digits = kiln_shared_digits(n);
-    const uint shift_u = kiln_hash1(key + 1u) >> shared_digits, shift_v = kiln_hash1(key + 2u) >> shared_digits;
-    const uint chance = kiln_hash1(key + 5u);
-    const uint shift_s = kiln_hash1(key + 3u), shift_t = kiln_hash1(key + 4u);
+    const uint shift_u = kiln_direction_shift(key, KILN_DIMENSION_U, shared_digits);
+    const uint shift_v = kiln_direction_shift(key, KILN_DIMENSION_V, shared_digits);
+    const uint chance = kiln_gather_chance(key);
+    const uint shift_s = kiln_gather_shift(key, KILN_DIMENSION_S), shift_t = kiln_gather_shift(key, KILN_DIMENSION_T);
     const bool shares = DRAW_AGAIN != 0u || (p.flags & (KILN_GPU_POINT_PARTIAL | KILN_GPU_POINT_MASKED)) != 0u;
     WordArray sobol = WordArray(push.sobol);
     Sums sums = Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0);
@@ -150,7 +134,8 @@ void kiln_kernel(uint x, uint row)
         }
         const float u = kiln_unit_float(kiln_owen_scramble(sobol.at[k], seed[0]) ^ shift_u);
         const float v = kiln_unit_float(kiln_owen_scramble(sobol.at[push.sobol_stride + k], seed[1]) ^ shift_v);
-        add_ray(sums, p, position, normal, u, v, HAS_ALPHA >= KILN_GPU_PASSAGE_BLEND ? kiln_hash2(chance, k) : 0u);
+        add_ray(sums, p, position, normal, u, v,
+                HAS_ALPHA >= KILN_PASSAGE_BLEND ? kiln_gather_ray_seed(chance, k) : 0u);
     }
     if (k < to) /* the device ended the loop early */
         sums.escaped = -1.0e9;

@@ -5,20 +5,14 @@
 #include "shaders/kernel.glsl"
 #include "shaders/sum.glsl"
 
-layout(push_constant, scalar) uniform Push
-{
-    KILN_ADDRESS scene;
-    kiln_gpu_chunk chunk;
-    KILN_ADDRESS slices, results;
-    KILN_WORD samples, per_quarter, split;
-} push;
+KILN_PUSH(kiln_gpu_gather_reduce_push);
 
 KILN_ARRAY(PointArray, kiln_gpu_point, 8);
 KILN_ARRAY(WordArray, uint, 4);
 KILN_ARRAY(FloatArray, float, 4);
 KILN_ARRAY(ResultArray, kiln_gpu_result, 4);
 
-const uint SLICE_FLOATS = HAS_ALPHA == KILN_GPU_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
+const uint SLICE_FLOATS = HAS_ALPHA == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
 
 float mean(kiln_sum sum, float count) { return (sum.high + sum.low) / count; }
 
@@ -46,7 +40,7 @@ void kiln_kernel(uint x, uint y)
                 FloatArray slice = FloatArray(push.slices + row);
                 for (uint c = 0u; c < 8u; c++)
                     kiln_add(sums[c], slice.at[c * push.chunk.total + x]);
-                for (uint c = 0u; c < 3u && HAS_ALPHA == KILN_GPU_PASSAGE_TINT; c++)
+                for (uint c = 0u; c < 3u && HAS_ALPHA == KILN_PASSAGE_TINT; c++)
                     kiln_add(glass[c], slice.at[(9u + c) * push.chunk.total + x]);
                 kiln_add(luminance, slice.at[8u * push.chunk.total + x]);
             }

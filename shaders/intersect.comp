@@ -2,17 +2,12 @@
 #extension GL_GOOGLE_include_directive : require
 /* Nearest hits of any rays: kiln_backend_intersect. */
 #include "shaders/kernel.glsl"
+#include "shaders/shared/streams.h"
 
 /* 1: only whether anything is met within the distance that `hits` has already; the triangle is then 0. */
 layout(constant_id = 5) const uint OCCLUSION = 0u;
 
-layout(push_constant, scalar) uniform Push
-{
-    KILN_ADDRESS scene;
-    KILN_ADDRESS origins, directions; /* vec3 each */
-    KILN_ADDRESS hits;                /* struct kiln_gpu_hit */
-    uint count;
-} push;
+KILN_PUSH(kiln_gpu_intersect_push);
 
 #include "shaders/trace/trace.glsl"
 
@@ -25,8 +20,8 @@ void kiln_kernel(uint x, uint y)
         return;
     const vec3 direction = IntersectVectors(push.directions).at[x];
     vec3 origin = IntersectVectors(push.origins).at[x];
-    const uvec3 o = floatBitsToUint(origin), d = floatBitsToUint(direction); /* kiln_ray_seed */
-    const uint seed = kiln_hash2(kiln_hash2(kiln_hash2(o.x, o.y), kiln_hash2(o.z, d.x)), kiln_hash2(d.y, d.z));
+    const uvec3 o = floatBitsToUint(origin), d = floatBitsToUint(direction);
+    const uint seed = kiln_ray_bits_seed(o.x, o.y, o.z, d.x, d.y, d.z);
     /* Boxes are made for origins near the world (KILN_GPU_BOX_MARGIN): others are brought closer first. */
     const float start = max(0.0, length(origin) - 1.75 * SCENE.trace.extent);
     origin += start * direction;

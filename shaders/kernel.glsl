@@ -3,7 +3,7 @@
  *     #version 460
  *     #extension GL_GOOGLE_include_directive : require
  *     #include "shaders/kernel.glsl"
- *     layout(push_constant, scalar) uniform Push { KILN_ADDRESS scene; ... } push;
+ *     KILN_PUSH(struct of shaders/shared/push.h);
  *     void kiln_kernel(uint x, uint y) { ... }
  *     #include "shaders/main.glsl"
  *
@@ -15,9 +15,6 @@
 #ifdef KILN_PIPELINE
 #    extension GL_EXT_ray_tracing : require
 #endif
-
-#include "shaders/shared/layout.h"
-#include "shaders/shared/random.h"
 
 /* KILN_FLOAT64: what lights are, and sums, lie there as doubles (`stored`). They are reckoned with in doubles too
  * (`real`) but for kernels with KILN_PLAIN, which leave to others what floats would not do for. */
@@ -35,9 +32,13 @@
 #    define real float
 #endif
 
+#include "shaders/shared/layout.h"
+#include "shaders/shared/push.h"
+#include "shaders/shared/random.h"
+
 /* The same numbers in every kernel; a kernel's own start at 5. */
 layout(constant_id = 0) const uint TRAVERSAL = 0u;
-layout(constant_id = 1) const uint HAS_ALPHA = 3u; /* KILN_GPU_PASSAGE_...: what surfaces may do to light */
+layout(constant_id = 1) const uint HAS_ALPHA = 3u; /* KILN_PASSAGE_...: what surfaces may do to light */
 layout(constant_id = 2) const uint HAS_SMOOTH = 1u;
 layout(constant_id = 3) const uint LIGHT_KINDS = 0xffffffffu;
 layout(constant_id = 4) const uint DRAW_AGAIN = 1u;
@@ -45,6 +46,10 @@ layout(constant_id = 4) const uint DRAW_AGAIN = 1u;
 /* `alignment` in bytes: 8 where the element has 64-bit members, else 4. */
 #define KILN_ARRAY(Name, type, alignment)                                                                              \
     layout(buffer_reference, scalar, buffer_reference_align = alignment) buffer Name { type at[]; }
+
+/* The kernel's push constants: push.scene and so on. */
+#define KILN_PUSH(type)                                                                                                \
+    layout(push_constant, scalar) uniform Push { type push; }
 
 layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer SceneRef { kiln_gpu_scene value; };
 #define SCENE SceneRef(push.scene).value

@@ -13,14 +13,16 @@
 #define KILN_LIGHTS_GLSL
 
 #include "shaders/real.glsl"
-#include "shaders/spherical_triangle.glsl"
 #include "shaders/material.glsl"
+#include "shaders/shared/area_light.h"
+#include "shaders/shared/color.h"
+#include "shaders/shared/light_importance.h"
+#include "shaders/shared/punctual_light.h"
+#include "shaders/shared/warp.h"
 
 #define KILN_STORED_REAL stored
 #define KILN_STORED_NAME(name) name
 #include "shaders/shared/layout_light_real.h"
-
-const uint KILN_CUT_MAX = 24u;
 
 const uint KILN_CHOICE_NODE = 0u, KILN_CHOICE_DIRECTIONAL = 1u, KILN_CHOICE_ENVIRONMENT = 2u;
 
@@ -48,50 +50,22 @@ bool light_kind(uint bits) { return (LIGHT_KINDS & bits) != 0u; }
 stored3 stored3_of(stored a[3]) { return stored3(a[0], a[1], a[2]); }
 real3 real3_of(stored a[3]) { return real3(a[0], a[1], a[2]); }
 vec3 vec3_of(float a[3]) { return vec3(a[0], a[1], a[2]); }
-bool is_probe(real3 n) { return n.x == 0 && n.y == 0 && n.z == 0; }
+#define is_probe kiln_any_direction
 
-/* ---- importance of a cluster (worker/light/tree.c) ---- */
+#define KILN_FLOATS LightFloats
+#define KILN_FLOAT_OF(array, i) array.at[i]
+#include "shaders/shared/environment.h"
 
-real cos_less(real sin_a, real cos_a, real sin_b, real cos_b)
-{
-    return cos_a > cos_b ? real(1) : cos_a * cos_b + sin_a * sin_b;
-}
-real sin_less(real sin_a, real cos_a, real sin_b, real cos_b)
-{
-    return cos_a > cos_b ? real(0) : sin_a * cos_b - cos_a * sin_b;
-}
-real sin_of(real c) { return sqrt(max(real(0), 1 - c * c)); }
+/* ---- importance of a cluster ---- */
 
 real light_importance(uint index, real3 p, real spread, real3 n)
 {
     const kiln_gpu_light_node node = LightNodes(SCENE.lights.nodes).at[index];
-    const real radius = real(node.radius) + spread, radius2 = radius * radius;
-    const real3 away = p - real3_of(node.centre); /* from the cluster to the point */
-    const real d2 = dot(away, away);
-    real emission = 1, reception = 1;
-    if (d2 > radius2) {
-        const real cos_b = sqrt(max(real(0), 1 - radius2 / d2)), sin_b = sin_of(cos_b);
-        const real3 w = away * (1 / sqrt(d2));
-        real cos_w = dot(real3_of(node.axis), w);
-        if ((node.flags & KILN_GPU_LIGHT_TWO_SIDED) != 0u)
-            cos_w = abs(cos_w);
-        const real sin_w = sin_of(cos_w);
-        const real cos_x = cos_less(sin_w, cos_w, real(node.sin_o), real(node.cos_o)),
-                   sin_x = sin_less(sin_w, cos_w, real(node.sin_o), real(node.cos_o));
-        emission = cos_less(sin_x, cos_x, sin_b, cos_b);
-        if (emission <= real(node.cos_e))
-            return 0;
-        if (!is_probe(n)) {
-            const real cos_i = -dot(n, w);
-            reception = cos_less(sin_of(cos_i), cos_i, sin_b, cos_b);
-            if (reception <= 0)
-                return 0;
-        }
-    }
-    const real least = real(1e-3LF);
-    const real importance =
-        real(node.power) * max(emission, least) * max(reception, least) / max(d2, real(node.floor2));
-    return importance > 0 && !isinf(importance) ? importance : node.power > 0 ? KILN_REAL_TINY : real(0);
+    return kiln_light_importance(kiln_light_bounds(real3_of(node.centre), real3_of(node.axis), real(node.radius),
+                                                   real(node.floor2), real(node.cos_o), real(node.sin_o),
+                                                   real(node.cos_e), real(node.power),
+                                                   (node.flags & KILN_GPU_LIGHT_TWO_SIDED) != 0u, node.power > 0),
+                                 p, spread, n);
 }
 
 /* ---- candidates (cut_tree, kiln_lights_choices and kiln_lights_allot of worker/light/lights.c) ---- */
@@ -163,10 +137,10 @@ real sun_importance(uint i, real3 n)
 {
     const kiln_gpu_directional_light light = DirectionalLights(SCENE.lights.directionals).at[i];
     const real cosine = is_probe(n) ? real(1) : dot(n, real3_of(light.towards));
-    return cosine > 0 ? real_luminance(real3(vec3_of(light.irradiance))) * cosine : real(0);
+    return kiln_sun_importance(real_luminance(real3(vec3_of(light.irradiance))), cosine);
 }
 
-real sky_importance() { return KILN_REAL_PI * real_luminance(real3(vec3_of(SCENE.lights.mean))); }
+real sky_importance() { return kiln_sky_importance(real_luminance(real3(vec3_of(SCENE.lights.mean)))); }
 
 uint kiln_lights_choose(real3 p, real spread, real3 n, uint limit, bool sky)
 {
@@ -206,7 +180,7 @@ bool kiln_lights_candidate(uint i, real3 n, uint samples, out kiln_light_choice 
         choice.index = 0u;
         importance = sky_importance();
     }
-    choice.samples = max(1u, uint(importance / cut_total * real(samples) + real(0.5LF)));
+    choice.samples = kiln_choice_samples(importance / cut_total, samples);
     return importance > 0;
 }
 
@@ -214,47 +188,16 @@ bool kiln_lights_candidate(uint i, real3 n, uint samples, out kiln_light_choice 
 
 uvec2 sky_texel(real3 d)
 {
-    real u = real(0.5LF) + (real_atan2(d.x, -d.z) + real(SCENE.lights.rotation)) / (2 * KILN_REAL_PI);
-    u -= floor(u);
-    const real v = real_acos(clamp(d.y, real(-1), real(1))) / KILN_REAL_PI;
-    const uint width = SCENE.lights.width, height = SCENE.lights.height;
-    return uvec2(min(real(width) - 1, u * real(width)), min(real(height) - 1, v * real(height)));
-}
-
-real step_width(LightFloats cumulative, uint first, uint index)
-{
-    return real(cumulative.at[first + index]) - (index == 0u ? real(0) : real(cumulative.at[first + index - 1u]));
-}
-
-/* First entry above u of a cumulative table; gives the place within it too. */
-uint find_step(LightFloats cumulative, uint first, uint count, real u, out real within)
-{
-    uint low = 0u, high = count - 1u;
-    while (low < high) {
-        const uint middle = low + (high - low) / 2u;
-        if (real(cumulative.at[first + middle]) > u)
-            high = middle;
-        else
-            low = middle + 1u;
-    }
-    const real begin = low == 0u ? real(0) : real(cumulative.at[first + low - 1u]),
-               end = real(cumulative.at[first + low]);
-#ifdef KILN_DOUBLES
-    const real last = 1.0LF - 1e-12LF;
-#else
-    const real last = KILN_REAL_BELOW_ONE;
-#endif
-    within = end > begin ? min(last, max(real(0), (u - begin) / (end - begin))) : real(0.5LF);
-    return low;
+    return uvec2(kiln_sky_column(d, real(SCENE.lights.rotation), SCENE.lights.width),
+                 kiln_sky_row(d, SCENE.lights.height));
 }
 
 real sky_texel_density(uvec2 at)
 {
     const uint width = SCENE.lights.width;
-    const real chance = step_width(LightFloats(SCENE.lights.marginal), 0u, at.y) *
-                        step_width(LightFloats(SCENE.lights.conditional), at.y * width, at.x);
-    return chance /
-           (real(LightReals(SCENE.lights.rows).at[SCENE.lights.height + 1u + at.y]) * 2 * KILN_REAL_PI / real(width));
+    const real chance = kiln_step_chance(LightFloats(SCENE.lights.marginal), 0u, at.y) *
+                        kiln_step_chance(LightFloats(SCENE.lights.conditional), at.y * width, at.x);
+    return kiln_sky_density(chance, real(LightReals(SCENE.lights.rows).at[SCENE.lights.height + 1u + at.y]), width);
 }
 
 /* Radiance arriving from outside along `direction` (pointing outwards). */
@@ -272,48 +215,33 @@ vec3 kiln_environment_radiance(real3 direction)
 /* Density per steradian of kiln_environment_sample. */
 real kiln_environment_density(real3 direction)
 {
-    return light_kind(KILN_GPU_KIND_IMAGE) ? sky_texel_density(sky_texel(direction)) : 1 / (4 * KILN_REAL_PI);
-}
-
-real3 kiln_sphere_direction(real u, real v)
-{
-    const real z = 1 - 2 * u, r = sqrt(max(real(0), 1 - z * z));
-    real sine, cosine;
-    real_sincos(2 * KILN_REAL_PI * v, sine, cosine);
-    return real3(r * cosine, r * sine, z);
+    return light_kind(KILN_GPU_KIND_IMAGE) ? sky_texel_density(sky_texel(direction)) : KILN_SPHERE_DENSITY;
 }
 
 real3 kiln_environment_sample(real u, real v, out real density)
 {
     if (!light_kind(KILN_GPU_KIND_IMAGE)) {
-        density = 1 / (4 * KILN_REAL_PI);
+        density = KILN_SPHERE_DENSITY;
         return kiln_sphere_direction(u, v);
     }
     const uint width = SCENE.lights.width;
-    real fx, fy, sine, cosine;
-    const uint y = find_step(LightFloats(SCENE.lights.marginal), 0u, SCENE.lights.height, v, fy);
-    const uint x = find_step(LightFloats(SCENE.lights.conditional), y * width, width, u, fx);
+    real fx, fy;
+    const uint y = kiln_step_find(LightFloats(SCENE.lights.marginal), 0u, SCENE.lights.height, v, fy);
+    const uint x = kiln_step_find(LightFloats(SCENE.lights.conditional), y * width, width, u, fx);
     density = sky_texel_density(uvec2(x, y));
     LightReals rows = LightReals(SCENE.lights.rows);
-    const real top = real(rows.at[y]), bottom = real(rows.at[y + 1u]);
-    const real height = top + (bottom - top) * fy, r = sqrt(max(real(0), 1 - height * height));
-    real_sincos(((real(x) + fx) / real(width) - real(0.5LF)) * 2 * KILN_REAL_PI - real(SCENE.lights.rotation), sine,
-                cosine);
-    return real3(r * sine, height, -r * cosine);
+    return kiln_sky_direction(x, fx, fy, real(rows.at[y]), real(rows.at[y + 1u]), width, real(SCENE.lights.rotation));
 }
 
-/* Cosine-distributed about n; tangents as kiln_basis has them (Duff et al. 2017), in float like there. */
+/* Cosine-distributed about n; tangents in float, as in worker/light/lights.c. */
 real3 cosine_direction(real3 n, real u, real v)
 {
-    const vec3 f = vec3(n);
-    const float side = (floatBitsToUint(f.z) >> 31) != 0u ? -1.0 : 1.0;
-    const float a = -1.0 / (side + f.z), c = f.x * f.y * a;
-    const real3 t = real3(vec3(1.0 + side * f.x * f.x * a, side * c, -side * f.x)),
-                b = real3(vec3(c, side + f.y * f.y * a, -f.y));
+    vec3 t, b;
+    kiln_basis(vec3(n), t, b);
     const real r = sqrt(u);
     real sine, cosine;
     real_sincos(2 * KILN_REAL_PI * v, sine, cosine);
-    return real_unit_vector(t * (r * cosine) + b * (r * sine) + n * sqrt(max(real(0), 1 - u)));
+    return real_unit_vector(real3(t) * (r * cosine) + real3(b) * (r * sine) + n * sqrt(max(real(0), 1 - u)));
 }
 
 /* See worker/light/lights.h. */
@@ -338,10 +266,8 @@ bool sample_environment(kiln_light_choice choice, uint index, real3 n, real u, r
         return false;
     if (!probe) {
         density = cosine / KILN_REAL_PI;
-        if (both) {
-            const real sky_share = real(choice.samples / 2u) / real(choice.samples);
-            density = sky_share * kiln_environment_density(s.direction) + (1 - sky_share) * density;
-        }
+        if (both)
+            density = kiln_sky_cosine_density(choice.samples, kiln_environment_density(s.direction), density);
     }
     s.value = real3(kiln_environment_radiance(s.direction)) / density;
     return true;
@@ -349,23 +275,13 @@ bool sample_environment(kiln_light_choice choice, uint index, real3 n, real u, r
 
 /* ---- point, spot and area lights (worker/light/lights.c) ---- */
 
-/* KHR_lights_punctual: intensity towards unit `direction` from the light, and the factor of the range at a distance. */
+/* Share of the intensity towards unit `direction` from the light. */
 real point_light_cone(kiln_gpu_point_light light, real3 direction)
 {
     if ((light.flags & KILN_GPU_LIGHT_IS_SPOT) == 0u)
         return 1;
-    const real cosine = dot(real3_of(light.direction), direction);
-    const real t = clamp((cosine - real(light.cos_outer)) / max(real(1e-9LF), real(light.cos_inner - light.cos_outer)),
-                         real(0), real(1));
-    return t * t;
-}
-
-real point_light_range(kiln_gpu_point_light light, real distance)
-{
-    if (light.range <= 0)
-        return 1;
-    const real q = distance / real(light.range);
-    return clamp(1 - q * q * q * q, real(0), real(1));
+    return kiln_spot_cone(dot(real3_of(light.direction), direction), real(light.cos_outer),
+                          real(light.cos_inner - light.cos_outer));
 }
 
 bool sample_point_light(uint index, real3 p, real weight, inout kiln_light_sample s)
@@ -376,21 +292,16 @@ bool sample_point_light(uint index, real3 p, real weight, inout kiln_light_sampl
     if (!(s.distance > 0))
         return false;
     s.direction = to * (1 / s.distance);
-    const real factor = weight * point_light_cone(light, -s.direction) * point_light_range(light, s.distance) /
-                        (s.distance * s.distance);
+    const real factor = weight * point_light_cone(light, -s.direction) *
+                        kiln_light_range(real(light.range), s.distance) / (s.distance * s.distance);
     s.value = real3(vec3_of(light.intensity)) * factor;
     return factor > 0 && !isinf(factor); /* the square of a float's smallest distances is 0 */
 }
 
-const real SPHERICAL_FROM = real(0.02LF); /* sr; see spherical_triangle.h */
-
 vec3 textured_emission(kiln_gpu_area_light light, real3 on)
 {
-    const real3 e1 = real3_of(light.e1), e2 = real3_of(light.e2);
-    const real e11 = dot(e1, e1), e12 = dot(e1, e2), e22 = dot(e2, e2), below = e11 * e22 - e12 * e12, x = dot(on, e1),
-               y = dot(on, e2);
-    const real b1 = clamp((x * e22 - y * e12) / below, real(0), real(1)),
-               b2 = clamp((y * e11 - x * e12) / below, real(0), 1 - b1);
+    real b1, b2;
+    kiln_triangle_weights(real3_of(light.e1), real3_of(light.e2), on, b1, b2);
     return kiln_surface_emission(light.triangle, float(b1), float(b2));
 }
 
@@ -401,8 +312,7 @@ vec3 area_light_radiance(kiln_gpu_area_light light, real3 on)
     return textured ? textured_emission(light, on) : vec3_of(light.radiance);
 }
 
-/* How much before a light at `distance`, seen at this cosine, a shadow ray ends: the light's corners are floats, and so
- * may be its samples. */
+/* kiln_light_backoff of the light; where samples are floats they are off by as much again. */
 real light_backoff(kiln_gpu_area_light light, real distance, real cosine)
 {
 #ifdef KILN_DOUBLES
@@ -410,7 +320,7 @@ real light_backoff(kiln_gpu_area_light light, real distance, real cosine)
 #else
     const real rounding = real(light.rounding) + 2.4e-7 * distance;
 #endif
-    return min(distance / 2, rounding / max(real(1e-6LF), cosine));
+    return kiln_light_backoff(rounding, distance, cosine);
 }
 
 bool sample_area_light(uint index, real3 p, real weight, real u, real v, out kiln_light_sample s)
@@ -419,18 +329,18 @@ bool sample_area_light(uint index, real3 p, real weight, real u, real v, out kil
     const stored3 stored0 = stored3_of(light.p0) - stored3(p);
     const real side = real(-dot(stored0, stored3_of(light.normal))), height = abs(side); /* of p above the front face */
     /* In the light's own plane, as far as floats tell, nothing of it is seen. */
-    if (((light.flags & KILN_GPU_LIGHT_TWO_SIDED) != 0u ? height : side) <= 2 * real(light.rounding))
+    if (((light.flags & KILN_GPU_LIGHT_TWO_SIDED) != 0u ? height : side) <=
+        KILN_AREA_LIGHT_HEIGHT * real(light.rounding))
         return false;
     const real3 to0 = real3(stored0), e1 = real3_of(light.e1), e2 = real3_of(light.e2);
     const kiln_spherical_triangle t = kiln_spherical_triangle_of(to0, e1, e2, real(light.area), height);
-    const bool spherical = t.omega > SPHERICAL_FROM;
+    const bool spherical = t.omega > KILN_SPHERICAL_FROM;
     real3 to;
     if (spherical) {
         const real3 direction = kiln_spherical_triangle_direction(t, u, v);
         to = direction * (height / abs(dot(direction, real3_of(light.normal))));
     } else {
-        const real root = sqrt(u);
-        to = to0 + (e1 * (root * (1 - v)) + e2 * (root * v));
+        to = to0 + kiln_triangle_place(e1, e2, u, v);
     }
     s.distance = length(to);
     if (!(s.distance > 0) || isinf(s.distance))
@@ -454,12 +364,7 @@ bool pick_light(uint node, real3 p, real3 n, real pick, out uint light, out real
         const real a = light_importance(left, p, 0, n), b = light_importance(right, p, 0, n);
         if (a + b <= 0)
             return false;
-        const real chance = a / (a + b);
-        const bool goes_left = pick < chance;
-        pick = goes_left ? pick / chance : (pick - chance) / (1 - chance);
-        weight /= goes_left ? chance : 1 - chance;
-        node = goes_left ? left : right;
-        pick = min(pick, KILN_REAL_BELOW_ONE);
+        node = kiln_light_tree_step(a / (a + b), pick, weight) ? left : right;
     }
     light = nodes.at[node].right;
     return true;

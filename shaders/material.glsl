@@ -17,16 +17,16 @@ const uint kiln_texel_fraction = 45u; /* binary digits of a texel coordinate: 2 
  * equal what differs by two periods, and taking those off is exact. */
 int64_t kiln_texel_coordinate(float u, uint size, uint wrap)
 {
-    const float near = wrap == KILN_GPU_WRAP_CLAMP ? clamp(u, -1.0, 2.0) : u - 2.0 * trunc(0.5 * u);
+    const float near = wrap == KILN_WRAP_CLAMP ? clamp(u, -1.0, 2.0) : u - 2.0 * trunc(0.5 * u);
     return int64_t(near * 35184372088832.0 /* 2^45 */) * int64_t(size);
 }
 
 uint kiln_wrapped(int at, uint size, uint wrap)
 {
     const int n = int(size);
-    if (wrap == KILN_GPU_WRAP_CLAMP)
+    if (wrap == KILN_WRAP_CLAMP)
         return uint(clamp(at, 0, n - 1));
-    const int period = wrap == KILN_GPU_WRAP_MIRROR ? 2 * n : n;
+    const int period = wrap == KILN_WRAP_MIRROR ? 2 * n : n;
     const int below = at - (at / period) * period, m = below < 0 ? below + period : below;
     return uint(m < n ? m : period - 1 - m);
 }
@@ -120,7 +120,7 @@ vec2 kiln_surface_alpha(uint triangle, float u, float v)
     alpha *= m.base_alpha;
     if (m.base_color_texture != KILN_GPU_NONE)
         alpha *= kiln_texture_alpha(m.base_color_texture, kiln_interpolated(coating.base, u, v));
-    return vec2(clamp(alpha, 0.0, 1.0), m.alpha_mode == KILN_GPU_ALPHA_MASK ? m.alpha_cutoff : -1.0);
+    return vec2(clamp(alpha, 0.0, 1.0), m.alpha_mode == KILN_ALPHA_MASK ? m.alpha_cutoff : -1.0);
 }
 
 /* struct kiln_passage of worker/scene/texture.h; without colours unless HAS_ALPHA says that there are any. */
@@ -137,15 +137,13 @@ kiln_passage kiln_surface_passage(uint triangle, float u, float v)
     vec4 color = ((1.0 - u - v) * kiln_vertex_color(coating.colors[0]) + u * kiln_vertex_color(coating.colors[1]) +
                   v * kiln_vertex_color(coating.colors[2])) *
                  vec4(m.base_color[0], m.base_color[1], m.base_color[2], m.base_alpha);
-    if (m.base_color_texture != KILN_GPU_NONE && (HAS_ALPHA == KILN_GPU_PASSAGE_TINT && m.transmission > 0.0))
+    if (m.base_color_texture != KILN_GPU_NONE && (HAS_ALPHA == KILN_PASSAGE_TINT && m.transmission > 0.0))
         color *= kiln_texture_sample(m.base_color_texture, at);
     else if (m.base_color_texture != KILN_GPU_NONE)
         color.a *= kiln_texture_alpha(m.base_color_texture, at);
     color = clamp(color, 0.0, 1.0);
-    const float covered = m.alpha_mode == KILN_GPU_ALPHA_OPAQUE ? 1.0
-                          : m.alpha_mode == KILN_GPU_ALPHA_MASK ? (color.a >= m.alpha_cutoff ? 1.0 : 0.0)
-                                                                : color.a;
-    if (HAS_ALPHA != KILN_GPU_PASSAGE_TINT || m.transmission == 0.0)
+    const float covered = kiln_coverage(m.alpha_mode, m.alpha_cutoff, color.a);
+    if (HAS_ALPHA != KILN_PASSAGE_TINT || m.transmission == 0.0)
         return kiln_passage(covered, vec3(1.0 - covered));
     float let = covered * m.transmission;
     if (m.transmission_texture != KILN_GPU_NONE)

@@ -1,21 +1,12 @@
 /* Positions on surface points: as kiln_footprint_sample and frame_position of the other backend. Needs trace.glsl
  * before it where DRAW_AGAIN may be 1. */
 
+#include "shaders/shared/streams.h"
+#include "shaders/shared/warp.h"
+
 KILN_ARRAY(PointArray, kiln_gpu_point, 8);
 KILN_ARRAY(PartArray, kiln_gpu_part, 8);
 KILN_ARRAY(WordArray, uint, 4);
-
-/* Centre of the 2^-23 interval of a 32-bit fraction: exact, strictly inside (0, 1). */
-float kiln_unit_float(uint fraction) { return (float(fraction >> 9) + 0.5) * (1.0 / 8388608.0); }
-
-/* Orthonormal tangents of unit n (Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 2017). */
-void kiln_basis(vec3 n, out vec3 t, out vec3 b)
-{
-    const float side = n.z < 0.0 || (n.z == 0.0 && floatBitsToUint(n.z) != 0u) ? -1.0 : 1.0; /* copysign: -0 counts */
-    const float a = -1.0 / (side + n.z), c = n.x * n.y * a;
-    t = vec3(1.0 + side * n.x * n.x * a, side * c, -side * n.x);
-    b = vec3(c, side + n.y * n.y * a, -n.y);
-}
 
 /* The shading normal of a sample whose geometric normal is n: as frame_shading. */
 vec3 kiln_shading(kiln_gpu_point p, vec3 n)
@@ -30,18 +21,16 @@ KILN_ARRAY(MaskArray, kiln_gpu_mask, 4);
 void kiln_mask_place(uint64_t address, inout float s, inout float t)
 {
     MaskArray mask = MaskArray(address);
-    const uint count = mask.at[0].count;
-    const float scaled = s * float(count);
-    uint n = min(uint(scaled), count - 1u), word = 0u;
-    const float rest = min(scaled - float(n), 0.999999940395355224609375);
+    float rest;
+    uint n = kiln_mask_choose(s, mask.at[0].count, rest), word = 0u;
     uint bits = bitCount(mask.at[0].cells[0]);
     while (n >= bits && word + 1u < KILN_MASK_WORDS) {
         n -= bits;
         bits = bitCount(mask.at[0].cells[++word]);
     }
     const uint cell = 32u * word + kiln_set_bit(mask.at[0].cells[word], n);
-    s = (float(kiln_cell_column(cell)) + rest) / float(KILN_MASK_SIDE);
-    t = (float(kiln_cell_column(cell >> 1)) + t) / float(KILN_MASK_SIDE);
+    s = kiln_mask_s(cell, rest);
+    t = kiln_mask_t(cell, t);
 }
 
 /* A place on the point for s and t in (0, 1): position with its offset, geometric normal, and that offset. */
@@ -80,8 +69,8 @@ bool kiln_meets_back(vec3 position, vec3 direction)
     const kiln_hit hit = kiln_trace(position, direction);
     if (hit.triangle == KILN_GPU_NONE || !hit.back)
         return false;
-    return (floatBitsToUint(RecordHalves(SCENE.records + uint64_t(hit.triangle) * 32ul).at[1].w) & KILN_DOUBLE_SIDED) ==
-           0u;
+    return (floatBitsToUint(RecordHalves(SCENE.records + uint64_t(hit.triangle) * 32ul).at[1].w) &
+            KILN_RECORD_DOUBLE_SIDED) == 0u;
 }
 
 /* A ray along the normal and three around it, 53 degrees off, all meet backs of single-sided surfaces. */
@@ -90,8 +79,10 @@ bool kiln_buried(vec3 position, vec3 normal)
     vec3 t, b;
     kiln_basis(normal, t, b);
     for (int i = 0; i < 4; i++) {
-        const vec2 turn = i == 0 ? vec2(0.0) : i == 1 ? vec2(0.8, 0.0) : vec2(-0.4, i == 2 ? 0.6928 : -0.6928);
-        const vec3 direction = i == 0 ? normal : turn.x * t + turn.y * b + 0.6 * normal;
+        const vec2 turn = i == 0   ? vec2(0.0)
+                          : i == 1 ? vec2(KILN_BURIED_ACROSS, 0.0)
+                                   : vec2(-KILN_BURIED_HALF, i == 2 ? KILN_BURIED_SIDE : -KILN_BURIED_SIDE);
+        const vec3 direction = i == 0 ? normal : turn.x * t + turn.y * b + KILN_BURIED_ALONG * normal;
         if (!kiln_meets_back(position, direction))
             return false;
     }
@@ -106,9 +97,8 @@ void kiln_position(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 
     kiln_place(p, parts, s, t, position, normal, offset);
     if (DRAW_AGAIN == 0u)
         return;
-    const uint tries = 32u;
-    for (uint i = 0u; i < tries && kiln_buried(position, normal); i++) {
-        const uint hash = kiln_hash2(kiln_hash2(uint(s * 16777216.0), uint(t * 16777216.0)), p.key + i);
+    for (uint i = 0u; i < KILN_BURIED_TRIES && kiln_buried(position, normal); i++) {
+        const uint hash = kiln_buried_retry(s, t, p.key, i);
         kiln_place(p, parts, kiln_unit_float(hash), kiln_unit_float(kiln_hash1(hash)), position, normal, offset);
     }
 }

@@ -6,18 +6,11 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
+#include "shaders/shared/harmonics.h"
 #include "shaders/shared/layout_probe.h"
+#include "shaders/shared/streams.h"
 
-layout(push_constant, scalar) uniform Push
-{
-    KILN_ADDRESS scene;
-    KILN_ADDRESS positions;
-    KILN_ADDRESS sobol;  /* words: dimension d's samples from d * sobol_stride on */
-    KILN_ADDRESS slices; /* float: component c of slice s of probe x at (s * KILN_GPU_PROBE_FLOATS + c) * count + x */
-    KILN_WORD64 index;   /* of the first probe among all */
-    KILN_WORD count, samples, slice_first, slice_count, sobol_stride, seed;
-    KILN_REAL32 far; /* m: stands in for the distance of escapes */
-} push;
+KILN_PUSH(kiln_gpu_probes_push);
 
 #define KILN_TRACES
 #include "shaders/trace/trace.glsl"
@@ -28,10 +21,8 @@ KILN_ARRAY(PositionArray, vec3, 4);
 KILN_ARRAY(SobolArray, uint, 4);
 KILN_ARRAY(SliceArray, float, 4);
 
-const uint DIMENSION_U = 0u, DIMENSION_V = 1u, DIMENSION_CHOICE = 4u; /* enum kiln_dimension */
-
 struct ProbeSums {
-    vec3 radiance[9], axes[6];
+    vec3 radiance[KILN_HARMONICS], axes[6];
     float distance, back, rays;
     bool stopped; /* the device ended a loop early */
 };
@@ -41,18 +32,12 @@ real scrambled(uint k, uint dimension, uint seed)
     return real_unit(kiln_owen_scramble(SobolArray(push.sobol).at[dimension * push.sobol_stride + k], seed));
 }
 
-/* Adds radiance x solid angle `value` that arrives from direction d: worker/sampling/harmonics.h. */
+/* Adds radiance x solid angle `value` that arrives from direction d: shaders/shared/harmonics.h. */
 void add_direction(inout ProbeSums sums, vec3 d, vec3 value)
 {
-    sums.radiance[0] += 0.28209479177387814 * value;
-    sums.radiance[1] += 0.4886025119029199 * d.y * value;
-    sums.radiance[2] += 0.4886025119029199 * d.z * value;
-    sums.radiance[3] += 0.4886025119029199 * d.x * value;
-    sums.radiance[4] += 1.0925484305920792 * d.x * d.y * value;
-    sums.radiance[5] += 1.0925484305920792 * d.y * d.z * value;
-    sums.radiance[6] += 0.31539156525252005 * (3.0 * d.z * d.z - 1.0) * value;
-    sums.radiance[7] += 1.0925484305920792 * d.x * d.z * value;
-    sums.radiance[8] += 0.5462742152960396 * (d.x * d.x - d.y * d.y) * value;
+#define KILN_ADD(index, y) sums.radiance[index] += y * value;
+    KILN_HARMONICS_EACH(KILN_ADD, d)
+#undef KILN_ADD
     const vec3 positive = max(d, 0.0), negative = max(-d, 0.0);
     for (int a = 0; a < 3; a++) {
         sums.axes[2 * a] += positive[a] * value;
@@ -62,8 +47,8 @@ void add_direction(inout ProbeSums sums, vec3 d, vec3 value)
 
 void sphere_sample(inout ProbeSums sums, vec3 p, uint key, uint k)
 {
-    const real3 direction = kiln_sphere_direction(scrambled(k, DIMENSION_U, kiln_hash2(key, 0u)),
-                                                  scrambled(k, DIMENSION_V, kiln_hash2(key, 1u)));
+    const real3 direction = kiln_sphere_direction(scrambled(k, KILN_DIMENSION_U, kiln_hash2(key, 0u)),
+                                                  scrambled(k, KILN_DIMENSION_V, kiln_hash2(key, 1u)));
     const vec3 d = vec3(direction);
     vec3 tint;
     const kiln_hit hit = kiln_trace_by_chance(p, d, kiln_hash2(key + 1u, k), tint);
@@ -75,12 +60,12 @@ void sphere_sample(inout ProbeSums sums, vec3 p, uint key, uint k)
     } else {
         sums.distance += min(hit.distance, push.far);
         const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v, hit.back);
-        if (hit.back && (to.material & KILN_DOUBLE_SIDED) == 0u)
+        if (hit.back && (to.material & KILN_RECORD_DOUBLE_SIDED) == 0u)
             sums.back += 1.0;
         else
-            radiance = kiln_radiosity_at(to) * 0.31830988618379067;
+            radiance = kiln_radiosity_at(to) * KILN_INVERSE_PI;
     }
-    if (HAS_ALPHA == KILN_GPU_PASSAGE_TINT)
+    if (HAS_ALPHA == KILN_PASSAGE_TINT)
         radiance *= tint;
     add_direction(sums, d, radiance * (12.566370614359172 / float(push.samples)));
 }
@@ -88,14 +73,13 @@ void sphere_sample(inout ProbeSums sums, vec3 p, uint key, uint k)
 void light_sample(inout ProbeSums sums, vec3 position, kiln_light_choice choice, uint identity, uint k)
 {
     kiln_light_sample s;
-    const real u = scrambled(k, DIMENSION_U, kiln_hash2(identity, 0u)),
-               v = scrambled(k, DIMENSION_V, kiln_hash2(identity, 1u));
-    const real pick = scrambled(k, DIMENSION_CHOICE, kiln_hash2(identity, 2u));
+    const real u = scrambled(k, KILN_DIMENSION_U, kiln_hash2(identity, 0u)),
+               v = scrambled(k, KILN_DIMENSION_V, kiln_hash2(identity, 1u));
+    const real pick = scrambled(k, KILN_DIMENSION_CHOICE, kiln_hash2(identity, 2u));
     if (!kiln_lights_sample(choice, k, real3(position), real3(0), pick, u, v, s))
         return;
     sums.rays += 1.0;
-    const float limit =
-        isinf(s.distance) ? KILN_INFINITY : float((s.distance - s.backoff) * real(0.99999904632568359375LF));
+    const float limit = isinf(s.distance) ? KILN_INFINITY : float((s.distance - s.backoff) * KILN_SHADOW_LENGTH);
     const vec3 d = vec3(s.direction);
     const vec3 through = kiln_through(position, d, limit);
     if (through != vec3(0.0))
@@ -113,7 +97,7 @@ void light_samples(inout ProbeSums sums, vec3 position, uint key, uint from, uin
         kiln_light_choice choice;
         if (!kiln_lights_candidate(i, real3(0), push.samples, choice))
             continue;
-        const uint identity = kiln_hash2(key, kiln_hash2(choice.kind * 2u + 1u, choice.index));
+        const uint identity = kiln_hash2(key, kiln_choice_identity(choice.kind, choice.index));
         const uint begin = max(from, before) - before, end = min(to - before, choice.samples);
         uint k = begin;
         for (; k < end; k++)
@@ -128,7 +112,7 @@ void store(ProbeSums sums, uint x, uint slice)
 {
     SliceArray floats = SliceArray(push.slices + uint64_t(slice * KILN_GPU_PROBE_FLOATS) * push.count * 4ul);
     for (uint c = 0u; c < 3u; c++) {
-        for (uint i = 0u; i < 9u; i++)
+        for (uint i = 0u; i < KILN_HARMONICS; i++)
             floats.at[(3u * i + c) * push.count + x] = sums.radiance[i][c];
         for (uint i = 0u; i < 6u; i++)
             floats.at[(27u + 3u * i + c) * push.count + x] = sums.axes[i][c];
@@ -147,7 +131,7 @@ void kiln_kernel(uint x, uint y)
     const uint64_t index = push.index + x;
     const uint key = kiln_hash2(kiln_hash2(push.seed, uint(index)), uint(index >> 32));
     ProbeSums sums;
-    for (uint i = 0u; i < 9u; i++)
+    for (uint i = 0u; i < KILN_HARMONICS; i++)
         sums.radiance[i] = vec3(0.0);
     for (uint i = 0u; i < 6u; i++)
         sums.axes[i] = vec3(0.0);

@@ -1,4 +1,4 @@
-/* Functions of `real`, the numbers light is reckoned with: double or float (see shaders/kernel.glsl).
+/* Functions of `real`, the numbers light is calculated with: double or float (see shaders/kernel.glsl)..
  *
  * GLSL has no sine, cosine and so on of doubles, and Vulkan promises little of those of floats (acos: 4,096 units in
  * the last place), so both are made here: Taylor's series after reduction to a quarter turn, and Newton's method from
@@ -7,6 +7,9 @@
  * Constants are written as real(1.5LF): folded at compile time, so that the float variant has no doubles in it. */
 #ifndef KILN_REAL_GLSL
 #define KILN_REAL_GLSL
+
+#include "shaders/shared/color.h"
+#include "shaders/shared/real.h"
 
 #ifdef KILN_DOUBLES
 #    define real3 dvec3
@@ -118,6 +121,9 @@ real3 real_unit_vector(real3 a)
     return squared > 0 ? a * (1 / sqrt(squared)) : a;
 }
 
-real real_luminance(real3 rgb) { return dot(rgb, real3(real(0.2126LF), real(0.7152LF), real(0.0722LF))); }
+real real_luminance(real3 rgb)
+{
+    return dot(rgb, real3(KILN_RED_WEIGHT(KILN_RATIO), KILN_GREEN_WEIGHT(KILN_RATIO), KILN_BLUE_WEIGHT(KILN_RATIO)));
+}
 
 #endif

@@ -5,12 +5,6 @@ KILN_ARRAY(Lightmaps, kiln_gpu_lightmap, 8);
 KILN_ARRAY(TileWords, uvec4, 16);
 KILN_ARRAY(RadiosityWords, uvec2, 8);
 
-/* Bit of texel (x, y) of a tile: x and y interleaved, x lowest. */
-uint kiln_tile_bit(uint x, uint y)
-{
-    return (x & 1u) | (y & 1u) << 1 | (x & 2u) << 1 | (y & 2u) << 2 | (x & 4u) << 2 | (y & 4u) << 3;
-}
-
 /* Number of bits of `mask` below `bit`. */
 uint kiln_bits_below(uvec2 mask, uint bit)
 {
@@ -27,8 +21,6 @@ vec3 kiln_radiosity_unpack(uvec2 packed)
                 uintBitsToFloat((packed.x >> 21 | (packed.y & 0x3ffu) << 11) << 10),
                 uintBitsToFloat((packed.y >> 10 & 0x1fffffu) << 10));
 }
-
-const uint KILN_DOUBLE_SIDED = 0x80000000u; /* in kiln_landing.material */
 
 /* What a hit on world triangle `triangle` leads to. */
 struct kiln_landing {
@@ -48,13 +40,13 @@ kiln_landing kiln_land(uint triangle, float u, float v, bool back)
     kiln_gpu_lightmap map = Lightmaps(SCENE.lightmaps).at[to.object];
     int x = clamp(int(a.x + u * a.z + v * b.x), 0, int(map.width) - 1),
         y = clamp(int(a.y + u * a.w + v * b.y), 0, int(map.height) - 1);
-    if (back && (to.material & KILN_DOUBLE_SIDED) != 0u) {
+    if (back && (to.material & KILN_RECORD_DOUBLE_SIDED) != 0u) {
         map = Lightmaps(SCENE.lightmaps).at[SCENE.object_count + to.object];
         x >>= map.shift;
         y >>= map.shift;
     }
     to.tile = SCENE.tiles + (map.tile_first + uint64_t(uint(y) >> 3) * map.tiles_x + (uint(x) >> 3)) * 16ul;
-    to.bit = kiln_tile_bit(uint(x) & 7u, uint(y) & 7u);
+    to.bit = kiln_morton8(uint(x) & 7u, uint(y) & 7u);
     return to;
 }
 
@@ -64,8 +56,8 @@ vec3 kiln_radiosity_at(kiln_landing to)
     uvec4 tile = TileWords(to.tile).at[0];
     if (!kiln_bit_set(tile.xy, to.bit))
         return vec3(0.0);
-    if ((tile.w & 0x80000000u) != 0u) { /* the tile lies in several cells: look for the part */
-        uint64_t part = SCENE.splits + (uint64_t(tile.w & 0x7fffffffu) << 32 | tile.z) * 16ul;
+    if ((tile.w & KILN_TILE_SPLIT_HIGH) != 0u) { /* the tile lies in several cells: look for the part */
+        uint64_t part = SCENE.splits + (uint64_t(tile.w & ~KILN_TILE_SPLIT_HIGH) << 32 | tile.z) * 16ul;
         tile = TileWords(part).at[0];
         while (!kiln_bit_set(tile.xy, to.bit)) {
             part += 16ul;

@@ -10,7 +10,7 @@ void kiln_devices_choose(const struct kiln_job *job, int node_rank, int node_ran
     params->traversal = (enum kiln_traversal)job->traversal;
     params->slice_seconds = job->dispatch_time * 1e-3;
     params->device_memory = (uint64_t)(job->device_memory * 0x1p30);
-    /* who asks for a device by name gets it, or an error */
+    /* a backend that was named with --backend is used, or fails; only `auto` falls back */
     params->goes_on = job->backend == NULL || strcmp(job->backend, "auto") == 0;
     params->verify_fraction = job->verify_fraction;
 }

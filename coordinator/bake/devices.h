@@ -1,11 +1,11 @@
-/* Where a bake runs: what the options say of devices, for the backend. Not collective. */
+/* Choice of devices: turns the options about devices into parameters of the backend. Not collective. */
 #ifndef KILN_COORDINATOR_BAKE_DEVICES_H
 #define KILN_COORDINATOR_BAKE_DEVICES_H
 
 #include "coordinator/job/job.h"
 #include "worker/backend/backend.h"
 
-/* Fills in the fields of `params` that are about devices, for the node_rank-th of node_ranks ranks on this node. */
+/* Fills in the fields of `params` about devices, for rank `node_rank` of the `node_ranks` ranks of this node. */
 void kiln_devices_choose(const struct kiln_job *job, int node_rank, int node_ranks, struct kiln_backend_params *params);
 
 #endif

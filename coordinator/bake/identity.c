@@ -7,7 +7,7 @@
 #include "coordinator/files/checksummed_json.h"
 #include "worker/base/text.h"
 
-/* Options of bake whose values decide the light on the surfaces, or how a checkpoint's points are ordered, */
+/* Options of bake that affect the light on the surfaces, or the order of the points in a checkpoint. */
 static const char *const counting[] = {"environment",
                                        "environment-scale",
                                        "environment-rotation",
@@ -29,15 +29,15 @@ static const char *const counting[] = {"environment",
                                        "cell-size",
                                        "partition",
                                        "exchange"};
-/* those that decide the probes alone, */
+/* Options that affect only the probes. */
 static const char *const probing[] = {"probe-spacing", "samples-probe"};
-/* and those that only say where, how fast, how long, with how many words, and what files are made of the light. The
- * quality is in the samples. */
+/* Options that affect neither: devices, speed, limits, messages and output files. --quality is covered by the sample
+ * counts that it sets. */
 static const char *const other[] = {
     "output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "error-map", "preview", "exposure",
     "json", "quiet", "verbose", "resume", "checkpoint-every", "max-time", "watchdog", "device", "devices", "traversal",
     "dispatch-time", "device-memory", "verify-fraction",
-    /* units name the numbers and change none */
+    /* units give the numbers a name and change none of them */
     "trace", "shared-memory-ranks", "work-stealing", "rebalance", "exchange-limit", "units", "export"};
 
 static bool is_among(const char *name, const char *const *list, size_t count)
@@ -93,7 +93,7 @@ const char *kiln_identity_instruction_set(const json_t *identity)
     return json_string_value(json_object_get(json_object_get(identity, "machine"), "instruction set"));
 }
 
-/* Rows of what is different, appended to a text. */
+/* A table of differences, as text. */
 struct rows {
     char text[1400];
     size_t count;
@@ -111,7 +111,7 @@ static void add_row(struct rows *rows, const char *name, const char *then, const
     rows->count++;
 }
 
-/* What one of the objects has otherwise than the other, or alone. */
+/* Adds a row for each key whose values differ, or that only one of the objects has. */
 static void compare_objects(struct rows *rows, const json_t *then, const json_t *now, const char *prefix)
 {
     const char *key;
@@ -145,7 +145,8 @@ int kiln_identity_compare(const json_t *then, const json_t *now, const char *dir
     add_row(&rows, "field", "in the checkpoint", "now");
     rows.count = 0;
     compare_objects(&rows, json_object_get(then, "fields"), json_object_get(now, "fields"), "");
-    if (rows.count > 0) { /* a source that changed without a trace in the scene is no reason to refuse */
+    if (rows.count >
+        0) { /* changed source files are shown only then; if the scene is the same, they are no reason to refuse */
         compare_objects(&rows, json_object_get(then, "sources"), json_object_get(now, "sources"), "file ");
         return kiln_fail_table(error, KILN_BAD_INPUT, rows.text,
                                "the checkpoint in %.300s/checkpoint is of another job; repeat the command that it was "

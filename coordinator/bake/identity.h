@@ -1,28 +1,29 @@
-/* What a checkpoint belongs to: the scene's content and every setting that has a say in the light on its surfaces; and
- * apart from that, the settings of the probes, which are gathered last and anew when those differ. What files are made
- * of the light is no part of it. */
+/* The identity of a bake: the scene's content and all settings that affect the light on its surfaces. A checkpoint can
+ * be continued only by a bake of the same identity. The settings of the probes are kept apart, since the probes are
+ * gathered last and gathered again if only those settings differ. Settings of the output files are not part of the
+ * identity. */
 #ifndef KILN_COORDINATOR_BAKE_IDENTITY_H
 #define KILN_COORDINATOR_BAKE_IDENTITY_H
 
 #include "coordinator/bake/prepare.h"
 
-/* Makes the identity of a bake; json_decref it. NULL when out of memory. */
+/* Creates the identity of a bake. Release with json_decref. NULL if memory is short. */
 json_t *kiln_identity_make(const struct kiln_job *job, const struct kiln_prepared *prepared);
 
-/* KILN_OK when a checkpoint of identity `then` may be gone on with as `now`; else KILN_BAD_INPUT with a table "field,
- * in the checkpoint, now". What computes does not count, but the first such difference is written to `note` (empty:
- * none): another backend or instruction set gives the same light within its error, not the same bits. */
+/* Returns KILN_OK if a checkpoint of identity `then` can be continued by a bake of identity `now`; else KILN_BAD_INPUT
+ * with a table "field, in the checkpoint, now". The backend and instruction set may differ, since they give the same
+ * light within its error but not the same bits; such a difference is described in `note` (empty: there is none). */
 int kiln_identity_compare(const json_t *then, const json_t *now, const char *directory, char *note, size_t note_size,
                           struct kiln_error *error);
 
-/* Whether the probes that a checkpoint may hold are those that are wanted now. */
+/* Whether both identities have the same settings of probes, so that the probes of the checkpoint can be used. */
 bool kiln_identity_same_probes(const json_t *then, const json_t *now);
 
-/* The instruction set that a checkpoint was made with, or NULL. */
+/* The instruction set that the checkpoint was made with, or NULL. */
 const char *kiln_identity_instruction_set(const json_t *identity);
 
-/* Whether the value of the option `name` decides what is in the results. For tests: every option of bake is on one of
- * the lists. */
+/* Whether the option `name` affects the light or the probes. *known: the option is on one of the lists in identity.c; a
+ * test checks that every option of bake is. */
 bool kiln_identity_counts(const char *name, bool *known);
 
 #endif

@@ -12,12 +12,12 @@
 #include "worker/base/memory.h"
 #include "worker/pass/validity.h"
 
-enum { FIRST_TILE_RUNS = 256, MOST_TILE_RUNS = 1 << 16 }; /* of a batch of the validity pass */
+enum { FIRST_TILE_RUNS = 256, MOST_TILE_RUNS = 1 << 16 }; /* sizes of a batch of the validity pass */
 
 static const char *const instruction_sets[] = {"sse2", "sse4.2", "avx", "avx2", "avx512"};
 enum { SETS = 5 };
 
-/* The best of the list that this processor has. */
+/* Index of the best instruction set that this processor has. */
 static int own_instruction_set(void)
 {
 #if defined(__x86_64__)
@@ -47,8 +47,8 @@ bool kiln_instruction_set_common(MPI_Comm communicator, const char *name)
     return false;
 }
 
-/* Embree finds the same hits for any number of threads but not on any instruction set: all ranks take the lowest of
- * theirs. */
+/* Collective. All ranks use the lowest instruction set of any rank, since Embree finds the same hits for any number of
+ * threads but not for any instruction set. */
 static int agree_on_instruction_set(struct kiln_prepared *p, const char *wanted, struct kiln_error *error)
 {
     const int own = own_instruction_set();
@@ -86,7 +86,7 @@ static int learn_about_ranks(struct kiln_prepared *p, const struct kiln_job *job
     (void)MPI_Comm_size(node, &p->node_ranks);
     (void)MPI_Comm_free(&node);
     p->threads = job->threads != 0 ? job->threads : kiln_own_cores(p->node_ranks);
-    omp_set_num_threads((int)p->threads); /* for loops that are not told */
+    omp_set_num_threads((int)p->threads); /* for parallel loops without a thread count */
     return kiln_node_create(&p->node, p->communicator, job->share_ranks, error);
 }
 
@@ -97,7 +97,7 @@ static const struct kiln_stop *stop_of(const struct kiln_prepare_care *care)
     return care->control != NULL ? kiln_control_stop(care->control) : NULL;
 }
 
-/* Collective. After a step: looks whether to stop, also while it waits for others. */
+/* Collective. After each step: agrees on errors and checks whether to stop, also while waiting for other ranks. */
 static int go_on(const struct kiln_prepared *p, const struct kiln_prepare_care *care, int status,
                  struct kiln_error *error)
 {
@@ -144,7 +144,7 @@ static int build_geometry(void *context, const struct kiln_allocator *memory, st
     return kiln_geometry_create_in(&p->geometry, p->scene, memory, error);
 }
 
-/* One rank of the node makes it. Collective. */
+/* Collective. One rank of the node builds the geometry for all. */
 static int share_geometry(struct kiln_prepared *p, struct kiln_error *error)
 {
     int status = kiln_node_build(p->node, build_geometry, p, error);
@@ -158,7 +158,8 @@ static int share_geometry(struct kiln_prepared *p, struct kiln_error *error)
     return p->geometry != NULL ? KILN_OK : kiln_geometry_attach(&p->geometry, &made, kiln_node_place, &memory, error);
 }
 
-/* Collective. Hosts whose folders only have the same name have other files in them, or old ones. */
+/* Collective. Checks that all ranks see the scene file of rank 0. On hosts without a common file system a folder of the
+ * same name has other files. */
 static int check_same_scene(const struct kiln_prepared *p, const char *scene_file, struct kiln_error *error)
 {
     uint64_t first[2];
@@ -202,9 +203,9 @@ static int build_world(struct kiln_prepared *p, const struct kiln_job *job, cons
     return go_on(p, care, status, error);
 }
 
-/* Moves an array that is the same on all ranks of a node to a block of theirs; where that has no room, it stays.
- * Collective on the node. */
-static bool move(struct kiln_prepared *p, void *pointer, size_t count, size_t size, const char *what)
+/* Collective over the node. Moves an array that is the same on all ranks of the node to a shared block. If there is no
+ * memory for the block, the array stays where it is. */
+static bool share_array(struct kiln_prepared *p, void *pointer, size_t count, size_t size, const char *what)
 {
     void *own, *block;
     memcpy(&own, pointer, sizeof own);
@@ -217,22 +218,22 @@ static bool move(struct kiln_prepared *p, void *pointer, size_t count, size_t si
     return true;
 }
 
-/* The part of the surface that all ranks have alike. Collective. */
+/* Collective. Shares the map of the surface, which is the same on all ranks. */
 static void share_map(struct kiln_prepared *p)
 {
     struct kiln_surface *s = p->surface;
     if (kiln_node_ranks(p->node) == 1 || kiln_node_full(p->node))
         return;
     struct kiln_tile *tiles = s->tiles;
-    if (!move(p, &tiles, s->tile_count, sizeof *s->tiles, "the lightmap tiles"))
+    if (!share_array(p, &tiles, s->tile_count, sizeof *s->tiles, "the lightmap tiles"))
         return;
-    /* from here on all of the map is the node's: what finds no room is lost to the end of the process, and is small */
+    /* from here on the whole map belongs to the node; a small array that finds no room stays allocated until the end */
     s->tiles = tiles;
     s->global_is_borrowed = true;
-    (void)move(p, &s->splits, s->split_count, sizeof *s->splits, "the split lightmap tiles");
-    (void)move(p, &s->lightmaps, s->map_count, sizeof *s->lightmaps, "the lightmaps");
+    (void)share_array(p, &s->splits, s->split_count, sizeof *s->splits, "the split lightmap tiles");
+    (void)share_array(p, &s->lightmaps, s->map_count, sizeof *s->lightmaps, "the lightmaps");
     if (s->cell_first != NULL)
-        (void)move(p, &s->cell_first, s->cell_count + 1, sizeof *s->cell_first, "the cells");
+        (void)share_array(p, &s->cell_first, s->cell_count + 1, sizeof *s->cell_first, "the cells");
     kiln_node_wait(p->node);
 }
 
@@ -264,7 +265,7 @@ static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, co
 
 /* ---- validity ---- */
 
-/* The pass under way on this rank. */
+/* State of the validity pass on this rank. */
 struct validity_work {
     struct kiln_prepared *p;
     struct kiln_control *control; /* NULL: none */
@@ -291,7 +292,7 @@ static int run_batch(struct validity_work *w, double *seconds, struct kiln_error
     return status;
 }
 
-/* Until this rank is done, and with a control until all ranks are, or one says otherwise. */
+/* Runs until this rank is done; with a control, until all ranks are done or the control ends the pass. */
 static int run_validity(struct validity_work *w, struct kiln_error *error)
 {
     const size_t count = w->p->surface->tile_run_count;
@@ -311,7 +312,7 @@ static int run_validity(struct validity_work *w, struct kiln_error *error)
             event = KILN_EVENT_NONE;
         if (event == KILN_EVENT_DONE || event == KILN_EVENT_FAIL)
             return kiln_agree(w->p->communicator, status, error);
-        if (event == KILN_EVENT_STOP) /* there is nothing yet that is worth a checkpoint */
+        if (event == KILN_EVENT_STOP) /* nothing has been computed yet that a checkpoint could keep */
             return kiln_agree(w->p->communicator, status != KILN_OK ? status : kiln_give_up(error), error);
     }
 }

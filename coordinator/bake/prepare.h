@@ -1,4 +1,5 @@
-/* From a job to everything that light transport needs: scene file, geometry, lights, backend, surface points. */
+/* Preparation of a bake: turns a job into everything that light transport needs, which is the scene file, geometry,
+ * lights, backend and surface points. */
 #ifndef KILN_COORDINATOR_BAKE_PREPARE_H
 #define KILN_COORDINATOR_BAKE_PREPARE_H
 
@@ -14,15 +15,16 @@
 #include "worker/backend/backend.h"
 #include "worker/light/lights.h"
 
-/* The best of Embree's instruction sets that this processor has, and the cores that this process may use as one of
- * `node_ranks` on its node: when it is not bound to some of the machine's, it shares them. */
+/* The best of Embree's instruction sets that this processor has. Not collective. */
 const char *kiln_own_instruction_set(void);
+/* The number of cores for this process as one of `node_ranks` ranks of its node: those it is bound to or, if it is not
+ * bound, its part of all cores. Not collective. */
 uint32_t kiln_own_cores(int node_ranks);
 
 struct kiln_prepared {
     MPI_Comm communicator;
     int rank, ranks, node_rank, node_ranks;
-    struct kiln_node_memory *node; /* holds geometry and the map of the surface */
+    struct kiln_node_memory *node; /* holds the geometry and the surface's map */
     uint32_t threads;
     char instruction_set[16];
     struct kiln_import_report import; /* rank 0 */
@@ -34,13 +36,13 @@ struct kiln_prepared {
     struct kiln_surface_report surface_report;
 };
 
-/* What a bake adds. */
+/* Additional checks that a bake needs during preparation. */
 struct kiln_prepare_care {
-    /* what asks to stop: KILN_STOPPED within a few seconds, in every phase; NULL: nothing does */
+    /* may ask to stop; kiln_prepare then returns KILN_STOPPED within a few seconds, in every phase. NULL: never */
     struct kiln_control *control;
-    /* Collective. Called as soon as the scene is open, when p->surface is NULL, and again when the surface is there,
-     * before any ray of the validity pass: whether the bake can be made as it is asked for, as far as that can be said
-     * by then. NULL: it can. */
+    /* Collective. Checks whether the bake is possible, as far as that is known. Called when the scene is open
+     * (p->surface is NULL then), and again when the surface exists, before the first ray of the validity pass. NULL: no
+     * checks. */
     int (*refuse)(void *context, const struct kiln_prepared *p, struct kiln_error *error);
     void *context;
 };
@@ -48,10 +50,11 @@ struct kiln_prepare_care {
 /* Collective. Whether all ranks have the instruction set called `name`. */
 bool kiln_instruction_set_common(MPI_Comm communicator, const char *name);
 
-/* Collective. Rank 0 imports the job's scene to `scene_file`, all map it; one rank of each node
- * builds the geometry, which the others share, and so they share the map of the surface; every rank builds its BVH; all
- * find the surface points together, and each fills in its own; the validity pass runs. Phases "import", "scene and
- * BVH", "surface points", "validity" are begun. `care` may be NULL. Destroy with kiln_prepared_destroy. */
+/* Collective over `communicator`. Rank 0 imports the job's scene to `scene_file`, and all ranks map that file. One rank
+ * of each node builds the geometry and the surface's map, which the ranks of the node share. Every rank builds its own
+ * BVH. All ranks find the surface points together, and each fills in its own points. Then the validity pass runs.
+ * Begins the phases "import", "scene and BVH", "surface points" and "validity". `care` may be NULL. Destroy with
+ * kiln_prepared_destroy. */
 int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job,
                  const char *scene_file, struct kiln_phases *phases, struct kiln_progress *progress,
                  const struct kiln_prepare_care *care, struct kiln_error *error);

@@ -8,7 +8,7 @@
 #include "worker/scene/radiosity.h"
 
 enum { RAYS_WANTED = 6000000, TILE_RUNS_AT_ONCE = 64 };
-static const uint64_t DEVICE_RAYS_WANTED = 4000000000u; /* about a second of a device */
+static const uint64_t DEVICE_RAYS_WANTED = 4000000000u; /* about a second on a GPU */
 
 static int by_value(const void *a, const void *b)
 {
@@ -16,8 +16,9 @@ static int by_value(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* Runs of tile runs, spread evenly over the share, that make about RAYS_WANTED rays; each run first by the pass ([0]),
- * then by Embree alone ([1]), so that both meet the same noise of a shared machine. */
+/* Groups of tile runs, spread evenly over the points of the rank, with about RAYS_WANTED rays in all. Each group is
+ * traced by the pass ([0]) and right after by Embree alone ([1]), so that other load on the machine affects both alike.
+ */
 static int one_run(const struct kiln_prepared *p, uint32_t samples, double seconds[2], uint64_t rays[2],
                    struct kiln_error *error)
 {
@@ -42,8 +43,7 @@ static int one_run(const struct kiln_prepared *p, uint32_t samples, double secon
     return status;
 }
 
-/* A device wants to be kept busy: all tile runs in one batch, or as many, from the first on, as make DEVICE_RAYS_WANTED
- * rays. */
+/* On a GPU all tile runs form one batch that keeps it busy, or the first ones that make DEVICE_RAYS_WANTED rays. */
 static int one_device_run(const struct kiln_prepared *p, uint32_t samples, double seconds[2], uint64_t rays[2],
                           struct kiln_error *error)
 {
@@ -74,7 +74,7 @@ int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint
     if (status == KILN_OK)
         status = kiln_backend_set_radiosity(prepared->backend, radiosity, error);
     double *share = figures, *pass = figures + repeats, *ceiling = figures + 2 * repeats;
-    for (uint32_t i = 0; i <= repeats && status == KILN_OK; i++) { /* the first one warms up and does not count */
+    for (uint32_t i = 0; i <= repeats && status == KILN_OK; i++) { /* the first run is a warm-up and does not count */
         double seconds[2] = {0};
         uint64_t rays[2] = {0};
         status = strcmp(result->info.name, "embree") == 0 ? one_run(prepared, samples, seconds, rays, error)

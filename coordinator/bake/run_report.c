@@ -11,9 +11,10 @@
 #include "coordinator/mpi/agree.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/checksummed_json.h"
+#include "worker/base/color.h"
 #include "worker/base/memory.h"
 
-/* Numbers of one rank that rank 0 wants. */
+/* Numbers that rank 0 gathers from each rank. */
 enum {
     RANK_POINTS,
     RANK_INVALID,
@@ -29,15 +30,13 @@ enum {
     RANK_FELL_BACK,
     RANK_VERIFIED,
     RANK_BEYOND,
-    RANK_WORST /* the bits of a double that is not negative */,
+    RANK_WORST /* bits of a non-negative double, which order like the double itself */,
     RANK_VALUES
 };
 
-static double luminance(const double rgb[3]) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
-
 static json_t *rgb_json(const double rgb[3]) { return json_pack("[f,f,f]", rgb[0], rgb[1], rgb[2]); }
 
-/* Settings that change the result. */
+/* Settings that affect the result. */
 static json_t *settings_json(const struct kiln_job *job)
 {
     return json_pack("{s:s, s:I, s:b, s:s, s:i, s:i, s:i, s:i, s:I, s:s}", "method",
@@ -109,19 +108,19 @@ static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
     }
 }
 
-/* What was found about the balance of the ranks after a step, and done; null: nothing. */
+/* The decision about repartitioning after a step; null: there was none to take. */
 static json_t *rebalance_json(const struct kiln_step_balance *b)
 {
     if (!b->judged)
         return json_null();
     const char *why = b->moved        ? "moved"
-                      : b->cost > 0.0 ? "the gain does not pay for the move"
+                      : b->cost > 0.0 ? "moving the points would take longer than it saves"
                                       : "hardly anything to gain";
     return json_pack("{s:b, s:s, s:f, s:f, s:f, s:I}", "moved", b->moved, "why", why, "imbalance", b->imbalance,
                      "predicted_gain", b->gain, "predicted_cost", b->cost, "points", (json_int_t)b->points);
 }
 
-/* `stolen`: points of each step that were computed by another rank than their own, over all ranks. */
+/* `stolen`: for each step the number of points that another rank than their own computed, over all ranks. */
 static json_t *steps_json(const struct kiln_integrate_report *t, const uint64_t *stolen)
 {
     json_t *array = json_array();
@@ -131,9 +130,9 @@ static json_t *steps_json(const struct kiln_integrate_report *t, const uint64_t 
             array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
                              t->integrator->roles[p->step.role].kind, "bounce", (int)p->step.bounce, "samples",
                              (int)p->step.samples, "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
-                             "device_seconds", p->device_seconds, "energy", luminance(p->energy.incident), "incident",
-                             rgb_json(p->energy.incident), "reflected", rgb_json(p->energy.reflected), "stolen_points",
-                             (json_int_t)stolen[i], "rebalance", rebalance_json(&p->balance)));
+                             "device_seconds", p->device_seconds, "energy", kiln_luminance(p->energy.incident),
+                             "incident", rgb_json(p->energy.incident), "reflected", rgb_json(p->energy.reflected),
+                             "stolen_points", (json_int_t)stolen[i], "rebalance", rebalance_json(&p->balance)));
     }
     return array;
 }
@@ -147,11 +146,11 @@ static json_t *energy_json(const struct kiln_energy *e, const struct kiln_units 
                      e->relative);
 }
 
-/* Mean over points of the standard error, and of the irradiance, luminance. Collective. */
+/* Collective. Means over all points of the irradiance and of its standard error, luminance. */
 static json_t *error_json(const struct kiln_run *run)
 {
     const struct kiln_surface *s = run->prepared->surface;
-    double sums[3] = {0}; /* error squared, irradiance, points */
+    double sums[3] = {0}; /* squared error, irradiance, number of points */
     for (uint64_t i = 0; i < s->count; i++) {
         if (!kiln_point_valid(s, i))
             continue;
@@ -160,7 +159,7 @@ static json_t *error_json(const struct kiln_run *run)
             e[c] = (double)run->solution->direct[3 * i + c] + (double)run->solution->indirect[3 * i + c];
         const double error = (double)kiln_error_unpack(run->solution->error[i]);
         sums[0] += error * error;
-        sums[1] += luminance(e);
+        sums[1] += kiln_luminance(e);
         sums[2] += 1.0;
     }
     (void)MPI_Allreduce(MPI_IN_PLACE, sums, 3, MPI_DOUBLE, MPI_SUM, run->prepared->communicator);
@@ -169,7 +168,7 @@ static json_t *error_json(const struct kiln_run *run)
                      mean > 0.0 ? rms / mean : 0.0);
 }
 
-/* What is published of the object's backs. */
+/* Adds the lightmap of the object's back, if one is published. */
 static void add_back(const struct kiln_run *run, size_t object, const char *name, json_t *json)
 {
     const struct kiln_surface *s = run->prepared->surface;
@@ -202,7 +201,7 @@ static json_t *objects_json(const struct kiln_run *run)
             "border_texels", r->border, "border_disturbed", r->border_disturbed, "seam_before",
             r->seam_difference_before, "seam_after", r->seam_difference_after, "texels_per_metre", r->texels_per_metre,
             "mean", r->mean, "relative_error", r->error);
-        if (scene->objects[i].source_node != KILN_NONE) { /* of a glTF source */
+        if (scene->objects[i].source_node != KILN_NONE) { /* the source is glTF */
             json_object_set_new(object, "node", json_integer((json_int_t)scene->objects[i].source_node));
             json_object_set_new(object, "mesh", json_integer((json_int_t)scene->objects[i].source_mesh));
         }
@@ -214,8 +213,8 @@ static json_t *objects_json(const struct kiln_run *run)
     return array;
 }
 
-/* What borders of charts read of other charts, over all lightmaps, and what would help: see padding_factor in scene.h.
- */
+/* How much of the borders of charts reads light of other charts, over all lightmaps, and the density that would avoid
+ * it (padding_factor in scene.h). */
 static json_t *borders_json(const struct kiln_run *run)
 {
     const struct kiln_scene *scene = run->prepared->scene;
@@ -256,7 +255,7 @@ static json_t *balance_json(const struct kiln_run *run, const uint64_t *values)
                      "cell_size", s->cell_size, "points_per_rank", per_rank, "stolen_points", stolen);
 }
 
-/* Bytes a node that Slurm gives this job; 0: no job of Slurm's, or it was not asked for. */
+/* Memory of each node that Slurm gives this job, bytes; 0: not a Slurm job, or no memory was requested. */
 static uint64_t asked_memory(void)
 {
     const char *mebibytes = getenv("SLURM_MEM_PER_NODE");
@@ -279,8 +278,8 @@ static json_t *memory_json(const struct kiln_run *run, const uint64_t *values)
                      (json_int_t)asked_memory());
 }
 
-/* What the ranks spent in exchanges and in waiting for each other, as a share of the run so far. Collective; rank 0
- * gets it. */
+/* Collective. The fraction of the run so far that ranks spent in exchanges and in waiting for each other; on rank 0,
+ * else NULL. */
 static json_t *mpi_json(const struct kiln_run *run)
 {
     const struct kiln_prepared *p = run->prepared;
@@ -306,7 +305,7 @@ static json_int_t total(const uint64_t *values, int ranks, int what)
     return (json_int_t)sum;
 }
 
-/* Of the steps by role, and of the probes. */
+/* Numbers of rays, of the steps by role and of the probes; *sum receives their total. */
 static json_t *rays_json(const struct kiln_integrator *integrator, const uint64_t *values, int ranks, double *sum)
 {
     json_t *rays = json_object();
@@ -320,7 +319,7 @@ static json_t *rays_json(const struct kiln_integrator *integrator, const uint64_
     return rays;
 }
 
-/* Seconds that the slowest rank spent tracing. */
+/* Seconds that the slowest rank spent in the phases that trace rays. */
 static double tracing_seconds(const struct kiln_integrator *integrator, const json_t *phases)
 {
     double sum = 0.0;
@@ -335,7 +334,7 @@ static double tracing_seconds(const struct kiln_integrator *integrator, const js
     return sum;
 }
 
-/* Of the first rank's backend; recoveries and what was verified of all ranks'. */
+/* The backend of rank 0, with recoveries and verified texels of all ranks. */
 static json_t *backend_json(const struct kiln_prepared *p, const uint64_t *values)
 {
     struct kiln_backend_info info;
@@ -371,7 +370,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     const double traced = tracing_seconds(t->integrator, phases);
     json_t *scene = scene_json(p);
     json_object_set_new(scene, "file", kiln_json_string(run->job->scene));
-    char *path = realpath(run->job->scene, NULL); /* where kiln export looks for it */
+    char *path = realpath(run->job->scene, NULL); /* kiln export looks for the scene there */
     if (path != NULL)
         json_object_set_new(scene, "path", kiln_json_string(path));
     free(path);
@@ -420,11 +419,11 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     return root;
 }
 
-/* What the ranks' numbers are brought together in. */
+/* Buffers for the gathered numbers. */
 struct gathered {
-    uint64_t *values; /* rank 0: RANK_VALUES a rank */
-    double *phases;   /* rank 0: KILN_PHASES_MAX a rank */
-    uint64_t *stolen; /* one a step */
+    uint64_t *values; /* rank 0: RANK_VALUES for each rank */
+    double *phases;   /* rank 0: KILN_PHASES_MAX for each rank */
+    uint64_t *stolen; /* one for each step */
 };
 
 /* Collective. */

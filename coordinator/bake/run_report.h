@@ -1,4 +1,5 @@
-/* run.json: what ran, on what, how long each phase took on each rank, the error and energy reached. */
+/* The run report, run.json: what ran, on which machines, how long each phase took on each rank, and the error and
+ * energy balance that were reached. */
 #ifndef KILN_COORDINATOR_BAKE_RUN_REPORT_H
 #define KILN_COORDINATOR_BAKE_RUN_REPORT_H
 
@@ -11,18 +12,18 @@ struct kiln_run {
     const struct kiln_job *job;
     const struct kiln_prepared *prepared;
     const struct kiln_solution *solution;
-    const struct kiln_volume_result *volume;      /* size 0: none */
-    const struct kiln_lightmap_report *lightmaps; /* one a lightmap of the surface, rank 0 */
+    const struct kiln_volume_result *volume;      /* size 0: there is no volume */
+    const struct kiln_lightmap_report *lightmaps; /* rank 0: one for each lightmap of the surface */
     const struct kiln_phases *phases;
-    uint64_t probe_rays; /* of this rank */
+    uint64_t probe_rays; /* rays of the probes on this rank */
     const char *directory;
 };
 
-/* The part of the report that says what was computed and nothing of when or how fast: kept in the HDF5 files too, equal
- * for any number of ranks and threads. Compact JSON; release with free. NULL when out of memory. */
+/* The part of the report that says what was computed, but not when, where or how fast. It is the same for any number of
+ * ranks and threads, and is stored in the HDF5 files too. Compact JSON; release with free. NULL if memory is short. */
 char *kiln_provenance(const struct kiln_job *job, const struct kiln_prepared *prepared);
 
-/* Collective. Makes the report; rank 0 gets it, the others NULL. json_decref it. */
+/* Collective. Creates the report on rank 0; the other ranks get NULL. Release with json_decref. */
 int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_error *error);
 
 #endif

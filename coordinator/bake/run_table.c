@@ -7,6 +7,7 @@
 #include "coordinator/integrate/integrator.h"
 #include "coordinator/run/phases.h"
 #include "coordinator/run/progress.h"
+#include "worker/base/color.h"
 #include "worker/base/text.h"
 
 enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32 };
@@ -16,7 +17,7 @@ struct advice {
     const char *phase, *text;
 };
 
-static const char *const step_advice = "try a smaller --cell-size, which deals the cells out more evenly";
+static const char *const step_advice = "try a smaller --cell-size, which distributes the cells more evenly";
 static const struct advice balance_advice[] = {
     {"preview", "one rank draws it; --no-preview leaves it out"},
 };
@@ -42,14 +43,14 @@ static double seconds_of(const json_t *phase, const char *which)
     return json_number_value(json_object_get(json_object_get(phase, "seconds"), which));
 }
 
-/* Seconds of the bake with those before a restart. */
+/* Seconds of the bake, with those of runs before a restart. */
 static double whole(const json_t *report)
 {
     return json_number_value(json_object_get(report, "seconds")) +
            json_number_value(json_object_get(report, "seconds_before"));
 }
 
-/* Time that ranks spend for one another, or that has no name: its imbalance says nothing. */
+/* Whether imbalance of the phase means anything; it does not for communication, waiting and "other". */
 static bool is_work(const char *name)
 {
     return strcmp(name, "exchange") != 0 && strcmp(name, "waiting") != 0 && strcmp(name, "other") != 0;
@@ -115,15 +116,14 @@ static void note_files(const json_t *report, json_t *notes)
 
 static double luminance_of(const json_t *energy, const char *term)
 {
-    static const double weight[3] = {0.2126, 0.7152, 0.0722};
-    const json_t *rgb = json_object_get(energy, term);
-    double sum = 0.0;
+    const json_t *array = json_object_get(energy, term);
+    double rgb[3];
     for (size_t c = 0; c < 3; c++)
-        sum += weight[c] * json_number_value(json_array_get(rgb, c));
-    return sum;
+        rgb[c] = json_number_value(json_array_get(array, c));
+    return kiln_luminance(rgb);
 }
 
-/* Light that met surfaces and is in no lightmap's account: promise 4 of the design. */
+/* Light that reached surfaces but is in no lightmap. */
 static void note_lost_light(const json_t *report, json_t *notes)
 {
     const json_t *energy = json_object_get(report, "energy");
@@ -135,14 +135,16 @@ static void note_lost_light(const json_t *report, json_t *notes)
     if (met > 0.0 && blocked > NOTE_LOST * met)
         (void)json_array_append_new(
             notes,
-            json_sprintf("%.1f %% of the light that met surfaces met backs of single-sided ones and is lost (%.3g W); "
-                         "turn those faces round, or make their materials double-sided",
-                         100.0 * blocked / met, blocked));
+            json_sprintf(
+                "%.1f %% of the light that reached surfaces hit backs of single-sided ones and is lost (%.3g W); "
+                "flip those faces, or make their materials double-sided",
+                100.0 * blocked / met, blocked));
     if (met > 0.0 && residual > NOTE_LOST * met && residual > 4.0 * error)
         (void)json_array_append_new(
-            notes, json_sprintf("%.1f %% of the light that met surfaces is unaccounted for (%.3g W); kiln check names "
-                                "surfaces without texels and lightmaps that are too coarse",
-                                100.0 * residual / met, residual));
+            notes,
+            json_sprintf("%.1f %% of the light that reached surfaces is unaccounted for (%.3g W); kiln check names "
+                         "surfaces without texels and lightmaps that are too coarse",
+                         100.0 * residual / met, residual));
 }
 
 static double number_of(const json_t *object, const char *key)
@@ -150,13 +152,13 @@ static double number_of(const json_t *object, const char *key)
     return json_number_value(json_object_get(object, key));
 }
 
-/* The density, or the size of lightmaps, at which two texels lie between charts. */
+/* Names the density, or the size of lightmaps, at which charts lie two texels apart. */
 static void name_padding(const json_t *borders, char *text, size_t size)
 {
     const double factor = number_of(borders, "padding_factor"), density = number_of(borders, "texels_per_metre");
     if (factor < 0.0)
         (void)snprintf(text, size, "%s",
-                       "no density would do, for charts touch or lightmaps would be larger than --lightmap-max; ");
+                       "no density would do, since charts touch or lightmaps would be larger than --lightmap-max; ");
     else if (factor > 0.0 && density > 0.0)
         (void)snprintf(text, size, "--texels-per-metre %.3g would leave less than 1 %%; ", factor * density);
     else if (factor > 0.0)
@@ -165,7 +167,7 @@ static void name_padding(const json_t *borders, char *text, size_t size)
         text[0] = '\0';
 }
 
-/* Light that bleeds between charts, from a share of their borders on. */
+/* Light that bleeds between charts, if that affects more than 1 % of their borders. */
 static void note_borders(const json_t *report, json_t *notes)
 {
     const json_t *borders = json_object_get(report, "borders");
@@ -177,8 +179,8 @@ static void note_borders(const json_t *report, json_t *notes)
     (void)json_array_append_new(
         notes,
         json_sprintf(
-            "along %.2g %% of the borders of charts, in %.0f lightmaps, light of another chart is read, for less "
-            "than two texels lie between them; %s--repack lays such charts out anew",
+            "along %.2g %% of the borders of charts, in %.0f lightmaps, light of another chart is read, since less "
+            "than two texels lie between them; %s--repack packs such charts again",
             100.0 * share, number_of(borders, "disturbed_lightmaps"), padding));
 }
 

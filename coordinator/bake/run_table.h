@@ -1,17 +1,18 @@
-/* The closing table of a bake, and in words what its times ask for. Not collective; on rank 0. */
+/* The table that ends a bake, and notes with advice that follows from its times. Not collective; for rank 0. */
 #ifndef KILN_COORDINATOR_BAKE_RUN_TABLE_H
 #define KILN_COORDINATOR_BAKE_RUN_TABLE_H
 
 #include <jansson.h>
 #include <stdio.h>
 
-/* An array of sentences, each with a remedy, from the report's phases: of the phase in which most is lost because a
- * rank takes longer than the mean (by more than 5 %), and of writing files when that is more than 10 % of the bake.
- * What costs less than a second is not worth a sentence. NULL without memory. json_decref it. */
+/* Creates an array of notes, each with a remedy: about lost light; about the phase that loses most time because its
+ * slowest rank takes more than 5 % longer than the mean; about writing files, if that takes more than 10 % of the bake;
+ * and about charts that lie too close together. Losses of less than a second get no note. NULL if memory is short.
+ * Release with json_decref. */
 json_t *kiln_run_notes(const json_t *report);
 
-/* Writes phases (seconds over the ranks, imbalance: slowest over mean - 1, mean as a share of the bake), what was
- * reached, and the report's notes. */
+/* Prints the phases (minimum, mean and maximum seconds over the ranks, imbalance = maximum / mean - 1, and mean
+ * relative to the time of the bake), the error and energy balance, and the report's notes. */
 void kiln_run_table(FILE *stream, const json_t *report);
 
 #endif

@@ -112,7 +112,7 @@ static void count_points(struct kiln_scene_survey *survey, const struct kiln_sur
     for (size_t f = 0; f < surface->tile_run_count; f++) {
         const struct kiln_tile_run *tile_run = &surface->tile_runs[f];
         struct kiln_scene_survey_object *object = &survey->objects[kiln_map_object(surface, tile_run->map)];
-        if (kiln_map_back(surface, tile_run->map)) { /* faults of a layout are counted on the fronts */
+        if (kiln_map_back(surface, tile_run->map)) { /* backs have the same layout as their fronts, so fronts suffice */
             point += tile_run->count;
             continue;
         }
@@ -124,7 +124,7 @@ static void count_points(struct kiln_scene_survey *survey, const struct kiln_sur
         survey->invalid += survey->objects[i].invalid;
 }
 
-/* Finds all surface points of the scene in this process, and asks the backend which are valid. */
+/* Builds all surface points of the scene in this process, and runs the validity pass on them. */
 static int find_points(struct kiln_scene_survey *survey, const struct kiln_job *job, struct kiln_error *error)
 {
     struct kiln_geometry *geometry = NULL;
@@ -141,7 +141,7 @@ static int find_points(struct kiln_scene_survey *survey, const struct kiln_job *
                                                    .threads = job->threads,
                                                    .instruction_set = job->instruction_set,
                                                    .seed = job->seed};
-        status = kiln_backend_create(&backend, "embree", &params, error); /* too little work to start a device */
+        status = kiln_backend_create(&backend, "embree", &params, error); /* too little work to start a GPU for it */
     }
     if (status == KILN_OK) {
         const struct kiln_surface_params params = {.scene = survey->scene,

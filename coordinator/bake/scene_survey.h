@@ -1,5 +1,5 @@
-/* The survey of a scene for `kiln info` and `kiln check`: the imported scene, its surface points, and figures for each
- * object. */
+/* Scene survey for `kiln info` and `kiln check`: the imported scene, its surface points, and statistics of each object.
+ */
 #ifndef KILN_COORDINATOR_BAKE_SCENE_SURVEY_H
 #define KILN_COORDINATOR_BAKE_SCENE_SURVEY_H
 
@@ -9,8 +9,8 @@
 #include "coordinator/surface/surface_build.h"
 
 struct kiln_scene_survey_object {
-    double area;    /* m2, in the world */
-    double density; /* texels per metre: square root of (texels that the layout covers / area) */
+    double area;    /* in the world, m2 */
+    double density; /* texels per metre: the square root of (texels that the layout covers / area) */
     uint64_t points, invalid;
 };
 
@@ -18,17 +18,17 @@ struct kiln_scene_survey {
     struct kiln_temporary temporary;
     struct kiln_import_report import;
     struct kiln_scene *scene;
-    struct kiln_surface_report surface; /* all zero if the scene has no triangle */
+    struct kiln_surface_report surface; /* all zero if the scene has no triangles */
     struct kiln_scene_survey_object *objects;
-    uint64_t expanded;           /* triangles, instances expanded */
-    uint64_t emissive_triangles; /* triangles whose mean emission is not zero, instances expanded */
+    uint64_t expanded;           /* triangles with instances expanded */
+    uint64_t emissive_triangles; /* the same, triangles whose mean emission is not zero */
     uint64_t texels;             /* of all lightmaps */
-    uint64_t invalid;            /* surface points inside other geometry; a bake fills them from their neighbours */
-    double density_min, density_median, density_max; /* over objects; 0 without objects */
+    uint64_t invalid;            /* surface points inside other geometry, which a bake fills from their neighbours */
+    double density_min, density_median, density_max; /* over objects; 0 if there are none */
 };
 
-/* Imports the job's scene into a temporary file, builds its surface points and finds the invalid ones. Not collective,
- * no MPI. Destroy with kiln_scene_survey_destroy, which removes the temporary file. */
+/* Imports the scene of the job into a temporary file, builds its surface points and finds the invalid ones. Not
+ * collective, does not use MPI. Destroy with kiln_scene_survey_destroy, which removes the temporary file. */
 int kiln_scene_survey_create(struct kiln_scene_survey **survey, const struct kiln_job *job, struct kiln_error *error);
 void kiln_scene_survey_destroy(struct kiln_scene_survey **survey);
 

@@ -29,7 +29,7 @@ static int sum(void *context, int status, uint64_t *values, uint64_t *before, si
         (void)MPI_Allreduce(MPI_IN_PLACE, values + at, piece, MPI_UINT64_T, MPI_SUM, m->communicator);
         at += (size_t)piece;
     }
-    if (before != NULL && rank == 0) /* which MPI leaves as it was */
+    if (before != NULL && rank == 0) /* MPI_Exscan leaves the result of rank 0 undefined */
         memset(before, 0, count * sizeof *before);
     return KILN_OK;
 }
@@ -40,23 +40,23 @@ static size_t records_at_once(const struct kiln_surface_meeting *m, size_t size)
     return limit > size ? limit / size : 1;
 }
 
-/* ---- to everybody ---- */
+/* ---- allgather in rounds ---- */
 
 struct rounds {
-    uint64_t *records;    /* rank: how many it has in all */
-    int *counts, *places; /* bytes of a round */
+    uint64_t *records;    /* number of records of each rank */
+    int *counts, *places; /* of each rank in a round, bytes */
     int ranks;
     uint64_t number;
-    char *arrived; /* a round */
+    char *arrived; /* the records of a round */
 };
 
-/* Own records before round `round`: the same arithmetic on all ranks. */
+/* Number of a rank's records that come before round `round`, of `number` rounds; the same on all ranks. */
 static uint64_t round_begin(uint64_t records, uint64_t round, uint64_t number)
 {
     return records / number * round + records % number * round / number;
 }
 
-/* Where the ranks' records of a round stand; gives their bytes. */
+/* Computes where the records of each rank in a round go; returns their bytes in all. */
 static uint64_t lay_out(struct rounds *r, uint64_t round, size_t size)
 {
     uint64_t bytes = 0;
@@ -73,7 +73,7 @@ static uint64_t lay_out(struct rounds *r, uint64_t round, size_t size)
 static int plan_rounds(struct rounds *r, const struct kiln_surface_meeting *m, size_t count, size_t size,
                        struct kiln_error *error)
 {
-    const char *what = "what the ranks tell one another of the surface";
+    const char *what = "the records of all ranks about the surface";
     const uint64_t own = count;
     uint64_t total = 0, most = 0;
     (void)MPI_Comm_size(m->communicator, &r->ranks);
@@ -121,24 +121,24 @@ static int all(void *context, int status, const void *own, size_t count, size_t 
     return status;
 }
 
-/* ---- to one ---- */
+/* ---- exchange between pairs of ranks ---- */
 
 struct parcels {
-    uint64_t *sent, *received; /* rank: how many */
+    uint64_t *sent, *received; /* number of records to and from each rank */
     int ranks;
-    char *arrived; /* by rank */
+    char *arrived; /* received records, in the order of ranks */
     uint64_t total;
     MPI_Request *requests;
     size_t request_count;
 };
 
-/* How many messages the records of one rank for another need. */
+/* Number of messages for the records that one rank sends to another. */
 static size_t messages(uint64_t records, size_t at_once) { return (size_t)((records + at_once - 1) / at_once); }
 
 static int plan_parcels(struct parcels *p, const struct kiln_surface_meeting *m, const size_t *counts, size_t size,
                         struct kiln_error *error)
 {
-    const char *what = "what the ranks send one another of the surface";
+    const char *what = "the records that ranks exchange about the surface";
     size_t needed = 0;
     (void)MPI_Comm_size(m->communicator, &p->ranks);
     const size_t ranks = (size_t)p->ranks;
@@ -161,8 +161,8 @@ static int plan_parcels(struct parcels *p, const struct kiln_surface_meeting *m,
     return kiln_agree(m->communicator, status, error);
 }
 
-/* Begins to receive or, with `out`, to send what goes between this rank and each other one; messages of two ranks keep
- * their order. */
+/* Starts to receive or, with `out`, to send the records between this rank and each other one. Messages between two
+ * ranks keep their order. */
 static void start(struct parcels *p, const struct kiln_surface_meeting *m, const uint64_t *counts, size_t size,
                   const char *out)
 {

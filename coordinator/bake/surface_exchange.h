@@ -1,8 +1,8 @@
-/* How the ranks that build a surface speak with one another, over MPI.
+/* MPI communication for the construction of the surface (surface_build.h declares the interface).
  *
- * What goes to everybody goes in rounds: each brings the same share of what it has in each, so that a round needs
- * little memory on the other side and its counts fit MPI's int. What goes to one rank goes in as many messages as that
- * takes. */
+ * An allgather runs in rounds: in each round every rank contributes the same fraction of its records, so that a round
+ * needs little memory for the received records and its counts fit an int. An exchange between pairs of ranks uses as
+ * many messages as it needs. */
 #ifndef KILN_COORDINATOR_BAKE_SURFACE_EXCHANGE_H
 #define KILN_COORDINATOR_BAKE_SURFACE_EXCHANGE_H
 
@@ -12,10 +12,10 @@
 
 struct kiln_surface_meeting {
     MPI_Comm communicator;
-    size_t limit; /* bytes of a round, and of a message; 0: 32 MiB. At least a record, whatever it says */
+    size_t limit; /* bytes of a round, and of a message; 0: 32 MiB. A round has at least one record in any case */
 };
 
-/* The meeting is borrowed, for as long as the result is used. */
+/* `meeting` is borrowed as long as the result is used. */
 struct kiln_surface_exchange kiln_surface_exchange_over(struct kiln_surface_meeting *meeting);
 
 #endif

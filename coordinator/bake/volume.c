@@ -37,7 +37,7 @@ int kiln_volume_grid(struct kiln_volume_result *volume, const struct kiln_scene 
     return KILN_OK;
 }
 
-/* Relative to the scene's centre, in the order of the index. */
+/* Position of a probe relative to the scene's centre. */
 static struct kiln_vec3 position_of(const struct kiln_volume_result *v, const double centre[3], uint64_t index)
 {
     const uint64_t at[3] = {index % v->size[0], index / v->size[0] % v->size[1], index / (v->size[0] * v->size[1])};
@@ -47,25 +47,25 @@ static struct kiln_vec3 position_of(const struct kiln_volume_result *v, const do
     return vec3((float)p[0], (float)p[1], (float)p[2]);
 }
 
-/* Probes a call: enough to fill a GPU, few enough for the progress to be seen. */
+/* Probes in a batch: enough to fill a GPU, and few enough to show progress. */
 static uint64_t batch_size(uint32_t samples)
 {
     const uint64_t count = BATCH_RAYS / (uint64_t)samples;
     return count < BATCH_LEAST ? BATCH_LEAST : count > BATCH_MOST ? BATCH_MOST : count;
 }
 
-/* The probes under way. */
+/* State of the probe pass on this rank. */
 struct volume_work {
     const struct kiln_volume_params *params;
     struct kiln_volume_result *volume;
     struct kiln_probe_result *probes; /* own */
-    uint8_t *done;                    /* own: 1 where a probe has its answer */
-    struct kiln_vec3 *positions;      /* of a batch */
+    uint8_t *done;                    /* own: 1 if the probe has been gathered */
+    struct kiln_vec3 *positions;      /* of the probes of a batch */
     uint64_t batch, batch_most, next, finished;
     uint64_t *rays;
 };
 
-/* Earlier runs' probes; their rays are counted by whoever comes first. */
+/* Reads the probes that earlier runs have gathered. The rays of each file are counted by one of the ranks. */
 static int restore(struct volume_work *w, int rank, int ranks, struct kiln_error *error)
 {
     const struct kiln_checkpoint *c = w->params->checkpoint;
@@ -105,7 +105,7 @@ static bool find_next(struct volume_work *w)
     return w->next < w->volume->count;
 }
 
-/* kiln_take_results: keeps the answers of the rank's probes `first` and after. */
+/* kiln_take_results: stores the results of this rank's probes from `first` on. */
 static int keep_probes(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     (void)error;
@@ -114,7 +114,7 @@ static int keep_probes(void *context, size_t first, size_t count, const void *re
     return KILN_OK;
 }
 
-/* The next probes that have no answer yet. */
+/* Gathers the next probes that have not been gathered yet. */
 static int gather_batch(struct volume_work *w, double *seconds, struct kiln_error *error)
 {
     const struct kiln_volume_params *p = w->params;
@@ -144,7 +144,7 @@ static int gather_batch(struct volume_work *w, double *seconds, struct kiln_erro
     return status;
 }
 
-/* Until all ranks are done, or one says otherwise. */
+/* Runs until all ranks are done or the control ends the pass. */
 static int gather_all(struct volume_work *w, struct kiln_error *error)
 {
     const struct kiln_volume_params *p = w->params;
@@ -197,7 +197,7 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
     volume->count = total * ((uint64_t)rank + 1) / (uint64_t)ranks - volume->first;
     struct volume_work w = {
         .params = params, .volume = volume, .batch_most = batch_size(params->samples), .rays = rays};
-    w.batch = 1; /* one may take a second, where it has many samples */
+    w.batch = 1; /* start with one probe, which may take a second if it has many samples */
     status = kiln_allocate(&w.probes, volume->count, sizeof *w.probes, "the probes", error);
     if (status == KILN_OK)
         status = kiln_allocate(&w.done, volume->count, 1, "the probes", error);

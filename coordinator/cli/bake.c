@@ -1,4 +1,4 @@
-/* kiln bake: the whole path from scene to files. */
+/* kiln bake: from the scene to the output files. */
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
@@ -29,11 +29,11 @@ struct bake {
     struct kiln_job *job;
     MPI_Comm communicator;
     int rank;
-    bool made_folder; /* rank 0: the output folder was not there before */
+    bool made_folder; /* rank 0: this bake has created the output folder */
     char scene_file[KILN_PATH_SIZE];
     double begin;
     struct kiln_phases phases;
-    struct kiln_trace *trace;       /* NULL: not wanted */
+    struct kiln_trace *trace;       /* NULL: none */
     struct kiln_watchdog *watchdog; /* NULL: none */
     struct kiln_control *control;
     struct kiln_checkpoint *checkpoint;
@@ -42,18 +42,19 @@ struct bake {
     struct kiln_prepared *prepared;
     struct kiln_emission_result emission;
     struct kiln_integrate_settings light_settings;
+    struct kiln_field_set fields;
     struct kiln_integrate_params light_params;
     struct kiln_solution *solution;
     struct kiln_volume_result volume;
     struct kiln_lightmap_report *lightmaps;
     uint64_t probe_rays;
-    bool same_probes; /* those of the checkpoint that is gone on from may be taken */
-    bool saves;       /* within passes, and among the probes: who stops there has written a checkpoint */
-    bool light_done;  /* all but the files */
-    json_t *preview;  /* rank 0: how it was taken; NULL: none */
+    bool same_probes; /* the probes of the checkpoint can be used */
+    bool saves;       /* in passes and in the probe pass, where stopping writes a checkpoint */
+    bool light_done;  /* everything is done except writing the files */
+    json_t *preview;  /* rank 0: its camera and exposure; NULL: none */
     char preview_text[KILN_VIEWPOINT_TEXT];
-    bool exported;  /* scene.glb is there */
-    json_t *report; /* rank 0: what run.json says */
+    bool exported;  /* scene.glb has been written */
+    json_t *report; /* rank 0: content of run.json */
 };
 
 static int make_folder(struct bake *b, struct kiln_error *error)
@@ -67,7 +68,7 @@ static int make_folder(struct bake *b, struct kiln_error *error)
     return kiln_agree(b->communicator, status, error);
 }
 
-/* A refused scene leaves nothing: a folder made for it goes again, if it is empty. */
+/* Removes the output folder if this bake has created it and it is empty, so that a refused scene leaves nothing. */
 static void forget_folder(const struct bake *b)
 {
     if (b->rank == 0 && b->made_folder)
@@ -85,7 +86,7 @@ static int make_lightmap_folder(struct bake *b, struct kiln_error *error)
     return kiln_agree(b->communicator, status, error);
 }
 
-/* Rank 0. What an earlier bake left and this one will not replace goes, while its manifest still says what that is. */
+/* Rank 0. Removes files of an earlier bake that this one will not replace. The manifest of that bake lists them. */
 static int remove_stale(const struct bake *b, struct kiln_error *error)
 {
     struct kiln_pruned pruned;
@@ -94,16 +95,17 @@ static int remove_stale(const struct bake *b, struct kiln_error *error)
     const int status =
         kiln_manifest_prune(b->job->output, b->prepared->scene, b->prepared->surface, &parts, &pruned, error);
     if (status == KILN_OK && pruned.removed > 0 && !b->job->quiet)
-        (void)fprintf(stderr, "kiln: removed %zu file%s of the bake before, which this one does not write\n",
+        (void)fprintf(stderr, "kiln: removed %zu file%s of the previous bake that this one does not write\n",
                       pruned.removed, pruned.removed == 1 ? "" : "s");
     if (status == KILN_OK && pruned.kept > 0)
-        kiln_print(stderr, "kiln: note: %zu file%s of the bake before %s changed since, and left in place: %s first\n",
+        kiln_print(stderr,
+                   "kiln: note: %zu file%s of the previous bake %s changed since, and left in place: %s first\n",
                    pruned.kept, pruned.kept == 1 ? "" : "s", pruned.kept == 1 ? "was" : "were", pruned.first_kept);
     return status;
 }
 
-/* The manifest and run.json of an earlier bake would vouch for results that are about to be replaced one by one: they
- * go first. */
+/* Removes the manifest and run.json of an earlier bake before any of its results is replaced, since they would no
+ * longer be true. */
 static int forget_old_report(struct bake *b, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -121,8 +123,7 @@ static int forget_old_report(struct bake *b, struct kiln_error *error)
     return kiln_agree(b->communicator, status, error);
 }
 
-/* Another bake in the folder is refused; a checkpoint is looked for, and settles the instruction set unless the job
- * does. */
+/* Locks the output folder and opens the checkpoint, which determines the instruction set unless the job does. */
 static int take_charge(struct bake *b, struct kiln_error *error)
 {
     const struct kiln_control_params params = {.communicator = b->communicator,
@@ -141,7 +142,7 @@ static int take_charge(struct bake *b, struct kiln_error *error)
     return kiln_checkpoint_open(&b->checkpoint, b->communicator, b->job->output, b->job->resume, error);
 }
 
-/* In a folder that is another bake's there is no place for it. */
+/* Drops the timeline if another bake is at work in the folder. */
 static int drop_trace(struct bake *b, int status)
 {
     kiln_trace_destroy(&b->trace);
@@ -149,7 +150,7 @@ static int drop_trace(struct bake *b, int status)
     return status;
 }
 
-/* Before any work: what stands where results and the timeline are to go. Collective. */
+/* Collective. Checks, before any work, that the results and the timeline can be written. */
 static int check_outputs(struct bake *b, struct kiln_error *error)
 {
     static const struct kiln_manifest_parts all = {.volume = true, .preview = true, .scene = true};
@@ -167,7 +168,7 @@ static int check_outputs(struct bake *b, struct kiln_error *error)
     return status == KILN_OK ? KILN_OK : drop_trace(b, status);
 }
 
-/* Rank 0. Whether each lightmap can be put in its place. */
+/* Rank 0. Checks that each lightmap can be written. */
 static int check_lightmaps(const struct bake *b, const struct kiln_prepared *p, struct kiln_error *error)
 {
     const struct kiln_manifest_parts parts = {
@@ -175,7 +176,7 @@ static int check_lightmaps(const struct bake *b, const struct kiln_prepared *p, 
     return kiln_manifest_look(b->job->output, p->scene, p->surface, &parts, error);
 }
 
-/* What the importer saw that the user should know before the light is there. */
+/* Prints the notes of the importer. */
 static void say_notes(const struct kiln_scene *scene)
 {
     for (size_t i = 0; i < scene->note_count; i++)
@@ -183,7 +184,7 @@ static void say_notes(const struct kiln_scene *scene)
             kiln_print(stderr, "kiln: note: %s\n", kiln_scene_string(scene, scene->notes[i].text));
 }
 
-/* Says what the bake goes on from, when it does. */
+/* Compares the bake with its checkpoint, and prints which checkpoint it continues. */
 static int compare_with_checkpoint(struct bake *b, const struct kiln_prepared *prepared, struct kiln_error *error)
 {
     char note[400];
@@ -210,12 +211,12 @@ static int compare_with_checkpoint(struct bake *b, const struct kiln_prepared *p
         kiln_print(stderr, "kiln: note: %s\n", note);
     if (!b->same_probes && b->job->samples_probe != 0 && kiln_checkpoint_has(b->checkpoint, "probes"))
         (void)fprintf(stderr, "kiln: note: the checkpoint's probes are of other settings (--probe-spacing, "
-                              "--samples-probe): they are gathered anew, "
+                              "--samples-probe): they are gathered again, "
                               "the light on surfaces is not\n");
     return status;
 }
 
-/* Rank 0. What no machine of this size can hold, or this disk. */
+/* Rank 0. Checks that the memory of this host can hold the probes, and the disk the results. */
 static int check_room(const struct bake *b, const struct kiln_prepared *p, const struct kiln_volume_result *volume,
                       struct kiln_error *error)
 {
@@ -227,14 +228,16 @@ static int check_room(const struct bake *b, const struct kiln_prepared *p, const
             error, KILN_SYSTEM,
             "%llu probes take %.1f GiB on this host, which has %.1f GiB: use a larger --probe-spacing, or more hosts",
             (unsigned long long)probes, needed / 0x1p30, memory / 0x1p30);
-    return p->surface == NULL
-               ? KILN_OK
-               : kiln_require_space(b->job->output,
-                                    kiln_h5_space(p->scene, p->surface) + (probes > 0 ? kiln_volume_space(volume) : 0),
-                                    error);
+    if (p->surface == NULL)
+        return KILN_OK;
+    struct kiln_field_set fields;
+    kiln_field_set_choose(&fields, b->job);
+    return kiln_require_space(
+        b->job->output, kiln_h5_space(p->scene, p->surface, &fields) + (probes > 0 ? kiln_volume_space(volume) : 0),
+        error);
 }
 
-/* kiln_prepare_care: all that can be refused is refused before the first ray. */
+/* kiln_prepare_care.refuse: refuses whatever can be refused before the first ray. */
 static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_error *error)
 {
     struct bake *b = context;
@@ -246,12 +249,12 @@ static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_
     status = kiln_agree(b->communicator, status, error);
     if (status == KILN_OK && p->surface != NULL)
         status = compare_with_checkpoint(b, p, error);
-    if (status == KILN_OK) /* what --no-resume discards is gone by now */
+    if (status == KILN_OK) /* a checkpoint that --no-resume discards has been removed by now */
         status = kiln_agree(b->communicator, b->rank == 0 ? check_room(b, p, &volume, error) : KILN_OK, error);
     return status;
 }
 
-/* The bits of a bake that was begun on another machine are kept where this one can. */
+/* Continues with the instruction set of the checkpoint if all ranks have it, to keep the bits of the bake. */
 static int prepare(struct bake *b, struct kiln_error *error)
 {
     const char *before = kiln_identity_instruction_set(kiln_checkpoint_identity(b->checkpoint));
@@ -267,7 +270,8 @@ static int prepare(struct bake *b, struct kiln_error *error)
     return status;
 }
 
-/* Collective. What a rank waits for the others at the end of a phase is none of the phase's time. */
+/* Collective. Agrees on errors at the end of a phase. Time spent waiting for other ranks does not count for the phase.
+ */
 static int agree_after_phase(struct bake *b, int status, struct kiln_error *error)
 {
     kiln_phase(&b->phases, "waiting");
@@ -304,11 +308,13 @@ static int integrate_light(struct bake *b, struct kiln_error *error)
     kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
                        kiln_checkpoint_written(b->checkpoint));
     b->light_settings = kiln_light_settings(b->job, b->prepared->surface->point_count);
+    kiln_field_set_choose(&b->fields, b->job);
     b->light_params = (struct kiln_integrate_params){.communicator = b->communicator,
                                                      .rank = b->rank,
                                                      .ranks = b->prepared->ranks,
                                                      .begin = b->begin,
                                                      .settings = &b->light_settings,
+                                                     .fields = &b->fields,
                                                      .backend = b->prepared->backend,
                                                      .surface = b->prepared->surface,
                                                      .node = b->prepared->node,
@@ -376,9 +382,8 @@ static int write_volume(struct bake *b, const struct kiln_bake_result *result, c
     return kiln_write_volume(result, &b->volume, params, error);
 }
 
-/* MPI-IO takes an interrupted call for a failure, or even for a success: then reading back brings it to light. A file
- * that could not be made whole is made once more, from the begin; should that fail too, it was no accident. Collective.
- */
+/* Collective. Writes a file and, if that fails, writes it once more from the beginning. MPI-IO reports an interrupted
+ * system call as a failure, or even as a success, which reading back reveals; only a second failure is final. */
 static int write_twice(struct bake *b, const struct kiln_bake_result *result, const struct kiln_output_params *params,
                        int (*write)(struct bake *, const struct kiln_bake_result *, const struct kiln_output_params *,
                                     struct kiln_error *),
@@ -390,26 +395,25 @@ static int write_twice(struct bake *b, const struct kiln_bake_result *result, co
     const struct kiln_error first = *error;
     status = write(b, result, params, error);
     if (status == KILN_OK && b->rank == 0)
-        (void)fprintf(stderr, "kiln: warning: %s; at the second attempt it was written well\n", first.message);
+        (void)fprintf(stderr, "kiln: warning: %s; the second attempt succeeded\n", first.message);
     return status;
 }
 
 static int write_results(struct bake *b, const char *provenance, struct kiln_error *error)
 {
+    const struct kiln_node_data *data = b->solution->node_data;
     const struct kiln_bake_result result = {.units = kiln_units_of(b->job->units, b->prepared->scene),
                                             .communicator = b->communicator,
                                             .scene = b->prepared->scene,
                                             .geometry = b->prepared->geometry,
                                             .surface = b->prepared->surface,
-                                            .direct = b->solution->direct,
-                                            .indirect = b->solution->indirect,
-                                            .error = b->solution->error,
+                                            .fields = kiln_node_data_fields(data),
+                                            .data = kiln_rank_data(data, kiln_node_data_own(data)),
                                             .radiosity = b->solution->radiosity,
                                             .stop = kiln_control_stop(b->control)};
     const struct kiln_output_params params = {.directory = b->job->output,
                                               .half = b->job->half,
                                               .stitch = b->job->stitch,
-                                              .error_map = b->job->error_map,
                                               .faults = &b->job->faults,
                                               .provenance_json = provenance};
     kiln_phase(&b->phases, "lightmaps");
@@ -479,7 +483,7 @@ static int export_beside(const struct bake *b, struct kiln_error *error)
         source.st_dev == there.st_dev && source.st_ino == there.st_ino)
         return kiln_fail(error, KILN_BAD_INPUT, "%s is the scene itself; kiln export writes it to another folder",
                          path);
-    /* One of an earlier bake would lead to lightmaps that are no longer there. */
+    /* remove that of an earlier bake, which links to lightmaps that no longer exist */
     if (status == KILN_OK && kiln_unlink_below(b->job->output, "scene.glb") != 0 && errno != ENOENT)
         status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
     if (status == KILN_OK)
@@ -494,8 +498,8 @@ static int export_beside(const struct bake *b, struct kiln_error *error)
     return status;
 }
 
-/* scene.glb. A source that has gone or changed meanwhile, or that glTF cannot hold in one file, spoils nothing of the
- * bake: it is said, and kiln export can do it later. */
+/* Writes scene.glb. If the source scene has been removed or changed meanwhile, or does not fit one glTF file, prints a
+ * warning; the bake is still valid, and kiln export can write the scene later. */
 static int write_scene(struct bake *b, struct kiln_error *error)
 {
     int status = KILN_OK, told = 0;
@@ -518,7 +522,7 @@ static int write_scene(struct bake *b, struct kiln_error *error)
     return agree_after_phase(b, told != 0 ? KILN_OK : status, error);
 }
 
-/* run.json says that everything it names is there. */
+/* Writes run.json, after everything that it names. */
 static int write_report(struct bake *b, struct kiln_error *error)
 {
     kiln_phase_rest(&b->phases, b->solution->report.seconds_before);
@@ -542,7 +546,7 @@ static int write_report(struct bake *b, struct kiln_error *error)
     return kiln_agree(b->communicator, status, error);
 }
 
-/* Last of all, after run.json, which is in it. */
+/* Writes the manifest, last of all, since it lists run.json too. */
 static int write_manifest(struct bake *b, struct kiln_error *error)
 {
     kiln_progress_phase(b->progress, "manifest", 0);
@@ -554,8 +558,8 @@ static int write_manifest(struct bake *b, struct kiln_error *error)
     return status;
 }
 
-/* Rank 0, once nothing can fail any more. */
-static int tell(const struct bake *b, struct kiln_error *error)
+/* Rank 0. Prints the results, when nothing can fail any more. */
+static int print_results(const struct bake *b, struct kiln_error *error)
 {
     if (b->job->json)
         return kiln_json_print(json_incref(b->report), error);
@@ -566,13 +570,13 @@ static int tell(const struct bake *b, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* For the report. */
+/* Adds the time spent on checkpoints to the phases. */
 static void note_checkpoints(struct bake *b)
 {
     uint64_t count, bytes;
     double seconds;
     kiln_checkpoint_spent(b->checkpoint, &count, &seconds, &bytes);
-    if (count > 0) /* on all ranks or on none */
+    if (count > 0) /* the same on all ranks */
         kiln_phase_add(&b->phases, "checkpoints", seconds);
 }
 
@@ -608,8 +612,9 @@ static int run_phases(struct bake *b, struct kiln_error *error)
     return status == KILN_OK ? write_manifest(b, error) : status;
 }
 
-/* After KILN_STOPPED, on all ranks: says what is kept. In passes and among the probes that was done already, with what
- * is computed; here it is that nothing is yet, or all but some of the files. Collective. */
+/* Collective, after KILN_STOPPED. Saves what has been computed and composes the message. A bake that was stopped within
+ * a pass or the probe pass has done so already; here either nothing has been computed yet, or only files are missing.
+ */
 static int end_early(struct bake *b, struct kiln_error *error)
 {
     kiln_phase(&b->phases, NULL);
@@ -635,7 +640,7 @@ static int run(struct bake *b, struct kiln_error *error)
     return status == KILN_STOPPED ? end_early(b, error) : status;
 }
 
-/* The status file's last word: of interest while there is something to go on from. */
+/* Writes the final status, which is kept as long as there is a checkpoint to continue from. */
 static void conclude(struct bake *b, int status, const struct kiln_error *error)
 {
     uint64_t generation;
@@ -643,7 +648,7 @@ static void conclude(struct bake *b, int status, const struct kiln_error *error)
     kiln_control_conclude(b->control, status, status == KILN_OK ? "" : error->message, status == KILN_OK || !there);
 }
 
-/* Of a bake that failed too; its own failure is then what is told. Collective. */
+/* Collective. Writes the timeline, also of a bake that failed; then the failure of the bake is the one reported. */
 static int write_trace(struct bake *b, int status, struct kiln_error *error)
 {
     if (b->trace == NULL)
@@ -674,9 +679,9 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
         status = run(&b, error);
     status = write_trace(&b, status, error);
     if (status == KILN_OK)
-        status = kiln_agree(b.communicator, b.rank == 0 ? tell(&b, error) : KILN_OK, error);
+        status = kiln_agree(b.communicator, b.rank == 0 ? print_results(&b, error) : KILN_OK, error);
     if (b.checkpoint != NULL && status == KILN_OK)
-        kiln_checkpoint_remove(b.checkpoint); /* run.json says it now */
+        kiln_checkpoint_remove(b.checkpoint); /* run.json is complete, so the checkpoint is no longer needed */
     if (b.control != NULL)
         conclude(&b, status, error);
     if (status != KILN_OK)
@@ -693,6 +698,6 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error)
     kiln_volume_destroy(&b.volume);
     kiln_solution_destroy(&b.solution);
     kiln_prepared_destroy(&b.prepared);
-    kiln_watchdog_destroy(&b.watchdog); /* what is collective above is watched too */
+    kiln_watchdog_destroy(&b.watchdog); /* last, so that the watchdog also watches the collective calls above */
     return status;
 }

@@ -1,4 +1,4 @@
-/* kiln bench NAME SCENE: measurements that print ratios from one run. */
+/* kiln bench NAME SCENE: measurements on this machine. */
 #include <stdio.h>
 #include <string.h>
 
@@ -44,7 +44,7 @@ int kiln_command_bench(struct kiln_job *job, struct kiln_error *error)
     int rank;
     (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
     int status = KILN_OK;
-    if (rank == 0) { /* one process measures */
+    if (rank == 0) { /* only rank 0 measures */
         struct kiln_temporary temporary;
         status = kiln_temporary_make(&temporary, error);
         if (status == KILN_OK)

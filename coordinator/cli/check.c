@@ -1,4 +1,4 @@
-/* kiln check: every problem of a scene that can be found without baking it, with place and severity. */
+/* kiln check: lists every problem of a scene that can be found without baking it, with its place and severity. */
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -82,12 +82,12 @@ static void check_materials(struct report *r)
             add(r, INFORMATION, "material", text_at(r, m->name), "it is a metal and reflects no diffuse light");
         else if ((double)brightest * (1.0 - (double)m->metallic) > bright_albedo && m->base_color_texture == KILN_NONE)
             add(r, INFORMATION, "material", text_at(r, m->name),
-                "its albedo of %.3f keeps light alive for very many bounces; real paint is below 0.9",
+                "its albedo of %.3f makes very many bounces necessary; real paint is below 0.9",
                 (double)brightest * (1.0 - (double)m->metallic));
     }
 }
 
-/* An emitter is dark when its texture is black wherever its triangles look. */
+/* Finds emissive materials whose texture is black all over their triangles. */
 static void check_emitters(struct report *r)
 {
     const struct kiln_scene *s = r->look->scene;
@@ -108,7 +108,7 @@ static void check_emitters(struct report *r)
 
 struct edge {
     uint32_t low, high;
-    int32_t sense; /* +1 from low to high */
+    int32_t sense; /* +1: the edge runs from the lower to the higher vertex number */
 };
 
 static int compare_edges(const void *a, const void *b)
@@ -119,7 +119,7 @@ static int compare_edges(const void *a, const void *b)
     return x->high < y->high ? -1 : x->high > y->high;
 }
 
-/* qsort has no argument for its comparison, so what is sorted carries its own position. */
+/* A vertex for sorting; it carries its position, since the comparison of qsort has no further argument. */
 struct place {
     struct kiln_vec3 position;
     uint32_t vertex;
@@ -132,7 +132,7 @@ static int compare_places(const void *a, const void *b)
     return order != 0 ? order : (x->vertex > y->vertex) - (x->vertex < y->vertex);
 }
 
-/* welded[v] is one number for all vertices at the same position. */
+/* Merges vertices by position: welded[v] is the same number for all vertices at one position. */
 static int weld(const struct kiln_vec3 *positions, size_t count, uint32_t *welded, struct kiln_error *error)
 {
     struct place *places = NULL;
@@ -150,7 +150,8 @@ static int weld(const struct kiln_vec3 *positions, size_t count, uint32_t *welde
     return KILN_OK;
 }
 
-/* Whether every edge is run through once in each direction, and the signed volume (positive: faces outward). */
+/* Finds out whether the mesh is closed, that is, each edge occurs once in each direction, and its signed volume
+ * (positive: triangles face outward). */
 static int closed_volume(const struct kiln_scene *s, const struct kiln_mesh *mesh, bool *closed, double *volume,
                          struct kiln_error *error)
 {
@@ -196,7 +197,7 @@ static void check_meshes(struct report *r)
         double volume = 0.0;
         if ((mesh->flags & KILN_MESH_REPACKED) != 0)
             add(r, INFORMATION, "mesh", text_at(r, mesh->name),
-                "the charts of its second UV set are laid out anew; a viewer needs kiln's layout");
+                "the charts of its second UV set are packed again; a viewer needs kiln's layout");
         else if ((mesh->flags & KILN_MESH_UNWRAPPED) != 0)
             add(r, INFORMATION, "mesh", text_at(r, mesh->name),
                 "it has no usable second UV set and is unwrapped; a viewer needs kiln's layout");

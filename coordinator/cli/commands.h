@@ -1,6 +1,6 @@
-/* The commands. Each gets the parsed job, writes results to stdout and progress to stderr, and returns an exit status
- * with a sentence in `error` when it is not 0; kiln_main prints that sentence once, on rank 0. Commands marked (MPI)
- * run between MPI_Init and MPI_Finalize and are collective; the others never start MPI and run in one process. */
+/* The commands of kiln. Each takes the parsed job, writes results to stdout and progress to stderr, and returns an exit
+ * status, with a message in `error` unless it is 0. kiln_main prints that message once, on rank 0. Commands marked
+ * (MPI) run between MPI_Init and MPI_Finalize and are collective. The others never start MPI and run in one process. */
 #ifndef KILN_COORDINATOR_CLI_COMMANDS_H
 #define KILN_COORDINATOR_CLI_COMMANDS_H
 

@@ -1,5 +1,5 @@
-/* kiln compare: two lightmaps, or all lightmaps of two bakes. Bakes whose lightmaps differ in size are compared at
- * places on the surfaces. */
+/* kiln compare: compares two lightmaps, or all lightmaps of two bakes. If lightmaps differ in size, they are compared
+ * at sample points on the surfaces. */
 #include "coordinator/view/compare.h"
 
 #include <dirent.h>
@@ -25,10 +25,10 @@
 #include "worker/base/text.h"
 
 struct one {
-    char name[256]; /* of the lightmap's file; empty for two files */
+    char name[256]; /* name of the lightmap's file; empty if two files are compared */
     struct kiln_difference difference;
-    double worst_place[3];       /* m; sampled only */
-    uint32_t object_a, object_b; /* sampled only */
+    double worst_place[3];       /* position, m; only if sampled */
+    uint32_t object_a, object_b; /* only if sampled */
 };
 
 struct comparison {
@@ -36,14 +36,14 @@ struct comparison {
     struct one *ones;
     size_t count, capacity;
     struct kiln_difference total;
-    size_t worst;                               /* the image with the worst texel */
-    struct kiln_results *results_a, *results_b; /* folders */
-    struct kiln_reader *reader;                 /* files */
-    struct kiln_scene *scene_a, *scene_b;       /* both or none: the lightmaps differ in size and are sampled */
-    double area;                                /* m2 of all objects; sampled only */
+    size_t worst;                               /* index of the image with the worst texel */
+    struct kiln_results *results_a, *results_b; /* if folders are compared */
+    struct kiln_reader *reader;                 /* if files are compared */
+    struct kiln_scene *scene_a, *scene_b; /* not NULL: the lightmaps differ in size and are compared at sample points */
+    double area;                          /* of all objects, m2; only if sampled */
 };
 
-/* Places on the surfaces of all objects; an object has LEAST at least. */
+/* Number of sample points on all objects, and the least number on an object. */
 enum { SAMPLES = 1 << 20, SAMPLES_LEAST = 1024 };
 
 /* ---- comparing ---- */
@@ -83,7 +83,7 @@ static int read_pair(const struct comparison *c, size_t k, struct kiln_image **a
     return status;
 }
 
-/* At places on the object's surface, each of which stands for its part of the area. */
+/* Compares an object at sample points on its surface, each of which represents an equal part of the area. */
 static int compare_sampled(const struct comparison *c, struct one *one, const struct kiln_image *a,
                            const struct kiln_image *b, struct kiln_error *error)
 {
@@ -135,7 +135,7 @@ static int compare_names(const void *a, const void *b)
     return strcmp(((const struct one *)a)->name, ((const struct one *)b)->name);
 }
 
-/* Names of the lightmaps in a bake's folder, in the order of their bytes. */
+/* Lists the names of the lightmaps in the folder of a bake, in byte order. */
 static int list_lightmaps(struct comparison *c, const struct kiln_results *results, const char *directory,
                           struct kiln_error *error)
 {
@@ -163,7 +163,8 @@ static int list_lightmaps(struct comparison *c, const struct kiln_results *resul
     return status;
 }
 
-/* Both folders must hold the same lightmaps: what is missing on one side is an error, not something to pass over. */
+/* Lists the lightmaps of both folders, which must have the same names; a lightmap that is missing on one side is an
+ * error. */
 static int list_pairs(struct comparison *c, struct kiln_error *error)
 {
     struct comparison other = {0};
@@ -207,8 +208,8 @@ static void close_scenes(struct comparison *c)
     kiln_scene_close(&c->scene_b);
 }
 
-/* Opens the scenes of both bakes, and keeps them where a lightmap differs in size. Folders without scene files hold
- * lightmaps only: these are compared texel by texel, whatever comes. */
+/* Opens the scenes of both bakes, and keeps them open if any lightmap differs in size. Folders without scene files are
+ * compared texel by texel. */
 static int decide_how(struct comparison *c, struct kiln_error *error)
 {
     bool same = true;
@@ -260,7 +261,7 @@ static int compare_all(struct comparison *c, struct kiln_error *error)
     return status;
 }
 
-/* ---- telling ---- */
+/* ---- output ---- */
 
 static json_t *number_json(double value) { return isfinite(value) ? json_real(value) : json_null(); }
 
@@ -279,7 +280,7 @@ static json_t *difference_json(const struct kiln_difference *d)
                      (int)d->worst_x, "y", (int)d->worst_y, "channels", channels);
 }
 
-/* What differs when places were sampled: where the worst one is, and no structural similarity. */
+/* Adjusts the JSON object for sample points: adds the worst place, and removes the structural similarity. */
 static void add_place(const struct comparison *c, json_t *root)
 {
     const double *place = c->ones[c->worst].worst_place;
@@ -319,7 +320,7 @@ static void print_text(const struct comparison *c)
     const char *unit = c->results_b != NULL ? kiln_units_of_bake(c->results_b)->irradiance_text : "W/m2";
     (void)printf("%s\n", d->identical ? "bit-identical" : "different");
     if (c->scene_a != NULL)
-        (void)puts("sampled    at places spread over the surfaces, by area: the lightmaps differ in size");
+        (void)puts("sampled    at points spread over the surfaces by area, since the lightmaps differ in size");
     (void)printf("%s     %llu valid in both, %llu of them wholly inside charts\n",
                  c->scene_a != NULL ? "places" : "texels", (unsigned long long)d->texels,
                  (unsigned long long)d->interior);
@@ -347,7 +348,7 @@ static void print_text(const struct comparison *c)
                    d->channels[i].rmse, d->channels[i].mean_difference, d->channels[i].mean);
 }
 
-/* The image with the worst texel; full scale is 10 % of the reference's mean. */
+/* Writes a picture of the lightmap with the worst texel; full scale is 10 % of the reference's mean. */
 static int write_picture(const struct comparison *c, const char *path, struct kiln_error *error)
 {
     struct kiln_image *a, *b;

@@ -4,7 +4,7 @@
 
 #include "coordinator/bake/prepare.h"
 #include "coordinator/files/json.h"
-#include "worker/backend/vulkan/gpu/gpu.h"
+#include "worker/backend/backend.h"
 #include "worker/base/text.h"
 
 enum { MOST_DEVICES = 64, UUID_TEXT = 37 };
@@ -17,7 +17,7 @@ static void uuid_text(const uint8_t uuid[16], char text[UUID_TEXT])
                                    i == 4 || i == 6 || i == 8 || i == 10 ? "-" : "", uuid[i]);
 }
 
-static json_t *device_json(const struct gpu_description *d)
+static json_t *device_json(const struct kiln_device *d)
 {
     char uuid[UUID_TEXT], version[32];
     uuid_text(d->uuid, uuid);
@@ -30,7 +30,7 @@ static json_t *device_json(const struct gpu_description *d)
                      (json_int_t)d->memory, "free_bytes", (json_int_t)d->budget);
 }
 
-static json_t *list_json(const struct gpu_description *list, size_t count, const char *version)
+static json_t *list_json(const struct kiln_device *list, size_t count, const char *version)
 {
     json_t *devices = json_array();
     for (size_t i = 0; i < count; i++)
@@ -42,7 +42,7 @@ static json_t *list_json(const struct gpu_description *list, size_t count, const
                      kiln_own_instruction_set(), "threads", (int)kiln_own_cores(1), "vulkan", devices);
 }
 
-static void print_device(const struct gpu_description *d)
+static void print_device(const struct kiln_device *d)
 {
     kiln_print(stdout, "vulkan %u  %s%s\n", d->index, d->name, d->software ? " (software)" : "");
     if (!d->fit)
@@ -61,17 +61,17 @@ static void print_device(const struct gpu_description *d)
 
 int kiln_devices_list(const struct kiln_job *job, struct kiln_error *error)
 {
-    struct gpu_description list[MOST_DEVICES];
-    size_t count = 0;
-    char version[64];
-    const int status = gpu_list(list, MOST_DEVICES, &count, error);
+    struct kiln_device list[MOST_DEVICES], cpu;
+    size_t count = 0, cpus = 0;
+    int status = kiln_backend_devices("embree", &cpu, 1, &cpus, error);
+    if (status == KILN_OK)
+        status = kiln_backend_devices("vulkan", list, MOST_DEVICES, &count, error);
     if (status != KILN_OK)
         return status;
     count = count < MOST_DEVICES ? count : MOST_DEVICES;
-    kiln_backend_embree_version(version, sizeof version);
     if (job->json)
-        return kiln_json_print(list_json(list, count, version), error);
-    (void)printf("embree    %s, %s, %u thread%s\n", version, kiln_own_instruction_set(), kiln_own_cores(1),
+        return kiln_json_print(list_json(list, count, cpu.driver), error);
+    (void)printf("embree    %s, %s, %u thread%s\n", cpu.driver, kiln_own_instruction_set(), kiln_own_cores(1),
                  kiln_own_cores(1) == 1 ? "" : "s");
     for (size_t i = 0; i < count; i++)
         print_device(&list[i]);

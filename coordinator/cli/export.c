@@ -1,4 +1,4 @@
-/* kiln export DIR: the scene with its lightmaps, as engines take it. */
+/* kiln export DIR: writes the scene with its lightmaps for engines. */
 #include "coordinator/export/export.h"
 
 #include <errno.h>
@@ -26,12 +26,12 @@ struct export
     char fallback[KILN_PATH_SIZE], folder[KILN_PATH_SIZE], scene_file[KILN_PATH_SIZE], source[KILN_PATH_SIZE];
     struct kiln_results *results;
     struct kiln_scene *scene;
-    uint8_t *backs; /* an object: it has a lightmap of its backs; NULL: none has */
+    uint8_t *backs; /* for each object, whether its back has a lightmap; NULL: none has */
     struct kiln_pages *pages;
-    json_t *run; /* run.json */
+    json_t *run; /* content of run.json */
 };
 
-/* Where the scene was when it was baked, from run.json. */
+/* Reads run.json, which names the scene that was baked. */
 static int read_run(struct export *e, struct kiln_error *error)
 {
     int status = kiln_results_open(&e->results, e->directory, error);
@@ -49,7 +49,7 @@ static int read_run(struct export *e, struct kiln_error *error)
     return status;
 }
 
-/* Which objects have a lightmap of their backs, by run.json. */
+/* Finds out from run.json which objects have a lightmap of their back. */
 static int find_backs(struct export *e, struct kiln_error *error)
 {
     const json_t *objects = json_object_get(e->run, "objects");
@@ -70,7 +70,7 @@ static int find_backs(struct export *e, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* The folder that the .glb goes to, made when it is not there. */
+/* Creates the folder of the .glb file unless it exists. */
 static int make_folder(struct export *e, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -88,8 +88,8 @@ static int make_folder(struct export *e, struct kiln_error *error)
     return status == KILN_OK ? kiln_make_directories(e->folder, error) : status;
 }
 
-/* The bake's own folder is refused: its files are in its manifest, and its lightmaps have the names that pages would
- * get. */
+/* Refuses the folder of the bake: its files are listed in its manifest, and pages would get the names of its lightmaps.
+ */
 static int check_folder(const struct export *e, struct kiln_error *error)
 {
     struct stat a, b;

@@ -50,7 +50,7 @@ static int find(const char *name, const struct kiln_generator **found, struct ki
                      nearest, names);
 }
 
-/* An option that the scene does not look at would be dropped without a word. */
+/* Refuses options that the scene does not use. */
 static int check_options(const struct kiln_job *job, const struct kiln_generator *generator, struct kiln_error *error)
 {
     const char *unused = NULL;

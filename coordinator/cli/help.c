@@ -2,7 +2,7 @@
 
 #include "coordinator/job/options.h"
 
-/* "--bounces N|all", "--half", "--partition cells|objects" */
+/* Formats an option with its values: "--bounces N|all", "--half", "--partition cells|objects". */
 static void option_head(const struct kiln_option *option, char *text, size_t size)
 {
     int used = snprintf(text, size, "--%s", option->name);

@@ -1,4 +1,4 @@
-/* kiln info: what the importer sees. */
+/* kiln info: shows what the importer reads from a scene. */
 #include <stdio.h>
 #include <string.h>
 
@@ -14,8 +14,8 @@
 static const char *const light_kinds[] = {"point", "spot", "directional"};
 static const char *const environment_kinds[] = {"none", "constant", "lat-long image"};
 
-/* Why an object's density is not the common one, for people and for programs; in the order of enum kiln_density_reason.
- */
+/* Reasons why an object's density differs from the common one, as text and as a JSON value; in the order of enum
+ * kiln_density_reason. */
 static const struct {
     const char *words, *code;
 } density_reasons[] = {{"", "common"},
@@ -35,7 +35,7 @@ static const char *role_of(const struct kiln_object *o)
                                                          : "both";
 }
 
-enum { OBJECTS_SHOWN = 40 }; /* in the table for people; JSON has all */
+enum { OBJECTS_SHOWN = 40 }; /* rows of the table; JSON has all objects */
 
 static double share(uint64_t part, uint64_t whole) { return whole == 0 ? 0.0 : (double)part / (double)whole; }
 
@@ -264,7 +264,7 @@ static int print_objects(const struct kiln_scene_survey *look, bool all, struct 
 static void print_glass(const struct kiln_scene_survey *look, const struct kiln_material *m)
 {
     const double t = (double)m->transmission * (1.0 - (double)m->metallic);
-    kiln_print(stdout, "glass '%s': lets %.3g %.3g %.3g through%s%s%s\n", string_at(look, m->name),
+    kiln_print(stdout, "glass '%s': transmits %.3g %.3g %.3g%s%s%s\n", string_at(look, m->name),
                t * (double)m->base_color[0], t * (double)m->base_color[1], t * (double)m->base_color[2],
                m->base_color_texture != KILN_NONE ? ", times its base colour's texture" : "",
                m->transmission_texture != KILN_NONE ? ", times its transmission's texture" : "",

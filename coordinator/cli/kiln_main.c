@@ -1,4 +1,5 @@
-/* From the command line to a command and back to an exit code. */
+/* The main function: runs the command that the command line names, with MPI where it needs it, and returns its exit
+ * code. */
 #include <errno.h>
 #include <math.h>
 #include <mpi.h>
@@ -24,8 +25,8 @@
 #include "coordinator/run/threads.h"
 #include "coordinator/output/manifest.h"
 
-/* What the launcher says before MPI is started: Open MPI's mpirun, PMIx (srun --mpi=pmix), Slurm. Alone: rank 0 of 1.
- */
+/* A number that the launcher has set in the environment, which is available before MPI is started: Open MPI's mpirun,
+ * PMIx (srun --mpi=pmix) or Slurm. `fallback` if no launcher has set it. */
 static long launcher(const char *open_mpi, const char *pmix, const char *slurm, long fallback)
 {
     const char *const names[] = {open_mpi, pmix, slurm};
@@ -39,7 +40,8 @@ static long launcher(const char *open_mpi, const char *pmix, const char *slurm, 
     return fallback;
 }
 
-/* Whether this process is one of several that a launcher has started; a batch script's own processes are not. */
+/* Whether this process is one of several that a launcher has started. Processes that a batch script starts itself are
+ * not. */
 static bool is_launched(void)
 {
     return launcher("OMPI_COMM_WORLD_SIZE", NULL, NULL, 1) > 1 ||
@@ -54,23 +56,23 @@ static bool has_argument(int argc, char **argv, const char *text)
     return false;
 }
 
-/* To be called on one rank, before MPI ends: the launcher kills all that still run when the first rank has left with a
- * failure. */
+/* To be called on one rank before MPI_Finalize, since the launcher kills the other ranks when the first one has exited
+ * with a failure. */
 static void print_error(int status, const struct kiln_error *error, bool json)
 {
     const char *sentence =
         error->message[0] != '\0' ? error->message : "failed without saying why; this is a bug of kiln";
-    const bool stopped = status == KILN_STOPPED; /* as it was asked to: no error */
+    const bool stopped = status == KILN_STOPPED; /* it was asked to stop, which is no error */
     (void)fprintf(stderr, "kiln: %s%s\n", stopped ? "" : "error: ", sentence);
     if (!json)
-        return; /* stderr is not buffered */
+        return; /* stderr needs no flush */
     (void)kiln_json_print(json_pack("{s:s, s:i, s:o}", "status", stopped ? "stopped" : "error", "code", status,
                                     "message", kiln_json_string(sentence)),
                           NULL);
     (void)fflush(stdout);
 }
 
-/* Looked at before anything is started, so that a misspelt path is answered at once. The reader looks again. */
+/* Checks the path of the scene early, so that a misspelt path is reported at once. The importer checks it again. */
 static int check_scene(const struct kiln_job *job, struct kiln_error *error)
 {
     struct stat status;
@@ -152,7 +154,7 @@ static int run(const struct kiln_command *command, struct kiln_job *job, struct 
     return kiln_fail(error, KILN_BUG, "the command %s is in the table of commands and does nothing", command->name);
 }
 
-/* One line a rank; a line is one write, so that the ranks' lines do not mix. */
+/* Prints one line for this rank in a single write, so that lines of different ranks do not mix. */
 static void print_usage(int rank)
 {
     struct rusage usage;
@@ -167,14 +169,14 @@ static void print_usage(int rank)
     (void)fputs(line, stderr);
 }
 
-/* On one rank. */
+/* Prints the present names of options that were given by their former names. To be called on one rank. */
 static void note_former_names(const struct kiln_job *job)
 {
     if (job != NULL && !job->quiet)
         kiln_job_print_renamed(job, stderr);
 }
 
-/* Output that could not be written is a failure, however well the command went. */
+/* Flushes stdout. Output that cannot be written is a failure, even if the command has succeeded. */
 static int flush_output(int status, struct kiln_error *error)
 {
     if (fflush(stdout) == 0 && ferror(stdout) == 0)
@@ -182,7 +184,7 @@ static int flush_output(int status, struct kiln_error *error)
     return status != KILN_OK ? status : kiln_fail_errno(error, KILN_IO, "cannot write to stdout");
 }
 
-/* *json: whether a failure has still to be said on stdout. */
+/* Runs a command without MPI. *json: whether a failure has still to be printed on stdout as JSON. */
 static int run_alone(int argc, char **argv, const struct kiln_command *command, bool *json, struct kiln_error *error)
 {
     struct kiln_job *job = NULL;
@@ -197,8 +199,8 @@ static int run_alone(int argc, char **argv, const struct kiln_command *command, 
     return status;
 }
 
-/* Some libraries end the process when they cannot go on: OpenMP's with exit(1) where it gets no thread, C++ ones by
- * what they throw. For functions that are called then, and get nothing. */
+/* Some libraries end the process themselves: OpenMP calls exit(1) if it gets no thread, C++ libraries throw exceptions.
+ * This state is for the functions that are called then; it is global, since they get no argument. */
 static struct {
     volatile sig_atomic_t at_work;
     char who[96];
@@ -218,7 +220,7 @@ static void leave(const char *what)
 static void say_departure(void)
 {
     if (departure.at_work != 0)
-        leave("it says why above");
+        leave("its message is above");
 }
 
 static void watch_departure(bool many, int rank)
@@ -232,11 +234,11 @@ static void watch_departure(bool many, int rank)
     kiln_on_uncaught(leave);
 }
 
-enum { START_SECONDS = 30 };                 /* that ranks may take at least to come together */
-enum { MPI_THREADS = 3, OTHER_THREADS = 6 }; /* Open MPI's; these and the watchdog's and the status file's */
+enum { START_SECONDS = 30 };                 /* the ranks have at least so long to start */
+enum { MPI_THREADS = 3, OTHER_THREADS = 6 }; /* threads of Open MPI; those, the watchdog's and the status file's */
 
-/* What MPI itself cannot do is said as everything else is. */
-static void say_mpi_failed(MPI_Comm *communicator, int *code, ...)
+/* MPI error handler: reports failures of MPI like all others. */
+static void report_mpi_failure(MPI_Comm *communicator, int *code, ...)
 {
     struct kiln_waiting waiting;
     struct kiln_error error;
@@ -254,42 +256,42 @@ static void say_mpi_failed(MPI_Comm *communicator, int *code, ...)
 static void catch_mpi_errors(void)
 {
     MPI_Errhandler handler;
-    if (MPI_Comm_create_errhandler(say_mpi_failed, &handler) != MPI_SUCCESS)
+    if (MPI_Comm_create_errhandler(report_mpi_failure, &handler) != MPI_SUCCESS)
         return;
     (void)MPI_Comm_set_errhandler(MPI_COMM_WORLD, handler);
     (void)MPI_Comm_set_errhandler(MPI_COMM_SELF, handler);
     (void)MPI_Errhandler_free(&handler);
 }
 
-/* `many`: within `seconds` (0: whenever) all ranks have to be there, and to come as far as a watchdog's begin. */
+/* Starts MPI. `many`: there are several ranks, and all of them must have created the watchdog within `seconds` (0: no
+ * limit). */
 static int start_mpi(bool many, int *rank, double seconds, struct kiln_error *error)
 {
     int provided = MPI_THREAD_SINGLE;
-    /* shares file pointers through no file, and leaves none when killed */
+    /* a component that uses no file for shared file pointers, and so leaves none when the process is killed */
     (void)setenv("OMPI_MCA_sharedfp", "individual", 0);
     if (many) {
         kiln_watchdog_start(*rank, seconds);
-    } else { /* alone: Open MPI need not start a daemon of its own for one process */
+    } else { /* a single process needs no daemon of Open MPI */
         (void)setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);
-        /* nor make a folder in TMPDIR: processes that start at the same time get in each other's way there, and a
-         * killed one leaves it */
+        /* and no session folder in TMPDIR: processes that start at the same time collide there, and a killed one leaves
+         * it behind */
         (void)setenv("OMPI_MCA_orte_create_session_dirs", "0", 0);
     }
     kiln_waiting_follow();
-    /* many: for the watchdog's thread */
+    /* several ranks: the watchdog's thread calls MPI too */
     if (MPI_Init_thread(NULL, NULL, many ? MPI_THREAD_MULTIPLE : MPI_THREAD_FUNNELED, &provided) != MPI_SUCCESS)
         return kiln_fail(error, KILN_SITE, "MPI does not start; check the installation of Open MPI");
     catch_mpi_errors();
     (void)MPI_Comm_rank(MPI_COMM_WORLD, rank);
     if (provided < MPI_THREAD_FUNNELED)
-        return kiln_fail(error, KILN_SITE,
-                         "this MPI library does not work beside threads (MPI_THREAD_FUNNELED is needed)");
+        return kiln_fail(error, KILN_SITE, "this MPI library does not support threads (MPI_THREAD_FUNNELED is needed)");
     return KILN_OK;
 }
 
 static double start_seconds(double limit) { return limit > 0.0 ? fmax(2.0 * limit, START_SECONDS) : 0.0; }
 
-/* Collective. A bake has a watchdog of its own, which knows its phases. */
+/* Collective. Runs the command under a watchdog. A bake creates its own, which knows its phases. */
 static int run_watched(const struct kiln_command *command, struct kiln_job *job, struct kiln_error *error)
 {
     struct kiln_watchdog *watchdog = NULL;
@@ -307,7 +309,7 @@ static int run_watched(const struct kiln_command *command, struct kiln_job *job,
     return status;
 }
 
-/* Without any thread MPI cannot start, and this rank cannot tell the others. */
+/* Checks that enough threads can be started. Without threads for MPI this rank cannot tell the others, so it ends. */
 static int check_threads(const struct kiln_job *job, bool many, struct kiln_error *error)
 {
     const int ranks = (int)launcher("OMPI_COMM_WORLD_LOCAL_SIZE", NULL, NULL, 1);
@@ -318,7 +320,8 @@ static int check_threads(const struct kiln_job *job, bool many, struct kiln_erro
     return kiln_threads_check((job->threads != 0 ? job->threads : kiln_own_cores(ranks)) + OTHER_THREADS, error);
 }
 
-/* Alone a wrong command line is answered without MPI; of many ranks each tells the others what it has read. */
+/* Runs a command with MPI. A single rank reports a wrong command line without starting MPI; of several ranks each tells
+ * the others whether its command line was right. */
 static int run_with_mpi(int argc, char **argv, const struct kiln_command *command, bool many, int rank,
                         struct kiln_error *error)
 {
@@ -356,8 +359,8 @@ static int run_with_mpi(int argc, char **argv, const struct kiln_command *comman
     return status;
 }
 
-/* What one process does needs no MPI, but were it rank 0 of ranks that another command was given to, they would wait
- * for it: they meet first. */
+/* For a command of one process that was started as several ranks. It needs no MPI, but other ranks may have got another
+ * command and would wait for this one, so all ranks compare their commands first. */
 static int meet_others(char **argv, int *rank, struct kiln_error *error)
 {
     struct kiln_error own = {{0}};
@@ -374,14 +377,14 @@ static int meet_others(char **argv, int *rank, struct kiln_error *error)
     return status;
 }
 
-/* Or for the version. */
+/* Whether the command line asks for help or the version. */
 static bool asks_for_help(int argc, char **argv)
 {
     return argc < 2 || strcmp(argv[1], "help") == 0 || has_argument(argc, argv, "--help") ||
            has_argument(argc, argv, "-h") || has_argument(argc, argv, "--version");
 }
 
-/* Help and version need no job. Returns false when the command line asks for neither. */
+/* Prints help or the version, which need no job. Returns false if the command line asks for neither. */
 static bool answer_help(int argc, char **argv, int rank, int *status, struct kiln_error *error)
 {
     if (!asks_for_help(argc, argv))
@@ -405,7 +408,7 @@ static bool answer_help(int argc, char **argv, int rank, int *status, struct kil
         *status = kiln_command_unknown(name, error);
         return true;
     }
-    /* Without any argument the screen is shown too, but nothing was done. */
+    /* without any argument the help is shown too, but the status is that of an error */
     kiln_help(argc < 2 ? stderr : stdout, command);
     *status = argc < 2 ? kiln_fail(error, KILN_USAGE, "no command given") : flush_output(KILN_OK, error);
     return true;
@@ -420,9 +423,9 @@ static int run_command_line(int argc, char **argv)
     int rank = (int)launcher("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "SLURM_PROCID", 0);
     watch_departure(many, rank);
     const struct kiln_command *command = argc > 1 ? kiln_command_find(argv[1]) : NULL;
-    /* A bench that starts mpirun must not be in an MPI job of its own. */
+    /* a bench that starts mpirun must not start MPI itself */
     const bool starts_mpi = command != NULL && command->bit == KILN_FOR_BENCH && has_argument(argc, argv, "scaling");
-    const bool help = asks_for_help(argc, argv); /* is answered by one rank at once, whatever the others do */
+    const bool help = asks_for_help(argc, argv); /* rank 0 answers at once, whatever the other ranks do */
     const bool needs_mpi = command != NULL && command->mpi && !starts_mpi && !help;
     if (is_launched() && !needs_mpi && !starts_mpi && !help)
         status = meet_others(argv, &rank, &error);
@@ -430,7 +433,7 @@ static int run_command_line(int argc, char **argv)
         if (needs_mpi)
             return run_with_mpi(argc, argv, command, many, rank, &error);
         if (rank != 0)
-            return KILN_OK; /* one process does it */
+            return KILN_OK; /* rank 0 runs the command */
         if (command != NULL)
             status = run_alone(argc, argv, command, &json, &error);
         else

@@ -1,4 +1,5 @@
-/* kiln plan SCENE|JOB --ranks N: cells, balance, memory of a rank by purpose, time, disk, scaling; bakes nothing. */
+/* kiln plan SCENE|JOB --ranks N: predicts cells, balance, memory of a rank by purpose, time, disk space and scaling of
+ * a bake without baking. */
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
@@ -63,7 +64,7 @@ static json_t *disk_json(const struct kiln_plan *p)
                      (json_int_t)p->checkpoint_bytes);
 }
 
-/* Of each role of the integrator. */
+/* One value for each role of the integrator. */
 static json_t *roles_json(const struct kiln_integrator *integrator, const double values[KILN_ROLES_MAX])
 {
     json_t *all = json_object();
@@ -72,7 +73,7 @@ static json_t *roles_json(const struct kiln_integrator *integrator, const double
     return all;
 }
 
-/* How even the ranks' work is. */
+/* The imbalance of the ranks' work. */
 static json_t *balance_json(const struct kiln_integrator *integrator, const struct kiln_simulated_light *light)
 {
     return json_pack("{s:f, s:f, s:i, s:f, s:f, s:o, s:o, s:o}", "imbalance", light->imbalance, "imbalance_kept",
@@ -147,8 +148,8 @@ static void print_memory(const struct kiln_plan *p, const struct kiln_job *job)
                 {"light of own points", m->light},
                 {"probes", m->volume},
                 {"writing results", m->results},
-                {"moving, before these", m->moving},
-                {"a rank in all", m->total},
+                {"repartitioning, before these", m->moving},
+                {"a rank in total", m->total},
                 {"of its GPU", m->device}};
     (void)printf("memory of the fullest rank, MiB\n");
     for (size_t i = 0; i < sizeof rows / sizeof *rows - (m->device == 0); i++)
@@ -162,10 +163,9 @@ static void print_memory(const struct kiln_plan *p, const struct kiln_job *job)
 
 static void print_balance(const struct kiln_simulated_light *light)
 {
-    (void)printf("  moves      %10.2f s  shares are cut anew %u time%s by what points cost\n", light->move, light->cuts,
+    (void)printf("  moves      %10.2f s  points are repartitioned %u time%s by their cost\n", light->move, light->cuts,
                  light->cuts == 1 ? "" : "s");
-    (void)printf("  light is uneven by %.1f %%; %.1f %% if shares stayed as they are cut by points, and no rank helped "
-                 "another\n",
+    (void)printf("  imbalance of light %.1f %%; %.1f %% without repartitioning and work stealing\n",
                  100.0 * light->imbalance, 100.0 * light->kept);
 }
 
@@ -184,9 +184,9 @@ static void print_light(const struct kiln_plan *p)
 static void print_time(const struct kiln_plan *p)
 {
     const struct kiln_plan_seconds *s = &p->seconds;
-    (void)printf(
-        "time of the last rank with its cores to itself, from samples traced here in %.1f s (%u bounces assumed)\n",
-        p->calibration_seconds, p->bounces);
+    (void)printf("time of the slowest rank, if its cores do nothing else, from samples traced here in %.1f s (%u "
+                 "bounces assumed)\n",
+                 p->calibration_seconds, p->bounces);
     (void)printf("  before     %10.2f s  import %.2f, BVH %.2f, surface points %.2f, validity %.2f, emission %.2f\n",
                  s->import + s->world + s->surface + s->validity + s->emission, s->import, s->world, s->surface,
                  s->validity, s->emission);
@@ -203,7 +203,7 @@ static void print_time(const struct kiln_plan *p)
                  mebibytes(p->checkpoint_bytes));
 }
 
-/* What holds the last one of a curve back most, in words. */
+/* The cause that costs the last point of a curve most, as text. */
 static const char *limit_of(const struct kiln_scaled *first, const struct kiln_scaled *last, double work,
                             double *seconds)
 {
@@ -211,9 +211,9 @@ static const char *limit_of(const struct kiln_scaled *first, const struct kiln_s
     const struct {
         const char *name;
         double lost;
-    } losses[] = {{"what every rank does for itself or waits for (import, BVH)", last->once - share * first->once},
-                  {"telling every rank where all points lie", last->find - share * first->find},
-                  {"uneven shares of the cells, and moving them", idle + last->light.move},
+    } losses[] = {{"work that every rank repeats or waits for (import, BVH)", last->once - share * first->once},
+                  {"sending the positions of all points to every rank", last->find - share * first->find},
+                  {"uneven work of the ranks, and repartitioning", idle + last->light.move},
                   {"the exchange of radiosity", last->exchange - share * first->exchange},
                   {"writing the results", last->write - share * first->write}};
     size_t most = 0;
@@ -303,8 +303,9 @@ static void print_plan(const struct kiln_plan *p, const struct kiln_job *job)
     if (job->ranks > 1 || job->points > 0) {
         print_curve("strong", p->strong, p->curve_count, false);
         print_curve("weak", p->weak, p->curve_count, true);
-        (void)printf("\nuneven: light, of the last rank over the mean; kept: the same if shares stayed as they are cut "
-                     "by points, and no rank helped another\n");
+        (void)printf(
+            "\nuneven: time for light of the slowest rank / mean - 1; kept: the same without repartitioning and "
+            "work stealing\n");
     }
 }
 
@@ -335,12 +336,12 @@ int kiln_command_plan(struct kiln_job *job, struct kiln_error *error)
 {
     int rank, status = KILN_OK;
     (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
-    if (rank == 0) { /* one process plans for all */
+    if (rank == 0) { /* rank 0 plans for all */
         struct kiln_temporary temporary = {.descriptor = -1};
         struct stat there;
         if (job->output != NULL && stat(job->output, &there) == 0 && !S_ISDIR(there.st_mode))
-            status =
-                kiln_fail(error, KILN_CANNOT_CREATE, "--output %.500s is no folder: choose another name", job->output);
+            status = kiln_fail(error, KILN_CANNOT_CREATE, "--output %.500s is not a folder: choose another name",
+                               job->output);
         if (status == KILN_OK)
             status = kiln_temporary_make(&temporary, error);
         if (status == KILN_OK)

@@ -1,4 +1,4 @@
-/* kiln probe: irradiance at a place, from the volume of a bake. */
+/* kiln probe: prints the irradiance at a point, from the volume of a bake. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -118,7 +118,7 @@ static void print_text(const struct question *q, const struct answer *a, const s
     }
     (void)printf("validity %.3f, mean distance %.4g m\n", (double)a->light.validity, (double)a->light.mean_distance);
     if (a->outside)
-        (void)puts("the place is outside the volume: this is the light at the nearest place inside");
+        (void)puts("the point is outside the volume: this is the light at the nearest point inside");
 }
 
 int kiln_command_probe(struct kiln_job *job, struct kiln_error *error)

@@ -1,4 +1,4 @@
-/* kiln report: report.html of a finished bake. */
+/* kiln report: writes report.html of a finished bake. */
 #include "coordinator/view/report.h"
 
 #include <stdio.h>

@@ -13,11 +13,14 @@
 #include "coordinator/job/options.h"
 #include "worker/base/memory.h"
 
-enum { SAMPLES = 64, SAMPLE_BYTES = 1 << 16 }; /* of a file: files of up to 4 MiB are read whole */
+enum {
+    SAMPLES = 64,
+    SAMPLE_BYTES = 1 << 16
+}; /* samples of a file and bytes of a sample; a file of up to 4 MiB is read completely */
 
 static const char *const own_matters[] = {"threads", "device", "device-memory", "dispatch-time", "verbose"};
 
-/* Names and values in turn, each with its 0. */
+/* A list of names and values in turn, each ending with a zero byte. */
 struct list {
     char *text;
     size_t size, room;
@@ -44,7 +47,7 @@ static void add(struct list *list, const char *name, const char *value)
 
 /* ---- files ---- */
 
-/* Chained over samples that lie evenly in the file. */
+/* Hashes samples that lie at even distances in the file. */
 static bool hash_samples(int descriptor, uint64_t size, char *bytes, uint64_t *hash)
 {
     const uint64_t rest = size > SAMPLE_BYTES ? size - SAMPLE_BYTES : 0;
@@ -59,7 +62,7 @@ static bool hash_samples(int descriptor, uint64_t size, char *bytes, uint64_t *h
     return true;
 }
 
-/* Size and samples of the bytes, as text. */
+/* Formats the size of a file and the hash of its samples. */
 static void describe_file(struct list *list, const char *path, char *text, size_t size)
 {
     char *bytes = NULL;
@@ -100,7 +103,7 @@ static bool is_own_matter(const char *name)
     return false;
 }
 
-/* The scene comes first: other arguments and options may follow from it. */
+/* The scene comes first, since defaults of other options may depend on it. */
 static void add_job(struct list *list, const struct kiln_job *job)
 {
     const struct kiln_command *command = kiln_command_find(job->command);
@@ -138,7 +141,7 @@ static const char *next(const char *at, const char *end)
     return after < end ? after : NULL;
 }
 
-/* The first entry that this rank has otherwise than rank 0. Both lists are in the same order. */
+/* Reports the first entry that differs from that of rank 0. Both lists are in the same order. */
 static int compare(const struct list *own, const char *first, size_t first_size, struct kiln_error *error)
 {
     const char *a = own->text, *b = first, *a_end = own->text + own->size, *b_end = first + first_size;
@@ -173,7 +176,7 @@ static int compare(const struct list *own, const char *first, size_t first_size,
                      a != NULL ? "more" : "fewer");
 }
 
-/* Rank 0's list, on all. Collective. */
+/* Collective. Broadcasts the list of rank 0. */
 static int learn_first(MPI_Comm communicator, const struct list *own, char **first, uint64_t *size,
                        struct kiln_error *error)
 {

@@ -1,5 +1,5 @@
-/* Whether all ranks were started for the same thing: mpirun can give each a command of its own, nodes can have other
- * files or another build. */
+/* Job comparison: checks that all ranks were started with the same command, files and program. mpirun can give each
+ * rank a different command, and nodes can have different files or another build of kiln. */
 #ifndef KILN_COORDINATOR_CLI_SAME_JOB_H
 #define KILN_COORDINATOR_CLI_SAME_JOB_H
 
@@ -7,11 +7,13 @@
 
 #include "coordinator/job/job.h"
 
-/* Collective, the first thing after the job was read. KILN_USAGE on all ranks when they differ; the sentence names the
- * first rank that does, its host, in what, and both values. Compared with rank 0's are: the command and its arguments;
- * all its options, defaults too, but those that may well differ from node to node and change no light (--threads,
- * --device, --device-memory, --dispatch-time, --verbose); of a scene's file its name, size and 64 samples of its bytes;
- * kiln's version and executable; MPI's library. `job` NULL: only `command`, and the build. */
+/* Collective; to be called right after the job has been read. Returns KILN_USAGE on all ranks if a rank differs from
+ * rank 0. The message names the first such rank, its host, the difference and both values. Compared are: the command
+ * and its arguments; all options, including defaults, except those that may differ from node to node and do not affect
+ * the light
+ * (--threads, --device, --device-memory, --dispatch-time, --verbose); name, size and 64 samples of the bytes of the
+ * scene file; version and executable of kiln; the MPI library. With `job` NULL, only `command` and the build are
+ * compared. */
 int kiln_same_job(MPI_Comm communicator, const char *command, const struct kiln_job *job, struct kiln_error *error);
 
 #endif

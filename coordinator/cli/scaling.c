@@ -26,7 +26,7 @@ extern char **environ;
 
 enum { RUNS_MOST = 32, TEXT = 64, ARGUMENTS_MOST = 256 };
 
-/* One bake. */
+/* One bake of the bench. */
 struct run {
     bool weak;
     uint32_t ranks;
@@ -43,7 +43,7 @@ struct bench {
     uint32_t ranks[RUNS_MOST];
     size_t rank_count;
     uint32_t threads;
-    struct run runs[2 * RUNS_MOST]; /* strong ones, then weak ones */
+    struct run runs[2 * RUNS_MOST]; /* strong scaling, then weak scaling */
 };
 
 /* ---- what to run ---- */
@@ -57,20 +57,22 @@ static int read_ranks(struct bench *b, struct kiln_error *error)
         const bool ascends = b->rank_count == 0 || value > b->ranks[b->rank_count - 1];
         if (end == at || (*end != ',' && *end != '\0') || value < 1 || value > 65536 || !ascends ||
             b->rank_count == RUNS_MOST)
-            return kiln_fail(error, KILN_USAGE, "--ranks takes ascending numbers like 1,2,4 (%d at most), not '%.100s'",
-                             RUNS_MOST, text);
+            return kiln_fail(error, KILN_USAGE,
+                             "--ranks takes ascending numbers such as 1,2,4 (%d at most), not '%.100s'", RUNS_MOST,
+                             text);
         b->ranks[b->rank_count++] = (uint32_t)value;
         at = *end == ',' ? end + 1 : end;
     }
-    return b->rank_count > 0 ? KILN_OK
-                             : kiln_fail(error, KILN_USAGE, "--ranks takes ascending numbers like 1,2,4, not nothing");
+    return b->rank_count > 0
+               ? KILN_OK
+               : kiln_fail(error, KILN_USAGE, "--ranks is empty; it takes ascending numbers such as 1,2,4");
 }
 
 static int find_program(struct bench *b, struct kiln_error *error)
 {
     const ssize_t length = readlink("/proc/self/exe", b->program, sizeof b->program - 1);
     if (length <= 0)
-        return kiln_fail_errno(error, KILN_SYSTEM, "where kiln lies cannot be found out");
+        return kiln_fail_errno(error, KILN_SYSTEM, "the path of the running kiln cannot be found");
     b->program[length] = '\0';
     return KILN_OK;
 }
@@ -94,7 +96,7 @@ static void push(struct arguments *a, const char *text)
         memcpy(a->text[a->count++], text, strlen(text) + 1);
 }
 
-/* As kiln_option_set understands it. */
+/* Formats the value of an option so that kiln_option_set can parse it. */
 static void value_text(const struct kiln_job *job, const struct kiln_option *option, char *text, size_t size)
 {
     const char *at = (const char *)job + option->offset;
@@ -151,7 +153,7 @@ static void push_option(struct arguments *a, const struct kiln_job *job, const s
     push(a, value);
 }
 
-/* What was given to the bench and means something to bake. */
+/* Passes on the options that were given to the bench and that bake also has. */
 static void push_given(struct arguments *a, const struct kiln_job *job)
 {
     static const char *const own[] = {"output", "threads", "texels-per-metre", "json", "quiet", "verbose"};
@@ -173,7 +175,7 @@ static void push_number(struct arguments *a, const char *name, const char *forma
     push(a, text);
 }
 
-/* density 0: as the scene or the options say. */
+/* A density of 0 leaves it to the scene and the options. */
 static void make_command(const struct bench *b, const struct run *run, const char *folder, struct arguments *a)
 {
     push(a, "mpirun");
@@ -191,7 +193,8 @@ static void make_command(const struct bench *b, const struct run *run, const cha
     push_given(a, b->job);
 }
 
-/* With `signals` as they were before, and stdout on our stderr: ours is for the result. */
+/* Starts a process with the signal mask `signals`, and with its stdout on our stderr, since our stdout is for the
+ * result. */
 static int start(struct arguments *a, const sigset_t *signals, pid_t *process, struct kiln_error *error)
 {
     posix_spawn_file_actions_t actions;
@@ -216,9 +219,9 @@ static int start(struct arguments *a, const sigset_t *signals, pid_t *process, s
     return status;
 }
 
-/* Waits for a process while the signals of `set`, SIGCHLD among them, are blocked. What asks this one to end is passed
- * on: mpirun would go on alone. Returns the process's exit status as waitpid has it; *asked is the last signal, or 0.
- */
+/* Waits for a process while the signals of `set`, including SIGCHLD, are blocked. Signals that ask this process to end
+ * are passed on, since mpirun would continue without it. Returns the exit status of waitpid; *asked is the last such
+ * signal, or 0. */
 static int wait_for(pid_t process, const sigset_t *set, int *asked)
 {
     int exit_status = 0;
@@ -257,7 +260,7 @@ static int run_command(struct arguments *a, struct kiln_error *error)
     if (code == KILN_OK)
         return KILN_OK;
     return kiln_fail(error, code >= KILN_USAGE && code <= KILN_SITE ? code : KILN_SYSTEM,
-                     "the bake with %s rank(s) failed with %d: its own words are above", a->text[2], code);
+                     "the bake with %s rank(s) failed with %d: its own message is above", a->text[2], code);
 }
 
 /* ---- results ---- */
@@ -326,7 +329,7 @@ static double light_of(const struct run *run)
            phase_of(run, "exchange") + phase_of(run, "probes");
 }
 
-/* Seconds that the run would take if nothing were lost against the first one, for a time of it. */
+/* Ideal time of a run, given the time of the first run: as if nothing were lost by more ranks. */
 static double ideal(const struct run *first, const struct run *run, double seconds)
 {
     const double work = first->points > 0.0 ? run->points / first->points : 1.0;
@@ -340,7 +343,7 @@ static void rate(const struct run *first, struct run *run)
     run->light_efficiency = light > 0.0 ? ideal(first, run, light_of(first)) / light : 1.0;
 }
 
-/* Strong ones first; the first bake is also the first weak one. */
+/* Runs the bakes of strong scaling first; the first bake also counts for weak scaling. */
 static int bake_all(struct bench *b, struct kiln_error *error)
 {
     const size_t n = b->rank_count;
@@ -401,7 +404,7 @@ static int write_plot(const struct bench *b, struct kiln_error *error)
                             (const double *const[]){values[0], values[1], values[2], values[3]}, n, error);
 }
 
-/* The phase that lost most against the first run, and how much. */
+/* The phase that loses most time relative to the first run; *lost receives the seconds. */
 static const char *worst_phase(const struct run *first, const struct run *run, double *lost)
 {
     const char *name = "nothing";

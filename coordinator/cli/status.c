@@ -1,4 +1,4 @@
-/* kiln status DIR: where a bake is, whether it is alive, what to do next. */
+/* kiln status DIR: prints the progress of a bake, whether it is alive, and what to do next. */
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
@@ -14,7 +14,7 @@
 #include "coordinator/files/publish.h"
 #include "worker/base/text.h"
 
-/* What is known, and in one word what that means: running, lost, stopped, failed, done. */
+/* What is known about the bake, and its state: running, lost, stopped, failed or done. */
 struct found {
     struct kiln_bake_status status;
     const char *state;

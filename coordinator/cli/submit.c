@@ -1,4 +1,4 @@
-/* kiln submit: bakes as jobs of a Slurm cluster. */
+/* kiln submit: submits bakes as jobs to a Slurm cluster. */
 #include <errno.h>
 #include <glob.h>
 #include <stdlib.h>
@@ -15,18 +15,18 @@
 
 struct submission {
     struct kiln_job *job; /* owns the strings */
-    glob_t found;         /* of --array */
+    glob_t found;         /* files that match --array */
     bool globbed;
     char folder[KILN_PATH_SIZE], program[KILN_PATH_SIZE], mpirun[KILN_PATH_SIZE];
     struct kiln_batch_item *items;
     struct kiln_batch batch;
-    bool embree; /* a job wants no GPU */
+    bool embree; /* a job file names the backend embree, which needs no GPU */
     char *script;
     size_t script_length;
     char *id;
 };
 
-/* `path`, absolute, owned by the job. */
+/* Makes the path absolute; the job owns it. */
 static int keep_absolute(struct submission *s, const char *path, const char **kept, struct kiln_error *error)
 {
     char *copy = NULL;
@@ -35,8 +35,7 @@ static int keep_absolute(struct submission *s, const char *path, const char **ke
     return status;
 }
 
-/* Parses the bake as `kiln bake` will, so that a wrong job file is refused now and not when it comes up in the queue.
- */
+/* Parses the job as `kiln bake` will, so that a wrong job file is refused now and not when the job starts. */
 static int read_item(struct submission *s, const char *path, struct kiln_batch_item *item, struct kiln_error *error)
 {
     char bake[] = "bake", output[] = "--output", end[] = "--";
@@ -71,7 +70,7 @@ static int find_array(struct submission *s, struct kiln_error *error)
                         : kiln_fail(error, KILN_NO_INPUT, "--array: no file is called '%.500s'", s->job->array);
 }
 
-/* Two bakes in one folder would each take the other's checkpoints for its own. */
+/* Refuses two bakes into the same folder, since each would use the other's checkpoints. */
 static int check_outputs(const struct submission *s, struct kiln_error *error)
 {
     for (size_t i = 0; i < s->batch.item_count; i++)
@@ -98,8 +97,8 @@ static int read_items(struct submission *s, struct kiln_error *error)
     return status != KILN_OK ? status : check_outputs(s, error);
 }
 
-/* What the script starts: the launcher of a relocatable folder and the mpirun beside it, or this program and the one in
- * PATH. */
+/* Finds the program that the batch script starts: the launcher of a relocatable folder with its own mpirun, or this
+ * program with the mpirun in PATH. */
 static int find_program(struct submission *s, struct kiln_error *error)
 {
     if (getcwd(s->folder, sizeof s->folder) == NULL)

@@ -1,4 +1,4 @@
-/* kiln verify DIR: whether every file of a finished bake is as it was written, and holds what it can hold. */
+/* kiln verify DIR: checks that every file of a finished bake is as it was written, and that its values are in range. */
 #include <jansson.h>
 #include <omp.h>
 #include <stdio.h>
@@ -17,7 +17,7 @@ struct verdict {
     struct kiln_error error;
 };
 
-/* Only what is as it was written is looked into, by a reader of the thread's own. */
+/* Checks one file: its hash first and then, if that is right, its values, with the reader of this thread. */
 static void check_file(const struct kiln_results *results, const struct kiln_manifest_file *file,
                        struct kiln_reader *reader, struct verdict *verdict)
 {

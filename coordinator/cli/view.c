@@ -1,4 +1,4 @@
-/* kiln view: a picture of a finished bake. */
+/* kiln view: renders a picture of a finished bake. */
 #include "coordinator/view/view.h"
 
 #include <stdio.h>
@@ -13,6 +13,7 @@
 #include "coordinator/bake/devices.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/output_name.h"
+#include "coordinator/field/field.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/field/units.h"
@@ -25,7 +26,43 @@ struct view {
     struct kiln_lights *lights;
     struct kiln_backend *backend;
     struct kiln_picture picture;
+    bool texels;                    /* --show */
+    const struct kiln_field *field; /* --show; NULL: no single one */
 };
+
+/* What --show asks for. */
+static int read_show(struct view *v, const char *name, struct kiln_error *error)
+{
+    char list[256] = "light, texels";
+    size_t rows;
+    const struct kiln_field *table = kiln_fields(&rows);
+    v->texels = strcmp(name, "texels") == 0;
+    if (v->texels || strcmp(name, "light") == 0)
+        return KILN_OK;
+    v->field = kiln_field_shown(name);
+    for (size_t i = 0; i < rows; i++) {
+        const size_t used = strlen(list);
+        if (table[i].channels != NULL)
+            (void)snprintf(list + used, sizeof list - used, ", %s", kiln_field_shown_name(&table[i]));
+    }
+    return v->field != NULL
+               ? KILN_OK
+               : kiln_fail(error, KILN_USAGE, "--show %.100s: there is nothing of that name to show; there is: %s",
+                           name, list);
+}
+
+static const char *quantity_of(const struct view *v)
+{
+    return v->texels ? "a checkerboard of texels" : v->field != NULL ? v->field->description : "radiance";
+}
+
+static const char *unit_of(const struct view *v)
+{
+    const struct kiln_units *units = kiln_units_of_bake(v->results);
+    if (v->field == NULL)
+        return units->radiance;
+    return v->field->unit != NULL ? v->field->unit : units->irradiance;
+}
 
 static int open_scene(struct view *v, const struct kiln_job *job, const char *directory, struct kiln_error *error)
 {
@@ -53,7 +90,7 @@ static int read_point(const char *option, const char *text, double point[3], str
 {
     char after;
     if (sscanf(text, "%lf,%lf,%lf%c", &point[0], &point[1], &point[2], &after) != 3)
-        return kiln_fail(error, KILN_USAGE, "--%s %s: three numbers with commas between are wanted, such as 1,1.5,3",
+        return kiln_fail(error, KILN_USAGE, "--%s %s: it must be three numbers separated by commas, such as 1,1.5,3",
                          option, text);
     return KILN_OK;
 }
@@ -69,7 +106,8 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
                                             .geometry = v->geometry,
                                             .lights = v->lights,
                                             .backend = v->backend,
-                                            .texels = job->show_texels};
+                                            .texels = v->texels,
+                                            .field = v->field};
     int status = KILN_OK;
     if (job->from != NULL && (status = read_point("from", job->from, from, error)) == KILN_OK)
         wish.from = from;
@@ -78,7 +116,7 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
     return status == KILN_OK ? kiln_picture_make(&source, &wish, 4, &v->picture, error) : status;
 }
 
-/* By whether metals (1) and backs without a lightmap of their own (2) are in the picture. */
+/* Approximations in the picture, by bits: 1, it shows metals; 2, it shows backs that have no lightmap. */
 static const char *const approximations[] = {"", "metals: base colour x irradiance / pi",
                                              "backs: the front's irradiance",
                                              "metals: base colour x irradiance / pi; backs: the front's irradiance"};
@@ -87,16 +125,15 @@ static int write_picture(const struct view *v, const struct kiln_job *job, const
 {
     const char *dot = strrchr(path, '.');
     char viewpoint[KILN_VIEWPOINT_TEXT];
-    const char *approximate = approximations[(v->picture.shares.metal > 0.0) + 2 * (v->picture.shares.lent > 0.0)];
+    const char *approximate =
+        approximations[(v->picture.approximate.metal > 0.0) + 2 * (v->picture.approximate.front_light > 0.0)];
     if (dot != NULL && strcasecmp(dot, ".png") == 0)
         return kiln_picture_write(NULL, path, &v->picture, job->exposure, error);
     kiln_viewpoint_text(&v->picture.viewpoint, viewpoint);
     const struct kiln_exr_attribute attributes[] = {
         {.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
-        {.name = "kiln:quantity",
-         .kind = KILN_EXR_STRING,
-         .text = job->show_texels ? "a checkerboard of texels" : "radiance"},
-        {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = kiln_units_of_bake(v->results)->radiance},
+        {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = quantity_of(v)},
+        {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = unit_of(v)},
         {.name = "kiln:viewpoint", .kind = KILN_EXR_STRING, .text = viewpoint},
         {.name = "kiln:approximate", .kind = KILN_EXR_STRING, .text = approximate}};
     const size_t count = sizeof attributes / sizeof *attributes - (approximate[0] != '\0' ? 0 : 1);
@@ -128,7 +165,7 @@ static int tell(const struct kiln_job *job, const struct view *v, const char *pa
         return KILN_OK;
     kiln_picture_text(&v->picture, job->exposure, text);
     kiln_print(stdout, "%s: %u x %u pixels\n", path, image->width, image->height);
-    (void)puts(text); /* some lines, whose names are plain */
+    (void)puts(text); /* several lines; the names in them have no control characters */
     return KILN_OK;
 }
 
@@ -142,6 +179,8 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
         status = kiln_path_join(fallback, directory, "view.png", error);
         path = fallback;
     }
+    if (status == KILN_OK)
+        status = read_show(&v, job->show, error);
     if (status == KILN_OK)
         status = check_extension(path, error);
     const struct kiln_output_name name = {.option = "--output", .path = path, .bakes = {directory}};

@@ -25,7 +25,7 @@ static json_t *name_of(const struct own *o, uint32_t offset)
 
 static void add_texture(struct own *o, const struct kiln_texture *t)
 {
-    static const int wraps[] = {10497, 33071, 33648}; /* in the order of enum kiln_wrap */
+    static const int wraps[] = {10497, 33071, 33648}; /* in the order of KILN_WRAP_REPEAT ... */
     char *png = NULL;
     size_t size = 0;
     unsigned char *bytes;

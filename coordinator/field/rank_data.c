@@ -6,45 +6,13 @@
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
-/* Which memory an array lies in. */
-enum place { OF_SURFACE, OF_RESULTS, OF_WORK, PLACES };
+/* What lies in memory of its own, life by life, and what that is called in messages. */
+enum { LIVES = KILN_FIELD_STEP + 1 };
+static const char *const purposes[LIVES] = {[KILN_FIELD_SURFACE] = "the surface points",
+                                            [KILN_FIELD_RESULT] = "irradiance",
+                                            [KILN_FIELD_STEP] = "the radiosity of a bounce"};
 
-/* How many elements an array has. */
-enum length { ONE_A_UNIT, ONE_MORE, ONE_IN_ALL };
-
-struct array {
-    size_t offset; /* of its pointer in struct kiln_rank_data */
-    size_t size;
-    enum kiln_domain unit;
-    enum length length;
-    enum place place;
-};
-
-#define AT(member) offsetof(struct kiln_rank_data, member)
-#define SIZE(member) sizeof *((struct kiln_rank_data *)NULL)->member
-
-static const struct array arrays[] = {
-    {AT(surface.tile_runs), SIZE(surface.tile_runs), KILN_DOMAIN_TILE_RUN, ONE_A_UNIT, OF_SURFACE},
-    {AT(surface.piece_base), SIZE(surface.piece_base), KILN_DOMAIN_TILE_RUN, ONE_MORE, OF_SURFACE},
-    {AT(surface.area_cdf_base), SIZE(surface.area_cdf_base), KILN_DOMAIN_TILE_RUN, ONE_MORE, OF_SURFACE},
-    {AT(surface.piece_count), SIZE(surface.piece_count), KILN_DOMAIN_POINT, ONE_A_UNIT, OF_SURFACE},
-    {AT(surface.pieces), SIZE(surface.pieces), KILN_DOMAIN_PIECE, ONE_A_UNIT, OF_SURFACE},
-    {AT(surface.area_cdf), SIZE(surface.area_cdf), KILN_DOMAIN_AREA_CDF, ONE_A_UNIT, OF_SURFACE},
-    {AT(surface.albedo), 3 * SIZE(surface.albedo), KILN_DOMAIN_POINT, ONE_A_UNIT, OF_SURFACE},
-    {AT(surface.area), SIZE(surface.area), KILN_DOMAIN_POINT, ONE_A_UNIT, OF_SURFACE},
-    {AT(surface.visible), SIZE(surface.visible), KILN_DOMAIN_POINT, ONE_A_UNIT, OF_SURFACE},
-    {AT(direct), 3 * SIZE(direct), KILN_DOMAIN_POINT, ONE_A_UNIT, OF_RESULTS},
-    {AT(sum), 3 * SIZE(sum), KILN_DOMAIN_POINT, ONE_A_UNIT, OF_RESULTS},
-    {AT(error), SIZE(error), KILN_DOMAIN_POINT, ONE_A_UNIT, OF_RESULTS},
-    {AT(next), SIZE(next), KILN_DOMAIN_POINT, ONE_A_UNIT, OF_WORK},
-    {AT(cost), SIZE(cost), KILN_DOMAIN_TILE_RUN, ONE_A_UNIT, OF_WORK},
-    {AT(queue), SIZE(queue), KILN_DOMAIN_TILE_RUN, ONE_IN_ALL, OF_WORK},
-};
-enum { ARRAYS = sizeof arrays / sizeof *arrays };
-
-static const char *const purposes[PLACES] = {"the surface points", "irradiance", "the radiosity of a bounce"};
-
-/* Of a share; what the ranks of a node tell each other. */
+/* The range of one rank, as the ranks of a node tell it each other. */
 struct extent {
     uint64_t first; /* point */
     uint64_t count[KILN_DOMAINS];
@@ -54,145 +22,186 @@ struct kiln_node_data {
     struct kiln_node_memory *node; /* NULL: nothing is lent */
     struct kiln_surface *surface;
     int count, own;
-    struct kiln_node_parts *parts[PLACES]; /* NULL: of the surface, as it was built */
-    struct kiln_rank_data *share;          /* count */
-    struct extent *extents;                /* count */
+    struct kiln_field_set fields;
+    uint64_t *radiosity;                  /* of all points, borrowed; NULL: not known yet */
+    struct kiln_node_parts *parts[LIVES]; /* NULL: of the surface, as it was built */
+    struct kiln_rank_data *data;          /* count */
+    struct extent *extents;               /* count */
 };
 
-static size_t length_of(const struct array *array, const struct extent *e)
+/* Where the pointer to a field's array stands. */
+static size_t pointer_offset(const struct kiln_field_set *fields, size_t index)
 {
-    return array->length == ONE_IN_ALL ? 1 : (size_t)e->count[array->unit] + (array->length == ONE_MORE ? 1 : 0);
+    const size_t member = fields->entry[index].field->member;
+    return member != 0 ? member : offsetof(struct kiln_rank_data, more) + index * sizeof(void *);
 }
 
-static void *pointer_at(const struct kiln_rank_data *share, const struct array *array)
+void *kiln_rank_field(const struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index)
 {
     void *pointer;
-    memcpy(&pointer, (const char *)share + array->offset, sizeof pointer);
+    memcpy(&pointer, (const char *)data + pointer_offset(fields, index), sizeof pointer);
     return pointer;
 }
 
-static void set_pointer(struct kiln_rank_data *share, const struct array *array, void *pointer)
+static void set_pointer(struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index, void *pointer)
 {
-    memcpy((char *)share + array->offset, &pointer, sizeof pointer);
+    memcpy((char *)data + pointer_offset(fields, index), &pointer, sizeof pointer);
 }
 
-/* Points the share's arrays of a place into the part that begins at `base` (NULL: does not); gives the bytes that they
+void kiln_rank_floats(const struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index,
+                      uint64_t own, float floats[KILN_FIELD_COMPONENTS_MAX])
+{
+    const struct kiln_field_entry *entry = &fields->entry[index];
+    if (entry->field->life != KILN_FIELD_SUM) {
+        kiln_field_floats(entry->field, kiln_rank_field(data, fields, index), own, floats);
+        return;
+    }
+    float second[KILN_FIELD_COMPONENTS_MAX];
+    kiln_rank_floats(data, fields, entry->terms[0], own, floats);
+    kiln_rank_floats(data, fields, entry->terms[1], own, second);
+    for (uint32_t c = 0; c < entry->field->components; c++)
+        floats[c] += second[c];
+}
+
+/* Points a rank's arrays of one life into the part that begins at `base` (NULL: does not); gives the bytes that they
  * take. */
-static size_t lay_out(struct kiln_rank_data *share, const struct extent *extent, enum place place, char *base)
+static size_t lay_out(struct kiln_rank_data *data, const struct kiln_field_set *fields, const struct extent *extent,
+                      enum kiln_field_life life, char *base)
 {
     size_t at = 0;
-    for (int i = 0; i < ARRAYS; i++) {
-        if (arrays[i].place != place)
+    for (size_t i = 0; i < fields->count; i++) {
+        const struct kiln_field *field = fields->entry[i].field;
+        if (field->life != life)
             continue;
         if (base != NULL)
-            set_pointer(share, &arrays[i], base + at);
-        at += (length_of(&arrays[i], extent) * arrays[i].size + 63) / 64 * 64;
+            set_pointer(data, fields, i, base + at);
+        at += ((size_t)kiln_field_count(field, extent->count) * kiln_field_size(field) + 63) / 64 * 64;
     }
     return at;
 }
 
 /* ---- making ---- */
 
-/* Collective on the node. Makes a part for each of the node's arrays of a place, and points all shares there. */
-static int make_parts(struct kiln_node_data *s, enum place place, struct kiln_error *error)
+/* Collective on the node. Makes a part for each of the node's ranks, and points the arrays of one life there. */
+static int make_parts(struct kiln_node_data *d, enum kiln_field_life life, struct kiln_error *error)
 {
-    const size_t bytes = lay_out(NULL, &s->extents[s->own], place, NULL);
-    const int status = kiln_node_parts_create(&s->parts[place], s->node, bytes, purposes[place], error);
-    for (int i = 0; i < s->count && status == KILN_OK; i++)
-        (void)lay_out(&s->share[i], &s->extents[i], place, kiln_node_part(s->parts[place], i));
+    const size_t bytes = lay_out(NULL, &d->fields, &d->extents[d->own], life, NULL);
+    const int status = kiln_node_parts_create(&d->parts[life], d->node, bytes, purposes[life], error);
+    for (int i = 0; i < d->count && status == KILN_OK; i++)
+        (void)lay_out(&d->data[i], &d->fields, &d->extents[i], life, kiln_node_part(d->parts[life], i));
     return status;
 }
 
-static void keep_to_oneself(struct kiln_node_data *s)
+static void keep_to_oneself(struct kiln_node_data *d)
 {
-    s->extents[0] = s->extents[s->own];
-    s->share[0] = s->share[s->own];
-    s->node = NULL;
-    s->count = 1;
-    s->own = 0;
+    d->extents[0] = d->extents[d->own];
+    d->data[0] = d->data[d->own];
+    d->node = NULL;
+    d->count = 1;
+    d->own = 0;
 }
 
-/* Collective on the node. The same where the node's memory has no room, but then each rank for itself. */
-static int make_somewhere(struct kiln_node_data *s, enum place place, struct kiln_error *error)
+/* Collective on the node. The same, in each rank's own memory where the node's has no room. */
+static int make_somewhere(struct kiln_node_data *d, enum kiln_field_life life, struct kiln_error *error)
 {
-    if (s->node != NULL && make_parts(s, place, NULL) == KILN_OK)
+    if (d->node != NULL && make_parts(d, life, NULL) == KILN_OK)
         return KILN_OK;
-    keep_to_oneself(s);
-    return make_parts(s, place, error);
+    keep_to_oneself(d);
+    return make_parts(d, life, error);
+}
+
+static void point_to_radiosity(struct kiln_node_data *d)
+{
+    for (int i = 0; i < d->count; i++)
+        d->data[i].source = d->radiosity != NULL ? d->radiosity + d->extents[i].first : NULL;
+}
+
+void kiln_node_data_set_radiosity(struct kiln_node_data *d, uint64_t *radiosity)
+{
+    d->radiosity = radiosity;
+    point_to_radiosity(d);
 }
 
 /* Collective on the node. All its ranks' extents, and views of the right lengths. */
-static void learn_extents(struct kiln_node_data *s, const struct extent *own)
+static void learn_extents(struct kiln_node_data *d, const struct extent *own)
 {
-    if (s->node == NULL)
-        s->extents[0] = *own;
+    if (d->node == NULL)
+        d->extents[0] = *own;
     else
-        (void)MPI_Allgather(own, sizeof *own, MPI_BYTE, s->extents, sizeof *own, MPI_BYTE,
-                            kiln_node_communicator(s->node));
-    for (int i = 0; i < s->count; i++) {
-        struct kiln_surface *view = &s->share[i].surface;
-        *view = *s->surface;
-        view->first = s->extents[i].first;
-        view->count = s->extents[i].count[KILN_DOMAIN_POINT];
-        view->tile_run_count = (size_t)s->extents[i].count[KILN_DOMAIN_TILE_RUN];
+        (void)MPI_Allgather(own, sizeof *own, MPI_BYTE, d->extents, sizeof *own, MPI_BYTE,
+                            kiln_node_communicator(d->node));
+    for (int i = 0; i < d->count; i++) {
+        struct kiln_surface *view = &d->data[i].surface;
+        *view = *d->surface;
+        view->first = d->extents[i].first;
+        view->count = d->extents[i].count[KILN_DOMAIN_POINT];
+        view->tile_run_count = (size_t)d->extents[i].count[KILN_DOMAIN_TILE_RUN];
     }
+    point_to_radiosity(d);
+}
+
+static bool is_of_surface(const struct kiln_node_data *d, size_t index)
+{
+    return d->fields.entry[index].field->life == KILN_FIELD_SURFACE;
 }
 
 /* Of a surface that was not in parts before. */
-static void free_surface(struct kiln_rank_data *share)
+static void free_surface(const struct kiln_node_data *d, struct kiln_rank_data *data)
 {
-    for (int i = 0; i < ARRAYS; i++)
-        if (arrays[i].place == OF_SURFACE) {
-            void *old = pointer_at(share, &arrays[i]);
+    for (size_t i = 0; i < d->fields.count; i++)
+        if (is_of_surface(d, i)) {
+            void *old = kiln_rank_field(data, &d->fields, i);
             kiln_free(&old);
         }
 }
 
-/* The surface has its arrays where this rank's share has them. */
-static void take_over_surface(struct kiln_node_data *s)
+/* The surface's arrays are now where this rank's data has them. */
+static void take_over_surface(struct kiln_node_data *d)
 {
-    *s->surface = s->share[s->own].surface;
-    s->surface->own_is_borrowed = true;
+    *d->surface = d->data[d->own].surface;
+    d->surface->own_is_borrowed = true;
 }
 
-/* Collective on the node. The surface as it was built to memory of the node, one array after the other, so that little
- * is there twice. */
-static void lend_surface(struct kiln_node_data *s)
+/* Collective on the node. Moves the surface, as it was built, to memory of the node: one array after the other, so that
+ * little is there twice. */
+static void lend_surface(struct kiln_node_data *d)
 {
-    struct kiln_rank_data before = {.surface = *s->surface};
-    if (s->node == NULL || make_parts(s, OF_SURFACE, NULL) != KILN_OK) {
-        keep_to_oneself(s);
+    struct kiln_rank_data before = {.surface = *d->surface};
+    if (d->node == NULL || make_parts(d, KILN_FIELD_SURFACE, NULL) != KILN_OK) {
+        keep_to_oneself(d);
         return;
     }
-    for (int i = 0; i < ARRAYS; i++) {
-        if (arrays[i].place != OF_SURFACE)
+    for (size_t i = 0; i < d->fields.count; i++) {
+        const struct kiln_field *field = d->fields.entry[i].field;
+        if (!is_of_surface(d, i))
             continue;
-        void *old = pointer_at(&before, &arrays[i]);
-        memcpy(pointer_at(&s->share[s->own], &arrays[i]), old,
-               length_of(&arrays[i], &s->extents[s->own]) * arrays[i].size);
+        void *old = kiln_rank_field(&before, &d->fields, i);
+        memcpy(kiln_rank_field(&d->data[d->own], &d->fields, i), old,
+               (size_t)kiln_field_count(field, d->extents[d->own].count) * kiln_field_size(field));
         kiln_free(&old);
     }
-    take_over_surface(s);
+    take_over_surface(d);
 }
 
 /* Collective on the node. */
-static int make_results(struct kiln_node_data *s, struct kiln_error *error)
+static int make_results(struct kiln_node_data *d, struct kiln_error *error)
 {
-    const int status = make_somewhere(s, OF_RESULTS, error);
-    return status == KILN_OK ? make_somewhere(s, OF_WORK, error) : status;
+    const int status = make_somewhere(d, KILN_FIELD_RESULT, error);
+    return status == KILN_OK ? make_somewhere(d, KILN_FIELD_STEP, error) : status;
 }
 
-int kiln_node_data_create(struct kiln_node_data **shares, struct kiln_node_memory *node, struct kiln_surface *surface,
-                          bool lend, struct kiln_error *error)
+int kiln_node_data_create(struct kiln_node_data **node_data, struct kiln_node_memory *node,
+                          struct kiln_surface *surface, const struct kiln_field_set *fields, bool lend,
+                          struct kiln_error *error)
 {
     const int ranks = kiln_node_ranks(node);
-    struct kiln_node_data *s = NULL;
-    *shares = NULL;
-    int status = kiln_allocate(&s, 1, sizeof *s, "the shares of a node", error);
+    struct kiln_node_data *d = NULL;
+    *node_data = NULL;
+    int status = kiln_allocate(&d, 1, sizeof *d, "the data of a node's ranks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->share, (size_t)ranks, sizeof *s->share, "the shares of a node", error);
+        status = kiln_allocate(&d->data, (size_t)ranks, sizeof *d->data, "the data of a node's ranks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->extents, (size_t)ranks, sizeof *s->extents, "the shares of a node", error);
+        status = kiln_allocate(&d->extents, (size_t)ranks, sizeof *d->extents, "the data of a node's ranks", error);
     if (status == KILN_OK && surface->tile_run_count >= UINT32_MAX)
         status = kiln_fail(error, KILN_SYSTEM, "%zu pieces of lightmap tiles are too many for one rank: use more ranks",
                            surface->tile_run_count);
@@ -202,70 +211,72 @@ int kiln_node_data_create(struct kiln_node_data **shares, struct kiln_node_memor
                                    {surface->tile_run_count, surface->count,
                                     surface->piece_base[surface->tile_run_count],
                                     surface->area_cdf_base[surface->tile_run_count]}};
-        s->surface = surface;
-        s->count = 1;
+        d->surface = surface;
+        d->fields = *fields;
+        d->count = 1;
         if (lend && ranks > 1) {
-            s->node = node;
-            s->count = ranks;
-            s->own = kiln_node_rank(node);
+            d->node = node;
+            d->count = ranks;
+            d->own = kiln_node_rank(node);
         }
-        learn_extents(s, &own);
-        lend_surface(s);
-        status = kiln_agree(kiln_node_communicator(node), make_results(s, error), error);
+        learn_extents(d, &own);
+        lend_surface(d);
+        status = kiln_agree(kiln_node_communicator(node), make_results(d, error), error);
     }
-    *shares = s;
+    *node_data = d;
     if (status != KILN_OK)
-        kiln_node_data_destroy(shares);
+        kiln_node_data_destroy(node_data);
     return status;
 }
 
-void kiln_node_data_end(struct kiln_node_data *shares) { kiln_node_parts_destroy(&shares->parts[OF_WORK]); }
+void kiln_node_data_end(struct kiln_node_data *d) { kiln_node_parts_destroy(&d->parts[KILN_FIELD_STEP]); }
 
-void kiln_node_data_destroy(struct kiln_node_data **shares)
+void kiln_node_data_destroy(struct kiln_node_data **node_data)
 {
-    struct kiln_node_data *s = *shares;
-    if (s == NULL)
+    struct kiln_node_data *d = *node_data;
+    if (d == NULL)
         return;
-    for (int place = PLACES - 1; place >= 0; place--)
-        kiln_node_parts_destroy(&s->parts[place]);
-    kiln_free(&s->share);
-    kiln_free(&s->extents);
-    kiln_free(shares);
+    for (int life = LIVES - 1; life >= 0; life--)
+        kiln_node_parts_destroy(&d->parts[life]);
+    kiln_free(&d->data);
+    kiln_free(&d->extents);
+    kiln_free(node_data);
 }
 
-/* ---- moving ---- */
+/* ---- redistribution ---- */
 
-int kiln_range_bounds_create(struct kiln_range_bounds *cuts, int ranks, struct kiln_error *error)
+int kiln_range_bounds_create(struct kiln_range_bounds *bounds, int ranks, struct kiln_error *error)
 {
     int status = KILN_OK;
     for (int u = 0; u < KILN_DOMAINS && status == KILN_OK; u++)
-        status = kiln_allocate(&cuts->of[u], (size_t)ranks + 1, sizeof *cuts->of[u], "the shares of all ranks", error);
+        status =
+            kiln_allocate(&bounds->of[u], (size_t)ranks + 1, sizeof *bounds->of[u], "the ranges of all ranks", error);
     return status;
 }
 
-void kiln_range_bounds_destroy(struct kiln_range_bounds *cuts)
+void kiln_range_bounds_destroy(struct kiln_range_bounds *bounds)
 {
     for (int u = 0; u < KILN_DOMAINS; u++)
-        kiln_free(&cuts->of[u]);
+        kiln_free(&bounds->of[u]);
 }
 
-int kiln_node_data_bounds(const struct kiln_node_data *s, MPI_Comm communicator, struct kiln_range_bounds *cuts,
+int kiln_node_data_bounds(const struct kiln_node_data *d, MPI_Comm communicator, struct kiln_range_bounds *bounds,
                           struct kiln_error *error)
 {
     int ranks;
     (void)MPI_Comm_size(communicator, &ranks);
-    *cuts = (struct kiln_range_bounds){{NULL}};
-    const int status = kiln_agree(communicator, kiln_range_bounds_create(cuts, ranks, error), error);
+    *bounds = (struct kiln_range_bounds){{NULL}};
+    const int status = kiln_agree(communicator, kiln_range_bounds_create(bounds, ranks, error), error);
     for (int u = 0; u < KILN_DOMAINS && status == KILN_OK; u++) {
-        uint64_t *of = cuts->of[u];
-        (void)MPI_Allgather(&s->extents[s->own].count[u], 1, MPI_UINT64_T, of + 1, 1, MPI_UINT64_T, communicator);
+        uint64_t *of = bounds->of[u];
+        (void)MPI_Allgather(&d->extents[d->own].count[u], 1, MPI_UINT64_T, of + 1, 1, MPI_UINT64_T, communicator);
         for (int r = 0; r < ranks; r++)
             of[r + 1] += of[r];
     }
     return status;
 }
 
-/* Where each tile run's pieces and area shares begin follows from what its points have. */
+/* Where each tile run's pieces and shares of area begin follows from what its points have. */
 static void find_bases(const struct kiln_surface *s)
 {
     s->piece_base[0] = s->area_cdf_base[0] = 0;
@@ -279,66 +290,67 @@ static void find_bases(const struct kiln_surface *s)
     }
 }
 
-/* What a move needs. */
-struct move {
+/* What a redistribution needs. */
+struct redistribution {
     MPI_Comm communicator;
     const struct kiln_range_bounds *before, *after;
     uint64_t limit;
 };
 
-/* Collective. Makes the arrays of a place anew and fills them; `old` is this rank's share as it was. */
-static int move_place(struct kiln_node_data *s, const struct move *m, enum place place,
-                      const struct kiln_rank_data *old, struct kiln_error *error)
+/* Collective. Makes the arrays of one life anew and fills them; `old` is this rank's data as it was. */
+static int redistribute_life(struct kiln_node_data *d, const struct redistribution *r, enum kiln_field_life life,
+                             const struct kiln_rank_data *old, struct kiln_error *error)
 {
-    struct kiln_node_parts *parts = s->parts[place];
-    s->parts[place] = NULL;
-    int status = kiln_agree(m->communicator, make_somewhere(s, place, error), error);
-    for (int i = 0; i < ARRAYS && status == KILN_OK; i++)
-        if (arrays[i].place == place && arrays[i].length == ONE_A_UNIT)
-            kiln_redistribute(m->communicator, m->before->of[arrays[i].unit], m->after->of[arrays[i].unit],
-                              arrays[i].size, m->limit, pointer_at(old, &arrays[i]),
-                              pointer_at(&s->share[s->own], &arrays[i]));
+    struct kiln_node_parts *parts = d->parts[life];
+    d->parts[life] = NULL;
+    const int status = kiln_agree(r->communicator, make_somewhere(d, life, error), error);
+    for (size_t i = 0; i < d->fields.count && status == KILN_OK; i++) {
+        const struct kiln_field *field = d->fields.entry[i].field;
+        if (field->life == life && field->length == KILN_FIELD_EACH)
+            kiln_redistribute(r->communicator, r->before->of[field->domain], r->after->of[field->domain],
+                              kiln_field_size(field), r->limit, kiln_rank_field(old, &d->fields, i),
+                              kiln_rank_field(&d->data[d->own], &d->fields, i));
+    }
     if (parts != NULL)
         kiln_node_parts_destroy(&parts);
     return status;
 }
 
-int kiln_node_data_redistribute(struct kiln_node_data *s, MPI_Comm communicator, const struct kiln_range_bounds *before,
+int kiln_node_data_redistribute(struct kiln_node_data *d, MPI_Comm communicator, const struct kiln_range_bounds *before,
                                 const struct kiln_range_bounds *after, uint64_t limit, struct kiln_error *error)
 {
     int rank;
     (void)MPI_Comm_rank(communicator, &rank);
-    const struct move m = {communicator, before, after, limit};
-    struct kiln_rank_data old = s->share[s->own];
-    const bool built = s->parts[OF_SURFACE] == NULL;
+    const struct redistribution r = {communicator, before, after, limit};
+    struct kiln_rank_data old = d->data[d->own];
+    const bool built = d->parts[KILN_FIELD_SURFACE] == NULL;
     struct extent own = {.first = after->of[KILN_DOMAIN_POINT][rank]};
     for (int u = 0; u < KILN_DOMAINS; u++)
         own.count[u] = after->of[u][rank + 1] - after->of[u][rank];
-    kiln_node_data_end(s);
-    learn_extents(s, &own);
-    int status = move_place(s, &m, OF_SURFACE, &old, error);
+    kiln_node_data_end(d);
+    learn_extents(d, &own);
+    int status = redistribute_life(d, &r, KILN_FIELD_SURFACE, &old, error);
     if (status != KILN_OK)
         return status;
-    find_bases(&s->share[s->own].surface);
+    find_bases(&d->data[d->own].surface);
     if (built)
-        free_surface(&old);
-    take_over_surface(s);
-    status = move_place(s, &m, OF_RESULTS, &old, error);
+        free_surface(d, &old);
+    take_over_surface(d);
+    status = redistribute_life(d, &r, KILN_FIELD_RESULT, &old, error);
     if (status == KILN_OK)
-        status = kiln_agree(communicator, make_somewhere(s, OF_WORK, error), error);
-    if (status == KILN_OK && s->node != NULL)
-        kiln_node_wait(s->node);
+        status = kiln_agree(communicator, make_somewhere(d, KILN_FIELD_STEP, error), error);
+    if (status == KILN_OK && d->node != NULL)
+        kiln_node_wait(d->node);
     return status;
 }
 
-uint64_t kiln_node_data_bytes(const struct kiln_node_data *s)
+uint64_t kiln_node_data_bytes(const struct kiln_node_data *d)
 {
-    return lay_out(NULL, &s->extents[s->own], OF_SURFACE, NULL) + lay_out(NULL, &s->extents[s->own], OF_RESULTS, NULL);
+    return lay_out(NULL, &d->fields, &d->extents[d->own], KILN_FIELD_SURFACE, NULL) +
+           lay_out(NULL, &d->fields, &d->extents[d->own], KILN_FIELD_RESULT, NULL);
 }
 
-int kiln_node_data_count(const struct kiln_node_data *shares) { return shares->count; }
-int kiln_node_data_own(const struct kiln_node_data *shares) { return shares->own; }
-const struct kiln_rank_data *kiln_rank_data(const struct kiln_node_data *shares, int index)
-{
-    return &shares->share[index];
-}
+int kiln_node_data_count(const struct kiln_node_data *d) { return d->count; }
+int kiln_node_data_own(const struct kiln_node_data *d) { return d->own; }
+const struct kiln_rank_data *kiln_rank_data(const struct kiln_node_data *d, int index) { return &d->data[index]; }
+const struct kiln_field_set *kiln_node_data_fields(const struct kiln_node_data *d) { return &d->fields; }

@@ -1,31 +1,35 @@
-/* The surface points of a node's ranks, and what light transport knows of them, where all ranks of the node see them.
+/* The data of a node's ranks: their surface points and what light transport keeps of them, in memory that all ranks of
+ * the node see.
  *
- * A rank owns its share, and its backend computes it; while ranks give work away, another rank may compute a part of
- * it, and then reads the owner's surface and writes the owner's results. For that, the share's arrays are moved to
- * memory of the node (kiln_node_parts). Where nothing is given away, or the node's memory has no room, the arrays stay
- * a rank's own, and it sees no share but its own. */
+ * Each rank owns a contiguous range of the global order of surface points. Its backend computes them; with work
+ * stealing another rank of the node may compute a part of them, and then it reads the owner's surface and writes the
+ * owner's results. For that, the owner's arrays are moved into memory of the node (kiln_node_parts). Without work
+ * stealing, or where the node's memory has no room, the arrays stay the rank's own, and it sees no other rank's.
+ *
+ * Which arrays there are is what the bake's field set says (field.h): memory, layout and redistribution walk it. */
 #ifndef KILN_COORDINATOR_FIELD_RANK_DATA_H
 #define KILN_COORDINATOR_FIELD_RANK_DATA_H
 
+#include "coordinator/field/field.h"
 #include "coordinator/mpi/work_queue.h"
 #include "coordinator/mpi/node_memory.h"
 #include "worker/scene/surface.h"
 
-/* What ranges of the global order are counted in. */
-enum kiln_domain { KILN_DOMAIN_TILE_RUN, KILN_DOMAIN_POINT, KILN_DOMAIN_PIECE, KILN_DOMAIN_AREA_CDF, KILN_DOMAINS };
-
-/* Shares of all ranks, in each unit: rank r has [of[unit][r], of[unit][r + 1]). */
+/* Where the ranges of all ranks begin, in each domain: rank r has the items [of[domain][r], of[domain][r + 1]). */
 struct kiln_range_bounds {
     uint64_t *of[KILN_DOMAINS]; /* ranks + 1 each */
 };
 
+/* One rank's arrays. Those that code uses by name have a member; kiln_rank_field finds all. */
 struct kiln_rank_data {
-    struct kiln_surface surface;   /* a view: the map as this rank has it, the own part as the share's owner has it */
+    struct kiln_surface surface;   /* a view: the map is this rank's, the arrays of own points are the owner's */
     float *direct, *sum;           /* 3 a point, see struct kiln_solution and the integrator */
     uint16_t *error;               /* 1 a point: kiln_error_pack */
     uint64_t *next;                /* 1 a point: packed radiosity of the present step; or see kiln_next_compact */
-    float *cost;                   /* 1 a tile run: seconds that it took in the present pass */
-    struct kiln_work_queue *queue; /* what of the present pass may be taken */
+    uint64_t *source;              /* 1 a point: packed radiosity that is gathered from; NULL: not known yet */
+    float *cost;                   /* 1 a tile run: seconds that it took in the present step */
+    struct kiln_work_queue *queue; /* the owner's work of the present step that may be stolen */
+    void *more[KILN_FIELDS_MAX];   /* fields without a member, at their places in the set */
 };
 
 /* The radiosity of a step that makes it in 4 bytes a point: it lies in the first half of `next`. */
@@ -33,36 +37,46 @@ static inline uint32_t *kiln_next_compact(const struct kiln_rank_data *data) { r
 
 struct kiln_node_data;
 
-/* Collective on the node. The surface's own arrays now belong to the shares: with `lend` (the same on the node) they
- * are moved. The results are zero. KILN_SYSTEM for 2^32 tile runs or more. Destroy with kiln_node_data_destroy. */
-int kiln_node_data_create(struct kiln_node_data **shares, struct kiln_node_memory *node, struct kiln_surface *surface,
-                          bool lend, struct kiln_error *error);
-/* Collective on the node. Of a surface whose arrays were moved only the map is left. */
-void kiln_node_data_destroy(struct kiln_node_data **shares);
-/* Collective on the node. `next` and the queues go; the rest stays. */
-void kiln_node_data_end(struct kiln_node_data *shares);
-
-/* Collective. The shares as they are: allocates and fills; release with kiln_range_bounds_destroy. */
-int kiln_node_data_bounds(const struct kiln_node_data *shares, MPI_Comm communicator, struct kiln_range_bounds *cuts,
+/* Collective on the node. The surface's arrays of own points belong to the node data from now on; with `lend` (the same
+ * on the whole node) they are moved into memory of the node. `fields` is copied. Results are zero. KILN_SYSTEM for 2^32
+ * tile runs or more. Destroy with kiln_node_data_destroy. */
+int kiln_node_data_create(struct kiln_node_data **node_data, struct kiln_node_memory *node,
+                          struct kiln_surface *surface, const struct kiln_field_set *fields, bool lend,
                           struct kiln_error *error);
-int kiln_range_bounds_create(struct kiln_range_bounds *cuts, int ranks, struct kiln_error *error);
-void kiln_range_bounds_destroy(struct kiln_range_bounds *cuts);
+/* Collective on the node. Of a surface whose arrays were moved only the map is left. */
+void kiln_node_data_destroy(struct kiln_node_data **node_data);
+/* Collective on the node. The fields of a step go; the others stay. */
+void kiln_node_data_end(struct kiln_node_data *node_data);
+/* The radiosity of all points (radiosity_allgather.h), borrowed: of which the field `source` is the own part. */
+void kiln_node_data_set_radiosity(struct kiln_node_data *node_data, uint64_t *radiosity);
 
-/* Collective on `communicator`, of which the shares' node is a part. Surface, direct, sum and error go over from the
- * shares `before`, those that are, to `after`; next, cost and queue are new. Messages have at most `limit` elements (0:
+/* Collective. The ranges of all ranks as they are: allocates and fills; release with kiln_range_bounds_destroy. */
+int kiln_node_data_bounds(const struct kiln_node_data *node_data, MPI_Comm communicator,
+                          struct kiln_range_bounds *bounds, struct kiln_error *error);
+int kiln_range_bounds_create(struct kiln_range_bounds *bounds, int ranks, struct kiln_error *error);
+void kiln_range_bounds_destroy(struct kiln_range_bounds *bounds);
+
+/* Collective on `communicator`, of which the node is a part. Surface and results go from the ranges `before`, which are
+ * the present ones, to `after`; the fields of a step are made anew, zero. Messages have at most `limit` elements (0:
  * any). Needs as much memory again as the surface or the results meanwhile; where shared memory has no room for that,
- * the node's ranks see only their own shares from then on. After a failure, KILN_SYSTEM on all, nothing is of use but
- * kiln_node_data_destroy. */
-int kiln_node_data_redistribute(struct kiln_node_data *shares, MPI_Comm communicator,
+ * each rank of the node sees only its own data from then on. After a failure, KILN_SYSTEM on all ranks, nothing is of
+ * use but kiln_node_data_destroy. */
+int kiln_node_data_redistribute(struct kiln_node_data *node_data, MPI_Comm communicator,
                                 const struct kiln_range_bounds *before, const struct kiln_range_bounds *after,
                                 uint64_t limit, struct kiln_error *error);
-/* Bytes that the share takes in a move: of surface and results. */
-uint64_t kiln_node_data_bytes(const struct kiln_node_data *shares);
+/* Bytes of this rank's surface and results, which a redistribution moves. */
+uint64_t kiln_node_data_bytes(const struct kiln_node_data *node_data);
 
-/* How many of the node's ranks have shares that are seen here, and which of them is this rank's own: 1 and 0 where
- * nothing is lent. */
-int kiln_node_data_count(const struct kiln_node_data *shares);
-int kiln_node_data_own(const struct kiln_node_data *shares);
-const struct kiln_rank_data *kiln_rank_data(const struct kiln_node_data *shares, int index);
+/* How many ranks of the node have data that is seen here, and which of them is this rank: 1 and 0 without lending. */
+int kiln_node_data_count(const struct kiln_node_data *node_data);
+int kiln_node_data_own(const struct kiln_node_data *node_data);
+const struct kiln_rank_data *kiln_rank_data(const struct kiln_node_data *node_data, int index);
+const struct kiln_field_set *kiln_node_data_fields(const struct kiln_node_data *node_data);
+
+/* The array of the set's field at place `index`; NULL for KILN_FIELD_SUM. */
+void *kiln_rank_field(const struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index);
+/* An own point's components as published: kiln_field_floats, or for KILN_FIELD_SUM the sum of its terms. */
+void kiln_rank_floats(const struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index,
+                      uint64_t own, float floats[KILN_FIELD_COMPONENTS_MAX]);
 
 #endif

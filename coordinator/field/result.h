@@ -5,11 +5,12 @@
 #include <mpi.h>
 
 #include "coordinator/field/packed_error.h"
+#include "coordinator/field/rank_data.h"
 #include "coordinator/field/units.h"
 #include "worker/backend/backend.h"
 #include "worker/pass/probes.h"
 
-/* All arrays are this rank's share (surface->count points, in global order from surface->first) and in
+/* All arrays are of this rank's own points (surface->count, in global order from surface->first); irradiance is in
  * units->irradiance. */
 struct kiln_bake_result {
     const struct kiln_units *units;
@@ -17,9 +18,9 @@ struct kiln_bake_result {
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
     const struct kiln_surface *surface;
-    const float *direct;          /* 3 a point, about the shading normal */
-    const float *indirect;        /* 3 a point */
-    const uint16_t *error;        /* standard error of the luminance of direct + indirect, 1 a point, kiln_error_pack */
+    /* what was computed of the own points: read with kiln_rank_field and kiln_rank_floats */
+    const struct kiln_field_set *fields;
+    const struct kiln_rank_data *data;
     const uint64_t *radiosity;    /* all points: packed total radiosity (albedo x irradiance), for views and probes */
     const struct kiln_stop *stop; /* what asks to end before all files are written; NULL: nothing does */
 };

@@ -1,11 +1,9 @@
-/* What a bake's numbers are measured in: the one place that knows.
+/* Units of light: determines whether the numbers of a bake are radiometric or photometric, and names their units.
  *
- * kiln computes with numbers and changes none: lights in watts give irradiance in W/m2, lights in lumens give it in
- * lux. Which of the two a scene has is asked for (--units) or read from the file: from `scenes[i].extras.units` or
- * `asset.extras.units`
- * ("radiometric" or "photometric"), or, when there are punctual lights, from the exporter's name: Blender's multiplies
- * their watts by 683 lm/W unless it is told not to. glTF calls all light photometric, but files with plain numbers
- * abound: without a word in the file it is taken as radiometric. */
+ * kiln does not convert: lights in watts give irradiance in W/m2, lights in lumens give lux. --units decides, or else
+ * the file: `scenes[i].extras.units` or `asset.extras.units` ("radiometric" or "photometric"). If there are punctual
+ * lights, the name of the exporter decides: Blender's multiplies watts by 683 lm/W unless it is told not to. Otherwise
+ * the scene counts as radiometric. glTF defines all light as photometric, but files with other numbers are common. */
 #ifndef KILN_COORDINATOR_FIELD_UNITS_H
 #define KILN_COORDINATOR_FIELD_UNITS_H
 
@@ -14,20 +12,20 @@
 
 struct kiln_units {
     const char *kind;            /* "radiometric" or "photometric" */
-    const char *irradiance;      /* "W m-2" or "lx": as files have it */
-    const char *irradiance_text; /* "W/m2" or "lx": as people read it */
+    const char *irradiance;      /* "W m-2" or "lx", for files */
+    const char *irradiance_text; /* "W/m2" or "lx", for messages */
     const char *radiance;        /* "W m-2 sr-1" or "cd m-2" */
     const char *intensity;       /* "W sr-1" or "cd" */
     const char *flux;            /* "W" or "lm" */
 };
 
-/* `choice` is the job's (enum kiln_units_choice). Never NULL. */
+/* The units of a scene. `choice` is that of the job (enum kiln_units_choice). Never NULL. */
 const struct kiln_units *kiln_units_of(int choice, const struct kiln_scene *scene);
 
-/* Why, in words: "asked for", "Blender's exporter writes lights so", ... */
+/* The reason for these units, as text. */
 const char *kiln_units_reason(int choice, const struct kiln_scene *scene);
 
-/* Those whose `kind` is this; radiometric for any other word and for NULL. */
+/* The units with this `kind`; radiometric for any other text and for NULL. */
 const struct kiln_units *kiln_units_named(const char *kind);
 
 #endif

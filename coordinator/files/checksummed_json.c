@@ -9,7 +9,7 @@
 #include "worker/base/memory.h"
 
 static const char KEY[] = "xxh3_128 ";
-enum { TAIL = sizeof KEY - 1 + KILN_HASH_TEXT }; /* with the line feed, without a zero byte */
+enum { TAIL = sizeof KEY - 1 + KILN_HASH_TEXT }; /* length of the last line with its line feed, without a zero byte */
 
 void kiln_hash_text(uint64_t high, uint64_t low, char text[KILN_HASH_TEXT])
 {

@@ -1,5 +1,5 @@
-/* JSON that ends with its own hash: how manifests and checkpoints say that they are whole. The last line is "xxh3_128
- * HASH", over all before it. Not collective. */
+/* Checksummed JSON: a JSON text whose last line is "xxh3_128 HASH", the hash of all bytes before that line. Manifests
+ * and checkpoints use it to show that they are complete. Not collective. */
 #ifndef KILN_COORDINATOR_FILES_CHECKSUMMED_JSON_H
 #define KILN_COORDINATOR_FILES_CHECKSUMMED_JSON_H
 
@@ -11,16 +11,18 @@
 
 enum { KILN_HASH_TEXT = 33 };
 
-/* An XXH3 hash of 128 bits as 32 lower-case digits. */
+/* Formats a 128-bit XXH3 hash as 32 lower-case hexadecimal digits. */
 void kiln_hash_text(uint64_t high, uint64_t low, char text[KILN_HASH_TEXT]);
-/* The same of a hash as scene files have it, low half first. NULL without memory. */
+/* The same text as a JSON string, for a hash as scene files hold it: low half first. NULL if memory is short. */
 json_t *kiln_hash_json(const uint64_t hash[2]);
 
-/* Prints `json` (flags as json_dumps takes them; NULL: KILN_SYSTEM, there was no memory to make it) and the last line.
- * *text is from kiln_allocate, *size without its zero byte. `what` is for the message. */
+/* Formats `json` (with `flags` of json_dumps) and appends the last line. *text is from kiln_allocate; *size excludes
+ * the zero byte at its end. `what` names the text in error messages. If `json` is NULL, because memory was short,
+ * returns KILN_SYSTEM. */
 int kiln_seal(const json_t *json, size_t flags, char **text, size_t *size, const char *what, struct kiln_error *error);
 
-/* The JSON before the last line; NULL when the hash is not that of the text, or it is not JSON. json_decref it. */
+/* Checks the hash and parses the JSON before the last line. NULL if the hash does not match or the text is not JSON.
+ * Release with json_decref. */
 json_t *kiln_unseal(const char *text, size_t size);
 
 #endif

@@ -57,9 +57,9 @@ int kiln_make_directories(const char *path, struct kiln_error *error)
     return status == KILN_OK ? kiln_make_directory(path, error) : status;
 }
 
-/* ---- one name after the other ---- */
+/* ---- path components ---- */
 
-/* What stands at the name instead of what was wanted, as a sentence. */
+/* Reports what exists under the name instead of the folder or file that was wanted. */
 static int refuse(int descriptor, const char *name, const char *path, const char *wanted, struct kiln_error *error)
 {
     const int number = errno;
@@ -78,7 +78,7 @@ static int refuse(int descriptor, const char *name, const char *path, const char
     return kiln_fail_errno(error, status, "the %s '%s' cannot be opened", wanted, path);
 }
 
-/* The next name of *below (its part up to a slash) into `name`; false at its end. */
+/* Copies the next component of the path *below to `name` and moves *below past it; false at its end. */
 static bool next_name(const char **below, char name[NAME_SIZE])
 {
     const char *from = *below;
@@ -90,7 +90,7 @@ static bool next_name(const char **below, char name[NAME_SIZE])
     return length > 0;
 }
 
-/* From an open folder to the one called `name` in it. */
+/* Replaces an open folder by its subfolder `name`. */
 static int enter(struct kiln_folder *folder, const char *name, bool make, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
@@ -146,14 +146,14 @@ void kiln_folder_close(struct kiln_folder *folder)
 
 int kiln_folder_sync(const struct kiln_folder *folder, struct kiln_error *error)
 {
-    /* some file systems have nothing to sync for a folder and say EINVAL */
+    /* some file systems cannot sync a folder and return EINVAL */
     const bool failed = kiln_fsync(folder->descriptor) != 0 && errno != EINVAL;
     return failed ? kiln_fail_errno(error, KILN_IO, "the folder '%s' cannot be synced to disk", folder->path) : KILN_OK;
 }
 
 /* ---- files ---- */
 
-/* The folder that DIRECTORY/NAME lies in, and its last part. */
+/* Opens the folder that contains DIRECTORY/NAME; *base is the last component of NAME. */
 static int open_parent(struct kiln_folder *folder, const char *directory, const char *name, const char **base,
                        struct kiln_error *error)
 {

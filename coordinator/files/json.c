@@ -17,7 +17,7 @@ json_t *kiln_json_string(const char *text)
     return string;
 }
 
-/* All of it in ASCII, without the one control character that JSON lets through. */
+/* json_dump_callback: writes ASCII text, and escapes DEL, the one control character that JSON allows unescaped. */
 static int write_plain(const char *bytes, size_t size, void *stream)
 {
     for (size_t i = 0; i < size; i++)

@@ -1,4 +1,4 @@
-/* The one JSON object of --json, and what may stand in it. */
+/* The JSON object that a command prints with --json. */
 #ifndef KILN_COORDINATOR_FILES_JSON_H
 #define KILN_COORDINATOR_FILES_JSON_H
 
@@ -6,11 +6,11 @@
 
 #include "worker/base/status.h"
 
-/* A JSON string, with '?' for what is not UTF-8. NULL only without memory. */
+/* A JSON string of `text`, with '?' in place of bytes that are not UTF-8. NULL only if memory is short. */
 json_t *kiln_json_string(const char *text);
 
-/* Prints the object and a line feed on stdout and releases it; KILN_SYSTEM when it is NULL (there was no memory to make
- * it), KILN_IO when stdout does not take it. */
+/* Prints the object and a line feed to stdout and releases it. KILN_SYSTEM if it is NULL, because memory was short;
+ * KILN_IO if stdout cannot be written. */
 int kiln_json_print(json_t *object, struct kiln_error *error);
 
 #endif

@@ -2,7 +2,7 @@
 
 #include <stdbool.h>
 
-/* The byte after the string that begins at `at`. */
+/* Index of the byte after the string that begins at `at`. */
 static size_t skip_string(const char *text, size_t size, size_t at)
 {
     for (at++; at < size && text[at] != '"'; at++)
@@ -10,7 +10,7 @@ static size_t skip_string(const char *text, size_t size, size_t at)
     return at + 1;
 }
 
-/* Values and depth as brackets and commas tell them. */
+/* Checks the number of values and the depth by counting brackets and commas. */
 static bool is_bounded(const char *text, size_t size)
 {
     size_t depth = 0, values = 1;

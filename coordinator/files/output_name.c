@@ -8,7 +8,7 @@
 
 #include "coordinator/files/publish.h"
 
-/* What a bake writes into its folder under names that are always the same. */
+/* Files of a bake that always have the same name. */
 static const char *const own_files[] = {"kiln.h5",      "volume.hdf", "run.json",    "manifest",
                                         "scene.kscene", "scene.glb",  "preview.png", ".kiln.lock"};
 static const char *const own_folders[] = {"lightmaps", "checkpoint"};
@@ -26,7 +26,7 @@ static bool ends_with(const char *text, const char *ending)
     return length >= tail && strcmp(text + length - tail, ending) == 0;
 }
 
-/* A name in the folder itself that is a bake's own, or what such a file is called while it is written. */
+/* Whether `base`, a name in the folder of a bake, is one of these files, or the temporary name of one. */
 static bool is_own_name(const char *base)
 {
     for (size_t i = 0; i < sizeof own_files / sizeof *own_files; i++)
@@ -38,14 +38,16 @@ static bool is_own_name(const char *base)
     return base[0] == '.' && (ends_with(base, ".part") || strncmp(base, ".kiln.lock", 10) == 0);
 }
 
-/* Where `path` lies below `folder`, both without links: "" in it itself, "/lightmaps"; NULL: elsewhere. */
+/* The part of `path` after `folder`, such as "/lightmaps", or "" if they are equal; NULL if `path` is not in `folder`.
+ * Both paths have no links. */
 static const char *below(const char *folder, const char *path)
 {
     const size_t length = strcmp(folder, "/") == 0 ? 0 : strlen(folder);
     return strncmp(path, folder, length) == 0 && (path[length] == '\0' || path[length] == '/') ? path + length : NULL;
 }
 
-/* Whether the file would be one of the bake's in `bake`: by its place, or by another name of the same file. */
+/* Whether `path` is a file of the bake in the folder `bake`, by its path or as another name (hard link) of such a file.
+ */
 static bool is_of_bake(const char *path, const char *bake)
 {
     char folder[KILN_PATH_SIZE], own[KILN_PATH_SIZE];

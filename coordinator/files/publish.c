@@ -38,7 +38,7 @@ int kiln_require_space(const char *path, uint64_t bytes, struct kiln_error *erro
     return KILN_OK;
 }
 
-/* ---- what stands at a name that a user gave ---- */
+/* ---- the kind of file that a user's path names ---- */
 
 int kiln_own_descriptor(const char *path)
 {
@@ -59,8 +59,9 @@ int kiln_own_descriptor(const char *path)
     return is_own ? (int)number : -1;
 }
 
-/* Whether the bytes go through: KILN_OK with *stream, and *descriptor where it is one of our own. Nothing is opened. */
-static int look_at(const char *path, bool *stream, int *descriptor, struct kiln_error *error)
+/* Finds out whether the path names a pipe or device (*stream), and the descriptor of this process if it names one.
+ * Opens nothing. */
+static int classify(const char *path, bool *stream, int *descriptor, struct kiln_error *error)
 {
     struct stat found, there;
     const size_t length = strlen(path);
@@ -86,7 +87,7 @@ static int look_at(const char *path, bool *stream, int *descriptor, struct kiln_
     return KILN_OK;
 }
 
-/* A pipe that nobody reads from would hold the program for ever. */
+/* Opens a pipe or device. A pipe without a reader is refused, since writing to it would block for ever. */
 static int open_stream(const char *path, int own, int *stream, struct kiln_error *error)
 {
     *stream =
@@ -102,7 +103,7 @@ static int open_stream(const char *path, int own, int *stream, struct kiln_error
     return KILN_OK;
 }
 
-/* ---- beginning ---- */
+/* ---- begin ---- */
 
 static int name_place(struct kiln_publish *p, const char *directory, const char *name, struct kiln_error *error)
 {
@@ -125,7 +126,7 @@ static int name_place(struct kiln_publish *p, const char *directory, const char 
     (void)snprintf(p->aside, sizeof p->aside, ".%s.part", base);
     (void)snprintf(p->opens, sizeof p->opens, "/proc/self/fd/%d/%s", p->folder.descriptor, p->aside);
     if (slash == NULL && directory == NULL)
-        p->folder.path[0] = '\0'; /* "a.png", not "./a.png" */
+        p->folder.path[0] = '\0'; /* so that messages say "a.png", not "./a.png" */
     const char *between = p->folder.path[0] == '\0' || strcmp(p->folder.path, "/") == 0 ? "" : "/";
     const int whole = snprintf(p->path, sizeof p->path, "%s%s%s", p->folder.path, between, p->base);
     const int part = snprintf(p->temporary, sizeof p->temporary, "%s%s%s", p->folder.path, between, p->aside);
@@ -147,7 +148,7 @@ static int name_stream(struct kiln_publish *p, const char *path, int own, struct
     return status;
 }
 
-/* Everything but what is aside already. */
+/* Begins a publication without removing an existing temporary file. */
 static int begin(struct kiln_publish *p, const char *directory, const char *name, struct kiln_error *error)
 {
     bool stream = false;
@@ -155,7 +156,7 @@ static int begin(struct kiln_publish *p, const char *directory, const char *name
     p->folder.descriptor = p->stream = p->scratch = -1;
     p->path[0] = p->temporary[0] = '\0';
     int status =
-        directory != NULL ? kiln_check_below(directory, name, false, error) : look_at(name, &stream, &own, error);
+        directory != NULL ? kiln_check_below(directory, name, false, error) : classify(name, &stream, &own, error);
     if (status == KILN_OK)
         status = stream ? name_stream(p, name, own, error) : name_place(p, directory, name, error);
     if (status != KILN_OK)
@@ -169,7 +170,7 @@ int kiln_publish_begin(struct kiln_publish *p, const char *directory, const char
 {
     int status = begin(p, directory, name, error);
     if (status == KILN_OK && p->stream < 0 && unlink_aside(p) != 0 && errno != ENOENT) {
-        status = cannot_create("a left-over file is in the way and cannot be removed;", p->temporary, error);
+        status = cannot_create("a file that an earlier process left cannot be removed;", p->temporary, error);
         kiln_publish_close(p);
     }
     return status;
@@ -185,7 +186,8 @@ void kiln_publish_close(struct kiln_publish *p)
     p->stream = p->scratch = -1;
 }
 
-/* Where it fails there is nothing in the way: the name itself is for kiln_publish_begin. */
+/* Errors are ignored, since these files are not in the way; the temporary file itself is removed by kiln_publish_begin.
+ */
 void kiln_publish_sweep(const struct kiln_publish *p)
 {
     const int copy =
@@ -227,9 +229,9 @@ int kiln_publish_check(const char *directory, const char *name, struct kiln_erro
     bool stream = false;
     int own, descriptor = -1;
     if (directory == NULL) {
-        const int status = look_at(name, &stream, &own, error);
+        const int status = classify(name, &stream, &own, error);
         if (status != KILN_OK || stream)
-            return status; /* a pipe that was opened and closed again would be at its end for its reader */
+            return status; /* do not open and close a pipe, since its reader would see its end */
     }
     int status = kiln_publish_begin(&p, directory, name, error);
     if (status == KILN_OK && (status = kiln_publish_open(&p, &descriptor, error)) == KILN_OK)
@@ -238,7 +240,7 @@ int kiln_publish_check(const char *directory, const char *name, struct kiln_erro
     return status;
 }
 
-/* Whether the open file is still what the name stands for: the one who had the lock before has renamed or removed it.
+/* Whether the open file still has the temporary name; the previous holder of the lock may have renamed or removed it.
  */
 static bool is_still_there(const struct kiln_publish *p, int descriptor)
 {
@@ -268,7 +270,7 @@ int kiln_publish_claim(struct kiln_publish *p, const char *directory, const char
     }
     if (status == KILN_OK &&
         (fstat(*descriptor, &found) != 0 || !S_ISREG(found.st_mode) || kiln_truncate(*descriptor, 0) != 0)) {
-        status = cannot_create("what is in the way is no plain file, or cannot be written;", p->temporary, error);
+        status = cannot_create("what has this name is not a regular file, or cannot be written;", p->temporary, error);
         (void)close(*descriptor);
         *descriptor = -1;
     }
@@ -277,7 +279,7 @@ int kiln_publish_claim(struct kiln_publish *p, const char *directory, const char
     return status;
 }
 
-/* ---- ending ---- */
+/* ---- end ---- */
 
 static int sync_aside(const struct kiln_publish *p, struct kiln_error *error)
 {
@@ -294,7 +296,7 @@ static int sync_aside(const struct kiln_publish *p, struct kiln_error *error)
 
 static int rename_aside(const struct kiln_publish *p) { return kiln_renameat(p->folder.descriptor, p->aside, p->base); }
 
-/* A reader that goes away must not end us without a word. */
+/* write() that reports EPIPE instead of raising SIGPIPE when the reader of a pipe has ended. */
 static ssize_t write_without_signal(int descriptor, const void *bytes, size_t size)
 {
     sigset_t pipe, before;
@@ -311,7 +313,7 @@ static ssize_t write_without_signal(int descriptor, const void *bytes, size_t si
     return written;
 }
 
-/* From the file in memory to the pipe or device. */
+/* Copies the buffer to the pipe or device. */
 static int pass_on(const struct kiln_publish *p, struct kiln_error *error)
 {
     static const size_t block = 1 << 16;
@@ -469,7 +471,7 @@ int kiln_read_file(const char *path, size_t limit, char **bytes, size_t *size, s
 {
     *bytes = NULL;
     *size = 0;
-    /* a pipe in the place of a file must not hang us */
+    /* O_NONBLOCK, so that opening a pipe does not wait for its writer */
     const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0);
     if (descriptor < 0)
         return kiln_fail_errno(error, 0, "'%s' cannot be opened", path);

@@ -1,15 +1,16 @@
-/* How a file gets its final name: written aside in the same folder, synced, renamed, folder synced.
+/* Atomic publication of files: a file is written under a temporary name in its folder, synced, renamed to its final
+ * name, and then the folder is synced.
  *
- * A reader sees the old file or the whole new one, never a part, also after a power cut. The name used meanwhile is
- * fixed by the target (".NAME.part"), so what a killed process left is replaced by the next attempt and nothing piles
- * up; a folder therefore has one writer a file at a time (kiln_publish_claim lets others wait). No symbolic link is
+ * A reader sees the old file or the complete new one, never a part, even after a power cut. The temporary name follows
+ * from the final one (".NAME.part"), so the next attempt replaces what a killed process left, and nothing accumulates.
+ * Each file may therefore have only one writer at a time; with kiln_publish_claim others wait. No symbolic link is
  * followed at either name.
  *
- * A place is either below the folder of a bake, (DIRECTORY, NAME): then no folder on the way may be a link either
- * (folder.h), and what stands at NAME must be a regular file, or nothing. Or it is a path that a user gave, (NULL,
- * PATH): its folders may be links. A link at PATH itself is replaced, not followed; a folder is refused; a terminal,
- * /dev/null, /dev/stdout or a pipe that somebody reads gets the bytes as they are, once all are there; sockets and
- * disks are refused. None of these is collective. */
+ * A destination is one of two kinds. (DIRECTORY, NAME) is a file in the folder of a bake: no folder on the path may be
+ * a link (folder.h), and NAME must be a regular file or not exist. (NULL, PATH) is a path that a user gave: its folders
+ * may be links; a link at PATH itself is replaced, not followed; a folder is refused; a terminal, /dev/null,
+ * /dev/stdout or a pipe that has a reader gets the bytes when all of them are there; sockets and disks are refused.
+ * None of these functions is collective. */
 #ifndef KILN_COORDINATOR_FILES_PUBLISH_H
 #define KILN_COORDINATOR_FILES_PUBLISH_H
 
@@ -19,83 +20,83 @@
 #include "coordinator/files/folder.h"
 #include "worker/base/status.h"
 
-/* Stands within the first 4,096 bytes of every page and every PNG that kiln writes. */
+/* A mark within the first 4,096 bytes of every page and every PNG that kiln writes. */
 #define KILN_MADE_BY "made by kiln"
 
-/* KILN_IO when the file system of the folder `path` has not `bytes` and a tenth more to give (to this user), with both
- * numbers. For writers that cannot fail halfway: a rank whose part of a collective HDF5 call finds the disk full leaves
- * the others waiting in it for ever. */
+/* KILN_IO, with both numbers, if the file system of the folder `path` has less than 1.1 x `bytes` free for this user.
+ * For writers that must not fail halfway: when one rank finds the disk full in a collective HDF5 call, the others wait
+ * in that call for ever. */
 int kiln_require_space(const char *path, uint64_t bytes, struct kiln_error *error);
 
-/* A file on its way to its name. */
+/* A file that is being published. */
 struct kiln_publish {
-    struct kiln_folder folder;      /* that it lies in; private */
-    int stream, scratch;            /* of a pipe or device: that, and the bytes meanwhile; -1: a file. Private */
-    char base[512], aside[528];     /* names in the folder; private */
-    char path[KILN_PATH_SIZE];      /* the final name, and */
-    char temporary[KILN_PATH_SIZE]; /* the name aside, as the user knows them: for sentences */
-    char opens[600];                /* opens the file aside, in this process: for libraries that want a name */
+    struct kiln_folder folder;      /* the folder of the file; private */
+    int stream, scratch;            /* descriptors of a pipe or device and of its buffer; -1: a file. Private */
+    char base[512], aside[528];     /* final and temporary name in the folder; private */
+    char path[KILN_PATH_SIZE];      /* final path, for messages */
+    char temporary[KILN_PATH_SIZE]; /* temporary path, for messages */
+    char opens[600];                /* a path that opens the temporary file in this process, for libraries */
 };
 
-/* "/dev/stdout", "/dev/fd/3", "/proc/self/fd/3": the number of a descriptor of this process; -1: another name. A file
- * opened anew by such a name would be written from its beginning. */
+/* The number of the descriptor of this process that a path such as "/dev/stdout", "/dev/fd/3" or "/proc/self/fd/3"
+ * names; -1 for other paths. Opening a file again by such a path would start at its beginning. */
 int kiln_own_descriptor(const char *path);
 
-/* Looks whether a file can be published at the place, and leaves nothing: better said before the work than after it. */
+/* Checks, before any work is done, that a file can be published at the destination. Creates nothing. */
 int kiln_publish_check(const char *directory, const char *name, struct kiln_error *error);
 
-/* Begins; removes what a killed process left aside. Ends with kiln_publish_finish, kiln_publish_abandon or, without
- * touching any file, kiln_publish_close; all of them may be called after a failure, and twice. KILN_CANNOT_CREATE,
- * KILN_PERMISSION. */
+/* Begins a publication and removes a temporary file that a killed process left. End it with kiln_publish_finish,
+ * kiln_publish_abandon or, to leave all files as they are, kiln_publish_close. Each of these may be called after a
+ * failure, and twice. KILN_CANNOT_CREATE, KILN_PERMISSION. */
 int kiln_publish_begin(struct kiln_publish *p, const char *directory, const char *name, struct kiln_error *error);
 void kiln_publish_close(struct kiln_publish *p);
 
-/* Makes the file aside, which must not exist. The caller closes *descriptor (O_RDWR). */
+/* Creates the temporary file, which must not exist. The caller closes *descriptor (O_RDWR). */
 int kiln_publish_open(struct kiln_publish *p, int *descriptor, struct kiln_error *error);
 
-/* Both for a file that several processes may be about to write, as they may for one that is made from a scene: whoever
- * comes second waits for the first, and may then find that there is nothing left to do. *descriptor is an empty file,
- * O_RDWR; closing it, after the file was published or abandoned, lets the next one in. What a killed process left is
- * taken over. Where the file system has no locks (flock), nobody waits: then one at a time is the callers' business. */
+/* Begins a publication and creates the temporary file, for a file that several processes may want to write, such as one
+ * that is derived from a scene. The second process waits for the first, and may then find that the file is there
+ * already. *descriptor is an empty file (O_RDWR); closing it after the file was published or abandoned lets the next
+ * process in. A temporary file of a killed process is taken over. On a file system without flock nobody waits, and
+ * callers have to exclude each other. */
 int kiln_publish_claim(struct kiln_publish *p, const char *directory, const char *name, int *descriptor,
                        struct kiln_error *error);
 
-/* Removes what a killed process left at names that begin with the one aside and go on: MPI-IO keeps locks and file
- * pointers in files of its own beside the one it opens, some of them named after a process. For one rank, before any
- * opens the file. */
+/* Removes files whose names begin with the temporary name, which a killed process may have left: MPI-IO keeps locks and
+ * file pointers in such files. To be called by one rank, before any rank opens the file. */
 void kiln_publish_sweep(const struct kiln_publish *p);
 
-/* Opens the file aside again, to read it back. The caller closes *descriptor. */
+/* Opens the temporary file again, to read it back. The caller closes *descriptor. */
 int kiln_publish_reopen(const struct kiln_publish *p, int *descriptor, struct kiln_error *error);
 
-/* Syncs the complete file aside, renames it, syncs the folder. On failure the file aside is removed. */
+/* Syncs the complete temporary file, renames it, and syncs the folder. On failure the temporary file is removed. */
 int kiln_publish_finish(struct kiln_publish *p, struct kiln_error *error);
 
-/* The same without syncing anything, for what a power cut may take. On failure it is still aside. */
+/* Renames without any sync, for files that a power cut may take. On failure the temporary file remains. */
 int kiln_publish_replace(struct kiln_publish *p, struct kiln_error *error);
 
-/* Removes what was written so far; for clean-up paths, so it has nothing to say. */
+/* Removes the temporary file. For clean-up paths; reports nothing. */
 void kiln_publish_abandon(struct kiln_publish *p);
 
-/* Writes all bytes at `offset`, through interruptions and short writes. */
+/* Writes all bytes at `offset`; continues after signals and short writes. */
 int kiln_write_all(int descriptor, const void *bytes, size_t size, size_t offset, const char *path,
                    struct kiln_error *error);
 
-/* Publishes `size` bytes as the file at the place: the whole sequence for a small file, read back and compared before
- * the rename. */
+/* Publishes `size` bytes as the file at the destination: the complete sequence for a small file, which is read back and
+ * compared before it is renamed. */
 int kiln_publish_bytes_below(const char *directory, const char *name, const void *bytes, size_t size,
                              struct kiln_error *error);
 /* The same at a path that a user gave. */
 int kiln_publish_bytes(const char *path, const void *bytes, size_t size, struct kiln_error *error);
 
-/* The same as kiln_read_file for what is open, wherever it was read up to; the second closes it. */
+/* As kiln_read_file, for a file that is open, from its beginning. kiln_read_descriptor also closes it. */
 int kiln_read_open(int descriptor, const char *path, size_t limit, char **bytes, size_t *size,
                    struct kiln_error *error);
 int kiln_read_descriptor(int descriptor, const char *path, size_t limit, char **bytes, size_t *size,
                          struct kiln_error *error);
 
-/* Reads a whole file of at most `limit` bytes; *bytes is from kiln_allocate, with a zero byte after the last (not
- * counted in *size). KILN_NO_INPUT, KILN_BAD_INPUT when it is larger. */
+/* Reads a complete file of at most `limit` bytes. *bytes is from kiln_allocate and has a zero byte after the last,
+ * which *size does not count. KILN_NO_INPUT; KILN_BAD_INPUT if the file is larger. */
 int kiln_read_file(const char *path, size_t limit, char **bytes, size_t *size, struct kiln_error *error);
 
 #endif

@@ -10,7 +10,7 @@
 #include "coordinator/files/folder.h"
 #include "worker/base/calls.h"
 
-/* Where the file system makes none without a name. No signal that can be put off comes between the two calls. */
+/* For file systems without O_TMPFILE. Signals that can be blocked are blocked between the two calls. */
 static int make_and_unlink(const char *folder)
 {
     char path[KILN_PATH_SIZE];

@@ -22,13 +22,9 @@
 #include <stdbool.h>
 
 #include "worker/backend/backend.h"
+#include "worker/base/color.h"
 
 enum { KILN_EMISSION_SAMPLES = 1 << 18 }; /* particles that are traced from the lights */
-
-static inline double kiln_energy_luminance(const double rgb[3])
-{
-    return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
-}
 
 /* A sum of doubles that does not depend on their order. */
 struct kiln_exact_sum {

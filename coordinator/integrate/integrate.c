@@ -53,8 +53,9 @@ static bool steals_work(const struct kiln_integrate_params *p)
 static int make_data(struct kiln_lockstep *l, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;
-    int status = kiln_node_data_create(&l->solution->node_data, p->node, p->surface, steals_work(p), error);
+    int status = kiln_node_data_create(&l->solution->node_data, p->node, p->surface, p->fields, steals_work(p), error);
     if (status == KILN_OK) {
+        kiln_node_data_set_radiosity(l->solution->node_data, l->solution->radiosity);
         kiln_solution_refresh(l->solution);
         /* its arrays have moved; a device, whose ranks lend nothing, keeps what it has of them */
         if (p->surface->own_is_borrowed)

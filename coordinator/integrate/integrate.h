@@ -16,10 +16,11 @@ struct kiln_integrate_params {
     int rank, ranks;
     double begin; /* MPI_Wtime() when the run began */
     const struct kiln_integrate_settings *settings;
-    struct kiln_backend *backend;  /* has its surface */
-    struct kiln_surface *surface;  /* its own part belongs to the solution from then on: see field/rank_data.h */
-    struct kiln_node_memory *node; /* must outlive the solution */
-    double area;                   /* m2, of the scene's triangles */
+    const struct kiln_field_set *fields; /* that the bake keeps */
+    struct kiln_backend *backend;        /* has its surface */
+    struct kiln_surface *surface;        /* its own part belongs to the solution from then on: see field/rank_data.h */
+    struct kiln_node_memory *node;       /* must outlive the solution */
+    double area;                         /* m2, of the scene's triangles */
     const struct kiln_emission_result *emission;
     struct kiln_progress *progress;     /* may be NULL */
     struct kiln_control *control;       /* what asks to save and to stop */

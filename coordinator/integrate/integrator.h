@@ -60,6 +60,9 @@ struct kiln_integrator {
     int (*end_step)(struct kiln_integration *integration, struct kiln_step_reports *reports, struct kiln_error *error);
 };
 
+/* The names of all integrators (KILN_METHOD_LIST), ended by NULL. */
+extern const char *const kiln_integrator_names[];
+
 /* NULL: there is none of that name. */
 const struct kiln_integrator *kiln_integrator_find(const char *name);
 /* Whether an integrator has a role with this row in the table of phases. */

@@ -4,14 +4,11 @@
 #include "coordinator/integrate/integrator.h"
 #include "worker/base/memory.h"
 
-/* Every integrator: the name by which --method knows it is the end of its struct's name. */
-#define INTEGRATORS(entry) entry(cells)
-
 #define NAME(name) #name,
 #define STRUCT(name) &kiln_integrator_##name,
 
-const char *const kiln_integrator_names[] = {INTEGRATORS(NAME) NULL};
-static const struct kiln_integrator *const integrators[] = {INTEGRATORS(STRUCT) NULL};
+const char *const kiln_integrator_names[] = {KILN_METHOD_LIST(NAME) NULL};
+static const struct kiln_integrator *const integrators[] = {KILN_METHOD_LIST(STRUCT) NULL};
 
 const struct kiln_integrator *kiln_integrator_find(const char *name)
 {

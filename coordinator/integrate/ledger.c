@@ -46,7 +46,7 @@ static double add_sent(const struct kiln_ledger_point *point, const struct kiln_
                        struct kiln_exact_sum sums[KILN_SUMS])
 {
     const double glass[3] = {(double)r->glass[0], (double)r->glass[1], (double)r->glass[2]};
-    const double lost = fmin(1.0, (double)r->escaped + (double)r->blocked + kiln_energy_luminance(glass));
+    const double lost = fmin(1.0, (double)r->escaped + (double)r->blocked + kiln_luminance(glass));
     const bool all_arrives = !(lost > 0.0);
     double power[3];
     for (int c = 0; c < 3; c++) {
@@ -58,7 +58,7 @@ static double add_sent(const struct kiln_ledger_point *point, const struct kiln_
         kiln_exact_add(&sums[KILN_SUM_BLOCKED + c], power[c] * (double)r->blocked, per_unit);
         kiln_exact_add(&sums[KILN_SUM_GLASS + c], power[c] * glass[c], per_unit);
     }
-    const double luminance = kiln_energy_luminance(power);
+    const double luminance = kiln_luminance(power);
     return luminance * luminance * lost * (1.0 - lost);
 }
 
@@ -73,7 +73,7 @@ void kiln_tally_add(const struct kiln_ledger_point *point, const struct kiln_poi
         kiln_exact_add(&tally->sums[KILN_SUM_INCIDENT + c], incident, per_unit);
         kiln_exact_add(&tally->sums[KILN_SUM_REFLECTED + c], reflected[c], per_unit);
     }
-    kiln_exact_add(&tile_run->reflected, kiln_energy_luminance(reflected), per_unit);
+    kiln_exact_add(&tile_run->reflected, kiln_luminance(reflected), per_unit);
     tile_run->variance += area * area * (double)r->error * (double)r->error;
     if (point->sent != NULL)
         tile_run->variance += add_sent(point, r, per_unit, tally->sums) / point->samples;
@@ -152,8 +152,8 @@ void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *st
     for (int c = 0; c < 3; c++)
         residual[c] = e->emitted[c] - e->absorbed[c] - e->escaped[c] - e->blocked[c] - e->ranged[c] - e->glass[c] -
                       e->left_over[c];
-    e->residual = kiln_energy_luminance(residual);
-    const double emission_error = kiln_energy_luminance(emission->error), emitted = kiln_energy_luminance(e->emitted);
+    e->residual = kiln_luminance(residual);
+    const double emission_error = kiln_luminance(emission->error), emitted = kiln_luminance(e->emitted);
     e->error = sqrt(variance + emission_error * emission_error);
     e->relative = emitted > 0.0 ? fabs(e->residual) / emitted : 0.0;
 }

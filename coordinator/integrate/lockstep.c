@@ -32,7 +32,7 @@ int kiln_lockstep_create(struct kiln_lockstep *l, const struct kiln_integrate_pa
                                                .ledger = &l->ledger,
                                                .exchange = &l->exchange};
     l->saved = (struct kiln_saved){params, solution, &l->ledger, &l->work};
-    return kiln_ledger_create(&l->ledger, params->surface, kiln_energy_luminance(params->emission->emitted), error);
+    return kiln_ledger_create(&l->ledger, params->surface, kiln_luminance(params->emission->emitted), error);
 }
 
 void kiln_lockstep_release(struct kiln_lockstep *l)

@@ -2,7 +2,7 @@
 #ifndef KILN_COORDINATOR_INTEGRATE_PACKING_H
 #define KILN_COORDINATOR_INTEGRATE_PACKING_H
 
-#include "shaders/shared/random.h"
+#include "worker/sampling/keys.h"
 #include "worker/scene/surface.h"
 
 /* Random bits for the stochastic rounding of a texel's radiosity: a function of what the texel is (`bit` is its place

@@ -1,4 +1,4 @@
-/* Checkpoints of the lockstep runner (transport_save.c). What is saved of a step under way: the reports of all steps,
+/* Checkpoints of the lockstep runner (save.c). What is saved of a step under way: the reports of all steps,
  * the ledger's sums, the own points' data, the radiosity that is gathered from, and which points are done. */
 #ifndef KILN_COORDINATOR_INTEGRATE_SAVE_H
 #define KILN_COORDINATOR_INTEGRATE_SAVE_H

@@ -21,8 +21,3 @@ void kiln_solution_destroy(struct kiln_solution **solution)
     kiln_free(&s->report.steps.of);
     kiln_free(solution);
 }
-
-size_t kiln_solution_bytes(uint64_t own, uint64_t total)
-{
-    return (size_t)total * sizeof(uint64_t) + (size_t)own * (sizeof(uint64_t) + 6 * sizeof(float) + sizeof(uint16_t));
-}

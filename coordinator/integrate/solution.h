@@ -47,8 +47,4 @@ void kiln_solution_refresh(struct kiln_solution *solution);
 /* Collective. Releases the solution and sets the pointer to NULL, which may be NULL. */
 void kiln_solution_destroy(struct kiln_solution **solution);
 
-/* Bytes that a solution takes on a node's only rank for `own` of `total` surface points: what `kiln plan` predicts
- * with. */
-size_t kiln_solution_bytes(uint64_t own, uint64_t total);
-
 #endif

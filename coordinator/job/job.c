@@ -10,7 +10,7 @@
 
 static struct kiln_job_owned *owned(struct kiln_job *job) { return job->strings; }
 
-/* Room for `length` bytes and a zero byte, all of them zero. */
+/* Allocates `length` + 1 zero bytes that the job owns. */
 static int keep_room(struct kiln_job *job, size_t length, char **copy, struct kiln_error *error)
 {
     struct kiln_job_owned *own = owned(job);
@@ -77,12 +77,12 @@ static void set_quality(struct kiln_job *job)
         }
 }
 
-/* One option as it stands on the command line. */
+/* An option on the command line. */
 struct word {
     const struct kiln_option *option;
-    const char *value; /* NULL: not given with '=' */
-    bool negated;      /* --no-NAME */
-    bool renamed;      /* by its former name */
+    const char *value; /* the text after '='; NULL: none */
+    bool negated;      /* given as --no-NAME */
+    bool renamed;      /* given by its former name */
 };
 
 static int unknown_option(const struct kiln_command *command, const char *name, struct kiln_error *error)
@@ -133,8 +133,8 @@ static int recognise(const struct kiln_command *command, const char *argument, s
     return KILN_OK;
 }
 
-/* Reads the option at arguments[*at], moves *at past it, and stores it, or with `only` stores it only if it is that
- * one. */
+/* Reads the option at arguments[*at], moves *at past it, and stores it. With `only`, stores it only if that is its
+ * name. */
 static int read_option(struct kiln_job *job, const struct kiln_command *command, char **arguments, int *at,
                        const char *only, struct kiln_error *error)
 {
@@ -169,8 +169,8 @@ static bool is_option(const char *argument)
     return argument[0] == '-' && argument[1] != '\0' && strchr("0123456789.", argument[1]) == NULL;
 }
 
-/* Goes through the command line. With `only` nothing but that option is stored; otherwise all options, and the
- * arguments are collected unless `collect` is false. */
+/* Reads the command line and collects the arguments. Stores all options, or with `only` just the option of that name.
+ */
 static int read_command_line(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv,
                              const char *only, struct kiln_error *error)
 {

@@ -1,7 +1,7 @@
-/* Every setting kiln knows, filled from defaults, then `--quality`, then the job file, then the command line (later
- * wins). The one table in coordinator/job/options.c names each option, its unit, default, range, the commands it
- * belongs to and its place in this struct; `--help`, the job file reader and the command line all read that table and
- * nothing else. */
+/* The job: all settings of one run of kiln. It is filled from defaults, then --quality, then the job file, then the
+ * command line; later values win. The table in coordinator/job/options.c gives each option its unit, default, range,
+ * commands and member of this struct. --help, the job file reader and the command line all work from that table alone.
+ */
 #ifndef KILN_COORDINATOR_JOB_JOB_H
 #define KILN_COORDINATOR_JOB_JOB_H
 
@@ -11,129 +11,129 @@
 #include <stdio.h>
 
 #include "coordinator/job/faults.h"
-#include "coordinator/integrate/settings.h"
+#include "coordinator/job/choices.h"
 #include "worker/base/status.h"
 
-/* What the lights' numbers are measured in: what the file says, or as asked. */
+/* Unit of the lights: AUTO takes what the file says; the others override it. */
 enum kiln_units_choice { KILN_UNITS_AUTO = 0, KILN_UNITS_RADIOMETRIC = 1, KILN_UNITS_PHOTOMETRIC = 2 };
 
 /* Strings are owned by the job (or static); NULL means not given. */
 struct kiln_job {
-    /* what the command is given besides options */
+    /* command and arguments */
     const char *command;
     char **arguments;
     size_t argument_count;
 
     /* scene and output */
-    /* the first argument of bake, plan, info, check; `scene:` of a job file, relative to the job file's folder */
+    /* the first argument of bake, plan, info and check, or `scene:` of a job file, relative to that file's folder */
     char *scene;
     char *output; /* DIR; default: the scene's name without extension + "-bake" */
-    /* "none", "R,G,B" (radiance), or an .hdr or .exr lat-long image; NULL: what the scene says */
+    /* "none", "R,G,B" (radiance), or the path of a lat-long .hdr or .exr image; NULL: what the scene says */
     char *environment;
-    double environment_scale;    /* factor; default 1 */
+    double environment_scale;    /* factor on the radiance; default 1 */
     double environment_rotation; /* degrees about +y */
     int units;                   /* enum kiln_units_choice */
 
-    /* where it runs */
+    /* devices and threads */
     char *backend;          /* auto | embree | vulkan */
-    int64_t device;         /* as `kiln info --devices` numbers them; -1: in turn, by the rank's place on its node */
+    int64_t device;         /* number in `kiln info --devices`; -1: ranks of a node take devices in turn */
     int traversal;          /* enum kiln_traversal */
     double verify_fraction; /* fraction of the tile runs that are traced again with Embree */
-    double dispatch_time;   /* ms that one dispatch may take */
-    double device_memory;   /* GiB; 0: what the device has free */
-    bool devices;           /* info: list devices, no scene */
-    uint32_t threads;       /* a rank; 0: the cores this process may use, divided by the ranks of the node */
-    char *instruction_set;  /* NULL: the best that all ranks have */
+    double dispatch_time;   /* longest time of one GPU dispatch, ms */
+    double device_memory;   /* GiB that a rank may use; 0: what is free on the device */
+    bool devices;           /* info: list the devices; there is no scene */
+    uint32_t threads;       /* of each rank; 0: the cores that this process may use, divided by the ranks of the node */
+    char *instruction_set;  /* of Embree; NULL: the best that all ranks have */
 
     /* transport */
-    char *quality;   /* draft | preview | production | reference: what the sample counts start from */
-    char *method;    /* name of an integrator: integrate/integrators.c */
-    int64_t bounces; /* indirect bounces; -1: as many as there is energy for, and a tail */
+    char *quality;   /* draft | preview | production | reference: preset of the sample counts */
+    char *method;    /* name of an integrator (coordinator/integrate/integrators.c) */
+    int64_t bounces; /* indirect bounces; -1: until little energy is left, then the tail */
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;
-    uint32_t samples_direct, samples_bounce, samples_indirect;
+    uint32_t samples_direct, samples_bounce, samples_indirect; /* rays for each texel */
     uint64_t seed;
 
     /* texels, cells, partition */
     double texels_per_metre;
     uint32_t lightmap_size; /* 0: by density */
     uint32_t lightmap_max;  /* texels a side */
-    bool repack;            /* lay charts that lie too close together out anew */
-    char *objects;          /* settings of single objects, as JSON: coordinator/job/object_settings.h; NULL: none */
-    bool trust_normals;     /* they decide the front of a triangle, not its winding */
-    double cell_size;       /* m; 0: chosen */
-    bool partition_objects;
+    bool repack;            /* pack charts again that lie too close together */
+    char *objects;          /* settings of objects, as JSON (coordinator/job/object_settings.h); NULL: none */
+    bool trust_normals;     /* normals decide which side of a triangle is its front; otherwise its winding does */
+    double cell_size;       /* m; 0: chosen automatically */
+    bool partition_objects; /* assign whole objects to ranks, otherwise whole cells */
 
     /* volume */
-    double probe_spacing;   /* m; 0: chosen */
-    uint32_t samples_probe; /* 0: no volume */
+    double probe_spacing;   /* m; 0: chosen automatically */
+    uint32_t samples_probe; /* rays for each probe; 0: no volume */
 
     /* results */
-    bool half;       /* lightmaps in half float where nothing overflows */
-    bool both_sides; /* publish lightmaps of backs */
+    bool half;       /* write lightmaps as half floats where no value overflows */
+    bool both_sides; /* also write lightmaps for the backs of double-sided surfaces */
     bool stitch;     /* smooth seams between charts; default true */
-    bool error_map;  /* standard error of each texel as a layer */
+    bool error_map;  /* write the standard error of each texel as a layer */
     bool preview;    /* write preview.png; default true */
     bool export;     /* write scene.glb; default true */
 
     /* checkpoints and limits, seconds; 0: none */
-    bool resume; /* go on from a checkpoint that is there; default true */
+    bool resume; /* continue from an existing checkpoint; default true */
     double checkpoint_every, max_time, watchdog;
 
     /* between ranks */
-    uint32_t share_ranks;    /* at most so many of a host share memory; 0: all, 1: none */
-    bool work_stealing;      /* ranks that are done compute for others of their host; default true */
+    uint32_t share_ranks;    /* so many ranks of a host at most share memory; 0: all of them, 1: none */
+    bool work_stealing;      /* ranks that are done compute points of other ranks of their host; default true */
     int rebalance;           /* enum kiln_rebalance */
-    int exchange;            /* enum kiln_exchange_form: 4 or 8 bytes a point between bounces */
-    uint64_t exchange_limit; /* elements in one call of MPI; 0: what it can count */
-    char *trace;             /* file for the timeline of all ranks */
+    int exchange;            /* enum kiln_exchange_form */
+    uint64_t exchange_limit; /* most elements in one MPI call; 0: the largest count that MPI takes */
+    char *trace;             /* file for the timeline of all ranks; NULL: none */
 
-    /* talking */
+    /* messages */
     bool json, quiet, verbose;
 
-    /* view, compare, probe, generate, bench, plan: see the option table */
+    /* view, compare, probe, generate, bench, plan */
     char *camera; /* name of a camera in the scene */
     uint32_t width, height;
     double exposure;                     /* stops */
-    char *from, *to;                     /* "x,y,z": eye and target of a view */
-    bool show_texels;                    /* a checkerboard of texels, no light */
+    char *from, *to;                     /* "x,y,z", m: position and target of the eye */
+    char *show;                          /* "light", "texels", or the name of a field in the lightmaps */
     double field_of_view;                /* degrees, vertical */
-    uint32_t ranks;                      /* plan */
-    double node_memory;                  /* GiB; plan */
-    uint64_t triangles;                  /* generate: about how many */
-    uint32_t columns, rows;              /* generate rooms: N x M */
+    uint32_t ranks;                      /* plan: number of ranks */
+    double node_memory;                  /* plan: memory of a node, GiB; 0: this machine's */
+    uint64_t triangles;                  /* generate: approximate number; 0: the scene's default */
+    uint32_t columns, rows;              /* generate rooms, lights: numbers along x and z */
     double albedo;                       /* generate furnace; -1: not given */
-    double node_bandwidth, node_latency; /* plan: network, GB/s and microseconds */
-    uint64_t points;                     /* plan: of the scaling curve; 0: the scene's */
+    double node_bandwidth, node_latency; /* plan: of the network, GB/s and microseconds */
+    uint64_t points;                     /* plan: surface points of the scaling curve; 0: those of the scene */
     char *rank_counts;                   /* bench scaling: "1,2,4" */
-    uint32_t repeats;                    /* bench */
+    uint32_t repeats;                    /* bench: runs of each measurement */
 
-    /* submit: what the batch job asks for */
-    uint32_t nodes, gpus, ranks_per_node; /* gpus: of a node; ranks_per_node 0: one a GPU, or one */
-    double memory;                        /* GiB of a node; 0: not said */
-    char *time_limit, *queue, *account;   /* in Slurm's words; --time, --partition, --account */
-    uint32_t warning;                     /* seconds before the time limit */
-    uint32_t tries;                       /* in one allocation, when nodes are lost */
-    char *array, *setup;
+    /* submit: what the batch job requests */
+    uint32_t nodes, gpus, ranks_per_node; /* gpus: of each node; ranks_per_node 0: one for each GPU, or one */
+    double memory;                        /* GiB of each node; 0: not given */
+    char *time_limit, *queue, *account;   /* Slurm's --time, --partition, --account */
+    uint32_t warning;                     /* seconds between the warning signal and the time limit */
+    uint32_t tries;                       /* runs in one allocation when nodes are lost */
+    char *array, *setup;                  /* pattern of job files; shell script that the job reads first */
     bool dry_run;
 
     /* export */
-    char *source;           /* the scene that was baked; NULL: where run.json says */
+    char *source;           /* path of the scene that was baked; NULL: the one in run.json */
     int format;             /* enum kiln_page_format */
-    double range;           /* of rgbm; 0: each page's largest value */
-    uint32_t atlas;         /* largest side of a page; 0: one page an object */
-    bool drop_baked_lights; /* leave the lights out that are in the lightmaps */
+    double range;           /* irradiance of RGBM value 1,1,1,1; 0: each page's largest value */
+    uint32_t atlas;         /* largest side of a page, texels; 0: one page for each object */
+    bool drop_baked_lights; /* remove lights whose light is in the lightmaps */
 
-    struct kiln_faults faults; /* of the environment, for tests */
+    struct kiln_faults faults; /* faults that tests inject, read from the environment */
 
-    bool answered; /* by the command: its JSON object is on stdout, though it fails */
-    void *strings; /* private: what the job owns */
+    bool answered; /* the command has printed its JSON object, even if it then fails */
+    void *strings; /* private: struct kiln_job_owned */
 };
 
-/* Reads the command line (argv[1] is the command) and, where the argument is a .yaml or .yml file, the job file. Not
- * collective: every rank reads the same. KILN_USAGE for an unknown command, option or bad value on the command line,
- * naming the nearest known one; KILN_BAD_INPUT for the same in a job file, with file and line. Release with
- * kiln_job_destroy. */
+/* Reads the command line (argv[1] is the command) and, if the first argument is a .yaml or .yml file, that job file.
+ * Not collective: every rank reads them itself. KILN_USAGE for an unknown command, an unknown option or a bad value on
+ * the command line, with the nearest known name; KILN_BAD_INPUT for the same in a job file, with file and line. Release
+ * with kiln_job_destroy. */
 int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_error *error);
 void kiln_job_destroy(struct kiln_job **job);
 

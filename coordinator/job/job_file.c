@@ -1,6 +1,6 @@
-/* The job file: one YAML mapping of option names to scalars, and under `objects` settings of single objects. Read
- * through libyaml's events, so that nothing is built up that the file could make large: an alias, a list or a mapping
- * elsewhere ends the reading at once. */
+/* Job file reader. A job file is one YAML mapping of option names to scalars, with settings of objects under `objects`.
+ * It is read from libyaml's events, without a document tree whose size the file could inflate: an alias, a list, or a
+ * mapping in another place ends the reading at once. */
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
@@ -19,8 +19,8 @@
 struct reader {
     struct kiln_job *job;
     const char *path;
-    int refusal;  /* status of what is wrong in it; 0: KILN_BAD_INPUT */
-    char *folder; /* of the job file; "." when it has none */
+    int refusal;  /* status of errors in the text; 0: KILN_BAD_INPUT */
+    char *folder; /* folder of the job file; "." for the current one */
     char *text;   /* the whole file */
     size_t length;
     bool only_quality;
@@ -71,7 +71,7 @@ static int next(struct reader *reader, yaml_event_t *event, struct kiln_error *e
     if (parser->error == YAML_MEMORY_ERROR)
         return kiln_fail(error, KILN_SYSTEM, "out of memory while reading job file %.500s", reader->path);
     if (parser->error == YAML_READER_ERROR) {
-        size_t line = 1; /* of the byte that is not text */
+        size_t line = 1; /* line of the byte that is not text */
         for (size_t i = 0; i < parser->problem_offset && i < reader->length; i++)
             line += reader->text[i] == '\n';
         return kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: is not text in UTF-8: %s", reader->path, line,
@@ -82,7 +82,7 @@ static int next(struct reader *reader, yaml_event_t *event, struct kiln_error *e
                      parser->context != NULL ? " " : "", parser->context != NULL ? parser->context : "");
 }
 
-/* Checks that the event is text without NUL inside and, for values, that there is something. */
+/* Checks that the event is a scalar without a NUL character. */
 static int expect_scalar(const struct reader *reader, const yaml_event_t *event, const char *what,
                          struct kiln_error *error)
 {
@@ -113,7 +113,7 @@ static bool is_text(enum kiln_option_kind kind)
            kind == KILN_OPTION_CHOICE_FLAG;
 }
 
-/* NULL: none is near. */
+/* The nearest known key; NULL: none is near. */
 static const char *nearest_key(const char *key)
 {
     const char *nearest = kiln_option_nearest(key, KILN_FOR_BAKE | KILN_FOR_PLAN);
@@ -137,7 +137,7 @@ static int unknown_key(const struct reader *reader, const char *key, size_t line
 
 static int refuse(const struct reader *reader) { return reader->refusal != 0 ? reader->refusal : KILN_BAD_INPUT; }
 
-/* true, false and numbers are what they look like, unless they stand in quotation marks. */
+/* A scalar as JSON: true, false and numbers keep their type unless they are quoted; everything else is a string. */
 static json_t *scalar_json(const yaml_event_t *event)
 {
     const char *text = (const char *)event->data.scalar.value;
@@ -152,7 +152,7 @@ static json_t *scalar_json(const yaml_event_t *event)
     return value == floor(value) && fabs(value) < 0x1p53 ? json_integer((json_int_t)value) : json_real(value);
 }
 
-/* KEY: VALUE of one rule; *end at the end of the rule. */
+/* Reads one KEY: VALUE of a rule; sets *end at the end of the rule. */
 static int read_setting(struct reader *reader, const char *pattern, json_t *rule, bool *end, struct kiln_error *error)
 {
     yaml_event_t key, value;
@@ -187,7 +187,7 @@ static int read_setting(struct reader *reader, const char *pattern, json_t *rule
     return status;
 }
 
-/* PATTERN: {...}; *end at the end of the rules. */
+/* Reads one PATTERN: {...}; sets *end at the end of the rules. */
 static int read_rule(struct reader *reader, json_t *rules, bool *end, struct kiln_error *error)
 {
     yaml_event_t key, value;
@@ -219,7 +219,7 @@ static int read_rule(struct reader *reader, json_t *rules, bool *end, struct kil
     return status;
 }
 
-/* The rules after `objects:`, of whose mapping the start has been read; kept as JSON. */
+/* Reads the rules of `objects:`, after the start of their mapping, and stores them in *kept as JSON. */
 static int read_rules(struct reader *reader, char **kept, struct kiln_error *error)
 {
     json_t *rules = json_object();
@@ -245,7 +245,7 @@ static int read_rules(struct reader *reader, char **kept, struct kiln_error *err
 
 /* ---- keys ---- */
 
-/* Whether the key has not stood before. */
+/* Marks the key as seen; an error if it was seen before. */
 static int take_key(struct reader *reader, const char *key, size_t index, size_t line, struct kiln_error *error)
 {
     if (reader->seen[index])
@@ -255,7 +255,7 @@ static int take_key(struct reader *reader, const char *key, size_t index, size_t
     return KILN_OK;
 }
 
-/* A key whose value is a mapping. */
+/* Stores a key whose value is a mapping. */
 static int store_rules(struct reader *reader, const yaml_event_t *key, const yaml_event_t *value,
                        struct kiln_error *error)
 {
@@ -312,7 +312,7 @@ static int store(struct reader *reader, const char *key, size_t key_line, const 
     return kiln_option_set(reader->job, option, text, where, KILN_BAD_INPUT, reader->folder, error);
 }
 
-/* One key and its value. *end is set at the end of the mapping. */
+/* Reads one key and its value; sets *end at the end of the mapping. */
 static int read_pair(struct reader *reader, bool *end, struct kiln_error *error)
 {
     yaml_event_t key, value;

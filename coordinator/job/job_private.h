@@ -1,10 +1,10 @@
-/* What the files that fill a job share; for coordinator/cli only. */
+/* Private parts of a job: shared by the sources that fill it in. */
 #ifndef KILN_COORDINATOR_JOB_JOB_PRIVATE_H
 #define KILN_COORDINATOR_JOB_JOB_PRIVATE_H
 
 #include "coordinator/job/job.h"
 
-/* Behind kiln_job.strings. */
+/* What a job owns: kiln_job.strings points to it. */
 struct kiln_job_owned {
     char **strings;
     size_t count, capacity;
@@ -15,26 +15,26 @@ struct kiln_job_owned {
 /* Copies `length` bytes of `text` as a string that the job owns. */
 int kiln_job_keep(struct kiln_job *job, const char *text, size_t length, char **copy, struct kiln_error *error);
 
-/* `path` as the job owns it; a relative one gets `folder` in front when `folder` is not NULL. */
+/* Copies a path as a string that the job owns. A relative path gets `folder` in front unless `folder` is NULL. */
 int kiln_job_keep_path(struct kiln_job *job, const char *path, const char *folder, char **copy,
                        struct kiln_error *error);
 
-/* Where results go when that is not said: job->output becomes the name of the scene (or job file) `path` without its
- * extension, and `ending`; in the current folder. */
+/* Sets job->output to its default in the current folder: the name of the scene (or job file) `path` without extension,
+ * followed by `ending`. */
 int kiln_job_default_output(struct kiln_job *job, const char *path, const char *ending, struct kiln_error *error);
 
 enum { KILN_JOB_FILE_LIMIT = 1 << 20 }; /* bytes */
 
-/* Reads the job file at `path` into the job: every key an option, and `scene`. KILN_BAD_INPUT names file and line;
- * KILN_NO_INPUT, KILN_PERMISSION, KILN_IO when it cannot be read. */
+/* Reads the job file at `path` into the job. Its keys are the options and `scene`. KILN_BAD_INPUT, with file and line,
+ * for wrong content; KILN_NO_INPUT, KILN_PERMISSION or KILN_IO if it cannot be read. */
 int kiln_job_file_read(struct kiln_job *job, const char *path, struct kiln_error *error);
 
-/* Reads settings of objects from a line of YAML, `{PATTERN: {KEY: VALUE, ...}, ...}`, and keeps them as JSON. `where`
- * names the place in messages, `status` is the code of what is refused. */
+/* Reads settings of objects from one line of YAML, `{PATTERN: {KEY: VALUE, ...}, ...}`, and stores them in *kept as
+ * JSON, which the job owns. `where` is the place for messages, `status` the code for refused text. */
 int kiln_job_rules_parse(const char *text, const char *where, int status, struct kiln_job *job, char **kept,
                          struct kiln_error *error);
 
-/* As kiln_job_file_read, but stores nothing except the value of the key `quality`, where that is given. */
+/* As kiln_job_file_read, but stores only the value of the key `quality`, if there is one. */
 int kiln_job_file_read_quality(struct kiln_job *job, const char *path, struct kiln_error *error);
 
 #endif

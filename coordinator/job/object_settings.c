@@ -7,7 +7,7 @@
 
 #include "coordinator/job/options.h"
 
-/* The table of keys and how their values are read. */
+/* A key, and how its value is read. */
 struct key {
     const char *name;
     const char *wanted; /* completes "it must be ..." */
@@ -21,7 +21,7 @@ static bool read_scale(struct kiln_object_settings *settings, const json_t *valu
     return json_is_number(value) && scale >= 0.001 && scale <= 1000.0;
 }
 
-/* Reads a whole number, also if written as 128.0. */
+/* Reads a whole number, also one that is written as 128.0. */
 static bool read_size(struct kiln_object_settings *settings, const json_t *value)
 {
     const double size = json_number_value(value);
@@ -31,7 +31,7 @@ static bool read_size(struct kiln_object_settings *settings, const json_t *value
     return true;
 }
 
-/* Reads a truth value. Custom properties of modelling programs may have only the numbers 0 and 1. */
+/* Reads a truth value, also as 0 or 1, since custom properties of modelling programs may have no truth values. */
 static bool read_exclude(struct kiln_object_settings *settings, const json_t *value)
 {
     const bool number = json_is_number(value) && (json_number_value(value) == 0.0 || json_number_value(value) == 1.0);
@@ -39,7 +39,7 @@ static bool read_exclude(struct kiln_object_settings *settings, const json_t *va
     return json_is_boolean(value) || number;
 }
 
-/* The index of a word in a list, from 1 on; 0: not in it. */
+/* Position of a word in a list, starting with 1; 0: it is not in the list. */
 static uint8_t place_of(const json_t *value, const char *const *words, uint8_t count)
 {
     const char *text = json_string_value(value);

@@ -1,22 +1,26 @@
-/* Settings for single objects. A user gives them in the document, as a node's `extras`, or in the job, as rules with
- * patterns of names.
+/* Settings of single objects. They come from the scene file, in the `extras` of a node, and from the job, as rules with
+ * patterns of object names.
  *
- * The keys, the same in both places ('-' and '_' are equivalent in a document):
- *   density-scale: FACTOR      factor on the texels a metre; 0.001 to 1000
- *   lightmap-size: TEXELS      the object's lightmap is N x N; 1 to 32768
- *   exclude: true              the object is left out of the bake
- *   role: caster-only          it blocks and reflects light, but its lightmap is not published; it has a quarter of the
- *                              density, unless density-scale or lightmap-size is given
- *   role: receiver-only        it has a lightmap, but no ray hits it, so it lights nothing
- *   role: both                 neither restriction
- *   sides: one | two           which sides of its double-sided surfaces have a published lightmap
+ * The keys are the same in both places; in a scene file '_' may replace '-':
  *
- * In a document: node.extras.kiln = {"exclude": true}, or node.extras["kiln-exclude"] = true, as custom properties of
- * modelling programs are exported. Settings apply to the node itself, not to its children. Rules of the job come after
- * the document, later rules after earlier ones, key by key. A rule's pattern is a shell glob (*, ?, [a-z]). It matches
- * every object whose whole name matches, either as in the file or as its lightmap is called.
+ * - density-scale: FACTOR. Factor on the texel density, 0.001 to 1000.
  *
- * As text, rules are a JSON object: {"Chair*": {"density-scale": 2}, "Ground": {"role": "caster-only"}}. */
+ * - lightmap-size: TEXELS. The object's lightmap is N x N, 1 to 32768.
+ *
+ * - exclude: true. The object is not part of the bake.
+ *
+ * - role: both | caster-only | receiver-only. A caster-only object blocks and reflects light, but its lightmap is not
+ *   published and therefore coarse: a quarter of the density, unless density-scale or lightmap-size is given. A
+ *   receiver-only object has a lightmap, but no ray hits it, and it lights nothing.
+ *
+ * - sides: one | two. The sides of the object's double-sided surfaces whose lightmaps are published.
+ *
+ * In a scene file: node.extras.kiln = {"exclude": true}, or node.extras["kiln-exclude"] = true, which custom properties
+ * of modelling programs become. They apply to that node only, not to its children. Rules of the job override the scene
+ * file, and later rules earlier ones, key by key. The pattern of a rule is a shell glob (*, ?, [a-z]) and applies to
+ * every object whose name in the file, or the name of whose lightmap, matches completely.
+ *
+ * Rules are stored as a JSON object: {"Chair*": {"density-scale": 2}, "Ground": {"role": "caster-only"}}. */
 #ifndef KILN_COORDINATOR_JOB_OBJECT_SETTINGS_H
 #define KILN_COORDINATOR_JOB_OBJECT_SETTINGS_H
 
@@ -31,20 +35,22 @@ enum kiln_object_role { KILN_ROLE_UNSET = 0, KILN_ROLE_BOTH, KILN_ROLE_CASTER_ON
 enum kiln_object_sides { KILN_SIDES_UNSET = 0, KILN_SIDES_ONE, KILN_SIDES_TWO };
 enum kiln_object_exclude { KILN_EXCLUDE_UNSET = 0, KILN_EXCLUDE_NO, KILN_EXCLUDE_YES };
 
-/* All zero: nothing is set. */
+/* All zero: no settings. */
 struct kiln_object_settings {
     double density_scale;
     uint32_t lightmap_size;
     uint8_t role, sides, exclude; /* the enums above */
 };
 
-enum { KILN_RULES_LIMIT = 100000 }; /* bytes of all rules as text, at most: they are an argument of the import child */
+enum {
+    KILN_RULES_LIMIT = 100000
+}; /* most bytes of all rules as text, since they are a command line argument of the import process */
 
-/* Reads one key. *known tells whether the key exists; if not, nothing is read. For an invalid value, fails with
- * `status` and a sentence that begins with `where`. */
+/* Reads one key. *known tells whether there is a key of that name; otherwise nothing is read. For an invalid value
+ * returns `status` with a message that begins with `where`. */
 int kiln_object_settings_read(struct kiln_object_settings *settings, const char *key, const json_t *value,
                               const char *where, int status, bool *known, struct kiln_error *error);
-/* The known key most similar to `key`. */
+/* The known key with the least edit distance from `key`. */
 const char *kiln_object_settings_nearest(const char *key);
 
 #endif

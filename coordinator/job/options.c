@@ -8,7 +8,6 @@
 static const char *const backends[] = {"auto", "embree", "vulkan", NULL};
 /* enum kiln_traversal */
 static const char *const traversals[] = {"auto", "compute", "pipeline", "all", "binary", "four", "eight", NULL};
-static const char *const shows[] = {"light", "texels", NULL};
 static const char *const trusts[] = {"winding", "normals", NULL};
 static const char *const schedules[] = {"lean", "equal", NULL};            /* in the order of enum kiln_schedule */
 static const char *const exchanges[] = {"auto", "compact", "full", NULL};  /* in the order of enum kiln_exchange_form */
@@ -28,6 +27,9 @@ enum {
 };
 
 #define MOST_SAMPLES 1048576.0
+
+#define METHOD_NAME(name) #name,
+static const char *const method_names[] = {KILN_METHOD_LIST(METHOD_NAME) NULL};
 
 const struct kiln_option kiln_options[] = {
     {.name = "output",
@@ -185,7 +187,7 @@ const struct kiln_option kiln_options[] = {
      .group = "Light transport",
      .kind = KILN_OPTION_CHOICE,
      .fallback = "cells",
-     .choices = kiln_integrator_names,
+     .choices = method_names,
      .help = "cells: every surface point gathers light, bounce by bounce, cell by cell",
      .commands = TRACES,
      .offset = AT(method)},
@@ -599,12 +601,12 @@ const struct kiln_option kiln_options[] = {
 
     {.name = "show",
      .group = "View",
-     .kind = KILN_OPTION_CHOICE_FLAG,
+     .kind = KILN_OPTION_STRING,
+     .value = "NAME",
      .fallback = "light",
-     .choices = shows,
-     .help = "light, or a checkerboard of the lightmaps' texels",
+     .help = "light, texels (a checkerboard of them), or a field of the lightmaps: direct, indirect, ...",
      .commands = KILN_FOR_VIEW,
-     .offset = AT(show_texels)},
+     .offset = AT(show)},
 
     {.name = "ranks",
      .group = "Plan",
@@ -1031,7 +1033,8 @@ const char *kiln_option_default(const struct kiln_option *option)
     return option->fallback != NULL ? option->fallback : "";
 }
 
-/* Names longer than the table's are cut, which cannot bring a wrong one nearer. */
+/* Wagner and Fischer's dynamic programming with transpositions. Names are cut at a length that no known name has, which
+ * cannot make a wrong name nearer. */
 size_t kiln_edit_distance(const char *a, const char *b)
 {
     enum { LIMIT = 48 };

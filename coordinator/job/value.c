@@ -1,4 +1,4 @@
-/* From text to a field of the job: the same strict rules for defaults, job file and command line. */
+/* Parsing of option values: defaults, job file and command line follow the same strict rules. */
 #include <ctype.h>
 #include <errno.h>
 #include <math.h>
@@ -12,8 +12,8 @@
 
 static void *field(struct kiln_job *job, const struct kiln_option *option) { return (char *)job + option->offset; }
 
-/* Digits, signs, one point and an exponent: keeps out what strtod takes besides (nan, inf, hexadecimal, leading
- * blanks). */
+/* Parses a decimal number of digits, signs, one point and an exponent. Refuses what strtod accepts besides (nan, inf,
+ * hexadecimal numbers, leading blanks). */
 static bool decimal(const char *text, double *value)
 {
     if (text[0] == '\0' || text[strspn(text, "0123456789+-.eE")] != '\0')
@@ -34,7 +34,7 @@ static bool whole(const char *text, bool *negative, uint64_t *magnitude)
         *magnitude = strtoull(digits, NULL, 10);
         return errno == 0;
     }
-    double value; /* 1e6 */
+    double value; /* whole numbers may be given as 1e6 */
     if (!isdigit((unsigned char)digits[0]) || !decimal(digits, &value) || value != floor(value) || value > 0x1p53)
         return false;
     *magnitude = (uint64_t)value;
@@ -128,7 +128,7 @@ static int set_choice(struct kiln_job *job, const struct kiln_option *option, co
                      "%s: this build has no %s '%.200s'; it has: %s", where, option->name, text, list);
 }
 
-/* Three numbers between commas. */
+/* Parses three numbers separated by commas. */
 static bool triple(const char *text, double values[3])
 {
     char part[64];
@@ -151,7 +151,7 @@ static int set_point(struct kiln_job *job, const struct kiln_option *option, con
     double place[3];
     if (!triple(text, place))
         return kiln_fail(error, status,
-                         "%s: '%.200s' is not a point; it must be three numbers with commas between, as in 0,1.5,3",
+                         "%s: '%.200s' is not a point; it must be three numbers separated by commas, such as 0,1.5,3",
                          where, text);
     for (int axis = 0; axis < 3; axis++)
         if (fabs(place[axis]) > KILN_PLACE_MOST)
@@ -202,7 +202,7 @@ int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, cons
     if (text[0] == '\0')
         return kiln_fail(error, status, "%s: is empty; it must be %s", where, option->value);
     const bool writes = strcmp(option->name, "output") == 0 || strcmp(option->name, "trace") == 0;
-    if (writes && text[0] == '-') /* other programs would take it for an option */
+    if (writes && text[0] == '-') /* other programs would read the name as an option */
         return kiln_fail(error, status,
                          "%s: '%.200s' begins with '-': write './%.200s' if that is what the file is to be called",
                          where, text, text);

@@ -1,94 +1,199 @@
 #include "coordinator/output/columns.h"
 
+#include <assert.h>
 #include <string.h>
 
-#include "coordinator/output/points.h"
 #include "worker/base/memory.h"
 
-const struct kiln_column_info kiln_columns[KILN_COLUMNS] = {
-    [KILN_COLUMN_POSITION] = {"/points/position", KILN_DOUBLE, 3, true, "m",
-                              "world position of the centroid of the part of the surface in the texel"},
-    [KILN_COLUMN_NORMAL] = {"/points/normal", KILN_FLOAT, 3, false, "1", "unit shading normal there, world"},
-    [KILN_COLUMN_OBJECT] = {"/points/object", KILN_UINT32, 1, false, "1", "index into /objects"},
-    [KILN_COLUMN_TEXEL] = {"/points/texel", KILN_UINT32, 2, false, "texel",
-                           "x and y in the object's lightmap, from the top left, v = 0 at the top"},
-    [KILN_COLUMN_AREA] = {"/points/area", KILN_FLOAT, 1, false, "m2", "surface in the texel"},
-    [KILN_COLUMN_ALBEDO] = {"/points/albedo", KILN_FLOAT, 3, false, "1", "mean diffuse albedo, linear RGB"},
-    [KILN_COLUMN_VALID] =
-        {"/points/valid", KILN_UINT8, 1, false, "1",
-         "1 where light could be gathered; elsewhere /irradiance is 0 and lightmaps are filled from neighbours"},
-    [KILN_COLUMN_CELL] = {"/points/cell", KILN_UINT32, 1, false, "1", "index into /cells"},
-    [KILN_COLUMN_DIRECT] = {"/irradiance/direct", KILN_FLOAT, 3, false, NULL,
-                            "from lights, about the shading normal, linear RGB, as gathered: not filled and seams not "
-                            "smoothed (the lightmaps are)"},
-    [KILN_COLUMN_INDIRECT] = {"/irradiance/indirect", KILN_FLOAT, 3, true, NULL,
-                              "from other surfaces, about the shading normal, linear RGB, as gathered: not filled and "
-                              "seams not smoothed (the lightmaps are)"},
-    [KILN_COLUMN_TOTAL] = {"/irradiance/total", KILN_FLOAT, 3, true, NULL,
-                           "direct + indirect, as gathered: not filled and seams not smoothed (the lightmaps are)"},
-    [KILN_COLUMN_ERROR] = {"/irradiance/error", KILN_FLOAT, 1, true, NULL, "standard error of the luminance of total"},
-    [KILN_COLUMN_SIDE] = {"/points/side", KILN_UINT8, 1, false, "1",
-                          "0: of a front; 1: of a back, a double-sided surface seen from behind; its texels are twice "
-                          "as wide as the object's unless its lightmap is published"},
-};
+/* ---- computed columns ---- */
 
-size_t kiln_column_value(int column)
+static void put_position(void *row, const struct kiln_column_point *p)
 {
-    const struct kiln_column_info *info = &kiln_columns[column];
-    return info->type == KILN_DOUBLE ? sizeof(double) : info->type == KILN_UINT8 ? 1 : sizeof(float);
+    memcpy(row, p->detail->position, sizeof p->detail->position);
 }
 
-size_t kiln_column_row(int column) { return kiln_columns[column].components * kiln_column_value(column); }
+static void put_normal(void *row, const struct kiln_column_point *p)
+{
+    memcpy(row, p->detail->normal, sizeof p->detail->normal);
+}
 
-int kiln_rows_allocate(struct kiln_rows *rows, size_t count, struct kiln_error *error)
+static void put_object(void *row, const struct kiln_column_point *p)
+{
+    *(uint32_t *)row = kiln_map_object(p->result->surface, p->tile_run->map);
+}
+
+static void put_texel(void *row, const struct kiln_column_point *p)
+{
+    memcpy(row, (const uint32_t[]){p->detail->x, p->detail->y}, 2 * sizeof(uint32_t));
+}
+
+static void put_valid(void *row, const struct kiln_column_point *p)
+{
+    *(uint8_t *)row = kiln_point_valid(p->result->surface, p->own);
+}
+
+static void put_cell(void *row, const struct kiln_column_point *p) { *(uint32_t *)row = p->tile_run->cell; }
+
+static void put_side(void *row, const struct kiln_column_point *p)
+{
+    *(uint8_t *)row = kiln_map_back(p->result->surface, p->tile_run->map);
+}
+
+/* In three groups: the surface's fields stand after the first, the results after the second. */
+enum { GROUPS = 3 };
+static const struct computed {
+    int group;
+    struct kiln_column column;
+} computed[] = {
+    {0,
+     {.name = "/points/position",
+      .type = KILN_DOUBLE,
+      .components = 3,
+      .noisy = true,
+      .units = "m",
+      .description = "world position of the centroid of the part of the surface in the texel",
+      .put = put_position}},
+    {0,
+     {.name = "/points/normal",
+      .type = KILN_FLOAT,
+      .components = 3,
+      .units = "1",
+      .description = "unit shading normal there, world",
+      .put = put_normal}},
+    {0,
+     {.name = "/points/object",
+      .type = KILN_UINT32,
+      .components = 1,
+      .units = "1",
+      .description = "index into /objects",
+      .put = put_object}},
+    {0,
+     {.name = "/points/texel",
+      .type = KILN_UINT32,
+      .components = 2,
+      .units = "texel",
+      .description = "x and y in the object's lightmap, from the top left, v = 0 at the top",
+      .put = put_texel}},
+    {1,
+     {.name = "/points/valid",
+      .type = KILN_UINT8,
+      .components = 1,
+      .units = "1",
+      .description =
+          "1 where light could be gathered; elsewhere /irradiance is 0 and lightmaps are filled from neighbours",
+      .put = put_valid}},
+    {1,
+     {.name = "/points/cell",
+      .type = KILN_UINT32,
+      .components = 1,
+      .units = "1",
+      .description = "index into /cells",
+      .put = put_cell}},
+    {2,
+     {.name = "/points/side",
+      .type = KILN_UINT8,
+      .components = 1,
+      .units = "1",
+      .description = "0: of a front; 1: of a back, a double-sided surface seen from behind; its texels are twice as "
+                     "wide as the object's unless its lightmap is published",
+      .put = put_side}},
+};
+enum { COMPUTED = sizeof computed / sizeof *computed };
+static_assert((int)COMPUTED + (int)KILN_FIELDS_MAX <= (int)KILN_COLUMNS_MAX, "all columns have room");
+
+/* ---- the columns of a bake ---- */
+
+static void add_fields(struct kiln_columns *columns, const struct kiln_field_set *fields, bool of_surface)
+{
+    for (size_t i = 0; i < fields->count; i++) {
+        const struct kiln_field *f = fields->entry[i].field;
+        if (f->dataset != NULL && (f->life == KILN_FIELD_SURFACE) == of_surface)
+            columns->column[columns->count++] = (struct kiln_column){.name = f->dataset,
+                                                                     .type = KILN_FLOAT,
+                                                                     .components = f->components,
+                                                                     .noisy = f->noisy,
+                                                                     .units = f->unit,
+                                                                     .description = f->description,
+                                                                     .field = i};
+    }
+}
+
+void kiln_columns_make(struct kiln_columns *columns, const struct kiln_field_set *fields, bool backs)
+{
+    columns->count = 0;
+    for (int group = 0; group < GROUPS; group++) {
+        for (size_t i = 0; i < COMPUTED; i++)
+            if (computed[i].group == group && (backs || computed[i].column.put != put_side))
+                columns->column[columns->count++] = computed[i].column;
+        if (group + 1 < GROUPS)
+            add_fields(columns, fields, group == 0);
+    }
+}
+
+size_t kiln_columns_find(const struct kiln_columns *columns, const char *name)
+{
+    size_t i = 0;
+    while (i < columns->count && strcmp(columns->column[i].name, name) != 0)
+        i++;
+    return i;
+}
+
+size_t kiln_column_value(const struct kiln_column *column)
+{
+    return column->type == KILN_DOUBLE ? sizeof(double) : column->type == KILN_UINT8 ? 1 : sizeof(float);
+}
+
+size_t kiln_column_row(const struct kiln_column *column) { return column->components * kiln_column_value(column); }
+
+size_t kiln_columns_row(const struct kiln_columns *columns)
+{
+    size_t bytes = 0;
+    for (size_t c = 0; c < columns->count; c++)
+        bytes += kiln_column_row(&columns->column[c]);
+    return bytes;
+}
+
+/* ---- rows ---- */
+
+int kiln_rows_allocate(struct kiln_rows *rows, const struct kiln_columns *columns, size_t count,
+                       struct kiln_error *error)
 {
     int status = KILN_OK;
-    for (int c = 0; status == KILN_OK && c < KILN_COLUMNS; c++)
-        status = kiln_allocate(&rows->column[c], count, kiln_column_row(c), "points to write", error);
+    for (size_t c = 0; status == KILN_OK && c < columns->count; c++)
+        status = kiln_allocate(&rows->column[c], count, kiln_column_row(&columns->column[c]), "points to write", error);
     return status;
 }
 
 void kiln_rows_free(struct kiln_rows *rows)
 {
-    for (int c = 0; c < KILN_COLUMNS; c++)
+    for (int c = 0; c < KILN_COLUMNS_MAX; c++)
         kiln_free(&rows->column[c]);
 }
 
-static void put_floats(void *column, uint64_t row, const float *values, int count)
+void kiln_column_floats(const struct kiln_column *column, const struct kiln_bake_result *result, uint64_t own,
+                        float floats[KILN_FIELD_COMPONENTS_MAX])
 {
-    memcpy((float *)column + row * (uint64_t)count, values, (size_t)count * sizeof(float));
+    const struct kiln_field *field = result->fields->entry[column->field].field;
+    if (field->life == KILN_FIELD_SURFACE || kiln_point_valid(result->surface, own))
+        kiln_rank_floats(result->data, result->fields, column->field, own, floats);
+    else
+        memset(floats, 0, column->components * sizeof *floats);
 }
 
-static void put_point(struct kiln_rows *rows, uint64_t row, const struct kiln_bake_result *result, uint64_t own,
-                      const struct kiln_tile_run *tile_run, const struct kiln_point_detail *detail)
+static void put_point(struct kiln_rows *rows, const struct kiln_columns *columns, uint64_t row,
+                      const struct kiln_column_point *point)
 {
-    const struct kiln_surface *s = result->surface;
-    void *const *to = rows->column;
-    const bool valid = kiln_point_valid(s, own);
-    float albedo[3], light[3][3] = {{0}}, error = 0.0f;
-    for (uint64_t c = 0; c < 3; c++) {
-        albedo[c] = (float)s->albedo[3 * own + c] / 65535.0f;
-        if (!valid)
+    for (size_t c = 0; c < columns->count; c++) {
+        const struct kiln_column *column = &columns->column[c];
+        void *to = (uint8_t *)rows->column[c] + row * kiln_column_row(column);
+        if (column->put != NULL) {
+            column->put(to, point);
             continue;
-        light[0][c] = result->direct[3 * own + c];
-        light[1][c] = result->indirect[3 * own + c];
-        light[2][c] = light[0][c] + light[1][c];
-        error = kiln_error_unpack(result->error[own]);
+        }
+        float floats[KILN_FIELD_COMPONENTS_MAX];
+        kiln_column_floats(column, point->result, point->own, floats);
+        memcpy(to, floats, column->components * sizeof *floats);
     }
-    memcpy((double *)to[KILN_COLUMN_POSITION] + 3 * row, detail->position, sizeof detail->position);
-    put_floats(to[KILN_COLUMN_NORMAL], row, detail->normal, 3);
-    ((uint32_t *)to[KILN_COLUMN_OBJECT])[row] = kiln_map_object(s, tile_run->map);
-    ((uint32_t *)to[KILN_COLUMN_TEXEL])[2 * row] = detail->x;
-    ((uint32_t *)to[KILN_COLUMN_TEXEL])[2 * row + 1] = detail->y;
-    put_floats(to[KILN_COLUMN_AREA], row, &s->area[own], 1);
-    put_floats(to[KILN_COLUMN_ALBEDO], row, albedo, 3);
-    ((uint8_t *)to[KILN_COLUMN_VALID])[row] = valid;
-    ((uint32_t *)to[KILN_COLUMN_CELL])[row] = tile_run->cell;
-    put_floats(to[KILN_COLUMN_DIRECT], row, light[0], 3);
-    put_floats(to[KILN_COLUMN_INDIRECT], row, light[1], 3);
-    put_floats(to[KILN_COLUMN_TOTAL], row, light[2], 3);
-    put_floats(to[KILN_COLUMN_ERROR], row, &error, 1);
-    ((uint8_t *)to[KILN_COLUMN_SIDE])[row] = kiln_map_back(s, tile_run->map);
 }
 
 /* The first tile run that ends after `point`. */
@@ -106,7 +211,8 @@ static size_t find_tile_run(const struct kiln_surface *s, uint64_t point)
 }
 
 /* A tile run on the border of two ranges is described in both. */
-void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_bake_result *result, uint64_t first, uint64_t last)
+void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_columns *columns, const struct kiln_bake_result *result,
+                    uint64_t first, uint64_t last)
 {
     const struct kiln_surface *s = result->surface;
     if (first >= last)
@@ -118,9 +224,9 @@ void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_bake_result *resul
         const struct kiln_tile_run *tile_run = &s->tile_runs[f];
         const uint32_t count = kiln_tile_run_details(result, f, details);
         for (uint32_t i = 0; i < count; i++) {
-            const uint64_t point = tile_run->first + i;
-            if (point >= first && point < last)
-                put_point(rows, point - first, result, point - s->first, tile_run, &details[i]);
+            const struct kiln_column_point point = {result, tile_run->first + i - s->first, tile_run, &details[i]};
+            if (tile_run->first + i >= first && tile_run->first + i < last)
+                put_point(rows, columns, tile_run->first + i - first, &point);
         }
     }
 }

@@ -1,4 +1,5 @@
-/* What kiln.h5 says of each surface point, as columns: /points and /irradiance. Not collective. */
+/* What kiln.h5 says of each surface point, as columns: /points and /irradiance. Most are fields (coordinator/field/
+ * field.h); the others are computed from the surface when the file is written. Not collective. */
 #ifndef KILN_COORDINATOR_OUTPUT_COLUMNS_H
 #define KILN_COORDINATOR_OUTPUT_COLUMNS_H
 
@@ -6,53 +7,60 @@
 #include <stdint.h>
 
 #include "coordinator/field/result.h"
+#include "coordinator/output/points.h"
 
-enum kiln_column {
-    KILN_COLUMN_POSITION,
-    KILN_COLUMN_NORMAL,
-    KILN_COLUMN_OBJECT,
-    KILN_COLUMN_TEXEL,
-    KILN_COLUMN_AREA,
-    KILN_COLUMN_ALBEDO,
-    KILN_COLUMN_VALID,
-    KILN_COLUMN_CELL,
-    KILN_COLUMN_DIRECT,
-    KILN_COLUMN_INDIRECT,
-    KILN_COLUMN_TOTAL,
-    KILN_COLUMN_ERROR,
-    KILN_COLUMN_SIDE, /* only where there are backs: the last one */
-    KILN_COLUMNS
+/* A point that is described. */
+struct kiln_column_point {
+    const struct kiln_bake_result *result;
+    uint64_t own;
+    const struct kiln_tile_run *tile_run;
+    const struct kiln_point_detail *detail;
 };
 
-struct kiln_column_info {
-    const char *name;
-    enum { KILN_DOUBLE, KILN_FLOAT, KILN_UINT32, KILN_UINT8 } type;
+struct kiln_column {
+    const char *name; /* of the dataset */
+    enum kiln_column_type { KILN_DOUBLE, KILN_FLOAT, KILN_UINT32, KILN_UINT8 } type;
     uint32_t components;
-    bool noisy; /* as kiln_chunk_pack has it */
-    const char *units, *description;
+    bool noisy;                      /* as kiln_chunk_pack has it */
+    const char *units, *description; /* units NULL: of irradiance */
+    /* writes one row; NULL: that of the field at place `field` of the bake's field set */
+    void (*put)(void *row, const struct kiln_column_point *point);
+    size_t field;
 };
 
-extern const struct kiln_column_info kiln_columns[KILN_COLUMNS];
+enum { KILN_COLUMNS_MAX = KILN_FIELDS_MAX + 16 };
 
-/* How many of them a surface has. */
-static inline int kiln_columns_of(const struct kiln_surface *surface)
-{
-    return surface->map_count > surface->object_count ? KILN_COLUMNS : KILN_COLUMN_SIDE;
-}
+/* The columns of one bake, in the file's order. */
+struct kiln_columns {
+    size_t count;
+    struct kiln_column column[KILN_COLUMNS_MAX];
+};
 
-/* Bytes of one component, and of one row. */
-size_t kiln_column_value(int column);
-size_t kiln_column_row(int column);
+/* With `backs` there is one that tells them from fronts. */
+void kiln_columns_make(struct kiln_columns *columns, const struct kiln_field_set *fields, bool backs);
+/* The place of the column of that name; columns->count when there is none. */
+size_t kiln_columns_find(const struct kiln_columns *columns, const char *name);
 
-/* Rows of some columns, one array a column. */
+/* Bytes of one component, of one row, and of one row of all columns. */
+size_t kiln_column_value(const struct kiln_column *column);
+size_t kiln_column_row(const struct kiln_column *column);
+size_t kiln_columns_row(const struct kiln_columns *columns);
+
+/* Rows of some points, one array a column. */
 struct kiln_rows {
-    void *column[KILN_COLUMNS];
+    void *column[KILN_COLUMNS_MAX];
 };
 
-int kiln_rows_allocate(struct kiln_rows *rows, size_t count, struct kiln_error *error);
+int kiln_rows_allocate(struct kiln_rows *rows, const struct kiln_columns *columns, size_t count,
+                       struct kiln_error *error);
 void kiln_rows_free(struct kiln_rows *rows);
 
 /* Describes the global points [first, last), all own; the first goes to row 0. Shared by the threads. */
-void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_bake_result *result, uint64_t first, uint64_t last);
+void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_columns *columns, const struct kiln_bake_result *result,
+                    uint64_t first, uint64_t last);
+
+/* One own point's row of a column that is a field: what kiln_rows_fill puts there. */
+void kiln_column_floats(const struct kiln_column *column, const struct kiln_bake_result *result, uint64_t own,
+                        float floats[KILN_FIELD_COMPONENTS_MAX]);
 
 #endif

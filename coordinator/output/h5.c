@@ -7,7 +7,7 @@
 
 #include "coordinator/mpi/agree.h"
 
-/* Level 2 packs floats within 1 % of level 9 at several times its speed. */
+/* Deflate level 2 compresses floats to within 1 % of level 9, at several times its speed. */
 enum { DEFLATE_LEVEL = 2 };
 
 int kiln_h5_failed(const struct kiln_h5 *h5, const char *act, const char *name, struct kiln_error *error)
@@ -17,10 +17,10 @@ int kiln_h5_failed(const struct kiln_h5 *h5, const char *act, const char *name, 
                      h5->path, act, name);
 }
 
-/* Closes what is open; true when that failed. */
+/* Closes an identifier if it is valid; true if that failed. */
 static bool release(hid_t id, herr_t (*close)(hid_t)) { return id >= 0 && close(id) < 0; }
 
-/* A creation list whose objects carry no time: the same bake gives the same bytes. */
+/* A creation property list without time stamps, so that the same bake gives the same bytes. */
 static hid_t timeless(hid_t class)
 {
     const hid_t list = H5Pcreate(class);
@@ -62,8 +62,8 @@ int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const struct kiln_
                            .opens = place->opens,
                            .communicator = communicator};
     if (MPI_Comm_rank(communicator, &h5->rank) != MPI_SUCCESS)
-        return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
-    (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL); /* our sentence instead of its trace */
+        return kiln_fail(error, KILN_RANK_LOST, "MPI cannot give the rank number");
+    (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL); /* we print our own message instead of its error stack */
     const hid_t access = parallel_access(communicator);
     h5->transfer = collective_transfer();
     int status = kiln_agree(
@@ -79,7 +79,7 @@ int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const struct kiln_
     }
     if (access >= 0)
         (void)H5Pclose(access);
-    if (status != KILN_OK) { /* open on some ranks only: no collective closing */
+    if (status != KILN_OK) { /* the file is open on some ranks only, so it cannot be closed collectively */
         (void)release(h5->file, H5Fclose);
         (void)release(h5->transfer, H5Pclose);
         h5->file = h5->transfer = H5I_INVALID_HID;
@@ -87,7 +87,7 @@ int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const struct kiln_
     return status;
 }
 
-/* What is left of a file that HDF5 failed to close must not come to MPI_Finalize. */
+/* Ends the job, since HDF5 would crash in MPI_Finalize on a file that it failed to close. */
 static void give_up(const struct kiln_h5 *h5, int status, const struct kiln_error *error)
 {
     struct kiln_error path;
@@ -95,8 +95,8 @@ static void give_up(const struct kiln_h5 *h5, int status, const struct kiln_erro
     kiln_end_all_ranks(status, error != NULL ? error : &path);
 }
 
-/* Collective. Again where a signal interrupted it, and only there: a sync that is repeated after another failure
- * succeeds, and hides it. */
+/* Collective. Flushes the file, and repeats that only if a signal interrupted it: after another failure a second sync
+ * would succeed and hide that failure. */
 static int flush(struct kiln_h5 *h5, struct kiln_error *error)
 {
     enum { DONE, INTERRUPTED, FAILED };
@@ -120,7 +120,7 @@ int kiln_h5_close(struct kiln_h5 *h5, int status, struct kiln_error *error)
             status = flush(h5, error); /* the same on all ranks */
         if (status != KILN_OK) {
             if (h5->rank == 0)
-                (void)!truncate(h5->opens, 0); /* it is of no use, whether this works or not */
+                (void)!truncate(h5->opens, 0); /* the file is useless anyway, so failure does not matter */
             (void)MPI_Barrier(h5->communicator);
         }
         if (H5Fclose(h5->file) < 0)
@@ -221,7 +221,7 @@ int kiln_h5_make(struct kiln_h5 *h5, const struct kiln_h5_dataset *what, hid_t *
     return status;
 }
 
-/* Rank 0 writes all of it, the others nothing; the transfer waits for all. */
+/* Collective. Rank 0 writes the whole dataset, the other ranks write nothing. */
 static int write_whole(struct kiln_h5 *h5, hid_t dataset, const struct kiln_h5_dataset *what, const void *values,
                        struct kiln_error *error)
 {

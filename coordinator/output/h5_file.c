@@ -10,7 +10,7 @@
 
 #include "worker/base/memory.h"
 
-/* kiln's own files have groups in groups at most, a dozen objects in each, chunks of 0.5 MiB. */
+/* Limits. Files of kiln have groups within groups at most, a dozen objects in each, and chunks of 0.5 MiB. */
 enum {
     DEPTH_MOST = 4,
     LINKS_MOST = 256,
@@ -21,9 +21,9 @@ enum {
     STRING_MOST = 1 << 16
 };
 #define CHUNK_BYTES_MOST ((uint64_t)16 << 20)
-#define DEFLATE_MOST 1100u /* deflate packs 1,032 : 1 at best */
-/* In all: what is always fine, and how much more for every byte stored. A volume of a scene without light packs 50 : 1.
- */
+#define DEFLATE_MOST 1100u /* the compression ratio of deflate is 1,032 at most */
+/* Limit of the uncompressed size of all datasets: a constant, plus a multiple of the stored size. The volume of a scene
+ * without light compresses 50 : 1. */
 #define INFLATED_ALWAYS ((uint64_t)256 << 20)
 #define INFLATED_MOST 100u
 
@@ -31,7 +31,7 @@ struct kiln_h5_file {
     const char *path;
     hid_t id;
     uint64_t bytes;
-    uint64_t stored, inflated; /* by the datasets so far */
+    uint64_t stored, inflated; /* sizes of the datasets so far, bytes */
     unsigned objects;
     int (*visit)(void *context, const char *name, hid_t dataset);
     void *context;
@@ -39,16 +39,16 @@ struct kiln_h5_file {
     struct kiln_error *error;
 };
 
-/* ---- the driver: reads one descriptor ---- */
+/* ---- virtual file driver: reads one descriptor ---- */
 
 struct source {
     int descriptor;
     uint64_t bytes;
-    bool *opened; /* a second file is none of ours */
+    bool *opened; /* set when the file has been opened; a second one is refused */
 };
 
 struct driver_file {
-    H5FD_t base; /* first, as HDF5 wants it */
+    H5FD_t base; /* first member, as HDF5 requires */
     int descriptor;
     haddr_t size, used;
 };
@@ -166,7 +166,7 @@ static hid_t open_through_driver(int descriptor, uint64_t bytes, const char *pat
     return file;
 }
 
-/* ---- what is refused ---- */
+/* ---- checks ---- */
 
 static int refuse(struct kiln_h5_file *f, const char *name, const char *what)
 {
@@ -187,7 +187,7 @@ static bool type_is_plain(hid_t type)
     return (class == H5T_INTEGER || class == H5T_FLOAT) && size <= 8;
 }
 
-/* a x b, or the most there is. */
+/* a x b, saturated. */
 static uint64_t times(uint64_t a, uint64_t b)
 {
     uint64_t product;
@@ -207,7 +207,7 @@ static bool filters_are_ours(hid_t list)
     return good;
 }
 
-/* How a dataset is stored, in bytes and chunks. */
+/* Storage of a dataset, in bytes and chunks. */
 struct storage {
     hsize_t size[RANK_MOST];
     int rank;
@@ -229,7 +229,7 @@ static int check_chunks(struct kiln_h5_file *f, const char *name, hid_t dataset,
     }
     if (bytes > CHUNK_BYTES_MOST)
         return refuse(f, name, "has chunks of more than 16 MiB");
-    /* A chunk takes a byte at least, and its place in the index more. */
+    /* a chunk takes at least one byte, and more in the index */
     if (wanted > f->bytes || H5Dget_num_chunks(dataset, space, &there) < 0 || there != wanted)
         return refuse(f, name, "claims values that are not stored");
     if (times(wanted, bytes) / DEFLATE_MOST > s->stored + 64)
@@ -244,7 +244,7 @@ static int check_total(struct kiln_h5_file *f, const char *name)
         return refuse(f, name, "is stored in bytes that other datasets have too, or that the file has not");
     if (f->inflated > INFLATED_ALWAYS + times(INFLATED_MOST, f->bytes))
         return refuse(f, name,
-                      "brings what is to be unpacked to more than 256 MiB and a hundred times the file's size");
+                      "would take more than 256 MiB and a hundred times the file's size when it is uncompressed");
     return KILN_OK;
 }
 
@@ -300,11 +300,11 @@ static int check_dataset(void *context, const char *name, hid_t dataset)
     return f->status;
 }
 
-/* ---- all of a file ---- */
+/* ---- traversal ---- */
 
 struct place {
     struct kiln_h5_file *file;
-    const char *name; /* of the group: "" or "/points" */
+    const char *name; /* name of the group: "" or "/points" */
     int depth;
 };
 
@@ -336,7 +336,7 @@ static void enter_dataset(const struct place *at, hid_t group, const char *link,
     (void)H5Dclose(dataset);
 }
 
-/* H5Literate: 1 ends it. */
+/* Callback of H5Literate; returns 1 to end it. */
 static herr_t take_link(hid_t group, const char *link, const H5L_info_t *info, void *context)
 {
     const struct place *at = context;
@@ -406,7 +406,7 @@ int kiln_h5_file_open(struct kiln_h5_file **file, int descriptor, const char *pa
     f->path = path;
     f->id = H5I_INVALID_HID;
     (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL); /* our sentence instead of its trace */
-    (void)H5PLset_loading_state(0);              /* no filter from elsewhere */
+    (void)H5PLset_loading_state(0);              /* load no filter plug-ins */
     if (fstat(descriptor, &found) != 0 || !S_ISREG(found.st_mode))
         status = kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a plain file", path);
     f->bytes = status == KILN_OK ? (uint64_t)found.st_size : 0;

@@ -1,12 +1,12 @@
-/* An HDF5 file that somebody else may have written, opened so that nothing but its own bytes is read, and never more
- * than they can hold.
+/* Safe HDF5 reader for files that somebody else may have written: it opens no other file, and reads no more data than
+ * the file can contain.
  *
- * All of it is looked at before a value is read. Refused are soft and external links, raw data in other files, virtual
- * datasets, committed and variable-length types, filters other than those kiln writes, objects with several names,
- * groups deeper than kiln's own, datasets with missing chunks, and more data than deflate can have packed into what is
- * stored. The file is read through a descriptor by a driver of its own, which opens nothing else. HDF5 itself can crash
- * on damaged bytes: who reads files of others does so in a confined child (reader.h). Not collective, not for two
- * threads at once. */
+ * The structure of the file is checked before any value is read. Refused are soft and external links, raw data in other
+ * files, virtual datasets, committed and variable-length types, filters that kiln does not write, objects with several
+ * names, groups nested deeper than kiln's, datasets with missing chunks, and more data than deflate can have compressed
+ * into the stored bytes. A virtual file driver of kiln reads the file through a descriptor and opens nothing. HDF5
+ * itself can crash on damaged bytes, so files of others must be read in a confined child (reader.h). Not collective;
+ * not for two threads at the same time. */
 #ifndef KILN_COORDINATOR_OUTPUT_H5_FILE_H
 #define KILN_COORDINATOR_OUTPUT_H5_FILE_H
 
@@ -17,14 +17,15 @@
 
 struct kiln_h5_file;
 
-/* `descriptor` is borrowed and open as long as the file; `path` is for sentences, borrowed too. KILN_BAD_INPUT. Close
- * with kiln_h5_file_close. */
+/* Opens and checks a file. `descriptor` and `path`, which is for messages, are borrowed until the file is closed.
+ * KILN_BAD_INPUT if the file is refused. Close with kiln_h5_file_close. */
 int kiln_h5_file_open(struct kiln_h5_file **file, int descriptor, const char *path, struct kiln_error *error);
 void kiln_h5_file_close(struct kiln_h5_file **file);
 
 hid_t kiln_h5_file_id(const struct kiln_h5_file *file);
 
-/* Calls `visit` for each dataset ("/points/albedo") until it returns something else than KILN_OK, which is returned. */
+/* Calls `visit` for each dataset, with a name such as "/points/albedo", until it returns a status other than KILN_OK.
+ * Returns the last status. */
 int kiln_h5_file_visit(struct kiln_h5_file *file, int (*visit)(void *context, const char *name, hid_t dataset),
                        void *context, struct kiln_error *error);
 

@@ -113,7 +113,7 @@ bool kiln_image_rgb(const struct kiln_image *image, const char *prefix, float *p
     return true;
 }
 
-/* Luminances are counted in sixteenths of a stop, over all that a float can be. */
+/* Histogram of luminances, with bins of 1/16 stop over the range of a float. */
 enum { STOP_LEAST = -150, STOP_PARTS = 16, STOP_BINS = (128 - STOP_LEAST) * STOP_PARTS };
 
 static int bin_of(double luminance)
@@ -226,7 +226,7 @@ int kiln_png_encode_channels(const uint8_t *bytes, uint32_t width, uint32_t heig
 {
     *png = NULL;
     *size = 0;
-    /* the encoder counts in int and takes about twice the picture while it works */
+    /* the encoder uses int sizes, and temporarily about twice the memory of the picture */
     if (width == 0 || height == 0 || (uint64_t)width * height > 256ull << 20)
         return kiln_fail(error, KILN_CANNOT_CREATE, "a PNG of %u x %u pixels cannot be made (1 to 2^28 pixels)", width,
                          height);
@@ -255,8 +255,8 @@ static void put_big_endian(uint8_t bytes[4], uint32_t value)
         bytes[i] = (uint8_t)(value >> (24 - 8 * i));
 }
 
-/* Puts a chunk tEXt, KEYWORD NUL TEXT, after the header of a PNG (8 bytes of signature, 25 of IHDR). Text is Latin-1;
- * ours is ASCII. */
+/* Inserts a tEXt chunk, KEYWORD NUL TEXT, after the header of a PNG (8 bytes of signature, 25 of IHDR). The text must
+ * be Latin-1; ours is ASCII. */
 static int add_text(char **png, size_t *size, const char *keyword, const char *text, struct kiln_error *error)
 {
     enum { HEADER = 8 + 25 };

@@ -185,9 +185,11 @@ static int write_file(struct kiln_points_writer *writer, const struct kiln_bake_
 }
 
 /* If nothing in it could be compressed. */
-uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface *surface)
+uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface *surface,
+                       const struct kiln_field_set *fields)
 {
-    return kiln_points_largest(surface->point_count) + scene->object_count * 300 + surface->cell_count * 16 + (1 << 17);
+    return kiln_points_largest(fields, surface->point_count) + scene->object_count * 300 + surface->cell_count * 16 +
+           (1 << 17);
 }
 
 int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params,
@@ -203,7 +205,8 @@ int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_outpu
     if (status == KILN_OK && rank == 0)
         kiln_publish_sweep(&place);
     if (status == KILN_OK && rank == 0)
-        status = kiln_require_space(params->directory, kiln_h5_space(result->scene, result->surface), error);
+        status =
+            kiln_require_space(params->directory, kiln_h5_space(result->scene, result->surface, result->fields), error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_points_writer_create(&writer, result, error);

@@ -8,7 +8,11 @@
 #include "worker/base/memory.h"
 
 /* Rows of a chunk, and chunks that a rank packs and hands over at a time: 28 MB before packing. */
-enum { CHUNK_ROWS = 1 << 14, BATCH = 16, PARTS = BATCH * KILN_COLUMNS, TAG_ROWS = 40, TAG_SIZES = 41, TAG_PACKED = 42 };
+enum { CHUNK_ROWS = 1 << 14, BATCH = 16, PARTS = BATCH * KILN_COLUMNS_MAX };
+enum { TAG_ROWS = 40, TAG_SIZES = 41, TAG_PACKED = 42 };
+
+/* The dataset that is read back whole. */
+#define TOTAL "/irradiance/total"
 
 /* Chunks with consecutive numbers, packed one after the other, column by column. */
 struct batch {
@@ -22,16 +26,17 @@ struct kiln_points_writer {
     int rank, ranks;
     uint64_t chunk_rows;
     uint64_t *starts; /* ranks + 1: global points */
-    int columns;      /* of kiln_columns */
-    hid_t datasets[KILN_COLUMNS];
+    struct kiln_columns columns;
+    size_t total; /* the column of TOTAL */
+    hid_t datasets[KILN_COLUMNS_MAX];
     struct kiln_rows rows, tail; /* of the batch; of the last own chunk, from the ranks after this one */
     uint8_t *shuffled, *packed;  /* both with one place a part */
     struct batch batch;
 };
 
-static hid_t h5_type(int column)
+static hid_t h5_type(const struct kiln_column *column)
 {
-    switch (kiln_columns[column].type) {
+    switch (column->type) {
     case KILN_DOUBLE:
         return H5T_NATIVE_DOUBLE;
     case KILN_FLOAT:
@@ -43,7 +48,10 @@ static hid_t h5_type(int column)
     }
 }
 
-static size_t columns_of(const struct kiln_points_writer *w) { return (size_t)w->columns; }
+static const struct kiln_column *column_at(const struct kiln_points_writer *w, size_t column)
+{
+    return &w->columns.column[column];
+}
 
 /* ---- which chunk is whose ---- */
 
@@ -89,37 +97,30 @@ static int owner_of(const struct kiln_points_writer *w, uint64_t point)
     return rank;
 }
 
-static size_t row_bytes(int columns)
-{
-    size_t bytes = 0;
-    for (int c = 0; c < columns; c++)
-        bytes += kiln_column_row(c);
-    return bytes;
-}
-
 /* Bytes of a chunk's columns before `column` when each has room for the worst. */
-static size_t place_in_chunk(const struct kiln_points_writer *w, int column)
+static size_t place_in_chunk(const struct kiln_points_writer *w, size_t column)
 {
     size_t bytes = 0;
-    for (int c = 0; c < column; c++)
-        bytes += kiln_chunk_bound(w->chunk_rows * kiln_column_row(c));
+    for (size_t c = 0; c < column; c++)
+        bytes += kiln_chunk_bound(w->chunk_rows * kiln_column_row(column_at(w, c)));
     return bytes;
 }
 
 static size_t place_of(const struct kiln_points_writer *w, size_t part)
 {
-    return part / columns_of(w) * place_in_chunk(w, w->columns) + place_in_chunk(w, (int)(part % columns_of(w)));
+    const size_t columns = w->columns.count;
+    return part / columns * place_in_chunk(w, columns) + place_in_chunk(w, part % columns);
 }
 
 /* ---- rows at the border of ranks ---- */
 
 /* Between rows of columns and one message of `count` rows, column after column. */
-static void move_rows(const struct kiln_rows *rows, int columns, uint64_t at, uint64_t count, uint8_t *message,
-                      bool out)
+static void move_rows(const struct kiln_rows *rows, const struct kiln_columns *columns, uint64_t at, uint64_t count,
+                      uint8_t *message, bool out)
 {
-    for (int c = 0; c < columns; c++) {
-        uint8_t *column = (uint8_t *)rows->column[c] + at * kiln_column_row(c);
-        const size_t bytes = count * kiln_column_row(c);
+    for (size_t c = 0; c < columns->count; c++) {
+        const size_t row = kiln_column_row(&columns->column[c]), bytes = count * row;
+        uint8_t *column = (uint8_t *)rows->column[c] + at * row;
         memcpy(out ? message : column, out ? column : message, bytes);
         message += bytes;
     }
@@ -136,10 +137,10 @@ static int send_head(struct kiln_points_writer *w, struct kiln_error *error)
     const uint64_t first = w->starts[w->rank], last = head_end(w, w->rank);
     if (first == last)
         return KILN_OK;
-    kiln_rows_fill(&w->rows, w->result, first, last);
-    move_rows(&w->rows, w->columns, 0, last - first, w->packed, true);
-    const int sent = MPI_Send(w->packed, (int)((last - first) * row_bytes(w->columns)), MPI_BYTE, owner_of(w, first),
-                              TAG_ROWS, w->result->communicator);
+    kiln_rows_fill(&w->rows, &w->columns, w->result, first, last);
+    move_rows(&w->rows, &w->columns, 0, last - first, w->packed, true);
+    const int sent = MPI_Send(w->packed, (int)((last - first) * kiln_columns_row(&w->columns)), MPI_BYTE,
+                              owner_of(w, first), TAG_ROWS, w->result->communicator);
     return sent == MPI_SUCCESS ? KILN_OK : mpi_failed(error);
 }
 
@@ -149,10 +150,10 @@ static int receive_tail(struct kiln_points_writer *w, struct kiln_error *error)
         const uint64_t first = w->starts[r], count = head_end(w, r) - first;
         if (count == 0 || owner_of(w, first) != w->rank)
             continue;
-        if (MPI_Recv(w->packed, (int)(count * row_bytes(w->columns)), MPI_BYTE, r, TAG_ROWS, w->result->communicator,
-                     MPI_STATUS_IGNORE) != MPI_SUCCESS)
+        if (MPI_Recv(w->packed, (int)(count * kiln_columns_row(&w->columns)), MPI_BYTE, r, TAG_ROWS,
+                     w->result->communicator, MPI_STATUS_IGNORE) != MPI_SUCCESS)
             return mpi_failed(error);
-        move_rows(&w->tail, w->columns, first % w->chunk_rows, count, w->packed, false);
+        move_rows(&w->tail, &w->columns, first % w->chunk_rows, count, w->packed, false);
     }
     return KILN_OK;
 }
@@ -174,22 +175,22 @@ static void fill_batch(struct kiln_points_writer *w)
     const uint64_t own_end = w->starts[w->rank + 1], first = w->batch.first * w->chunk_rows,
                    last = first + w->batch.count * w->chunk_rows;
     const uint64_t own = minimum(own_end, last) - first;
-    kiln_rows_fill(&w->rows, w->result, first, first + own);
-    for (int c = 0; c < w->columns && own_end < last; c++)
-        memcpy((uint8_t *)w->rows.column[c] + own * kiln_column_row(c),
-               (uint8_t *)w->tail.column[c] + own_end % w->chunk_rows * kiln_column_row(c),
-               (last - own_end) * kiln_column_row(c));
+    kiln_rows_fill(&w->rows, &w->columns, w->result, first, first + own);
+    for (size_t c = 0; c < w->columns.count && own_end < last; c++) {
+        const size_t row = kiln_column_row(column_at(w, c));
+        memcpy((uint8_t *)w->rows.column[c] + own * row, (uint8_t *)w->tail.column[c] + own_end % w->chunk_rows * row,
+               (last - own_end) * row);
+    }
 }
 
 static int pack_part(struct kiln_points_writer *w, size_t part, struct kiln_error *error)
 {
-    const int column = (int)(part % columns_of(w));
-    const size_t chunk = part / columns_of(w), place = place_of(w, part);
-    const uint8_t *values = (const uint8_t *)w->rows.column[column] + chunk * w->chunk_rows * kiln_column_row(column);
+    const size_t at = part % w->columns.count, chunk = part / w->columns.count, place = place_of(w, part);
+    const struct kiln_column *column = column_at(w, at);
+    const uint8_t *values = (const uint8_t *)w->rows.column[at] + chunk * w->chunk_rows * kiln_column_row(column);
     size_t bytes = 0;
-    const int status =
-        kiln_chunk_pack(values, w->chunk_rows * kiln_columns[column].components, kiln_column_value(column),
-                        kiln_columns[column].noisy, w->shuffled + place, w->packed + place, &bytes, error);
+    const int status = kiln_chunk_pack(values, w->chunk_rows * column->components, kiln_column_value(column),
+                                       column->noisy, w->shuffled + place, w->packed + place, &bytes, error);
     w->batch.bytes[part] = bytes;
     return status;
 }
@@ -198,7 +199,7 @@ static int pack_part(struct kiln_points_writer *w, size_t part, struct kiln_erro
 static size_t close_up(struct kiln_points_writer *w)
 {
     size_t at = 0;
-    for (size_t part = 0; part < w->batch.count * columns_of(w); part++) {
+    for (size_t part = 0; part < w->batch.count * w->columns.count; part++) {
         memmove(w->packed + at, w->packed + place_of(w, part), w->batch.bytes[part]);
         at += w->batch.bytes[part];
     }
@@ -213,7 +214,7 @@ static int pack_batch(struct kiln_points_writer *w, uint64_t pass, struct kiln_e
         return KILN_OK;
     fill_batch(w);
 #pragma omp parallel for schedule(dynamic, 1)
-    for (size_t part = 0; part < w->batch.count * columns_of(w); part++) {
+    for (size_t part = 0; part < w->batch.count * w->columns.count; part++) {
         struct kiln_error mine = {{0}};
         const int result = pack_part(w, part, &mine);
 #pragma omp critical(kiln_pack_batch)
@@ -229,10 +230,10 @@ static int make_datasets(struct kiln_points_writer *w, struct kiln_error *error)
 {
     const uint64_t points = w->result->surface->point_count;
     int status = KILN_OK;
-    for (int c = 0; status == KILN_OK && c < w->columns; c++) {
-        const struct kiln_column_info *info = &kiln_columns[c];
+    for (size_t c = 0; status == KILN_OK && c < w->columns.count; c++) {
+        const struct kiln_column *info = column_at(w, c);
         const struct kiln_h5_dataset what = {.name = info->name,
-                                             .type = h5_type(c),
+                                             .type = h5_type(info),
                                              .rank = info->components > 1 ? 2 : 1,
                                              .size = {points, info->components},
                                              .units = info->units != NULL ? info->units : w->result->units->irradiance,
@@ -245,9 +246,9 @@ static int make_datasets(struct kiln_points_writer *w, struct kiln_error *error)
 
 static int close_datasets(struct kiln_points_writer *w, int status, struct kiln_error *error)
 {
-    for (int c = 0; c < w->columns; c++) {
+    for (size_t c = 0; c < w->columns.count; c++) {
         if (w->datasets[c] >= 0 && H5Dclose(w->datasets[c]) < 0 && status == KILN_OK)
-            status = kiln_h5_failed(w->h5, "close the dataset", kiln_columns[c].name, error);
+            status = kiln_h5_failed(w->h5, "close the dataset", column_at(w, c)->name, error);
         w->datasets[c] = H5I_INVALID_HID;
     }
     return status;
@@ -256,11 +257,11 @@ static int close_datasets(struct kiln_points_writer *w, int status, struct kiln_
 static int write_batch(struct kiln_points_writer *w, struct kiln_error *error)
 {
     const uint8_t *from = w->packed;
-    for (size_t part = 0; part < w->batch.count * columns_of(w); part++) {
-        const int column = (int)(part % columns_of(w));
-        const hsize_t offset[2] = {(w->batch.first + part / columns_of(w)) * w->chunk_rows, 0};
+    for (size_t part = 0; part < w->batch.count * w->columns.count; part++) {
+        const size_t column = part % w->columns.count;
+        const hsize_t offset[2] = {(w->batch.first + part / w->columns.count) * w->chunk_rows, 0};
         if (H5Dwrite_chunk(w->datasets[column], H5P_DEFAULT, 0, offset, w->batch.bytes[part], from) < 0)
-            return kiln_h5_failed(w->h5, "write", kiln_columns[column].name, error);
+            return kiln_h5_failed(w->h5, "write", column_at(w, column)->name, error);
         from += w->batch.bytes[part];
     }
     return KILN_OK;
@@ -287,7 +288,7 @@ static int write_pass(struct kiln_points_writer *w, uint64_t pass, struct kiln_e
             continue;
         if (MPI_Recv(&w->batch, (int)sizeof w->batch, MPI_BYTE, r, TAG_SIZES, comm, MPI_STATUS_IGNORE) != MPI_SUCCESS)
             return mpi_failed(error);
-        for (size_t part = 0; part < count * columns_of(w); part++)
+        for (size_t part = 0; part < count * w->columns.count; part++)
             bytes += w->batch.bytes[part];
         if (MPI_Recv(w->packed, (int)bytes, MPI_BYTE, r, TAG_PACKED, comm, MPI_STATUS_IGNORE) != MPI_SUCCESS)
             return mpi_failed(error);
@@ -322,24 +323,23 @@ int kiln_points_write(struct kiln_points_writer *w, struct kiln_h5 *h5, struct k
 
 /* ---- reading back ---- */
 
-static bool has_extent(hid_t dataset, int column, uint64_t points)
+static bool has_extent(hid_t dataset, const struct kiln_column *column, uint64_t points)
 {
     const hid_t space = dataset < 0 ? H5I_INVALID_HID : H5Dget_space(dataset);
     hsize_t size[KILN_H5_RANK_MAX] = {0};
-    const bool right = space >= 0 &&
-                       H5Sget_simple_extent_dims(space, size, NULL) == (kiln_columns[column].components > 1 ? 2 : 1) &&
+    const bool right = space >= 0 && H5Sget_simple_extent_dims(space, size, NULL) == (column->components > 1 ? 2 : 1) &&
                        size[0] == points;
     if (space >= 0)
         (void)H5Sclose(space);
     return right;
 }
 
-static bool has_extents(hid_t file, int columns, uint64_t points)
+static bool has_extents(hid_t file, const struct kiln_columns *columns, uint64_t points)
 {
     bool right = true;
-    for (int c = 0; right && c < columns; c++) {
-        const hid_t dataset = H5Dopen2(file, kiln_columns[c].name, H5P_DEFAULT);
-        right = has_extent(dataset, c, points);
+    for (size_t c = 0; right && c < columns->count; c++) {
+        const hid_t dataset = H5Dopen2(file, columns->column[c].name, H5P_DEFAULT);
+        right = has_extent(dataset, &columns->column[c], points);
         if (dataset >= 0)
             (void)H5Dclose(dataset);
     }
@@ -349,10 +349,10 @@ static bool has_extents(hid_t file, int columns, uint64_t points)
 /* The packed chunks of /irradiance/total in the batch, each into the place of its part. */
 static bool read_packed(struct kiln_points_writer *w, hid_t dataset)
 {
-    const size_t room = kiln_chunk_bound(w->chunk_rows * kiln_column_row(KILN_COLUMN_TOTAL));
+    const size_t room = kiln_chunk_bound(w->chunk_rows * kiln_column_row(column_at(w, w->total)));
     bool good = true;
     for (uint64_t chunk = 0; good && chunk < w->batch.count; chunk++) {
-        const size_t part = chunk * columns_of(w) + KILN_COLUMN_TOTAL;
+        const size_t part = chunk * w->columns.count + w->total;
         const hsize_t offset[2] = {(w->batch.first + chunk) * w->chunk_rows, 0};
         hsize_t bytes = 0;
         uint32_t skipped = 0;
@@ -367,24 +367,23 @@ static bool read_packed(struct kiln_points_writer *w, hid_t dataset)
 static bool same_total(const struct kiln_points_writer *w, uint64_t point, const float found[3])
 {
     const struct kiln_surface *s = w->result->surface;
+    float expected[KILN_FIELD_COMPONENTS_MAX];
     bool same = true;
-    for (uint64_t c = 0; c < 3; c++) {
-        float expected = 0.0f;
-        if (point >= s->first + s->count)
-            expected = ((const float *)w->tail.column[KILN_COLUMN_TOTAL])[3 * (point % w->chunk_rows) + c];
-        else if (kiln_point_valid(s, point - s->first))
-            expected = w->result->direct[3 * (point - s->first) + c] + w->result->indirect[3 * (point - s->first) + c];
-        same = same && (found[c] == expected || (isnan(expected) && isnan(found[c])));
-    }
+    if (point >= s->first + s->count)
+        memcpy(expected, (const float *)w->tail.column[w->total] + 3 * (point % w->chunk_rows), 3 * sizeof *expected);
+    else
+        kiln_column_floats(column_at(w, w->total), w->result, point - s->first, expected);
+    for (uint64_t c = 0; c < 3; c++)
+        same = same && (found[c] == expected[c] || (isnan(expected[c]) && isnan(found[c])));
     return same;
 }
 
 static bool same_chunk(struct kiln_points_writer *w, uint64_t chunk)
 {
-    const size_t part = chunk * columns_of(w) + KILN_COLUMN_TOTAL, place = place_of(w, part);
+    const size_t part = chunk * w->columns.count + w->total, place = place_of(w, part);
     const uint64_t first = (w->batch.first + chunk) * w->chunk_rows,
                    last = minimum(first + w->chunk_rows, w->result->surface->point_count);
-    float *found = (float *)w->rows.column[KILN_COLUMN_TOTAL] + 3 * chunk * w->chunk_rows;
+    float *found = (float *)w->rows.column[w->total] + 3 * chunk * w->chunk_rows;
     if (kiln_chunk_unpack(w->packed + place, w->batch.bytes[part], 3 * w->chunk_rows, sizeof(float),
                           w->shuffled + place, found, NULL) != KILN_OK)
         return false;
@@ -415,15 +414,13 @@ int kiln_points_check(struct kiln_points_writer *w, const struct kiln_publish *p
     (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
     const hid_t file = H5Fopen(place->opens, H5F_ACC_RDONLY, H5P_DEFAULT);
     int status = file < 0 ? kiln_fail(error, KILN_IO, "'%s' cannot be opened as HDF5", path) : KILN_OK;
-    if (status == KILN_OK && !has_extents(file, w->columns, w->result->surface->point_count))
+    if (status == KILN_OK && !has_extents(file, &w->columns, w->result->surface->point_count))
         status = kiln_fail(error, KILN_IO, "'%s': not all points are there", path);
-    const hid_t dataset =
-        status == KILN_OK ? H5Dopen2(file, kiln_columns[KILN_COLUMN_TOTAL].name, H5P_DEFAULT) : H5I_INVALID_HID;
+    const hid_t dataset = status == KILN_OK ? H5Dopen2(file, TOTAL, H5P_DEFAULT) : H5I_INVALID_HID;
     if (status == KILN_OK && !same_totals(w, dataset))
         status = kiln_stop_asked(w->result->stop)
                      ? kiln_give_up(error)
-                     : kiln_fail(error, KILN_IO, "'%s': %s does not read back as it was written", path,
-                                 kiln_columns[KILN_COLUMN_TOTAL].name);
+                     : kiln_fail(error, KILN_IO, "'%s': %s does not read back as it was written", path, TOTAL);
     if (dataset >= 0)
         (void)H5Dclose(dataset);
     if (file >= 0)
@@ -431,10 +428,12 @@ int kiln_points_check(struct kiln_points_writer *w, const struct kiln_publish *p
     return kiln_agree(w->result->communicator, status, error);
 }
 
-uint64_t kiln_points_largest(uint64_t points)
+uint64_t kiln_points_largest(const struct kiln_field_set *fields, uint64_t points)
 {
     const uint64_t held = points < CHUNK_ROWS ? points : round_up(points, CHUNK_ROWS) * CHUNK_ROWS;
-    return held * (row_bytes(KILN_COLUMNS) + 1) + (held / CHUNK_ROWS + 1) * KILN_COLUMNS * 256;
+    struct kiln_columns columns;
+    kiln_columns_make(&columns, fields, true);
+    return held * (kiln_columns_row(&columns) + 1) + (held / CHUNK_ROWS + 1) * columns.count * 256;
 }
 
 /* ---- the writer ---- */
@@ -461,10 +460,10 @@ static int allocate(struct kiln_points_writer *w, struct kiln_error *error)
     const uint64_t own = minimum(first_chunk(w, w->rank + 1) - first_chunk(w, w->rank), BATCH);
     const uint64_t held = w->rank == 0 ? minimum(first_chunk(w, w->ranks), BATCH) : own;
     /* one for what goes to another rank's chunk */
-    const size_t chunks = own > 0 ? own : 1, places = place_in_chunk(w, w->columns);
-    int status = kiln_rows_allocate(&w->rows, chunks * w->chunk_rows, error);
+    const size_t chunks = own > 0 ? own : 1, places = place_in_chunk(w, w->columns.count);
+    int status = kiln_rows_allocate(&w->rows, &w->columns, chunks * w->chunk_rows, error);
     if (status == KILN_OK)
-        status = kiln_rows_allocate(&w->tail, w->chunk_rows, error);
+        status = kiln_rows_allocate(&w->tail, &w->columns, w->chunk_rows, error);
     if (status == KILN_OK)
         status = kiln_allocate(&w->shuffled, chunks * places, 1, "points to write", error);
     if (status == KILN_OK)
@@ -480,11 +479,14 @@ int kiln_points_writer_create(struct kiln_points_writer **writer, const struct k
     if (status == KILN_OK) {
         struct kiln_points_writer *w = *writer;
         w->result = result;
-        w->columns = kiln_columns_of(result->surface);
+        kiln_columns_make(&w->columns, result->fields, result->surface->map_count > result->surface->object_count);
+        w->total = kiln_columns_find(&w->columns, TOTAL);
         w->chunk_rows = minimum(result->surface->point_count, CHUNK_ROWS);
         w->chunk_rows = w->chunk_rows == 0 ? 1 : w->chunk_rows;
-        for (int c = 0; c < w->columns; c++)
+        for (size_t c = 0; c < w->columns.count; c++)
             w->datasets[c] = H5I_INVALID_HID;
+        if (w->total == w->columns.count)
+            status = kiln_fail(error, KILN_BUG, "this bake has no field for the dataset %s", TOTAL);
         if (MPI_Comm_rank(result->communicator, &w->rank) != MPI_SUCCESS ||
             MPI_Comm_size(result->communicator, &w->ranks) != MPI_SUCCESS)
             status = mpi_failed(error);

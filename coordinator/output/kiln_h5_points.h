@@ -24,6 +24,6 @@ int kiln_points_write(struct kiln_points_writer *writer, struct kiln_h5 *h5, str
 int kiln_points_check(struct kiln_points_writer *writer, const struct kiln_publish *place, struct kiln_error *error);
 
 /* What the columns take in a file if nothing can be compressed. */
-uint64_t kiln_points_largest(uint64_t points);
+uint64_t kiln_points_largest(const struct kiln_field_set *fields, uint64_t points);
 
 #endif

@@ -81,7 +81,7 @@ int kiln_manifest_compare(const struct kiln_manifest_file *file, int descriptor,
     XXH128_hash_t hash = {0};
     if (fstat(descriptor, &found) != 0)
         return kiln_fail_errno(error, KILN_BAD_INPUT, "'%s' cannot be examined", path);
-    if ((uint64_t)found.st_size != file->bytes) /* before it is read: it may be far longer */
+    if ((uint64_t)found.st_size != file->bytes) /* compare the size before reading, since the file may be far longer */
         return kiln_fail(error, KILN_BAD_INPUT, "'%s' has %llu bytes and was written with %llu", path,
                          (unsigned long long)found.st_size, (unsigned long long)file->bytes);
     const int status = hash_open(descriptor, path, &bytes, &hash, error);
@@ -124,7 +124,7 @@ static int name_file(struct kiln_manifest *m, const char *folder, const char *na
     return status;
 }
 
-/* The same on all ranks. */
+/* Lists the files of the bake; the same on all ranks. */
 static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *scene,
                       const struct kiln_surface *surface, const struct kiln_manifest_parts *parts,
                       struct kiln_error *error)
@@ -152,7 +152,7 @@ static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *
     return status;
 }
 
-/* Size and the two halves of the hash of every file that is this rank's turn; 0 for the others. */
+/* Computes size and both halves of the hash of the files that this rank hashes; 0 for the others. */
 static int hash_own(const struct kiln_manifest *m, const char *directory, int rank, int ranks, uint64_t *values,
                     struct kiln_error *error)
 {
@@ -173,7 +173,7 @@ static int join(MPI_Comm communicator, int rank, uint64_t *values, size_t count,
         const int part = count - first < AT_ONCE ? (int)(count - first) : AT_ONCE;
         if (MPI_Reduce(rank == 0 ? MPI_IN_PLACE : values + first, values + first, part, MPI_UINT64_T, MPI_BOR, 0,
                        communicator) != MPI_SUCCESS)
-            return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the results' hashes were gathered");
+            return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the hashes of the results were gathered");
     }
     return KILN_OK;
 }
@@ -236,7 +236,7 @@ int kiln_manifest_remove(const char *directory, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* ---- what is stale ---- */
+/* ---- removing old files ---- */
 
 static int compare_paths(const void *a, const void *b)
 {
@@ -258,7 +258,7 @@ static bool is_there(const char *directory, const char *name)
     return kiln_path_join(path, directory, name, NULL) == KILN_OK && lstat(path, &found) == 0;
 }
 
-/* `wanted` is sorted. */
+/* Removes the files that `before` lists and `wanted`, which is sorted, does not. */
 static int prune_files(const struct kiln_manifest *before, const struct kiln_manifest *wanted, const char *directory,
                        struct kiln_pruned *pruned, struct kiln_error *error)
 {
@@ -329,7 +329,7 @@ int kiln_manifest_look(const char *directory, const struct kiln_scene *scene, co
 
 /* ---- reading ---- */
 
-/* A path that stays within the folder, of names that a file system takes. */
+/* Whether the path stays within the folder and has only valid file names. */
 static bool is_inside(const char *path)
 {
     const size_t length = strlen(path);
@@ -355,7 +355,7 @@ static int take_file(struct kiln_manifest *m, const json_t *entry, const char *m
     const json_t *bytes = json_object_get(entry, "bytes");
     if (path == NULL || hash == NULL || !is_hash(hash) || !json_is_integer(bytes) || json_integer_value(bytes) < 0 ||
         !is_inside(path))
-        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: entry %zu of its files is not whole",
+        return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: entry %zu of its files is incomplete",
                          manifest_path, m->count);
     struct kiln_manifest_file *file = &m->files[m->count];
     const int status = name_file(m, "", path, "", error);
@@ -377,7 +377,7 @@ static int take_files(struct kiln_manifest *m, const json_t *json, const char *p
     if (status != KILN_OK)
         return status;
     qsort(m->files, m->count, sizeof *m->files, compare_paths);
-    for (size_t i = 1; i < m->count; i++) /* else one file could be read as often as it is listed */
+    for (size_t i = 1; i < m->count; i++) /* no file twice, since it would be read that often */
         if (strcmp(m->files[i - 1].path, m->files[i].path) == 0)
             return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: it lists %.200s twice", path,
                              m->files[i].path);

@@ -1,8 +1,9 @@
-/* DIR/manifest: what a finished bake consists of, so that a file that is not as it was written is noticed.
+/* The manifest of a finished bake, DIR/manifest: the list of its files with sizes and hashes, which shows whether a
+ * file is as it was written.
  *
- * One JSON object {"kiln": version, "files": [{"path", "bytes", "xxh3_128"}, ...]}, sealed (sealed.h). It is written
- * last of all and gets its name when it is whole: where there is one, the bake is complete. Pictures and reports made
- * later are not in it. */
+ * It is one JSON object {"kiln": version, "files": [{"path", "bytes", "xxh3_128"}, ...]} with a checksum
+ * (files/checksummed_json.h). It is written after all other files, so a bake with a manifest is complete. Pictures and
+ * reports that are made later are not in it. */
 #ifndef KILN_COORDINATOR_OUTPUT_MANIFEST_H
 #define KILN_COORDINATOR_OUTPUT_MANIFEST_H
 
@@ -16,68 +17,69 @@
 #include "worker/scene/surface.h"
 
 struct kiln_manifest_file {
-    char *path; /* within the folder */
+    char *path; /* relative to the folder */
     uint64_t bytes;
     char hash[KILN_HASH_TEXT];
 };
 
 struct kiln_manifest {
-    struct kiln_manifest_file *files; /* as read: in the order of paths, each once, all below the folder */
+    struct kiln_manifest_file *files; /* when read from a file: sorted by path, each once, all within the folder */
     size_t count;
 };
 
-/* Results that not every bake has. */
+/* Which of the optional results a bake has. */
 struct kiln_manifest_parts {
     bool volume, preview, scene; /* volume.hdf, preview.png, scene.glb */
 };
 
-/* Collective. Hashes the results of a bake of `scene` in `directory`, a share on each rank, and writes the manifest on
- * rank 0. KILN_IO when a result is not there. */
+/* Collective. Hashes the results of a bake of `scene` in `directory`, each rank some of the files, and writes the
+ * manifest on rank 0. KILN_IO if a result is missing. */
 int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene,
                         const struct kiln_surface *surface, const struct kiln_manifest_parts *parts,
                         struct kiln_error *error);
 
-/* Rank 0, before results are replaced: without it the folder no longer claims to be complete. */
+/* Rank 0. Removes the manifest, before results are replaced, so that the folder no longer counts as complete. */
 int kiln_manifest_remove(const char *directory, struct kiln_error *error);
 
-/* What kiln_manifest_prune did. */
+/* Result of kiln_manifest_prune. */
 struct kiln_pruned {
-    size_t removed, kept; /* files; kept: changed since kiln wrote them, so they are somebody's own */
+    size_t removed, kept; /* numbers of files; kept ones have been changed by somebody since kiln wrote them */
     char first_kept[256];
 };
 
-/* Rank 0, before kiln_manifest_remove: removes what an earlier bake left in `directory`, by its manifest, and a bake of
- * `scene` will not replace: lightmaps of objects that are gone, a volume or a preview that is not wanted any more; and
- * the pictures of it that kiln report and kiln view made under their default names (KILN_MADE_BY tells them from
- * others). A file that is not as kiln wrote it stays. Without a manifest, or with one that is damaged, only these
- * pictures go. KILN_CANNOT_CREATE when a file cannot be removed; killed halfway, it can be called again. */
+/* Rank 0, before kiln_manifest_remove. Removes the files that the manifest of an earlier bake in `directory` lists and
+ * that a bake of `scene` will not replace, such as lightmaps of objects that no longer exist, or a volume or preview
+ * that is no longer wanted. Also removes the pictures that kiln report and kiln view made under their default names,
+ * which contain KILN_MADE_BY. A file that is not as kiln wrote it stays. If the manifest is missing or damaged, only
+ * these pictures are removed. KILN_CANNOT_CREATE if a file cannot be removed. Can be called again after it was
+ * interrupted. */
 int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
                         const struct kiln_manifest_parts *parts, struct kiln_pruned *pruned, struct kiln_error *error);
 
-/* Rank 0, before the first pass: whether every result of a bake of `scene` can be put in its place (without scene and
- * surface, NULL: those that have the same names in every bake). KILN_CANNOT_CREATE with what is in the way: a link, a
- * folder, a device. */
+/* Rank 0, before the first pass. Checks that every result of a bake of `scene` can be written; with `scene` and
+ * `surface` NULL, those results that have the same name in every bake. KILN_CANNOT_CREATE, with a message that names
+ * the link, folder or device that has the name of a result. */
 int kiln_manifest_look(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
                        const struct kiln_manifest_parts *parts, struct kiln_error *error);
 
-/* KILN_NO_INPUT without one, KILN_BAD_INPUT when it is damaged. Destroy with kiln_manifest_destroy. Not collective. */
+/* Reads the manifest. KILN_NO_INPUT if there is none, KILN_BAD_INPUT if it is damaged. Destroy with
+ * kiln_manifest_destroy. Not collective. */
 int kiln_manifest_read(struct kiln_manifest **manifest, const char *directory, struct kiln_error *error);
-/* The same from the text of the file called `path`. */
+/* The same from the text of the file `path`. */
 int kiln_manifest_parse(struct kiln_manifest **manifest, const char *path, const char *text, size_t size,
                         struct kiln_error *error);
 void kiln_manifest_destroy(struct kiln_manifest **manifest);
 
-/* Reads the whole file and compares size and hash. KILN_BAD_INPUT with a sentence that names the file when they differ
- * or it is gone. Thread-safe. */
+/* Reads the complete file and compares its size and hash. KILN_BAD_INPUT, with a message that names the file, if they
+ * differ or the file is missing. Thread-safe. */
 int kiln_manifest_check(const struct kiln_manifest_file *file, const char *directory, struct kiln_error *error);
 
-/* The same of a file that is open, from its beginning on, where the descriptor stands again afterwards; `path` is for
- * sentences. */
+/* The same for an open file, which is read from its beginning and rewound afterwards; `path` is for messages. */
 int kiln_manifest_compare(const struct kiln_manifest_file *file, int descriptor, const char *path,
                           struct kiln_error *error);
 
-/* Whether a bake has been at work in this folder: it has run.json, a manifest, a scene file or a checkpoint. Not
- * collective. */
+/* Whether the folder is that of a bake: it contains run.json, a manifest, a scene file or a checkpoint. Not collective.
+ */
 bool kiln_folder_of_bake(const char *directory);
 
 #endif

@@ -1,11 +1,11 @@
-/* What the files take out of the provenance text besides keeping it whole. Private to coordinator/output. */
+/* Values that output files extract from the provenance text (kiln_provenance). Private to coordinator/output. */
 #ifndef KILN_COORDINATOR_OUTPUT_PROVENANCE_H
 #define KILN_COORDINATOR_OUTPUT_PROVENANCE_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/* The seed, which is `seed` or `settings.seed` of the JSON object. False when `text` is NULL or has none. */
+/* Finds the seed, `seed` or `settings.seed` of the JSON object. False if `text` is NULL or has no seed. */
 bool kiln_provenance_seed(const char *text, int64_t *seed);
 
 #endif

@@ -13,7 +13,7 @@
 
 enum { ARRAYS = 9, VALUES = sizeof(struct kiln_volume_probe) / sizeof(float) };
 
-/* The arrays in the order of struct kiln_volume_probe. */
+/* The arrays of the file, in the order of struct kiln_volume_probe. */
 static const struct {
     const char *name;
     int components;
@@ -23,7 +23,7 @@ static const struct {
 
 struct kiln_volume {
     char *path;
-    int own; /* a descriptor to close with it; -1: the file is the caller's */
+    int own; /* descriptor to close with the volume; -1: it belongs to the caller */
     struct kiln_h5_file *file;
     hid_t datasets[ARRAYS];
     uint64_t size[3];
@@ -64,7 +64,7 @@ static int read_grid(struct kiln_volume *v, struct kiln_error *error)
     for (int i = 0; i < 3; i++) {
         if (extent[2 * i] != 0 || extent[2 * i + 1] < 0 || extent[2 * i + 1] >= INT64_MAX || !(v->spacing[i] > 0.0) ||
             !isfinite(v->spacing[i]) || !isfinite(v->origin[i]))
-            return not_a_volume(v->path, "the grid's extent makes no sense", error);
+            return not_a_volume(v->path, "the extent of the grid is invalid", error);
         v->size[i] = (uint64_t)extent[2 * i + 1] + 1;
     }
     return KILN_OK;
@@ -192,7 +192,8 @@ int kiln_volume_corners(const uint64_t size[3], const double origin[3], const do
     bool beyond = false;
     for (int i = 0; i < 3; i++) {
         const double place = (position[i] - origin[i]) / spacing[i], last = (double)(size[i] - 1);
-        const double slack = 1e-9 * (last + 1.0); /* a place on the border is inside, however it was rounded */
+        const double slack =
+            1e-9 * (last + 1.0); /* tolerance for rounding, so that a point on the boundary is inside */
         beyond = beyond || !(place >= -slack && place <= last + slack);
         const double inside = !(place > 0.0) ? 0.0 : place > last ? last : place;
         low[i] = (uint64_t)inside;
@@ -237,7 +238,7 @@ int kiln_volume_light(const struct kiln_volume *v, const double position[3], str
     if (!(total > 0.0))
         return kiln_fail(error, KILN_BAD_INPUT,
                          "'%s': no probe around (%g, %g, %g) can be trusted, they all lie inside or behind geometry: "
-                         "choose another place "
+                         "choose another point "
                          "or bake with a smaller --probe-spacing",
                          v->path, position[0], position[1], position[2]);
     float values[VALUES];

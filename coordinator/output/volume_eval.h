@@ -1,5 +1,5 @@
-/* Irradiance at any place from volume.hdf. Reads the file directly, a few probes at a time: no memory for the whole of
- * it. Not collective; needs no MPI. */
+/* Evaluation of an irradiance volume: irradiance at any point, from volume.hdf. Reads a few probes at a time from the
+ * file, so that memory does not grow with it. Not collective; needs no MPI. */
 #ifndef KILN_COORDINATOR_OUTPUT_VOLUME_EVAL_H
 #define KILN_COORDINATOR_OUTPUT_VOLUME_EVAL_H
 
@@ -8,46 +8,46 @@
 
 #include "worker/base/status.h"
 
-/* Light at a place, from one probe or several. */
+/* The light of a probe, or interpolated at a point. */
 struct kiln_volume_probe {
     float harmonics[9][3]; /* irradiance: E(n) = sum_i harmonics[i] Y_i(n), W/m2 */
     float axes[6][3];      /* irradiance on faces looking along +x -x +y -y +z -z, W/m2 */
-    float validity;        /* 0..1, share of directions that meet no back face */
-    float mean_distance;   /* m */
+    float validity;        /* fraction of directions that hit no back face, 0 to 1 */
+    float mean_distance;   /* to the surfaces around, m */
 };
 
 struct kiln_volume;
 
-/* KILN_NO_INPUT, KILN_BAD_INPUT when it is no kiln volume (h5_file.h). A volume that somebody else may have
- * written is read in a confined child (read/reader.h). */
+/* Opens a volume. KILN_NO_INPUT; KILN_BAD_INPUT if it is not a volume of kiln (h5_file.h). A volume that somebody
+ * else may have written must be read in a confined child (read/reader.h). Close with kiln_volume_close. */
 int kiln_volume_open(struct kiln_volume **volume, const char *path, struct kiln_error *error);
-/* The same of an open file, which is borrowed as long as the volume is open; `path` is for sentences. */
+/* The same for an open file, which is borrowed as long as the volume is open; `path` is for messages. */
 int kiln_volume_open_file(struct kiln_volume **volume, int descriptor, const char *path, struct kiln_error *error);
 void kiln_volume_close(struct kiln_volume **volume);
 
-/* Probes along each axis, position of the first and distance between them in metres. */
+/* Number of probes along each axis, position of the first probe, and distance between probes, m. */
 void kiln_volume_extent(const struct kiln_volume *volume, uint64_t size[3], double origin[3], double spacing[3]);
 
-/* One probe, by its place in the grid (x, y, z), which must be inside. */
+/* Reads the probe with grid indices `at` (x, y, z), which must exist. */
 int kiln_volume_read(const struct kiln_volume *volume, const uint64_t at[3], struct kiln_volume_probe *probe,
                      struct kiln_error *error);
 
-/* How much a probe counts beside its trilinear weight: nothing up to validity 0.5 (inside geometry, or behind it),
- * wholly from 0.75 on, linear between. */
+/* Factor on the trilinear weight of a probe: 0 up to validity 0.5 (the probe is inside or behind geometry), 1 from 0.75
+ * on, linear in between. */
 float kiln_volume_trust(float validity);
 
-/* Light at a world position: the eight probes around it, trilinear weight x trust, weights made to sum to 1. Outside
- * the grid the nearest place on its border is taken and *outside is set (may be NULL). KILN_BAD_INPUT when none of the
- * eight can be trusted: the place is inside geometry. */
+/* Light at a world position: the mean of the eight probes around it, with trilinear weight x kiln_volume_trust,
+ * normalised. Outside the grid the nearest point on its boundary is used, and *outside is set (`outside` may be NULL).
+ * KILN_BAD_INPUT if all weights are 0, since the position is inside geometry then. */
 int kiln_volume_light(const struct kiln_volume *volume, const double position[3], struct kiln_volume_probe *light,
                       bool *outside, struct kiln_error *error);
 
-/* Irradiance for unit normal n from the harmonics; the series can dip below 0 where light is concentrated, which
- * becomes 0. */
+/* Irradiance on a surface with the given unit normal, from the harmonics. Negative values, which the series can have
+ * for concentrated light, become 0. */
 void kiln_volume_irradiance(const struct kiln_volume_probe *light, const double normal[3], double irradiance[3]);
 
-/* The arithmetic of kiln_volume_light without the file: grid places and trilinear weights of the up to eight probes
- * around `position`; *outside as above. Returns how many have a weight above 0. */
+/* The interpolation of kiln_volume_light without the file: grid indices and trilinear weights of up to eight probes
+ * around `position`; *outside as above. Returns the number of probes with a weight above 0. */
 int kiln_volume_corners(const uint64_t size[3], const double origin[3], const double spacing[3],
                         const double position[3], uint64_t at[8][3], double weight[8], bool *outside);
 

@@ -15,16 +15,17 @@ struct volume_writer {
     struct kiln_h5 h5;
     const struct kiln_bake_result *result;
     const struct kiln_volume_result *volume;
-    float *values; /* own probes x the components of one array */
+    float *values; /* own probes x components of one array */
 };
 
-/* Adds a box of probes to the selection. */
+/* Adds a box of probes to the selection of the dataset. */
 static bool add_box(hid_t space, const hsize_t start[4], const hsize_t size[4], bool first)
 {
     return H5Sselect_hyperslab(space, first ? H5S_SELECT_SET : H5S_SELECT_OR, start, NULL, size, NULL) >= 0;
 }
 
-/* A range of z-major order is at most five boxes: part of a row, rows, planes, rows, part of a row. */
+/* Selects a range of probes in z-major order, which consists of at most five boxes: part of a row, rows, planes, rows,
+ * part of a row. */
 static bool select_range(hid_t space, const uint64_t size[3], uint64_t first, uint64_t count, hsize_t components)
 {
     const uint64_t row = size[0], plane = size[0] * size[1], end = first + count;
@@ -187,7 +188,7 @@ static int write_header(struct volume_writer *w, const struct kiln_output_params
     return kiln_agree(h5->communicator, status, error);
 }
 
-/* Through the reader that everybody else uses: the first and the last own probe. */
+/* Reads the first and the last own probe back, with the reader that kiln probe uses. */
 static int read_back(const struct volume_writer *w, const struct kiln_publish *place, struct kiln_error *error)
 {
     struct kiln_error why = {""};
@@ -209,12 +210,12 @@ static int read_back(const struct volume_writer *w, const struct kiln_publish *p
     kiln_volume_close(&volume);
     if (status == KILN_OK)
         return KILN_OK;
-    /* the file is our own */
+    /* we have just written the file, so bad content is an I/O error */
     return kiln_fail(error, status == KILN_BAD_INPUT ? KILN_IO : status,
                      "'%s' does not read back as it was written: %s", path, why.message);
 }
 
-/* If nothing in it could be compressed: chunks at the border are whole. */
+/* Assumes that nothing can be compressed; chunks at the boundary of the grid have full size. */
 uint64_t kiln_volume_space(const struct kiln_volume_result *volume)
 {
     uint64_t probes = 1;
@@ -232,7 +233,7 @@ int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_v
     struct volume_writer w = {.result = result, .volume = volume};
     int rank = 0;
     if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS)
-        return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
+        return kiln_fail(error, KILN_RANK_LOST, "MPI cannot give the rank number");
     int status = kiln_publish_begin(&place, params->directory, "volume.hdf", error);
     if (status == KILN_OK && rank == 0)
         kiln_publish_sweep(&place);
@@ -244,7 +245,7 @@ int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_v
     if (status == KILN_OK)
         status = kiln_h5_create(&w.h5, result->communicator, &place, error);
     else
-        rank = -1; /* nothing was made that needs removing */
+        rank = -1; /* there is no file to remove */
     if (status == KILN_OK) {
         status = write_header(&w, params, error);
         if (status == KILN_OK)

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "coordinator/field/field.h"
 #include "coordinator/integrate/energy.h"
 #include "coordinator/run/process_memory.h"
 #include "coordinator/integrate/integrate.h"
@@ -10,8 +11,6 @@
 #include "coordinator/bake/volume.h"
 #include "coordinator/export/export.h"
 #include "worker/base/memory.h"
-#include "worker/pass/direct.h"
-#include "worker/pass/gather.h"
 #include "worker/pass/probes.h"
 #include "worker/scene/radiosity.h"
 
@@ -36,12 +35,11 @@ static const uint64_t LIGHTMAP_BUDGET = 1ull << 21; /* texels under way on a ran
 static const double RECORD_BYTES = 2 * 58.0;
 /* bytes a point of kiln.h5 in hand; of them still held afterwards */
 static const double H5_ROW = 113.0, H5_KEPT = 90.0;
+/* Bytes that fields took in these measurements, of a texel and of a row of kiln.h5: those of other fields are added. */
+static const double MEASURED_PLANES = 28.0, MEASURED_COLUMNS = 56.0;
 static const uint64_t ROWS_AT_ONCE = 1ull << 18;
 static const uint64_t PREVIEW_BYTES = 62ull << 20; /* rays of a band, 120 bytes each */
 static const double PREVIEW_TEXEL = 12.0;          /* lightmaps in view */
-static const double CHECKPOINT_POINT = 44.0;       /* bytes on disk */
-/* of a point, that move with it besides its surface */
-static const double RESULT_BYTES = 6 * sizeof(float) + sizeof(uint16_t);
 
 static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
 static const double LIGHTMAP_TEXEL_SECONDS = 1.6e-6; /* of one thread: filled, smoothed, compressed, read back */
@@ -60,13 +58,21 @@ static const double MAP_POINT_SECONDS = 0.5e-9;            /* of a rank, for a p
 /* Compressed bytes, measured over the project's scenes. */
 static const double LIGHTMAP_POINT_DISK = 33.0, H5_POINT_DISK = 45.5, PROBE_DISK = 0.85, PREVIEW_DISK = 0.55e6;
 
-static uint64_t share_bytes(const struct kiln_surface *s)
+static struct kiln_field_set fields_of(const struct kiln_job *job)
 {
-    const uint64_t pieces = s->piece_base != NULL && s->tile_run_count > 0 ? s->piece_base[s->tile_run_count] : 0;
-    const uint64_t shares = s->area_cdf_base != NULL && s->tile_run_count > 0 ? s->area_cdf_base[s->tile_run_count] : 0;
-    const uint64_t point = sizeof *s->piece_count + 3 * sizeof *s->albedo + sizeof *s->area + sizeof *s->visible;
-    return s->count * point + pieces * sizeof *s->pieces + shares * sizeof *s->area_cdf +
-           s->tile_run_count * (sizeof *s->tile_runs + sizeof *s->piece_base + sizeof *s->area_cdf_base);
+    struct kiln_field_set fields;
+    kiln_field_set_choose(&fields, job);
+    return fields;
+}
+
+static uint64_t share_bytes(const struct kiln_surface *s, const struct kiln_field_set *fields)
+{
+    const bool built = s->piece_base != NULL && s->area_cdf_base != NULL && s->tile_run_count > 0;
+    const uint64_t items[KILN_DOMAINS] = {[KILN_DOMAIN_TILE_RUN] = s->tile_run_count,
+                                          [KILN_DOMAIN_POINT] = s->count,
+                                          [KILN_DOMAIN_PIECE] = built ? s->piece_base[s->tile_run_count] : 0,
+                                          [KILN_DOMAIN_AREA_CDF] = built ? s->area_cdf_base[s->tile_run_count] : 0};
+    return kiln_field_set_bytes(fields, KILN_FIELD_SURFACE, items);
 }
 
 static uint64_t all_bytes(const struct kiln_surface *s)
@@ -101,9 +107,13 @@ static uint64_t result_bytes(const struct kiln_plan *plan, const struct kiln_pre
                  largest = (double)largest_lightmap(p->scene);
     const double at_once = fmax(largest, least(texels / job->ranks, (double)LIGHTMAP_BUDGET));
     const double rows = least(own, (double)ROWS_AT_ONCE);
-    const double lightmaps = LIGHTMAP_WORK * at_once + RECORD_BYTES * rows;
-    const double preview = job->preview ? (double)PREVIEW_BYTES + PREVIEW_TEXEL * texels + H5_KEPT * rows : 0.0;
-    return (uint64_t)fmax(lightmaps, fmax(H5_ROW * rows, preview));
+    const struct kiln_field_set fields = fields_of(job);
+    const double planes = (double)kiln_field_set_plane_bytes(&fields) - MEASURED_PLANES,
+                 columns = (double)kiln_field_set_column_bytes(&fields) - MEASURED_COLUMNS;
+    const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (RECORD_BYTES + 2.0 * planes) * rows;
+    const double preview =
+        job->preview ? (double)PREVIEW_BYTES + PREVIEW_TEXEL * texels + (H5_KEPT + columns) * rows : 0.0;
+    return (uint64_t)fmax(lightmaps, fmax((H5_ROW + columns) * rows, preview));
 }
 
 static void known_memory(struct kiln_plan *plan, const struct kiln_prepared *p)
@@ -119,11 +129,12 @@ static void known_memory(struct kiln_plan *plan, const struct kiln_prepared *p)
 }
 
 /* Before the share is built: what is resident now and has no name yet is the program's. */
-static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *p)
+static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
     struct kiln_plan_memory *m = &plan->memory;
+    const struct kiln_field_set fields = fields_of(job);
     const uint64_t named =
-        m->textures + m->scene + m->geometry + m->bvh + all_bytes(p->surface) + share_bytes(p->surface);
+        m->textures + m->scene + m->geometry + m->bvh + all_bytes(p->surface) + share_bytes(p->surface, &fields);
     const uint64_t resident = kiln_process_memory(KILN_MEMORY_NOW);
     m->program = PASS_BYTES + (resident > named + LEAST_PROGRAM_BYTES ? resident - named : LEAST_PROGRAM_BYTES);
 }
@@ -136,19 +147,21 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     kiln_backend_info(p->backend, &info);
     m->device = on_device(p) ? info.memory : 0;
     m->surface_all = all_bytes(share);
-    const double own = share->count > 0 ? (double)share_bytes(share) / (double)share->count : 0.0;
+    const struct kiln_field_set fields = fields_of(job);
+    const double own = share->count > 0 ? (double)share_bytes(share, &fields) / (double)share->count : 0.0;
+    const double results = (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_RESULT); /* they move, too */
     m->surface_own = (uint64_t)(own * plan->here.light.points_most);
-    m->light = kiln_solution_bytes((uint64_t)plan->here.light.points_most, plan->surface.points);
+    m->light = kiln_field_set_transport_bytes(&fields, (uint64_t)plan->here.light.points_most, plan->surface.points);
     m->volume = plan->probes * sizeof(struct kiln_probe_result);
     m->results = result_bytes(plan, p, job);
-    m->moving = plan->here.light.cuts > 0 ? (uint64_t)(fmax(own, RESULT_BYTES) * plan->here.light.points_most) : 0;
+    m->moving = plan->here.light.cuts > 0 ? (uint64_t)(fmax(own, results) * plan->here.light.points_most) : 0;
     const uint64_t last = m->volume + m->results; /* there is none of these while points move */
     m->total = m->program + m->scene + m->textures + m->geometry + m->bvh + m->surface_all + m->surface_own + m->light +
                (last > m->moving ? last : m->moving);
     if (plan->surface.points > 0)
         plan->bytes_per_point =
             own + (double)m->surface_all / (double)plan->surface.points +
-            (double)(kiln_solution_bytes(plan->surface.points, plan->surface.points) - kiln_solution_bytes(0, 0)) /
+            (double)kiln_field_set_transport_bytes(&fields, plan->surface.points, plan->surface.points) /
                 (double)plan->surface.points;
     if (p->geometry->triangle_count > 0)
         plan->bytes_per_triangle = (double)(m->scene + m->geometry) / (double)p->geometry->triangle_count;
@@ -157,31 +170,30 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
 static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
     const double points = (double)plan->surface.points;
-    plan->lightmap_bytes =
-        (uint64_t)(points * LIGHTMAP_POINT_DISK * (job->half ? 0.45 : 1.0) * (job->error_map ? 10.0 / 9.0 : 1.0));
-    plan->h5_bytes = (uint64_t)(points * H5_POINT_DISK);
+    const struct kiln_field_set fields = fields_of(job);
+    plan->lightmap_bytes = (uint64_t)(points * LIGHTMAP_POINT_DISK * (job->half ? 0.45 : 1.0) *
+                                      ((double)kiln_field_set_channels(&fields) / 9.0));
+    plan->h5_bytes =
+        (uint64_t)(points * (H5_POINT_DISK + (double)kiln_field_set_column_bytes(&fields) - MEASURED_COLUMNS));
     plan->volume_bytes = (uint64_t)((double)(plan->probes * sizeof(struct kiln_probe_result)) * PROBE_DISK);
     plan->scene_bytes = p->scene->mapped_bytes;
     plan->preview_bytes = job->preview ? (uint64_t)PREVIEW_DISK : 0;
     plan->export_bytes = job->export ? kiln_export_size(p->scene) : 0;
     plan->disk_bytes = plan->lightmap_bytes + plan->h5_bytes + plan->volume_bytes + plan->scene_bytes +
                        plan->preview_bytes + plan->export_bytes;
-    plan->checkpoint_bytes = (uint64_t)(points * CHECKPOINT_POINT);
+    plan->checkpoint_bytes = (uint64_t)points * kiln_field_set_saved_bytes(&fields);
 }
 
 /* ---- calibration ---- */
 
-static int sample_step(const struct kiln_prepared *p, const struct kiln_batch *items, const struct kiln_cost_kind *kind,
+static int sample_step(const struct kiln_prepared *p, const struct kiln_batch *batch, const struct kiln_cost_kind *kind,
                        double *seconds, struct kiln_error *error)
 {
-    struct kiln_batch batch = *items;
     struct kiln_backend_info begin, end;
     uint64_t rays = 0;
     kiln_backend_info(p->backend, &begin);
     const double start = MPI_Wtime();
-    batch.samples = kind->samples;
-    batch.stream = kind->stream;
-    const int status = kiln_backend_run(p->backend, kind->pass, NULL, &batch, &rays, error);
+    const int status = kiln_backend_run(p->backend, kind->pass, kind->parameters, batch, &rays, error);
     *seconds = MPI_Wtime() - start;
     kiln_backend_info(p->backend, &end);
     if (end.thread_seconds > begin.thread_seconds)
@@ -193,7 +205,7 @@ static bool is_cheap(const struct kiln_planned_steps *steps, uint32_t kind)
 {
     bool cheap = false;
     for (uint32_t k = 0; k < steps->kind_count; k++)
-        cheap = cheap || (steps->kinds[k].pass->reads_radiosity && steps->kinds[kind].pass->reads_radiosity &&
+        cheap = cheap || (steps->kinds[k].pass == steps->kinds[kind].pass &&
                           steps->kinds[kind].samples < steps->kinds[k].samples);
     return cheap;
 }
@@ -207,7 +219,10 @@ static int take_sample(const struct kiln_planned_steps *steps, const struct kiln
     *sample = (struct kiln_plan_sample){.first = tile_runs[first].first};
     for (uint32_t k = 0; k < steps->kind_count && status == KILN_OK; k++) {
         const size_t wanted = is_cheap(steps, k) ? CHEAP_TILE_RUNS * count : count;
-        const struct kiln_batch batch = {.first = first, .count = wanted < rest ? wanted : rest};
+        const struct kiln_batch batch = {.first = first,
+                                         .count = wanted < rest ? wanted : rest,
+                                         .stream = steps->kinds[k].stream,
+                                         .samples = steps->kinds[k].samples};
         const struct kiln_tile_run *last = &tile_runs[first + batch.count - 1];
         sample->points[k] = last->first + last->count - sample->first;
         status = sample_step(p, &batch, &steps->kinds[k], &sample->seconds[k], error);
@@ -429,7 +444,9 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
     const struct kiln_plan_seconds *s = &plan->seconds;
     const double together = crowd(p, job), points = fmax(1.0, (double)plan->surface.points),
                  texel = (double)plan->surface.texels / points;
-    const double surface = p->surface->count > 0 ? (double)share_bytes(p->surface) / (double)p->surface->count : 0.0;
+    const struct kiln_field_set fields = fields_of(job);
+    const double surface =
+        p->surface->count > 0 ? (double)share_bytes(p->surface, &fields) / (double)p->surface->count : 0.0;
     struct kiln_backend_info info = {0};
     kiln_backend_info(p->backend, &info);
     struct kiln_simulation simulation = {
@@ -443,7 +460,7 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
                   .threads = p->threads,
                   .any_share = info.any_share,
                   .part_points = info.part_points,
-                  .share_bytes = surface + RESULT_BYTES,
+                  .share_bytes = surface + (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_RESULT),
                   .bandwidth = job->node_bandwidth * 1e9,
                   .latency = job->node_latency * 1e-6,
                   .slow_rank = settings->slow_rank,
@@ -511,7 +528,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     *plan = (struct kiln_plan){.triangles = prepared->geometry->triangle_count,
                                .bounces = job->bounces < 0 ? TYPICAL_BOUNCES : (uint32_t)job->bounces};
     known_memory(plan, prepared);
-    measure_program(plan, prepared);
+    measure_program(plan, prepared, job);
     struct kiln_surface *share = NULL;
     const struct kiln_surface_params params = {.scene = prepared->scene,
                                                .geometry = prepared->geometry,

@@ -23,7 +23,7 @@
 
 #include "worker/base/status.h"
 
-enum { KILN_BLOCK_NAME = 24, KILN_BLOCKS_MAX = 16 };
+enum { KILN_BLOCK_NAME = 24, KILN_BLOCKS_MAX = 48 };
 
 /* An array of one rank, or a part of one that ranks share. */
 struct kiln_block {

@@ -6,7 +6,9 @@
 #include "coordinator/files/publish.h"
 #include "coordinator/files/checksummed_json.h"
 
-enum { KILN_CHECKPOINT_FORMAT = 2, CHECKPOINT_NAME = 96 };
+/* The number of the format, of the manifest and of all records in blocks: it is looked at before anything else is read,
+ * and a checkpoint of another number is refused. */
+enum { KILN_CHECKPOINT_FORMAT = 3, CHECKPOINT_NAME = 96 };
 
 /* Where an array lies in a file. */
 struct checkpoint_block {

@@ -253,6 +253,8 @@ void kiln_control_conclude(struct kiln_control *c, int status, const char *messa
 
 /* ---- rounds ---- */
 
+static int last_signal(const struct kiln_control *c) { return __atomic_load_n(c->params.signal, __ATOMIC_RELAXED); }
+
 /* The reason for this rank to stop (signal, time or stop file); 0: none. Any thread may call it, and at most one thread
  * at a time waits for the disk. */
 static int stop_reason(struct kiln_control *c)
@@ -261,7 +263,7 @@ static int stop_reason(struct kiln_control *c)
     int reason = atomic_load_explicit(&c->reason_found, memory_order_relaxed);
     if (reason != 0)
         return reason;
-    reason = (int)*c->params.signal;
+    reason = last_signal(c);
     (void)clock_gettime(CLOCK_MONOTONIC_COARSE, &now);
     const long long milliseconds = 1000 * (long long)now.tv_sec + now.tv_nsec / 1000000;
     if (reason == 0 && milliseconds >= atomic_load_explicit(&c->next_look, memory_order_relaxed) &&
@@ -280,7 +282,7 @@ static int stop_reason(struct kiln_control *c)
 }
 
 /* The same for rounds, where only rank 0 checks the time and the stop file. */
-static int reason_in_rounds(struct kiln_control *c) { return c->rank == 0 ? stop_reason(c) : (int)*c->params.signal; }
+static int reason_in_rounds(struct kiln_control *c) { return c->rank == 0 ? stop_reason(c) : last_signal(c); }
 
 /* kiln_stop callback for phases without rounds. If a signal has reached this rank, creates the stop file, which the
  * other ranks look for. */

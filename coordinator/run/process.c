@@ -6,7 +6,8 @@
 
 static volatile sig_atomic_t noted; /* global, since a signal handler can write to nothing else */
 
-static void note_signal(int number) { noted = number; }
+/* Atomic, since the handler runs in the main thread, and all threads read. */
+static void note_signal(int number) { __atomic_store_n(&noted, number, __ATOMIC_RELAXED); }
 
 /* Opens /dev/null in the wrong direction, so that reading from a closed descriptor 0, or writing to 1 or 2, still
  * fails. open() returns the lowest free number, which is `descriptor`. */

@@ -16,7 +16,7 @@ void kiln_process_begin(void);
  * stays ignored if it was (nohup). SIGPIPE is ignored, since the reader of the progress output may end. Before this
  * call the signals end the process, which loses nothing. */
 void kiln_process_catch(void);
-/* The number of the last recorded signal; 0: none. */
+/* The number of the last recorded signal; 0: none. Threads read it with __atomic_load_n. */
 const volatile sig_atomic_t *kiln_process_signal(void);
 /* From this call on these signals end the process again, except SIGUSR1, which is ignored: a batch system's warning
  * that arrives after the bake has finished must not make it look like a lost rank. */

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "worker/base/color.h"
 #include "worker/base/memory.h"
 
 enum { RADIUS = 5, WINDOW = 2 * RADIUS + 1 };
@@ -13,12 +14,12 @@ struct pair {
     uint32_t width, height, channel_count;
     const float *a[KILN_COMPARE_CHANNELS_MAX], *b[KILN_COMPARE_CHANNELS_MAX];
     char names[KILN_COMPARE_CHANNELS_MAX][KILN_CHANNEL_NAME_SIZE];
-    bool colour;            /* the channels are R, G, B in this order */
-    uint8_t *used;          /* 0 not compared, 1 valid in both, 2 wholly inside charts too */
+    bool colour;            /* the compared channels are R, G, B, in this order */
+    uint8_t *used;          /* for each texel: 0 not compared, 1 valid in both images, 2 also wholly inside charts */
     float *tone_a, *tone_b; /* tone-mapped luminance */
 };
 
-/* ---- what is compared ---- */
+/* ---- selection of channels and texels ---- */
 
 static bool add_channel(struct pair *p, const struct kiln_image *a, const struct kiln_image *b, const char *name)
 {
@@ -42,7 +43,8 @@ static void choose_channels(struct pair *p, const struct kiln_image *a, const st
             (void)add_channel(p, a, b, a->channels[i].name);
 }
 
-/* Texels whose value in a masking channel is below `least` in an image that has the channel drop to `state`. */
+/* Lowers `used` to `state` at texels whose value in the channel `name` is below `least`, if the image has that channel.
+ */
 static void lower(struct pair *p, const struct kiln_image *image, const char *name, float least, uint8_t state)
 {
     const struct kiln_image_channel *channel = kiln_image_find(image, name);
@@ -78,13 +80,13 @@ static int pair_images(struct pair *p, const struct kiln_image *a, const struct 
     p->height = a->height;
     choose_channels(p, a, b);
     if (p->channel_count == 0)
-        return kiln_fail(error, KILN_BAD_INPUT, "the images share no channel");
+        return kiln_fail(error, KILN_BAD_INPUT, "the images have no common channel");
     const size_t count = (size_t)p->width * p->height;
     const int status = kiln_allocate(&p->used, count, 1, "texels to compare", error);
     if (status != KILN_OK)
         return status;
     memset(p->used, 2, count);
-    lower(p, a, "coverage.Y", 0.9995f, 1); /* a half: 1 - 2^-11 is its neighbour */
+    lower(p, a, "coverage.Y", 0.9995f, 1); /* just below 1: as a half, the next smaller value is 1 - 2^-11 */
     lower(p, b, "coverage.Y", 0.9995f, 1);
     lower(p, a, "validity.Y", 1.0f, 0);
     lower(p, b, "validity.Y", 1.0f, 0);
@@ -109,7 +111,7 @@ static double luminance(const struct pair *p, const float *const planes[], size_
 {
     double sum = 0.0;
     if (p->colour)
-        return 0.2126 * (double)planes[0][i] + 0.7152 * (double)planes[1][i] + 0.0722 * (double)planes[2][i];
+        return kiln_luminance_of_floats((float[3]){planes[0][i], planes[1][i], planes[2][i]});
     for (uint32_t c = 0; c < p->channel_count; c++)
         sum += (double)planes[c][i];
     return sum / p->channel_count;
@@ -159,7 +161,7 @@ static void sum_relative(const struct pair *p, struct kiln_difference *d)
                          by = fabs((double)p->b[c][i]) + floor_value;
             if (by > 0.0)
                 d->relative_squares += difference * difference / (by * by);
-            else if (difference != 0.0) /* the whole reference is black: any light is wholly wrong */
+            else if (difference != 0.0) /* the whole reference is black: any light is an error of 100 % */
                 d->relative_squares += 1.0;
         }
 }
@@ -192,7 +194,7 @@ static int map_tones(struct pair *p, struct kiln_error *error)
     return status;
 }
 
-/* Similarity in the window around texel (x, y). */
+/* Structural similarity in the window around texel (x, y). */
 static double similarity_at(const struct pair *p, const double gauss[WINDOW], int64_t x, int64_t y)
 {
     double weights = 0.0, a = 0.0, b = 0.0, aa = 0.0, bb = 0.0, ab = 0.0;
@@ -231,7 +233,7 @@ static int sum_similarity(struct pair *p, struct kiln_difference *d, struct kiln
         for (uint32_t x = 0; x < p->width; x++)
             if (p->used[(size_t)y * p->width + x] != 0)
                 rows[y] += similarity_at(p, gauss, x, y);
-    for (uint32_t y = 0; y < p->height; y++) /* in order, whatever the threads did */
+    for (uint32_t y = 0; y < p->height; y++) /* in the order of rows, so that the sum does not depend on threads */
         d->similarity += rows[y];
     kiln_free(&rows);
     return KILN_OK;

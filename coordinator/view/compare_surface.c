@@ -14,7 +14,7 @@ static struct kiln_dvec3 to_world(const double m[12], struct kiln_vec3 p)
                  m[8] * x + m[9] * y + m[10] * z + m[11]);
 }
 
-/* Indices into the scene's vertex arrays of the k-th triangle of the object's mesh. */
+/* Indices of the corners of the mesh's k-th triangle in the vertex arrays of the scene. */
 static void stored_corners(const struct kiln_scene *scene, uint32_t object, uint64_t k, uint64_t corner[3])
 {
     const struct kiln_mesh *mesh = &scene->meshes[scene->objects[object].mesh];
@@ -52,7 +52,7 @@ double kiln_object_area(const struct kiln_scene *scene, uint32_t object)
     return sum;
 }
 
-/* Both bakes' corners must be the same places, to rounding. */
+/* Whether both triangles have the same corners, up to rounding. */
 static bool same_corners(const struct kiln_dvec3 a[3], const struct kiln_dvec3 b[3])
 {
     for (int c = 0; c < 3; c++)
@@ -65,7 +65,7 @@ static bool same_corners(const struct kiln_dvec3 a[3], const struct kiln_dvec3 b
 
 struct reader {
     const struct kiln_compared *from;
-    const float *planes[3], *validity, *coverage; /* the last two may be NULL */
+    const float *planes[3], *validity, *coverage; /* validity and coverage may be NULL */
     float *to[5];
 };
 
@@ -94,7 +94,8 @@ static int open_reader(struct reader *r, const struct kiln_compared *from, size_
     return status;
 }
 
-/* Reads at barycentric weights of corners 1 and 2 of the object's k-th triangle. */
+/* Reads the lightmap at a point of the object's k-th triangle, with barycentric weights b1 and b2 of corners 1 and 2.
+ */
 static void read_place(const struct reader *r, uint64_t k, double b1, double b2, size_t to)
 {
     const struct kiln_image *image = r->from->lightmap;

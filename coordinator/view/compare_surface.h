@@ -1,16 +1,16 @@
-/* Two bakes of one scene at places on its surfaces, so that lightmaps of different sizes, or with other layouts, can be
- * compared.
+/* Comparison of two bakes of one scene at sample points on its surfaces, for lightmaps of different sizes or layouts.
  *
- * Places are spread evenly over an object's area: one in each of `count` equal parts of it, triangle by triangle. At
- * each, both lightmaps are read bilinearly, as an engine reads them. What comes out are two images of count x 1 texels
- * for kiln_compare_images; only its dssim has no meaning there. Nothing here is collective. */
+ * The sample points of an object are spread evenly over its area: the triangles in order are divided into `count` parts
+ * of equal area, and each part gets one point. At each point both lightmaps are read bilinearly, as an engine reads
+ * them. The result is two images of count x 1 texels for kiln_compare_images, whose dssim has no meaning then. Nothing
+ * here is collective. */
 #ifndef KILN_COORDINATOR_VIEW_COMPARE_SURFACE_H
 #define KILN_COORDINATOR_VIEW_COMPARE_SURFACE_H
 
 #include "coordinator/output/image.h"
 #include "worker/scene/scene.h"
 
-/* One object of one bake. */
+/* An object of a bake. */
 struct kiln_compared {
     const struct kiln_scene *scene;
     uint32_t object;
@@ -18,20 +18,21 @@ struct kiln_compared {
 };
 
 struct kiln_samples {
-    /* R G B; validity.Y: of the texel that the place lies in; coverage.Y: the least of those that were read */
+    /* channels R G B; validity.Y, of the texel that contains the point; coverage.Y, the least of the texels that were
+     * read */
     struct kiln_image *a, *b;
-    double (*positions)[3]; /* world, m */
+    double (*positions)[3]; /* of the sample points, world, m */
     size_t count;
-    double area; /* m2 of the object */
+    double area; /* of the object, m2 */
 };
 
-/* KILN_BAD_INPUT when the object is not the same in both (triangles and their corners; layout and lightmap may differ),
- * or a lightmap has no R, G, B. Release with kiln_samples_destroy. */
+/* Samples both lightmaps of an object. KILN_BAD_INPUT if the object differs between the bakes (its triangles and their
+ * corners; layout and lightmap may differ), or if a lightmap has no R, G, B. Release with kiln_samples_destroy. */
 int kiln_samples_take(struct kiln_samples *samples, const struct kiln_compared *a, const struct kiln_compared *b,
                       size_t count, struct kiln_error *error);
 void kiln_samples_destroy(struct kiln_samples *samples);
 
-/* m2 in the world. */
+/* Area of the object in the world, m2. */
 double kiln_object_area(const struct kiln_scene *scene, uint32_t object);
 
 #endif

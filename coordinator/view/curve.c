@@ -10,13 +10,13 @@ enum { WIDTH = 720, HEIGHT = 420, LEFT = 64, RIGHT = 24, TOP = 44, BOTTOM = 56, 
 static const char *const colors[KILN_CURVES] = {"#1f5fa8", "#c4451c", "#2a8a4a", "#7a3fa0"};
 
 struct curve {
-    const char *name; /* in the legend */
+    const char *name; /* text of the legend */
     const double *ranks, *values;
     size_t count;
 };
 
 struct frame {
-    double decades, top; /* log2 of the most ranks; the highest value shown */
+    double decades, top; /* log2 of the largest number of ranks; the largest value on the vertical axis */
 };
 
 static double across(const struct frame *f, double ranks)

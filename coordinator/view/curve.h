@@ -1,4 +1,4 @@
-/* A plot of efficiency over ranks, as SVG, for scaling studies and simulations. */
+/* Scaling plot: parallel efficiency over the number of ranks, as SVG. */
 #ifndef KILN_COORDINATOR_VIEW_CURVE_H
 #define KILN_COORDINATOR_VIEW_CURVE_H
 
@@ -6,11 +6,12 @@
 
 #include "worker/base/status.h"
 
-/* In the order of the values below; efficiency 1: all of what is ideal. */
-enum { KILN_CURVES = 4 }; /* strong scaling: all of the bake, light and exchange alone; weak scaling: the same two */
+/* The curves, in the order of `values` below: strong scaling of the whole bake, and of light and exchange alone; the
+ * same two for weak scaling. Efficiency 1 is ideal. */
+enum { KILN_CURVES = 4 };
 
-/* Publishes DIRECTORY/scaling.svg: `count` ranks (above 0, ascending) on a logarithmic axis, the efficiencies from 0 to
- * 1 (more, where there are). Not collective. */
+/* Publishes DIRECTORY/scaling.svg, with `count` numbers of ranks (above 0, ascending) on a logarithmic axis and
+ * efficiencies from 0 to 1, or to the largest value. Not collective. */
 int kiln_curve_write(const char *directory, const char *title, const double *ranks,
                      const double *const values[KILN_CURVES], size_t count, struct kiln_error *error);
 

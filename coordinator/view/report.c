@@ -10,6 +10,7 @@
 #include "coordinator/files/html.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/output/read/results.h"
+#include "worker/base/color.h"
 #include "worker/base/memory.h"
 
 enum { PICTURE_SIDE = 160, MOST_PICTURES = 200, MOST_BARS = 4096 };
@@ -33,14 +34,14 @@ struct report {
 
 static const json_t *field(const json_t *object, const char *name) { return json_object_get(object, name); }
 
-/* A number, or the luminance of three. NaN when it is neither. */
+/* The value of a number, or the luminance of an array of three numbers; NaN for anything else. */
 static double number(const json_t *value)
 {
     if (json_is_number(value))
         return json_number_value(value);
     if (json_is_array(value) && json_array_size(value) == 3)
-        return 0.2126 * number(json_array_get(value, 0)) + 0.7152 * number(json_array_get(value, 1)) +
-               0.0722 * number(json_array_get(value, 2));
+        return kiln_luminance((double[3]){number(json_array_get(value, 0)), number(json_array_get(value, 1)),
+                                          number(json_array_get(value, 2))});
     return (double)NAN;
 }
 
@@ -62,7 +63,7 @@ static void add_value(struct kiln_html *page, const json_t *value)
     }
 }
 
-/* Nothing there: no number but 0, no text, false. */
+/* Whether the value is without information: 0, an empty text, false, null, or missing. */
 static bool says_nothing(const json_t *value)
 {
     if (json_is_number(value))
@@ -77,7 +78,7 @@ static bool says_nothing(const json_t *value)
     return true;
 }
 
-/* Scalars and short arrays of them. */
+/* Whether the value is a scalar or a short array of scalars, which can be shown in a table. */
 static bool is_shown(const json_t *value)
 {
     return !json_is_object(value) &&
@@ -85,7 +86,7 @@ static bool is_shown(const json_t *value)
            !says_nothing(value);
 }
 
-/* A field's name, with blanks for underscores. */
+/* Adds the name of a field, with spaces for underscores. */
 static void add_words(struct kiln_html *page, const char *name)
 {
     char words[128];
@@ -95,8 +96,8 @@ static void add_words(struct kiln_html *page, const char *name)
     kiln_html_text(page, words);
 }
 
-/* A heading (NULL: none) and a table of the fields of an object that say something, names with blanks for underscores.
- * Nothing at all when there are none. */
+/* Adds a heading (NULL: none) and a table of the fields of an object that have information. Adds nothing if there are
+ * none. */
 static void add_object(struct kiln_html *page, const char *title, const json_t *object)
 {
     const char *name;
@@ -120,7 +121,7 @@ static void add_object(struct kiln_html *page, const char *title, const json_t *
 
 /* ---- pictures ---- */
 
-/* Means over n x n pixels, so that the longer side has at most PICTURE_SIDE. */
+/* Averages n x n pixels, so that the longer side has at most PICTURE_SIDE. */
 static int shrink(const struct kiln_image *image, struct kiln_image **small, struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B"};
@@ -145,7 +146,7 @@ static int shrink(const struct kiln_image *image, struct kiln_image **small, str
     return KILN_OK;
 }
 
-/* Size, and what run.json says of density, validity and error. */
+/* Adds the size and, from run.json, density, validity and error. */
 static void add_caption(struct kiln_html *page, const json_t *object, const struct kiln_image *image)
 {
     const double density = number(field(object, "texels_per_metre")), valid = number(field(object, "valid")),
@@ -155,7 +156,8 @@ static void add_caption(struct kiln_html *page, const json_t *object, const stru
     if (density > 0.0)
         kiln_html_add(page, ", %.3g a metre", density);
     if (filled > 0.0)
-        kiln_html_add(page, "<br>%.3g %% gathered, the rest buried and filled", 100.0 * valid / (valid + filled));
+        kiln_html_add(page, "<br>%.3g %% gathered, the rest inside other geometry and filled",
+                      100.0 * valid / (valid + filled));
     if (error > 0.0)
         kiln_html_add(page, "<br>standard error %.2g %% of the mean", 100.0 * error);
 }
@@ -196,7 +198,7 @@ static int add_lightmap(struct report *r, const char *file, const char *name, co
     return status;
 }
 
-/* A path in run.json may lead only below the folder itself. */
+/* Whether a path in run.json stays within the folder. */
 static bool stays_inside(const char *path) { return path[0] != '/' && strstr(path, "..") == NULL; }
 
 static void add_lightmaps(struct report *r)
@@ -218,7 +220,7 @@ static void add_lightmaps(struct report *r)
         struct kiln_error why = {{0}};
         if (file == NULL || !stays_inside(file))
             continue;
-        /* the page says what it cannot show */
+        /* the page shows the message of a lightmap that cannot be read */
         if (add_lightmap(r, file, name == NULL ? file : name, object, &why) != KILN_OK) {
             kiln_html_add(&r->page, "<p>");
             kiln_html_text(&r->page, why.message);
@@ -227,7 +229,7 @@ static void add_lightmaps(struct report *r)
     }
 }
 
-/* How the preview was taken. */
+/* Adds viewpoint and exposure of the preview. */
 static void add_viewpoint(struct report *r)
 {
     const json_t *preview = field(r->run, "preview"), *viewpoint = field(preview, "viewpoint");
@@ -253,10 +255,10 @@ static void add_viewpoint(struct report *r)
         kiln_html_add(&r->page,
                       " Metals, %.1f %% of it, are shown by their base colour under the irradiance: approximate.",
                       100.0 * number(field(preview, "metal_share")));
-    if (number(field(preview, "lent_share")) > 0.0005)
+    if (number(field(preview, "front_light_share")) > 0.0005)
         kiln_html_add(&r->page,
                       " Backs of double-sided surfaces, %.1f %% of it, show their fronts' light: approximate.",
-                      100.0 * number(field(preview, "lent_share")));
+                      100.0 * number(field(preview, "front_light_share")));
     kiln_html_add(&r->page, "</p>\n");
 }
 
@@ -314,7 +316,7 @@ static void plot_phases(struct report *r)
     }
 }
 
-/* Seconds of every rank in all phases together, from their per_rank lists. */
+/* Plots the total seconds of each rank, from the per_rank lists of the phases. */
 static void plot_ranks(struct report *r)
 {
     const json_t *phases = field(r->run, "phases");
@@ -324,7 +326,7 @@ static void plot_ranks(struct report *r)
         const size_t here = json_array_size(field(json_array_get(phases, i), "per_rank"));
         ranks = here > ranks ? here : ranks;
     }
-    if (ranks <= 1 || !open_series(r, &s, ranks)) /* one rank has nobody to be balanced with */
+    if (ranks <= 1 || !open_series(r, &s, ranks)) /* the balance of one rank means nothing */
         return;
     for (size_t i = 0; i < json_array_size(phases) && i < MOST_BARS; i++)
         for (size_t rank = 0; rank < s.count; rank++) {
@@ -384,7 +386,7 @@ static void add_section(struct report *r, const char *title, const char *name)
     add_object(&r->page, title, field(r->run, name));
 }
 
-/* What the bake has to say, before all figures. */
+/* Adds the notes of the bake, before all figures. */
 static void add_notes(struct report *r)
 {
     const json_t *notes = field(r->run, "notes");
@@ -396,7 +398,7 @@ static void add_notes(struct report *r)
     }
 }
 
-/* A column of the table of objects; left out when it says nothing of any. */
+/* Columns of the table of objects. A column without information is left out. */
 static const struct object_column {
     const char *name, *title;
     double scale;
@@ -443,7 +445,7 @@ static void add_objects_table(struct report *r)
     if (json_array_size(objects) == 0)
         return;
     kiln_html_add(&r->page, "<h2>Objects</h2>\n%s<table><tr><th>name</th>",
-                  seams ? "<p>Seams: root mean square of the difference across them, share of the mean.</p>\n" : "");
+                  seams ? "<p>Seams: root mean square of the difference across them, relative to the mean.</p>\n" : "");
     for (int c = 0; c < OBJECT_COLUMNS; c++)
         if (shown[c])
             kiln_html_add(&r->page, "<th class=n>%s</th>", object_columns[c].title);
@@ -453,7 +455,7 @@ static void add_objects_table(struct report *r)
     kiln_html_add(&r->page, "</table>\n");
 }
 
-/* What stands at the top of run.json, but for the notes, which stand above. */
+/* Adds the top-level fields of run.json, except the notes, which come first. */
 static void add_run(struct report *r)
 {
     json_t *run = json_copy((json_t *)(uintptr_t)r->run);

@@ -8,7 +8,7 @@
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
-/* Rays of a band of pixel rows are traced together; about 2^19 of them, 63 MB. */
+/* Rays of a band of pixel rows are traced together: about 2^19 rays, 63 MB. */
 enum { BAND_RAYS = 1 << 19 };
 
 struct renderer {
@@ -17,7 +17,7 @@ struct renderer {
     struct kiln_view_maps *maps;
     struct kiln_view_rays *rays;
     float *planes[3];
-    struct kiln_view_shares shares; /* sums over rays, at first */
+    struct kiln_view_approximate sums; /* over rays */
 };
 
 static void make_ray(const struct renderer *r, uint32_t x, uint32_t y, uint32_t sub, struct kiln_vec3 *origin,
@@ -34,9 +34,9 @@ static void make_ray(const struct renderer *r, uint32_t x, uint32_t y, uint32_t 
     *direction = vec3_of(dvec3_scale(way, 1.0 / dvec3_length(way)));
 }
 
-/* One pixel from its rays. */
+/* Computes a pixel as the mean over its rays. */
 static void shade_pixel(const struct renderer *r, size_t first, uint32_t rays, float rgb[3],
-                        struct kiln_view_shares *row)
+                        struct kiln_view_approximate *row)
 {
     for (int c = 0; c < 3; c++)
         rgb[c] = 0.0f;
@@ -46,16 +46,16 @@ static void shade_pixel(const struct renderer *r, size_t first, uint32_t rays, f
         for (int c = 0; c < 3; c++)
             rgb[c] += seen.rgb[c] / (float)rays;
         row->metal += (double)seen.metal;
-        row->lent += (double)seen.lent;
+        row->front_light += (double)seen.front_light;
     }
 }
 
-/* Shares are summed row by row, so that threads do not change them. */
+/* Renders a band of rows. The approximate fractions are summed row by row, so that they do not depend on threads. */
 static int render_band(struct renderer *r, uint32_t first, uint32_t rows, struct kiln_error *error)
 {
     const uint32_t width = r->params->width, rays = r->side * r->side;
     const size_t count = (size_t)rows * width * rays;
-    struct kiln_view_shares *shares = NULL;
+    struct kiln_view_approximate *row_sums = NULL;
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < count; i++)
         make_ray(r, (uint32_t)(i / rays % width), first + (uint32_t)(i / rays / width), (uint32_t)(i % rays),
@@ -64,7 +64,7 @@ static int render_band(struct renderer *r, uint32_t first, uint32_t rows, struct
     if (status == KILN_OK)
         status = kiln_view_maps_load(r->maps, r->rays->hits, count, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&shares, rows, sizeof *shares, "rows of a view", error);
+        status = kiln_allocate(&row_sums, rows, sizeof *row_sums, "rows of a view", error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(static)
@@ -72,20 +72,20 @@ static int render_band(struct renderer *r, uint32_t first, uint32_t rows, struct
         for (uint32_t x = 0; x < width; x++) {
             float rgb[3];
             const size_t pixel = (size_t)y * width + x;
-            shade_pixel(r, pixel * rays, rays, rgb, &shares[y]);
+            shade_pixel(r, pixel * rays, rays, rgb, &row_sums[y]);
             for (int c = 0; c < 3; c++)
                 r->planes[c][(size_t)first * width + pixel] = rgb[c];
         }
     for (uint32_t y = 0; y < rows; y++) {
-        r->shares.metal += shares[y].metal;
-        r->shares.lent += shares[y].lent;
+        r->sums.metal += row_sums[y].metal;
+        r->sums.front_light += row_sums[y].front_light;
     }
-    kiln_free(&shares);
+    kiln_free(&row_sums);
     return KILN_OK;
 }
 
-int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **image, struct kiln_view_shares *shares,
-                     struct kiln_error *error)
+int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **image,
+                     struct kiln_view_approximate *approximate, struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B"};
     struct renderer r = {.params = params, .side = params->side == 0 ? 3 : params->side};
@@ -103,7 +103,7 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
                      ? kiln_give_up(error)
                      : render_band(&r, y, params->height - y < rows ? params->height - y : rows, error);
     const double all = (double)row * params->height;
-    *shares = (struct kiln_view_shares){r.shares.metal / all, r.shares.lent / all};
+    *approximate = (struct kiln_view_approximate){r.sums.metal / all, r.sums.front_light / all};
     kiln_view_rays_destroy(&r.rays);
     kiln_view_maps_destroy(&r.maps);
     if (status != KILN_OK)
@@ -118,9 +118,11 @@ static int make_picture(const struct kiln_view_source *source, const struct kiln
 {
     struct kiln_view_params params = {.source = *source, .side = side};
     *picture = (struct kiln_picture){0};
-    int status = kiln_view_aim(source, wish, &params.camera, &params.width, &params.height, &picture->viewpoint, error);
+    struct kiln_view_source lit = *source; /* whatever is shown, it is seen from where light would be */
+    lit.field = NULL;
+    int status = kiln_view_aim(&lit, wish, &params.camera, &params.width, &params.height, &picture->viewpoint, error);
     if (status == KILN_OK)
-        status = kiln_view_render(&params, &picture->image, &picture->shares, error);
+        status = kiln_view_render(&params, &picture->image, &picture->approximate, error);
     if (status == KILN_OK)
         picture->exposure = log2(kiln_auto_exposure(picture->image, NULL).scale);
     return status;
@@ -161,7 +163,7 @@ void kiln_viewpoint_text(const struct kiln_viewpoint *v, char text[KILN_VIEWPOIN
         (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen by the scene's camera '%s'",
                        kiln_text_plain(place, sizeof place, v->camera));
     else if (v->kind == KILN_VIEW_GIVEN)
-        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen as asked, %s", place);
+        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen as requested, %s", place);
     else
         (void)snprintf(
             text, KILN_VIEWPOINT_TEXT,
@@ -175,14 +177,14 @@ void kiln_picture_text(const struct kiln_picture *picture, double stops, char te
     kiln_viewpoint_text(&picture->viewpoint, viewpoint);
     if (stops != 0.0)
         (void)snprintf(added, sizeof added, " and %+.4g asked for", stops);
-    if (picture->shares.lent > 0.0005)
+    if (picture->approximate.front_light > 0.0005)
         (void)snprintf(backs, sizeof backs,
                        "\nbacks of double-sided surfaces, %.1f %% of it, show their fronts' light: approximate",
-                       100.0 * picture->shares.lent);
-    if (picture->shares.metal > 0.0005)
+                       100.0 * picture->approximate.front_light);
+    if (picture->approximate.metal > 0.0005)
         (void)snprintf(metals, sizeof metals,
                        "\nmetals, %.1f %% of it, are shown by their base colour under the irradiance: approximate",
-                       100.0 * picture->shares.metal);
+                       100.0 * picture->approximate.metal);
     (void)snprintf(text, KILN_PICTURE_TEXT, "%s\nexposure %+.2f stops, automatic%s (--exposure STOPS adds to it)%s%s",
                    viewpoint, picture->exposure, added, metals, backs);
 }
@@ -195,7 +197,7 @@ json_t *kiln_picture_json(const struct kiln_picture *picture, double stops)
     return json_pack("{s:{s:s, s:s*, s:[f,f,f], s:[f,f,f]}, s:{s:f, s:f}, s:f, s:f}", "viewpoint", "chosen",
                      kinds[v->kind], "camera", v->camera, "from", v->from[0], v->from[1], v->from[2], "to", v->to[0],
                      v->to[1], v->to[2], "exposure", "automatic", picture->exposure, "added", stops, "metal_share",
-                     picture->shares.metal, "lent_share", picture->shares.lent);
+                     picture->approximate.metal, "front_light_share", picture->approximate.front_light);
 }
 
 int kiln_picture_write(const char *directory, const char *name, const struct kiln_picture *picture, double stops,

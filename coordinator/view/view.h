@@ -1,35 +1,43 @@
-/* A picture of a bake: primary rays through a pinhole, surfaces shaded from the published lightmaps.
+/* Renderer of views: draws a picture of a bake with primary rays of a pinhole camera and shades surfaces from the
+ * published lightmaps.
  *
- * Radiance of a pixel is the mean over a fixed grid of sub-pixel rays of base colour x E / pi + emission at the first
- * hit, E looked up bilinearly in DIR/lightmaps/OBJECT.exr (read when first needed; all lightmaps in view stay in
- * memory, 12 bytes a texel), and the environment where a ray leaves the scene. A metal reflects nothing diffusely; it
- * is shown like a diffuse surface of its base colour, which is approximate, and the picture says how much of it is.
- * Single-sided surfaces are seen from the front only, as glTF has it: a ray that meets one from behind goes on. So it
- * does through caster-only objects, which have no lightmap, unless they emit. The back of a double-sided one shows
- * lightmaps/back/OBJECT.exr where that was baked, else its front's light, and the picture says how much of it is that.
- * Not collective; deterministic for one backend and instruction set: one process draws from published files, so the
+ * The radiance of a pixel is the mean over a fixed grid of sub-pixel rays of base colour x E / pi + emission at the
+ * first hit, or of the environment where a ray leaves the scene. E is read bilinearly from DIR/lightmaps/OBJECT.exr.
+ * Lightmaps are loaded when first needed and all stay in memory, 12 bytes for each texel.
+ *
+ * Metals reflect nothing diffusely; they are shown as diffuse surfaces of their base colour, which is an approximation.
+ * Single-sided surfaces are visible from their front only, as glTF defines: rays that hit their back continue. Rays
+ * also pass through caster-only objects, which have no lightmap, unless these emit. The back of a double-sided surface
+ * shows lightmaps/back/OBJECT.exr if that was baked, else the light of its front. The picture reports how much of it
+ * shows metals and how much such backs.
+ *
+ * Not collective. Deterministic for one backend and instruction set; one process draws from published files, so the
  * number of ranks that baked them does not matter. */
 #ifndef KILN_COORDINATOR_VIEW_VIEW_H
 #define KILN_COORDINATOR_VIEW_VIEW_H
 
 #include <jansson.h>
 
+#include "coordinator/field/field.h"
 #include "coordinator/output/image.h"
 #include "coordinator/output/read/results.h"
 #include "worker/backend/backend.h"
 #include "worker/light/lights.h"
 
-/* What is looked at. All borrowed. */
+/* The bake that is drawn. All pointers are borrowed. */
 struct kiln_view_source {
-    const char *directory; /* of the bake: lightmaps are read from it */
-    /* the same folder, when somebody else may have written it; NULL: this process has just done so */
+    const char *directory; /* folder of the bake, from which lightmaps are read */
+    /* the same folder, if somebody else may have written it; NULL: this process has just written it */
     struct kiln_results *results;
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
-    const struct kiln_lights *lights; /* for the environment; NULL: black */
+    const struct kiln_lights *lights; /* has the environment; NULL: black */
     struct kiln_backend *backend;
-    bool texels;                  /* a checkerboard of the lightmaps' texels in the place of light */
-    const struct kiln_stop *stop; /* borrowed; NULL: none. KILN_STOPPED then */
+    bool texels; /* draw a checkerboard of the lightmaps' texels instead of light */
+    /* a field of the lightmaps that is drawn as it is on surfaces, its first three components as red, green and blue;
+     * NULL: light */
+    const struct kiln_field *field;
+    const struct kiln_stop *stop; /* may ask to stop (KILN_STOPPED); NULL: never */
 };
 
 struct kiln_view_camera {
@@ -39,16 +47,17 @@ struct kiln_view_camera {
     bool orthographic;
 };
 
-/* What is asked for; zero or NULL means default in every field. */
+/* The requested view. In every field, zero or NULL means the default. */
 struct kiln_view_wish {
     const char *camera; /* name of a camera of the scene; default: the first */
-    /* world, m: eye and target; to alone turns the camera, from alone looks at the scene's middle */
+    /* positions of eye and target, world, m; `to` alone turns the camera, `from` alone looks at the middle of the scene
+     */
     const double *from, *to;
-    double field_of_view;   /* degrees, vertical; default: the camera's, or 45, or from inside 55 */
-    uint32_t width, height; /* pixels; default 960 and what the camera's aspect (or 4:3) makes of it */
+    double field_of_view;   /* degrees, vertical; default: the camera's; else 45, or 55 from inside */
+    uint32_t width, height; /* pixels; default: 960, and the height by the aspect of the camera, or 4:3 */
 };
 
-/* How a viewpoint came about. */
+/* How the viewpoint was chosen: a camera of the scene, the request, or automatically from inside or outside. */
 enum kiln_view_kind { KILN_VIEW_CAMERA, KILN_VIEW_GIVEN, KILN_VIEW_INSIDE, KILN_VIEW_OUTSIDE };
 
 struct kiln_viewpoint {
@@ -57,9 +66,9 @@ struct kiln_viewpoint {
     double from[3], to[3]; /* world, m */
 };
 
-/* Decides camera and size. A scene without a camera, of which nothing is asked, is looked at from inside when it is
- * closed (view_seek.h), else from outside so that all of it is in the picture. KILN_USAGE when there is no camera of
- * that name (the sentence lists those there are), or when eye and target coincide; and the statuses of reading
+/* Chooses camera and size. If the scene has no camera and none is requested, the view is from inside if the scene is
+ * closed (view_seek.h), else from outside with all of the scene in the picture. KILN_USAGE if there is no camera of
+ * that name (the message lists the existing ones), or if eye and target coincide; also the statuses of reading
  * lightmaps. */
 int kiln_view_aim(const struct kiln_view_source *source, const struct kiln_view_wish *wish,
                   struct kiln_view_camera *camera, uint32_t *width, uint32_t *height, struct kiln_viewpoint *viewpoint,
@@ -69,47 +78,47 @@ struct kiln_view_params {
     struct kiln_view_source source;
     struct kiln_view_camera camera;
     uint32_t width, height;
-    uint32_t side; /* side x side rays a pixel; 0: 3 */
+    uint32_t side; /* side x side rays for each pixel; 0: 3 */
 };
 
-/* Shares of the picture, 0..1, that are approximate. */
-struct kiln_view_shares {
-    double metal; /* metals, in the light of diffuse surfaces */
-    double lent;  /* backs, in the light of their fronts */
+/* Fractions of the picture, 0 to 1, that are approximate. */
+struct kiln_view_approximate {
+    double metal;       /* metals, shown as diffuse surfaces */
+    double front_light; /* backs, shown with the light of their fronts */
 };
 
-/* Renders channels R G B, radiance. KILN_BAD_INPUT or KILN_NO_INPUT when a lightmap does not belong to the scene or is
- * missing. */
-int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **image, struct kiln_view_shares *shares,
-                     struct kiln_error *error);
+/* Renders an image with channels R G B, radiance. KILN_BAD_INPUT if a lightmap does not belong to the scene,
+ * KILN_NO_INPUT if it is missing. */
+int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **image,
+                     struct kiln_view_approximate *approximate, struct kiln_error *error);
 
-/* A picture and what there is to say of it. */
+/* A rendered picture with its viewpoint and exposure. */
 struct kiln_picture {
     struct kiln_image *image; /* radiance */
     struct kiln_viewpoint viewpoint;
-    double exposure; /* automatic, stops: the picture shows radiance x 2^(exposure + stops asked for) */
-    struct kiln_view_shares shares;
+    double exposure; /* automatic, stops; the picture shows radiance x 2^(exposure + requested stops) */
+    struct kiln_view_approximate approximate;
 };
 
-/* Aims and renders, `side` x `side` rays a pixel. Receiver-only objects are in the picture, also when the source's
- * geometry has no ray meet them: then a tree is built for the picture alone. Release with
+/* Chooses the camera and renders, with `side` x `side` rays for each pixel. Receiver-only objects are visible too: if
+ * rays pass through them in the source's geometry, a BVH with them is built for the picture. Release with
  * kiln_image_destroy(&picture->image). */
 int kiln_picture_make(const struct kiln_view_source *source, const struct kiln_view_wish *wish, uint32_t side,
                       struct kiln_picture *picture, struct kiln_error *error);
 
 enum { KILN_VIEWPOINT_TEXT = 640, KILN_PICTURE_TEXT = 1024 };
 
-/* In words: "seen from inside, at 1.2,1.5,0.3 towards 0.1,1.2,-3 (...)". */
+/* Describes the viewpoint: "seen from inside, at 1.2,1.5,0.3 towards 0.1,1.2,-3 (...)". */
 void kiln_viewpoint_text(const struct kiln_viewpoint *viewpoint, char text[KILN_VIEWPOINT_TEXT]);
 
-/* The same with exposure (`stops` was added to it) and metals: one sentence a line. */
+/* Describes viewpoint, exposure (`stops` was added to it) and approximations, one sentence on each line. */
 void kiln_picture_text(const struct kiln_picture *picture, double stops, char text[KILN_PICTURE_TEXT]);
 
 /* The same as JSON: {"viewpoint": {"chosen": "camera" | "given" | "inside" | "outside", "camera", "from", "to"},
- * "exposure": {"automatic", "added"} in stops, "metal_share", "lent_share"}. */
+ * "exposure": {"automatic", "added"} in stops, "metal_share", "front_light_share"}. */
 json_t *kiln_picture_json(const struct kiln_picture *picture, double stops);
 
-/* Publishes the tone-mapped picture at a place (publish.h) with that text in it (PNG's Description). */
+/* Publishes the tone-mapped picture at the destination (publish.h), with kiln_picture_text as its PNG Description. */
 int kiln_picture_write(const char *directory, const char *name, const struct kiln_picture *picture, double stops,
                        struct kiln_error *error);
 

@@ -4,7 +4,7 @@
 
 #include "coordinator/view/view_seek.h"
 
-enum { OUTSIDE = 8 }; /* ways to look at the whole scene */
+enum { OUTSIDE = 8 }; /* number of candidate cameras outside the scene */
 
 static const double half_degree = KILN_PI / 360.0;
 
@@ -18,7 +18,6 @@ static struct kiln_dvec3 relative(const struct kiln_scene *scene, const double w
     return dvec3(world[0] - centre[0], world[1] - centre[1], world[2] - centre[2]);
 }
 
-/* y is up, unless that is where we look. */
 void kiln_view_look(struct kiln_view_camera *camera, struct kiln_dvec3 forward)
 {
     const struct kiln_dvec3 up =
@@ -28,8 +27,9 @@ void kiln_view_look(struct kiln_view_camera *camera, struct kiln_dvec3 forward)
     camera->up = dvec3_cross(camera->right, forward);
 }
 
-/* From a little above, as near as all corners of the scene's box are in the picture; returns the distance to the
- * middle. `turn` 0 is in front, a little to the right; others go round by 1 / OUTSIDE of a circle. */
+/* Places the camera a little above the scene, as close as possible with all corners of the scene's box in the picture.
+ * Returns its distance from the middle. `turn` 0 is in front, a little to the right; each further one is 1 / OUTSIDE of
+ * a circle around the scene. */
 static double frame_all(const struct kiln_scene *scene, int turn, struct kiln_view_camera *camera)
 {
     const struct kiln_scene_header *h = scene->header;
@@ -88,7 +88,7 @@ static void choose_size(const struct kiln_view_wish *wish, double aspect, uint32
 
 static double degrees_to_extent(double degrees) { return tan(degrees * half_degree); }
 
-/* Position and direction of one of the scene's cameras; its lens where the wish has none. */
+/* Takes position and direction of a camera of the scene, and its field of view unless the request has one. */
 static void take_camera(const struct kiln_scene *scene, const struct kiln_camera *source,
                         struct kiln_view_camera *camera)
 {
@@ -98,7 +98,7 @@ static void take_camera(const struct kiln_scene *scene, const struct kiln_camera
     camera->forward = from_floats(source->forward);
 }
 
-/* Position and direction without a camera or a wish. */
+/* Chooses position and direction automatically. */
 static int find_place(const struct kiln_view_source *source, const struct kiln_view_wish *wish,
                       struct kiln_view_camera *camera, double aspect, struct kiln_viewpoint *viewpoint,
                       double *distance, struct kiln_error *error)
@@ -123,7 +123,7 @@ static int find_place(const struct kiln_view_source *source, const struct kiln_v
     return status;
 }
 
-/* World places of eye and target, for people. */
+/* Records the world positions of eye and target, for messages. */
 static void note_places(const struct kiln_scene *scene, const struct kiln_view_camera *camera, double distance,
                         struct kiln_viewpoint *viewpoint)
 {
@@ -135,7 +135,7 @@ static void note_places(const struct kiln_scene *scene, const struct kiln_view_c
     }
 }
 
-/* What was asked for outright comes last. */
+/* Applies the requested eye and target, which override everything else. */
 static int turn(const struct kiln_scene *scene, const struct kiln_view_wish *wish, struct kiln_view_camera *camera,
                 double *distance, struct kiln_error *error)
 {
@@ -143,21 +143,20 @@ static int turn(const struct kiln_scene *scene, const struct kiln_view_wish *wis
     const struct kiln_dvec3 way = dvec3_sub(target, camera->position);
     *distance = dvec3_length(way);
     if (!(*distance > 0.0))
-        return kiln_fail(error, KILN_USAGE,
-                         "the eye and its target are the same place: give --from and --to that differ");
+        return kiln_fail(error, KILN_USAGE, "the eye and its target are the same point: --from and --to must differ");
     kiln_view_look(camera, unit(way));
     return KILN_OK;
 }
 
-/* What tracers take squares of must fit a float. */
+/* Checks that the position is not too large: its square, which tracers compute, must fit a float. */
 static int check_place(const struct kiln_view_camera *camera, struct kiln_error *error)
 {
     const double most = 1e18, place[3] = {camera->position.x, camera->position.y, camera->position.z};
     for (int axis = 0; axis < 3; axis++)
         if (!(fabs(place[axis]) <= most))
             return kiln_fail(error, KILN_BAD_INPUT,
-                             "the eye is %g m from the scene's centre along %c, and at most %g m are possible: give "
-                             "--from nearer to it",
+                             "the eye is %g m from the scene's centre along %c, and at most %g m are possible: move "
+                             "--from closer to the scene",
                              place[axis], "xyz"[axis], most);
     return KILN_OK;
 }

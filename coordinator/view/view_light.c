@@ -71,7 +71,7 @@ bool kiln_view_is_seen(const struct kiln_view_source *source, const struct kiln_
     return !hit->back || (record->material & KILN_RECORD_DOUBLE_SIDED) != 0;
 }
 
-/* Rays that must go on: their number, and their places in `active`. */
+/* Finds the rays that continue beyond a back; puts their indices into `active` and returns their number. */
 static size_t step_behind_backs(const struct kiln_view_source *source, struct kiln_view_rays *r, size_t count)
 {
     const struct kiln_geometry *g = source->geometry;
@@ -89,8 +89,8 @@ static size_t step_behind_backs(const struct kiln_view_source *source, struct ki
     return active;
 }
 
-/* The next hit of a ray takes the place of the last; what tints it before that tints it still. */
-static void go_on(struct kiln_hit *hit, const struct kiln_hit *next)
+/* Replaces the hit of a ray by its next one; the tint of glass before the old hit still applies. */
+static void advance_hit(struct kiln_hit *hit, const struct kiln_hit *next)
 {
     const float before[3] = {hit->tint[0], hit->tint[1], hit->tint[2]};
     *hit = *next;
@@ -111,7 +111,7 @@ int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays
         status = kiln_backend_intersect(source->backend, r->active_origins, r->active_directions, active,
                                         r->active_hits, error);
         for (size_t i = 0; status == KILN_OK && i < active; i++)
-            go_on(&r->hits[r->active[i]], &r->active_hits[i]);
+            advance_hit(&r->hits[r->active[i]], &r->active_hits[i]);
     }
     return status;
 }
@@ -120,15 +120,15 @@ int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays
 
 struct map {
     struct kiln_image *image; /* NULL until needed */
-    float *planes[3];
-    float scale_x, scale_y; /* from texels of the scene's lightmap to texels here */
-    bool looked_for;        /* of backs */
+    float *planes[3];         /* of light, or of the field that is shown; one or two components: the last one again */
+    float scale_x, scale_y;   /* from texels of the scene's lightmap to texels here */
+    bool looked_for;          /* of backs */
 };
 
 struct kiln_view_maps {
     const struct kiln_view_source *source;
     uint32_t coarse;
-    struct map *maps; /* one an object; then one for the backs of each, where there is one */
+    struct map *maps; /* one for each object, then one for the back of each object */
 };
 
 int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_source *source, uint32_t coarse,
@@ -156,7 +156,7 @@ void kiln_view_maps_destroy(struct kiln_view_maps **maps)
     kiln_free(maps);
 }
 
-/* Means over boxes of `every` x `every` texels, the last ones cut. */
+/* Averages boxes of `every` x `every` texels; boxes at the edge may be smaller. */
 static void average(const struct kiln_image *image, float *const from[3], uint32_t every,
                     const struct kiln_image *small, float *const to[3])
 {
@@ -195,14 +195,14 @@ static int make_coarse(struct map *map, uint32_t side, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Whether run.json says that everything was written. */
+/* Whether the bake is complete: run.json is written last. */
 static bool is_whole(const char *directory)
 {
     char path[KILN_PATH_SIZE];
     return kiln_path_join(path, directory, "run.json", NULL) == KILN_OK && access(path, F_OK) == 0;
 }
 
-/* lightmaps/OBJECT.exr, or that of the backs, and its path. */
+/* Makes the name lightmaps/OBJECT.exr, or that of the backs, and its path. */
 static int map_path(const struct kiln_view_maps *maps, uint32_t object, bool back, char name[KILN_PATH_SIZE],
                     char path[KILN_PATH_SIZE], struct kiln_error *error)
 {
@@ -214,17 +214,53 @@ static int map_path(const struct kiln_view_maps *maps, uint32_t object, bool bac
     return KILN_OK;
 }
 
+/* Finds the planes that are shown; false when the image lacks one. */
+static bool find_planes(const struct kiln_view_source *source, struct map *map)
+{
+    if (source->field == NULL)
+        return kiln_image_rgb(map->image, "", map->planes);
+    for (uint32_t c = 0; c < 3; c++) {
+        const uint32_t last = source->field->components - 1;
+        const struct kiln_image_channel *channel =
+            kiln_image_find(map->image, source->field->channels[c < last ? c : last]);
+        if (channel == NULL)
+            return false;
+        map->planes[c] = channel->values;
+    }
+    return true;
+}
+
+/* KILN_NO_INPUT: the lightmap `name` lacks the field that is to be shown. */
+static int no_field(const struct kiln_view_source *source, const char *name, struct kiln_error *error)
+{
+    const struct kiln_field *fields[KILN_FIELDS_MAX];
+    char list[256] = "light";
+    size_t count;
+    const int status = kiln_results_fields(source->results, name, fields, &count, error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < count; i++) {
+        const size_t used = strlen(list);
+        (void)snprintf(list + used, sizeof list - used, ", %s", kiln_field_shown_name(fields[i]));
+    }
+    return kiln_fail(error, KILN_NO_INPUT, "'%s/%s' has no layer '%s': this bake's lightmaps have %s",
+                     source->directory, name, kiln_field_shown_name(source->field), list);
+}
+
 static int load(struct kiln_view_maps *maps, uint32_t object, bool back, struct kiln_error *error)
 {
-    static const char *const wanted[] = {"R", "G", "B"};
+    static const char *const rgb[] = {"R", "G", "B"};
+    const struct kiln_field *field = maps->source->field;
+    const char *const *wanted = field != NULL ? field->channels : rgb;
+    const size_t channels = field != NULL ? field->components : 3;
     const struct kiln_object *o = &maps->source->scene->objects[object];
     struct map *map = &maps->maps[object + (back ? maps->source->scene->object_count : 0)];
     char name[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
     int status = map_path(maps, object, back, name, path, error);
     if (status == KILN_OK)
         status = maps->source->results != NULL
-                     ? kiln_results_image(maps->source->results, name, wanted, 3, &map->image, error)
-                     : kiln_exr_read(path, wanted, 3, &map->image, error);
+                     ? kiln_results_image(maps->source->results, name, wanted, channels, &map->image, error)
+                     : kiln_exr_read(path, wanted, channels, &map->image, error);
     if (status == KILN_NO_INPUT && !is_whole(maps->source->directory))
         return kiln_fail(error, KILN_NO_INPUT,
                          "the bake in %s is not finished: it has no %s yet (kiln status %s says where it is)",
@@ -232,11 +268,13 @@ static int load(struct kiln_view_maps *maps, uint32_t object, bool back, struct 
     if (status != KILN_OK)
         return status;
     if (map->image->width != o->lightmap_width || map->image->height != o->lightmap_height ||
-        !kiln_image_rgb(map->image, "", map->planes))
+        (field == NULL && !find_planes(maps->source, map)))
         return kiln_fail(
             error, KILN_BAD_INPUT,
             "'%s' is not the lightmap of this scene's object: it has %u x %u texels, the scene says %u x %u", path,
             map->image->width, map->image->height, o->lightmap_width, o->lightmap_height);
+    if (field != NULL && !find_planes(maps->source, map))
+        return no_field(maps->source, name, error);
     map->scale_x = map->scale_y = 1.0f;
     return maps->coarse > 0 ? make_coarse(map, maps->coarse, error) : KILN_OK;
 }
@@ -293,7 +331,7 @@ static const struct map *map_of(const struct kiln_view_maps *maps, const struct 
     return hit->back && back->image != NULL ? back : &maps->maps[object];
 }
 
-bool kiln_view_lends(const struct kiln_view_maps *maps, const struct kiln_hit *hit)
+bool kiln_view_shows_front(const struct kiln_view_maps *maps, const struct kiln_hit *hit)
 {
     return hit->back && map_of(maps, hit) == &maps->maps[maps->source->geometry->records[hit->triangle].object];
 }
@@ -311,8 +349,8 @@ void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_h
 
 /* ---- texels ---- */
 
-/* A checkerboard of the object's lightmap: one square a texel, a tint for each object, darker where the surface is seen
- * at a slant. */
+/* The colour in a checkerboard of the object's texels: one square for each texel, a hue for each object, darker at
+ * grazing angles. */
 static void texel_color(const struct kiln_view_source *s, const struct kiln_hit *hit, struct kiln_vec3 direction,
                         float rgb[3])
 {
@@ -327,7 +365,7 @@ static void texel_color(const struct kiln_view_source *s, const struct kiln_hit 
 
 /* ---- colour ---- */
 
-/* By what the ray went through before its hit. */
+/* Multiplies by the tint of the glass that the ray went through before its hit. */
 static void tint(const struct kiln_hit *hit, float rgb[3])
 {
     for (int c = 0; c < 3; c++)
@@ -341,6 +379,13 @@ void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit
     *seen = (struct kiln_view_seen){0};
     if (s->texels && kiln_view_is_seen(s, hit)) {
         texel_color(s, hit, direction, seen->rgb);
+        return;
+    }
+    if (s->field != NULL) {
+        if (kiln_view_is_seen(s, hit)) {
+            kiln_view_irradiance(maps, hit, seen->rgb);
+            seen->front_light = kiln_view_shows_front(maps, hit) ? 1.0f : 0.0f;
+        }
         return;
     }
     if (!kiln_view_is_seen(s, hit)) {
@@ -358,7 +403,7 @@ void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit
     kiln_surface_emission(s->scene, mesh, stored, b1, b2, emission);
     kiln_view_irradiance(maps, hit, irradiance);
     seen->metal = s->scene->materials[s->scene->triangle_materials[stored]].metallic;
-    seen->lent = kiln_view_lends(maps, hit) ? 1.0f : 0.0f;
+    seen->front_light = kiln_view_shows_front(maps, hit) ? 1.0f : 0.0f;
     for (int c = 0; c < 3; c++)
         seen->rgb[c] = color[c] * irradiance[c] * (float)(1.0 / KILN_PI) + emission[c];
     tint(hit, seen->rgb);

@@ -1,18 +1,18 @@
-/* What a ray of a view meets: hits through the backs of single-sided surfaces, and the light of the published lightmaps
- * there. Private to coordinator/view/view*.c. Nothing here is collective. */
+/* Tracing and shading of view rays: finds hits beyond the backs of single-sided surfaces, and reads the light there
+ * from the published lightmaps. Private to coordinator/view. Nothing here is collective. */
 #ifndef KILN_COORDINATOR_VIEW_VIEW_LIGHT_H
 #define KILN_COORDINATOR_VIEW_VIEW_LIGHT_H
 
 #include "coordinator/view/view.h"
 
-/* A batch of rays. The caller fills origins and directions (unit); kiln_view_trace fills the rest and moves the origins
- * of rays that went on behind a back. */
+/* A batch of rays. The caller fills in origins and directions (unit vectors). kiln_view_trace fills in the rest, and
+ * moves the origins of rays that continue beyond a back. */
 struct kiln_view_rays {
     size_t capacity;
     struct kiln_vec3 *origins, *directions;
-    struct kiln_hit *hits; /* distance is from the last origin: passed + distance is from the first */
-    float *passed;         /* m from the first origin to the last; above 0: the ray went through a back */
-    uint32_t *active;      /* rays still under way, and what is traced of them */
+    struct kiln_hit *hits; /* the distance counts from the last origin; passed + distance counts from the first one */
+    float *passed;         /* distance of the last origin from the first, m; above 0: the ray went through a back */
+    uint32_t *active;      /* indices of rays that are not finished; below, what is traced of them */
     struct kiln_vec3 *active_origins, *active_directions;
     struct kiln_hit *active_hits;
 };
@@ -20,43 +20,44 @@ struct kiln_view_rays {
 int kiln_view_rays_create(struct kiln_view_rays **rays, size_t capacity, struct kiln_error *error);
 void kiln_view_rays_destroy(struct kiln_view_rays **rays);
 
-/* Traces rays 0..count-1; those that meet a single-sided surface from behind go on behind it. */
+/* Traces rays 0..count-1. Rays that hit the back of a single-sided surface continue beyond it. */
 int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays *rays, size_t count,
                     struct kiln_error *error);
 
-/* Whether the ray's hit is a surface that shows this side: not nothing, not the back of a single-sided one, and nothing
- * of a caster-only object, which has no lightmap, unless it emits. */
+/* Whether the hit is visible: it is a hit, not on the back of a single-sided surface, and not on a caster-only object,
+ * which has no lightmap, unless that emits. */
 bool kiln_view_is_seen(const struct kiln_view_source *source, const struct kiln_hit *hit);
 
-/* The lightmaps of a bake, each read when it is first needed. */
+/* The lightmaps of a bake; each is read when it is first needed. */
 struct kiln_view_maps;
 
-/* `coarse` > 0: each lightmap is averaged down to at most so many texels a side, which bounds the memory. */
+/* With `coarse` > 0 each lightmap is averaged down to at most `coarse` texels a side, which bounds the memory. */
 int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_source *source, uint32_t coarse,
                           struct kiln_error *error);
 void kiln_view_maps_destroy(struct kiln_view_maps **maps);
 
-/* Reads the lightmaps that hits 0..count-1 lie on: the object's, and for hits from behind its lightmaps/back where that
- * was baked
+/* Reads the lightmaps of the objects at hits 0..count-1; for hits on backs, that in lightmaps/back if it was baked
  * (--sides two). KILN_NO_INPUT, KILN_BAD_INPUT. */
 int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits, size_t count,
                         struct kiln_error *error);
 
-/* Irradiance at a hit that is seen and whose lightmap is loaded, bilinear, as a sampler that clamps at the edge; 0
- * where there is none, on a caster-only object. Thread-safe. */
+/* Irradiance (or the source's field) at a visible hit whose lightmap is loaded, filtered bilinearly and clamped at the
+ * edge; 0 on a caster-only object, which has no lightmap. Thread-safe. */
 void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, float rgb[3]);
 
-/* Whether a hit is from behind and the back's light was not baked as a lightmap: the front's stands in for it. */
-bool kiln_view_lends(const struct kiln_view_maps *maps, const struct kiln_hit *hit);
+/* Whether the hit is on a back without a lightmap of its own, which is shown with the light of its front. */
+bool kiln_view_shows_front(const struct kiln_view_maps *maps, const struct kiln_hit *hit);
 
-/* What is seen along a ray. */
+/* The radiance along a ray, and how much of it is approximate. */
 struct kiln_view_seen {
-    float rgb[3]; /* base colour x E / pi + emission, or the environment; with source->texels the checkerboard */
-    float metal;  /* how much of the surface is a metal, 0..1, whose reflection this stands in for */
-    float lent;   /* 1: a back that shows its front's light */
+    /* base colour x E / pi + emission, or the environment; with source->texels the checkerboard; with source->field its
+     * values, and 0 where there is no surface */
+    float rgb[3];
+    float metal;       /* metalness of the surface, 0 to 1, which is shown as diffuse */
+    float front_light; /* 1: a back that is shown with the light of its front; else 0 */
 };
 
-/* Thread-safe. */
+/* Computes what is seen along the ray with this hit and direction. Thread-safe. */
 void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, struct kiln_vec3 direction,
                         struct kiln_view_seen *seen);
 

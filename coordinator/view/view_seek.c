@@ -5,26 +5,27 @@
 #include "worker/base/memory.h"
 
 enum {
-    PLACES = 1024, /* surface points, and at most so many places to stand */
-    LOOKS = 96,    /* rays in all directions from each; the first goes down, the second up */
-    CHOSEN = 40,   /* places whose views are scored */
-    TURNS = 12,    /* directions of a view around the compass, */
-    TILTS = 2,     /* each level and tilted down */
-    WIDE = 32,     /* rays of a view */
+    PLACES = 1024, /* number of surface points, and the largest number of candidate positions */
+    LOOKS = 96,    /* rays from each candidate in all directions; the first points down, the second up */
+    CHOSEN = 40,   /* candidates whose views are scored */
+    TURNS = 12,    /* horizontal directions of the views of a candidate, */
+    TILTS = 2,     /* each horizontal and tilted down */
+    WIDE = 32,     /* rays across the picture of a view */
     HIGH = 24,
     VIEW_RAYS = WIDE * HIGH,
     COARSE = 64
 };
-static const double MOST_ESCAPING = 0.2;  /* of an enclosed place's rays */
-static const double LEAST_ENCLOSED = 0.1; /* of all surface points, for the scene to be closed */
+static const double MOST_ESCAPING = 0.2; /* largest fraction of an enclosed candidate's rays that leave the scene */
+static const double LEAST_ENCLOSED =
+    0.1; /* least fraction of surface points with enclosed candidates in a closed scene */
 
 struct place {
-    size_t number; /* settles which of two that are worth the same comes first */
+    size_t number; /* decides the order of candidates of the same value */
     struct kiln_dvec3 position;
-    double near, middle; /* m: one ray in twenty ends nearer; half of them do */
-    double height;       /* share of the way from the floor to the ceiling */
-    bool roofed;         /* most of the rays that go up meet something */
-    double worth;        /* 0: not enclosed */
+    double near, middle; /* distances of its hits, m: 5th percentile and median */
+    double height;       /* position between floor and ceiling, 0 to 1 */
+    bool roofed;         /* most of the upward rays hit something */
+    double worth;        /* its score; 0: not enclosed */
 };
 
 struct view {
@@ -38,16 +39,16 @@ struct seek {
     struct kiln_view_rays *rays;
     struct place *places;
     size_t place_count, enclosed, roofed;
-    double room;  /* m: how far one sees from the wider ones of the enclosed places */
-    double light; /* luminance of irradiance, the median over what they see */
-    double box;   /* m: what is seen counts anew in each box of this size */
+    double room;  /* m: how far one sees from the widest tenth of the enclosed candidates */
+    double light; /* median luminance of the irradiance that they see */
+    double box;   /* m: side of the boxes of space that separate items */
 };
 
 /* ---- fixed directions and points ---- */
 
 static double fraction(double x) { return x - floor(x); }
 
-/* Spiral of Fibonacci over the sphere, but for the poles. */
+/* The k-th direction: down, up, then a Fibonacci spiral over the sphere. */
 static struct kiln_dvec3 look_direction(int k)
 {
     if (k < 2)
@@ -57,7 +58,7 @@ static struct kiln_dvec3 look_direction(int k)
     return dvec3(r * cos(phi), y, r * sin(phi));
 }
 
-/* ---- places ---- */
+/* ---- candidate positions ---- */
 
 static double range_area(const struct kiln_geometry *g, uint64_t first, uint64_t count)
 {
@@ -67,7 +68,7 @@ static double range_area(const struct kiln_geometry *g, uint64_t first, uint64_t
     return sum;
 }
 
-/* A ray from the k-th surface point along its normal; of double-sided surfaces the two sides take turns. */
+/* Starts a ray from the k-th surface point along its normal. On double-sided surfaces the two sides alternate. */
 static void leave_surface(const struct seek *s, uint64_t triangle, size_t k)
 {
     const struct kiln_geometry *g = s->source->geometry;
@@ -86,7 +87,7 @@ static void leave_surface(const struct seek *s, uint64_t triangle, size_t k)
     s->rays->directions[k] = n;
 }
 
-/* The next of PLACES points lies where the running sum of weights passes its number. */
+/* State of the spreading: the next point lies where the running sum of weights passes its number. */
 struct spread {
     double sum, step;
     size_t count;
@@ -101,7 +102,7 @@ static void spread_range(const struct seek *s, struct spread *spread, uint64_t f
     }
 }
 
-/* Rays 0..count-1 leave points spread over the opaque surfaces. */
+/* Starts rays 0..count-1 at points that are spread over the opaque surfaces. */
 static int spread_points(const struct seek *s, size_t *count, struct kiln_error *error)
 {
     const struct kiln_geometry *g = s->source->geometry;
@@ -121,7 +122,7 @@ static int spread_points(const struct seek *s, size_t *count, struct kiln_error 
     return status;
 }
 
-/* From a surface point to the place before it; false when nothing stands opposite, or a back. */
+/* Adds the candidate for a surface point; none if its ray hits nothing or a back. */
 static void stand(struct seek *s, size_t ray)
 {
     const struct kiln_hit *hit = &s->rays->hits[ray];
@@ -146,7 +147,7 @@ static int find_places(struct seek *s, struct kiln_error *error)
     return status;
 }
 
-/* ---- what a place is like ---- */
+/* ---- properties of a candidate ---- */
 
 static int compare_doubles(const void *a, const void *b)
 {
@@ -161,10 +162,10 @@ static double luminance_at(const struct seek *s, const struct kiln_hit *hit)
     return (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
 }
 
-/* The front's light says little of the back, which may well be dark. */
+/* Weight of the light at a hit: low for a back that shows the light of its front, since the back may be dark. */
 static double trust(const struct seek *s, const struct kiln_hit *hit)
 {
-    return kiln_view_lends(s->maps, hit) ? 0.3 : 1.0;
+    return kiln_view_shows_front(s->maps, hit) ? 0.3 : 1.0;
 }
 
 static void judge_place(const struct seek *s, struct place *p, size_t first)
@@ -199,7 +200,7 @@ static void judge_place(const struct seek *s, struct place *p, size_t first)
     p->worth = lit / LOOKS * fmin(1.0, 4.0 * p->near / p->middle) * sqrt(p->middle);
 }
 
-/* Cupboards and teapots are enclosed too, and nobody stands in them. */
+/* Removes nooks, such as the insides of cupboards and teapots, which are enclosed too. */
 static void leave_out_nooks(struct seek *s)
 {
     for (size_t i = 0; i < s->place_count; i++) {
@@ -211,7 +212,7 @@ static void leave_out_nooks(struct seek *s)
     }
 }
 
-/* Over the enclosed places, how far and how bright they see. */
+/* Computes `room` and `light` over the enclosed candidates. */
 static int take_measure(struct seek *s, struct kiln_error *error)
 {
     double *values = NULL;
@@ -255,7 +256,7 @@ static int judge_places(struct seek *s, struct kiln_error *error)
     return status == KILN_OK ? take_measure(s, error) : status;
 }
 
-/* Whether four in five of the enclosed places are in plain sight from outside: a box with an open front, say. */
+/* Whether 80 % of the enclosed candidates are visible from a point outside, as in a box with an open front. */
 static int is_open_to(struct seek *s, struct kiln_dvec3 outside, bool *open, struct kiln_error *error)
 {
     size_t count = 0, seen = 0;
@@ -284,7 +285,7 @@ static int compare_places(const void *a, const void *b)
     return by_worth != 0 ? by_worth : (p->number > q->number) - (p->number < q->number);
 }
 
-/* The best places, none too near to a better one, come first; returns how many. */
+/* Moves the best candidates to the front, without those too close to a better one; returns their number. */
 static size_t choose_places(struct seek *s)
 {
     size_t chosen = 0;
@@ -331,7 +332,7 @@ static int compare_things(const void *a, const void *b)
     return (t->key > u->key) - (t->key < u->key);
 }
 
-/* Which way a surface is turned: one of the six along the axes. */
+/* The axis direction, one of six, that a surface faces. */
 static uint64_t side_of(const struct kiln_geometry *g, uint64_t triangle)
 {
     struct kiln_vec3 c[3];
@@ -345,7 +346,8 @@ static uint64_t side_of(const struct kiln_geometry *g, uint64_t triangle)
     return n.z > 0.0f ? 4 : 5;
 }
 
-/* What one ray shows, and how much that counts. A key that two things share makes the view a little poorer, no more. */
+/* The item that a ray shows, and its weight. Items are told apart by a hash; a collision only lowers the entropy a
+ * little. */
 static struct thing thing_at(const struct seek *s, size_t ray)
 {
     const struct kiln_geometry *g = s->source->geometry;
@@ -384,7 +386,7 @@ static double entropy(const struct seek *s, size_t first)
     return sum;
 }
 
-/* How much of the picture is not close at hand, 0..1. */
+/* Fraction of the picture, 0 to 1, that is not too close to the eye. */
 static double openness(const struct seek *s, size_t first)
 {
     double sum = 0.0;
@@ -394,10 +396,10 @@ static double openness(const struct seek *s, size_t first)
     return sum / VIEW_RAYS;
 }
 
-/* Eyes are rather low than high, and never at the ceiling. */
+/* Prefers eyes in the lower half of a room, and none at the ceiling. */
 static double comfort(double height) { return 1.0 - fmin(0.8, 1.5 * fmax(0.0, fmax(0.2 - height, height - 0.55))); }
 
-/* Scores the views of one place and keeps the best of all. */
+/* Scores the views of one candidate and updates the best view. */
 static int try_views(struct seek *s, const struct place *place, const struct kiln_view_camera *lens, struct view *best,
                      struct kiln_error *error)
 {
@@ -439,7 +441,7 @@ static int find_view(struct seek *s, struct kiln_view_camera *camera, bool *foun
     return status;
 }
 
-/* Median of how bright it is where rays 0..count-1 meet something that is seen. */
+/* Computes the median irradiance at the visible hits of rays 0..count-1. */
 static int measure_light(struct seek *s, size_t count, struct kiln_error *error)
 {
     double *values = NULL;
@@ -455,7 +457,7 @@ static int measure_light(struct seek *s, size_t count, struct kiln_error *error)
     return status;
 }
 
-/* The best of the views from outside; the first is preferred a little. */
+/* Finds the best of the cameras outside, with a slight preference for the first. */
 static int compare_outside(struct seek *s, const struct kiln_view_camera *outside, size_t count, size_t *best,
                            struct kiln_error *error)
 {
@@ -470,7 +472,7 @@ static int compare_outside(struct seek *s, const struct kiln_view_camera *outsid
     if (status == KILN_OK)
         status = measure_light(s, count * VIEW_RAYS, error);
     s->box = 0.1 * (double)vec3_length(vec3_sub(g->bounds_max, g->bounds_min));
-    s->room = 0.0; /* nothing is too near */
+    s->room = 0.0; /* outside, nothing counts as too close */
     *best = 0;
     for (size_t v = 0; status == KILN_OK && v < count; v++) {
         const double score = entropy(s, v * VIEW_RAYS) * (v == 0 ? 1.1 : 1.0);
@@ -492,7 +494,7 @@ int kiln_view_seek(const struct kiln_view_source *source, const struct kiln_view
     *best = 0;
     if (source->geometry->triangle_count == 0)
         return KILN_OK;
-    int status = kiln_allocate(&s.places, PLACES, sizeof *s.places, "places to look from", error);
+    int status = kiln_allocate(&s.places, PLACES, sizeof *s.places, "candidate viewpoints", error);
     if (status == KILN_OK)
         status = kiln_view_maps_create(&s.maps, source, COARSE, error);
     if (status == KILN_OK)

@@ -1,31 +1,33 @@
-/* Where to look from when a scene has no camera. Private to coordinator/view/view*.c.
+/* Viewpoint selection for scenes without a camera. Private to coordinator/view.
  *
- * Places to stand are found from the surfaces: points spread over all objects (weighed by the fourth root of an
- * object's area, so that a ground plane does not take them all), and from each along its normal part of the way to the
- * surface opposite. From every place rays go out in all directions. It is *enclosed* when few of them leave the scene,
- * none meets the back of a single-sided surface, and light falls on what they meet. The scene is *closed* when a tenth
- * of the points lead to enclosed places, most of these have a roof, and most cannot be seen from outside. Nooks, from
- * which one sees less than a third as far as from the widest tenth of the places, do not count.
+ * Candidate positions are derived from points on the surfaces: from each point, part of the way along its normal to the
+ * opposite surface. The points are spread over all objects, weighted by the fourth root of an object's area, so that a
+ * ground plane does not get all of them. From each candidate rays are traced in all directions. The candidate is
+ * *enclosed* if few rays leave the scene, none hits the back of a single-sided surface, and the surfaces they hit are
+ * lit. The scene is *closed* if a tenth of the points lead to enclosed candidates, most of these have a roof, and most
+ * are invisible from outside. Nooks do not count: candidates from which one sees less than a third as far as from the
+ * widest tenth of the candidates.
  *
- * Of the enclosed places the best view is the one with the greatest viewpoint entropy (Vazquez, Feixas, Sbert,
- * Heidrich: Viewpoint Selection using Viewpoint Entropy, 2001): -sum p ln p over the things in the picture, p each
- * one's share of it. A thing is what one object shows in one box of space, turned one way; things in the dark, and
- * nearer than an eye would like, count less.
+ * The best view from the enclosed candidates is the one with the greatest viewpoint entropy (Vazquez, Feixas, Sbert,
+ * Heidrich: Viewpoint Selection using Viewpoint Entropy, 2001): -sum p ln p over the items in the picture, where p is
+ * the fraction of the picture that an item covers. An item is the part of an object that lies in one box of space and
+ * faces one direction. Items that are dark, or too close to the eye, count less.
  *
- * All of it is decided from the published lightmaps and a fixed set of rays: the same on any number of ranks and
- * threads. */
+ * The choice depends only on the published lightmaps and a fixed set of rays, so it is the same for any number of ranks
+ * and threads. */
 #ifndef KILN_COORDINATOR_VIEW_VIEW_SEEK_H
 #define KILN_COORDINATOR_VIEW_VIEW_SEEK_H
 
 #include "coordinator/view/view_light.h"
 
-/* Points the camera; y is up, unless that is where it looks. `forward` is unit. */
+/* Orients the camera along the unit vector `forward`, with y up unless it looks along y. */
 void kiln_view_look(struct kiln_view_camera *camera, struct kiln_dvec3 forward);
 
-/* `camera` has its extents; when *found, it has a place inside and *distance says how far it looks, m. `outside` are
- * the cameras that would do from outside, one to 100; *best is the one among them that shows most, by the same measure.
- * Traces about a million rays when the scene is closed, a hundred thousand when it is not; lightmaps are kept at most
- * 64 texels wide. KILN_NO_INPUT, KILN_BAD_INPUT as for lightmaps, KILN_SYSTEM. */
+/* Chooses a viewpoint. On entry `camera` has its extents. If the scene is closed, *found is true, `camera` receives a
+ * position inside, and *distance receives how far it sees, m. `outside` are 1 to 100 candidate cameras outside; *best
+ * is the index of the one with the greatest entropy. Traces about a million rays if the scene is closed, else a hundred
+ * thousand. Lightmaps are kept at 64 texels a side at most. KILN_NO_INPUT, KILN_BAD_INPUT as for lightmaps,
+ * KILN_SYSTEM. */
 int kiln_view_seek(const struct kiln_view_source *source, const struct kiln_view_camera *outside, size_t outside_count,
                    struct kiln_view_camera *camera, bool *found, size_t *best, double *distance,
                    struct kiln_error *error);

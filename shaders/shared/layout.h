@@ -1,35 +1,32 @@
 /* What C and GLSL both must know of the data on the device: every struct once, in scalar layout, which is C's. Included
- * by GLSL and by C, which includes worker/base/vector.h before and checks sizes at compile time.
+ * by GLSL and by C, which checks sizes at compile time; tests/unit/test_shared.c checks the offsets in the kernels.
  *
  * Addresses are 64-bit device addresses (0: there is none). Positions are relative to the scene's centre, in metres. */
 #ifndef KILN_SHADERS_LAYOUT_H
 #define KILN_SHADERS_LAYOUT_H
 
-#ifdef GL_core_profile
+#include "shaders/shared/language.h"
+
+#ifdef KILN_GLSL
 #    define KILN_ADDRESS uint64_t
 #    define KILN_WORD64 uint64_t
 #    define KILN_WORD uint
 #    define KILN_REAL32 float
-#    define KILN_REAL64 double
-#    define KILN_VECTOR vec3
-#    define KILN_STRUCT /* of a member whose type is a struct */
 #    define KILN_SIZE_IS(type, size)
 #else
-#    include <stdint.h>
 #    define KILN_ADDRESS uint64_t
 #    define KILN_WORD64 uint64_t
 #    define KILN_WORD uint32_t
 #    define KILN_REAL32 float
-#    define KILN_REAL64 double
-#    define KILN_VECTOR struct kiln_vec3
-#    define KILN_STRUCT struct
 #    define KILN_SIZE_IS(type, size)                                                                                   \
         _Static_assert(sizeof(struct type) == (size), "shaders and C disagree on struct " #type)
 #endif
 
 #include "shaders/shared/mask.h"
+#include "shaders/shared/passage.h"
+#include "shaders/shared/surface.h"
 
-#define KILN_GPU_NONE 0xffffffffu
+#define KILN_GPU_NONE KILN_NONE
 
 /* ---- the scene's surfaces: what a hit needs to know (worker/scene/geometry.h, surface.h) ---- */
 

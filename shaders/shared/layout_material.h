@@ -13,17 +13,6 @@ struct kiln_gpu_material { /* struct kiln_material, with its index in the scene 
 };
 KILN_SIZE_IS(kiln_gpu_material, 56);
 
-/* What the scene's surfaces may do to light: enum kiln_geometry_passage. */
-#define KILN_GPU_PASSAGE_MASK 1u
-#define KILN_GPU_PASSAGE_BLEND 2u
-#define KILN_GPU_PASSAGE_TINT 3u
-
-/* Values of alpha_mode, wrap_u and wrap_v, those of worker/scene/scene.h. */
-#define KILN_GPU_ALPHA_OPAQUE 0u
-#define KILN_GPU_ALPHA_MASK 1u
-#define KILN_GPU_WRAP_CLAMP 1u
-#define KILN_GPU_WRAP_MIRROR 2u
-
 struct kiln_gpu_texture { /* struct kiln_texture */
     KILN_ADDRESS texels;  /* words of RGBA, red lowest; 0: no kernel asks for this texture */
     KILN_WORD width, height, srgb, nearest, wrap_u, wrap_v;

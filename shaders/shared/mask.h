@@ -10,7 +10,7 @@
 #define KILN_MASK_SIDE 16u
 #define KILN_MASK_WORDS 8u
 
-#ifdef GL_core_profile
+#ifdef KILN_GLSL
 #    define KILN_COUNT_BITS(x) uint(bitCount(x))
 #else
 #    define KILN_COUNT_BITS(x) ((uint32_t)__builtin_popcount(x))
@@ -34,6 +34,28 @@ KILN_FUNCTION KILN_U32 kiln_set_bit(KILN_U32 word, KILN_U32 n)
 KILN_FUNCTION KILN_U32 kiln_cell_column(KILN_U32 cell)
 {
     return (cell & 1u) | (cell >> 1 & 2u) | (cell >> 2 & 4u) | (cell >> 3 & 8u);
+}
+
+/* Largest float below 1. */
+#define KILN_FLOAT_BELOW_ONE 0.999999940395355224609375f
+
+/* A place's s, times the set cells' number `count`, is the n-th of them and where in it. */
+KILN_FUNCTION KILN_U32 kiln_mask_choose(float s, KILN_U32 count, KILN_OUT(float) rest)
+{
+    const float scaled = s * KILN_TO_F32(count);
+    const KILN_U32 n = word_min(KILN_TO_U32(scaled), count - 1u);
+    KILN_AT(rest) = float_min(scaled - KILN_TO_F32(n), KILN_FLOAT_BELOW_ONE);
+    return n;
+}
+
+/* The place (s, t) within a cell as one of the whole square. */
+KILN_FUNCTION float kiln_mask_s(KILN_U32 cell, float s)
+{
+    return (KILN_TO_F32(kiln_cell_column(cell)) + s) / KILN_TO_F32(KILN_MASK_SIDE);
+}
+KILN_FUNCTION float kiln_mask_t(KILN_U32 cell, float t)
+{
+    return (KILN_TO_F32(kiln_cell_column(cell >> 1)) + t) / KILN_TO_F32(KILN_MASK_SIDE);
 }
 
 #endif

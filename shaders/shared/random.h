@@ -6,18 +6,11 @@
  * digitally per texel. In the dimensions that choose a ray's direction the shift leaves the leading digits alone, so
  * that the k-th rays of all texels of a tile share a stratum; with 4^c <= samples, c shared digits a dimension, each
  * texel still visits all 4^c strata equally often, and what neighbours share carries no noise (the mean over a stratum
- * does not depend on the shared scramble). */
+ * does not depend on the shared scramble). Which number hangs on what: shaders/shared/streams.h. */
 #ifndef KILN_SHADERS_RANDOM_H
 #define KILN_SHADERS_RANDOM_H
 
-#ifdef GL_core_profile
-#    define KILN_U32 uint
-#    define KILN_FUNCTION
-#else
-#    include <stdint.h>
-#    define KILN_U32 uint32_t
-#    define KILN_FUNCTION static inline
-#endif
+#include "shaders/shared/language.h"
 
 /* Avalanching hash of one word (Wang-style mixer "lowbias32" by Wellons, 2018: bias 0.17 of 2^-32 squared units). */
 KILN_FUNCTION KILN_U32 kiln_hash1(KILN_U32 x)
@@ -35,7 +28,7 @@ KILN_FUNCTION KILN_U32 kiln_hash2(KILN_U32 a, KILN_U32 b)
     return kiln_hash1(a ^ (kiln_hash1(b) + 0x9e3779b9u + (a << 6) + (a >> 2)));
 }
 
-#ifdef GL_core_profile
+#ifdef KILN_GLSL
 #    define kiln_reverse_bits bitfieldReverse
 #else
 KILN_FUNCTION KILN_U32 kiln_reverse_bits(KILN_U32 x)

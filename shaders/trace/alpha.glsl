@@ -7,12 +7,6 @@
 const uint KILN_BY_HALF = 0u, KILN_BY_CHANCE = 1u, KILN_THROUGH = 2u; /* enum embree_question */
 const float KILN_DARK = 3.5527136788005009e-15;                       /* 2^-48: so little light is none */
 
-/* Whether chance takes for there a surface of that opacity. */
-bool kiln_is_there(uint seed, uint triangle, float opacity)
-{
-    return float(kiln_hash2(seed, triangle) >> 8) * 5.9604644775390625e-8 < opacity;
-}
-
 /* Whether a mask has a hole there. */
 bool kiln_is_hole(uint triangle, float u, float v)
 {
@@ -23,18 +17,18 @@ bool kiln_is_hole(uint triangle, float u, float v)
 /* Whether the ray goes on behind the surface; if so, what is left of its light. */
 bool kiln_passes(uint question, uint seed, uint triangle, float u, float v, inout vec3 share)
 {
-    if (HAS_ALPHA == KILN_GPU_PASSAGE_MASK)
+    if (HAS_ALPHA == KILN_PASSAGE_MASK)
         return kiln_is_hole(triangle, u, v);
     const kiln_passage p = kiln_surface_passage(triangle, u, v);
     if (question == KILN_BY_HALF)
-        return p.opacity < 0.5;
+        return p.opacity < KILN_OPACITY_HALF;
     if (question == KILN_THROUGH) {
         share *= p.through;
         return max(max(share.r, share.g), share.b) > KILN_DARK;
     }
     if (kiln_is_there(seed, triangle, p.opacity))
         return false;
-    if (HAS_ALPHA == KILN_GPU_PASSAGE_TINT)
+    if (HAS_ALPHA == KILN_PASSAGE_TINT)
         share *= min(p.through / (1.0 - p.opacity), 1.0);
     return true;
 }

@@ -16,11 +16,11 @@ struct kiln_payload {
     uint u, v, distance;
 };
 
-const uint KILN_DEEPEST = 48u << 24; /* 2^-48 and less is nothing */
+const uint KILN_DEEPEST = uint(KILN_DEPTH_MOST) << 24; /* 2^-48 and less is nothing */
 
 void kiln_deepen(inout kiln_payload payload, vec3 through)
 {
-    const uvec3 deeper = uvec3(min(-log2(clamp(through, 1.0e-30, 1.0)), 48.0) * 16777216.0 + 0.5);
+    const uvec3 deeper = uvec3(min(-log2(clamp(through, 1.0e-30, 1.0)), float(KILN_DEPTH_MOST)) * 16777216.0 + 0.5);
     const uvec3 depth = min(uvec3(payload.u, payload.v, payload.distance) + deeper, uvec3(KILN_DEEPEST));
     payload.u = depth.x;
     payload.v = depth.y;

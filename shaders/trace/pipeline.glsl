@@ -13,7 +13,7 @@ float kiln_start() { return SCENE.trace.extent * (1.0 / 262144.0); }
 
 kiln_hit kiln_nearest(vec3 origin, vec3 direction, uint question, uint seed)
 {
-    if (HAS_ALPHA >= KILN_GPU_PASSAGE_BLEND)
+    if (HAS_ALPHA >= KILN_PASSAGE_BLEND)
         kiln_answer = kiln_payload(0u, seed, question, 0u);
     traceRayEXT(accelerationStructureEXT(SCENE.trace.top_level), gl_RayFlagsNoneEXT, 0xff, 0, 0, 0, origin,
                 kiln_start(), direction, kiln_far, 0);
@@ -33,7 +33,7 @@ kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 t
 {
     const kiln_hit hit = kiln_nearest(origin, direction, KILN_BY_CHANCE, seed);
     tint = vec3(1.0);
-    if (HAS_ALPHA != KILN_GPU_PASSAGE_TINT)
+    if (HAS_ALPHA != KILN_PASSAGE_TINT)
         return hit;
     const bool missed = hit.triangle == KILN_GPU_NONE;
     if (missed ? kiln_answer.distance == 0u : (kiln_answer.triangle_back & KILN_PAYLOAD_TINTED) == 0u)
@@ -50,12 +50,12 @@ vec3 kiln_through(vec3 origin, vec3 direction, float limit)
     if (!(limit > kiln_start())) /* traceRayEXT wants the far end not before the near one */
         return vec3(1.0);
     kiln_answer.triangle_back = 0u; /* stays, unless the miss shader runs */
-    if (HAS_ALPHA >= KILN_GPU_PASSAGE_BLEND)
+    if (HAS_ALPHA >= KILN_PASSAGE_BLEND)
         kiln_answer = kiln_payload(0u, 0u, 0u, 0u);
     traceRayEXT(accelerationStructureEXT(SCENE.trace.top_level),
                 gl_RayFlagsTerminateOnFirstHitEXT | gl_RayFlagsSkipClosestHitShaderEXT, 0xff, 0, 0, 0, origin,
                 kiln_start(), direction, min(limit, kiln_far), 0);
     if (kiln_answer.triangle_back != KILN_GPU_NONE)
         return vec3(0.0);
-    return HAS_ALPHA >= KILN_GPU_PASSAGE_BLEND ? kiln_share_of(kiln_answer) : vec3(1.0);
+    return HAS_ALPHA >= KILN_PASSAGE_BLEND ? kiln_share_of(kiln_answer) : vec3(1.0);
 }

@@ -3,8 +3,7 @@
 #include "shaders/kernel.glsl"
 #include "shaders/trace/payload.glsl"
 
-layout(push_constant, scalar) uniform Push { KILN_ADDRESS scene; }
-push;
+KILN_PUSH(kiln_gpu_trace_push);
 layout(location = 0) rayPayloadInEXT kiln_payload kiln_answer;
 hitAttributeEXT vec2 kiln_weights;
 
@@ -15,7 +14,7 @@ void main()
         triangle += SCENE.opaque_count;
     if (gl_HitKindEXT == gl_HitKindBackFacingTriangleEXT)
         triangle |= KILN_PAYLOAD_BACK;
-    if (HAS_ALPHA == KILN_GPU_PASSAGE_TINT && kiln_answer.distance != 0u)
+    if (HAS_ALPHA == KILN_PASSAGE_TINT && kiln_answer.distance != 0u)
         triangle |= KILN_PAYLOAD_TINTED;
     kiln_answer = kiln_payload(triangle, floatBitsToUint(kiln_weights.x), floatBitsToUint(kiln_weights.y),
                                floatBitsToUint(gl_HitTEXT));

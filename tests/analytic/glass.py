@@ -286,11 +286,12 @@ def all_kinds(path):
 
 
 def main():
-    _, kiln = harness.start(__doc__)
+    every = {case.__name__: case for case in (under_a_sun, around_an_emitter, under_a_sky, between_surfaces, with_holes)}
+    arguments, kiln = harness.start(__doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
     checks = harness.Checks()
     cases = Cases(kiln, checks)
-    for case in (under_a_sun, around_an_emitter, under_a_sky, between_surfaces, with_holes):
-        case(cases)
+    for name in arguments.only or every:
+        every[name](cases)
     checks.end()
 
 

@@ -30,6 +30,8 @@ struct synthetic {
     float *direct, *indirect;
     uint16_t *error;
     uint64_t *radiosity;
+    struct kiln_field_set fields; /* of a bake with an error map */
+    struct kiln_rank_data data;
 };
 
 static const char synthetic_strings[] = "\0first\0second\0sheet\0grey";
@@ -231,9 +233,8 @@ static inline struct kiln_bake_result synthetic_result(const struct synthetic *s
                                      .scene = &s->scene,
                                      .geometry = s->geometry,
                                      .surface = &s->surface,
-                                     .direct = s->direct,
-                                     .indirect = s->indirect,
-                                     .error = s->error,
+                                     .fields = &s->fields,
+                                     .data = &s->data,
                                      .radiosity = s->radiosity};
 }
 
@@ -247,6 +248,9 @@ static inline int synthetic_create(struct synthetic *s, uint32_t width, uint32_t
         return status;
     synthetic_surface(s);
     synthetic_share(s, rank, ranks);
+    kiln_field_set_choose(&s->fields, &(struct kiln_job){.error_map = true});
+    s->data =
+        (struct kiln_rank_data){.surface = s->surface, .direct = s->direct, .sum = s->indirect, .error = s->error};
     return kiln_allocate(&s->radiosity, s->surface.point_count, sizeof(uint64_t), "radiosity", error);
 }
 

@@ -50,6 +50,17 @@ def furnace(folder):
     return bake
 
 
+def single_fields(bake):
+    """--show of a field: its own values, which add up; what a bake does not have, and what nobody has, is told."""
+    size = ("--width", "40", "--height", "40")
+    direct, indirect, total = (radiance(bake, "--show", name, *size) for name in ("direct", "indirect", "total"))
+    assert indirect.min() >= 0 and indirect.mean() > 0.1 * total.mean() and np.allclose(direct + indirect, total, rtol=1e-5, atol=1e-6)
+    attributes = exr.read(os.path.join(bake, "view.exr")).attributes
+    assert attributes["kiln:units"] == "W m-2" and "direct + indirect" in attributes["kiln:quantity"], attributes
+    assert "have light, direct, indirect, total\n" in kiln("view", bake, "--show", "error", code=66).stderr
+    assert "light, texels, direct" in kiln("view", bake, "--show", "nothing", code=64).stderr
+
+
 def cornell(folder):
     scene, bake = os.path.join(folder, "cornell.glb"), os.path.join(folder, "cornell")
     kiln("generate", "cornell", "-o", scene, "--quiet")
@@ -64,6 +75,7 @@ def cornell(folder):
     small = radiance(bake, "--width", "20", "--height", "20")
     lower, small_lower = image[30:].mean((0, 1)), small[10:].mean((0, 1))  # without the light, whose edge falls otherwise
     assert np.abs(lower / small_lower - 1).max() < 0.02, (lower, small_lower)
+    single_fields(bake)
     kiln("view", bake)
     assert os.path.getsize(os.path.join(bake, "view.png")) > 1000
     os.remove(os.path.join(bake, "lightmaps", sorted(os.listdir(os.path.join(bake, "lightmaps")))[0]))

@@ -38,7 +38,6 @@ static int write_all(const char *directory, bool half, bool divided, int rank, i
     const struct kiln_output_params params = {.directory = directory,
                                               .half = half,
                                               .stitch = true,
-                                              .error_map = true,
                                               .faults = &faults,
                                               .least_divided = divided ? 1 : 0,
                                               .provenance_json = "{\"seed\": 77, \"scene\": \"synthetic\"}"};

@@ -61,7 +61,7 @@ def judged(report):
 
 
 def compare_balance(kiln, path, out, ranks, ways):
-    """Predicted and measured: unevenness in the first bounce, over the mean, and whether shares were then cut anew."""
+    """Predicted and measured: unevenness in the first bounce, over the mean, and whether the points were then repartitioned."""
     options = ['--threads', 1, '--quality', 'draft', '--lightmap-max', 192, '--bounces', 4, '--samples-probe', 0, *ways]
     plan = json.loads(run(kiln, 'plan', path, '--ranks', ranks, '--ranks-per-node', ranks, '--json', *options))['balance']
     shutil.rmtree(out, ignore_errors=True)
@@ -94,16 +94,16 @@ def balance(kiln, folder):
                 break
         off, plan, first, later, given = best
         print('%-9s on %d: first bounce %4.1f %%, measured %4.1f %%; last bounce %4.1f %%, measured %4.1f %%; in all %4.1f %%, kept %4.1f %%; '
-              'cut anew %d times, measured %d; %d points given away' % (
+              'repartitioned %d times, measured %d; %d points stolen' % (
                   name, ranks, 100 * plan['first_pass']['bounce'], 100 * first['imbalance'], 100 * plan['last_pass']['bounce'],
                   100 * later[-1]['imbalance'], 100 * plan['imbalance'], 100 * plan['imbalance_kept'], plan['cuts'], sum(b['moved'] for b in later),
                   sum(given)))
         if off > UNEVEN and ranks <= cores:
             failures.append('%s on %d ranks: %.2f instead of %.2f' % (name, ranks, plan['first_pass']['bounce'], first['imbalance']))
         if slow and not (plan['cuts'] > 0 and first['moved']):
-            failures.append('%s: shares cut anew %d times, %s' % (name, plan['cuts'], first))
+            failures.append('%s: repartitioned %d times, %s' % (name, plan['cuts'], first))
         if not ways and (plan['imbalance'] > 0.6 * plan['imbalance_kept'] or sum(given) == 0):
-            failures.append('%s: uneven by %.2f, kept by %.2f, %d points given away' % (name, plan['imbalance'], plan['imbalance_kept'], sum(given)))
+            failures.append('%s: uneven by %.2f, kept by %.2f, %d points stolen' % (name, plan['imbalance'], plan['imbalance_kept'], sum(given)))
     del os.environ['KILN_SLOW_RANK']
     assert not failures, '; '.join(failures)
 

@@ -569,7 +569,7 @@ def try_signals(checks, tool):
     other = folder + '-other'  # with fewer rays a probe: all that is kept but the probes is of use
     shutil.copytree(folder, other)
     again = tool.bake(other, ranks=2)
-    checks.that('they are gathered anew' in again.stderr, 'other probes: not said', again)
+    checks.that('they are gathered again' in again.stderr, 'other probes: not said', again)
     same(checks, tool, reference, other, again, 'other probes')
     again = tool.bake(folder, *PROBES, ranks=3)
     whole = tool.folder()

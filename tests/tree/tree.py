@@ -49,13 +49,15 @@ def parse_table(top, text):
             inside = True
         elif inside and not set(cells[0]) <= set('-: '):
             name = re.findall(r'`([^`]*)`', cells[0])[0].rstrip('/')
-            plain, _, registers = cells[-1].partition(';')
+            plain, *clauses = cells[-1].split(';')
             names = re.findall(r'`([^`]*)`', plain)
-            registered = re.findall(r'`([^`]*)`', registers)
+            registers = {}
+            for clause in clauses:
+                file, *variants = re.findall(r'`([^`]*)`', clause)
+                registers[f'{top}/{name}/{file}'] = {f'{top}/{name}/{n.rstrip("/")}' for n in variants}
             rooms[top if name == '.' else f'{top}/{name}'] = Room(
                 {f'{top}/{n.rstrip("/")}' for n in names},
-                {f'{top}/{name}/{registered[0]}': {f'{top}/{name}/{n.rstrip("/")}' for n in registered[1:]}}
-                if registered else {}, 'every room above' in plain)
+                registers, 'every room above' in plain)
     return rooms
 
 

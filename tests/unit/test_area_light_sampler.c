@@ -65,10 +65,10 @@ static void directions_are_even(void **state)
         const struct kiln_area_light light = lamp(3.0, 1.0, &seed);
         const struct kiln_dvec3 to0 = light.p0;
         const struct kiln_spherical_triangle t =
-            kiln_spherical_triangle(to0, light.e1, light.e2, light.area, fabs(dvec3_dot(to0, light.normal)));
+            kiln_spherical_triangle_of(to0, light.e1, light.e2, light.area, fabs(dvec3_dot(to0, light.normal)));
         const double u = 0.05 + 0.9 * uniform(&seed), v = 0.05 + 0.9 * uniform(&seed);
-        const struct kiln_dvec3 edge = kiln_spherical_triangle_direction(&t, u, 1.0),
-                                inside = kiln_spherical_triangle_direction(&t, u, v);
+        const struct kiln_dvec3 edge = kiln_spherical_triangle_direction(t, u, 1.0),
+                                inside = kiln_spherical_triangle_direction(t, u, v);
         assert_true(fabs(t.omega - solid_angle(t.a, t.b, t.c)) < 1e-9);
         assert_true(fabs(solid_angle(t.a, t.b, edge) - u * t.omega) < 1e-7);
         assert_true(fabs(dvec3_dot(edge, dvec3_cross(t.a, t.c))) < 1e-9 && fabs(dvec3_length(inside) - 1.0) < 1e-9);

@@ -30,7 +30,7 @@ static void two_charts(struct synthetic *s, float left, float right)
 static struct kiln_map *make_map(const struct synthetic *s, float bright)
 {
     struct kiln_map *map = NULL;
-    assert_int_equal(kiln_map_create(&map, SIDE, SIDE, NULL), 0);
+    assert_int_equal(kiln_map_create(&map, SIDE, SIDE, &kiln_map_light, NULL), 0);
     for (uint32_t i = 0; i < TEXELS; i++) {
         double area[2] = {0, 0};
         for (uint32_t t = 0; t < 4; t++)

@@ -59,7 +59,7 @@ static void test_nearest_is_exact(void **state)
 static struct kiln_map *striped_map(void)
 {
     struct kiln_map *map = NULL;
-    assert_int_equal(kiln_map_create(&map, 12, 6, NULL), 0);
+    assert_int_equal(kiln_map_create(&map, 12, 6, &kiln_map_light, NULL), 0);
     for (uint32_t i = 0; i < 72; i++) {
         const uint32_t x = i % 12;
         if (x == 5 || x == 6 || i / 12 == 5) /* a margin two texels wide between two charts, and the last row */
@@ -113,7 +113,7 @@ static void test_fill_interpolates(void **state)
 {
     (void)state;
     struct kiln_map *map = NULL;
-    assert_int_equal(kiln_map_create(&map, 3, 1, NULL), 0);
+    assert_int_equal(kiln_map_create(&map, 3, 1, &kiln_map_light, NULL), 0);
     const float values[3] = {1.0f, 50.0f, 3.0f};
     for (uint32_t i = 0; i < 3; i++) {
         map->state[i] = i == 1 ? KILN_TEXEL_FILLED : KILN_TEXEL_VALID;
@@ -138,7 +138,7 @@ static void test_dilation_covers_the_image(void **state)
         assert_int_equal(map->state[i],
                          i % 12 == 5 || i % 12 == 6 || i / 12 == 5 ? KILN_TEXEL_MARGIN : KILN_TEXEL_VALID);
     kiln_map_destroy(&map);
-    assert_int_equal(kiln_map_create(&map, 12, 6, NULL), 0);
+    assert_int_equal(kiln_map_create(&map, 12, 6, &kiln_map_light, NULL), 0);
     assert_int_equal(kiln_nearest_texels(map->state, KILN_TEXEL_FILLED, 12, 6, nearest, NULL), 0);
     assert_int_equal(kiln_map_dilate(map, nearest), 0);
     kiln_map_destroy(&map);

@@ -44,7 +44,7 @@ static struct gpu_kernel *counter(struct gpu *gpu, uint32_t step)
 static void devices_are_listed_in_order(void **state)
 {
     (void)state;
-    struct gpu_description list[16];
+    struct kiln_device list[16];
     size_t count = 0;
     assert_int_equal(gpu_list(list, 16, &count, NULL), KILN_OK);
     assert_true(count >= 1);

@@ -35,7 +35,7 @@ struct outcome {
 
 static int32_t software_device(void)
 {
-    struct gpu_description list[16];
+    struct kiln_device list[16];
     size_t count = 0;
     if (gpu_list(list, 16, &count, NULL) != KILN_OK)
         return -1;

@@ -64,7 +64,7 @@ static void directions_follow_the_recurrence(void **state)
     }
 }
 
-/* What DESIGN asks of a block: the k-th samples of all texels lie in one stratum, and each texel visits all strata. */
+/* The k-th samples of all texels of a tile lie in one stratum, and each texel visits all strata. */
 static void texels_share_strata(void **state)
 {
     (void)state;
@@ -77,7 +77,8 @@ static void texels_share_strata(void **state)
         const uint32_t stratum = (x[k] >> 29) * 8 + (y[k] >> 29);
         visited[stratum]++;
         for (uint32_t texel = 0; texel < 16; texel++) {
-            const uint32_t u = x[k] ^ (kiln_hash1(texel) >> digits), v = y[k] ^ (kiln_hash1(texel + 99) >> digits);
+            const uint32_t u = x[k] ^ kiln_direction_shift(kiln_hash1(texel), KILN_DIMENSION_U, digits);
+            const uint32_t v = y[k] ^ kiln_direction_shift(kiln_hash1(texel), KILN_DIMENSION_V, digits);
             assert_int_equal((u >> 29) * 8 + (v >> 29), stratum);
         }
     }

@@ -41,7 +41,7 @@ static void test_charts_and_seam(void **state)
 static struct kiln_map *make_map(const struct synthetic *s, float offset, uint32_t **nearest)
 {
     struct kiln_map *map = NULL;
-    assert_int_equal(kiln_map_create(&map, WIDTH, HEIGHT, NULL), 0);
+    assert_int_equal(kiln_map_create(&map, WIDTH, HEIGHT, &kiln_map_light, NULL), 0);
     for (uint32_t y = 0; y < HEIGHT; y++)
         for (uint32_t x = 0; x < WIDTH; x++) {
             const uint32_t i = y * WIDTH + x;

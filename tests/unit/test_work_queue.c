@@ -1,11 +1,12 @@
-/* Several threads take from one board: every tile run is taken once, and all is returned. */
+/* Several threads take from one work queue, its owner in front and thieves behind: every tile run is taken once, and
+ * all is returned. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
 
 #include <cmocka.h>
-#include <omp.h>
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -13,39 +14,59 @@
 
 enum { TILE_RUNS = 100000, THREADS = 4 };
 
+struct taker {
+    pthread_t thread;
+    struct kiln_work_queue *queue;
+    _Atomic uint8_t *taken; /* a tile run: how many times it was taken */
+    bool owner;
+    uint64_t stolen;
+};
+
+static void *take_all(void *data)
+{
+    struct taker *t = data;
+    for (struct kiln_range left = kiln_work_queue_left(t->queue); left.count > 0;
+         left = kiln_work_queue_left(t->queue)) {
+        const size_t count = left.count < 7 ? left.count : 1 + left.count % 7;
+        if (t->owner ? !kiln_work_queue_take(t->queue, left, count)
+                     : !kiln_work_queue_steal(t->queue, left, count, count))
+            continue;
+        const size_t first = t->owner ? left.first : left.first + left.count - count;
+        for (size_t i = first; i < first + count; i++)
+            t->taken[i]++;
+        if (t->owner)
+            continue;
+        kiln_work_queue_return(t->queue, count);
+        t->stolen += count;
+    }
+    return NULL;
+}
+
 static void from_both_ends(void **state)
 {
     (void)state;
     struct kiln_work_queue queue;
+    struct taker takers[THREADS];
     memset(&queue, 0, sizeof queue);
-    uint8_t *taken = calloc(TILE_RUNS, 1);
+    _Atomic uint8_t *taken = calloc(TILE_RUNS, sizeof *taken);
     assert_non_null(taken);
     kiln_work_queue_begin(&queue);
     assert_int_equal(kiln_work_queue_left(&queue).count, 0);
     kiln_work_queue_open(&queue, (struct kiln_range){0, TILE_RUNS});
-    uint64_t lent = 0;
-#pragma omp parallel num_threads(THREADS) reduction(+ : lent)
-    {
-        const bool owner = omp_get_thread_num() == 0;
-        for (struct kiln_range left = kiln_work_queue_left(&queue); left.count > 0;
-             left = kiln_work_queue_left(&queue)) {
-            const size_t count = left.count < 7 ? left.count : 1 + left.count % 7;
-            if (owner ? !kiln_work_queue_take(&queue, left, count) : !kiln_work_queue_steal(&queue, left, count, count))
-                continue;
-            const size_t first = owner ? left.first : left.first + left.count - count;
-            for (size_t i = first; i < first + count; i++)
-#pragma omp atomic
-                taken[i]++;
-            if (!owner)
-                kiln_work_queue_return(&queue, count);
-            lent += owner ? 0 : count;
-        }
+    for (int i = 0; i < THREADS; i++) {
+        takers[i] = (struct taker){.queue = &queue, .taken = taken, .owner = i == 0};
+        assert_int_equal(pthread_create(&takers[i].thread, NULL, take_all, &takers[i]), 0);
+    }
+    uint64_t stolen = 0;
+    for (int i = 0; i < THREADS; i++) {
+        assert_int_equal(pthread_join(takers[i].thread, NULL), 0);
+        stolen += takers[i].stolen;
     }
     for (size_t i = 0; i < TILE_RUNS; i++)
         assert_int_equal(taken[i], 1);
     assert_int_equal(kiln_work_queue_away(&queue), 0);
-    assert_int_equal(kiln_work_queue_returned(&queue), lent);
-    free(taken);
+    assert_int_equal(kiln_work_queue_returned(&queue), stolen);
+    free((void *)taken);
 }
 
 static void what_was_seen_must_still_be_so(void **state)

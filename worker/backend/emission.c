@@ -6,6 +6,7 @@
 #include <omp.h>
 #include <string.h>
 
+#include "shaders/shared/punctual_light.h"
 #include "shaders/shared/random.h"
 #include "worker/backend/backend.h"
 #include "worker/base/memory.h"
@@ -61,15 +62,15 @@ static double flux_of(const struct emission *e, size_t i)
 {
     const struct kiln_lights *l = e->params->lights;
     if (i < l->area_count)
-        return area_flux(&l->areas[i]) * kiln_luminance(l->areas[i].radiance);
+        return area_flux(&l->areas[i]) * kiln_luminance_of_floats(l->areas[i].radiance);
     i -= l->area_count;
     if (i < l->point_count)
-        return solid_angle(&l->points[i]) * kiln_luminance(l->points[i].intensity);
+        return solid_angle(&l->points[i]) * kiln_luminance_of_floats(l->points[i].intensity);
     i -= l->point_count;
     const double disk = KILN_PI * e->radius * e->radius;
     if (i < l->directional_count)
-        return disk * kiln_luminance(l->directionals[i].irradiance);
-    return 4.0 * KILN_PI * disk * kiln_luminance(l->environment_mean);
+        return disk * kiln_luminance_of_floats(l->directionals[i].irradiance);
+    return 4.0 * KILN_PI * disk * kiln_luminance_of_floats(l->environment_mean);
 }
 
 static struct kiln_dvec3 turn(struct kiln_dvec3 local, struct kiln_dvec3 axis)
@@ -204,7 +205,7 @@ static void land(const struct emission *e, const struct particle *p, const struc
             (e->params->geometry->records[hit->triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0;
         target = !hit->back || double_sided ? out->received : out->blocked;
         if (p->ranged != NULL)
-            kept = kiln_point_light_range(p->ranged, (double)hit->distance);
+            kept = kiln_light_range(p->ranged->range, (double)hit->distance);
     }
     for (int c = 0; c < 3; c++) {
         const double flux = p->flux[c] * p->scale, here = flux * (double)hit->tint[c];

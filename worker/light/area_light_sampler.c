@@ -2,11 +2,6 @@
 
 #include "worker/base/clones.h"
 
-/* Of the height above the light: how far places may be from the centre. */
-static const double SPREAD_MOST = 0.125;
-/* Cosine between two corners from which on floats would lose the sum of their directions. */
-static const double OPPOSITE = -0.99;
-
 bool kiln_area_light_sampler(const struct kiln_lights *lights, const struct kiln_light_choice *choice,
                              struct kiln_dvec3 centre, double spread, struct kiln_area_light_sampler *target)
 {
@@ -20,12 +15,11 @@ bool kiln_area_light_sampler(const struct kiln_lights *lights, const struct kiln
     const double side = -dvec3_dot(target->to0, light->normal);
     target->height = light->two_sided ? fabs(side) : side;
     target->towards = side > 0.0 ? dvec3_scale(light->normal, -1.0) : light->normal;
-    if (!(target->height > 4.0 * light->rounding && spread <= SPREAD_MOST * target->height))
+    if (!kiln_target_is_near(target->height, light->rounding, spread))
         return false;
-    target->seen = kiln_spherical_triangle(target->to0, light->e1, light->e2, light->area, target->height);
+    target->seen = kiln_spherical_triangle_of(target->to0, light->e1, light->e2, light->area, target->height);
     target->spherical = target->seen.omega > KILN_SPHERICAL_FROM;
-    const struct kiln_spherical_triangle *seen = &target->seen;
-    return fmin(fmin(dvec3_dot(seen->a, seen->b), dvec3_dot(seen->b, seen->c)), dvec3_dot(seen->c, seen->a)) > OPPOSITE;
+    return kiln_target_is_apart(target->seen);
 }
 
 /* Sine and cosine for angles of a few turns at most; absolute error below 1e-15. By blends, so that lanes go together.
@@ -81,26 +75,18 @@ static inline void see_from_place(const struct kiln_area_light_sampler *restrict
     s->backoff[l] = at_most(0.5 * distance, t->light->rounding / at_least(seen, 1e-6));
 }
 
-/* Directions from the centre, as kiln_spherical_triangle_direction, as far as the light's plane. */
+/* Directions from the centre, as far as the light's plane. */
 KILN_CLONES static void sample_spherical(const struct kiln_area_light_sampler *restrict target,
                                          struct kiln_area_light_samples *restrict s)
 {
-    const struct kiln_spherical_triangle *t = &target->seen;
+    const struct kiln_spherical_triangle t = target->seen;
     const struct kiln_dvec3 towards = target->towards;
     for (int l = 0; l < KILN_TARGET_LANES; l++) {
         double sine, cosine;
-        sine_cosine(0.5 * s->u[l] * t->omega, &sine, &cosine);
-        const double of_a = t->volume * cosine - t->ca_bc * sine, of_c = t->ab * sine;
-        const double mx = of_a * t->a.x + of_c * t->c.x, my = of_a * t->a.y + of_c * t->c.y,
-                     mz = of_a * t->a.z + of_c * t->c.z;
-        const double twice = 2.0 * (mx * t->a.x + my * t->a.y + mz * t->a.z) / (mx * mx + my * my + mz * mz);
-        const double cx = twice * mx - t->a.x, cy = twice * my - t->a.y, cz = twice * mz - t->a.z;
-        const double d = cx * t->b.x + cy * t->b.y + cz * t->b.z, drop = s->v[l] * (1.0 - d);
-        const double k = sqrt(s->v[l] * (2.0 - drop) / (1.0 + d)), of_b = 1.0 - drop - d * k;
-        const double dx = k * cx + of_b * t->b.x, dy = k * cy + of_b * t->b.y, dz = k * cz + of_b * t->b.z;
-        const double cosine_there = dx * towards.x + dy * towards.y + dz * towards.z,
-                     far = target->height / cosine_there;
-        see_from_place(target, s, l, far * dx, far * dy, far * dz, far * far * t->omega / cosine_there);
+        sine_cosine(0.5 * s->u[l] * t.omega, &sine, &cosine);
+        const struct kiln_dvec3 d = kiln_spherical_triangle_turn(t, sine, cosine, s->v[l]);
+        const double there = dvec3_dot(d, towards), far = target->height / there;
+        see_from_place(target, s, l, far * d.x, far * d.y, far * d.z, far * far * t.omega / there);
     }
 }
 
@@ -109,10 +95,8 @@ KILN_CLONES static void sample_flat(const struct kiln_area_light_sampler *restri
 {
     const struct kiln_area_light *light = t->light;
     for (int l = 0; l < KILN_TARGET_LANES; l++) {
-        const double root = sqrt(s->u[l]), b1 = root * (1.0 - s->v[l]), b2 = root * s->v[l];
-        see_from_place(t, s, l, t->to0.x + (b1 * light->e1.x + b2 * light->e2.x),
-                       t->to0.y + (b1 * light->e1.y + b2 * light->e2.y),
-                       t->to0.z + (b1 * light->e1.z + b2 * light->e2.z), light->area);
+        const struct kiln_dvec3 on = kiln_triangle_place(light->e1, light->e2, s->u[l], s->v[l]);
+        see_from_place(t, s, l, t->to0.x + on.x, t->to0.y + on.y, t->to0.z + on.z, light->area);
     }
 }
 
@@ -122,7 +106,8 @@ static void find_weights(const struct kiln_area_light_sampler *t, struct kiln_ar
     for (int l = 0; l < KILN_TARGET_LANES; l++) {
         const struct kiln_dvec3 place = dvec3(s->place[0][l], s->place[1][l], s->place[2][l]),
                                 to = dvec3(s->to[0][l], s->to[1][l], s->to[2][l]);
-        kiln_area_light_weights(t->light, dvec3_sub(dvec3_add(to, place), t->light->p0), &s->b1[l], &s->b2[l]);
+        kiln_triangle_weights(t->light->e1, t->light->e2, dvec3_sub(dvec3_add(to, place), t->light->p0), &s->b1[l],
+                              &s->b2[l]);
     }
 }
 

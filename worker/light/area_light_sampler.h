@@ -2,7 +2,8 @@
  * point, and samples are drawn several at a time.
  *
  * A sample is a place on the light, chosen as the point's centre c would choose it: evenly in solid angle
- * (spherical_triangle.h), or evenly in area where the light is small. Its density is known for any other place p,
+ * (shaders/shared/spherical_triangle.h), or evenly in area where the light is small. Its density is known for any other
+ * place p,
  *
  *     density of the direction from p = |y - p|^2 / cos_p  x  cos_c / (omega |y - c|^2)
  *
@@ -14,7 +15,7 @@
 #define KILN_WORKER_LIGHT_AREA_LIGHT_SAMPLER_H
 
 #include "worker/light/lights.h"
-#include "worker/light/spherical_triangle.h"
+#include "shaders/shared/area_light.h"
 
 enum { KILN_TARGET_LANES = 8 };
 

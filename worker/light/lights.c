@@ -3,9 +3,12 @@
 #include <math.h>
 #include <string.h>
 
+#include "shaders/shared/area_light.h"
+#include "shaders/shared/environment.h"
+#include "shaders/shared/punctual_light.h"
+#include "shaders/shared/warp.h"
 #include "worker/base/memory.h"
 #include "worker/light/environment.h"
-#include "worker/light/spherical_triangle.h"
 #include "worker/light/tree.h"
 #include "worker/sampling/sequence.h"
 #include "worker/scene/texture.h"
@@ -44,7 +47,7 @@ static bool make_area_light(const struct kiln_scene *scene, const struct kiln_ge
     light->textured = m->emission_texture != KILN_NONE;
     kiln_triangle_mean_emission(scene, mesh_of(scene, geometry, triangle), geometry->stored_triangle[triangle],
                                 light->radiance);
-    return light->area > 0.0 && kiln_luminance(light->radiance) > 0.0;
+    return light->area > 0.0 && kiln_luminance_of_floats(light->radiance) > 0.0;
 }
 
 static int gather_area_lights(struct kiln_lights *lights, struct kiln_error *error)
@@ -81,7 +84,7 @@ static int gather_punctual_lights(struct kiln_lights *lights, struct kiln_error 
         const struct kiln_light *l = &scene->lights[i];
         const struct kiln_dvec3 direction =
             unit(dvec3((double)l->direction[0], (double)l->direction[1], (double)l->direction[2]));
-        if (kiln_luminance(l->intensity) <= 0.0)
+        if (kiln_luminance_of_floats(l->intensity) <= 0.0)
             continue;
         if (l->kind == KILN_LIGHT_DIRECTIONAL) {
             struct kiln_directional_light *d = &lights->directionals[lights->directional_count++];
@@ -186,17 +189,18 @@ static size_t cut_tree(const struct kiln_lights *lights, struct kiln_dvec3 p, do
 size_t kiln_lights_choices(const struct kiln_lights *lights, struct kiln_dvec3 p, double spread, struct kiln_dvec3 n,
                            size_t node_limit, struct kiln_light_choice *choices)
 {
-    const bool probe = n.x == 0.0 && n.y == 0.0 && n.z == 0.0;
+    const bool probe = kiln_any_direction(n);
     size_t count = cut_tree(lights, p, spread, n, node_limit, choices);
     for (size_t i = 0; i < lights->directional_count; i++) {
         const double cosine = probe ? 1.0 : dvec3_dot(n, lights->directionals[i].towards);
+        const double importance =
+            kiln_sun_importance(kiln_luminance_of_floats(lights->directionals[i].irradiance), cosine);
         if (cosine > 0.0)
-            choices[count++] = (struct kiln_light_choice){KILN_CHOICE_DIRECTIONAL, (uint32_t)i, 0,
-                                                          kiln_luminance(lights->directionals[i].irradiance) * cosine};
+            choices[count++] = (struct kiln_light_choice){KILN_CHOICE_DIRECTIONAL, (uint32_t)i, 0, importance};
     }
     if (lights->environment)
-        choices[count++] = (struct kiln_light_choice){KILN_CHOICE_ENVIRONMENT, 0, 0,
-                                                      KILN_PI * kiln_luminance(lights->environment_mean)};
+        choices[count++] = (struct kiln_light_choice){
+            KILN_CHOICE_ENVIRONMENT, 0, 0, kiln_sky_importance(kiln_luminance_of_floats(lights->environment_mean))};
     return count;
 }
 
@@ -208,9 +212,7 @@ uint32_t kiln_lights_allot(struct kiln_light_choice *choices, size_t count, uint
     uint32_t given = 0;
     for (size_t i = 0; i < count; i++) {
         const double part = total > 0.0 ? choices[i].importance / total : 1.0 / (double)count;
-        choices[i].samples = (uint32_t)(part * (double)samples + 0.5);
-        if (choices[i].samples == 0)
-            choices[i].samples = 1;
+        choices[i].samples = kiln_choice_samples(part, samples);
         given += choices[i].samples;
     }
     return given;
@@ -220,18 +222,8 @@ double kiln_point_light_cone(const struct kiln_point_light *light, struct kiln_d
 {
     if (!light->spot)
         return 1.0;
-    const double cosine = dvec3_dot(light->direction, direction);
-    const double t =
-        fmax(0.0, fmin(1.0, (cosine - light->cos_outer) / fmax(1e-9, light->cos_inner - light->cos_outer)));
-    return t * t;
-}
-
-double kiln_point_light_range(const struct kiln_point_light *light, double distance)
-{
-    if (light->range <= 0.0)
-        return 1.0;
-    const double q = distance / light->range;
-    return fmax(0.0, fmin(1.0, 1.0 - q * q * q * q));
+    return kiln_spot_cone(dvec3_dot(light->direction, direction), light->cos_outer,
+                          light->cos_inner - light->cos_outer);
 }
 
 static bool sample_point_light(const struct kiln_point_light *light, struct kiln_dvec3 p, double weight,
@@ -245,7 +237,7 @@ static bool sample_point_light(const struct kiln_point_light *light, struct kiln
     s->distance = distance;
     s->backoff = 0.0;
     const double factor = weight * kiln_point_light_cone(light, dvec3_scale(s->direction, -1.0)) *
-                          kiln_point_light_range(light, distance) / (distance * distance);
+                          kiln_light_range(light->range, distance) / (distance * distance);
     for (int c = 0; c < 3; c++)
         s->value[c] = (double)light->intensity[c] * factor;
     return factor > 0.0;
@@ -267,45 +259,32 @@ void kiln_area_light_radiance(const struct kiln_lights *lights, const struct kil
                           lights->geometry->stored_triangle[light->triangle], (float)b1, (float)b2, rgb);
 }
 
-void kiln_area_light_weights(const struct kiln_area_light *light, struct kiln_dvec3 on, double *b1, double *b2)
-{
-    const double e11 = dvec3_dot(light->e1, light->e1), e12 = dvec3_dot(light->e1, light->e2),
-                 e22 = dvec3_dot(light->e2, light->e2);
-    const double below = e11 * e22 - e12 * e12, x = dvec3_dot(on, light->e1), y = dvec3_dot(on, light->e2);
-    *b1 = fmax(0.0, fmin(1.0, (x * e22 - y * e12) / below));
-    *b2 = fmax(0.0, fmin(1.0 - *b1, (y * e11 - x * e12) / below));
-}
-
 static bool sample_area_light(const struct kiln_lights *lights, const struct kiln_area_light *light,
                               struct kiln_dvec3 p, double weight, double u, double v, struct kiln_light_sample *s)
 {
     const struct kiln_dvec3 to0 = dvec3_sub(light->p0, p);
     const double side = -dvec3_dot(to0, light->normal), height = fabs(side); /* of p above the front face */
-    /* In the light's own plane, as far as floats tell, nothing of it is seen: a lamp laid flush on a ceiling does not
-     * light it. */
-    if ((light->two_sided ? height : side) <= 2.0 * light->rounding)
+    if ((light->two_sided ? height : side) <= KILN_AREA_LIGHT_HEIGHT * light->rounding)
         return false;
-    const struct kiln_spherical_triangle t = kiln_spherical_triangle(to0, light->e1, light->e2, light->area, height);
+    const struct kiln_spherical_triangle t = kiln_spherical_triangle_of(to0, light->e1, light->e2, light->area, height);
     const bool spherical = t.omega > KILN_SPHERICAL_FROM;
     struct kiln_dvec3 to;
     if (spherical) {
-        const struct kiln_dvec3 direction = kiln_spherical_triangle_direction(&t, u, v);
+        const struct kiln_dvec3 direction = kiln_spherical_triangle_direction(t, u, v);
         to = dvec3_scale(direction, height / fabs(dvec3_dot(direction, light->normal)));
     } else {
-        const double root = sqrt(u);
-        to = dvec3_add(to0, dvec3_add(dvec3_scale(light->e1, root * (1.0 - v)), dvec3_scale(light->e2, root * v)));
+        to = dvec3_add(to0, kiln_triangle_place(light->e1, light->e2, u, v));
     }
     s->distance = dvec3_length(to);
     if (!(s->distance > 0.0) || !isfinite(s->distance))
         return false;
     s->direction = dvec3_scale(to, 1.0 / s->distance);
     const double seen = height / s->distance; /* cosine at the light */
-    /* The light's vertices are floats: the shadow ray stops short of it by their rounding, seen along the ray. */
-    s->backoff = fmin(0.5 * s->distance, light->rounding / fmax(1e-6, seen));
+    s->backoff = kiln_light_backoff(light->rounding, s->distance, seen);
     float rgb[3];
     double b1 = 0.0, b2 = 0.0;
     if (light->textured)
-        kiln_area_light_weights(light, dvec3_sub(to, to0), &b1, &b2);
+        kiln_triangle_weights(light->e1, light->e2, dvec3_sub(to, to0), &b1, &b2);
     kiln_area_light_radiance(lights, light, b1, b2, rgb);
     const double inverse_density = spherical ? t.omega : seen * light->area / (s->distance * s->distance);
     for (int i = 0; i < 3; i++)
@@ -324,17 +303,7 @@ static bool pick_light(const struct kiln_lights *lights, uint32_t node, struct k
         const double b = kiln_light_node_importance(&lights->nodes[right], p, 0.0, n);
         if (a + b <= 0.0)
             return false;
-        const double chance = a / (a + b);
-        if (pick < chance) {
-            pick /= chance;
-            *weight /= chance;
-            node = left;
-        } else {
-            pick = (pick - chance) / (1.0 - chance);
-            *weight /= 1.0 - chance;
-            node = right;
-        }
-        pick = fmin(pick, 1.0 - 0x1p-53);
+        node = kiln_light_tree_step(a / (a + b), &pick, weight) ? left : right;
     }
     *light = lights->nodes[node].right;
     return true;
@@ -345,7 +314,7 @@ static bool pick_light(const struct kiln_lights *lights, uint32_t node, struct k
 uint32_t kiln_lights_strategies(const struct kiln_lights *lights, const struct kiln_light_choice *choice,
                                 struct kiln_dvec3 n)
 {
-    const bool probe = n.x == 0.0 && n.y == 0.0 && n.z == 0.0;
+    const bool probe = kiln_any_direction(n);
     return choice->kind == KILN_CHOICE_ENVIRONMENT && lights->conditional != NULL && choice->samples >= 2 && !probe ? 2
                                                                                                                     : 1;
 }
@@ -353,9 +322,8 @@ uint32_t kiln_lights_strategies(const struct kiln_lights *lights, const struct k
 static bool sample_environment(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index,
                                struct kiln_dvec3 n, double u, double v, struct kiln_light_sample *s)
 {
-    const bool probe = n.x == 0.0 && n.y == 0.0 && n.z == 0.0;
+    const bool probe = kiln_any_direction(n);
     const bool both = kiln_lights_strategies(lights, choice, n) == 2;
-    const uint32_t pairs = choice->samples / 2;
     const bool by_sky = probe || (both && (index & 1u) == 1u);
     double density;
     if (by_sky) {
@@ -373,13 +341,9 @@ static bool sample_environment(const struct kiln_lights *lights, const struct ki
     if (!(cosine > 0.0))
         return false;
     if (!probe) {
-        const double cosine_density = cosine / KILN_PI;
-        if (both) {
-            const double sky_share = (double)pairs / (double)choice->samples;
-            density = sky_share * kiln_environment_density(lights, s->direction) + (1.0 - sky_share) * cosine_density;
-        } else {
-            density = cosine_density;
-        }
+        density = cosine / KILN_PI;
+        if (both)
+            density = kiln_sky_cosine_density(choice->samples, kiln_environment_density(lights, s->direction), density);
     }
     float rgb[3];
     kiln_environment_radiance(lights, s->direction, rgb);

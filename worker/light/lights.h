@@ -15,9 +15,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "shaders/shared/color.h"
+#include "shaders/shared/light_importance.h"
 #include "worker/scene/geometry.h"
-
-enum { KILN_CUT_MAX = 24 };
 
 /* An emissive triangle. */
 struct kiln_area_light {
@@ -119,9 +119,6 @@ bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_ligh
                         struct kiln_dvec3 p, struct kiln_dvec3 n, double pick, double u, double v,
                         struct kiln_light_sample *sample);
 
-/* Barycentric weights of corners 1 and 2 of the place `on` from corner 0 in the light's plane (Cramer's rule), held
- * within the triangle. */
-void kiln_area_light_weights(const struct kiln_area_light *light, struct kiln_dvec3 on, double *b1, double *b2);
 /* Radiance at barycentric (b1, b2) of an emissive triangle, world corner order. */
 void kiln_area_light_radiance(const struct kiln_lights *lights, const struct kiln_area_light *light, double b1,
                               double b2, float rgb[3]);
@@ -132,13 +129,7 @@ void kiln_environment_radiance(const struct kiln_lights *lights, struct kiln_dve
 struct kiln_dvec3 kiln_environment_sample(const struct kiln_lights *lights, double u, double v, double *density);
 double kiln_environment_density(const struct kiln_lights *lights, struct kiln_dvec3 direction);
 
-/* KHR_lights_punctual: intensity towards unit `direction` from the light, and the factor of the range at a distance. */
+/* Share of a point light's intensity towards unit `direction` from it: 1 unless it is a spot. */
 double kiln_point_light_cone(const struct kiln_point_light *light, struct kiln_dvec3 direction);
-double kiln_point_light_range(const struct kiln_point_light *light, double distance);
-
-static inline double kiln_luminance(const float rgb[3])
-{
-    return 0.2126 * (double)rgb[0] + 0.7152 * (double)rgb[1] + 0.0722 * (double)rgb[2];
-}
 
 #endif

@@ -32,14 +32,14 @@ static struct kiln_light_node leaf_of(const struct kiln_lights *lights, uint32_t
         node.cos_o = 1.0;
         node.cos_e = 0.0;
         node.two_sided = a->two_sided;
-        node.power = kiln_luminance(a->radiance) * a->area;
+        node.power = kiln_luminance_of_floats(a->radiance) * a->area;
     } else {
         const struct kiln_point_light *l = &lights->points[index - lights->area_count];
         node.minimum = node.maximum = l->position;
         node.axis = l->spot ? l->direction : dvec3(0, 0, 1);
         node.cos_o = l->spot ? 1.0 : -1.0;
         node.cos_e = l->spot ? l->cos_outer : 0.0;
-        node.power = kiln_luminance(l->intensity);
+        node.power = kiln_luminance_of_floats(l->intensity);
     }
     return node;
 }
@@ -159,51 +159,23 @@ int kiln_light_tree_build(struct kiln_lights *lights, struct kiln_error *error)
     return status;
 }
 
-/* cos(max(0, a - b)) and sin of it from cosines and sines. */
-static double cos_less(double sin_a, double cos_a, double sin_b, double cos_b)
+struct kiln_light_bounds kiln_light_bounds_of(const struct kiln_light_node *node)
 {
-    return cos_a > cos_b ? 1.0 : cos_a * cos_b + sin_a * sin_b;
+    const struct kiln_dvec3 half = dvec3_scale(dvec3_sub(node->maximum, node->minimum), 0.5);
+    return (struct kiln_light_bounds){.centre = centre_of(node),
+                                      .axis = node->axis,
+                                      .radius = dvec3_length(half),
+                                      .floor2 = 0.25 * dvec3_dot(half, half),
+                                      .cos_o = node->cos_o,
+                                      .sin_o = kiln_sine_of_cosine(node->cos_o),
+                                      .cos_e = node->cos_e,
+                                      .power = node->power,
+                                      .two_sided = node->two_sided,
+                                      .shines = node->power > 0.0};
 }
-static double sin_less(double sin_a, double cos_a, double sin_b, double cos_b)
-{
-    return cos_a > cos_b ? 0.0 : sin_a * cos_b - cos_a * sin_b;
-}
-static double sin_of(double c) { return sqrt(fmax(0.0, 1.0 - c * c)); }
 
 double kiln_light_node_importance(const struct kiln_light_node *node, struct kiln_dvec3 p, double spread,
                                   struct kiln_dvec3 n)
 {
-    const struct kiln_dvec3 centre = centre_of(node);
-    const struct kiln_dvec3 half = dvec3_scale(dvec3_sub(node->maximum, node->minimum), 0.5);
-    const double radius = dvec3_length(half) + spread, radius2 = radius * radius;
-    const struct kiln_dvec3 away = dvec3_sub(p, centre); /* from the cluster to the point */
-    const double d2 = dvec3_dot(away, away);
-    const bool inside = d2 <= radius2;
-    const double cos_b = inside ? -1.0 : sqrt(fmax(0.0, 1.0 - radius2 / d2));
-    const double sin_b = inside ? 0.0 : sin_of(cos_b);
-    const double inverse = d2 > 0.0 ? 1.0 / sqrt(d2) : 0.0;
-    const struct kiln_dvec3 w = dvec3_scale(away, inverse);
-    double emission = 1.0, reception = 1.0;
-    if (!inside && d2 > 0.0) {
-        double cos_w = dvec3_dot(node->axis, w);
-        if (node->two_sided)
-            cos_w = fabs(cos_w);
-        const double sin_w = sin_of(cos_w), sin_o = sin_of(node->cos_o);
-        const double cos_x = cos_less(sin_w, cos_w, sin_o, node->cos_o),
-                     sin_x = sin_less(sin_w, cos_w, sin_o, node->cos_o);
-        emission = cos_less(sin_x, cos_x, sin_b, cos_b);
-        if (emission <= node->cos_e)
-            return 0.0;
-        if (n.x != 0.0 || n.y != 0.0 || n.z != 0.0) {
-            const double cos_i = -dvec3_dot(n, w);
-            reception = cos_less(sin_of(cos_i), cos_i, sin_b, cos_b);
-            if (reception <= 0.0)
-                return 0.0;
-        }
-    }
-    /* Beyond the cluster's own size the inverse square holds; within it the light cannot fill more than a hemisphere.
-     */
-    const double floor2 = 0.25 * dvec3_dot(half, half);
-    const double importance = node->power * fmax(emission, 1e-3) * fmax(reception, 1e-3) / fmax(d2, floor2);
-    return importance > 0.0 && isfinite(importance) ? importance : node->power > 0.0 ? DBL_MIN : 0.0;
+    return kiln_light_importance(kiln_light_bounds_of(node), p, spread, n);
 }

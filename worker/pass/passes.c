@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "worker/pass/direct.h"
+#include "worker/base/color.h"
 #include "worker/pass/gather.h"
 #include "worker/pass/probes.h"
 #include "worker/pass/validity.h"
@@ -18,8 +19,7 @@ static void point_figures(const void *result, struct kiln_pass_figures *f)
     }
     for (int c = 0; c < 6; c++)
         f->sound = f->sound && isfinite(f->value[c]) && f->value[c] >= 0.0f;
-    f->level =
-        0.2126 * (double)r->irradiance[0] + 0.7152 * (double)r->irradiance[1] + 0.0722 * (double)r->irradiance[2];
+    f->level = kiln_luminance_of_floats(r->irradiance);
     f->error = (double)r->error;
 }
 

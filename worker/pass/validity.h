@@ -13,10 +13,9 @@
 #ifndef KILN_WORKER_PASS_VALIDITY_H
 #define KILN_WORKER_PASS_VALIDITY_H
 
+#include "shaders/shared/streams.h"
 #include "worker/pass/pass.h"
 #include "worker/scene/surface.h"
-
-enum { KILN_VALIDITY_FIRST_LOOK = 16, KILN_VALIDITY_SECOND_LOOK = 64 }; /* places */
 
 /* A point's result when `buried` of the places of the second look are. */
 static inline uint16_t kiln_validity_share(uint32_t buried)

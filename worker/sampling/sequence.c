@@ -44,12 +44,6 @@ void kiln_sobol_scrambled(uint32_t *points, uint32_t count, uint32_t dimension, 
         points[k] = kiln_owen_scramble(kiln_sobol(k, dimension), seed);
 }
 
-struct kiln_dvec3 kiln_sphere_direction(double u, double v)
-{
-    const double z = 1.0 - 2.0 * u, r = sqrt(fmax(0.0, 1.0 - z * z)), phi = 2.0 * KILN_PI * v;
-    return dvec3(r * cos(phi), r * sin(phi), z);
-}
-
 struct kiln_dvec3 kiln_cosine_direction(double u, double v)
 {
     const double r = sqrt(u), phi = 2.0 * KILN_PI * v;

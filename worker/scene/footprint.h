@@ -156,15 +156,13 @@ float kiln_footprint_opacity(const struct kiln_footprint *footprint, uint32_t ke
 /* Maps (u1, u2) in [0, 1)^2 uniformly onto the cells that the mask has set. */
 static inline void kiln_mask_place(const struct kiln_mask *mask, float *u1, float *u2)
 {
-    const float scaled = *u1 * (float)mask->count;
-    uint32_t n = (uint32_t)scaled, word = 0;
-    n = n < mask->count ? n : mask->count - 1;
-    const float rest = fminf(scaled - (float)n, 0x1.fffffep-1f);
+    float rest;
+    uint32_t n = kiln_mask_choose(*u1, mask->count, &rest), word = 0;
     for (uint32_t bits; n >= (bits = KILN_COUNT_BITS(mask->cells[word])); word++)
         n -= bits;
     const uint32_t cell = 32u * word + kiln_set_bit(mask->cells[word], n);
-    *u1 = ((float)kiln_cell_column(cell) + rest) / (float)KILN_MASK_SIDE;
-    *u2 = ((float)kiln_cell_column(cell >> 1) + *u2) / (float)KILN_MASK_SIDE;
+    *u1 = kiln_mask_s(cell, rest);
+    *u2 = kiln_mask_t(cell, *u2);
 }
 
 /* Position of a sample, m, relative to the scene's centre: c0 + b1 (c1 - c0) + b2 (c2 - c0). */

@@ -17,6 +17,8 @@
 #ifndef KILN_WORKER_SCENE_GEOMETRY_H
 #define KILN_WORKER_SCENE_GEOMETRY_H
 
+#include "shaders/shared/passage.h"
+#include "shaders/shared/surface.h"
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
@@ -25,13 +27,8 @@
 struct kiln_hit_record {
     float texel[6];
     uint32_t object;
-    /* bit 31: double-sided and not of a solid (worker/scene/solids.h); bit 30: emits light; other bits: index of the
-     * material */
-    uint32_t material;
+    uint32_t material; /* index of the material, and KILN_RECORD_ flags (shaders/shared/surface.h) */
 };
-#define KILN_RECORD_DOUBLE_SIDED 0x80000000u
-#define KILN_RECORD_EMITS 0x40000000u
-#define KILN_RECORD_MATERIAL 0x3fffffffu
 
 /* The ranges of an object's triangles in the world's numbering. The k-th opaque (alpha) triangle of the object is the
  * k-th opaque (alpha) triangle of its mesh in stored order. */
@@ -41,17 +38,9 @@ struct kiln_object_range {
     uint64_t two_sided; /* how many have KILN_RECORD_DOUBLE_SIDED */
 };
 
-/* What light the triangles of a scene let through, at most: what a backend has to be able to handle. */
-enum kiln_geometry_passage {
-    KILN_PASSAGE_NONE = 0,  /* all triangles are opaque */
-    KILN_PASSAGE_MASK = 1,  /* holes: every position lets all light through, or none */
-    KILN_PASSAGE_BLEND = 2, /* a fraction of the light, the same for all colours */
-    KILN_PASSAGE_TINT = 3   /* a fraction of the light that depends on colour */
-};
-
 struct kiln_geometry {
     size_t vertex_count, triangle_count, opaque_count;
-    uint32_t passage; /* enum kiln_geometry_passage */
+    uint32_t passage; /* KILN_PASSAGE_NONE ... */
     /* triangles of receiver-only objects: the last opaque_receivers opaque ones, and the last alpha_receivers of all */
     size_t opaque_receivers, alpha_receivers;
     float *vertices;   /* x y z; 4 floats of padding after the last, as Embree wants */

@@ -18,6 +18,8 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "shaders/shared/surface.h"
+
 static inline uint64_t kiln_radiosity_pack_channel(float value, uint32_t random10)
 {
     if (!(value > 0.0f))
@@ -25,22 +27,24 @@ static inline uint64_t kiln_radiosity_pack_channel(float value, uint32_t random1
     uint32_t bits;
     memcpy(&bits, &value, sizeof bits);
     if (bits >= 0x7f7ffc00u) /* infinite, or would round up to infinity */
-        return 0x7f7ffc00u >> 10;
-    return (bits + (random10 & 1023u)) >> 10;
+        return 0x7f7ffc00u >> KILN_RADIOSITY_DROPPED;
+    return (bits + (random10 & 1023u)) >> KILN_RADIOSITY_DROPPED;
 }
 
 /* Packs to 8 bytes. `hash` supplies 30 random bits; it must be a function of point and bounce, so that every rank packs
  * alike. */
 static inline uint64_t kiln_radiosity_pack(const float rgb[3], uint32_t hash)
 {
-    return kiln_radiosity_pack_channel(rgb[0], hash) | kiln_radiosity_pack_channel(rgb[1], hash >> 10) << 21 |
-           kiln_radiosity_pack_channel(rgb[2], hash >> 20) << 42;
+    return kiln_radiosity_pack_channel(rgb[0], hash) |
+           kiln_radiosity_pack_channel(rgb[1], hash >> 10) << KILN_RADIOSITY_BITS |
+           kiln_radiosity_pack_channel(rgb[2], hash >> 20) << (2 * KILN_RADIOSITY_BITS);
 }
 
 static inline void kiln_radiosity_unpack(uint64_t packed, float rgb[3])
 {
     for (int c = 0; c < 3; c++) {
-        const uint32_t bits = (uint32_t)(packed >> (21 * c) & 0x1fffffu) << 10;
+        const uint32_t bits = (uint32_t)(packed >> (KILN_RADIOSITY_BITS * c) & KILN_RADIOSITY_MASK)
+                              << KILN_RADIOSITY_DROPPED;
         memcpy(&rgb[c], &bits, sizeof bits);
     }
 }

@@ -14,15 +14,14 @@
 #include <stdint.h>
 #include <time.h>
 
+#include "shaders/shared/passage.h"
+#include "shaders/shared/surface.h"
 #include "worker/base/status.h"
 #include "worker/base/vector.h"
 
 #define KILN_SCENE_MAGIC 0x4e434b4cu /* "LKCN" */
 #define KILN_SCENE_VERSION 3u        /* version 3 added the triangle sources */
-#define KILN_NONE 0xffffffffu        /* "no texture", "no material", ... */
 
-enum kiln_alpha_mode { KILN_ALPHA_OPAQUE = 0, KILN_ALPHA_MASK = 1, KILN_ALPHA_BLEND = 2 };
-enum kiln_wrap { KILN_WRAP_REPEAT = 0, KILN_WRAP_CLAMP = 1, KILN_WRAP_MIRROR = 2 };
 enum kiln_light_kind { KILN_LIGHT_POINT = 0, KILN_LIGHT_SPOT = 1, KILN_LIGHT_DIRECTIONAL = 2 };
 enum kiln_environment_kind { KILN_ENVIRONMENT_NONE = 0, KILN_ENVIRONMENT_CONSTANT = 1, KILN_ENVIRONMENT_LATLONG = 2 };
 
@@ -34,7 +33,7 @@ struct kiln_material {
     float emission[3];           /* radiance: factor x strength, W m-2 sr-1, >= 0 */
     uint32_t base_color_texture; /* KILN_NONE: none */
     uint32_t emission_texture;   /* KILN_NONE: none; multiplies `emission` */
-    uint32_t alpha_mode;         /* enum kiln_alpha_mode */
+    uint32_t alpha_mode;         /* KILN_ALPHA_OPAQUE ... */
     float alpha_cutoff;          /* for KILN_ALPHA_MASK */
     uint32_t double_sided;       /* 0 or 1: emits and reflects on both faces */
     float metallic;              /* factor, 0..1; metal has no diffuse part */
@@ -51,7 +50,7 @@ struct kiln_texture {
     uint64_t first; /* first byte in `texels` */
     uint32_t width, height;
     uint32_t srgb;           /* 1: RGB are sRGB-coded (alpha never is) */
-    uint32_t wrap_u, wrap_v; /* enum kiln_wrap */
+    uint32_t wrap_u, wrap_v; /* KILN_WRAP_REPEAT ... */
     uint32_t nearest;        /* 1: nearest filter, 0: bilinear */
     uint32_t reserved[2];
 };

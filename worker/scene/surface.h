@@ -22,9 +22,7 @@
 
 #include "worker/scene/geometry.h"
 
-enum { KILN_TILE_SIDE = 8, KILN_TILE_TEXELS = 64 };
-
-#define KILN_TILE_SPLIT (1ull << 63)
+#define KILN_TILE_SPLIT ((uint64_t)KILN_TILE_SPLIT_HIGH << 32)
 #define KILN_NO_POINT UINT64_MAX
 
 struct kiln_tile {
@@ -108,11 +106,7 @@ static inline bool kiln_point_whole(const struct kiln_surface *s, uint64_t own)
 /* Whether light can be gathered at the point. Other points are filled from valid neighbours at the end. */
 static inline bool kiln_point_valid(const struct kiln_surface *s, uint64_t own) { return s->visible[own] != 0; }
 
-/* Bit of texel (x, y) in its tile: the bits of x and y interleaved, x lowest. And back: x and y of a bit. */
-static inline uint32_t kiln_morton8(uint32_t x, uint32_t y)
-{
-    return (x & 1u) | (y & 1u) << 1 | (x & 2u) << 1 | (y & 2u) << 2 | (x & 4u) << 2 | (y & 4u) << 3;
-}
+/* Column and row of a bit of kiln_morton8 (shaders/shared/surface.h). */
 static inline uint32_t kiln_morton8_x(uint32_t bit) { return (bit & 1u) | (bit >> 1 & 2u) | (bit >> 2 & 4u); }
 static inline uint32_t kiln_morton8_y(uint32_t bit) { return (bit >> 1 & 1u) | (bit >> 2 & 2u) | (bit >> 3 & 4u); }
 

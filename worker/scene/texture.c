@@ -191,9 +191,7 @@ static void surface_color(const struct kiln_scene *scene, const struct kiln_mesh
 /* Fraction of a material's surface that exists at a position, by its alpha. */
 static float coverage(const struct kiln_material *m, float alpha)
 {
-    return m->alpha_mode == KILN_ALPHA_BLEND  ? alpha
-           : m->alpha_mode == KILN_ALPHA_MASK ? (float)(alpha >= m->alpha_cutoff)
-                                              : 1.0f;
+    return kiln_coverage(m->alpha_mode, m->alpha_cutoff, alpha);
 }
 
 static float transmission_at(const struct kiln_scene *scene, const struct kiln_material *m, struct kiln_vec2 uv)

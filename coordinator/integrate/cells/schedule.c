@@ -8,10 +8,7 @@
 #define TAIL_ERROR 2e-3     /* lean schedule: step_report.tail_error with which the tail is good enough */
 enum { LEAST_BOUNCES = 3 }; /* before the ratio of two is believed */
 
-static double reflected(const struct kiln_step_report *report)
-{
-    return kiln_energy_luminance(report->energy.reflected);
-}
+static double reflected(const struct kiln_step_report *report) { return kiln_luminance(report->energy.reflected); }
 
 static double reflected_by_all(const struct kiln_step_report *reports, size_t count)
 {

@@ -2,6 +2,7 @@
 
 #include <math.h>
 
+#include "coordinator/field/radiosity_allgather.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "worker/scene/radiosity.h"
 
@@ -49,8 +50,8 @@ static void find_factors(struct kiln_integrate_report *r, float factor[3])
             total[c] += reports[i].energy.reflected[c];
         total[c] += tail[c];
     }
-    const double all = kiln_energy_luminance(total);
-    r->tail_share = all > 0.0 ? kiln_energy_luminance(tail) / all : 0.0;
+    const double all = kiln_luminance(total);
+    r->tail_share = all > 0.0 ? kiln_luminance(tail) / all : 0.0;
 }
 
 void kiln_tail_add(const struct kiln_integration *in)

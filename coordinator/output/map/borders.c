@@ -6,20 +6,21 @@
 #include "worker/base/memory.h"
 
 enum { SIDE = 4, STEPS_A_TEXEL = 4 };
-static const float LEAST_WEIGHT = 1.0f / 1024.0f; /* below it a texel is not read: what stands there does not show */
+static const float LEAST_WEIGHT =
+    1.0f / 1024.0f; /* texels with a smaller bilinear weight count as not read, since their value is invisible */
 
-/* A chart that reads a texel. Claims of one texel are a list, in the order in which borders come to it. */
+/* A claim: a chart that reads a texel. The claims of a texel form a list, in the order in which borders reach it. */
 struct claim {
-    uint32_t chart, source; /* source: the chart's nearest texel */
-    uint32_t next;          /* KILN_NONE: the last */
-    float weight;           /* w */
+    uint32_t chart, source; /* source: the nearest texel of the chart */
+    uint32_t next;          /* next claim of the texel; KILN_NONE: there is none */
+    float weight;           /* w of borders.h */
 };
 
 struct work {
     const struct kiln_map *map;
     const struct kiln_chart_graph *graph;
     uint32_t *nearest;
-    uint32_t *first; /* a texel: its first claim, or KILN_NONE */
+    uint32_t *first; /* first claim of each texel, or KILN_NONE */
     struct claim *claims;
     size_t count, capacity;
     struct kiln_border_report *report;
@@ -32,7 +33,7 @@ struct step {
     float weight[SIDE];
 };
 
-/* The four texels read at (x, y), clamped at the image's edge as a sampler clamps. */
+/* The four texels that bilinear filtering reads at (x, y), clamped at the edge of the image. */
 static struct step step_at(const struct kiln_map *map, float x, float y)
 {
     struct step step;
@@ -82,13 +83,13 @@ static int walk_all(struct work *w,
 
 /* ---- claims ---- */
 
-/* Texels around one by distance; of equal ones the smaller column, then the smaller row. */
+/* Offsets of the texels around one, by distance; among equals the smaller column, then the smaller row. */
 static const int8_t around[24][2] = {{-1, 0}, {0, -1}, {0, 1},  {1, 0}, {-1, -1}, {-1, 1}, {1, -1},  {1, 1},
                                      {-2, 0}, {0, -2}, {0, 2},  {2, 0}, {-2, -1}, {-2, 1}, {-1, -2}, {-1, 2},
                                      {1, -2}, {1, 2},  {2, -1}, {2, 1}, {-2, -2}, {-2, 2}, {2, -2},  {2, 2}};
 
-/* The chart's surface texel nearest to `texel`, or KILN_NONE: two texels away at most, for a chart reads only texels
- * next to its own. */
+/* The surface texel of the chart that is nearest to `texel`, or KILN_NONE. At most two texels away, since a chart reads
+ * only texels next to its own. */
 static uint32_t nearest_of_chart(const struct kiln_map *map, uint32_t texel, uint32_t chart)
 {
     for (size_t k = 0; k < sizeof around / sizeof *around; k++) {
@@ -122,7 +123,7 @@ static int add_claim(struct work *w, uint32_t texel, uint32_t chart, float weigh
     return KILN_OK;
 }
 
-/* A texel of the chart's own is nothing to claim. */
+/* Adds claims for the texels of a step, except the texels of the chart itself. */
 static int claim_step(struct work *w, const struct kiln_border_edge *border, const struct step *step, float length,
                       struct kiln_error *error)
 {
@@ -133,7 +134,7 @@ static int claim_step(struct work *w, const struct kiln_border_edge *border, con
     return status;
 }
 
-/* ---- whose a texel is ---- */
+/* ---- assignment ---- */
 
 static double luminance_at(const struct kiln_map *map, uint32_t texel)
 {
@@ -143,7 +144,7 @@ static double luminance_at(const struct kiln_map *map, uint32_t texel)
     return (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
 }
 
-/* Squared relative errors of all who read the texel, when it holds `value`. */
+/* Sum of the squared relative errors of all charts that read the texel, if it holds `value`. */
 static double error_of(const struct work *w, uint32_t texel, double value, double darkest)
 {
     double sum = 0.0;
@@ -156,8 +157,8 @@ static double error_of(const struct work *w, uint32_t texel, double value, doubl
     return sum;
 }
 
-/* The source that makes the error least; of equal ones that of who reads most, then the first. KILN_NONE: nobody has
- * one. */
+/* The source with the least error; among equals that of the chart with the largest weight, then the first. KILN_NONE:
+ * no chart has a source. */
 static uint32_t choose_source(const struct work *w, uint32_t texel, double darkest)
 {
     uint32_t best = KILN_NONE;
@@ -177,7 +178,7 @@ static uint32_t choose_source(const struct work *w, uint32_t texel, double darke
     return best;
 }
 
-/* Darker charts than this count as this dark: a thousandth of the mean. */
+/* Lower bound of the values by which errors are divided: a thousandth of the mean. */
 static double darkest_of(const struct kiln_map *map)
 {
     double sum = 0.0;

@@ -1,16 +1,16 @@
-/* Which chart a texel of the margin belongs to, decided by who reads it.
+/* Assignment of margin texels to charts, by which chart reads them.
  *
- * A sampler reads the four texels around a place. Along its border a chart thus reads texels of the margin (and, where
- * charts stand too close, texels of other charts). Every border is walked in steps of at most a quarter of a texel;
- * what a chart reads of a texel is
+ * Bilinear filtering reads four texels around a sample point. So along its border a chart reads texels of the margin
+ * and, where charts lie too close together, texels of other charts. Every border is sampled in steps of at most a
+ * quarter of a texel. The weight with which a chart reads a texel is
  *
  *     w = sum over the steps of (bilinear weight)^2 x length,
  *
- * so that w (x - v)^2 is the squared error along the border when the texel holds x and the chart would have v there:
- * the value of the chart's nearest texel. A margin texel that one chart reads stands for that chart's nearest texel.
- * Where several read one, the layout has too little padding: of their nearest texels that one is taken which makes the
- * sum of squared errors, relative to what each chart would have, least. A margin texel that nobody reads keeps what it
- * stands for. */
+ * so that w (x - v)^2 is the squared error along the border if the texel holds x and the chart needs v, the value of
+ * the chart's nearest texel. A margin texel that one chart reads gets the value of that chart's nearest texel. If
+ * several charts read it, the layout has too little padding; it then gets the value of that nearest texel which
+ * minimises the sum of the squared errors, relative to the value that each chart needs. A margin texel that no chart
+ * reads is not changed. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_BORDERS_H
 #define KILN_COORDINATOR_OUTPUT_MAP_BORDERS_H
 
@@ -18,15 +18,15 @@
 #include "coordinator/output/map/map.h"
 
 struct kiln_border_report {
-    uint64_t contested;      /* margin texels that several charts read */
-    uint64_t foreign;        /* texels of a chart that another one's border reads: counted once a chart that reads it */
-    double length;           /* texels of border */
-    double length_disturbed; /* of it, where a texel is read that stands for another chart */
+    uint64_t contested; /* margin texels that several charts read */
+    uint64_t foreign;   /* texels of a chart that the border of another chart reads, counted once for each reader */
+    double length;      /* length of all borders, texels */
+    double length_disturbed; /* of that, where a texel is read that has the value of another chart */
 };
 
-/* Changes `nearest` (from kiln_nearest_texels with KILN_TEXEL_FILLED) at margin texels that some chart reads. The map
- * is filled; its chart numbers are the graph's. Time and memory are linear in texels and length of border. Not
- * collective; deterministic. */
+/* Updates `nearest` (from kiln_nearest_texels with KILN_TEXEL_FILLED) at margin texels that a chart reads. The map must
+ * be filled, with the chart numbers of the graph. Time and memory are linear in the number of texels and the length of
+ * the borders. Not collective; deterministic. */
 int kiln_borders_assign(const struct kiln_map *map, const struct kiln_chart_graph *graph, uint32_t *nearest,
                         struct kiln_border_report *report, struct kiln_error *error);
 

@@ -7,26 +7,26 @@
 #include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
-/* Layout points closer than this, in texels, are the same point there. */
+/* Points on the layout that are closer than this, in texels, are the same point. */
 #define SAME_TEXEL (1.0f / 64.0f)
-/* More triangles than this at one edge: nothing sensible can be said of who continues whom. */
+/* Edges with more triangles than this are skipped, since it is undefined which triangle continues which. */
 enum { MOST_AT_AN_EDGE = 8 };
 
 struct half_edge {
-    uint32_t low, high; /* welded points */
+    uint32_t low, high; /* the two welded vertices of the edge */
     uint32_t triangle;
-    uint32_t corner; /* the edge runs from this corner to the next */
+    uint32_t corner; /* the corner of the triangle at which the edge begins */
 };
 
 struct builder {
     const struct kiln_scene *scene;
     const struct kiln_mesh *mesh;
     float width, height;
-    uint32_t *weld; /* vertex of the mesh -> first vertex at the same position */
+    uint32_t *weld; /* for each vertex, the first vertex at the same position */
     struct half_edge *halves;
     size_t half_count;
     uint32_t *parent; /* union-find over triangles */
-    uint8_t *inner;   /* a triangle: bit k is set where its chart goes on beyond edge k */
+    uint8_t *inner;   /* for each triangle: bit k is set if its chart continues beyond edge k */
     struct kiln_chart_graph *graph;
     size_t edge_capacity;
 };
@@ -103,7 +103,7 @@ static int list_halves(struct builder *b, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* The vertex of the half edge at its lower (end 0) or higher (end 1) welded point. */
+/* The vertex of the half edge at its lower (end 0) or higher (end 1) welded vertex. */
 static uint32_t vertex_at(const struct builder *b, const struct half_edge *half, int end)
 {
     const uint32_t first = vertex_of(b, half->triangle, half->corner),
@@ -138,7 +138,7 @@ static int join(struct builder *b, const struct half_edge *first, const struct h
         return KILN_OK;
     if (length2(edge.texel[0][0], edge.texel[0][1]) < SAME_TEXEL ||
         length2(edge.texel[1][0], edge.texel[1][1]) < SAME_TEXEL)
-        return KILN_OK; /* collapsed on the layout: nothing lies along it */
+        return KILN_OK; /* the edge has no length on the layout */
     const int status =
         kiln_grow(&b->graph->edges, &b->edge_capacity, b->graph->edge_count + 1, sizeof edge, "seams", error);
     if (status == KILN_OK)
@@ -163,12 +163,12 @@ static int join_all(struct builder *b, struct kiln_error *error)
     return status;
 }
 
-/* Charts in the order of their first triangle. */
+/* Numbers the charts in the order of their first triangle. */
 static void number_charts(struct builder *b)
 {
     struct kiln_chart_graph *t = b->graph;
     for (uint32_t i = 0; i < t->triangle_count; i++) {
-        /* the smallest of its set, so numbered already unless it is i */
+        /* the root is the smallest of its set, so it has a number already unless it is i */
         const uint32_t root = kiln_sets_root(b->parent, i);
         t->chart[i] = root == i ? (uint32_t)t->chart_count++ : t->chart[root];
     }

@@ -1,17 +1,16 @@
-/* How the triangles of a mesh hang together on its lightmap layout: which chart each is in, where charts end, and where
- * they meet in space. */
+/* Chart graph: the charts of a mesh on its lightmap layout, their borders, and the seams where charts meet in space. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_CHART_GRAPH_H
 #define KILN_COORDINATOR_OUTPUT_MAP_CHART_GRAPH_H
 
 #include "worker/scene/scene.h"
 
-/* An edge that two charts (or two parts of one) share in space but not on the layout. Texel coordinates: uv x size. End
- * e of side 0 and end e of side 1 are the same point in space. */
+/* A seam: an edge of two charts, or twice of one chart, that is one edge in space but two edges on the layout. Texel
+ * coordinates are uv x size. End e of side 0 and end e of side 1 are the same point in space. */
 struct kiln_seam_edge {
     float texel[2][2][2]; /* side, end, x y */
 };
 
-/* An edge of a triangle beyond which its chart does not go on. */
+/* A border: an edge of a triangle at which its chart ends. */
 struct kiln_border_edge {
     uint32_t chart;
     float texel[2][2]; /* end, x y */
@@ -19,15 +18,16 @@ struct kiln_border_edge {
 
 struct kiln_chart_graph {
     size_t triangle_count, chart_count, edge_count, border_count;
-    uint32_t *chart; /* one a triangle of the mesh */
+    uint32_t *chart; /* of each triangle of the mesh */
     struct kiln_seam_edge *edges;
-    struct kiln_border_edge *borders; /* by triangle; none is a point on the layout */
+    struct kiln_border_edge *borders; /* in the order of triangles; edges of length 0 on the layout are left out */
 };
 
-/* Shading normals that differ more than this at either end make a hard edge, where irradiance may jump: no seam. */
+/* Edges at either end of which the shading normals differ by more than this are hard edges, at which irradiance may
+ * jump. They are not seams. */
 #define KILN_SEAM_COSINE 0.9986f /* 3 degrees */
 
-/* For the mesh's layout at a lightmap size of width x height texels. Vertices at exactly the same position are one
+/* Creates the graph of a mesh for a lightmap of width x height texels. Vertices at exactly the same position are one
  * point in space. Not collective; deterministic. */
 int kiln_chart_graph_create(struct kiln_chart_graph **graph, const struct kiln_scene *scene, uint32_t mesh,
                             uint32_t width, uint32_t height, struct kiln_error *error);

@@ -22,6 +22,7 @@ static const uint64_t texel_budget = 1ull << 21;
 struct writer {
     const struct kiln_bake_result *result;
     const struct kiln_output_params *params;
+    struct kiln_layers layers;
     struct kiln_lightmap_report *reports; /* own objects' are filled in */
     struct kiln_map **maps;               /* one a lightmap; those of this rank and round exist */
     uint32_t ranks;
@@ -56,29 +57,66 @@ static void move_plane(const struct kiln_image *image, const char *name, float *
     *plane = NULL;
 }
 
-/* Moves the map's planes into an image with the file's channels. */
-static int make_image(struct kiln_map *map, bool error_map, struct kiln_image **image, struct kiln_error *error)
+/* Ratios have digits enough as halves whatever their size, and none exceeds the largest half. */
+static bool fits_half(const struct kiln_field *field)
 {
-    static const char *const names[] = {"R",        "G",        "B",          "coverage.Y", "validity.Y", "direct.R",
-                                        "direct.G", "direct.B", "indirect.R", "indirect.G", "indirect.B", "error.Y"};
-    int status = kiln_image_create_empty(image, map->width, map->height, names, error_map ? 12 : 11, error);
+    return field->unit != NULL && strcmp(field->unit, "1") == 0 && fmax(-field->low, field->high) <= KILN_HALF_MAX;
+}
+
+/* Makes an image with the channels of all fields in lightmaps, without values. */
+static int make_channels(const struct writer *w, const struct kiln_map *map, struct kiln_image **image,
+                         struct kiln_error *error)
+{
+    const struct kiln_field_set *fields = w->result->fields;
+    const char *names[2 + KILN_FIELDS_MAX * KILN_FIELD_COMPONENTS_MAX] = {"coverage.Y", "validity.Y"};
+    size_t count = 2;
+    for (size_t i = 0; i < fields->count; i++)
+        for (uint32_t c = 0; fields->entry[i].in_lightmaps && c < fields->entry[i].field->components; c++)
+            names[count++] = fields->entry[i].field->channels[c];
+    const int status = kiln_image_create_empty(image, map->width, map->height, names, count, error);
+    for (size_t i = 0; status == KILN_OK && i < fields->count; i++)
+        for (uint32_t c = 0; fields->entry[i].in_lightmaps && c < fields->entry[i].field->components; c++)
+            kiln_image_find(*image, fields->entry[i].field->channels[c])->half =
+                w->params->half && fits_half(fields->entry[i].field);
+    return status;
+}
+
+/* A field that is a sum: of its terms' channels, which are filled, seams smoothed and all. */
+static void add_terms(const struct kiln_image *image, const struct kiln_field_set *fields, size_t index)
+{
+    const struct kiln_field_entry *entry = &fields->entry[index];
+    const size_t count = (size_t)image->width * image->height;
+    for (uint32_t c = 0; c < entry->field->components; c++) {
+        const float *first = kiln_image_find(image, fields->entry[entry->terms[0]].field->channels[c])->values,
+                    *second = kiln_image_find(image, fields->entry[entry->terms[1]].field->channels[c])->values;
+        float *total = kiln_image_find(image, entry->field->channels[c])->values;
+#pragma omp parallel for schedule(static)
+        for (size_t i = 0; i < count; i++)
+            total[i] = first[i] + second[i];
+    }
+}
+
+/* Moves the map's planes into an image with the file's channels. */
+static int make_image(const struct writer *w, struct kiln_map *map, struct kiln_image **image, struct kiln_error *error)
+{
+    const struct kiln_field_set *fields = w->result->fields;
+    int status = make_channels(w, map, image, error);
     if (status != KILN_OK)
         return status;
-    const size_t count = kiln_map_texels(map);
-    for (int p = 0; p < (error_map ? KILN_MAP_PLANES : KILN_MAP_ERROR); p++)
-        move_plane(*image, names[5 + p], &map->planes[p]);
+    for (size_t i = 0; i < w->layers.count; i++) {
+        const struct kiln_layer *layer = &w->layers.layer[i];
+        const struct kiln_field *field = fields->entry[layer->field].field;
+        for (uint32_t c = 0; fields->entry[layer->field].in_lightmaps && c < field->components; c++)
+            move_plane(*image, field->channels[c], &map->planes[layer->plane + c]);
+    }
     move_plane(*image, "coverage.Y", &map->coverage);
     if ((status = kiln_image_fill(*image, error)) != KILN_OK)
         return status;
-    for (int c = 0; c < 3; c++) {
-        const float *direct = kiln_image_find(*image, names[5 + c])->values,
-                    *indirect = kiln_image_find(*image, names[8 + c])->values;
-        float *total = kiln_image_find(*image, names[c])->values;
-#pragma omp parallel for schedule(static)
-        for (size_t i = 0; i < count; i++)
-            total[i] = direct[i] + indirect[i];
-    }
+    for (size_t i = 0; i < fields->count; i++)
+        if (fields->entry[i].field->life == KILN_FIELD_SUM && fields->entry[i].in_lightmaps)
+            add_terms(*image, fields, i);
     struct kiln_image_channel *validity = kiln_image_find(*image, "validity.Y");
+    const size_t count = kiln_map_texels(map);
     kiln_image_find(*image, "coverage.Y")->half = validity->half = true;
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < count; i++)
@@ -97,14 +135,25 @@ static double density_of(const struct kiln_map *map)
     return area > 0.0 ? sqrt(texels / area) : 0.0;
 }
 
-enum { ATTRIBUTES = 14 };
+enum { ATTRIBUTES = 14 }; /* that every file has, the last where the seed is known */
 
 /* What an object's file is called, and says besides its values. */
 struct file_words {
     char name[KILN_PATH_SIZE], seed[32];
-    struct kiln_exr_attribute attributes[ATTRIBUTES];
+    struct kiln_exr_attribute attributes[ATTRIBUTES + KILN_FIELDS_MAX];
     size_t count;
 };
+
+/* What layers mean that say it themselves. */
+static void describe_layers(const struct kiln_field_set *fields, struct file_words *words)
+{
+    for (size_t i = 0; i < fields->count; i++)
+        if (fields->entry[i].in_lightmaps && fields->entry[i].field->attribute != NULL)
+            words->attributes[words->count++] =
+                (struct kiln_exr_attribute){.name = fields->entry[i].field->attribute,
+                                            .kind = KILN_EXR_STRING,
+                                            .text = fields->entry[i].field->description};
+}
 
 static int name_file(const struct writer *w, uint32_t object, struct file_words *words, struct kiln_error *error)
 {
@@ -161,6 +210,7 @@ static int describe_file(const struct writer *w, uint32_t object, struct kiln_im
     };
     memcpy(words->attributes, attributes, sizeof attributes);
     words->count = w->has_seed ? ATTRIBUTES : ATTRIBUTES - 1;
+    describe_layers(w->result->fields, words);
     return name_file(w, object, words, error);
 }
 
@@ -254,7 +304,7 @@ static int finish_object(const struct writer *w, uint32_t object, struct kiln_im
     int status = complete_map(w, object, error);
     const double density = w->reports[object].texels_per_metre = density_of(w->maps[object]);
     if (status == KILN_OK)
-        status = make_image(w->maps[object], w->params->error_map, image, error);
+        status = make_image(w, w->maps[object], image, error);
     kiln_map_destroy(&w->maps[object]);
     return status == KILN_OK ? describe_file(w, object, *image, density, words, error) : status;
 }
@@ -329,7 +379,7 @@ static void put_point(void *context, const struct kiln_texel_record *record)
     map->area[texel] = record->area;
     map->coverage[texel] = record->coverage;
     map->chart[texel] = (uint32_t)(w->result->geometry->stored_triangle[record->triangle] - mesh->triangle_first);
-    for (int p = 0; record->valid != 0 && p < KILN_MAP_PLANES; p++)
+    for (uint32_t p = 0; record->valid != 0 && p < map->has.count; p++)
         map->planes[p][texel] = record->values[p];
 }
 
@@ -351,7 +401,7 @@ static int open_round(const struct writer *w, const struct kiln_assignment *deal
         if (deal->owner[i] != rank || deal->round[i] != round)
             continue;
         const struct kiln_lightmap *lightmap = &w->result->surface->lightmaps[i];
-        const int status = kiln_map_create(&w->maps[i], lightmap->width, lightmap->height, error);
+        const int status = kiln_map_create(&w->maps[i], lightmap->width, lightmap->height, &w->layers.planes, error);
         if (status != KILN_OK)
             return status;
         own[(*count)++] = (uint32_t)i;
@@ -443,7 +493,7 @@ static int write_rounds(struct writer *w, const struct kiln_assignment *deal, ui
     const MPI_Comm comm = w->result->communicator;
     struct kiln_texel_gather *exchange = NULL;
     uint32_t *own = NULL;
-    int status = kiln_texel_gather_create(&exchange, w->result, deal, 0, error); /* collective */
+    int status = kiln_texel_gather_create(&exchange, w->result, deal, &w->layers, 0, error); /* collective */
     if (status != KILN_OK)
         return status;
     status = kiln_agree(comm, kiln_allocate(&own, deal->count, sizeof *own, "objects to write", error), error);
@@ -503,6 +553,8 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     w.ranks = (uint32_t)ranks;
     w.has_seed = kiln_provenance_seed(params->provenance_json, &w.seed);
     int status = rank == 0 ? make_folders(result->surface, params->directory, error) : KILN_OK;
+    if (status == KILN_OK)
+        status = kiln_layers_make(&w.layers, result->fields, error);
     if (status == KILN_OK)
         status = kiln_allocate(&w.reports, maps, sizeof *w.reports, "reports on lightmaps", error);
     if (status == KILN_OK)

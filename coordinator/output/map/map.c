@@ -5,7 +5,11 @@
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
-int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, struct kiln_error *error)
+const struct kiln_map_planes kiln_map_light = {.count = KILN_MAP_PLANES,
+                                               .smooth = {true, true, true, true, true, true, false}};
+
+int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, const struct kiln_map_planes *planes,
+                    struct kiln_error *error)
 {
     *map = NULL;
     if ((uint64_t)width * height >= UINT32_MAX)
@@ -17,8 +21,9 @@ int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, stru
     struct kiln_map *made = *map;
     made->width = width;
     made->height = height;
+    made->has = *planes;
     const size_t count = kiln_map_texels(made);
-    for (int p = 0; status == KILN_OK && p < KILN_MAP_PLANES; p++)
+    for (uint32_t p = 0; status == KILN_OK && p < planes->count; p++)
         status = kiln_allocate(&made->planes[p], count, sizeof(float), "a lightmap's texels", error);
     if (status == KILN_OK)
         status = kiln_allocate(&made->area, count, sizeof(float), "a lightmap's areas", error);
@@ -40,7 +45,7 @@ void kiln_map_destroy(struct kiln_map **map)
 {
     if (*map == NULL)
         return;
-    for (int p = 0; p < KILN_MAP_PLANES; p++)
+    for (uint32_t p = 0; p < (*map)->has.count; p++)
         kiln_free(&(*map)->planes[p]);
     kiln_free(&(*map)->area);
     kiln_free(&(*map)->coverage);
@@ -49,11 +54,11 @@ void kiln_map_destroy(struct kiln_map **map)
     kiln_free(map);
 }
 
-/* ---- filling ---- */
+/* ---- fill ---- */
 
 struct layers {
     struct kiln_map *map;
-    uint8_t *known; /* 0 not yet, 1 known, 2 in the layer at hand */
+    uint8_t *known; /* for each texel: 0 unknown, 1 known, 2 in the present layer */
     uint32_t *layer, *next;
     size_t layer_count, next_count;
 };
@@ -71,7 +76,7 @@ static uint32_t neighbour(const struct kiln_map *map, uint32_t texel, int k)
     return (uint32_t)(y * map->width + x);
 }
 
-/* Puts the unknown neighbours of `texel` in its chart into the next layer, each once. */
+/* Adds the unknown neighbours of `texel` in its chart to the next layer, each once. */
 static void spread(struct layers *work, uint32_t texel)
 {
     for (int k = 0; k < 8; k++) {
@@ -86,18 +91,19 @@ static void spread(struct layers *work, uint32_t texel)
 
 static void take_mean(struct layers *work, uint32_t texel)
 {
-    double sum[KILN_MAP_PLANES] = {0};
-    double weights = 0.0;
+    const uint32_t planes = work->map->has.count;
+    double sum[KILN_MAP_PLANES_MAX], weights = 0.0;
+    memset(sum, 0, planes * sizeof *sum);
     for (int k = 0; k < 8; k++) {
         const uint32_t other = neighbour(work->map, texel, k);
         if (other == KILN_NONE || work->known[other] != 1 || work->map->chart[other] != work->map->chart[texel])
             continue;
         const double weight = k < 4 ? 2.0 : 1.0;
-        for (int p = 0; p < KILN_MAP_PLANES; p++)
+        for (uint32_t p = 0; p < planes; p++)
             sum[p] += weight * (double)work->map->planes[p][other];
         weights += weight;
     }
-    for (int p = 0; p < KILN_MAP_PLANES; p++)
+    for (uint32_t p = 0; p < planes; p++)
         work->map->planes[p][texel] = (float)(sum[p] / weights);
 }
 
@@ -124,7 +130,7 @@ static void fill_charts(struct layers *work)
     }
 }
 
-/* Charts in which nothing is valid. */
+/* Fills charts without valid texels. */
 static int fill_rest(struct layers *work, size_t left, struct kiln_error *error)
 {
     struct kiln_map *map = work->map;
@@ -138,7 +144,7 @@ static int fill_rest(struct layers *work, size_t left, struct kiln_error *error)
     for (size_t i = 0; status == KILN_OK && i < count; i++) {
         if (map->state[i] != KILN_TEXEL_FILLED || work->known[i] != 0 || nearest[i] == KILN_NONE)
             continue;
-        for (int p = 0; p < KILN_MAP_PLANES; p++)
+        for (uint32_t p = 0; p < map->has.count; p++)
             map->planes[p][i] = map->planes[p][nearest[i]];
     }
     kiln_free(&nearest);
@@ -161,7 +167,7 @@ int kiln_map_fill(struct kiln_map *map, struct kiln_error *error)
         status = kiln_allocate(&work.next, invalid, sizeof(uint32_t), "texels to fill", error);
     if (status == KILN_OK) {
         for (size_t i = 0; i < count; i++)
-            for (int p = 0; map->state[i] == KILN_TEXEL_FILLED && p < KILN_MAP_PLANES; p++)
+            for (uint32_t p = 0; map->state[i] == KILN_TEXEL_FILLED && p < map->has.count; p++)
                 map->planes[p][i] = 0.0f;
         fill_charts(&work);
         size_t left = 0;
@@ -177,8 +183,8 @@ int kiln_map_fill(struct kiln_map *map, struct kiln_error *error)
 
 /* ---- nearest texels ---- */
 
-/* In the columns [first, last): the nearest row that has one, or KILN_NONE. Down, then up, so that memory is read along
- * rows. */
+/* Finds for each texel of the columns [first, last) the nearest row of its column with a texel to find, or KILN_NONE.
+ * Goes down and then up over whole rows, so that memory is accessed in order. */
 static void nearest_rows(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t first,
                          uint32_t last, uint32_t *row)
 {
@@ -189,7 +195,8 @@ static void nearest_rows(const uint8_t *state, uint8_t least, uint32_t width, ui
     }
     for (uint32_t y = height > 0 ? height - 1 : 0; y-- > 0;) {
         const size_t line = (size_t)y * width;
-        for (uint32_t x = first; x < last; x++) { /* what stands below is the nearest from there, above or below */
+        for (uint32_t x = first; x < last;
+             x++) { /* the entry below already is the nearest row in both directions from there */
             const uint32_t below = row[line + width + x], here = row[line + x];
             if (below != KILN_NONE && below > y && (here == KILN_NONE || below - y < y - here))
                 row[line + x] = below;
@@ -198,8 +205,8 @@ static void nearest_rows(const uint8_t *state, uint8_t least, uint32_t width, ui
 }
 
 struct envelope {
-    int64_t *site, *from; /* columns whose parabola is lowest, and from which x on */
-    int64_t *height;      /* squared distance of each column's own nearest row */
+    int64_t *site, *from; /* columns of the lower envelope, and the x at which each begins */
+    int64_t *height;      /* squared distance to the nearest row of each column */
     int64_t count;
 };
 
@@ -208,7 +215,7 @@ static int64_t parabola(const struct envelope *e, int64_t site, int64_t x)
     return (x - site) * (x - site) + e->height[site];
 }
 
-/* One row: the lower envelope of the columns' parabolas. */
+/* Computes the lower envelope of the columns' parabolas for one row. */
 static void row_envelope(struct envelope *e, const uint32_t *row, int64_t y, int64_t width)
 {
     e->count = 0;
@@ -247,7 +254,7 @@ static void nearest_in_row(struct envelope *e, uint32_t *row, uint32_t *out, uin
     }
 }
 
-/* All rows, shared by the threads, each with its own scratch. */
+/* Processes all rows in parallel; each thread has its own scratch memory. */
 static int nearest_in_rows(uint32_t *nearest, uint32_t width, uint32_t height, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -296,7 +303,7 @@ uint64_t kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest)
     for (size_t i = 0; i < count; i++) {
         if (map->state[i] != KILN_TEXEL_MARGIN || nearest[i] == KILN_NONE)
             continue;
-        for (int p = 0; p < KILN_MAP_PLANES; p++)
+        for (uint32_t p = 0; p < map->has.count; p++)
             map->planes[p][i] = map->planes[p][nearest[i]];
         dilated++;
     }

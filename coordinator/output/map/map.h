@@ -1,6 +1,7 @@
-/* One object's lightmap on its way to a file: gathered points in, every texel of the image filled out. Nothing is
- * collective; all of it is deterministic and looks at this one object alone. The order is: put, fill, nearest, assign
- * (borders.h), smooth, dilate. */
+/* The lightmap of one object while it is turned from gathered points into an image with a value in every texel. The
+ * stages are, in this order: put the points, fill invalid texels, find nearest texels, assign the margin (borders.h),
+ * smooth the seams (seams.h), dilate. Nothing is collective; all of it is deterministic and depends on this object
+ * only. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_MAP_H
 #define KILN_COORDINATOR_OUTPUT_MAP_MAP_H
 
@@ -10,48 +11,61 @@
 
 #include "worker/base/status.h"
 
+/* The planes that every map begins with. Those of other fields follow (layers.h). */
 enum kiln_map_plane {
     KILN_MAP_DIRECT = 0,   /* 3 planes, W/m2 */
     KILN_MAP_INDIRECT = 3, /* 3 planes, W/m2 */
     KILN_MAP_ERROR = 6,    /* standard error of the luminance of direct + indirect */
-    KILN_MAP_PLANES = 7
+    KILN_MAP_PLANES = 7,
+    KILN_MAP_PLANES_MAX = 64
 };
 
+/* How many planes there are, and of which of them the seams are smoothed. */
+struct kiln_map_planes {
+    uint32_t count;
+    bool smooth[KILN_MAP_PLANES_MAX];
+};
+
+/* Direct and indirect light, whose seams are smoothed, and its error: what a map without other fields has. */
+extern const struct kiln_map_planes kiln_map_light;
+
 enum kiln_texel_state {
-    KILN_TEXEL_MARGIN = 0, /* on no surface */
-    KILN_TEXEL_FILLED = 1, /* on a surface where no light could be gathered */
-    KILN_TEXEL_VALID = 2   /* gathered */
+    KILN_TEXEL_MARGIN = 0, /* not on a surface */
+    KILN_TEXEL_FILLED = 1, /* on a surface, but no light could be gathered there */
+    KILN_TEXEL_VALID = 2   /* on a surface, gathered */
 };
 
 /* Arrays of width x height, top row (v = 0) first. */
 struct kiln_map {
     uint32_t width, height;
-    float *planes[KILN_MAP_PLANES];
-    float *area;     /* m2 of surface in the texel */
-    float *coverage; /* share of the texel's square on the layout, 0..1 */
-    uint8_t *state;  /* enum kiln_texel_state */
-    uint32_t *chart; /* of the texel's first piece; KILN_NONE in the margin */
+    struct kiln_map_planes has;
+    float *planes[KILN_MAP_PLANES_MAX]; /* the first has.count */
+    float *area;                        /* m2 of surface in the texel */
+    float *coverage;                    /* share of the texel's square on the layout, 0..1 */
+    uint8_t *state;                     /* enum kiln_texel_state */
+    uint32_t *chart;                    /* of the texel's first piece; KILN_NONE in the margin */
 };
 
 /* All margin. KILN_CANNOT_CREATE from 2^32 - 1 texels on. */
-int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, struct kiln_error *error);
+int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, const struct kiln_map_planes *planes,
+                    struct kiln_error *error);
 void kiln_map_destroy(struct kiln_map **map);
 
 static inline size_t kiln_map_texels(const struct kiln_map *map) { return (size_t)map->width * map->height; }
 
-/* Gives every KILN_TEXEL_FILLED texel the values of its surroundings: inside its chart layer by layer from the valid
- * texels on (the mean of the neighbours that are known, edge neighbours counting twice), and, in a chart where nothing
- * is valid, from the nearest known texel of the object. An object without a valid texel stays 0. */
+/* Fills every KILN_TEXEL_FILLED texel from its surroundings. Within a chart, layer by layer outward from the valid
+ * texels: the mean of the known neighbours, with edge neighbours counting twice. A chart without valid texels takes the
+ * nearest known texels of the object. An object without valid texels stays 0. */
 int kiln_map_fill(struct kiln_map *map, struct kiln_error *error);
 
-/* For every texel the index (y * width + x) of the nearest texel whose state is at least `least`; exact Euclidean
- * distance between centres, ties to the smaller column, then the smaller row (Meijster, Roerdink and Hesselink 2000, in
- * linear time). KILN_NONE everywhere when there is none. `nearest` has width x height entries. */
+/* Finds for every texel the index (y * width + x) of the nearest texel whose state is at least `least`: exact Euclidean
+ * distance between centres, among equals the smaller column, then the smaller row (Meijster, Roerdink and Hesselink
+ * 2000, in linear time). KILN_NONE everywhere if there is no such texel. `nearest` has width x height entries. */
 int kiln_nearest_texels(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t *nearest,
                         struct kiln_error *error);
 
-/* Every margin texel takes the values of the texel on a surface that it stands for. Returns how many there were (0 when
- * all is margin). */
+/* Copies to every margin texel the values of the surface texel that `nearest` gives for it. Returns the number of
+ * margin texels, or 0 if there are no others. */
 uint64_t kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest);
 
 #endif

@@ -7,9 +7,10 @@
 
 enum { SIDE = 4, ENTRIES = 2 * SIDE, MOST_ITERATIONS = 200 };
 
-/* One row of the constraint: sum of weight x value over the entries = 0; side 1 has negative weights. */
+/* A sample, one row of the matrix A: the sum of weight x value over its entries should be 0. Side 1 has negative
+ * weights. */
 struct sample {
-    uint32_t texel[ENTRIES]; /* index in the map; later the number of the unknown */
+    uint32_t texel[ENTRIES]; /* indices in the map; later the numbers of the unknowns */
     float weight[ENTRIES];
 };
 
@@ -18,16 +19,16 @@ struct system {
     const uint32_t *nearest;
     struct sample *samples;
     size_t sample_count, sample_capacity;
-    uint32_t *texels; /* unknown -> texel */
+    uint32_t *texels; /* texel of each unknown */
     size_t unknown_count;
-    double *pull; /* w a of each unknown */
+    double *pull; /* w a of each unknown (seams.h) */
     double *diagonal;
 };
 
-/* Conjugate gradients on one plane. */
+/* Working memory of conjugate gradients for one plane. */
 struct solver {
     const struct system *system;
-    double *x, *residual, *direction, *product, *row; /* `row` has one a sample */
+    double *x, *residual, *direction, *product, *row; /* one value for each unknown; `row` has one for each sample */
     float *low, *high;                                /* range of the baked values around each unknown */
 };
 
@@ -39,7 +40,8 @@ static float luminance_at(const struct kiln_map *map, uint32_t texel)
     return kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
 }
 
-/* The bilinear footprint of texel coordinate (x, y), clamped at the image's edge as a sampler clamps. */
+/* The four texels and weights of bilinear filtering at the texel coordinate (x, y), clamped at the edge of the image.
+ */
 static bool footprint(const struct system *s, float x, float y, float sign, uint32_t texel[SIDE], float weight[SIDE])
 {
     const float fx = x - 0.5f, fy = y - 0.5f;
@@ -107,7 +109,7 @@ static int sample_edge(struct system *s, const struct kiln_seam_edge *edge, stru
     return status;
 }
 
-/* Root mean square of the difference in luminance over all samples, whose entries are texels. */
+/* Root mean square of the difference in luminance over all samples, whose entries must be texels. */
 static double measure(const struct system *s)
 {
     double sum = 0.0;
@@ -193,14 +195,14 @@ static void weigh_unknowns(struct system *s)
         s->pull[i] = KILN_SEAM_WEIGHT * fmax(relative, 0.1);
         s->diagonal[i] = s->pull[i];
     }
-    /* a texel that stands in a footprint twice (margin copies) has the square of its summed weight on the diagonal; the
-     * sum of squares here only steers the preconditioner */
+    /* A texel that occurs twice in a sample (through margin texels) has the square of its summed weight on the
+     * diagonal. The sum of squares here differs, but is only used in the preconditioner. */
     for (size_t i = 0; i < s->sample_count; i++)
         for (int k = 0; k < ENTRIES; k++)
             s->diagonal[s->samples[i].texel[k]] += (double)s->samples[i].weight[k] * (double)s->samples[i].weight[k];
 }
 
-/* row = A of */
+/* row = A x `of` */
 static void apply_rows(const struct solver *v, const double *of)
 {
     const struct system *s = v->system;
@@ -212,7 +214,7 @@ static void apply_rows(const struct solver *v, const double *of)
     }
 }
 
-/* out += A^T row, times `sign` */
+/* out += sign x A^T row */
 static void add_transposed(const struct solver *v, double sign, double *out)
 {
     const struct system *s = v->system;
@@ -229,7 +231,7 @@ static double preconditioned_norm(const struct solver *v)
     return sum;
 }
 
-/* Solves (A^T A + pull) x = -A^T A baked for the change x. */
+/* Solves (A^T A + diag(pull)) x = -A^T A baked for the change x. */
 static void conjugate_gradients(struct solver *v, const float *plane)
 {
     const struct system *s = v->system;
@@ -301,14 +303,14 @@ static int solve_plane(const struct system *s, float *plane, struct kiln_error *
     return status;
 }
 
-/* The three of direct and the three of indirect light, shared by the threads. */
+/* Solves the planes that are to be smoothed, in parallel. */
 static int solve_planes(const struct system *s, struct kiln_error *error)
 {
     int status = KILN_OK;
 #pragma omp parallel for schedule(dynamic, 1)
-    for (int p = KILN_MAP_DIRECT; p < KILN_MAP_INDIRECT + 3; p++) {
+    for (uint32_t p = 0; p < s->map->has.count; p++) {
         struct kiln_error mine = {{0}};
-        const int result = solve_plane(s, s->map->planes[p], &mine);
+        const int result = s->map->has.smooth[p] ? solve_plane(s, s->map->planes[p], &mine) : KILN_OK;
         if (result == KILN_OK)
             continue;
 #pragma omp critical(kiln_solve_planes)
@@ -336,7 +338,7 @@ static int solve(struct system *s, struct kiln_error *error)
         return status;
     weigh_unknowns(s);
     status = solve_planes(s, error);
-    for (size_t i = 0; i < s->sample_count; i++) /* back to texels, to measure again */
+    for (size_t i = 0; i < s->sample_count; i++) /* turn unknowns back into texels, to measure again */
         for (int k = 0; k < ENTRIES; k++)
             s->samples[i].texel[k] = s->texels[s->samples[i].texel[k]];
     return status;

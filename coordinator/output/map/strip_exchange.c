@@ -7,11 +7,12 @@
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
-static const size_t MOST_BYTES = (size_t)512 << 20; /* of messages at a packer, unless two strips are larger */
+static const size_t MOST_BYTES =
+    (size_t)512 << 20; /* limit of the messages that a packer holds, bytes, unless two strips are larger */
 
 enum { TAG_VALUES = 50, TAG_REPORT = 51, TAG_PACKED = 52 };
 
-/* What precedes the values of a strip: its channels. */
+/* Header of a strip message: its channels. The values follow. */
 struct channel_words {
     uint32_t count;
     struct {
@@ -20,10 +21,10 @@ struct channel_words {
     } channel[KILN_EXR_CHANNELS];
 };
 
-/* What a packer says of a strip; the packed bytes follow when it went well. */
+/* The reply of a packer for a strip. The packed bytes follow unless packing failed. */
 struct report {
     int32_t status;
-    uint32_t index; /* in the stream */
+    uint32_t index; /* of the strip in its stream */
     uint64_t size, hash, values;
     struct kiln_error error;
 };
@@ -41,12 +42,12 @@ static size_t values_of(const struct kiln_lightmap *map, uint32_t row)
 
 /* ---- the packer ---- */
 
-/* A strip at its packer, from being received until its answer is sent. */
+/* A strip at its packer, until the reply has been sent. */
 struct slot {
-    uint8_t *message; /* words, then the channels' values */
+    uint8_t *message; /* header, then the values of the channels */
     struct report report;
     struct kiln_exr_strip packed;
-    MPI_Request requests[3]; /* values, report, packed */
+    MPI_Request requests[3]; /* of the values, the report and the packed bytes */
 };
 
 struct helper {
@@ -54,8 +55,8 @@ struct helper {
     const struct kiln_strip_deal *strips;
     const struct kiln_lightmap *lightmaps;
     size_t *list, count;
-    struct slot *slots; /* two groups: one is packed while the other is on its way */
-    size_t group, room; /* slots of a group; bytes of a message */
+    struct slot *slots; /* two groups of slots: one is packed while the other is sent or received */
+    size_t group, room; /* number of slots in a group; size of a message, bytes */
     int (*pack)(const struct helper *h, struct slot *slot, size_t i, size_t bytes, struct kiln_error *error);
 };
 
@@ -74,7 +75,7 @@ static void destroy_helper(struct helper *h)
     kiln_free(&h->list);
 }
 
-/* A strip a thread. */
+/* One strip for each thread, within the limit of memory. */
 static size_t size_of_group(const struct helper *h)
 {
     const size_t threads = (size_t)omp_get_max_threads(), fit = h->room > 0 ? MOST_BYTES / (2 * h->room) : 0;
@@ -107,7 +108,7 @@ static int create_helper(struct helper *h, int rank, struct kiln_error *error)
 
 static const struct kiln_strip *strip_at(const struct helper *h, size_t i) { return &h->strips->strips[h->list[i]]; }
 
-/* The values in a message as an image that borrows them. False when they are not those of the strip. */
+/* Makes an image that borrows the values in a message. False if the message does not belong to the strip. */
 static bool view_message(const struct helper *h, const struct slot *slot, size_t i, size_t bytes,
                          struct kiln_image *view, struct kiln_image_channel *channels)
 {
@@ -147,7 +148,7 @@ static int refuse_to_pack(const struct helper *h, struct slot *slot, size_t i, s
     return kiln_fail(error, KILN_SYSTEM, "KILN_FAILING_PACKER wants packing to fail here");
 }
 
-/* Sends are over before a slot is used again. */
+/* Receives the strips of a group, after the sends of its previous strips have completed. */
 static int expect_group(struct helper *h, size_t first)
 {
     for (size_t k = 0; k < h->group && first + k < h->count; k++) {
@@ -162,7 +163,7 @@ static int expect_group(struct helper *h, size_t first)
     return KILN_OK;
 }
 
-/* An empty message is not answered: its owner has given up. */
+/* Sends the reply for a strip. An empty message gets none, since its owner has given up. */
 static int answer(struct helper *h, struct slot *slot, int owner)
 {
     const int report = MPI_Isend(&slot->report, (int)sizeof slot->report, MPI_BYTE, owner, TAG_REPORT, h->communicator,
@@ -203,7 +204,8 @@ static int pack_group(struct helper *h, size_t first, int *bytes)
     return KILN_OK;
 }
 
-/* What fails here is told to the owner, who says it to all; only MPI's own failures are answered. */
+/* Packs all strips of this rank for other ranks. Failures of packing are reported to the owner, which passes them on to
+ * all; only failures of MPI are returned. */
 static int help(struct helper *h, int *bytes)
 {
     int status = expect_group(h, 0);
@@ -220,11 +222,11 @@ static int help(struct helper *h, int *bytes)
 
 /* ---- the owner ---- */
 
-/* A strip of the own stream. */
+/* A strip in the stream of this owner. */
 struct passage {
     struct kiln_exr_strip packed;
     MPI_Request sent;
-    bool ready; /* packed, or given up */
+    bool ready; /* it has been packed or given up */
 };
 
 struct owner {
@@ -232,14 +234,14 @@ struct owner {
     const struct kiln_strip *stream;
     const struct kiln_lightmap *lightmaps;
     const struct kiln_strip_source *sources;
-    size_t source_count, source; /* that is being written */
-    struct channel_words *words; /* one a source: they are sent from where they stand */
+    size_t source_count, source; /* `source` is the one that is being written */
+    struct channel_words *words; /* header of each source, from which it is sent */
     uint32_t rank, count;
-    uint32_t sent, own, written; /* strips sent or kept, looked through for own ones, written */
+    uint32_t sent, own, written; /* numbers of strips that were sent or kept, searched for own ones, and written */
     struct passage *passages;
-    uint8_t *spare; /* for what comes when there is no memory left; as large as anything that comes */
+    uint8_t *spare; /* receives a message when memory is short; as large as the largest message */
     size_t room;
-    int status; /* of the first that failed; its sentence is in `error` */
+    int status; /* of the first failure; its message is in `error` */
     struct kiln_error error;
 };
 
@@ -280,7 +282,7 @@ static int create_owner(struct owner *o, struct kiln_error *error)
     return status == KILN_OK ? kiln_allocate(&o->spare, o->room, 1, "strips on their way", error) : status;
 }
 
-/* Keeps the first failure. */
+/* Records the first failure. */
 static void give_up(struct owner *o, int status, const struct kiln_error *error)
 {
     if (status == KILN_OK || o->status != KILN_OK)
@@ -297,7 +299,7 @@ static size_t source_of(const struct owner *o, uint32_t object)
     return i;
 }
 
-/* Words and values as they lie in memory. */
+/* Creates an MPI datatype of the header and the values as they lie in memory. */
 static int describe_strip(const struct owner *o, const struct kiln_strip *strip, MPI_Datatype *type)
 {
     const size_t source = source_of(o, strip->object), values = values_of(&o->lightmaps[strip->object], strip->row);
@@ -325,7 +327,7 @@ static int send_strip(struct owner *o, uint32_t i)
     int done = describe_strip(o, strip, &type);
     if (done == MPI_SUCCESS) {
         done = MPI_Isend(MPI_BOTTOM, 1, type, (int)strip->packer, TAG_VALUES, o->communicator, &o->passages[i].sent);
-        (void)MPI_Type_free(&type); /* once it is no longer in use */
+        (void)MPI_Type_free(&type); /* MPI frees it when it is no longer in use */
     }
     return done;
 }
@@ -351,7 +353,7 @@ static void pack_own(struct owner *o, uint32_t i)
     give_up(o, status, &mine);
 }
 
-/* One own strip a thread. False when there is none to pack now. */
+/* Packs own strips, one with each thread. False if there is none to pack now. */
 static bool pack_some(struct owner *o)
 {
     enum { AT_ONCE = 64 };
@@ -370,7 +372,7 @@ static bool pack_some(struct owner *o)
     return count > 0;
 }
 
-/* A report came: takes it and the bytes after it. */
+/* Receives a report and the packed bytes that follow it. */
 static int take_strip(struct owner *o, int from)
 {
     struct report report;
@@ -399,7 +401,7 @@ static int take_strip(struct owner *o, int from)
     return MPI_Wait(&p->sent, MPI_STATUS_IGNORE) == MPI_SUCCESS ? KILN_OK : KILN_RANK_LOST;
 }
 
-/* All answers that are there; with `wait` one at least. */
+/* Receives all replies that have arrived; with `wait` at least one. */
 static int take_some(struct owner *o, bool wait)
 {
     for (;; wait = false) {
@@ -417,7 +419,7 @@ static int take_some(struct owner *o, bool wait)
     }
 }
 
-/* Writes what has come in order; of a stream that was given up, only forgets it. */
+/* Writes the packed strips in order. If the stream was given up, only drops them. */
 static void write_some(struct owner *o)
 {
     for (; o->written < o->count && o->passages[o->written].ready; o->written++) {
@@ -446,7 +448,7 @@ static int run_stream(struct owner *o)
     return status;
 }
 
-/* ---- both ---- */
+/* ---- owner and packer ---- */
 
 static int take_part(struct owner *owner, struct helper *helper, struct kiln_error *error)
 {

@@ -10,21 +10,21 @@ static uint64_t texels_of(const struct kiln_lightmap *map) { return (uint64_t)ma
 
 static uint32_t strips_of(const struct kiln_lightmap *map) { return (map->height + KILN_EXR_ROWS - 1) / KILN_EXR_ROWS; }
 
-/* What dealing has in hand: arrays of one entry a rank. */
+/* State of the assignment: arrays with one entry for each rank. */
 struct work {
     const struct kiln_lightmap *lightmaps;
     const struct kiln_assignment *deal;
     uint32_t round, ranks;
     uint64_t least;
-    uint64_t *load;  /* all work of the rank's objects */
-    uint64_t *fixed; /* the part that stays with it */
-    double *room;    /* packing work that it takes, of its own or others' objects */
+    uint64_t *load;  /* total work of the rank's objects */
+    uint64_t *fixed; /* the part of it that cannot be distributed */
+    double *room;    /* packing work that the rank can still take, of its own or other objects */
     uint64_t total;
 };
 
 static bool in_round(const struct work *w, size_t object) { return w->deal->round[object] == w->round; }
 
-/* More than a quarter above the mean: less is not worth sending. */
+/* Whether the rank has more than 1.25 times the mean work; with less, sending does not pay. */
 static bool is_overloaded(const struct work *w, uint32_t rank) { return 4 * w->load[rank] * w->ranks > 5 * w->total; }
 
 static bool is_divided(const struct work *w, size_t object)
@@ -55,8 +55,8 @@ static int compare_loads(const void *a, const void *b)
     return (p > q) - (p < q);
 }
 
-/* The level up to which all ranks are filled by what is divided; never above the mean, as all work is the level's or
- * above it. */
+/* The water-filling level: the load up to which the distributed work fills the ranks. It never exceeds the mean load,
+ * since every rank ends at this level or above. */
 static double find_level(const struct work *w, uint64_t *sorted)
 {
     uint64_t divided = w->total;
@@ -107,7 +107,7 @@ static int compare_objects(const void *a, const void *b, void *context)
     return m != n ? (m > n ? -1 : 1) : (i > j) - (i < j);
 }
 
-/* All strips in their order, without packers. */
+/* Lists all strips in order, without packers. */
 static int list_strips(struct kiln_strip_deal *strips, struct work *w, struct kiln_error *error)
 {
     uint32_t *objects = NULL;
@@ -133,10 +133,10 @@ static int list_strips(struct kiln_strip_deal *strips, struct work *w, struct ki
     return status;
 }
 
-/* The packers of a stream, each as often as it packs, and where its turns come. */
+/* A turn of a packer in a stream; each packer has one for each strip that it packs. */
 struct turn {
     uint32_t packer;
-    double place; /* 0 to 1 of the stream */
+    double place; /* position in the stream, 0 to 1 */
 };
 
 static int compare_turns(const void *a, const void *b)
@@ -147,7 +147,7 @@ static int compare_turns(const void *a, const void *b)
     return (p->packer > q->packer) - (p->packer < q->packer);
 }
 
-/* Every packer's turns were put down one after the other: spreads them over the stream. */
+/* Spreads the turns of each packer, which are listed one packer after the other, evenly over the stream. */
 static void take_turns(struct kiln_strip *stream, size_t count, struct turn *turns)
 {
     for (size_t i = 0; i < count;) {
@@ -173,9 +173,9 @@ static double strip_work(const struct work *w, const struct kiln_strip *strip)
     return (double)KILN_PACK_WORK * (double)rows * (double)map->width;
 }
 
-/* Puts a stream's strips down to its owner until that has no more room, then to the ranks that have, one after the
- * other; `helper` is the one at hand and `filled` what all of them together have got, against `offered`, the room of
- * those up to and with it. */
+/* State of the filling: strips of a stream go to its owner until that has no more room, then to the ranks that have
+ * room, one after the other. `helper` is the present one, `filled` the work that all helpers have received, and
+ * `offered` the room of all helpers up to and including the present one. */
 struct filling {
     uint32_t helper;
     double filled, offered;
@@ -197,7 +197,7 @@ static void fill_ranks(const struct work *w, const struct kiln_strip *stream, si
             f->helper++;
             f->offered += is_overloaded(w, f->helper) ? 0.0 : w->room[f->helper];
         }
-        /* rounding may leave a strip for which nobody has room */
+        /* due to rounding there may be a strip for which no rank has room */
         turns[i].packer = is_overloaded(w, f->helper) ? stream->owner : f->helper;
     }
 }
@@ -245,7 +245,7 @@ void kiln_strip_deal_destroy(struct kiln_strip_deal **strips)
     kiln_free(strips);
 }
 
-/* ---- asking ---- */
+/* ---- queries ---- */
 
 bool kiln_strip_deal_has(const struct kiln_strip_deal *strips, uint32_t object)
 {

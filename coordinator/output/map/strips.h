@@ -1,50 +1,49 @@
-/* Who packs what of lightmaps that are too large for their owners.
+/* Strip assignment: decides which ranks compress the strips of lightmaps that would take their owners too long.
  *
- * An owner finishes its maps alone, but the strips of their images (exr_strips.h) can be packed anywhere. In a round
- * where a rank owns clearly more than the mean, the strips of its large objects are dealt so that all ranks have as
- * nearly the same work as can be: packing goes, like water into a vessel, to the ranks with the least to do. Pure
- * arithmetic on sizes, the same on all ranks; nothing is collective. */
+ * An owner computes its maps alone, but any rank can compress strips of their images (exr_strips.h). In a round in
+ * which a rank owns clearly more than the mean, the strips of its large objects are distributed so that the work of all
+ * ranks becomes as equal as possible; the ranks with the least work get the most strips (water-filling). The assignment
+ * depends on sizes only and is the same on all ranks; nothing is collective. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_STRIPS_H
 #define KILN_COORDINATOR_OUTPUT_MAP_STRIPS_H
 
 #include "coordinator/output/map/texel_gather.h"
 
-/* Smaller objects are packed by their owners: half a second of one thread. */
+/* Texels from which on the strips of an object may be distributed; fewer take one thread less than half a second. */
 #define KILN_STRIPS_LEAST (1ull << 19)
 
-/* Work on a texel: what its owner does in any case, and what can be done elsewhere. Measured, in hundreds of
- * nanoseconds. */
+/* Cost of a texel, measured, in units of 100 ns: the work that only its owner can do, and its compression. */
 enum { KILN_FINISH_WORK = 3, KILN_PACK_WORK = 12 };
 
-/* An owner's strips form its stream: those of all its divided objects, largest object first, from the top of each,
- * written in this order. */
+/* A strip of a distributed object. The strips of an owner form its stream, in which it writes them: objects by size,
+ * largest first, and each from top to bottom. */
 struct kiln_strip {
-    uint32_t object, row; /* its first row */
+    uint32_t object, row; /* row: the first row of the strip */
     uint32_t owner, packer;
-    uint32_t index, count; /* in the stream, and strips of the stream */
+    uint32_t index, count; /* index in the stream, and number of strips in the stream */
 };
 
 struct kiln_strip_deal {
     size_t count;
-    struct kiln_strip *strips; /* stream after stream, in the order of owners */
+    struct kiln_strip *strips; /* one stream after the other, in the order of owners */
 };
 
-/* Deals the strips of the objects of `round` that have at least `least_texels` texels. A rank that packs for others
- * owns no strips, and packers take turns in a stream. KILN_SYSTEM. */
+/* Assigns the strips of the objects of `round` that have at least `least_texels` texels. A rank that packs for other
+ * ranks owns no distributed strips, and the packers of a stream take turns. KILN_SYSTEM if memory is short. */
 int kiln_strip_deal_create(struct kiln_strip_deal **strips, const struct kiln_lightmap *lightmaps,
                            const struct kiln_assignment *deal, uint32_t round, uint32_t ranks, uint64_t least_texels,
                            struct kiln_error *error);
 void kiln_strip_deal_destroy(struct kiln_strip_deal **strips);
 
-/* Whether the object's strips are dealt. */
+/* Whether the strips of the object are distributed. */
 bool kiln_strip_deal_has(const struct kiln_strip_deal *strips, uint32_t object);
 
-/* The rank's own stream: *first in `strips`; returns how many. */
+/* The stream of a rank: *first is the index of its first strip in `strips`; returns the number of its strips. */
 size_t kiln_strip_stream(const struct kiln_strip_deal *strips, uint32_t rank, size_t *first);
 
-/* Numbers in `strips` of what the rank packs for others, in the order that all keep: by how far into its stream a strip
- * is. Nobody waits in a circle then: the first unfinished strip of all waits for nothing. `list` has `count` entries of
- * room. Returns how many. */
+/* Lists the indices in `strips` of the strips that the rank packs for others, ordered by their relative position in
+ * their streams. All ranks keep this order, which prevents deadlock: the first unfinished strip of all waits for
+ * nothing. `list` has room for all strips. Returns the number of indices. */
 size_t kiln_strip_list(const struct kiln_strip_deal *strips, uint32_t rank, size_t *list);
 
 #endif

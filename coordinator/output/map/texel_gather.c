@@ -8,7 +8,7 @@
 #include "coordinator/output/points.h"
 #include "worker/base/memory.h"
 
-/* ---- dealing ---- */
+/* ---- assignment of lightmaps ---- */
 
 static uint64_t texels_of(const struct kiln_lightmap *map) { return (uint64_t)map->width * map->height; }
 
@@ -32,7 +32,7 @@ static int lighter(const struct bin *a, const struct bin *b)
     return a->load != b->load ? a->load < b->load : a->rank < b->rank;
 }
 
-/* Restores a heap (lightest first) whose root has grown. */
+/* Restores a min-heap after its root has grown. */
 static void sink_root(struct bin *heap, uint32_t count)
 {
     for (uint32_t i = 0;;) {
@@ -80,17 +80,17 @@ int kiln_assignment_create(struct kiln_assignment **deal, const struct kiln_ligh
 {
     uint32_t *order = NULL;
     struct bin *heap = NULL;
-    int status = kiln_allocate(deal, 1, sizeof **deal, "dealing lightmaps to ranks", error);
+    int status = kiln_allocate(deal, 1, sizeof **deal, "the assignment of lightmaps to ranks", error);
     if (status != KILN_OK)
         return status;
     (*deal)->count = count;
-    status = kiln_allocate(&(*deal)->owner, count, sizeof(uint32_t), "dealing lightmaps to ranks", error);
+    status = kiln_allocate(&(*deal)->owner, count, sizeof(uint32_t), "the assignment of lightmaps to ranks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&(*deal)->round, count, sizeof(uint32_t), "dealing lightmaps to ranks", error);
+        status = kiln_allocate(&(*deal)->round, count, sizeof(uint32_t), "the assignment of lightmaps to ranks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&order, count, sizeof *order, "dealing lightmaps to ranks", error);
+        status = kiln_allocate(&order, count, sizeof *order, "the assignment of lightmaps to ranks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&heap, ranks, sizeof *heap, "dealing lightmaps to ranks", error);
+        status = kiln_allocate(&heap, ranks, sizeof *heap, "the assignment of lightmaps to ranks", error);
     if (status == KILN_OK) {
         for (size_t i = 0; i < count; i++)
             order[i] = (uint32_t)i;
@@ -113,9 +113,9 @@ void kiln_assignment_destroy(struct kiln_assignment **deal)
     kiln_free(deal);
 }
 
-/* ---- travelling ---- */
+/* ---- exchange ---- */
 
-/* Where a tile run's records stand in a pass. */
+/* Where the records of a tile run lie in a pass. */
 struct place {
     size_t tile_run, at;
 };
@@ -123,19 +123,21 @@ struct place {
 struct kiln_texel_gather {
     const struct kiln_bake_result *result;
     const struct kiln_assignment *deal;
+    const struct kiln_layers *layers;
     int ranks;
+    size_t record;          /* bytes */
     size_t limit;           /* records to one rank in a pass; a tile run's worth at least */
     uint64_t *bucket_first; /* rounds x ranks + 1: where the tile runs for (round, owner) stand in `order` */
     uint64_t *cursor;       /* per destination, during a round */
     size_t *order;          /* own tile runs by (round, owner), else in their own order */
-    struct kiln_texel_record *out, *in;
-    struct place *places; /* of the pass at hand, one a tile run */
+    uint8_t *out, *in;      /* records */
+    struct place *places;   /* of the pass at hand, one a tile run */
     size_t in_capacity;
     int *out_counts, *out_starts, *in_counts, *in_starts;
     MPI_Datatype type;
 };
 
-/* SIZE_MAX: nobody wants it. */
+/* The bucket of a tile run; SIZE_MAX: its lightmap is not published. */
 static size_t bucket_of(const struct kiln_texel_gather *e, size_t tile_run)
 {
     const uint32_t map = e->result->surface->tile_runs[tile_run].map;
@@ -172,7 +174,7 @@ static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *err
         status = kiln_allocate(&e->order, e->result->surface->tile_run_count, sizeof(size_t), "the exchange of points",
                                error);
     if (status == KILN_OK)
-        status = kiln_allocate(&e->out, e->limit * ranks, sizeof *e->out, "points to send", error);
+        status = kiln_allocate(&e->out, e->limit * ranks, e->record, "points to send", error);
     if (status == KILN_OK) /* a tile run has a point at least */
         status = kiln_allocate(&e->places, e->limit * ranks, sizeof *e->places, "points to send", error);
     for (size_t i = 0; status == KILN_OK && i < sizeof counts / sizeof *counts; i++)
@@ -181,19 +183,21 @@ static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *err
 }
 
 int kiln_texel_gather_create(struct kiln_texel_gather **exchange, const struct kiln_bake_result *result,
-                             const struct kiln_assignment *deal, size_t records_per_pass, struct kiln_error *error)
+                             const struct kiln_assignment *deal, const struct kiln_layers *layers,
+                             size_t records_per_pass, struct kiln_error *error)
 {
     int status = kiln_allocate(exchange, 1, sizeof **exchange, "the exchange of points", error);
     if (status == KILN_OK) {
         struct kiln_texel_gather *e = *exchange;
         e->result = result;
         e->deal = deal;
+        e->layers = layers;
+        e->record = sizeof(struct kiln_texel_record) + layers->planes.count * sizeof(float);
         e->type = MPI_DATATYPE_NULL;
         if (MPI_Comm_size(result->communicator, &e->ranks) != MPI_SUCCESS ||
-            MPI_Type_contiguous((int)sizeof(struct kiln_texel_record), MPI_BYTE, &e->type) != MPI_SUCCESS ||
+            MPI_Type_contiguous((int)e->record, MPI_BYTE, &e->type) != MPI_SUCCESS ||
             MPI_Type_commit(&e->type) != MPI_SUCCESS)
-            status =
-                kiln_fail(error, KILN_SITE, "MPI refused a datatype of %zu bytes", sizeof(struct kiln_texel_record));
+            status = kiln_fail(error, KILN_SITE, "MPI refused a datatype of %zu bytes", e->record);
         const size_t total = records_per_pass == 0 ? (size_t)1 << 18 : records_per_pass;
         e->limit = total / (size_t)(e->ranks > 0 ? e->ranks : 1);
         if (e->limit < KILN_TILE_TEXELS)
@@ -229,16 +233,37 @@ void kiln_texel_gather_destroy(struct kiln_texel_gather **exchange)
     kiln_free(exchange);
 }
 
-static int pack_tile_run(const struct kiln_texel_gather *e, size_t tile_run, struct kiln_texel_record *out,
-                         struct kiln_error *error)
+/* The values of all planes of an own point. */
+static int pack_values(const struct kiln_texel_gather *e, uint64_t point, struct kiln_texel_record *record,
+                       struct kiln_error *error)
+{
+    const struct kiln_bake_result *r = e->result;
+    for (size_t i = 0; i < e->layers->count; i++) {
+        const struct kiln_layer *layer = &e->layers->layer[i];
+        const struct kiln_field *field = r->fields->entry[layer->field].field;
+        float floats[KILN_FIELD_COMPONENTS_MAX];
+        kiln_rank_floats(r->data, r->fields, layer->field, point, floats);
+        for (uint32_t c = 0; record->valid != 0 && c < field->components; c++)
+            if (!isfinite(floats[c]))
+                return kiln_fail(
+                    error, KILN_BUG, "object '%s', texel (%u, %u): the field '%s' is not a finite number there",
+                    kiln_scene_string(r->scene, r->scene->objects[kiln_map_object(r->surface, record->map)].name),
+                    record->x, record->y, field->name);
+        memcpy(record->values + layer->plane, floats, field->components * sizeof *floats);
+    }
+    return KILN_OK;
+}
+
+static int pack_tile_run(const struct kiln_texel_gather *e, size_t tile_run, uint8_t *out, struct kiln_error *error)
 {
     const struct kiln_bake_result *r = e->result;
     const uint64_t offset = kiln_tile_run_offset(r->surface, tile_run);
     struct kiln_point_detail details[KILN_TILE_TEXELS];
     const uint32_t count = kiln_tile_run_details(r, tile_run, details), map = r->surface->tile_runs[tile_run].map;
-    for (uint32_t i = 0; i < count; i++) {
+    int status = KILN_OK;
+    for (uint32_t i = 0; i < count && status == KILN_OK; i++) {
         const uint64_t point = offset + i;
-        struct kiln_texel_record *record = &out[i];
+        struct kiln_texel_record *record = (void *)(out + i * e->record);
         *record = (struct kiln_texel_record){.map = map,
                                              .x = details[i].x,
                                              .y = details[i].y,
@@ -246,20 +271,13 @@ static int pack_tile_run(const struct kiln_texel_gather *e, size_t tile_run, str
                                              .valid = kiln_point_valid(r->surface, point),
                                              .area = r->surface->area[point],
                                              .coverage = details[i].coverage};
-        memcpy(&record->values[KILN_MAP_DIRECT], r->direct + 3 * point, 3 * sizeof(float));
-        memcpy(&record->values[KILN_MAP_INDIRECT], r->indirect + 3 * point, 3 * sizeof(float));
-        record->values[KILN_MAP_ERROR] = kiln_error_unpack(r->error[point]);
-        for (int p = 0; record->valid != 0 && p < KILN_MAP_PLANES; p++)
-            if (!isfinite(record->values[p]))
-                return kiln_fail(error, KILN_BUG,
-                                 "object '%s', texel (%u, %u): the light gathered there is not a finite number",
-                                 kiln_scene_string(r->scene, r->scene->objects[kiln_map_object(r->surface, map)].name),
-                                 record->x, record->y);
+        status = pack_values(e, point, record, error);
     }
-    return KILN_OK;
+    return status;
 }
 
-/* Finds places for as many tile runs for each rank as fit; `more` tells whether something is left. Returns how many. */
+/* Plans a pass: takes as many tile runs for each rank as fit. *more tells whether some are left. Returns the number of
+ * tile runs. */
 static size_t plan_pass(struct kiln_texel_gather *e, uint32_t round, int *more)
 {
     size_t total = 0, count = 0;
@@ -289,7 +307,7 @@ static int pack_pass(struct kiln_texel_gather *e, uint32_t round, int *more, str
 #pragma omp parallel for schedule(dynamic, 32)
     for (size_t i = 0; i < count; i++) {
         struct kiln_error mine = {{0}};
-        const int result = pack_tile_run(e, e->places[i].tile_run, e->out + e->places[i].at, &mine);
+        const int result = pack_tile_run(e, e->places[i].tile_run, e->out + e->places[i].at * e->record, &mine);
         if (result == KILN_OK)
             continue;
 #pragma omp critical(kiln_pack_pass)
@@ -300,7 +318,7 @@ static int pack_pass(struct kiln_texel_gather *e, uint32_t round, int *more, str
 
 static int mpi_failed(const char *what, struct kiln_error *error)
 {
-    return kiln_fail(error, KILN_RANK_LOST, "MPI failed in %s while points were brought to the ranks that write them",
+    return kiln_fail(error, KILN_RANK_LOST, "MPI failed in %s while points were sent to the ranks that write them",
                      what);
 }
 
@@ -310,11 +328,11 @@ static int travel(struct kiln_texel_gather *e, int *received, struct kiln_error 
     if (MPI_Alltoall(e->out_counts, 1, MPI_INT, e->in_counts, 1, MPI_INT, comm) != MPI_SUCCESS)
         return mpi_failed("MPI_Alltoall", error);
     *received = 0;
-    for (int r = 0; r < e->ranks; r++) { /* at most limit x ranks in all, far below 2^31 */
+    for (int r = 0; r < e->ranks; r++) { /* at most limit x ranks records, far below 2^31 */
         e->in_starts[r] = *received;
         *received += e->in_counts[r];
     }
-    int status = kiln_grow(&e->in, &e->in_capacity, (size_t)*received, sizeof *e->in, "points received", error);
+    int status = kiln_grow(&e->in, &e->in_capacity, (size_t)*received, e->record, "points received", error);
     if ((status = kiln_agree(comm, status, error)) != KILN_OK)
         return status;
     if (MPI_Alltoallv(e->out, e->out_counts, e->out_starts, e->type, e->in, e->in_counts, e->in_starts, e->type,
@@ -339,7 +357,7 @@ int kiln_texel_gather_round(struct kiln_texel_gather *e, uint32_t round,
             return status;
 #pragma omp parallel for schedule(static)
         for (int i = 0; i < received; i++)
-            put(context, &e->in[i]);
+            put(context, (const void *)(e->in + (size_t)i * e->record));
         if (MPI_Allreduce(&mine, &more, 1, MPI_INT, MPI_MAX, comm) != MPI_SUCCESS)
             return mpi_failed("MPI_Allreduce", error);
     }

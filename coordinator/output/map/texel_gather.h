@@ -1,44 +1,46 @@
-/* Bringing the points of an object to the rank that writes it.
+/* Texel gather: sends the points of each object to the rank that writes its lightmap.
  *
- * Objects are dealt to ranks by size, largest first, each to the rank with the least so far, and written in rounds, so
- * that a rank holds about `texel_budget` texels of images at a time whatever the scene's size (one object at least).
- * Within a round points travel in passes of bounded size, counted in records: no count comes near 2^31. */
+ * Objects are assigned to ranks by size: largest first, each to the rank with the fewest texels so far. They are
+ * written in rounds, so that a rank holds images of about `texel_budget` texels at a time, and at least one object,
+ * however large the scene is. Within a round the points are sent in passes of bounded size, so that MPI counts stay far
+ * below 2^31. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_TEXEL_GATHER_H
 #define KILN_COORDINATOR_OUTPUT_MAP_TEXEL_GATHER_H
 
 #include "coordinator/field/result.h"
-#include "coordinator/output/map/map.h"
+#include "coordinator/output/map/layers.h"
 
-/* Who writes which lightmap when: the same on all ranks. Pure arithmetic on sizes. What is not published has the owner
- * KILN_NONE. */
+/* The assignment of lightmaps to ranks and rounds. It depends on sizes only and is the same on all ranks. Lightmaps
+ * that are not published have the owner KILN_NONE. */
 struct kiln_assignment {
     size_t count;
     uint32_t rounds;
-    uint32_t *owner, *round; /* one a lightmap */
+    uint32_t *owner, *round; /* of each lightmap */
 };
 int kiln_assignment_create(struct kiln_assignment **deal, const struct kiln_lightmap *lightmaps, size_t count,
                            uint32_t ranks, uint64_t texel_budget, struct kiln_error *error);
 void kiln_assignment_destroy(struct kiln_assignment **deal);
 
-/* One point on its way. `triangle` is the world triangle of its first piece. */
+/* One point on its way. `triangle` is the world triangle of its first piece; `values` are of all planes. */
 struct kiln_texel_record {
     uint32_t map, x, y, triangle, valid;
     float area, coverage;
-    float values[KILN_MAP_PLANES];
+    float values[];
 };
 
-/* What is sent when; made once. */
+/* The schedule of messages, computed once. */
 struct kiln_texel_gather;
 
-/* `records_per_pass` bounds what a rank sends in one pass (and about what it receives); 0 chooses 2^18, which is 15 MB.
- */
+/* `layers` are of the result's fields. `records_per_pass` bounds what a rank sends in one pass (and about what it
+ * receives); 0 chooses 2^18, which is 15 MB with the planes that every map has. */
 int kiln_texel_gather_create(struct kiln_texel_gather **exchange, const struct kiln_bake_result *result,
-                             const struct kiln_assignment *deal, size_t records_per_pass, struct kiln_error *error);
+                             const struct kiln_assignment *deal, const struct kiln_layers *layers,
+                             size_t records_per_pass, struct kiln_error *error);
 void kiln_texel_gather_destroy(struct kiln_texel_gather **exchange);
 
-/* Collective. Sends the own points of all objects of the round and calls `put` for each point of this rank's objects,
- * in an order that depends on the partition and from several threads at once; each point comes exactly once. KILN_BUG
- * when a value is not finite. */
+/* Collective. Sends this rank's points of all objects of the round, and calls `put` exactly once for each point of the
+ * objects that this rank writes. The calls come from several threads at once, in an order that depends on the
+ * partition. KILN_BUG if a value is not finite. */
 int kiln_texel_gather_round(struct kiln_texel_gather *exchange, uint32_t round,
                             void (*put)(void *context, const struct kiln_texel_record *record), void *context,
                             struct kiln_error *error);

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "coordinator/field/field.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/output/h5_file.h"
@@ -15,29 +16,39 @@
 #include "worker/scene/scene.h"
 
 struct range {
-    const char *ending; /* of a channel's or dataset's name */
+    const char *ending; /* ending of the name of a channel or dataset */
     double low, high;
 };
 
+/* What is no field (coordinator/field/field.h): views, masks of lightmaps, the volume. */
 static const struct range ranges[] = {
     {"R", 0.0, INFINITY},
     {"G", 0.0, INFINITY},
     {"B", 0.0, INFINITY},
     {"coverage.Y", 0.0, 1.001},
     {"validity.Y", 0.0, 1.0},
-    {"/direct", 0.0, INFINITY},
-    {"/indirect", 0.0, INFINITY},
-    {"/total", 0.0, INFINITY},
-    {"/error", 0.0, INFINITY},
-    {"/albedo", 0.0, 1.0},
-    {"/area", 0.0, INFINITY},
     {"/validity", 0.0, 1.0},
     {"/mean_distance", 0.0, INFINITY},
 };
 
+/* Whether a dataset, in whatever group, or a channel is the field's. */
+static bool is_named(const struct kiln_field *field, const char *name)
+{
+    const char *last = strrchr(name, '/');
+    bool found = last != NULL && field->dataset != NULL && strcmp(kiln_field_shown_name(field), last + 1) == 0;
+    for (uint32_t c = 0; field->channels != NULL && !found && c < field->components; c++)
+        found = strcmp(field->channels[c], name) == 0;
+    return found;
+}
+
 static struct range range_of(const char *name)
 {
     const size_t length = strlen(name);
+    size_t fields;
+    const struct kiln_field *table = kiln_fields(&fields);
+    for (size_t i = 0; i < fields; i++)
+        if (is_named(&table[i], name))
+            return (struct range){name, table[i].low, table[i].high};
     for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
         const size_t own = strlen(ranges[i].ending);
         if (length >= own && strcmp(name + length - own, ranges[i].ending) == 0)
@@ -78,7 +89,7 @@ enum { BLOCK_VALUES = 1 << 20, DIMENSIONS_MOST = 8 };
 
 struct h5_check {
     const char *path;
-    double *values; /* BLOCK_VALUES */
+    double *values; /* room for BLOCK_VALUES values */
     struct kiln_error *error;
 };
 
@@ -92,7 +103,7 @@ static int check_values(const struct h5_check *check, const char *name, size_t c
     return KILN_OK;
 }
 
-/* Rows of the slowest dimension, as many at a time as fit. */
+/* Checks a dataset by rows of its slowest dimension, as many at a time as fit. */
 static int check_rows(const struct h5_check *check, const char *name, hid_t dataset, hid_t space)
 {
     hsize_t size[DIMENSIONS_MOST], start[DIMENSIONS_MOST] = {0};

@@ -1,5 +1,5 @@
-/* Whether the values in a result can be what a bake writes: finite, no irradiance of a surface below 0, shares between
- * 0 and 1. */
+/* Range check: verifies that the values in a result file are possible results of a bake: finite, irradiance of surfaces
+ * not negative, fractions between 0 and 1. Not collective. */
 #ifndef KILN_COORDINATOR_OUTPUT_READ_RANGES_H
 #define KILN_COORDINATOR_OUTPUT_READ_RANGES_H
 
@@ -7,13 +7,13 @@
 
 #include "worker/base/status.h"
 
-/* Reads the whole file, by its name's ending: .exr, .h5, .hdf, .kscene, .json; others have nothing to check.
- * KILN_BAD_INPUT with a sentence that names the file, the channel or dataset and the value. Not for two threads at once
- * with HDF5 files. */
+/* Reads the complete file. The extension gives its format: .exr, .h5, .hdf, .kscene or .json; other files pass.
+ * KILN_BAD_INPUT, with a message that names the file, the channel or dataset and the value. Two threads must not check
+ * HDF5 files at the same time. */
 int kiln_ranges_check(const char *path, struct kiln_error *error);
-/* The same of an open file, which is borrowed. */
+/* The same for an open file, whose descriptor is borrowed. */
 int kiln_ranges_check_open(int descriptor, const char *path, struct kiln_error *error);
-/* Whether there is something to check in a file of that name. */
+/* Whether files with the extension of `path` are checked. */
 bool kiln_ranges_has(const char *path);
 
 #endif

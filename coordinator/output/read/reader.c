@@ -20,13 +20,13 @@
 
 struct kiln_reader {
     int threads;
-    pid_t child; /* 0: none */
+    pid_t child; /* process number; 0: there is no child */
     int socket;
     struct reader_request request;
     struct reader_reply reply;
 };
 
-/* Unpacking and checking take some 100 MB/s of what is unpacked, which is a hundred times what is stored at most. */
+/* Decompression and checks process about 100 MB/s of uncompressed data, which are at most a hundred times the file. */
 uint64_t reader_seconds(uint64_t bytes) { return 4 + bytes / 1000000; }
 
 static struct kiln_confined_call call_of(const struct kiln_reader *r, const char *const *arguments)
@@ -40,7 +40,7 @@ static struct kiln_confined_call call_of(const struct kiln_reader *r, const char
                                        .seconds = 30.0 + 10.0 * (double)r->request.seconds};
 }
 
-/* ---- the child's life ---- */
+/* ---- starting and stopping the child ---- */
 
 static int start(struct kiln_reader *r, struct kiln_error *error)
 {
@@ -65,8 +65,8 @@ static int start(struct kiln_reader *r, struct kiln_error *error)
     return status;
 }
 
-/* The state the child ended in. It ends by itself when nothing more can come; what it reads may have taught it not to.
- */
+/* Stops the child and returns its wait status. It ends by itself when the socket is closed, but a hostile file may have
+ * taken control of it; `kill_it` ends it in any case. */
 static int stop(struct kiln_reader *r, bool kill_it)
 {
     const struct timespec step = {0, 2000000};
@@ -145,7 +145,7 @@ static bool is_status(int32_t status)
            status == KILN_SYSTEM || status == KILN_IO;
 }
 
-/* Asks what is in r->request, for a file, about it and perhaps one in memory. */
+/* Sends r->request with the descriptors of the file and possibly of a memory file, and waits for the reply. */
 static int ask(struct kiln_reader *r, const char *path, const int *descriptors, size_t count, struct kiln_error *error)
 {
     struct stat found;
@@ -166,7 +166,7 @@ static int ask(struct kiln_reader *r, const char *path, const int *descriptors, 
     if (!is_status(r->reply.status)) {
         (void)stop(r, true);
         return kiln_fail(error, KILN_BAD_INPUT,
-                         "'%s': the reader of results answered nonsense on this file; bake again", path);
+                         "'%s': the reader of results gave an invalid reply for this file; bake again", path);
     }
     return r->reply.status == KILN_OK ? KILN_OK : kiln_fail(error, r->reply.status, "%s", r->reply.sentence);
 }
@@ -196,10 +196,9 @@ int kiln_reader_light(struct kiln_reader *r, int descriptor, const char *path, c
     return status;
 }
 
-/* ---- pictures ---- */
+/* ---- images ---- */
 
-/* The picture that the reply describes, over the floats in the file in memory, which can become neither longer nor
- * shorter any more. */
+/* Creates the image that the reply describes over the floats in the memory file, after sealing its size. */
 static int take_image(const struct kiln_reader *r, int memory, const char *path, struct kiln_image **image,
                       struct kiln_error *error)
 {
@@ -218,7 +217,7 @@ static int take_image(const struct kiln_reader *r, int memory, const char *path,
     }
     if (!good)
         return kiln_fail(error, KILN_BAD_INPUT,
-                         "'%s': the reader of results answered nonsense on this file; bake again", path);
+                         "'%s': the reader of results gave an invalid reply for this file; bake again", path);
     int status = kiln_image_create_empty(image, reply->width, reply->height, names, reply->channel_count, error);
     if (status == KILN_OK)
         status = kiln_image_share(*image, memory, error);

@@ -1,11 +1,11 @@
-/* A child process that takes files of results apart, so that no library reads in this process what somebody else may
- * have written.
+/* Reader: a confined child process that parses result files, so that no library in this process reads bytes that
+ * somebody else may have written.
  *
- * It is handed one open file after another over a socket and can open none itself; memory and CPU time follow the
- * file's size (confined/ fence.h). What comes back is a sentence, some numbers, or a picture's floats in memory that is
- * shared and checked here. A file that makes it die, or takes longer than its size warrants, is KILN_BAD_INPUT with a
- * sentence; the next file gets a new child. Not collective. One reader is for one thread at a time; several readers may
- * work side by side. */
+ * The child receives one open file after the other over a socket and cannot open files itself. Its memory and CPU time
+ * are limited according to the size of the file (coordinator/confined/fence.h). It returns a message, some numbers, or
+ * the floats of an image in shared memory, which are checked here. A file that crashes the child, or takes longer than
+ * its size justifies, is KILN_BAD_INPUT with a message; the next file gets a new child. Not collective. A reader is for
+ * one thread at a time; several readers may work at the same time. */
 #ifndef KILN_COORDINATOR_OUTPUT_READ_READER_H
 #define KILN_COORDINATOR_OUTPUT_READ_READER_H
 
@@ -14,20 +14,20 @@
 
 struct kiln_reader;
 
-/* `threads` of the child; 0: as many as OpenMP has. The child starts with the first file, and is bound to the thread
- * that reads it first: it dies when that thread ends. Destroy with kiln_reader_destroy, which accepts NULL inside. */
+/* `threads`: number of threads of the child; 0: the default of OpenMP. The child is started for the first file, and
+ * ends together with the thread that reads that file. Destroy with kiln_reader_destroy; *reader may be NULL. */
 int kiln_reader_create(struct kiln_reader **reader, int threads, struct kiln_error *error);
 void kiln_reader_destroy(struct kiln_reader **reader);
 
-/* In all of these `descriptor` is of a plain file open for reading, borrowed; `path` begins the sentences and its
- * ending says what it is. */
+/* In the following functions `descriptor` is a regular file open for reading, which is borrowed. Messages begin with
+ * `path`, whose extension gives the format. */
 
-/* As kiln_ranges_check (ranges.h). */
+/* Does the same as kiln_ranges_check (ranges.h). */
 int kiln_reader_ranges(struct kiln_reader *reader, int descriptor, const char *path, struct kiln_error *error);
-/* As kiln_exr_read (exr.h). */
+/* Does the same as kiln_exr_read (exr.h). */
 int kiln_reader_image(struct kiln_reader *reader, int descriptor, const char *path, const char *const *wanted,
                       size_t wanted_count, struct kiln_image **image, struct kiln_error *error);
-/* As kiln_volume_light (volume_eval.h) of this volume. */
+/* Does the same as kiln_volume_light (volume_eval.h) for this volume. */
 int kiln_reader_light(struct kiln_reader *reader, int descriptor, const char *path, const double position[3],
                       struct kiln_volume_probe *light, bool *outside, struct kiln_error *error);
 

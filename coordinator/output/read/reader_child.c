@@ -1,4 +1,5 @@
-/* The child of a reader (reader.h): takes apart the files it is handed, behind its fence. */
+/* The child process of a reader (reader.h): parses the files that it receives, confined (coordinator/confined/fence.h).
+ */
 #include <errno.h>
 #include <fcntl.h>
 #include <hdf5.h>
@@ -33,8 +34,8 @@ static uint64_t machine_memory(void)
     return pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size : (uint64_t)1 << 34;
 }
 
-/* Pictures are unpacked whole, 1,100 times their bytes at most, and floats take twice the room of halves; the rest goes
- * block by block. */
+/* Limit of memory for a request. Images are decompressed as a whole, to at most 1,100 times their file size, and floats
+ * take twice the memory of halves; other files are processed block by block. */
 static uint64_t memory_for(const struct reader_request *request, uint64_t bytes)
 {
     const uint64_t always = ((uint64_t)192 << 20) + ((uint64_t)16 << 20) * (uint64_t)omp_get_max_threads();
@@ -114,8 +115,8 @@ static void do_task(const struct reader_request *request, const int *files, stru
         status = read_light(request, files[0], reply, &error);
     if (status == KILN_SYSTEM)
         status = kiln_fail(&error, KILN_BAD_INPUT,
-                           "'%s': reading it takes more memory than the %llu MiB that its size warrants, or than there "
-                           "is: it is damaged; bake again",
+                           "'%s': reading it takes more memory than the %llu MiB that its size justifies, or than "
+                           "there is: it is damaged; bake again",
                            request->path, (unsigned long long)(memory_for(request, (uint64_t)found.st_size) >> 20));
     reply->status = status;
     memcpy(reply->sentence, error.message, sizeof reply->sentence);
@@ -123,7 +124,7 @@ static void do_task(const struct reader_request *request, const int *files, stru
 
 /* ---- messages ---- */
 
-/* The next request and its files; false when there is none any more. */
+/* Receives the next request with its files; false if there is none any more. */
 static bool next_request(struct reader_request *request, int files[READER_DESCRIPTORS])
 {
     union {
@@ -161,7 +162,7 @@ int kiln_reader_child(int argc, char **argv)
     static struct reader_reply reply;
     struct stat input;
     if (argc != 3 || fstat(STDIN_FILENO, &input) != 0 || !S_ISSOCK(input.st_mode)) {
-        (void)fprintf(stderr, "read-child is a part of kiln that it starts itself\n");
+        (void)fprintf(stderr, "read-child is an internal command of kiln\n");
         return KILN_USAGE;
     }
     kiln_fence_begin();

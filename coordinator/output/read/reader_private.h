@@ -1,5 +1,5 @@
-/* What a reader and its child say to each other: one message each way for a file, over a socket that keeps messages
- * apart. Both are the same program. For nobody else. */
+/* Protocol between a reader and its child: for each file one request and one reply over a SOCK_SEQPACKET socket. Both
+ * are the same program, so structs are sent as they are. Private to reader.c and reader_child.c. */
 #ifndef KILN_COORDINATOR_OUTPUT_READ_READER_PRIVATE_H
 #define KILN_COORDINATOR_OUTPUT_READ_READER_PRIVATE_H
 
@@ -14,14 +14,14 @@ enum reader_task { READER_RANGES, READER_IMAGE, READER_LIGHT };
 
 enum { READER_PATH = 1024, READER_CHANNELS = 64, READER_DESCRIPTORS = 2 };
 
-/* With it go the file's descriptor and, for READER_IMAGE, that of an empty file in memory for the floats: all of
- * channel 0, all of channel 1, and so on. */
+/* The descriptor of the file is sent with the request and, for READER_IMAGE, that of an empty memory file for the
+ * floats: all of channel 0, all of channel 1, and so on. */
 struct reader_request {
     uint32_t task;
     uint32_t wanted_count; /* READER_IMAGE; 0: all channels */
     char wanted[READER_CHANNELS][KILN_CHANNEL_NAME_SIZE];
     double position[3]; /* READER_LIGHT */
-    uint64_t seconds;   /* of CPU time */
+    uint64_t seconds;   /* limit of CPU time */
     char path[READER_PATH];
 };
 
@@ -37,7 +37,7 @@ struct reader_reply {
     uint32_t outside;
 };
 
-/* How much memory and CPU time a file of so many bytes warrants. */
+/* The limit of CPU time for a file of `bytes` bytes, in seconds. */
 uint64_t reader_seconds(uint64_t bytes);
 
 #endif

@@ -17,8 +17,8 @@
 
 struct kiln_results {
     const char *directory;
-    int descriptor;                 /* of the folder */
-    struct kiln_manifest *manifest; /* in the order of paths */
+    int descriptor;                 /* descriptor of the folder */
+    struct kiln_manifest *manifest; /* sorted by path; NULL: none */
     struct kiln_reader *reader;
 };
 
@@ -31,11 +31,12 @@ static int open_below(int folder, const char *name, uint64_t flags)
     long descriptor;
     do
         descriptor = syscall(SYS_openat2, folder, name, &how, sizeof how);
-    while (descriptor < 0 && (errno == EINTR || errno == EAGAIN)); /* EAGAIN: the kernel saw a rename on the way */
+    while (descriptor < 0 &&
+           (errno == EINTR || errno == EAGAIN)); /* EAGAIN: a path component was renamed at the same time */
     return (int)descriptor;
 }
 
-/* The manifest's entry, NULL when it has none. */
+/* The entry of a file in the manifest, or NULL. */
 static const struct kiln_manifest_file *find_entry(const struct kiln_manifest *m, const char *name)
 {
     size_t low = 0, high = m->count;
@@ -88,7 +89,7 @@ bool kiln_results_has(const struct kiln_results *r, const char *name)
 {
     const int descriptor = open_below(r->descriptor, name, O_PATH);
     if (descriptor < 0)
-        return errno == ELOOP || errno == EXDEV; /* a link, which is an error for whoever opens it, not an absence */
+        return errno == ELOOP || errno == EXDEV; /* a link counts as present; opening it is an error */
     (void)close(descriptor);
     return true;
 }
@@ -115,6 +116,29 @@ int kiln_results_bytes(const struct kiln_results *r, const char *name, size_t mo
         status = kiln_read_open(descriptor, path, most, bytes, size, error);
     if (descriptor >= 0)
         (void)close(descriptor);
+    return status;
+}
+
+static bool has_channels(const struct kiln_image *image, const struct kiln_field *field)
+{
+    bool found = field->channels != NULL;
+    for (uint32_t c = 0; found && c < field->components; c++)
+        found = kiln_image_find(image, field->channels[c]) != NULL;
+    return found;
+}
+
+int kiln_results_fields(struct kiln_results *r, const char *lightmap, const struct kiln_field **fields, size_t *count,
+                        struct kiln_error *error)
+{
+    size_t rows;
+    const struct kiln_field *table = kiln_fields(&rows);
+    struct kiln_image *image = NULL;
+    *count = 0;
+    const int status = kiln_results_image(r, lightmap, NULL, 0, &image, error);
+    for (size_t i = 0; status == KILN_OK && i < rows; i++)
+        if (has_channels(image, &table[i]))
+            fields[(*count)++] = &table[i];
+    kiln_image_destroy(&image);
     return status;
 }
 

@@ -82,7 +82,7 @@ static int work_create(struct direct_work **work, const struct embree_backend *b
 
 static uint32_t identity_of(const struct kiln_light_choice *choice)
 {
-    return kiln_hash2((uint32_t)choice->kind * 2u + 1u, choice->index);
+    return kiln_choice_identity((uint32_t)choice->kind, choice->index);
 }
 
 /* The first `count` samples of the choice called `identity`. */

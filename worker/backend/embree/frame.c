@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-#include "shaders/shared/random.h"
+#include "shaders/shared/streams.h"
 #include "worker/backend/embree/passage.h"
 #include "worker/sampling/keys.h"
 #include "worker/sampling/sequence.h"
@@ -53,12 +53,13 @@ bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 positio
 {
     if (!meets_back(backend, position, normal))
         return false;
-    static const float turn[3][2] = {{0.8f, 0.0f}, {-0.4f, 0.6928f}, {-0.4f, -0.6928f}}; /* 53 degrees off the normal */
+    static const float turn[3][2] = {
+        {KILN_BURIED_ACROSS, 0.0f}, {-KILN_BURIED_HALF, KILN_BURIED_SIDE}, {-KILN_BURIED_HALF, -KILN_BURIED_SIDE}};
     struct kiln_vec3 t, s;
     kiln_basis(normal, &t, &s);
     for (int i = 0; i < 3; i++)
         if (!meets_back(backend, position,
-                        vec3_madd(vec3_madd(vec3_scale(t, turn[i][0]), s, turn[i][1]), normal, 0.6f)))
+                        vec3_madd(vec3_madd(vec3_scale(t, turn[i][0]), s, turn[i][1]), normal, KILN_BURIED_ALONG)))
             return false;
     return true;
 }
@@ -89,10 +90,9 @@ float frame_position(struct tile_run_frame *frame, const struct embree_backend *
         return frame->offset[j];
     }
     draw_position(frame, backend, j, s, t, position, normal);
-    enum { TRIES = 32 };
-    for (uint32_t i = 0; frame->partly_buried[j] && i < TRIES && frame_buried(backend, *position, *normal); i++) {
-        const uint32_t hash =
-            kiln_hash2(kiln_hash2((uint32_t)(s * 0x1p24f), (uint32_t)(t * 0x1p24f)), frame->key[j] + i);
+    for (uint32_t i = 0; frame->partly_buried[j] && i < KILN_BURIED_TRIES && frame_buried(backend, *position, *normal);
+         i++) {
+        const uint32_t hash = kiln_buried_retry(s, t, frame->key[j], i);
         draw_position(frame, backend, j, kiln_unit_float(hash), kiln_unit_float(kiln_hash1(hash)), position, normal);
     }
     return frame->known_offset;

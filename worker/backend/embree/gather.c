@@ -6,7 +6,9 @@
 #include <string.h>
 #include <time.h>
 
-#include "shaders/shared/random.h"
+#include "shaders/shared/color.h"
+#include "shaders/shared/streams.h"
+#include "shaders/shared/warp.h"
 #include "worker/backend/embree/embree.h"
 #include "worker/backend/embree/frame.h"
 #include "worker/backend/embree/lookup.h"
@@ -110,9 +112,7 @@ KILN_CLONES static void scramble(uint32_t *restrict out, const uint32_t *restric
         out[k] = kiln_owen_scramble(in[k], seed);
 }
 
-/* Half-way between n and the shading normal there. Cosine-distributed about it, a direction has density (n.w + s.w) /
- * |n + s| over pi: the irradiance about either normal is a mean with weights that stay below 2 wherever both cosines
- * are positive, where sampling about n alone has s.w / n.w without bound. */
+/* Half-way between n and the shading normal there: see kiln_facet_weight. */
 static struct kiln_vec3 axis_of(const struct gather_work *w, uint32_t j, struct kiln_vec3 n)
 {
     return w->frame.smooth ? vec3_normalize(vec3_add(n, frame_shading(&w->frame, j, n))) : n;
@@ -144,13 +144,13 @@ static void prepare(struct gather_work *w, const struct embree_backend *b, size_
     if (count == 0)
         return;
     for (uint32_t d = 0; d < 4; d++)
-        scramble(w->scrambled[d], w->sobol[d], w->samples, kiln_hash2(w->frame.tile_key, stream * 8 + d));
+        scramble(w->scrambled[d], w->sobol[d], w->samples, kiln_gather_seed(w->frame.tile_key, stream, d));
     for (uint32_t j = 0; j < count; j++) { /* the first `count` lanes first: tables need their shifts */
         const uint32_t key = kiln_hash2(w->frame.key[j], stream);
-        w->shift_u[j] = kiln_hash1(key + 1u) >> w->shared_digits;
-        w->shift_v[j] = kiln_hash1(key + 2u) >> w->shared_digits;
-        w->shift_s[j] = kiln_hash1(key + 3u);
-        w->shift_t[j] = kiln_hash1(key + 4u);
+        w->shift_u[j] = kiln_direction_shift(key, KILN_DIMENSION_U, w->shared_digits);
+        w->shift_v[j] = kiln_direction_shift(key, KILN_DIMENSION_V, w->shared_digits);
+        w->shift_s[j] = kiln_gather_shift(key, KILN_DIMENSION_S);
+        w->shift_t[j] = kiln_gather_shift(key, KILN_DIMENSION_T);
     }
     w->positions_made = 0;
     w->copies = LANES / count;
@@ -164,7 +164,7 @@ static void prepare(struct gather_work *w, const struct embree_backend *b, size_
         w->copy[l] = l / count;
         w->shift_u[l] = w->shift_u[j], w->shift_v[l] = w->shift_v[j];
         w->shift_s[l] = w->shift_s[j], w->shift_t[l] = w->shift_t[j];
-        w->chance[l] = kiln_hash1(kiln_hash2(w->frame.key[j], stream) + 5u);
+        w->chance[l] = kiln_gather_chance(kiln_hash2(w->frame.key[j], stream));
         w->partial[l] = !w->frame.whole[j];
         for (int c = 0; c < 3; c++) {
             w->origin[c][l] = w->frame.origin[c][j];
@@ -183,13 +183,6 @@ static void prepare(struct gather_work *w, const struct embree_backend *b, size_
     memset(w->glass, 0, sizeof w->glass);
     memset(w->escaped, 0, sizeof w->escaped);
     memset(w->blocked, 0, sizeof w->blocked);
-}
-
-/* sin(2 pi x) for |x| <= 1/4: odd polynomial, error below 3e-7. */
-static inline float sine_turn(float x)
-{
-    const float y = x * x;
-    return x * (6.28318525f + y * (-41.3416996f + y * (81.6018372f + y * (-76.5498123f + y * 39.5374527f))));
 }
 
 /* The scrambled random numbers of one sample, the same for all points. */
@@ -213,8 +206,8 @@ KILN_CLONES static void make_rays(struct gather_work *restrict w, uint32_t begin
         const float u = unit_of(k.u ^ w->shift_u[l]), v = unit_of(k.v ^ w->shift_v[l]);
         const float radius = sqrtf(u), z = sqrtf(1.0f - u);
         const float turn = v - 0.5f, a = fabsf(turn);
-        const float sine = copysignf(sine_turn(a < 0.5f - a ? a : 0.5f - a), turn);
-        const float x = radius * sine_turn(0.25f - a), y = radius * sine;
+        const float sine = copysignf(kiln_sine_turn(a < 0.5f - a ? a : 0.5f - a), turn);
+        const float x = radius * kiln_sine_turn(0.25f - a), y = radius * sine;
         const float nx = w->normal[0][l], ny = w->normal[1][l], nz = w->normal[2][l];
         const float sign = copysignf(1.0f, nz), f = -1.0f / (sign + nz), g = nx * ny * f; /* kiln_basis */
         w->ray_direction[0][l] = x * (1.0f + sign * nx * nx * f) + y * g + z * nx;
@@ -246,7 +239,7 @@ static uint32_t prepare_step(struct gather_work *w, const struct embree_backend 
         make_rays(w, c * count, (c + 1) * count, numbers);
     }
     for (uint32_t l = 0; l < copies * count && embree_blends(b); l++)
-        w->ray_seed[l] = kiln_hash2(w->chance[l], first + w->copy[l]);
+        w->ray_seed[l] = kiln_gather_ray_seed(w->chance[l], first + w->copy[l]);
     return copies * count;
 }
 
@@ -289,9 +282,7 @@ static const uint8_t morton_of[KILN_TILE_TEXELS] = {
     50, 51, 54, 55, 40, 41, 44, 45, 56, 57, 60, 61, 42, 43, 46, 47, 58, 59, 62, 63,
 };
 
-/* Weight of a lane's direction for what arrives about the geometric normal; 0: the direction lies below the surface.
- * The wedge that lies above the surface but below the axis' horizon is not drawn; the factor 2 / (1 + cos tilt) makes
- * up for its share, so that the weights' mean is 1 and no energy is lost. */
+/* kiln_facet_weight of a lane's direction. */
 static inline float facet_weight(const struct gather_work *w, uint32_t l)
 {
     if (!w->frame.smooth)
@@ -300,7 +291,7 @@ static inline float facet_weight(const struct gather_work *w, uint32_t l)
                          w->facet[2][l] * w->ray_direction[2][l];
     const float tilt =
         w->facet[0][l] * w->normal[0][l] + w->facet[1][l] * w->normal[1][l] + w->facet[2][l] * w->normal[2][l];
-    return cosine > 0.0f ? 2.0f / (1.0f + tilt) * cosine / w->cosine[l] : 0.0f;
+    return kiln_facet_weight(cosine, tilt, w->cosine[l]);
 }
 
 /* From hits to surface points in three rounds, so that each load has been asked for a round before: the way to memory
@@ -399,14 +390,13 @@ KILN_CLONES static void collect(const struct embree_backend *b, struct gather_wo
                 frame_shading(&w->frame, j, vec3(w->facet[0][l], w->facet[1][l], w->facet[2][l]));
             const float cosine = shading.x * w->ray_direction[0][l] + shading.y * w->ray_direction[1][l] +
                                  shading.z * w->ray_direction[2][l];
-            weight = cosine > 0.0f ? cosine / w->cosine[l] : 0.0f;
+            weight = kiln_shading_weight(cosine, w->cosine[l]);
             for (int c = 0; c < 3; c++)
                 w->irradiance[j][c] += (double)(weight * rgb[c]);
         }
         for (int c = 0; c < 3; c++)
             w->incident[j][c] += (double)(facet * rgb[c]);
-        w->sub_net[w->sub_net_of[first + w->copy[l]]][j] +=
-            (double)(weight * (0.2126f * rgb[0] + 0.7152f * rgb[1] + 0.0722f * rgb[2]));
+        w->sub_net[w->sub_net_of[first + w->copy[l]]][j] += (double)(weight * kiln_luminance_in_float(rgb));
     }
 }
 

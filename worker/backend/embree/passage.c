@@ -3,11 +3,11 @@
 #include <math.h>
 #include <string.h>
 
-#include "shaders/shared/random.h"
+#include "shaders/shared/passage.h"
 #include "worker/scene/texture.h"
 
 static const double DEPTH_UNIT = 0x1p-40;
-static const int64_t DEEPEST = (int64_t)48 << 40; /* 2^-48 and less is nothing */
+static const int64_t DEEPEST = (int64_t)KILN_DEPTH_MOST << 40; /* 2^-48 and less is nothing */
 
 /* Embree's accessors for RTCRayN and RTCHitN exist in C++ only; both are N values of each field in turn (rtcore_ray.h).
  */
@@ -85,10 +85,10 @@ static bool stops(struct embree_context *context, uint32_t lane, uint32_t triang
 {
     const float passed = 1.0f - p->opacity;
     if (context->question == EMBREE_BY_HALF)
-        return p->opacity >= 0.5f;
+        return p->opacity >= KILN_OPACITY_HALF;
     if (context->question == EMBREE_THROUGH)
         return deepen(context->depth[lane], p->through, 1.0f);
-    const bool there = (float)(kiln_hash2(context->seed[lane], triangle) >> 8) * 0x1p-24f < p->opacity;
+    const bool there = kiln_is_there(context->seed[lane], triangle, p->opacity);
     if (context->question == EMBREE_BY_CHANCE) {
         context->tinted[lane] |= !there && (p->through[0] < passed || p->through[1] < passed || p->through[2] < passed);
         return there;

@@ -4,7 +4,8 @@
 #include <omp.h>
 #include <string.h>
 
-#include "shaders/shared/random.h"
+#include "shaders/shared/area_light.h"
+#include "shaders/shared/streams.h"
 #include "worker/backend/embree/embree.h"
 #include "worker/backend/embree/lookup.h"
 #include "worker/backend/embree/passage.h"
@@ -67,7 +68,7 @@ static void gather_sphere(const struct embree_backend *b, struct embree_context 
             else
                 kiln_radiosity_unpack(embree_radiosity(b, triangle, r.hit.u, r.hit.v, back), rgb);
             for (int c = 0; c < 3; c++)
-                rgb[c] *= (float)(1.0 / KILN_PI);
+                rgb[c] *= KILN_INVERSE_PI;
         }
         double value[3];
         for (int c = 0; c < 3; c++)
@@ -89,7 +90,7 @@ static uint64_t gather_lights(const struct embree_backend *b, struct embree_cont
     (void)kiln_lights_allot(choices, count, samples);
     uint64_t rays = 0;
     for (size_t i = 0; i < count; i++) {
-        const uint32_t identity = kiln_hash2(key, kiln_hash2((uint32_t)choices[i].kind * 2u + 1u, choices[i].index));
+        const uint32_t identity = kiln_hash2(key, kiln_choice_identity((uint32_t)choices[i].kind, choices[i].index));
         for (uint32_t k = 0; k < choices[i].samples; k++) {
             double random[3];
             static const uint32_t dimension[3] = {KILN_DIMENSION_U, KILN_DIMENSION_V, KILN_DIMENSION_CHOICE};
@@ -105,7 +106,7 @@ static uint64_t gather_lights(const struct embree_backend *b, struct embree_cont
                                  .dir_y = (float)s.direction.y,
                                  .dir_z = (float)s.direction.z,
                                  .mask = ~0u,
-                                 .tfar = isfinite(s.distance) ? (float)((s.distance - s.backoff) * (1.0 - 0x1p-20))
+                                 .tfar = isfinite(s.distance) ? (float)((s.distance - s.backoff) * KILN_SHADOW_LENGTH)
                                                               : INFINITY};
             double through[3] = {1.0, 1.0, 1.0};
             embree_through1(b, context, &ray, through);
@@ -124,7 +125,7 @@ int embree_probes(struct embree_backend *b, const void *parameters, const struct
                   uint64_t *rays, struct kiln_error *error)
 {
     (void)parameters;
-    const uint32_t seed = kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ 0x70726f62u);
+    const uint32_t seed = kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ KILN_PROBE_SEED);
     const size_t room = KILN_CUT_MAX + b->params.lights->directional_count + 1;
     struct kiln_light_choice *choices = NULL;
     const int status = kiln_allocate(&choices, room * b->threads, sizeof *choices, "the probes' light choices", error);

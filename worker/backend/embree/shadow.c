@@ -2,6 +2,9 @@
 
 #include <math.h>
 
+#include "shaders/shared/color.h"
+#include "shaders/shared/streams.h"
+
 void shadow_begin(struct shadow_packet *packet, struct shadow_sums *sums, uint32_t samples)
 {
     packet->count = 0;
@@ -25,7 +28,7 @@ void shadow_trace(struct shadow_packet *packet, const struct embree_backend *b, 
             packet->sums->irradiance[c] += packet->irradiance[i][c];
         }
         const double *e = packet->irradiance[i];
-        const double luminance = 0.2126 * e[0] + 0.7152 * e[1] + 0.0722 * e[2];
+        const double luminance = kiln_luminance(e);
         packet->sums->square += luminance * luminance;
         packet->sums->quarter[(uint64_t)packet->index[i] * 4 / packet->samples] += luminance;
     }
@@ -73,14 +76,13 @@ void shadow_end(struct shadow_packet *packet, const struct embree_backend *b, st
 double shadow_variance(const struct shadow_sums *sums, uint32_t samples)
 {
     const double *e = sums->irradiance;
-    const double mean = (0.2126 * e[0] + 0.7152 * e[1] + 0.0722 * e[2]) / samples;
+    const double mean = kiln_luminance(e) / samples;
     if (samples < 2)
         return mean * mean;
-    if (samples >= 8) {
+    if (samples >= KILN_QUARTERS_FROM) {
         double spread = 0.0;
         for (uint32_t q = 0; q < 4; q++) { /* of a number that 4 does not divide, quarters differ by one sample */
-            const uint32_t begin = (uint32_t)(((uint64_t)q * samples + 3) / 4),
-                           end = (uint32_t)(((uint64_t)(q + 1) * samples + 3) / 4);
+            const uint32_t begin = kiln_quarter_first(q, samples), end = kiln_quarter_first(q + 1, samples);
             const double off = sums->quarter[q] / (end - begin) - mean;
             spread += off * off;
         }

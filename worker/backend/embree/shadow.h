@@ -2,6 +2,7 @@
 #ifndef KILN_WORKER_BACKEND_EMBREE_SHADOW_H
 #define KILN_WORKER_BACKEND_EMBREE_SHADOW_H
 
+#include "shaders/shared/area_light.h"
 #include "worker/backend/embree/passage.h"
 
 /* What the samples of one choice of light bring: plain sums, to be divided by the number of samples. */
@@ -31,7 +32,7 @@ void shadow_trace(struct shadow_packet *packet, const struct embree_backend *b, 
 /* How far a shadow ray goes towards a light so far away. */
 static inline float shadow_limit(double distance, double backoff)
 {
-    return (float)((distance - backoff) * (1.0 - 0x1p-20));
+    return (float)((distance - backoff) * KILN_SHADOW_LENGTH);
 }
 
 /* Variance of the mean of the luminance, from the spread of its four quarters, each a net of its own: more than that of

@@ -1,14 +1,12 @@
 /* The validity pass (worker/pass/validity.h): which share of each point is buried in other geometry. */
 #include <omp.h>
 
-#include "shaders/shared/random.h"
+#include "shaders/shared/streams.h"
 #include "worker/backend/embree/embree.h"
 #include "worker/backend/embree/frame.h"
 #include "worker/base/memory.h"
 #include "worker/pass/validity.h"
 #include "worker/sampling/sequence.h"
-
-enum { FIRST_LOOK = KILN_VALIDITY_FIRST_LOOK, SECOND_LOOK = KILN_VALIDITY_SECOND_LOOK };
 
 /* How many of `samples` places of point j are buried. */
 static uint32_t count_buried(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, uint32_t samples,
@@ -27,12 +25,12 @@ static uint32_t count_buried(struct tile_run_frame *f, const struct embree_backe
 
 static uint16_t visible_share(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, uint64_t *rays)
 {
-    const uint32_t first = count_buried(f, b, j, FIRST_LOOK, 0x76616c31u);
-    *rays += FIRST_LOOK;
-    if (first == 0 || first == FIRST_LOOK)
+    const uint32_t first = count_buried(f, b, j, KILN_VALIDITY_FIRST_LOOK, KILN_VALIDITY_FIRST_STREAM);
+    *rays += KILN_VALIDITY_FIRST_LOOK;
+    if (first == 0 || first == KILN_VALIDITY_FIRST_LOOK)
         return first == 0 ? 0xffff : 0;
-    *rays += SECOND_LOOK;
-    return kiln_validity_share(count_buried(f, b, j, SECOND_LOOK, 0x76616c32u));
+    *rays += KILN_VALIDITY_SECOND_LOOK;
+    return kiln_validity_share(count_buried(f, b, j, KILN_VALIDITY_SECOND_LOOK, KILN_VALIDITY_SECOND_STREAM));
 }
 
 int embree_validity(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,

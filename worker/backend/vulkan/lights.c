@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "worker/base/memory.h"
+#include "worker/light/tree.h"
 
 #define KILN_STORED_REAL double
 #define KILN_STORED_NAME(name) name
@@ -91,18 +92,18 @@ static void copy3(double to[3], struct kiln_dvec3 from)
 static void make_node(const struct kiln_lights *model, size_t i, void *entry)
 {
     const struct kiln_light_node *n = &model->nodes[i];
-    const struct kiln_dvec3 half = dvec3_scale(dvec3_sub(n->maximum, n->minimum), 0.5);
+    const struct kiln_light_bounds bounds = kiln_light_bounds_of(n);
     struct kiln_gpu_light_node *node = entry;
-    *node = (struct kiln_gpu_light_node){.radius = dvec3_length(half),
-                                         .floor2 = 0.25 * dvec3_dot(half, half),
-                                         .cos_o = n->cos_o,
-                                         .sin_o = sqrt(fmax(0.0, 1.0 - n->cos_o * n->cos_o)),
-                                         .cos_e = n->cos_e,
-                                         .power = n->power,
+    *node = (struct kiln_gpu_light_node){.radius = bounds.radius,
+                                         .floor2 = bounds.floor2,
+                                         .cos_o = bounds.cos_o,
+                                         .sin_o = bounds.sin_o,
+                                         .cos_e = bounds.cos_e,
+                                         .power = bounds.power,
                                          .left = n->left,
                                          .right = n->right,
                                          .flags = n->two_sided ? KILN_GPU_LIGHT_TWO_SIDED : 0};
-    copy3(node->centre, dvec3_scale(dvec3_add(n->minimum, n->maximum), 0.5));
+    copy3(node->centre, bounds.centre);
     copy3(node->axis, n->axis);
 }
 

@@ -5,15 +5,6 @@
 #include "worker/base/memory.h"
 #include "worker/scene/texture.h"
 
-_Static_assert((int)KILN_GPU_ALPHA_MASK == (int)KILN_ALPHA_MASK && (int)KILN_GPU_WRAP_CLAMP == (int)KILN_WRAP_CLAMP &&
-                   (int)KILN_GPU_WRAP_MIRROR == (int)KILN_WRAP_MIRROR && KILN_GPU_NONE == KILN_NONE,
-               "shaders and C disagree on a constant");
-_Static_assert((int)KILN_GPU_ALPHA_OPAQUE == (int)KILN_ALPHA_OPAQUE &&
-                   (int)KILN_GPU_PASSAGE_MASK == (int)KILN_PASSAGE_MASK &&
-                   (int)KILN_GPU_PASSAGE_BLEND == (int)KILN_PASSAGE_BLEND &&
-                   (int)KILN_GPU_PASSAGE_TINT == (int)KILN_PASSAGE_TINT,
-               "shaders and C disagree on what surfaces do to light");
-
 /* of a buffer: every device allows as much in one allocation */
 static const uint64_t most_texel_bytes = (uint64_t)1 << 30;
 

@@ -156,7 +156,7 @@ static size_t list_candidates(const struct vulkan_backend *b, const struct bvh *
                                    [KILN_TRAVERSE_FOUR] = KILN_TRAVERSAL_FOUR,
                                    [KILN_TRAVERSE_EIGHT] = KILN_TRAVERSAL_EIGHT};
     const enum kiln_traversal wish = b->params.traversal;
-    const struct gpu_description *about = gpu_about(b->gpu);
+    const struct kiln_device *about = gpu_about(b->gpu);
     if (wish != KILN_TRAVERSE_AUTO && wish != KILN_TRAVERSE_COMPUTE) {
         candidates[0] = one[wish];
         return 1;

@@ -4,20 +4,12 @@
 #include "worker/base/memory.h"
 #include "worker/pass/validity.h"
 
+#include "shaders/shared/streams.h"
 #include "shaders/validity.h"
 #include "shaders/validity_pipeline.h"
 
 const struct vulkan_shader vulkan_validity_shader = {
     .name = "validity", .compute = VULKAN_CODE(validity), .pipeline = VULKAN_CODE(validity_pipeline)};
-
-enum { FIRST_LOOK = KILN_VALIDITY_FIRST_LOOK, SECOND_LOOK = KILN_VALIDITY_SECOND_LOOK };
-
-struct validity_push {
-    uint64_t scene;
-    struct kiln_gpu_chunk chunk;
-    uint64_t sobol, counts;
-    uint32_t stream, sobol_stride, looks;
-};
 
 struct validity {
     struct vulkan_backend *b;
@@ -29,16 +21,16 @@ struct validity {
     uint64_t rays;
 };
 
-static struct validity_push push_of(const struct validity *v, struct kiln_gpu_chunk chunk, uint64_t counts,
-                                    uint32_t stream, uint32_t looks)
+static struct kiln_gpu_validity_push push_of(const struct validity *v, struct kiln_gpu_chunk chunk, uint64_t counts,
+                                             uint32_t stream, uint32_t looks)
 {
-    return (struct validity_push){.scene = v->b->scene.address,
-                                  .chunk = chunk,
-                                  .sobol = v->b->sobol.address,
-                                  .counts = counts,
-                                  .stream = stream,
-                                  .sobol_stride = v->b->sobol_count,
-                                  .looks = looks};
+    return (struct kiln_gpu_validity_push){.scene = v->b->scene.address,
+                                           .chunk = chunk,
+                                           .sobol = v->b->sobol.address,
+                                           .counts = counts,
+                                           .stream = stream,
+                                           .sobol_stride = v->b->sobol_count,
+                                           .looks = looks};
 }
 
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
@@ -46,7 +38,8 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
 {
     (void)error;
     const struct validity *v = context;
-    const struct validity_push push = push_of(v, chunk->all, chunk->words, 0x76616c31u, FIRST_LOOK);
+    const struct kiln_gpu_validity_push push =
+        push_of(v, chunk->all, chunk->words, KILN_VALIDITY_FIRST_STREAM, KILN_VALIDITY_FIRST_LOOK);
     vulkan_record(recording, v->kernel, chunk->all.count, 1, &push, sizeof push);
     return KILN_OK;
 }
@@ -60,11 +53,11 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     const struct kiln_tile_run *tile_runs = s->tile_runs + tile_run_first;
     const uint64_t first = tile_runs[0].first - s->first,
                    end = tile_runs[tile_run_count - 1].first - s->first + tile_runs[tile_run_count - 1].count;
-    v->rays += (end - first) * FIRST_LOOK;
+    v->rays += (end - first) * KILN_VALIDITY_FIRST_LOOK;
     for (uint64_t own = first; own < end; own++) {
         const uint32_t buried = words[own - first];
         v->visible[own - v->first] = buried == 0 ? 0xffff : 0;
-        if (buried == 0 || buried == FIRST_LOOK)
+        if (buried == 0 || buried == KILN_VALIDITY_FIRST_LOOK)
             continue;
         const int status = kiln_grow(&v->open, &v->open_room, v->open_count + 1, sizeof *v->open,
                                      "points that are partly buried", error);
@@ -91,7 +84,7 @@ static int look_again(struct validity *v, const struct vulkan_block *block, cons
         status = gpu_buffer_create(gpu, &counts, count * sizeof *numbers, GPU_HOST, "what is buried of them", error);
     struct gpu_pacer *pacer = &v->b->pacers[KILN_PASS_INDEX_validity];
     for (uint32_t first = 0; first < count && status == KILN_OK;) {
-        uint64_t at_once = gpu_pacer_next(pacer, 1 << 16) / SECOND_LOOK + 1;
+        uint64_t at_once = gpu_pacer_next(pacer, 1 << 16) / KILN_VALIDITY_SECOND_LOOK + 1;
         at_once = at_once < count - first ? at_once : count - first;
         const struct kiln_gpu_chunk chunk = {.points = block->points.address,
                                              .parts = block->parts.address,
@@ -99,8 +92,8 @@ static int look_again(struct validity *v, const struct vulkan_block *block, cons
                                              .list = list.address,
                                              .first = first,
                                              .count = (uint32_t)at_once};
-        const struct validity_push push =
-            push_of(v, chunk, counts.address + first * sizeof *numbers, 0x76616c32u, SECOND_LOOK);
+        const struct kiln_gpu_validity_push push = push_of(v, chunk, counts.address + first * sizeof *numbers,
+                                                           KILN_VALIDITY_SECOND_STREAM, KILN_VALIDITY_SECOND_LOOK);
         const struct gpu_step step = {.kernel = v->kernel,
                                       .threads_x = (uint32_t)at_once,
                                       .threads_y = 1,
@@ -109,12 +102,12 @@ static int look_again(struct validity *v, const struct vulkan_block *block, cons
         double seconds;
         status = gpu_run(gpu, &step, 1, &seconds, error);
         if (status == KILN_OK)
-            gpu_pacer_learn(pacer, at_once * SECOND_LOOK, seconds);
+            gpu_pacer_learn(pacer, at_once * KILN_VALIDITY_SECOND_LOOK, seconds);
         first += (uint32_t)at_once;
     }
     for (uint32_t i = 0; status == KILN_OK && i < count; i++)
         v->visible[open[i] - v->first] = kiln_validity_share(((const uint32_t *)counts.mapped)[i]);
-    v->rays += (uint64_t)count * SECOND_LOOK;
+    v->rays += (uint64_t)count * KILN_VALIDITY_SECOND_LOOK;
     gpu_buffer_destroy(gpu, &list);
     gpu_buffer_destroy(gpu, &counts);
     kiln_free(&numbers);
@@ -143,7 +136,7 @@ static int look_at_open(struct validity *v, size_t tile_run_first, size_t tile_r
 static int prepare(void *context, struct kiln_error *error)
 {
     struct validity *v = context;
-    const int status = vulkan_sobol(v->b, SECOND_LOOK, error);
+    const int status = vulkan_sobol(v->b, KILN_VALIDITY_SECOND_LOOK, error);
     return status == KILN_OK ? vulkan_kernel_of(v->b, &vulkan_validity_shader, false, 0, &v->kernel, error) : status;
 }
 
@@ -153,7 +146,7 @@ static int look(struct validity *v, const struct kiln_batch *batch, struct kiln_
     const struct vulkan_chunked pass = {.pass = &kiln_pass_validity,
                                         .pace = KILN_PASS_INDEX_validity,
                                         .rows = 1,
-                                        .work = FIRST_LOOK,
+                                        .work = KILN_VALIDITY_FIRST_LOOK,
                                         .first_guess = 1 << 18,
                                         .wants_words = true,
                                         .prepare = prepare,

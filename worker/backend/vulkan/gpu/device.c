@@ -17,7 +17,7 @@ static void list_found(const struct gpu_found *found, size_t count, char *text, 
     size_t length = 0;
     (void)snprintf(text, size, "none");
     for (size_t i = 0; i < count && length < size; i++) {
-        const struct gpu_description *a = &found[i].about;
+        const struct kiln_device *a = &found[i].about;
         const int n = snprintf(text + length, size - length, "%s%zu %s%s%s", i > 0 ? "; " : "", i, a->name,
                                a->fit ? "" : " lacks ", a->lacks);
         length += n > 0 ? (size_t)n : 0;
@@ -244,7 +244,7 @@ void gpu_destroy(struct gpu **gpu)
     kiln_free(gpu);
 }
 
-const struct gpu_description *gpu_about(const struct gpu *gpu) { return &gpu->about; }
+const struct kiln_device *gpu_about(const struct gpu *gpu) { return &gpu->about; }
 
 double gpu_slice(const struct gpu *gpu) { return gpu->slice_seconds; }
 

@@ -11,31 +11,15 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "worker/base/device.h"
 #include "worker/base/status.h"
 
 struct gpu;
 struct gpu_kernel;
 
-/* One line of `kiln info --devices`. */
-struct gpu_description {
-    char name[128];   /* as the driver calls it */
-    char driver[128]; /* name and version */
-    uint8_t uuid[16];
-    /* --device: real devices before software ones, each kind by UUID, the same in every process of a node */
-    uint32_t index;
-    uint32_t api_version; /* VK_MAKE_API_VERSION */
-    bool software;        /* a CPU that plays a GPU */
-    bool fit;             /* has what kiln needs; else `lacks` says what not */
-    char lacks[160];
-    bool ray_tracing; /* VK_KHR_ray_tracing_pipeline and what it needs */
-    bool float64;
-    uint32_t subgroup;
-    uint64_t memory, budget; /* bytes: of the largest device-local heap; of it, free for this process */
-};
-
 /* Lists devices, at most `room`; writes how many there are to `count`. A machine without a loader or driver has none:
  * no error. */
-int gpu_list(struct gpu_description *list, size_t room, size_t *count, struct kiln_error *error);
+int gpu_list(struct kiln_device *list, size_t room, size_t *count, struct kiln_error *error);
 
 /* Faults on purpose, for tests of what happens then. Every Vulkan call that can fail is counted; from KILN_GPU_FAULT
  *   lost:K      the K-th returns VK_ERROR_DEVICE_LOST, and so does every one after it until the gpu is destroyed
@@ -65,7 +49,7 @@ struct gpu_choice {
 /* A device that is lost or out of memory while it starts is tried three times. On success `error` is left alone. */
 int gpu_create(struct gpu **gpu, const struct gpu_choice *choice, struct kiln_error *error);
 void gpu_destroy(struct gpu **gpu);
-const struct gpu_description *gpu_about(const struct gpu *gpu);
+const struct kiln_device *gpu_about(const struct gpu *gpu);
 double gpu_slice(const struct gpu *gpu);
 /* After a failure: the device is gone, only gpu_buffer_destroy, gpu_kernel_destroy and gpu_destroy are of use, another
  * gpu can be created. Or: the device had too little memory for it (no buffer has been made since), and less may do. */

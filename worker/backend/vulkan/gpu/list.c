@@ -20,7 +20,7 @@ bool gpu_has_extension(VkPhysicalDevice physical, const char *name)
     return found;
 }
 
-static void describe_driver(VkPhysicalDevice physical, struct gpu_description *about)
+static void describe_driver(VkPhysicalDevice physical, struct kiln_device *about)
 {
     VkPhysicalDeviceVulkan12Properties v12 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_PROPERTIES};
     VkPhysicalDeviceVulkan11Properties v11 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_1_PROPERTIES,
@@ -32,7 +32,7 @@ static void describe_driver(VkPhysicalDevice physical, struct gpu_description *a
     (void)snprintf(about->driver, sizeof about->driver, "%.63s %.63s", v12.driverName, v12.driverInfo);
 }
 
-static void describe_memory(VkPhysicalDevice physical, struct gpu_description *about)
+static void describe_memory(VkPhysicalDevice physical, struct kiln_device *about)
 {
     const bool known = gpu_has_extension(physical, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
     VkPhysicalDeviceMemoryBudgetPropertiesEXT budget = {
@@ -51,7 +51,7 @@ static void describe_memory(VkPhysicalDevice physical, struct gpu_description *a
     }
 }
 
-static void lack(struct gpu_description *about, bool has, const char *what)
+static void lack(struct kiln_device *about, bool has, const char *what)
 {
     const size_t length = strlen(about->lacks);
     if (!has)
@@ -85,7 +85,7 @@ static bool has_compute_queue(VkPhysicalDevice physical)
     return false;
 }
 
-static void judge(VkPhysicalDevice physical, struct gpu_description *about)
+static void judge(VkPhysicalDevice physical, struct kiln_device *about)
 {
     VkPhysicalDeviceVulkan12Features v12 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES};
     VkPhysicalDeviceFeatures2 features = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, .pNext = &v12};
@@ -98,12 +98,12 @@ static void judge(VkPhysicalDevice physical, struct gpu_description *about)
     about->ray_tracing = offers_ray_tracing(physical);
 }
 
-static void describe(VkPhysicalDevice physical, struct gpu_description *about)
+static void describe(VkPhysicalDevice physical, struct kiln_device *about)
 {
     VkPhysicalDeviceProperties properties;
     vkGetPhysicalDeviceProperties(physical, &properties);
-    *about = (struct gpu_description){.api_version = properties.apiVersion,
-                                      .software = properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU};
+    *about = (struct kiln_device){.api_version = properties.apiVersion,
+                                  .software = properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU};
     (void)snprintf(about->name, sizeof about->name, "%.127s", properties.deviceName);
     if (properties.apiVersion >= VK_API_VERSION_1_2) {
         describe_driver(physical, about);
@@ -146,7 +146,7 @@ int gpu_find(VkInstance instance, struct gpu_found **found, size_t *count, struc
     return KILN_OK;
 }
 
-int gpu_list(struct gpu_description *list, size_t room, size_t *count, struct kiln_error *error)
+int gpu_list(struct kiln_device *list, size_t room, size_t *count, struct kiln_error *error)
 {
     VkInstance instance = VK_NULL_HANDLE;
     struct gpu_found *found = NULL;

@@ -39,7 +39,7 @@ struct gpu_extensions {
 };
 
 struct gpu {
-    struct gpu_description about;
+    struct kiln_device about;
     VkInstance instance;
     VkDebugUtilsMessengerEXT messenger;
     VkPhysicalDevice physical;
@@ -101,7 +101,7 @@ int gpu_instance_create(struct gpu *gpu, bool validation, VkInstance *instance, 
 /* list.c */
 struct gpu_found {
     VkPhysicalDevice physical;
-    struct gpu_description about;
+    struct kiln_device about;
 };
 /* The machine's devices in the order of gpu_list; free with kiln_free. */
 int gpu_find(VkInstance instance, struct gpu_found **found, size_t *count, struct kiln_error *error);

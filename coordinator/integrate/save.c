@@ -3,52 +3,144 @@
 #include <string.h>
 #include <time.h>
 
+#include "coordinator/field/field_blocks.h"
 #include "coordinator/integrate/save.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
-#include "worker/scene/radiosity.h"
 
 #define WRITE_BYTES 20e6 /* a second, at the slowest disk that is not taken for a dead one */
 
-enum { PASSES_MOST = 10002 }; /* with the most bounces that can be asked for */
-enum { POINT_BYTES = 12 + 12 + 2 + 2 + 8 + 8 };
+enum { STEPS_MOST = 10002 }; /* with the most bounces that can be asked for */
+enum { OTHER_BLOCKS = 12 };  /* besides the fields: those listed here, and what kiln_integrate_save adds */
+static_assert((int)KILN_FIELDS_MAX + (int)OTHER_BLOCKS <= (int)KILN_BLOCKS_MAX, "a checkpoint has room for all fields");
 
-/* What all ranks have the same. */
+/* ---- records ----
+ *
+ * What lies in a checkpoint besides the fields. Members have fixed widths and leave no gaps, and none of these structs
+ * is used for anything else: one that changes makes KILN_CHECKPOINT_FORMAT (checkpoint_private.h) one larger. */
+
+/* The block "state", once: where the bake stands. */
 struct saved_state {
     uint32_t finished, bounces, tail, restarts;
     double tail_ratio[3], tail_share;
     double unit, unit_squared, seconds;
 };
+static_assert(sizeof(struct saved_state) == 4 * 4 + 7 * 8, "a record has no gaps");
 
-/* What a rank did in each pass. */
-struct saved_pass {
-    uint64_t rays;
-    double seconds, exchange_seconds;
+/* The block "steps", once, an element a step: what all ranks have the same of it. */
+struct saved_report {
+    uint32_t role, bounce, samples;
+    uint32_t judged, moved, reserved; /* of the balance: 0 or 1; 0 */
+    double incident[3], reflected[3], sent[3], escaped[3], blocked[3], glass[3], variance;
+    double tail_error, imbalance, gain, cost;
+    uint64_t points;
 };
+static_assert(sizeof(struct saved_report) == 6 * 4 + 24 * 8, "a record has no gaps");
 
-/* A group of tiles that has something. */
-struct saved_group {
-    uint64_t index, low;
+/* The block "own_steps" of each rank, an element a step: what that rank did in it. */
+struct saved_own_step {
+    uint64_t rays;
+    double seconds, exchange_seconds, device_seconds;
+};
+static_assert(sizeof(struct saved_own_step) == 4 * 8, "a record has no gaps");
+
+/* A sum in 128 bits. */
+struct saved_sum {
+    uint64_t low;
     int64_t high;
 };
 
+/* The block "own_groups" of each rank: the power of each group of tiles that has some. */
+struct saved_group {
+    uint64_t index;
+    struct saved_sum sum;
+};
+static_assert(sizeof(struct saved_group) == 3 * 8, "a record has no gaps");
+
+/* The block "done" of each rank: ranges of points whose answers are in the fields. */
 struct saved_range {
-    uint64_t first, count; /* points */
+    uint64_t first, count;
 };
 
+/* The block "own_sums" of each rank, once: its sums in the step under way. */
 struct saved_sums {
-    struct kiln_exact_sum pass[KILN_SUMS], variance;
+    struct saved_sum sums[KILN_SUMS], variance;
 };
+static_assert(sizeof(struct saved_sums) == (KILN_SUMS + 1) * 16, "a record has no gaps");
 
-uint64_t kiln_save_bytes(const struct kiln_saved *s) { return s->params->surface->point_count * POINT_BYTES; }
-
-/* Whether the step under way gathers from radiosity, which then is saved too. */
-static bool gathers(const struct kiln_saved *s) { return kiln_solution_step(s->solution)->step.pass->reads_radiosity; }
-
-/* Bytes of a point in own->next. */
-static size_t next_size(const struct kiln_saved *s)
+static struct saved_sum sum_saved(const struct kiln_exact_sum *sum)
 {
-    return kiln_solution_step(s->solution)->step.compact ? sizeof(uint32_t) : sizeof(uint64_t);
+    return (struct saved_sum){(uint64_t)sum->value, (int64_t)(sum->value >> 64)};
+}
+
+static __int128 sum_read(const struct saved_sum *sum)
+{
+    return (__int128)sum->high * ((__int128)1 << 64) + (__int128)sum->low;
+}
+
+static struct saved_report report_saved(const struct kiln_step_report *r)
+{
+    const struct kiln_step_energy *e = &r->energy;
+    struct saved_report saved = {.role = r->step.role,
+                                 .bounce = r->step.bounce,
+                                 .samples = r->step.samples,
+                                 .tail_error = r->tail_error,
+                                 .judged = r->balance.judged,
+                                 .moved = r->balance.moved,
+                                 .variance = e->variance,
+                                 .imbalance = r->balance.imbalance,
+                                 .gain = r->balance.gain,
+                                 .cost = r->balance.cost,
+                                 .points = r->balance.points};
+    for (int c = 0; c < 3; c++) {
+        saved.incident[c] = e->incident[c];
+        saved.reflected[c] = e->reflected[c];
+        saved.sent[c] = e->sent[c];
+        saved.escaped[c] = e->escaped[c];
+        saved.blocked[c] = e->blocked[c];
+        saved.glass[c] = e->glass[c];
+    }
+    return saved;
+}
+
+/* What ranks did themselves is not in it: see add_part. */
+static struct kiln_step_report report_read(const struct saved_report *saved)
+{
+    struct kiln_step_report r = {.step = {.role = saved->role, .bounce = saved->bounce, .samples = saved->samples},
+                                 .tail_error = saved->tail_error,
+                                 .energy = {.variance = saved->variance},
+                                 .balance = {.judged = saved->judged != 0,
+                                             .moved = saved->moved != 0,
+                                             .imbalance = saved->imbalance,
+                                             .gain = saved->gain,
+                                             .cost = saved->cost,
+                                             .points = saved->points}};
+    for (int c = 0; c < 3; c++) {
+        r.energy.incident[c] = saved->incident[c];
+        r.energy.reflected[c] = saved->reflected[c];
+        r.energy.sent[c] = saved->sent[c];
+        r.energy.escaped[c] = saved->escaped[c];
+        r.energy.blocked[c] = saved->blocked[c];
+        r.energy.glass[c] = saved->glass[c];
+    }
+    return r;
+}
+
+static const struct kiln_field_set *fields_of(const struct kiln_saved *s)
+{
+    return kiln_node_data_fields(s->solution->node_data);
+}
+
+static struct kiln_save_moment moment_of(const struct kiln_saved *s, bool finished)
+{
+    const struct kiln_step *step = &kiln_solution_step(s->solution)->step;
+    return (struct kiln_save_moment){
+        .in_step = !finished, .in_gather = step->pass->reads_radiosity, .compact = step->compact};
+}
+
+uint64_t kiln_save_bytes(const struct kiln_saved *s)
+{
+    return s->params->surface->point_count * kiln_field_set_saved_bytes(fields_of(s));
 }
 
 /* ---- writing ---- */
@@ -57,7 +149,8 @@ static size_t next_size(const struct kiln_saved *s)
 struct save_work {
     struct saved_state state;
     struct saved_sums sums;
-    struct saved_pass *passes;
+    struct saved_report *reports;
+    struct saved_own_step *own_steps;
     struct saved_group *groups;
     struct saved_range *done;
     size_t group_count, done_count;
@@ -73,11 +166,6 @@ static void add_block(struct save_work *w, const char *name, uint64_t first, uin
     (void)strncpy(b->name, name, sizeof b->name - 1);
 }
 
-static struct saved_group group_saved(size_t index, const struct kiln_exact_sum *sum)
-{
-    return (struct saved_group){index, (uint64_t)sum->value, (int64_t)(sum->value >> 64)};
-}
-
 static int collect_groups(const struct kiln_saved *s, struct save_work *w, struct kiln_error *error)
 {
     size_t count = 0;
@@ -86,7 +174,7 @@ static int collect_groups(const struct kiln_saved *s, struct save_work *w, struc
     const int status = kiln_allocate(&w->groups, count, sizeof *w->groups, "a checkpoint's groups", error);
     for (size_t i = 0; status == KILN_OK && i < s->ledger->group_count; i++)
         if (s->ledger->group_now[i].value != 0)
-            w->groups[w->group_count++] = group_saved(i, &s->ledger->group_now[i]);
+            w->groups[w->group_count++] = (struct saved_group){i, sum_saved(&s->ledger->group_now[i])};
     return status;
 }
 
@@ -116,13 +204,17 @@ static int collect_done(const struct kiln_saved *s, struct save_work *w, struct 
     return status;
 }
 
-static int collect_passes(const struct kiln_saved *s, struct save_work *w, struct kiln_error *error)
+static int collect_steps(const struct kiln_saved *s, struct save_work *w, struct kiln_error *error)
 {
     const struct kiln_integrate_report *r = &s->solution->report;
-    const int status = kiln_allocate(&w->passes, r->steps.count, sizeof *w->passes, "a checkpoint's passes", error);
-    for (size_t i = 0; status == KILN_OK && i < r->steps.count; i++)
-        w->passes[i] =
-            (struct saved_pass){r->steps.of[i].rays, r->steps.of[i].seconds, r->steps.of[i].exchange_seconds};
+    int status = kiln_allocate(&w->own_steps, r->steps.count, sizeof *w->own_steps, "a checkpoint's steps", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&w->reports, r->steps.count, sizeof *w->reports, "a checkpoint's steps", error);
+    for (size_t i = 0; status == KILN_OK && i < r->steps.count; i++) {
+        const struct kiln_step_report *p = &r->steps.of[i];
+        w->own_steps[i] = (struct saved_own_step){p->rays, p->seconds, p->exchange_seconds, p->device_seconds};
+        w->reports[i] = report_saved(p);
+    }
     return status;
 }
 
@@ -143,31 +235,24 @@ static struct saved_state state_of(const struct kiln_saved *s, bool finished)
 
 static void list_blocks(const struct kiln_saved *s, struct save_work *w, bool finished)
 {
-    const struct kiln_surface *surface = s->params->surface;
     const struct kiln_integrate_report *r = &s->solution->report;
-    const uint64_t first = surface->first, count = surface->count;
+    const struct kiln_save_moment moment = moment_of(s, finished);
     if (s->params->rank == 0) {
         add_block(w, "state", 0, 1, sizeof w->state, &w->state);
-        add_block(w, "passes", 0, r->steps.count, sizeof *r->steps.of, r->steps.of);
+        add_block(w, "steps", 0, r->steps.count, sizeof *w->reports, w->reports);
     }
     if (s->params->rank == 0 && !finished) {
         add_block(w, "group_before", 0, s->ledger->group_count, sizeof *s->ledger->group_before,
                   s->ledger->group_before);
         add_block(w, "group_total", 0, s->ledger->group_count, sizeof *s->ledger->group_total, s->ledger->group_total);
     }
-    add_block(w, "own_passes", 0, r->steps.count, sizeof *w->passes, w->passes);
-    add_block(w, "direct", first, count, 3 * sizeof(float), s->solution->direct);
-    add_block(w, "sum", first, count, 3 * sizeof(float), s->solution->own->sum);
-    add_block(w, "error", first, count, sizeof *s->solution->error, s->solution->error);
-    add_block(w, "visible", first, count, sizeof *surface->visible, surface->visible);
+    add_block(w, "own_steps", 0, r->steps.count, sizeof *w->own_steps, w->own_steps);
+    w->block_count += kiln_field_blocks(fields_of(s), s->solution->own, &moment, w->blocks + w->block_count);
     if (finished)
         return;
     add_block(w, "done", 0, w->done_count, sizeof *w->done, w->done);
     add_block(w, "own_sums", 0, 1, sizeof w->sums, &w->sums);
     add_block(w, "own_groups", 0, w->group_count, sizeof *w->groups, w->groups);
-    add_block(w, "next", first, count, next_size(s), s->solution->own->next);
-    if (gathers(s))
-        add_block(w, "source", first, count, sizeof *s->solution->radiosity, s->solution->radiosity + first);
 }
 
 static int save_with(const struct kiln_saved *s, bool finished, const struct kiln_block *more, size_t more_count,
@@ -179,9 +264,10 @@ static int save_with(const struct kiln_saved *s, bool finished, const struct kil
     kiln_control_blocking(p->control, "writing a checkpoint", 60.0 + (double)kiln_save_bytes(s) / WRITE_BYTES);
     if (!finished)
         kiln_step_work_settle(s->work, s->solution->own, p->node, kiln_node_data_count(s->solution->node_data));
-    struct save_work w = {.state = state_of(s, finished), .sums = {.variance = s->ledger->variance}};
-    memcpy(w.sums.pass, s->ledger->sums, sizeof s->ledger->sums);
-    int status = collect_passes(s, &w, error);
+    struct save_work w = {.state = state_of(s, finished), .sums = {.variance = sum_saved(&s->ledger->variance)}};
+    for (int k = 0; k < KILN_SUMS; k++)
+        w.sums.sums[k] = sum_saved(&s->ledger->sums[k]);
+    int status = collect_steps(s, &w, error);
     if (status == KILN_OK && !finished)
         status = collect_groups(s, &w, error);
     if (status == KILN_OK && !finished)
@@ -197,7 +283,8 @@ static int save_with(const struct kiln_saved *s, bool finished, const struct kil
     kiln_trace_add(p->trace, KILN_TRACE_CHECKPOINT, "checkpoint", start, MPI_Wtime(), (int64_t)p->surface->count);
     if (status == KILN_OK)
         kiln_control_saved(p->control, kiln_checkpoint_last(p->checkpoint), MPI_Wtime() - start, (double)time(NULL));
-    kiln_free(&w.passes);
+    kiln_free(&w.reports);
+    kiln_free(&w.own_steps);
     kiln_free(&w.groups);
     kiln_free(&w.done);
     return status;
@@ -232,23 +319,24 @@ static int no_such_step(size_t number, struct kiln_error *error)
                      number);
 }
 
-static int no_such_value(const char *name, struct kiln_error *error)
-{
-    return kiln_fail(
-        error, KILN_IO,
-        "the checkpoint has values in '%s' that no bake can have; give --no-resume to start from the beginning", name);
-}
-
 static bool state_is_sane(const struct saved_state *state)
 {
     enum { BOUNCES_MOST = 1 << 20 };
     bool sane = state->bounces <= BOUNCES_MOST && isfinite(state->tail_share) && isfinite(state->seconds) &&
                 state->seconds >= 0.0;
-    if (state->finished == 0) /* no sums come after the last pass */
+    if (state->finished == 0) /* no sums come after the last step */
         sane = sane && isfinite(state->unit) && state->unit > 0.0 && isfinite(state->unit_squared) &&
                state->unit_squared > 0.0;
     for (int c = 0; c < 3; c++)
         sane = sane && isfinite(state->tail_ratio[c]);
+    return sane;
+}
+
+static bool groups_are_sane(const struct kiln_saved *s)
+{
+    bool sane = true;
+    for (size_t i = 0; i < s->ledger->group_count; i++)
+        sane = sane && isfinite(s->ledger->group_before[i]) && isfinite(s->ledger->group_total[i]);
     return sane;
 }
 
@@ -270,7 +358,7 @@ static int restore_state(const struct kiln_saved *s, bool *finished, struct kiln
     s->ledger->unit = state.unit;
     s->ledger->unit_squared = state.unit_squared;
     if (!state_is_sane(&state))
-        return no_such_value("state", error);
+        return kiln_block_insane("state", error);
     if (*finished)
         return KILN_OK;
     status = kiln_checkpoint_read(c, "group_before", 0, s->ledger->group_count, sizeof *s->ledger->group_before,
@@ -278,148 +366,70 @@ static int restore_state(const struct kiln_saved *s, bool *finished, struct kiln
     if (status == KILN_OK)
         status = kiln_checkpoint_read(c, "group_total", 0, s->ledger->group_count, sizeof *s->ledger->group_total,
                                       s->ledger->group_total, error);
-    return status;
+    return status == KILN_OK && !groups_are_sane(s) ? kiln_block_insane("group_total", error) : status;
 }
 
-/* A file may have any byte where a bool was. */
-static bool balance_is_sane(const struct kiln_step_balance *b)
+static bool report_is_sane(const struct saved_report *r)
 {
-    unsigned char judged, moved;
-    memcpy(&judged, &b->judged, 1);
-    memcpy(&moved, &b->moved, 1);
-    return judged <= 1 && moved <= 1 && isfinite(b->imbalance) && isfinite(b->gain) && isfinite(b->cost);
+    bool sane = r->judged <= 1 && r->moved <= 1 && isfinite(r->imbalance) && isfinite(r->gain) && isfinite(r->cost) &&
+                isfinite(r->variance) && isfinite(r->tail_error);
+    for (int c = 0; c < 3; c++)
+        sane = sane && isfinite(r->incident[c]) && isfinite(r->reflected[c]) && isfinite(r->sent[c]) &&
+               isfinite(r->escaped[c]) && isfinite(r->blocked[c]) && isfinite(r->glass[c]);
+    return sane;
 }
 
-/* The integrator says what step it is; what the file says of that must agree. */
-static int restore_step(const struct kiln_saved *s, size_t i, struct kiln_error *error)
+/* Appends the report of a record. The integrator says which step it is; what the file says of that must agree. */
+static int append_report(const struct kiln_saved *s, const struct saved_report *saved, struct kiln_error *error)
 {
     const struct kiln_integrate_settings *settings = s->params->settings;
-    struct kiln_step_report *report = &s->solution->report.steps.of[i];
+    struct kiln_step_reports *reports = &s->solution->report.steps;
+    struct kiln_step_report report = report_read(saved);
     struct kiln_step step;
-    if (!settings->integrator->next(settings, s->solution->report.steps.of, i, &step) ||
-        step.role != report->step.role || step.bounce != report->step.bounce || step.samples != report->step.samples)
-        return no_such_step(i, error);
-    report->step = step;
-    return balance_is_sane(&report->balance) && isfinite(report->tail_error) ? KILN_OK : no_such_value("passes", error);
+    if (!settings->integrator->next(settings, reports->of, reports->count, &step) || step.role != report.step.role ||
+        step.bounce != report.step.bounce || step.samples != report.step.samples)
+        return no_such_step(reports->count, error);
+    report.step = step;
+    reports->of[reports->count++] = report;
+    return report_is_sane(saved) ? KILN_OK : kiln_block_insane("steps", error);
 }
 
-static int restore_passes(const struct kiln_saved *s, struct kiln_error *error)
+/* The file has all `count` records: their number was looked at before. */
+static int read_reports(const struct kiln_saved *s, size_t count, struct kiln_error *error)
 {
-    struct kiln_integrate_report *r = &s->solution->report;
+    struct saved_report *saved = NULL;
+    int status = kiln_allocate(&saved, count, sizeof *saved, "a checkpoint's steps", error);
+    if (status == KILN_OK)
+        status = kiln_checkpoint_read(s->params->checkpoint, "steps", 0, count, sizeof *saved, saved, error);
+    for (size_t i = 0; i < count && status == KILN_OK; i++)
+        status = append_report(s, &saved[i], error);
+    kiln_free(&saved);
+    return status;
+}
+
+static int restore_steps(const struct kiln_saved *s, struct kiln_error *error)
+{
     uint64_t first, count;
-    kiln_checkpoint_part_range(s->params->checkpoint, 0, "passes", &first, &count);
-    if (count == 0 || count > PASSES_MOST)
+    kiln_checkpoint_part_range(s->params->checkpoint, 0, "steps", &first, &count);
+    if (count == 0 || count > STEPS_MOST)
         return kiln_fail(
             error, KILN_IO,
-            "the checkpoint has %llu passes and 1 to %d are possible; give --no-resume to start from the beginning",
-            (unsigned long long)count, (int)PASSES_MOST);
-    int status = kiln_step_reports_reserve(&r->steps, (size_t)count, error);
-    if (status == KILN_OK)
-        status =
-            kiln_checkpoint_read(s->params->checkpoint, "passes", 0, count, sizeof *r->steps.of, r->steps.of, error);
-    if (status != KILN_OK)
-        return status;
-    r->steps.count = (size_t)count;
-    for (size_t i = 0; i < r->steps.count && status == KILN_OK; i++) {
-        struct kiln_step_report *report = &r->steps.of[i];
-        status = restore_step(s, i, error);
-        report->rays = 0; /* these are of the ranks that did them */
-        report->given = report->taken = 0;
-        report->seconds = report->exchange_seconds = 0.0;
-    }
-    return status;
+            "the checkpoint has %llu steps and 1 to %d are possible; give --no-resume to start from the beginning",
+            (unsigned long long)count, (int)STEPS_MOST);
+    s->solution->report.steps.count = 0;
+    const int status = kiln_step_reports_reserve(&s->solution->report.steps, (size_t)count, error);
+    return status == KILN_OK ? read_reports(s, (size_t)count, error) : status;
 }
 
-/* What a bake can have come to: sums of these are taken in fixed point, where others have no place. */
-static bool floats_are_sane(const float *values, uint64_t count)
-{
-    bool sane = true;
-    for (uint64_t i = 0; i < count; i++)
-        sane = sane && fabsf(values[i]) < 1e36f; /* not so for what is no number */
-    return sane;
-}
-
-static bool doubles_are_sane(const double *values, size_t count)
-{
-    bool sane = true;
-    for (size_t i = 0; i < count; i++)
-        sane = sane && isfinite(values[i]);
-    return sane;
-}
-
-static bool errors_are_sane(const uint16_t *values, uint64_t count)
-{
-    bool sane = true;
-    for (uint64_t i = 0; i < count; i++)
-        sane = sane && isfinite(kiln_error_unpack(values[i]));
-    return sane;
-}
-
-static bool radiosities_are_sane(const uint64_t *values, uint64_t count)
-{
-    bool sane = true;
-    for (uint64_t i = 0; i < count; i++) {
-        float rgb[3];
-        kiln_radiosity_unpack(values[i], rgb);
-        sane = sane && floats_are_sane(rgb, 3);
-    }
-    return sane;
-}
-
-static int check_points(const struct kiln_saved *s, bool finished, struct kiln_error *error)
-{
-    const uint64_t count = s->params->surface->count;
-    const bool has_source = !finished && gathers(s);
-    if (!floats_are_sane(s->solution->direct, 3 * count))
-        return no_such_value("direct", error);
-    if (!floats_are_sane(s->solution->own->sum, 3 * count))
-        return no_such_value("sum", error);
-    if (!errors_are_sane(s->solution->error, count))
-        return no_such_value("error", error);
-    if (!finished && next_size(s) == sizeof(uint64_t) && /* any value of the 4-byte form is finite */
-        !radiosities_are_sane(s->solution->own->next, count))
-        return no_such_value("next", error);
-    if (has_source && !radiosities_are_sane(s->solution->radiosity + s->params->surface->first, count))
-        return no_such_value("source", error);
-    if (!finished && (!doubles_are_sane(s->ledger->group_before, s->ledger->group_count) ||
-                      !doubles_are_sane(s->ledger->group_total, s->ledger->group_count)))
-        return no_such_value("group_total", error);
-    return KILN_OK;
-}
-
+/* Which points are buried was found by the backend that began; another one may see a point at an edge otherwise. */
 static int restore_points(const struct kiln_saved *s, bool finished, struct kiln_error *error)
 {
-    const struct kiln_checkpoint *c = s->params->checkpoint;
-    const struct kiln_surface *surface = s->params->surface;
-    const uint64_t first = surface->first, count = surface->count;
-    int status = kiln_checkpoint_read(c, "direct", first, count, 3 * sizeof(float), s->solution->direct, error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(c, "sum", first, count, 3 * sizeof(float), s->solution->own->sum, error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(c, "error", first, count, sizeof *s->solution->error, s->solution->error, error);
-    if (status == KILN_OK && !finished)
-        status = kiln_checkpoint_read(c, "next", first, count, next_size(s), s->solution->own->next, error);
-    if (status == KILN_OK && !finished && gathers(s))
-        status = kiln_checkpoint_read(c, "source", first, count, sizeof *s->solution->radiosity,
-                                      s->solution->radiosity + first, error);
-    return status == KILN_OK ? check_points(s, finished, error) : status;
-}
-
-/* What is buried was found by the backend that began; another one may see a point at the edge otherwise. */
-static int restore_visible(const struct kiln_saved *s, struct kiln_error *error)
-{
-    const struct kiln_surface *surface = s->params->surface;
-    uint16_t *visible = NULL;
-    int status = kiln_allocate(&visible, surface->count, sizeof *visible, "the buried points", error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(s->params->checkpoint, "visible", surface->first, surface->count, sizeof *visible,
-                                      visible, error);
-    if (status == KILN_OK && memcmp(visible, surface->visible, surface->count * sizeof *visible) != 0) {
-        memcpy(surface->visible, visible, surface->count * sizeof *visible);
-        status = kiln_backend_set_surface(s->params->backend, surface, error);
-    }
-    kiln_free(&visible);
-    return status;
+    const struct kiln_save_moment moment = moment_of(s, finished);
+    bool changed = false;
+    const int status =
+        kiln_field_blocks_read(s->params->checkpoint, fields_of(s), s->solution->own, &moment, &changed, error);
+    return status == KILN_OK && changed ? kiln_backend_set_surface(s->params->backend, s->params->surface, error)
+                                        : status;
 }
 
 /* Adds one file's sums to this rank's: which rank does that makes no difference to the total. */
@@ -427,29 +437,29 @@ static int add_part(const struct kiln_saved *s, size_t part, bool finished, stru
 {
     const struct kiln_checkpoint *c = s->params->checkpoint;
     struct kiln_integrate_report *r = &s->solution->report;
-    struct saved_pass *passes = NULL;
+    struct saved_own_step *steps = NULL;
     struct saved_group *groups = NULL;
     struct saved_sums *sums = NULL;
     uint64_t count = 0;
-    int status = kiln_checkpoint_read_part(c, part, "own_passes", sizeof *passes, &passes, &count, error);
+    int status = kiln_checkpoint_read_part(c, part, "own_steps", sizeof *steps, &steps, &count, error);
     for (uint64_t i = 0; status == KILN_OK && i < count && i < r->steps.count; i++) {
-        r->steps.of[i].rays += passes[i].rays;
-        r->steps.of[i].seconds += passes[i].seconds;
-        r->steps.of[i].exchange_seconds += passes[i].exchange_seconds;
+        r->steps.of[i].rays += steps[i].rays;
+        r->steps.of[i].seconds += steps[i].seconds;
+        r->steps.of[i].exchange_seconds += steps[i].exchange_seconds;
+        r->steps.of[i].device_seconds += steps[i].device_seconds;
     }
     if (status == KILN_OK && !finished)
         status = kiln_checkpoint_read_part(c, part, "own_sums", sizeof *sums, &sums, &count, error);
     for (int k = 0; status == KILN_OK && !finished && count == 1 && k < KILN_SUMS; k++)
-        s->ledger->sums[k].value += sums->pass[k].value;
+        s->ledger->sums[k].value += sum_read(&sums->sums[k]);
     if (status == KILN_OK && !finished)
-        s->ledger->variance.value += count == 1 ? sums->variance.value : 0;
+        s->ledger->variance.value += count == 1 ? sum_read(&sums->variance) : 0;
     if (status == KILN_OK && !finished)
         status = kiln_checkpoint_read_part(c, part, "own_groups", sizeof *groups, &groups, &count, error);
     for (uint64_t i = 0; status == KILN_OK && !finished && i < count; i++)
         if (groups[i].index < s->ledger->group_count)
-            s->ledger->group_now[groups[i].index].value +=
-                (__int128)groups[i].high * ((__int128)1 << 64) + (__int128)groups[i].low;
-    kiln_free(&passes);
+            s->ledger->group_now[groups[i].index].value += sum_read(&groups[i].sum);
+    kiln_free(&steps);
     kiln_free(&groups);
     kiln_free(&sums);
     return status;
@@ -506,11 +516,9 @@ int kiln_restore(const struct kiln_saved *s, bool *finished, struct kiln_error *
     const struct kiln_integrate_params *p = s->params;
     int status = restore_state(s, finished, error);
     if (status == KILN_OK)
-        status = restore_passes(s, error);
+        status = restore_steps(s, error);
     if (status == KILN_OK)
         status = restore_points(s, *finished, error);
-    if (status == KILN_OK)
-        status = restore_visible(s, error);
     for (size_t part = (size_t)p->rank; status == KILN_OK && part < kiln_checkpoint_parts(p->checkpoint);
          part += (size_t)p->ranks)
         status = add_part(s, part, *finished, error);

@@ -1,0 +1,150 @@
+/* A field is one quantity that a bake keeps for each item of a domain: irradiance for each surface point, seconds for
+ * each tile run. All fields stand in one table, a row each (fields.c), and whatever handles fields walks that table:
+ *
+ *   memory of a rank and of its node, moving points between ranks      coordinator/field/rank_data.c
+ *   checkpoints                                                        coordinator/field/field_blocks.c
+ *   columns of kiln.h5                                                 coordinator/output/columns.c
+ *   layers of the lightmaps                                            coordinator/output/map/layers.c
+ *   ranges that `kiln verify` expects                                  coordinator/output/read/ranges.c
+ *   memory and disk that `kiln plan` predicts                          coordinator/plan/plan.c
+ *
+ * A new quantity is a new row, and the code that computes its values. A row whose `present` says no for a job is left
+ * out of that bake's field set, and costs it no memory, no file space and no time. Nothing here is collective. */
+#ifndef KILN_COORDINATOR_FIELD_FIELD_H
+#define KILN_COORDINATOR_FIELD_FIELD_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "coordinator/job/job.h"
+#include "worker/base/status.h"
+
+/* What items a field has values for. Ranges of the global order are counted in each of these. */
+enum kiln_domain { KILN_DOMAIN_TILE_RUN, KILN_DOMAIN_POINT, KILN_DOMAIN_PIECE, KILN_DOMAIN_AREA_CDF, KILN_DOMAINS };
+
+/* How one component is stored. The types that can be published become floats: see kiln_field_floats. */
+enum kiln_field_type {
+    KILN_FIELD_FLOAT,
+    KILN_FIELD_ERROR,     /* 16 bits: kiln_error_pack */
+    KILN_FIELD_RADIOSITY, /* 64 bits, three values in one: kiln_radiosity_pack */
+    KILN_FIELD_UNORM16,   /* 16 bits; 65535 is 1 */
+    KILN_FIELD_UINT16,
+    KILN_FIELD_UINT32,
+    KILN_FIELD_UINT64,
+    KILN_FIELD_TILE_RUN, /* struct kiln_tile_run */
+    KILN_FIELD_QUEUE     /* struct kiln_work_queue */
+};
+
+/* How many items an array has: as many as its domain, one more (where each begins, and the end), or one for the rank.
+ * The last two are made anew by the rank that has them, and never moved. */
+enum kiln_field_length { KILN_FIELD_EACH, KILN_FIELD_ONE_MORE, KILN_FIELD_ONE };
+
+/* How long a field lives, and in which memory. */
+enum kiln_field_life {
+    KILN_FIELD_SURFACE,   /* as the surface points: made before light transport */
+    KILN_FIELD_RESULT,    /* from the begin of light transport until all files are written; zero at first */
+    KILN_FIELD_STEP,      /* scratch of a step: gone when light transport ends; zero after points were moved */
+    KILN_FIELD_ALLGATHER, /* the own part of the radiosity of all points: belongs to radiosity_allgather.h */
+    KILN_FIELD_SUM,       /* nowhere: published as the sum of two other fields */
+    KILN_FIELD_LIVES
+};
+
+/* Which checkpoints hold a field's values. */
+enum kiln_field_saved {
+    KILN_FIELD_NOT_SAVED,
+    KILN_FIELD_SAVED,          /* all */
+    KILN_FIELD_SAVED_IN_STEP,  /* those that are written while a step is under way */
+    KILN_FIELD_SAVED_IN_GATHER /* of these, those in whose step radiosity is gathered */
+};
+
+/* Components that a published field has at most: spherical harmonics of bands 0 and 1 have 12. */
+enum { KILN_FIELD_COMPONENTS_MAX = 16 };
+
+/* A row of the table. Strings and arrays are static. */
+struct kiln_field {
+    const char *name; /* also of its block in a checkpoint: shorter than KILN_BLOCK_NAME */
+    const char *unit; /* "m2", "1", ...; NULL: that of the bake's irradiance (coordinator/field/units.h) */
+    enum kiln_field_type type;
+    uint32_t components; /* of an item */
+    enum kiln_domain domain;
+    enum kiln_field_length length;
+    enum kiln_field_life life;
+    /* offset in struct kiln_rank_data of the pointer to the values, where code uses it by name; 0: it stands in the
+     * array `more` there */
+    size_t member;
+    const char *terms[2]; /* KILN_FIELD_SUM: names of the two fields, both in rows before this one */
+    enum kiln_field_saved saved;
+    /* Finite values of published components lie in [low, high]: checked in checkpoints and by `kiln verify`. */
+    double low, high;
+    /* kiln.h5: the dataset's name, below /points or /irradiance; NULL: not in the file. Points where no light can be
+     * gathered have 0, unless the field is of the surface. */
+    const char *dataset, *description;
+    bool noisy; /* its digits are random: as kiln_chunk_pack has it */
+    /* lightmaps: names of `components` channels; NULL: in no lightmap */
+    const char *const *channels;
+    const char *attribute; /* name of the attribute of lightmaps that holds `description`; NULL: none */
+    bool smooth;           /* seams between charts are smoothed */
+    /* Whether a bake has the field, and whether its lightmaps do; NULL: always. */
+    bool (*present)(const struct kiln_job *job);
+    bool (*in_lightmaps)(const struct kiln_job *job);
+};
+
+/* All rows. */
+const struct kiln_field *kiln_fields(size_t *count);
+
+/* What users call a published field, and `kiln view --show` takes: the last part of its dataset's name ("direct"). NULL
+ * for a field that is not published. */
+const char *kiln_field_shown_name(const struct kiln_field *field);
+/* The field of the table that users call so and that lightmaps may have; NULL when there is none. */
+const struct kiln_field *kiln_field_shown(const char *name);
+
+enum { KILN_FIELDS_MAX = 32 };
+
+/* The fields that one bake has, in the table's order. */
+struct kiln_field_set {
+    size_t count;
+    struct kiln_field_entry {
+        const struct kiln_field *field;
+        bool in_lightmaps;
+        size_t terms[2]; /* KILN_FIELD_SUM: their places in this set */
+    } entry[KILN_FIELDS_MAX];
+};
+
+/* Those of the table that the job wants. */
+void kiln_field_set_choose(struct kiln_field_set *set, const struct kiln_job *job);
+/* Adds one row, borrowed. KILN_BUG, with a sentence, where the set is full, has a field of that name, or lacks a term
+ * of the sum. */
+int kiln_field_set_add(struct kiln_field_set *set, const struct kiln_field *field, bool in_lightmaps,
+                       struct kiln_error *error);
+/* The place of the field of that name; set->count when there is none. */
+size_t kiln_field_set_find(const struct kiln_field_set *set, const char *name);
+
+/* Bytes of one item's values. */
+size_t kiln_field_size(const struct kiln_field *field);
+/* Items of a rank's array, when the rank has so many of each domain. */
+uint64_t kiln_field_count(const struct kiln_field *field, const uint64_t items[KILN_DOMAINS]);
+/* Bytes of all fields of a life on a rank that has so many items of each domain. */
+uint64_t kiln_field_set_bytes(const struct kiln_field_set *set, enum kiln_field_life life,
+                              const uint64_t items[KILN_DOMAINS]);
+/* Bytes of one surface point: in the fields of a life, and in a checkpoint at most. */
+uint64_t kiln_field_set_point_bytes(const struct kiln_field_set *set, enum kiln_field_life life);
+uint64_t kiln_field_set_saved_bytes(const struct kiln_field_set *set);
+/* Bytes that light transport allocates on a node's only rank for `own` of `total` surface points, for all that it keeps
+ * of a point besides its surface. */
+uint64_t kiln_field_set_transport_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total);
+
+/* Of what is published: floats of a texel in a lightmap's file; bytes of a texel while a lightmap is made, which has
+ * all fields with channels, and of a point in kiln.h5. */
+uint32_t kiln_field_set_channels(const struct kiln_field_set *set);
+uint64_t kiln_field_set_plane_bytes(const struct kiln_field_set *set);
+uint64_t kiln_field_set_column_bytes(const struct kiln_field_set *set);
+
+/* One item's components as published: floats in the field's unit. `values` is the field's array. Of the types that are
+ * no numbers (tile runs, queues) there are none. */
+void kiln_field_floats(const struct kiln_field *field, const void *values, uint64_t item, float *floats);
+/* Whether the values of `count` items are such as a bake can have: finite, and within the row's range. Always true of
+ * integers. */
+bool kiln_field_is_sane(const struct kiln_field *field, const void *values, uint64_t count);
+
+#endif

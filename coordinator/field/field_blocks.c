@@ -1,0 +1,106 @@
+#include "coordinator/field/field_blocks.h"
+
+#include <assert.h>
+#include <string.h>
+
+#include "worker/base/memory.h"
+
+int kiln_block_insane(const char *name, struct kiln_error *error)
+{
+    return kiln_fail(
+        error, KILN_IO,
+        "the checkpoint has values in '%s' that no bake can have; give --no-resume to start from the beginning", name);
+}
+
+bool kiln_field_is_saved(const struct kiln_field *field, const struct kiln_save_moment *moment)
+{
+    switch (field->saved) {
+    case KILN_FIELD_NOT_SAVED:
+        break;
+    case KILN_FIELD_SAVED:
+        return true;
+    case KILN_FIELD_SAVED_IN_STEP:
+        return moment->in_step;
+    case KILN_FIELD_SAVED_IN_GATHER:
+        return moment->in_step && moment->in_gather;
+    }
+    return false;
+}
+
+/* Whether the step has the field's values in the 4-byte form of radiosity, of which any value is finite. */
+static bool is_compact(const struct kiln_field *field, const struct kiln_save_moment *moment)
+{
+    return moment->compact && field->life == KILN_FIELD_STEP && field->type == KILN_FIELD_RADIOSITY;
+}
+
+/* Bytes of an item in the field's block. */
+static size_t block_size(const struct kiln_field *field, const struct kiln_save_moment *moment)
+{
+    return is_compact(field, moment) ? field->components * sizeof(uint32_t) : kiln_field_size(field);
+}
+
+size_t kiln_field_blocks(const struct kiln_field_set *fields, const struct kiln_rank_data *data,
+                         const struct kiln_save_moment *moment, struct kiln_block *blocks)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < fields->count; i++) {
+        const struct kiln_field *field = fields->entry[i].field;
+        if (!kiln_field_is_saved(field, moment))
+            continue;
+        assert(field->domain == KILN_DOMAIN_POINT && field->length == KILN_FIELD_EACH);
+        blocks[count] = (struct kiln_block){.first = data->surface.first,
+                                            .count = data->surface.count,
+                                            .size = block_size(field, moment),
+                                            .data = kiln_rank_field(data, fields, i)};
+        (void)strncpy(blocks[count].name, field->name, sizeof blocks[count].name - 1);
+        count++;
+    }
+    return count;
+}
+
+static int read_block(const struct kiln_checkpoint *checkpoint, const struct kiln_field *field,
+                      const struct kiln_save_moment *moment, const struct kiln_surface *surface, void *values,
+                      struct kiln_error *error)
+{
+    const int status = kiln_checkpoint_read(checkpoint, field->name, surface->first, surface->count,
+                                            block_size(field, moment), values, error);
+    return status == KILN_OK && !is_compact(field, moment) && !kiln_field_is_sane(field, values, surface->count)
+               ? kiln_block_insane(field->name, error)
+               : status;
+}
+
+/* A field of the surface has values already, which the backend may have taken over. */
+static int read_surface_block(const struct kiln_checkpoint *checkpoint, const struct kiln_field *field,
+                              const struct kiln_save_moment *moment, const struct kiln_surface *surface, void *values,
+                              bool *changed, struct kiln_error *error)
+{
+    const size_t bytes = (size_t)surface->count * kiln_field_size(field);
+    void *found = NULL;
+    int status = kiln_allocate(&found, (size_t)surface->count, kiln_field_size(field), "a checkpoint's values", error);
+    if (status == KILN_OK)
+        status = read_block(checkpoint, field, moment, surface, found, error);
+    if (status == KILN_OK && memcmp(found, values, bytes) != 0) {
+        memcpy(values, found, bytes);
+        *changed = true;
+    }
+    kiln_free(&found);
+    return status;
+}
+
+int kiln_field_blocks_read(const struct kiln_checkpoint *checkpoint, const struct kiln_field_set *fields,
+                           const struct kiln_rank_data *data, const struct kiln_save_moment *moment,
+                           bool *surface_changed, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    *surface_changed = false;
+    for (size_t i = 0; i < fields->count && status == KILN_OK; i++) {
+        const struct kiln_field *field = fields->entry[i].field;
+        void *values = kiln_rank_field(data, fields, i);
+        if (!kiln_field_is_saved(field, moment))
+            continue;
+        status = field->life == KILN_FIELD_SURFACE
+                     ? read_surface_block(checkpoint, field, moment, &data->surface, values, surface_changed, error)
+                     : read_block(checkpoint, field, moment, &data->surface, values, error);
+    }
+    return status;
+}

@@ -1,0 +1,397 @@
+#include "coordinator/field/field.h"
+
+#include <assert.h>
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+#include "coordinator/field/packed_error.h"
+#include "coordinator/field/rank_data.h"
+#include "worker/scene/radiosity.h"
+
+#define AT(member) offsetof(struct kiln_rank_data, member)
+
+static bool wants_error_map(const struct kiln_job *job) { return job->error_map; }
+
+static const char *const total_channels[] = {"R", "G", "B"};
+static const char *const direct_channels[] = {"direct.R", "direct.G", "direct.B"};
+static const char *const indirect_channels[] = {"indirect.R", "indirect.G", "indirect.B"};
+static const char *const error_channels[] = {"error.Y"};
+
+/* The order is that of datasets in kiln.h5 and of planes in lightmaps: new rows go to the end of their group. */
+static const struct kiln_field table[] = {
+    /* the surface: worker/scene/surface.h says what each is */
+    {.name = "tile_runs",
+     .unit = "1",
+     .type = KILN_FIELD_TILE_RUN,
+     .components = 1,
+     .domain = KILN_DOMAIN_TILE_RUN,
+     .life = KILN_FIELD_SURFACE,
+     .member = AT(surface.tile_runs)},
+    {.name = "piece_base",
+     .unit = "1",
+     .type = KILN_FIELD_UINT64,
+     .components = 1,
+     .domain = KILN_DOMAIN_TILE_RUN,
+     .length = KILN_FIELD_ONE_MORE,
+     .life = KILN_FIELD_SURFACE,
+     .member = AT(surface.piece_base)},
+    {.name = "area_cdf_base",
+     .unit = "1",
+     .type = KILN_FIELD_UINT64,
+     .components = 1,
+     .domain = KILN_DOMAIN_TILE_RUN,
+     .length = KILN_FIELD_ONE_MORE,
+     .life = KILN_FIELD_SURFACE,
+     .member = AT(surface.area_cdf_base)},
+    {.name = "piece_count",
+     .unit = "1",
+     .type = KILN_FIELD_UINT16,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_SURFACE,
+     .member = AT(surface.piece_count)},
+    {.name = "pieces",
+     .unit = "1",
+     .type = KILN_FIELD_UINT32,
+     .components = 1,
+     .domain = KILN_DOMAIN_PIECE,
+     .life = KILN_FIELD_SURFACE,
+     .member = AT(surface.pieces)},
+    {.name = "area_cdf",
+     .unit = "1",
+     .type = KILN_FIELD_FLOAT,
+     .components = 1,
+     .domain = KILN_DOMAIN_AREA_CDF,
+     .life = KILN_FIELD_SURFACE,
+     .member = AT(surface.area_cdf),
+     .high = 1.0},
+    {.name = "area",
+     .unit = "m2",
+     .type = KILN_FIELD_FLOAT,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_SURFACE,
+     .member = AT(surface.area),
+     .high = INFINITY,
+     .dataset = "/points/area",
+     .description = "surface in the texel"},
+    {.name = "albedo",
+     .unit = "1",
+     .type = KILN_FIELD_UNORM16,
+     .components = 3,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_SURFACE,
+     .member = AT(surface.albedo),
+     .high = 1.0,
+     .dataset = "/points/albedo",
+     .description = "mean diffuse albedo, linear RGB"},
+    {.name = "visible",
+     .unit = "1",
+     .type = KILN_FIELD_UNORM16,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_SURFACE,
+     .member = AT(surface.visible),
+     .saved = KILN_FIELD_SAVED,
+     .high = 1.0},
+    /* results; the first three must be these: coordinator/output/map/map.h */
+    {.name = "direct",
+     .type = KILN_FIELD_FLOAT,
+     .components = 3,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(direct),
+     .saved = KILN_FIELD_SAVED,
+     .high = INFINITY,
+     .dataset = "/irradiance/direct",
+     .description = "from lights, about the shading normal, linear RGB, as gathered: not filled and seams not smoothed "
+                    "(the lightmaps are)",
+     .channels = direct_channels,
+     .smooth = true},
+    {.name = "sum",
+     .type = KILN_FIELD_FLOAT,
+     .components = 3,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(sum),
+     .saved = KILN_FIELD_SAVED,
+     .high = INFINITY,
+     .dataset = "/irradiance/indirect",
+     .description = "from other surfaces, about the shading normal, linear RGB, as gathered: not filled and seams not "
+                    "smoothed (the lightmaps are)",
+     .noisy = true,
+     .channels = indirect_channels,
+     .smooth = true},
+    {.name = "total",
+     .type = KILN_FIELD_FLOAT,
+     .components = 3,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_SUM,
+     .terms = {"direct", "sum"},
+     .high = INFINITY,
+     .dataset = "/irradiance/total",
+     .description = "direct + indirect, as gathered: not filled and seams not smoothed (the lightmaps are)",
+     .noisy = true,
+     .channels = total_channels},
+    {.name = "error",
+     .type = KILN_FIELD_ERROR,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(error),
+     .saved = KILN_FIELD_SAVED,
+     .high = INFINITY,
+     .dataset = "/irradiance/error",
+     .description = "standard error of the luminance of total",
+     .noisy = true,
+     .channels = error_channels,
+     .in_lightmaps = wants_error_map},
+    /* scratch of a step */
+    {.name = "next",
+     .type = KILN_FIELD_RADIOSITY,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_STEP,
+     .member = AT(next),
+     .saved = KILN_FIELD_SAVED_IN_STEP,
+     .high = INFINITY},
+    {.name = "cost",
+     .unit = "s",
+     .type = KILN_FIELD_FLOAT,
+     .components = 1,
+     .domain = KILN_DOMAIN_TILE_RUN,
+     .life = KILN_FIELD_STEP,
+     .member = AT(cost),
+     .high = INFINITY},
+    {.name = "queue",
+     .unit = "1",
+     .type = KILN_FIELD_QUEUE,
+     .components = 1,
+     .domain = KILN_DOMAIN_TILE_RUN,
+     .length = KILN_FIELD_ONE,
+     .life = KILN_FIELD_STEP,
+     .member = AT(queue)},
+    {.name = "source",
+     .type = KILN_FIELD_RADIOSITY,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_ALLGATHER,
+     .member = AT(source),
+     .saved = KILN_FIELD_SAVED_IN_GATHER,
+     .high = INFINITY},
+};
+enum { ROWS = sizeof table / sizeof *table };
+static_assert((int)ROWS <= (int)KILN_FIELDS_MAX, "a bake may have all fields of the table");
+
+const struct kiln_field *kiln_fields(size_t *count)
+{
+    *count = ROWS;
+    return table;
+}
+
+const char *kiln_field_shown_name(const struct kiln_field *field)
+{
+    return field->dataset != NULL ? strrchr(field->dataset, '/') + 1 : NULL;
+}
+
+const struct kiln_field *kiln_field_shown(const char *name)
+{
+    for (size_t i = 0; i < ROWS; i++)
+        if (table[i].dataset != NULL && table[i].channels != NULL &&
+            strcmp(kiln_field_shown_name(&table[i]), name) == 0)
+            return &table[i];
+    return NULL;
+}
+
+/* ---- the fields of a bake ---- */
+
+size_t kiln_field_set_find(const struct kiln_field_set *set, const char *name)
+{
+    size_t i = 0;
+    while (i < set->count && strcmp(set->entry[i].field->name, name) != 0)
+        i++;
+    return i;
+}
+
+int kiln_field_set_add(struct kiln_field_set *set, const struct kiln_field *field, bool in_lightmaps,
+                       struct kiln_error *error)
+{
+    struct kiln_field_entry entry = {.field = field, .in_lightmaps = in_lightmaps && field->channels != NULL};
+    if (set->count == KILN_FIELDS_MAX || field->components > KILN_FIELD_COMPONENTS_MAX ||
+        kiln_field_set_find(set, field->name) < set->count)
+        return kiln_fail(error, KILN_BUG,
+                         "the field '%s' cannot be added: there are %zu of at most %d, it has %u components of at most "
+                         "%d, and no two may have the same name",
+                         field->name, set->count, (int)KILN_FIELDS_MAX, field->components,
+                         (int)KILN_FIELD_COMPONENTS_MAX);
+    for (int k = 0; field->life == KILN_FIELD_SUM && k < 2; k++) {
+        entry.terms[k] = kiln_field_set_find(set, field->terms[k]);
+        if (entry.terms[k] == set->count)
+            return kiln_fail(error, KILN_BUG, "the field '%s' is a sum with '%s', which this bake does not have",
+                             field->name, field->terms[k]);
+    }
+    set->entry[set->count++] = entry;
+    return KILN_OK;
+}
+
+void kiln_field_set_choose(struct kiln_field_set *set, const struct kiln_job *job)
+{
+    set->count = 0;
+    for (size_t i = 0; i < ROWS; i++) {
+        if (table[i].present != NULL && !table[i].present(job))
+            continue;
+        const bool in_lightmaps = table[i].in_lightmaps == NULL || table[i].in_lightmaps(job);
+        const int status = kiln_field_set_add(set, &table[i], in_lightmaps, NULL);
+        assert(status == KILN_OK); /* what can fail is wrong in the table itself */
+        (void)status;
+    }
+}
+
+/* ---- sizes ---- */
+
+size_t kiln_field_size(const struct kiln_field *field)
+{
+    static const size_t sizes[] = {[KILN_FIELD_FLOAT] = sizeof(float),
+                                   [KILN_FIELD_ERROR] = sizeof(uint16_t),
+                                   [KILN_FIELD_RADIOSITY] = sizeof(uint64_t),
+                                   [KILN_FIELD_UNORM16] = sizeof(uint16_t),
+                                   [KILN_FIELD_UINT16] = sizeof(uint16_t),
+                                   [KILN_FIELD_UINT32] = sizeof(uint32_t),
+                                   [KILN_FIELD_UINT64] = sizeof(uint64_t),
+                                   [KILN_FIELD_TILE_RUN] = sizeof(struct kiln_tile_run),
+                                   [KILN_FIELD_QUEUE] = sizeof(struct kiln_work_queue)};
+    return field->components * sizes[field->type];
+}
+
+uint64_t kiln_field_count(const struct kiln_field *field, const uint64_t items[KILN_DOMAINS])
+{
+    return field->length == KILN_FIELD_ONE ? 1 : items[field->domain] + (field->length == KILN_FIELD_ONE_MORE ? 1 : 0);
+}
+
+uint64_t kiln_field_set_bytes(const struct kiln_field_set *set, enum kiln_field_life life,
+                              const uint64_t items[KILN_DOMAINS])
+{
+    uint64_t bytes = 0;
+    for (size_t i = 0; i < set->count; i++)
+        if (set->entry[i].field->life == life)
+            bytes += kiln_field_count(set->entry[i].field, items) * kiln_field_size(set->entry[i].field);
+    return bytes;
+}
+
+uint64_t kiln_field_set_point_bytes(const struct kiln_field_set *set, enum kiln_field_life life)
+{
+    uint64_t bytes = 0;
+    for (size_t i = 0; i < set->count; i++) {
+        const struct kiln_field *f = set->entry[i].field;
+        bytes += f->life == life && f->domain == KILN_DOMAIN_POINT ? kiln_field_size(f) : 0;
+    }
+    return bytes;
+}
+
+uint64_t kiln_field_set_saved_bytes(const struct kiln_field_set *set)
+{
+    uint64_t bytes = 0;
+    for (size_t i = 0; i < set->count; i++) {
+        const struct kiln_field *f = set->entry[i].field;
+        bytes += f->saved != KILN_FIELD_NOT_SAVED && f->domain == KILN_DOMAIN_POINT ? kiln_field_size(f) : 0;
+    }
+    return bytes;
+}
+
+uint64_t kiln_field_set_transport_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total)
+{
+    return total * kiln_field_set_point_bytes(set, KILN_FIELD_ALLGATHER) +
+           own *
+               (kiln_field_set_point_bytes(set, KILN_FIELD_RESULT) + kiln_field_set_point_bytes(set, KILN_FIELD_STEP));
+}
+
+uint32_t kiln_field_set_channels(const struct kiln_field_set *set)
+{
+    uint32_t channels = 0;
+    for (size_t i = 0; i < set->count; i++)
+        channels += set->entry[i].in_lightmaps ? set->entry[i].field->components : 0;
+    return channels;
+}
+
+uint64_t kiln_field_set_plane_bytes(const struct kiln_field_set *set)
+{
+    uint64_t floats = 0;
+    for (size_t i = 0; i < set->count; i++) {
+        const struct kiln_field *f = set->entry[i].field;
+        floats += f->channels != NULL && f->life != KILN_FIELD_SUM ? f->components : 0;
+    }
+    return floats * sizeof(float);
+}
+
+uint64_t kiln_field_set_column_bytes(const struct kiln_field_set *set)
+{
+    uint64_t floats = 0;
+    for (size_t i = 0; i < set->count; i++)
+        floats += set->entry[i].field->dataset != NULL ? set->entry[i].field->components : 0;
+    return floats * sizeof(float);
+}
+
+/* ---- values ---- */
+
+void kiln_field_floats(const struct kiln_field *field, const void *values, uint64_t item, float *floats)
+{
+    const uint64_t first = item * field->components;
+    for (uint64_t c = 0; c < field->components; c++)
+        switch (field->type) {
+        case KILN_FIELD_FLOAT:
+            floats[c] = ((const float *)values)[first + c];
+            break;
+        case KILN_FIELD_ERROR:
+            floats[c] = kiln_error_unpack(((const uint16_t *)values)[first + c]);
+            break;
+        case KILN_FIELD_RADIOSITY:
+            kiln_radiosity_unpack(((const uint64_t *)values)[first + c], floats + 3 * c);
+            break;
+        case KILN_FIELD_UNORM16:
+            floats[c] = (float)((const uint16_t *)values)[first + c] / 65535.0f;
+            break;
+        case KILN_FIELD_UINT16:
+        case KILN_FIELD_UINT32:
+        case KILN_FIELD_UINT64:
+        case KILN_FIELD_TILE_RUN:
+        case KILN_FIELD_QUEUE:
+            break;
+        }
+}
+
+/* Floats that an item becomes; 0 of what is no number. */
+static uint32_t floats_of(const struct kiln_field *field)
+{
+    switch (field->type) {
+    case KILN_FIELD_FLOAT:
+    case KILN_FIELD_ERROR:
+        return field->components;
+    case KILN_FIELD_RADIOSITY:
+        return 3 * field->components;
+    case KILN_FIELD_UNORM16: /* all are in 0..1 */
+    case KILN_FIELD_UINT16:
+    case KILN_FIELD_UINT32:
+    case KILN_FIELD_UINT64:
+    case KILN_FIELD_TILE_RUN:
+    case KILN_FIELD_QUEUE:
+        break;
+    }
+    return 0;
+}
+
+/* Light is added up in fixed point, where larger values have no place. A value that is no number is in no range. */
+bool kiln_field_is_sane(const struct kiln_field *field, const void *values, uint64_t count)
+{
+    const float low = (float)field->low,
+                high = (float)fmin(field->high, field->type == KILN_FIELD_ERROR ? (double)FLT_MAX : 1e36);
+    const uint32_t floats = floats_of(field);
+    bool sane = true;
+    for (uint64_t i = 0; floats > 0 && i < count; i++) {
+        float value[3 * KILN_FIELD_COMPONENTS_MAX];
+        kiln_field_floats(field, values, i, value);
+        for (uint32_t c = 0; c < floats; c++)
+            sane = sane && value[c] >= low && value[c] <= high;
+    }
+    return sane;
+}

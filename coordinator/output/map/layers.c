@@ -1,0 +1,45 @@
+#include "coordinator/output/map/layers.h"
+
+#include <string.h>
+
+/* Those that every map has, at their planes. */
+static const struct {
+    const char *field;
+    uint32_t plane;
+} always[] = {{"direct", KILN_MAP_DIRECT}, {"sum", KILN_MAP_INDIRECT}, {"error", KILN_MAP_ERROR}};
+enum { ALWAYS = sizeof always / sizeof *always };
+
+static int add_layer(struct kiln_layers *layers, const struct kiln_field_set *fields, size_t field,
+                     struct kiln_error *error)
+{
+    const struct kiln_field *f = fields->entry[field].field;
+    const uint32_t first = layers->planes.count;
+    if (first + f->components > KILN_MAP_PLANES_MAX)
+        return kiln_fail(error, KILN_BUG, "the field '%s' does not fit into a lightmap of at most %d planes", f->name,
+                         (int)KILN_MAP_PLANES_MAX);
+    layers->layer[layers->count++] = (struct kiln_layer){field, first};
+    layers->planes.count += f->components;
+    for (uint32_t p = first; p < layers->planes.count; p++)
+        layers->planes.smooth[p] = f->smooth;
+    return KILN_OK;
+}
+
+int kiln_layers_make(struct kiln_layers *layers, const struct kiln_field_set *fields, struct kiln_error *error)
+{
+    *layers = (struct kiln_layers){.count = 0};
+    int status = KILN_OK;
+    for (size_t i = 0; status == KILN_OK && i < fields->count; i++) {
+        const struct kiln_field *f = fields->entry[i].field;
+        const bool is_always = layers->count < ALWAYS && strcmp(f->name, always[layers->count].field) == 0;
+        if (f->channels == NULL || f->life == KILN_FIELD_SUM || (!is_always && !fields->entry[i].in_lightmaps))
+            continue;
+        if (layers->count < ALWAYS && (!is_always || layers->planes.count != always[layers->count].plane))
+            return kiln_fail(error, KILN_BUG, "the field '%s' stands before '%s', which every lightmap begins with",
+                             f->name, always[layers->count].field);
+        status = add_layer(layers, fields, i, error);
+    }
+    if (status == KILN_OK && layers->count < ALWAYS)
+        return kiln_fail(error, KILN_BUG, "a bake has no field '%s', which every lightmap has",
+                         always[layers->count].field);
+    return status;
+}

@@ -1,0 +1,74 @@
+/* The language layer: what the other headers of shaders/shared need so that C and GLSL both compile them.
+ *
+ * A shared function is written in the common part of both languages: declarations, arithmetic, if, for, calls. What the
+ * languages write differently has a name below. KILN_GLSL is defined in GLSL. The numbers that light is calculated
+ * with, kiln_real, and their functions are in shaders/shared/real.h: kernels that have no use for them must not see a
+ * double.
+ *
+ * Both sides give the same bits as long as a formula is only sums, products, quotients and square roots of doubles, in
+ * the order in which it stands here. Sines, arc tangents and so on are the C library's in C and those of
+ * shaders/real.glsl in GLSL; floats differ from doubles; and a GPU may contract a product and a sum.
+ *
+ * Kept apart, because one side could not take the other's form without changing its results or its speed:
+ *
+ *   - the volume of a spherical triangle: divisions in C, reciprocals in GLSL (spherical_triangle.h)
+ *   - sines and cosines: of C's library, of C's lanes (area_light_sampler.c), of GLSL (shaders/real.glsl)
+ *   - cosine-distributed directions of the bounce pass: C adds them up axis by axis of the world, GLSL along the
+ *     tangents (gather.c, gather.comp)
+ *   - the cut of the light tree: one loop, but kept in choices in C and in registers in GLSL (lights.c, lights.glsl)
+ *   - texture coordinates: doubles in C, fixed point in GLSL (texture.c, material.glsl)
+ *   - vertex colours and samples of footprints: bytes and polygons in C, floats and triangles in GLSL
+ *   - what comes through several surfaces: sums of optical depths in Embree's filters and in the ray-tracing pipeline,
+ *     a product in the compute kernels (passage.c, trace/payload.glsl, trace/alpha.glsl)
+ *
+ * tests/unit/test_shared.c, test_vulkan_lights.c, test_vulkan_materials.c and test_vulkan_probes.c compare both sides.
+ */
+#ifndef KILN_SHADERS_SHARED_LANGUAGE_H
+#define KILN_SHADERS_SHARED_LANGUAGE_H
+
+#ifdef GL_core_profile
+
+#    define KILN_GLSL
+#    define KILN_U32 uint                /* an unsigned number of 32 bits */
+#    define KILN_VECTOR vec3             /* three floats; vec3(x, y, z) makes one in both languages */
+#    define KILN_FUNCTION                /* before every function */
+#    define KILN_STRUCT                  /* before the name of a struct that is used as a type */
+#    define KILN_OUT(type) out type      /* a parameter that the function sets, */
+#    define KILN_INOUT(type) inout type  /* or changes; */
+#    define KILN_AT(parameter) parameter /* its value in the function; */
+#    define KILN_TO(variable) variable   /* and the argument for it */
+#    define KILN_TO_U32(x) uint(x)       /* conversions */
+#    define KILN_TO_F32(x) float(x)
+#    define KILN_RATIO32(a, b) (float(a) / float(b)) /* the float nearest to a / b, both integers */
+#    define float_min(a, b) min(a, b)
+#    define word_min(a, b) min(a, b)
+#    define word_max(a, b) max(a, b)
+
+#else
+
+#    include <math.h>
+#    include <stdbool.h>
+#    include <stdint.h>
+
+#    include "shaders/shared/vector.h"
+
+#    define KILN_U32 uint32_t
+#    define KILN_FUNCTION static inline
+#    define KILN_STRUCT struct
+#    define KILN_OUT(type) type *
+#    define KILN_INOUT(type) type *
+#    define KILN_AT(a) (*(a))
+#    define KILN_TO(x) (&(x))
+#    define KILN_TO_U32(x) ((uint32_t)(x))
+#    define KILN_TO_F32(x) ((float)(x))
+#    define KILN_VECTOR struct kiln_vec3
+#    define KILN_RATIO32(a, b) ((float)(a) / (float)(b))
+#    define float_min fminf
+static inline uint32_t word_min(uint32_t a, uint32_t b) { return a < b ? a : b; }
+static inline uint32_t word_max(uint32_t a, uint32_t b) { return a > b ? a : b; }
+
+#endif
+
+#define KILN_INVERSE_PI 0.31830988618379067f /* 1 / pi, in float */
+
+#endif

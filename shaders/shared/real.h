@@ -1,0 +1,72 @@
+/* The language layer's numbers of light; for the rest see shaders/shared/language.h. C calculates in double. GLSL in
+ * `real`, double or float (shaders/kernel.glsl). A vector's parts are .x, .y and .z in both.
+ *
+ * A constant with a fraction is KILN_RATIO(a, b), the number nearest to a / b, both integers: GLSL writes decimal
+ * fractions of doubles with a suffix that C does not have.
+ *
+ * GLSL's real_sincos, real_atan2 and real_acos are in shaders/real.glsl: kernels include that file before the headers
+ * that need this one. */
+#ifndef KILN_SHADERS_SHARED_REAL_H
+#define KILN_SHADERS_SHARED_REAL_H
+
+#include "shaders/shared/language.h"
+
+#ifdef KILN_GLSL
+
+#    define kiln_real real
+#    ifdef KILN_DOUBLES
+#        define kiln_real3 dvec3
+#    else
+#        define kiln_real3 vec3
+#    endif
+#    define kiln_real_of(x) real(x)
+#    define KILN_RATIO(a, b) (real(a) / real(b))
+#    define real3_make(x, y, z) kiln_real3(x, y, z)
+#    define real3_add(a, b) ((a) + (b))
+#    define real3_sub(a, b) ((a) - (b))
+#    define real3_scale(a, s) ((a) * (s))
+#    define real3_dot(a, b) dot(a, b)
+#    define real3_length(a) length(a)
+#    define real_max(a, b) max(a, b)
+#    define real_min(a, b) min(a, b)
+#    define real_clamp(x, low, high) clamp(x, low, high)
+#    define real_abs(x) abs(x)
+#    define real_sqrt(x) sqrt(x)
+#    define real_floor(x) floor(x)
+#    define real_is_infinite(x) isinf(x)
+
+#else
+
+#    include <float.h>
+
+typedef double kiln_real;
+typedef struct kiln_dvec3 kiln_real3;
+#    define kiln_real_of(x) ((double)(x))
+#    define KILN_RATIO(a, b) ((double)(a) / (double)(b))
+#    define KILN_REAL_PI KILN_PI
+#    define KILN_REAL_TINY DBL_MIN
+#    define KILN_REAL_BELOW_ONE (1.0 - 0x1p-53)
+#    define real3_make dvec3
+#    define real3_add dvec3_add
+#    define real3_sub dvec3_sub
+#    define real3_scale dvec3_scale
+#    define real3_dot dvec3_dot
+#    define real3_length dvec3_length
+#    define real_max fmax
+#    define real_min fmin
+#    define real_clamp(x, low, high) fmax(low, fmin(high, x))
+#    define real_abs fabs
+#    define real_sqrt sqrt
+#    define real_floor floor
+#    define real_is_infinite(x) isinf(x)
+#    define real_atan2 atan2
+#    define real_acos acos
+static inline void real_sincos(double x, double *sine, double *cosine)
+{
+    *sine = sin(x);
+    *cosine = cos(x);
+}
+
+#endif
+
+#endif

@@ -1,0 +1,40 @@
+/* Codes in the data of surfaces that a hit leads through: worker/scene/geometry.h, surface.h, radiosity.h and scene.h.
+ */
+#ifndef KILN_SHADERS_SHARED_SURFACE_H
+#define KILN_SHADERS_SHARED_SURFACE_H
+
+#include "shaders/shared/language.h"
+
+#define KILN_NONE 0xffffffffu /* "no texture", "no material", "no triangle", ... */
+
+/* `material` of a hit record. */
+#define KILN_RECORD_DOUBLE_SIDED 0x80000000u /* double-sided, and no part of a solid (worker/scene/solids.h) */
+#define KILN_RECORD_EMITS 0x40000000u
+#define KILN_RECORD_MATERIAL 0x3fffffffu /* index of the material */
+
+/* How a texture goes on beyond its edges. */
+#define KILN_WRAP_REPEAT 0u
+#define KILN_WRAP_CLAMP 1u
+#define KILN_WRAP_MIRROR 2u
+
+/* ---- tiles of a lightmap ---- */
+
+#define KILN_TILE_SIDE 8
+#define KILN_TILE_TEXELS 64
+
+/* Bit of texel (x, y) of a tile: x and y interleaved, x lowest. */
+KILN_FUNCTION KILN_U32 kiln_morton8(KILN_U32 x, KILN_U32 y)
+{
+    return (x & 1u) | (y & 1u) << 1 | (x & 2u) << 1 | (y & 2u) << 2 | (x & 4u) << 2 | (y & 4u) << 3;
+}
+
+/* In the upper word of a tile's `first`: the rest is the index of the tile's first entry among the splits. */
+#define KILN_TILE_SPLIT_HIGH 0x80000000u
+
+/* ---- packed radiosity: three unsigned floats of 21 bits, the floats' own bits but for their sign and last 10 ---- */
+
+#define KILN_RADIOSITY_BITS 21
+#define KILN_RADIOSITY_MASK 0x1fffffu
+#define KILN_RADIOSITY_DROPPED 10
+
+#endif
