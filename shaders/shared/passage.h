@@ -6,9 +6,9 @@
 
 /* The most that any triangle which is not opaque can do to light: what a backend has to be ready for. */
 #define KILN_PASSAGE_NONE 0u  /* all triangles are opaque */
-#define KILN_PASSAGE_MASK 1u  /* holes: each place lets all light through, or none */
-#define KILN_PASSAGE_BLEND 2u /* a share of the light, the same for all colours */
-#define KILN_PASSAGE_TINT 3u  /* a share of the light, by colour */
+#define KILN_PASSAGE_MASK 1u  /* holes: every position lets all light through, or none */
+#define KILN_PASSAGE_BLEND 2u /* a fraction of the light, the same for all colours */
+#define KILN_PASSAGE_TINT 3u  /* a fraction of the light that depends on colour */
 
 /* A surface of at least this opacity is there where chance must have no part. */
 #define KILN_OPACITY_HALF 0.5f
