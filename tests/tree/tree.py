@@ -13,7 +13,8 @@ INCLUDE = re.compile(r'\s*#\s*include\s+"([^"]+)"')
 
 # What a README's table says of a room: the rooms it may include, and for each of its files that registers variants
 # (a table of back ends, of integrators) the rooms of these. `every` stands for all rooms above it in the table.
-Room = collections.namedtuple('Room', 'includes registers every')
+# `files` are those of a row that names files of a folder instead of the folder.
+Room = collections.namedtuple('Room', 'includes registers every files')
 
 
 def tracked():
@@ -29,16 +30,20 @@ def read(path):
         return file.read()
 
 
-def room_of(path):
-    """The folder of a file."""
+def room_of(path, rooms):
+    """The room of a file: the row that names it, else its folder."""
+    for room, row in rooms.items():
+        if path in row.files:
+            return room
     return os.path.dirname(path)
 
 
 def parse_table(top, text):
     """{room: Room} in the order of the table of README.md whose last column is headed `may include`.
 
-    The first cell names the room, as `mpi/` or, for the files in the top folder itself, `.`. The last one holds names
-    of rooms of the same folder, "every room above", and "`FILE` registers `ROOM` ..."."""
+    The first cell names the room: `mpi/`, or `.` for the files in the top folder itself, or some files of a folder, the
+    first of which names the room. The last cell holds names of rooms of the same folder, "every room above", and
+    "`FILE` registers `ROOM` ..."."""
     rooms = {}
     inside = False
     for line in text.splitlines():
@@ -48,7 +53,8 @@ def parse_table(top, text):
         elif cells[-1] == 'may include':
             inside = True
         elif inside and not set(cells[0]) <= set('-: '):
-            name = re.findall(r'`([^`]*)`', cells[0])[0].rstrip('/')
+            name, *more = [n.rstrip('/') for n in re.findall(r'`([^`]*)`', cells[0])]
+            files = {f'{top}/{n}' for n in (name, *more) if SOURCES.search(n)}
             plain, *clauses = cells[-1].split(';')
             names = re.findall(r'`([^`]*)`', plain)
             registers = {}
@@ -57,7 +63,7 @@ def parse_table(top, text):
                 registers[f'{top}/{name}/{file}'] = {f'{top}/{name}/{n.rstrip("/")}' for n in variants}
             rooms[top if name == '.' else f'{top}/{name}'] = Room(
                 {f'{top}/{n.rstrip("/")}' for n in names},
-                registers, 'every room above' in plain)
+                registers, 'every room above' in plain, files)
     return rooms
 
 
@@ -76,4 +82,4 @@ def includes(sources):
             match = INCLUDE.match(line)
             if match:
                 name = match.group(1)
-                yield path, number, name if '/' in name else f'{room_of(path)}/{name}'
+                yield path, number, name if '/' in name else f'{os.path.dirname(path)}/{name}'
