@@ -72,7 +72,7 @@ static int open_scene(struct view *v, const struct kiln_job *job, const char *di
     if (status == KILN_OK)
         status = kiln_geometry_create(&v->geometry, v->scene, error);
     if (status == KILN_OK)
-        kiln_geometry_meet_all(v->geometry);
+        kiln_geometry_make_all_hittable(v->geometry);
     if (status == KILN_OK)
         status = kiln_lights_create(&v->lights, v->scene, v->geometry, error);
     if (status != KILN_OK)

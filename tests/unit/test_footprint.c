@@ -183,7 +183,7 @@ static void check_mask(const struct built *b, const struct kiln_point_cursor *at
     struct kiln_footprint f;
     struct kiln_mask mask;
     kiln_footprint_prepare(&f, &b->fixture->scene, b->geometry, b->surface, at);
-    const double presence = (double)kiln_footprint_presence(&f, (uint32_t)at->point + 7u, &mask);
+    const double presence = (double)kiln_footprint_opacity(&f, (uint32_t)at->point + 7u, &mask);
     double sum = 0.0, moment[2] = {0}, drawn[2] = {0}, s, t;
     for (int i = 0; i < FINE * FINE; i++) {
         const double opacity =

@@ -881,7 +881,7 @@ static void test_shares(void **state)
             }
             assert_true(texels_of(b, 0) == texels_of(b, 1));
             if (things > 20) {
-                assert_int_equal(object_of(b, 0)->density_reason, KILN_DENSITY_SHARE);
+                assert_int_equal(object_of(b, 0)->density_reason, KILN_DENSITY_FRACTION);
                 assert_int_equal(object_of(b, (size_t)things + 1)->density_reason, KILN_DENSITY_COMMON);
                 assert_true(has_note(b, "of all texels at the density of the others"));
             }
