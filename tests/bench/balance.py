@@ -1,22 +1,11 @@
-<<<<<<< HEAD
-"""What ranks gain by work stealing and by repartitioning: time of all passes over the same with neither, in
-turn.
-=======
 """What ranks gain by work stealing and by repartitioning: time of all passes over the same with neither, in turn.
->>>>>>> main
 
   /usr/bin/python3 tests/bench/balance.py --kiln build/release/kiln [--ranks 2] [--threads 1] [--repeats 5] [SCENE]
 
 Two cases: a scene whose points cost unequally much (a carved statue in a box), and the same with one rank that takes
-<<<<<<< HEAD
-three times as long for everything. Points are repartitioned among ranks that are each alone on a node, and compared with
-such. The median ratio of the repeats counts; "even" is what the sum of all ranks' work would take if it were spread
-evenly; "planned" is the ratio that `kiln plan` predicts (light and moves).
-=======
 three times as long for everything. Points are repartitioned between ranks that are each alone on a node, and compared
 with such. The median ratio of the repeats counts; "even" is what the sum of all ranks' work would take if it were
 spread evenly; "planned" is the ratio that `kiln plan` predicts (light and moves).
->>>>>>> main
 """
 import os
 import statistics

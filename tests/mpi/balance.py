@@ -1,21 +1,11 @@
 """Ranks that are behind, and what the others do about it: the same bits whoever computes what.
 
 same       with work stealing and without, on several numbers of ranks and nodes, one rank made slow (KILN_SLOW_RANK):
-<<<<<<< HEAD
-           same results, and
-           run.json and the timeline say that work really moved
-cuts       points repartitioned after every pass (--rebalance always) on several numbers of ranks and nodes, and where a
-           slow rank makes it pay:
-           same results, and the slow rank has fewer points in the end
-resume     stopped, and killed, while work is stolen and points move; continued on other ranks: same
-           results
-=======
            same results, and run.json and the timeline say that work really moved
 cuts       points repartitioned after every pass (--rebalance always) on several numbers of ranks and nodes, and where a
            slow rank makes it pay: same results, and the slow rank has fewer points in the end
 resume     stopped, and killed, while work is stolen and points are repartitioned; continued on other numbers of ranks:
            same results
->>>>>>> main
 """
 import json
 import os
@@ -54,8 +44,7 @@ def try_same(checks, kiln, scene):
                          else '--no-work-stealing', ranks=ranks, timeout=120)
         if not checks.baked(bake):
             continue
-        what = '%d ranks, %s a node, exchange %s, %s' % (
-            ranks, node, form, 'work stealing' if on else 'no work stealing')
+        what = '%d ranks, %s a node, exchange %s, %s' % (ranks, node, form, 'work stealing' if on else 'no work stealing')
         given, passes = bake.run['balance']['stolen_points'], [b['stolen_points'] for b in bake.run['bounces']]
         moved, expected = sum(passes), on and ranks > 1
         found = differences(first.setdefault(form, Result(bake)), Result(bake))
