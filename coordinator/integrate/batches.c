@@ -108,6 +108,19 @@ static void be_slow(const struct kiln_batches *b, double seconds)
         (void)nanosleep(&pause, NULL);
 }
 
+/* The samples of the tile runs of the batch under way from `first` on; NULL: all have the same. */
+static const uint32_t *samples_from(const struct kiln_batches *b, size_t first)
+{
+    const struct kiln_field_set *fields = b->params->fields;
+    const char *name = b->report->step.samples_field;
+    if (name == NULL)
+        return NULL;
+    const size_t place = kiln_field_set_find(fields, name);
+    assert(place < fields->count && fields->entry[place].field->domain == KILN_DOMAIN_TILE_RUN &&
+           kiln_field_size(fields->entry[place].field) == sizeof(uint32_t));
+    return (const uint32_t *)kiln_rank_field(b->data, fields, place) + first;
+}
+
 /* Runs the step's pass of the backend. */
 static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct kiln_error *error)
 {
@@ -117,7 +130,7 @@ static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct k
                                      .count = range.count,
                                      .stream = step->stream,
                                      .samples = step->samples,
-                                     .samples_of = step->samples_each != NULL ? step->samples_each + range.first : NULL,
+                                     .samples_of = samples_from(b, range.first),
                                      .take = take_part,
                                      .context = b};
     assert(b->data == b->solution->own || step->pass->is_stealable);

@@ -6,7 +6,7 @@
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
-/* What is needed for it. Borrowed. */
+/* Borrowed. */
 struct repartition {
     const struct kiln_integrate_params *params;
     struct kiln_solution *solution;
@@ -50,19 +50,19 @@ static int learn_work(const struct repartition *s, struct work *w, struct kiln_e
     return KILN_OK;
 }
 
-/* ---- new cuts ---- */
+/* ---- new bounds ---- */
 
-/* Whether tile run f, not the share's first, begins a unit that is better left whole. */
-static bool begins_unit(const struct repartition *s, size_t f)
+/* Whether own tile run f, which is not the first, begins a cell (an object): those are better left whole. */
+static bool begins_whole(const struct repartition *s, size_t f)
 {
     const struct kiln_tile_run *tile_runs = s->params->surface->tile_runs;
     return s->params->settings->whole_objects ? tile_runs[f].map != tile_runs[f - 1].map
                                               : tile_runs[f].cell != tile_runs[f - 1].cell;
 }
 
-/* The own tile run before which the work reaches `ideal`, `begin` being what all before the share is; a unit's begin
- * where one is near. */
-static size_t cut_at(const struct repartition *s, double begin, double ideal, double slack)
+/* The own tile run at which the next rank's range shall begin: the first before which the work of all ranks sums up to
+ * `ideal` seconds, `begin` being the sum over the ranks before this one; or the first of a cell, where one is near. */
+static size_t bound_at(const struct repartition *s, double begin, double ideal, double slack)
 {
     const size_t count = s->params->surface->tile_run_count;
     const float *cost = s->solution->own->cost;
@@ -74,7 +74,7 @@ static size_t cut_at(const struct repartition *s, double begin, double ideal, do
             least = off;
             best = f;
         }
-        if (f > 0 && off <= nearest && begins_unit(s, f)) {
+        if (f > 0 && off <= nearest && begins_whole(s, f)) {
             nearest = off;
             whole = f;
         }
@@ -82,9 +82,9 @@ static size_t cut_at(const struct repartition *s, double begin, double ideal, do
     return whole < count ? whole : best;
 }
 
-/* Collective. Each rank finds the cuts that fall into its own work. */
-static int make_cuts(const struct repartition *s, const struct work *w, const struct kiln_range_bounds *before,
-                     struct kiln_range_bounds *after, struct kiln_error *error)
+/* Collective. Each rank finds the bounds that fall into its own work. */
+static int make_bounds(const struct repartition *s, const struct work *w, const struct kiln_range_bounds *before,
+                       struct kiln_range_bounds *after, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = s->params;
     const struct kiln_surface *surface = p->surface;
@@ -96,7 +96,7 @@ static int make_cuts(const struct repartition *s, const struct work *w, const st
         const double ideal = w->total * k / p->ranks;
         if (ideal < w->before[p->rank] || ideal >= w->before[p->rank + 1])
             continue;
-        const size_t f = cut_at(s, w->before[p->rank], ideal, KILN_BOUND_SLACK * w->total / p->ranks);
+        const size_t f = bound_at(s, w->before[p->rank], ideal, KILN_BOUND_SLACK * w->total / p->ranks);
         after->of[KILN_DOMAIN_TILE_RUN][k] = before->of[KILN_DOMAIN_TILE_RUN][p->rank] + f;
         after->of[KILN_DOMAIN_POINT][k] =
             f < surface->tile_run_count ? surface->tile_runs[f].first : surface->first + surface->count;
@@ -106,7 +106,7 @@ static int make_cuts(const struct repartition *s, const struct work *w, const st
     for (int u = 0; u < KILN_DOMAINS; u++) {
         after->of[u][p->ranks] = before->of[u][p->ranks];
         (void)MPI_Allreduce(MPI_IN_PLACE, after->of[u], p->ranks + 1, MPI_UINT64_T, MPI_MAX, p->communicator);
-        for (int k = 1; k < p->ranks; k++) /* tile runs that cost nothing lie in the same place */
+        for (int k = 1; k < p->ranks; k++) /* where tile runs cost nothing, several bounds may lie in one place */
             after->of[u][k] = after->of[u][k] < after->of[u][k - 1] ? after->of[u][k - 1] : after->of[u][k];
     }
     return KILN_OK;
@@ -136,8 +136,8 @@ static double cost_of(const struct repartition *s, uint64_t moved)
 /* ---- moving ---- */
 
 /* Collective. */
-static int move(const struct repartition *s, const struct kiln_range_bounds *before,
-                const struct kiln_range_bounds *after, double expected, struct kiln_error *error)
+static int redistribute(const struct repartition *s, const struct kiln_range_bounds *before,
+                        const struct kiln_range_bounds *after, double expected, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = s->params;
     const double start = MPI_Wtime();
@@ -164,13 +164,13 @@ static int consider(const struct repartition *s, const struct work *w, struct ki
     struct kiln_range_bounds before, after = {{NULL}};
     int status = kiln_node_data_bounds(s->solution->node_data, p->communicator, &before, error);
     if (status == KILN_OK)
-        status = make_cuts(s, w, &before, &after, error);
+        status = make_bounds(s, w, &before, &after, error);
     if (status == KILN_OK) {
         b->points = most_moved(s, &before, &after);
         b->cost = cost_of(s, b->points);
         b->moved = b->points > 0 && kiln_repartition_pays(p->settings->rebalance, b->gain, b->cost);
         if (b->moved)
-            status = move(s, &before, &after, b->cost, error);
+            status = redistribute(s, &before, &after, b->cost, error);
     }
     kiln_range_bounds_destroy(&before);
     kiln_range_bounds_destroy(&after);

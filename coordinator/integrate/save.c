@@ -10,8 +10,8 @@
 
 #define WRITE_BYTES 20e6 /* a second, at the slowest disk that is not taken for a dead one */
 
-enum { PASSES_MOST = 10002 }; /* with the most bounces that can be asked for */
-enum { OTHER_BLOCKS = 12 };   /* besides the fields: those listed here, and what kiln_integrate_save adds */
+enum { STEPS_MOST = 10002 }; /* with the most bounces that can be asked for */
+enum { OTHER_BLOCKS = 12 };  /* besides the fields: those listed here, and what kiln_integrate_save adds */
 static_assert((int)KILN_FIELDS_MAX + (int)OTHER_BLOCKS <= (int)KILN_BLOCKS_MAX, "a checkpoint has room for all fields");
 
 /* ---- records ----
@@ -27,7 +27,7 @@ struct saved_state {
 };
 static_assert(sizeof(struct saved_state) == 4 * 4 + 7 * 8, "a record has no gaps");
 
-/* The block "passes", once, an element a pass: what all ranks have the same of it. */
+/* The block "steps", once, an element a step: what all ranks have the same of it. */
 struct saved_report {
     uint32_t role, bounce, samples;
     uint32_t judged, moved, reserved; /* of the balance: 0 or 1; 0 */
@@ -37,12 +37,12 @@ struct saved_report {
 };
 static_assert(sizeof(struct saved_report) == 6 * 4 + 24 * 8, "a record has no gaps");
 
-/* The block "own_passes" of each rank, an element a pass: what that rank did in it. */
-struct saved_pass {
+/* The block "own_steps" of each rank, an element a step: what that rank did in it. */
+struct saved_own_step {
     uint64_t rays;
     double seconds, exchange_seconds, device_seconds;
 };
-static_assert(sizeof(struct saved_pass) == 4 * 8, "a record has no gaps");
+static_assert(sizeof(struct saved_own_step) == 4 * 8, "a record has no gaps");
 
 /* A sum in 128 bits. */
 struct saved_sum {
@@ -104,9 +104,9 @@ static struct saved_report report_saved(const struct kiln_step_report *r)
 }
 
 /* What ranks did themselves is not in it: see add_part. */
-static struct kiln_step_report report_read(const struct saved_report *saved)
+static struct kiln_step_report report_read(const struct saved_report *saved, const struct kiln_step *step)
 {
-    struct kiln_step_report r = {.step = {.role = saved->role, .bounce = saved->bounce, .samples = saved->samples},
+    struct kiln_step_report r = {.step = *step,
                                  .tail_error = saved->tail_error,
                                  .energy = {.variance = saved->variance},
                                  .balance = {.judged = saved->judged != 0,
@@ -150,7 +150,7 @@ struct save_work {
     struct saved_state state;
     struct saved_sums sums;
     struct saved_report *reports;
-    struct saved_pass *passes;
+    struct saved_own_step *own_steps;
     struct saved_group *groups;
     struct saved_range *done;
     size_t group_count, done_count;
@@ -204,15 +204,15 @@ static int collect_done(const struct kiln_saved *s, struct save_work *w, struct 
     return status;
 }
 
-static int collect_passes(const struct kiln_saved *s, struct save_work *w, struct kiln_error *error)
+static int collect_steps(const struct kiln_saved *s, struct save_work *w, struct kiln_error *error)
 {
     const struct kiln_integrate_report *r = &s->solution->report;
-    int status = kiln_allocate(&w->passes, r->steps.count, sizeof *w->passes, "a checkpoint's passes", error);
+    int status = kiln_allocate(&w->own_steps, r->steps.count, sizeof *w->own_steps, "a checkpoint's steps", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&w->reports, r->steps.count, sizeof *w->reports, "a checkpoint's passes", error);
+        status = kiln_allocate(&w->reports, r->steps.count, sizeof *w->reports, "a checkpoint's steps", error);
     for (size_t i = 0; status == KILN_OK && i < r->steps.count; i++) {
         const struct kiln_step_report *p = &r->steps.of[i];
-        w->passes[i] = (struct saved_pass){p->rays, p->seconds, p->exchange_seconds, p->device_seconds};
+        w->own_steps[i] = (struct saved_own_step){p->rays, p->seconds, p->exchange_seconds, p->device_seconds};
         w->reports[i] = report_saved(p);
     }
     return status;
@@ -239,14 +239,14 @@ static void list_blocks(const struct kiln_saved *s, struct save_work *w, bool fi
     const struct kiln_save_moment moment = moment_of(s, finished);
     if (s->params->rank == 0) {
         add_block(w, "state", 0, 1, sizeof w->state, &w->state);
-        add_block(w, "passes", 0, r->steps.count, sizeof *w->reports, w->reports);
+        add_block(w, "steps", 0, r->steps.count, sizeof *w->reports, w->reports);
     }
     if (s->params->rank == 0 && !finished) {
         add_block(w, "group_before", 0, s->ledger->group_count, sizeof *s->ledger->group_before,
                   s->ledger->group_before);
         add_block(w, "group_total", 0, s->ledger->group_count, sizeof *s->ledger->group_total, s->ledger->group_total);
     }
-    add_block(w, "own_passes", 0, r->steps.count, sizeof *w->passes, w->passes);
+    add_block(w, "own_steps", 0, r->steps.count, sizeof *w->own_steps, w->own_steps);
     w->block_count += kiln_field_blocks(fields_of(s), s->solution->own, &moment, w->blocks + w->block_count);
     if (finished)
         return;
@@ -267,7 +267,7 @@ static int save_with(const struct kiln_saved *s, bool finished, const struct kil
     struct save_work w = {.state = state_of(s, finished), .sums = {.variance = sum_saved(&s->ledger->variance)}};
     for (int k = 0; k < KILN_SUMS; k++)
         w.sums.pass[k] = sum_saved(&s->ledger->sums[k]);
-    int status = collect_passes(s, &w, error);
+    int status = collect_steps(s, &w, error);
     if (status == KILN_OK && !finished)
         status = collect_groups(s, &w, error);
     if (status == KILN_OK && !finished)
@@ -284,7 +284,7 @@ static int save_with(const struct kiln_saved *s, bool finished, const struct kil
     if (status == KILN_OK)
         kiln_control_saved(p->control, kiln_checkpoint_last(p->checkpoint), MPI_Wtime() - start, (double)time(NULL));
     kiln_free(&w.reports);
-    kiln_free(&w.passes);
+    kiln_free(&w.own_steps);
     kiln_free(&w.groups);
     kiln_free(&w.done);
     return status;
@@ -379,43 +379,43 @@ static bool report_is_sane(const struct saved_report *r)
     return sane;
 }
 
-/* Appends the report of a record. The integrator says which step it is; what the file says of that must agree. */
-static int append_report(const struct kiln_saved *s, const struct saved_report *saved, struct kiln_error *error)
+/* The integrator says what step it is; what the record says of that must agree. */
+static int add_report(const struct kiln_saved *s, const struct saved_report *saved, struct kiln_error *error)
 {
     const struct kiln_integrate_settings *settings = s->params->settings;
-    struct kiln_step_reports *reports = &s->solution->report.steps;
-    struct kiln_step_report report = report_read(saved);
+    struct kiln_step_reports *steps = &s->solution->report.steps;
     struct kiln_step step;
-    if (!settings->integrator->next(settings, reports->of, reports->count, &step) || step.role != report.step.role ||
-        step.bounce != report.step.bounce || step.samples != report.step.samples)
-        return no_such_step(reports->count, error);
-    report.step = step;
-    reports->of[reports->count++] = report;
-    return report_is_sane(saved) ? KILN_OK : kiln_block_insane("passes", error);
+    if (!settings->integrator->next(settings, steps->of, steps->count, &step) || step.role != saved->role ||
+        step.bounce != saved->bounce || step.samples != saved->samples)
+        return no_such_step(steps->count, error);
+    if (!report_is_sane(saved))
+        return kiln_block_insane("steps", error);
+    steps->of[steps->count++] = report_read(saved, &step);
+    return KILN_OK;
 }
 
-/* The file has all `count` records: their number was looked at before. */
+/* Each is a record that the file has all of: their number was looked at before. */
 static int read_reports(const struct kiln_saved *s, size_t count, struct kiln_error *error)
 {
     struct saved_report *saved = NULL;
-    int status = kiln_allocate(&saved, count, sizeof *saved, "a checkpoint's passes", error);
+    int status = kiln_allocate(&saved, count, sizeof *saved, "a checkpoint's steps", error);
     if (status == KILN_OK)
-        status = kiln_checkpoint_read(s->params->checkpoint, "passes", 0, count, sizeof *saved, saved, error);
+        status = kiln_checkpoint_read(s->params->checkpoint, "steps", 0, count, sizeof *saved, saved, error);
     for (size_t i = 0; i < count && status == KILN_OK; i++)
-        status = append_report(s, &saved[i], error);
+        status = add_report(s, &saved[i], error);
     kiln_free(&saved);
     return status;
 }
 
-static int restore_passes(const struct kiln_saved *s, struct kiln_error *error)
+static int restore_steps(const struct kiln_saved *s, struct kiln_error *error)
 {
     uint64_t first, count;
-    kiln_checkpoint_part_range(s->params->checkpoint, 0, "passes", &first, &count);
-    if (count == 0 || count > PASSES_MOST)
+    kiln_checkpoint_part_range(s->params->checkpoint, 0, "steps", &first, &count);
+    if (count == 0 || count > STEPS_MOST)
         return kiln_fail(
             error, KILN_IO,
-            "the checkpoint has %llu passes and 1 to %d are possible; give --no-resume to start from the beginning",
-            (unsigned long long)count, (int)PASSES_MOST);
+            "the checkpoint has %llu steps and 1 to %d are possible; give --no-resume to start from the beginning",
+            (unsigned long long)count, (int)STEPS_MOST);
     s->solution->report.steps.count = 0;
     const int status = kiln_step_reports_reserve(&s->solution->report.steps, (size_t)count, error);
     return status == KILN_OK ? read_reports(s, (size_t)count, error) : status;
@@ -437,16 +437,16 @@ static int add_part(const struct kiln_saved *s, size_t part, bool finished, stru
 {
     const struct kiln_checkpoint *c = s->params->checkpoint;
     struct kiln_integrate_report *r = &s->solution->report;
-    struct saved_pass *passes = NULL;
+    struct saved_own_step *steps = NULL;
     struct saved_group *groups = NULL;
     struct saved_sums *sums = NULL;
     uint64_t count = 0;
-    int status = kiln_checkpoint_read_part(c, part, "own_passes", sizeof *passes, &passes, &count, error);
+    int status = kiln_checkpoint_read_part(c, part, "own_steps", sizeof *steps, &steps, &count, error);
     for (uint64_t i = 0; status == KILN_OK && i < count && i < r->steps.count; i++) {
-        r->steps.of[i].rays += passes[i].rays;
-        r->steps.of[i].seconds += passes[i].seconds;
-        r->steps.of[i].exchange_seconds += passes[i].exchange_seconds;
-        r->steps.of[i].device_seconds += passes[i].device_seconds;
+        r->steps.of[i].rays += steps[i].rays;
+        r->steps.of[i].seconds += steps[i].seconds;
+        r->steps.of[i].exchange_seconds += steps[i].exchange_seconds;
+        r->steps.of[i].device_seconds += steps[i].device_seconds;
     }
     if (status == KILN_OK && !finished)
         status = kiln_checkpoint_read_part(c, part, "own_sums", sizeof *sums, &sums, &count, error);
@@ -459,7 +459,7 @@ static int add_part(const struct kiln_saved *s, size_t part, bool finished, stru
     for (uint64_t i = 0; status == KILN_OK && !finished && i < count; i++)
         if (groups[i].index < s->ledger->group_count)
             s->ledger->group_now[groups[i].index].value += sum_read(&groups[i].sum);
-    kiln_free(&passes);
+    kiln_free(&steps);
     kiln_free(&groups);
     kiln_free(&sums);
     return status;
@@ -516,7 +516,7 @@ int kiln_restore(const struct kiln_saved *s, bool *finished, struct kiln_error *
     const struct kiln_integrate_params *p = s->params;
     int status = restore_state(s, finished, error);
     if (status == KILN_OK)
-        status = restore_passes(s, error);
+        status = restore_steps(s, error);
     if (status == KILN_OK)
         status = restore_points(s, *finished, error);
     for (size_t part = (size_t)p->rank; status == KILN_OK && part < kiln_checkpoint_parts(p->checkpoint);

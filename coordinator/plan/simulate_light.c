@@ -14,11 +14,11 @@ struct state {
     uint32_t ranks;
     double density;
     double *points, *cost[KILN_COST_KINDS_MAX]; /* of all cells before each one, and after the last */
-    double *cuts, *next; /* points before each rank's share, and after the last; now, and after a move */
-    double *work;        /* s of all ranks before each one, and of all: as the last step showed them */
-    /* by what part the largest share exceeds the others because its tile runs are whole */
+    double *bounds, *next; /* points before those of each rank, and after the last; now, and after a repartition */
+    double *work;          /* s of all ranks before each one, and of all: as the last step showed them */
+    /* work of the rank that has most over the mean, because tile runs are whole */
     double grain;
-    bool helps;
+    bool helps; /* ranks of a node steal work from each other */
 };
 
 /* What a simulated step shows. Seconds. */
@@ -69,7 +69,7 @@ static double at(const struct state *t, const double *from, const double *to, do
 
 static double cost_before(const struct state *t, uint32_t kind, uint32_t rank)
 {
-    return at(t, t->points, t->cost[kind], t->cuts[rank]);
+    return at(t, t->points, t->cost[kind], t->bounds[rank]);
 }
 
 /* ---- ranks ---- */
@@ -105,27 +105,27 @@ static double group_slowness(const struct state *t, uint32_t begin, uint32_t end
 }
 
 /* Whole cells where that is even enough, else equal numbers of points: as the partition does. */
-static int first_cuts(struct state *t, struct kiln_error *error)
+static int first_bounds(struct state *t, struct kiln_error *error)
 {
     const struct kiln_light_simulation *s = t->s;
     const double all = t->points[s->cell_count], tile_runs = fmax(1.0, (double)s->tile_runs * t->density) / t->ranks;
-    uint64_t *cuts = NULL;
+    uint64_t *begins = NULL;
     double most = INFINITY;
     int status = KILN_OK;
     if (t->ranks <= s->cell_count) {
-        status = kiln_allocate(&cuts, (size_t)t->ranks + 1, sizeof *cuts, "the simulated ranks", error);
+        status = kiln_allocate(&begins, (size_t)t->ranks + 1, sizeof *begins, "the simulated ranks", error);
         if (status == KILN_OK) {
-            kiln_partition_cut(s->cell_points, s->cell_count, t->ranks, cuts);
+            kiln_partition_cut(s->cell_points, s->cell_count, t->ranks, begins);
             most = 0.0;
         }
         for (uint32_t r = 0; status == KILN_OK && r < t->ranks; r++)
-            most = fmax(most, t->points[cuts[r + 1]] - t->points[cuts[r]]);
+            most = fmax(most, t->points[begins[r + 1]] - t->points[begins[r]]);
     }
     const bool whole = most <= (1.0 + WHOLE_CELLS) * all / t->ranks;
     t->grain = whole ? 1.0 : ceil(tile_runs) / tile_runs;
     for (uint32_t r = 0; status == KILN_OK && r <= t->ranks; r++)
-        t->cuts[r] = whole ? t->points[cuts[r]] : all * r / t->ranks;
-    kiln_free(&cuts);
+        t->bounds[r] = whole ? t->points[begins[r]] : all * r / t->ranks;
+    kiln_free(&begins);
     return status;
 }
 
@@ -133,7 +133,7 @@ static double most_points(const struct state *t)
 {
     double most = 0.0;
     for (uint32_t r = 0; r < t->ranks; r++)
-        most = fmax(most, t->cuts[r + 1] - t->cuts[r]);
+        most = fmax(most, t->bounds[r + 1] - t->bounds[r]);
     return most * t->density;
 }
 
@@ -169,20 +169,20 @@ static struct shown run_step(const struct state *t, uint32_t kind)
     return p;
 }
 
-/* ---- new cuts ---- */
+/* ---- new bounds ---- */
 
 /* A stretch of the row of cells: points and their cost. */
 struct stretch {
     double begin, end, cost_begin, cost_end;
 };
 
-/* The stretch of a rank's share in which its cost reaches `wanted`, so long that a bake knows only what all its points
- * cost: a part of a batch. */
+/* The stretch of a rank's points in which their cost sums up to `wanted`. It is as long as the part of a batch of which
+ * a bake knows only what all its points cost together. */
 static struct stretch stretch_at(const struct state *t, uint32_t kind, uint32_t rank, double wanted)
 {
     const double all = t->points[t->s->cell_count], a_second = all / t->cost[kind][t->s->cell_count];
     const double width = fmin((double)t->s->part_points / t->density, a_second * BATCH_SECONDS / t->density);
-    const double begin = t->cuts[rank], end = t->cuts[rank + 1];
+    const double begin = t->bounds[rank], end = t->bounds[rank + 1];
     double low = 0.0, high = ceil((end - begin) / width);
     while (low + 1.0 < high) {
         const double middle = floor(0.5 * (low + high));
@@ -197,8 +197,9 @@ static struct stretch stretch_at(const struct state *t, uint32_t kind, uint32_t 
     return s;
 }
 
-/* Where the work, as the last step showed it in rank's share, reaches `ideal`; a cell's begin where one is near. */
-static double cut_at(const struct state *t, uint32_t kind, uint32_t rank, double ideal, double slack)
+/* The point of the rank before which the work of all ranks, as the last step showed it, sums up to `ideal`; or the
+ * first of a cell, where one is near. */
+static double bound_at(const struct state *t, uint32_t kind, uint32_t rank, double ideal, double slack)
 {
     const uint32_t begin = group_begin(t, rank);
     const double slow = group_slowness(t, begin, group_end(t, begin));
@@ -206,17 +207,17 @@ static double cut_at(const struct state *t, uint32_t kind, uint32_t rank, double
     const struct stretch s =
         t->s->part_points > 0 ? stretch_at(t, kind, rank, wanted) : (struct stretch){0.0, 0.0, 0.0, 0.0};
     const double width = s.end - s.begin, a_point = width > 0.0 ? (s.cost_end - s.cost_begin) / width : 0.0;
-    const double cut = a_point > 0.0 ? fmin(s.end, s.begin + (wanted - s.cost_begin) / a_point)
-                                     : at(t, t->cost[kind], t->points, wanted);
-    const size_t cell = cell_at(t, t->points, cut),
-                 near = cut - t->points[cell] < t->points[cell + 1] - cut ? cell : cell + 1;
+    const double bound = a_point > 0.0 ? fmin(s.end, s.begin + (wanted - s.cost_begin) / a_point)
+                                       : at(t, t->cost[kind], t->points, wanted);
+    const size_t cell = cell_at(t, t->points, bound),
+                 near = bound - t->points[cell] < t->points[cell + 1] - bound ? cell : cell + 1;
     const double off =
-        fabs(at(t, t->points, t->cost[kind], t->points[near]) - at(t, t->points, t->cost[kind], cut)) * slow;
-    return off <= slack && t->points[near] > t->cuts[rank] && t->points[near] < t->cuts[rank + 1] ? t->points[near]
-                                                                                                  : cut;
+        fabs(at(t, t->points, t->cost[kind], t->points[near]) - at(t, t->points, t->cost[kind], bound)) * slow;
+    return off <= slack && t->points[near] > t->bounds[rank] && t->points[near] < t->bounds[rank + 1] ? t->points[near]
+                                                                                                      : bound;
 }
 
-static void make_cuts(struct state *t, uint32_t kind)
+static void make_bounds(struct state *t, uint32_t kind)
 {
     for (uint32_t r = 0; r < t->ranks; r++) {
         const uint32_t begin = group_begin(t, r);
@@ -226,12 +227,12 @@ static void make_cuts(struct state *t, uint32_t kind)
     const double total = t->work[t->ranks];
     uint32_t rank = 0;
     t->next[0] = 0.0;
-    t->next[t->ranks] = t->cuts[t->ranks];
+    t->next[t->ranks] = t->bounds[t->ranks];
     for (uint32_t k = 1; k < t->ranks; k++) {
         const double ideal = total * k / t->ranks;
         while (rank + 1 < t->ranks && t->work[rank + 1] <= ideal)
             rank++;
-        t->next[k] = fmax(t->next[k - 1], cut_at(t, kind, rank, ideal, KILN_BOUND_SLACK * total / t->ranks));
+        t->next[k] = fmax(t->next[k - 1], bound_at(t, kind, rank, ideal, KILN_BOUND_SLACK * total / t->ranks));
     }
 }
 
@@ -241,7 +242,7 @@ static double most_moved(const struct state *t, uint32_t together)
     double most = 0.0;
     for (uint32_t r = 0, end; r < t->ranks; r = end) {
         end = t->ranks - r > together ? r + together : t->ranks;
-        const double kept = fmin(t->cuts[end], t->next[end]) - fmax(t->cuts[r], t->next[r]);
+        const double kept = fmin(t->bounds[end], t->next[end]) - fmax(t->bounds[r], t->next[r]);
         most = fmax(most, t->next[end] - t->next[r] - fmax(0.0, kept));
     }
     return most * t->density;
@@ -260,15 +261,15 @@ static void consider(struct state *t, const struct kiln_planned_step *last, cons
     const double gain = kiln_repartition_gain(&steps, shown->longest, shown->total / t->ranks);
     if (!kiln_repartition_is_asked(mode, gain))
         return;
-    make_cuts(t, last->kind);
+    make_bounds(t, last->kind);
     const double moved = most_moved(t, 1), cost = kiln_repartition_cost(moved, s->share_bytes);
     if (!(moved >= 1.0) || !kiln_repartition_pays(mode, gain, cost))
         return;
     light->move += fmax(cost, most_moved(t, ranks_of_node(t)) * s->share_bytes / s->bandwidth + s->latency);
     light->cuts++;
-    double *cuts = t->cuts;
-    t->cuts = t->next;
-    t->next = cuts;
+    double *bounds = t->bounds;
+    t->bounds = t->next;
+    t->next = bounds;
     light->points_most = fmax(light->points_most, most_points(t));
 }
 
@@ -312,11 +313,11 @@ int kiln_simulate_light(const struct kiln_light_simulation *s, uint32_t ranks, d
     if (s->cell_count == 0)
         return KILN_OK;
     int status = make_cells(&t, error);
-    double **const arrays[] = {&t.cuts, &t.next, &t.work};
+    double **const arrays[] = {&t.bounds, &t.next, &t.work};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays && status == KILN_OK; i++)
         status = kiln_allocate(arrays[i], (size_t)ranks + 1, sizeof **arrays[i], "the simulated ranks", error);
     if (status == KILN_OK)
-        status = first_cuts(&t, error);
+        status = first_bounds(&t, error);
     if (status == KILN_OK) {
         light->points_most = most_points(&t);
         run_bake(&t, light);

@@ -2,7 +2,7 @@
  * are distributed anew.
  *
  * Cells stand in a row, in the global order, and within each one points cost the same; a rank has a stretch of that
- * row. The first ones are cut as the partition cuts them. The ranks of a node that help each other end together, half
+ * row. The first ones are those of the partition. The ranks of a node that help each other end together, half
  * of a smallest batch after the mean of their work; others end when the slowest does. After a step the rule of bakes
  * (integrate/repartition_rule.h) is asked, with what the simulated step cost. */
 #ifndef KILN_COORDINATOR_PLAN_SIMULATE_LIGHT_H
@@ -26,7 +26,7 @@ struct kiln_light_simulation {
     size_t cell_count;
     uint64_t tile_runs;        /* smallest units of work */
     uint32_t threads;          /* of a rank */
-    bool any_share;            /* its backend computes any rank's share */
+    bool any_share;            /* its backend computes any rank's points */
     uint64_t part_points;      /* it knows what so many points cost together, no less; 0: exactly */
     double share_bytes;        /* of a point, when it moves */
     double bandwidth, latency; /* of a node: bytes a second, seconds */
@@ -38,7 +38,7 @@ struct kiln_simulated_light {
     double seconds[KILN_ROLES_MAX]; /* until the last rank is done: all steps of each role of the integrator */
     double move;                    /* s that points are on their way to other ranks */
     double imbalance;               /* these seconds (without moves) over the mean of the ranks' work, less 1 */
-    double kept;                    /* likewise if the first shares stayed and no rank helped another */
+    double kept;                    /* likewise if the ranks kept their first points and no rank helped another */
     double points_most;             /* that a rank has at any time */
     uint32_t cuts;                  /* how often the points were distributed anew */
     /* longest work over the mean, less 1, as a bake judges it (kiln_step_balance): in the first and the last step of

@@ -1,11 +1,12 @@
 /* Run by mpirun on two ranks: the lockstep runner takes an integrator that it does not know, which is no more than the
- * struct below, and computes direct light and one bounce of cubes under a sky with it. The integrator "cells" must find
- * the same bits by its equal schedule. */
+ * struct below, and computes direct light and one bounce of cubes under a sky with it, the bounce with samples that a
+ * field says for each tile run. The integrator "cells" must find the same bits by its equal schedule. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
+#include "coordinator/bake/integrators.h"
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/integrate/packing.h"
 #include "coordinator/integrate/radiosity_exchange.h"
@@ -19,6 +20,13 @@ enum { RANKS = 2, SAMPLES = 16 };
 
 /* ---- the integrator ---- */
 
+static const struct kiln_field samples_field = {.name = "samples",
+                                                .unit = "1",
+                                                .type = KILN_FIELD_UINT32,
+                                                .components = 1,
+                                                .domain = KILN_DOMAIN_TILE_RUN,
+                                                .life = KILN_FIELD_RESULT};
+
 static bool pair_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                       size_t count, struct kiln_step *step)
 {
@@ -27,6 +35,7 @@ static bool pair_next(const struct kiln_integrate_settings *settings, const stru
                                .role = count > 0,
                                .bounce = (uint32_t)count,
                                .samples = settings->samples_indirect,
+                               .samples_field = count == 0 ? NULL : samples_field.name,
                                .stream = (uint32_t)count,
                                .counted = true};
     return count < 2;
@@ -35,6 +44,11 @@ static bool pair_next(const struct kiln_integrate_settings *settings, const stru
 static void pair_begin(struct kiln_integration *integration, struct kiln_step_report *last,
                        const struct kiln_step *step)
 {
+    const struct kiln_solution *solution = integration->solution;
+    const struct kiln_field_set *fields = kiln_node_data_fields(solution->node_data);
+    uint32_t *samples = kiln_rank_field(solution->own, fields, kiln_field_set_find(fields, samples_field.name));
+    for (size_t i = 0; i < solution->own->surface.tile_run_count; i++)
+        samples[i] = step->samples;
     if (step->pass->reads_radiosity)
         kiln_exchange_radiosity(integration->exchange, KILN_EXCHANGE_NEXT, last);
 }
@@ -166,9 +180,10 @@ static int bake(const struct world *w, const struct kiln_integrator *integrator,
                                                      .samples_direct = SAMPLES,
                                                      .samples_indirect = SAMPLES,
                                                      .work_stealing = true};
-    const struct kiln_job job = {.samples_direct = SAMPLES};
+    const struct kiln_job job = {.ranks = RANKS}; /* asks for no more fields than all bakes have */
     struct kiln_field_set fields;
     kiln_field_set_choose(&fields, &job);
+    int status = kiln_field_set_add(&fields, &samples_field, false, error);
     const struct kiln_surface_params surface = {
         .scene = &w->fixture->scene, .geometry = w->geometry, .rank = (uint32_t)w->rank, .ranks = RANKS, .threads = 1};
     const struct kiln_backend_params backend = {
@@ -186,7 +201,8 @@ static int bake(const struct world *w, const struct kiln_integrator *integrator,
     struct kiln_emission_result emission;
     struct kiln_surface_report report;
     struct kiln_solution *solution = NULL;
-    int status = kiln_surface_build(&params.surface, &surface, &report, error);
+    if (status == KILN_OK)
+        status = kiln_surface_build(&params.surface, &surface, &report, error);
     if (status == KILN_OK)
         status = kiln_backend_create(&params.backend, "embree", &backend, error);
     if (status == KILN_OK)

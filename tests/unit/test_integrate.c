@@ -10,6 +10,7 @@
 
 #include <cmocka.h>
 
+#include "coordinator/bake/integrators.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/plan/simulate_light.h"
@@ -195,10 +196,12 @@ static void outlook(void **state)
 static void table(void **state)
 {
     (void)state;
-    assert_string_equal(kiln_integrator_names[0], "cells");
-    for (size_t i = 0; kiln_integrator_names[i] != NULL; i++) {
-        const struct kiln_integrator *integrator = kiln_integrator_find(kiln_integrator_names[i]);
+#define NAME(name) #name,
+    static const char *const names[] = {KILN_INTEGRATOR_LIST(NAME)};
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        const struct kiln_integrator *integrator = kiln_integrator_find(names[i]);
         assert_non_null(integrator);
+        assert_string_equal(integrator->name, names[i]);
         assert_true(integrator->role_count > 0 && integrator->role_count <= KILN_ROLES_MAX);
         assert_true(kiln_integrator_has_phase(integrator->roles[0].phase));
     }
