@@ -1,12 +1,7 @@
 /* What the kernels of the direct pass share: choose.comp, direct.comp, direct_precise.comp, direct_reduce.comp. Their
  * push constants are the same. */
 
-layout(push_constant, scalar) uniform Push
-{
-    KILN_ADDRESS scene;
-    kiln_gpu_chunk chunk;
-    kiln_gpu_direct pass;
-} push;
+KILN_PUSH(kiln_gpu_direct_push);
 
 #include "shaders/lights.glsl"
 #include "shaders/shared/streams.h"

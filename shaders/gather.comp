@@ -8,19 +8,7 @@
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"
 
-layout(push_constant, scalar) uniform Push
-{
-    KILN_ADDRESS scene;
-    kiln_gpu_chunk chunk;
-    KILN_ADDRESS sobol; /* words: dimension d's samples from d * sobol_stride on */
-    KILN_ADDRESS
-    slices; /* float: component c of row r of point x at ((r * SLICE_FLOATS + c) * chunk.total + point - origin) */
-    KILN_WORD samples, stream, reuse, sobol_stride;
-    KILN_WORD per_quarter; /* slices a quarter */
-    KILN_WORD row_first;   /* slice of y = 0 */
-    KILN_WORD slice;       /* samples of a slice */
-    KILN_WORD row_step;    /* slice y goes to row y * row_step */
-} push;
+KILN_PUSH(kiln_gpu_gather_push);
 
 #define KILN_TRACES
 #include "shaders/trace/trace.glsl"

@@ -5,13 +5,7 @@
 #include "shaders/kernel.glsl"
 #include "shaders/sum.glsl"
 
-layout(push_constant, scalar) uniform Push
-{
-    KILN_ADDRESS scene;
-    kiln_gpu_chunk chunk;
-    KILN_ADDRESS slices, results;
-    KILN_WORD samples, per_quarter, split;
-} push;
+KILN_PUSH(kiln_gpu_gather_reduce_push);
 
 KILN_ARRAY(PointArray, kiln_gpu_point, 8);
 KILN_ARRAY(WordArray, uint, 4);

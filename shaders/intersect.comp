@@ -7,13 +7,7 @@
 /* 1: only whether anything is met within the distance that `hits` has already; the triangle is then 0. */
 layout(constant_id = 5) const uint OCCLUSION = 0u;
 
-layout(push_constant, scalar) uniform Push
-{
-    KILN_ADDRESS scene;
-    KILN_ADDRESS origins, directions; /* vec3 each */
-    KILN_ADDRESS hits;                /* struct kiln_gpu_hit */
-    uint count;
-} push;
+KILN_PUSH(kiln_gpu_intersect_push);
 
 #include "shaders/trace/trace.glsl"
 

@@ -3,7 +3,7 @@
  *     #version 460
  *     #extension GL_GOOGLE_include_directive : require
  *     #include "shaders/kernel.glsl"
- *     layout(push_constant, scalar) uniform Push { KILN_ADDRESS scene; ... } push;
+ *     KILN_PUSH(struct of shaders/shared/push.h);
  *     void kiln_kernel(uint x, uint y) { ... }
  *     #include "shaders/main.glsl"
  *
@@ -33,6 +33,7 @@
 #endif
 
 #include "shaders/shared/layout.h"
+#include "shaders/shared/push.h"
 #include "shaders/shared/random.h"
 
 /* The same numbers in every kernel; a kernel's own start at 5. */
@@ -45,6 +46,10 @@ layout(constant_id = 4) const uint DRAW_AGAIN = 1u;
 /* `alignment` in bytes: 8 where the element has 64-bit members, else 4. */
 #define KILN_ARRAY(Name, type, alignment)                                                                              \
     layout(buffer_reference, scalar, buffer_reference_align = alignment) buffer Name { type at[]; }
+
+/* The kernel's push constants: push.scene and so on. */
+#define KILN_PUSH(type)                                                                                                \
+    layout(push_constant, scalar) uniform Push { type push; }
 
 layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer SceneRef { kiln_gpu_scene value; };
 #define SCENE SceneRef(push.scene).value

@@ -10,16 +10,7 @@
 #include "shaders/shared/layout_probe.h"
 #include "shaders/shared/streams.h"
 
-layout(push_constant, scalar) uniform Push
-{
-    KILN_ADDRESS scene;
-    KILN_ADDRESS positions;
-    KILN_ADDRESS sobol;  /* words: dimension d's samples from d * sobol_stride on */
-    KILN_ADDRESS slices; /* float: component c of slice s of probe x at (s * KILN_GPU_PROBE_FLOATS + c) * count + x */
-    KILN_WORD64 index;   /* of the first probe among all */
-    KILN_WORD count, samples, slice_first, slice_count, sobol_stride, seed;
-    KILN_REAL32 far; /* m: stands in for the distance of escapes */
-} push;
+KILN_PUSH(kiln_gpu_probes_push);
 
 #define KILN_TRACES
 #include "shaders/trace/trace.glsl"

@@ -5,12 +5,7 @@
 #include "shaders/shared/layout_probe.h"
 #include "shaders/sum.glsl"
 
-layout(push_constant, scalar) uniform Push
-{
-    KILN_ADDRESS scene;
-    KILN_ADDRESS slices, results;
-    KILN_WORD count, slice_count;
-} push;
+KILN_PUSH(kiln_gpu_probes_reduce_push);
 
 KILN_ARRAY(FloatArray, float, 4);
 

@@ -4,14 +4,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
 
-layout(push_constant, scalar) uniform Push
-{
-    KILN_ADDRESS scene;
-    kiln_gpu_chunk chunk; /* `list`: the points of the second look */
-    KILN_ADDRESS sobol;
-    KILN_ADDRESS counts; /* word of thread x */
-    KILN_WORD stream, sobol_stride, looks;
-} push;
+KILN_PUSH(kiln_gpu_validity_push);
 
 #define KILN_TRACES
 #include "shaders/trace/trace.glsl"

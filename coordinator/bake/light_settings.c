@@ -1,22 +1,23 @@
 #include "coordinator/bake/light_settings.h"
 
-#include "coordinator/bake/integrators.h"
+#include "coordinator/integrate/integrator.h"
 
 struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, uint64_t points)
 {
-    return (struct kiln_integrate_settings){.integrator = kiln_integrator_find(job->method),
-                                            .schedule = job->schedule,
-                                            .bounces = job->bounces,
-                                            .tail = job->tail,
-                                            .samples_direct = job->samples_direct,
-                                            .samples_bounce = job->samples_bounce,
-                                            .samples_indirect = job->samples_indirect,
-                                            .compact = kiln_exchange_is_compact(job->exchange, points),
-                                            .seed = job->seed,
-                                            .work_stealing = job->work_stealing,
-                                            .rebalance = (enum kiln_rebalance)job->rebalance,
-                                            .whole_objects = job->partition_objects,
-                                            .exchange_limit = job->exchange_limit,
-                                            .slow_rank = job->faults.slow_rank,
-                                            .slowness = job->faults.slowness};
+    return (struct kiln_integrate_settings){
+        .integrator = kiln_integrator_find(job->method != NULL ? job->method : kiln_integrator_names[0]),
+        .schedule = job->schedule,
+        .bounces = job->bounces,
+        .tail = job->tail,
+        .samples_direct = job->samples_direct,
+        .samples_bounce = job->samples_bounce,
+        .samples_indirect = job->samples_indirect,
+        .compact = kiln_exchange_is_compact(job->exchange, points),
+        .seed = job->seed,
+        .work_stealing = job->work_stealing,
+        .rebalance = (enum kiln_rebalance)job->rebalance,
+        .whole_objects = job->partition_objects,
+        .exchange_limit = job->exchange_limit,
+        .slow_rank = job->faults.slow_rank,
+        .slowness = job->faults.slowness};
 }

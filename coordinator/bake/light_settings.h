@@ -5,7 +5,7 @@
 #include "coordinator/integrate/settings.h"
 #include "coordinator/job/job.h"
 
-/* For a scene with so many surface points. The job is one that was parsed: its method is in the table. */
+/* For a scene with so many surface points. */
 struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, uint64_t points);
 
 #endif

@@ -4,7 +4,7 @@
 #include <stdbool.h>
 #include <string.h>
 
-#include "coordinator/bake/integrators.h"
+#include "coordinator/integrate/integrator.h"
 #include "coordinator/run/phases.h"
 #include "coordinator/run/progress.h"
 #include "worker/base/color.h"

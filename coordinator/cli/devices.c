@@ -4,7 +4,7 @@
 
 #include "coordinator/bake/prepare.h"
 #include "coordinator/files/json.h"
-#include "worker/backend/devices.h"
+#include "worker/backend/backend.h"
 #include "worker/base/text.h"
 
 enum { MOST_DEVICES = 64, UUID_TEXT = 37 };
@@ -61,17 +61,17 @@ static void print_device(const struct kiln_device *d)
 
 int kiln_devices_list(const struct kiln_job *job, struct kiln_error *error)
 {
-    struct kiln_device list[MOST_DEVICES];
-    size_t count = 0;
-    char version[64];
-    const int status = kiln_backend_devices(list, MOST_DEVICES, &count, error);
+    struct kiln_device list[MOST_DEVICES], cpu;
+    size_t count = 0, cpus = 0;
+    int status = kiln_backend_devices("embree", &cpu, 1, &cpus, error);
+    if (status == KILN_OK)
+        status = kiln_backend_devices("vulkan", list, MOST_DEVICES, &count, error);
     if (status != KILN_OK)
         return status;
     count = count < MOST_DEVICES ? count : MOST_DEVICES;
-    kiln_backend_embree_version(version, sizeof version);
     if (job->json)
-        return kiln_json_print(list_json(list, count, version), error);
-    (void)printf("embree    %s, %s, %u thread%s\n", version, kiln_own_instruction_set(), kiln_own_cores(1),
+        return kiln_json_print(list_json(list, count, cpu.driver), error);
+    (void)printf("embree    %s, %s, %u thread%s\n", cpu.driver, kiln_own_instruction_set(), kiln_own_cores(1),
                  kiln_own_cores(1) == 1 ? "" : "s");
     for (size_t i = 0; i < count; i++)
         print_device(&list[i]);

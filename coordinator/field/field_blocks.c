@@ -27,10 +27,16 @@ bool kiln_field_is_saved(const struct kiln_field *field, const struct kiln_save_
     return false;
 }
 
-/* Whether the field's values take 4 bytes each, in the first half of the array; all of them are finite. */
+/* Whether the step has the field's values in the 4-byte form of radiosity, of which any value is finite. */
 static bool is_compact(const struct kiln_field *field, const struct kiln_save_moment *moment)
 {
-    return moment->compact && field->type == KILN_FIELD_RADIOSITY && field->life == KILN_FIELD_STEP;
+    return moment->compact && field->life == KILN_FIELD_STEP && field->type == KILN_FIELD_RADIOSITY;
+}
+
+/* Bytes of an item in the field's block. */
+static size_t block_size(const struct kiln_field *field, const struct kiln_save_moment *moment)
+{
+    return is_compact(field, moment) ? field->components * sizeof(uint32_t) : kiln_field_size(field);
 }
 
 size_t kiln_field_blocks(const struct kiln_field_set *fields, const struct kiln_rank_data *data,
@@ -42,43 +48,37 @@ size_t kiln_field_blocks(const struct kiln_field_set *fields, const struct kiln_
         if (!kiln_field_is_saved(field, moment))
             continue;
         assert(field->domain == KILN_DOMAIN_POINT && field->length == KILN_FIELD_EACH);
-        blocks[count] =
-            (struct kiln_block){.first = data->surface.first,
-                                .count = data->surface.count,
-                                .size = is_compact(field, moment) ? sizeof(uint32_t) : kiln_field_size(field),
-                                .data = kiln_rank_field(data, fields, i)};
+        blocks[count] = (struct kiln_block){.first = data->surface.first,
+                                            .count = data->surface.count,
+                                            .size = block_size(field, moment),
+                                            .data = kiln_rank_field(data, fields, i)};
         (void)strncpy(blocks[count].name, field->name, sizeof blocks[count].name - 1);
         count++;
     }
     return count;
 }
 
-static int read_compact(const struct kiln_checkpoint *checkpoint, const struct kiln_field *field,
-                        const struct kiln_surface *surface, void *values, struct kiln_error *error)
-{
-    return kiln_checkpoint_read(checkpoint, field->name, surface->first, surface->count, sizeof(uint32_t), values,
-                                error);
-}
-
 static int read_block(const struct kiln_checkpoint *checkpoint, const struct kiln_field *field,
-                      const struct kiln_surface *surface, void *values, struct kiln_error *error)
+                      const struct kiln_save_moment *moment, const struct kiln_surface *surface, void *values,
+                      struct kiln_error *error)
 {
     const int status = kiln_checkpoint_read(checkpoint, field->name, surface->first, surface->count,
-                                            kiln_field_size(field), values, error);
-    return status == KILN_OK && !kiln_field_is_sane(field, values, surface->count)
+                                            block_size(field, moment), values, error);
+    return status == KILN_OK && !is_compact(field, moment) && !kiln_field_is_sane(field, values, surface->count)
                ? kiln_block_insane(field->name, error)
                : status;
 }
 
 /* A field of the surface has values already, which the backend may have taken over. */
 static int read_surface_block(const struct kiln_checkpoint *checkpoint, const struct kiln_field *field,
-                              const struct kiln_surface *surface, void *values, bool *changed, struct kiln_error *error)
+                              const struct kiln_save_moment *moment, const struct kiln_surface *surface, void *values,
+                              bool *changed, struct kiln_error *error)
 {
     const size_t bytes = (size_t)surface->count * kiln_field_size(field);
     void *found = NULL;
     int status = kiln_allocate(&found, (size_t)surface->count, kiln_field_size(field), "a checkpoint's values", error);
     if (status == KILN_OK)
-        status = read_block(checkpoint, field, surface, found, error);
+        status = read_block(checkpoint, field, moment, surface, found, error);
     if (status == KILN_OK && memcmp(found, values, bytes) != 0) {
         memcpy(values, found, bytes);
         *changed = true;
@@ -98,11 +98,9 @@ int kiln_field_blocks_read(const struct kiln_checkpoint *checkpoint, const struc
         void *values = kiln_rank_field(data, fields, i);
         if (!kiln_field_is_saved(field, moment))
             continue;
-        if (field->life == KILN_FIELD_SURFACE)
-            status = read_surface_block(checkpoint, field, &data->surface, values, surface_changed, error);
-        else
-            status = is_compact(field, moment) ? read_compact(checkpoint, field, &data->surface, values, error)
-                                               : read_block(checkpoint, field, &data->surface, values, error);
+        status = field->life == KILN_FIELD_SURFACE
+                     ? read_surface_block(checkpoint, field, moment, &data->surface, values, surface_changed, error)
+                     : read_block(checkpoint, field, moment, &data->surface, values, error);
     }
     return status;
 }

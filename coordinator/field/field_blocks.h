@@ -10,7 +10,7 @@
 struct kiln_save_moment {
     bool in_step;   /* a step is under way */
     bool in_gather; /* and it gathers radiosity */
-    bool compact;   /* and it makes radiosity in 4 bytes a point: kiln_next_compact */
+    bool compact;   /* and makes radiosity in the 4-byte form (kiln_next_compact) */
 };
 
 bool kiln_field_is_saved(const struct kiln_field *field, const struct kiln_save_moment *moment);

@@ -126,15 +126,16 @@ static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct k
 {
     struct kiln_backend *backend = b->params->backend;
     const struct kiln_step *step = &b->report->step;
+    /* The numbers of samples are those of the own tile runs. */
+    assert(b->data == b->solution->own || (step->pass->is_stealable && step->samples_each == NULL));
     const struct kiln_batch batch = {.first = range.first,
                                      .count = range.count,
                                      .stream = step->stream,
                                      .samples = step->samples,
-                                     .samples_of = samples_from(b, range.first),
+                                     .samples_each = samples_from(b, range.first),
                                      .take = take_part,
                                      .context = b};
-    assert(b->data == b->solution->own || step->pass->is_stealable);
-    return kiln_backend_run(backend, step->pass, NULL, &batch, &b->report->rays, error);
+    return kiln_backend_run(backend, step->pass, step->parameters, &batch, &b->report->rays, error);
 }
 
 /* Computes a range of a rank's tile runs, of this one's or another's. */

@@ -16,7 +16,7 @@ struct kiln_integrate_params {
     int rank, ranks;
     double begin; /* MPI_Wtime() when the run began */
     const struct kiln_integrate_settings *settings;
-    const struct kiln_field_set *fields; /* that the bake has */
+    const struct kiln_field_set *fields; /* that the bake keeps */
     struct kiln_backend *backend;        /* has its surface */
     struct kiln_surface *surface;        /* its own part belongs to the solution from then on: see field/rank_data.h */
     struct kiln_node_memory *node;       /* must outlive the solution */

@@ -1,7 +1,6 @@
 /* An integrator is a way to compute the light of a scene: which steps there are, what is done with the answers of each,
- * and what is exchanged between them. One struct of functions for each. A new integrator is a name in
- * KILN_INTEGRATOR_LIST (coordinator/job/choices.h), a folder here with its struct, and that struct's header in
- * coordinator/bake/integrators.c.
+ * and what is exchanged between them. One struct of functions for each; the table of all is integrators.c, one folder
+ * for each holds its code.
  *
  * The lockstep runner (lockstep.h) asks `next` for a step, calls `begin_step`, has all own points computed, in batches
  * whose answers `take` gets, calls `end_step`, and asks again. `kiln plan`, its simulation and the rule that
@@ -60,6 +59,14 @@ struct kiln_integrator {
      * will want to know besides. */
     int (*end_step)(struct kiln_integration *integration, struct kiln_step_reports *reports, struct kiln_error *error);
 };
+
+/* The names of all integrators (KILN_METHOD_LIST), ended by NULL. */
+extern const char *const kiln_integrator_names[];
+
+/* NULL: there is none of that name. */
+const struct kiln_integrator *kiln_integrator_find(const char *name);
+/* Whether an integrator has a role with this row in the table of phases. */
+bool kiln_integrator_has_phase(const char *phase);
 
 /* What a number of bounces that is not given is taken for, beyond those done, where steps are counted before they are
  * run. */

@@ -62,9 +62,9 @@ struct saved_range {
     uint64_t first, count;
 };
 
-/* The block "own_sums" of each rank, once: its sums in the pass under way. */
+/* The block "own_sums" of each rank, once: its sums in the step under way. */
 struct saved_sums {
-    struct saved_sum pass[KILN_SUMS], variance;
+    struct saved_sum sums[KILN_SUMS], variance;
 };
 static_assert(sizeof(struct saved_sums) == (KILN_SUMS + 1) * 16, "a record has no gaps");
 
@@ -104,9 +104,9 @@ static struct saved_report report_saved(const struct kiln_step_report *r)
 }
 
 /* What ranks did themselves is not in it: see add_part. */
-static struct kiln_step_report report_read(const struct saved_report *saved, const struct kiln_step *step)
+static struct kiln_step_report report_read(const struct saved_report *saved)
 {
-    struct kiln_step_report r = {.step = *step,
+    struct kiln_step_report r = {.step = {.role = saved->role, .bounce = saved->bounce, .samples = saved->samples},
                                  .tail_error = saved->tail_error,
                                  .energy = {.variance = saved->variance},
                                  .balance = {.judged = saved->judged != 0,
@@ -266,7 +266,7 @@ static int save_with(const struct kiln_saved *s, bool finished, const struct kil
         kiln_step_work_settle(s->work, s->solution->own, p->node, kiln_node_data_count(s->solution->node_data));
     struct save_work w = {.state = state_of(s, finished), .sums = {.variance = sum_saved(&s->ledger->variance)}};
     for (int k = 0; k < KILN_SUMS; k++)
-        w.sums.pass[k] = sum_saved(&s->ledger->sums[k]);
+        w.sums.sums[k] = sum_saved(&s->ledger->sums[k]);
     int status = collect_steps(s, &w, error);
     if (status == KILN_OK && !finished)
         status = collect_groups(s, &w, error);
@@ -324,7 +324,7 @@ static bool state_is_sane(const struct saved_state *state)
     enum { BOUNCES_MOST = 1 << 20 };
     bool sane = state->bounces <= BOUNCES_MOST && isfinite(state->tail_share) && isfinite(state->seconds) &&
                 state->seconds >= 0.0;
-    if (state->finished == 0) /* no sums come after the last pass */
+    if (state->finished == 0) /* no sums come after the last step */
         sane = sane && isfinite(state->unit) && state->unit > 0.0 && isfinite(state->unit_squared) &&
                state->unit_squared > 0.0;
     for (int c = 0; c < 3; c++)
@@ -379,22 +379,22 @@ static bool report_is_sane(const struct saved_report *r)
     return sane;
 }
 
-/* The integrator says what step it is; what the record says of that must agree. */
-static int add_report(const struct kiln_saved *s, const struct saved_report *saved, struct kiln_error *error)
+/* Appends the report of a record. The integrator says which step it is; what the file says of that must agree. */
+static int append_report(const struct kiln_saved *s, const struct saved_report *saved, struct kiln_error *error)
 {
     const struct kiln_integrate_settings *settings = s->params->settings;
-    struct kiln_step_reports *steps = &s->solution->report.steps;
+    struct kiln_step_reports *reports = &s->solution->report.steps;
+    struct kiln_step_report report = report_read(saved);
     struct kiln_step step;
-    if (!settings->integrator->next(settings, steps->of, steps->count, &step) || step.role != saved->role ||
-        step.bounce != saved->bounce || step.samples != saved->samples)
-        return no_such_step(steps->count, error);
-    if (!report_is_sane(saved))
-        return kiln_block_insane("steps", error);
-    steps->of[steps->count++] = report_read(saved, &step);
-    return KILN_OK;
+    if (!settings->integrator->next(settings, reports->of, reports->count, &step) || step.role != report.step.role ||
+        step.bounce != report.step.bounce || step.samples != report.step.samples)
+        return no_such_step(reports->count, error);
+    report.step = step;
+    reports->of[reports->count++] = report;
+    return report_is_sane(saved) ? KILN_OK : kiln_block_insane("steps", error);
 }
 
-/* Each is a record that the file has all of: their number was looked at before. */
+/* The file has all `count` records: their number was looked at before. */
 static int read_reports(const struct kiln_saved *s, size_t count, struct kiln_error *error)
 {
     struct saved_report *saved = NULL;
@@ -402,7 +402,7 @@ static int read_reports(const struct kiln_saved *s, size_t count, struct kiln_er
     if (status == KILN_OK)
         status = kiln_checkpoint_read(s->params->checkpoint, "steps", 0, count, sizeof *saved, saved, error);
     for (size_t i = 0; i < count && status == KILN_OK; i++)
-        status = add_report(s, &saved[i], error);
+        status = append_report(s, &saved[i], error);
     kiln_free(&saved);
     return status;
 }
@@ -451,7 +451,7 @@ static int add_part(const struct kiln_saved *s, size_t part, bool finished, stru
     if (status == KILN_OK && !finished)
         status = kiln_checkpoint_read_part(c, part, "own_sums", sizeof *sums, &sums, &count, error);
     for (int k = 0; status == KILN_OK && !finished && count == 1 && k < KILN_SUMS; k++)
-        s->ledger->sums[k].value += sum_read(&sums->pass[k]);
+        s->ledger->sums[k].value += sum_read(&sums->sums[k]);
     if (status == KILN_OK && !finished)
         s->ledger->variance.value += count == 1 ? sum_read(&sums->variance) : 0;
     if (status == KILN_OK && !finished)

@@ -23,14 +23,15 @@ struct kiln_role {
 enum { KILN_ROLES_MAX = 8 }; /* of an integrator */
 
 struct kiln_step {
-    const struct kiln_pass *pass; /* of the backend, which takes no parameters of its own */
+    const struct kiln_pass *pass; /* which the backends run; over tile runs */
+    const void *parameters;       /* the pass's own struct, borrowed; NULL for a pass without */
     uint32_t role;                /* index into the roles of the integrator */
     uint32_t bounce;  /* 0: direct light; 1, 2, ...; a final gather has the number of the bounce that it stands for */
     uint32_t samples; /* of each point; with samples_field their mean, by which the length of batches is chosen */
     /* Name of the bake's field (field/field.h) that has the samples of each tile run, 32 bits each; NULL: all tile runs
      * have the same. Being a field, it lies where a rank that steals work sees it, and moves with the points. */
     const char *samples_field;
-    uint32_t stream; /* tells the gathers apart in the random numbers */
+    uint32_t stream; /* tells steps of one pass apart in the random numbers; 0 for a pass without streams */
     /* The radiosity that the step makes is rounded to 4 bytes a point (worker/scene/radiosity.h); else it has 8. */
     bool compact;
     bool early;   /* and travels while the step goes on, for a step that gathers from it will follow */

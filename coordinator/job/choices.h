@@ -1,13 +1,13 @@
-/* Choices of options that other rooms decide by. */
+/* Choices that a job has and that other rooms act on: what the values of some options mean. */
 #ifndef KILN_COORDINATOR_JOB_CHOICES_H
 #define KILN_COORDINATOR_JOB_CHOICES_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/* The integrators, for --method: each name of the list is that of a struct, kiln_integrator_cells and so on,
- * of which coordinator/bake/integrators.c makes a table, and of the folder of its code in coordinator/integrate/. */
-#define KILN_INTEGRATOR_LIST(entry) entry(cells)
+/* The integrators, by the names that --method takes; the first one is the default. Each is a struct called
+ * kiln_integrator_NAME (coordinator/integrate/integrator.h). */
+#define KILN_METHOD_LIST(DO) DO(cells)
 
 /* AUTO: compact from 2^22 surface points on. With fewer its rounding shows in the ratio of two bounces, which the tail
  * magnifies a hundred times where the albedo is 0.99; with more it averages out. */

@@ -10,8 +10,8 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#include "coordinator/job/choices.h"
 #include "coordinator/job/faults.h"
+#include "coordinator/job/choices.h"
 #include "worker/base/status.h"
 
 /* Unit of the lights: AUTO takes what the file says; the others override it. */
@@ -47,7 +47,7 @@ struct kiln_job {
 
     /* transport */
     char *quality;   /* draft | preview | production | reference: preset of the sample counts */
-    char *method;    /* name of an integrator: KILN_INTEGRATOR_LIST */
+    char *method;    /* name of an integrator (coordinator/integrate/integrators.c) */
     int64_t bounces; /* indirect bounces; -1: until little energy is left, then the tail */
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;

@@ -5,8 +5,6 @@
 #define ARRAY_COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define AT(member) offsetof(struct kiln_job, member)
 
-#define NAME(name) #name,
-static const char *const methods[] = {KILN_INTEGRATOR_LIST(NAME) NULL};
 static const char *const backends[] = {"auto", "embree", "vulkan", NULL};
 /* enum kiln_traversal */
 static const char *const traversals[] = {"auto", "compute", "pipeline", "all", "binary", "four", "eight", NULL};
@@ -29,6 +27,9 @@ enum {
 };
 
 #define MOST_SAMPLES 1048576.0
+
+#define METHOD_NAME(name) #name,
+static const char *const method_names[] = {KILN_METHOD_LIST(METHOD_NAME) NULL};
 
 const struct kiln_option kiln_options[] = {
     {.name = "output",
@@ -186,7 +187,7 @@ const struct kiln_option kiln_options[] = {
      .group = "Light transport",
      .kind = KILN_OPTION_CHOICE,
      .fallback = "cells",
-     .choices = methods,
+     .choices = method_names,
      .help = "cells: every surface point gathers light, bounce by bounce, cell by cell",
      .commands = TRACES,
      .offset = AT(method)},

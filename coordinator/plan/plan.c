@@ -11,8 +11,6 @@
 #include "coordinator/bake/volume.h"
 #include "coordinator/export/export.h"
 #include "worker/base/memory.h"
-#include "worker/pass/direct.h"
-#include "worker/pass/gather.h"
 #include "worker/pass/probes.h"
 #include "worker/scene/radiosity.h"
 
@@ -188,17 +186,14 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
 
 /* ---- calibration ---- */
 
-static int sample_step(const struct kiln_prepared *p, const struct kiln_batch *items, const struct kiln_cost_kind *kind,
+static int sample_step(const struct kiln_prepared *p, const struct kiln_batch *batch, const struct kiln_cost_kind *kind,
                        double *seconds, struct kiln_error *error)
 {
-    struct kiln_batch batch = *items;
     struct kiln_backend_info begin, end;
     uint64_t rays = 0;
     kiln_backend_info(p->backend, &begin);
     const double start = MPI_Wtime();
-    batch.samples = kind->samples;
-    batch.stream = kind->stream;
-    const int status = kiln_backend_run(p->backend, kind->pass, NULL, &batch, &rays, error);
+    const int status = kiln_backend_run(p->backend, kind->pass, kind->parameters, batch, &rays, error);
     *seconds = MPI_Wtime() - start;
     kiln_backend_info(p->backend, &end);
     if (end.thread_seconds > begin.thread_seconds)
@@ -210,7 +205,7 @@ static bool is_cheap(const struct kiln_planned_steps *steps, uint32_t kind)
 {
     bool cheap = false;
     for (uint32_t k = 0; k < steps->kind_count; k++)
-        cheap = cheap || (steps->kinds[k].pass->reads_radiosity && steps->kinds[kind].pass->reads_radiosity &&
+        cheap = cheap || (steps->kinds[k].pass == steps->kinds[kind].pass &&
                           steps->kinds[kind].samples < steps->kinds[k].samples);
     return cheap;
 }
@@ -224,7 +219,10 @@ static int take_sample(const struct kiln_planned_steps *steps, const struct kiln
     *sample = (struct kiln_plan_sample){.first = tile_runs[first].first};
     for (uint32_t k = 0; k < steps->kind_count && status == KILN_OK; k++) {
         const size_t wanted = is_cheap(steps, k) ? CHEAP_TILE_RUNS * count : count;
-        const struct kiln_batch batch = {.first = first, .count = wanted < rest ? wanted : rest};
+        const struct kiln_batch batch = {.first = first,
+                                         .count = wanted < rest ? wanted : rest,
+                                         .stream = steps->kinds[k].stream,
+                                         .samples = steps->kinds[k].samples};
         const struct kiln_tile_run *last = &tile_runs[first + batch.count - 1];
         sample->points[k] = last->first + last->count - sample->first;
         status = sample_step(p, &batch, &steps->kinds[k], &sample->seconds[k], error);

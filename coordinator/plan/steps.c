@@ -7,7 +7,9 @@ static int find_kind(struct kiln_planned_steps *steps, struct kiln_planned_step 
 {
     const struct kiln_step *step = &planned->step;
     uint32_t k = 0;
-    while (k < steps->kind_count && (steps->kinds[k].pass != step->pass || steps->kinds[k].samples != step->samples))
+    while (k < steps->kind_count &&
+           (steps->kinds[k].pass != step->pass || steps->kinds[k].parameters != step->parameters ||
+            steps->kinds[k].samples != step->samples))
         k++;
     planned->kind = k;
     if (k < steps->kind_count)
@@ -15,7 +17,8 @@ static int find_kind(struct kiln_planned_steps *steps, struct kiln_planned_step 
     if (k == KILN_COST_KINDS_MAX)
         return kiln_fail(error, KILN_SYSTEM, "a bake by '%s' has steps of more than %d kinds, which cannot be planned",
                          steps->integrator->name, KILN_COST_KINDS_MAX);
-    steps->kinds[steps->kind_count++] = (struct kiln_cost_kind){step->pass, step->samples, step->stream};
+    steps->kinds[steps->kind_count++] =
+        (struct kiln_cost_kind){step->pass, step->parameters, step->samples, step->stream};
     return KILN_OK;
 }
 

@@ -4,9 +4,10 @@
 
 #include "coordinator/integrate/integrator.h"
 
-/* Steps that run the same pass with the same samples cost the same. */
+/* Steps that run the same pass with the same parameters and samples cost the same. */
 struct kiln_cost_kind {
     const struct kiln_pass *pass;
+    const void *parameters;   /* of the pass */
     uint32_t samples, stream; /* stream: of the first such step */
 };
 

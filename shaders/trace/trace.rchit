@@ -3,8 +3,7 @@
 #include "shaders/kernel.glsl"
 #include "shaders/trace/payload.glsl"
 
-layout(push_constant, scalar) uniform Push { KILN_ADDRESS scene; }
-push;
+KILN_PUSH(kiln_gpu_trace_push);
 layout(location = 0) rayPayloadInEXT kiln_payload kiln_answer;
 hitAttributeEXT vec2 kiln_weights;
 

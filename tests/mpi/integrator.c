@@ -6,7 +6,6 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/bake/integrators.h"
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/integrate/packing.h"
 #include "coordinator/integrate/radiosity_exchange.h"

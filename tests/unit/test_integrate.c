@@ -10,7 +10,6 @@
 
 #include <cmocka.h>
 
-#include "coordinator/bake/integrators.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/plan/simulate_light.h"
@@ -153,7 +152,7 @@ static void plan_as_bake(void **state)
                 const struct kiln_step *step = &plan.of[i].step;
                 expect(step, b.reports[i].step.role, b.reports[i].step.bounce, b.reports[i].step.samples,
                        b.reports[i].step.stream, b.reports[i].step.counted);
-                assert_int_equal(plan.kinds[plan.of[i].kind].pass, step->pass);
+                assert_ptr_equal(plan.kinds[plan.of[i].kind].pass, step->pass);
                 assert_int_equal(plan.kinds[plan.of[i].kind].samples, step->samples);
                 samples += step->samples;
                 assert_true(plan.of[i].outlook.steps == plan.count - i && plan.of[i].outlook.samples == samples);
@@ -197,7 +196,7 @@ static void table(void **state)
 {
     (void)state;
 #define NAME(name) #name,
-    static const char *const names[] = {KILN_INTEGRATOR_LIST(NAME)};
+    static const char *const names[] = {KILN_METHOD_LIST(NAME)};
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         const struct kiln_integrator *integrator = kiln_integrator_find(names[i]);
         assert_non_null(integrator);

@@ -146,7 +146,7 @@ static void numbers_may_differ(struct kiln_backend *backend, const struct world 
     for (size_t i = 0; i < all.count; i++)
         numbers[i] = number_of(i);
     struct kiln_batch batch = all;
-    batch.samples_of = numbers;
+    batch.samples_each = numbers;
     const uint64_t rays = run(backend, pass, batch, &mixed);
     for (uint32_t number = 1; number <= 16; number++)
         for (size_t i = 0; i < all.count; i++) {

@@ -7,7 +7,6 @@
 
 #include <cmocka.h>
 
-#include "coordinator/bake/integrators.h"
 #include "coordinator/plan/simulate_light.h"
 
 enum { CELLS = 64, CELL_POINTS = 50000 };

@@ -4,7 +4,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "worker/backend/devices.h"
 #include "worker/backend/fallback.h"
 #include "worker/backend/verify.h"
 
@@ -16,12 +15,33 @@ static bool has_gpu(void)
     enum { MOST = 64 };
     struct kiln_device list[MOST];
     size_t count = 0;
-    if (kiln_backend_devices(list, MOST, &count, NULL) != KILN_OK)
+    if (kiln_backend_vulkan.devices(list, MOST, &count, NULL) != KILN_OK)
         return false;
     for (size_t i = 0; i < count && i < MOST; i++)
         if (list[i].fit && !list[i].software)
             return true;
     return false;
+}
+
+static const struct kiln_backend_api *find(const char *name)
+{
+    for (size_t i = 0; i < sizeof backends / sizeof *backends; i++)
+        if (strcmp(name, backends[i]->name) == 0)
+            return backends[i];
+    return NULL;
+}
+
+static int no_such_backend(const char *name, struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_NO_DEVICE, "no backend is called '%s' here; known: auto, embree, vulkan", name);
+}
+
+int kiln_backend_devices(const char *name, struct kiln_device *list, size_t room, size_t *count,
+                         struct kiln_error *error)
+{
+    const struct kiln_backend_api *api = find(name);
+    *count = 0;
+    return api != NULL ? api->devices(list, room, count, error) : no_such_backend(name, error);
 }
 
 /* The backend itself, and around it what the parameters ask for: going on without the device, then checking it. */
@@ -60,10 +80,8 @@ int kiln_backend_create(struct kiln_backend **backend, const char *name, const s
     *backend = NULL;
     if (strcmp(name, "auto") == 0)
         return create_best(backend, params, error);
-    for (size_t i = 0; i < sizeof backends / sizeof *backends; i++)
-        if (strcmp(name, backends[i]->name) == 0)
-            return create(backend, backends[i], params, error);
-    return kiln_fail(error, KILN_NO_DEVICE, "no backend is called '%s' here; known: auto, embree, vulkan", name);
+    const struct kiln_backend_api *api = find(name);
+    return api != NULL ? create(backend, api, params, error) : no_such_backend(name, error);
 }
 
 void kiln_backend_destroy(struct kiln_backend **backend)
@@ -93,14 +111,14 @@ static bool is_well_formed(const struct kiln_backend *backend, const struct kiln
     return (parameters != NULL) == (pass->parameter_bytes > 0) && (batch->positions == NULL) == surface &&
            (!surface || backend->surface != NULL) && (!pass->reads_radiosity || backend->radiosity != NULL) &&
            (pass->has_streams || batch->stream == 0) &&
-           (batch->samples_of != NULL ? pass->is_sampled : (batch->samples > 0) == pass->is_sampled);
+           (batch->samples_each != NULL ? pass->is_sampled : (batch->samples > 0) == pass->is_sampled);
 }
 
 /* How many of the batch's items from number i on have the same number of samples. */
 static size_t equal_samples(const struct kiln_batch *batch, size_t i)
 {
     size_t end = i + 1;
-    while (end < batch->count && batch->samples_of[end] == batch->samples_of[i])
+    while (end < batch->count && batch->samples_each[end] == batch->samples_each[i])
         end++;
     return end - i;
 }
@@ -115,14 +133,14 @@ int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass,
                          "the pass '%s' was given a batch, parameters or a state of the backend that do not fit it; "
                          "this is a bug of kiln: report it",
                          pass->name);
-    if (batch->samples_of == NULL)
+    if (batch->samples_each == NULL)
         return backend->api->run(backend, pass, parameters, batch, rays, error);
     int status = KILN_OK;
     for (size_t i = 0, some; i < batch->count && status == KILN_OK; i += some) {
         some = equal_samples(batch, i);
         struct kiln_batch part = kiln_batch_part(batch, batch->first + i, some);
-        part.samples = batch->samples_of[i];
-        part.samples_of = NULL;
+        part.samples = batch->samples_each[i];
+        part.samples_each = NULL;
         if (part.samples > 0)
             status = backend->api->run(backend, pass, parameters, &part, rays, error);
     }
@@ -143,6 +161,6 @@ int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *
 {
     if (batch->count == 0)
         return KILN_OK;
-    assert(batch->samples > 0 && batch->samples_of == NULL);
+    assert(batch->samples > 0 && batch->samples_each == NULL);
     return backend->api->ceiling(backend, batch, seconds, rays, error);
 }

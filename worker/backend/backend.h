@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "shaders/shared/streams.h"
+#include "worker/base/device.h"
 #include "worker/base/stop.h"
 #include "worker/pass/pass.h"
 #include "worker/scene/scene.h"
@@ -107,10 +108,11 @@ struct kiln_backend_api {
     const char *name;
     int (*create)(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error);
     void (*destroy)(struct kiln_backend **backend);
+    int (*devices)(struct kiln_device *list, size_t room, size_t *count, struct kiln_error *error);
     void (*info)(const struct kiln_backend *backend, struct kiln_backend_info *info);
     int (*set_surface)(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error);
     int (*set_radiosity)(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error);
-    /* The arguments of kiln_backend_run, checked; at least one item; samples_of is NULL */
+    /* The arguments of kiln_backend_run, checked; at least one item; samples_each is NULL */
     int (*run)(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
     int (*intersect)(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
@@ -132,6 +134,11 @@ extern const struct kiln_backend_api kiln_backend_embree;
 extern const struct kiln_backend_api kiln_backend_vulkan;
 
 /* None of these is collective. A backend is used by one thread at a time and runs its own threads inside a call. */
+
+/* Lists what the backend called `name` ("embree" or "vulkan") could run on, at most `room` entries; writes how many
+ * there are to `count`. A machine without a driver has none: no error. */
+int kiln_backend_devices(const char *name, struct kiln_device *list, size_t room, size_t *count,
+                         struct kiln_error *error);
 
 /* Creates the backend called `name`: "embree", "vulkan", or "auto", which takes Vulkan where there is a fit device that
  * is not software and starts, else Embree. KILN_NO_DEVICE when there is none of that name here. */

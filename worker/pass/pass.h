@@ -92,7 +92,7 @@ struct kiln_batch {
      * out (its results are not computed and not taken). An item's results are the same bits as in a batch where all
      * items have its number of samples. Backends never see this array: kiln_backend_run cuts the batch into stretches
      * of equal numbers, so long stretches run faster. */
-    const uint32_t *samples_of;
+    const uint32_t *samples_each;
     kiln_take_results take; /* NULL: results are dropped */
     void *context;          /* given to `take` */
 };
@@ -105,8 +105,8 @@ static inline struct kiln_batch kiln_batch_part(const struct kiln_batch *batch, 
     part.count = count;
     if (batch->positions != NULL)
         part.positions = batch->positions + (first - batch->first);
-    if (batch->samples_of != NULL)
-        part.samples_of = batch->samples_of + (first - batch->first);
+    if (batch->samples_each != NULL)
+        part.samples_each = batch->samples_each + (first - batch->first);
     return part;
 }
 

@@ -31,9 +31,11 @@ static const struct range ranges[] = {
     {"/mean_distance", 0.0, INFINITY},
 };
 
+/* Whether a dataset, in whatever group, or a channel is the field's. */
 static bool is_named(const struct kiln_field *field, const char *name)
 {
-    bool found = field->dataset != NULL && strcmp(field->dataset, name) == 0;
+    const char *last = strrchr(name, '/');
+    bool found = last != NULL && field->dataset != NULL && strcmp(kiln_field_shown_name(field), last + 1) == 0;
     for (uint32_t c = 0; field->channels != NULL && !found && c < field->components; c++)
         found = strcmp(field->channels[c], name) == 0;
     return found;

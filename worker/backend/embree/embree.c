@@ -249,6 +249,7 @@ const struct kiln_backend_api kiln_backend_embree = {
     .name = "embree",
     .create = embree_create,
     .destroy = embree_destroy,
+    .devices = embree_devices,
     .info = embree_info,
     .set_surface = embree_set_surface,
     .set_radiosity = embree_set_radiosity,

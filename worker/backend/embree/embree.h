@@ -3,7 +3,7 @@
  * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c. The
  * others: embree.c (life of the backend, running a pass in parts, closest hits), frame.c (a tile run's points made
  * ready for sampling), shadow.c (shadow rays in packets), passage.c (rays through surfaces that let light through),
- * lookup.h (radiosity at a hit), about.c (Embree's version). */
+ * lookup.h (radiosity at a hit), devices.c (the CPU). */
 #ifndef KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 #define KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 
@@ -52,6 +52,8 @@ double embree_thread_seconds(void);
 KILN_PASS_LIST(EMBREE_DECLARE)
 #undef EMBREE_DECLARE
 
+/* kiln_backend_devices (devices.c). */
+int embree_devices(struct kiln_device *list, size_t room, size_t *count, struct kiln_error *error);
 /* kiln_backend_ceiling (gather.c, whose rays it traces). */
 int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
                    struct kiln_error *error);

@@ -27,13 +27,6 @@ const struct vulkan_shader vulkan_direct_precise_shader = {.name = "direct: near
 const struct vulkan_shader vulkan_direct_sums_shader = {
     .name = "direct: sums", .compute = VULKAN_CODE(direct_reduce), .compute_float = VULKAN_CODE(direct_reduce_float)};
 
-/* Push constants of all, as shaders/direct.glsl has them. */
-struct direct_push {
-    uint64_t scene;
-    struct kiln_gpu_chunk chunk;
-    struct kiln_gpu_direct pass;
-};
-
 struct direct {
     struct vulkan_backend *b;
     const struct kiln_batch *batch;
@@ -68,23 +61,23 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
         chunk->buried.count > 0 ? vulkan_kernel_of(d->b, &vulkan_direct_shader, true, 0, &d->buried, error) : KILN_OK;
     if (status != KILN_OK)
         return status;
-    const struct direct_push push = {.scene = d->b->scene.address,
-                                     .chunk = chunk->all,
-                                     .pass = {.results = chunk->results,
-                                              .sobol = d->b->sobol.address,
-                                              .scratch = chunk->scratch,
-                                              .rays = chunk->words,
-                                              .room = chunk->all.total,
-                                              .slots = d->slots,
-                                              .samples = d->samples,
-                                              .limit = d->limit,
-                                              .sobol_stride = d->b->sobol_count,
-                                              .row_first = chunk->row_first,
-                                              .slices = d->slices.per_quarter,
-                                              .split = d->slices.split}};
+    const struct kiln_gpu_direct_push push = {.scene = d->b->scene.address,
+                                              .chunk = chunk->all,
+                                              .pass = {.results = chunk->results,
+                                                       .sobol = d->b->sobol.address,
+                                                       .scratch = chunk->scratch,
+                                                       .rays = chunk->words,
+                                                       .room = chunk->all.total,
+                                                       .slots = d->slots,
+                                                       .samples = d->samples,
+                                                       .limit = d->limit,
+                                                       .sobol_stride = d->b->sobol_count,
+                                                       .row_first = chunk->row_first,
+                                                       .slices = d->slices.per_quarter,
+                                                       .split = d->slices.split}};
     if (chunk->row_first == 0)
         vulkan_record(recording, d->choose, chunk->all.total, 1, &push, sizeof push);
-    struct direct_push buried = push;
+    struct kiln_gpu_direct_push buried = push;
     buried.chunk = chunk->buried;
     buried.pass.row_first *= d->slices.split;
     buried.pass.slices *= d->slices.split;

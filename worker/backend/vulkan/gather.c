@@ -11,20 +11,6 @@ const struct vulkan_shader vulkan_gather_shader = {
     .name = "gather", .compute = VULKAN_CODE(gather), .pipeline = VULKAN_CODE(gather_pipeline)};
 const struct vulkan_shader vulkan_gather_sums_shader = {.name = "gather: sums", .compute = VULKAN_CODE(gather_reduce)};
 
-/* Push constants, as the shaders have them. */
-struct gather_push {
-    uint64_t scene;
-    struct kiln_gpu_chunk chunk;
-    uint64_t sobol, slices;
-    uint32_t samples, stream, reuse, sobol_stride, per_quarter, row_first, slice, row_step;
-};
-struct reduce_push {
-    uint64_t scene;
-    struct kiln_gpu_chunk chunk;
-    uint64_t slices, results;
-    uint32_t samples, per_quarter, split;
-};
-
 struct gather {
     struct vulkan_backend *b;
     const struct kiln_batch *batch;
@@ -45,19 +31,19 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
                            : KILN_OK;
     if (status != KILN_OK)
         return status;
-    const struct gather_push push = {.scene = g->b->scene.address,
-                                     .chunk = chunk->all,
-                                     .sobol = g->b->sobol.address,
-                                     .slices = chunk->scratch,
-                                     .samples = g->samples,
-                                     .stream = g->stream,
-                                     .reuse = kiln_position_reuse(g->samples),
-                                     .sobol_stride = g->b->sobol_count,
-                                     .per_quarter = g->slices.per_quarter,
-                                     .row_first = chunk->row_first,
-                                     .slice = g->slices.samples,
-                                     .row_step = g->slices.split};
-    struct gather_push buried = push;
+    const struct kiln_gpu_gather_push push = {.scene = g->b->scene.address,
+                                              .chunk = chunk->all,
+                                              .sobol = g->b->sobol.address,
+                                              .slices = chunk->scratch,
+                                              .samples = g->samples,
+                                              .stream = g->stream,
+                                              .reuse = kiln_position_reuse(g->samples),
+                                              .sobol_stride = g->b->sobol_count,
+                                              .per_quarter = g->slices.per_quarter,
+                                              .row_first = chunk->row_first,
+                                              .slice = g->slices.samples,
+                                              .row_step = g->slices.split};
+    struct kiln_gpu_gather_push buried = push;
     buried.chunk = chunk->buried;
     buried.per_quarter *= g->slices.split;
     buried.row_first *= g->slices.split;
@@ -67,13 +53,13 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
         {g->buried, chunk->buried.count, chunk->row_count * g->slices.split, &buried},
         {g->whole, chunk->all.count, chunk->row_count, &push}};
     vulkan_record_both(recording, both, sizeof push);
-    const struct reduce_push reduce = {.scene = g->b->scene.address,
-                                       .chunk = chunk->all,
-                                       .slices = chunk->scratch,
-                                       .results = chunk->results,
-                                       .samples = g->samples,
-                                       .per_quarter = g->slices.per_quarter,
-                                       .split = g->slices.split};
+    const struct kiln_gpu_gather_reduce_push reduce = {.scene = g->b->scene.address,
+                                                       .chunk = chunk->all,
+                                                       .slices = chunk->scratch,
+                                                       .results = chunk->results,
+                                                       .samples = g->samples,
+                                                       .per_quarter = g->slices.per_quarter,
+                                                       .split = g->slices.split};
     if (chunk->last)
         vulkan_record(recording, g->reduce, chunk->all.total, 1, &reduce, sizeof reduce);
     return KILN_OK;

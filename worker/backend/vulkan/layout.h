@@ -4,6 +4,7 @@
 
 #include "worker/base/vector.h"
 #include "shaders/shared/layout.h"
+#include "shaders/shared/push.h"
 
 #include "worker/backend/backend.h"
 #include "worker/pass/point.h"

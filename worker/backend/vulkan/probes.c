@@ -29,16 +29,6 @@ static const uint64_t most_scratch = (uint64_t)64 << 20; /* bytes of partial sum
 _Static_assert(sizeof(struct kiln_probe_result) == SLICE_BYTES - sizeof(float),
                "a probe's answer on the device ends with the shadow rays");
 
-struct probes_push {
-    uint64_t scene, positions, sobol, slices, index;
-    uint32_t count, samples, slice_first, slice_count, sobol_stride, seed;
-    float far;
-};
-struct reduce_push {
-    uint64_t scene, slices, results;
-    uint32_t count, slice_count;
-};
-
 /* A call's working set. */
 struct probes_run {
     struct vulkan_backend *b;
@@ -46,7 +36,7 @@ struct probes_run {
     struct gpu_buffer positions, slices, results;
     struct kiln_probe_result *answers; /* of a chunk, for the taker */
     uint32_t room;                     /* probes that the buffers and `answers` hold */
-    struct probes_push push;
+    struct kiln_gpu_probes_push push;
 };
 
 static int make_room(struct probes_run *r, size_t count, struct kiln_error *error)
@@ -78,13 +68,14 @@ static int prepare(struct probes_run *r, size_t count, uint32_t samples, struct 
         status = vulkan_kernel_of(b, &reduce_shader, false, 0, &r->reduce, error);
     if (status == KILN_OK)
         status = vulkan_sobol(b, samples + 1, error); /* a lone light gets all samples, rounded up at most */
-    r->push = (struct probes_push){.scene = b->scene.address,
-                                   .sobol = b->sobol.address,
-                                   .sobol_stride = b->sobol_count,
-                                   .samples = samples,
-                                   .slice_count = (samples - 1) / KILN_GPU_PROBE_SAMPLES + 1,
-                                   .seed = kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32) ^ KILN_PROBE_SEED),
-                                   .far = vec3_length(vec3_sub(g->bounds_max, g->bounds_min))};
+    r->push =
+        (struct kiln_gpu_probes_push){.scene = b->scene.address,
+                                      .sobol = b->sobol.address,
+                                      .sobol_stride = b->sobol_count,
+                                      .samples = samples,
+                                      .slice_count = (samples - 1) / KILN_GPU_PROBE_SAMPLES + 1,
+                                      .seed = kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32) ^ KILN_PROBE_SEED),
+                                      .far = vec3_length(vec3_sub(g->bounds_max, g->bounds_min))};
     return status == KILN_OK ? make_room(r, count, error) : status;
 }
 
@@ -99,11 +90,11 @@ static void finish(struct probes_run *r)
 /* Slices [push.slice_first, + rows) of push.count probes; the answers too when they are the last. */
 static int run_rows(struct probes_run *r, uint32_t rows, struct kiln_error *error)
 {
-    const struct probes_push *p = &r->push;
+    const struct kiln_gpu_probes_push *p = &r->push;
     struct gpu_pacer *pacer = &r->b->pacers[KILN_PASS_INDEX_probes];
     const uint64_t results =
         r->results.address + gpu_buffer_tail(r->b->gpu, &r->results, (size_t)p->count * SLICE_BYTES);
-    const struct reduce_push reduce = {
+    const struct kiln_gpu_probes_reduce_push reduce = {
         .scene = p->scene, .slices = p->slices, .results = results, .count = p->count, .slice_count = p->slice_count};
     const struct gpu_step steps[] = {
         {.kernel = r->trace, .threads_x = p->count, .threads_y = rows, .constants = p, .constant_bytes = sizeof *p},

@@ -11,13 +11,6 @@
 const struct vulkan_shader vulkan_validity_shader = {
     .name = "validity", .compute = VULKAN_CODE(validity), .pipeline = VULKAN_CODE(validity_pipeline)};
 
-struct validity_push {
-    uint64_t scene;
-    struct kiln_gpu_chunk chunk;
-    uint64_t sobol, counts;
-    uint32_t stream, sobol_stride, looks;
-};
-
 struct validity {
     struct vulkan_backend *b;
     struct gpu_kernel *kernel;
@@ -28,16 +21,16 @@ struct validity {
     uint64_t rays;
 };
 
-static struct validity_push push_of(const struct validity *v, struct kiln_gpu_chunk chunk, uint64_t counts,
-                                    uint32_t stream, uint32_t looks)
+static struct kiln_gpu_validity_push push_of(const struct validity *v, struct kiln_gpu_chunk chunk, uint64_t counts,
+                                             uint32_t stream, uint32_t looks)
 {
-    return (struct validity_push){.scene = v->b->scene.address,
-                                  .chunk = chunk,
-                                  .sobol = v->b->sobol.address,
-                                  .counts = counts,
-                                  .stream = stream,
-                                  .sobol_stride = v->b->sobol_count,
-                                  .looks = looks};
+    return (struct kiln_gpu_validity_push){.scene = v->b->scene.address,
+                                           .chunk = chunk,
+                                           .sobol = v->b->sobol.address,
+                                           .counts = counts,
+                                           .stream = stream,
+                                           .sobol_stride = v->b->sobol_count,
+                                           .looks = looks};
 }
 
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
@@ -45,7 +38,7 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
 {
     (void)error;
     const struct validity *v = context;
-    const struct validity_push push =
+    const struct kiln_gpu_validity_push push =
         push_of(v, chunk->all, chunk->words, KILN_VALIDITY_FIRST_STREAM, KILN_VALIDITY_FIRST_LOOK);
     vulkan_record(recording, v->kernel, chunk->all.count, 1, &push, sizeof push);
     return KILN_OK;
@@ -99,8 +92,8 @@ static int look_again(struct validity *v, const struct vulkan_block *block, cons
                                              .list = list.address,
                                              .first = first,
                                              .count = (uint32_t)at_once};
-        const struct validity_push push = push_of(v, chunk, counts.address + first * sizeof *numbers,
-                                                  KILN_VALIDITY_SECOND_STREAM, KILN_VALIDITY_SECOND_LOOK);
+        const struct kiln_gpu_validity_push push = push_of(v, chunk, counts.address + first * sizeof *numbers,
+                                                           KILN_VALIDITY_SECOND_STREAM, KILN_VALIDITY_SECOND_LOOK);
         const struct gpu_step step = {.kernel = v->kernel,
                                       .threads_x = (uint32_t)at_once,
                                       .threads_y = 1,

@@ -368,11 +368,6 @@ int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *er
 
 /* ---- any rays ---- */
 
-struct intersect_push {
-    uint64_t scene, origins, directions, hits;
-    uint32_t count;
-};
-
 int vulkan_intersect_on_device(struct vulkan_backend *b, uint64_t origins, uint64_t directions, uint64_t hits,
                                uint32_t count, double *seconds, struct kiln_error *error)
 {
@@ -380,7 +375,7 @@ int vulkan_intersect_on_device(struct vulkan_backend *b, uint64_t origins, uint6
     const int status = vulkan_kernel_of(b, &intersect_shader, false, 0, &kernel, error);
     if (status != KILN_OK)
         return status;
-    const struct intersect_push push = {
+    const struct kiln_gpu_intersect_push push = {
         .scene = b->scene.address, .origins = origins, .directions = directions, .hits = hits, .count = count};
     const struct gpu_step step = {
         .kernel = kernel, .threads_x = count, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
@@ -469,6 +464,7 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .name = "vulkan",
     .create = vulkan_create,
     .destroy = vulkan_destroy,
+    .devices = gpu_list,
     .info = vulkan_info,
     .set_surface = vulkan_set_surface,
     .set_radiosity = vulkan_set_radiosity,

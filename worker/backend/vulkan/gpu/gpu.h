@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "worker/backend/devices.h"
+#include "worker/base/device.h"
 #include "worker/base/status.h"
 
 struct gpu;

@@ -1,0 +1,109 @@
+/* Push constants: what each kernel is started with, one struct a kernel or family of kernels. A kernel says which with
+ * KILN_PUSH(struct) (shaders/kernel.glsl) and reads push.scene and so on; the host fills in the same struct. The first
+ * member is always the address of struct kiln_gpu_scene. At most 128 bytes, which every device takes. */
+#ifndef KILN_SHADERS_SHARED_PUSH_H
+#define KILN_SHADERS_SHARED_PUSH_H
+
+#include "shaders/shared/layout.h"
+
+#ifdef KILN_GLSL
+#    define KILN_OFFSET_IS(type, member, offset)
+#else
+#    include <stddef.h>
+#    define KILN_OFFSET_IS(type, member, offset)                                                                       \
+        _Static_assert(offsetof(struct type, member) == (offset), "shaders and C disagree on " #member " of " #type)
+#endif
+
+/* trace/trace.rahit, trace.rchit, trace.rmiss: they read the scene of the kernel that traces. */
+struct kiln_gpu_trace_push {
+    KILN_ADDRESS scene;
+};
+KILN_SIZE_IS(kiln_gpu_trace_push, 8);
+
+/* intersect.comp: nearest hits, or occlusion, of rays. */
+struct kiln_gpu_intersect_push {
+    KILN_ADDRESS scene;
+    KILN_ADDRESS origins, directions; /* three floats each */
+    KILN_ADDRESS hits;                /* struct kiln_gpu_hit */
+    KILN_WORD count;
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_intersect_push, 40);
+KILN_OFFSET_IS(kiln_gpu_intersect_push, count, 32);
+
+/* validity.comp: how many places of each point are buried. */
+struct kiln_gpu_validity_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk; /* `list`: the points of the second look */
+    KILN_ADDRESS sobol;               /* words: dimension d's samples from d * sobol_stride on */
+    KILN_ADDRESS counts;              /* word of thread x */
+    KILN_WORD stream, sobol_stride, looks;
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_validity_push, 88);
+KILN_OFFSET_IS(kiln_gpu_validity_push, sobol, 56);
+KILN_OFFSET_IS(kiln_gpu_validity_push, stream, 72);
+
+/* choose.comp, direct.comp, direct_precise.comp, direct_reduce.comp: the direct pass. */
+struct kiln_gpu_direct_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_STRUCT kiln_gpu_direct pass;
+};
+KILN_SIZE_IS(kiln_gpu_direct_push, 120);
+KILN_OFFSET_IS(kiln_gpu_direct_push, pass, 56);
+
+/* gather.comp: the bounce pass. */
+struct kiln_gpu_gather_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_ADDRESS sobol; /* words: dimension d's samples from d * sobol_stride on */
+    /* floats: component c of row r of a point at (r * SLICE_FLOATS + c) * chunk.total + point - origin */
+    KILN_ADDRESS slices;
+    KILN_WORD samples, stream, reuse, sobol_stride;
+    KILN_WORD per_quarter; /* slices a quarter */
+    KILN_WORD row_first;   /* slice of y = 0 */
+    KILN_WORD slice;       /* samples of a slice */
+    KILN_WORD row_step;    /* slice y goes to row y * row_step */
+};
+KILN_SIZE_IS(kiln_gpu_gather_push, 104);
+KILN_OFFSET_IS(kiln_gpu_gather_push, sobol, 56);
+KILN_OFFSET_IS(kiln_gpu_gather_push, samples, 72);
+
+/* gather_reduce.comp: adds up the slices. */
+struct kiln_gpu_gather_reduce_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_ADDRESS slices, results;
+    KILN_WORD samples, per_quarter, split;
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_gather_reduce_push, 88);
+KILN_OFFSET_IS(kiln_gpu_gather_reduce_push, slices, 56);
+KILN_OFFSET_IS(kiln_gpu_gather_reduce_push, samples, 72);
+
+/* probes.comp: radiance probes. */
+struct kiln_gpu_probes_push {
+    KILN_ADDRESS scene;
+    KILN_ADDRESS positions; /* three floats each */
+    KILN_ADDRESS sobol;     /* words: dimension d's samples from d * sobol_stride on */
+    KILN_ADDRESS slices; /* floats: component c of slice s of probe x at (s * KILN_GPU_PROBE_FLOATS + c) * count + x */
+    KILN_WORD64 index;   /* of the first probe among all */
+    KILN_WORD count, samples, slice_first, slice_count, sobol_stride, seed;
+    KILN_REAL32 far; /* m: stands in for the distance of escapes */
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_probes_push, 72);
+KILN_OFFSET_IS(kiln_gpu_probes_push, count, 40);
+KILN_OFFSET_IS(kiln_gpu_probes_push, far, 64);
+
+/* probes_reduce.comp: adds up the slices. */
+struct kiln_gpu_probes_reduce_push {
+    KILN_ADDRESS scene;
+    KILN_ADDRESS slices, results;
+    KILN_WORD count, slice_count;
+};
+KILN_SIZE_IS(kiln_gpu_probes_reduce_push, 32);
+KILN_OFFSET_IS(kiln_gpu_probes_reduce_push, count, 24);
+
+#endif

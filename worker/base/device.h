@@ -1,0 +1,25 @@
+/* What is known of a device that a backend can run on, before it is used: one entry of `kiln info --devices`. */
+#ifndef KILN_WORKER_BASE_DEVICE_H
+#define KILN_WORKER_BASE_DEVICE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/* What a CPU does not have is 0. */
+struct kiln_device {
+    char name[128];   /* as the driver calls it */
+    char driver[128]; /* name and version; of Embree its version */
+    uint8_t uuid[16];
+    /* --device: real devices before software ones, each kind by UUID, the same in every process of a node */
+    uint32_t index;
+    uint32_t api_version; /* VK_MAKE_API_VERSION */
+    bool software;        /* a CPU that plays a GPU, or is what it is */
+    bool fit;             /* has what kiln needs; else `lacks` says what not */
+    char lacks[160];
+    bool ray_tracing; /* VK_KHR_ray_tracing_pipeline and what it needs */
+    bool float64;
+    uint32_t subgroup;
+    uint64_t memory, budget; /* bytes: of the largest device-local heap; of it, free for this process */
+};
+
+#endif
